@@ -94,8 +94,8 @@ def _groups(
         if not (np.isfinite(t_s).all() and (np.diff(t_s) > 0).all()):
             what = f"channel {name}: times are not increasing numbers"
             raise InputError(where, what, "sort them and remove doubles")
-        for shared, members in clocks:
-            if np.array_equal(shared, t_s):
+        for clock_s, members in clocks:
+            if np.array_equal(clock_s, t_s):
                 members[name] = values
                 break
         else:

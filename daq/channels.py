@@ -135,9 +135,8 @@ class Channel:
                 continue
             if value not in set(kind):
                 known = ", ".join(kind)
-                raise ValueError(
-                    f"channel {self.name}: no {name} is {value!r} (it is one of {known})"
-                )
+                what = f"no {name} is {value!r} (it is one of {known})"
+                raise ValueError(f"channel {self.name}: {what}")
             object.__setattr__(self, name, kind(value))
         unit = SI_UNITS.get(self.quantity, self.unit)
         if self.unit not in ("", unit):

@@ -115,7 +115,7 @@ def wrong_weights(
     mean_m = np.array([sum(pair) / 2 if len(pair) == 2 else 0.0 for pair in axles])
     left_m = np.array([pair[0] - pair[1] if len(pair) == 2 else 0.0 for pair in axles])
     roll = float(left_m @ half_m) / (2 * float(half_m**2 @ axle_known))
-    seen = np.array([*mean_m, roll])
+    measured = np.array([*mean_m, roll])  # front and rear sag, m, and roll, rad
     sigma = np.array(
         [
             *np.where(axle_known, sigma_m / np.sqrt(2.0), np.inf),
@@ -126,27 +126,29 @@ def wrong_weights(
     share = np.array([axle_spread, axle_spread, np.hypot(axle_spread, _ROLL_SPREAD)])
 
     def sag(w: Weight) -> NDArray[np.float64]:
+        """Return the sag of the axles and the roll that one weight causes."""
         assert isinstance(w, BodyWeight)  # hub weights are never changed
         front_kg, rear_kg = axle_loads([w], wheelbase_m)
         by_kg = [front_kg / axle_n_m[0], rear_kg / axle_n_m[1], w.mass_kg * w.y_m / roll_n_m]
         return G_M_S2 * np.array(by_kg)
 
     total = np.sum([sag(w) for _, w in body], axis=0)
-    stated = float(_misfit(total[None], seen, sigma, spread, share)[0])
+    stated = float(_misfit(total[None], measured, sigma, spread, share)[0])
     if stated < _CONTRADICTED:
         return ()
     changes: list[tuple[int, str, BodyWeight]] = []
     for i, w in body:
         for factor in np.logspace(-1.5, 1.5, 121).tolist():
-            now = replace(w, mass_kg=w.mass_kg * factor)
-            changes.append((i, f"{w.mass_kg:g} kg; the body sank as for {now.mass_kg:.2g} kg", now))
+            other = replace(w, mass_kg=w.mass_kg * factor)
+            text = f"{w.mass_kg:g} kg; the body sank as for {other.mass_kg:.2g} kg"
+            changes.append((i, text, other))
         for x_m in (-w.x_m, -wheelbase_m - w.x_m):
             text = f"x = {w.x_m:+.2f} m; the body sank as for {x_m:+.2f} m"
             changes.append((i, text, replace(w, x_m=x_m)))
         text = f"y = {w.y_m:+.2f} m; the body sank as for {-w.y_m:+.2f} m"
         changes.append((i, text, replace(w, y_m=-w.y_m)))
-    sags = np.array([total + sag(now) - sag(weights[i]) for i, _, now in changes])
-    misfit = _misfit(sags, seen, sigma, spread, share).tolist()
+    sags = np.array([total + sag(other) - sag(weights[i]) for i, _, other in changes])
+    misfit = _misfit(sags, measured, sigma, spread, share).tolist()
     least = min(misfit)
     if stated - least < _CONTRADICTED or least > _EXPLAINED:
         return ()
@@ -162,7 +164,7 @@ def wrong_weights(
 
 def _misfit(
     expected: NDArray[np.float64],
-    seen: NDArray[np.float64],
+    measured: NDArray[np.float64],
     sigma: NDArray[np.float64],
     spread: float,
     share: NDArray[np.float64],
@@ -174,17 +176,17 @@ def _misfit(
     """
     steps, grid = np.linspace(-3.0, 3.0, 31), np.linspace(-6.0, 6.0, 49)[:, None, None, None]
     stiff = expected * np.exp(spread * steps)[:, None, None]
-    cost = ((seen - stiff * np.exp(share * grid)) / sigma) ** 2 + grid**2
+    cost = ((measured - stiff * np.exp(share * grid)) / sigma) ** 2 + grid**2
     shift = grid.ravel()[cost.argmin(axis=0)]
     least = cost.min(axis=0)
     for _ in range(4):  # Gauss-Newton from the best point of the grid
         sag = stiff * np.exp(share * shift)
         slope = share * sag / sigma
         shift = np.clip(
-            slope * ((seen - sag) / sigma + slope * shift) / (1.0 + slope**2), -9.0, 9.0
+            slope * ((measured - sag) / sigma + slope * shift) / (1.0 + slope**2), -9.0, 9.0
         )
         sag = stiff * np.exp(share * shift)
-        least = np.minimum(least, ((seen - sag) / sigma) ** 2 + shift**2)
+        least = np.minimum(least, ((measured - sag) / sigma) ** 2 + shift**2)
     return np.asarray((least.sum(axis=2) + steps[:, None] ** 2).min(axis=0))
 
 

@@ -99,12 +99,15 @@ def notes_of(provenance: Mapping[str, str]) -> tuple[str, ...]:
 
 def overrides_of(provenance: Mapping[str, str]) -> tuple[str, ...]:
     """Return the warnings that were overridden: subject, reason and name."""
-    return _parsed(
-        provenance.get("overrides", ""), lambda o: f"{o['subject']}: {o['reason']} ({o['by']})"
-    )
+
+    def words(override: Mapping[str, Any]) -> str:
+        return f"{override['subject']}: {override['reason']} ({override['by']})"
+
+    return _parsed(provenance.get("overrides", ""), words)
 
 
 def _parsed(text: str, words: Callable[[Mapping[str, Any]], str]) -> tuple[str, ...]:
+    """Return the items of a list in JSON as words, each once; the text itself if it is no list."""
     try:
         return tuple(dict.fromkeys(line for item in json.loads(text) if (line := words(item))))
     except (ValueError, KeyError, TypeError, RecursionError):

@@ -188,23 +188,25 @@ class Codec:
             chosen = signal
             while chosen.selector is not None:
                 if chosen.selector not in raw:
-                    raise ValueError(
-                        f"{message}.{chosen.name} needs its selector {chosen.selector}"
-                    )
+                    what = f"{message}.{chosen.name} needs its selector {chosen.selector}"
+                    raise ValueError(what)
                 present &= _selects(chosen, raw[chosen.selector])
                 chosen = layout.signal(chosen.selector)
-            sent = np.where(present, bits, np.uint64(0))
-            for byte in range(signal.first_byte, signal.last_byte + 1):  # set bits stay set
-                steps = (
-                    signal.last_byte - byte if signal.is_big_endian else byte - signal.first_byte
-                )
-                down = 8 * steps - signal.low_bit
-                part = sent >> np.uint64(down) if down >= 0 else sent << np.uint64(-down)
-                payload[:, byte] |= (part & np.uint64(0xFF)).astype(np.uint8)
+            _add_bits(payload, signal, np.where(present, bits, np.uint64(0)))
         if layout.crc is not None:
             byte = layout.signal(layout.crc).first_byte
             payload[:, byte] = CRC_RULES[layout.crc_rule](covered(payload, byte, layout.length))
         return payload
+
+
+def _add_bits(payload: NDArray[np.uint8], signal: SignalLayout, bits: NDArray[np.uint64]) -> None:
+    """Set the bits of a signal, (n,), in payloads, (n, width); bits that are set stay set."""
+    for byte in range(signal.first_byte, signal.last_byte + 1):
+        # Number of bytes between this one and the byte of the lowest bit.
+        steps = signal.last_byte - byte if signal.is_big_endian else byte - signal.first_byte
+        down = 8 * steps - signal.low_bit
+        part = bits >> np.uint64(down) if down >= 0 else bits << np.uint64(-down)
+        payload[:, byte] |= (part & np.uint64(0xFF)).astype(np.uint8)
 
 
 def _parameter_group(can_id: int) -> int:
@@ -296,8 +298,10 @@ def _decoded(
         if shortest <= last_byte:
             cut = size <= last_byte
             value[cut] = np.nan
-            false = Quality.OUT_OF_RANGE | Quality.SENTINEL  # from bits that were not received
-            marks = _marked(marks & ~(cut * np.uint8(false)), cut, Quality.MISSING)
+            # Marks from bits that were not received are wrong.
+            wrong_marks = np.uint8(Quality.OUT_OF_RANGE | Quality.SENTINEL)
+            marks = np.where(cut, marks & ~wrong_marks, marks)
+            marks = _marked(marks, cut, Quality.MISSING)
         samples[name] = Samples(name, read_only(stamps), read_only(value), read_only(marks))
     return samples, int(np.count_nonzero(bad & (length == message.length)))
 
@@ -321,6 +325,7 @@ def _presence(
 def _marked(
     quality: NDArray[np.uint8], where: NDArray[np.bool_], bit: Quality
 ) -> NDArray[np.uint8]:
+    """Return the quality with a bit set where a mask is true."""
     return quality | where.view(np.uint8) * np.uint8(bit) if where.any() else quality
 
 

@@ -158,7 +158,8 @@ def parse_codec(text: str, name: str) -> Codec:
             continue
         if named[layout.name] > 1:
             unique += f"_0x{layout.can_id:X}"
-            unique += "x" * (unique in messages)
+            if unique in messages:  # that one has 11 bits
+                unique += "x"
             source.note(line, subject, f"has the name of another: it is {unique} here")
         messages[unique] = replace(layout, name=unique)
     if not messages:
@@ -281,11 +282,9 @@ def _layout(message: Message, source: RepairedText, can_id: int) -> MessageLayou
         named = Counter(each.name for each in layouts)
     by_name = {each.name: each for each in layouts}
     for each in layouts:
-        if (
-            fault := "is defined twice"
-            if named[each.name] > 1
-            else _fault_of_selector(each, by_name)
-        ):
+        is_double = named[each.name] > 1
+        fault = "is defined twice" if is_double else _fault_of_selector(each, by_name)
+        if fault:
             faults[each.name] = fault
     kept = [each for each in layouts if each.name not in faults]
     if faults and not kept:
@@ -334,12 +333,12 @@ def _fault(signal: SignalLayout, length: int) -> str | None:
 
 def _fault_of_selector(signal: SignalLayout, by_name: Mapping[str, SignalLayout]) -> str | None:
     """Return why a selector of a signal, at any level, cannot be used; None if all can."""
-    seen = {signal.name}
+    chain = {signal.name}  # a signal must not select itself
     while signal.selector is not None:
         selector = by_name.get(signal.selector)
-        if selector is None or selector.is_float or selector.name in seen:
+        if selector is None or selector.is_float or selector.name in chain:
             return f"has no usable selector {signal.selector}"
-        seen.add(selector.name)
+        chain.add(selector.name)
         signal = selector
     return None
 
@@ -381,6 +380,7 @@ def _signal(signal: Signal) -> SignalLayout:
 
 
 def _role(signal: Signal) -> str:
+    """Return the attribute `ROLE` of a signal: a counter, a rule of checksums, or "value"."""
     attribute = signal.dbc.attributes.get(ROLE) if signal.dbc else None
     if attribute is None:
         return "value"
@@ -448,7 +448,7 @@ def sentinels(signal: SignalLayout, table: Mapping[int, str]) -> tuple[int, ...]
     high = signal.raw_range[1]
     size = 1 << signal.length
     patterns = {raw % size for raw in table if -(size >> 1) <= raw < size}
-    if len(patterns) == size:
+    if len(patterns) == size:  # an enumeration
         return ()
     codes = {raw % size for raw in named if -(size >> 1) <= raw < size}
     return tuple(sorted(raw - size if raw > high else raw for raw in codes))

@@ -51,13 +51,7 @@ LENGTH_ALLOWED[0, :9] = LENGTH_ALLOWED[1, FD_LENGTHS] = True
 
 @dataclass(frozen=True, slots=True)
 class FrameBatch:
-    """A block of frames, in order of arrival.
-
-    Raises
-    ------
-    ValueError
-        If a column's shape does not fit.
-    """
+    """A block of frames in order of arrival; raises ValueError if a column has a wrong shape."""
 
     t_ns: NDArray[np.int64]
     """Time stamp of each frame, ns since 1970-01-01 UTC, as given by the bus, shape (n,)."""

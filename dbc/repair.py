@@ -99,13 +99,14 @@ class RepairedText:
         text = str(self)
         place = min(text.count("\n", 0, offset), len(self._lines) - 1)
         filled = [i for i in range(place + 1) if self._lines[i].strip()]
-        # What lacks its end is refused where the next statement begins.
+        # What lacks its end is refused where the next statement begins: the line before is wrong.
         if offset >= len(text):
             place = filled[-1]
         elif self._kinds[place] in _KNOWN and filled[1:]:
-            begins = not text[text.rfind("\n", 0, offset) + 1 : offset].strip()
-            is_next = self._kinds[place] != "SG_" or self._kinds[filled[-2]] in ("BO_", "SG_")
-            place = filled[-2] if begins and is_next else place
+            line_begins = not text[text.rfind("\n", 0, offset) + 1 : offset].strip()
+            # A signal after another statement than these is itself wrong.
+            may_follow = self._kinds[place] != "SG_" or self._kinds[filled[-2]] in ("BO_", "SG_")
+            place = filled[-2] if line_begins and may_follow else place
         self._repairs += 1
         if self._repairs > MOST_REPAIRS or self._repairs * len(text) > MOST_READ:
             raise self._refusal(place, f"has more than {self._repairs - 1} errors of syntax")

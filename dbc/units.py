@@ -98,9 +98,8 @@ def to_si(unit: str) -> SiUnit:
     """
     known = known_si(unit)
     if known is None:
-        raise InputError(
-            f"unit {unit!r}", "not known", "write it in the DBC as m/s2, g, deg/s, rad/s, mm or m"
-        )
+        advice = "write it in the DBC as m/s2, g, deg/s, rad/s, mm or m"
+        raise InputError(f"unit {unit!r}", "not known", advice)
     return known
 
 

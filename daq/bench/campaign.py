@@ -97,10 +97,10 @@ def sketch(campaign: Campaign, excitation: Excitation) -> tuple[str, ...]:
     height, bump = f"{campaign.bump_height_m * 1e3:g} mm", BUMPS[excitation]
     side, wheels = "      |             |", "     [|             |]"
     if campaign.method is Method.PUSH and bump.hand is not None:
-        forward, left = bump.hand
+        forward, to_left = bump.hand  # each -1, 0 or 1
         frame = "      +-------------+"
         lines = ["            front", frame, wheels, side, wheels, frame]
-        row, column = 3 - 2 * forward, 12 - 6 * left
+        row, column = 3 - 2 * forward, 12 - 6 * to_left
         lines[row] = lines[row][:column] + "(V)" + lines[row][column + 3 :]
         return (*lines, f"  (V) push {height} down here")
     rolls = campaign.method is Method.ROLL_OVER

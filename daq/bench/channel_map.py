@@ -138,10 +138,8 @@ def load_channel_map(path: Path) -> ChannelMap:
     for column in table.channel:
         clocks[column.name] = table.time
         if column.time_column or column.rate_hz:
-            unit = column.time_unit or table.time.unit
-            clocks[column.name] = Clock(
-                column=column.time_column, unit=unit, rate_hz=column.rate_hz
-            )
+            unit, rate_hz = column.time_unit or table.time.unit, column.rate_hz
+            clocks[column.name] = Clock(column=column.time_column, unit=unit, rate_hz=rate_hz)
     states = [state.name for state in bench.mass_states]
     done: Counter[tuple[str, str]] = Counter()
     runs = []

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -119,6 +120,7 @@ def _document(text: str) -> dict[str, Any]:
 
 
 def _checked(text: str) -> str:
+    """Return the text; raises InputError if it is no valid bench.toml."""
     parse_bench(text, WHERE, Path(), "")  # the databases do not matter here
     return text
 
@@ -131,7 +133,7 @@ def _without_defaults(row: _Row) -> dict[str, Any]:
 
 
 def _places(text: str, header: str) -> list[tuple[int, int]]:
-    """Return where tables with a header begin and, after their last key, end."""
+    """Return where tables with a header begin and, after their last key, end: offsets in `text`."""
     lines = text.splitlines(keepends=True)
     starts = [i for i, line in enumerate(lines) if re.match(r"\s*\[", line)] + [len(lines)]
     places = []
@@ -176,12 +178,15 @@ def _with_keys(text: str, path: tuple[str, ...], values: _Row) -> str:
             table = table.setdefault(key, tomlkit.inline_table() if table is not document else {})
         _set(table, values)
 
-    for start, stop in _places(text, f"[{'.'.join(path)}]"):
+    if places := _places(text, f"[{'.'.join(path)}]"):
+        start, stop = places[0]
         return text[:start] + _changed(text[start:stop], change) + text[stop:]
-    if path[0] in tomllib.loads(text) and not _places(text, f"[{path[0]}]"):
+    outermost = _places(text, f"[{path[0]}]")
+    if path[0] in tomllib.loads(text) and not outermost:
         return _changed(text, change)  # written with dots, or in one line
     new = tomlkit.dumps({path[-1]: dict(values)}).replace(f"[{path[-1]}]", f"[{'.'.join(path)}]", 1)
-    for _, stop in _places(text, f"[{path[0]}]"):
+    if outermost:
+        _, stop = outermost[0]
         return f"{text[:stop]}\n{new}{text[stop:]}"
     return f"{text}\n{new}" if not text or text.endswith("\n") else f"{text}\n\n{new}"
 
@@ -197,32 +202,35 @@ def _with_rows(text: str, key: str, rows: Sequence[_Row]) -> str:
         text = _changed(text, lambda document: document.remove(key))
         stated, places = [], []
     pieces = [text[start:stop] for start, stop in places]
-    kept: list[str] = []
-    free = list(range(len(stated)))
+    written: list[str] = []  # the table of each row; first only of those that are there already
+    unmatched = list(range(len(stated)))
     for row in rows:
-        same = next((i for i in free if stated[i] == row), None)
+        same = next((i for i in unmatched if stated[i] == row), None)
         if same is not None:
-            free.remove(same)
-        kept.append(pieces[same] if same is not None else "")
+            unmatched.remove(same)
+        written.append(pieces[same] if same is not None else "")
     for i, row in enumerate(rows):
-        if not kept[i] and i in free and len(rows) == len(stated):
-
-            def change(document: Any, row: _Row = row) -> None:
-                table = document[key][0]
-                for name in [name for name in table if name not in row]:
-                    table.remove(name)
-                _set(table, row)
-
-            kept[i] = _changed(pieces[i], change)
-    pairs = zip(kept, rows, strict=True)
-    written = [piece or tomlkit.dumps({key: [dict(row)]}) for piece, row in pairs]
-    for i, (start, stop) in reversed(list(enumerate(places))):
+        if written[i]:
+            continue
+        if i in unmatched and len(rows) == len(stated):
+            written[i] = _changed(pieces[i], partial(_set_row, key=key, row=row))
+        else:
+            written[i] = tomlkit.dumps({key: [dict(row)]})
+    for i, (start, stop) in reversed(list(enumerate(places))):  # earlier places stay right
         after = text[stop:]
         text = text[:start] + (written[i] + after if i < len(written) else after.lstrip("\n"))
-    joined = "\n".join(written[len(places) :])
-    if not joined:
+    added = "\n".join(written[len(places) :])
+    if not added:
         return text
     if present := _places(text, f"[[{key}]]"):
         stop = present[-1][1]
-        return f"{text[:stop]}\n{joined}{text[stop:]}"
-    return f"{text.rstrip()}\n\n{joined}" if text.strip() else joined
+        return f"{text[:stop]}\n{added}{text[stop:]}"
+    return f"{text.rstrip()}\n\n{added}" if text.strip() else added
+
+
+def _set_row(document: Any, key: str, row: _Row) -> None:
+    """Give the only table of an array the keys and values of a row."""
+    table = document[key][0]
+    for name in [name for name in table if name not in row]:
+        table.remove(name)
+    _set(table, row)

@@ -78,12 +78,11 @@ def _own_messages(sensor: Sensor, codec: Codec, bus: int | None) -> list[Message
     """Return the messages of a database as one sensor sends them, with its identifiers."""
     where = f"sensor {sensor.name}"
     sent = []
-    listed = dict(sensor.ids)
     for message in codec.messages:
-        keys = [key for key in listed if key == message.name or _number(key) == message.can_id]
+        keys = [key for key in sensor.ids if key == message.name or _number(key) == message.can_id]
         if sensor.ids and not keys:
             continue
-        can_id = listed[keys[0]] if keys else message.can_id + sensor.id_offset
+        can_id = sensor.ids[keys[0]] if keys else message.can_id + sensor.id_offset
         bits = _BITS[message.is_extended]
         if not 0 <= can_id < 1 << bits:
             what = f"{message.name} would have the identifier {can_id:#x}, not one of {bits} bits"
@@ -92,7 +91,7 @@ def _own_messages(sensor: Sensor, codec: Codec, bus: int | None) -> list[Message
         sent.append(replace(message, name=full, can_id=can_id, bus=bus))
     names = {message.name for message in codec.messages}
     numbers = {message.can_id for message in codec.messages}
-    for key in listed:
+    for key in sensor.ids:
         if key not in names and _number(key) not in numbers:
             what = f"ids names {key}, which is not in {sensor.database}"
             raise InputError(where, what, "name a message of the database, or its identifier")
@@ -100,6 +99,7 @@ def _own_messages(sensor: Sensor, codec: Codec, bus: int | None) -> list[Message
 
 
 def _number(key: str) -> int | None:
+    """Return the identifier that a key of `ids` writes, as ``0x181``; None if it is a name."""
     try:
         return int(key, 0)
     except ValueError:

@@ -71,8 +71,8 @@ def toml_tables(text: str, where: str) -> dict[str, Any]:
         document = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         what = str(error)
-        if at := _AT_LINE.search(what):
-            where, what = f"{where}:{at[1]}", f"{what[: at.start()]}, column {at[2]}"
+        if line := _AT_LINE.search(what):
+            where, what = f"{where}:{line[1]}", f"{what[: line.start()]}, column {line[2]}"
         raise InputError(where, f"is not TOML: {what}", "correct that line") from error
     for place, value in _values(document, ()):
         if isinstance(value, bool) and "structure" not in place:

@@ -30,12 +30,16 @@ _VERTICAL = (Quantity.BODY_ACCELERATION, Quantity.HUB_ACCELERATION)
 _GRAVITY_TOLERANCE = 0.06
 """Cosine of 20 degrees, the largest acceptable tilt."""
 _NONE_G = 0.06
+"""Reading at rest, g, below which an accelerometer shows no gravity."""
 _SCALE_TOLERANCE = 0.08
+"""Largest relative deviation of a reading from gravity in a wrong unit."""
 _QUIETEST = 2e-3
 """Lowest noise of accelerometers for cars, m/s2: one with less noise is scaled wrong."""
 _SLOWEST_HZ = 50.0
 _GUESSED_M = 0.3
+"""Uncertainty of a position, m, from which it is a guess."""
 _BLOCK_S = 0.1
+"""Time over which samples are averaged to see slow motion, s."""
 
 
 class _Limits(NamedTuple):
@@ -132,9 +136,14 @@ def check_channel(
 
 
 def _rest(value: NDArray[np.float64], t_ns: NDArray[np.int64], unit: str) -> _Rest:
-    """Describe a channel at rest by statistics that a single knock does not change."""
-    jump = np.sort(np.diff(value) ** 2)
-    most = jump[: len(jump) - len(jump) // 100]
+    """Describe a channel at rest by statistics that a single knock does not change.
+
+    Noise comes from the steps between neighbours, without the largest hundredth; slow motion is the
+    span of nine tenths of the means of blocks of `_BLOCK_S`.
+    """
+    squares = np.sort(np.diff(value) ** 2)
+    most = squares[: len(squares) - len(squares) // 100]
+    # The variance of a step is twice that of a sample.
     noise = math.sqrt(float(np.mean(most)) / 2) if len(most) else 0.0
     block = (t_ns - t_ns[0]) // round(_BLOCK_S * 1e9)
     starts = np.flatnonzero(np.diff(block, prepend=-1))

@@ -27,7 +27,9 @@ from .questions import Asked, Question
 _NEAREST = 0x7F
 """Largest difference of the identifiers of two devices of one kind: the number of CANopen nodes."""
 _RATE_SHARE = 0.1
+"""Largest relative difference of the rates of two devices of one kind."""
 _FEWEST = 10
+"""Fewest frames of an identifier from which its rate is taken."""
 _NAME_LENGTH = 24
 
 Key = tuple[int, int, bool]
@@ -62,9 +64,12 @@ def find_sensors(
     codecs = {each.name: database_codec(each.text, each.name) for each in databases}
     if frames is None:
         names = list(codecs)
-        buses = {n: sum(_one_file(n, o) for o in names[:i]) for i, n in enumerate(names)}
-        texts = "no traffic: on the first bus", "no traffic: on a separate bus"
-        return _named([(Sensor("", n, b), texts[b > 0], True) for n, b in buses.items()]), ()
+        assumed: list[tuple[Sensor, str, bool]] = []
+        for i, name in enumerate(names):
+            bus = sum(_one_file(name, other) for other in names[:i])
+            why = f"no traffic: on {'a separate' if bus else 'the first'} bus"
+            assumed.append((Sensor("", name, bus), why, True))
+        return _named(assumed), ()
     traffic = {(a.buses[0], a.can_id, a.is_extended): a for a in frame_table((), frames).unknown}
     by_bus = _by_bus(codecs, traffic)
     claimed: set[Key] = set().union(*by_bus.values())
@@ -148,8 +153,8 @@ def _offsets(
                 alike = not is_extended and can_id >> 7 == m.can_id >> 7
             else:
                 alike = abs(arrivals.rate_hz - rate) <= _RATE_SHARE * rate
-            votes[bus, offset] += alike
-    votes = +votes
+            if alike:
+                votes[bus, offset] += 1
     return sorted(votes, key=lambda key: (-votes[key], abs(key[1]), key))
 
 

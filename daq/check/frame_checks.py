@@ -34,6 +34,7 @@ _SILENT_S = 0.5
 _LOAD_WARN = 0.8
 _SHOWN_IDS = 6
 _EXTENDED_KEY, _BUS_KEY = 1 << 29, 1 << 30
+"""Weights of the flag of 29 bits and of the bus in a key that is otherwise the identifier."""
 
 
 def findings(
@@ -111,6 +112,7 @@ def frame_table(messages: Sequence[MessageLayout], frames: FrameBatch) -> FrameT
     extended = (data.flags & np.uint16(FrameFlag.EXTENDED)) != 0
     index, _, _ = Codec(tuple(messages)).classify(data)
     key = data.can_id + _EXTENDED_KEY * extended + _BUS_KEY * data.bus.astype(np.int64)
+    # Unknown frames keep this key; those of message i have the key -1 - i.
     key = np.where(index == len(messages), key, -1 - index.astype(np.int64))
     order = np.argsort(key, kind="stable")
     keys, first = np.unique(key[order], return_index=True)
@@ -128,15 +130,10 @@ def frame_table(messages: Sequence[MessageLayout], frames: FrameBatch) -> FrameT
     unknown.sort(key=lambda a: -len(a.t_ns))
     bits, number = np.bincount(data.bus, wire_bits(data)), np.bincount(data.bus)
     present = np.flatnonzero(number).tolist()
+    bits_of_bus = {bus: float(bits[bus]) for bus in present}
+    frames_of_bus = {bus: int(number[bus]) for bus in present}
     end_ns, seconds = int(frames.t_ns.max()), float(np.ptp(frames.t_ns)) * 1e-9
-    return FrameTable(
-        known,
-        tuple(unknown),
-        end_ns,
-        seconds,
-        {bus: float(bits[bus]) for bus in present},
-        {bus: int(number[bus]) for bus in present},
-    )
+    return FrameTable(known, tuple(unknown), end_ns, seconds, bits_of_bus, frames_of_bus)
 
 
 def mixed_messages(messages: Sequence[MessageLayout], frames: FrameBatch) -> tuple[str, ...]:
@@ -164,10 +161,8 @@ def check_buses(
         if len(buses) == 1:  # logs number a single bus in different ways
             frames, bits, subject = sum(table.frames.values()), sum(table.bits.values()), "bus"
         if not frames:
-            text, advice = (
-                f"no frame in {table.seconds:.2f} s",
-                "check the bus's plug, power and bit rate",
-            )
+            text = f"no frame in {table.seconds:.2f} s"
+            advice = "check the bus's plug, power and bit rate"
             lines.append(Finding("silent", FAIL, text, subject, advice))
             continue
         load = bits / (bus.bitrate * table.seconds) if table.seconds > 0 else 0.0
@@ -263,19 +258,21 @@ def _absent(message: MessageLayout, unknown: Sequence[Arrivals]) -> tuple[str, s
 def _rate_faults(
     message: MessageLayout, arrivals: Arrivals, rate_hz: float, table: FrameTable, has_time: bool
 ) -> Iterator[Fault]:
+    """Yield the faults of silence, rate and jitter; `has_time`: its frames state their time."""
     silent_s = (table.end_ns - int(arrivals.t_ns[-1])) * 1e-9
     if silent_s > max(_SILENT_S, 10 * (message.cycle_s or 0.0)):
         yield "stale", FAIL, f"silent for the last {silent_s:.2f} s", "check plug and power"
-    stated = f"state cycle_ms = {1e3 / max(rate_hz, 1e-3):.3g} for it"
+    state_cycle = f"state cycle_ms = {1e3 / max(rate_hz, 1e-3):.3g} for it"
     if message.cycle_s is None:
         if message.counter is not None and not has_time and rate_hz > 0:
             text = f"{rate_hz:.1f} Hz; without a cycle time its counter gives no sample times"
-            yield "no_cycle", WARN, text, stated
+            yield "no_cycle", WARN, text, state_cycle
         return
-    off = abs(rate_hz * message.cycle_s - 1)
-    if off > _RATE_WARN:
+    deviation = abs(rate_hz * message.cycle_s - 1)
+    if deviation > _RATE_WARN:
         text = f"{rate_hz:.1f} Hz instead of {1 / message.cycle_s:.1f} Hz"
-        yield "rate", FAIL if off > RATE_FAIL else WARN, text, f"set the sensor's rate, or {stated}"
+        verdict, advice = FAIL if deviation > RATE_FAIL else WARN, "set the sensor's rate, or "
+        yield "rate", verdict, text, advice + state_cycle
     if message.counter is None and not has_time and arrivals.jitter_s > message.cycle_s / 2:
         text = f"frames arrive up to {1e3 * arrivals.jitter_s:.2f} ms off their cycle"
         advice = "its clock fits the least delayed frames: prefer a counter or hardware stamps"

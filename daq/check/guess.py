@@ -116,7 +116,8 @@ def candidate(
 ) -> Candidate | None:
     """Return a signal that may be a channel; None if it measures nothing that the method uses.
 
-    `values`: what was measured of it, (n,), finite, in its unit.
+    `values`: what was measured of it, (n,), finite, in its unit.  `span`: as in `Candidate`.
+    `bits`: its length; one of few bits and without a unit is a status.
     """
     name, known = signal_of(full), known_si(unit)
     if known is None or words(name) & NO_VALUE:
@@ -201,6 +202,7 @@ _ROLL = _Turn("roll", ROLL, "x", "positive lifts the left side")
 
 
 def _by_name(s: Candidate) -> Guess | None:
+    """Return the guess from names and unit; with a question where no unit is stated."""
     guess = {"m/s2": _acceleration, "m": _length}.get(s.kind, _turn)(s)
     if guess is None or s.is_stated:
         return guess
@@ -252,12 +254,8 @@ def _length(s: Candidate) -> Guess | None:
     if words(f"{s.full} {s.comment}") & NO_TRAVEL or (farthest or 0.0) * factor > 2 * _FARTHEST_M:
         return None
     if s.corner is not None:
-        return Guess(
-            Quantity.SUSPENSION_TRAVEL,
-            s.corner,
-            1,
-            f"unit {s.unit}, corner by its {s.corner_source}",
-        )
+        why = f"unit {s.unit}, corner by its {s.corner_source}"
+        return Guess(Quantity.SUSPENSION_TRAVEL, s.corner, 1, why)
     if not words(s.name) & TRAVEL:
         return None
     why = f"unit {s.unit}, a travel by its name"
@@ -359,25 +357,17 @@ def _travels(
     traces = pushes.traces if pushes is not None else {}
     peaks = {s.full: pushes.peaks(s.full) for s in lengths if pushes and s.full in traces}
     travels = {s.full: guesses[s.full] for s in lengths}
-    for name, own_peaks in peaks.items():
+    for name, its_peaks in peaks.items():
         guess = travels[name]
-        place = pushed_corner(own_peaks, [other for n, other in peaks.items() if n != name])
-        if place is None:
+        shown = pushed_corner(its_peaks, [other for n, other in peaks.items() if n != name])
+        if shown is None:
             continue
-        corner, sign = place
+        corner, sign = shown
         ask, asked = ("", Asked.RIGHT) if guess.asked is Asked.WHERE else (guess.ask, guess.asked)
         if guess.corner not in (None, corner):
             ask, asked = f"its name says {guess.corner}: are plugs swapped?", Asked.WHEEL
-        travels[name] = Guess(
-            Quantity.SUSPENSION_TRAVEL,
-            corner,
-            sign,
-            f"moved most by the push on {corner}",
-            ask,
-            asked,
-            guess.unit,
-            is_proven=True,
-        )
+        why, kind = f"moved most by the push on {corner}", Quantity.SUSPENSION_TRAVEL
+        travels[name] = Guess(kind, corner, sign, why, ask, asked, guess.unit, is_proven=True)
     unplaced = [s for s in lengths if guesses[s.full].corner is None]
     if len(unplaced) == len(ORDER) and not any(g.is_proven for g in travels.values()):
         for s, corner in zip(unplaced, ORDER, strict=True):

@@ -67,12 +67,13 @@ def mounting(
     reading = np.array([gravity_g[axis] for axis in AXES])
     size = float(np.linalg.norm(reading))
     share = reading / size if size > 0 else reading
-    place = int(np.argmax(np.abs(share)))
-    if abs(size - 1) > NEAR_1_G or abs(share[place]) < _ALIGNED:
+    vertical = int(np.argmax(np.abs(share)))
+    if abs(size - 1) > NEAR_1_G or abs(share[vertical]) < _ALIGNED:
         return None
     up = np.zeros(3)
-    up[place] = np.sign(share[place])
-    tilt_deg = float(np.degrees(np.arccos(min(abs(share[place]), 1.0))))
+    up[vertical] = np.sign(share[vertical])
+    tilt_deg = float(np.degrees(np.arccos(min(abs(share[vertical]), 1.0))))
+    # The four directions that may be forward.
     level = [sign * e for e in np.eye(3) if not np.any(up * e) for sign in (1.0, -1.0)]
     for forward in level:
         if len(stated) == 2 and axis_of(forward) == (stated[1], int(f"{stated[0]}1")):
@@ -82,6 +83,7 @@ def mounting(
         best, second = np.argsort(fits)[:-3:-1].tolist()
         if fits[best] > _CLEAR * max(fits[second], 0.0):
             return Mounting(up, level[best], tilt_deg, True)
+    # x is forward; where x is vertical it is z, or -z if x points up.
     usual = -up[0] * np.eye(3)[2] if up[0] else np.eye(3)[0]
     return Mounting(up, usual, tilt_deg, False)
 
@@ -173,21 +175,21 @@ def find_pushes(traces: Mapping[str, Trace], moved: Sequence[str]) -> tuple[Push
     last = max(int(t_ns[-1]) for t_ns, _ in usable)
     active = np.zeros(int((last - first) * 1e-9 / _BIN_S) + 1, bool)
     for t_ns, value in usable:
-        rest = value[t_ns < first + round(_REST_S * 1e9)]
-        if len(rest) < 3:
+        before = value[t_ns < first + round(_REST_S * 1e9)]
+        if len(before) < 3:
             continue
-        away = np.abs(value - np.median(rest))
-        noise = float(np.std(rest)) + float(np.ptp(value)) * 1e-3
+        away = np.abs(value - np.median(before))
+        noise = float(np.std(before)) + float(np.ptp(value)) * 1e-3
         largest = float(away.max())
         if largest > _OVER_NOISE * noise:
             far = t_ns[away > max(_OVER_NOISE * noise, 0.2 * largest)]
             active[((far - first) * 1e-9 / _BIN_S).astype(int)] = True
     bins = np.flatnonzero(active)
     cuts = np.flatnonzero(np.diff(bins) > _QUIET_S / _BIN_S) + 1  # with little rest it is one push
-    to_ns, margin_ns = round(_BIN_S * 1e9), round(_QUIET_S / 2 * 1e9)
+    bin_ns, margin_ns = round(_BIN_S * 1e9), round(_QUIET_S / 2 * 1e9)
     spans = [
-        (first + int(p[0]) * to_ns - margin_ns, first + int(p[-1] + 1) * to_ns + margin_ns)
-        for p in np.split(bins, cuts)
+        (first + int(p[0]) * bin_ns - margin_ns, first + int(p[-1] + 1) * bin_ns + margin_ns)
+        for p in np.split(bins, cuts)  # the bins of one push
         if len(p) and (p[-1] + 1 - p[0]) * _BIN_S >= _LEAST_S
     ]
     if len(spans) != len(ORDER):

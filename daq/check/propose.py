@@ -132,7 +132,10 @@ def propose_sensors(
 def _comments(
     sensors: Sequence[FoundSensor], databases: Sequence[Database], is_list: bool
 ) -> dict[tuple[str, int, str], str]:
-    """Return the comments on signals by sensor, identifier and name."""
+    """Return the comments on signals, by sensor, identifier with bit 31 as in a DBC, and name.
+
+    `is_list`: False if the names of messages state no sensor; it is then "".
+    """
     texts = {each.name: _COMMENT.findall(each.text) for each in databases}
     return {
         (sensor.name if is_list else "", int(number) + sensor.id_offset, name): text
@@ -292,7 +295,8 @@ class ChannelTables:
             lines.append(f'corner = "{guess.corner}"')
         if guess.sign < 0:
             by_gravity = (Quantity.BODY_ACCELERATION, Quantity.HUB_ACCELERATION)
-            lines.append("sign = -1" + "  # reads -1 g at rest" * (guess.quantity in by_gravity))
+            reason = "  # reads -1 g at rest" if guess.quantity in by_gravity else ""
+            lines.append(f"sign = -1{reason}")
         if guess.quantity in ON_BODY:
             lines += [
                 "x_m = -1.2  # FILL IN: from the middle of the front axle, forward positive",
@@ -341,11 +345,10 @@ def message_rule(
     measured = f"cycle_ms = {1e3 / rate_hz:.4g}  # measured {rate_hz:.1f} Hz" if rate_hz else ""
     if message.cycle_s is None:
         absent = "# cycle_ms = 10  # FILL IN: not in the DBC, and there was no traffic"
-        lines += [absent] if came is None else [measured] * bool(measured)
+        lines += [absent] if came is None else [measured] if measured else []
     elif is_used and measured and abs(rate_hz * message.cycle_s - 1) > RATE_FAIL:
         lines.append(f"{measured}, not the {1 / message.cycle_s:.1f} Hz of its database")
-    rules = [_counter] * (message.counter is None) + [_checksum] * (message.crc is None) + [_time]
-    for rule in rules:
+    for rule in (_counter, _checksum, _time):
         settings = (rule(message, signal, came, decoded) for signal in message.signals)
         lines += next(filter(None, settings), [])
     head = ["[[message]]", f"name = {json.dumps(message.name)}"]
@@ -358,7 +361,8 @@ def message_rule(
 def _counter(
     message: MessageLayout, signal: SignalLayout, came: Arrivals | None, decoded: Decoded | None
 ) -> list[str]:
-    if not (signal.is_plain and 2 <= signal.length <= 32 and words(signal.name) & _COUNTER):
+    is_number = signal.is_plain and 2 <= signal.length <= 32
+    if message.counter is not None or not (is_number and words(signal.name) & _COUNTER):
         return []
     name = json.dumps(signal.name)
     if came is None:
@@ -380,7 +384,7 @@ def _checksum(
     message: MessageLayout, signal: SignalLayout, came: Arrivals | None, decoded: Decoded | None
 ) -> list[str]:
     is_byte = signal.length == 8 and signal.low_bit == 0 and signal.is_plain
-    if not (is_byte and words(signal.name) & _CHECKSUM):
+    if message.crc is not None or not (is_byte and words(signal.name) & _CHECKSUM):
         return []
     name = json.dumps(signal.name)
     rules = fitting_rules(came, signal.first_byte, message.length) if came is not None else []

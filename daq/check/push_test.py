@@ -32,10 +32,13 @@ _FIRST_SHARE = 0.4
 """Share of the peak from which the first excursion counts: clearly more than noise, and reached
 before the swing back."""
 _SETTLED_S = 0.6
+"""Time without motion after which a push is over, s."""
 _LONGEST_S = 5.0
 _SURE = 0.4
+"""Sinking of a point, as a share of that of the body's middle, from which it surely sinks."""
 
 Envelope = tuple[NDArray[np.float64], NDArray[np.float64]]
+"""Lowest and highest value of a channel in each bin, (n,) each."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,19 +92,20 @@ def judge_push(
     s.
     """
     deviations = {
-        c: found
+        c: deviation
         for c in channels
-        if c.quantity in _LEAST and (found := _deviation(c, lanes.get(c.name))) is not None
+        if c.quantity in _LEAST and (deviation := _deviation(c, lanes.get(c.name))) is not None
     }
     asked = PushResult(corner, False, False, f"push DOWN at the {spoken(corner)}, let go")
     moving = PushResult(corner, False, False, "moving: let it come to rest")
     if not deviations:
         return asked
     loud = np.any([np.abs(away) >= least for away, least in deviations.values()], axis=0)
-    quiet = round(_SETTLED_S / bin_s)
-    for moved in np.flatnonzero(loud).tolist():  # the first direction of such a motion is not seen
-        if begin - quiet <= moved < begin:
-            begin = min(moved + quiet + 1, len(loud))
+    settling = round(_SETTLED_S / bin_s)
+    # Begin after a motion that was there before: its first direction is not seen.
+    for number in np.flatnonzero(loud).tolist():
+        if begin - settling <= number < begin:
+            begin = min(number + settling + 1, len(loud))
     moves = []
     for channel, (away, least) in deviations.items():
         size = np.abs(away[begin:])
@@ -111,9 +115,9 @@ def judge_push(
             moves.append(_Move(channel, peak, int(np.sign(first))))
     if not moves:
         return moving if begin == len(loud) and loud.any() else asked
-    last = len(loud) - 1 - begin - np.flatnonzero(loud[begin:])[[0, -1]]
-    begun_s, quiet_s = last * bin_s
-    if quiet_s < _SETTLED_S and begun_s < _LONGEST_S:
+    first_loud, last_loud = begin + np.flatnonzero(loud[begin:])[[0, -1]]
+    moving_s, quiet_s = (len(loud) - 1 - first_loud) * bin_s, (len(loud) - 1 - last_loud) * bin_s
+    if quiet_s < _SETTLED_S and moving_s < _LONGEST_S:
         return moving
     return _judged(corner, moves, channels)
 
@@ -123,12 +127,13 @@ def _deviation(channel: Channel, lane: Envelope | None) -> tuple[NDArray[np.floa
     if lane is None:
         return None
     middle = (lane[0] + lane[1]) / 2.0
-    seen = middle[np.isfinite(middle)]
-    if not len(seen):
+    known = middle[np.isfinite(middle)]
+    if not len(known):
         return None
-    rest = float(np.median(seen))
-    noise = 1.48 * float(np.median(np.abs(seen - rest)))  # a push does not change a median
-    return np.nan_to_num(middle - rest), max(_LEAST[channel.quantity], _OVER_NOISE * noise)
+    level = float(np.median(known))
+    # A push does not change a median; 1.48 makes a standard deviation of normal noise from it.
+    noise = 1.48 * float(np.median(np.abs(known - level)))
+    return np.nan_to_num(middle - level), max(_LEAST[channel.quantity], _OVER_NOISE * noise)
 
 
 def _judged(corner: Corner, moves: Sequence[_Move], channels: Sequence[Channel]) -> PushResult:
@@ -148,11 +153,11 @@ def _judged(corner: Corner, moves: Sequence[_Move], channels: Sequence[Channel])
         text = f"{', '.join(wrong)} moved the wrong way"
         advice = f"I inverts the sign of {wrong[0]}"
         return PushResult(corner, True, False, text, advice, tuple(wrong))
-    seen = most or moves[0]
-    size = f"{seen.first * seen.size:+.2g} {seen.channel.unit}"
-    if seen.channel.unit == "m":
-        size = f"{seen.first * seen.size * 1e3:+.0f} mm"
-    return PushResult(corner, True, True, f"{seen.channel.name} moved {size}, sign right")
+    shown = most or moves[0]
+    size = f"{shown.first * shown.size:+.2g} {shown.channel.unit}"
+    if shown.channel.unit == "m":
+        size = f"{shown.first * shown.size * 1e3:+.0f} mm"
+    return PushResult(corner, True, True, f"{shown.channel.name} moved {size}, sign right")
 
 
 def _elsewhere(corner: Corner, due: Channel, moved: Channel, moves: Sequence[_Move]) -> PushResult:
@@ -182,6 +187,6 @@ def _expected(corner: Corner, channel: Channel) -> int | None:
             return -corner.side
     # A plate on four equal springs that is pushed at (u', v') sinks by 1 + u u' + v v' at (u, v),
     # in half lengths from its middle; those of a usual car are used.
-    u, v = 1.0 + channel.x_m / 1.4, channel.y_m / 0.75
+    u, v = 1.0 + channel.x_m / 1.4, channel.y_m / 0.75  # x counts from the front axle
     sinks = 1.0 + u * (1 if corner.front else -1) + v * corner.side > _SURE
     return -1 if channel.at_cg or sinks else None

@@ -101,7 +101,7 @@ class Guess:
     """Travel at rest, SI, with the sign; None if it was not measured."""
 
     def answered(self, answer: str) -> Guess:
-        """Return the guess with the answer to its question."""
+        """Return the guess with an answer, as `Question.understood` returns it."""
         sure = replace(self, ask="")
         if answer == YES:
             return sure
@@ -110,7 +110,7 @@ class Guess:
             if tare is not None:  # the reading, in the guessed unit
                 tare *= to_si(answer).factor / to_si(self.unit).factor
             return replace(sure, unit=answer, tare=tare)
-        if not self.asked.is_of_channel:
+        if not self.asked.is_of_channel:  # it changes the guesses of its sensor elsewhere
             return self
         if answer == BODY:
             return replace(sure, quantity=Quantity.BODY_ACCELERATION, corner=None)

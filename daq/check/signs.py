@@ -91,9 +91,8 @@ def opposed_signs(runs: Sequence[Run], channels: Sequence[Channel]) -> tuple[Fin
         ]
         if _is_opposed(pairs, _WHEEL_HZ):
             against.append(travel)
-    findings = _finding(
-        against, "against the hub accelerometers", "change the sign of these channels"
-    )
+    change_sign = "change the sign of these channels"
+    findings = _finding(against, "against the hub accelerometers", change_sign)
     for quantity, tilt in _TILTS.items():
         rates = [c.name for c in channels if c.quantity is quantity]
         signs = {
@@ -117,7 +116,7 @@ def opposed_signs(runs: Sequence[Run], channels: Sequence[Channel]) -> tuple[Fin
             if _is_opposed(pairs, _BODY_HZ):
                 turned.append(name)
         if len(signs) == len(Corner):
-            findings += _finding(turned, "against the travels", "change the sign of these channels")
+            findings += _finding(turned, "against the travels", change_sign)
         else:
             advice = "change the sign of one side: a push on a corner shows which"
             findings += _finding(turned, f"against {''.join(rates[:1])}", advice)

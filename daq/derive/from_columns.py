@@ -123,7 +123,7 @@ class _Members:
 def _times(
     channel: Channel, column: Column, clock: Clock, file: Columns
 ) -> tuple[str, NDArray[np.float64], int]:
-    """Return name and times of a channel's clock, and the UTC of its zero if it is stated."""
+    """Return name and times, s, (n,), of a channel's clock, and the UTC of its zero, ns, or 0."""
     n = len(column.values)
     if clock.column:
         stamps = file.columns[clock.column]
@@ -143,6 +143,7 @@ def _times(
             f"{counted(len(time_s), 'time')}"
         )
         raise InputError(f"channel {channel.name}", what, "name the column of its times")
+    # Two tables of one rate have different clocks.
     return f"{column.clock} {name}" if clock.rate_hz else name, time_s, zero_ns
 
 
@@ -168,10 +169,10 @@ def _seconds(stamps: Column, stated: str, channel: Channel) -> tuple[NDArray[np.
         raise InputError(f"channel {channel.name}", what, "state their unit: s, ms, us or ns")
     if float(first) * si.factor < _SINCE_1970_S:
         return np.asarray(values * si.factor, np.float64), 0
-    per_s = round(1.0 / si.factor)
-    whole = int(first) // per_s
-    since = values - values.dtype.type(whole * per_s)
-    return np.asarray(since, np.float64) * si.factor, whole * 1_000_000_000
+    units_per_s = round(1.0 / si.factor)
+    whole_s = int(first) // units_per_s
+    since = values - values.dtype.type(whole_s * units_per_s)
+    return np.asarray(since, np.float64) * si.factor, whole_s * 1_000_000_000
 
 
 def bumps_in(channel_map: ChannelMap, recorded: Recording) -> tuple[Event, ...]:
@@ -206,12 +207,11 @@ def bumps_in(channel_map: ChannelMap, recorded: Recording) -> tuple[Event, ...]:
 
 def bump_run(channel_map: ChannelMap, recorded: Recording, step: Step, bump: Event) -> Run:
     """Return the run around a bump, as long as the map's trigger states."""
-    about = channel_map.bench.trigger
+    config = channel_map.bench.trigger
     onset_s = (bump.t_ns - recorded.start_ns) * 1e-9
-    given = GivenRun(step, onset_s - about.pre_s, onset_s + about.post_s)
-    return replace(
-        given_run(channel_map, recorded, given), events=(replace(bump, text=step.label),)
-    )
+    window = GivenRun(step, onset_s - config.pre_s, onset_s + config.post_s)
+    run = given_run(channel_map, recorded, window)
+    return replace(run, events=(replace(bump, text=step.label),))
 
 
 def given_run(channel_map: ChannelMap, recorded: Recording, given: GivenRun) -> Run:

@@ -119,9 +119,8 @@ class Intake:
 def parse_runs(text: str) -> tuple[Step, ...]:
     """Return the steps of a list like ``baseline:bounce,baseline:bounce,added:roll``.
 
-    Repeats are counted in the order of the list.
-
-    Raises InputError if an entry is not a mass state and an excitation.
+    Repeats are counted in its order.  Raises InputError if an entry is not a mass state and an
+    excitation.
     """
     labels = [tuple(item.strip().split(":")) for item in text.split(",")]
     return numbered(labels)

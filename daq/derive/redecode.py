@@ -12,6 +12,7 @@ import numpy as np
 
 from ..bench.campaign import Step
 from ..bench.config import Bench, bench_codec, parse_bench
+from ..bus.source import HopLosses
 from ..errors import BumpbenchError, InputError
 from ..journal.contents import HopCounts
 from ..runs import RunStatus
@@ -36,22 +37,21 @@ def redecoded(session: Session, bench: Bench, where: str, provenance: Mapping[st
         raise InputError(where, "has no run", "name a session that was recorded or imported")
     new = _built(session, bench)
     texts = session.provenance
-    known: list[tuple[str, ...]] = [() for _ in session.runs]
+    decoded_reasons: list[tuple[str, ...]] = [() for _ in session.runs]  # of the old decoding
     with suppress(KeyError, BumpbenchError):  # then every reason counts as the operator's
-        before = parse_bench(texts["bench_toml"], "bench.toml", Path(), texts["dbc"])
-        known = [run.reasons for run in _built(session, before).runs]
+        old_bench = parse_bench(texts["bench_toml"], "bench.toml", Path(), texts["dbc"])
+        decoded_reasons = [run.reasons for run in _built(session, old_bench).runs]
     runs = []
-    for old, run, old_reasons in zip(session.runs, new.runs, known, strict=True):
-        kept = tuple(r for r in old.reasons if r not in old_reasons and r not in run.reasons)
-        reasons = (*run.reasons, *kept)
-        status = RunStatus.REJECTED if reasons else RunStatus.ACCEPTED
-        if old.status is RunStatus.REJECTED and not old.reasons:
-            status = RunStatus.REJECTED
+    for old, run, by_decoder in zip(session.runs, new.runs, decoded_reasons, strict=True):
+        by_operator = (r for r in old.reasons if r not in by_decoder and r not in run.reasons)
+        reasons = (*run.reasons, *by_operator)
+        is_rejected = bool(reasons) or (old.status is RunStatus.REJECTED and not old.reasons)
+        status = RunStatus.REJECTED if is_rejected else RunStatus.ACCEPTED
         runs.append(replace(run, events=old.events, reasons=reasons, status=status))
-    origin = texts.get("uuid", "")
-    name = uuid.uuid5(uuid.NAMESPACE_OID, origin + bench.dbc_text + bench.text)
+    old_uuid = texts.get("uuid", "")
+    new_uuid = uuid.uuid5(uuid.NAMESPACE_OID, old_uuid + bench.dbc_text + bench.text)
     about = {**texts, **provenance, "dbc": bench.dbc_text, "bench_toml": bench.text}
-    about |= {"uuid": str(name), "redecoded": origin}
+    about |= {"uuid": str(new_uuid), "redecoded": old_uuid}
     return replace(new, runs=tuple(runs), provenance=about)
 
 
@@ -68,9 +68,12 @@ def _built(session: Session, bench: Bench) -> Session:
             where = session.provenance.get("uuid", "session")
             raise InputError(where, what, "record or import it again")
         # Losses between wire and session are kept; the others are counted again.
-        before = run.losses
-        lost = (before.bus_dropped, before.bus_garbled, 0, before.queue_dropped)
+        lost = HopLosses(
+            bus_dropped=run.losses.bus_dropped,
+            bus_garbled=run.losses.bus_garbled,
+            queue_dropped=run.losses.queue_dropped,
+        )
         end_ns = np.array([int(run.frames.t_ns.max())])
-        hops = HopCounts(end_ns, np.array([lost], np.int64))
+        hops = HopCounts(end_ns, np.array([lost.counts], np.int64))
         built.append(build_session(bench, codec, run.frames, bumps[:1], hops, {}))
     return joined(built)

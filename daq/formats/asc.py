@@ -71,7 +71,8 @@ class AscParser:
             return None if line.strip() else 0
 
     def _parsed(self, line: bytes) -> Record | int:
-        time, *parts = line.split(None, 6)
+        # Fields of the short form: bus, identifier, direction, d, DLC, payload.
+        time, *fields = line.split(None, 6)
         try:
             t_ns = nanoseconds(time)
         except ValueError:
@@ -81,10 +82,14 @@ class AscParser:
         if self._is_relative:
             t_ns = self._last_ns = self._last_ns + t_ns
         t_ns += self._start_ns
-        if len(parts) > 4 and (form := _short_form(*parts[:5], self._base)) is not None:
-            can_id, flags, bus, length = form
-            text = parts[5] if len(parts) > 5 else b""
-            return t_ns, can_id, flags, bus, length, spaced_bytes(text, length, self._base)
+        if len(fields) >= 5 and (short := _short_form(*fields[:5], self._base)) is not None:
+            can_id, flags, bus, length = short
+            payload = fields[5] if len(fields) > 5 else b""
+            return t_ns, can_id, flags, bus, length, spaced_bytes(payload, length, self._base)
+        return self._rarer(line, t_ns)
+
+    def _rarer(self, line: bytes, t_ns: int) -> Record | int:
+        """Return the frame in a line of another form, 0 for an event; raises ValueError."""
         tokens = line.split()
         kind = tokens[1].lower()
         if kind.isdigit() and len(kind) <= 3:
@@ -166,7 +171,10 @@ class AscParser:
 def _short_form(
     bus: bytes, identifier: bytes, direction: bytes, kind: bytes, dlc: bytes, base: int
 ) -> tuple[int, int, int, int] | None:
-    """Return identifier, flags, bus and length of a classic data frame; None if it is another."""
+    """Return identifier, flags, bus and length of a classic data frame; None if it is another.
+
+    The arguments are the fields of the line; their combinations recur, so the results are kept.
+    """
     if not (bus.isdigit() and len(bus) <= 3 and kind in (b"d", b"D") and len(dlc) <= 2):
         return None
     try:

@@ -148,6 +148,7 @@ def _pieces(file: Readable, file_bytes: int | None, loss: LogLoss) -> Iterator[t
 
 
 def _unpacked(body: bytes, size: int, loss: LogLoss) -> tuple[bytes, bool]:
+    """Return the content of a container, and whether it is complete; `size`: bytes of `body`."""
     if len(body) < size:
         loss.add("its last container is incomplete", bytes_cut=size - len(body))
     if len(body) < _CONTAINER.size:
@@ -192,15 +193,16 @@ def find_objects(data: bytes, loss: LogLoss) -> tuple[NDArray[np.intp], int]:
     for place, letter in enumerate(b"LOBJ"):
         marks = marks[text[marks + place] == letter]
     size = _records(text, marks, _HEADER)["size"].astype(np.int64)
-    ends, chain = marks + size, list[int]()
+    ends = marks + size
+    # Mostly all marks are objects that follow each other.
     if len(marks) and marks[0] < _GAP and ends[-1] <= len(data) < ends[-1] + MAX_OBJECT_BYTES:
-        gaps = marks[1:] - ends[:-1]  # mostly the padding of objects that follow each other
+        gaps = marks[1:] - ends[:-1]  # the padding
         if size.min() >= 32 and np.all((gaps >= 0) & (gaps < _GAP)):
             return marks, int(ends[-1])
     is_object = ((size >= 32) & (size <= MAX_OBJECT_BYTES)).tolist()
-    following = np.searchsorted(marks, ends).tolist()
-    begins, stops = marks.tolist(), ends.tolist()
-    i = lost = expected = used = 0
+    following = np.searchsorted(marks, ends).tolist()  # first mark after each object
+    begins, stops, chain = marks.tolist(), ends.tolist(), list[int]()
+    i = lost = expected = used = 0  # index of a mark; bytes lost; end of the chain; bytes processed
     while i < len(begins):
         if not is_object[i]:
             i += 1
@@ -213,7 +215,7 @@ def find_objects(data: bytes, loss: LogLoss) -> tuple[NDArray[np.intp], int]:
         chain.append(begins[i])
         used = expected = stops[i]
         i = following[i]
-    else:
+    else:  # no object is begun: what no object can be long enough to need is lost
         if len(data) - used >= MAX_OBJECT_BYTES:
             lost += len(data) - used - 32
             used = len(data) - 32
@@ -280,11 +282,11 @@ def _properties(
 ) -> tuple[NDArray[np.uint16], NDArray[np.intp], NDArray[np.intp]]:
     """Return flags, stated length and number of stored bytes of objects of one type."""
     n, names = len(record), record.dtype.names or ()
-    no = np.zeros(n, bool)
-    extended = record["can_id"] >> 31 != 0 if "can_id" in names else no
+    none = np.zeros(n, bool)
+    extended = record["can_id"] >> 31 != 0 if "can_id" in names else none
     error = kind in (2, 73, 104)
     bits = record["flags"] if "flags" in names else np.zeros(n, np.uint8)
-    fd, brs, esi, remote, sent = no, no, no, bits & 0x80 != 0, bits & 0x01 != 0
+    fd, brs, esi, remote, sent = none, none, none, bits & 0x80 != 0, bits & 0x01 != 0
     if kind == 100:
         fd, brs, esi = (record["fd"] & bit != 0 for bit in (1, 2, 4))
     elif kind == 101:

@@ -25,7 +25,8 @@ class CsvParser:
             self.has_header = True
             return 0
         cells = line.rstrip().split(b",")
-        cells += [b""] * (len(cells) == 6)  # a frame without data
+        if len(cells) == 6:  # a frame without data
+            cells.append(b"")
         try:
             time, identifier, *marks, dlc, data = cells
             extended, remote, error = (_MARKS[mark] for mark in marks)

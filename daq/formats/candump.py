@@ -63,12 +63,14 @@ def _other(line: bytes) -> Record | int | None:
             return int(stated[1]) if stated else None if line.strip() else 0
         time, interface, identifier, fd, request, digits, direction = match.groups()
         can_id, flags = _identifier(identifier)
-        flags |= SENT * (direction in (b"T", b"t"))
+        if direction in (b"T", b"t"):
+            flags |= SENT
         t_ns, bus = nanoseconds(time), _bus(interface)
         if request:
             return t_ns, can_id, flags | REMOTE, bus, int(request[1:] or b"0"), b""
-        bits = int(fd[1:], 16) if fd else 0
-        flags |= FD * bool(fd) | BITRATE_SWITCH * (bits & 1) | ERROR_STATE * (bits >> 1 & 1)
+        if fd:
+            bits = int(fd[1:], 16)
+            flags |= FD | BITRATE_SWITCH * (bits & 1) | ERROR_STATE * (bits >> 1 & 1)
         return t_ns, can_id, flags, bus, len(digits) // 2, unhexlify(digits)
     except ValueError:
         return None

@@ -92,23 +92,33 @@ def detect(path: Path) -> LogFormat:
     for magic, form in _MAGIC.items():
         if head.startswith(magic):
             return form
-    block = head_of(head)
+    lines = head_of(head)
     suffixes = [suffix.lower() for suffix in path.suffixes if suffix.lower() != ".gz"]
-    best, most = None, 0.0
-    for form in _TEXTS:  # the one that reads most of the first lines
-        assert form.parser is not None
-        parser = form.parser()
-        lines = parsed(block, parser)
-        score = len(lines.frames) + 0.5 * parser.has_header
-        if len(lines.bad) > score:
-            continue
-        score += 0.25 * (score > 0 and suffixes[-1:] == [form.suffix])
-        if score > most:
-            best, most = form, score
-    if best is None:
-        first = next((line for line in block.splitlines() if line.strip()), b"")
+    text_format = _text_format(lines, suffixes[-1] if suffixes else "")
+    if text_format is None:
+        first = next((line for line in lines.splitlines() if line.strip()), b"")
         shown = printable(first.strip().decode("ascii", "backslashreplace"), 40)
         raise InputError(where, f"begins with no line of a known log: {shown!r}", f"use {NAMES}")
+    return text_format
+
+
+def _text_format(lines: bytes, suffix: str) -> LogFormat | None:
+    """Return the format that reads most of the first lines; None if none reads half of them.
+
+    A header decides between formats that read as many frames, and the suffix after that.
+    """
+    best, most = None, 0.0
+    for form in _TEXTS:
+        assert form.parser is not None
+        parser = form.parser()
+        read = parsed(lines, parser)
+        score = len(read.frames) + (0.5 if parser.has_header else 0.0)
+        if len(read.bad) > score:
+            continue
+        if score > 0 and suffix == form.suffix:
+            score += 0.25
+        if score > most:
+            best, most = form, score
     return best
 
 
@@ -215,18 +225,7 @@ class Log:
             return batch
         last_ns = int(batch.t_ns[0]) if self._last_ns is None else self._last_ns
         self._first = self._first or _frame(batch, 0)
-        before = np.concatenate([[last_ns], batch.t_ns[:-1]])
-        after = np.append(batch.t_ns[1:], batch.t_ns[-1])
-        wrong = (
-            np.abs(before - after) <= RESTART_NS
-        )  # its neighbours are of one time, and it is not
-        wrong &= np.abs(batch.t_ns - before) > RESTART_NS
-        wrong &= np.abs(batch.t_ns - after) > RESTART_NS
-        if n := int(wrong.sum()):
-            what = f"{counted(n, 'time stamp')} out of line with {plural(n, 'its', 'their')}"
-            place = self.frames + int(np.flatnonzero(wrong)[0]) + 1
-            self._loss.add(f"{what} neighbours, the first at frame {place}", garbled=n)
-            batch = batch.select(~wrong)
+        batch = self._without_strays(batch, last_ns)
         raw_ns = batch.t_ns
         t_ns = raw_ns + self._shift_ns
         for place in np.flatnonzero(np.diff(raw_ns, prepend=last_ns) < -RESTART_NS).tolist():
@@ -247,19 +246,32 @@ class Log:
         self._last_ns = int(raw_ns[-1])
         return replace(batch, t_ns=read_only(t_ns)) if self._shift_ns else batch
 
+    def _without_strays(self, batch: FrameBatch, last_ns: int) -> FrameBatch:
+        """Leave out and count frames far from both neighbours in time, which are near each other.
+
+        `last_ns`: time stamp of the frame before the block.
+        """
+        before = np.concatenate([[last_ns], batch.t_ns[:-1]])
+        after = np.append(batch.t_ns[1:], batch.t_ns[-1])
+        is_stray = np.abs(before - after) <= RESTART_NS
+        is_stray &= np.abs(batch.t_ns - before) > RESTART_NS
+        is_stray &= np.abs(batch.t_ns - after) > RESTART_NS
+        n = int(is_stray.sum())
+        if not n:
+            return batch
+        what = f"{counted(n, 'time stamp')} out of line with {plural(n, 'its', 'their')}"
+        number = self.frames + int(np.flatnonzero(is_stray)[0]) + 1
+        self._loss.add(f"{what} neighbours, the first at frame {number}", garbled=n)
+        return batch.select(~is_stray)
+
 
 def _frame(batch: FrameBatch, row: int) -> tuple[int, int, bytes]:
+    """Return time stamp, identifier and payload of a frame."""
     return int(batch.t_ns[row]), int(batch.can_id[row]), batch.data[row].tobytes()
 
 
 def read_log(path: Path) -> Log:
-    """Return the log in a file; its content decides the format.
-
-    Raises
-    ------
-    InputError
-        As `Log`.
-    """
+    """Return the log in a file; its content decides the format.  Raises InputError as `Log`."""
     return Log([path])
 
 

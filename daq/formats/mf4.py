@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 import logging
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass, replace
 from io import BytesIO, StringIO
@@ -48,6 +48,7 @@ class _Group:
     fields: dict[str, int]
     """Number of the channel of each field."""
     time_s: NDArray[np.float64]
+    """Time of each record since the start of the file, s."""
 
 
 def read_mf4(file: BinaryIO, unpacked: Unpacked, where: str, loss: LogLoss) -> Iterator[FrameBatch]:
@@ -93,15 +94,17 @@ def open_mdf(file: Path | BinaryIO, where: str) -> Iterator[Any]:
 
 
 def _blocks(mdf: Any, where: str, loss: LogLoss) -> Iterator[FrameBatch]:
+    """Yield the frames of all groups in order of time; see `read_mf4`."""
     groups = list(_bus_logging(mdf, where, loss))
     if not groups:
         advice = "import decoded channels with --channels"
         raise InputError(where, "holds no CAN bus logging", advice)
     start_ns = round(mdf.header.start_time.timestamp() * 1e6) * 1000
     rising = [np.maximum.accumulate(group.time_s) for group in groups]
-    ends = np.append(np.sort(np.concatenate(rising))[_BLOCK_FRAMES::_BLOCK_FRAMES], np.inf)
-    begins, lowest = [0] * len(groups), -1
-    for end_s in ends.tolist():
+    ends_s = np.append(np.sort(np.concatenate(rising))[_BLOCK_FRAMES::_BLOCK_FRAMES], np.inf)
+    begins = [0] * len(groups)  # first record of each group that was not yet read
+    lowest_bus: int | None = None
+    for end_s in ends_s.tolist():
         batches = []
         for i, group in enumerate(groups):
             end = int(np.searchsorted(rising[i], end_s, side="right"))
@@ -110,12 +113,13 @@ def _blocks(mdf: Any, where: str, loss: LogLoss) -> Iterator[FrameBatch]:
                 begins[i] = end
         block = FrameBatch.concatenate(batches)
         block = possible_frames(block.by_time() if len(batches) > 1 else block, loss)
-        if lowest < 0 and len(block):
-            lowest = int(block.bus.min())
-        yield replace(block, bus=np.maximum(block.bus, 1) - 1) if lowest else block
+        if lowest_bus is None and len(block):
+            lowest_bus = int(block.bus.min())
+        yield block if lowest_bus == 0 else replace(block, bus=np.maximum(block.bus, 1) - 1)
 
 
 def _bus_logging(mdf: Any, where: str, loss: LogLoss) -> Iterator[_Group]:
+    """Yield the groups of CAN frames; a channel is named by kind and field: `CAN_DataFrame.ID`."""
     for number, group in enumerate(mdf.groups):
         names = [str(channel.name) for channel in group.channels]
         for kind in _KINDS:
@@ -138,59 +142,75 @@ def _bus_logging(mdf: Any, where: str, loss: LogLoss) -> Iterator[_Group]:
 
 
 def _frames(mdf: Any, group: _Group, rows: slice, start_ns: int, loss: LogLoss) -> FrameBatch:
-    """Return the frames in records; those that no frame can be are counted."""
+    """Return the frames in records; records that no frame can be are left out and counted."""
     n = rows.stop - rows.start
-
-    def samples(name: str, *, raw: bool) -> NDArray[Any]:
-        about = {"group": group.number, "index": group.fields[name], "raw": raw}
-        about |= {"record_offset": rows.start, "record_count": n}
-        with redirect_stdout(StringIO()):  # it prints what it does not understand
-            columns = mdf.get(**about, samples_only=True, ignore_invalidation_bits=True)
-        return np.asarray(columns[0])
-
-    def whole(name: str) -> NDArray[np.int64]:
-        """Return a field; one that is converted to words (Rx, Tx) as it is stored."""
-        values = samples(name, raw=False)
-        if values.dtype.kind not in "iufb" or values.ndim != 1:
-            values = samples(name, raw=True)
-        return values.astype(np.int64)
-
     fields = {
-        name: whole(name)
+        name: _whole_numbers(mdf, group, name, rows)
         for name in group.fields
         if name in {"ID", "DLC", "DataLength", "BusChannel", *_BITS}
     }
-    flags = np.full(n, _KINDS[group.kind], np.uint16)
-    for field, bit in _BITS.items():
-        if field in fields:
-            flags |= (fields[field] != 0) * np.uint16(bit)
     can_id = fields["ID"] & 0x1FFF_FFFF
-    if "IDE" not in fields:
-        extended = (fields["ID"] >> 31 & 1 != 0) | (can_id >= 1 << 11)
-        flags |= extended * np.uint16(FrameFlag.EXTENDED)
-    fd, remote = flags & FrameFlag.FD != 0, flags & FrameFlag.REMOTE != 0
-    payload = np.zeros((n, 0), np.uint8)
-    if "DataBytes" in group.fields and not _KINDS[group.kind] & FrameFlag.REMOTE:
-        payload = samples("DataBytes", raw=True)
-        if payload.dtype != np.uint8 or payload.ndim != 2:
-            payload = np.frombuffer(payload.tobytes(), np.uint8).reshape(n, -1)
+    flags = _flags(group.kind, fields)
+    is_fd, is_remote = flags & FrameFlag.FD != 0, flags & FrameFlag.REMOTE != 0
+    payload = _payload(mdf, group, rows)
     size = np.full(n, payload.shape[1])
     if "DLC" in fields:
         code = fields["DLC"].clip(0, 15)
-        size = np.where(fd, FD_LENGTHS[code], np.minimum(code, 8)).astype(np.int64)
+        size = np.where(is_fd, FD_LENGTHS[code], np.minimum(code, 8)).astype(np.int64)
     size = fields.get("DataLength", size)
-    length = np.where(remote, np.minimum(fields.get("DLC", size), 8), size)
+    # The length of a remote frame is the one that it requests; it has no data.
+    length = np.where(is_remote, np.minimum(fields.get("DLC", size), 8), size)
     since_ns = group.time_s[rows] * 1e9
-    timed = np.isfinite(since_ns) & (np.abs(since_ns) < LONGEST_NS)
-    t_ns = start_ns + np.rint(np.where(timed, since_ns, 0.0)).astype(np.int64)
-    good = timed & (t_ns < LATEST_NS) & (length >= 0) & (length <= np.where(fd, 64, 8))
+    is_timed = np.isfinite(since_ns) & (np.abs(since_ns) < LONGEST_NS)
+    t_ns = start_ns + np.rint(np.where(is_timed, since_ns, 0.0)).astype(np.int64)
+    good = is_timed & (t_ns < LATEST_NS) & (length >= 0) & (length <= np.where(is_fd, 64, 8))
     if bad := n - int(good.sum()):
         many = f"records of {group.kind} are not frames"
         loss.add(counted(bad, f"record of {group.kind} is not a frame", many), garbled=bad)
     width = 8 if length.max(initial=0) <= 8 else 64
     data = np.zeros((n, width), np.uint8)
     data[:, : payload.shape[1]] = payload[:, :width]
-    data[np.arange(width) >= np.where(remote, 0, length)[:, None]] = 0
+    data[np.arange(width) >= np.where(is_remote, 0, length)[:, None]] = 0
     bus = fields.get("BusChannel", np.zeros(n, np.int64)).clip(0, 255)
     numbers = can_id.astype(np.uint32), flags, bus.astype(np.uint8)
     return FrameBatch(t_ns, *numbers, length.clip(0, 64).astype(np.uint8), data).select(good)
+
+
+def _samples(mdf: Any, group: _Group, name: str, rows: slice, *, raw: bool) -> NDArray[Any]:
+    """Return a field of records; `raw`: as it is stored."""
+    about = {"group": group.number, "index": group.fields[name], "raw": raw}
+    about |= {"record_offset": rows.start, "record_count": rows.stop - rows.start}
+    with redirect_stdout(StringIO()):  # it prints what it does not understand
+        columns = mdf.get(**about, samples_only=True, ignore_invalidation_bits=True)
+    return np.asarray(columns[0])
+
+
+def _whole_numbers(mdf: Any, group: _Group, name: str, rows: slice) -> NDArray[np.int64]:
+    """Return a field; one that is converted to words (Rx, Tx) as it is stored."""
+    values = _samples(mdf, group, name, rows, raw=False)
+    if values.dtype.kind not in "iufb" or values.ndim != 1:
+        values = _samples(mdf, group, name, rows, raw=True)
+    return values.astype(np.int64)
+
+
+def _payload(mdf: Any, group: _Group, rows: slice) -> NDArray[np.uint8]:
+    """Return the stored bytes of each record, (n, width); width 0 where a kind has none."""
+    n = rows.stop - rows.start
+    if "DataBytes" not in group.fields or _KINDS[group.kind] & FrameFlag.REMOTE:
+        return np.zeros((n, 0), np.uint8)
+    payload = _samples(mdf, group, "DataBytes", rows, raw=True)
+    if payload.dtype != np.uint8 or payload.ndim != 2:
+        payload = np.frombuffer(payload.tobytes(), np.uint8).reshape(n, -1)
+    return payload
+
+
+def _flags(kind: str, fields: Mapping[str, NDArray[np.int64]]) -> NDArray[np.uint16]:
+    """Return the flags; without a field IDE, bit 31 or the size of an identifier shows 29 bits."""
+    stated = fields["ID"]
+    flags = np.full(len(stated), _KINDS[kind], np.uint16)
+    is_set = {bit: fields[field] != 0 for field, bit in _BITS.items() if field in fields}
+    if "IDE" not in fields:
+        is_set[FrameFlag.EXTENDED] = (stated >> 31 & 1 != 0) | (stated & 0x1FFF_FFFF >= 1 << 11)
+    for bit, where in is_set.items():
+        flags[where] |= np.uint16(bit)
+    return flags

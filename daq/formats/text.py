@@ -10,6 +10,7 @@ from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dbc.errors import InputError, printable
 from dbc.frames import FrameBatch, FrameFlag
@@ -63,15 +64,22 @@ class Parsed:
 def parsed(block: bytes, parse: LineParser) -> Parsed:
     """Return the frames of complete lines; empty lines are skipped."""
     results = list(map(parse, block.removesuffix(b"\n").split(b"\n")))
-    numbers = np.arange(len(results))
-    records, bad, dropped = results, list[int](), []
-    if others := [i for i, result in enumerate(results) if not isinstance(result, tuple)]:
-        bad = [i for i in others if results[i] is None]
-        dropped = [(i, result) for i in others if isinstance(result := results[i], int) and result]
-        records = [result for result in results if isinstance(result, tuple)]
-        numbers = np.delete(numbers, others)
+    records = [result for result in results if isinstance(result, tuple)]
+    others = [i for i, result in enumerate(results) if not isinstance(result, tuple)]
+    bad = [i for i in others if results[i] is None]
+    dropped = [(i, result) for i in others if isinstance(result := results[i], int) and result]
     if not records:
         return Parsed(FrameBatch.empty(), bad, dropped)
+    frames, is_possible = _frames(records)
+    if is_possible.all():
+        return Parsed(frames, bad, dropped)
+    line_of_record = np.delete(np.arange(len(results)), others)
+    bad = sorted([*bad, *line_of_record[~is_possible].tolist()])
+    return Parsed(frames.select(is_possible), bad, dropped)
+
+
+def _frames(records: Sequence[Record]) -> tuple[FrameBatch, NDArray[np.bool_]]:
+    """Return frames of all records, and whether each is possible; others have wrong values."""
     stamps, ids, marks, buses, lengths, payloads = zip(*records, strict=True)
     try:
         t_ns = np.array(stamps, np.int64)
@@ -81,20 +89,17 @@ def parsed(block: bytes, parse: LineParser) -> Parsed:
     flags, length = np.array(marks, np.uint16), np.array(lengths, np.int64)
     size = np.fromiter(map(len, payloads), np.int64, len(records))
     width = 8 if max(lengths) <= 8 else 64
-    whole = b"".join([data.ljust(width, b"\0")[:width] for data in payloads])
-    data = np.frombuffer(whole, np.uint8).reshape(-1, width)
-    long = flags & (EXTENDED | ERROR) != 0
-    remote = flags & REMOTE != 0
-    good = (t_ns < LATEST_NS) & (t_ns > -LONGEST_NS)
-    good &= can_id < np.where(long, 1 << 29, 1 << 11)
-    good &= length <= np.where(flags & FD != 0, 64, 8)
-    good &= size == np.where(remote, 0, length)
-    can_id[~good] = length[~good] = 0
+    padded = b"".join([payload.ljust(width, b"\0")[:width] for payload in payloads])
+    data = np.frombuffer(padded, np.uint8).reshape(-1, width)
+    has_29_bits = flags & (EXTENDED | ERROR) != 0
+    is_remote = flags & REMOTE != 0
+    is_possible = (t_ns < LATEST_NS) & (t_ns > -LONGEST_NS)
+    is_possible &= can_id < np.where(has_29_bits, 1 << 29, 1 << 11)
+    is_possible &= length <= np.where(flags & FD != 0, 64, 8)
+    is_possible &= size == np.where(is_remote, 0, length)
+    can_id[~is_possible] = length[~is_possible] = 0  # they need not fit the types below
     bus, sizes = np.array(buses, np.uint8), length.astype(np.uint8)
-    frames = FrameBatch(t_ns, can_id.astype(np.uint32), flags, bus, sizes, data)
-    if good.all():
-        return Parsed(frames, bad, dropped)
-    return Parsed(frames.select(good), sorted([*bad, *numbers[~good].tolist()]), dropped)
+    return FrameBatch(t_ns, can_id.astype(np.uint32), flags, bus, sizes, data), is_possible
 
 
 def nanoseconds(text: bytes) -> int:
@@ -170,13 +175,13 @@ def read_lines(
     `file`: at its beginning.  `where`: its name, for messages.  Raises InputError if it is not
     text, or nothing in its first block is of that format.
     """
-    tail, before, known, more = b"", 0, False, True
+    tail, lines_before, known, more = b"", 0, False, True
     recent = FrameBatch.empty()
     while more:
         piece = file.read(BLOCK_BYTES)
         more = bool(piece)
         data, zeros, torn = _without_zeros(tail + piece)
-        data = data if before else data.removeprefix(_BOM)
+        data = data if lines_before else data.removeprefix(_BOM)
         whole, newline, tail = data.rpartition(b"\n")
         if len(tail) > MAX_LINE_BYTES:
             raise InputError(where, "is not a text log", "check what it is")
@@ -193,21 +198,21 @@ def read_lines(
                     first = result.bad[0]
                     line = block.split(b"\n", first + 1)[first].strip()
                     shown = printable(line.decode("ascii", "backslashreplace"), 60)
-                    note = f"line {before + first + 1} is not a frame: {shown!r}"
+                    note = f"line {lines_before + first + 1} is not a frame: {shown!r}"
                     loss.add(note, garbled=len(result.bad))
                 for number_of_line, frames in result.dropped:
-                    note = f"line {before + number_of_line + 1} states"
+                    note = f"line {lines_before + number_of_line + 1} states"
                     loss.add(f"{note} {counted(frames, 'lost frame')}", dropped=frames)
                 recent = result.frames
                 yield result.frames
             elif len(result.frames) or result.bad:
-                loss.add(f"line {before + 1} has no end", bytes_cut=len(block))
-            before += block.count(b"\n")
+                loss.add(f"line {lines_before + 1} has no end", bytes_cut=len(block))
+            lines_before += block.count(b"\n")
         if zeros:
-            loss.add(f"{zeros} zero bytes up to line {before + 1}", bytes_cut=zeros)
+            loss.add(f"{zeros} zero bytes up to line {lines_before + 1}", bytes_cut=zeros)
         if torn:
             lines = counted(torn, "line")
-            loss.add(f"zero bytes cut {lines} up to line {before + 1}", garbled=torn)
+            loss.add(f"zero bytes cut {lines} up to line {lines_before + 1}", garbled=torn)
 
 
 def _is_whole(text: bytes, frames: FrameBatch, before: FrameBatch, parse: LineParser) -> bool:

@@ -107,17 +107,20 @@ class TrcParser:
             return t_ns, 0, ERROR, bus, 0, b""
         identifier = tokens[place["I"]]
         can_id = number(identifier, 16)
-        flags |= EXTENDED * (len(identifier) > 4) | REMOTE * (word.startswith(b"rtr"))
+        if len(identifier) > 4:
+            flags |= EXTENDED
+        if word.startswith(b"rtr"):
+            flags |= REMOTE
         if "d" in place and tokens[place["d"]].lower() == b"tx":
             flags |= SENT
         if "l" in place:
             length = number(tokens[place["l"]], 10)
         else:
             length = number(tokens[place["L"]], 10)
-            if self._version >= "2":
-                length = (
-                    _FD_LENGTHS[length] if flags & FD else min(length, 8 if length < 16 else 99)
-                )
+            if self._version >= "2" and flags & FD:
+                length = _FD_LENGTHS[length]
+            elif self._version >= "2" and length < 16:  # a code of 9 to 15 means 8 bytes
+                length = min(length, 8)
         data = b"" if flags & REMOTE else spaced_bytes(text, length, 16)
         return t_ns, can_id, flags, bus, length, data
 

@@ -167,12 +167,8 @@ def _run(content: Content, path: str) -> Run:
         field.name: _attribute(content, path, f"lost_{field.name}", int, 0)
         for field in fields(Losses)
     }
-    raw = [
-        _frames(content, f"{path}/{name}")
-        for name in groups_in(content, path)
-        if name.startswith(RAW_PREFIX)
-    ]
-    frames = FrameBatch.concatenate(raw)
+    buses = [name for name in groups_in(content, path) if name.startswith(RAW_PREFIX)]
+    frames = FrameBatch.concatenate([_frames(content, f"{path}/{name}") for name in buses])
     events = _rows(content, f"{path}/events", EVENT_COLUMNS, set(EVENT_COLUMNS))
     return Run(
         mass_state=_attribute(content, path, "mass_state", str),
@@ -185,7 +181,7 @@ def _run(content: Content, path: str) -> Run:
         reasons=_lines(content, path, "reasons"),
         losses=Losses(**losses),
         events=tuple(Event(**row) for row in events),
-        frames=frames.by_time() if len(raw) > 1 else frames,
+        frames=frames.by_time() if len(buses) > 1 else frames,
     )
 
 
@@ -205,14 +201,14 @@ def _frames(content: Content, path: str) -> FrameBatch:
     bus = _attribute(content, path, "bus", int)
     if not 0 <= bus <= 255:
         raise SchemaError(path, f"is of bus {bus}, which there is not")
-    rows = len(_values(content, f"{path}/t_ns", "i8"))
-    wide = content[f"{path}/data"].values if f"{path}/data" in content else None
-    size = 8 if wide is None or wide.ndim != 2 or wide.shape[1] != 64 else 64
+    n = len(_values(content, f"{path}/t_ns", "i8"))
+    data = content[f"{path}/data"].values if f"{path}/data" in content else None
+    width = 64 if data is not None and data.shape[1:] == (64,) else 8
     columns = {
-        name: _values(content, f"{path}/{name}", dtype, (rows, size) if name == "data" else (rows,))
+        name: _values(content, f"{path}/{name}", dtype, (n, width) if name == "data" else (n,))
         for name, dtype in FRAME_COLUMNS.items()
     }
-    return FrameBatch(bus=np.full(rows, bus, np.uint8), **columns)
+    return FrameBatch(bus=np.full(n, bus, np.uint8), **columns)
 
 
 def _attributes(content: Content, path: str) -> Mapping[str, Any]:
@@ -244,9 +240,10 @@ def _values(
     values = content[path].values if path in content else None
     if values is None:
         raise SchemaError(path, "is absent")
-    kind, kinds = np.dtype(dtype).kind, {values.dtype.kind}
-    right = values.ndim == 1 if shape is None else values.shape == shape
-    if not right or not (kinds == {kind} or kinds | {kind} <= {"i", "u"}):
+    kind, stored = np.dtype(dtype).kind, values.dtype.kind
+    is_kind = stored == kind or {stored, kind} <= {"i", "u"}
+    fits = values.ndim == 1 if shape is None else values.shape == shape
+    if not fits or not is_kind:
         raise SchemaError(path, f"has type {values.dtype} and shape {values.shape}")
     return values if kind == "S" else values.astype(dtype, copy=False)
 

@@ -25,6 +25,7 @@ from .read import session_of
 
 _YEAR_2000_NS = 946_684_800_000_000_000
 _STAMP_TOLERANCE_S = 0.5
+"""Largest difference of a sample's time and its time stamp, s."""
 _LARGEST = {
     Quantity.BODY_ACCELERATION: 1e3,
     Quantity.HUB_ACCELERATION: 1e4,

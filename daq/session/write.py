@@ -48,11 +48,9 @@ def write_session(path: Path | str, session: Session) -> None:
         make_room(path)
         write_bytes(path, image)
     except OSError as error:
-        raise InputError(
-            str(path),
-            f"cannot be written: {error.strerror or error}",
-            "check folder, rights and free space; the journal or log still holds everything",
-        ) from error
+        what = f"cannot be written: {error.strerror or error}"
+        advice = "check folder, rights and free space; the journal or log still holds everything"
+        raise InputError(str(path), what, advice) from error
 
 
 def _check_names(session: Session) -> None:

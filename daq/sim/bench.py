@@ -51,7 +51,8 @@ PUSHES_S = len(ORDER) * (PUSH_S + PAUSE_S)
 """Duration of a push on each corner, s."""
 _MARGIN_S = 0.2
 """Margin at the end of an act, s, because an act ends with the piece that is being sampled."""
-_SEEN_S = 1e-3
+_LOOK_S = 1e-3
+"""Step at which a motion is searched for its largest reading, s."""
 
 
 class Fault(StrEnum):
@@ -92,14 +93,14 @@ class Acts:
     def __init__(self, bench: Bench, rig: Rig) -> None:
         self._bench, self._rig = bench, rig
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="simulated car")
-        self._known: dict[tuple[str, Excitation, Fault | None], Future[Act]] = {}
+        self._bumps: dict[tuple[str, Excitation, Fault | None], Future[Act]] = {}
 
     def close(self) -> None:
         """Cancel the computations that have not begun."""
         self._pool.shutdown(wait=False, cancel_futures=True)
 
     def rest(self, mass_state: str) -> Act:
-        """Return the act of a car that remains at rest."""
+        """Return the act of a car that remains at rest: a push that changes nothing."""
         pose = static_pose(self._rig.plants[mass_state])
         return self._rig.act(Push(pose, np.zeros((7, 1)), 1.0), 0.0, np.inf)
 
@@ -111,11 +112,12 @@ class Acts:
     def prepare(self, step: Step, fault: Fault | None) -> Future[Act]:
         """Begin to compute a bump, if this has not been done, and return its future."""
         kind = (step.mass_state, step.excitation, fault)
-        if kind not in self._known:
-            self._known[kind] = self._pool.submit(self._made, *kind)
-        return self._known[kind]
+        if kind not in self._bumps:
+            self._bumps[kind] = self._pool.submit(self._made, *kind)
+        return self._bumps[kind]
 
     def _made(self, mass_state: str, excitation: Excitation, fault: Fault | None) -> Act:
+        """Compute a bump with a fault of the motion or of a sensor."""
         if fault is Fault.WRONG_MODE:
             excitation = _MIXED_UP.get(excitation, Excitation.ROLL)
         again_s = SECOND_BUMP_S if fault is Fault.DOUBLE_BUMP else 0.0
@@ -123,20 +125,23 @@ class Acts:
         triggers = trigger_channels(self._bench.channels, self._bench.campaign.method)
         if fault is Fault.WEAK:
             peak = max(float(np.max(np.abs(self._moved(act, c)))) for c in triggers)
-            height = WEAK_LEVELS * self._bench.trigger.level / peak
-            return self._bump(mass_state, excitation, height)
+            height_share = WEAK_LEVELS * self._bench.trigger.level / peak
+            return self._bump(mass_state, excitation, height_share)
         if fault is Fault.OVERLOAD:  # the strongest sensor, at half of its free motion
-            free = round((LEAD_S + self._bench.campaign.bump_s + 0.01) / _SEEN_S)
+            free = round((LEAD_S + self._bench.campaign.bump_s + 0.01) / _LOOK_S)  # an index
             top, name = max((float(self._moved(act, c)[free:].max()), c.name) for c in triggers)
             return replace(act, limits={name: GRAVITY_M_S2 + top / 2})
-        if fault is Fault.FROZEN:
+        if fault is Fault.FROZEN:  # a limit of 0 leaves one value
             name = [c.name for c in self._bench.channels if c.corner is not None][-1]
             return replace(act, limits={name: 0.0})
         return act
 
-    def _bump(self, mass_state: str, kind: Excitation, height: float, again_s: float = 0.0) -> Act:
-        """Return a bump as the procedure makes it, or two as if rolled over, `again_s` apart."""
-        plant, height_m = self._rig.plants[mass_state], height * self._bench.campaign.bump_height_m
+    def _bump(
+        self, mass_state: str, kind: Excitation, height_share: float, again_s: float = 0.0
+    ) -> Act:
+        """Return a bump of a share of the campaign's height; two, rolled over, if `again_s` > 0."""
+        plant = self._rig.plants[mass_state]
+        height_m = height_share * self._bench.campaign.bump_height_m
         method, end_s = self._bench.campaign.method, LEAD_S + SWING_S + again_s
         if method is Method.ROLL_OVER or again_s:
             bump = Bump(kind, height_m, LEAD_S, self._bench.campaign.bump_s)
@@ -159,7 +164,7 @@ class Acts:
     def _moved(self, act: Act, channel: Channel) -> Array:
         """Return the reading of an accelerometer in an act without gravity, every millisecond."""
         sensor = self._rig.drawn.sensors[channel.name]
-        motion = act.motion.at(np.arange(0.0, LEAD_S + 1.0, _SEEN_S))
+        motion = act.motion.at(np.arange(0.0, LEAD_S + 1.0, _LOOK_S))
         return true_reading(channel, sensor, self._rig.installation, motion) - GRAVITY_M_S2
 
 
@@ -173,14 +178,14 @@ def push_frames(
     """
     rig = rig_of(bench, codec, car, seed)
     acts = Acts(bench, rig)
-    rest = acts.rest(BASELINE)
-    plan = [(rest, rest_s)]
+    standing = acts.rest(BASELINE)
+    plan = [(standing, rest_s)]  # acts and their lengths, s
     for corner in ORDER:
-        plan += [(acts.push(BASELINE, corner), PUSH_S), (rest, PAUSE_S)]
+        plan += [(acts.push(BASELINE, corner), PUSH_S), (standing, PAUSE_S)]
     acts.close()
     rng, free_ns = np.random.default_rng([seed, 2]), [start_ns] * len(bench.buses)
     done_s = 0.0
-    for act, length_s in [*plan, (rest, np.inf)]:
+    for act, length_s in [*plan, (standing, np.inf)]:
         begun_s = done_s
         while done_s < begun_s + length_s:
             span_s = (done_s, min(done_s + PIECE_S, begun_s + length_s))
@@ -224,13 +229,13 @@ class SimulatedBench:
         self._due_s = np.inf  # the next bump
         self._bumps = 0
         self._judged = -1  # runs that the recorder had judged at the last bump
-        self._again_s = 0.0
-        self._gap_s = (np.inf, np.inf)
+        self._again_s = 0.0  # earliest time of a bump without a new verdict
+        self._gap_s = (np.inf, np.inf)  # begin and end of the time without frames
         self._unplug_s = np.inf
-        self._plugged_s = 0.0  # again
-        self._asked: deque[Corner] = deque()
-        self._notes: int | None = None  # notes of the recording, already seen
-        self._others: dict[int, deque[FrameBatch]] = {}
+        self._plugged_s = 0.0  # from which the adapter is there again
+        self._asked: deque[Corner] = deque()  # pushes
+        self._notes: int | None = None  # number of the recording's notes that were read
+        self._others: dict[int, deque[FrameBatch]] = {}  # frames of further buses, by number
         self._host_s = time.monotonic()
 
     @property
@@ -324,22 +329,26 @@ class SimulatedBench:
                 self._wait_and_bump(step, status)
                 return
         self._due_s = np.inf
-        # A new mark of the bench check asks for a push: `push FL`.
-        seen = len(status.notes) if self._notes is None else self._notes
-        seen = seen if seen <= len(status.notes) else 0  # another recording begins at 0
-        for note in status.notes[seen:]:
+        self._hear(status)
+        if self._asked:
+            self._begin(self._acts.push(self._mass_state, self._asked.popleft()))
+
+    def _hear(self, status: Status) -> None:
+        """Add the pushes that new notes ask for: the bench check marks `push FL`."""
+        heard = len(status.notes) if self._notes is None else self._notes
+        heard = heard if heard <= len(status.notes) else 0  # another recording begins at 0
+        for note in status.notes[heard:]:
             word, _, corner = note.text.partition(" ")
             if word == "push" and corner in set(Corner):
                 self._asked.append(Corner(corner))
         self._notes = len(status.notes)
-        if self._asked:
-            self._begin(self._acts.push(self._mass_state, self._asked.popleft()))
 
     @property
     def _next_fault(self) -> Fault | None:
         return self._fault if self._bumps + 1 == SPOILT_BUMP else None
 
     def _wait_and_bump(self, step: Step, status: Status) -> None:
+        """Bump an armed car after a person's time to react (`PATIENCE_S`)."""
         judged = sum(run.status is not LoggedStatus.OPEN for run in status.runs)
         if judged == self._judged and self._done_s < self._again_s:
             return  # on a busy machine its status is that before the last bump

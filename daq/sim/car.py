@@ -177,70 +177,86 @@ def draw(
     same campaign.  Raises InputError if a fault is declared for no channel, or two for the same
     one.
     """
-    faults = {fault.channel: fault for fault in car.faults}
-    names = [channel.name for channel in channels]
-    for fault in car.faults:
-        if fault.channel not in names:
-            what = f"no channel {fault.channel!r} for this fault"
-            raise InputError("simulated car", what, f"channels are {', '.join(names)}")
-        if faults[fault.channel] is not fault:
-            what = f"channel {fault.channel} has two faults"
-            raise InputError("simulated car", what, "state them as one")
+    faults = _faults_by_channel(channels, car.faults)
     rng = np.random.default_rng([seed, 0])
-    gains = np.random.default_rng([seed, 4])  # its own: stated gains leave the other draws alone
+    gain_rng = np.random.default_rng([seed, 4])  # separate: a stated gain changes no other draw
     messages = dict.fromkeys(message_of(channel.signal) for channel in channels)
     # One message is one device: a delay of one of its signals is a delay of all.
-    lateness = {message: rng.standard_normal() for message in messages}
+    delay_errors = {message: rng.standard_normal() for message in messages}  # in sigmas
     clocks = {
         message: ClockTruth(rng.uniform(), car.clock_error * rng.standard_normal())
         for message in messages
     }
     sensors = {}
     for channel in channels:
-        late = lateness[message_of(channel.signal)]
-        slip = channel.position_sigma_m * rng.standard_normal(2)
+        delay_error = delay_errors[message_of(channel.signal)]
+        position_error_m = channel.position_sigma_m * rng.standard_normal(2)
         bias = car.bias.of(channel.quantity) * rng.standard_normal()
         cg = (-car.parameters.a, car.imperfections.cg_offset_m)
         x_m, y_m = cg if channel.at_cg else (channel.x_m, channel.y_m)
         on_body = channel.quantity in ON_BODY
+        gain = 1.0
+        if channel.scale_sigma:
+            gain += channel.scale_sigma * float(gain_rng.standard_normal())
         sensor = SensorTruth(
-            x_m=x_m + slip[0] if on_body else math.nan,
-            y_m=y_m + slip[1] if on_body else math.nan,
+            x_m=x_m + position_error_m[0] if on_body else math.nan,
+            y_m=y_m + position_error_m[1] if on_body else math.nan,
             # A sensor cannot be early: a draw below zero gives a sensor without delay.
-            delay_s=max(0.0, channel.delay_s + channel.delay_sigma_s * late),
+            delay_s=max(0.0, channel.delay_s + channel.delay_sigma_s * delay_error),
             bias=bias,
             low_pass_hz=channel.low_pass_hz,
             low_pass_order=channel.low_pass_order,
-            gain=1.0
-            if not channel.scale_sigma
-            else 1.0 + channel.scale_sigma * float(gains.standard_normal()),
+            gain=gain,
         )
-        sensors[channel.name] = (
-            spoilt(sensor, faults[channel.name]) if channel.name in faults else sensor
-        )
-    loads = {}
-    for state in mass_states:  # as scales and tape measured them; first all masses, then places
-        weighed = [
-            replace(weight, mass_kg=weight.mass_kg + weight.sigma_kg * rng.standard_normal())
-            for weight in state.added.weights
-        ]
-        for i, weight in enumerate(weighed):
-            if isinstance(weight, BodyWeight):
-                x_m, y_m = weight.position_sigma_m * rng.standard_normal(2)
-                weighed[i] = replace(weight, x_m=weight.x_m + x_m, y_m=weight.y_m + y_m)
-        loads[state.name] = replace(state.added, weights=tuple(weighed))
-    return Truth(car.parameters, loads, sensors, clocks)
+        fault = faults.get(channel.name)
+        sensors[channel.name] = sensor if fault is None else spoilt(sensor, fault)
+    true_loads = {state.name: _true_load(state.added, rng) for state in mass_states}
+    return Truth(car.parameters, true_loads, sensors, clocks)
+
+
+def _faults_by_channel(
+    channels: Sequence[Channel], faults: Sequence[SensorFault]
+) -> dict[str, SensorFault]:
+    """Return the fault of each faulty channel; raises as `draw`."""
+    names = [channel.name for channel in channels]
+    by_channel: dict[str, SensorFault] = {}
+    for fault in faults:
+        if fault.channel not in names:
+            what = f"no channel {fault.channel!r} for this fault"
+            raise InputError("simulated car", what, f"channels are {', '.join(names)}")
+        if fault.channel in by_channel:
+            what = f"channel {fault.channel} has two faults"
+            raise InputError("simulated car", what, "state them as one")
+        by_channel[fault.channel] = fault
+    return by_channel
+
+
+def _true_load(added: AddedMass, rng: np.random.Generator) -> AddedMass:
+    """Draw the true weights from their stated uncertainties: all masses first, then places."""
+    weights = [
+        replace(weight, mass_kg=weight.mass_kg + weight.sigma_kg * rng.standard_normal())
+        for weight in added.weights
+    ]
+    for i, weight in enumerate(weights):
+        if isinstance(weight, BodyWeight):
+            x_m, y_m = weight.position_sigma_m * rng.standard_normal(2)
+            weights[i] = replace(weight, x_m=weight.x_m + x_m, y_m=weight.y_m + y_m)
+    return replace(added, weights=tuple(weights))
 
 
 def spoilt(sensor: SensorTruth, fault: SensorFault) -> SensorTruth:
-    """Return a sensor with its fault."""
-    filtered = fault.low_pass_hz > 0.0
+    """Return a sensor with its fault.
+
+    Delays and constant errors add, gains multiply; the fault's limit, and its low-pass if it has
+    one, replace those of the sensor.
+    """
+    has_low_pass = fault.low_pass_hz > 0.0
     return replace(
         sensor,
         delay_s=sensor.delay_s + fault.late_s,
         bias=sensor.bias + fault.offset,
-        low_pass_hz=fault.low_pass_hz if filtered else sensor.low_pass_hz,
-        low_pass_order=fault.low_pass_order if filtered else sensor.low_pass_order,
+        low_pass_hz=fault.low_pass_hz if has_low_pass else sensor.low_pass_hz,
+        low_pass_order=fault.low_pass_order if has_low_pass else sensor.low_pass_order,
         gain=sensor.gain * fault.gain,
         limit=fault.limit,
     )
@@ -254,9 +270,9 @@ def true_parameters(car: SimulatedCar) -> dict[str, float]:
     sliding friction of a corner.
     """
     p, i = car.parameters, car.imperfections
-    truth = asdict(p)
+    values = asdict(p)
     for name, curve in zip(("c_sf", "c_sr"), i.dampers(p), strict=True):
-        truth[name] = curve.secant_ns_m
+        values[name] = curve.secant_ns_m
     for kind, factors in (
         ("m_u", i.wheel),
         ("k_s", i.suspension),
@@ -264,20 +280,20 @@ def true_parameters(car: SimulatedCar) -> dict[str, float]:
         ("c_s", i.damper),
     ):
         for axle, mean in zip("fr", means(factors), strict=True):
-            truth[f"{kind}{axle}"] *= mean
-    rubbing = means(i.friction.sides)
-    return truth | {
+            values[f"{kind}{axle}"] *= mean
+    friction_means = means(i.friction.sides)
+    return values | {
         "k_af": i.bar_front_n_m,
         "k_ar": i.bar_rear_n_m,
         "c_tf": i.tyre_damping_front_ns_m,
         "c_tr": i.tyre_damping_rear_ns_m,
         "y_s": i.cg_offset_m,
-        "F_cf": i.friction.front_n * rubbing[0],
-        "F_cr": i.friction.rear_n * rubbing[1],
+        "F_cf": i.friction.front_n * friction_means[0],
+        "F_cr": i.friction.rear_n * friction_means[1],
     }
 
 
 def present_parameters(car: SimulatedCar) -> dict[str, float]:
     """Return the true parameters, without those beyond the 15 that the car does not have."""
-    truth = true_parameters(car)
-    return {name: truth[name] for name in truth if name in PARAMETER_NAMES or truth[name] != 0.0}
+    values = true_parameters(car)
+    return {n: value for n, value in values.items() if n in PARAMETER_NAMES or value != 0.0}

@@ -90,7 +90,7 @@ class Rig:
     """The car in each state of loading."""
 
     def act(self, motion: Moving, sampled_s: float, length_s: float, bump_s: float = np.inf) -> Act:
-        """Return a motion for sampling from 0 to `sampled_s`."""
+        """Return a motion for sampling from 0 to `sampled_s`; `length_s`, `bump_s`: as in `Act`."""
         smooth = {}
         for channel in (channel for sender in self.senders for channel in sender.channels):
             sensor = self.drawn.sensors[channel.name]
@@ -127,28 +127,40 @@ class Rig:
         span_s: tuple[float, float],
         rng: np.random.Generator,
     ) -> Burst:
-        """Sample, encode and release the frames of one message."""
+        """Sample, encode and release the frames of one message; arguments as for `frames`."""
         counter, tick_s = sender.ticks(*span_s)
-        seen: dict[float, Kinematics] = {}
+        readings = self._readings(sender, act, tick_s - begun_s)
         values = {}
         for channel in sender.channels:
             sensor = self.drawn.sensors[channel.name]
             sensor = replace(sensor, limit=act.limits.get(channel.name, sensor.limit))
             signal = sender.message.signal(signal_of(channel.signal))
-            seen_s = tick_s - begun_s - sensor.delay_s
-            if channel.name in act.low_passed:
-                reading = np.interp(seen_s, *act.low_passed[channel.name])
-            else:
-                if sensor.delay_s not in seen:
-                    seen[sensor.delay_s] = act.motion.at(seen_s)
-                reading = true_reading(channel, sensor, self.installation, seen[sensor.delay_s])
             values[signal.name] = signal_values(
-                channel, signal, sensor, self.car.noise, reading, rng
+                channel, signal, sensor, self.car.noise, readings[channel.name], rng
             )
         payload = self.codec.encode(sender.message.name, values, counter)
-        # Less than half a cycle late, because frames of one message must not overtake each other.
-        late_s = np.minimum(rng.exponential(self.car.jitter_s, len(tick_s)), sender.cycle_s / 2)
-        return Burst(sender.message, tick_s + late_s, payload)
+        # At most half a cycle, because frames of one message must not overtake each other.
+        jitter_s = np.minimum(rng.exponential(self.car.jitter_s, len(tick_s)), sender.cycle_s / 2)
+        return Burst(sender.message, tick_s + jitter_s, payload)
+
+    def _readings(self, sender: Sender, act: Act, tick_s: Array) -> dict[str, Array]:
+        """Return the true readings of a message's channels, (n,) SI, by channel.
+
+        `tick_s`, (n,): times since the beginning of the act, s.
+        """
+        motion_by_delay: dict[float, Kinematics] = {}  # sensors of one delay show one motion
+        readings = {}
+        for channel in sender.channels:
+            sensor = self.drawn.sensors[channel.name]
+            shown_s = tick_s - sensor.delay_s
+            if channel.name in act.low_passed:
+                readings[channel.name] = np.interp(shown_s, *act.low_passed[channel.name])
+                continue
+            if sensor.delay_s not in motion_by_delay:
+                motion_by_delay[sensor.delay_s] = act.motion.at(shown_s)
+            motion = motion_by_delay[sensor.delay_s]
+            readings[channel.name] = true_reading(channel, sensor, self.installation, motion)
+        return readings
 
 
 def campaign_frames(
@@ -203,23 +215,17 @@ def bench_senders(bench: Bench, codec: Codec, drawn: Truth) -> tuple[Sender, ...
                 message = codec.message(name)
                 message.signal(signal_of(channel.signal))
             except KeyError as error:
-                raise InputError(
-                    f"channel {channel.name}",
-                    f"signal {channel.signal} is not in {bench.dbc_name}",
-                    "name a signal of the DBC as Message.signal",
-                ) from error
+                what = f"signal {channel.signal} is not in {bench.dbc_name}"
+                advice = "name a signal of the DBC as Message.signal"
+                raise InputError(f"channel {channel.name}", what, advice) from error
         if message.cycle_s is None:
-            raise InputError(
-                bench.dbc_name,
-                f"message {name} has no cycle time",
-                "state cycle_ms for it in a [[message]] of bench.toml",
-            )
+            what = f"message {name} has no cycle time"
+            advice = "state cycle_ms for it in a [[message]] of bench.toml"
+            raise InputError(bench.dbc_name, what, advice)
         if message.length > _MAX_CLASSIC_BYTES:
-            raise InputError(
-                bench.dbc_name,
-                f"message {name} has {message.length} bytes",
-                "the simulated bench sends classic CAN, at most 8 bytes",
-            )
+            what = f"message {name} has {message.length} bytes"
+            advice = "the simulated bench sends classic CAN, at most 8 bytes"
+            raise InputError(bench.dbc_name, what, advice)
         senders.append(Sender(message, message.cycle_s, drawn.clocks[name], tuple(channels)))
     return tuple(senders)
 
@@ -248,6 +254,7 @@ def on_the_buses(
         if not on_bus:
             continue
         messages = [burst.message for burst in on_bus]
+        # Index into `messages` of each frame.
         owner = np.repeat(np.arange(len(on_bus)), [len(burst.release_s) for burst in on_bus])
         release_s = np.concatenate([burst.release_s for burst in on_bus])
         t_ns = transmit(
@@ -288,8 +295,9 @@ def frame_time_ns(message: MessageLayout, bitrate: int) -> int:
 
 def priority(message: MessageLayout) -> int:
     """Return the message's rank in arbitration; the lowest rank wins."""
-    # The 11 leading bits are compared first; a 29-bit identifier loses against an equal 11-bit one.
-    return 2 * message.can_id + 1 if message.is_extended else (2 * message.can_id) << 18
+    # Identifiers are compared from their leading bit: 11 bits rank as 29 with 18 zeros behind.  The
+    # last bit of the rank lets the 29-bit identifier lose against the 11-bit one that begins alike.
+    return 2 * message.can_id + 1 if message.is_extended else 2 * (message.can_id << 18)
 
 
 def transmit(
@@ -300,28 +308,29 @@ def transmit(
 ) -> NDArray[np.int64]:
     """Send frames over a bus that carries one at a time.
 
+    Whenever the bus is free, the waiting frame of the lowest rank is sent.
+
     `release_ns`, (n,) int64: time at which each frame is ready to be sent.  `rank`, (n,) int64: its
     rank in arbitration; equal ranks are sent in order of release.  `duration_ns`, (n,) int64: time
     for which it occupies the bus.  `free_ns`: time until which the bus is busy.  Returns (n,)
     int64: time at which each frame has been received, at the end of its transmission.
     """
     n = len(release_ns)
-    order = np.argsort(release_ns, kind="stable")
-    ready, waits = release_ns[order].tolist(), rank[order].tolist()
-    takes = duration_ns[order].tolist()
-    end = [0] * n
-    queue: list[tuple[int, int]] = []
-    now, arrived, sent = free_ns, 0, 0
-    while sent < n:
-        if not queue:
-            now = max(now, ready[arrived])
-        while arrived < n and ready[arrived] <= now:
-            heappush(queue, (waits[arrived], arrived))
-            arrived += 1
-        _, frame = heappop(queue)
-        now += takes[frame]
-        end[frame] = now
-        sent += 1
-    done = np.empty(n, np.int64)
-    done[order] = end
-    return done
+    order = np.argsort(release_ns, kind="stable")  # the lists below are in order of release
+    releases_ns, ranks = release_ns[order].tolist(), rank[order].tolist()
+    durations_ns = duration_ns[order].tolist()
+    ends_ns = [0] * n
+    waiting: list[tuple[int, int]] = []  # heap of ranks and indices of the lists
+    now_ns, released = free_ns, 0
+    for _ in range(n):
+        if not waiting:
+            now_ns = max(now_ns, releases_ns[released])
+        while released < n and releases_ns[released] <= now_ns:
+            heappush(waiting, (ranks[released], released))
+            released += 1
+        _, frame = heappop(waiting)
+        now_ns += durations_ns[frame]
+        ends_ns[frame] = now_ns
+    received_ns = np.empty(n, np.int64)
+    received_ns[order] = ends_ns
+    return received_ns

@@ -43,10 +43,12 @@ class Branch:
     @classmethod
     def table(cls, points: Sequence[tuple[float, float]]) -> Branch:
         """Return the branch through points (m/s, N) of a test rig, straight between them."""
-        steps = pairwise([(0.0, 0.0), *points])
-        slopes = [(v0, (f1 - f0) / (v1 - v0)) for (v0, f0), (v1, f1) in steps]
-        bends = tuple((v, after - before) for (_, before), (v, after) in pairwise(slopes))
-        return cls(slopes[0][1], slopes[0][1], bends=bends)
+        lines = list(pairwise([(0.0, 0.0), *points]))
+        begins_m_s = [v0 for (v0, _), _ in lines]
+        slopes = [(f1 - f0) / (v1 - v0) for (v0, f0), (v1, f1) in lines]
+        changes = [after - before for before, after in pairwise(slopes)]
+        bends = tuple(zip(begins_m_s[1:], changes, strict=True))
+        return cls(slopes[0], slopes[0], bends=bends)
 
     @property
     def knee_n(self) -> float:
@@ -103,8 +105,8 @@ class DamperCurve:
 
     def force(self, closing: Array) -> Array:
         """Return the force, N, at closing speeds, m/s."""
-        ahead, back = self.compression.force(closing), -self.rebound.force(-closing)
-        return np.where(closing > 0.0, ahead, back)
+        compression_n, rebound_n = self.compression.force(closing), -self.rebound.force(-closing)
+        return np.where(closing > 0.0, compression_n, rebound_n)
 
 
 @dataclass(frozen=True, slots=True)

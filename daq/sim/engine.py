@@ -120,10 +120,11 @@ def _damper(c: Any, bends: Array, closing: float) -> tuple[float, float]:
 @_machine_code
 def _damper_speed(c: Any, bends: Array, force: float) -> float:
     """Return the closing speed, m/s, at which a damper has a force, N (Newton's method)."""
+    # The first guess is not 0, because it chooses between compression and rebound.
     speed = 0.0 if force == 0.0 else np.copysign(1e-6, force)
     for _ in range(60):
-        now, slope = _damper(c, bends, speed)
-        change = (force - now) / slope
+        force_at_speed, slope = _damper(c, bends, speed)
+        change = (force - force_at_speed) / slope
         speed += change
         if abs(change) < 1e-12 + 1e-11 * abs(speed):
             break
@@ -132,6 +133,7 @@ def _damper_speed(c: Any, bends: Array, force: float) -> float:
 
 @_machine_code
 def _closing(c: Any, state: Array, i: int) -> Any:
+    """Return the speed at which wheel i approaches the body, m/s; `c`: its corner."""
     return state[10 + i] - state[7] + c.x_m * state[8] - c.y_m * state[9]
 
 
@@ -141,9 +143,9 @@ def balance(
 ) -> None:
     """Compute all forces except inertia at one instant.
 
-    `state`: (22,).  `road`, `rise`: (4,) height and vertical speed of the road, m and m/s.
-    `suspension`, `tyre`: (4,) are set to the forces on body and wheel and on the wheel, N, upwards.
-    `total`: (7,) is set to the sum on each degree of freedom.
+    `state`: (22,), its layout is above.  `road`, `rise`: (4,) height and vertical speed of the
+    road, m and m/s.  `suspension`, `tyre`: (4,) are set to the forces on body and wheel and on the
+    wheel, N, upwards.  `total`: (7,) is set to the sum on each degree of freedom.
     """
     corners, bends, weight_n = p.corners, p.bends, p.weight_n
     for i in range(7):
@@ -151,14 +153,15 @@ def balance(
     for i in range(4):
         c = corners[i]
         suspension[i] = state[3 + i] - (state[0] - c.x_m * state[1] + c.y_m * state[2])
-    squeeze = (suspension[0], suspension[1], suspension[2], suspension[3])
+    # `suspension` was first the compression of each suspension, m; from here it is the force, N.
+    compression = (suspension[0], suspension[1], suspension[2], suspension[3])
     for i in range(4):
-        c, travel = corners[i], squeeze[i]
+        c, travel = corners[i], compression[i]
         u = travel - c.ride_m
         force = c.spring_n_m * travel + (c.quadratic_n_m2 + c.cubic_n_m3 * u) * u * u
         if u > c.stop_gap_m:
             force += c.stop_n_m * (u - c.stop_gap_m)
-        force += c.bar_n_m * (travel - squeeze[i ^ 1])  # i ^ 1: the other corner of the axle
+        force += c.bar_n_m * (travel - compression[i ^ 1])  # i ^ 1: the axle's other corner
         force += c.friction_n * state[14 + i]
         if c.mount_n_m < np.inf:
             force += c.mount_n_m * state[18 + i]
@@ -179,7 +182,10 @@ def balance(
 
 @_machine_code
 def balances(p: Plant, states: Array, road: Array, rise: Array) -> tuple[Array, Array, Array]:
-    """Return suspension forces (4, n), tyre forces (4, n) and their sums (7, n) of n instants."""
+    """Return suspension forces (4, n), tyre forces (4, n) and sums (7, n) of n instants.
+
+    `states`: (22, n).  `road`, `rise`: (4, n).  Forces and sums are those of `balance`.
+    """
     n = states.shape[1]
     suspension, tyre, total = np.empty((n, 4)), np.empty((n, 4)), np.empty((n, 7))
     for k in range(n):
@@ -265,14 +271,17 @@ def integrate(
 
 @_machine_code
 def read(states: Array, rates: Array, begin_s: float, step_s: float, t_s: Array) -> Array:
-    """Return the states at times within a span, (22, n): cubic between states and their rates."""
+    """Return the states at times within a span, (22, n): Hermite's cubic in each step.
+
+    `states`, `rates`: (m + 1, 22), from `begin_s` at intervals of `step_s`.  `t_s`: (n,).
+    """
     out = np.empty((22, len(t_s)))
     for k in range(len(t_s)):
-        place = (t_s[k] - begin_s) / step_s
-        i = min(max(int(place), 0), len(states) - 2)
-        x = min(max(place - i, 0.0), 1.0)
-        a, b = x * x * (3.0 - 2.0 * x), x * (1.0 - x)
+        steps = (t_s[k] - begin_s) / step_s
+        i = min(max(int(steps), 0), len(states) - 2)
+        x = min(max(steps - i, 0.0), 1.0)  # share of the step that has passed
+        next_weight, rate_weight = x * x * (3.0 - 2.0 * x), x * (1.0 - x)
         for j in range(22):
-            out[j, k] = (1.0 - a) * states[i, j] + a * states[i + 1, j]
-            out[j, k] += b * step_s * ((1.0 - x) * rates[i, j] - x * rates[i + 1, j])
+            out[j, k] = (1.0 - next_weight) * states[i, j] + next_weight * states[i + 1, j]
+            out[j, k] += rate_weight * step_s * ((1.0 - x) * rates[i, j] - x * rates[i + 1, j])
     return out

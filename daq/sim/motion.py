@@ -49,10 +49,11 @@ class Bump:
         The speed jumps where the bump begins and ends; those two instants count as on the bump.
         """
         crest_m = self.height_m * np.array(BUMPS[self.excitation].shares)[:, None]
-        turn = np.pi / self.duration_s
-        on = (t_s >= self.start_s) & (t_s <= self.end_s)
-        phase = turn * (t_s - self.start_s)
-        return crest_m * np.sin(phase) * on, crest_m * turn * np.cos(phase) * on
+        turn_rad_s = np.pi / self.duration_s
+        is_on = (t_s >= self.start_s) & (t_s <= self.end_s)
+        phase = turn_rad_s * (t_s - self.start_s)
+        height_m, speed_m_s = crest_m * np.sin(phase), crest_m * turn_rad_s * np.cos(phase)
+        return np.where(is_on, height_m, 0.0), np.where(is_on, speed_m_s, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +76,7 @@ class Moving(Protocol):
 
 
 class _Span(NamedTuple):
-    """States and rates, (m + 1, 22), at even times."""
+    """States and their rates of change, (m + 1, 22), at intervals of `step_s`."""
 
     begin_s: float
     step_s: float
@@ -98,9 +99,11 @@ class Motion:
 
     def states(self, t_s: Array) -> Array:
         """Return the states (`engine`) at the times `t_s`, (n,) ascending, s: (22, n)."""
-        first, last = np.searchsorted(t_s, [self.bump.start_s, self.bump.end_s], side="right")
+        bump_s = [self.bump.start_s, self.bump.end_s]
+        on_bump, after = np.searchsorted(t_s, bump_s, side="right")  # first index of each span
         states = np.repeat(self.start, len(t_s), axis=1)
-        for span, part in zip(self.spans, (slice(first, last), slice(last, None)), strict=True):
+        parts = slice(on_bump, after), slice(after, None)
+        for span, part in zip(self.spans, parts, strict=True):
             times = np.ascontiguousarray(t_s[part], dtype=np.float64)
             states[:, part] = read(span.states, span.rates, span.begin_s, span.step_s, times)
         return states
@@ -111,8 +114,8 @@ class Motion:
         Accelerations are those of the balance of forces, not differences of velocities.
         """
         states = self.states(t_s)
-        total = balances(self.plant, states, *self.bump.road(t_s))[2]
-        return Kinematics(states[:7], states[7:14], self.plant.mobility @ total)
+        _, _, force = balances(self.plant, states, *self.bump.road(t_s))
+        return Kinematics(states[:7], states[7:14], self.plant.mobility @ force)
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,13 +133,13 @@ class TwoBumps:
 
 
 def _spliced(first: Moving, second: Motion, t_s: Array) -> Kinematics:
-    """Return a motion that another one follows from the beginning of its bump."""
+    """Return the first motion up to the bump of the second, and the second from there, at `t_s`."""
     split = int(np.searchsorted(t_s, second.bump.start_s, side="right"))
-    early, late = first.at(t_s[:split]), second.at(t_s[split:])
+    before, after = first.at(t_s[:split]), second.at(t_s[split:])
     return Kinematics(
-        np.hstack([early.pose, late.pose]),
-        np.hstack([early.velocity, late.velocity]),
-        np.hstack([early.acceleration, late.acceleration]),
+        np.hstack([before.pose, after.pose]),
+        np.hstack([before.velocity, after.velocity]),
+        np.hstack([before.acceleration, after.acceleration]),
     )
 
 
@@ -150,6 +153,7 @@ def standing(plant: Plant, stuck: Array | None = None) -> Array:
 
 
 def _still(pose: Array, stuck: Array | None = None) -> Array:
+    """Return the state of a car that does not move, (22, 1), in a pose, (7, 1)."""
     state = np.zeros((STATE, 1))
     state[:7], state[14:18] = pose, 0.0 if stuck is None else stuck
     return state
@@ -169,16 +173,16 @@ def drive(
     `step_s`: longest step of the integration, s.  Raises ValueError if the car does not stand on
     four wheels (`static_pose`).
     """
-    first = standing(plant) if start is None else start
-    crest = bump.height_m * np.array(BUMPS[bump.excitation].shares)
-    state, spans = first[:, 0].copy(), []
-    limits = (bump.start_s, bump.end_s)
-    for begin_s, stop_s in (limits, (bump.end_s, max(end_s, bump.end_s + step_s))):
+    start = standing(plant) if start is None else start
+    crest_m = bump.height_m * np.array(BUMPS[bump.excitation].shares)
+    state, spans = start[:, 0].copy(), []
+    bump_s = (bump.start_s, bump.end_s)
+    for begin_s, stop_s in (bump_s, (bump.end_s, max(end_s, bump.end_s + step_s))):
         count = int(np.ceil((stop_s - begin_s) / (EACH * step_s)))
-        states, rates = integrate(plant, state, crest, (begin_s, stop_s), limits, count, EACH)
+        states, rates = integrate(plant, state, crest_m, (begin_s, stop_s), bump_s, count, EACH)
         spans.append(_Span(begin_s, (stop_s - begin_s) / count, states, rates))
         state = states[-1].copy()
-    return Motion(plant, bump, first, (spans[0], spans[1]))
+    return Motion(plant, bump, start, (spans[0], spans[1]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,14 +202,14 @@ class Push:
 
     def at(self, t_s: Array) -> Kinematics:
         """Return the motion at the times `t_s`, (n,) ascending, s; at rest outside the push."""
-        end = 2.0 * np.pi * self.turns
-        turn = end / self.length_s
-        phase = np.clip(turn * (t_s - self.begin_s), 0.0, end)
-        going = (phase > 0.0) & (phase < end)
+        end_rad = 2.0 * np.pi * self.turns
+        turn_rad_s = end_rad / self.length_s
+        phase = np.clip(turn_rad_s * (t_s - self.begin_s), 0.0, end_rad)
+        moves = (phase > 0.0) & (phase < end_rad)
         return Kinematics(
             self.rest + self.sink * (1.0 - np.cos(phase)) / 2,
-            self.sink * turn * np.sin(phase) / 2 * going,
-            self.sink * turn**2 * np.cos(phase) / 2 * going,
+            np.where(moves, self.sink * turn_rad_s * np.sin(phase) / 2, 0.0),
+            np.where(moves, self.sink * turn_rad_s**2 * np.cos(phase) / 2, 0.0),
         )
 
 
@@ -224,7 +228,7 @@ class Release:
 
     def at(self, t_s: Array) -> Kinematics:
         """Return the motion at the times `t_s`, (n,) ascending, s."""
-        press = Push(self.rest, self.held - self.rest, PRESS_S, self.start_s, 0.5)
+        press = Push(self.rest, self.held - self.rest, PRESS_S, self.start_s, turns=0.5)
         return _spliced(press, self.decay, t_s)
 
 
@@ -232,8 +236,8 @@ def dropped(
     plant: Plant, excitation: Excitation, height_m: float, go_s: float, end_s: float
 ) -> Release:
     """Drop a car off blocks of a given height under the wheels that the bump lifts."""
-    held = static_pose(plant, road=height_m * np.array(BUMPS[excitation].shares)[:, None])
-    return Release(held, held, go_s, _let_go(plant, held, go_s, end_s))
+    pose = static_pose(plant, road=height_m * np.array(BUMPS[excitation].shares)[:, None])
+    return Release(pose, pose, go_s, _let_go(plant, pose, go_s, end_s))
 
 
 def pushed_down(
@@ -246,21 +250,25 @@ def pushed_down(
     hand = BUMPS[excitation].hand
     if hand is None:
         raise ValueError(f"a push cannot make a {excitation.words} bump")
-    x_m = plant.corners["x_m"]
-    ahead = hand[0] * float(x_m[0] if hand[0] > 0 else -x_m[2])
-    left = hand[1] * float(np.mean(np.abs(plant.corners["y_m"])))
-    rest = static_pose(plant)
-    sink = static_pose(plant, load=_down(1.0, ahead, left)) - rest
-    at_the_hand = abs(float(sink[0, 0] - sink[1, 0] * ahead + sink[2, 0] * left))
-    held = rest + sink * depth_m / at_the_hand
-    return Release(rest, held, start_s, _let_go(plant, held, start_s + PUSHED_S, end_s))
+    forward, to_left = hand
+    corner_x_m = plant.corners["x_m"]
+    hand_x_m = forward * float(corner_x_m[0] if forward > 0 else -corner_x_m[2])
+    hand_y_m = to_left * float(np.mean(np.abs(plant.corners["y_m"])))
+    before = static_pose(plant)
+    sink_of_1_n = static_pose(plant, load=_down(1.0, hand_x_m, hand_y_m)) - before
+    heave, pitch, roll = sink_of_1_n[:3, 0]
+    hand_sinks_m = abs(float(heave - pitch * hand_x_m + roll * hand_y_m))
+    lowest = before + sink_of_1_n * depth_m / hand_sinks_m
+    return Release(before, lowest, start_s, _let_go(plant, lowest, start_s + PUSHED_S, end_s))
 
 
-def _let_go(plant: Plant, held: Array, go_s: float, end_s: float) -> Motion:
-    return drive(plant, Bump(Excitation.BOUNCE, 0.0, go_s, 0.01), end_s, _still(held))
+def _let_go(plant: Plant, pose: Array, go_s: float, end_s: float) -> Motion:
+    """Return the motion of a car that is released in a pose: a drive over a bump of height 0."""
+    return drive(plant, Bump(Excitation.BOUNCE, 0.0, go_s, 0.01), end_s, _still(pose))
 
 
 def _down(force_n: float, x_m: float, y_m: float) -> Array:
+    """Return the load, (7, 1), of a force that presses the body down at (x, y) from the CG."""
     load = np.zeros((7, 1))
     load[:3, 0] = -force_n * np.array([1.0, -x_m, y_m])
     return load
@@ -268,6 +276,6 @@ def _down(force_n: float, x_m: float, y_m: float) -> Array:
 
 def pushed(plant: Plant, corner: Corner, force_n: float, length_s: float) -> Push:
     """Press the body down at a corner with a force that rises and falls as a cosine."""
-    i, rest = corner.position, static_pose(plant)
+    i, before = corner.position, static_pose(plant)
     load = _down(force_n, plant.corners["x_m"][i], plant.corners["y_m"][i])
-    return Push(rest, static_pose(plant, load=load) - rest, length_s)
+    return Push(before, static_pose(plant, load=load) - before, length_s)

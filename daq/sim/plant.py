@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..vehicle import AddedMass, BodyWeight, Corner, VehicleParameters
-from .elements import ALIKE, NONE, Array, Imperfections, PerCorner
+from .elements import ALIKE, NONE, Array, DamperCurve, Imperfections, PerCorner
 from .engine import CORNER, STATE, Plant, balances
 
 GRAVITY_M_S2 = 9.80665
@@ -44,18 +45,17 @@ def load_car(
         (front if c.front else rear).times(factor)
         for c, factor in zip(Corner, i.damper, strict=True)
     ]
-    ways = [(damper.compression.bends, damper.rebound.bends) for damper in dampers]
-    bends = np.zeros((4, 2, max(len(points) for both in ways for points in both), 2))
-    for corner, both in enumerate(ways):
-        for way, points in enumerate(both):  # a change of 0 fills up
-            bends[corner, way, : len(points)] = np.reshape(points, (-1, 2))
-    half_width_m, none = per_corner(p.t_f, p.t_r), np.zeros((4, 1))
-    rubbing, beta = i.friction, per_corner(*i.tyre_progression_per_m)
+    half_width_m, zero = per_corner(p.t_f, p.t_r), np.zeros((4, 1))
+    friction, progression = i.friction, per_corner(*i.tyre_progression_per_m)
+    is_progressive = progression > 0.0
+    # The force k c (1 + progression c) is least at this c.
+    turn_m = -0.5 / np.where(is_progressive, progression, 1.0)
+    mass = -inertia_forces(p, added, i, np.eye(7))
     linear = Plant(
         np.zeros(4, CORNER),
-        bends,
+        _bends(dampers),
         _gravity(p, added, i),
-        np.asarray(np.linalg.inv(-inertia_forces(p, added, i, np.eye(7))), dtype=np.float64),
+        np.asarray(np.linalg.inv(mass), dtype=np.float64),
     ).other(
         x_m=per_corner(p.a, -p.b),
         y_m=half_width_m * np.array([[corner.side] for corner in Corner]) - i.cg_offset_m,
@@ -69,23 +69,35 @@ def load_car(
         out_knee_n=np.array([[damper.rebound.knee_n] for damper in dampers]),
         out_knee_m_s=np.array([[damper.rebound.knee_m_s] for damper in dampers]),
         mount_n_m=per_corner(*i.mount_n_m),
-        friction_n=per_corner(rubbing.front_n, rubbing.rear_n, rubbing.sides),
-        presliding_m=none + rubbing.presliding_m,
-        surplus=none + rubbing.static_ratio - 1.0,
-        stribeck_m_s=none + rubbing.stribeck_m_s,
+        friction_n=per_corner(friction.front_n, friction.rear_n, friction.sides),
+        presliding_m=zero + friction.presliding_m,
+        surplus=zero + friction.static_ratio - 1.0,
+        stribeck_m_s=zero + friction.stribeck_m_s,
         tyre_n_m=per_corner(p.k_tf, p.k_tr, i.tyre),
-        tyre_turn_m=np.where(beta > 0.0, -0.5 / np.where(beta > 0.0, beta, 1.0), -np.inf),
+        tyre_turn_m=np.where(is_progressive, turn_m, -np.inf),
         tyre_ns_m=per_corner(i.tyre_damping_front_ns_m, i.tyre_damping_rear_ns_m),
     )
-    bare = static_pose(linear._replace(weight_n=_gravity(p, AddedMass(), i)))
+    # The progressive terms count from the pose of the unloaded car, which has linear springs.
+    unloaded = static_pose(linear._replace(weight_n=_gravity(p, AddedMass(), i)))
     return linear.other(
         quadratic_n_m2=per_corner(*i.quadratic_n_m2),
         cubic_n_m3=per_corner(*i.cubic_n_m3),
         stop_n_m=per_corner(*i.stop_n_m),
-        tyre_n_m2=per_corner(p.k_tf, p.k_tr, i.tyre) * beta,
-        ride_m=bare[3:] - corner_motion(linear, bare),
-        squash_m=-bare[3:],
+        tyre_n_m2=per_corner(p.k_tf, p.k_tr, i.tyre) * progression,
+        ride_m=unloaded[3:] - corner_motion(linear, unloaded),
+        squash_m=-unloaded[3:],
     )
+
+
+def _bends(dampers: Sequence[DamperCurve]) -> Array:
+    """Return the kinks of four dampers as `Plant.bends`, filled up with changes of 0."""
+    branches = [(damper.compression, damper.rebound) for damper in dampers]
+    most = max(len(branch.bends) for pair in branches for branch in pair)
+    bends = np.zeros((4, 2, most, 2))
+    for corner, pair in enumerate(branches):
+        for direction, branch in enumerate(pair):
+            bends[corner, direction, : len(branch.bends)] = np.reshape(branch.bends, (-1, 2))
+    return bends
 
 
 def inertia_forces(
@@ -96,10 +108,13 @@ def inertia_forces(
 ) -> Array:
     """Return the forces with which every mass resists an acceleration (d'Alembert).
 
-    `parameters`: body and wheels.  `added`: each weight on the body is a point that moves with the
-    body.  `imperfections`: unequal wheels; the offset of the CG, about which the body turns.
-    `acceleration`, (7, n) float64: of the degrees of freedom.  Returns (7, n) float64: forces, N,
-    and moments about the CG of the baseline body, N m.
+    Order, axes and signs of the degrees of freedom are those of `daq.vehicle`: heave upwards, pitch
+    nose down, roll left side up, then each wheel upwards.
+
+    `parameters`: body and wheels.  `added`: each weight is a point that moves with the body or a
+    wheel; its `matrix` of inertia is about the CG of the baseline body.  `imperfections`: unequal
+    wheels; the offset of the CG, about which the body turns.  `acceleration`, (7, n) float64.
+    Returns (7, n) float64: forces, N, and moments about the CG of the baseline body, N m.
     """
     p, i = parameters, imperfections
     heave, pitch, roll = acceleration[:3]
@@ -112,7 +127,9 @@ def inertia_forces(
         m = weight.mass_kg
         if isinstance(weight, BodyWeight):
             x, y, h = weight.x_m + p.a, weight.y_m - i.cg_offset_m, weight.height_m
-            # Rigid body: the weight's acceleration is that of the CG plus angular acceleration x r.
+            # Rigid body, r = (x, y, h) from the CG, angular acceleration (roll, pitch, 0): the
+            # weight's acceleration is that of the CG plus angular acceleration x r; the moment of
+            # its force is r x force.
             force_x = -m * h * pitch
             force_y = m * h * roll
             force_z = -m * (heave - x * pitch + y * roll)
@@ -162,6 +179,7 @@ def forces(plant: Plant, pose: Array, velocity: Array, road: Array) -> Array:
 
 
 def _states(pose: Array, velocity: Array, friction: Array | None = None) -> Array:
+    """Return states (`engine`), (22, n), with unloaded mounts."""
     states = np.zeros((STATE, pose.shape[1]))
     states[:7], states[7:14] = pose, velocity
     states[14:18] = 0.0 if friction is None else friction
@@ -182,21 +200,20 @@ def static_pose(
     weights would tip it over).
     """
     height = np.zeros((4, 1)) if road is None else road
-    under = np.repeat(height, 8, axis=1)
-    none = np.zeros((4, 1))
-    linear = plant.other(quadratic_n_m2=none, cubic_n_m3=none, stop_n_m=none, tyre_n_m2=none)
+    zero = np.zeros((4, 1))
+    linear = plant.other(quadratic_n_m2=zero, cubic_n_m3=zero, stop_n_m=zero, tyre_n_m2=zero)
     # The linear car first, far enough down for every tyre to touch: Newton's first step is exact
     # there, and the next removes rounding.  It is close enough for the real springs.
     pose = np.full((7, 1), -1.0)
     pose[1:3] = 0.0
-    for car, reach, most in ((linear, -0.1, 3), (plant, -1e-6, 20)):
-        for _ in range(most):
-            steps = np.hstack([pose, pose + reach * np.eye(7)])
-            states = _states(steps, np.zeros((7, 8)), friction)
-            balance = balances(car, states, under, np.zeros((4, 8)))[2]
-            balance = balance if load is None else balance + load
-            slope = (balance[:, 1:] - balance[:, :1]) / reach
-            change = np.linalg.solve(slope, balance[:, :1])
+    for car, step, most_iterations in ((linear, -0.1, 3), (plant, -1e-6, 20)):
+        for _ in range(most_iterations):
+            poses = np.hstack([pose, pose + step * np.eye(7)])  # then each coordinate moved alone
+            states = _states(poses, np.zeros((7, 8)), friction)
+            force = balances(car, states, np.repeat(height, 8, axis=1), np.zeros((4, 8)))[2]
+            force = force if load is None else force + load
+            slope = (force[:, 1:] - force[:, :1]) / step
+            change = np.linalg.solve(slope, force[:, :1])
             pose = pose - change
             if np.abs(change).max() < _SETTLED_M:
                 break

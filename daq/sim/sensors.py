@@ -76,8 +76,9 @@ def true_reading(
     Rotations are small, as in the plant: an accelerometer's share of gravity is 1 g on z, and
     the tilt angle times 1 g on x and y.
 
-    `sensor`: true position of the sensor.  `motion`: n instants.  Returns (n,) float64: in the
-    channel's SI unit.  An unused channel that the simulator does not know reads 0.
+    `sensor`: true position of the sensor.  `motion`: n instants; `daq.vehicle.DOF` is the order of
+    its rows.  Returns (n,) float64: in the channel's SI unit.  An unused channel that the simulator
+    does not know reads 0.
     """
     moved = motion.pose - car.design_pose
     x_m, y_m = sensor.x_m + car.a_m, sensor.y_m - car.cg_y_m
@@ -125,8 +126,8 @@ def low_pass(values: Array, step_s: float, cutoff_hz: float, order: int) -> Arra
 
     analogue = butter(order, 2.0 * math.pi * cutoff_hz, analog=True)
     numerator, denominator, _ = cont2discrete(analogue, step_s, method="foh")
-    moved = lfilter(np.ravel(numerator), denominator, values - values[0])
-    return np.asarray(values[0] + moved, dtype=np.float64)
+    change = lfilter(np.ravel(numerator), denominator, values - values[0])
+    return np.asarray(values[0] + change, dtype=np.float64)
 
 
 def low_passed(
@@ -181,10 +182,8 @@ def signal_values(
     if channel.quantity is not Quantity.UNUSED or channel.signal in _SPARE:
         si = to_si(signal.unit)
         if channel.unit not in ("", si.unit):
-            raise InputError(
-                f"channel {channel.name}",
-                f"is in {channel.unit}, but {channel.signal} is in {signal.unit}",
-                "name the right signal or quantity in bench.toml",
-            )
+            what = f"is in {channel.unit}, but {channel.signal} is in {signal.unit}"
+            advice = "name the right signal or quantity in bench.toml"
+            raise InputError(f"channel {channel.name}", what, advice)
         value = (value - si.offset) / si.factor
     return np.asarray(np.clip(value, *signal.span), dtype=np.float64)

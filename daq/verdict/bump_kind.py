@@ -93,9 +93,9 @@ def patterns(bench: Bench, signals: tuple[Trace, ...]) -> tuple[Pattern, ...]:
         Quantity.HUB_DISPLACEMENT,
         Quantity.SUSPENSION_TRAVEL,
     ):
-        of = {t.channel.corner: t for t in of_quantity(signals, quantity)}
-        if all(corner in of for corner in Corner):
-            four[quantity] = tuple(of[corner] for corner in Corner)
+        by_corner = {t.channel.corner: t for t in of_quantity(signals, quantity)}
+        if all(corner in by_corner for corner in Corner):
+            four[quantity] = tuple(by_corner[corner] for corner in Corner)
     if bench.campaign.method is Method.PUSH:
         travels = four.get(Quantity.SUSPENSION_TRAVEL)
         if travels is not None:
@@ -106,10 +106,9 @@ def patterns(bench: Bench, signals: tuple[Trace, ...]) -> tuple[Pattern, ...]:
     shown = []
     if four and bench.campaign.method is not Method.PUSH:
         # A wheel on the board goes up; the body rises after it and pulls the other wheels down.
-        way = -1.0 if bench.campaign.method is Method.DROP else 1.0
-        parts = [
-            way * trace.part(0.0, bench.campaign.bump_s) for trace in next(iter(four.values()))
-        ]
+        upwards = -1.0 if bench.campaign.method is Method.DROP else 1.0
+        clearest = next(iter(four.values()))
+        parts = [upwards * trace.part(0.0, bench.campaign.bump_s) for trace in clearest]
         size = [float(np.max(part, initial=0.0)) for part in parts]
         shown.append(_of_wheels(bench, np.array(size), "travels"))
     body = _moved_body(bench, signals)
@@ -156,7 +155,7 @@ def _in_words(wheels: Wheels) -> str:
 
 
 def _shares(size: NDArray[np.float64]) -> dict[str, float]:
-    """Return the share of each pattern in the power of four corners."""
+    """Return the share of each pattern in the power of four corners' motions, (4,)."""
     power = {name: float(size @ row) ** 2 for name, row in _PATTERNS.items()}
     total = max(sum(power.values()), _TINY**2)
     return {name: value / total for name, value in power.items()}
@@ -174,7 +173,7 @@ def _likeness(
 
 
 def _of_wheels(bench: Bench, size: NDArray[np.float64], by: str) -> Pattern:
-    """Compare the strikes, which need not come at the same time; `size`: of each wheel's motion."""
+    """Compare the strikes, which need not come at once; `size`, (4,): of each wheel's motion."""
     size = size / max(float(np.linalg.norm(size)), _TINY)
     like = {
         wheels: float(sum(size[corner.position] for corner in wheels)) ** 2 / len(wheels)

@@ -56,7 +56,10 @@ it."""
 PUSH_GUARD_S = 1.0
 """Time after a push by hand that belongs to the same strike, s: the push down and the release are
 one strike."""
+_STRUCK_PEAK = 0.2
+"""Least share of the largest peak of its kind at which a sensor is searched for a second strike."""
 _GRID_S = 0.005
+"""Step of the times at which the envelope of a strike is taken, s."""
 _QUICK_S = 0.15
 """Width of the running mean, s, that is subtracted where the motion of wheels is wanted."""
 _FINEST = 1e-3
@@ -121,11 +124,11 @@ def too_weak(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Ite
         if peak < limit:
             return
     slow = [trace for trace in of_quantity(signals, *_SLOW) if trace.noise > 0.0]
-    axles = {trace.channel.corner.front if trace.channel.corner else None for trace in slow}
+    corners = [trace.channel.corner for trace in slow]
+    is_one_axle = len({c.front for c in corners if c}) == 1 and None not in corners
     # Travels of one axle hardly show a bump at the other; hubs that swing are proof enough.
-    if slow and not (
-        of_quantity(signals, Quantity.HUB_ACCELERATION) and axles in ({True}, {False})
-    ):
+    is_proven = is_one_axle and bool(of_quantity(signals, Quantity.HUB_ACCELERATION))
+    if slow and not is_proven:
         clearest = max(slow, key=lambda trace: trace.peak / trace.noise)
         ratio = clearest.peak / clearest.noise
         text = f"peak of {clearest.name} is {ratio:.0f} times its noise (at least {WEAK_NOISE:.0f})"
@@ -139,15 +142,16 @@ def double_bump(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> 
     Each hub is judged separately, so that a rear axle that passes the board after the front one is
     struck once.
     """
-    struck = of_quantity(signals, Quantity.HUB_ACCELERATION)
-    struck = struck or of_quantity(signals, Quantity.BODY_ACCELERATION) or signals
+    judged = of_quantity(signals, Quantity.HUB_ACCELERATION)
+    judged = judged or of_quantity(signals, Quantity.BODY_ACCELERATION) or signals
     largest = largest_peaks(signals)
     guard_s = PUSH_GUARD_S if bench.campaign.method is Method.PUSH else STRUCK_GUARD_S
-    share, onset_s, name = 0.0, 0.0, ""
-    for trace in struck:
-        if trace.peak > 0.2 * largest[kind_of(trace.channel)]:
-            again = _second_strike(trace, bench.campaign.bump_s + guard_s)
-            share, onset_s, name = max((share, onset_s, name), (*again, trace.name))
+    strikes = [
+        (*_second_strike(trace, bench.campaign.bump_s + guard_s), trace.name)
+        for trace in judged
+        if trace.peak > _STRUCK_PEAK * largest[kind_of(trace.channel)]
+    ]
+    share, onset_s, name = max(strikes, default=(0.0, 0.0, ""))  # the largest share
     if share > STRUCK_SHARE:
         text = (
             f"second bump at +{onset_s:.2f} s: {name} with {share:.0%} of the first (limit "
@@ -160,7 +164,11 @@ def double_bump(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> 
 
 
 def _second_strike(trace: Trace, guard_s: float) -> tuple[float, float]:
-    """Return the ratio of a second strike to the first, and its time, s; 0 if there is none."""
+    """Return the ratio of a second strike to the first, and its time, s; 0 if there is none.
+
+    `guard_s`: time from the first strike in which motion belongs to it, s.  The envelope, the RMS
+    over `STRUCK_S`, of wheels that swing freely only decays: a rise is a strike.
+    """
     grid = np.arange(0.0, trace.time_s[-1], _GRID_S)
     if len(grid) * _GRID_S < guard_s + 2 * STRUCK_S:
         return 0.0, 0.0
@@ -170,7 +178,8 @@ def _second_strike(trace: Trace, guard_s: float) -> tuple[float, float]:
     envelope = np.sqrt((energy[last] - energy[first]) / np.maximum(last - first, 1))
     stop = int(np.argmax(envelope > 0.5 * envelope.max())) + round(guard_s / _GRID_S)
     size, later = float(envelope[:stop].max()), envelope[stop:]
-    lowest = np.maximum(np.minimum.accumulate(later), max(3.0 * trace.noise, 0.02 * size))
+    floor = max(3.0 * trace.noise, 0.02 * size)  # a rise from less is noise
+    lowest = np.maximum(np.minimum.accumulate(later), floor)
     risen = np.where(later > STRUCK_RISE * lowest, later, 0.0)
     if not risen.any():
         return 0.0, 0.0

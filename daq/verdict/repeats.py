@@ -35,6 +35,8 @@ MAIN = 0.3
 """Share of the largest peak of its kind that a channel must exceed to count, because small motions
 differ much."""
 _START_S, _STEP_S, _LENGTH_S, _BIN_S = 0.1, 0.02, 1.5, 0.06
+"""Begin, step and end of the times since the bump at which the slow motion is taken, and the time
+over which each value is averaged, s."""
 _SWING_S = 0.05, 0.55
 """Times since the bump between which a sensor's roughness is measured, s."""
 
@@ -70,6 +72,8 @@ def levels(signals: tuple[Trace, ...]) -> dict[str, float]:
 
 def roughness(signals: tuple[Trace, ...]) -> dict[str, float]:
     """Return the RMS of the part that no swing of a wheel explains, by channel."""
+    # Fourth differences leave little of a swing; those of noise have 70 (1 + 16 + 36 + 16 + 1)
+    # times its variance.
     bends = {trace.name: np.diff(trace.part(*_SWING_S), 4) for trace in signals}
     return {n: float(np.sqrt(np.mean(bend**2) / 70.0)) for n, bend in bends.items() if len(bend)}
 
@@ -119,20 +123,18 @@ def _compared(
     kinds = {t.name: kind_of(t.channel) for t in signals}
     largest = {k: max(size[n] for n in size if kinds[n] == k) for k in set(kinds.values())}
     main = [n for n in size if size[n] > MAIN * largest[kinds[n]]]
-    ratio, name = 1.0, ""
-    like, course_name = 1.0, ""
+    ratio, name = 1.0, ""  # the peak that differs most
+    like, course_name = 1.0, ""  # the course that is least alike
     for channel in main:
-        each = max(measured.peaks[channel], 1e-12) / max(usual[channel], 1e-12)
+        peak_ratio = max(measured.peaks[channel], 1e-12) / max(usual[channel], 1e-12)
         # Half and twice the size are equally far from equal.
-        if abs(math.log(each)) > abs(math.log(ratio)):
-            ratio, name = each, channel
+        if abs(math.log(peak_ratio)) > abs(math.log(ratio)):
+            ratio, name = peak_ratio, channel
         if all(channel in measure.waves for measure in (measured, *accepted)):
-            wave = measured.waves[channel]
-            course = np.median([measure.waves[channel] for measure in accepted], axis=0)
-            product = float(np.linalg.norm(course) * np.linalg.norm(wave))
-            each = float(course @ wave) / product if product > 0.0 else 0.0
-            if each < like:
-                like, course_name = each, channel
+            median_wave = np.median([measure.waves[channel] for measure in accepted], axis=0)
+            correlation = _correlation(measured.waves[channel], median_wave)
+            if correlation < like:
+                like, course_name = correlation, channel
     text = (
         f"peak of {name or 'every channel'} is {ratio:.2f} times that of the accepted runs "
         f"({1.0 / PEAK_RATIO:.2f} to {PEAK_RATIO:.2f} is allowed)"
@@ -145,6 +147,12 @@ def _compared(
         text += f" (at least {LIKENESS:.0%})"
         passed = like >= LIKENESS
         yield finding("not_repeatable", passed, like, LIKENESS, "", text, course_name)
+
+
+def _correlation(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
+    """Return the cosine between two courses, -1..1; 0 if one of them is at rest."""
+    product = float(np.linalg.norm(other) * np.linalg.norm(one))
+    return float(other @ one) / product if product > 0.0 else 0.0
 
 
 # All runs of a kind, if more were accepted than planned -------------------------------------------
@@ -235,16 +243,16 @@ def _compared_all(
 ) -> dict[str, tuple[float, str]]:
     """Return the largest difference of each requested run relative to its limit, and its text."""
     usual = _usual(channels, list(kept.values()))
-    among = [_differences(usual, run) for run in kept.values()]
+    differences_of_kept = [_differences(usual, run) for run in kept.values()]
     limits = {}
-    for sort, name in among[0]:
-        size = median(abs(differences[sort, name]) for differences in among)
+    for sort, name in differences_of_kept[0]:
+        size = median(abs(differences[sort, name]) for differences in differences_of_kept)
         limits[sort, name] = max(_LEAST[sort], size if sort is _Sort.COURSE else UNUSUAL * size)
     result = {}
     for label, run in asked.items():
         differences = _differences(usual, run)
         ratios = {key: abs(differences[key]) / limits[key] for key in limits if key in differences}
-        over, words = 0.0, []
+        largest_ratio, words = 0.0, []
         for sort in _Sort:
             of_sort = {name: ratio for (s, name), ratio in ratios.items() if s is sort}
             if not of_sort:
@@ -253,18 +261,20 @@ def _compared_all(
             ratio = of_sort[worst]
             if sort is _Sort.COURSE:
                 ratio = math.sqrt(float(np.mean(np.square(list(of_sort.values()))))) / UNLIKE
-            over = max(over, ratio)
+            largest_ratio = max(largest_ratio, ratio)
             if ratio > 1.0:
                 words.append(_words(usual, sort, worst, differences[sort, worst]))
         words = words[:2]
         if run.frequency_hz is not None and usual.run.frequency_hz is not None:
             shift = run.frequency_hz / usual.run.frequency_hz - 1.0
             words += [f"frequency {shift:+.0%}"] if abs(shift) >= _NOTABLE else []
-        result[label] = over, ", ".join(words)
+        result[label] = largest_ratio, ", ".join(words)
     return result
 
 
 def _usual(channels: Sequence[Channel], runs: Sequence[RunMeasure]) -> _Usual:
+    """Return the medians of what all runs have measured."""
+
     def medians(values: Iterable[Mapping[str, float]]) -> dict[str, float]:
         every = list(values)
         known = set.intersection(*map(set, every))
@@ -311,12 +321,14 @@ def _course(usual: _Usual, measure: RunMeasure) -> tuple[float, dict[str, float]
     if not names:
         return 1.0, {}
     course = np.array([measure.waves[n] / usual.largest[n] for n in names])
-    there = np.array([usual.run.waves[n] / usual.largest[n] for n in names])
-    basis = np.stack([there.ravel(), np.gradient(there, axis=1).ravel()], axis=1)
+    usual_course = np.array([usual.run.waves[n] / usual.largest[n] for n in names])
+    # Its derivative times a small time is its shift.
+    basis = np.stack([usual_course.ravel(), np.gradient(usual_course, axis=1).ravel()], axis=1)
     weights, *_ = np.linalg.lstsq(basis, course.ravel())
     slow = _cosines(course.shape[1])
     remainder = (course - (basis @ weights).reshape(course.shape)) @ slow.T @ slow
-    size = np.sqrt(np.mean(remainder**2, axis=1) / max(1e-12, np.mean(there**2, axis=1).max()))
+    largest_power = max(1e-12, np.mean(usual_course**2, axis=1).max())
+    size = np.sqrt(np.mean(remainder**2, axis=1) / largest_power)
     return float(weights[0]), dict(zip(names, size.tolist(), strict=True))
 
 
@@ -333,6 +345,7 @@ def _log(one: float, other: float) -> float:
 
 
 def _words(usual: _Usual, sort: _Sort, name: str, size: float) -> str:
+    """Return a difference of a channel (`_differences`) in words."""
     match sort:
         case _Sort.LEVEL:
             side = "higher" if size > 0.0 else "lower"

@@ -56,25 +56,23 @@ def stale(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterat
         yield finding("stale", True, gap_s, limit_s, "s", text)
         return
     who = all_ if len(silent) == len(silence) > 1 else ", ".join(silent)
-    nothing = np.empty(0, np.int64)
-    came = {
-        name: max(
-            (
-                window.channels[c.name][0]
-                for c in bench.channels
-                if name in (c.name, _message(c)) and c.name in window.channels
-            ),
-            key=len,
-            default=nothing,
-        )
-        for name in silent
-    }
-    is_mute = not any(each.is_stale for each in _silences(bench, window, came).values())
+    stamps = {name: _received(bench, window, name) for name in silent}
+    is_mute = not any(each.is_stale for each in _silences(bench, window, stamps).values())
     fault = "without a usable value" if is_mute else "silent"
     were = plural(len(silent), "was", "were")
     text = f"{who} {were} {fault} for {gap_s:.2f} s (limit {limit_s:.2f} s)"
     failed = finding("stale", False, gap_s, limit_s, "s", text, worst)
     yield replace(failed, advice=_NO_VALUE) if is_mute else failed
+
+
+def _received(bench: Bench, window: RunWindow, name: str) -> NDArray[np.int64]:
+    """Return the time stamps of a message or channel, also of samples without a usable value."""
+    stamps = (
+        window.channels[c.name][0]
+        for c in bench.channels
+        if name in (c.name, _message(c)) and c.name in window.channels
+    )
+    return max(stamps, key=len, default=np.empty(0, np.int64))
 
 
 def _silences(bench: Bench, window: RunWindow, stamps: Times) -> dict[str, Silence]:
@@ -94,7 +92,7 @@ def _usable(bench: Bench, window: RunWindow) -> dict[str, NDArray[np.int64]]:
 
 
 def _best_of_message(bench: Bench, usable: Times) -> dict[str, NDArray[np.int64]]:
-    """Return the time stamps of the best channel of each message."""
+    """Return the time stamps of the channel with the most usable samples of each message."""
     best: dict[str, NDArray[np.int64]] = {}
     for channel in bench.channels:
         name, t_ns = _message(channel), usable[channel.name]
@@ -104,6 +102,7 @@ def _best_of_message(bench: Bench, usable: Times) -> dict[str, NDArray[np.int64]
 
 
 def _message(channel: Channel) -> str:
+    """Return the message of a channel; the channel itself if it is in none."""
     return message_of(channel.signal) or channel.name
 
 
@@ -181,18 +180,20 @@ def frozen(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Itera
     each sample should change.  A rate of roll or pitch may be silent by symmetry.
     """
     holds = [longest_hold(t.time_s, t.value, -BEFORE_S, bench.campaign.bump_s) for t in signals]
-    is_still = all(hold.constant for hold in holds)
+    all_constant = all(hold.constant for hold in holds)
     stuck = []
     for trace, hold in zip(signals, holds, strict=True):
-        kind, rate = kind_of(trace.channel), hold.rest_rate
-        if hold.constant or np.isnan(rate):
+        # Share of samples at which a healthy channel changes, NaN if that is unknown.
+        kind, changes = kind_of(trace.channel), hold.rest_rate
+        if hold.constant or np.isnan(changes):
             rates = [
                 other.decay_rate
                 for t, other in zip(signals, holds, strict=True)
                 if kind_of(t.channel) == kind and other.decay_rate > 0.0
             ]
-            rate = nan if kind.startswith("rad") else max(rates, default=nan if is_still else 1.0)
-        if hold.is_frozen(rate):
+            without_others = nan if all_constant else 1.0
+            changes = nan if kind.startswith("rad") else max(rates, default=without_others)
+        if hold.is_frozen(changes):
             stuck.append((hold.length_s, trace.name))
     if not stuck:
         text = f"no sensor held one value for {FROZEN_S:g} s"

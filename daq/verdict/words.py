@@ -128,13 +128,6 @@ def finding(
     subject: str = "",
 ) -> Finding:
     """Return a finding; a failed one has the table's advice."""
-    return Finding(
-        code,
-        Severity.NOTE if passed else Severity.ERROR,
-        text,
-        subject,
-        "" if passed else WORDS[code].advice,
-        float(value),
-        float(limit),
-        unit,
-    )
+    severity = Severity.NOTE if passed else Severity.ERROR
+    advice = "" if passed else WORDS[code].advice
+    return Finding(code, severity, text, subject, advice, float(value), float(limit), unit)

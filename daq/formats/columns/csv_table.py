@@ -61,6 +61,7 @@ def read_csv(path: Path, choose: Choose) -> Table:
 
 
 def _form(path: Path) -> _Form:
+    """Detect the form of a table from its head; raises InputError if no line is of numbers."""
     with path.open("rb") as file:
         raw = file.read(_HEAD_BYTES)
     encoding = "utf-16" if raw[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
@@ -78,25 +79,29 @@ def _form(path: Path) -> _Form:
         full = next((i for i, row in enumerate(rows) if _is_data(row, separator)), None)
         if full is not None:
             first = full  # lines above it with one value and gaps are data too
-            while first > 0 and _is_data(rows[first - 1], separator, len(rows[full])):
+            while first > 0 and _is_sparse_data(rows[first - 1], separator, len(rows[full])):
                 first -= 1
-            names = _headings(rows[:first], rows[full])
-            return _Form(encoding, separator, first, names)
+            headings = _headings(rows[:first], rows[full])
+            return _Form(encoding, separator, first, headings)
     what = "is not a table of numbers with ; tabulator or , between the columns"
     raise InputError(str(path), what, "name a file of channels, or export it with one of these")
 
 
-def _is_data(row: Sequence[str], separator: str, sparse: int = 0) -> bool:
-    """Return whether a line has numbers in most of its cells and in at least two.
-
-    `sparse`: number of cells of a line of data that may have one number or date and else gaps.
-    """
+def _is_data(row: Sequence[str], separator: str) -> bool:
+    """Return whether a line has a number, and numbers or dates in two cells and in two thirds."""
     cells = [cell.strip() for cell in row if cell.strip()]
     numbers = sum(_is_number(cell, separator) for cell in cells)
     dates = sum(bool(_DATE.match(cell)) for cell in cells)
-    if sparse:
-        return len(row) == sparse and len(cells) == 1 and numbers + dates == 1
-    return len(row) > 1 and numbers > 0 and numbers + dates >= max(2, (2 * len(cells) + 2) // 3)
+    two_thirds = (2 * len(cells) + 2) // 3  # rounded up
+    return len(row) > 1 and numbers > 0 and numbers + dates >= max(2, two_thirds)
+
+
+def _is_sparse_data(row: Sequence[str], separator: str, n_cells: int) -> bool:
+    """Return whether a line has this number of cells, one of them a number or date, else gaps."""
+    cells = [cell.strip() for cell in row if cell.strip()]
+    if len(row) != n_cells or len(cells) != 1:
+        return False
+    return _is_number(cells[0], separator) or bool(_DATE.match(cells[0]))
 
 
 def _is_number(cell: str, separator: str) -> bool:
@@ -106,15 +111,15 @@ def _is_number(cell: str, separator: str) -> bool:
 def _headings(head: Sequence[Sequence[str]], data: Sequence[str]) -> tuple[Heading, ...]:
     """Return the columns from the lines of the head and the first line of data."""
     n = len(data)
+    # One cell more or less: some tools end the lines of the head or of the data with a separator.
     wide = [[cell.strip() for cell in row] for row in head if len(row) in (n, n - 1, n + 1)]
+    wide = [[*row, ""][:n] for row in wide]
     names, units = [""] * n, [""] * n
     if wide:
-        last = [*wide[-1], *[""] * n][:n]
-        units_only = all(c.strip("[]()") != c or known_si(c) is not None for c in last)
-        if len(wide) > 1 and units_only and any(last):
-            units = [cell.strip("[]()") for cell in last]
-            last = [*wide[-2], *[""] * n][:n]
-        names = last
+        names = wide[-1]
+        units_only = all(c.strip("[]()") != c or known_si(c) is not None for c in names)
+        if len(wide) > 1 and units_only and any(names):
+            names, units = wide[-2], [cell.strip("[]()") for cell in names]
     headings = list[Heading]()
     for i, name in enumerate(names):
         match = _UNIT.match(name)
@@ -127,9 +132,10 @@ def _headings(head: Sequence[Sequence[str]], data: Sequence[str]) -> tuple[Headi
 
 
 def _read(path: Path, form: _Form, wanted: Sequence[Heading]) -> Table:
+    """Read the wanted columns; the lines of the file, counted from 1, are the index of its rows."""
     pandas = optional("pandas", "data")
     n = len(form.headings)
-    numbers = [form.headings.index(each) for each in wanted]
+    positions = [form.headings.index(each) for each in wanted]
     with warnings.catch_warnings(record=True) as skipped:
         warnings.simplefilter("always")
         table = pandas.read_csv(
@@ -146,23 +152,23 @@ def _read(path: Path, form: _Form, wanted: Sequence[Heading]) -> Table:
             low_memory=False,
         )
     bounded(len(table) * len(wanted), str(path))
-    longer = [int(line) for each in skipped for line in _SKIPPED.findall(str(each.message))]
-    last = form.first + len(table) + len(longer)
-    table.index = np.setdiff1d(np.arange(form.first, last) + 1, longer)[: len(table)]
-    long = table.index[table[n].notna()]
-    table = table.drop(index=long)
+    left_out = [int(line) for each in skipped for line in _SKIPPED.findall(str(each.message))]
+    stop = form.first + len(table) + len(left_out)
+    table.index = np.setdiff1d(np.arange(form.first, stop) + 1, left_out)[: len(table)]
+    too_long = table.index[table[n].notna()]
+    table = table.drop(index=too_long)
     unread = []
-    if lines := [*long.tolist(), *longer]:
+    if lines := [*too_long.tolist(), *left_out]:
         rows = counted(len(lines), "row has", "rows have")
         unread.append(f"{rows} a field too many, the first in line {min(lines)}")
-    has_point = any(_has_point(table[number]) for number in numbers)
+    has_point = any(_has_point(table[position]) for position in positions)
+    is_comma = form.separator != "," and not has_point
     values, bad = {}, []
-    for heading, number in zip(wanted, numbers, strict=True):
-        column = table[number]
+    for heading, position in zip(wanted, positions, strict=True):
+        column = table[position]
         if column.dtype.kind in "iuf":
             values[heading.name] = np.asarray(column)
             continue
-        is_comma = form.separator != "," and not has_point
         values[heading.name], wrong = _numbers(pandas, column, is_comma)
         bad += [(int(line), heading.name) for line in table.index[wrong]]
     if bad:
@@ -183,12 +189,16 @@ def _has_point(column: Any) -> bool:
 
 
 def _numbers(pandas: Any, column: Any, is_comma: bool) -> tuple[NDArray[Any], NDArray[np.bool_]]:
-    """Return the numbers in a column of text, and a mask of the cells that are none."""
+    """Return the numbers in a column of text, and a mask of the cells that are none.
+
+    Gaps are no wrong cells.  Times of day become int64, ns since 1970, other numbers float64.
+    `is_comma`: True if a comma is the decimal mark.
+    """
     text = column.astype("string").str.strip()
     text = text.mask(text.isin(["", "-", "--"]))
     filled = text.notna().to_numpy()
-    first = text[filled].head(1)
-    if bool(first.str.match(_DATE.pattern).fillna(False).any()):
+    first_filled = text[filled].head(1)
+    if bool(first_filled.str.match(_DATE.pattern).fillna(False).any()):
         times = pandas.to_datetime(text, utc=True, errors="coerce", format="ISO8601")
         stamps = np.asarray(times.dt.tz_localize(None), "M8[ns]").astype(np.int64)
         return stamps, filled & times.isna().to_numpy()

@@ -38,7 +38,7 @@ def read_columns(path: Path, names: Sequence[str]) -> Columns:
     InputError if the file cannot be read, or does not have exactly one column of a name.
     """
     where = str(path)
-    wanted: dict[str, Heading] = {}
+    wanted: dict[str, Heading] = {}  # by the name under which a column is returned
 
     def choose(headings: Sequence[Heading]) -> Sequence[Heading]:
         if not headings:
@@ -97,34 +97,38 @@ def _reader(path: Path) -> Callable[[Path, Choose], Table]:
 
 
 def _read_parquet(path: Path, choose: Choose) -> Table:
-    """Return columns of a Parquet table; units are the metadata `unit`, times of day are in ns."""
+    """Return columns of a Parquet table, all on one clock; times of day are in ns."""
     pa = optional("pyarrow", "data")
-    types = pa.types
-
-    def unit(field: Any) -> str:
-        about = field.metadata or {}
-        texts = (about[key].decode("utf-8", "replace") for key in _UNIT_KEYS if key in about)
-        return "ns" if types.is_timestamp(field.type) else next(texts, "")
-
-    def numbers(column: Any) -> NDArray[Any]:
-        if types.is_timestamp(column.type):
-            column = column.cast(pa.timestamp("ns")).cast(pa.int64())
-        elif column.null_count or types.is_float16(column.type):
-            column = column.cast(pa.float64())
-        return np.asarray(column.to_numpy(zero_copy_only=False))
-
-    kinds = (types.is_timestamp, types.is_floating, types.is_integer)
+    kinds = (pa.types.is_timestamp, pa.types.is_floating, pa.types.is_integer)
     with optional("pyarrow.parquet", "data").ParquetFile(path) as file:
         rows = file.metadata.num_rows
-        chosen = choose(
-            [
-                Heading(field.name, unit(field), "table", rows)
-                for field in file.schema_arrow
-                if any(is_kind(field.type) for is_kind in kinds)
-            ]
-        )
+        headings = [
+            Heading(field.name, _parquet_unit(pa, field), "table", rows)
+            for field in file.schema_arrow
+            if any(is_kind(field.type) for is_kind in kinds)
+        ]
+        chosen = choose(headings)
         table = file.read(columns=[each.name for each in chosen], use_threads=False)
-        return Table({each.name: numbers(table[each.name]) for each in chosen})
+        return Table({each.name: _parquet_numbers(pa, table[each.name]) for each in chosen})
+
+
+def _parquet_unit(pa: Any, field: Any) -> str:
+    """Return the unit of a column: ns for times of day, else that in its metadata, "" for none."""
+    if pa.types.is_timestamp(field.type):
+        return "ns"
+    about = field.metadata or {}
+    texts = (about[key].decode("utf-8", "replace") for key in _UNIT_KEYS if key in about)
+    return next(texts, "")
+
+
+def _parquet_numbers(pa: Any, column: Any) -> NDArray[Any]:
+    """Return a column as numbers; its gaps (nulls) are NaN."""
+    if pa.types.is_timestamp(column.type):
+        # Whole ns; where there are gaps, `to_numpy` makes float64 of them, in steps of 256 ns.
+        column = column.cast(pa.timestamp("ns")).cast(pa.int64())
+    elif column.null_count or pa.types.is_float16(column.type):
+        column = column.cast(pa.float64())  # only floats have NaN; float16 has too few digits
+    return np.asarray(column.to_numpy(zero_copy_only=False))
 
 
 def _read_mdf(path: Path, choose: Choose) -> Table:
@@ -187,6 +191,7 @@ def _read_matlab(path: Path, choose: Choose) -> Table:
 
 
 def _collect(name: str, value: Any, arrays: dict[str, NDArray[Any]], depth: int) -> None:
+    """Add the columns in a variable to `arrays`, by their full names."""
     if depth > _DEEPEST:
         return
     if isinstance(value, dict):

@@ -247,8 +247,8 @@ def _record(run: Run, group: SampleGroup, channel: Channel, number: int) -> byte
     about_y = (Quantity.PITCH_RATE, Quantity.PITCH_ACCELERATION)
     about_x = (Quantity.ROLL_RATE, Quantity.ROLL_ACCELERATION)
     is_vertical = channel.corner is not None or channel.quantity in ON_BODY
-    direction = 3 if is_vertical else 4 * (channel.quantity in about_x)
-    direction = 5 if channel.quantity in about_y else direction
+    direction = 3 if is_vertical else 4 if channel.quantity in about_x else 0
+    direction = 5 if channel.quantity in about_y else direction  # 3: z; 4, 5: about x, y; 0: none
     entity = "".join(c if c.isascii() and c.isprintable() else "?" for c in channel.name)[:10]
     texts = (
         channel.name,
