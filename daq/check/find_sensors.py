@@ -160,7 +160,7 @@ def _offsets(
 
 def _named(present: Sequence[tuple[Sensor, str, bool]]) -> list[FoundSensor]:
     """Give each device a name: that of its database, if necessary with its bus or a number."""
-    by_stem: dict[str, list[FoundSensor]] = defaultdict(list)
+    by_stem: dict[str, list[FoundSensor]] = defaultdict(list)  # by name without a number
     order = list(dict.fromkeys(sensor.database for sensor, *_ in present))
     for sensor, why, surely in sorted(
         present, key=lambda p: (order.index(p[0].database), p[0].bus, p[0].id_offset)

@@ -164,6 +164,7 @@ def _elsewhere(corner: Corner, due: Channel, moved: Channel, moves: Sequence[_Mo
     """Distinguish a swapped plug from a push on another corner, if the gyroscopes show it."""
     pitch = next((m.first for m in moves if m.channel.quantity is Quantity.PITCH_RATE), 0)
     roll = next((m.first for m in moves if m.channel.quantity is Quantity.ROLL_RATE), 0)
+    # The corner that the car tilted towards.
     lowest = next((c for c in Corner if (c.front, c.side) == (pitch > 0, -roll)), None)
     text = f"{moved.corner} moved"
     if pitch and roll and lowest is moved.corner:

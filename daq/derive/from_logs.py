@@ -170,7 +170,7 @@ def labelled(parts: Sequence[LogPart], steps: Sequence[Step], skip: int) -> tupl
 
     Bumps without a step are kept as `unplanned_bump`.
     """
-    numbers = count(-skip)
+    numbers = count(-skip)  # of the steps; below 0 for a bump that is skipped
 
     def relabelled(events: Iterable[Event]) -> Iterator[Event]:
         step: Step | None = None

@@ -71,6 +71,7 @@ class AscParser:
             return None if line.strip() else 0
 
     def _parsed(self, line: bytes) -> Record | int:
+        """Return what `__call__` does; raises ValueError or IndexError for an unreadable line."""
         # Fields of the short form: bus, identifier, direction, d, DLC, payload.
         time, *fields = line.split(None, 6)
         try:

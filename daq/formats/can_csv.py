@@ -31,9 +31,10 @@ class CsvParser:
             time, identifier, *marks, dlc, data = cells
             extended, remote, error = (_MARKS[mark] for mark in marks)
             length = number(dlc, 10)
-            if identifier[:2] != b"0x" or len(data) != (0 if remote else -(-length // 3) * 4):
+            letters = 0 if remote else (length + 2) // 3 * 4  # base64: 4 for up to 3 bytes
+            if identifier[:2] != b"0x" or len(data) != letters:
                 return None
-            flags = EXTENDED * extended | REMOTE * remote | ERROR * error
+            flags = EXTENDED * extended | REMOTE * remote | ERROR * error  # each true or false
             if length > 8:  # not stated, but no classic frame is longer
                 flags |= FD
             payload = a2b_base64(data, strict_mode=True) if data else b""

@@ -59,9 +59,9 @@ def read_mf4(file: BinaryIO, unpacked: Unpacked, where: str, loss: LogLoss) -> I
     Raises InputError if it cannot be read, or holds no CAN bus logging.
     """
     content: BinaryIO = file
-    unfinished = file.read(8) == b"UnFinMF "  # the library writes what its logger did not
+    is_unfinished = file.read(8) == b"UnFinMF "
     file.seek(0)
-    if unpacked.packed or unfinished:
+    if unpacked.packed or is_unfinished:  # the library writes to an unfinished file: to this copy
         content = BytesIO(unpacked.read(_MAX_UNPACKED_BYTES))
     with open_mdf(content, where) as mdf:
         yield from _blocks(mdf, where, loss)

@@ -59,7 +59,7 @@ def write_blf(session: Session, path: Path) -> tuple[str, ...]:
         writer.start_timestamp = 0.0
         for message in messages_of(frames, start_ns):
             writer.on_message_received(message)
-        writer.start_timestamp = start_ns * 1e-9
+        writer.start_timestamp = start_ns * 1e-9  # for the head of the file
         writer.stop_timestamp = int(frames.t_ns[-1]) * 1e-9
     state_origin(session, path, _BLF_RESERVED)
     n = int((has(frames, FrameFlag.ERROR) & has(frames, FrameFlag.TRANSMITTED)).sum())
