@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,17 @@ DEAD = ("disconnected", "bus_off", "interface_down", "bus_silent", "check_bitrat
 """Codes of alarms on a bus that delivers no good frame."""
 
 
+@dataclass(frozen=True, slots=True)
+class _BusCycle:
+    """The frames of a bus in one cycle of the recorder."""
+
+    now_s: float  # monotonic
+    good: int
+    errors: int  # numbers of good frames and of error frames
+    bits: float  # of the good frames on the wire
+    last_ns: int  # latest time stamp until this cycle; 0 before the first
+
+
 @dataclass(slots=True)
 class BusWatch:
     """The history of one bus; it begins anew when another link takes its place."""
@@ -42,9 +53,8 @@ class BusWatch:
     """Monotonic time of the last error frame, s."""
     frames: int = 0
     error_frames: int = 0
-    recent: list[tuple[float, int, int, float, int]] = field(default_factory=list)
-    """Of each cycle of the last second and of the one before: monotonic time, good frames, error
-    frames, bits, latest time stamp."""
+    recent: list[_BusCycle] = field(default_factory=list)
+    """Of the last cycle before the last second, and of each cycle since then."""
     last_ns: int = 0
     """Latest time stamp, ns."""
     controller: ControllerState | None = None
@@ -64,28 +74,28 @@ class BusWatch:
         now_s: float,
         counts: Counts,
     ) -> None:
-        """Process the frames of this bus and their lengths on the wire; add to the counts."""
+        """Process the frames of this bus, with their lengths on the wire; add to the counts."""
         t_ns, n = batch.t_ns, len(batch)
         error_rows = np.flatnonzero(batch.flags & np.uint16(FrameFlag.ERROR))
         good = n - len(error_rows)
         tally = tally_error_frames(batch.select(error_rows)) if len(error_rows) else None
         self.error_text = (tally.text if tally else "") or self.error_text
-        back = int(np.count_nonzero(t_ns[1:] < t_ns[:-1])) + int(n and t_ns[0] < self.last_ns)
-        lost, before = link.losses, self.losses
+        steps_ns = np.diff(t_ns, prepend=self.last_ns)
+        losses, before = link.losses, self.losses
         overruns = tally.overruns if tally else 0
-        counts["overrun", self.name] = lost.dropped - before.dropped + overruns, ""
-        counts["garbled", self.name] = lost.garbled - before.garbled, ""
-        counts["time_back", self.name] = back, ""
+        counts["overrun", self.name] = losses.dropped - before.dropped + overruns, ""
+        counts["garbled", self.name] = losses.garbled - before.garbled, ""
+        counts["time_back", self.name] = int(np.count_nonzero(steps_ns < 0)), ""
         counts["error_frames", self.name] = len(error_rows), self.error_text
         counts["bus_off", self.name] = tally.bus_off if tally else 0, self.error_text
-        self.losses = lost
+        self.losses = losses
         if n and not self.last_ns:  # a bus has no time stamp before its first frame
-            self.recent = [(*cycle[:4], int(t_ns[0])) for cycle in self.recent]
+            self.recent = [replace(cycle, last_ns=int(t_ns[0])) for cycle in self.recent]
         self.last_ns = int(t_ns[-1]) if n else self.last_ns
-        sent = float(bits.sum()) - float(bits[error_rows].sum())
-        old = [cycle for cycle in self.recent if cycle[0] <= now_s - WINDOW_S]
+        good_bits = float(bits.sum()) - float(bits[error_rows].sum())
+        old = [cycle for cycle in self.recent if cycle.now_s <= now_s - WINDOW_S]
         self.recent = self.recent[max(len(old) - 1, 0) :]
-        self.recent.append((now_s, good, len(error_rows), sent, self.last_ns))
+        self.recent.append(_BusCycle(now_s, good, len(error_rows), good_bits, self.last_ns))
         self.frames += good
         self.error_frames += len(error_rows)
         self.frame_s = now_s if good else self.frame_s
@@ -99,13 +109,14 @@ class BusWatch:
     def _follow_controller(
         self, tally: ErrorTally | None, error_rows: NDArray[np.intp], n: int, now_s: float
     ) -> None:
-        row = -1
+        """Take the controller's state from error frames, or end it when it is disproven."""
+        state_row = -1  # of the last frame that reports a state
         if tally is not None:
             if tally.state is not None:
-                self.controller, row = tally.state, int(error_rows[tally.state_row])
+                self.controller, state_row = tally.state, int(error_rows[tally.state_row])
             if tally.tx_errors is not None:
                 self.tx_errors, self.rx_errors = tally.tx_errors, tally.rx_errors
-        received_after = n - 1 - row - int(np.count_nonzero(error_rows > row)) > 0
+        received_after = n - 1 - state_row > int(np.count_nonzero(error_rows > state_row))
         is_calm = now_s - self.error_s >= _CALM_S and self.good_s > self.error_s
         proven = received_after if self.controller is ControllerState.BUS_OFF else is_calm
         if self.controller is not None and proven:
@@ -116,8 +127,8 @@ class BusWatch:
         """Return the status of the bus."""
         first, last, cycles = self.recent[0], self.recent[-1], self.recent[1:]
         # A replay faster than real time does not load a bus: its time stamps give the time it took.
-        stamped_s = (last[4] - first[4]) * 1e-9 if first[4] else 0.0
-        span_s = max(now_s - first[0], stamped_s, WINDOW_S / 10)
+        stamped_s = (last.last_ns - first.last_ns) * 1e-9 if first.last_ns else 0.0
+        span_s = max(now_s - first.now_s, stamped_s, WINDOW_S / 10)
         state = BusState.OK
         if not link.connected:
             state = BusState.DISCONNECTED
@@ -130,8 +141,8 @@ class BusWatch:
         return BusStatus(
             name=self.name,
             state=state,
-            load=sum(cycle[3] for cycle in cycles) / span_s / link.bitrate,
-            frames_per_s=sum(cycle[1] for cycle in cycles) / span_s,
+            load=sum(cycle.bits for cycle in cycles) / span_s / link.bitrate,
+            frames_per_s=sum(cycle.good for cycle in cycles) / span_s,
             frames=self.frames,
             error_frames=self.error_frames,
             reopened=link.reopened,
@@ -151,7 +162,7 @@ class BusWatch:
         if status.state is BusState.BUS_OFF:
             yield fault("bus_off", name, self.error_text)
             return
-        errors = sum(cycle[2] for cycle in self.recent)
+        errors = sum(cycle.errors for cycle in self.recent)
         if link.interface_down:
             advice = f"`sudo ip link set {name.split()[-1]} up` brings it up again"
             yield fault("interface_down", name, "the interface is down", advice)

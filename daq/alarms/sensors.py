@@ -18,7 +18,7 @@ from .texts import Counts, fault
 
 _STUCK_S = 0.8
 """Time without any change, s, after which a channel of fine resolution counts as frozen."""
-_STUCK_MOVING_CYCLES = 3
+_STUCK_MOVING_CYCLES = 3  # in which other channels moved, and the frozen one not
 _MOVING_STEPS = 20.0
 """Change of another channel within one cycle, in steps of the judged channel, that counts as
 motion."""
@@ -38,7 +38,7 @@ class _Channel:
         if least is not None and most is not None and least < most:
             self.low, self.high = max(self.low, least), min(self.high, most)
         self.text = f"{self.low:g} to {self.high:g} {signal.unit}".rstrip()
-        if signal.length == 1:
+        if signal.length == 1:  # a switch is always at one end
             self.low, self.high = -math.inf, math.inf
         self.gain = abs(mapped.factor * channel.scale)
         self.largest = LARGEST / self.gain if self.gain else math.inf
@@ -66,12 +66,12 @@ class _Channel:
         return Samples(samples.channel, samples.t_ns[good], value[good], quality[good])
 
     def hold(self, samples: Samples, low: float, high: float, others_move: bool) -> None:
-        """Continue the run of equal samples, or begin another one."""
+        """Continue the run of equal samples, or begin another one, given their extremes."""
         n, self.until_ns = len(samples.t_ns), int(samples.t_ns[-1])
-        if low == high == self.value and self.samples:
+        is_still = low == high
+        if is_still and low == self.value and self.samples:
             self.samples, self.moving = self.samples + n, self.moving + others_move
             return
-        is_still = low == high
         self.value, self.samples = float(samples.value[-1]), n if is_still else 1
         self.since_ns = int(samples.t_ns[0]) if is_still else self.until_ns
         self.moving = int(is_still and others_move)
@@ -93,32 +93,33 @@ class Sensors:
         if self._mapped is not mapped:
             used = [m for m in mapped if m.channel.quantity is not Quantity.UNUSED]
             self._mapped, self._channels = mapped, tuple(_Channel(m) for m in used)
-        blocks: list[tuple[_Channel, Samples, float, float]] = []
-        for each in self._channels:
-            samples = decoded.samples.get(each.signal) if decoded else None
+        blocks: list[tuple[_Channel, Samples, float, float]] = []  # with lowest and highest value
+        for channel in self._channels:
+            samples = decoded.samples.get(channel.signal) if decoded else None
             if samples is None or not len(samples.t_ns):
                 continue
             low, high = float(samples.value.min()), float(samples.value.max())
-            if not max(-low, high) <= each.largest or samples.quality.any():  # or not a number
-                samples = each.usable(samples, counts)
+            is_shown = max(-low, high) <= channel.largest  # False if one is not a number
+            if not is_shown or samples.quality.any():
+                samples = channel.usable(samples, counts)
                 if not len(samples.t_ns):
-                    each.samples = 0
+                    channel.samples = 0
                     continue
                 low, high = float(samples.value.min()), float(samples.value.max())
             # Many unsigned signals are zero at rest.
-            if (low <= each.low and low != 0) or (high >= each.high and high != 0):
+            if (low <= channel.low and low != 0) or (high >= channel.high and high != 0):
                 value = samples.value
-                at_end = ((value <= each.low) | (value >= each.high)) & (value != 0)
-                counts["saturated", each.name] = int(np.count_nonzero(at_end)), each.text
-                self.overloaded = tuple(dict.fromkeys((*self.overloaded, each.name)))
-            blocks.append((each, samples, low, high))
-        for each, samples, low, high in blocks:
+                at_end = ((value <= channel.low) | (value >= channel.high)) & (value != 0)
+                counts["saturated", channel.name] = int(np.count_nonzero(at_end)), channel.text
+                self.overloaded = tuple(dict.fromkeys((*self.overloaded, channel.name)))
+            blocks.append((channel, samples, low, high))
+        for channel, samples, low, high in blocks:
             others_move = any(
-                (o_high - o_low) * other.gain > _MOVING_STEPS * each.step > 0
-                for other, _, o_low, o_high in blocks
-                if other is not each and other.quantity is each.quantity
+                (other_high - other_low) * other.gain > _MOVING_STEPS * channel.step > 0
+                for other, _, other_low, other_high in blocks
+                if other is not channel and other.quantity is channel.quantity
             )
-            each.hold(samples, low, high, others_move)
+            channel.hold(samples, low, high, others_move)
 
     def symptoms(self) -> Iterator[Finding]:
         """Yield the symptoms of frozen channels."""

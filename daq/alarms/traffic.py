@@ -17,22 +17,23 @@ from dbc.words import counted
 from ..samples.converter import HealthState
 from .texts import Counts, fault
 
-_STALE_PERIODS = 5.0
+_STALE_PERIODS = 5.0  # longest silence of a message that is not a fault, in periods
 _LEAST_TIMEOUT_S = 0.5
 """Least timeout of a message, s: cycles are 0.1 or 0.3 s apart, so a shorter silence may only be a
 late block."""
-_UNKNOWN_PERIOD_S = 2.0
-_LEARN_FRAMES, _LEARN_S = 20, 2.0
+_UNKNOWN_TIMEOUT_S = 2.0  # of a message of which no period is known
+_LEARN_FRAMES, _LEARN_S = 20, 2.0  # least from which a period is learned
 _REGULAR_PERIODS, _REGULAR_S = 3.0, 0.45
 """Number of mean periods, and time, s, without a message after which it is taken as irregular.
 Silence shorter than the time between two cycles cannot be seen: 0.3 s, and more on a busy
 machine."""
 _FORGET_S = 60.0
 """Silence, s, after which a message that no channel needs counts as ended, not failed."""
-_SHOWN_IDS = 6
-_RECENT_S = 2.0
-_UNKNOWN_ONLY_S = 0.8
-_EXTENDED_BIT, _BUS_SHIFT, _LENGTH_SHIFT = 29, 32, 40
+_SHOWN_IDS = 6  # unknown identifiers that an alarm names
+_RECENT_S = 2.0  # since the last frame: up to then an identifier is present on a bus
+_UNKNOWN_ONLY_S = 0.8  # after this time, frames that are all unknown raise an alarm
+_FIRST_TIMEOUT_S = 1.0  # least time for the first frame of a message
+_EXTENDED_BIT, _BUS_SHIFT, _LENGTH_SHIFT = 29, 32, 40  # above the identifier
 
 
 @dataclass(slots=True)
@@ -66,7 +67,7 @@ class _Message:
         """Take in the frames of a cycle, and learn the period if the DBC states none."""
         silent_s, self.seen_s, self.buses[bus] = now_s - self.seen_s, now_s, now_s
         span_s = now_s - self.learn_s
-        if self.period_s is not None or not span_s:
+        if self.period_s is not None or not span_s:  # known, or this is the first cycle
             return
         self.learn_frames += frames
         if silent_s > max(_REGULAR_PERIODS * span_s / self.learn_frames, _REGULAR_S):
@@ -137,24 +138,25 @@ class Traffic:
         """
         waited_s = now_s - self._began_s if self._began_s is not None else 0.0
         if self._unknown and not self._known and waited_s >= _UNKNOWN_ONLY_S:
-            first = ", ".join(list(self._unknown)[:_SHOWN_IDS])
-            text = f"no frame of a message of the DBC in {waited_s:.1f} s, but {first}"
+            identifiers = ", ".join(list(self._unknown)[:_SHOWN_IDS])
+            text = f"no frame of a message of the DBC in {waited_s:.1f} s, but {identifiers}"
             yield fault("none_of_dbc", "", text)
             return
-        for name, each in self._known.items():
-            away_s, timeout_s, home = now_s - each.seen_s, each.timeout_s, each.home
-            is_late = timeout_s is not None and away_s > timeout_s
-            ended = away_s > _FORGET_S and name not in expected
+        for name, message in self._known.items():
+            silent_s, timeout_s, home = now_s - message.seen_s, message.timeout_s, message.home
+            is_late = timeout_s is not None and silent_s > timeout_s
+            ended = silent_s > _FORGET_S and name not in expected
             if is_late and not ended and home < len(delivers) and delivers[home]:
-                due = f"one is due every {1e3 * (each.period_s or 0.0):.3g} ms"
-                yield fault("stale", name, f"no frame for {away_s:.1f} s; {due}")
-            on = sorted(bus for bus, seen_s in each.buses.items() if now_s - seen_s <= _RECENT_S)
-            if len(on) > 1:
-                where = " and ".join(names[bus] if bus < len(names) else str(bus) for bus in on)
+                due = f"one is due every {1e3 * (message.period_s or 0.0):.3g} ms"
+                yield fault("stale", name, f"no frame for {silent_s:.1f} s; {due}")
+            buses = sorted(bus for bus, s in message.buses.items() if now_s - s <= _RECENT_S)
+            if len(buses) > 1:
+                where = " and ".join(names[bus] if bus < len(names) else str(bus) for bus in buses)
                 yield fault("mixed_id", name, f"comes from {where} at the same time")
         for name in expected if any(delivers) else ():
-            cycle_s = codec.message(name).cycle_s or _UNKNOWN_PERIOD_S / _STALE_PERIODS
-            if name not in self._known and waited_s > max(_STALE_PERIODS * cycle_s, 1.0):
+            cycle_s = codec.message(name).cycle_s
+            timeout_s = _STALE_PERIODS * cycle_s if cycle_s else _UNKNOWN_TIMEOUT_S
+            if name not in self._known and waited_s > max(timeout_s, _FIRST_TIMEOUT_S):
                 text = f"no frame since the recorder started to listen ({waited_s:.0f} s)"
                 yield fault("stale", name, text)
 
@@ -165,26 +167,27 @@ class Traffic:
     def alive(self, expected: Sequence[str], now_s: float) -> int:
         """Return the number of expected messages that are received."""
         known = [self._known[name] for name in expected if name in self._known]
-        return sum(now_s - m.seen_s <= (m.timeout_s or _UNKNOWN_PERIOD_S) for m in known)
+        return sum(now_s - m.seen_s <= (m.timeout_s or _UNKNOWN_TIMEOUT_S) for m in known)
 
 
 def _distinct(batch: FrameBatch) -> list[tuple[int, int, bool, int, int]]:
-    """Return bus, identifier, width, length and number of each kind of data frame."""
+    """Return the kinds of data frames: bus, identifier, is extended, length, number of frames."""
     special = np.uint16(FrameFlag.ERROR | FrameFlag.REMOTE)
     key = batch.can_id.astype(np.int64)
     key |= batch.bus.astype(np.int64) << _BUS_SHIFT
     key |= batch.length.astype(np.int64) << _LENGTH_SHIFT
     if np.count_nonzero(batch.flags):
-        key |= (batch.flags & np.uint16(FrameFlag.EXTENDED)).astype(np.int64) << _EXTENDED_BIT
+        is_extended = batch.flags & np.uint16(FrameFlag.EXTENDED) != 0
+        key |= is_extended.astype(np.int64) << _EXTENDED_BIT
         key = key[(batch.flags & special) == 0]
-    keys, numbers = np.unique(key, return_counts=True)
+    kinds, numbers = np.unique(key, return_counts=True)
     return [
         (
-            each >> _BUS_SHIFT & 0xFF,
-            each & ((1 << _EXTENDED_BIT) - 1),
-            bool(each >> _EXTENDED_BIT & 1),
-            each >> _LENGTH_SHIFT,
+            kind >> _BUS_SHIFT & 0xFF,
+            kind & ((1 << _EXTENDED_BIT) - 1),
+            bool(kind >> _EXTENDED_BIT & 1),
+            kind >> _LENGTH_SHIFT,
             number,
         )
-        for each, number in zip(keys.tolist(), numbers.tolist(), strict=True)
+        for kind, number in zip(kinds.tolist(), numbers.tolist(), strict=True)
     ]

@@ -96,9 +96,9 @@ class Watch:
         self._begun_s: dict[Key, float] = {}  # when the beginning was last written to the journal
         self._open: set[Key] = set()  # whose beginning is in the journal, and not yet its end
         self._counts: deque[tuple[float, Counts]] = deque()
-        self._quiet: frozenset[str] = frozenset()
+        self._quiet: frozenset[str] = frozenset()  # buses with channels, without a good frame now
         self._clock_offset_ns: int | None = None
-        self._clock_step: tuple[float, float] = 0.0, float("-inf")
+        self._clock_step: tuple[float, float] = 0.0, float("-inf")  # its size, and when it was, s
         self._queue_dropped = self._t_ns = 0
 
     @property
@@ -153,13 +153,11 @@ class Watch:
         new = {key: count for key, count in counts.items() if count[0] > 0}
         totals = self._totals(new, now_s)
         events = self._clock_events(cycle.now)
-
-        expected = tuple(dict.fromkeys(m.message.name for m in mapped))
+        expected = tuple(dict.fromkeys(m.message.name for m in mapped))  # messages
         self.sensors_alive = self._traffic.alive(expected, now_s)
         self.sensors_expected = len(expected)
         pairs = list(zip(self._watches, cycle.links, strict=True))
-        silent_s = config.silent_s
-        self.buses = tuple(bus.status(link, silent_s, now_s) for bus, link in pairs)
+        self.buses = tuple(bus.status(link, config.silent_s, now_s) for bus, link in pairs)
         delivers = [
             status.state in (BusState.OK, BusState.ERROR_PASSIVE)
             and not _QUIET_S <= now_s - bus.good_s < WINDOW_S
@@ -171,11 +169,10 @@ class Watch:
             for number, bus in enumerate(self._watches)
             if number in homes and now_s - bus.frame_s >= _QUIET_S
         )
-
         symptoms = [*_not_recording(cycle.storage), *_disk_symptoms(config, cycle.disk)]
         symptoms += [fault("consumer_failed", name, why) for name, why in cycle.failed.items()]
         for (bus, link), status in zip(pairs, self.buses, strict=True):
-            symptoms += bus.symptoms(link, status, silent_s, now_s)
+            symptoms += bus.symptoms(link, status, config.silent_s, now_s)
         names = [link.name for link in cycle.links]
         symptoms += self._traffic.symptoms(codec, expected, names, delivers, now_s)
         symptoms += self._sensors.symptoms()

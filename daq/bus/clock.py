@@ -63,7 +63,7 @@ class SteadyClock:
             monotonic_ns = self._monotonic_ns()
             self._offset_ns = self._wall_ns() - monotonic_ns
             self._zero_ns = max(self._offset_ns, not_before_ns - monotonic_ns)
-            self._before: tuple[tuple[int, int], ...] = ()
+            self._before: tuple[tuple[int, int], ...] = ()  # end, monotonic, and earlier offset
 
     def now_ns(self) -> int:
         """Return the time now, ns since 1970."""
@@ -85,18 +85,18 @@ class SteadyClock:
             offset_ns, zero_ns = self._offset_ns, self._zero_ns
             offsets = (offset_ns, *(before for _, before in self._before))
         if len(offsets) > 1:
-            return _youngest(wall_ns, offsets, monotonic_ns) + zero_ns
+            return _monotonic_stamps(wall_ns, offsets, monotonic_ns) + zero_ns
         return wall_ns if offset_ns == zero_ns else wall_ns - (offset_ns - zero_ns)
 
 
-def _youngest(
-    wall_ns: NDArray[np.int64], offsets: tuple[int, ...], monotonic_ns: int
+def _monotonic_stamps(
+    wall_ns: NDArray[np.int64], offsets: tuple[int, ...], now_ns: int
 ) -> NDArray[np.int64]:
-    """Return each stamp with the offset that makes it latest without being later than now."""
-    times = wall_ns[:, None] - np.array(offsets, np.int64)
-    age = monotonic_ns - times
-    age = np.where(age >= -LATE_NS, age, np.iinfo(np.int64).max)
-    return np.take_along_axis(times, age.argmin(axis=1)[:, None], axis=1)[:, 0]
+    """Return stamps of the wall clock, (n,), as monotonic times: the latest not after `now_ns`."""
+    candidates_ns = wall_ns[:, None] - np.array(offsets, np.int64)  # (n, offsets)
+    age_ns = now_ns - candidates_ns
+    age_ns = np.where(age_ns >= -LATE_NS, age_ns, np.iinfo(np.int64).max)
+    return np.take_along_axis(candidates_ns, age_ns.argmin(axis=1)[:, None], axis=1)[:, 0]
 
 
 STEADY_CLOCK = SteadyClock()

@@ -59,11 +59,12 @@ _CONTROLLER = {
     0x20: "passive by transmit errors",
     0x40: "error-active again",
 }
-_STATES = {  # bits of the controller byte, the most severe last
-    0x40: ControllerState.ACTIVE,
-    0x0C: ControllerState.WARNING,
+_STATES = {  # by bits of the controller byte, the most severe first: a byte may have several
     0x30: ControllerState.PASSIVE,
+    0x0C: ControllerState.WARNING,
+    0x40: ControllerState.ACTIVE,
 }
+_WARNING_ERRORS, _PASSIVE_ERRORS = 96, 128  # least value of an error counter (ISO 11898-1)
 _VIOLATIONS = {
     0x01: "single bit",
     0x02: "frame format",
@@ -101,37 +102,53 @@ def describe_error_frame(can_id: int, data: bytes) -> ErrorFrame:
     reports a change of state, as from older drivers.  `can_id`: identifier, with or without its
     flag bits.  `data`: payload; missing bytes (of 8) count as zero, which means "not specified".
     """
-    classes = ErrorClass(can_id & 0x1FFFFFFF & sum(ErrorClass))
+    classes = ErrorClass(can_id & sum(ErrorClass))  # unknown bits are left out
     _, controller, violation, _, _, _, tx, rx = data[:8].ljust(8, b"\0")
-    controller *= ErrorClass.CONTROLLER in classes
+    if ErrorClass.CONTROLLER not in classes:
+        controller = 0  # the byte then has another meaning
     changed = classes & (ErrorClass.CONTROLLER | ErrorClass.BUS_OFF)
     is_counted = ErrorClass.COUNTERS in classes or bool(changed and (tx or rx))
-    parts = []
-    for error_class, words in _CLASSES.items():
-        if error_class in classes:
-            table = {ErrorClass.CONTROLLER: _CONTROLLER, ErrorClass.PROTOCOL: _VIOLATIONS}
-            bits = controller if error_class is ErrorClass.CONTROLLER else violation
-            details = [name for bit, name in table.get(error_class, {}).items() if bits & bit]
-            parts.append(f"{words} ({', '.join(details)})" if details else words)
+    parts = _class_words(classes, controller, violation)
     if is_counted:
         parts.append(f"{tx} transmit and {counted(rx, 'receive error')} counted")
-    state = None
-    if ErrorClass.BUS_OFF in classes:
-        state = ControllerState.BUS_OFF
-    elif named := [each for bits, each in _STATES.items() if controller & bits]:
-        state = named[-1]
-    elif ErrorClass.RESTARTED in classes or (is_counted and max(tx, rx) < 96):
-        state = ControllerState.ACTIVE
-    elif is_counted:
-        state = ControllerState.WARNING if max(tx, rx) < 128 else ControllerState.PASSIVE
     return ErrorFrame(
         classes,
-        state,
+        _state(classes, controller, max(tx, rx) if is_counted else None),
         tx if is_counted else None,
         rx if is_counted else None,
         bool(controller & _RX_OVERFLOW),
         ", ".join(parts) or "unknown error",
     )
+
+
+def _class_words(classes: ErrorClass, controller: int, violation: int) -> list[str]:
+    """Return the words of each class, with the details that the bytes of two of them give."""
+    details = {
+        ErrorClass.CONTROLLER: [name for bit, name in _CONTROLLER.items() if controller & bit],
+        ErrorClass.PROTOCOL: [name for bit, name in _VIOLATIONS.items() if violation & bit],
+    }
+    texts = []
+    for error_class, words in _CLASSES.items():
+        if error_class in classes:
+            named = ", ".join(details.get(error_class, []))
+            texts.append(f"{words} ({named})" if named else words)
+    return texts
+
+
+def _state(classes: ErrorClass, controller: int, errors: int | None) -> ControllerState | None:
+    """Return the state by class, else by controller byte, else by the larger error counter."""
+    if ErrorClass.BUS_OFF in classes:
+        return ControllerState.BUS_OFF
+    for bits, state in _STATES.items():
+        if controller & bits:
+            return state
+    if ErrorClass.RESTARTED in classes:
+        return ControllerState.ACTIVE
+    if errors is None:
+        return None
+    if errors < _WARNING_ERRORS:
+        return ControllerState.ACTIVE
+    return ControllerState.WARNING if errors < _PASSIVE_ERRORS else ControllerState.PASSIVE
 
 
 @dataclass(frozen=True, slots=True)

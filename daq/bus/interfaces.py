@@ -56,6 +56,8 @@ _FLAGS = {
 """Flag of a frame by attribute of a message."""
 _FAST_DATA = 4
 """Assumed ratio of data to nominal bit rate of FD frames; bench.toml has no data bit rate."""
+_FRAME_BITS, _EXTENDED_BITS = 47, 20  # in addition to the data; and to a standard identifier
+_STUFFED = 31 / 30  # one stuff bit in thirty
 
 
 def _checked(message: can.Message, arrived_ns: int) -> tuple[int, int, int, int, bytes]:
@@ -102,17 +104,13 @@ def messages_of(frames: FrameBatch, start_ns: int = 0) -> Iterator[can.Message]:
 
 
 def wire_bits(frames: FrameBatch) -> NDArray[np.float64]:
-    """Return the estimated nominal bit times that each frame takes on the wire, (n,).
-
-    A classic frame has 47 bits in addition to its data, 20 more with a 29-bit identifier, and one
-    stuff bit in thirty.
-    """
-    data = 8.0 * frames.length
+    """Return the estimated nominal bit times that each frame takes on the wire, (n,)."""
+    data_bits = 8.0 * frames.length
     fast = frames.flags & np.uint16(FrameFlag.BITRATE_SWITCH)
     if np.count_nonzero(fast):
-        data /= np.where(fast, _FAST_DATA, 1)
-    extended = frames.flags & np.uint16(FrameFlag.EXTENDED)
-    return np.asarray((47 + 20 * extended + data) * (31 / 30))
+        data_bits /= np.where(fast, _FAST_DATA, 1)
+    is_extended = frames.flags & np.uint16(FrameFlag.EXTENDED) != 0
+    return np.asarray((_FRAME_BITS + _EXTENDED_BITS * is_extended + data_bits) * _STUFFED)
 
 
 # Opens the interfaces -----------------------------------------------------------------------------
@@ -166,10 +164,10 @@ def open_source(config: BusConfig, bus: int) -> FrameSource:
     Raises BusError if there is no such interface or it cannot be opened, for any reason.
     """
     if config.interface == "slcan":  # python-can reads byte by byte: too slow for a full bus
-        with _one_line(config):
+        with _backend_errors(config):
             return open_slcan(config.channel, config.bitrate, bus)
     if config.interface == "socketcan" and sys.platform == "linux" and sys.maxsize > 1 << 32:
-        with _one_line(config):
+        with _backend_errors(config):
             return open_socketcan(config.channel, bus)
     opened = open_bus(config)
     gather_s = _GATHERS_S.get(config.interface, 0.0)
@@ -188,7 +186,7 @@ def open_bus(config: BusConfig) -> can.BusABC:
     channel: str | int | None = config.channel or None  # None: the interface's own first channel
     if config.channel.isdecimal() and config.interface not in _NAMED_BY_DIGITS:
         channel = int(config.channel)
-    with _one_line(config):
+    with _backend_errors(config):
         bus = can.Bus(
             channel=channel,
             interface=config.interface,
@@ -214,14 +212,14 @@ def _name(config: BusConfig) -> str:
 
 
 @contextlib.contextmanager
-def _one_line(config: BusConfig) -> Iterator[None]:
-    """Convert any exception of a backend on opening to a BusError."""
+def _backend_errors(config: BusConfig) -> Iterator[None]:
+    """Convert any exception of a backend on opening to a BusError, whose text is one line."""
     known = sorted({*can.VALID_INTERFACES, "slcan"})
     if config.interface not in known:
         near = get_close_matches(config.interface, known, 1)
         advice = f"did you mean {near[0]}? There are " if near else "name one of "
-        what = f"python-can has no interface {config.interface!r}"
-        raise BusError(_name(config), what, advice + ", ".join(known))
+        problem = f"python-can has no interface {config.interface!r}"
+        raise BusError(_name(config), problem, advice + ", ".join(known))
     try:
         yield
     except BusError:
@@ -278,12 +276,12 @@ class PythonCanSource:
 
     def read(self, timeout_s: float) -> FrameBatch:
         """Return a block of at most `BLOCK_FRAMES` frames; see `FrameSource`."""
-        received: list[tuple[can.Message, int]] = []
+        received: list[tuple[can.Message, int]] = []  # with the time of arrival, ns
         end_s = time.monotonic() + timeout_s
         while len(received) < BLOCK_FRAMES:
-            left_s = 0.0 if self._gather_s and received else max(end_s - time.monotonic(), 0.0)
+            wait_s = 0.0 if self._gather_s and received else max(end_s - time.monotonic(), 0.0)
             try:
-                message = self._bus.recv(0.0 if self._gather_s else left_s)
+                message = self._bus.recv(0.0 if self._gather_s else wait_s)
             except Exception as error:  # backends also raise ValueError, IndexError, NameError...
                 self._garbled_in_a_row += 1
                 if _is_fault(error) or self._garbled_in_a_row >= GARBLED_UNTIL_GONE:
@@ -299,10 +297,10 @@ class PythonCanSource:
                 if len(received) == 1:
                     time.sleep(self._gather_s)
                     end_s = time.monotonic() + GATHER_S
-            elif received or not left_s:
+            elif received or not wait_s:
                 break
             elif self._gather_s:
-                time.sleep(min(left_s, GATHER_S))
+                time.sleep(min(wait_s, GATHER_S))
         return self._batch(received)
 
     def losses(self) -> SourceLosses:
@@ -316,15 +314,16 @@ class PythonCanSource:
             self._bus.shutdown()
 
     def _batch(self, received: list[tuple[can.Message, int]]) -> FrameBatch:
+        """Return the messages that are frames, stamped on arrival where they have no stamp."""
         rows = []
-        for message, now_ns in received:
+        for message, arrived_ns in received:
             try:
-                stamp_ns, *others = _checked(message, now_ns)
+                stamp_ns, *others = _checked(message, arrived_ns)
             except (TypeError, ValueError, OverflowError):
                 self._garbled += 1
                 continue
             self._restamped += not stamp_ns
-            rows.append((stamp_ns or now_ns, *others))
+            rows.append((stamp_ns or arrived_ns, *others))
         if not rows:
             return FrameBatch.empty()
         t_ns, can_id, flags, length, payloads = zip(*rows, strict=True)

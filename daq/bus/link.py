@@ -52,7 +52,7 @@ class Link:
         self._clock = clock
         self._halted = threading.Event()
         self._source: FrameSource | None = None
-        self._before = SourceLosses()
+        self._before = SourceLosses()  # of the sources that are closed
         self._pause_s = BACK_OFF_S[0]
         self._next_try_s = self._alive_s = clock()
         self._had_frames = self._was_open = False
@@ -121,12 +121,12 @@ class Link:
         self._drop()
         self._next_try_s = self._clock() + self._pause_s
         self._pause_s = min(2 * self._pause_s, BACK_OFF_S[1])
-        what, advice = repr(error), "please report this"
+        problem, advice = repr(error), "please report this"
         if isinstance(error, BusError):
-            what, advice = error.what, error.advice
+            problem, advice = error.what, error.advice
         elif isinstance(error, OSError):
-            what, advice = error.strerror or str(error), "check plug, power and driver"
-        self._facts = replace(self._facts, connected=False, error=what, advice=advice)
+            problem, advice = error.strerror or str(error), "check plug, power and driver"
+        self._facts = replace(self._facts, connected=False, error=problem, advice=advice)
 
     def _drop(self) -> None:
         """Close the source and keep its counts."""

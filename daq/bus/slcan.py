@@ -40,7 +40,8 @@ SILENCE_S = 2.0
 """Silence after opening, s, after which the setup is sent again: some adapters reset when their
 line is opened, and miss the setup."""
 _BLOCK_BYTES = BLOCK_FRAMES * 22  # standard frames of 8 bytes; FD frames make smaller blocks
-LONGEST_LINE = 1 + 8 + 1 + 2 * 64 + 4
+_STAMP_DIGITS = 4
+LONGEST_LINE = 1 + 8 + 1 + 2 * 64 + _STAMP_DIGITS  # kind, identifier, length code, payload
 
 _CR, _BELL = 13, 7
 # The answers to frames that this host sends; and the commands with which a computer at the other
@@ -49,7 +50,7 @@ _ANSWERS = np.frombuffer(b"zZCOL", np.uint8)
 _SET_BITRATE = ord("S")
 
 _NO_DIGIT = 255
-_NIBBLE = np.full(256, _NO_DIGIT, np.uint8)
+_NIBBLE = np.full(256, _NO_DIGIT, np.uint8)  # value of a hex digit, by its character
 for _value, _digit in enumerate(b"0123456789abcdef"):
     _NIBBLE[_digit] = _NIBBLE[bytes([_digit]).upper()[0]] = _value
 
@@ -67,11 +68,11 @@ _KINDS: dict[int, FrameFlag] = {
 
 
 def parse_slcan(stream: bytes) -> tuple[FrameBatch, int, int]:
-    """Return the frames in the complete lines of a byte stream, stamped with the place of their CR.
+    """Return the frames in the complete lines of a byte stream; their stamp is the place of the CR.
 
-    Also the number of lines that are neither frames nor answers, and of the bytes up to the end of
-    the last line.  An adapter may append its own millisecond stamp (4 hex digits, command `Z1`): it
-    wraps every minute and is not used.
+    Also returns the number of lines that are neither frames nor answers, and that of the bytes up
+    to the end of the last line.  An adapter may append its own millisecond stamp (command `Z1`): it
+    wraps every minute and is not used.  Lines of one kind and length are decoded together.
     """
     octets = np.frombuffer(stream, np.uint8)
     ends = np.flatnonzero((octets == _CR) | (octets == _BELL))
@@ -79,8 +80,8 @@ def parse_slcan(stream: bytes) -> tuple[FrameBatch, int, int]:
     sizes = ends - starts
     used = int(ends[-1]) + 1 if len(ends) else 0
     kinds = octets[starts] if used else octets[:0]
-    answer = (sizes == 0) | ((sizes == 1) & np.isin(kinds, _ANSWERS))
-    answer |= (sizes == 2) & (kinds == _SET_BITRATE)
+    is_answer = (sizes == 0) | ((sizes == 1) & np.isin(kinds, _ANSWERS))
+    is_answer |= (sizes == 2) & (kinds == _SET_BITRATE)
 
     can_id = np.zeros(len(ends), np.uint32)
     flags = np.zeros(len(ends), np.uint16)
@@ -90,28 +91,29 @@ def parse_slcan(stream: bytes) -> tuple[FrameBatch, int, int]:
     for kind, properties in _KINDS.items():
         digits = 8 if properties & FrameFlag.EXTENDED else 3
         lines = np.flatnonzero(
-            (kinds == kind) & (sizes >= digits + 2) & (octets[ends] == _CR) & ~answer
+            (kinds == kind) & (sizes >= digits + 2) & (octets[ends] == _CR) & ~is_answer
         )
         codes = _NIBBLE[octets[starts[lines] + digits + 1]]
-        for code in np.unique(codes[codes < (16 if properties & _FD else 9)]):
+        length_codes = 16 if properties & _FD else 9  # a classic frame has 0 to 8 bytes
+        for code in np.unique(codes[codes < length_codes]):
             size = 0 if properties & FrameFlag.REMOTE else int(FD_LENGTHS[code])
             width = digits + 2 + 2 * size
             rows = lines[codes == code]
-            rows = rows[(sizes[rows] == width) | (sizes[rows] == width + 4)]
+            rows = rows[(sizes[rows] == width) | (sizes[rows] == width + _STAMP_DIGITS)]
             nibbles = _NIBBLE[octets[starts[rows, None] + np.arange(1, width)]]
             powers = 16 ** np.arange(digits - 1, -1, -1, dtype=np.int64)
             ids = nibbles[:, :digits].astype(np.int64) @ powers
-            fine = (nibbles != _NO_DIGIT).all(axis=1)
-            fine &= ids < (1 << 29 if properties & FrameFlag.EXTENDED else 1 << 11)
-            rows, nibbles = rows[fine], nibbles[fine, digits + 1 :]
-            can_id[rows] = ids[fine]
+            is_frame = (nibbles != _NO_DIGIT).all(axis=1)
+            is_frame &= ids < (1 << 29 if properties & FrameFlag.EXTENDED else 1 << 11)
+            rows, payload = rows[is_frame], nibbles[is_frame, digits + 1 :]
+            can_id[rows] = ids[is_frame]
             flags[rows] = properties
             length[rows] = FD_LENGTHS[code]
-            data[rows, :size] = nibbles[:, ::2] << 4 | nibbles[:, 1::2]
+            data[rows, :size] = payload[:, ::2] << 4 | payload[:, 1::2]
             good[rows] = True
     width = 8 if length.max(initial=0) <= 8 else 64
-    frames = FrameBatch(ends, can_id, flags, length * np.uint8(0), length, data[:, :width])
-    return frames.select(good), int(np.sum(~good & ~answer)), used
+    frames = FrameBatch(ends, can_id, flags, np.zeros_like(length), length, data[:, :width])
+    return frames.select(good), int(np.sum(~good & ~is_answer)), used
 
 
 class SlcanSource:
@@ -137,7 +139,7 @@ class SlcanSource:
         self._setup = f"C\r{BITRATE_CODES[bitrate]}\rO\r".encode()
         self._index = index
         self._now_ns = now_ns
-        self._begun = b""
+        self._begun = b""  # the last line, as far as it was read
         self._garbled = 0
         line.write(self._setup)
         self._repeat_setup_s: float | None = time.monotonic() + SILENCE_S
@@ -145,7 +147,7 @@ class SlcanSource:
     def read(self, timeout_s: float) -> FrameBatch:
         """Return a block of frames; see `FrameSource`."""
         pieces: list[bytes] = []
-        read_ns: list[int] = []
+        read_ns: list[int] = []  # when each piece was read
         size, wait_s, deadline_s = 0, timeout_s, 0.0
         while size < _BLOCK_BYTES:
             try:
@@ -159,10 +161,11 @@ class SlcanSource:
             if not piece:
                 break
             read_ns.append(self._now_ns())
+            now_s = time.monotonic()
+            if not pieces:
+                wait_s, deadline_s = GATHER_S, now_s + GATHER_S
             pieces.append(piece)
             size += len(piece)
-            wait_s, now_s = GATHER_S, time.monotonic()
-            deadline_s = deadline_s or now_s + GATHER_S
             if now_s >= deadline_s:
                 break
         return self._batch(pieces, read_ns)

@@ -122,8 +122,9 @@ def read_control(
 ) -> tuple[NDArray[np.int64], int | None]:
     """Return the kernel's stamps, ns, 0 where there is none, and the newest counter of drops.
 
-    `words`, (n, m) int64: control messages of each datagram.  `used`, (n,): number of bytes that
-    the kernel wrote there.  A message of another kind ends those of its datagram.
+    `words`, (n, m) int64: control messages of each datagram: length, kind, s, ns of a stamp, then
+    length, kind, value of a counter.  `used`, (n,): number of bytes that the kernel wrote there.  A
+    message of another kind ends those of its datagram.
     """
     stamped = (words[:, 1] == _STAMP) & (words[:, 0] >= 4 * _WORD) & (used >= 4 * _WORD)
     t_ns = (words[:, 2] * 1_000_000_000 + words[:, 3]) * stamped
@@ -225,9 +226,9 @@ class SocketCanSource:
                 return self._batch(count, older)
             self._count_drops(drop_counter(self._socket))
             if self._fault:
-                what = f"has gone: {self._fault.strerror}"
+                problem = f"has gone: {self._fault.strerror}"
                 advice = "check plug and power, then start again"
-                raise BusError(self.name, what, advice) from self._fault
+                raise BusError(self.name, problem, advice) from self._fault
             return FrameBatch.empty()
 
     def losses(self) -> SourceLosses:

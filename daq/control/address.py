@@ -51,8 +51,8 @@ def control_address(folder: Path) -> Address:
     be written by others, or its path is too long; or if the name of the folder is not UTF-8.
     """
     if not hasattr(os, "getuid"):
-        what = "has no sockets that only one user can reach"
-        raise InputError("this system", what, "run the recorder on Linux or macOS")
+        why = "has no sockets that only one user can reach"
+        raise InputError("this system", why, "run the recorder on Linux or macOS")
     folder = folder.resolve()
     try:
         name = sha256(str(folder).encode()).hexdigest()[:16]
@@ -101,8 +101,8 @@ def make_private(directory: Path) -> None:
             raise InputError(str(directory), fault, advice)
         directory.chmod(0o700)
     except OSError as error:
-        what = error.strerror or str(error)
-        raise InputError(str(directory), what, f"set {_DIRECTORY} to another directory") from error
+        why = error.strerror or str(error)
+        raise InputError(str(directory), why, f"set {_DIRECTORY} to another directory") from error
 
 
 def _places() -> tuple[Path, ...]:

@@ -106,9 +106,9 @@ class Client:
         deadline_s = time.monotonic() + timeout_s
         with self._news_lock:
             while not self._closed.is_set():
-                left_s = deadline_s - time.monotonic()
-                if not self._news.poll(int(max(0.0, min(left_s, _SLICE_S)) * 1e3)):
-                    if left_s <= 0:
+                remaining_s = deadline_s - time.monotonic()
+                if not self._news.poll(int(max(0.0, min(remaining_s, _SLICE_S)) * 1e3)):
+                    if remaining_s <= 0:
                         break
                     continue
                 topic, body = self._news.recv_multipart(zmq.NOBLOCK)
@@ -158,8 +158,8 @@ class Client:
             request = [b"%d" % PROTOCOL, number, type(order).__name__.encode(), body]
             with suppress(zmq.Again):
                 self._requests.send_multipart(request, zmq.NOBLOCK)
-                while (left_s := deadline_s - time.monotonic()) > 0:
-                    if self._requests.poll(int(left_s * 1e3) + 1):
+                while (remaining_s := deadline_s - time.monotonic()) > 0:
+                    if self._requests.poll(int(remaining_s * 1e3) + 1):
                         reply = self._read(self._requests.recv_multipart(zmq.NOBLOCK), number)
                         if reply is not None:
                             return reply
@@ -180,5 +180,5 @@ class Client:
             raise OrderRefusedError(reply.error)
         return reply
 
-    def _gone(self, what: str) -> RecorderGoneError:
-        return RecorderGoneError(str(self._address.paths[0]), what, "start `bumpbench record`")
+    def _gone(self, reason: str) -> RecorderGoneError:
+        return RecorderGoneError(str(self._address.paths[0]), reason, "start `bumpbench record`")

@@ -46,12 +46,12 @@ def lone_recorder(folder: Path) -> Iterator[None]:
             folder.mkdir(parents=True, exist_ok=True)
             lock.acquire()
         except Timeout as error:
-            what = f"another recorder ({_holder(folder)}) writes there"
+            why = f"another recorder ({_holder(folder)}) writes there"
             advice = "watch it with `bumpbench tui`, or name another folder"
-            raise FolderLockedError(str(folder), what, advice) from error
+            raise FolderLockedError(str(folder), why, advice) from error
         except OSError as error:
-            what = error.strerror or str(error)
-            raise InputError(str(folder), what, "name another folder") from error
+            why = error.strerror or str(error)
+            raise InputError(str(folder), why, "name another folder") from error
         try:
             with suppress(OSError):  # the journal reports a full disk
                 write_text(folder / _HOLDER, f"{os.getpid()}\n")

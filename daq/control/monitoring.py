@@ -22,7 +22,7 @@ from ..files import write_bytes
 from .messages import BusState, Status
 
 STILL_S = 2.0
-"""Seconds without a cycle after which a loop counts as hung."""
+"""Time without a cycle, s, after which a thread counts as stalled."""
 DISK_S = 60.0
 """Time, s, for which a disk may refuse data while blocks wait in memory; a restart then loses
 little more."""
@@ -42,10 +42,13 @@ class Heartbeats:
 
 
 def standstill(heartbeats: Heartbeats, now_s: float) -> str:
-    """Return a text that names the thread that hangs; empty if none does."""
-    for name, turned_s in heartbeats.readers:
-        if turned_s and now_s - turned_s > STILL_S:
-            return f"the reader of {name} has had no cycle for {now_s - turned_s:.1f} s"
+    """Return a text that names what has stalled: a reader, the writer or the disk; else empty.
+
+    A reader that had no cycle yet, and a disk that stored no block yet (time 0), have not stalled.
+    """
+    for name, cycle_s in heartbeats.readers:
+        if cycle_s and now_s - cycle_s > STILL_S:
+            return f"the reader of {name} has had no cycle for {now_s - cycle_s:.1f} s"
     if now_s - heartbeats.writer_s > STILL_S:
         return f"the writer has had no cycle for {now_s - heartbeats.writer_s:.1f} s"
     if heartbeats.durable_s and now_s - heartbeats.durable_s > DISK_S:
@@ -57,8 +60,8 @@ class Systemd:
     """Notifies systemd of the recorder's state; does nothing if there is no systemd.
 
     Ready means that every bus was tried and a block is on the disk: with a missing adapter the
-    recorder is degraded, but its start does not fail.  The watchdog is fed only while no thread
-    hangs.
+    recorder is degraded, but its start does not fail.  The watchdog is fed only while neither a
+    thread nor the disk stalls.
     """
 
     def __init__(self) -> None:
@@ -73,20 +76,20 @@ class Systemd:
     def notify(self, heartbeats: Heartbeats, status: Status, now_s: float) -> str:
         """Send the state; to be called about once per second.
 
-        Returns the thread that hangs, so that the watchdog was not fed; empty if none does.
+        Returns what has stalled, in words: the watchdog was then not fed; else an empty text.
         """
-        hanging = standstill(heartbeats, now_s)
-        lines = [] if hanging else ["WATCHDOG=1"]
-        tried = all(turned_s > 0 for _, turned_s in heartbeats.readers)
+        stalled = standstill(heartbeats, now_s)
+        lines = [] if stalled else ["WATCHDOG=1"]
+        tried = all(cycle_s > 0 for _, cycle_s in heartbeats.readers)
         if not self._ready and tried and heartbeats.durable_s:
             self._ready = True
             lines.append("READY=1")
-        text = hanging or status_line(status)
+        text = stalled or status_line(status)
         if text != self._reported:
             self._reported = text
             lines.append(f"STATUS={text}")
         self._send("\n".join(lines))
-        return hanging
+        return stalled
 
     def reloading(self) -> None:
         """Report that the configuration is being reloaded; the next `notify` reports the end."""

@@ -82,7 +82,7 @@ class Server:
         setup: Setup | None = None,
     ) -> None:
         self._submit, self._address, self.setup = submit, address, setup
-        self._left_s = time.monotonic() + FIRST_S
+        self._alone_since_s = time.monotonic() + FIRST_S
         self._has_clients = False
         self._peers = Peers()
         self._status: Status | None = None
@@ -106,14 +106,14 @@ class Server:
                 socket.bind(endpoint)
         except zmq.ZMQError as error:
             self._release()
-            what = f"cannot listen: {error.strerror}"
-            raise InputError(str(address.paths[0]), what, "see who owns that directory") from error
+            why = f"cannot listen: {error.strerror}"
+            raise InputError(str(address.paths[0]), why, "see who owns that directory") from error
         self._thread = threading.Thread(target=self._run, name="control", daemon=True)
         self._thread.start()
 
     def alone_s(self) -> float:
         """Return the time without any client, s; the first client may take `FIRST_S`."""
-        return max(time.monotonic() - self._left_s, 0.0)
+        return max(time.monotonic() - self._alone_since_s, 0.0)
 
     def has_clients(self) -> bool:
         """Return whether any client was connected recently; from any thread, never blocks."""
@@ -194,7 +194,7 @@ class Server:
         controller, viewers = self._peers.controller(now_s), self._peers.viewers(now_s)
         self._has_clients = bool(controller or viewers)
         if self._has_clients:
-            self._left_s = now_s
+            self._alone_since_s = now_s
         self._status = replace(status, controller=controller, viewers=viewers)
         with suppress(zmq.Again):
             news = [STATUS_TOPIC, STATUS.dump_json(self._status)]

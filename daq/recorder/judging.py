@@ -41,6 +41,7 @@ MOST_BYTES = 128 << 20
 old."""
 _BLOCK_BYTES = 4096
 """Bytes of a block in addition to its frames and samples, about."""
+_FRAME_BYTES = 16  # in addition to the payload
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +58,8 @@ class _Block:
     def size(self) -> int:
         """Memory of the block, bytes, about."""
         samples = sum(t_ns.nbytes + value.nbytes for t_ns, value in self.samples.values())
-        return _BLOCK_BYTES + self.frames.data.nbytes + 16 * len(self.frames) + samples
+        frames = self.frames.data.nbytes + _FRAME_BYTES * len(self.frames)
+        return _BLOCK_BYTES + frames + samples
 
 
 class Recent:
@@ -69,31 +71,32 @@ class Recent:
         self._bytes = self._blocks[0].size
 
     def add(self, frames: FrameBatch, samples: SampleBlock, losses: Losses) -> None:
-        """Add a block, not empty."""
+        """Add a block that has frames; drop blocks that are too old, or beyond `MOST_BYTES`."""
         first_ns, last_ns = int(frames.t_ns.min()), int(frames.t_ns.max())
         block = _Block(first_ns, last_ns, frames, samples, losses)
-        # The first block after a pause of the bus may end a run from before the pause: the previous
-        # block decides which blocks are too old.
-        before_ns = self._blocks[-1].last_ns
-        horizon_ns = before_ns - round(max(self.kept_s, CHECK_S) * 1e9) - _SLACK_NS
-        if last_ns < before_ns - _SLACK_NS:  # the clock was set back
-            horizon_ns = before_ns + 1
+        previous_ns = self._blocks[-1].last_ns
+        if last_ns < previous_ns - _SLACK_NS:  # the clock was set back: all earlier blocks go
+            oldest_ns = previous_ns + 1
+        else:
+            # Counted from the previous block, not from this one: the first block after a pause of
+            # the bus may end a run from before the pause.
+            oldest_ns = previous_ns - round(max(self.kept_s, CHECK_S) * 1e9) - _SLACK_NS
         self._blocks.append(block)
         self._bytes += block.size
         while len(self._blocks) > 1 and (
-            self._blocks[0].last_ns < horizon_ns or self._bytes > MOST_BYTES
+            self._blocks[0].last_ns < oldest_ns or self._bytes > MOST_BYTES
         ):
             self._bytes -= self._blocks.popleft().size
 
     def frames(self, seconds: float) -> FrameBatch:
         """Return the frames of the last seconds."""
         since_ns = self._blocks[-1].last_ns - round(seconds * 1e9)
-        blocks = [b.frames for b in self._blocks if b.last_ns >= since_ns]
-        frames = FrameBatch.concatenate(blocks)
+        recent = [block.frames for block in self._blocks if block.last_ns >= since_ns]
+        frames = FrameBatch.concatenate(recent)
         return frames.select(frames.t_ns >= since_ns)
 
     def samples(self, start_ns: int, stop_ns: int) -> SampleBlock:
-        """Return the samples of a span, by channel, in order of arrival."""
+        """Return the samples with start <= t < stop, by channel, in order of arrival."""
         pieces: dict[str, list[Column]] = {}
         for block in self._blocks:
             if block.last_ns >= start_ns:
@@ -114,8 +117,9 @@ class Recent:
         """
         before = [block for block in self._blocks if block.last_ns < start_ns]
         until = [block for block in self._blocks if block.first_ns < stop_ns]
-        first, last = (before or [self._blocks[0]])[-1], (until or [self._blocks[0]])[-1]
-        return Losses(*map(sub, astuple(last.losses), astuple(first.losses)))
+        counted_before = (before[-1] if before else self._blocks[0]).losses
+        counted_until = (until[-1] if until else self._blocks[0]).losses
+        return Losses(*map(sub, astuple(counted_until), astuple(counted_before)))
 
 
 # Judges the runs, and compares them ---------------------------------------------------------------
@@ -151,32 +155,30 @@ class Judge:
     ) -> None:
         self._bench, self._recent, self._measures = bench, recent, measures
         self._timed = timed_messages(codec, bench.message_rules)
-        self._saturated: dict[str, int] = {}
-        self._motion: tuple[int, int, float | None] = (0, 0, None)
+        self._saturated: dict[str, int] = {}  # when last saturated, ns, by channel
+        self._motion: tuple[int, int, float | None] = (0, 0, None)  # bump, when computed, ratio
 
     def saw_saturated(self, t_ns: int, channels: Sequence[str]) -> None:
         """Note the channels that are at the end of their range."""
         self._saturated.update(dict.fromkeys(channels, t_ns))
 
     def verdict(self, step: Step, bump_ns: int, run_log: RunLog) -> tuple[Finding, ...]:
-        """Judge the run of a step."""
+        """Judge the run of a step, and keep its measure for the comparison with later runs."""
         span = self._bench.trigger.window_ns(bump_ns)
         samples, lost = self._recent.samples(*span), self._recent.losses(*span)
         saturated = tuple(name for name, t_ns in self._saturated.items() if t_ns >= bump_ns)
-        window = RunWindow(bump_ns, samples, lost, (), saturated, self._timed)
-        kind = run_log.of(step.mass_state, step.excitation)
-        known = [run for run in kind if run.label in self._measures]
-        accepted, unlike = (
-            [self._measures[run.label] for run in known if chosen(run)]
-            for chosen in (is_accepted, is_only_unlike)
-        )
+        window = RunWindow(bump_ns, samples, lost, saturated=saturated, timed=self._timed)
+        runs = run_log.of(step.mass_state, step.excitation)
+        measured = [run for run in runs if run.label in self._measures]
+        accepted = [self._measures[run.label] for run in measured if is_accepted(run)]
+        unlike = [self._measures[run.label] for run in measured if is_only_unlike(run)]
         findings, self._measures[step.label] = judge(self._bench, step, window, accepted, unlike)
         return findings
 
     def peak_left(self, bump_ns: int, t_ns: int) -> float | None:
         """Return the ratio of the present motion to its peak; None while it cannot be measured."""
-        before_bump_ns, seen_ns, ratio = self._motion
-        if before_bump_ns == bump_ns and 0 <= t_ns - seen_ns < LOOK_NS:
+        last_bump_ns, computed_ns, ratio = self._motion
+        if last_bump_ns == bump_ns and 0 <= t_ns - computed_ns < LOOK_NS:
             return ratio
         start_ns, _ = self._bench.trigger.window_ns(bump_ns)
         samples = self._recent.samples(start_ns, t_ns + 1)
@@ -196,13 +198,13 @@ def unlike_runs(
     unlike, campaign = list[LeftOut](), bench.campaign
     for kind in dict.fromkeys((run.mass_state, run.excitation) for run in run_log.runs):
         accepted = [run for run in run_log.of(*kind) if is_accepted(run)]
-        known = {run.label: measures[run.label] for run in accepted if run.label in measures}
-        decided = {run.label for run in accepted if run.by}
-        for wheels in dict.fromkeys(measure.wheels for measure in known.values()):
-            alike = {label: m for label, m in known.items() if m.wheels == wheels}
-            planned = campaign.repeats - (len(accepted) - len(alike))
+        measured = {run.label: measures[run.label] for run in accepted if run.label in measures}
+        decided = {run.label for run in accepted if run.by}  # by a person
+        for wheels in dict.fromkeys(measure.wheels for measure in measured.values()):
+            alike = {label: m for label, m in measured.items() if m.wheels == wheels}
+            planned = campaign.repeats - (len(accepted) - len(alike))  # the others also count
             odd = left_out(bench.channels, campaign.bump_s, alike, planned)
-            unlike += [LeftOut(label, odd[label]) for label in odd if label not in decided]
+            unlike += [LeftOut(label, text) for label, text in odd.items() if label not in decided]
     return tuple(unlike)
 
 

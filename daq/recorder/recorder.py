@@ -400,10 +400,10 @@ class Recorder:
         self._orders.close()
         self._stop_readers()
         self._writer.close(ended=not self._opened.campaign)
-        if held := self._writer.status.held_frames:
-            were = counted(held, "frame was", "frames were")
+        if waiting := self._writer.status.held_frames:
+            were = counted(waiting, "frame was", "frames were")
             _log.error(
-                "%s in memory, and the disk did not take %s", were, plural(held, "it", "them")
+                "%s in memory, and the disk did not take %s", were, plural(waiting, "it", "them")
             )
         self._derivation.poll()
         self._publish(publish)

@@ -112,8 +112,10 @@ class Recording:
         self.adopt(bench, codec)
 
     def adopt(self, bench: Bench, codec: Codec) -> None:
-        """Continue with another bench.toml.
+        """Continue with another bench.toml, or begin with the first.
 
+        Live envelope, judge, trigger (which waits for rest anew) and the history behind the alarms
+        begin anew.  Run log, measures, run loop, recent frames and the health of the counters stay.
         Raises InputError as the constructor; then nothing is changed.
         """
         self._mapped, self._triggers = trigger.bench_mapping(bench, codec)
@@ -122,10 +124,12 @@ class Recording:
         self._recent.kept_s = bench.trigger.pre_s + bench.trigger.post_s
         self._judge = Judge(bench, codec, self._recent, self.measures)
         self._trigger = trigger.TriggerState()
+        # The caches of `_counts` and `_proposed`: both depend on the bench.
         self._counted: tuple[RunLog, Due | None, tuple[Tally, ...]] | None = None
         self._compared: tuple[RunLog, int, tuple[LeftOut, ...]] | None = None
         self._alarms.adopt()
-        # It is complete if it was killed after the last run, or now plans fewer runs.
+        # The campaign may now be complete, because the new bench plans fewer runs or the recorder
+        # was killed after the last run; or no longer complete, because the new bench plans more.
         self._loop.decide(self._surroundings())
 
     @property
@@ -163,9 +167,9 @@ class Recording:
         `links`, `disk`, `storage`: their present state.  Returns the events stored: `bump`
         and `run_end` have the label of their run.
         """
-        batch, before = FrameBatch.concatenate(self._unseen), self._looked_hops
+        batch, hops_before = FrameBatch.concatenate(self._unseen), self._looked_hops
         self._unseen, self._events, self._looked_hops = [], [], self._hops
-        if self._hops.restamped and not before.restamped:
+        if self._hops.restamped and not hops_before.restamped:
             text = "time stamps of another epoch: frames are stamped on arrival"
             self._log(Event(self._t_ns, RESTAMPED, self._hops.restamped, text))
         barrier, decoded = self._barrier, None
@@ -217,7 +221,8 @@ class Recording:
         self._loop.bump(due.step.label, event.t_ns)
         self._bump_ns = event.t_ns
 
-    def _ended(self, event: Event, first_ns: int, now: Now) -> None:
+    def _ended(self, event: Event, block_start_ns: int, now: Now) -> None:
+        """Judge the run whose end is seen in the block that begins at `block_start_ns`."""
         label = self.running
         if not label:
             self._log(replace(event, code=trigger.UNPLANNED + event.code))
@@ -232,13 +237,14 @@ class Recording:
             lambda: self._judge.verdict(step, self._bump_ns, self.run_log),
         )
         self._log(verdict_entry(event.t_ns, label, findings))
-        seen_ns = max(event.t_ns, first_ns)  # a bus may have paused in between
+        # The countdown begins when the end is seen: the bus may have paused after the end itself.
+        seen_ns = max(event.t_ns, block_start_ns)
         self._loop.judge(replace(self._surroundings(), t_ns=seen_ns))
 
     def _watch(self, cycle: Cycle) -> None:
         events = self._alarms.advance(self.bench.recorder, self._codec, self._mapped, cycle)
-        at_end = [alarm.subject for alarm in self._alarms.alarms if alarm.code == "saturated"]
-        self._judge.saw_saturated(self._t_ns, at_end)
+        saturated = [alarm.subject for alarm in self._alarms.alarms if alarm.code == "saturated"]
+        self._judge.saw_saturated(self._t_ns, saturated)
         for event in events:
             self._log(event)
         dead = self._alarms.dead_bus
@@ -370,29 +376,31 @@ class Recording:
 
     @property
     def _proposed(self) -> tuple[LeftOut, ...]:
-        known = len(self.measures)  # after a restart the measures arrive later than the runs
-        if self._compared is None or self._compared[:2] != (self.run_log, known):
+        measured = len(self.measures)  # after a restart the measures arrive later than the runs
+        if self._compared is None or self._compared[:2] != (self.run_log, measured):
             proposed = unlike_runs(self.bench, self.run_log, self.measures)
-            self._compared = self.run_log, known, proposed
+            self._compared = self.run_log, measured, proposed
         return self._compared[2]
 
     @property
     def _is_full(self) -> bool:
+        """True if the trigger channels reach back over the whole pre-trigger."""
         return trigger.pre_trigger_full(self.bench.trigger, self._trigger, self._first_ns)
 
     def _surroundings(self) -> Surroundings:
-        at_rest = self._trigger.phase is trigger.TriggerPhase.ARMED
-        bench = self.bench
+        """Return the state on which the run loop depends, as of the latest frame."""
+        is_armed = self._trigger.phase is trigger.TriggerPhase.ARMED  # all trigger channels rest
         return Surroundings(
-            self._t_ns,
-            at_rest and self._is_full,
-            self.run_log,
-            self._due.step if self._due else None,
-            bench.campaign.bump_s,
-            bench.campaign.accept_after_s,
+            t_ns=self._t_ns,
+            ready=is_armed and self._is_full,
+            run_log=self.run_log,
+            due=self._due.step if self._due else None,
+            bump_s=self.bench.campaign.bump_s,
+            accept_after_s=self.bench.campaign.accept_after_s,
         )
 
 
 def _text_of_last(decisions: tuple[Decision, ...]) -> str:
-    """Return the last of the verdicts that can be undone or redone, in words."""
-    return f"{decisions[-1][-1].after.label} {decisions[-1][-1].after.status}" if decisions else ""
+    """Return the run and the verdict of the last decision, in words; empty if there is none."""
+    run = decisions[-1][-1].after if decisions else None
+    return f"{run.label} {run.status}" if run else ""

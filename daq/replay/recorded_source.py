@@ -41,9 +41,9 @@ def whole_frames(session: Session, path: Path) -> FrameBatch:
             _, (whole,) = read_windows(recording.segments, [span])
             if len(whole) >= len(runs):
                 return whole
-    what = "cannot be replayed alone: it has the runs, but not the frames between them"
+    problem = "cannot be replayed alone: it has the runs, but not the frames between them"
     advice = "name a session next to its journal, or replay it on a bus with `bumpbench replay`"
-    raise InputError(str(path), what, advice)
+    raise InputError(str(path), problem, advice)
 
 
 class RecordedSource:
@@ -60,8 +60,8 @@ class RecordedSource:
         t_ns = start_ns + np.cumsum(np.clip(gap_ns, 0, round(LONGEST_GAP_S * 1e9)))
         on_bus = frames.bus == bus
         self._frames = replace(frames, t_ns=t_ns).select(on_bus)
-        self._after_s = (t_ns[on_bus] - start_ns) * 1e-9 / speed
-        self._next = 0
+        self._after_s = (t_ns[on_bus] - start_ns) * 1e-9 / speed  # due, after `_begun_s`
+        self._next = 0  # row of the first frame that is not read
         self._begun_s = time.monotonic() + START_S
 
     @property
@@ -75,15 +75,19 @@ class RecordedSource:
         return self._next >= len(self._frames)
 
     def read(self, timeout_s: float) -> FrameBatch:
-        """Return the frames that are due; wait up to `timeout_s` for the first."""
-        passed_s = time.monotonic() - self._begun_s
+        """Return the frames that are due, at most `BLOCK_FRAMES`; empty once `done`.
+
+        It waits until the next frame is due, and at least `GATHER_S`, so that frames gather in a
+        block; but never longer than `timeout_s`.
+        """
         wait_s = timeout_s
         if not self.done:
-            wait_s = min(max(float(self._after_s[self._next]) - passed_s, GATHER_S), timeout_s)
+            due_in_s = self._begun_s + float(self._after_s[self._next]) - time.monotonic()
+            wait_s = min(max(due_in_s, GATHER_S), timeout_s)
         time.sleep(wait_s)
         first = self._next
-        stop = int(np.searchsorted(self._after_s, time.monotonic() - self._begun_s, "right"))
-        self._next = min(max(stop, first), first + BLOCK_FRAMES)
+        due = int(np.searchsorted(self._after_s, time.monotonic() - self._begun_s, "right"))
+        self._next = min(due, first + BLOCK_FRAMES)
         return self._frames.select(slice(first, self._next))
 
     def losses(self) -> SourceLosses:

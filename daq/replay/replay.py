@@ -51,8 +51,8 @@ def play(
                     last_ns = t_ns
                     # Deadlines count from the first frame, so that errors do not add up.
                     due_s = origin_s + (t_ns - first_ns) * 1e-9 / speed
-                    if (left_s := due_s - time.monotonic()) > 0:
-                        time.sleep(left_s)
+                    if (remaining_s := due_s - time.monotonic()) > 0:
+                        time.sleep(remaining_s)
                 _send(buses[number], message)
                 sent += 1
             yield sent

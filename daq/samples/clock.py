@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 FASTEST = 0.95
 """Least ratio of a sensor's true cycle to that in the DBC (free-running oscillators)."""
 
-_SLACK_FRAMES = 2.0
+_SLACK_FRAMES = 2.0  # that a counter may be ahead of the time without a restart
 _SILENCE_S = 1.0
 """Time without a frame, s, from which a counter that continues where it stopped means that the
 sender paused: it is far less likely that exactly a multiple of its range was lost."""
@@ -69,35 +69,37 @@ def counter_steps(
     step = (counter[1:] - counter[:-1]) % modulus
     if cycle_s is None or not len(step):
         return CounterSteps(step, np.zeros(len(step), bool), late_s)
-    arrival = (t_ns - t_ns[0]) * 1e-9 / cycle_s  # in cycles
-    # The latest time at which each can have been sent: each later frame took one cycle.
-    index = np.arange(len(arrival)) * FASTEST
-    latest = np.minimum.accumulate((arrival - index)[::-1])[::-1] + index
+    arrival = (t_ns - t_ns[0]) * 1e-9 / cycle_s  # in cycles, as all times below
+    late_before = late_s / cycle_s
+    # The latest time at which each can have been sent: each later frame took at least this time.
+    least = np.arange(len(arrival)) * FASTEST
+    latest = np.minimum.accumulate((arrival - least)[::-1])[::-1] + least
     elapsed = latest[1:] - latest[:-1]
-    forgotten = (1 - FASTEST) * float(arrival[-1])  # a sensor slower than nominal is not late
+    drift = (1 - FASTEST) * float(arrival[-1])  # of a sensor slower than nominal: that is not late
     if step.min() == step.max() == 1 and elapsed.max() <= modulus / 2:  # the usual case, quickly
         phase = latest - np.arange(len(latest))
-        late_cycles = float(phase[-1]) - min(float(phase.min()), float(phase[0]) - late_s / cycle_s)
+        late_last = float(phase[-1]) - min(float(phase.min()), float(phase[0]) - late_before)
         restarted = np.zeros(len(step), bool)
-        return CounterSteps(step, restarted, max(late_cycles - forgotten, 0.0) * cycle_s)
-    turns = np.maximum(np.rint((elapsed - step) / modulus), 0).astype(np.int64)
-    paused = (step == 1) & (turns > 0) & (elapsed * cycle_s >= _SILENCE_S)
-    step = step + modulus * turns
-    late = _lateness(latest, step, late_s / cycle_s)
+        return CounterSteps(step, restarted, max(late_last - drift, 0.0) * cycle_s)
+    wraps = np.maximum(np.rint((elapsed - step) / modulus), 0).astype(np.int64)
+    paused = (step == 1) & (wraps > 0) & (elapsed * cycle_s >= _SILENCE_S)
+    step = step + modulus * wraps
+    late = _lateness(latest, step, late_before)
     restarted = paused | (step > elapsed + late[:-1] + _SLACK_FRAMES)
     if np.any(restarted):
         by_time = np.maximum(np.rint(elapsed), 1).astype(np.int64)
         step = np.where(restarted, by_time, step)
-        late = _lateness(latest, step, late_s / cycle_s)
-    return CounterSteps(step, restarted, max(float(late[-1]) - forgotten, 0.0) * cycle_s)
+        late = _lateness(latest, step, late_before)
+    return CounterSteps(step, restarted, max(float(late[-1]) - drift, 0.0) * cycle_s)
 
 
 def _lateness(
-    arrival: NDArray[np.float64], step: NDArray[np.int64], late: float
+    sent: NDArray[np.float64], step: NDArray[np.int64], late_before: float
 ) -> NDArray[np.float64]:
-    phase = arrival - np.concatenate([[0], np.cumsum(step)])
-    earliest = np.minimum(np.minimum.accumulate(phase), phase[0] - late)
-    return np.asarray(phase - earliest)
+    """Return the delays of frames after the most punctual one until then, (n,); all in cycles."""
+    phase = sent - np.concatenate([[0], np.cumsum(step)])
+    most_punctual = np.minimum(np.minimum.accumulate(phase), phase[0] - late_before)
+    return np.asarray(phase - most_punctual)
 
 
 # The clock ----------------------------------------------------------------------------------------
@@ -111,11 +113,12 @@ LARGEST_TOLERANCE = 1 - FASTEST
 HARDWARE_SCATTER_S = 15e-6
 """Distance of quartiles, s, below which the scatter is the noise of a stamping clock and not
 delays."""
+_OUTLIER, _LEAST_OUTLIER_S = 5.0, 1e-6  # from the median: in quartile distances; least, s
 
-_FEWEST = 20
+_FEWEST = 20  # frames to which a clock is fitted, and frames of a stretch
 
-_LATEST_SHARE = 0.9
-"""Delay of nearly all frames, in cycles, from which a tick may be the next one."""
+_NEARLY_ALL, _LATEST_SHARE = 0.95, 0.9
+"""Share of frames, and their delay, in cycles, from which a tick may be the next one."""
 _ROUNDING_S = 1e-12
 """Difference, s, below which two heights above a line count as equal."""
 _EARLY_SHARE = 0.2
@@ -139,6 +142,7 @@ frame follows."""
 _BELIEVED_RATE = (0.8, 1.25)
 """Lowest and highest rate, seconds of the bus per second of the sensor; outside, the stated unit or
 wrap is wrong."""
+_LEAST_GAP_S = 1e-6  # around a restart, so that the times of samples increase
 _JUMP_S = 0.05
 _JUMP_SHARE = 0.05
 """A restart may be between two frames whose stamps and arrivals differ by more than this time, and
@@ -182,26 +186,29 @@ def sensor_times(
         return arrival_times(t_ns, t0_ns)
     steps = counter_steps(counter, modulus, t_ns, cycle_s)
     step = np.concatenate([[1], steps.step])
-    if np.mean(step == 0) > 0.5:
+    if np.mean(step == 0) > 0.5:  # the counter mostly stands still
         return arrival_times(t_ns, t0_ns)
     index: NDArray[np.float64] = np.cumsum(step).astype(np.float64)
-    arrival = np.asarray((t_ns - t0_ns) * 1e-9, np.float64)
-    return _between_restarts(index, arrival, step, steps.restarted, cycle_s)
+    arrival_s = np.asarray((t_ns - t0_ns) * 1e-9, np.float64)
+    return _between_restarts(index, arrival_s, step, steps.restarted, cycle_s)
 
 
 def _between_restarts(
-    index: NDArray[np.float64],
-    arrival: NDArray[np.float64],
+    sensor_time: NDArray[np.float64],
+    arrival_s: NDArray[np.float64],
     step: NDArray[np.int64],
     restarted: NDArray[np.bool_],
-    cycle_s: float,
+    unit_s: float,
 ) -> SensorTimes:
-    """Return the times from a line for each part between restarts; NaN for repeated frames."""
+    """Return the times from a line for each part between restarts; NaN for repeated frames.
+
+    `sensor_time`, (n,): number of the sample, or the sensor's own time, in units of `unit_s`.
+    """
     fresh = step > 0
-    time_s = np.full(len(arrival), np.nan)
-    for rows in np.split(np.arange(len(arrival)), np.flatnonzero(restarted) + 1):
-        rows = rows[fresh[rows]]
-        time_s[rows] = _fitted(index[rows], arrival[rows], cycle_s)
+    time_s = np.full(len(arrival_s), np.nan)
+    for part in np.split(np.arange(len(arrival_s)), np.flatnonzero(restarted) + 1):
+        rows = part[fresh[part]]
+        time_s[rows] = _fitted(sensor_time[rows], arrival_s[rows], unit_s)
     time_s[fresh] = _increasing(time_s[fresh])
     return SensorTimes(time_s, step)
 
@@ -217,12 +224,12 @@ def even_times(t_ns: NDArray[np.int64], t0_ns: int) -> SensorTimes:
     """
     if len(t_ns) < _FEWEST:
         return arrival_times(t_ns, t0_ns)
-    arrival: NDArray[np.float64] = np.asarray((t_ns - t0_ns) * 1e-9, dtype=np.float64)
-    best = min(_possible_ticks(arrival), key=lambda ticks: ticks.unlikeliness, default=None)
+    arrival_s: NDArray[np.float64] = np.asarray((t_ns - t0_ns) * 1e-9, dtype=np.float64)
+    best = min(_possible_ticks(arrival_s), key=lambda ticks: ticks.unlikeliness, default=None)
     if best is None:
         return arrival_times(t_ns, t0_ns)
     step = np.concatenate([[1], np.diff(best.index)]).astype(np.int64)
-    return SensorTimes(_increasing(_fitted(best.index, arrival, best.cycle_s)), step)
+    return SensorTimes(_increasing(_fitted(best.index, arrival_s, best.cycle_s)), step)
 
 
 @dataclass(frozen=True, slots=True)
@@ -247,31 +254,31 @@ class _Ticks:
         return float(n * np.log(mean_s) + np.sum(np.diff(self.index) > 1) * np.log(n))
 
 
-def _possible_ticks(arrival: NDArray[np.float64]) -> list[_Ticks]:
-    """Return the clocks that explain the arrivals of a run.
+def _possible_ticks(arrival_s: NDArray[np.float64]) -> list[_Ticks]:
+    """Return the clocks that explain the arrivals of a run, (n,).
 
     If frames of another sensor delay some frames, the median gap may belong to a clock that is a
     sixteenth too fast and of which every sixteenth frame is missing; the mean gap does not.
     """
-    gap = np.diff(arrival)
-    median_s = float(np.median(gap))
+    gap_s = np.diff(arrival_s)
+    median_s = float(np.median(gap_s))
     if not median_s > 0.0:
         return []
-    mean_s = float(np.mean(gap[gap < _NO_FRAME_MISSING * median_s]))
-    tried = (_punctual_ticks(arrival, median_s), _punctual_ticks(arrival, mean_s))
-    return [ticks for ticks in (*tried, _all_ticks(arrival)) if ticks is not None]
+    mean_s = float(np.mean(gap_s[gap_s < _NO_FRAME_MISSING * median_s]))
+    tried = (_punctual_ticks(arrival_s, median_s), _punctual_ticks(arrival_s, mean_s))
+    return [ticks for ticks in (*tried, _all_ticks(arrival_s)) if ticks is not None]
 
 
-def _punctual_ticks(arrival: NDArray[np.float64], cycle_s: float) -> _Ticks | None:
+def _punctual_ticks(arrival_s: NDArray[np.float64], rough_s: float) -> _Ticks | None:
     """Return the tick of each frame, if frames come less than a cycle late.
 
-    `cycle_s`: the approximate cycle of the first frames.
+    `rough_s`: the approximate cycle of the first frames, s.
     """
-    index, late_s, cycle_s = _ticks(arrival, cycle_s)
-    late = np.quantile(late_s, 0.95) > _LATEST_SHARE * cycle_s
+    index, late_s, cycle_s = _ticks(arrival_s, rough_s)
+    too_late = np.quantile(late_s, _NEARLY_ALL) > _LATEST_SHARE * cycle_s
     gaps = np.flatnonzero(np.diff(index) > 1)
     follows = _latest_stretch_s(late_s) < _FOLLOWED_SHARE * cycle_s
-    if late or not follows or len(gaps) > _MOST_GAPS * len(index):
+    if too_late or not follows or len(gaps) > _MOST_GAPS * len(index):
         return None
     if len(gaps) and gaps[0] >= len(index) - 1 - _UNSURE_END:
         index = np.arange(len(index), dtype=np.float64)  # late, and not after the only gap
@@ -279,32 +286,32 @@ def _punctual_ticks(arrival: NDArray[np.float64], cycle_s: float) -> _Ticks | No
 
 
 def _ticks(
-    arrival: NDArray[np.float64], cycle_s: float
+    arrival_s: NDArray[np.float64], rough_s: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-    """Return the tick of an even clock that sent each frame, its lateness, and the cycle.
+    """Return the tick of an even clock that sent each frame and its delay, s, (n,); and the cycle.
 
     The median gap is wrong by a part of the scatter, so the clock is fitted to the first frames and
     then to a quarter more frames in each step.  A frame that seems to come after the next tick was
     sent before this tick if a later frame was: frames of one message do not overtake each other.
     """
-    n = _FEWEST
-    since = arrival - arrival[0]
-    start_s = float(np.min(since[:n] - cycle_s * np.rint(since[:n] / cycle_s)))
+    n, cycle_s = _FEWEST, rough_s
+    since_s = arrival_s - arrival_s[0]
+    start_s = float(np.min(since_s[:n] - cycle_s * np.rint(since_s[:n] / cycle_s)))
     while True:
-        count = np.arange(min(n, len(since)))
-        part = since[:n]
-        lost = np.floor((part - start_s) / cycle_s + _EARLY_SHARE) - count
-        index = np.asarray(np.minimum.accumulate(lost[::-1])[::-1] + count, np.float64)
+        part_s = since_s[:n]
+        count = np.arange(len(part_s))
+        missing = np.floor((part_s - start_s) / cycle_s + _EARLY_SHARE) - count
+        index = np.asarray(np.minimum.accumulate(missing[::-1])[::-1] + count, np.float64)
         middle = float(index.mean())
         k = np.asarray(index - middle, np.float64)
-        low, cycle_s = lower_line(k, part, cycle_s, LARGEST_TOLERANCE)
-        start_s = low - cycle_s * middle
-        if n >= len(since):
-            return index, np.asarray(part - start_s - cycle_s * index, np.float64), cycle_s
+        middle_s, cycle_s = lower_line(k, part_s, cycle_s, LARGEST_TOLERANCE)
+        start_s = middle_s - cycle_s * middle
+        if n >= len(since_s):
+            return index, np.asarray(part_s - start_s - cycle_s * index, np.float64), cycle_s
         n += n // 4
 
 
-def _all_ticks(arrival: NDArray[np.float64]) -> _Ticks | None:
+def _all_ticks(arrival_s: NDArray[np.float64]) -> _Ticks | None:
     """Return the tick of each frame and the cycle, if a frame for each tick explains the arrivals.
 
     Then some of any 20 to 40 consecutive frames are punctual; after a missing frame all would be
@@ -312,13 +319,15 @@ def _all_ticks(arrival: NDArray[np.float64]) -> _Ticks | None:
     block, by the same time in the whole run, which cannot be detected.
     """
     # The first and the last frame may be late by several cycles, which changes their distance.
-    rough_s = float(arrival[-1] - arrival[0]) / (len(arrival) - 1)
-    if not rough_s > 0.0 or np.mean(np.diff(arrival) < _PUNCTUAL_SHARE * rough_s) > _MOST_AT_ONCE:
+    since_s = arrival_s - arrival_s[0]
+    rough_s = float(since_s[-1]) / (len(since_s) - 1)
+    at_once = np.diff(arrival_s) < _PUNCTUAL_SHARE * rough_s
+    if not rough_s > 0.0 or np.mean(at_once) > _MOST_AT_ONCE:
         return None
-    index: NDArray[np.float64] = np.arange(len(arrival), dtype=np.float64)
+    index: NDArray[np.float64] = np.arange(len(since_s), dtype=np.float64)
     k = index - index.mean()
-    start, cycle_s = lower_line(k, arrival - arrival[0], rough_s, LARGEST_TOLERANCE)
-    late_s = arrival - arrival[0] - start - cycle_s * k
+    middle_s, cycle_s = lower_line(k, since_s, rough_s, LARGEST_TOLERANCE)
+    late_s = since_s - middle_s - cycle_s * k
     if _latest_stretch_s(late_s) >= _PUNCTUAL_SHARE * cycle_s:
         return None
     return _Ticks(index, late_s, cycle_s)
@@ -345,68 +354,71 @@ def stamped_times(
     restart of the sensor a new line is fitted.  The arrival times are returned for fewer than 20
     frames, and for stamps that do not run with the time of the bus.
     """
-    arrival: NDArray[np.float64] = np.asarray((t_ns - t0_ns) * 1e-9, dtype=np.float64)
+    arrival_s: NDArray[np.float64] = np.asarray((t_ns - t0_ns) * 1e-9, dtype=np.float64)
     if len(t_ns) < _FEWEST:
         return arrival_times(t_ns, t0_ns)
-    gap = np.diff(stamp_s) % wrap_s
-    elapsed: NDArray[np.float64] = np.diff(arrival)
-    gap += wrap_s * np.maximum(np.rint((elapsed - gap) / wrap_s), 0)
-    restarted = _restarts(gap, elapsed, arrival)
-    usual = gap[(gap > 0) & ~restarted]
-    if len(usual) < len(gap) / 3:
+    gap_s = np.diff(stamp_s) % wrap_s
+    elapsed_s: NDArray[np.float64] = np.diff(arrival_s)
+    gap_s += wrap_s * np.maximum(np.rint((elapsed_s - gap_s) / wrap_s), 0)  # complete wraps
+    restarted = _restarts(gap_s, elapsed_s, arrival_s)
+    usual_s = gap_s[(gap_s > 0) & ~restarted]
+    if len(usual_s) < len(gap_s) / 3:  # most frames repeat a stamp
         return arrival_times(t_ns, t0_ns)
-    rate = float(np.sum(elapsed[~restarted]) / np.sum(gap[~restarted]))
+    rate = float(np.sum(elapsed_s[~restarted]) / np.sum(gap_s[~restarted]))
     if not _BELIEVED_RATE[0] < rate < _BELIEVED_RATE[1]:
         return arrival_times(t_ns, t0_ns)
-    gap = np.where(restarted, np.maximum(elapsed, 1e-6), gap)
-    cycle_s = float(np.median(usual))
-    step = np.where(gap > 0, np.maximum(np.rint(gap / cycle_s), 1), 0).astype(np.int64)
+    gap_s = np.where(restarted, np.maximum(elapsed_s, _LEAST_GAP_S), gap_s)
+    cycle_s = float(np.median(usual_s))
+    step = np.where(gap_s > 0, np.maximum(np.rint(gap_s / cycle_s), 1), 0).astype(np.int64)
     step = np.concatenate([[1], step])
-    sensor_s = np.concatenate([[0.0], np.cumsum(gap)])
-    return _between_restarts(sensor_s, arrival, step, restarted, 1.0)
+    sensor_s = np.concatenate([[0.0], np.cumsum(gap_s)])
+    return _between_restarts(sensor_s, arrival_s, step, restarted, 1.0)
 
 
 def _restarts(
-    gap: NDArray[np.float64], elapsed: NDArray[np.float64], arrival: NDArray[np.float64]
+    gap_s: NDArray[np.float64], elapsed_s: NDArray[np.float64], arrival_s: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """Return a mask of the neighbours between which the sensor began to count time again.
+    """Return a mask of the neighbours between which the sensor began to count time again, (n - 1,).
 
-    After late frames the following frames return to the line of punctual ones; after a restart none
-    does.
+    `gap_s`, `elapsed_s`, (n - 1,): time between neighbours by the sensor's stamps and by arrival.
+    `arrival_s`, (n,).  A restart may be where both differ by more than a threshold.  It is one if
+    the least delay of the frames within `_WINDOW_S` before differs by more than the threshold from
+    that of the frames within `_WINDOW_S` after: after late frames, later ones are punctual again.
     """
-    restarted = np.zeros(len(gap), np.bool_)
-    late = np.concatenate([[0.0], np.cumsum(elapsed - gap)])
-    first = 0
-    for i in np.flatnonzero(np.abs(elapsed - gap) > _JUMP_S + _JUMP_SHARE * elapsed).tolist():
-        start = max(first, int(np.searchsorted(arrival, arrival[i] - _WINDOW_S)))
-        end = int(np.searchsorted(arrival, arrival[i + 1] + _WINDOW_S, "right"))
-        shift = float(np.min(late[i + 1 : end]) - np.min(late[start : i + 1]))
-        if abs(shift) > _JUMP_S + _JUMP_SHARE * float(elapsed[i]):
+    restarted = np.zeros(len(gap_s), np.bool_)
+    threshold_s = _JUMP_S + _JUMP_SHARE * elapsed_s
+    delay_s = np.concatenate([[0.0], np.cumsum(elapsed_s - gap_s)])  # compared with the first frame
+    first = 0  # since the last restart; delays before it cannot be compared with those after it
+    for i in np.flatnonzero(np.abs(elapsed_s - gap_s) > threshold_s).tolist():
+        start = max(first, int(np.searchsorted(arrival_s, arrival_s[i] - _WINDOW_S)))
+        stop = int(np.searchsorted(arrival_s, arrival_s[i + 1] + _WINDOW_S, "right"))
+        shift_s = float(np.min(delay_s[i + 1 : stop]) - np.min(delay_s[start : i + 1]))
+        if abs(shift_s) > threshold_s[i]:
             restarted[i] = True
-            late[i + 1 :] -= late[i + 1] - late[i]
             first = i + 1
     return restarted
 
 
 def _fitted(
-    index: NDArray[np.float64], arrival: NDArray[np.float64], cycle_s: float
+    sensor_time: NDArray[np.float64], arrival_s: NDArray[np.float64], unit_s: float
 ) -> NDArray[np.float64]:
-    if len(index) < _FEWEST:
-        return arrival
-    k = index - index.mean()
-    origin = arrival[0]
-    y = arrival - origin
-    start, rate = lower_line(k, y, cycle_s, NOMINAL_TOLERANCE)
-    if abs(rate / cycle_s - 1) > 0.999 * NOMINAL_TOLERANCE:  # otherwise the free line is the same
-        free_start, free_rate = lower_line(k, y, cycle_s, LARGEST_TOLERANCE)
-        if np.mean(y) - start > 2 * (np.mean(y) - free_start):  # k has mean 0: the mean distances
-            start, rate = free_start, free_rate
-    late = y - rate * k  # from any origin: only its scatter counts
-    low, middle, high = np.quantile(late, [0.25, 0.5, 0.75]).tolist()
-    if high - low < HARDWARE_SCATTER_S:
-        punctual = np.abs(late - middle) <= max(5 * (high - low), 1e-6)
-        rate, start = np.polyfit(k[punctual], y[punctual], 1).tolist()
-    return np.asarray(origin + start + rate * k)
+    """Return the times of one part, s, from the line below its arrivals; for few, the arrivals."""
+    if len(sensor_time) < _FEWEST:
+        return arrival_s
+    k = sensor_time - sensor_time.mean()
+    origin_s = arrival_s[0]
+    since_s = arrival_s - origin_s
+    middle_s, rate = lower_line(k, since_s, unit_s, NOMINAL_TOLERANCE)
+    if abs(rate / unit_s - 1) > 0.999 * NOMINAL_TOLERANCE:  # at the limit; else the same line
+        free_s, free_rate = lower_line(k, since_s, unit_s, LARGEST_TOLERANCE)
+        if np.mean(since_s) - middle_s > 2 * (np.mean(since_s) - free_s):  # k has mean 0
+            middle_s, rate = free_s, free_rate
+    delay_s = since_s - rate * k  # from any origin: only its scatter counts
+    low_s, median_s, high_s = np.quantile(delay_s, [0.25, 0.5, 0.75]).tolist()
+    if high_s - low_s < HARDWARE_SCATTER_S:
+        usual = np.abs(delay_s - median_s) <= max(_OUTLIER * (high_s - low_s), _LEAST_OUTLIER_S)
+        rate, middle_s = np.polyfit(k[usual], since_s[usual], 1).tolist()
+    return np.asarray(origin_s + middle_s + rate * k)
 
 
 def lower_line(
@@ -415,34 +427,35 @@ def lower_line(
     """Return the line below all points with the least mean distance from them.
 
     The mean distance is convex in the slope, and the best line is the edge of the lower convex hull
-    above the mean of k.  It is found by cutting planes: one end of a chord between a point left and
-    a point right of the mean is replaced by the point furthest below the chord, until there is none
-    below it.
+    above the mean of k.  It is found by cutting planes: one end of a chord between a point before
+    and a point after the mean is replaced by the point furthest below the chord, until there is
+    none below it.
 
     `k`, (n,) float64: abscissae with mean 0.  `y`, (n,) float64: ordinates.  `cycle_s` and
     `tolerance`: the slope is kept within ``cycle_s (1 +- tolerance)``.  Returns start and slope of
     the line ``start + slope k``.
     """
     slowest, fastest = cycle_s * (1 + tolerance), cycle_s * (1 - tolerance)
-    left, right = int(np.argmin(y - fastest * k)), int(np.argmin(y - slowest * k))
-    if k[left] >= 0:
-        return float(y[left] - fastest * k[left]), fastest
-    if k[right] <= 0:
-        return float(y[right] - slowest * k[right]), slowest
+    before, after = int(np.argmin(y - fastest * k)), int(np.argmin(y - slowest * k))
+    if k[before] >= 0:
+        return float(y[before] - fastest * k[before]), fastest
+    if k[after] <= 0:
+        return float(y[after] - slowest * k[after]), slowest
     while True:
-        slope = float((y[right] - y[left]) / (k[right] - k[left]))
+        slope = float((y[after] - y[before]) / (k[after] - k[before]))
         height = y - slope * k
         lowest = int(np.argmin(height))
         # Points on one line differ by rounding, and each would in turn be the lowest, without end.
-        if height[lowest] >= min(height[left], height[right]) - _ROUNDING_S:
+        if height[lowest] >= min(height[before], height[after]) - _ROUNDING_S:
             return float(height[lowest]), slope
         if k[lowest] < 0:
-            left = lowest
+            before = lowest
         else:
-            right = lowest
+            after = lowest
 
 
 def _increasing(time_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return times, s, made strictly increasing, by steps of a nanosecond where necessary."""
     if np.all(np.diff(time_s) > 0):
         return time_s
     ns = np.arange(len(time_s)) * 1e-9

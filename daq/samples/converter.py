@@ -31,6 +31,7 @@ sample in two changes, the probability that none of 20 expected changes occurs i
 million."""
 RATE_SAMPLES = 20
 """Fewest samples from which the rate of changes of a channel is taken."""
+_NO_VALUE = -1  # in place of a counter value before the first reliable one
 FINE_STEP = {"m/s2": 0.05, "rad/s": 0.01, "rad/s2": 0.05}
 """Converter steps by unit, SI, below which the sensor's own noise changes every sample."""
 
@@ -44,7 +45,7 @@ def flat_tops(value: NDArray[np.float64]) -> tuple[tuple[int, int], ...]:
     `value`, (n,) float64: one channel of one run, evenly sampled, in any unit; finite.
     """
     change = np.flatnonzero(np.diff(value))
-    first, stop = change[:-1] + 1, change[1:] + 1  # plateaus with a step on either side
+    first, stop = change[:-1] + 1, change[1:] + 1  # of each plateau with a step on either side
     if not len(first):
         return ()
     low, high = value.min(), value.max()
@@ -55,7 +56,7 @@ def flat_tops(value: NDArray[np.float64]) -> tuple[tuple[int, int], ...]:
     steps = np.diff(np.sort(value))
     jump = STEEP_STEPS * steps[steps > 0.0].min()
     into, out = np.abs(value[first] - value[first - 1]), np.abs(value[stop] - value[stop - 1])
-    # Rate at which a value that was reached by a steep step is repeated where nothing is cut.
+    # Rate of repeats of a value reached by a steep step, where nothing is cut (rule of succession).
     inner = (into > jump) & ~at_end
     repeats = (np.sum(samples[inner] > 1) + 1) / (np.sum(inner) + 2)
     unlikely = samples * repeats ** (samples - 1.0) < CHANCE
@@ -160,7 +161,7 @@ class CounterHealth:
     """History of one message's counter."""
 
     last: int
-    """Last reliable counter value."""
+    """Last reliable counter value; `_NO_VALUE` before the first."""
     t_ns: int
     """Arrival time of that frame, ns."""
     late_s: float = 0.0
@@ -207,29 +208,35 @@ def advance(messages: Sequence[MessageLayout], state: HealthState, decoded: Deco
 
 
 def _count(message: MessageLayout, before: CounterHealth | None, decoded: Decoded) -> CounterHealth:
+    """Return the history of a message's counter after a block with at least one of its frames.
+
+    Frames with a wrong checksum between two good ones look missing, and are subtracted.
+    """
     assert message.counter is not None  # ensured by the caller
     samples = decoded[f"{message.name}.{message.counter.signal}"]
-    good = samples.usable
-    health = before or CounterHealth(-1, 0)
-    unreadable = health.unreadable + len(good) - int(np.count_nonzero(good))
-    if not good.any():
-        return replace(health, unreadable=unreadable if health.last >= 0 else 0)
+    health = before or CounterHealth(_NO_VALUE, 0)
+    good = samples.usable  # mask of the frames whose counter can be read, (n,)
+    received = int(np.count_nonzero(good))
+    unreadable = health.unreadable + len(good) - received
+    is_first = health.last <= _NO_VALUE
+    if not received:
+        return replace(health, unreadable=0 if is_first else unreadable)
     value, t_ns = samples.value[good].astype(np.int64), samples.t_ns[good]
-    if health.last < 0:
-        unreadable -= int(np.argmax(good))  # before the first reliable value
+    trailing = int(np.argmax(good[::-1]))  # unreadable frames after the last good one
+    between = unreadable - trailing
+    if is_first:
+        between -= int(np.argmax(good))  # those before the first good frame of all
     else:
         value = np.concatenate([[health.last], value])
         t_ns = np.concatenate([[health.t_ns], t_ns])
     steps = counter_steps(value, message.counter.modulus, t_ns, message.cycle_s, health.late_s)
-    trailing = int(np.argmax(good[::-1]))
-    passed = unreadable - trailing
     return CounterHealth(
         last=int(value[-1]),
         t_ns=int(t_ns[-1]),
         late_s=steps.late_s,
         unreadable=trailing,
-        received=health.received + int(np.count_nonzero(good)),
-        missing=health.missing + max(steps.missing - passed, 0),
+        received=health.received + received,
+        missing=health.missing + max(steps.missing - between, 0),
         restarts=health.restarts + int(np.count_nonzero(steps.restarted)),
     )
 

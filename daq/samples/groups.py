@@ -23,6 +23,7 @@ from .mapping import MappedChannel
 Bound = tuple[NDArray[np.intp], NDArray[np.int64]]
 """Frames of a message that belong to a known sample, one for each, and the numbers of these
 samples, increasing; both of shape (k,)."""
+_BURST_SHARE = 0.25  # expected delay of a frame after its carrier, in cycles
 
 
 def bind(
@@ -45,9 +46,9 @@ def bind(
     behind = np.searchsorted(carrier_ns, t_ns, "right") - 1
     ahead = np.searchsorted(carrier_ns, t_ns, "left")
     inside = (behind >= 0) & (ahead < len(carrier_ns))
-    after = t_ns[inside] - carrier_ns[behind[inside]]
-    before = carrier_ns[ahead[inside]] - t_ns[inside]
-    if len(after) and np.median(before) < np.median(after):
+    since_ns = t_ns[inside] - carrier_ns[behind[inside]]
+    until_ns = carrier_ns[ahead[inside]] - t_ns[inside]
+    if len(since_ns) and np.median(until_ns) < np.median(since_ns):
         # The same search with reversed time.
         rows, numbers = _bind_behind(-number[::-1], -carrier_ns[::-1], rows[::-1], -t_ns[::-1])
         return rows[::-1], -numbers[::-1]
@@ -60,16 +61,17 @@ def _bind_behind(
     rows: NDArray[np.intp],
     t_ns: NDArray[np.int64],
 ) -> Bound:
-    place = np.searchsorted(carrier_ns, t_ns, "right") - 1
-    rows, t_ns, place = rows[place >= 0], t_ns[place >= 0], place[place >= 0]
-    sent = np.append(np.diff(number), 1)[place]  # samples until the next received carrier
-    count = np.bincount(place, minlength=len(number))
-    rank = np.arange(len(place)) - (np.cumsum(count) - count)[place]
-    span = np.diff(carrier_ns)
-    cycle_ns = float(np.sum(span)) / max(int(number[-1] - number[0]), 1) if len(span) else 1.0
-    by_time = np.rint((t_ns - carrier_ns[place]) / max(cycle_ns, 1.0) - 0.25).astype(np.int64)
-    offset = np.where(count[place] == sent, rank, np.clip(by_time, 0, sent - 1))
-    numbers, first = np.unique(number[place] + offset, return_index=True)
+    """Bind frames to the carrier before them: in order if none is missing, else by time."""
+    carrier = np.searchsorted(carrier_ns, t_ns, "right") - 1  # row of the carrier before each
+    rows, t_ns, carrier = rows[carrier >= 0], t_ns[carrier >= 0], carrier[carrier >= 0]
+    sent = np.append(np.diff(number), 1)[carrier]  # samples until the next received carrier
+    count = np.bincount(carrier, minlength=len(number))  # frames until the next received carrier
+    rank = np.arange(len(carrier)) - (np.cumsum(count) - count)[carrier]
+    samples = max(int(number[-1] - number[0]), 1)
+    cycle_ns = max(float(carrier_ns[-1] - carrier_ns[0]) / samples, 1.0)
+    by_time = np.rint((t_ns - carrier_ns[carrier]) / cycle_ns - _BURST_SHARE).astype(np.int64)
+    offset = np.where(count[carrier] == sent, rank, np.clip(by_time, 0, sent - 1))
+    numbers, first = np.unique(number[carrier] + offset, return_index=True)
     return rows[first], numbers
 
 
@@ -87,15 +89,17 @@ def bind_counted(
     carrier frames, in order.  `rows`, (m,) int: frames of the message with a readable counter.
     `counter`: of all its frames.  `modulus`: its range.
     """
-    t_ns, last = counter.t_ns[rows], len(carrier_ns) - 1
-    near = np.clip(np.searchsorted(carrier_ns, t_ns), 1, max(last, 1))
-    near -= t_ns - carrier_ns[near - 1] < carrier_ns[np.minimum(near, last)] - t_ns
-    near = np.minimum(near, last)
-    apart = (counter.value[rows] - carrier_value[near]).astype(np.int64)
-    numbers = number[near] + (apart + modulus // 2) % modulus - modulus // 2
-    kept = (numbers >= number[0]) & (numbers <= number[-1])
-    numbers, first = np.unique(numbers[kept], return_index=True)
-    return rows[kept][first], numbers
+    t_ns = counter.t_ns[rows]
+    last = len(carrier_ns) - 1
+    ahead = np.clip(np.searchsorted(carrier_ns, t_ns), min(1, last), last)
+    behind = np.maximum(ahead - 1, 0)
+    is_nearer = t_ns - carrier_ns[behind] < carrier_ns[ahead] - t_ns
+    nearest = np.where(is_nearer, behind, ahead)  # row of the carrier nearest in time
+    apart = (counter.value[rows] - carrier_value[nearest]).astype(np.int64)
+    numbers = number[nearest] + (apart + modulus // 2) % modulus - modulus // 2
+    is_known = (numbers >= number[0]) & (numbers <= number[-1])
+    numbers, first = np.unique(numbers[is_known], return_index=True)
+    return rows[is_known][first], numbers
 
 
 # The groups ---------------------------------------------------------------------------------------
@@ -126,20 +130,20 @@ def sample_groups(
     `t0_ns`: origin of the times.  No group is empty.
     """
     names = group_names([m.channel.signal if m.is_multiplexed else m.message.name for m in mapped])
-    carried = {
-        message: each
-        for each in keeping.sets
-        if (carrier := decoded.samples.get(".".join(each.carrier))) and carrier.usable.any()
-        for message in each.messages
+    set_of = {  # by message; only sets whose carrier was received
+        message: sample_set
+        for sample_set in keeping.sets
+        if (carrier := decoded.samples.get(".".join(sample_set.carrier))) and carrier.usable.any()
+        for message in sample_set.messages
     }
     members: dict[str, list[MappedChannel]] = {}
     for m in mapped:
         if m.channel.signal in decoded.samples:
             name = names[m.channel.signal if m.is_multiplexed else m.message.name]
-            if m.message.name in carried and not m.is_multiplexed:
-                name = carried[m.message.name].name
+            if m.message.name in set_of and not m.is_multiplexed:
+                name = set_of[m.message.name].name
             members.setdefault(name, []).append(m)
-    sets = {each.name: each for each in carried.values()}
+    sets = {sample_set.name: sample_set for sample_set in set_of.values()}
     groups = (
         _set_group(sets[name], channels, decoded, keeping, t0_ns)
         if name in sets
@@ -166,23 +170,23 @@ def _message_group(
 ) -> SampleGroup:
     first = channels[0]
     t_ns = decoded[first.channel.signal].t_ns
-    times = None if first.is_multiplexed else _own_times(first.message, decoded, keeping, t0_ns)
+    times = None if first.is_multiplexed else _clock_times(first.message, decoded, keeping, t0_ns)
     if times is None:
         rows, quality = np.arange(len(t_ns)), np.zeros(len(t_ns), np.uint8)
         by_arrival = arrival_times if first.is_multiplexed else even_times
         time_s = by_arrival(t_ns, t0_ns).time_s
     else:
-        rows, time_s, quality = _between(*times)
+        rows, time_s, quality = _all_samples(*times)
     for m in channels:
         quality = quality | decoded[m.channel.signal].quality[rows]
     values = {m.channel.name: m.values(decoded[m.channel.signal])[rows] for m in channels}
     return SampleGroup(name, time_s, t_ns[rows], values, quality)
 
 
-def _own_times(
+def _clock_times(
     message: MessageLayout, decoded: Decoded, keeping: Timekeeping, t0_ns: int
 ) -> tuple[NDArray[np.intp], SensorTimes] | None:
-    """Return the frames with a readable clock, and their times, if the message has a clock."""
+    """Return the rows of the frames with a readable clock, and their times; None if it has none."""
     clock, counter = keeping.clocks.get(message.name), message.counter
     if clock is not None:
         samples = decoded[clock.signal]
@@ -197,10 +201,10 @@ def _own_times(
     return None
 
 
-def _between(
+def _all_samples(
     good: NDArray[np.intp], times: SensorTimes
 ) -> tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.uint8]]:
-    """Return the frames that are samples, the times of these, and those that come after a gap.
+    """Return rows, times, s, and quality of the frames that are samples; each of shape (k,).
 
     A frame with a wrong checksum has no clock: its time is interpolated between its neighbours, and
     at the edge of a run it is left out.  A repeated frame is not a sample.
@@ -208,15 +212,16 @@ def _between(
     if not len(good):
         return good, np.zeros(0), np.zeros(0, np.uint8)
     fresh = times.step > 0
-    sure, time_s, step = good[fresh], times.time_s[fresh], times.step[fresh]
-    is_sample = np.ones(sure[-1] + 1 - sure[0], bool)
+    timed, time_s, step = good[fresh], times.time_s[fresh], times.step[fresh]
+    first, last = timed[0], timed[-1]
+    is_sample = np.ones(last + 1 - first, bool)  # of the rows from the first to the last timed one
     repeated = good[~fresh]
-    is_sample[repeated[(repeated > sure[0]) & (repeated < sure[-1])] - sure[0]] = False
-    rows = np.flatnonzero(is_sample) + sure[0]
-    place = np.searchsorted(rows, sure)
+    is_sample[repeated[(repeated > first) & (repeated < last)] - first] = False
+    rows = np.flatnonzero(is_sample) + first
+    place = np.searchsorted(rows, timed)
     quality = np.zeros(len(rows), np.uint8)
     quality[place[1:][step[1:] > np.diff(place)]] = Quality.COUNTER_GAP
-    return rows, np.interp(rows, sure, time_s), quality
+    return rows, np.interp(rows, timed, time_s), quality
 
 
 def _set_group(
@@ -228,41 +233,41 @@ def _set_group(
 ) -> SampleGroup:
     """Align the messages of a set: row k is sample k, whichever of its frames came."""
     carrier, signal = sample_set.carrier
-    times = _own_times(keeping.messages[carrier], decoded, keeping, t0_ns)
+    times = _clock_times(keeping.messages[carrier], decoded, keeping, t0_ns)
     assert times is not None  # ensured by message_rules.check_sets
     good, clock = times
     fresh = clock.step > 0
-    good, time_s, number = good[fresh], clock.time_s[fresh], np.cumsum(clock.step)[fresh]
+    carrier_rows, number = good[fresh], np.cumsum(clock.step)[fresh]
     carriers = decoded[f"{carrier}.{signal}"]
-    carrier_ns = carriers.t_ns[good]
+    carrier_ns, carrier_value = carriers.t_ns[carrier_rows], carriers.value[carrier_rows]
     bound: dict[str, Bound] = {}
     for m in channels:
         message, t_ns = m.message, decoded[m.channel.signal].t_ns
         if message.name in bound:
             continue
         if message.name == carrier:
-            bound[message.name] = good, number
+            bound[message.name] = carrier_rows, number
         elif "." not in sample_set.bound_by and message.counter is not None:
             counter = decoded[f"{message.name}.{signal}"]
             rows, modulus = np.flatnonzero(counter.usable), message.counter.modulus
             bound[message.name] = bind_counted(
-                number, carriers.value[good], carrier_ns, rows, counter, modulus
+                number, carrier_value, carrier_ns, rows, counter, modulus
             )
         else:
             bound[message.name] = bind(number, carrier_ns, np.arange(len(t_ns)), t_ns)
-    numbers = np.unique(np.concatenate([each for _, each in bound.values()]))
+    numbers = np.unique(np.concatenate([received for _, received in bound.values()]))
     arrived = np.full(len(numbers), np.iinfo(np.int64).max)
     quality = np.zeros(len(numbers), np.uint8)
     quality[1:][np.diff(numbers) > 1] = Quality.COUNTER_GAP
     values = {m.channel.name: np.full(len(numbers), np.nan) for m in channels}
     for m in channels:
-        rows, own_numbers = bound[m.message.name]
-        place, samples = np.searchsorted(numbers, own_numbers), decoded[m.channel.signal]
-        quality[~np.isin(numbers, own_numbers)] |= np.uint8(Quality.MISSING)
+        rows, received = bound[m.message.name]
+        place, samples = np.searchsorted(numbers, received), decoded[m.channel.signal]
+        quality[~np.isin(numbers, received)] |= np.uint8(Quality.MISSING)
         values[m.channel.name][place] = m.values(samples)[rows]
         quality[place] |= samples.quality[rows]
         arrived[place] = np.minimum(arrived[place], samples.t_ns[rows])
-    time_s = np.interp(numbers, number, time_s)
+    time_s = np.interp(numbers, number, clock.time_s[fresh])
     return SampleGroup(sample_set.name, time_s, arrived, values, quality)
 
 

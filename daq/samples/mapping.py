@@ -99,13 +99,13 @@ def map_channels(
     mapped = []
     for channel in channels:
         if channel.signal not in known:
-            what = f"{dbc_name} has no signal {channel.signal!r}"
+            problem = f"{dbc_name} has no signal {channel.signal!r}"
             advice = (
                 "write signal as Message.signal of the DBC, or as sensor.signal of a [[sensor]]"
             )
             if near := get_close_matches(channel.signal, known, 1):
                 advice = f"did you mean {near[0]}?"
-            raise InputError(f"signal of channel {channel.name}", what, advice)
+            raise InputError(f"signal of channel {channel.name}", problem, advice)
         message, signal = known[channel.signal]
         si = si_unit(channel, signal.unit, dbc_name)
         unit_channel = replace(channel, unit=si.unit)
@@ -128,9 +128,9 @@ def si_unit(channel: Channel, stated: str, source: str) -> SiUnit:
         return si
     where = "its [[channel]]" if channel.signal_unit else source
     unknown = "" if si else ", which is not known"
-    what = f"{channel.signal} has unit {unit!r} in {where}{unknown}"
+    problem = f"{channel.signal} has unit {unit!r} in {where}{unknown}"
     advice = "correct signal, signal_unit or quantity in its [[channel]]"
     if si is None:
         advice = "state signal_unit in its [[channel]]"
     needed = f"{channel.quantity} needs {expected} or a multiple"
-    raise InputError(f"channel {channel.name}", f"{what}; {needed}", advice)
+    raise InputError(f"channel {channel.name}", f"{problem}; {needed}", advice)

@@ -179,15 +179,15 @@ def _advance_slot(
         )
         if onset_ns is not None and not before.given_up:
             onsets.append((onset_ns, name, size))
-    now = max(int(t_ns[-1]) for t_ns, _ in part.values())
-    now = now if state.now_ns is None else max(state.now_ns, now)
-    state = replace(state, now_ns=now, channels=channels)
+    latest_ns = max(int(t_ns[-1]) for t_ns, _ in part.values())
+    now_ns = latest_ns if state.now_ns is None else max(state.now_ns, latest_ns)
+    state = replace(state, now_ns=now_ns, channels=channels)
     if state.phase is TriggerPhase.ARMED and onsets:
         onset_ns, name, size = min(onsets)
         events.append(Event(onset_ns, BUMP, size, name))
         state = replace(state, phase=TriggerPhase.RUNNING, since_ns=onset_ns)
     end_ns = state.since_ns + round(config.post_s * 1e9)
-    if state.phase is TriggerPhase.RUNNING and now >= end_ns:
+    if state.phase is TriggerPhase.RUNNING and now_ns >= end_ns:
         events.append(Event(end_ns, RUN_END))
         state = replace(state, phase=TriggerPhase.WAITING, since_ns=end_ns)
     return state
@@ -200,11 +200,11 @@ def _armed(
     rest_ns: int,
     events: list[Event],
 ) -> TriggerState:
-    """Return the state, armed if all channels have rested; marks those that are left out."""
+    """Return the state, armed if all channels have rested or are left out; update `channels`."""
     rested = {n for n, c in channels.items() if c.rested(now_ns, state.since_ns, rest_ns)}
-    late = bool(rested) and now_ns - state.since_ns > round(GIVE_UP_S * 1e9)
+    gives_up = bool(rested) and now_ns - state.since_ns > round(GIVE_UP_S * 1e9)
     for name, channel in channels.items():
-        given_up = name not in rested and (channel.given_up or late)
+        given_up = name not in rested and (channel.given_up or gives_up)
         if given_up and not channel.given_up:
             events.append(Event(now_ns, RESTLESS, text=name))
         channels[name] = replace(channel, given_up=given_up)
@@ -220,25 +220,26 @@ def _excursion(
     level: float,
     since_ns: int,
 ) -> tuple[ChannelRest, int | None, float]:
-    """Return the channel after these samples, and the first onset after `since_ns`, if any.
+    """Return the channel after these samples, and time and size of the first onset, if any.
 
-    One sample away from rest is not yet motion (a spike); two on the same side are.
+    One sample away from rest is not yet motion (a spike); two on the same side are: the onset is
+    the first of them, at `since_ns` or later, and its size is the deviation of the second.
     """
-    rest = channel.first if np.isnan(channel.level) else channel.level
-    deviation = value - rest
+    rest_level = channel.first if np.isnan(channel.level) else channel.level
+    deviation = value - rest_level
     side = np.where(np.abs(deviation) > level, np.sign(deviation), 0.0).astype(np.int8)
     before = np.concatenate([[channel.side], side[:-1]])
     before_ns = np.concatenate([[channel.side_ns], t_ns[:-1]])
-    away = np.flatnonzero((side != 0) & (side == before))
+    moving = np.flatnonzero((side != 0) & (side == before))
     after = replace(
         channel,
         total=channel.total + float(value.sum()),
         count=channel.count + len(value),
         side=int(side[-1]),
         side_ns=int(t_ns[-1]),
-        quiet_since_ns=int(t_ns[away[-1]]) if len(away) else channel.quiet_since_ns,
+        quiet_since_ns=int(t_ns[moving[-1]]) if len(moving) else channel.quiet_since_ns,
     )
-    fresh = away[before_ns[away] >= since_ns]
+    fresh = moving[before_ns[moving] >= since_ns]
     if not len(fresh):
         return after, None, 0.0
     return after, int(before_ns[fresh[0]]), float(deviation[fresh[0]])
@@ -273,6 +274,6 @@ def bench_mapping(bench: Bench, codec: Codec) -> tuple[tuple[MappedChannel, ...]
     mapped = mapped_channels(bench, codec)
     triggers = frozenset(c.name for c in trigger_channels(bench.channels, bench.campaign.method))
     if not triggers:
-        what, advice = "has no channel that can trigger", "add a hub or a body acceleration"
-        raise InputError("bench.toml", what, advice)
+        problem, advice = "has no channel that can trigger", "add a hub or a body acceleration"
+        raise InputError("bench.toml", problem, advice)
     return mapped, triggers
