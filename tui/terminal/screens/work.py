@@ -141,7 +141,7 @@ class WorkScreen(BenchScreen):
             yield Words("state")
 
     @property
-    def is_current(self) -> bool:
+    def is_of_recording(self) -> bool:
         """True if the session file is that of the present recording."""
         status = self.bench_app.status
         return status is not None and status.own_session == self.session
@@ -150,7 +150,7 @@ class WorkScreen(BenchScreen):
     def outdated(self) -> bool:
         """True if the recording has changed since its session file was built."""
         status = self.bench_app.status
-        return status is not None and self.is_current and status.outdated
+        return status is not None and self.is_of_recording and status.outdated
 
     def show_status(self, status: Status) -> None:
         """Show the present state."""
@@ -236,7 +236,7 @@ class IdentifyScreen(WorkScreen):
     @property
     def step_shown(self) -> BenchStep | None:
         """Step 6; None while an earlier session is identified."""
-        return BenchStep.IDENTIFY if not self.session or self.is_current else None
+        return BenchStep.IDENTIFY if not self.session or self.is_of_recording else None
 
     @property
     def acts(self) -> bool:
@@ -251,7 +251,7 @@ class IdentifyScreen(WorkScreen):
     @property
     def valid_outcome(self) -> Outcome | None:
         """The result of the recording as it is now; None without one."""
-        valid = self.stage is Stage.DONE and self.is_current and not self.outdated
+        valid = self.stage is Stage.DONE and self.is_of_recording and not self.outdated
         return self.outcome if valid else None
 
     async def action_next(self) -> None:
@@ -317,7 +317,7 @@ class IdentifyScreen(WorkScreen):
     def about(self) -> list[str]:
         """Return the name of an earlier session, or the runs of the recording."""
         status, glyphs = self.bench_app.status, self.bench_app.glyphs
-        if self.session and not self.is_current:
+        if self.session and not self.is_of_recording:
             return [f"Session {printable(Path(self.session).name)}"]
         if status is None:
             return ["waiting for the recorder"]
@@ -361,7 +361,7 @@ class ReportScreen(WorkScreen):
     @property
     def step_shown(self) -> BenchStep | None:
         """Step 7; None for an earlier session."""
-        return BenchStep.REPORT if not self.session or self.is_current else None
+        return BenchStep.REPORT if not self.session or self.is_of_recording else None
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Show R only after a report was written or failed."""
@@ -424,7 +424,7 @@ class ReportScreen(WorkScreen):
             return
         self._written = body
         status, step = self.bench_app.status, BenchStep.REPORT
-        if self.is_current and not self.outdated and status and not is_marked(status, step):
+        if self.is_of_recording and not self.outdated and status and not is_marked(status, step):
             await self.bench_app.ask(Mark(step.mark))
         self.draw()
 
@@ -453,7 +453,7 @@ class ReportScreen(WorkScreen):
             lines.append(f"  {printable(path)}   {size_text(size)}")
         lines.append("  The page is one file: open it in any browser, print it, send it.")
         lines.append(f"  The session itself is {printable(self.session)}")
-        if status is not None and self.is_current:
+        if status is not None and self.is_of_recording:
             lines += ["", f"Recorded   {printable(status.vehicle, 60)}"]
             for t in status.tallies:
                 kind = f"{t.mass_state} {t.excitation.words}"
