@@ -35,7 +35,7 @@ from .fit.uncertainty import (
     mode_estimates,
     motion_ratio_estimates,
 )
-from .model.matrices import loaded_model
+from .model.matrices import Full, loaded_model
 from .modes.modal_model import mode_names, modes_of, pair_modes
 from .modes.vehicle_modes import SensedModes, sensed_modes
 from .paper.closed_form import ClosedForm, closed_form
@@ -154,6 +154,7 @@ def _parameters(
     vehicles = generic_vehicles()
     estimation = first_estimate(box, records, vehicles)
     forces = None
+    # Faults that refuse the fit, the surest first.  Sag refuses one that holds, too.
     signs = () if estimation.holds else opposed_signs(session.accepted, session.channels)
     sag = () if signs else contradicted_by_sag(session, records)
     wrong = None
@@ -178,7 +179,7 @@ def _parameters(
     physical = {state.name: loaded_model(full, state.added) for state in states}
     modal = {name: modes_of(model.A) for name, model in physical.items()}
     first, *others = modal
-    geometry = VehicleGeometry(*(float(length) for length in full[19:23]))
+    geometry = VehicleGeometry(*(float(length) for length in full[Full.A : Full.T_R + 1]))
     progress(0.7, "judging")
     return Identification(
         quality=judge(session, estimation, (*signs, *sag), unused, wrong),

@@ -70,37 +70,41 @@ def without_bad_values(
     absurd: list[BadValue] = []
     spiked: list[BadValue] = []
 
-    def of_channel(run: Run, name: str, time_s: _Array, values: _Array) -> _Array:
-        wrong = np.abs(values) > LARGEST  # false for NaN
-        seen = bool(np.fmax.reduce(np.abs(values), initial=0.0) > _ROUNDING)
-        tiny = (np.abs(values) < (_SMALLEST if seen else _ROUNDING)) & (values != 0.0)
-        if wrong.any():
-            first = int(np.argmax(wrong))
-            count = int(np.count_nonzero(wrong))
+    def cleaned(run: Run, name: str, time_s: _Array, values: _Array) -> _Array:
+        """Return the values of one channel; the same array if none of them is bad or tiny."""
+        too_large = np.abs(values) > LARGEST  # false for NaN
+        moves = bool(np.fmax.reduce(np.abs(values), initial=0.0) > _ROUNDING)
+        tiny = (np.abs(values) < (_SMALLEST if moves else _ROUNDING)) & (values != 0.0)
+        if too_large.any():
+            first = int(np.argmax(too_large))
+            count = int(np.count_nonzero(too_large))
             one = BadValue(name, run.label, float(time_s[first]), float(values[first]), count)
             absurd.append(one)
-        if wrong.any() or tiny.any():
-            values = np.where(wrong, np.nan, np.where(tiny, 0.0, values))
-        known = np.flatnonzero(np.isfinite(values))
-        for part in spikes(time_s[known], values[known]):
-            first = int(known[part][0])
+        if too_large.any() or tiny.any():
+            values = np.where(too_large, np.nan, np.where(tiny, 0.0, values))
+        finite = np.flatnonzero(np.isfinite(values))
+        for spike in spikes(time_s[finite], values[finite]):
+            first = int(finite[spike][0])
             spiked.append(BadValue(name, run.label, float(time_s[first]), float(values[first])))
             values = values.copy()
-            values[known[part]] = np.nan
+            values[finite[spike]] = np.nan
         return values
 
     runs = []
     for run in session.runs:
+        if not run.is_accepted:
+            runs.append(run)
+            continue
         groups = []
-        for group in run.groups if run.is_accepted else ():
+        for group in run.groups:
             values = {
-                name: of_channel(run, name, group.time_s, column) if name in used else column
+                name: cleaned(run, name, group.time_s, column) if name in used else column
                 for name, column in group.values.items()
             }
-            same = all(values[name] is column for name, column in group.values.items())
-            groups.append(group if same else replace(group, values=values))
-        same = all(a is b for a, b in zip(groups, run.groups, strict=False))
-        runs.append(run if same else replace(run, groups=tuple(groups)))
+            unchanged = all(values[name] is column for name, column in group.values.items())
+            groups.append(group if unchanged else replace(group, values=values))
+        unchanged = all(new is old for new, old in zip(groups, run.groups, strict=True))
+        runs.append(run if unchanged else replace(run, groups=tuple(groups)))
     return replace(session, runs=tuple(runs)), tuple(absurd), tuple(spiked)
 
 
@@ -112,11 +116,13 @@ def spikes(time_s: NDArray[np.float64], values: NDArray[np.float64]) -> list[sli
     if len(values) < 2 * _NEAR_SAMPLES:
         return []
     change = np.abs(np.diff(values))
-    least = _STEEP * float(np.partition(change, len(change) // 2)[len(change) // 2])
-    first = np.flatnonzero(change > least) + 1
+    usual_change = float(np.partition(change, len(change) // 2)[len(change) // 2])  # the median
+    least = _STEEP * usual_change
+    first = np.flatnonzero(change > least) + 1  # samples at which a spike may begin
     if not len(first):
         return []
-    least = max(least, _STEPS * float(change[change > 0.0].min()))
+    converter_step = float(change[change > 0.0].min())
+    least = max(least, _STEPS * converter_step)
     if change[0] > least:
         first = np.concatenate([[0], first])
     # Beyond its ends a record goes on as it went.

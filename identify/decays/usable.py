@@ -73,92 +73,102 @@ def usable(session: Session) -> Usable:
     silent together (the clock jumped), nothing moves, or the free decay is missing.
     """
     session, absurd, spikes = without_bad_values(session)
-    session = replace(session, channels=_living(session))
+    session = replace(session, channels=_without_constant(session))
     used = {c.name for c in session.used_channels}
     silences = [_silences(run, used) if run.is_accepted else {} for run in session.runs]
     records = [
         record_of(run, session.channels) if run.is_accepted else None for run in session.runs
     ]
-    held: dict[str, list[ChannelHold]] = {}
+    holds: dict[str, list[ChannelHold]] = {}
     for hold in frozen([record for record in records if record and record.recordings]):
-        held.setdefault(hold.run, []).append(hold)
-    shown = [name for own in silences for name in own]
+        holds.setdefault(hold.run, []).append(hold)
+    shown = [name for of_run in silences for name in of_run]
     often_silent = _silent_in_most(silences)
-    often_held = _most([hold.channel for own in held.values() for hold in own], shown)
+    often_frozen = _faulty_in_most([one.channel for each in holds.values() for one in each], shown)
 
-    def judged(run: Run, own: _Silences, record: Record | None) -> Run:
-        if record is None:
+    def judged(run: Run, of_run: _Silences, record: Record | None) -> Run:
+        """Return the run, rejected for the first kind of fault that it has."""
+        if record is None:  # not accepted before
             return run
         reasons = (
             tuple(_back(run, used))
-            or tuple(_silent(own, often_silent))
-            or tuple(_held(held.get(run.label, ()), often_held))
+            or tuple(_silent(of_run, often_silent))
+            or tuple(_frozen(holds.get(run.label, ()), often_frozen))
             or tuple(_without_decay(record))
         )
         rejected = replace(run, status=RunStatus.REJECTED, reasons=(*run.reasons, *reasons))
         return rejected if reasons else run
 
     runs = tuple(map(judged, session.runs, silences, records))
-    kept = [
-        (record, own)
-        for run, own, record in zip(runs, silences, records, strict=True)
+    accepted = [
+        (record, of_run)
+        for run, of_run, record in zip(runs, silences, records, strict=True)
         if record is not None and run.is_accepted
     ]
     return Usable(
         replace(session, runs=runs),
-        tuple(record for record, _ in kept if record.recordings),
-        _silent_in_most([own for _, own in kept]),
+        tuple(record for record, _ in accepted if record.recordings),
+        _silent_in_most([of_run for _, of_run in accepted]),
         absurd,
         spikes,
     )
 
 
-def _living(session: Session) -> tuple[Channel, ...]:
-    """Return the channels; those that never change, although they have values, are unused."""
-    moves: dict[str, bool] = {}
+def _without_constant(session: Session) -> tuple[Channel, ...]:
+    """Return the channels; those that have one value in all accepted runs are unused.
+
+    A channel without values stays as it is.
+    """
+    changes: dict[str, bool] = {}
     for group in (g for run in session.accepted for g in run.groups):
         for name, values in group.values.items():
             finite = values[np.isfinite(values)]
             if len(finite):
-                moves[name] = moves.get(name, False) or bool((finite != finite[0]).any())
+                changes[name] = changes.get(name, False) or bool((finite != finite[0]).any())
     return tuple(
-        c if moves.get(c.name, True) else replace(c, quantity=Quantity.UNUSED, corner=None)
+        c if changes.get(c.name, True) else replace(c, quantity=Quantity.UNUSED, corner=None)
         for c in session.channels
     )
 
 
 def _silent_in_most(silences: Sequence[_Silences]) -> tuple[str, ...]:
-    """Return the channels that are silent for too long in most of the runs that they show."""
-    whole = [own for own in silences if own and not own[_ALL].is_stale]
-    shown = [name for own in whole for name in own]
-    stale = [name for own in whole for name, silence in own.items() if silence.is_stale]
-    return _most(stale, shown)
+    """Return the channels that are silent for too long in most of the runs that they show.
+
+    Runs in which all channels are silent together do not count.
+    """
+    counted = [of_run for of_run in silences if of_run and not of_run[_ALL].is_stale]
+    shown = [name for of_run in counted for name in of_run]
+    stale = [name for of_run in counted for name, silence in of_run.items() if silence.is_stale]
+    return _faulty_in_most(stale, shown)
 
 
-def _most(faulty: Sequence[str], shown: Sequence[str]) -> tuple[str, ...]:
-    """Return the channels with a fault in most of the runs that they show."""
+def _faulty_in_most(faulty: Sequence[str], shown: Sequence[str]) -> tuple[str, ...]:
+    """Return the channels with a fault in most of the runs that they show.
+
+    `faulty`, `shown`: name of each channel, once for each run that it is faulty in, or shows.
+    """
     return tuple(n for n in dict.fromkeys(faulty) if 2 * faulty.count(n) > shown.count(n))
 
 
 def _silences(run: Run, used: set[str]) -> _Silences:
-    """Return the longest silences in a run."""
-    times = {
+    """Return the longest silence of each used channel that has samples in a run, and of `_ALL`."""
+    times_s = {
         name: group.time_s[np.isfinite(values) & np.isfinite(group.time_s)]
         for group in run.groups
         for name, values in group.values.items()
         if name in used
     }
-    clock = {name: time_s.tobytes() for name, time_s in times.items() if len(time_s)}
-    if not clock:
+    # Most channels of a group share their times: equal times have one key and are looked at once.
+    key_of = {name: time_s.tobytes() for name, time_s in times_s.items() if len(time_s)}
+    if not key_of:
         return {}
-    # Most channels of a group share their times, so each clock is looked at once.
-    clocks = {key: times[name] for name, key in clock.items()}
-    together = np.sort(np.concatenate(list(clocks.values())), kind="stable")
-    clock[_ALL] = b""
-    clocks[b""] = together[np.diff(together, prepend=-np.inf) > 0.0]
-    begin_s, end_s = float(together[0]), float(together[-1])
-    silence = {key: longest_silence(time_s, begin_s, end_s) for key, time_s in clocks.items()}
-    return {name: silence[key] for name, key in clock.items()}
+    by_key = {key: times_s[name] for name, key in key_of.items()}
+    together_s = np.sort(np.concatenate(list(by_key.values())), kind="stable")
+    key_of[_ALL] = b""
+    by_key[b""] = together_s[np.diff(together_s, prepend=-np.inf) > 0.0]
+    begin_s, end_s = float(together_s[0]), float(together_s[-1])
+    longest = {key: longest_silence(time_s, begin_s, end_s) for key, time_s in by_key.items()}
+    return {name: longest[key] for name, key in key_of.items()}
 
 
 def _back(run: Run, used: set[str]) -> Iterator[str]:
@@ -170,26 +180,33 @@ def _back(run: Run, used: set[str]) -> Iterator[str]:
 
 
 def _silent(silences: _Silences, usual: Sequence[str]) -> Iterator[str]:
-    """Yield a line for each time in which channels were silent together."""
-    together: dict[str, list[str]] = {}
+    """Yield a line for each span of time in which channels were silent together.
+
+    `usual`: channels that are silent in most runs.  A silence of all sensors hides those of single
+    ones.
+    """
+    by_span: dict[str, list[str]] = {}
     for name, silence in silences.items():
         if silence.is_stale and name not in usual:
             begin_s = max(silence.begin_s, 0.0)  # the first sample may come before 0
             span = f"from {begin_s:.2f} to {silence.end_s:.2f} s (limit {silence.limit_s:.2f} s)"
-            together.setdefault(span, []).append(name)
+            by_span.setdefault(span, []).append(name)
     if silences and silences[_ALL].is_stale:
-        together = {span: ["all sensors"] for span, names in together.items() if _ALL in names}
-    for span, names in together.items():
+        by_span = {span: ["all sensors"] for span, names in by_span.items() if _ALL in names}
+    for span, names in by_span.items():
         yield f"{', '.join(names)} sent nothing {span}"
 
 
-def _held(holds: Sequence[ChannelHold], usual: Sequence[str]) -> Iterator[str]:
-    """Yield a line for each time for which channels held their values."""
-    together: dict[str, list[str]] = {}
+def _frozen(holds: Sequence[ChannelHold], usual: Sequence[str]) -> Iterator[str]:
+    """Yield a line for each length of time for which channels held one value.
+
+    `usual`: channels that do so in most runs.
+    """
+    by_length: dict[str, list[str]] = {}
     for hold in holds:
         if hold.channel not in usual:
-            together.setdefault(f"{hold.longest.length_s:.2f} s", []).append(hold.channel)
-    for length, names in together.items():
+            by_length.setdefault(f"{hold.longest.length_s:.2f} s", []).append(hold.channel)
+    for length, names in by_length.items():
         yield f"{', '.join(names)} held one value for {length} (limit {FROZEN_S:.2f} s)"
 
 
@@ -219,11 +236,17 @@ def frozen(records: Sequence[Record]) -> tuple[ChannelHold, ...]:
             for channel, column in zip(recording.group.channels, recording.values.T, strict=True):
                 longest = longest_hold(recording.time_s, column, rest_s, start_s)
                 holds.append(ChannelHold(channel.name, record.label, kind, longest))
-    found = [one for one in holds if one.longest.length_s >= FROZEN_S and _is_frozen(one, holds)]
-    return tuple(sorted(found, key=lambda one: -one.longest.length_s))
+    long_ones = [one for one in holds if one.longest.length_s >= FROZEN_S]
+    counted = [one for one in long_ones if _is_frozen(one, holds)]
+    return tuple(sorted(counted, key=lambda one: -one.longest.length_s))
 
 
 def _is_frozen(one: ChannelHold, holds: Sequence[ChannelHold]) -> bool:
+    """Return whether a hold is a fault, by how often the channel usually changes.
+
+    `holds`: those of all runs.  Where the channel has one value in the whole run, or too few
+    samples at rest, the rate of change is the mean of that in the repeats of the run.
+    """
     rate = one.longest.rest_rate
     if one.longest.constant or np.isnan(rate):
         repeats = [
@@ -238,17 +261,15 @@ def _is_frozen(one: ChannelHold, holds: Sequence[ChannelHold]) -> bool:
 def _starts_s(records: Sequence[Record]) -> list[tuple[float, float]]:
     """Return the end of the rest and the start of the decay of each record, s.
 
-    Where a stuck channel hides them, the start is that of the other runs, and ends the rest.
+    Where a stuck channel hides the onset, the rest ends with the decay's start, which is the median
+    of the other runs.
     """
-    onsets = [onset_s(record) for record in records]
-    starts = [
-        decay_start_s(record) if onset is not None else np.nan
-        for record, onset in zip(records, onsets, strict=True)
+    spans = [
+        None if onset is None else (onset, decay_start_s(record))
+        for record in records
+        for onset in [onset_s(record)]
     ]
-    known = [start for start in starts if np.isfinite(start)]
-    usual = np.median(known) if known else -np.inf
-    return [
-        (start, start) if onset is None else (onset, start)
-        for record, onset, given in zip(records, onsets, starts, strict=True)
-        for start in [given if np.isfinite(given) else max(usual, record.start_s)]
-    ]
+    known_s = [start_s for span in spans if span is not None for _, start_s in [span]]
+    usual_s = float(np.median(known_s)) if known_s else -np.inf
+    hidden_s = [max(usual_s, record.start_s) for record in records]
+    return [span or (start_s, start_s) for span, start_s in zip(spans, hidden_s, strict=True)]

@@ -37,9 +37,12 @@ _BEFORE_S = 0.005
 """Seconds of certainly forced motion that help to find the foot of the ramp."""
 _AT_FIRST_S = 0.03
 """Seconds before the start that are looked at first."""
-_SEEN = 1e-9
+_VISIBLE = 1e-9
 """Share of the strongest trace below which a combination of wheel forces counts as invisible."""
+_SLACK_S = 1e-7
+"""Seconds by which a start comes before its first sample, so that rounding does not cut it off."""
 _WHEELS = slice(3, 7)
+"""The wheels among the degrees of freedom."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +65,7 @@ class _Early:
 
 
 def earliest_start_s(
-    at: Evaluated,
+    point: Evaluated,
     covariance: NDArray[np.float64],
     record: Record,
     decay: FreeDecay,
@@ -71,108 +74,127 @@ def earliest_start_s(
 ) -> float:
     """Return the earliest start from which the samples are free decay, s.
 
-    `at`: the fitted model for the record's mass state.  `covariance`, (P, P) float64: of the
+    `point`: the fitted model for the record's mass state.  `covariance`, (P, P) float64: of the
     unknowns of the fit, finite.  `decay` and `linear`: from a start that is late enough, with its
     linear part.  `lower_s`: no start before this time is considered.
     """
     start_s = decay.start_s
     # The force ends near the expected start: all other samples are seldom looked at.
     for first_s in dict.fromkeys((max(lower_s, start_s - _AT_FIRST_S), lower_s)):
-        early = _early(at, covariance, record, decay, linear, first_s)
-        instants, known, failed = _free_instants(early)
-        if failed is not None and start_s + failed - _BEFORE_S > first_s:
+        early = _early(point, covariance, record, decay, linear, first_s)
+        instants_s, known, failed_s = _free_instants(early)
+        if failed_s is not None and start_s + failed_s - _BEFORE_S > first_s:
             break
-    if failed is not None:
-        settled = sum(instant > failed + _SPAN_S for instant in instants)
-        end = _end_of_force_s(at, early, known[settled], failed)
-        instants = [instant for instant in instants if instant > end - 1e-7]
-    return start_s + min(instants) - 1e-7 if instants else start_s
+    if failed_s is not None:
+        surely_free = sum(instant > failed_s + _SPAN_S for instant in instants_s)
+        end_s = _end_of_force_s(point, early, known[surely_free], failed_s)
+        instants_s = [instant for instant in instants_s if instant > end_s - _SLACK_S]
+    return start_s + min(instants_s) - _SLACK_S if instants_s else start_s
 
 
 def _early(
-    at: Evaluated,
+    point: Evaluated,
     covariance: NDArray[np.float64],
     record: Record,
     decay: FreeDecay,
     linear: LinearPart,
     lower_s: float,
 ) -> _Early:
+    """Return the samples from `lower_s` to the start, and what the decay predicts of them.
+
+    Arguments are those of `earliest_start_s`.
+    """
     start_s = decay.start_s
-    z = at.modes.W @ linear.solution[: len(at.modes.poles)]
-    # An acceleration feels a force at once: A21 = -M^-1 K gives back the row of displacements.
-    displaced = np.linalg.inv(at.system.A[7:, :7]) @ _wheel_mobility(at)
-    size, P = len(linear.solution), len(covariance)
-    mixed = np.zeros((size, P))
+    modal_state = point.modes.W @ linear.solution[: len(point.modes.poles)]
+    # The output row of an acceleration begins with r A21, where r is its row on the accelerations:
+    # times the inverse of A21 it is r again.
+    from_output = np.linalg.inv(point.system.A[7:, :7]) @ _wheel_mobility(point)
+    mixed = np.zeros((len(linear.solution), len(covariance)))
     parts: list[tuple[NDArray[np.float64], ...]] = []
-    for later, product, stack in zip(
+    for recording, product, stack in zip(
         decay.recordings, linear.products, linear.coefficients, strict=True
     ):
-        J = slopes(at, later.group, z)
-        weight = at.weights(later.group)
-        seen = product.gram[:, : J.shape[1]] @ J
-        mixed += over_two(stack * weight[:, None, None], seen)
-        before = record.whole(later).between(lower_s, start_s)
-        moved = Recording(before.group, before.time_s + (lower_s - start_s), before.values)
-        parts.append(_recording(at, moved, stack, J, linear, displaced))
-    time, rows, error, output, force = (
+        J = slopes(point, recording.group, modal_state)
+        weight = point.weights(recording.group)
+        mixed += over_two(stack * weight[:, None, None], product.gram[:, : J.shape[1]] @ J)
+        before = record.whole(recording).between(lower_s, start_s)
+        # Times since the start of the decay, below zero.
+        early = Recording(before.group, before.time_s + (lower_s - start_s), before.values)
+        parts.append(_early_samples(point, early, stack, J, linear.solution, from_output))
+    time_s, rows, error, output, force = (
         np.concatenate([part[i] for part in parts]) for i in range(5)
     )
-    order = np.argsort(-time, kind="stable")
+    order = np.argsort(-time_s, kind="stable")
     return _Early(
-        time[order],
+        time_s[order],
         rows[order],
         error[order],
         output[order],
         force[order],
-        _joint(covariance, mixed, linear.normal_inverse),
+        _joint_covariance(covariance, mixed, linear.normal_inverse),
     )
 
 
-def _recording(
-    at: Evaluated,
+def _early_samples(
+    point: Evaluated,
     early: Recording,
     stack: NDArray[np.float64],
     J: NDArray[np.float64],
-    linear: LinearPart,
-    displaced: NDArray[np.float64],
+    solution: NDArray[np.float64],
+    from_output: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], ...]:
+    """Return the first five fields of `_Early` for one recording, one entry for each value.
+
+    `stack`, (n_channels, m, n_linear), and `J`, (n_channels, 28, P): slopes of each channel by the
+    linear part and by the unknowns, on the basis.  `solution`, (n_linear,): the linear part.
+    `from_output`, (7, 4): from the first half of an acceleration's output row to its immediate
+    change by 1 N at each wheel; no other quantity changes at once.
+    """
     channels = early.group.channels
-    level = np.sqrt(at.weights(early.group))[:, None]
-    basis = at.basis(early)
-    by_unknown = (basis[:, : J.shape[1]] @ J).swapaxes(0, 1) * level
-    by_linear = (basis @ stack).swapaxes(0, 1) * level
-    error = early.values * level[:, 0] - by_linear @ linear.solution
+    over_sigma = np.sqrt(point.weights(early.group))[:, None]
+    basis = point.basis(early)
+    by_unknown = (basis[:, : J.shape[1]] @ J).swapaxes(0, 1) * over_sigma
+    by_linear = (basis @ stack).swapaxes(0, 1) * over_sigma
+    error = early.values * over_sigma[:, 0] - by_linear @ solution
     n, c = early.values.shape
-    output = np.array([at.system.rows[channel.name] for channel in channels])
-    second = np.array([TIME_DERIVATIVE[channel.quantity] == 2 for channel in channels])
-    at_once = output[:, :7] @ displaced * second[:, None]
+    output = np.array([point.system.rows[channel.name] for channel in channels])
+    accelerates = np.array([TIME_DERIVATIVE[channel.quantity] == 2 for channel in channels])
+    at_once = np.where(accelerates[:, None], output[:, :7] @ from_output, 0.0)
     return (
         np.repeat(early.time_s, c),
         np.concatenate([by_unknown, by_linear], axis=-1).reshape(
             n * c, J.shape[2] + stack.shape[2]
         ),
         error.ravel(),
-        np.tile(output * level, (n, 1)),
-        np.tile(at_once * level, (n, 1)),
+        np.tile(output * over_sigma, (n, 1)),
+        np.tile(at_once * over_sigma, (n, 1)),
     )
 
 
-def _wheel_mobility(at: Evaluated) -> NDArray[np.float64]:
-    """Return the accelerations of the degrees of freedom by a unit force at each wheel, (7, 4).
+def _wheel_mobility(point: Evaluated) -> NDArray[np.float64]:
+    """Return the accelerations of the degrees of freedom by a force at each wheel, (7, 4).
 
-    A wheel is a separate mass in every mass state, so a force at first moves that wheel alone; the
-    size of the force is unknown, so the mass need not be known either.
+    A wheel is a separate mass in every mass state, so a force at first moves that wheel alone.  The
+    size of the force is unknown, so the wheel's stiffness over its mass, the diagonal of A21,
+    stands for the inverse of its mass.
     """
-    return np.asarray(np.eye(7)[:, _WHEELS] * np.abs(np.diag(at.system.A[7:, :7])[_WHEELS]))
+    return np.asarray(np.eye(7)[:, _WHEELS] * np.abs(np.diag(point.system.A[7:, :7])[_WHEELS]))
 
 
-def _joint(
-    covariance: NDArray[np.float64], mixed: NDArray[np.float64], inverse: NDArray[np.float64]
+def _joint_covariance(
+    covariance: NDArray[np.float64],
+    mixed: NDArray[np.float64],
+    normal_inverse: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return the covariance of the unknowns together with the linear part of one run."""
-    across = -inverse @ mixed @ covariance
-    own = inverse - across @ mixed.T @ inverse
-    return np.block([[covariance, across.T], [across, own]])
+    """Return the covariance of the unknowns together with the linear part of one run.
+
+    `covariance`, (P, P): of the unknowns.  `mixed`, (n_linear, P): weighted products of the slopes
+    by the linear part and by the unknowns.  `normal_inverse`, (n_linear, n_linear): covariance of
+    the linear part with all unknowns known.
+    """
+    across = -normal_inverse @ mixed @ covariance
+    of_linear = normal_inverse - across @ mixed.T @ normal_inverse
+    return np.block([[covariance, across.T], [across, of_linear]])
 
 
 Known = tuple[NDArray[np.float64], NDArray[np.float64]]
@@ -184,32 +206,37 @@ def _free_instants(early: _Early) -> tuple[list[float], list[Known], float | Non
 
     The estimates include the one before that last instant, which is None if all are free.
     """
-    n = early.rows.shape[1]
-    state, covariance = np.zeros(n), early.covariance
+    n_unknown = early.rows.shape[1]
+    change, covariance = np.zeros(n_unknown), early.covariance
     accepted: list[float] = []
     known: list[Known] = []
     squares: list[tuple[float, int]] = []
-    edges = np.flatnonzero(np.diff(early.time_s, prepend=np.inf))
-    for first, last in pairwise([*edges, len(early.time_s)]):
-        rows, time = early.rows[first:last], float(early.time_s[first])
-        known.append((state, covariance))
-        error = early.error[first:last] - rows @ state
+    begins = np.flatnonzero(np.diff(early.time_s, prepend=np.inf))  # first value of each instant
+    for first, end in pairwise([*begins, len(early.time_s)]):
+        rows, instant_s = early.rows[first:end], float(early.time_s[first])
+        known.append((change, covariance))
+        error = early.error[first:end] - rows @ change
         shared = rows @ covariance
-        spread = np.eye(len(error)) + shared @ rows.T
-        weighed = np.linalg.solve(spread, np.column_stack([shared, error]))
-        squares.append((float(error @ weighed[:, -1]), len(error)))
+        of_error = np.eye(len(error)) + shared @ rows.T  # covariance; the noise has sigma 1
+        gain_and_error = np.linalg.solve(of_error, np.column_stack([shared, error]))
+        gain, whitened = gain_and_error[:, :-1], gain_and_error[:, -1]
+        squares.append((float(error @ whitened), len(error)))
         if _is_forced(squares):
-            return accepted, known, time
-        accepted.append(time)
-        state = state + shared.T @ weighed[:, -1]
-        covariance = covariance - shared.T @ weighed[:, :-1]
+            return accepted, known, instant_s
+        accepted.append(instant_s)
+        change = change + shared.T @ whitened
+        covariance = covariance - shared.T @ gain
     return accepted, known, None
 
 
 def _is_forced(squares: list[tuple[float, int]]) -> bool:
-    """Return True if any window of last samples is not free decay."""
+    """Return True if any window of last instants is not free decay.
+
+    `squares`: chi2 of the errors of prediction at each instant, and how many errors it is of.
+    """
+    # Only windows that are no longer than what has been looked at.
     for width in _WINDOWS[: 1 + int(np.log2(len(squares)))]:
-        total = sum(square for square, _ in squares[-width:])
+        total = sum(chi2 for chi2, _ in squares[-width:])
         freedom = sum(n for _, n in squares[-width:])
         # The limit of chi2 by Wilson and Hilferty (1931).
         spread = 2.0 / (9.0 * freedom)
@@ -218,43 +245,51 @@ def _is_forced(squares: list[tuple[float, int]]) -> bool:
     return False
 
 
-def _end_of_force_s(at: Evaluated, early: _Early, known: Known, failed_s: float) -> float:
-    """Return the latest instant at which the force may have ended, s from the start."""
-    away = early.time_s - failed_s
-    near = (away > -_BEFORE_S) & (away <= _SPAN_S)
-    rows, time = early.rows[near], early.time_s[near]
-    state, covariance = known
-    spread = np.eye(len(time)) + rows @ covariance @ rows.T
-    whiten = np.linalg.inv(np.linalg.cholesky(spread))
-    error = whiten @ (early.error[near] - rows @ state)
+def _end_of_force_s(point: Evaluated, early: _Early, known: Known, failed_s: float) -> float:
+    """Return the latest instant at which the force may have ended, s from the start.
+
+    `known`: the estimate from samples that are surely free.  `failed_s`: first instant, backwards,
+    that is not free.
+    """
+    since_failed_s = early.time_s - failed_s
+    near = (since_failed_s > -_BEFORE_S) & (since_failed_s <= _SPAN_S)
+    rows, time_s = early.rows[near], early.time_s[near]
+    change, covariance = known
+    of_error = np.eye(len(time_s)) + rows @ covariance @ rows.T
+    whiten = np.linalg.inv(np.linalg.cholesky(of_error))
+    error = whiten @ (early.error[near] - rows @ change)
     # The start itself may be the end of the force: then nothing is gained.
-    instants = np.array(sorted({0.0, *time.tolist()}))
-    instants = instants[(instants >= failed_s) & (instants <= failed_s + _SPAN_S)]
-    traces = whiten @ _ramps(at, early, near, instants)
+    ends_s = np.array(sorted({0.0, *time_s.tolist()}))
+    ends_s = ends_s[(ends_s >= failed_s) & (ends_s <= failed_s + _SPAN_S)]
+    traces = whiten @ _ramps(point, early, near, ends_s)
     size = np.linalg.norm(traces, axis=1, keepdims=True)
-    within, strength, _ = np.linalg.svd(traces / np.where(size > 0.0, size, 1.0), False)
-    seen = strength > _SEEN * strength[:, :1]
-    costs = -np.sum(np.where(seen, error @ within, 0.0) ** 2, axis=1)
-    return float(instants[costs <= costs.min() + _SURE].max())
+    directions, strength, _ = np.linalg.svd(traces / np.where(size > 0.0, size, 1.0), False)
+    visible = strength > _VISIBLE * strength[:, :1]
+    # Change of chi2 by the four forces that explain most.
+    changes = -np.sum(np.where(visible, error @ directions, 0.0) ** 2, axis=1)
+    return float(ends_s[changes <= changes.min() + _SURE].max())
 
 
 def _ramps(
-    at: Evaluated, early: _Early, near: NDArray[np.bool_], end_s: NDArray[np.float64]
+    point: Evaluated, early: _Early, near: NDArray[np.bool_], end_s: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return the motion added by wheel forces that fall to zero at `end_s`, (len(end_s), n, 4).
 
     Seen backwards from its end, ``t' = end - t``, the motion beyond the free decay obeys
-    ``dz/dt' = -lambda z - u t'`` in each mode and begins with zero.
+    ``dz/dt' = -pole z - u t'`` in each mode and begins with zero, so that
+    ``z = u (1 - pole t' - exp(-pole t')) / pole^2``.
     """
-    before = np.maximum(end_s[:, None] - early.time_s[near], 0.0)
-    upper = at.modes.poles.imag >= 0.0  # one of a conjugate pair represents both
-    poles = at.modes.poles[upper]
-    u = at.modes.W[upper, 7:] @ _wheel_mobility(at) * np.where(poles.imag > 0.0, 2.0, 1.0)[:, None]
+    until_end_s = np.maximum(end_s[:, None] - early.time_s[near], 0.0)  # t'
+    upper = point.modes.poles.imag >= 0.0  # one of a conjugate pair represents both
+    poles = point.modes.poles[upper]
+    share = np.where(poles.imag > 0.0, 2.0, 1.0)[:, None]
+    u = point.modes.W[upper, 7:] @ _wheel_mobility(point) * share
     time_s = early.time_s[near]
     first_s = time_s.min()  # exp(-pole t') is a product of two short tables
     back = np.exp(np.multiply.outer(first_s - end_s, poles))[:, None]
     wave = back * np.exp(np.multiply.outer(time_s - first_s, poles))
-    grown = (1.0 - np.multiply.outer(before, poles) - wave) / poles**2
-    seen = early.output[near] @ at.modes.V[:, upper]
-    motion = real_part(seen * grown, u.T) * (before > 0.0)[..., None]
-    return np.asarray(motion + early.force[near] * before[..., None])
+    by_u = (1.0 - np.multiply.outer(until_end_s, poles) - wave) / poles**2
+    output = early.output[near] @ point.modes.V[:, upper]
+    # A sample after the end has a `wave`, but no force.
+    motion = real_part(output * by_u, u.T) * (until_end_s > 0.0)[..., None]
+    return np.asarray(motion + early.force[near] * until_end_s[..., None])

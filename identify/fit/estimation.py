@@ -27,7 +27,9 @@ from .likelihood import (
 )
 
 _BASIN_CHI2 = 1.3
+"""chi2/n below which a search has led near an optimum that holds."""
 _LIMIT_SIGMAS = 5.0
+"""Standard deviations of chi2/n above 1 beyond which the model does not hold."""
 _LEAST_EXCESS = 0.02
 """Excess of chi2/n that clocks fitted to arrival times, and quantisation, may cause."""
 _SEARCH_RATE_HZ = 250.0  # enough to find the basin of the optimum
@@ -43,13 +45,17 @@ _UNEXPLAINED = 0.03
 """Share of the motion's power that an optimum in the right basin may leave, even of a wrong
 model."""
 _SAME_COST = 0.01
+"""Relative difference of cost below which two searches have led to one optimum."""
 _ROUGH = 0.1  # of a standard deviation: a search is followed by a fit
 _SEARCH_STEPS = 40
 _FIT_STEPS = 30
+_NOISE_FITS = 2  # fits in which the noise and the fit settle together
+_TINY = 1e-300  # noise of a channel of zeros, which has no inverse
 _WIDEST = 1.0
 """Standard deviation of each unknown, the logarithm of a parameter, before any run: a factor e.
 Without it, predictions would have no covariance where runs do not determine the masses."""
 _SCANS = 3
+"""Times that the starts are moved back at most: each fit shows a little more of the motion."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
@@ -106,7 +112,8 @@ class Estimation:
     @property
     def chi2_limit(self) -> float:
         """Upper limit of chi2/n if the model holds."""
-        return 1.0 + max(_LEAST_EXCESS, _LIMIT_SIGMAS * self.chi2_std) * (self.freedom > 0.0)
+        excess = max(_LEAST_EXCESS, _LIMIT_SIGMAS * self.chi2_std)
+        return 1.0 + excess if self.freedom > 0.0 else 1.0
 
     @property
     def holds(self) -> bool:
@@ -127,12 +134,12 @@ def linearised_at(estimation: Estimation) -> Linearised:
     """Return the linear model at the optimum, the channels weighted by their noise."""
     if estimation not in _LINEARISED:
         fit, noise, decays = estimation.fit, estimation.noise, estimation.decays
-        known = fit.linearised if isinstance(fit, LinearFit) else None
-        if known is None or known.decays is not decays or estimation.sigma != noise:
+        model = fit.linearised if isinstance(fit, LinearFit) else None
+        if model is None or model.decays is not decays or estimation.sigma != noise:
             box = estimation.box
             # The sizes of elements follow the unknowns of the box in a nonlinear fit.
-            known = linearised(box, decays, noise, fit.eta[: len(box.prior_sigma)])
-        _LINEARISED[estimation] = known
+            model = linearised(box, decays, noise, fit.eta[: len(box.prior_sigma)])
+        _LINEARISED[estimation] = model
     return _LINEARISED[estimation]
 
 
@@ -158,25 +165,24 @@ def first_estimate(
 ) -> Estimation:
     """Fit the decays from the stated end of the bump; arguments as in `estimate`."""
     records = tuple(records)
-    first = np.array([decay_start_s(record) for record in records])
+    start_s = np.array([decay_start_s(record) for record in records])
     rest = quiet_noise(records)
-    near = basin(box, records, rest, first, [box.unknowns(theta) for theta in starts])
-    trial = _from(box, records, rest, first, near)
+    near = basin(box, records, rest, start_s, [box.unknowns(theta) for theta in starts])
+    trial = _fitted_from(box, records, rest, start_s, near)
     return settled(trial) if trial.holds else trial
 
 
 def later_estimate(first: Estimation, starts: Sequence[NDArray[np.float64]]) -> Estimation:
     """Return a fit from a later start if one may hold (`later_may_hold`), else the first fit."""
     box, records, rest = first.box, first.records, first.rest
-    begin, laters = _laters(records)
     near, generic = first.fit.eta, box.unknowns(starts[0])
-    for later, start_s in zip(laters, begin, strict=True):
+    for later_s, start_s in _later_starts(records):
         # With the bump's last force in the window the first search may have gone astray.
-        trials = [_search(box, records, rest, start_s, eta) for eta in (near, generic)]
-        near = min(trials, key=lambda found: found.cost).eta
-        trial = _from(box, records, rest, start_s, near)
+        searches = [_search(box, records, rest, start_s, eta) for eta in (near, generic)]
+        near = min(searches, key=lambda search: search.cost).eta
+        trial = _fitted_from(box, records, rest, start_s, near)
         if trial.holds:
-            return settled(replace(trial, later_s=later))
+            return settled(replace(trial, later_s=later_s))
     return first
 
 
@@ -186,33 +192,35 @@ def later_may_hold(first: Estimation, starts: Sequence[NDArray[np.float64]]) -> 
     A model that holds from some start holds from any later one: if it fails from the last, it fails
     from all.
     """
-    begin, _ = _laters(first.records)
-    if not begin:
+    laters = _later_starts(first.records)
+    if not laters:
         return False
+    _, last_s = laters[-1]
     n = sum(
         record.decay(float(s)).thinned(_SEARCH_RATE_HZ).n_values
-        for record, s in zip(first.records, begin[-1], strict=True)
+        for record, s in zip(first.records, last_s, strict=True)
     )
     return any(
-        _search(first.box, first.records, first.rest, begin[-1], eta).cost < _BASIN_CHI2 * n
+        _search(first.box, first.records, first.rest, last_s, eta).cost < _BASIN_CHI2 * n
         for eta in (first.fit.eta, first.box.unknowns(starts[0]))
     )
 
 
-def _laters(
-    records: tuple[Record, ...],
-) -> tuple[list[NDArray[np.float64]], tuple[float, ...]]:
-    """Return later starts of the decays, each (n_records,) s, and their delays, s."""
-    first = np.array([decay_start_s(record) for record in records])
+def _later_starts(records: tuple[Record, ...]) -> list[tuple[float, NDArray[np.float64]]]:
+    """Return the delays to try, s, each with the later starts of all decays, (n_records,) s."""
+    first_s = np.array([decay_start_s(record) for record in records])
     stated = all(np.isfinite(record.bump_s) for record in records)
     # Where rest was seen and no bump is stated, the first guess is late enough for any bump.
     movable = np.array([stated or onset_s(record) is None for record in records])
-    # A decay that is shorter still has no later start.
-    left_s = min(r.end_s - s for r, s in zip(records, first, strict=True)) - _LEAST_S
-    laters = [
-        s for s in (_LATER_S if stated else _LATER_UNSTATED_S) if movable.any() and s < left_s
+    if not movable.any():
+        return []
+    # The shortest decay, too, keeps its least length.
+    longest_s = min(r.end_s - s for r, s in zip(records, first_s, strict=True)) - _LEAST_S
+    return [
+        (later_s, first_s + np.where(movable, later_s, 0.0))
+        for later_s in (_LATER_S if stated else _LATER_UNSTATED_S)
+        if later_s < longest_s
     ]
-    return [first + later * movable for later in laters], tuple(laters)
 
 
 def basin(
@@ -222,15 +230,20 @@ def basin(
     start_s: NDArray[np.float64],
     etas: Sequence[NDArray[np.float64]],
 ) -> NDArray[np.float64]:
-    """Return an optimum, (P,), that explains nearly all, or that two starts led to."""
-    best: _Found | None = None
-    for eta in etas:
-        found = _search(box, records, rest, start_s, eta)
-        again = best is not None and abs(found.cost / best.cost - 1.0) < _SAME_COST
-        best = found if best is None or found.cost < best.cost else best
-        if best.explains or again:
+    """Return an optimum, (P,), that explains nearly all, or that two starts led to.
+
+    Else it is the best that any start led to.  `rest`: noise at rest, SI.  `start_s`, (n_records,):
+    starts of the decays.  `etas`: where to begin, each (P,), at least one.
+    """
+    best = _search(box, records, rest, start_s, etas[0])
+    for eta in etas[1:]:
+        if best.explains:
             break
-    assert best is not None  # there is always a generic vehicle
+        search = _search(box, records, rest, start_s, eta)
+        again = abs(search.cost / best.cost - 1.0) < _SAME_COST
+        best = min(best, search, key=lambda one: one.cost)
+        if again:
+            break
     return best.eta
 
 
@@ -238,18 +251,18 @@ def settled(late: Estimation) -> Estimation:
     """Move each decay's start as far back as the model holds; weigh the channels by their noise."""
     best = late
     for _ in range(_SCANS):
-        here = linearised_at(best)
+        model = linearised_at(best)
         information = np.sum(list(best.fit.information.values()), axis=0)
         covariance = np.linalg.inv(information + np.eye(len(information)) / _WIDEST**2)
-        starts = [
+        starts_s = [
             earliest_start_s(
-                here.points[d.mass_state], covariance, record, d, linear, _lower_s(record)
+                model.points[d.mass_state], covariance, record, d, linear, _lower_s(record)
             )
-            for record, d, linear in zip(best.records, best.decays, here.linear, strict=True)
+            for record, d, linear in zip(best.records, best.decays, model.linear, strict=True)
         ]
-        if starts == [d.start_s for d in best.decays]:
+        if starts_s == [d.start_s for d in best.decays]:
             break
-        moved = _from(best.box, best.records, best.rest, np.array(starts), best.fit.eta)
+        moved = _fitted_from(best.box, best.records, best.rest, np.array(starts_s), best.fit.eta)
         if not moved.holds:
             break
         best = replace(moved, later_s=late.later_s)
@@ -257,12 +270,13 @@ def settled(late: Estimation) -> Estimation:
 
 
 def _lower_s(record: Record) -> float:
+    """Return the time before which no decay can start, s: the onset of motion, if it was seen."""
     onset = onset_s(record)
     return record.start_s if onset is None else onset
 
 
 @dataclass(frozen=True, slots=True)
-class _Found:
+class _Search:
     """Result of a search: the point (P,), its cost, whether it explains nearly all."""
 
     eta: NDArray[np.float64]
@@ -276,23 +290,24 @@ def _search(
     rest: dict[str, float],
     start_s: NDArray[np.float64],
     eta: NDArray[np.float64],
-) -> _Found:
-    """Find an optimum on thinned samples."""
+) -> _Search:
+    """Search an optimum on thinned samples, from `eta`, which may be far off."""
     decays = tuple(
         r.decay(float(s)).thinned(_SEARCH_RATE_HZ) for r, s in zip(records, start_s, strict=True)
     )
     sigma = floored(rest or rough_noise(decays), decays)
     n = sum(decay.n_values for decay in decays)
-    power = 0.0
+    power = 0.0  # of the motion, in units of the noise's power
     for recording in (r for decay in decays for r in decay.recordings):
-        moving = recording.values - recording.values.mean(axis=0)
-        level = [sigma[c.name] for c in recording.group.channels]
-        power += float(np.sum((moving / level) ** 2))
-    found = fit(box, decays, sigma, eta, _ROUGH, _SEARCH_STEPS, HOLD)
-    return _Found(found.eta, found.cost, found.cost < _BASIN_CHI2 * n + _UNEXPLAINED * power)
+        motion = recording.values - recording.values.mean(axis=0)
+        noise = [sigma[c.name] for c in recording.group.channels]
+        power += float(np.sum((motion / noise) ** 2))
+    rough = fit(box, decays, sigma, eta, _ROUGH, _SEARCH_STEPS, HOLD)
+    explains = rough.cost < _BASIN_CHI2 * n + _UNEXPLAINED * power
+    return _Search(rough.eta, rough.cost, explains)
 
 
-def _from(
+def _fitted_from(
     box: GreyBox,
     records: tuple[Record, ...],
     rest: dict[str, float],
@@ -303,13 +318,14 @@ def _from(
     decays = tuple(r.decay(float(s)) for r, s in zip(records, start_s, strict=True))
     sigma = floored(rest or rough_noise(decays), decays)
     fine = fit(box, decays, sigma, eta, max_iterations=_FIT_STEPS)
-    left = residuals_of(fine.linearised, decays, sigma)
+    residuals = residuals_of(fine.linearised, decays, sigma)
     if not rest:
-        for _ in range(2):  # the noise and the fit settle together
-            sigma = floored(_residual_noise(left), decays)
+        for _ in range(_NOISE_FITS):
+            sigma = floored(_residual_noise(residuals), decays)
             fine = fit(box, decays, sigma, fine.eta)
-            left = residuals_of(fine.linearised, decays, sigma)
-    return Estimation(box, records, fine, decays, sigma, rest, left, _chi2_per_n(box, left, sigma))
+            residuals = residuals_of(fine.linearised, decays, sigma)
+    chi2 = _chi2_per_n(box, residuals, sigma)
+    return Estimation(box, records, fine, decays, sigma, rest, residuals, chi2)
 
 
 def _reweighted(best: Estimation) -> Estimation:
@@ -318,63 +334,61 @@ def _reweighted(best: Estimation) -> Estimation:
         return best
     counts = quiet_counts(best.records)
     pooled = {}
-    for name, level in best.rest.items():
-        own = [r for r in best.residuals if name in r.values]
-        squares = sum(float(r.values[name] @ r.values[name]) for r in own)
-        freedom = sum(r.freedom[name] for r in own)
-        total = counts[name] * level**2 + squares
+    for name, std in best.rest.items():
+        in_runs = [decay for decay in best.residuals if name in decay.values]
+        squares = sum(float(decay.values[name] @ decay.values[name]) for decay in in_runs)
+        freedom = sum(decay.freedom[name] for decay in in_runs)
+        total = counts[name] * std**2 + squares
         pooled[name] = float(np.sqrt(total / (counts[name] + freedom)))
     sigma = floored(pooled, best.decays)
     fine = fit(best.box, best.decays, sigma, best.fit.eta)
-    left = residuals_of(fine.linearised, best.decays, sigma)
-    chi2 = _chi2_per_n(best.box, left, best.noise)
-    return replace(best, fit=fine, sigma=sigma, residuals=left, chi2_per_n=chi2)
+    residuals = residuals_of(fine.linearised, best.decays, sigma)
+    chi2 = _chi2_per_n(best.box, residuals, best.noise)
+    return replace(best, fit=fine, sigma=sigma, residuals=residuals, chi2_per_n=chi2)
 
 
-def _chi2_per_n(box: GreyBox, left: Sequence[Residuals], sigma: dict[str, float]) -> float:
+def _chi2_per_n(box: GreyBox, residuals: Sequence[Residuals], sigma: dict[str, float]) -> float:
+    """Return the mean square residual in units of `sigma`, by degrees of freedom."""
     squares = sum(
         float(values @ values) / sigma[name] ** 2
-        for decay in left
+        for decay in residuals
         for name, values in decay.values.items()
     )
-    freedom = sum(sum(decay.freedom.values()) for decay in left) - len(box.parameters)
+    freedom = sum(sum(decay.freedom.values()) for decay in residuals) - len(box.parameters)
     return squares / freedom if freedom > 0 else float("inf")
 
 
 def rough_noise(decays: Sequence[FreeDecay]) -> dict[str, float]:
     """Return an upper bound of the noise from the samples themselves."""
-    worst: dict[str, float] = {}
+    largest: dict[str, float] = {}
     for decay in decays:
         for recording in decay.recordings:
             noise = difference_noise(recording.values)
-            for channel, level in zip(recording.group.channels, noise.tolist(), strict=True):
-                worst[channel.name] = max(worst.get(channel.name, 0.0), level)
-    return worst
+            for channel, std in zip(recording.group.channels, noise.tolist(), strict=True):
+                largest[channel.name] = max(largest.get(channel.name, 0.0), std)
+    return largest
 
 
-def _residual_noise(left: Sequence[Residuals]) -> dict[str, float]:
-    names = {name for decay in left for name in decay.values}
-    return {
-        name: float(
-            np.sqrt(
-                np.mean([difference_noise(d.values[name]) ** 2 for d in left if name in d.values])
-            )
-        )
-        for name in names
-    }
+def _residual_noise(residuals: Sequence[Residuals]) -> dict[str, float]:
+    """Return each channel's noise, SI: the rough part of its residuals, over all decays alike."""
+    variances: dict[str, list[NDArray[np.float64]]] = {}
+    for decay in residuals:
+        for name, values in decay.values.items():
+            variances.setdefault(name, []).append(difference_noise(values) ** 2)
+    return {name: float(np.sqrt(np.mean(each))) for name, each in variances.items()}
 
 
 def floored(sigma: dict[str, float], decays: Sequence[FreeDecay]) -> dict[str, float]:
     """Keep noise levels above what rounding makes of noise-free data."""
-    power: dict[str, list[float]] = {}
+    mean_squares: dict[str, list[float]] = {}
     for decay in decays:
         for recording in decay.recordings:
             squares = np.einsum("nc,nc->c", recording.values, recording.values)
             means = (squares / len(recording.values)).tolist()
             for channel, mean in zip(recording.group.channels, means, strict=True):
-                power.setdefault(channel.name, []).append(mean)
-    floor = {name: _FLOOR * float(np.sqrt(np.mean(p))) for name, p in power.items()}
-    return {name: max(level, floor.get(name, 0.0), 1e-300) for name, level in sigma.items()}
+                mean_squares.setdefault(channel.name, []).append(mean)
+    floor = {name: _FLOOR * float(np.sqrt(np.mean(each))) for name, each in mean_squares.items()}
+    return {name: max(std, floor.get(name, 0.0), _TINY) for name, std in sigma.items()}
 
 
 # The vehicles from which a search may start -------------------------------------------------------
@@ -382,6 +396,8 @@ def floored(sigma: dict[str, float], decays: Sequence[FreeDecay]) -> dict[str, f
 _MID_SIZE_CAR = np.array(
     [1500, 2500, 500, 40, 40, 20e3, 20e3, 200e3, 200e3, 1500, 1500, 1.3, 1.4, 0.75, 0.75]
 )
+"""SI, in the order of `daq.vehicle.PARAMETER_NAMES`: five masses and inertias, six springs and
+dampers, four lengths."""
 
 
 def generic_vehicles() -> tuple[NDArray[np.float64], ...]:

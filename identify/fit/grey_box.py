@@ -33,6 +33,7 @@ from ..model.facts import CORNERS, misfits_of
 from ..model.matrices import (
     COMPLEX_STEP,
     SYMMETRIC,
+    Full,
     delta_mass,
     expansion,
     full_matrices,
@@ -128,42 +129,20 @@ class GreyBox:
     group: groups of one clock share their name."""
 
     def __post_init__(self) -> None:
-        known = () if self.geometry is None else ("a", "b", "t_f", "t_r")
+        measured = () if self.geometry is None else ("a", "b", "t_f", "t_r")
         names = parameter_names(self.structure)
+        parameters = tuple(name for name in names if name not in measured)
         channels = {c.name: c for group in self.groups for c in group.channels}
-        each: dict[tuple[str, str | int], Correction] = {
-            (axis, c.name): Correction(axis, c.name, c.position_sigma_m)
-            for c in channels.values()
-            if c.quantity in ON_BODY
-            for axis in "xy"
-        }
-        each |= {
-            ("gain", c.name): Correction("gain", c.name, c.scale_sigma) for c in channels.values()
-        }
-        each |= {
-            ("delay", i): Correction("delay", group.name, group.delay_sigma_s)
-            for i, group in enumerate(self.groups)
-        }
-        each |= {
-            (kind, _weight(state, i)): Correction(kind, _weight(state, i), sigma)
-            for state in self.mass_states
-            for i, weight in enumerate(state.added.weights)
-            for kind, sigma in zip(_OF_WEIGHT, weight_sigmas(weight), strict=False)
-        }
-        each = {key: one for key, one in each.items() if one.sigma > 0}
-        stated = tuple(each.values())
-        parameters = tuple(name for name in names if name not in known)
-        prior = [
-            *[np.inf] * len(parameters),
-            *[one.sigma for one in stated],
-            *[np.inf] * self._crossed,
-        ]
-        index = {key: p for p, key in enumerate(each, len(parameters))}
+        corrections = _corrections(tuple(channels.values()), self.groups, self.mass_states)
+        sigmas = [np.inf] * len(parameters) + [one.sigma for one in corrections.values()]
+        if self._crossed:
+            sigmas.append(np.inf)
+        index = {key: p for p, key in enumerate(corrections, len(parameters))}
         for name, value in (
             ("names", names),
             ("parameters", parameters),
-            ("stated", stated),
-            ("prior_sigma", read_only(np.array(prior))),
+            ("stated", tuple(corrections.values())),
+            ("prior_sigma", read_only(np.array(sigmas))),
             ("_channels", tuple(channels.values())),
             ("_index", index),
         ):
@@ -213,8 +192,8 @@ class GreyBox:
         E = expansion(self.structure)
         eta = np.zeros(len(self.prior_sigma))
         for i, name in enumerate(self.parameters):
-            own = full[E[:, self.names.index(name)] > 0]
-            eta[i] = own[0] / SIGNED[name] if name in SIGNED else np.mean(np.log(own))
+            values = full[E[:, self.names.index(name)] > 0]  # of one corner, or of both
+            eta[i] = values[0] / SIGNED[name] if name in SIGNED else np.mean(np.log(values))
         return eta
 
     def values(self, eta: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -223,14 +202,16 @@ class GreyBox:
 
     def parameter_slopes(self, eta: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the derivative of each of `parameters` by its own unknown."""
-        known = dict(zip(self.names, self.values(eta).tolist(), strict=True))
-        return np.array([SIGNED.get(name, known[name]) for name in self.parameters])
+        # The derivative of exp(x) is exp(x): the value itself.
+        values = dict(zip(self.names, self.values(eta).tolist(), strict=True))
+        return np.array([SIGNED.get(name, values[name]) for name in self.parameters])
 
     def full(self, eta: NDArray[np.complex128]) -> NDArray[np.complex128]:
         """Return the full parameters, (..., 28), at the unknowns `eta`, (..., P)."""
         return np.asarray(self._values(eta) @ expansion(self.structure).T)
 
     def _values(self, eta: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        """Return the value of each parameter of `names`, (..., n_names) SI, at `eta`, (..., P)."""
         values = np.zeros((*eta.shape[:-1], len(self.names)), dtype=complex)
         for i, name in enumerate(self.names):
             if name in self.parameters:
@@ -243,8 +224,8 @@ class GreyBox:
 
     def delays_s(self, eta: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the lateness of each group beyond its nominal one, (n_groups,) s."""
-        late = [self.delay_index(group) for group in range(len(self.groups))]
-        return np.array([0.0 if p is None else eta[p] for p in late])
+        places = [self.delay_index(group) for group in range(len(self.groups))]
+        return np.array([0.0 if p is None else eta[p] for p in places])
 
     def delay_index(self, group: int) -> int | None:
         """Return which unknown is the lateness of a group, None if it is exact."""
@@ -259,13 +240,13 @@ class GreyBox:
         points = stepped(eta)
         full = self.full(points)
         M, C, K = full_matrices(full)
-        motion = self._motion_rows(points, full)
+        motion_rows = self._motion_rows(points, full)
         systems = {}
         for state in self.mass_states:
             if state.name in mass_states:
                 off = self.off_weights(points, state)
-                A = state_matrix(M + delta_mass(state.added, full[:, 19], full[:, 27], off), C, K)
-                systems[state.name] = self._system(A, motion)
+                added = delta_mass(state.added, full[:, Full.A], full[:, Full.Y_S], off)
+                systems[state.name] = self._system(state_matrix(M + added, C, K), motion_rows)
         return systems
 
     def fact_misfits(
@@ -301,8 +282,8 @@ class GreyBox:
         """
         off = np.zeros((len(eta), len(state.added.weights), 3), dtype=complex)
         for i in range(len(state.added.weights)):
-            for figure, kind in enumerate(_OF_WEIGHT):
-                off[:, i, figure] = self._correction(eta, kind, _weight(state, i))
+            for k, kind in enumerate(_OF_WEIGHT):
+                off[:, i, k] = self._correction(eta, kind, _weight(state, i))
         return off
 
     def _correction(
@@ -313,12 +294,15 @@ class GreyBox:
         return np.zeros(len(eta), dtype=complex) if p is None else eta[:, p]
 
     def _system(
-        self, A: NDArray[np.complex128], motion: Sequence[NDArray[np.complex128]]
+        self, A: NDArray[np.complex128], motion_rows: Sequence[NDArray[np.complex128]]
     ) -> System:
-        """Return a system of A, (1 + P, 14, 14), and of each channel's row on the motions."""
+        """Return a system of A, (1 + P, 14, 14), and of each channel's row, (1 + P, 7).
+
+        Both are at a point, and with a complex step along each of its unknowns (`stepped`).
+        """
         rows = {
             channel.name: self._row(channel, row, A)
-            for channel, row in zip(self._channels, motion, strict=True)
+            for channel, row in zip(self._channels, motion_rows, strict=True)
         }
         return System(
             A[0].real,
@@ -335,14 +319,17 @@ class GreyBox:
     def _motion_rows(
         self, eta: NDArray[np.complex128], full: NDArray[np.complex128]
     ) -> list[NDArray[np.complex128]]:
+        """Return the row of each channel as `motion_rows`; `full`, (n, 28): parameters at `eta`."""
+        lengths = full[:, [Full.A, Full.B, Full.T_F, Full.T_R, Full.Y_S]]
         rows = []
         for channel in self._channels:
-            x, y = channel.x_m + full[:, 19], channel.y_m - full[:, 27]
+            # Stated from the front axle and the middle of the car; here from the CG.
+            x, y = channel.x_m + full[:, Full.A], channel.y_m - full[:, Full.Y_S]
             if channel.at_cg:
-                x, y = 0.0 * x, 0.0 * y
+                x, y = np.zeros_like(x), np.zeros_like(y)
             x = x + self._correction(eta, "x", channel.name)
             y = y + self._correction(eta, "y", channel.name)
-            row = motion_row(channel, x, y, full[:, [19, 20, 21, 22, 27]])
+            row = motion_row(channel, x, y, lengths)
             if ("gain", channel.name) in self._index:  # the true scale over the stated one
                 row = row * (1.0 + self._correction(eta, "gain", channel.name))[:, None]
             rows.append(row)
@@ -351,7 +338,11 @@ class GreyBox:
     def _row(
         self, channel: Channel, row: NDArray[np.complex128], A: NDArray[np.complex128]
     ) -> NDArray[np.complex128]:
-        """Return the output row of a channel on the state (X, dX/dt), (n, 14)."""
+        """Return the output row of a channel on the state (X, dX/dt), (n, 14).
+
+        `row`, (n, 7): on the seven motions.  `A`, (n, 14, 14): gives the accelerations by its lower
+        half.
+        """
         zero = np.zeros_like(row)
         match TIME_DERIVATIVE[channel.quantity]:
             case 2:
@@ -359,6 +350,33 @@ class GreyBox:
             case 1:
                 return np.concatenate([zero, row], axis=-1)
         return np.concatenate([row, zero], axis=-1)
+
+
+def _corrections(
+    channels: Sequence[Channel],
+    groups: Sequence[ChannelGroup],
+    mass_states: Sequence[MassState],
+) -> dict[tuple[str, str | int], Correction]:
+    """Return what is stated with an uncertainty above zero, by the keys of `GreyBox._index`."""
+    each: dict[tuple[str, str | int], Correction] = {
+        (axis, c.name): Correction(axis, c.name, c.position_sigma_m)
+        for c in channels
+        if c.quantity in ON_BODY
+        for axis in "xy"
+    }
+    each |= {("gain", c.name): Correction("gain", c.name, c.scale_sigma) for c in channels}
+    each |= {
+        ("delay", i): Correction("delay", group.name, group.delay_sigma_s)
+        for i, group in enumerate(groups)
+    }
+    each |= {
+        (kind, _weight(state, i)): Correction(kind, _weight(state, i), sigma)
+        for state in mass_states
+        for i, weight in enumerate(state.added.weights)
+        # The weight of a hub has no place.
+        for kind, sigma in zip(_OF_WEIGHT, weight_sigmas(weight), strict=False)
+    }
+    return {key: one for key, one in each.items() if one.sigma > 0}
 
 
 def weight_sigmas(weight: BodyWeight | HubWeight) -> tuple[float, ...]:

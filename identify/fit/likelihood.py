@@ -34,6 +34,12 @@ _BAD = 2.0  # chi2/n above which a fit counts as bad
 _LOOSEN = 0.7  # change of the hold with each step
 _LET_GO = 1e-3  # of the first hold
 _UNKNOWN = 1e-300  # size of a last step that says nothing about the next one
+_FAR_DAMPING, _NEAR_DAMPING = 1e-3, 1e-4  # of the first step, far from the optimum and near it
+_LIGHT_DAMPING = 1e-3  # below it a step is nearly the whole way, so its size tells the distance
+_LEAST_DAMPING, _MOST_DAMPING = 1e-12, 1e8
+_JUMP_DAMPING = 1e-9  # below it ten times the damping changes no step, so it is raised at once
+_RANK = 1e-11  # directions of a normal matrix below this, relative, are undetermined
+_CONCERNED = 1e-3  # least part of an unknown in an undetermined direction
 HOLD = 300.0
 """Strength of the hold with which 200 of 200 starts, wrong by up to a factor of 3, led to the
 optimum."""
@@ -123,8 +129,8 @@ def fit(
     (`HOLD`).
     """
     eta = start.copy()
-    there = linearised(box, decays, sigma, eta)
-    here = _sum(there.blocks)
+    model = linearised(box, decays, sigma, eta)
+    here = _sum(model.blocks)
     # Rounding error of a difference of large sums: costs cannot be compared more precisely.
     rounding = 1e-13 * sum(
         float(np.sum((r.values / [sigma[c.name] for c in r.group.channels]) ** 2))
@@ -132,7 +138,7 @@ def fit(
         for r in decay.recordings
     )
     # From near the optimum the first step may be the last.
-    damping = 1e-3 if hold else 1e-4
+    damping = _FAR_DAMPING if hold else _NEAR_DAMPING
     converged = False
     iterations, size_before = 0, _UNKNOWN
     n = sum(decay.n_values for decay in decays)
@@ -142,34 +148,35 @@ def fit(
     while iterations < max_iterations and not converged:
         iterations += 1
         firm = hold * here.cost / n if here.cost > _BAD * n and hold > let_go else 0.0
-        held = weak + firm
-        diagonal = np.diag(here.information) + held
+        pull = weak + firm  # inverse variance of each unknown about the start
+        diagonal = np.diag(here.information) + pull
         scale = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
-        H = (here.information + np.diag(held)) / np.outer(scale, scale)
-        downhill = here.gradient - held * (eta - start)
+        H = (here.information + np.diag(pull)) / np.outer(scale, scale)
+        downhill = here.gradient - pull * (eta - start)
         step = np.linalg.solve(H + damping * np.eye(len(eta)), downhill / scale) / scale
         step *= min(1.0, _MAX_STEP / max(float(np.max(np.abs(step))), 1e-300))
-        trial_there = linearised(box, decays, sigma, eta + step, there.layout)
-        trial = _sum(trial_there.blocks)
-        pull = float(held @ ((eta + step - start) ** 2 - (eta - start) ** 2))
-        if np.isfinite(trial.cost) and trial.cost + pull <= here.cost + rounding:
+        trial_model = linearised(box, decays, sigma, eta + step, model.layout)
+        trial = _sum(trial_model.blocks)
+        more_pull = float(pull @ ((eta + step - start) ** 2 - (eta - start) ** 2))
+        if np.isfinite(trial.cost) and trial.cost + more_pull <= here.cost + rounding:
             # Where the model does not hold, residuals are larger than sigma says, and so is the
             # uncertainty that a step is measured by.
-            fine = tolerance * max(1.0, trial.cost / n) ** 0.5
+            small = tolerance * max(1.0, trial.cost / n) ** 0.5
             size = float(np.max(np.abs(step) * scale))
-            converged = not firm and damping < 1e-3 and size * min(1.0, size / size_before) < fine
+            next_size = size * min(1.0, size / size_before)
+            converged = not firm and damping < _LIGHT_DAMPING and next_size < small
             size_before = size
-            eta, here, there = eta + step, trial, trial_there
-            damping = max(damping / 10, 1e-12)
+            eta, here, model = eta + step, trial, trial_model
+            damping = max(damping / 10, _LEAST_DAMPING)
             hold *= _LOOSEN
-        elif damping > 1e8:
+        elif damping > _MOST_DAMPING:
             break
         else:
-            damping *= 10 if damping > 1e-9 else 1e6
+            damping *= 10 if damping > _JUMP_DAMPING else 1e6
             size_before = _UNKNOWN
-    information = {label: part.information for label, part in there.blocks.items()}
+    information = {label: part.information for label, part in model.blocks.items()}
     covariance = covariance_of(here.information)
-    return LinearFit(eta, covariance, here.cost, information, iterations, converged, there)
+    return LinearFit(eta, covariance, here.cost, information, iterations, converged, model)
 
 
 def normal_blocks(
@@ -195,23 +202,24 @@ def linearised(
     """
     misfits, slopes = box.fact_misfits(eta)
     prior = box.prior_sigma**-2
-    both = {
+    blocks = {
         FACTS: NormalBlock(float(misfits @ misfits), slopes.T @ slopes, slopes.T @ misfits),
         PRIORS: NormalBlock(float(prior @ eta**2), np.diag(prior), -prior * eta),
     }
     points = evaluate_each(box, eta, {decay.mass_state for decay in decays}, sigma)
     layout = layout or laid_out(decays)
     pairs = blocks_of(points, decays, products_of(points, decays, layout))
-    blocks = {decay.label: block for decay, (block, _) in zip(decays, pairs, strict=True)}
+    blocks |= {decay.label: block for decay, (block, _) in zip(decays, pairs, strict=True)}
     linear = tuple(part for _, part in pairs)
-    return Linearised(points, decays, layout, linear, both | blocks)
+    return Linearised(points, decays, layout, linear, blocks)
 
 
-def _sum(parts: Mapping[str, NormalBlock]) -> NormalBlock:
+def _sum(blocks: Mapping[str, NormalBlock]) -> NormalBlock:
+    """Return the normal equations of all runs, facts and stated uncertainties together."""
     return NormalBlock(
-        sum(part.cost for part in parts.values()),
-        np.sum([part.information for part in parts.values()], axis=0),
-        np.sum([part.gradient for part in parts.values()], axis=0),
+        sum(block.cost for block in blocks.values()),
+        np.sum([block.information for block in blocks.values()], axis=0),
+        np.sum([block.gradient for block in blocks.values()], axis=0),
     )
 
 
@@ -220,11 +228,11 @@ def covariance_of(normal: NDArray[np.float64]) -> NDArray[np.float64]:
     diagonal = np.diag(normal)
     scale = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
     values, vectors = np.linalg.eigh(normal * np.outer(scale, scale))
-    good = values > 1e-11 * values[-1]
+    good = values > _RANK * values[-1]
     inverse = np.where(good, 1 / np.where(good, values, 1.0), 0.0)
     covariance = (vectors * inverse) @ vectors.T * np.outer(scale, scale)
-    lost = (np.abs(vectors[:, ~good]) > 1e-3).any(axis=1)
-    covariance[lost, lost] = np.inf
+    undetermined = (np.abs(vectors[:, ~good]) > _CONCERNED).any(axis=1)
+    covariance[undetermined, undetermined] = np.inf  # on the diagonal
     return np.asarray(covariance)
 
 
@@ -241,8 +249,13 @@ def residuals(
 def residuals_of(
     there: Linearised, decays: tuple[FreeDecay, ...], sigma: Mapping[str, float]
 ) -> tuple[Residuals, ...]:
-    """Return the residuals of each decay with a fitted linear part."""
-    left = residuals_left(there.points, there.layout, there.linear)
+    """Return the residuals of each decay with a fitted linear part.
+
+    The share of a channel in the fitted numbers is the trace of its part of the normal matrix of
+    the linear unknowns times the inverse of the whole: over all channels it adds up to their
+    number.
+    """
+    by_place = residuals_left(there.points, there.layout, there.linear)
     result = []
     for d, (decay, linear) in enumerate(zip(decays, there.linear, strict=True)):
         values: dict[str, NDArray[np.float64]] = {}
@@ -250,11 +263,12 @@ def residuals_of(
         for r, (recording, product, stack) in enumerate(
             zip(decay.recordings, linear.products, linear.coefficients, strict=True)
         ):
-            on_linear = stack.swapaxes(1, 2) @ product.gram @ stack
-            used = np.sum(on_linear * linear.normal_inverse, axis=(1, 2)).tolist()
-            for channel, own, share in zip(recording.group.channels, left[d, r], used, strict=True):
-                values[channel.name] = own
-                freedom[channel.name] = len(own) - share / sigma[channel.name] ** 2
+            normal = stack.swapaxes(1, 2) @ product.gram @ stack  # of unit noise, by channel
+            traces = np.sum(normal * linear.normal_inverse, axis=(1, 2)).tolist()
+            channels = recording.group.channels
+            for channel, column, trace in zip(channels, by_place[d, r], traces, strict=True):
+                values[channel.name] = column
+                freedom[channel.name] = len(column) - trace / sigma[channel.name] ** 2
         result.append(Residuals(decay.label, values, freedom))
     return tuple(result)
 

@@ -68,10 +68,10 @@ def estimates(box: GreyBox, fit: Fit) -> dict[str, Estimate]:
     """
     n = len(box.parameters)
     std = np.sqrt(np.diag(fit.covariance)[:n]) * box.parameter_slopes(fit.eta)
-    known = dict(zip(box.parameters, std.tolist(), strict=True))
+    stds = dict(zip(box.parameters, std.tolist(), strict=True))
     values = zip(box.names, box.values(fit.eta).tolist(), strict=True)
     return {
-        name: _estimate(value, known.get(name, 0.0), parameter_unit(name), SIGNED.get(name, 0.0))
+        name: _estimate(value, stds.get(name, 0.0), parameter_unit(name), SIGNED.get(name, 0.0))
         for name, value in values
     }
 
@@ -87,12 +87,15 @@ def determined(box: GreyBox, covariance: NDArray[np.float64]) -> NDArray[np.bool
 
 def derived_estimates(box: GreyBox, fit: Fit) -> dict[str, Estimate]:
     """Return the quantities of `identify.model.derived` with their intervals."""
+    # Each first at the optimum, then with a complex step along each unknown.
     quantities = derived_quantities(box.full(stepped(fit.eta)))
     return {
         name: _estimate(
-            float(value[0].real), _spread(value[1:].imag / COMPLEX_STEP, fit.covariance), unit
+            float(stepped_value[0].real),
+            _std(stepped_value[1:].imag / COMPLEX_STEP, fit.covariance),
+            unit,
         )
-        for name, (value, unit) in quantities.items()
+        for name, (stepped_value, unit) in quantities.items()
     }
 
 
@@ -100,13 +103,14 @@ def motion_ratio_estimates(box: GreyBox, fit: Fit) -> dict[str, Estimate]:
     """Return the fitted motion ratios by channel: those that are stated with a sigma.
 
     The fit knows the product of gain and motion ratio; each takes part of it by its own variance.
+    What it takes has the fit's variance, and the rest of its own variance remains.
     """
     ratios = {}
     for i, channel in box.scaled.items():
         if channel.motion_ratio_sigma > 0.0:
-            own = (channel.motion_ratio_sigma / channel.motion_ratio) ** 2
-            share = own / channel.scale_sigma**2
-            variance = share**2 * float(fit.covariance[i, i]) + own * (1.0 - share)
+            ratio_variance = (channel.motion_ratio_sigma / channel.motion_ratio) ** 2  # relative
+            share = ratio_variance / channel.scale_sigma**2
+            variance = share**2 * float(fit.covariance[i, i]) + ratio_variance * (1.0 - share)
             ratios[channel.name] = _estimate(
                 channel.motion_ratio * (1.0 + share * float(fit.eta[i])),
                 channel.motion_ratio * float(np.sqrt(variance)),
@@ -119,24 +123,25 @@ def mode_estimates(box: GreyBox, fit: Fit, mass_state: str) -> tuple[ModeEstimat
     """Return frequency and damping of each oscillating mode of a mass state, by frequency.
 
     A pole moves by ``w dA v`` with its left and right eigenvector, so its error follows from that
-    of the parameters.
+    of the parameters.  The frequency is the undamped one, ``|pole| / 2 pi``, and the damping ratio
+    is ``-Re pole / |pole|``.
     """
     system = box.system(fit.eta, mass_state)
     modes = spectrum(system.A)
-    upper = np.flatnonzero(modes.poles.imag > 0)
+    upper = np.flatnonzero(modes.poles.imag > 0)  # one of each conjugate pair
     result = []
     for k in upper[np.argsort(np.abs(modes.poles[upper]), kind="stable")]:
         pole = modes.poles[k]
-        slope = (modes.W[k] @ system.dA) @ modes.V[:, k]  # (P,)
-        size = abs(pole)
-        d_size = (pole.conjugate() * slope).real / size
-        d_damping = -slope.real / size + pole.real * d_size / size**2
-        frequency_std = _spread(d_size, fit.covariance) / (2.0 * np.pi)
-        damping_std = _spread(d_damping, fit.covariance)
+        d_pole = (modes.W[k] @ system.dA) @ modes.V[:, k]  # by each unknown, (P,)
+        omega = abs(pole)
+        d_omega = (pole.conjugate() * d_pole).real / omega
+        d_damping = -d_pole.real / omega + pole.real * d_omega / omega**2
+        frequency_std = _std(d_omega, fit.covariance) / (2.0 * np.pi)
+        damping_std = _std(d_damping, fit.covariance)
         result.append(
             ModeEstimate(
-                _estimate(size / (2.0 * np.pi), frequency_std, "Hz"),
-                _estimate(-pole.real / size, damping_std, "1"),
+                _estimate(omega / (2.0 * np.pi), frequency_std, "Hz"),
+                _estimate(-pole.real / omega, damping_std, "1"),
             )
         )
     return tuple(result)
@@ -173,16 +178,17 @@ def drivers(box: GreyBox, fit: Fit) -> dict[str, dict[str, float]]:
     return result
 
 
-def _spread(slope: NDArray[np.float64], covariance: NDArray[np.float64]) -> float:
+def _std(slope: NDArray[np.float64], covariance: NDArray[np.float64]) -> float:
     """Return the standard deviation of a quantity from its slope by the unknowns, (P,)."""
-    lost = ~np.isfinite(np.diag(covariance))
-    if np.any(slope[lost] != 0.0):
+    undetermined = ~np.isfinite(np.diag(covariance))
+    if np.any(slope[undetermined] != 0.0):
         return float("inf")
-    kept = np.where(lost, 0.0, slope)
+    known_slope = np.where(undetermined, 0.0, slope)
     finite = np.where(np.isfinite(covariance), covariance, 0.0)
-    return float(np.sqrt(kept @ finite @ kept))
+    return float(np.sqrt(known_slope @ finite @ known_slope))
 
 
 def _estimate(value: float, std: float, unit: str, size: float = 0.0) -> Estimate:
+    """Return an estimate with its 95 % interval; `size`: as in `Estimate`."""
     half = COVERAGE_95 * std
     return Estimate(value, std, value - half, value + half, unit, size)

@@ -21,6 +21,7 @@ from .products import Alike, Products, laid_out, products, residuals
 
 _N = 14  # states of the vehicle
 _RANK = 1e-12  # directions of the linear part below this, relative, are not observed
+_TINY = 1e-300  # stands for a diagonal element of zero, which has no inverse
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +40,7 @@ class GroupAt:
     """Inverse variance of each channel, shape (n_channels,)."""
     late_s: float
     """Lateness beyond the nominal one, s."""
-    late: int | None
+    late_index: int | None
     """Index of the unknown that is this lateness; None if it is exact."""
 
 
@@ -67,13 +68,16 @@ class Evaluated:
         return recording.time_s - self.group(recording.group).late_s
 
     def basis(self, recording: Recording) -> NDArray[np.float64]:
-        """Return the functions that the recording consists of, (n_samples, 28 + order + 1)."""
-        time = self.time_s(recording)
-        own = self.group(recording.group).low_pass.transients(time)
-        out = self.modes.basis(time, own.shape[1] + 1)
-        out[:, 2 * _N : -1] = own
-        out[:, -1] = 1.0
-        return out
+        """Return the functions that the recording consists of, (n_samples, 28 + order + 1).
+
+        They are the motion of the vehicle, the transients of the low-pass, and a constant.
+        """
+        time_s = self.time_s(recording)
+        transients = self.group(recording.group).low_pass.transients(time_s)
+        basis = self.modes.basis(time_s, transients.shape[1] + 1)
+        basis[:, 2 * _N : -1] = transients
+        basis[:, -1] = 1.0
+        return basis
 
     def weights(self, group: ChannelGroup) -> NDArray[np.float64]:
         """Return the inverse variance of each channel of a group."""
@@ -92,7 +96,7 @@ def evaluate(
     `sigma`: standard deviation of the noise, SI.  `modes`: those of the same state matrix from
     another structure, if the results of both need one basis.
     """
-    return _at(box, eta, box.system(eta, mass_state), sigma, modes)
+    return _evaluated(box, eta, box.system(eta, mass_state), sigma, modes)
 
 
 def evaluate_each(
@@ -100,16 +104,17 @@ def evaluate_each(
 ) -> dict[str, Evaluated]:
     """Evaluate some mass states at the unknowns `eta`, what they share once."""
     systems = box.systems(eta, mass_states)
-    return {name: _at(box, eta, system, sigma) for name, system in systems.items()}
+    return {name: _evaluated(box, eta, system, sigma) for name, system in systems.items()}
 
 
-def _at(
+def _evaluated(
     box: GreyBox,
     eta: NDArray[np.float64],
     system: System,
     sigma: Mapping[str, float],
     modes: Spectrum | None = None,
 ) -> Evaluated:
+    """Return the mass state of a system, its channel groups in modal coordinates."""
     modes = spectrum(system.A) if modes is None else modes
     change = modes.change(system.dA)
     late_s = box.delays_s(eta).tolist()
@@ -128,10 +133,11 @@ def _group_at(
     sigma: Mapping[str, float],
     late_s: float,
 ) -> GroupAt:
+    """Return the channel group of the given index of `box.groups`; `late_s`: its lateness."""
     channels = box.groups[index].channels
-    low_pass = low_pass_of(channels[0])
+    low_pass = low_pass_of(channels[0])  # all channels of a group have it
     rows = np.array([system.rows[c.name] for c in channels]) @ modes.V
-    d_rows = np.array([system.d_rows[c.name] for c in channels]) @ modes.V
+    d_rows = np.array([system.d_rows[c.name] for c in channels]) @ modes.V  # (n_channels, P, 14)
     outputs = modes.outputs(rows, change, low_pass)
     filtered = rows * outputs.gain
     return GroupAt(
@@ -168,24 +174,24 @@ def linear_parts(
     points: Mapping[str, Evaluated], decays: Sequence[FreeDecay]
 ) -> tuple[LinearPart, ...]:
     """Fit the linear part of some decays; `points`: the model, for each mass state."""
-    seen = products_of(points, decays, laid_out(decays))
-    return tuple(linear for _, linear in blocks_of(points, decays, seen))
+    of_decays = products_of(points, decays, laid_out(decays))
+    return tuple(linear for _, linear in blocks_of(points, decays, of_decays))
 
 
 def products_of(
     points: Mapping[str, Evaluated], decays: Sequence[FreeDecay], layout: Sequence[Alike]
 ) -> list[list[Products]]:
-    """Return the products of each recording of some decays.
+    """Return the products of each decay's recordings, in their order.
 
     `points`: the model, for each mass state.  `layout`: layout of the decays, by `laid_out`.
     """
-    seen: list[dict[int, Products]] = [{} for _ in decays]
+    by_recording: list[dict[int, Products]] = [{} for _ in decays]
     for alike in layout:
-        at = points[alike.mass_state]
-        found = products(alike, at.modes.poles, _late_s(at, alike))
-        for (d, r), one in zip(alike.places, found, strict=True):
-            seen[d][r] = one
-    return [[one[r] for r in range(len(one))] for one in seen]
+        point = points[alike.mass_state]
+        of_alike = products(alike, point.modes.poles, _late_s(point, alike))
+        for (d, r), one in zip(alike.places, of_alike, strict=True):
+            by_recording[d][r] = one
+    return [[of_decay[r] for r in range(len(of_decay))] for of_decay in by_recording]
 
 
 def residuals_left(
@@ -195,50 +201,54 @@ def residuals_left(
 
     `points`, `layout`: as in `products_of`.  `parts`: the fitted linear parts of the decays.
     """
-    found: dict[tuple[int, int], NDArray[np.float64]] = {}
+    by_place: dict[tuple[int, int], NDArray[np.float64]] = {}
     for alike in layout:
-        at = points[alike.mass_state]
+        point = points[alike.mass_state]
         fitted = np.stack([parts[d].coefficients[r] @ parts[d].solution for d, r in alike.places])
-        left = residuals(alike, at.modes.poles, _late_s(at, alike), fitted)
-        found |= dict(zip(alike.places, left, strict=True))
-    return found
+        of_alike = residuals(alike, point.modes.poles, _late_s(point, alike), fitted)
+        by_place |= dict(zip(alike.places, of_alike, strict=True))
+    return by_place
 
 
-def _late_s(at: Evaluated, alike: Alike) -> NDArray[np.float64]:
-    return np.array([at.group(group).late_s for group in alike.groups])
+def _late_s(point: Evaluated, alike: Alike) -> NDArray[np.float64]:
+    """Return the lateness of each recording beyond the nominal one, s."""
+    return np.array([point.group(group).late_s for group in alike.groups])
 
 
-def linear_part(at: Evaluated, decay: FreeDecay) -> LinearPart:
+def linear_part(point: Evaluated, decay: FreeDecay) -> LinearPart:
     """Fit the linear part of a decay."""
-    return linear_parts({decay.mass_state: at}, [decay])[0]
+    return linear_parts({decay.mass_state: point}, [decay])[0]
 
 
-def linear_coefficients(at: Evaluated, decay: FreeDecay) -> tuple[NDArray[np.float64], ...]:
+def linear_coefficients(point: Evaluated, decay: FreeDecay) -> tuple[NDArray[np.float64], ...]:
     """Return each linear unknown's contribution to each channel, on its recording's basis.
+
+    The linear unknowns are the initial state of the decay, then for each channel of each recording
+    the transients of its low-pass and its constant.
 
     Returns
     -------
     tuple of (n_channels, m, n_linear) float64
         One for each recording.
     """
-    groups = [at.group(r.group) for r in decay.recordings]
-    own = [1 + len(group.low_pass.poles) for group in groups]
-    total = sum(n * len(group.weight) for n, group in zip(own, groups, strict=True))
+    groups = [point.group(r.group) for r in decay.recordings]
+    each = [len(group.low_pass.poles) + 1 for group in groups]  # unknowns of one channel
+    total = sum(n * len(group.weight) for n, group in zip(each, groups, strict=True))
     result = []
     column = _N
-    for n_own, group in zip(own, groups, strict=True):
-        stack = np.zeros((len(group.weight), 2 * _N + n_own, _N + total))
+    for n, group in zip(each, groups, strict=True):
+        stack = np.zeros((len(group.weight), 2 * _N + n, _N + total))
         stack[:, : 2 * _N, :_N] = group.on_state
         for c in range(len(stack)):
-            stack[c, 2 * _N :, column : column + n_own] = np.eye(n_own)
-            column += n_own
+            stack[c, 2 * _N :, column : column + n] = np.eye(n)
+            column += n
         result.append(stack)
     return tuple(result)
 
 
 def pseudo_inverse(normal: NDArray[np.float64]) -> NDArray[np.float64]:
     """Invert normal matrices, (.., n, n); directions that the data do not determine stay zero."""
-    scale = 1 / np.sqrt(np.maximum(np.diagonal(normal, axis1=-2, axis2=-1), 1e-300))
+    scale = 1 / np.sqrt(np.maximum(np.diagonal(normal, axis1=-2, axis2=-1), _TINY))
     scales = scale[..., :, None] * scale[..., None, :]
     return np.asarray(np.linalg.pinv(normal * scales, _RANK, hermitian=True) * scales)
 
@@ -255,30 +265,31 @@ class NormalBlock:
     """Right-hand side, shape (P,)."""
 
 
-def slopes(at: Evaluated, group: ChannelGroup, z: NDArray[np.complex128]) -> NDArray[np.float64]:
+def slopes(point: Evaluated, group: ChannelGroup, z: NDArray[np.complex128]) -> NDArray[np.float64]:
     """Return each channel's derivative by each unknown on the real basis, (.., n_channels, 28, P).
 
     `z`, (.., 14): initial state of one decay, or of several, in modal coordinates.
     """
-    modes, one = at.modes, at.group(group)
-    plain, timed = modes.propagator_slope(one.outputs, at.change, z)  # (.., n_channels, h, P)
-    plain += one.d_outputs * z[..., None, modes.half, None]
-    if one.late is not None:
-        moving = (modes.poles * z)[..., None, modes.half]
-        plain[..., one.late] -= one.outputs.gained * moving
-    return modes.on_real_basis(plain, timed)
+    modes, of_group = point.modes, point.group(group)
+    # Coefficients on exp and on t exp, each (.., n_channels, h, P).
+    on_exp, on_t_exp = modes.propagator_slope(of_group.outputs, point.change, z)
+    on_exp += of_group.d_outputs * z[..., None, modes.half, None]
+    if of_group.late_index is not None:
+        speed = (modes.poles * z)[..., None, modes.half]  # what is later shows an earlier motion
+        on_exp[..., of_group.late_index] -= of_group.outputs.gained * speed
+    return modes.on_real_basis(on_exp, on_t_exp)
 
 
 def motion(
-    at: Evaluated, group: ChannelGroup, z: NDArray[np.complex128], derivative: int
+    point: Evaluated, group: ChannelGroup, z: NDArray[np.complex128], derivative: int
 ) -> NDArray[np.float64]:
     """Return the vehicle's motion in each channel, on the real basis, (n_channels, 28).
 
     `z`, (14,): initial state in modal coordinates.  `derivative`: of the motion by time, 0 or 1.
     """
-    modes = at.modes
-    seen = at.group(group).outputs
-    on_exp = seen.rows * (seen.gain * z * modes.poles**derivative)
+    modes = point.modes
+    outputs = point.group(group).outputs
+    on_exp = outputs.rows * (outputs.gain * z * modes.poles**derivative)
     return np.asarray((on_exp @ modes.to_real[:, :_N].T).real)
 
 
@@ -296,57 +307,63 @@ def over_two(left: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[n
 def blocks_of(
     points: Mapping[str, Evaluated],
     decays: Sequence[FreeDecay],
-    seen: Sequence[Sequence[Products]],
+    of_decays: Sequence[Sequence[Products]],
 ) -> list[tuple[NormalBlock, LinearPart]]:
     """Return the share of each decay in the normal equations, and its fitted linear part.
 
-    `points`: the model, for each mass state.  `seen`: products of each decay (`products_of`).
+    `points`: the model, for each mass state.  `of_decays`: products of the recordings of each decay
+    (`products_of`).
     """
-    alike: dict[tuple[object, ...], list[int]] = {}
+    same_channels: dict[tuple[object, ...], list[int]] = {}
     for d, decay in enumerate(decays):
         groups = tuple(points[decay.mass_state].box.groups.index(r.group) for r in decay.recordings)
-        alike.setdefault((decay.mass_state, *groups), []).append(d)
-    found: dict[int, tuple[NormalBlock, LinearPart]] = {}
-    for members in alike.values():
+        same_channels.setdefault((decay.mass_state, *groups), []).append(d)
+    by_decay: dict[int, tuple[NormalBlock, LinearPart]] = {}
+    for members in same_channels.values():
         first = decays[members[0]]
-        blocks = _together(points[first.mass_state], first, [seen[d] for d in members])
-        found |= dict(zip(members, blocks, strict=True))
-    return [found[d] for d in range(len(decays))]
+        blocks = _blocks_like(points[first.mass_state], first, [of_decays[d] for d in members])
+        by_decay |= dict(zip(members, blocks, strict=True))
+    return [by_decay[d] for d in range(len(decays))]
 
 
-def _together(
-    at: Evaluated, first: FreeDecay, seen: Sequence[Sequence[Products]]
+def _blocks_like(
+    point: Evaluated, first: FreeDecay, of_decays: Sequence[Sequence[Products]]
 ) -> Iterator[tuple[NormalBlock, LinearPart]]:
-    """Yield the shares and linear parts of decays with the same channels as the first."""
-    stacks = linear_coefficients(at, first)
-    n, size, P = len(seen), stacks[0].shape[-1], len(at.box.prior_sigma)
-    normal, right, cost = np.zeros((n, size, size)), np.zeros((n, size)), np.zeros(n)
+    """Yield the shares and linear parts of n decays with the same channels as the first.
+
+    The linear part is fitted first; what it leaves then meets the slopes J by the unknowns.  All
+    are sums over recordings, channels and the functions of the basis, never over samples.
+    """
+    stacks = linear_coefficients(point, first)
+    n, n_linear, P = len(of_decays), stacks[0].shape[-1], len(point.box.prior_sigma)
+    normal, right = np.zeros((n, n_linear, n_linear)), np.zeros((n, n_linear))
+    cost = np.zeros(n)
     parts = []
     for i, (recording, stack) in enumerate(zip(first.recordings, stacks, strict=True)):
-        weight = at.weights(recording.group)
-        gram = np.stack([one[i].gram for one in seen])[:, None]  # (n, 1, m, m)
-        cross = np.stack([one[i].cross.T for one in seen])  # (n, n_channels, m)
-        weighted = (stack * weight[:, None, None]).reshape(-1, size)
-        normal += weighted.T @ (gram @ stack).reshape(n, -1, size)
-        right += cross.reshape(n, -1) @ weighted
-        cost += np.stack([one[i].power for one in seen]) @ weight
-        parts.append((recording.group, stack, weight, weighted, gram, cross))
+        weight = point.weights(recording.group)
+        gram = np.stack([one[i].gram for one in of_decays])[:, None]  # (n, 1, m, m)
+        cross = np.stack([one[i].cross.T for one in of_decays])  # (n, n_channels, m)
+        weighted_stack = (stack * weight[:, None, None]).reshape(-1, n_linear)
+        normal += weighted_stack.T @ (gram @ stack).reshape(n, -1, n_linear)
+        right += cross.reshape(n, -1) @ weighted_stack
+        cost += np.stack([one[i].power for one in of_decays]) @ weight
+        parts.append((recording.group, stack, weight, weighted_stack, gram, cross))
     inverse = pseudo_inverse(normal)
     solution = (inverse @ right[..., None])[..., 0]
-    z = solution[:, :_N] @ at.modes.W.T
-    H, mixed, g = np.zeros((n, P, P)), np.zeros((n, size, P)), np.zeros((n, P))
-    for group, stack, weight, weighted, gram, cross in parts:
+    modal_state = solution[:, :_N] @ point.modes.W.T
+    H, mixed, g = np.zeros((n, P, P)), np.zeros((n, n_linear, P)), np.zeros((n, P))
+    for group, stack, weight, weighted_stack, gram, cross in parts:
         fitted = np.moveaxis(stack @ solution.T, 2, 0)  # (n, n_channels, m)
-        left = cross - (fitted[:, :, None] @ gram)[:, :, 0]
-        J = slopes(at, group, z)  # (n, n_channels, 28, P)
-        k = J.shape[2]
+        residual_cross = cross - (fitted[:, :, None] @ gram)[:, :, 0]  # basis times residuals
+        J = slopes(point, group, modal_state)  # (n, n_channels, 28, P)
+        k = J.shape[2]  # the unknowns act on the first functions only, those of the motion
         GJ = gram[..., :k] @ J
-        by_weight = (J * weight[:, None, None]).reshape(n, -1, P)
-        cost -= np.sum(fitted * (cross + left), axis=2) @ weight
-        H += by_weight.swapaxes(1, 2) @ GJ[:, :, :k].reshape(n, -1, P)
-        mixed += weighted.T @ GJ.reshape(n, -1, P)
-        g += (left[:, :, :k].reshape(n, 1, -1) @ by_weight)[:, 0]
-    H -= mixed.swapaxes(1, 2) @ inverse @ mixed
-    for i, one in enumerate(seen):
+        weighted_J = (J * weight[:, None, None]).reshape(n, -1, P)
+        cost -= np.sum(fitted * (cross + residual_cross), axis=2) @ weight
+        H += weighted_J.swapaxes(1, 2) @ GJ[:, :, :k].reshape(n, -1, P)
+        mixed += weighted_stack.T @ GJ.reshape(n, -1, P)
+        g += (residual_cross[:, :, :k].reshape(n, 1, -1) @ weighted_J)[:, 0]
+    H -= mixed.swapaxes(1, 2) @ inverse @ mixed  # the linear part follows the unknowns
+    for i, one in enumerate(of_decays):
         linear = LinearPart(tuple(one), stacks, inverse[i], solution[i])
         yield NormalBlock(float(cost[i]), H[i], g[i]), linear

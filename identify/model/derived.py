@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from daq.vehicle import Corner
 
 from .facts import corner_load
+from .matrices import FRONT_WHEELS, REAR_WHEELS, Full
 
 Value = tuple[NDArray[np.complex128], str]
 """A quantity, (...), and its SI unit (1 for a ratio)."""
@@ -21,12 +22,13 @@ def derived_quantities(full: NDArray[np.complex128]) -> dict[str, Value]:
     natural frequency of each axle's body on its suspension (quarter car, tyre rigid) and of its
     wheel between both springs.
     """
-    m_s, I_yy, I_xx = (full[..., i] for i in range(3))
-    a, b = full[..., 19], full[..., 20]
+    m_s, I_yy, I_xx = (full[..., i] for i in (Full.M_S, Full.I_YY, Full.I_XX))
+    a, b = full[..., Full.A], full[..., Full.B]
+    wheels = full[..., Full.M_U : Full.M_U + 4]
     result: dict[str, Value] = {
-        "total_mass": (m_s + full[..., 3:7].sum(axis=-1), "kg"),
-        "front_axle_load": (m_s * b / (a + b) + full[..., 3:5].sum(axis=-1), "kg"),
-        "rear_axle_load": (m_s * a / (a + b) + full[..., 5:7].sum(axis=-1), "kg"),
+        "total_mass": (m_s + wheels.sum(axis=-1), "kg"),
+        "front_axle_load": (m_s * b / (a + b) + full[..., FRONT_WHEELS].sum(axis=-1), "kg"),
+        "rear_axle_load": (m_s * a / (a + b) + full[..., REAR_WHEELS].sum(axis=-1), "kg"),
         "wheelbase": (a + b, "m"),
         "pitch_radius_of_gyration": (np.sqrt(I_yy / m_s), "m"),
         "roll_radius_of_gyration": (np.sqrt(I_xx / m_s), "m"),
@@ -35,16 +37,17 @@ def derived_quantities(full: NDArray[np.complex128]) -> dict[str, Value]:
     for corner in Corner:
         load = corner_load(corner, full, np.zeros_like(m_s))
         result[f"corner_load_{corner.lower()}"] = (load, "kg")
-    for axle, left, lever in (("front", 0, b), ("rear", 2, a)):
-        m_u, k_s, k_t, c_s = (
-            full[..., 3 + 4 * kind + left : 5 + 4 * kind + left].mean(axis=-1) for kind in range(4)
+    for axle, first, to_other_axle in (("front", 0, b), ("rear", 2, a)):
+        m_u, k_s, k_t, c_s = (  # means of the axle's two corners, which begin at `first`
+            full[..., kind + first : kind + first + 2].mean(axis=-1)
+            for kind in (Full.M_U, Full.K_S, Full.K_T, Full.C_S)
         )
-        body = m_s * lever / (a + b) / 2.0
+        body = m_s * to_other_axle / (a + b) / 2.0  # mass on one corner
         result[f"{axle}_ride_frequency"] = (np.sqrt(k_s / body) / (2.0 * np.pi), "Hz")
         result[f"{axle}_ride_damping_ratio"] = (c_s / (2.0 * np.sqrt(k_s * body)), "1")
-        hop = k_s + k_t
-        result[f"{axle}_wheel_hop_frequency"] = (np.sqrt(hop / m_u) / (2.0 * np.pi), "Hz")
-        result[f"{axle}_wheel_hop_damping_ratio"] = (c_s / (2.0 * np.sqrt(hop * m_u)), "1")
+        both_springs = k_s + k_t
+        result[f"{axle}_wheel_hop_frequency"] = (np.sqrt(both_springs / m_u) / (2.0 * np.pi), "Hz")
+        result[f"{axle}_wheel_hop_damping_ratio"] = (c_s / (2.0 * np.sqrt(both_springs * m_u)), "1")
     return result
 
 
@@ -54,9 +57,9 @@ def whole_vehicle_indices(full: NDArray[np.complex128]) -> dict[str, NDArray[np.
     `roll_gyration_over_track`: radius of gyration in roll over the mean track.  `pitch_index`:
     k_y^2 / (a b) about the centre of gravity of the whole.
     """
-    m_s, I_yy, I_xx = (full[..., i] for i in range(3))
-    a, b, t_f, t_r = (full[..., i] for i in range(19, 23))
-    front, rear = full[..., 3:5].sum(axis=-1), full[..., 5:7].sum(axis=-1)
+    m_s, I_yy, I_xx = (full[..., i] for i in (Full.M_S, Full.I_YY, Full.I_XX))
+    a, b, t_f, t_r = (full[..., i] for i in (Full.A, Full.B, Full.T_F, Full.T_R))
+    front, rear = full[..., FRONT_WHEELS].sum(axis=-1), full[..., REAR_WHEELS].sum(axis=-1)
     mass = m_s + front + rear
     x = (front * a - rear * b) / mass  # centre of the whole, forward of that of the body
     pitch = I_yy + m_s * x**2 + front * (a - x) ** 2 + rear * (b + x) ** 2

@@ -143,24 +143,29 @@ class Spectrum:
     def on_real_basis(
         self, plain: NDArray[np.complex128], timed: NDArray[np.complex128]
     ) -> NDArray[np.float64]:
-        """Bring coefficients on exp and on t exp, (.., h, P), on the real basis, (.., 2 n, P)."""
+        """Bring coefficients on exp and on t exp, (.., h, P), on the real basis, (.., 2 n, P).
+
+        ``c exp + conj(c exp)`` is ``2 Re c Re exp - 2 Im c Im exp``; a real pole has no conjugate.
+        """
         turning = self.poles[self.half].imag > 0
-        share = np.where(turning, 2.0, 1.0)[:, None]  # the conjugate's are in it
-        out = np.empty((*plain.shape[:-2], 2, len(turning), 2, plain.shape[-1]))
+        share = np.where(turning, 2.0, 1.0)[:, None]
+        # By exp or t exp, pole, and Re or Im: the order of the basis.
+        on_basis = np.empty((*plain.shape[:-2], 2, len(turning), 2, plain.shape[-1]))
         for k, part in enumerate((plain, timed)):
-            np.multiply(part.real, share, out=out[..., k, :, 0, :])
-            np.multiply(part.imag, -2.0, out=out[..., k, :, 1, :])
-        columns = out.reshape(*plain.shape[:-2], -1, plain.shape[-1])
+            np.multiply(part.real, share, out=on_basis[..., k, :, 0, :])
+            np.multiply(part.imag, -2.0, out=on_basis[..., k, :, 1, :])
+        on_basis = on_basis.reshape(*plain.shape[:-2], -1, plain.shape[-1])
         if turning.all():
-            return columns
-        used = np.stack([np.ones_like(turning), turning], axis=1).ravel()
-        return np.asarray(columns[..., np.tile(used, 2), :])
+            return on_basis
+        # A real pole has no Im.
+        in_basis = np.stack([np.ones_like(turning), turning], axis=1).ravel()
+        return np.asarray(on_basis[..., np.tile(in_basis, 2), :])
 
 
 def _along(
     vectors: NDArray[np.complex128], matrices: NDArray[np.complex128]
 ) -> NDArray[np.complex128]:
-    """Multiply some vectors, (.., n), with some matrices, (n, h, P): (.., h, P)."""
+    """Multiply some vectors, (.., n), with P matrices, (n, h, P): (.., h, P)."""
     product = vectors @ matrices.reshape(len(matrices), -1)
     return product.reshape(*vectors.shape[:-1], *matrices.shape[1:])
 

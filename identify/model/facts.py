@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from daq.vehicle import Corner, Fact, FactQuantity
 
-from .matrices import COMPLEX_STEP, FULL_NAMES
+from .matrices import COMPLEX_STEP, FRONT_WHEELS, FULL_NAMES, REAR_WHEELS, Full
 
 CORNERS = {
     FactQuantity.CORNER_FL: Corner.FRONT_LEFT,
@@ -30,24 +30,24 @@ def predicted(
     the other depends on the ground and on the spring seats, not on the parameters.  `cross_kg`,
     what the front left corner carries beyond its share, is a separate unknown.
     """
-    a, b, t_f, t_r = (full[..., i] for i in range(19, 23))
-    front, rear = full[..., 3:5].sum(axis=-1), full[..., 5:7].sum(axis=-1)
+    a, b, t_f, t_r = (full[..., i] for i in (Full.A, Full.B, Full.T_F, Full.T_R))
+    front, rear = full[..., FRONT_WHEELS].sum(axis=-1), full[..., REAR_WHEELS].sum(axis=-1)
+    body = full[..., Full.M_S]
     direct = {
-        FactQuantity.TOTAL_MASS: full[..., 0] + front + rear,
-        FactQuantity.FRONT_AXLE: full[..., 0] * b / (a + b) + front,
-        FactQuantity.REAR_AXLE: full[..., 0] * a / (a + b) + rear,
+        FactQuantity.TOTAL_MASS: body + front + rear,
+        FactQuantity.FRONT_AXLE: body * b / (a + b) + front,
+        FactQuantity.REAR_AXLE: body * a / (a + b) + rear,
         FactQuantity.WHEELBASE: a + b,
         FactQuantity.FRONT_TRACK: 2.0 * t_f,
         FactQuantity.REAR_TRACK: 2.0 * t_r,
     }
     if fact.quantity in direct:
         return np.asarray(direct[FactQuantity(fact.quantity)])
-    corner = CORNERS.get(FactQuantity(fact.quantity)) if fact.quantity in CORNERS else None
-    if corner is not None:
-        return corner_load(corner, full, cross_kg)
-    # A parameter of a symmetric vehicle is that of both corners of its axle.
-    meant = [i for i, name in enumerate(FULL_NAMES) if fact.quantity in (name, name[:-1])]
-    return np.asarray(full[..., meant].mean(axis=-1))
+    if fact.quantity in CORNERS:
+        return corner_load(CORNERS[FactQuantity(fact.quantity)], full, cross_kg)
+    # The fact is a parameter; one of a symmetric vehicle is that of both corners of its axle.
+    places = [i for i, name in enumerate(FULL_NAMES) if fact.quantity in (name, name[:-1])]
+    return np.asarray(full[..., places].mean(axis=-1))
 
 
 def misfits_of(
@@ -70,12 +70,12 @@ def corner_load(
     corner: Corner, full: NDArray[np.complex128], cross_kg: NDArray[np.complex128]
 ) -> NDArray[np.complex128]:
     """Return what the scales show under one wheel, kg; arguments as in `predicted`."""
-    a, b, t_f, t_r = (full[..., i] for i in range(19, 23))
-    half_width, other = (t_f, b) if corner.front else (t_r, a)
-    axle = full[..., 0] * other / (a + b)
+    a, b, t_f, t_r = (full[..., i] for i in (Full.A, Full.B, Full.T_F, Full.T_R))
+    half_width, to_other_axle = (t_f, b) if corner.front else (t_r, a)
+    axle = full[..., Full.M_S] * to_other_axle / (a + b)  # share of the body on this axle
     diagonal = corner.side * (1.0 if corner.front else -1.0)
     # The cross weights of both axles must have no roll moment: they are proportional to 1 / half
     # width.
     cross = diagonal * cross_kg * t_f / half_width
-    offset = corner.side * axle * full[..., 27] / (2.0 * half_width)
-    return np.asarray(axle / 2.0 + offset + cross + full[..., 3 + corner.position])
+    offset = corner.side * axle * full[..., Full.Y_S] / (2.0 * half_width)
+    return np.asarray(axle / 2.0 + offset + cross + full[..., Full.M_U + corner.position])

@@ -6,6 +6,7 @@ Symbols are the paper's; axes and degrees of freedom are those of `daq.vehicle`.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,34 @@ COMPLEX_STEP = 1e-30
 
 FULL_NAMES = parameter_names(Structure(False, True, True, True))
 """Parameters of the richest structure, 28: every other one is a case of it."""
+
+
+class Full(IntEnum):
+    """Places of the full parameters in `FULL_NAMES`.
+
+    M_U, K_S, K_T, C_S: of the front left corner; front right, rear left and rear right follow.
+    """
+
+    M_S = 0
+    I_YY = 1
+    I_XX = 2
+    M_U = 3
+    K_S = 7
+    K_T = 11
+    C_S = 15
+    A = 19
+    B = 20
+    T_F = 21
+    T_R = 22
+    K_AF = 23
+    K_AR = 24
+    C_TF = 25
+    C_TR = 26
+    Y_S = 27
+
+
+FRONT_WHEELS, REAR_WHEELS = slice(Full.M_U, Full.M_U + 2), slice(Full.M_U + 2, Full.M_U + 4)
+"""Places of the wheels' masses of each axle in `FULL_NAMES`."""
 
 _AXLE_DIFFERENCE = np.array([[1.0, -1.0, 0.0, 0.0], [0.0, 0.0, 1.0, -1.0]])
 
@@ -71,10 +100,11 @@ def expansion(structure: Structure) -> NDArray[np.float64]:
     """
     names = parameter_names(structure)
     matrix = np.zeros((len(FULL_NAMES), len(names)))
-    for i, full in enumerate(FULL_NAMES):
-        own = full if full in names else full[:-1]
-        if own in names:
-            matrix[i, names.index(own)] = 1.0
+    for i, full_name in enumerate(FULL_NAMES):
+        without_side = full_name[:-1]
+        name = full_name if full_name in names else without_side
+        if name in names:
+            matrix[i, names.index(name)] = 1.0
     return matrix
 
 
@@ -91,20 +121,25 @@ def full_matrices(
     the square of that difference.  `full`, (..., 28), in the order of `FULL_NAMES`: complex so that
     derivatives can be taken by a complex step.
     """
-    m_u, k_s, k_t, c_s = (full[..., 3 + 4 * i : 7 + 4 * i] for i in range(4))
+    m_u, k_s, k_t, c_s = (  # each of the four corners
+        full[..., first : first + 4] for first in (Full.M_U, Full.K_S, Full.K_T, Full.C_S)
+    )
+    bars, tyre_dampers = full[..., Full.K_AF : Full.K_AR + 1], full[..., Full.C_TF : Full.C_TR + 1]
     travel = travel_rows(full)
     twist = _AXLE_DIFFERENCE @ travel
     wheels = np.eye(N_DOF)[3:]
-    M = _diagonal(np.concatenate([full[..., :3], m_u], axis=-1))
-    K = _square(travel, k_s) + _square(twist, full[..., 23:25]) + _square(wheels, k_t)
-    C = _square(travel, c_s) + _square(wheels, np.repeat(full[..., 25:27], 2, axis=-1))
+    M = _diagonal(np.concatenate([full[..., : Full.M_U], m_u], axis=-1))
+    K = _square(travel, k_s) + _square(twist, bars) + _square(wheels, k_t)
+    C = _square(travel, c_s) + _square(wheels, np.repeat(tyre_dampers, 2, axis=-1))
     return M, C, K
 
 
 def travel_rows(full: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """Return each corner's row for its suspension travel on the degrees of freedom, (..., 4, 7)."""
-    a, b, t_f, t_r = (full[..., i] for i in range(19, 23))
-    y_s = full[..., 27]
+    """Return each corner's row for its suspension travel on the degrees of freedom, (..., 4, 7).
+
+    The travel is the motion of the wheel less that of the body above it.
+    """
+    a, b, t_f, t_r, y_s = (full[..., i] for i in (Full.A, Full.B, Full.T_F, Full.T_R, Full.Y_S))
     travel = np.zeros((*full.shape[:-1], 4, N_DOF), dtype=complex)
     travel[..., 0] = -1.0
     travel[..., 1] = np.stack([a, a, -b, -b], axis=-1)
@@ -114,11 +149,16 @@ def travel_rows(full: NDArray[np.complex128]) -> NDArray[np.complex128]:
 
 
 def _diagonal(values: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Return the matrices, (..., n, n), with the given diagonals, (..., n)."""
     return np.asarray(values[..., None] * np.eye(values.shape[-1]))
 
 
 def _square(difference: NDArray[Any], rate: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """Return the matrix of springs or dampers between motions (Eqs. 4, 5), (..., 7, 7)."""
+    """Return the matrix of springs or dampers between motions (Eqs. 4, 5), (..., 7, 7).
+
+    `difference`, (..., k, 7): row of each on the degrees of freedom.  `rate`, (..., k): stiffness
+    or damping of each.
+    """
     return np.asarray(np.swapaxes(difference, -1, -2) @ (rate[..., None] * difference))
 
 
@@ -147,7 +187,7 @@ def loaded_model(full: NDArray[np.float64], added: AddedMass) -> PhysicalModel:
     `full`, (28,) float64: in the order of `FULL_NAMES`.
     """
     M, C, K = full_matrices(full.astype(complex))
-    total = M + delta_mass(added, full[19], y_s=full[27])
+    total = M + delta_mass(added, full[Full.A], y_s=full[Full.Y_S])
     return PhysicalModel(total.real, C.real, K.real)
 
 
@@ -181,11 +221,12 @@ def delta_mass(
     for i, weight in enumerate(added.weights):
         mass = weight.mass_kg + off[..., i, 0]
         if isinstance(weight, BodyWeight):
+            # Stated from the front axle and the middle of the car; here from the CG.
             x, y = weight.x_m + off[..., i, 1] + a, weight.y_m + off[..., i, 2] - y_s
             r = np.stack([np.ones_like(a), -x, y], axis=-1)
-            tilt = np.diag([0.0, 1.0, 1.0]) * weight.height_m**2
-            square = r[..., :, None] * r[..., None, :] + tilt
-            total[..., :3, :3] += np.asarray(mass)[..., None, None] * square
+            by_height = np.diag([0.0, 1.0, 1.0]) * weight.height_m**2
+            inertia_per_kg = r[..., :, None] * r[..., None, :] + by_height
+            total[..., :3, :3] += np.asarray(mass)[..., None, None] * inertia_per_kg
         else:
             wheel = 3 + weight.corner.position
             total[..., wheel, wheel] += mass

@@ -14,7 +14,7 @@ from ..decays.decay import FreeDecay
 from ..fit.grey_box import CROSS_SCALE_KG, SIGNED, GreyBox
 from ..fit.varpro import evaluate as linear_point
 from ..fit.varpro import linear_part
-from ..model.matrices import SYMMETRIC, full_matrices
+from ..model.matrices import SYMMETRIC, Full, full_matrices
 from .car import PULL, Model, car
 from .laws import knee
 from .path import InitialState, travel_speeds
@@ -71,13 +71,13 @@ def at_likely_scale(problem: Problem, eta: NDArray[np.float64]) -> NDArray[np.fl
     too.
     """
     box = problem.model.box
-    weights = sum(len(state.added.weights) for state in box.mass_states)
-    if len(np.intersect1d(list(box.weight_masses), problem.free)) < weights:
+    n_weights = sum(len(state.added.weights) for state in box.mass_states)
+    if len(np.intersect1d(list(box.weight_masses), problem.free)) < n_weights:
         return eta
 
-    def cost(s: float) -> float:
-        there = all_scaled(problem, eta, float(np.exp(s)))
-        terms = (problem.fact_terms(there)[0], problem.prior_terms(there)[0])
+    def cost(log_factor: float) -> float:
+        scaled_eta = all_scaled(problem, eta, float(np.exp(log_factor)))
+        terms = (problem.fact_terms(scaled_eta)[0], problem.prior_terms(scaled_eta)[0])
         return sum(float(misfits @ misfits) for misfits in terms)
 
     low, high = -_WIDEST, _WIDEST
@@ -137,10 +137,11 @@ def position_at_rest(
     model: Model, eta: NDArray[np.float64], state: MassState
 ) -> NDArray[np.float64]:
     """Return the displacement of the car under its added weights, (7,), by its linear springs."""
-    one = car(model, eta, state, np.zeros(0, dtype=np.intp))
+    no_unknowns = np.zeros(0, dtype=np.intp)
+    loaded = car(model, eta, state, no_unknowns)
     full = model.box.full(eta[: model.first].astype(complex))
     _, _, K = full_matrices(full)
-    pull = np.concatenate([one.pull, one.corner[:, PULL]])
+    pull = np.concatenate([loaded.pull, loaded.corner[:, PULL]])
     return np.asarray(np.linalg.solve(K.real, pull))
 
 
@@ -156,15 +157,16 @@ def initial_states_of(
     present = {decay.mass_state for decay in decays}
     linear = eta[: model.first]
     points = {name: linear_point(box, linear, name, sigma) for name in present}
-    rests = {name: position_at_rest(model, eta, states[name]) for name in present}
-    none = np.zeros(0, dtype=np.intp)
-    cars = {name: car(model, eta, states[name], none) for name in present}
+    sags = {name: position_at_rest(model, eta, states[name]) for name in present}
+    no_unknowns = np.zeros(0, dtype=np.intp)
+    cars = {name: car(model, eta, states[name], no_unknowns) for name in present}
     result = []
     for decay in decays:
         motion = linear_part(points[decay.mass_state], decay).solution[:14].copy()
-        motion[:7] += rests[decay.mass_state]
+        motion[:7] += sags[decay.mass_state]  # the linear model moves about the position at rest
         speed = travel_speeds(cars[decay.mass_state], motion)
-        result.append(InitialState(motion, np.tanh(speed / _SLIDES_M_S), np.zeros(4)))
+        friction, mounts = np.tanh(speed / _SLIDES_M_S), np.zeros(4)
+        result.append(InitialState(motion, friction, mounts))
     return tuple(result)
 
 
@@ -184,6 +186,8 @@ _SIDES, _KNEE, _FAST_KNEE = 2.0, 0.7, 0.25
 A curve that falls as the speed grows feeds energy into the car and has no finite path on a mount:
 where few samples are that fast, these priors keep it from falling."""
 _FAST_M_S = 0.2
+_STOP = 6.0
+"""Standard deviation of the rate of a bump stop, over k_s."""
 _TYRE_DAMPING = 0.2
 """Standard deviation of a tyre's damping, over the damper's coefficient."""
 _SPLIT = 0.3
@@ -204,11 +208,10 @@ def weak_priors(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return mean and standard deviation of each unknown, (P,), for a car about as at `eta`."""
     full = model.box.full(eta[: model.first].astype(complex)).real
-    k_s, c_s = (
-        float(np.exp(np.mean(np.log(full[7:11])))),
-        float(np.exp(np.mean(np.log(full[15:19])))),
+    k_s, c_s = (  # geometric mean of the four corners
+        float(np.exp(np.mean(np.log(full[first : first + 4])))) for first in (Full.K_S, Full.C_S)
     )
-    size = {
+    priors = {  # standard deviation, SI, by the beginning of the element's name
         "k_2": _PROGRESSION_1_M * k_s,
         "k_3": _CUBIC_1_M2 * k_s,
         "b_t": _PROGRESSION_1_M,
@@ -217,28 +220,29 @@ def weak_priors(
         "dk_": _CORNER_SPLIT,
         "dm_": _CORNER_SPLIT,
         "s_m": _MOUNT_M_N,
-        "k_b": 6.0 * k_s,
+        "k_b": _STOP * k_s,
     }
-    own = [e.prior for e in model.elements]
+    of_elements = [e.prior for e in model.elements]
     for i, e in enumerate(model.elements):
-        kind = next((k for k in size if e.name.startswith(k)), None)
+        kind = next((k for k in priors if e.name.startswith(k)), None)
         if kind is not None:
-            own[i] = size[kind] / e.scale
+            of_elements[i] = priors[kind] / e.scale
     for axle in "fr":
         for j, knot in enumerate(model.knots, start=1):
             share = _SIDES if knot == 0.0 else _KNEE if abs(knot) < _FAST_M_S else _FAST_KNEE
-            at = model.names.index(f"h_{axle}{j}") - model.first
-            own[at] = share * c_s / model.elements[at].scale
-    box = model.box.prior_sigma.copy()
+            i = model.names.index(f"h_{axle}{j}") - model.first
+            of_elements[i] = share * c_s / model.elements[i].scale
+    of_box = model.box.prior_sigma.copy()
     for i, name in enumerate(model.box.parameters):
         if name.startswith("c_t"):
-            box[i] = _TYRE_DAMPING * c_s / 100.0
+            of_box[i] = _TYRE_DAMPING * c_s / SIGNED[name]
         elif name == "y_s":
-            box[i] = _CG_M / 0.1
+            of_box[i] = _CG_M / SIGNED[name]
     if "cross weight" in model.names:
-        box[-1] = _CROSS * full[0] / 4.0 / CROSS_SCALE_KG
+        wheel_share_kg = full[Full.M_S] / 4.0
+        of_box[-1] = _CROSS * wheel_share_kg / CROSS_SCALE_KG
     centre = np.concatenate([np.zeros(model.first), [e.unknown(e.rest) for e in model.elements]])
-    return centre, np.concatenate([box, own])
+    return centre, np.concatenate([of_box, of_elements])
 
 
 # Describes the same damper curves by more knees, which only the last steps of a fit need ----------
@@ -258,19 +262,25 @@ def refined(
     """
     old = problem.model
     model = Model(old.box, knots)
-    change = _bends(knots, old.knots)
-    head = len(old.names) - 2 * len(old.knots)
-    front, rear = eta[head : head + len(old.knots)], eta[head + len(old.knots) :]
-    moved = np.concatenate([eta[:head], change @ front, change @ rear])
-    centre, prior = weak_priors(model, moved)
+    bends = _bends(knots, old.knots)
+    # The slopes at the knees come last among the unknowns, those of the front axle first.
+    n_common = len(old.names) - 2 * len(old.knots)
+    front, rear = np.split(eta[n_common:], 2)
+    refined_eta = np.concatenate([eta[:n_common], bends @ front, bends @ rear])
+    centre, prior = weak_priors(model, refined_eta)
     # The priors of unknowns that both problems have stay the same.
-    centre[:head], prior[:head] = problem.centre[:head], problem.prior[:head]
-    return replace(problem, model=model, centre=centre, prior=prior), moved
+    centre[:n_common], prior[:n_common] = problem.centre[:n_common], problem.prior[:n_common]
+    return replace(problem, model=model, centre=centre, prior=prior), refined_eta
 
 
 def _bends(knots: tuple[float, ...], old: tuple[float, ...]) -> NDArray[np.float64]:
-    """Return the change of slope of the old curve's chords at each knot by each old knee."""
+    """Return the change of slope of the old curve's chords at each knot by each old knee.
+
+    A knee in rebound, at a negative speed, counts the change from zero speed outwards.  Returns
+    (len(knots), len(old)).
+    """
     speeds = np.array([-_FASTEST_M_S, *knots, _FASTEST_M_S])
-    forces = np.stack([knee(speeds, at, _SHARP_M_S) for at in old], axis=1)
+    forces = np.stack([knee(speeds, knot, _SHARP_M_S) for knot in old], axis=1)
     slopes = np.diff(forces, axis=0) / np.diff(speeds)[:, None]
-    return np.where(np.array(knots) < 0.0, -1.0, 1.0)[:, None] * np.diff(slopes, axis=0)
+    outwards = np.where(np.array(knots) < 0.0, -1.0, 1.0)[:, None]
+    return outwards * np.diff(slopes, axis=0)

@@ -18,7 +18,7 @@ from daq.vehicle import Corner, MassState
 
 from ..fit.grey_box import GreyBox
 from ..model.facts import corner_load, misfits_of
-from ..model.matrices import COMPLEX_STEP, delta_mass, stepped
+from ..model.matrices import COMPLEX_STEP, Full, delta_mass, stepped
 from .laws import secant_share
 
 # The unknowns of the nonlinear elements, in addition to those of the grey box ---------------------
@@ -178,10 +178,10 @@ class Model:
         """Return the full parameters, (..., 28), with the differences of each corner."""
         value = self.element_values(eta)
         full = self.box.full(eta).copy()
-        for place in Corner:
-            axle = "f" if place.front else "r"
-            for first, kind in ((3, "dm_u"), (7, "dk_s"), (11, "dk_t")):
-                full[..., first + place.position] *= 1.0 + place.side * value[f"{kind}{axle}"]
+        for corner in Corner:
+            axle = "f" if corner.front else "r"
+            for first, kind in ((Full.M_U, "dm_u"), (Full.K_S, "dk_s"), (Full.K_T, "dk_t")):
+                full[..., first + corner.position] *= 1.0 + corner.side * value[f"{kind}{axle}"]
         return full
 
     def fact_misfits(
@@ -239,34 +239,42 @@ def car(model: Model, eta: NDArray[np.float64], state: MassState, free: NDArray[
 def _coefficients(
     model: Model, eta: NDArray[np.complex128], state: MassState
 ) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.complex128]]:
-    """Return corners, (n, 4, columns), body mass, (n, 3, 3), and gravity, (n, 3)."""
+    """Return corners, (n, 4, columns), body mass, (n, 3, 3), and the weights' pull on it, (n, 3).
+
+    `eta`: unknowns, (n, P).
+    """
     box = model.box
     full = model.full(eta)
     value = model.element_values(eta)
-    added = delta_mass(state.added, full[:, 19], full[:, 27], box.off_weights(eta, state))
+    off = box.off_weights(eta, state)
+    added = delta_mass(state.added, full[:, Full.A], full[:, Full.Y_S], off)
+    # Gravity accelerates body and wheels downwards alike: on (1, 0, 0, 1, 1, 1, 1).
     pull = -GRAVITY_M_S2 * (added[:, :, 0] + added[:, :, 3:].sum(axis=-1))
-    corner = np.zeros((len(eta), 4, KNEES + len(model.knots)), dtype=complex)
-    cross = box.cross_kg(eta)
-    for place in Corner:
-        i, axle = place.position, "f" if place.front else "r"
-        one = corner[:, i]
+    corners = np.zeros((len(eta), 4, KNEES + len(model.knots)), dtype=complex)
+    cross_kg = box.cross_kg(eta)
+    for corner in Corner:
+        i, front = corner.position, corner.front
+        axle = "f" if front else "r"
+        one = corners[:, i]
         for column, kind in _COLUMN_OF.items():
             one[:, column] = value[f"{kind}{axle}"]
-        one[:, X] = full[:, 19] if place.front else -full[:, 20]
-        one[:, Y] = place.side * full[:, 21 if place.front else 22] - full[:, 27]
-        one[:, K_S], one[:, K_T], one[:, C] = full[:, 7 + i], full[:, 11 + i], full[:, 15 + i]
-        one[:, K_A] = full[:, 23 if place.front else 24]
-        one[:, C_T] = full[:, 25 if place.front else 26]
-        one[:, F_C] += place.side * value[f"dF_c{axle}"]
-        one[:, RATIO] = 1.0 + place.side * value[f"s_c{axle}"]
-        one[:, STATIC] = GRAVITY_M_S2 * corner_load(place, full, cross)
-        one[:, MASS] = full[:, 3 + i] + added[:, 3 + i, 3 + i]
+        one[:, X] = full[:, Full.A] if front else -full[:, Full.B]
+        half_width = full[:, Full.T_F if front else Full.T_R]
+        one[:, Y] = corner.side * half_width - full[:, Full.Y_S]
+        one[:, K_S], one[:, K_T] = full[:, Full.K_S + i], full[:, Full.K_T + i]
+        one[:, C] = full[:, Full.C_S + i]
+        one[:, K_A] = full[:, Full.K_AF if front else Full.K_AR]
+        one[:, C_T] = full[:, Full.C_TF if front else Full.C_TR]
+        one[:, F_C] += corner.side * value[f"dF_c{axle}"]
+        one[:, RATIO] = 1.0 + corner.side * value[f"s_c{axle}"]
+        one[:, STATIC] = GRAVITY_M_S2 * corner_load(corner, full, cross_kg)
+        one[:, MASS] = full[:, Full.M_U + i] + added[:, 3 + i, 3 + i]
         one[:, PULL] = pull[:, 3 + i]
         for j, knot in enumerate(model.knots):
             h = value[f"h_{axle}{j + 1}"]
             one[:, KNEES + j] = h
-            one[:, C] -= h * secant_share(knot, KNEE_M_S)
+            one[:, C] -= h * secant_share(knot, KNEE_M_S)  # `c_s` is that of the secant
     mass = added[:, :3, :3].copy()
-    for k in range(3):
+    for k in (Full.M_S, Full.I_YY, Full.I_XX):
         mass[:, k, k] += full[:, k]
-    return corner, mass, pull[:, :3]
+    return corners, mass, pull[:, :3]

@@ -25,7 +25,7 @@ from ..decays.decay import FreeDecay
 from ..decays.onset import onset_s
 from ..fit.estimation import Estimation, linearised_at
 from ..fit.varpro import Evaluated, LinearPart, over_two, pseudo_inverse
-from ..model.matrices import N_DOF, PhysicalModel, loaded_model
+from ..model.matrices import N_DOF, Full, PhysicalModel, loaded_model
 from ..modes.modal_model import mode_names, modes_of
 from .finding import listed
 
@@ -43,8 +43,9 @@ LANDING_LIMIT = 0.2
 LATE_S = 0.005
 """Delay after the stated end of the bump, s, above which a decay was not free before its start."""
 _SURE = 3.0  # standard deviations
-_STEP_S = 1e-3
+_STEP_S = 1e-3  # in which tyre loads are looked at
 _LONGEST_S = 1.0  # wheels that have not lifted by then will not
+_TYRES = slice(Full.K_T, Full.K_T + 4)  # their stiffnesses among the full parameters
 
 
 def mode_snr_db(estimation: Estimation) -> dict[str, tuple[float, ...]]:
@@ -56,36 +57,41 @@ def mode_snr_db(estimation: Estimation) -> dict[str, tuple[float, ...]]:
 
     Returns dB, in the order of `identify.modes.modal_model.modes_of` for the run's mass state.
     """
-    there = linearised_at(estimation)
-    result = {}
-    for decay, linear in zip(estimation.decays, there.linear, strict=True):
-        at, size = there.points[decay.mass_state], len(linear.solution)
-        normal = np.zeros((size, size))
-        for r, product, stack in zip(
-            decay.recordings, linear.products, linear.coefficients, strict=True
-        ):
-            weighted = stack * at.weights(r.group)[:, None, None]
-            normal += over_two(weighted, product.gram @ stack)
-        modes = at.modes
-        upper = np.flatnonzero(modes.poles.imag > 0.0)
-        upper = upper[np.argsort(np.abs(modes.poles[upper]), kind="stable")]
-        # Real coordinates of the modes; the channels' own unknowns stay as they are.
-        T = np.eye(size)
-        T[: 2 * N_DOF, : 2 * N_DOF] = modes.V.real
-        T[: 2 * N_DOF, upper] = 2.0 * modes.V[:, upper].real
-        T[: 2 * N_DOF, upper + 1] = -2.0 * modes.V[:, upper].imag
-        normal = T.T @ normal @ T
-        z = modes.W @ linear.solution[: 2 * N_DOF]
-        row = []
-        for k in upper.tolist():
-            others = np.delete(np.arange(size), [k, k + 1])
-            mixed = normal[k : k + 2, others]
-            inverse = pseudo_inverse(normal[np.ix_(others, others)])
-            alone = normal[k : k + 2, k : k + 2] - mixed @ inverse @ mixed.T
-            q = np.array([z[k].real, z[k].imag])
-            row.append(10.0 * float(np.log10(max(q @ alone @ q, _FLOOR))))
-        result[decay.label] = tuple(row)
-    return result
+    model = linearised_at(estimation)
+    return {
+        decay.label: _snr_db_of_run(model.points[decay.mass_state], decay, linear)
+        for decay, linear in zip(estimation.decays, model.linear, strict=True)
+    }
+
+
+def _snr_db_of_run(point: Evaluated, decay: FreeDecay, linear: LinearPart) -> tuple[float, ...]:
+    """Return the energy of each mode in one run over the noise, dB, by frequency."""
+    size = len(linear.solution)
+    normal = np.zeros((size, size))
+    for recording, product, stack in zip(
+        decay.recordings, linear.products, linear.coefficients, strict=True
+    ):
+        weighted = stack * point.weights(recording.group)[:, None, None]
+        normal += over_two(weighted, product.gram @ stack)
+    modes = point.modes
+    upper = np.flatnonzero(modes.poles.imag > 0.0)
+    upper = upper[np.argsort(np.abs(modes.poles[upper]), kind="stable")]
+    # To real and imaginary parts of the modal state; the channels' own unknowns stay as they are.
+    T = np.eye(size)
+    T[: 2 * N_DOF, : 2 * N_DOF] = modes.V.real
+    T[: 2 * N_DOF, upper] = 2.0 * modes.V[:, upper].real
+    T[: 2 * N_DOF, upper + 1] = -2.0 * modes.V[:, upper].imag
+    normal = T.T @ normal @ T
+    modal_state = modes.W @ linear.solution[: 2 * N_DOF]
+    snr_db = []
+    for k in upper.tolist():
+        others = np.delete(np.arange(size), [k, k + 1])
+        mixed = normal[k : k + 2, others]
+        inverse = pseudo_inverse(normal[np.ix_(others, others)])
+        alone = normal[k : k + 2, k : k + 2] - mixed @ inverse @ mixed.T
+        parts = np.array([modal_state[k].real, modal_state[k].imag])
+        snr_db.append(10.0 * float(np.log10(max(parts @ alone @ parts, _FLOOR))))
+    return tuple(snr_db)
 
 
 def excitation_findings(
@@ -96,7 +102,7 @@ def excitation_findings(
     The energies of its runs add up, as their information does.
     """
     full = estimation.full
-    geometry = VehicleGeometry(*(float(length) for length in full[19:23]))
+    geometry = VehicleGeometry(*(float(length) for length in full[Full.A : Full.T_R + 1]))
     for state in estimation.box.mass_states:
         rows = [snr_db[d.label] for d in estimation.decays if d.mass_state == state.name]
         if not rows:
@@ -109,7 +115,7 @@ def excitation_findings(
         for k in np.flatnonzero(total_db < SNR_LIMIT_DB).tolist():
             frequency = abs(modes.poles[k]) / (2.0 * np.pi)
             text = f"mode {k + 1} ({names[k]}, {frequency:.2f} Hz) with {total_db[k]:.0f} dB"
-            advised.setdefault(best_run(model, modes.poles[k], full[11:15]), []).append(text)
+            advised.setdefault(best_run(model, modes.poles[k], full[_TYRES]), []).append(text)
         for run, texts in advised.items():
             text = (
                 f"hardly excited in state {state.name}: {', '.join(texts)} in all its runs "
@@ -120,15 +126,19 @@ def excitation_findings(
 
 
 def best_run(model: PhysicalModel, pole: complex, tyre_n_m: NDArray[np.float64]) -> Excitation:
-    """Return the kind of run that drives a mode, by the road's force on its left eigenvector."""
+    """Return the kind of run that drives a mode, by the road's force on its left eigenvector.
+
+    The first kind that drives it at least `_AS_GOOD` as much as the best.  `pole`, rad/s: of the
+    mode.  `tyre_n_m`, (4,): stiffness of each tyre.
+    """
     poles, right = np.linalg.eig(model.A)
-    left = np.linalg.inv(right)[int(np.argmin(np.abs(poles - pole)))]
-    gain = {}
+    left_vector = np.linalg.inv(right)[int(np.argmin(np.abs(poles - pole)))]
+    drive = {}
     for run, bump in BUMPS.items():
         force = np.concatenate([np.zeros(3), tyre_n_m * np.array(bump.shares)])
-        gain[run] = abs(left[N_DOF:] @ np.linalg.solve(model.M, force))
-    strongest = max(gain.values())
-    return next(run for run in Excitation if gain[run] >= _AS_GOOD * strongest)
+        drive[run] = abs(left_vector[N_DOF:] @ np.linalg.solve(model.M, force))
+    strongest = max(drive.values())
+    return next(run for run in Excitation if drive[run] >= _AS_GOOD * strongest)
 
 
 def lift_off_findings(estimation: Estimation) -> Iterator[Finding]:
@@ -139,27 +149,30 @@ def lift_off_findings(estimation: Estimation) -> Iterator[Finding]:
     `estimation`: the fit; tyre loads follow from its parameters and the fitted initial state of
     each run.
     """
-    full, there = estimation.full, linearised_at(estimation)
-    tyres, states = full[11:15], {state.name: state for state in estimation.box.mass_states}
+    full, model = estimation.full, linearised_at(estimation)
+    tyres, states = full[_TYRES], {state.name: state for state in estimation.box.mass_states}
+    # Least load, load at rest, N, delay of the decay's start after the bump, s, wheel and run.
     flying: list[tuple[float, float, float, str]] = []
     for record, decay, linear in zip(
-        estimation.records, estimation.decays, there.linear, strict=True
+        estimation.records, estimation.decays, model.linear, strict=True
     ):
         static = static_loads_n(loaded_model(full, states[decay.mass_state].added), tyres)
-        least, sigma = least_loads_n(there.points[decay.mass_state], decay, linear, static, tyres)
+        least, sigma = least_loads_n(model.points[decay.mass_state], decay, linear, static, tyres)
         onset = onset_s(record)
-        late_s = np.nan if onset is None else decay.start_s - (onset + record.bump_s)
-        limit = (LANDING_LIMIT if late_s > LATE_S else -PULL_LIMIT) * static
+        delay_s = np.nan if onset is None else decay.start_s - (onset + record.bump_s)
+        limit = (LANDING_LIMIT if delay_s > LATE_S else -PULL_LIMIT) * static
         flying += [
-            (float(least[i]), float(static[i]), late_s, f"wheel {corner} in {decay.label}")
+            (float(least[i]), float(static[i]), delay_s, f"wheel {corner} in {decay.label}")
             for i, corner in enumerate(Corner)
             if least[i] < limit[i] - _SURE * sigma[i]
         ]
     if not flying:
         return
     load_n, static_n, *_ = min(flying)
-    late_s = float(np.nanmax([late for *_, late, _ in flying] + [0.0]))
-    waited = f", {late_s * 1e3:.0f} ms after the bump at the latest" if late_s > LATE_S else ""
+    longest_s = float(np.nanmax([delay_s for *_, delay_s, _ in flying] + [0.0]))
+    waited = ""
+    if longest_s > LATE_S:
+        waited = f", {longest_s * 1e3:.0f} ms after the bump at the latest"
     places = listed(place for *_, place in sorted(flying))
     text = (
         f"wheels lift off the road: least tyre load in the fitted decay {load_n:.0f} N (at rest "
@@ -176,28 +189,31 @@ def static_loads_n(model: PhysicalModel, tyre_n_m: NDArray[np.float64]) -> NDArr
     mass matrix, added weights included; the springs distribute them.
     """
     heave = np.concatenate([[1.0, 0.0, 0.0], np.ones(4)])
-    sunk = np.linalg.solve(model.K, G_M_S2 * (model.M @ heave))
-    return np.asarray(tyre_n_m * sunk[3:])
+    sag = np.linalg.solve(model.K, G_M_S2 * (model.M @ heave))
+    return np.asarray(tyre_n_m * sag[3:])
 
 
 def least_loads_n(
-    at: Evaluated,
+    point: Evaluated,
     decay: FreeDecay,
     linear: LinearPart,
     static_n: NDArray[np.float64],
     tyre_n_m: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the least load of each wheel and its standard deviation by the noise, (4,) N each."""
+    """Return the least load of each wheel and its standard deviation by the noise, (4,) N each.
+
+    `static_n`, `tyre_n_m`, (4,): load at rest, and stiffness, of each tyre.
+    """
     last_s = max(float(r.time_s[-1]) for r in decay.recordings)
-    time = np.arange(0.0, min(last_s, _LONGEST_S), _STEP_S)
-    modes = at.modes
+    time_s = np.arange(0.0, min(last_s, _LONGEST_S), _STEP_S)
+    modes = point.modes
     state = linear.solution[: 2 * N_DOF]
-    wave = np.exp(np.multiply.outer(time, modes.poles))
+    wave = np.exp(np.multiply.outer(time_s, modes.poles))
     wheels = slice(3, N_DOF)
-    heave = ((wave * (modes.W @ state)) @ modes.V[wheels].T).real
-    load = static_n - tyre_n_m * heave
-    lowest = load.argmin(axis=0)
-    # Heave of each wheel at its lowest load, by the initial state.
-    rows = tyre_n_m[:, None] * ((modes.V[wheels] * wave[lowest]) @ modes.W).real
+    heave_m = ((wave * (modes.W @ state)) @ modes.V[wheels].T).real
+    load_n = static_n - tyre_n_m * heave_m
+    lowest = load_n.argmin(axis=0)
+    # Change of each wheel's lowest load by the initial state, but for its sign.
+    slopes = tyre_n_m[:, None] * ((modes.V[wheels] * wave[lowest]) @ modes.W).real
     covariance = linear.normal_inverse[: 2 * N_DOF, : 2 * N_DOF]
-    return load.min(axis=0), np.sqrt(np.einsum("ij,jk,ik->i", rows, covariance, rows))
+    return load_n.min(axis=0), np.sqrt(np.einsum("ij,jk,ik->i", slopes, covariance, slopes))

@@ -40,6 +40,8 @@ EARLY_S = 0.3
 """Length of the early part, s, which is tested separately: errors of the wheels' motion end within
 it."""
 _FEWEST = 100  # pairs of samples that give a correlation to 0.1
+_FEWEST_AT_REST = 3  # two samples less their mean are always opposite
+_LARGEST_R = 0.99  # magnitude at which a correlation is cut: at 1 its deviate has no size
 _FEWEST_LEVELS = 5  # a coarser converter shows its own steps instead of the noise
 _SILENT = 0.01  # of the noise's power: rounding of data without noise
 _MARGIN_S = 0.005  # the onset of motion is seen a little late
@@ -66,18 +68,26 @@ def misfit_findings(estimation: Estimation) -> Iterator[Finding]:
         # The nonlinear fit ends near its optimum even if it has not converged.
         yield Finding("convergence", Severity.WARNING if nonlinear else Severity.ERROR, text)
     if not estimation.holds:
-        rows = chi2_by_run(estimation)
-        worst, channel, run = max(
-            (v, name, r) for r, row in rows.items() for name, v in row.items()
+        worst_chi2, channel, run = max(
+            (chi2, name, label)
+            for label, row in chi2_by_run(estimation).items()
+            for name, chi2 in row.items()
         )
+        # A chi2/n of NaN is refused, too.
         refused = not estimation.chi2_per_n <= max(CHI2_LIMIT, estimation.chi2_limit)
         text = (
             f"{_MODEL[nonlinear]} does not explain the decays: chi2/n = "
             f"{estimation.chi2_per_n:.3f} (limit {estimation.chi2_limit:.3f}, refused above "
-            f"{CHI2_LIMIT}), worst {channel} in {run} with {worst:.2f}: "
+            f"{CHI2_LIMIT}), worst {channel} in {run} with {worst_chi2:.2f}: "
             f"{_INTERVALS[nonlinear and not refused]}"
         )
         yield Finding("chi2", Severity.ERROR if refused else Severity.WARNING, text)
+    yield from _noise_findings(estimation)
+    yield from _start_findings(estimation)
+
+
+def _noise_findings(estimation: Estimation) -> Iterator[Finding]:
+    """Name a noise that was not measured at rest, or only to the step of a coarse sensor."""
     if not estimation.rest:
         text = "no quiet stretch before the bumps: the noise is taken from the residuals"
         yield Finding("noise", Severity.NOTE, text)
@@ -89,20 +99,24 @@ def misfit_findings(estimation: Estimation) -> Iterator[Finding]:
             "step/sqrt(12): a smaller range of the sensor narrows the intervals"
         )
         yield Finding("coarse_sensors", Severity.NOTE, text)
-    late = {}
+
+
+def _start_findings(estimation: Estimation) -> Iterator[Finding]:
+    """Name decays that the model explains only from late after the bump."""
+    since_bump_s = {}  # from the stated end of the bump to the decay's start, by run
     for record, decay in zip(estimation.records, estimation.decays, strict=True):
         onset = onset_s(record)
         if onset is not None and np.isfinite(record.bump_s):
-            late[record.label] = decay.start_s - onset - record.bump_s
-    if late and max(late.values()) > _LATE_S:
-        run = max(late, key=lambda label: late[label])
+            since_bump_s[record.label] = decay.start_s - onset - record.bump_s
+    if since_bump_s and max(since_bump_s.values()) > _LATE_S:
+        run = max(since_bump_s, key=lambda label: since_bump_s[label])
         text = (
-            f"the model holds only from {late[run] * 1e3:.0f} ms after the stated end of the bump "
-            f"({run}): the bump lasts longer than bump_s says, or the first motion of the wheels "
-            "does not fit; check bump_s, the hub sensors, and that no wheel lifted"
+            f"the model holds only from {since_bump_s[run] * 1e3:.0f} ms after the stated end of "
+            f"the bump ({run}): the bump lasts longer than bump_s says, or the first motion of the "
+            "wheels does not fit; check bump_s, the hub sensors, and that no wheel lifted"
         )
         yield Finding("late_start", Severity.WARNING, text)
-    elif estimation.later_s and not late:
+    elif estimation.later_s and not since_bump_s:
         text = (
             f"the decays were found to start {estimation.later_s * 1e3:.0f} ms into the records: "
             "begin a record at rest before the bump"
@@ -111,11 +125,14 @@ def misfit_findings(estimation: Estimation) -> Iterator[Finding]:
 
 
 class _Stretch(NamedTuple):
-    """Residuals of one channel in one run, and number of values that the fit has removed."""
+    """Residuals of one channel in one run, SI, and how many constants were fitted to them.
+
+    Of a part of the samples, the number of constants is their share: no whole number.
+    """
 
     time_s: NDArray[np.float64]
     values: NDArray[np.float64]
-    fitted: float
+    constants: float
 
 
 class _Correlation(NamedTuple):
@@ -125,7 +142,7 @@ class _Correlation(NamedTuple):
     n: float
 
     def z(self, other: _Correlation) -> float:
-        """Return the excess over another correlation in standard deviations."""
+        """Return the excess over another correlation, the true one, in standard deviations."""
         spread = (1.0 - other.r**2) * (1.0 / self.n + 1.0 / other.n)
         return float((self.r - other.r) / np.sqrt(spread))
 
@@ -135,9 +152,17 @@ def whiteness_findings(estimation: Estimation) -> Iterator[Finding]:
 
     All runs are pooled; a gap in the sampling makes no pair.
     """
-    white = _Correlation(0.0, np.inf)
-    at_rest = _correlations(_before_motion(estimation), estimation.noise)
-    coloured = {name: r for name, r in at_rest.items() if r.z(white) > Z_LIMIT}
+    before_bump = _correlations(_noise_before_motion(estimation), estimation.noise)
+    yield from _coloured_noise(before_bump)
+    yield from _unexplained_motion(estimation, before_bump)
+
+
+_WHITE = _Correlation(0.0, np.inf)
+
+
+def _coloured_noise(before_bump: Mapping[str, _Correlation]) -> Iterator[Finding]:
+    """Name the channels whose noise is coloured before any motion."""
+    coloured = {name: one for name, one in before_bump.items() if one.z(_WHITE) > Z_LIMIT}
     if coloured:
         names = sorted(coloured, key=lambda name: -coloured[name].r)
         worst = coloured[names[0]]
@@ -146,23 +171,30 @@ def whiteness_findings(estimation: Estimation) -> Iterator[Finding]:
             "coloured_noise",
             Severity.WARNING if factor > NARROW_LIMIT else Severity.NOTE,
             f"the noise at rest is not white, worst {names[0]} with a correlation of {worst.r:.2f} "
-            f"from sample to sample (z {worst.z(white):.0f}, limit {Z_LIMIT}): {listed(names)}; "
+            f"from sample to sample (z {worst.z(_WHITE):.0f}, limit {Z_LIMIT}): {listed(names)}; "
             f"intervals that rest on it are too narrow by up to {factor:.2f} (limit "
             f"{NARROW_LIMIT}): look for hum or a running engine, and state the sensor's low-pass "
             "if it has one",
         )
-    odd: dict[str, tuple[float, float, str]] = {}
+
+
+def _unexplained_motion(
+    estimation: Estimation, before_bump: Mapping[str, _Correlation]
+) -> Iterator[Finding]:
+    """Name the channels whose residuals are more coloured than their noise before the bump."""
+    excess: dict[str, tuple[float, float, str]] = {}  # largest z of a channel, its r, its window
     windows = {f"the first {EARLY_S:g} s of the decays": EARLY_S, "the decays": np.inf}
-    for where, end_s in windows.items():
-        for name, one in _correlations(_in_decays(estimation, end_s), estimation.noise).items():
-            z = one.z(at_rest.get(name, white))
-            if z > max(Z_LIMIT, odd.get(name, (0.0,))[0]):
-                odd[name] = (z, one.r, where)
-    if odd:
-        names = sorted(odd, key=lambda name: -odd[name][0])
-        z, r, where = odd[names[0]]
-        if names[0] in at_rest:
-            compared = f"but {at_rest[names[0]].r:.2f} at rest"
+    for window, end_s in windows.items():
+        residuals = _residuals_until(estimation, end_s)
+        for name, one in _correlations(residuals, estimation.noise).items():
+            z = one.z(before_bump.get(name, _WHITE))
+            if z > Z_LIMIT and (name not in excess or z > excess[name][0]):
+                excess[name] = (z, one.r, window)
+    if excess:
+        names = sorted(excess, key=lambda name: -excess[name][0])
+        z, r, window = excess[names[0]]
+        if names[0] in before_bump:
+            compared = f"but {before_bump[names[0]].r:.2f} at rest"
             meaning = "the model leaves motion unexplained"
         else:
             compared = "and there is no rest to compare with"
@@ -170,25 +202,30 @@ def whiteness_findings(estimation: Estimation) -> Iterator[Finding]:
         yield Finding(
             "whiteness",
             Severity.WARNING,
-            f"the residuals are not white, worst {names[0]} in {where} with a correlation of "
+            f"the residuals are not white, worst {names[0]} in {window} with a correlation of "
             f"{r:.2f} from sample to sample {compared} (z {z:.1f}, limit {Z_LIMIT}): "
             f"{listed(names)}; {meaning}, so errors may exceed the intervals: check delay, "
             "low-pass, gain and place of these sensors, friction and dampers",
         )
 
 
-def _in_decays(estimation: Estimation, end_s: float) -> Iterator[tuple[str, _Stretch]]:
-    """Yield the residuals of each channel up to a time since the decay's start."""
-    for decay, part in zip(estimation.decays, estimation.residuals, strict=True):
+def _residuals_until(estimation: Estimation, end_s: float) -> Iterator[tuple[str, _Stretch]]:
+    """Yield the residuals of each channel before `end_s`, s since the decay's start.
+
+    Initial state and offset are fitted to the whole decay.  By approximation each sample bears the
+    same share of them, so the kept samples bear as many constants as their share of all samples.
+    """
+    for decay, residuals in zip(estimation.decays, estimation.residuals, strict=True):
         for recording in decay.recordings:
-            keep = recording.time_s < end_s
+            kept = recording.time_s < end_s
+            kept_share = float(np.mean(kept))
             for name in (channel.name for channel in recording.group.channels):
-                values = part.values[name]
-                fitted = (len(values) - part.freedom[name]) * float(np.mean(keep))
-                yield name, _Stretch(recording.time_s[keep], values[keep], fitted)
+                values = residuals.values[name]
+                constants = len(values) - residuals.freedom[name]
+                yield name, _Stretch(recording.time_s[kept], values[kept], constants * kept_share)
 
 
-def _before_motion(estimation: Estimation) -> Iterator[tuple[str, _Stretch]]:
+def _noise_before_motion(estimation: Estimation) -> Iterator[tuple[str, _Stretch]]:
     """Yield the samples of each channel before the motion begins, less their mean."""
     for record in estimation.records:
         onset = onset_s(record)
@@ -197,36 +234,41 @@ def _before_motion(estimation: Estimation) -> Iterator[tuple[str, _Stretch]]:
         for recording in record.recordings:
             quiet = recording.time_s < onset - _MARGIN_S
             values = recording.values[quiet]
-            if len(values) < 3:
+            if len(values) < _FEWEST_AT_REST:
                 continue
             columns = (values - values.mean(axis=0)).T
             for channel, column in zip(recording.group.channels, columns, strict=True):
+                # The one constant is the mean.
                 yield channel.name, _Stretch(recording.time_s[quiet], column, 1.0)
 
 
 def _correlations(
     stretches: Iterator[tuple[str, _Stretch]], noise: Mapping[str, float]
 ) -> dict[str, _Correlation]:
-    """Return the correlation of the channels that have samples and noise enough to be judged."""
+    """Return the correlation of the channels that have samples and noise enough to be judged.
+
+    `stretches`: each with the name of its channel; those of one channel are pooled.
+    """
     pooled: dict[str, list[_Stretch]] = {}
     for name, stretch in stretches:
         if len(stretch.time_s) > 1:
             pooled.setdefault(name, []).append(stretch)
     result = {}
     for name, parts in pooled.items():
-        products, squares, n = 0.0, 0.0, 0
+        products, squares, n_pairs = 0.0, 0.0, 0
         for part in parts:
-            interval = np.diff(part.time_s)
-            period = np.median(interval)
-            even = np.abs(interval - period) < 0.5 * period  # pairs that are one period apart
-            before, after = part.values[:-1][even], part.values[1:][even]
+            interval_s = np.diff(part.time_s)
+            period_s = np.median(interval_s)
+            is_pair = np.abs(interval_s - period_s) < 0.5 * period_s  # no sample is missing
+            before, after = part.values[:-1][is_pair], part.values[1:][is_pair]
             products += float(before @ after)
             squares += float(before @ before + after @ after) / 2.0
-            n += int(even.sum())
-        loud = squares > _SILENT * noise[name] ** 2 * n
+            n_pairs += int(is_pair.sum())
+        above_rounding = squares > _SILENT * noise[name] ** 2 * n_pairs
         fine = any(len(np.unique(part.values)) >= _FEWEST_LEVELS for part in parts)
-        if n >= _FEWEST and loud and fine:
-            # The fitted part is smooth, so its correlation of almost 1 is missing in the residuals.
-            r = products / squares + sum(part.fitted for part in parts) / n
-            result[name] = _Correlation(min(max(r, -0.99), 0.99), n)
+        if n_pairs >= _FEWEST and above_rounding and fine:
+            # Each fitted constant takes a smooth part, of correlation 1, out of the residuals:
+            # one pair's worth, which is added again.
+            r = products / squares + sum(part.constants for part in parts) / n_pairs
+            result[name] = _Correlation(min(max(r, -_LARGEST_R), _LARGEST_R), n_pairs)
     return result

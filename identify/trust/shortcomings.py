@@ -41,7 +41,7 @@ def shortcomings(
             *(("channels", text) for text in _channels(records)),
             *(("rate", text) for text in _rates(records)),
             *(("units", text) for text in _units(records)),
-            *(("mass_states", text) for text in _scale(records, session)),
+            *(("mass_states", text) for text in _no_known_mass(records, session)),
         ]
     elif session.accepted:
         text = "no accepted run has a sample: check the sensors, or the map of the channels"
@@ -97,11 +97,16 @@ def _units(records: Sequence[Record]) -> Iterator[str]:
             yield f"{moves}: are they in {likely}? State the unit of the signals"
 
 
-def _scale(records: Sequence[Record], session: Session) -> Iterator[str]:
-    """Yield a text on a missing scale, which known masses or scales must fix."""
+def _no_known_mass(records: Sequence[Record], session: Session) -> Iterator[str]:
+    """Yield a text where nothing fixes the size of masses and forces.
+
+    Free decays leave a common factor of them open.  It follows from a fact that has a mass or a
+    force in it, or from runs both with added mass and without.
+    """
     vehicle = session.vehicle
-    known = {*SCALED, *(n for n in parameter_names(vehicle.structure) if parameter_unit(n) != "m")}
-    if any(fact.quantity in known for fact in vehicle.facts):
+    names = parameter_names(vehicle.structure)
+    fixing = {*SCALED, *(name for name in names if parameter_unit(name) != "m")}
+    if any(fact.quantity in fixing for fact in vehicle.facts):
         return
     present = {record.mass_state for record in records}
     states = [state for state in session.mass_states if state.name in present]
