@@ -157,6 +157,8 @@ class Form(VerticalScroll, can_focus=False):
         self._fields: dict[str, Field] = {}
         self._inputs: dict[str, Input | Select[str] | Checkbox] = {}
         self._labels: dict[str, Label] = {}
+        self._chosen: dict[Widget, str] = {}
+        """The choices as the form set them or announced them last."""
 
     def compose(self) -> ComposeResult:
         """Compose the groups."""
@@ -177,6 +179,7 @@ class Form(VerticalScroll, can_focus=False):
         elif field.choices:
             options = [(choice, choice) for choice in field.choices]
             place = Select(options, allow_blank=False, compact=True)
+            self._chosen[place] = field.choices[0]
         else:
             most = max(field.most, 60)
             place = Line(compact=True, max_length=most, classes="number" if field.unit else "")
@@ -197,8 +200,10 @@ class Form(VerticalScroll, can_focus=False):
                 place = self._inputs.get(name)
                 if isinstance(place, Checkbox):
                     place.value = value == YES
-                elif isinstance(place, Input) or (place and value in self._fields[name].choices):
+                elif isinstance(place, Input):
                     place.value = value
+                elif place is not None and value in self._fields[name].choices:
+                    place.value = self._chosen[place] = value
 
     def mark(self, errors: Sequence[FieldError]) -> None:
         """Show which fields are wrong: by a mark before the label, and in colour."""
@@ -226,9 +231,10 @@ class Form(VerticalScroll, can_focus=False):
         self.post_message(self.Changed())
 
     def on_select_changed(self, event: Select.Changed) -> None:
-        """Post the form's own message; a choice has its first value at the beginning."""
+        """Post the form's own message, but not for the value that a choice begins with."""
         event.stop()
-        if self.current is not None:
+        if self._chosen[event.select] != event.value:
+            self._chosen[event.select] = str(event.value)
             self.post_message(self.Changed())
 
     def on_checkbox_changed(self, event: Checkbox.Changed) -> None:
