@@ -10,6 +10,9 @@ if TYPE_CHECKING:
 
     from daq.bench.config import Bench
 
+_MOST_BUSES = 256
+"""Number of buses that a log can tell apart: one byte names the bus of a frame."""
+
 
 def shared_bench(path: Path | None, interface: str | None, channel: str | None) -> Bench:
     """Return the bench, on a bus that other processes can reach.
@@ -33,9 +36,9 @@ def log_and_bench(log: Path, bench: Path | None) -> tuple[Path, Path | None]:
 
 def bench_and_log(bench: Path | None, log: Path | None) -> tuple[Path | None, Path | None]:
     """Return a bench.toml and a log that were named in either order; either may be left out."""
-    if bench is None or not _is_log(bench):
+    if bench is None or not _is_log(bench) or (log is not None and _is_log(log)):
         return bench, log
-    return (None, bench) if log is None else (bench, log) if _is_log(log) else (log, bench)
+    return log, bench
 
 
 def _is_log(path: Path) -> bool:
@@ -83,17 +86,17 @@ def bus_numbers(bench: Bench, names: Sequence[str]) -> frozenset[int]:
     """
     from daq import InputError
 
-    n_buses = len(bench.buses) if len(bench.buses) > 1 else 256
-    found = set()
+    n_buses = len(bench.buses) if len(bench.buses) > 1 else _MOST_BUSES
+    numbers: set[int] = set()
     for name in names:
-        numbers = [i for i, bus in enumerate(bench.buses) if name in (bus.name, bus.channel)]
-        if not numbers and name.isdecimal() and int(name) < n_buses:
-            numbers = [int(name)]
-        if not numbers:
+        same = [i for i, bus in enumerate(bench.buses) if name in (bus.name, bus.channel)]
+        if not same and name.isdecimal() and int(name) < n_buses:
+            same = [int(name)]
+        if not same:
             known = ", ".join(bus.label for bus in bench.buses)
             raise InputError(f"--bus {name}", "is not a bus of the bench", f"name one of {known}")
-        found.update(numbers)
-    return frozenset(found)
+        numbers.update(same)
+    return frozenset(numbers)
 
 
 def with_sensors(bench: Bench, sensors: Sequence[str], buses: frozenset[int]) -> Bench:
@@ -118,8 +121,8 @@ def with_sensors(bench: Bench, sensors: Sequence[str], buses: frozenset[int]) ->
         if (not sensors or name in sensors) and (not buses or sensor.bus in buses)
     }
     if sensors and not wanted:
-        own = ", ".join(dict.fromkeys(bench.buses[known[name].bus].label for name in sensors))
-        raise InputError(f"--sensor {', '.join(sensors)}", "not on that bus", f"but on {own}")
+        labels = ", ".join(dict.fromkeys(bench.buses[known[name].bus].label for name in sensors))
+        raise InputError(f"--sensor {', '.join(sensors)}", "not on that bus", f"but on {labels}")
     if wanted == known.keys():
         return bench
     channels = tuple(c for c in bench.channels if sensor_of_signal(c.signal) in wanted)

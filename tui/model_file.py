@@ -49,9 +49,9 @@ def write_model(result: Identification, path: Path) -> None:
     """
     import numpy as np
 
-    lost = result.undetermined
-    if result.quality.verdict == "refused" or not result.physical or lost:
-        why = f"not determined: {', '.join(lost)}" if lost else "the identification is refused"
+    vague = result.undetermined
+    if result.quality.verdict == "refused" or not result.physical or vague:
+        why = f"not determined: {', '.join(vague)}" if vague else "the identification is refused"
         advice = "see the result of identify for the session"
         raise InputError(str(path), f"not written: {why}", advice)
     content: dict[str, Any] = {
@@ -75,15 +75,15 @@ def state_space(result: Identification, state: str) -> StateSpace:
 
     model, n = result.physical[state], len(DOF)
     # If the whole car is lifted equally, only the tyres pull back, each at its wheel.
-    lifted = np.array([1.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0])
+    lifted = np.array([1.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0])  # as DOF: heave, pitch, roll, wheels
     tyre, tyre_damping = (np.diag(matrix @ lifted)[:, 3:] for matrix in (model.K, model.C))
-    force = np.linalg.solve(model.M, np.hstack([np.eye(n), tyre, tyre_damping]))
-    entry = np.vstack([np.zeros_like(force), force])
-    length = {name: one.value for name, one in result.parameters.items()}
-    travel = np.zeros((4, 2 * n))
+    acceleration = np.linalg.solve(model.M, np.hstack([np.eye(n), tyre, tyre_damping]))
+    entry = np.vstack([np.zeros_like(acceleration), acceleration])  # (14, 15), of the inputs
+    value = {name: estimate.value for name, estimate in result.parameters.items()}
+    travel = np.zeros((4, 2 * n))  # from the state: the wheel minus the body above it
     for i, corner in enumerate(Corner):
-        x, half = (length["a"], length["t_f"]) if corner.front else (-length["b"], length["t_r"])
-        y = corner.side * half - length.get("y_s", 0.0)
+        x, half = (value["a"], value["t_f"]) if corner.front else (-value["b"], value["t_r"])
+        y = corner.side * half - value.get("y_s", 0.0)
         travel[i, :3] = -1.0, x, -y
         travel[i, 3 + i] = 1.0
     units = [(str(dof), "rad" if i in (1, 2) else "m") for i, dof in enumerate(DOF)]
@@ -91,7 +91,7 @@ def state_space(result: Identification, state: str) -> StateSpace:
         A=model.A,
         B=entry,
         C=np.vstack([np.eye(2 * n), model.A[n:], travel]),
-        D=np.vstack([np.zeros_like(entry), force, np.zeros((4, entry.shape[1]))]),
+        D=np.vstack([np.zeros_like(entry), acceleration, np.zeros((4, entry.shape[1]))]),
         inputs=(
             *(f"force on {name} [{'N m' if unit == 'rad' else 'N'}]" for name, unit in units),
             *(f"road under {corner} [m]" for corner in Corner),
@@ -117,8 +117,8 @@ def write_damper_table(result: Identification, path: Path) -> None:
     import numpy as np
 
     if result.forces is None:
-        what = "not written: the linear model explains the decays, so there is no damper curve"
-        raise InputError(str(path), what, "take c_sf and c_sr, or bump higher")
+        reason = "not written: the linear model explains the decays, so there is no damper curve"
+        raise InputError(str(path), reason, "take c_sf and c_sr, or bump higher")
     tables = {}
     for one in result.forces.axles:
         curve = one.damper

@@ -65,15 +65,15 @@ def print_labelled(rows: Sequence[tuple[str, str]]) -> None:
 
     width, folds = console().width, sys.stdout.isatty()
     labels = [_visible(label) for label, _ in rows]
-    sizes = [cell_len(label) for label in labels]
-    column = 2 + max((size for size in sizes if size + 2 <= width // 2), default=0)
-    for label, size, (_, text) in zip(labels, sizes, rows, strict=True):
-        if size + 2 > column:
+    widths = [cell_len(label) + 2 for label in labels]
+    column = max((each for each in widths if each <= width // 2), default=2)
+    for label, label_width, (_, text) in zip(labels, widths, rows, strict=True):
+        if label_width > column:
             print_line(label)
-        before = "" if size + 2 > column else label
+            label = ""
         for line in textwrap.wrap(_visible(text), width - column) if folds else [_visible(text)]:
-            print_line(set_cell_size(before, column) + line)
-            before = ""
+            print_line(set_cell_size(label, column) + line)
+            label = ""
 
 
 def _visible(text: str) -> str:

@@ -96,23 +96,26 @@ def _filled_in(text: str) -> str:
             table = line.strip("[]")
         elif line.startswith("name = ") and "FILL IN" not in line:
             table = line.partition("= ")[2].strip('"')
-        found = _TO_FILL_IN.fullmatch(line)
-        lines.append(_line(line, table, *found.groups("")) if found else line)
+        marked = _TO_FILL_IN.fullmatch(line)  # key, value, remark
+        lines.append(_line(line, table, *marked.groups("")) if marked else line)
     return "\n".join(lines) + "\n"
 
 
-def _line(line: str, table: str, key: str, value: str, remark: str) -> str:
-    """Return a line with the typed value; unchanged if nothing was typed."""
+def _line(line: str, table: str, key: str, value: str, comment: str) -> str:
+    """Return a line of a table with the typed value; unchanged if nothing was typed.
+
+    `line`: is `key` and `value`, the present one as TOML, with a `comment` or an empty one.
+    """
     is_text = value.startswith('"')
-    about = f"{remark}; " if remark else ""
+    about = f"{comment}; " if comment else ""
     while typed := _typed(f"{table} {key} ({about}now {value})"):
-        said = f'{key} = "{typed}"' if is_text else f"{key} = {typed}"
+        new_line = f'{key} = "{typed}"' if is_text else f"{key} = {typed}"
         try:
-            found = tomllib.loads(said)[key]
+            new_value = tomllib.loads(new_line)[key]
         except (tomllib.TOMLDecodeError, KeyError):
-            found = None
-        if isinstance(found, str) if is_text else isinstance(found, int | float):
-            return f"{said}  # {remark}" if remark else said
+            new_value = None
+        if isinstance(new_value, str) if is_text else isinstance(new_value, int | float):
+            return f"{new_line}  # {comment}" if comment else new_line
         say(f"{typed!r} is not a {'text' if is_text else 'number'}")
     return line
 

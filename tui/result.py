@@ -59,16 +59,22 @@ def print_identification(result: Identification, truth: Mapping[str, float]) -> 
 
 
 def _print_beside_truth(parameters: Mapping[str, Estimate], truth: Mapping[str, float]) -> None:
+    """Write true and estimated parameters; the truth of one that the car does not have is zero."""
     columns = ["parameter", "truth", "estimate", "95 % interval", "error", "unit"]
     rows = []
-    for name, e in parameters.items():
+    for name, estimate in parameters.items():
         true = truth.get(name, 0.0)
-        error = ""
-        if e.determined:  # in per cent, or as it is where the truth is zero
-            error = f"{(e.value / true - 1) * 100:+.2f} %" if true else number(e.value)
-        rows.append([name, number(true), value_text(e), _interval(e), error, e.unit])
-    absent = [name for name in truth if name not in parameters]
-    rows += [[name, number(truth[name]), "-", "", "", parameter_unit(name)] for name in absent]
+        if not estimate.determined:
+            error = ""
+        elif true:
+            error = f"{(estimate.value / true - 1) * 100:+.2f} %"
+        else:
+            error = number(estimate.value)
+        cells = [number(true), value_text(estimate), _interval(estimate), error, estimate.unit]
+        rows.append([name, *cells])
+    not_estimated = [name for name in truth if name not in parameters]
+    for name in not_estimated:
+        rows.append([name, number(truth[name]), "-", "", "", parameter_unit(name)])
     print_table("Parameters", columns, rows)
 
 
@@ -120,11 +126,11 @@ def _mode(mode: ModeEstimate) -> str:
 def _print_modes(result: Identification) -> None:
     """Write frequency and damping of the modes; each row is one mode, also if its rank changes."""
     first, *others = result.modes
-    columns = {first: dict(enumerate(result.modes[first]))}
+    columns = {first: dict(enumerate(result.modes[first]))}  # by the rank in the first state
     for state in others:
-        pairs = result.pairings[state]
-        pair = zip(pairs.baseline.tolist(), pairs.added.tolist(), strict=True)
-        columns[state] = {i: result.modes[state][j] for i, j in pair}
+        pairing = result.pairings[state]
+        ranks = zip(pairing.baseline.tolist(), pairing.added.tolist(), strict=True)
+        columns[state] = {rank: result.modes[state][added_rank] for rank, added_rank in ranks}
     rows = []
     for rank, name in enumerate(result.mode_names[first]):
         shown = (column.get(rank) for column in columns.values())

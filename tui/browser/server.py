@@ -31,8 +31,8 @@ def serve(arguments: Sequence[str]) -> None:
     try:
         listening = listen(HOST, _PORT)
     except OSError as error:
-        what = f"no port of {HOST} is free"
-        raise InputError("--web", what, "end other servers, and try again") from error
+        reason = f"no port of {HOST} is free"
+        raise InputError("--web", reason, "end other servers, and try again") from error
     guard = Guard(HOST, listening)
 
     async def run() -> None:

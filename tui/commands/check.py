@@ -159,22 +159,16 @@ class _Source:
     """Bit rate of all of them, bit/s; None: not stated."""
 
     def buses(self, known: Bench) -> tuple[BusConfig, ...]:
-        """Return the buses that are named, else those of a bench."""
+        """Return the buses that the command names, else like the first one of a bench."""
         from dataclasses import replace
 
         if self.interface is None and self.channel is None:
             return ()
-        first = known.bus
-        return tuple(
-            replace(
-                first,
-                interface=self.interface or first.interface,
-                channel=channel,
-                bitrate=self.bitrate or _USUAL_BITRATE,
-                name="",
-            )
-            for channel in (self.channel or first.channel).split(",")
-        )
+        interface = self.interface or known.bus.interface
+        bitrate = self.bitrate or _USUAL_BITRATE
+        first = replace(known.bus, interface=interface, bitrate=bitrate, name="")
+        channels = (self.channel or first.channel).split(",")
+        return tuple(replace(first, channel=channel) for channel in channels)
 
 
 def _proposed(
@@ -185,18 +179,15 @@ def _proposed(
     dbcs: Sequence[Path],
     source: _Source,
 ) -> tuple[Bench, FrameBatch] | None:
-    """Write the proposal; return it as a bench with the traffic, if there was any."""
-    from dataclasses import replace
+    """Write the proposal; return it as a bench, and the traffic at rest; None without either."""
     from functools import partial
 
     from daq import InputError
     from daq.bench.config import load_bench, parse_bench
     from daq.bench.databases import stored_text
     from daq.check.propose import propose_sensors
-    from daq.check.push_test import ORDER, spoken
     from daq.files import refuse_existing
 
-    from ..bench import reachable
     from ..proposal_questions import completed
 
     inputs = [path for path in (config, source.log, *dbcs) if path is not None]
@@ -206,25 +197,43 @@ def _proposed(
     buses = source.buses(known)
     if len(buses) > 1 and not databases[0].name:
         raise InputError("--propose", "has no database", "name those of the sensors with --dbc")
-    listened = replace(known, buses=buses or known.buses)
-    frames = pushes = None
-    if source.log is not None or source.interface is not None:
-        if source.log is None:
-            reachable(listened, "--interface")
-        frames = _frames(listened, source.log, 0.0, source.seconds)
-        if source.log is None:
-            _refuse_silence(listened.buses, frames, source.seconds)
-        if source.push_s:
-            if source.log is None:
-                say("now push each corner DOWN and let go, with a second of rest between:")
-                say(f"{', '.join(map(spoken, ORDER))}; you have {source.push_s:.0f} s")
-            pushes = _frames(listened, source.log, source.seconds, source.push_s)
-    proposal = completed(partial(propose_sensors, databases, buses, frames, pushes))
+    at_rest, pushed = _traffic(known, buses, source)
+    proposal = completed(partial(propose_sensors, databases, buses, at_rest, pushed))
     write_proposal(proposal, target)
-    if frames is None or "[[channel]]" not in proposal.text:
+    if at_rest is None or "[[channel]]" not in proposal.text:
         return None
     stored = stored_text(databases)
-    return parse_bench(proposal.text, str(target), target.parent, stored), frames
+    return parse_bench(proposal.text, str(target), target.parent, stored), at_rest
+
+
+def _traffic(
+    known: Bench, buses: tuple[BusConfig, ...], source: _Source
+) -> tuple[FrameBatch | None, FrameBatch | None]:
+    """Return the frames at rest and those of the pushes of the corners, of a log or the live bus.
+
+    None for frames that the command does not ask for.  `buses`: in place of those of the bench.
+    """
+    from dataclasses import replace
+
+    from daq.check.push_test import ORDER, spoken
+
+    from ..bench import reachable
+
+    is_live = source.log is None
+    if is_live and source.interface is None:
+        return None, None
+    bench = replace(known, buses=buses or known.buses)
+    if is_live:
+        reachable(bench, "--interface")
+    at_rest = _frames(bench, source.log, 0.0, source.seconds)
+    if is_live:
+        _refuse_silence(bench.buses, at_rest, source.seconds)
+    if not source.push_s:
+        return at_rest, None
+    if is_live:
+        say("now push each corner DOWN and let go, with a second of rest between:")
+        say(f"{', '.join(map(spoken, ORDER))}; you have {source.push_s:.0f} s")
+    return at_rest, _frames(bench, source.log, source.seconds, source.push_s)
 
 
 def _refuse_silence(buses: Sequence[BusConfig], frames: FrameBatch, seconds: float) -> None:
@@ -232,11 +241,11 @@ def _refuse_silence(buses: Sequence[BusConfig], frames: FrameBatch, seconds: flo
     from daq import BusError
 
     silent = [bus.label for number, bus in enumerate(buses) if not (frames.bus == number).any()]
-    what, advice = f"no frame in {seconds:g} s", "check power, plugs and bit rate"
+    reason, advice = f"no frame in {seconds:g} s", "check power, plugs and bit rate"
     if len(silent) == len(buses):
-        raise BusError(", ".join(silent), what, advice)
+        raise BusError(", ".join(silent), reason, advice)
     for name in silent:
-        say(f"{name}: {what} ({advice})")
+        say(f"{name}: {reason} ({advice})")
 
 
 def _databases(
@@ -254,10 +263,10 @@ def _databases(
     named = [each for file in files for each in each_bus(file)]
     named += [Database(f"layout:{name}", ready_map(name).dbc_text) for name in layouts]
     if named:
-        return list(dict.fromkeys(named))
+        return list(dict.fromkeys(named))  # a database that is named twice is one
     if known.sensors:
-        what = "the bench.toml has [[sensor]] already"
-        raise InputError(str(config), what, "name the databases with --dbc and --layout")
+        reason = "the bench.toml has [[sensor]] already"
+        raise InputError(str(config), reason, "name the databases with --dbc and --layout")
     name = "" if known.dbc_name.endswith("(shipped)") else known.dbc_name
     if config is not None and name and not name.startswith("layout:"):
         name = os.path.relpath(config.parent / name, target.parent)
@@ -306,16 +315,13 @@ def _print_report(report: CheckReport) -> None:
 
     from ..output import print_labelled, print_line
 
-    print_labelled(
-        [
-            (
-                f"{WORDS[line.severity]:<5}{line.subject}",
-                line.text + (f" -> {line.advice}" if line.advice else ""),
-            )
-            for line in report.lines
-        ]
-    )
-    counts = [f"{sum(x.severity is s for x in report.lines)} {word}" for s, word in WORDS.items()]
+    rows = []
+    for line in report.lines:
+        advice = f" -> {line.advice}" if line.advice else ""
+        rows.append((f"{WORDS[line.severity]:<5}{line.subject}", f"{line.text}{advice}"))
+    print_labelled(rows)
+    severities = [line.severity for line in report.lines]
+    counts = [f"{severities.count(severity)} {word}" for severity, word in WORDS.items()]
     frames = counted(report.frames, "frame")
     print_line(f"{WORDS[report.verdict]}: {', '.join(counts)}; {frames}")
 
@@ -335,14 +341,9 @@ def _print_document(report: CheckReport) -> None:
         }
         for line in report.lines
     ]
-    print_json(
-        {
-            "verdict": WORDS[report.verdict],
-            "seconds": report.seconds,
-            "frames": report.frames,
-            "lines": lines,
-        }
-    )
+    verdict = WORDS[report.verdict]
+    seconds, frames = report.seconds, report.frames
+    print_json({"verdict": verdict, "seconds": seconds, "frames": frames, "lines": lines})
 
 
 def _list_layouts(json: bool) -> int:

@@ -67,40 +67,42 @@ def decode(
     if bench:
         source = _Source.of_bench(bench, sensor or [], bus or [])
     else:
-        source = _Source(_databases(dbc or []), (), _numbers(bus or []), False)
+        codec = _databases(dbc or [])
+        source = _Source(codec, buses=(), chosen=_numbers(bus or []), has_sensors=False)
     if j1939:
         source = replace(source, codec=source.codec.by_parameter_group())
     say_left_out(source.codec)
-    totals: Counter[str] = Counter()
-    samples: Counter[str] = Counter()
-    several = _has_several_buses(read_log(log), source.chosen)
-    places = "bus,sensor," if source.has_sensors else "bus," if several else ""
-    header = "" if json else f"time_s,{places}message,signal,value,unit\n"
+    totals: Counter[str] = Counter()  # frames of the log, and those that no message decodes
+    samples: Counter[str] = Counter()  # of each signal
+    several_buses = _has_several_buses(read_log(log), source.chosen)
+    place_columns = "bus,sensor," if source.has_sensors else "bus," if several_buses else ""
+    header = f"time_s,{place_columns}message,signal,value,unit\n"  # before the first rows
     frames = read_log(log)
     for batch in frames:
         totals.update(frames=len(batch))
         wanted = batch.on_buses(source.chosen)
         rows: list[_Rows] = []
-        for number in np.unique(wanted.bus).tolist() if several else [None]:
-            part = wanted if number is None else wanted.on_buses(frozenset([number]))
+        for bus_number in np.unique(wanted.bus).tolist() if several_buses else [None]:
+            part = wanted if bus_number is None else wanted.on_buses(frozenset([bus_number]))
             decoded = source.codec.decode(part)
             totals.update(asdict(decoded.counts))
             samples.update({name: len(s.value) for name, s in decoded.samples.items()})
             if not json:
-                rows += _rows(source, decoded, number)
+                rows += _rows(source, decoded, bus_number)
         if rows:
             sys.stdout.write(header)
             sys.stdout.writelines(_in_order_of_time(rows))
             header = ""
     if not samples:
         names = ", ".join(map(str, dbc or [])) or bench or "the shipped DBC"
-        what = f"none of its {counted(totals['frames'], 'frame')} is in {names}"
-        raise InputError(str(log), what, "name the DBC of that bus with --dbc")
+        reason = f"none of its {counted(totals['frames'], 'frame')} is in {names}"
+        raise InputError(str(log), reason, "name the DBC of that bus with --dbc")
     if json:
         print_json({"log": str(log), **totals, "samples": samples})
-    lost = [f"{number} {name}" for name, number in totals.items() if name != "frames" and number]
-    if lost:
-        say(f"of {counted(totals['frames'], 'frame')} not all were decoded: {', '.join(lost)}")
+    n_frames = totals.pop("frames")
+    undecoded = [f"{number} {kind}" for kind, number in totals.items() if number]
+    if undecoded:
+        say(f"of {counted(n_frames, 'frame')} not all were decoded: {', '.join(undecoded)}")
     for remark in frames.remarks:
         say(f"{log}: {remark}")
     if frames.loss.any:
@@ -139,11 +141,11 @@ class _Source:
         numbers = bus_numbers(bench, buses)
         with_sensors(bench, sensors, numbers)  # refuses unknown names
         codec = bench_codec(bench)
-        kept = tuple(m for m in codec.messages if not sensors or sensor_of(m.name) in sensors)
-        if not kept:
+        chosen = tuple(m for m in codec.messages if not sensors or sensor_of(m.name) in sensors)
+        if not chosen:
             raise InputError(str(path), "has no message left", "name other sensors")
-        named = [bus.label for bus in bench.buses]
-        return cls(replace(codec, messages=kept), named, numbers, True)
+        labels = [bus.label for bus in bench.buses]
+        return cls(replace(codec, messages=chosen), labels, numbers, has_sensors=True)
 
     def place(self, message: MessageLayout, number: int | None) -> str:
         """Return the columns bus and sensor of a message, each with its comma.
@@ -153,9 +155,11 @@ class _Source:
         if not self.has_sensors:
             return "" if number is None else f"{number},"
         bus = number if number is not None else message.bus
-        bus = 0 if bus is None and len(self.buses) == 1 else bus
-        named = "" if bus is None else self.buses[bus] if bus < len(self.buses) else str(bus)
-        return f"{_quoted(named)},{_quoted(message.name.rpartition('.')[0])},"
+        if bus is None and len(self.buses) == 1:
+            bus = 0
+        name = "" if bus is None else self.buses[bus] if bus < len(self.buses) else str(bus)
+        sensor, _, _ = message.name.rpartition(".")
+        return f"{_quoted(name)},{_quoted(sensor)},"
 
 
 def _numbers(buses: Sequence[str]) -> frozenset[int]:
@@ -171,10 +175,10 @@ def _numbers(buses: Sequence[str]) -> frozenset[int]:
 
 def _has_several_buses(log: Log, chosen: frozenset[int]) -> bool:
     """Return True if frames of more than one of the chosen buses are in a log."""
-    seen: set[int] = set()
+    buses: set[int] = set()
     for batch in log:
-        seen |= set(batch.on_buses(chosen).bus.tolist())
-        if len(seen) > 1:
+        buses |= set(batch.on_buses(chosen).bus.tolist())
+        if len(buses) > 1:
             return True
     return False
 
@@ -204,18 +208,22 @@ def _databases(paths: Sequence[Path]) -> Codec:
     databases = [Database(str(path), text) for text, path in files.items()]
     parts = [file_and_bus(str(path)) for path in files.values()]
     stems = [(bus or Path(file).stem).replace(".", "_") for file, bus in parts]
-    # Two folders may have files of the same name.
-    names = [f"{s}_{n}" if stems.count(s) > 1 else s for n, s in enumerate(stems, start=1)]
+    names = [  # two folders may have files of the same name
+        f"{stem}_{number}" if stems.count(stem) > 1 else stem
+        for number, stem in enumerate(stems, start=1)
+    ]
     sensors = [Sensor(name, each.name) for name, each in zip(names, databases, strict=True)]
     codec = sensors_codec(sensors, databases, 1)
     if not codec.messages:
-        what = "each of their messages has the identifier of one in another of them"
-        raise InputError(" and ".join(each.name for each in databases), what, "name one of them")
+        reason = "each of their messages has the identifier of one in another of them"
+        raise InputError(" and ".join(each.name for each in databases), reason, "name one of them")
     return codec
 
 
 def _rows(source: _Source, decoded: Decoded, number: int | None) -> list[_Rows]:
-    """Return the CSV lines of each signal of a block; a missing value is left out."""
+    """Return the CSV lines of each signal of a block of one bus; a missing value is left out."""
+    from math import isnan
+
     import numpy as np
 
     from dbc import seconds_text
@@ -226,30 +234,30 @@ def _rows(source: _Source, decoded: Decoded, number: int | None) -> list[_Rows]:
         for signal in message.signals
     }
     rows: list[_Rows] = []
-    stamps, texts = None, list[str]()
+    t_ns, times = None, list[str]()
     for name, samples in decoded.samples.items():
         message, _, signal = name.rpartition(".")
         place = source.place(source.codec.by_name[message], number)
-        shown = message.rpartition(".")[2] if source.has_sensors else message
-        tail = f",{place}{_quoted(shown)},{_quoted(signal)},"
+        message_alone = message.rpartition(".")[2] if source.has_sensors else message
+        columns = f"{place}{_quoted(message_alone)},{_quoted(signal)}"
         unit = _quoted(units[name])
-        if samples.t_ns is not stamps:  # the signals of a message share their times
-            stamps, texts = samples.t_ns, list(map(seconds_text, samples.t_ns.tolist()))
-        missing = np.isnan(samples.value)
+        if samples.t_ns is not t_ns:  # the signals of a message share their times
+            t_ns, times = samples.t_ns, list(map(seconds_text, samples.t_ns.tolist()))
+        known = ~np.isnan(samples.value)
         # The shortest text that reads back as the same number; whole ones as integers.
         lines = [
-            f"{text}{tail}{repr(value).removesuffix('.0')},{unit}\n"
-            for text, value in zip(texts, samples.value.tolist(), strict=True)
-            if value == value
+            f"{time},{columns},{repr(value).removesuffix('.0')},{unit}\n"
+            for time, value in zip(times, samples.value.tolist(), strict=True)
+            if not isnan(value)
         ]
-        rows.append((samples.t_ns[~missing], lines))
+        rows.append((samples.t_ns[known], lines))
     return rows
 
 
 def _in_order_of_time(rows: Sequence[_Rows]) -> list[str]:
     import numpy as np
 
-    lines = [line for _, own in rows for line in own]
+    lines = [line for _, of_signal in rows for line in of_signal]
     order = np.argsort(np.concatenate([t_ns for t_ns, _ in rows]), kind="stable")
     return [lines[i] for i in order.tolist()]
 

@@ -49,8 +49,8 @@ def display(
         raise InputError("display", "aiohttp is not installed", "install bumpbench[web]") from error
 
     if not folder.is_dir():
-        what = "does not exist" if not folder.exists() else "is not a folder"
-        raise InputError(str(folder), what, "name the folder that the recorder was started in")
+        reason = "does not exist" if not folder.exists() else "is not a folder"
+        raise InputError(str(folder), reason, "name the folder that the recorder was started in")
 
     def end_with_stdin(end: Callable[[], object]) -> None:
         sys.stdin.read()

@@ -63,22 +63,23 @@ def export(
         raise InputError("export", "neither --format nor --out is given", advice)
     wanted = ExportFormat(form) if form else format_of(out or session)
     name = f"{session.stem}{wanted.suffix}"
-    place = session.parent / name if out is None else out
-    if place.is_dir():
-        place = place / name
-    refuse_existing(place, replace=True, inputs=[session])  # all files: see `export_session`
+    target = session.parent / name if out is None else out
+    if target.is_dir():
+        target = target / name
+    refuse_existing(target, replace=True, inputs=[session])  # all files: see `export_session`
     if (separator or decimal) and wanted is not ExportFormat.CSV:
         raise InputError("--separator, --decimal", f"{wanted} has neither", "use --format csv")
     style = CsvStyle(separator or ",", decimal or ".")
     whole = read_session(session)
     chosen = _part(chosen_runs(whole, run or []), sensor or [], bus or [])
-    done = export_session(chosen, place, wanted, style=style, force=force)
+    written = export_session(chosen, target, wanted, style=style, force=force)
+    files = [str(path) for path in written.paths]
     if json:
-        files = [str(path) for path in done.paths]
-        print_json({"session": str(session), "files": files, "notes": list(done.notes)})
-    for path in () if json else done.paths:
-        print_line(str(path))
-    for note in done.notes:
+        print_json({"session": str(session), "files": files, "notes": list(written.notes)})
+    else:
+        for file in files:
+            print_line(file)
+    for note in written.notes:
         say(note)
     return ExitCode.OK
 
@@ -101,18 +102,17 @@ def _part(session: Session, sensors: Sequence[str], buses: Sequence[str]) -> Ses
     numbers = bus_numbers(bench, buses)
     recorded = {int(number) for run in session.runs for number in set(run.frames.bus.tolist())}
     if recorded and not numbers & recorded and all(name.isdecimal() for name in buses):
-        there = ", ".join(map(str, sorted(recorded)))
-        what = "has no frame in the session"
-        raise InputError(f"--bus {', '.join(buses)}", what, f"its frames are of {there}")
+        advice = f"its frames are of {', '.join(map(str, sorted(recorded)))}"
+        raise InputError(f"--bus {', '.join(buses)}", "has no frame in the session", advice)
     part = session_part(session, sensors, numbers)
     if len(bench.buses) == 1 or not bench.sensors:
         return part
-    own = {sensor.name for sensor in bench.sensors if sensor.bus in numbers}
-    own &= {name for name in map(_sensor, part.channels) if name}
-    if not own:
-        what = f"has no channel of {', '.join(sensors) or 'a sensor'}"
-        raise InputError(f"--bus {', '.join(buses)}", what, "name another bus or sensor")
-    return session_part(part, own, ())
+    of_buses = {sensor.name for sensor in bench.sensors if sensor.bus in numbers}
+    of_buses &= set(map(_sensor, part.channels))
+    if not of_buses:
+        reason = f"has no channel of {', '.join(sensors) or 'a sensor'}"
+        raise InputError(f"--bus {', '.join(buses)}", reason, "name another bus or sensor")
+    return session_part(part, of_buses, ())
 
 
 def _sensor(channel: Channel) -> str:

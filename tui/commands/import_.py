@@ -84,14 +84,14 @@ def import_(
     benches = [path for path in logs or [] if path.suffix.lower() == ".toml"]
     logs = [path for path in logs or [] if path not in benches]
     if len(benches) > 1:
-        what = f"is named twice: {benches[0]} and {benches[1]}"
-        raise InputError("bench.toml", what, "name one")
+        reason = f"is named twice: {benches[0]} and {benches[1]}"
+        raise InputError("bench.toml", reason, "name one")
     config = benches[0] if benches else None
     singles = [_single(text) for text in run or []]
     if channels or propose:
         if config or dbc or sensor or bus:
-            what = "is for files without a bus, and takes no bench.toml, --dbc, --sensor or --bus"
-            raise InputError("--channels" if channels else "--propose", what, "leave them out")
+            reason = "is for files without a bus, and takes no bench.toml, --dbc, --sensor or --bus"
+            raise InputError("--channels" if channels else "--propose", reason, "leave them out")
         if propose:
             return propose_channel_map(propose, logs, channels is not None, force)
         if channels:
@@ -100,8 +100,8 @@ def import_(
     inputs = [path for path in named if path is not None]
     refuse_existing(out, replace=force, inputs=inputs)
     if bool(singles) == bool(logs):
-        what = "names both logs and --run" if logs else "names no log"
-        raise InputError("import", what, "name logs, or --run MASS_STATE:EXCITATION:FILE each")
+        reason = "names both logs and --run" if logs else "names no log"
+        raise InputError("import", reason, "name logs, or --run MASS_STATE:EXCITATION:FILE each")
     if singles and (runs or skip):
         raise InputError("import", "--runs and --skip are for logs of many runs", "leave them out")
     bench = bench_with_dbc(config, dbc)
@@ -140,13 +140,13 @@ def import_(
         if not session.runs:
             raise InputError("import", "no bump is left to be a run", "correct --skip or --runs")
         write_session(out, session)
-    bumps = sum(event.code.endswith("bump") for part in parts for event in part.events)
+    n_bumps = sum(event.code.endswith("bump") for part in parts for event in part.events)
     if json:
-        extra = {"sources": facts, "bumps": bumps, "planned": len(steps)}
-        print_json({**summary(out, session), **extra})
+        counts = {"sources": facts, "bumps": n_bumps, "planned": len(steps)}
+        print_json({**summary(out, session), **counts})
     else:
         print_summary(out, session)
-    for text in (*_remarks(sources, session, bumps, len(steps)), *sign_remarks(session)):
+    for text in (*_remarks(sources, session, n_bumps, len(steps)), *sign_remarks(session)):
         say(text)
     mixed = mixed_messages(codec.messages, session.runs[0].frames)
     if mixed:
@@ -154,19 +154,21 @@ def import_(
         say(
             f"come on several buses, two sensors read as one: {names} (--bus, or a [[sensor]] each)"
         )
-    lost = any(source.loss.any for source in sources)
-    lost |= any(one.losses.measured for one in session.runs)
-    return ExitCode.DATA_LOST if lost else ExitCode.OK
+    lost_in_logs = any(source.loss.any for source in sources)
+    lost_in_runs = any(each.losses.measured for each in session.runs)
+    return ExitCode.DATA_LOST if lost_in_logs or lost_in_runs else ExitCode.OK
 
 
 def _single(text: str) -> tuple[tuple[str, str], Path]:
+    """Return mass state and kind of bump of a --run, and its log."""
     from daq import InputError
 
     parts = text.split(":", 2)
     if len(parts) != 3 or not all(parts):
-        what = f"--run {text!r} is not understood"
-        raise InputError("import", what, "write MASS_STATE:EXCITATION:FILE")
-    return (parts[0], parts[1]), Path(parts[2])
+        reason = f"--run {text!r} is not understood"
+        raise InputError("import", reason, "write MASS_STATE:EXCITATION:FILE")
+    mass_state, excitation, log = parts
+    return (mass_state, excitation), Path(log)
 
 
 def _parts(
@@ -179,27 +181,28 @@ def _parts(
 ) -> list[LogPart]:
     """Read all logs; one that continues where the previous one ended forms one part with it.
 
-    `buses`: buses whose frames are read; empty: all.
+    `buses`: buses whose frames are read; empty: all.  `apart`: each log is a part, also one without
+    a frame.
     """
     from daq.derive.from_logs import Intake
     from dbc import counted
 
     intakes: list[Intake] = []
-    bumps = frames = 0
+    n_bumps = n_frames = 0
     for number, source in enumerate(sources):
-        fresh = True
+        begun = False
         for batch in source:
             wanted = batch.on_buses(buses)
             if not len(wanted):
                 continue
-            if fresh and (apart or not intakes or not intakes[-1].goes_on_with(wanted)):
+            if not begun and (apart or not intakes or not intakes[-1].goes_on_with(wanted)):
                 intakes.append(Intake(bench, codec))
-            fresh = False
-            bumps += intakes[-1].take(wanted, source.hops)
-            frames += len(wanted)
+            begun = True
+            n_bumps += intakes[-1].take(wanted, source.hops)
+            n_frames += len(wanted)
             share = (number + source.share) / len(sources)
-            stage(share, f"{counted(frames, 'frame')}, {counted(bumps, 'bump')}")
-        if fresh and apart:
+            stage(share, f"{counted(n_frames, 'frame')}, {counted(n_bumps, 'bump')}")
+        if apart and not begun:
             intakes.append(Intake(bench, codec))
     return [intake.part() for intake in intakes]
 
@@ -212,17 +215,17 @@ def _require_a_bump(parts: Sequence[LogPart], sources: Sequence[Log], n_buses: i
     if any(part.bumps for part in parts):
         return
     where = ", ".join(source.name for source in sources)
-    frames = sum(source.frames for source in sources)
-    unknown = sum(part.unknown_id for part in parts)
-    if not parts or unknown == frames:
-        what = f"none of its {counted(frames, 'frame')} is in the DBC"
-        advice_on_buses = "name the DBC of that bus with --dbc, or another --bus"
+    n_frames = sum(source.frames for source in sources)
+    n_unknown = sum(part.unknown_id for part in parts)
+    if not parts or n_unknown == n_frames:
+        reason = f"none of its {counted(n_frames, 'frame')} is in the DBC"
+        advice = "name the DBC of that bus with --dbc, or another --bus"
         if n_buses > 1:
-            advice_on_buses = "the sensors' buses must be those of the log, counted from 0"
-        raise InputError(where, what, advice_on_buses)
-    what = f"no bump in {counted(frames, 'frame')}, {unknown} of them not in the DBC"
+            advice = "the sensors' buses must be those of the log, counted from 0"
+        raise InputError(where, reason, advice)
+    reason = f"no bump in {counted(n_frames, 'frame')}, {n_unknown} of them not in the DBC"
     advice = "a bump needs rest before it; see [trigger] level and rest_s in bench.toml"
-    raise InputError(where, what, advice)
+    raise InputError(where, reason, advice)
 
 
 def _facts(source: Log) -> dict[str, Any]:

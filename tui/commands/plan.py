@@ -51,11 +51,11 @@ def plan(
 
     with progress("plan") as stage:
         stage(0.05, "reading")
-        held = None if session is None else daq.read_session(session)
-        described = _bench(bench, session, held)
+        recorded = None if session is None else daq.read_session(session)
+        described = _bench(bench, session, recorded)
         stage(0.1, "expecting the vehicle")
-        if session is not None and held is not None:
-            expected = of_session(session, held)
+        if session is not None and recorded is not None:
+            expected = of_session(session, recorded)
         else:
             expected = typical()
         expected = with_structure(expected, described)
@@ -73,14 +73,17 @@ def plan(
     return ExitCode.ANSWER_IS_NO if advice.outlook.undetermined else ExitCode.OK
 
 
-def _bench(path: Path | None, session: Path | None, held: Session | None) -> Bench:
+def _bench(path: Path | None, file: Path | None, session: Session | None) -> Bench:
+    """Return the named bench, else that of the session in a file, else the shipped one."""
     from daq.bench.config import load_bench, parse_bench
 
-    text = held.provenance.get("bench_toml") if held and path is None else None
-    if held is None or session is None or text is None:
+    if path is not None or file is None or session is None:
         return load_bench(path)
-    where = f"bench.toml in {session}"
-    return parse_bench(text, where, session.parent, held.provenance.get("dbc"))
+    stored = session.provenance
+    if "bench_toml" not in stored:
+        return load_bench(None)
+    where = f"bench.toml in {file}"
+    return parse_bench(stored["bench_toml"], where, file.parent, stored.get("dbc"))
 
 
 def _document(
@@ -142,11 +145,11 @@ def _print(planned: Plan, advice: Advice, others: tuple[NextStep, ...], whose: s
 
     now = advice.outlook
     runs = ", ".join(f"{r.repeats} x {r.mass_state} {r.excitation.words}" for r in planned.runs)
-    rates = sorted({s.rate_hz for s in planned.sensors})
-    spread = " .. ".join(f"{rate:g}" for rate in dict.fromkeys((rates[0], rates[-1])))
+    rates = sorted({sensor.rate_hz for sensor in planned.sensors})
+    limits = f"{rates[0]:g}" if len(rates) == 1 else f"{rates[0]:g} .. {rates[-1]:g}"
     print_line(f"Runs: {runs}; bump of {planned.bump.height_m * 1e3:g} mm")
     print_line(
-        f"Sensors: {len(planned.sensors)} at {spread} Hz, with the usual noise of their kind"
+        f"Sensors: {len(planned.sensors)} at {limits} Hz, with the usual noise of their kind"
     )
     print_line(f"Vehicle: {whose}")
     print_line()

@@ -54,7 +54,9 @@ def record(
     if log is not None:
         require_log(log)
     described = shared_bench(bench, interface, channel)
-    lifetime = Lifetime(not idle, keep_on, figures, lambda: shared_bench(bench, interface, channel))
+    lifetime = Lifetime(
+        not idle, keep_on, figures, reread=lambda: shared_bench(bench, interface, channel)
+    )
     with (
         lone_recorder(out),
         display_beside_recorder(out, display, control),

@@ -63,14 +63,14 @@ def validate(
             documents.append({"file": str(path), "valid": False, "error": error.what})
             continue
         valid = all(finding.passed for finding in findings)
-        if not valid and code is ExitCode.OK:
+        if not valid and code is ExitCode.OK:  # a file that cannot be read weighs more
             code = ExitCode.ANSWER_IS_NO
-        found = [daq.session.finding_document(finding) for finding in findings]
-        documents.append({"file": str(path), "valid": valid, "findings": found})
+        texts = [daq.session.finding_document(finding) for finding in findings]
+        documents.append({"file": str(path), "valid": valid, "findings": texts})
         if not json:
             print_line(f"{path}: {'valid' if valid else 'invalid'}")
-            for each in found:
-                print_line("  " + ": ".join(each.values()))
+            for text in texts:
+                print_line("  " + ": ".join(text.values()))
     if json:
         print_json({"files": documents})
     return code
@@ -118,18 +118,7 @@ def _print(path: Path, session: Session) -> None:
     ]
     print_table("Channels", ["channel", "quantity", "unit", "place", "signal", "sensor"], rows)
     print_line()
-    rows = []
-    if session.vehicle.geometry is not None:
-        rows += [[name, f"{x:g} m", ""] for name, x in asdict(session.vehicle.geometry).items()]
-    rows += [[f.quantity, f"{f.value:g}", f"± {f.sigma:g}"] for f in session.vehicle.facts]
-    rows += [
-        ["model has", name, ""] for name, on in asdict(session.vehicle.structure).items() if on
-    ]
-    for state in session.mass_states:
-        rows += [[f"in {state.name}", *_weight(weight)] for weight in state.added.weights]
-        if state.added.matrix.any():
-            rows.append([f"in {state.name}", "a mass matrix", ""])
-    if rows:
+    if rows := _known_beforehand(session):
         print_table("Known beforehand", ["what", "value", ""], rows)
         print_line()
     shown = _provenance(session.provenance)
@@ -140,6 +129,21 @@ def _print(path: Path, session: Session) -> None:
     rows += [["warning overridden", text] for text in overrides_of(session.provenance)]
     if rows:
         print_table("Provenance", ["what", "value"], rows)
+
+
+def _known_beforehand(session: Session) -> list[list[str]]:
+    """Return name, value and uncertainty of what was known of the car before the identification."""
+    vehicle = session.vehicle
+    rows = []
+    if vehicle.geometry is not None:
+        rows += [[name, f"{x:g} m", ""] for name, x in asdict(vehicle.geometry).items()]
+    rows += [[fact.quantity, f"{fact.value:g}", f"± {fact.sigma:g}"] for fact in vehicle.facts]
+    rows += [["model has", name, ""] for name, on in asdict(vehicle.structure).items() if on]
+    for state in session.mass_states:
+        rows += [[f"in {state.name}", *_weight(weight)] for weight in state.added.weights]
+        if state.added.matrix.any():
+            rows.append([f"in {state.name}", "a mass matrix", ""])
+    return rows
 
 
 def _place(channel: Channel) -> str:
@@ -170,12 +174,13 @@ def _sensor(channel: Channel) -> str:
 
 
 def _weight(weight: BodyWeight | HubWeight) -> list[str]:
-    place = asdict(weight)
-    at = (
-        f"at hub {place['corner']}"
-        if "corner" in place
-        else f"at x {place['x_m']:g} y {place['y_m']:g} m"
-    )
-    if place.get("position_sigma_m"):
-        at += f" ± {place['position_sigma_m']:g}"
-    return [f"{weight.mass_kg:g} kg {at}", f"± {weight.sigma_kg:g}" if weight.sigma_kg else ""]
+    """Return mass and place of a weight, and the uncertainty of the mass, as text."""
+    from daq import HubWeight
+
+    if isinstance(weight, HubWeight):
+        place = f"at hub {weight.corner}"
+    else:
+        place = f"at x {weight.x_m:g} y {weight.y_m:g} m"
+        if weight.position_sigma_m:
+            place += f" ± {weight.position_sigma_m:g}"
+    return [f"{weight.mass_kg:g} kg {place}", f"± {weight.sigma_kg:g}" if weight.sigma_kg else ""]

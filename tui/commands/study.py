@@ -106,14 +106,14 @@ def fig2(json: JsonResult = False, figure: FigureFile = None) -> None:
     _deliver(fig2_study(), json, figure)
 
 
-def _mass_error_command(name: str) -> Callable[..., None]:
-    """Return the command of one of Figs. 3 to 7."""
+def _mass_error_command(figure_name: str) -> Callable[..., None]:
+    """Return the command of one of Figs. 3 to 7, `fig3` to `fig7`."""
 
     def command(json: JsonResult = False, figure: FigureFile = None) -> None:
         from identify.study import mass_error_study
 
         _check_figure_file(figure)
-        _deliver(mass_error_study(name), json, figure)
+        _deliver(mass_error_study(figure_name), json, figure)
 
     return command
 

@@ -44,8 +44,11 @@ class Hub:
 
     def __init__(self) -> None:
         self._messages: dict[str, tuple[int, bytes]] = {}
+        """Number and data of the newest message of each topic."""
         self._number = 0
+        """Number of the newest message of all."""
         self._waiting: set[asyncio.Event] = set()
+        """One event for each page, set when a message has changed."""
         self._closed = False
 
     @property
@@ -70,23 +73,24 @@ class Hub:
 
     async def messages(self) -> AsyncGenerator[bytes, None]:
         """Yield server-sent events: first all topics, then changed ones, and heartbeats."""
-        fresh = asyncio.Event()
-        self._waiting.add(fresh)
-        seen = 0
+        changed = asyncio.Event()
+        self._waiting.add(changed)
+        sent = 0  # number of the newest message that this page has got
         try:
             while not self._closed:
-                fresh.clear()
-                newer = [(n, t, data) for t, (n, data) in self._messages.items() if n > seen]
-                seen = self._number
+                changed.clear()
+                messages = self._messages.items()
+                newer = [(n, topic, data) for topic, (n, data) in messages if n > sent]
+                sent = self._number
                 if newer:
                     yield b"".join(_event(topic, data) for _, topic, data in sorted(newer))
                 try:
                     async with asyncio.timeout(BEAT_S):
-                        await fresh.wait()
+                        await changed.wait()
                 except TimeoutError:
                     yield _event("beat", b"")
         finally:
-            self._waiting.discard(fresh)
+            self._waiting.discard(changed)
 
 
 def _event(topic: str, data: bytes) -> bytes:
@@ -105,9 +109,12 @@ class Follower:
         self._lost: Lost | None = None
         self._bench: Bench | None = None
         self._bench_crc32: int | None = None
+        """Checksum of the bench that was asked for last; None: the next status asks."""
         self._lanes = Lanes()
         self._lives = 0
+        """Number of live messages so far."""
         self._drawn: tuple[int, bool] = (0, True)
+        """Bump whose curves the pages show, ns, 0 for none, and whether these are complete."""
         self._tasks: set[asyncio.Task[None]] = set()
 
     @property
@@ -239,25 +246,26 @@ def curves_of(run: str, bump_ns: int, lanes: Lanes, bench: Bench | None) -> Curv
     """
     if not bump_ns or not lanes.bin_s:
         return NO_CURVES
-    bump = int(bump_ns * 1e-9 / lanes.bin_s)
+    bump = int(bump_ns * 1e-9 / lanes.bin_s)  # all times are numbers of bins
     first = bump - round(BEFORE_S / lanes.bin_s)
     count = round((BEFORE_S + AFTER_S) / lanes.bin_s)
-    shown = []
-    tops: dict[str, float] = {}
+    measured = []
+    full_scale: dict[str, float] = {}  # of each unit
     for spec in lane_specs(bench, lanes, 0, MOST_CURVES):
-        low, high = lanes.window(spec.channel, first, count)
+        low, high = lanes.window(spec.channel, first, count)  # envelope; NaN without a sample
         before = 0.5 * (low[: bump - first] + high[: bump - first])
-        rest = float(np.median(before[~np.isnan(before)])) if not np.isnan(before).all() else 0.0
+        before = before[~np.isnan(before)]
+        offset = float(np.median(before)) if before.size else 0.0
         # The side that is farther from rest: the middle of the envelope would cut the peaks off.
-        above, below = high - rest, low - rest
-        value = spec.factor * np.where(np.abs(above) >= np.abs(below), above, below)
-        if not np.isnan(value).all():
-            peak = float(np.nanmax(np.abs(value)))
-            tops[spec.unit] = max(tops.get(spec.unit, spec.least / 2.0), peak)
-            shown.append((spec, value, peak))
+        above, below = high - offset, low - offset
+        deviation = spec.factor * np.where(np.abs(above) >= np.abs(below), above, below)
+        if not np.isnan(deviation).all():
+            peak = float(np.nanmax(np.abs(deviation)))
+            full_scale[spec.unit] = max(full_scale.get(spec.unit, spec.least / 2.0), peak)
+            measured.append((spec, deviation, peak))
     curves = []
-    for spec, value, peak in shown:
-        steps = np.round(STEPS * value / tops[spec.unit])
+    for spec, deviation, peak in measured:
+        steps = np.round(STEPS * deviation / full_scale[spec.unit])
         points = tuple(None if np.isnan(step) else int(step) for step in steps)
         curves.append(Curve(spec.label, spec.unit, float(f"{peak:.3g}"), points))
     if not curves:

@@ -57,9 +57,12 @@ class Served:
         if is_loopback(self.host):
             return ()
         rows = [tuple(row) for row in segno.make_qr(self.link, error="l").matrix_iter(border=2)]
-        rows += [(0,) * len(rows[0])] * (len(rows) % 2)
-        pairs = (zip(*two, strict=True) for two in zip(rows[::2], rows[1::2], strict=True))
-        return tuple("".join(" ▀▄█"[(up & 1) + 2 * (low & 1)] for up, low in row) for row in pairs)
+        if len(rows) % 2:
+            rows.append((0,) * len(rows[0]))
+        return tuple(
+            "".join(" ▀▄█"[(up & 1) + 2 * (low & 1)] for up, low in zip(upper, lower, strict=True))
+            for upper, lower in zip(rows[::2], rows[1::2], strict=True)
+        )
 
 
 def listen_on(host: str) -> tuple[str, socket.socket]:
@@ -76,8 +79,8 @@ def listen_on(host: str) -> tuple[str, socket.socket]:
     try:
         return address, listen(address, _PORT)
     except OSError as error:
-        what = f"cannot listen on {address}: {error.strerror or error}"
-        raise InputError("display", what, "name an address of this machine, or lan") from error
+        reason = f"cannot listen on {address}: {error.strerror or error}"
+        raise InputError("display", reason, "name an address of this machine, or lan") from error
 
 
 def is_loopback(host: str) -> bool:
@@ -100,6 +103,6 @@ def _address_in_network() -> str:
         try:
             probe.connect(_SOMEWHERE)
         except OSError as error:
-            what = "no network is connected"
-            raise InputError("display", what, "name the address of this machine") from error
+            reason = "no network is connected"
+            raise InputError("display", reason, "name the address of this machine") from error
         return str(probe.getsockname()[0])

@@ -101,7 +101,9 @@ class Control:
         self.secret = f"{secrets.randbelow(10**6):06}"
         """Six digits."""
         self._wrong_s: list[float] = []
-        self._pages: list[str] = []
+        """Times of the wrong numbers of the last minute, s."""
+        self._keys: list[str] = []
+        """Keys of the pages that have control, oldest first."""
 
     def grant(self, typed: str, now_s: float) -> tuple[str, str]:
         """Return the key of a page on which the number was typed, or why there is none.
@@ -116,12 +118,12 @@ class Control:
             self._wrong_s.append(now_s)
             return "", "that is not the number shown at the terminal"
         key = secrets.token_urlsafe()
-        self._pages = [*self._pages[-MOST_PAGES + 1 :], key]
+        self._keys = [*self._keys[-MOST_PAGES + 1 :], key]
         return key, ""
 
     def holds(self, key: str) -> bool:
         """Return True if a page has control."""
-        return any(secrets.compare_digest(key.encode(), page.encode()) for page in self._pages)
+        return any(secrets.compare_digest(key.encode(), known.encode()) for known in self._keys)
 
 
 class DisplayServer:
@@ -149,8 +151,8 @@ class DisplayServer:
         pages.router.add_post("/control", self._grant)
         pages.router.add_post("/order", self._order)
         for path in sorted(_FILES.iterdir()):
-            place = "/" if path.name == "index.html" else f"/{path.name}"
-            pages.router.add_get(place, _file(path))
+            url = "/" if path.name == "index.html" else f"/{path.name}"
+            pages.router.add_get(url, _file(path))
         async with self._guard.serving(pages, _MOST_BYTES):
             try:
                 self._follower.start()

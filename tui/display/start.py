@@ -47,14 +47,14 @@ def display_beside_terminal(
     from .link import Served
 
     with (
-        TemporaryFile("w+") as said,  # not a pipe, which somebody would have to read
-        _display(folder, str(host), operator, control, subprocess.PIPE, said) as process,
+        TemporaryFile("w+") as errors,  # not a pipe, which somebody would have to read
+        _display(folder, str(host), operator, control, subprocess.PIPE, errors) as process,
     ):
         assert process.stdout is not None
         if not (line := process.stdout.readline()):
-            said.seek(0)
-            why = said.read().strip().splitlines() or ["it did not start"]
-            raise InputError("display", why[-1], "start it alone: bumpbench display")
+            errors.seek(0)
+            lines = errors.read().strip().splitlines() or ["it did not start"]
+            raise InputError("display", lines[-1], "start it alone: bumpbench display")
         served = Served(**json.loads(line))
         yield DisplayLink(tuple(served.lines(colours=False)), served.code)
 
@@ -68,8 +68,8 @@ def _is_wanted(host: str | None, control: bool) -> bool:
     try:
         from .link import listen_on
     except ImportError as error:
-        what = "aiohttp is not installed"
-        raise InputError("--display", what, "install bumpbench[web]") from error
+        reason = "aiohttp is not installed"
+        raise InputError("--display", reason, "install bumpbench[web]") from error
     listen_on(host)[1].close()
     return True
 

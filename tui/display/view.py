@@ -274,19 +274,20 @@ def headline(status: Status) -> Headline:
 
 
 def _hands_off(status: Status) -> Headline:
-    seconds = max(0.0, (status.t_ns - status.bump_ns) * 1e-9) if status.bump_ns else 0.0
-    swinging = status.peak_left
-    why = HANDS_OFF
-    if swinging is not None:
-        why = f"Hands off. {min(swinging, 1.0):.0%} of the peak left."
+    """Return the time since the bump, and the share of its decay that has passed."""
+    since_bump_s = max(0.0, (status.t_ns - status.bump_ns) * 1e-9) if status.bump_ns else 0.0
+    why, decayed = HANDS_OFF, None
+    if status.peak_left is not None:
+        why = f"Hands off. {min(status.peak_left, 1.0):.0%} of the peak left."
+        decayed = round(1.0 - min(max(status.peak_left, 0.0), 1.0), 2)
     running = next((r.label for r in status.runs if r.status is LoggedStatus.OPEN), "")
     return Headline(
         Kind.HANDS_OFF,
         ("HANDS", "OFF"),
         why,
-        digits=f"{seconds:.1f}",
+        digits=f"{since_bump_s:.1f}",
         digits_are="seconds since the bump",
-        share=None if swinging is None else round(1.0 - min(max(swinging, 0.0), 1.0), 2),
+        share=decayed,
         cue=f"hands off {running}",
         speech="Hands off.",
     )
@@ -297,10 +298,10 @@ def _judged(status: Status) -> Headline:
     run, digits = last_judged(status), countdown_digits(status)
     label = run.label if run else ""
     if status.phase is Phase.ACCEPTED:
-        what = f"{run_words(run)}, {count_words(status, run)}" if run else ""
+        counted_run = f"{run_words(run)}, {count_words(status, run)}" if run else ""
         kind, word, why = Kind.ACCEPTED, "ACCEPTED", accepted_words(status, run)
         advice = "" if digits else "The last of its kind."
-        speech = f"Accepted. {what.capitalize()}."
+        speech = f"Accepted. {counted_run.capitalize()}."
     else:
         kind, word = Kind.AGAIN, "AGAIN"
         why, advice = rejected_words(run) if run else ("", "")
@@ -317,15 +318,15 @@ def _judged(status: Status) -> Headline:
 def _alarm_line(status: Status) -> AlarmLine | None:
     if not status.alarms:
         return None
-    first, *others = status.alarms
-    subject = f" {printable(first.subject, 60)}" if first.subject else ""
-    what = reason_words(first.code)
+    gravest, *others = status.alarms
+    subject = f" {printable(gravest.subject, 60)}" if gravest.subject else ""
+    title = reason_words(gravest.code)
     return AlarmLine(
-        f"{first.code} {first.subject} {first.since_ns}",
-        f"{what.upper()}{subject}: {printable(first.text, 160)}",
-        printable(first.advice, 160),
-        len(others),
-        f"Alarm: {what}{subject}.",
+        cue=f"{gravest.code} {gravest.subject} {gravest.since_ns}",
+        text=f"{title.upper()}{subject}: {printable(gravest.text, 160)}",
+        advice=printable(gravest.advice, 160),
+        more=len(others),
+        speech=f"Alarm: {title}{subject}.",
     )
 
 
@@ -352,18 +353,18 @@ def buttons_of(status: Status) -> Buttons:
     if weights:
         start = f"Weights are {'off' if weights == BASELINE else 'on'}: start"
     return Buttons(
-        start,
-        weights,
-        f"Reject {run_words(last)}" if last else "",
-        last.label if last else "",
-        "Pause" if status.phase in _RUNNING else "",
+        next=start,
+        next_label=weights,
+        reject=f"Reject {run_words(last)}" if last else "",
+        reject_label=last.label if last else "",
+        pause="Pause" if status.phase in _RUNNING else "",
     )
 
 
 def order_of(button: str, label: str, status: Status) -> Order | None:
     """Return the order of a button; None if it does nothing now.
 
-    `label`: label that the page sent with the button.
+    `label`: what the page showed: the weights that NEXT confirms, or the run that REJECT rejects.
     """
     if button == NEXT and _arms(status) and label == changed_weights(status):
         return next_action(status).order

@@ -44,12 +44,12 @@ def page_of(columns: Sequence[str], rows: Sequence[Row], folder: Path) -> str:
     ]
     shown, values, stds = [], [], []
     for row in rows:
-        value = [_rounded(row.get(name)) for name in names]
-        std = [_rounded(row.get(f"{name}_std")) for name in names]
-        shown.append([*_about(row, folder), value, std])
+        row_values = [_rounded(row.get(name)) for name in names]
+        row_stds = [_rounded(row.get(f"{name}_std")) for name in names]
+        shown.append([*_about(row, folder), row_values, row_stds])
         usable = row["verdict"] in ("ok", "doubtful")
-        values.append([nan if v is None or not usable else v for v in value])
-        stds.append([nan if s is None else s for s in std])
+        values.append([nan if v is None or not usable else v for v in row_values])
+        stds.append([nan if s is None else s for s in row_stds])
     shape = len(rows), len(names)
     vehicles = [str(row.get("vehicle") or "") for row in rows]
     apart = outliers(vehicles, np.reshape(values, shape), np.reshape(stds, shape))
@@ -99,13 +99,13 @@ def outliers(
             if len(rows) < _LEAST:
                 continue
             usual = float(np.median(values[rows, p]))
-            away = values[rows, p] - usual
-            scatter = _SIGMA_OF_MAD * float(np.median(np.abs(away)))
-            size = np.hypot(scatter, np.nan_to_num(stds[rows, p]))
-            sigmas = away / np.where(size > 0.0, size, np.inf)
+            deviation = values[rows, p] - usual
+            scatter = _SIGMA_OF_MAD * float(np.median(np.abs(deviation)))
+            std = np.hypot(scatter, np.nan_to_num(stds[rows, p]))
+            sigmas = deviation / np.where(std > 0.0, std, np.inf)
             beyond = np.flatnonzero(np.abs(sigmas) > _APART)
             apart += [(int(rows[i]), p, usual, float(sigmas[i])) for i in beyond]
-    return sorted(apart, key=lambda one: -abs(one[3]))
+    return sorted(apart, key=lambda outlier: -abs(outlier[3]))
 
 
 def _about(row: Row, folder: Path) -> list[Any]:

@@ -33,8 +33,9 @@ def _result(path: str) -> Identification:
     result = identify_parameters(read_session(path))
     if result.estimation is None:
         return result
-    bare = tuple(replace(one, values={}) for one in result.estimation.residuals)
-    return replace(result, estimation=replace(result.estimation, residuals=bare), residuals=())
+    emptied = tuple(replace(run, values={}) for run in result.estimation.residuals)
+    estimation = replace(result.estimation, residuals=emptied)
+    return replace(result, estimation=estimation, residuals=())
 
 
 def labels_of(paths: Sequence[Path]) -> list[str]:
@@ -58,17 +59,9 @@ def comparison_lines(comparison: Comparison) -> Iterator[str]:
     yield from wrap(_headline(comparison), 79)
     if comparison.change is not None:
         yield from wrap(unchanged_line(comparison.change), 79)
-    for which in range(len(comparison.labels) - 1):
-        yield from _differences(comparison, which)
-    changing = [row for row in comparison.quantities if row.trend and row.trend.words]
-    if changing:
-        yield ""
-        yield f"{'Trend':<26}{'per session':>24}{'chi2 / n':>14}   at 95 %"
-    for row in changing:
-        t = row.trend
-        assert t is not None
-        slope, misfit = plus_minus(t.slope, t.half), f"{t.chi2:,.1f} / {t.freedom}"
-        yield from _named(row, f"{slope:>24}{misfit:>14}   {t.words}")
+    for number in range(2, len(comparison.labels) + 1):
+        yield from _differences(comparison, number)
+    yield from _trends(comparison)
     yield ""
     if comparison.open:
         yield f"Not compared, not determined in a session: {', '.join(comparison.open)}."
@@ -79,44 +72,61 @@ def comparison_lines(comparison: Comparison) -> Iterator[str]:
 def _headline(comparison: Comparison) -> str:
     """Return what the joint fit and the quantities by themselves show, as one message."""
     change, rows = comparison.change, comparison.quantities
-    differ = ", ".join(
+    names = ", ".join(
         row.name
         for row in rows
         if (row.trend and row.trend.words) or any(d.significant for d in row.differences)
     )
     unchanged = change is not None and change.outcome == "nothing" and not change.apart
-    if unchanged and not differ:
+    if unchanged and not names:
         return f"Nothing differs beyond chance: neither by the joint fit, nor any of {len(rows)}."
-    alone = f"Each by itself, none of {len(rows)} quantities differs beyond chance."
-    if differ:
-        alone = f"Each by itself, at 95 % among all {len(rows)} quantities, these differ: {differ}."
-    return f"{change.sentence} {alone}" if change is not None else alone
+    each = f"Each by itself, none of {len(rows)} quantities differs beyond chance."
+    if names:
+        each = f"Each by itself, at 95 % among all {len(rows)} quantities, these differ: {names}."
+    return f"{change.sentence} {each}" if change is not None else each
 
 
-def _differences(comparison: Comparison, which: int) -> Iterator[str]:
-    """Yield the quantities of one session that differ from the first, parameters before modes."""
-    number = f"{which + 2}"
+def _differences(comparison: Comparison, number: int) -> Iterator[str]:
+    """Yield a table of the parameters, forces and modes that differ from those of session 1.
+
+    `number`: of the session, from 2.
+    """
     for title, quantities in (
         ("Parameters", comparison.parameters),
         ("Forces of one corner", comparison.forces),
         ("Modes", comparison.modes),
     ):
-        rows = [row for row in quantities if row.differences[which].significant]
-        if rows:
+        table = [
+            (row, row.estimates[0], row.estimates[number - 1], row.differences[number - 2])
+            for row in quantities
+            if row.differences[number - 2].significant  # session 1 has no difference
+        ]
+        if table:
             yield ""
             yield f"{title:<26}{'1':>10}{number:>10}{f'{number} minus 1':>17}{'z':>8}"
-        for row in rows:
-            first, this, d = row.estimates[0], row.estimates[which + 1], row.differences[which]
-            share = plus_minus_percent(d.value, d.half, first.value)
-            values = f"{value_text(first):>10}{value_text(this):>10}"
-            yield from _named(row, f"{values}{share:>17}{d.z:>+8.2f}")
+        for row, first, second, difference in table:
+            percent = plus_minus_percent(difference.value, difference.half, first.value)
+            values = f"{value_text(first):>10}{value_text(second):>10}"
+            yield from _named(row, f"{values}{percent:>17}{difference.z:>+8.2f}")
+
+
+def _trends(comparison: Comparison) -> Iterator[str]:
+    """Yield a table of the quantities that drift or vary over the sessions."""
+    table = [(row, row.trend) for row in comparison.quantities if row.trend and row.trend.words]
+    if table:
+        yield ""
+        yield f"{'Trend':<26}{'per session':>24}{'chi2 / n':>14}   at 95 %"
+    for row, trend in table:
+        slope = plus_minus(trend.slope, trend.half)
+        misfit = f"{trend.chi2:,.1f} / {trend.freedom}"
+        yield from _named(row, f"{slope:>24}{misfit:>14}   {trend.words}")
 
 
 def _named(row: Compared, cells: str) -> Iterator[str]:
     """Yield the line of a quantity; a name that is too long for its column is a line before it."""
     unit = unit_text(row.estimates[0].unit)
     name = f"{row.name}, {unit}" if unit else row.name
-    if len(name) > 25:
+    if len(name) > 25:  # the column has 26, one of them a space
         yield name
         name = ""
     yield f"{name:<26}{cells}"

@@ -45,33 +45,33 @@ def as_finished(
     only as there is room.  `scheduler`: address of a Dask scheduler, whose workers then do the
     work.  Raises InputError if Dask is not installed, no scheduler answers, or it has no workers.
     """
-    source = iter(items)
-    lost: list[Item] = []
-    with _crew(workers, scheduler) as (executor, ahead):
+    remaining = iter(items)
+    cut_off: list[Item] = []  # by the death of a worker process
+    with _crew(workers, scheduler) as (executor, most_in_flight):
         running: dict[Future[Result], Item] = {}
-        while not lost:
-            for item in islice(source, ahead - len(running)):
+        while not cut_off:
+            for item in islice(remaining, most_in_flight - len(running)):
                 try:
                     running[executor.submit(function, item)] = item
                 except BrokenProcessPool:
-                    lost.append(item)
+                    cut_off.append(item)
                     break
             if not running:
                 break
             for future in wait(running, return_when=FIRST_COMPLETED).done:
                 item = running.pop(future)
                 if not future.cancelled() and isinstance(future.exception(), BrokenProcessPool):
-                    lost.append(item)
+                    cut_off.append(item)
                 else:
                     yield item, future
-        lost += running.values()
-    for item in lost:
+        cut_off += running.values()
+    for item in cut_off:
         with processes(1) as alone:
             future = alone.submit(function, item)
             wait([future])
             yield item, future
-    if lost:
-        yield from as_finished(function, source, workers)
+    if cut_off:
+        yield from as_finished(function, remaining, workers)
 
 
 def map_items(
@@ -94,8 +94,8 @@ def map_items(
         try:
             results[item] = future.result()
         except BrokenProcessPool:
-            what, advice = "a worker process died", "close other programs; it needs memory"
-            raise InputError(subject, what, advice) from None
+            reason, advice = "a worker process died", "close other programs; it needs memory"
+            raise InputError(subject, reason, advice) from None
         stage(len(results) / len(items), f"{len(results)} of {len(items)}")
     return [results[item] for item in items]
 
@@ -110,9 +110,9 @@ def processes(workers: int, modules: Sequence[str] = ("identify",)) -> Iterator[
     from dbc import InputError
 
     # Windows has no fork server.
-    way = "forkserver" if "forkserver" in get_all_start_methods() else "spawn"
-    context: Any = get_context(way)
-    if way == "forkserver":
+    method = "forkserver" if "forkserver" in get_all_start_methods() else "spawn"
+    context: Any = get_context(method)
+    if method == "forkserver":
         context.set_forkserver_preload(list(modules))
     pool = ProcessPoolExecutor(workers, context, _prepare_process)
     try:
@@ -121,8 +121,8 @@ def processes(workers: int, modules: Sequence[str] = ("identify",)) -> Iterator[
         for process in active_children():
             process.terminate()
         if isinstance(error, OSError):
-            what = f"no process can be started ({error})"
-            raise InputError("processes", what, "end other programs, and try again") from error
+            reason = f"no process can be started ({error})"
+            raise InputError("processes", reason, "end other programs, and try again") from error
         raise
     finally:
         pool.shutdown(cancel_futures=True)
@@ -161,8 +161,8 @@ def helpers(modules: Sequence[str]) -> Iterator[Executor]:
         try:
             yield pool
         except BrokenProcessPool:
-            what, advice = "a helper process died", "close other programs: it needs memory"
-            raise InputError("helpers", what, advice) from None
+            reason, advice = "a helper process died", "close other programs: it needs memory"
+            raise InputError("helpers", reason, advice) from None
         finally:
             starting.join()
 
@@ -179,31 +179,33 @@ def _crew(workers: int, scheduler: str | None) -> Iterator[tuple[Executor, int]]
     try:
         import distributed
     except ImportError:
-        what = "needs Dask, which is not installed"
-        raise InputError("--scheduler", what, "install bumpbench[cluster]") from None
+        reason = "needs Dask, which is not installed"
+        raise InputError("--scheduler", reason, "install bumpbench[cluster]") from None
     for name in ("distributed", "tornado", "asyncio"):  # what matters arrives as an exception
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     connect: Any = distributed.Client  # typed in part only
     try:
         client = connect(scheduler, timeout=_CONNECT_S, set_as_default=False)
     except (OSError, ValueError) as error:
-        what = f"no Dask scheduler answers: {error}"
+        reason = f"no Dask scheduler answers: {error}"
         advice = "start one with: dask scheduler"
-        raise InputError(f"--scheduler {scheduler}", what, advice) from None
+        raise InputError(f"--scheduler {scheduler}", reason, advice) from None
     try:
         with suppress(TimeoutError):
             client.wait_for_workers(1, timeout=_CONNECT_S)
-        threads = sum(int(one["nthreads"]) for one in client.scheduler_info()["workers"].values())
-        if not threads:
+        dask_workers = client.scheduler_info()["workers"].values()
+        n_threads = sum(int(worker["nthreads"]) for worker in dask_workers)
+        if not n_threads:
             advice = f"start some with: dask worker {scheduler}"
             raise InputError(scheduler, "the scheduler has no workers", advice)
         # A function of the standard library: a worker without Bumpbench could not find ours.
-        for worker, other in client.run(version, "bumpbench", on_error="return").items():
-            if other != version("bumpbench"):
-                theirs = f"bumpbench {other}" if isinstance(other, str) else "no bumpbench"
-                what = f"worker {worker} has {theirs}, here is {version('bumpbench')}"
-                raise InputError(scheduler, what, "install one version everywhere")
-        yield client.get_executor(pure=False), 2 * threads
+        versions = client.run(version, "bumpbench", on_error="return")
+        for address, answer in versions.items():  # a version, or an error
+            if answer != version("bumpbench"):
+                theirs = f"bumpbench {answer}" if isinstance(answer, str) else "no bumpbench"
+                reason = f"worker {address} has {theirs}, here is {version('bumpbench')}"
+                raise InputError(scheduler, reason, "install one version everywhere")
+        yield client.get_executor(pure=False), 2 * n_threads
     except (OSError, TimeoutError, RuntimeError):
         advice = "start it, and run this again"
         raise InputError(scheduler, "the scheduler has gone", advice) from None

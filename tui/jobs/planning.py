@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from identify.plan import ExpectedElements, Plan, Sensor
 
 _USUAL_CYCLE_S = 0.005  # where neither the DBC nor the command line has a rate
+_LEAST_DECAY_S = 0.2  # where the trigger records hardly longer than the bump takes
 _LINEAR = {"anti_roll_bars", "tyre_damping", "cg_offset"}
 """Elements that the linear plan also knows."""
 
@@ -46,8 +47,8 @@ def planned(
             for state in bench.campaign.mass_states
             for excitation in dict.fromkeys(bench.campaign.excitations)
         ),
-        bump=Bump(bump_height_m, 0.0, bench.campaign.bump_s),
-        decay_s=max(bench.trigger.post_s - bench.campaign.bump_s, 0.2),
+        bump=Bump(bump_height_m, start_s=0.0, duration_s=bench.campaign.bump_s),
+        decay_s=max(bench.trigger.post_s - bench.campaign.bump_s, _LEAST_DECAY_S),
         geometry=bench.vehicle.geometry,
         structure=bench.vehicle.structure,
         facts=bench.vehicle.facts,
@@ -89,8 +90,8 @@ def of_session(path: Path, session: Session) -> ExpectedCar:
     result = identify(session)
     if not result.parameters or result.quality.verdict is Verdict.REFUSED:
         return typical(f"the identification of {path} is refused")
-    if lost := vague(result.parameters):
-        return typical(f"{path} does not determine {', '.join(lost)}")
+    if undetermined := vague(result.parameters):
+        return typical(f"{path} does not determine {', '.join(undetermined)}")
     elements = identified_elements(result.forces) if result.forces else None
     values = {name: estimate.value for name, estimate in result.parameters.items()}
     return ExpectedCar(full_vector(values), elements, f"the vehicle identified from {path}")
@@ -110,10 +111,11 @@ def with_structure(car: ExpectedCar, bench: Bench) -> ExpectedCar:
     """Return a linear car with elements of usual size that `[vehicle.structure]` forces."""
     from identify.plan import USUAL_ELEMENTS, typical_elements
 
-    decided = bench.vehicle.elements
-    forced = tuple(name for name, there in decided.items() if there)
+    stated = bench.vehicle.elements  # True: the car has it; False: it has not; absent: unknown
+    forced = tuple(name for name, has_it in stated.items() if has_it)
     if car.elements is not None or not set(forced) - _LINEAR:
         return car
-    unknown = tuple(n for n in dict.fromkeys((*USUAL_ELEMENTS, *forced)) if decided.get(n, True))
-    elements = typical_elements(unknown, car.vehicle)
+    possible = dict.fromkeys((*USUAL_ELEMENTS, *forced))
+    names = tuple(name for name in possible if stated.get(name, True))
+    elements = typical_elements(names, car.vehicle)
     return ExpectedCar(car.vehicle, elements, f"{car.whose}, with usual friction and dampers")

@@ -56,7 +56,7 @@ def write_report(
         require_ending(pdf, "printed report", SHEETS)
         make_room(pdf)
     with helpers(_HEAVY) as pool:
-        begun = {}
+        begun = {}  # drawings, by the key of their picture
         checks = CrossChecks()
 
         def fitted(estimation: Estimation) -> None:
@@ -97,7 +97,8 @@ def write_figures(report: Report, folder: Path, kind: str) -> list[Path]:
 
     pictures = list(report.pictures)
     for section in report.sections:
-        pictures += [still_cars(b) for b in section.blocks if isinstance(b, MovingCars)]
+        moving = [block for block in section.blocks if isinstance(block, MovingCars)]
+        pictures += map(still_cars, moving)
     paths = []
     for picture in pictures:
         path = folder / f"{picture.key}.{kind}"

@@ -11,6 +11,7 @@ from pathlib import Path
 from daq import InputError
 
 _MOST = 1000
+"""Largest number of session files in the list: the newest ones."""
 
 
 class EntryState(StrEnum):
@@ -40,7 +41,7 @@ class SessionEntry:
     accepted: int = 0
     rejected: int = 0
     note: str = ""
-    """First note, or error."""
+    """First note (the last one of a journal), or error."""
     recording: str = ""
     """Identity of the recording; only for a journal."""
 
@@ -57,27 +58,28 @@ def sessions_in(folder: Path) -> Iterator[SessionEntry]:
     """
     from daq.session import glances
 
-    dated: list[tuple[float, Path]] = []
+    files: list[tuple[float, Path]] = []  # with the time of their last change, Unix, s
     for path in (*folder.glob("*.h5"), *folder.glob("*/*.h5")):
         if path.exists():  # neither deleted meanwhile, nor a broken link
-            dated.append((path.stat().st_mtime, path))
-    dated = sorted(dated, reverse=True)[:_MOST]
-    unfinished = _unfinished(folder, {path.name for _, path in dated})
+            files.append((path.stat().st_mtime, path))
+    newest = sorted(files, reverse=True)[:_MOST]
+    unfinished = _unfinished(folder, {path.name for _, path in newest})
     if unfinished is not None:
         yield unfinished
-    for (changed_s, path), seen in zip(dated, glances([p for _, p in dated]), strict=True):
+    outlines = glances([path for _, path in newest])
+    for (changed_s, path), outline in zip(newest, outlines, strict=True):
         entry = SessionEntry(str(path), str(path.parent), _day(changed_s), "", EntryState.DAMAGED)
-        if isinstance(seen, InputError):
-            yield replace(entry, note=seen.what)
+        if isinstance(outline, InputError):
+            yield replace(entry, note=outline.what)
         else:
             yield replace(
                 entry,
-                date=seen.created[:16].replace("T", " ") or entry.date,
-                vehicle=seen.vehicle,
+                date=outline.created[:16].replace("T", " ") or entry.date,
+                vehicle=outline.vehicle,
                 state=EntryState.REPORTED if report_of(path).exists() else EntryState.READY,
-                accepted=seen.accepted,
-                rejected=seen.rejected,
-                note=seen.notes.partition("\n")[0],
+                accepted=outline.accepted,
+                rejected=outline.rejected,
+                note=outline.notes.partition("\n")[0],
             )
 
 
@@ -100,21 +102,21 @@ def _unfinished(folder: Path, names: set[str]) -> SessionEntry | None:
         text = log.bench_text or tail.head.bench_text
         vehicle = parse_bench(text, "journal", folder, tail.head.dbc_text).vehicle.name
     except (InputError, OSError) as error:
-        what = error.what if isinstance(error, InputError) else str(error)
-        return SessionEntry("", str(folder), "", "", EntryState.DAMAGED, note=what)
+        reason = error.what if isinstance(error, InputError) else str(error)
+        return SessionEntry("", str(folder), "", "", EntryState.DAMAGED, note=reason)
     if tail.ended and tail.session_name in names:
         return None
     accepted = sum(run.status is LoggedStatus.ACCEPTED for run in log.runs)
     return SessionEntry(
-        "",
-        str(folder),
-        _day(tail.head.wall_ns * 1e-9),
-        vehicle,
-        EntryState.CUT_OFF,
-        accepted,
-        len(log.runs) - accepted,
-        next((note.text for note in reversed(log.notes) if note.by), ""),  # the others: marks
-        tail.head.recording,
+        path="",
+        folder=str(folder),
+        date=_day(tail.head.wall_ns * 1e-9),
+        vehicle=vehicle,
+        state=EntryState.CUT_OFF,
+        accepted=accepted,
+        rejected=len(log.runs) - accepted,
+        note=next((note.text for note in reversed(log.notes) if note.by), ""),  # a mark has no `by`
+        recording=tail.head.recording,
     )
 
 

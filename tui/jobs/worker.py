@@ -47,6 +47,7 @@ Send = Callable[[Line], None]
 _NICE = 10
 """Niceness of the worker: the recorder has priority."""
 _READ = 0.05
+"""Share of the work that is done when the session is being read."""
 _LEFT_OUT = "left out for a trial"
 
 
@@ -68,17 +69,17 @@ async def lines_of(task: Task, where: str) -> AsyncGenerator[Line, None]:
             start_new_session=True,
         )
     except OSError as error:
-        what = f"no process can be started ({error.strerror or error})"
-        yield Trouble(where, what, "end other programs, and try again")
+        reason = f"no process can be started ({error.strerror or error})"
+        yield Trouble(where, reason, "end other programs, and try again")
         return
-    heard: asyncio.Queue[Line] = asyncio.Queue()
+    lines: asyncio.Queue[Line] = asyncio.Queue()
     # A thread is used instead of the loop's own subprocess, which must be awaited to its end, and
     # which a screen that is closed twice in a row leaves with open pipes.
-    arguments = (child, (task, where), heard, asyncio.get_running_loop())
+    arguments = (child, (task, where), lines, asyncio.get_running_loop())
     Thread(target=_listen, args=arguments, name="worker", daemon=True).start()
     try:
         while True:
-            line = await heard.get()
+            line = await lines.get()
             yield line
             if isinstance(line, Done | Trouble):
                 return
@@ -93,10 +94,13 @@ async def lines_of(task: Task, where: str) -> AsyncGenerator[Line, None]:
 def _listen(
     child: subprocess.Popen[bytes],
     task: tuple[Task, str],
-    heard: asyncio.Queue[Line],
+    lines: asyncio.Queue[Line],
     loop: asyncio.AbstractEventLoop,
 ) -> None:
-    """Send the task; pass on each line of the process, last that it has ended; close its pipes."""
+    """Send the task; pass on each line of the process, last that it has ended; close its pipes.
+
+    `task`: with the subject of an error that names none itself.  `lines`: belongs to `loop`.
+    """
     with suppress(RuntimeError, OSError), child:  # the loop is closed, or it has ended
         assert child.stdin is not None
         assert child.stdout is not None
@@ -104,12 +108,12 @@ def _listen(
             pickle.dump(task, child.stdin)
             child.stdin.flush()
             while True:
-                loop.call_soon_threadsafe(heard.put_nowait, pickle.load(child.stdout))
+                loop.call_soon_threadsafe(lines.put_nowait, pickle.load(child.stdout))
         code = child.wait()
         how = f"by signal {-code}" if code < 0 else f"with code {code}"
-        what = f"the work was ended from outside ({how})"
-        trouble = Trouble(task[1], what, "the recording is untouched: start it again")
-        loop.call_soon_threadsafe(heard.put_nowait, trouble)
+        reason = f"the work was ended from outside ({how})"
+        trouble = Trouble(task[1], reason, "the recording is untouched: start it again")
+        loop.call_soon_threadsafe(lines.put_nowait, trouble)
 
 
 # The worker's end ---------------------------------------------------------------------------------
@@ -182,10 +186,10 @@ def without(session: Session, labels: Sequence[str]) -> Session:
 def _report(task: ReportTask, send: Send) -> dict[str, Any]:
     from .reporting import write_report
 
-    sizes: dict[str, int] = {}
+    sizes: dict[str, int] = {}  # bytes
 
-    def written(place: Path) -> None:
-        sizes[str(place)] = place.stat().st_size
+    def written(file: Path) -> None:
+        sizes[str(file)] = file.stat().st_size
 
     def stage(share: float, text: str) -> None:
         send(Progress(share, text))
@@ -214,10 +218,10 @@ def _export(task: ExportTask, _: Send) -> dict[str, Any]:
     from daq.formats.export.export import ExportFormat, export_session
 
     form = ExportFormat(task.form)
-    path = Path(task.session)
-    place = path.with_suffix(form.suffix)
-    done = export_session(read_session(path), place, form, force=task.replace)
-    return {"paths": [str(path) for path in done.paths], "notes": list(done.notes)}
+    session = Path(task.session)
+    target = session.with_suffix(form.suffix)
+    written = export_session(read_session(session), target, form, force=task.replace)
+    return {"paths": [str(path) for path in written.paths], "notes": list(written.notes)}
 
 
 def _list(task: ListTask, send: Send) -> dict[str, Any]:

@@ -133,12 +133,16 @@ class _Daemon:
         self._lifetime = lifetime
         self._log = log
         self._stop = threading.Event()
+        """Ends the recorder's thread."""
         self._status: Status | None = None
         self._failure: Exception | None = None
         self._ending: Future[Reply] | None = None
+        """Answer to the order to stop the recording; None if none is awaited."""
         self._armed = self._ended = ""
+        """The last recordings that this daemon has armed and ordered to stop."""
         self._reported: Status | None = None
         self._reported_s = self._figures_s = 0.0
+        """Monotonic times of the last report to systemd and of the last figures file, s."""
         self._writer = threading.Thread(target=self._write, name="writer", daemon=True)
 
     def run(self, signals: _Signals, stage: Stage) -> Status:
@@ -161,8 +165,8 @@ class _Daemon:
                 self._reload()
             self._lead(self._status, signals.end.is_set())
             # If the writer itself hangs, it publishes no alarm.
-            storage, last = self._recorder.storage(), self._status
-            status = with_not_recording(last, storage, time.time_ns())
+            last = self._status
+            status = with_not_recording(last, self._recorder.storage(), time.time_ns())
             if status is not last:
                 self._server.publish(status, None)
             self._report(status)
@@ -191,34 +195,44 @@ class _Daemon:
         self._server.publish(status, live)
 
     def _lead(self, status: Status, end: bool) -> None:
-        """Arm each campaign once; end it when it is complete, and try again if that was refused.
-
-        A full disk refuses: if the recorder ended, the frames that wait in memory would be lost.
-        Only a signal (`end`) ends it then.
-        """
-        from daq.control.messages import Phase, SessionState
+        """Arm each campaign once; stop it once when it is complete or a signal (`end`) has come."""
+        from daq.control.messages import Phase
         from daq.control.orders import Arm, Stop, Until
 
         waits = status.phase is Phase.IDLE and status.recording not in ("", self._armed)
         if self._lifetime.arm and waits:
             self._armed = status.recording
             self._recorder.submit(Arm(Until.COMPLETE), BY)
-        ends = self._lifetime.arm and not self._lifetime.stay
-        complete = ends and status.phase is Phase.COMPLETE
+        stops_complete = self._lifetime.arm and not self._lifetime.stay
+        complete = stops_complete and status.phase is Phase.COMPLETE
         over = complete or (end and not self._lifetime.keep_on)
         if over and status.recording not in ("", self._ended):
             self._ended = status.recording
             self._ending = self._recorder.submit(Stop(), BY)
         elif self._ending and self._ending.done():
-            refused = self._ending.exception()
-            if refused and (self._lifetime.keep_on or not end):
-                self._log.line(f"the campaign is complete, but {refused}", "refused end")
-                self._ended = ""
-            derived = status.session.state in (SessionState.READY, SessionState.FAILED)
-            if not self._lifetime.keep_on and (end if refused else derived):
-                self._stop.set()
-            if refused or self._lifetime.keep_on:
+            self._after_stop(self._ending.exception(), status, end)
+
+    def _after_stop(self, refused: BaseException | None, status: Status, end: bool) -> None:
+        """End the recorder with the session file of a stopped recording; stop a refused one again.
+
+        A full disk refuses: if the recorder ended, the frames that wait in memory would be lost.
+        Only a signal (`end`) ends it then.
+        """
+        from daq.control.messages import SessionState
+
+        keep_on = self._lifetime.keep_on
+        if refused is None:
+            if keep_on:
                 self._ending = None
+            elif status.session.state in (SessionState.READY, SessionState.FAILED):
+                self._stop.set()
+            return
+        self._ending = None
+        if end and not keep_on:
+            self._stop.set()
+        else:
+            self._log.line(f"the campaign is complete, but {refused}", "refused end")
+            self._ended = ""
 
     def _reload(self) -> None:
         """Reload bench.toml if it is valid; else keep the one in force."""

@@ -24,20 +24,21 @@ def news(before: Status | None, status: Status) -> Iterator[tuple[str, str]]:
         yield f"recording {status.vehicle}{origin} into {status.folder}", ""
     elif before.recording != status.recording:
         yield f"campaign of {status.vehicle} {'begun' if status.recording else 'ended'}", ""
-    known = {f"{a.code} {a.subject}".rstrip(): a for a in before.alarms} if before else {}
+    earlier = {f"{a.code} {a.subject}".rstrip() for a in before.alarms} if before else set()
     present = {f"{a.code} {a.subject}".rstrip(): a for a in status.alarms}
     for name, alarm in present.items():
-        if name not in known:
+        if name not in earlier:
             yield f"alarm {name}: {alarm.text} ({alarm.advice})", name
     ended = before is not None and bool(before.recording) and not status.recording
-    for name in sorted(known.keys() - present.keys()) if not ended else ():  # causes may go on
-        yield f"over: {name}", f"over {name}"
-    changed = before is not None and before.runs is not status.runs
-    judged = {run.label: run.status for run in before.runs} if before and changed else {}
-    for run in status.runs if changed else ():
-        if judged.get(run.label) != run.status:
-            reasons = f": {'; '.join(run.reasons)}" if run.reasons else ""
-            yield f"{run.label} {run.status}{reasons}", ""
+    if not ended:  # the causes may go on after a recording
+        for name in sorted(earlier - present.keys()):
+            yield f"over: {name}", f"over {name}"
+    if before is not None and before.runs is not status.runs:
+        judged = {run.label: run.status for run in before.runs}
+        for run in status.runs:
+            if judged.get(run.label) != run.status:
+                reasons = f": {'; '.join(run.reasons)}" if run.reasons else ""
+                yield f"{run.label} {run.status}{reasons}", ""
     session = status.session
     if session.state == "failed" and (before is None or before.session != session):
         yield f"session {session.path}: {session.text} ({RECOVER})", ""
@@ -92,8 +93,8 @@ def status_lines(status: Status) -> Iterator[str]:
     """Yield a status as a few lines of text."""
     from daq.control.monitoring import status_line
 
-    what = status.vehicle if status.origin == "real" else f"{status.vehicle} ({status.origin})"
-    yield f"{what}, into {status.folder}: {status_line(status)}"
+    origin = "" if status.origin == "real" else f" ({status.origin})"
+    yield f"{status.vehicle}{origin}, into {status.folder}: {status_line(status)}"
     done, text = progress_words(status)
     yield f"{status.phase}: {text} ({done:.0%})"
     if status.begun:

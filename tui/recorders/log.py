@@ -18,6 +18,7 @@ BURST, PER_S = 5, 60.0
 counted."""
 MOST_WAITING = 1000
 """Lines that wait for a slow reader; further ones are left out."""
+_MOST_KEYS = 1000
 MOST_BYTES = 1_000_000
 _FLUSH_S = 0.5
 _BEGINNING = re.compile(rb"([\d:.TZ-]{24} )?bumpbench: |Traceback \(most recent call last\):")
@@ -43,8 +44,8 @@ def require_log(path: Path) -> None:
             if first and not _BEGINNING.match(first):
                 raise OSError("is there already and is not a log of bumpbench")
         except OSError as error:
-            what = error.strerror or str(error)
-            raise InputError(str(file), what, "name another file for the log") from error
+            reason = error.strerror or str(error)
+            raise InputError(str(file), reason, "name another file for the log") from error
 
 
 class Log:
@@ -61,7 +62,8 @@ class Log:
         self._writer = _Stderr() if path is None else _file_handler(path)
         self._waiting: Queue[logging.LogRecord] = Queue(MOST_WAITING)
         self._listener = QueueListener(self._waiting, self._writer)
-        self._seen: dict[str, tuple[float, int]] = {}
+        self._periods: dict[str, tuple[float, int]] = {}
+        """Beginning of the present period of each key, s, and number of its lines since."""
         self._lock = threading.Lock()
 
     def __enter__(self) -> Log:
@@ -96,24 +98,24 @@ class Log:
                 time.sleep(0.01)
 
     def line(self, text: str, key: str = "") -> None:
-        """Write a line; the number of lines with the same key is limited."""
+        """Write a line; the number of lines with the same key is limited, except the empty one."""
         from daq.errors import printable
 
         now_s = time.monotonic()
         with self._lock:
-            began_s, count = self._seen.get(key, (now_s, 0))
+            began_s, count = self._periods.get(key, (now_s, 0))
             if now_s - began_s > PER_S:
                 if count > BURST:
                     text = f"{text} (and {count - BURST} more of these)"
                 began_s, count = now_s, 0
             if key:
-                if len(self._seen) > MOST_WAITING:
-                    self._seen.clear()
-                self._seen[key] = began_s, count + 1
+                if len(self._periods) > _MOST_KEYS:
+                    self._periods.clear()
+                self._periods[key] = began_s, count + 1
             if count >= BURST:
                 return
-        line = printable(text, 600)
-        record = logging.LogRecord("bumpbench", logging.WARNING, "", 0, line, None, None)
+        text = printable(text, 600)
+        record = logging.LogRecord("bumpbench", logging.WARNING, "", 0, text, None, None)
         with suppress(Full):
             self._waiting.put_nowait(record)
 
@@ -154,8 +156,8 @@ def _file_handler(path: Path) -> logging.Handler:
         path.open("ab").close()
         handler = RotatingFileHandler(path, "a", MOST_BYTES, 1, encoding="utf-8", delay=True)
     except OSError as error:
-        what = error.strerror or str(error)
-        raise InputError(str(path), what, "name another file for the log") from error
+        reason = error.strerror or str(error)
+        raise InputError(str(path), reason, "name another file for the log") from error
     stamped = logging.Formatter("%(asctime)s bumpbench: %(message)s")
     stamped.converter = time.gmtime
     stamped.default_time_format, stamped.default_msec_format = "%Y-%m-%dT%H:%M:%S", "%s.%03dZ"

@@ -91,5 +91,5 @@ def _start(arguments: list[str], folder: Path) -> Process:
                 start_new_session=True,
             )
     except OSError as error:
-        what = error.strerror or str(error)
-        raise InputError(str(folder), what, "name another folder") from error
+        reason = error.strerror or str(error)
+        raise InputError(str(folder), reason, "name another folder") from error

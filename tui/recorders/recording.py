@@ -88,13 +88,14 @@ def recorded_session(last: Status) -> tuple[Path, Session]:
     from daq.control.messages import SessionState
 
     if last.session.state is not SessionState.READY:
-        if held := last.disk.held_frames:
-            raise InputError(last.folder, _not_stored(held, last.disk.failed), RECOVER_STORED)
+        if n_unstored := last.disk.held_frames:
+            reason = _not_stored(n_unstored, last.disk.failed)
+            raise InputError(last.folder, reason, RECOVER_STORED)
         for alarm in last.alarms:
             if alarm.code == "journal_failed":
                 raise InputError(last.folder, alarm.text, alarm.advice)
-        what = last.session.text or "no session file was built"
-        raise InputError(last.session.path or last.folder, what, RECOVER)
+        reason = last.session.text or "no session file was built"
+        raise InputError(last.session.path or last.folder, reason, RECOVER)
     path = Path(last.session.path)
     return path, read_session(path)
 
@@ -103,10 +104,10 @@ def print_outcome(last: Status, json: bool) -> ExitCode:
     """Print what was recorded and return the exit code."""
     path, session = recorded_session(last)
     show_session(path, session, json)
-    if held := last.disk.held_frames:
-        say(f"{last.folder}: {_not_stored(held, last.disk.failed)} ({RECOVER_STORED})")
-    lost = held + sum(run.losses.measured for run in session.runs)
-    if lost:
+    n_unstored = last.disk.held_frames
+    if n_unstored:
+        say(f"{last.folder}: {_not_stored(n_unstored, last.disk.failed)} ({RECOVER_STORED})")
+    if n_unstored or any(run.losses.measured for run in session.runs):
         return ExitCode.DATA_LOST
     if not session.accepted:
         say(f"{path}: it has no accepted run (record again, and bump the car as the steps say)")
@@ -114,9 +115,9 @@ def print_outcome(last: Status, json: bool) -> ExitCode:
     return ExitCode.OK
 
 
-def _not_stored(held: int, failed: str) -> str:
-    were = counted(held, "frame at the end was", "frames at the end were")
-    return f"{were} not stored: {failed}"
+def _not_stored(n_frames: int, disk_error: str) -> str:
+    subject = counted(n_frames, "frame at the end was", "frames at the end were")
+    return f"{subject} not stored: {disk_error}"
 
 
 def show_session(path: Path, session: Session, json: bool) -> None:

@@ -44,7 +44,7 @@ BENCH_LIGHT = Theme(
 THEMES = (BENCH_DARK, BENCH_LIGHT)
 
 
-_LIKE = {
+_SIMILAR = {
     "│": "|", "┃": "|", "║": "|", "▎": "|", "▏": "|", "▊": "|", "▌": "|", "▐": "|", "┊": ":",
     "─": "-", "━": "-", "═": "=", "▔": "-", "▁": "_", "▄": "_", "▀": "-", "█": "#", "■": "#",
     "·": ".", "•": "*", "●": "*", "○": "o", "▲": "^", "▼": "v", "▶": ">", "►": ">", "◀": "<",
@@ -68,15 +68,16 @@ class PlainAscii(LineFilter):
 
 @lru_cache(4096)
 def _plain(text: str) -> str:
+    """Return ASCII in as many columns; a character of no width or of two has none like it."""
     cells = ((character, cell_len(character)) for character in text.replace(" ± ", "+/-"))
-    return "".join(_one(character) if width == 1 else "?" * width for character, width in cells)
+    return "".join(_similar(character) if width == 1 else "?" * width for character, width in cells)
 
 
-def _one(character: str) -> str:
+def _similar(character: str) -> str:
     if character.isascii():
         return character
-    if character in _LIKE:
-        return _LIKE[character]
+    if character in _SIMILAR:
+        return _SIMILAR[character]
     if "BOX DRAWINGS" in name(character, ""):
         return "+"
     first = normalize("NFKD", character)[:1]

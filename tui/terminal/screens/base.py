@@ -154,17 +154,21 @@ class BenchScreen(Screen[None]):
 
 
 def step_line(status: Status | None, here: BenchStep | None, good: str) -> Content:
-    """Return the steps: the finished ones are marked, that of the screen is in brackets."""
-    far = progress(status)
+    """Return the steps: the finished ones are marked, that of the screen is in brackets.
+
+    `here`: step of the screen; None if it has none.  `good`: mark of a finished step.
+    """
+    progressed = progress(status)
     parts: list[tuple[str, str] | str] = []
     for step in BenchStep:
-        mark = f"{good} " if step in far.done else "  "
+        finished = step in progressed.done
+        text = f"{good if finished else ' '} {step.title} "
         if step is here:
             parts += [(f"[{step.title}]", "bold reverse"), " "]
-        elif far.reached(step):
-            parts += [(f"{mark}{step.title} ", "bold $success" if step in far.done else "bold")]
+        elif progressed.reached(step):
+            parts += [(text, "bold $success" if finished else "bold")]
         else:
-            parts += [(f"{mark}{step.title} ", "$foreground")]
+            parts += [(text, "$foreground")]
     return Content.assemble(*parts)
 
 
@@ -175,8 +179,9 @@ def top_line(app: BenchApp, width: int, typing: bool) -> Content:
     """
     status, glyphs, lost = app.status, app.glyphs, app.lost
     if lost is not None:
-        first = f"RECORDER LOST: {'Esc, then ' * typing}X = start it again"
-        first = "STARTING" if lost.starting else first
+        first = f"RECORDER LOST: {'Esc, then ' if typing else ''}X = start it again"
+        if lost.starting:
+            first = "STARTING"
         return Content.styled(f" {first}  {printable(lost.text)}", "bold reverse")
     if status is None:
         return Content(" BUMP  waiting for the recorder")
@@ -188,7 +193,7 @@ def top_line(app: BenchApp, width: int, typing: bool) -> Content:
     for bus in status.buses:
         good = bus.state is BusState.OK
         word = f"{bus.load:.0%}" if good else bus.state.value.upper()
-        most = 24 if wide else 9
+        most = 24 if wide else 9  # characters; of a longer name, the last word: the channel
         name = printable(bus.name if len(bus.name) <= most else bus.name.split()[-1], most)
         style = "$success" if good else "bold reverse $error"
         right += [(f"{name} {glyphs.bus if good else glyphs.bad} {word}  ", style)]
@@ -198,10 +203,11 @@ def top_line(app: BenchApp, width: int, typing: bool) -> Content:
     measured = status.losses.measured
     if wide or measured:
         right += [(f"lost {measured}  ", "bold $warning" if measured else "")]
-    free = status.disk.free_bytes
-    room = f"{free / 1e9:.0f} GB" if free >= 1e9 else f"{free / 1e6:.0f} MB"
-    right += [(f"disk {room}", "bold reverse $error" if status.disk.failed else "")]
-    right += [] if app.sound else ["  muted"]
+    n_bytes = status.disk.free_bytes
+    free = f"{n_bytes / 1e9:.0f} GB" if n_bytes >= 1e9 else f"{n_bytes / 1e6:.0f} MB"
+    right += [(f"disk {free}", "bold reverse $error" if status.disk.failed else "")]
+    if not app.sound:
+        right += ["  muted"]
     tail = Content.assemble(" │ ", *right)
     who = f"op. {printable(app.operator, 12)}"
     if not app.in_control:
@@ -210,6 +216,6 @@ def top_line(app: BenchApp, width: int, typing: bool) -> Content:
     mark = "" if status.origin is Origin.REAL else f"{status.origin.upper()}  "
     vehicle = printable(status.vehicle, 24)
     heads = (f" {mark}{vehicle} · {day} · {who}", f" {mark}{vehicle} · {who}", f" {mark}{who}")
-    left = max(8, width - tail.cell_length)
-    head = next((h for h in heads if Content(h).cell_length <= left), heads[-1])
-    return Content(head).truncate(left, pad=True) + tail
+    columns = max(8, width - tail.cell_length)
+    head = next((h for h in heads if Content(h).cell_length <= columns), heads[-1])
+    return Content(head).truncate(columns, pad=True) + tail

@@ -56,7 +56,7 @@ def mark(verdict: str, glyphs: Glyphs) -> str:
 
 
 def verdict_lines(outcome: Outcome, glyphs: Glyphs, width: int, most: int) -> list[str]:
-    """Return the verdict in words, then its gravest reasons with advice, at most `most` lines."""
+    """Return the verdict, then its reasons (notes only if there is none): at most `most` lines."""
     quality = outcome.result.quality
     verdict = quality.verdict
     fit = f"   chi2/n {quality.chi2_per_n:.3f}" if isfinite(quality.chi2_per_n) else ""
@@ -64,9 +64,10 @@ def verdict_lines(outcome: Outcome, glyphs: Glyphs, width: int, most: int) -> li
     tail = f"{outcome.used} of {counted(len(outcome.runs), 'run')} used{fit}"
     if outcome.without:
         tail += f"   trial without {printable(', '.join(outcome.without), 40)}"
-    lines = [f"{head}   {tail}"] if len(head) + len(tail) + 3 <= width else [head, f"  {tail}"]
+    one_line = f"{head}   {tail}"
+    lines = [one_line] if len(one_line) <= width else [head, f"  {tail}"]
     findings = [(Verdict.of(finding.severity), finding.text) for finding in quality.findings]
-    grave = [one for one in findings if one[0] is not Verdict.OK]
+    grave = [(severity, text) for severity, text in findings if severity is not Verdict.OK]
     for severity, text in grave or findings:
         lines += finding_lines(severity, text, glyphs, width)
     if not findings:
@@ -79,8 +80,9 @@ def verdict_lines(outcome: Outcome, glyphs: Glyphs, width: int, most: int) -> li
 
 def finding_lines(severity: str, text: str, glyphs: Glyphs, width: int) -> list[str]:
     """Return one finding, folded."""
-    symbol = "·" if severity == "ok" else mark(severity, glyphs)
-    symbol = "-" if glyphs.name is GlyphSet.ASCII and severity == "ok" else symbol
+    symbol = mark(severity, glyphs)
+    if severity == "ok":  # a note
+        symbol = "-" if glyphs.name is GlyphSet.ASCII else "·"
     head = f"{symbol} {_SEVERITY.get(severity, severity)}: "
     return wrap(head + printable(text, 1000), width, subsequent_indent="    ")
 
@@ -111,29 +113,37 @@ def parameter_rows(
     drivers: Mapping[str, Mapping[str, float]],
     wide: bool,
 ) -> tuple[list[str], list[list[Cell]]]:
-    """Return heads and rows of quantities with their 95 % intervals."""
+    """Return heads and rows of quantities with their 95 % intervals.
+
+    `words`: returns the words for a name.  `drivers`: shares of the measurements in the variance of
+    each quantity, for a column of a `wide` table.
+    """
     heads = ["parameter", "value", "unit", "95 % interval", "±"]
-    cells: list[list[Cell]] = []
+    rows: list[list[Cell]] = []
     for name, e in estimates.items():
         symbol = "" if words(name) == plain(name) else f"{name:<5}"
-        value, interval = (value_text(e), ends_text(e)) if e.determined else ("", value_text(e))
+        if e.determined:
+            value, interval = value_text(e), ends_text(e)
+        else:  # which is said where there is room for it
+            value, interval = "", value_text(e)
         title = f"{symbol}{words(name)}"[:29]
-        cells.append([title, right(value), unit_text(e.unit), right(interval), right(half_text(e))])
+        rows.append([title, right(value), unit_text(e.unit), right(interval), right(half_text(e))])
         if wide:
-            cells[-1] += [f" {largest_share(drivers.get(name, {}))}"]
-    return [*heads, " rests mostly on"] if wide else heads, cells
+            rows[-1].append(f" {largest_share(drivers.get(name, {}))}")
+    return [*heads, " rests mostly on"] if wide else heads, rows
 
 
 def mode_rows(result: Identification) -> list[list[Cell]]:
-    """Return the modes of every mass state with their 95 % intervals."""
+    """Return the modes of every mass state with half of their 95 % intervals."""
     rows: list[list[Cell]] = []
     for state, modes in result.modes.items():
-        names = zip(result.mode_names[state], modes, strict=True)
-        for i, (name, mode) in enumerate(names, start=1):
-            rows.append([printable(state, 12), f"{i} {name}"])
-            for e in (mode.frequency, mode.damping_ratio):
-                half = half_width(e.value, e.high) if e.determined else ""
-                rows[-1] += [right(value_text(e)), right(half)]
+        named_modes = zip(result.mode_names[state], modes, strict=True)
+        for number, (name, mode) in enumerate(named_modes, start=1):
+            row: list[Cell] = [printable(state, 12), f"{number} {name}"]
+            for estimate in (mode.frequency, mode.damping_ratio):
+                half = half_width(estimate.value, estimate.high) if estimate.determined else ""
+                row += [right(value_text(estimate)), right(half)]
+            rows.append(row)
     return rows
 
 
@@ -163,14 +173,10 @@ def run_rows(outcome: Outcome, glyphs: Glyphs) -> list[list[Cell]]:
     """Return a row for each run of the result."""
     rows: list[list[Cell]] = []
     for run in outcome.runs:
-        chi2 = outcome.result.quality.chi2_by_run.get(run.label, {}).values()
-        rows.append(
-            [
-                f"{mark(run.status, glyphs)} {printable(run.label, 40)}",
-                "" if run.status == "accepted" else f" {run.status.upper()}",
-                f" chi2/n {sum(chi2) / len(chi2):.2f}" if chi2 else "",
-            ]
-        )
+        name = f"{mark(run.status, glyphs)} {printable(run.label, 40)}"
+        status = "" if run.status == "accepted" else f" {run.status.upper()}"
+        chi2 = outcome.result.quality.chi2_by_run.get(run.label, {}).values()  # of its channels
+        rows.append([name, status, f" chi2/n {sum(chi2) / len(chi2):.2f}" if chi2 else ""])
     return rows
 
 
@@ -226,6 +232,7 @@ class ResultsScreen(BenchScreen):
         super().__init__()
         self.outcome: Outcome | None = None
         self._recording = ""
+        """The recording of the outcome; empty for an earlier session."""
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Let X start a recorder that is lost, and exclude a run otherwise."""
@@ -275,8 +282,8 @@ class ResultsScreen(BenchScreen):
         """Show an identification."""
         self.outcome = outcome
         status = self.bench_app.status
-        own = status is not None and status.own_session == outcome.session
-        self._recording = status.recording if status is not None and own else ""
+        is_of_recording = status is not None and status.own_session == outcome.session
+        self._recording = status.recording if status is not None and is_of_recording else ""
         self._fill()
 
     # Keys ---------------------------------------------------------------------------------------

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import ClassVar
 
 from textual.app import ComposeResult
@@ -16,7 +16,7 @@ from daq.bench.campaign import Method
 from daq.bench.config import Bench, campaign_limits
 from daq.control.messages import Status
 from daq.control.orders import Configure, Hello, Mark, Note
-from daq.vehicle import Fact, FactQuantity, Structure
+from daq.vehicle import Fact, FactQuantity, Structure, VehicleGeometry
 
 from ..state.campaign import BenchStep
 from ..state.drafts import VEHICLE_FORM, read_draft, remove_draft, write_draft
@@ -102,34 +102,55 @@ _BY_NAME = {field.name: field for field in VEHICLE_FIELDS}
 def check_vehicle(values: Values, bench: Bench) -> tuple[FieldError, ...]:
     """Check the whole form of the vehicle: each field, then those that must fit together."""
     errors = list(check_fields(VEHICLE_FIELDS, values))
-    bad = {error.field for error in errors}
-    known = {
-        name: value
-        for name in _FACTS
-        if name not in bad and (value := number(values.get(name, ""))) is not None
+    wrong = {error.field for error in errors}
+    measured = {
+        quantity: value
+        for quantity in _FACTS
+        if quantity not in wrong and (value := number(values.get(quantity, ""))) is not None
     }
-    for name in known:
-        if not values.get(f"{name}.sigma", "").strip():
-            field = _BY_NAME[f"{name}.sigma"]
+    for quantity in measured:
+        if not values.get(f"{quantity}.sigma", "").strip():
+            field = _BY_NAME[f"{quantity}.sigma"]
             errors.append(field.error("a measured value needs the uncertainty that goes with it"))
-    total, front, rear = (known.get(name) for name in list(_FACTS)[:3])
-    if total and front and rear and abs(front + rear - total) > 0.01 * total:
-        reason = f"the axles carry {front + rear:g} kg together, the total is {total:g} kg"
-        errors.append(_BY_NAME[FactQuantity.TOTAL_MASS].error(reason, "axles and total within 1 %"))
-    for name, load in ((FactQuantity.FRONT_AXLE, front), (FactQuantity.REAR_AXLE, rear)):
-        if total and load and load >= total:
-            reason = f"{load:g} kg on one axle of a car of {total:g} kg"
-            errors.append(_BY_NAME[name].error(reason, "less than the total mass"))
-    if (given := bench.vehicle.geometry) is not None:
-        lengths = (given.a + given.b, 2.0 * given.t_f, 2.0 * given.t_r)
-        for name, length in zip(list(_FACTS)[3:], lengths, strict=True):
-            if name in known and abs(known[name] - length) > 0.02 * length:
-                reason = f"{known[name]:g} m does not fit [vehicle.geometry] of bench.toml"
-                errors.append(_BY_NAME[name].error(reason, f"{length:g} m within 2 %"))
+    errors += _mass_errors(measured)
+    if bench.vehicle.geometry is not None:
+        errors += _length_errors(measured, bench.vehicle.geometry)
     if not any(values.get(f"bump.{e}") == YES for e in Excitation):
         reason = "no kind of bump is chosen: nothing would be bumped"
         errors.append(_BY_NAME["bump.bounce"].error(reason, "at least one kind"))
     return tuple(errors)
+
+
+def _mass_errors(measured: Mapping[FactQuantity, float]) -> Iterator[FieldError]:
+    """Yield the errors of masses, kg, that do not fit together."""
+    total = measured.get(FactQuantity.TOTAL_MASS)
+    if total is None:
+        return
+    axles = (FactQuantity.FRONT_AXLE, FactQuantity.REAR_AXLE)
+    loads = {axle: measured[axle] for axle in axles if axle in measured}
+    both = sum(loads.values())
+    if len(loads) == 2 and abs(both - total) > 0.01 * total:
+        reason = f"the axles carry {both:g} kg together, the total is {total:g} kg"
+        yield _BY_NAME[FactQuantity.TOTAL_MASS].error(reason, "axles and total within 1 %")
+    for axle, load in loads.items():
+        if load >= total:
+            reason = f"{load:g} kg on one axle of a car of {total:g} kg"
+            yield _BY_NAME[axle].error(reason, "less than the total mass")
+
+
+def _length_errors(
+    measured: Mapping[FactQuantity, float], stated_geometry: VehicleGeometry
+) -> Iterator[FieldError]:
+    """Yield the errors of lengths, m, that differ from those of bench.toml."""
+    lengths = {
+        FactQuantity.WHEELBASE: stated_geometry.a + stated_geometry.b,
+        FactQuantity.FRONT_TRACK: 2.0 * stated_geometry.t_f,
+        FactQuantity.REAR_TRACK: 2.0 * stated_geometry.t_r,
+    }
+    for quantity, length in lengths.items():
+        if quantity in measured and abs(measured[quantity] - length) > 0.02 * length:
+            reason = f"{measured[quantity]:g} m does not fit [vehicle.geometry] of bench.toml"
+            yield _BY_NAME[quantity].error(reason, f"{length:g} m within 2 %")
 
 
 def vehicle_values(bench: Bench, operator: str) -> dict[str, str]:
@@ -155,7 +176,8 @@ def vehicle_values(bench: Bench, operator: str) -> dict[str, str]:
 def vehicle_text(text: str, bench: Bench, values: Values) -> str:
     """Return bench.toml with the values of the checked form.
 
-    Facts for which the form has no field stay.
+    Facts for which the form has no field stay, and so does the order of the bumps; new ones come
+    last.
     """
     from daq.bench.edit import with_campaign, with_facts, with_vehicle
 
@@ -168,12 +190,12 @@ def vehicle_text(text: str, bench: Bench, values: Values) -> str:
     text = with_vehicle(text, values["name"].strip(), Structure(**flags))
     if set(facts) != set(bench.vehicle.facts):
         text = with_facts(text, facts)
-    now = bench.campaign.excitations
+    planned = bench.campaign.excitations
     chosen = [e for e in Excitation if values[f"bump.{e}"] == YES]
-    order = [e for e in now if e in chosen] + [e for e in chosen if e not in now]
+    in_order = [e for e in planned if e in chosen] + [e for e in chosen if e not in planned]
     return with_campaign(
         text,
-        order,
+        in_order,
         round(stated(values["repeats"])),
         Method(values["method"]),
         stated(values["bump_height_mm"]) * 1e-3,
@@ -289,21 +311,23 @@ class VehicleScreen(BenchScreen):
         return check_vehicle(self.query_one(Form).values, bench) if bench else ()
 
     def _advise(self) -> None:
-        form, errors, bad = self.query_one(Form), self._errors(), self.bench_app.glyphs.bad
+        form, errors = self.query_one(Form), self._errors()
         form.mark(errors)
         field = form.current
+        error = errors[0] if errors else None
+        if field is not None:  # an error of its own comes first
+            error = next((each for each in errors if each.field == field.name), error)
+        bad = self.bench_app.glyphs.bad
+        error_line = Content.styled(f"{bad} {error.text}", "bold $error") if error else None
         if field is not None:
-            own = [error for error in errors if error.field == field.name] or errors[:1]
             keys = Content("Tab: next field.  Ctrl+S applies.  Esc leaves the fields.")
-            wrong = [Content.styled(f"{bad} {error.text}", "bold $error") for error in own[:1]]
-            lines = [Content(field.advice), *(wrong or [keys])]
+            lines = [Content(field.advice), error_line or keys]
         elif self.lost_words:
             kept = Content("What is typed is kept.")
             lines = [Content.styled(self.lost_words, SPACE_INK), kept]
-        elif errors:
+        elif error_line:
             more = f"; {len(errors) - 1} more" if len(errors) > 1 else ""
-            wrong = [Content.styled(f"{bad} {errors[0].text}", "bold $error")]
-            lines = [*wrong, Content(f"Tab goes there{more}.")]
+            lines = [error_line, Content(f"Tab goes there{more}.")]
         else:
             due = "SPACE = this is the car: go on to step 2 Check"
             lines = [Content.styled(due, SPACE_INK), Content("Tab or Enter edits.")]

@@ -58,6 +58,7 @@ WEIGHT_FIELDS: tuple[Field, ...] = (
 _BY_NAME = {field.name: field for field in WEIGHT_FIELDS}
 _ON_BODY = ("height_m", "position_sigma_m", "x_m", "y_m")
 _OVERHANG_M, _BESIDE_M = 1.2, 0.3
+"""Length of the body beyond each axle, and width beyond the middle of a tyre, at most."""
 
 
 def check_weight(values: Values, wheelbase_m: float, half_track_m: float) -> tuple[FieldError, ...]:
@@ -65,22 +66,24 @@ def check_weight(values: Values, wheelbase_m: float, half_track_m: float) -> tup
     on_body = values.get("place") == BODY
     fields = [f for f in WEIGHT_FIELDS if on_body or f.name not in _ON_BODY]
     errors = list(check_fields(fields, values))
-    bad = {error.field for error in errors}
+    wrong = {error.field for error in errors}
     mass, sigma = number(values.get("mass_kg", "")), number(values.get("sigma_kg", ""))
-    if not bad & {"mass_kg", "sigma_kg"} and mass and sigma and sigma > 0.1 * mass:
+    if not wrong & {"mass_kg", "sigma_kg"} and mass and sigma and sigma > 0.1 * mass:
         reason = f"± {sigma:g} kg is more than a tenth of {mass:g} kg: weigh it"
         errors.append(_BY_NAME["sigma_kg"].error(reason, f"0 to {0.1 * mass:g} kg"))
     if not on_body:
         return tuple(errors)
-    for name, low, high in (
-        ("x_m", -wheelbase_m - _OVERHANG_M, _OVERHANG_M),
-        ("y_m", -half_track_m - _BESIDE_M, half_track_m + _BESIDE_M),
-    ):
+    outline = {
+        "x_m": (-wheelbase_m - _OVERHANG_M, _OVERHANG_M),
+        "y_m": (-half_track_m - _BESIDE_M, half_track_m + _BESIDE_M),
+    }
+    for name, (low, high) in outline.items():
         value = number(values.get(name, ""))
-        if name in bad or (value is not None and low <= value <= high):
+        if name in wrong or (value is not None and low <= value <= high):
             continue
         reason = "is empty, and a weight on the body needs its place"
-        reason = reason if value is None else f"{value:g} m is outside the car"
+        if value is not None:
+            reason = f"{value:g} m is outside the car"
         errors.append(_BY_NAME[name].error(reason, f"{low:.2f} to {high:.2f} m"))
     return tuple(errors)
 
@@ -125,7 +128,10 @@ class Entry:
 
 
 def entries_of(weights: Sequence[Weight], draft: Mapping[str, Any]) -> tuple[Entry, ...]:
-    """Return the weights of a draft if there is one, else those of the bench."""
+    """Return the weights of a draft if there is one, else those of the bench.
+
+    A weight of the draft that a checked form would refuse is left out.
+    """
     stored = draft.get("entries")
     if not isinstance(stored, list):
         return tuple(Entry(weight) for weight in weights)
@@ -147,11 +153,13 @@ HEADS = ("#", "bolted", "place", "serial", "kg", "± kg", "x m", "y m", "height 
 def weight_cells(row: int, entry: Entry, yes: str, no: str) -> list[Cell]:
     """Return the cells of a weight, m and kg; `yes` and `no` are marks."""
     weight = entry.weight
-    place, figures = "body", [f"{weight.mass_kg:.2f}", f"{weight.sigma_kg:.2f}"]
+    figures = [f"{weight.mass_kg:.2f}", f"{weight.sigma_kg:.2f}"]
     if isinstance(weight, BodyWeight):
+        place = "body"
         figures += [f"{value:+.2f}" for value in (weight.x_m, weight.y_m, weight.height_m)]
     else:
-        place, figures = str(weight.corner), [*figures, "hub", "", ""]
+        place = str(weight.corner)
+        figures += ["hub", "", ""]
     bolted = f"{yes} yes" if entry.bolted else f"{no} NO"
     return [right(str(row)), bolted, place, printable(entry.serial, 7), *map(right, figures)]
 
@@ -159,32 +167,36 @@ def weight_cells(row: int, entry: Entry, yes: str, no: str) -> list[Cell]:
 _SUNK_M = 0.5e-3
 """Least sag, m, that tells weights on the car from weights beside it."""
 _EDGE_M = 0.35
+"""Length that the sketch shows beyond the axles and beside the tyres."""
 _ACROSS, _LONG = 13, 7
+"""Columns and rows of the sketch within the outline of the body."""
 
 
 def sketch(entries: Sequence[Entry], car: VehicleParameters) -> list[str]:
     """Draw the car from above, front at the top, with the numbers of the weights on it."""
-    long_m, half_m = car.a + car.b, max(car.t_f, car.t_r)
+    wheelbase_m, half_track_m = car.a + car.b, max(car.t_f, car.t_r)
     grid = [[" "] * _ACROSS for _ in range(_LONG)]
-    hubs: dict[Corner, list[str]] = {corner: [] for corner in Corner}
+    on_hub: dict[Corner, list[str]] = {corner: [] for corner in Corner}
 
     def put(x_m: float, y_m: float, text: str) -> None:
-        room = _ACROSS - len(text)
-        row = round((_EDGE_M - x_m) / (long_m + 2 * _EDGE_M) * (_LONG - 1))
-        column = round((half_m + _EDGE_M - y_m) / (2 * (half_m + _EDGE_M)) * room)
-        row, column = max(0, min(row, _LONG - 1)), max(0, min(column, room))
+        last_column = _ACROSS - len(text)
+        row = round((_EDGE_M - x_m) / (wheelbase_m + 2 * _EDGE_M) * (_LONG - 1))
+        half_m = half_track_m + _EDGE_M
+        column = round((half_m - y_m) / (2 * half_m) * last_column)
+        row, column = max(0, min(row, _LONG - 1)), max(0, min(column, last_column))
         grid[row][column : column + len(text)] = text
 
-    put(-car.a, 0.0, "+")
-    for place, entry in enumerate(entries, 1):
+    put(-car.a, 0.0, "+")  # the centre of gravity; x counts from the front axle
+    for row_number, entry in enumerate(entries, 1):
         if isinstance(entry.weight, BodyWeight):
-            put(entry.weight.x_m, entry.weight.y_m, str(place))
+            put(entry.weight.x_m, entry.weight.y_m, str(row_number))
         else:
-            hubs[entry.weight.corner].append(str(place))
-    at = {corner: ",".join(hubs[corner])[-4:] or str(corner) for corner in Corner}
+            on_hub[entry.weight.corner].append(str(row_number))
+    # Four columns beside each corner: the last numbers, or FL, FR, RL, RR without a weight.
+    wheel = {corner: ",".join(on_hub[corner])[-4:] or str(corner) for corner in Corner}
     edge = "-" * _ACROSS
-    front = f"{at[Corner.FRONT_LEFT]:>4}+{edge}+{at[Corner.FRONT_RIGHT]:<4}"
-    rear = f"{at[Corner.REAR_LEFT]:>4}+{edge}+{at[Corner.REAR_RIGHT]:<4}"
+    front = f"{wheel[Corner.FRONT_LEFT]:>4}+{edge}+{wheel[Corner.FRONT_RIGHT]:<4}"
+    rear = f"{wheel[Corner.REAR_LEFT]:>4}+{edge}+{wheel[Corner.REAR_RIGHT]:<4}"
     body = [f"    |{''.join(row)}|" for row in grid]
     return [f"{'front':^{_ACROSS + 10}}", front, *body, rear]
 
@@ -197,34 +209,43 @@ def effect_line(load: Loading) -> str:
     )
 
 
+_LEAST_SPREAD = 1e-5
+"""Least relative spread: repeats that are equal to every digit have none, and it is a divisor."""
+_SHIFTED_BY = {"bounce": "on the body", "pitch": "at an end of the car", "roll": "at the sides"}
+"""Place of the weights that shift the frequency of each body mode."""
+
+
 def shift_line(shift: Shift, spread: float | None) -> tuple[str, str]:
-    """Return the shift of a frequency compared with its scatter, and advice if it is weak."""
-    scatter = USUAL_SPREAD if spread is None else max(spread, 1e-5)
-    times = abs(shift.share) / scatter
+    """Return the shift of a frequency as a multiple of its spread, and advice if it is weak.
+
+    `spread`: relative, from run to run, as measured; None: the usual one.
+    """
+    kind = "usual spread" if spread is None else "spread"
+    relative_spread = USUAL_SPREAD if spread is None else max(spread, _LEAST_SPREAD)
+    spreads = abs(shift.share) / relative_spread
     text = f"{shift.mode:<6} {shift.before_hz:.2f} -> {shift.after_hz:.2f} Hz {shift.share:+6.1%}"
-    if times >= WANTED_SPREADS:
-        return f"{text}  {times:.0f}x {'usual ' * (spread is None)}spread: good", ""
-    where = {"bounce": "on the body", "pitch": "at an end of the car"}
-    remedy = f"more kg {where.get(shift.mode, 'at the sides')}"
-    return text, f"WEAK {times:.0f}x, want {WANTED_SPREADS:.0f}x: {remedy}"
+    if spreads >= WANTED_SPREADS:
+        return f"{text}  {spreads:.0f}x {kind}: good", ""
+    remedy = f"more kg {_SHIFTED_BY[shift.mode]}"
+    return text, f"WEAK {spreads:.0f}x, want {WANTED_SPREADS:.0f}x: {remedy}"
 
 
 def gain_line(gain: Gain) -> tuple[str, str]:
-    """Return the expected intervals, and their weakness if there is one."""
+    """Return the expected 95 % intervals as text, or an empty text and why there are none."""
     if gain.error:
         return "", f"no outlook: {gain.error}"
     if gain.undetermined or gain.mean is None:
-        weak = f"WEAK, not determined: {', '.join(gain.undetermined)}"
-        return "", weak + (f"; add: {gain.remedies[0]}" if gain.remedies else "")
+        remedy = f"; add: {gain.remedies[0]}" if gain.remedies else ""
+        return "", f"WEAK, not determined: {', '.join(gain.undetermined)}{remedy}"
     worst = f"{gain.widest} ± {gain.worst:.1%} at worst"
     return f"parameters ± {gain.mean:.1%} in the mean, {worst}", ""
 
 
 def axle_loads_with(load: Loading, car: VehicleParameters) -> tuple[float, tuple[float, float]]:
     """Return the mass of the car without the weights, and its axle loads with them, kg."""
-    body = car.m_s / (car.a + car.b)
-    front = body * car.b + 2 * car.m_uf + load.front_kg
-    rear = body * car.a + 2 * car.m_ur + load.rear_kg
+    wheelbase_m = car.a + car.b
+    front = car.m_s * car.b / wheelbase_m + 2 * car.m_uf + load.front_kg
+    rear = car.m_s * car.a / wheelbase_m + 2 * car.m_ur + load.rear_kg
     return car.m_s + 2 * (car.m_uf + car.m_ur), (front, rear)
 
 
@@ -328,9 +349,9 @@ class WeightScreen(ModalScreen[Typed | None]):
         field = form.current
         if field is None:
             return
-        own = [error for error in errors if error.field == field.name] or errors[:1]
-        wrong = [Content.styled(error.text, "bold $error") for error in own[:1]]
-        self.query_one("#help", Words).say(Content("\n").join([Content(field.advice), *wrong]))
+        of_field = [error for error in errors if error.field == field.name]
+        error_line = [Content.styled(e.text, "bold $error") for e in (of_field or errors)[:1]]
+        self.query_one("#help", Words).say(Content("\n").join([Content(field.advice), *error_line]))
 
     def action_apply(self) -> None:
         """Return the weight if it has no error."""

@@ -21,8 +21,11 @@ from daq.control.orders import AskCheck, Hello, Order
 from ...recorders.process import LOG, failure
 
 RETRY_S = 0.5
+"""Seconds between two attempts to connect."""
 SLICE_S = 0.25
+"""Longest wait for news at a time, s: then stop and reconnection are looked at."""
 ANSWER_S, SLOW_S = 2.0, 15.0
+"""Seconds that an answer may take; that of a check, which listens to the bus, may take longer."""
 INHERIT_S = 4.0
 """Seconds in which a new terminal takes control as soon as it is free, after the previous one was
 killed."""
@@ -109,9 +112,10 @@ class RecorderFeed:
         self._take_over = False
         self._client: Client | None = None
         self._born_s = 0.0
-        """Monotonic time of the last start of the recorder, s."""
+        """Monotonic time of the last start of the recorder, s; -inf once it has answered."""
         self._post: Callable[[News], None] | None = None
         self._reported: Lost | None = None
+        """The posted failure; None while the recorder answers, or is still to be reported lost."""
         self._thread: threading.Thread | None = None
 
     def attach(self) -> None:
@@ -220,7 +224,8 @@ class RecorderFeed:
     def _connect(self) -> tuple[Client, Role]:
         """Return a connection: in control if control is free or requested, else looking on."""
         address = control_address(self._folder)
-        take_over, self._take_over = self._take_over, False
+        take_over = self._take_over
+        self._take_over = False  # for one connection
         self._reconnect.clear()
         try:
             client = Client(address, self._name, self._control, take_over)
@@ -239,7 +244,7 @@ class RecorderFeed:
     def _post_news(self, client: Client, post: Callable[[News], None]) -> str:
         """Post news until the recorder is silent; return what happened, or '' if stopped."""
         silent_s, in_control = 0.0, client.in_control
-        begun_s, was_refused = time.monotonic(), self._control and not in_control
+        begun_s, waits_for_control = time.monotonic(), self._control and not in_control
         while not self._stop.is_set() and not self._reconnect.is_set():
             news = client.news(SLICE_S)
             silent_s = silent_s + SLICE_S if news is None else 0.0
@@ -252,8 +257,8 @@ class RecorderFeed:
             if in_control and not client.in_control:
                 in_control = False
                 post(Role(False, "another terminal has taken control: C takes it back"))
-            if was_refused and isinstance(news, Status) and not news.controller:
-                was_refused = False
+            if waits_for_control and isinstance(news, Status) and not news.controller:
+                waits_for_control = False
                 if time.monotonic() - begun_s < INHERIT_S:
                     self._reconnect.set()
         return ""

@@ -35,12 +35,12 @@ def signal_of(before: Status | Lost | None, status: Status | Lost) -> Signal | N
         return None if status.starting or before is not None else Signal.LOST
     if not isinstance(before, Status):
         return None
-    turned = _PHASES.get(status.phase) if status.phase is not before.phase else None
-    known = {(alarm.code, alarm.subject) for alarm in before.alarms}
-    raised = any(
-        alarm.code not in UNSIGNALLED and (alarm.code, alarm.subject) not in known
+    of_phase = _PHASES.get(status.phase) if status.phase is not before.phase else None
+    earlier = {(alarm.code, alarm.subject) for alarm in before.alarms}
+    has_new_alarm = any(
+        alarm.code not in UNSIGNALLED and (alarm.code, alarm.subject) not in earlier
         for alarm in status.alarms
     )
-    if raised and turned in (None, Signal.ARMED):
+    if has_new_alarm and of_phase in (None, Signal.ARMED):
         return Signal.ALARM
-    return turned
+    return of_phase

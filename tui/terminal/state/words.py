@@ -30,7 +30,7 @@ COMPLETE = "Every planned run is accepted."
 
 
 def run_words(run: LoggedRun) -> str:
-    """Return `bounce 3` and the like; in the added state, with its name."""
+    """Return `bounce 3`: kind of bump and repeat."""
     return f"{run.excitation.words} {run.repeat}"
 
 
@@ -60,8 +60,8 @@ def last_judged(status: Status) -> LoggedRun | None:
 def count_words(status: Status, run: LoggedRun) -> str:
     """Return `3 of 5 accepted` for the kind of a run."""
     kind = (run.mass_state, run.excitation)
-    same = next((t for t in status.tallies if (t.mass_state, t.excitation) == kind), None)
-    return f"{same.accepted} of {same.planned} accepted" if same else ""
+    tally = next((t for t in status.tallies if (t.mass_state, t.excitation) == kind), None)
+    return f"{tally.accepted} of {tally.planned} accepted" if tally else ""
 
 
 def countdown_digits(status: Status) -> str:
@@ -130,6 +130,7 @@ def halted_words(code: str) -> str:
 
 
 _BAR = 20
+"""Characters of the bar of the decay."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,8 +160,7 @@ def banner(status: Status | None, lost: Lost | None, action: NextAction, glyphs:
     if lost is not None and lost.starting:
         return Banner("quiet", glyphs.paused, "STARTING", "", lost.text, lost.advice)
     if lost is not None:
-        otherwise = printable(lost.advice, 200)
-        advice = f"X = start it again   ({otherwise})"
+        advice = f"X = start it again   ({printable(lost.advice, 200)})"
         return Banner("bad", glyphs.bad, "RECORDER LOST", "", printable(lost.text, 300), advice)
     if status is None:
         return Banner("quiet", glyphs.paused, "CONNECTING", "", "waiting for the recorder")
@@ -174,9 +174,9 @@ def banner(status: Status | None, lost: Lost | None, action: NextAction, glyphs:
             return Banner("armed", glyphs.paused, "WAITING", title, why, "Hands off until ARMED.")
         case Phase.ARMED:
             good = glyphs.good
-            rest = f"at rest {good}  pre-trigger {good}"
+            passed = f"at rest {good}  pre-trigger {good}"
             return Banner(
-                "armed", glyphs.bus, "ARMED", f"{title}   {rest}", instruction, digits="-.-"
+                "armed", glyphs.bus, "ARMED", f"{title}   {passed}", instruction, digits="-.-"
             )
         case Phase.TRIGGERED:
             return Banner(
@@ -185,7 +185,7 @@ def banner(status: Status | None, lost: Lost | None, action: NextAction, glyphs:
             )  # fmt: skip
         case Phase.DECAY:
             return Banner(
-                "moving", glyphs.now, "DECAY", title, f"Hands off.  {_left(status, glyphs)}",
+                "moving", glyphs.now, "DECAY", title, f"Hands off.  {_decay_words(status, glyphs)}",
                 digits=_age(status),
             )  # fmt: skip
         case Phase.ACCEPTED:
@@ -209,10 +209,12 @@ def banner(status: Status | None, lost: Lost | None, action: NextAction, glyphs:
 
 
 def _age(status: Status) -> str:
+    """Return the seconds since the bump as digits; empty without one."""
     return f"{max(0.0, (status.t_ns - status.bump_ns) * 1e-9):.1f}" if status.bump_ns else ""
 
 
-def _left(status: Status, glyphs: Glyphs) -> str:
+def _decay_words(status: Status, glyphs: Glyphs) -> str:
+    """Return the share of the peak that is left, with a bar that fills; empty if unknown."""
     if status.peak_left is None:
         return ""
     share = min(max(status.peak_left, 0.0), 1.0)

@@ -35,7 +35,9 @@ class LaneChart(Widget):
         self._glyphs = glyphs
         self._rows: list[str] = []
         self._ranges: dict[str, float] = {}
-        self._rest: dict[str, float] = {}
+        """Value at the upper edge of each scale, in the unit of its lanes."""
+        self._rest_values: dict[str, float] = {}
+        """Value at rest of each channel, SI."""
 
     @property
     def room(self) -> int:
@@ -49,22 +51,23 @@ class LaneChart(Widget):
         height, width = self.size.height, self.size.width
         columns = width - _LABEL - _SCALE - 1
         rows: list[str] = []
-        if specs and columns > 8 and lanes.end:
-            tall = min(height // len(specs), 3 * LANE_ROWS)
-            mark = None if window.trigger is None else int(window.trigger * columns)
+        if specs and columns > 8 and lanes.end:  # with fewer columns a decay cannot be seen
+            lane_rows = min(height // len(specs), 3 * LANE_ROWS)
+            trigger = None if window.trigger is None else int(window.trigger * columns)
             traces = [self._trace(lanes, spec, window) for spec in specs]
             self._share_scales(specs, [peak for *_, peak in traces])
             for spec, traced in zip(specs, traces, strict=True):
-                rows += self._lane(spec, traced, columns, tall, mark, spec.channel in overloaded)
+                canvas = columns, lane_rows
+                rows += self._lane(spec, traced, canvas, trigger, spec.channel in overloaded)
         elif height:
             rows = ["", "  no samples yet"]
         rows = [row.ljust(width)[:width] for row in rows[:height]]
         rows += [" " * width] * (height - len(rows))
-        before, self._rows = self._rows, rows
-        if len(before) != len(rows):
+        old_rows, self._rows = self._rows, rows
+        if len(old_rows) != len(rows):
             self.refresh()
             return
-        changed = [y for y, row in enumerate(rows) if row != before[y]]
+        changed = [y for y, row in enumerate(rows) if row != old_rows[y]]
         if changed:
             self.refresh(*(Region(0, y, width, 1) for y in changed))
 
@@ -82,27 +85,31 @@ class LaneChart(Widget):
         self,
         spec: LaneSpec,
         traced: Traced,
-        columns: int,
-        tall: int,
-        mark: int | None,
+        canvas: tuple[int, int],
+        trigger: int | None,
         overloaded: bool,
     ) -> list[str]:
+        """Return the rows of a lane: label and lamp, axis and trace, peak and range.
+
+        `canvas`: columns and rows of the trace.  `trigger`: its column; None if it is not shown.
+        """
         low, high, peak = traced
-        scale = self._ranges[spec.scale]
-        wide = self._glyphs.dots[0]
-        drawn = trace(*pooled(low, high, columns * wide), scale, tall, self._glyphs)
-        label, figure = [""] * tall, [""] * tall
-        label[tall // 2] = spec.label
-        known = f"{peak:.{_digits(scale)}f} {spec.unit}"
-        figure[tall // 2] = known if isfinite(peak) else "no data"
-        figure[0] = f"+{scale:g}{'' if spec.scale == spec.channel else ' all'}"
+        columns, lane_rows = canvas
+        upper = self._ranges[spec.scale]
+        dots = columns * self._glyphs.dots[0]
+        drawn = trace(*pooled(low, high, dots), upper, lane_rows, self._glyphs)
+        labels, figures = [""] * lane_rows, [""] * lane_rows
+        labels[lane_rows // 2] = spec.label
+        peak_text = f"{peak:.{_digits(upper)}f} {spec.unit}" if isfinite(peak) else "no data"
+        figures[lane_rows // 2] = peak_text
+        figures[0] = f"+{upper:g}{'' if spec.scale == spec.channel else ' all'}"
         if overloaded:
-            label[0] = f"{self._glyphs.overload} OVERLOAD"
+            labels[0] = f"{self._glyphs.overload} OVERLOAD"
         rows = []
-        for name, cells, words in zip(label, drawn, figure, strict=True):
-            if mark is not None:
-                cells = _marked(cells, mark, self._glyphs.trigger)
-            rows.append(f"{name[:_LABEL].ljust(_LABEL)}{self._glyphs.axis}{cells} {words}")
+        for label, cells, figure in zip(labels, drawn, figures, strict=True):
+            if trigger is not None:
+                cells = _marked(cells, trigger, self._glyphs.trigger)
+            rows.append(f"{label[:_LABEL].ljust(_LABEL)}{self._glyphs.axis}{cells} {figure}")
         return rows
 
     def _share_scales(self, specs: Sequence[LaneSpec], peaks: Sequence[float]) -> None:
@@ -115,21 +122,27 @@ class LaneChart(Widget):
             self._ranges[spec.scale] = full_scale(highest[spec.scale], spec.least, before)
 
     def _trace(self, lanes: Lanes, spec: LaneSpec, window: Window) -> Traced:
+        """Return the trace of a channel, in the unit of its lane."""
         low, high = lanes.window(spec.channel, window.first_bin, window.count)
-        middle = np.sort(low + high) / 2.0  # NaN comes last
-        known = len(middle) - int(np.count_nonzero(np.isnan(middle)))
-        median = (middle[(known - 1) // 2] + middle[known // 2]) / 2.0 if known else 0.0
-        rest = self._at_rest(spec, float(median))
-        low, high = (low - rest) * spec.factor, (high - rest) * spec.factor
-        peak = float(max(np.fmax.reduce(high), -np.fmin.reduce(low))) if known else nan
+        middles = np.sort(low + high) / 2.0  # NaN comes last
+        n_known = len(middles) - int(np.count_nonzero(np.isnan(middles)))
+        median = 0.0
+        if n_known:
+            median = float(middles[(n_known - 1) // 2] + middles[n_known // 2]) / 2.0
+        rest_value = self._rest_value(spec, median)
+        low, high = (low - rest_value) * spec.factor, (high - rest_value) * spec.factor
+        peak = float(max(np.fmax.reduce(high), -np.fmin.reduce(low))) if n_known else nan
         return low, high, peak
 
-    def _at_rest(self, spec: LaneSpec, median: float) -> float:
-        """Return the value at rest; it follows slowly, so that the whole trace does not tremble."""
-        rest = self._rest.get(spec.channel)
-        if rest is None or abs(median - rest) * spec.factor > 0.1 * spec.least:
-            self._rest[spec.channel] = rest = median
-        return rest
+    def _rest_value(self, spec: LaneSpec, median: float) -> float:
+        """Return the value at rest: the median, once it has moved by a tenth of the least range.
+
+        Otherwise the whole trace would tremble.
+        """
+        value = self._rest_values.get(spec.channel)
+        if value is None or abs(median - value) * spec.factor > 0.1 * spec.least:
+            self._rest_values[spec.channel] = value = median
+        return value
 
 
 def _marked(cells: str, column: int, sign: str) -> str:
@@ -193,9 +206,9 @@ def trace(
     of its sub-columns.
     """
     wide, tall = glyphs.dots
-    height = rows * tall
+    height = rows * tall  # of the canvas, dots
     zero = height // 2
-    half = max(1, height - 1 - zero)
+    half = max(1, height - 1 - zero)  # dots from zero to the edge
     # Neighbours are joined, because a steep flank would otherwise have gaps.
     before_low, before_high = np.roll(low, 1), np.roll(high, 1)
     before_low[:1] = before_high[:1] = np.nan
@@ -205,8 +218,8 @@ def trace(
         upper = np.clip(np.rint(zero - top / full_scale * half), 0, height - 1)
         lower = np.clip(np.rint(zero - bottom / full_scale * half), 0, height - 1)
         y = np.arange(height)[:, None]
-        struck = (y >= upper) & (y <= lower)
-    return packed(struck, wide, tall)
+        dots = (y >= upper) & (y <= lower)
+    return packed(dots, wide, tall)
 
 
 def pooled(low: Floats, high: Floats, columns: int) -> tuple[Floats, Floats]:
@@ -222,9 +235,9 @@ def pooled(low: Floats, high: Floats, columns: int) -> tuple[Floats, Floats]:
 def full_scale(peak: float, least: float, before: float) -> float:
     """Return the range of a lane: 1, 2 or 5 times a power of ten, and slow to shrink.
 
-    `peak`: largest deviation shown.  `least`: smallest range, because noise at rest must not fill
-    the lane.  `before`: the range so far; 0 if none.  It is kept while the peak fills a third of
-    it.
+    `peak`: largest deviation shown.  `least`: smallest range, above 0, because noise at rest must
+    not fill the lane.  `before`: the range so far; 0 if none.  It is kept while the peak fills a
+    third of it.  All in the unit of the lane.
     """
     wanted = max(peak, least)
     if before / 3.0 <= wanted <= before:

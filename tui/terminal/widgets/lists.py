@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 
 _NAMED = 2
 """Largest number of runs that are named; the list of runs names all."""
-_KEPT = 200
+_SHOWN = 200
+"""Largest number of runs, and of entries of the journal, that are shown: the newest."""
 _ALARM_ROWS, _ROWS_EACH = 4, 2
 """Rows of all alarms, and of each but the gravest, whose advice is shown completely."""
 _SPACE = "bold $accent"
@@ -79,18 +80,19 @@ def sketch_text(status: Status, bench: Bench | None) -> Content:
 def tally_rows(status: Status, glyphs: Glyphs) -> list[list[Cell]]:
     """Return accepted and planned runs of each kind, the one that is due marked."""
     due = status.due.step if status.due else None
+    due_kind = (due.mass_state, due.excitation) if due else None
     rows: list[list[Cell]] = []
     for tally in status.tallies:
-        here = due is not None and tally.mass_state == due.mass_state
-        here = here and due is not None and tally.excitation is due.excitation
-        more = f" +{tally.accepted - tally.planned}" if tally.accepted > tally.planned else ""
-        kind = f"{glyphs.now if here else ' '} {tally.mass_state} {tally.excitation.words}"
+        accepted, planned = tally.accepted, tally.planned
+        is_due = due_kind == (tally.mass_state, tally.excitation)
+        kind = f"{glyphs.now if is_due else ' '} {tally.mass_state} {tally.excitation.words}"
+        more = f" +{accepted - planned}" if accepted > planned else ""
         rejected = f"{tally.rejected} rejected: {_reasons(status, tally)}" if tally.rejected else ""
         rows.append(
             [
-                Text(kind, "bold" if here else "", no_wrap=True),
-                glyphs.bar(tally.accepted, tally.planned),
-                right(f"{min(tally.accepted, tally.planned)}/{tally.planned}{more}"),
+                Text(kind, "bold" if is_due else "", no_wrap=True),
+                glyphs.bar(accepted, planned),
+                right(f"{min(accepted, planned)}/{planned}{more}"),
                 right(_frequency(status, tally)),
                 rejected,
             ]
@@ -123,7 +125,7 @@ def runs_text(status: Status, glyphs: Glyphs) -> Content:
     """Return the runs, the newest first: accepted with their figures, rejected with reasons."""
     lines = []
     unlike = {run.label: run.text for run in status.proposed}
-    for run in reversed(status.runs[-_KEPT:]):
+    for run in reversed(status.runs[-_SHOWN:]):
         name = f"{run.mass_state} {run.excitation.words} {run.repeat}"
         if run.status is LoggedStatus.OPEN:
             lines.append(Content.styled(f"{glyphs.now} running   {name}", "bold"))
@@ -154,7 +156,7 @@ def journal_text(status: Status) -> Content:
         state = "is recorded" if run.status is LoggedStatus.OPEN else run.status.value
         entries.append((run.t_ns, f"{run.excitation.words} {run.repeat} {state}"))
     entries.sort(key=lambda entry: entry[0], reverse=True)
-    lines = [f"{_clock_time(t_ns)}  {printable(text, 120)}" for t_ns, text in entries[:_KEPT]]
+    lines = [f"{_clock_time(t_ns)}  {printable(text, 120)}" for t_ns, text in entries[:_SHOWN]]
     return Content("\n".join(lines) or "nothing yet")
 
 
@@ -181,10 +183,12 @@ def alarms_text(status: Status, glyphs: Glyphs, width: int) -> Content:
     for i, (head, text) in enumerate(alarms):
         first, *others = wrap(f"{head} {text}", width, subsequent_indent="  ")
         lines = [Content.assemble((head, "bold $error"), first.removeprefix(head))]
-        lines += [Content(line) for line in others[: (_ROWS_EACH if i else _ALARM_ROWS - 1) - 1]]
-        last = i == len(alarms) - 1
-        if len(rows) + len(lines) > _ALARM_ROWS - (not last):
-            rows.append(Content(f"{glyphs.warn} and {len(alarms) - i} more"))
+        most = _ROWS_EACH if i else _ALARM_ROWS - 1
+        lines += map(Content, others[: most - 1])
+        after = len(alarms) - i - 1
+        most_rows = _ALARM_ROWS - 1 if after else _ALARM_ROWS  # the last one says `and 2 more`
+        if len(rows) + len(lines) > most_rows:
+            rows.append(Content(f"{glyphs.warn} and {after + 1} more"))
             break
         rows += lines
     return Content("\n").join(rows)

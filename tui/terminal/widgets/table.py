@@ -69,10 +69,10 @@ class Table(DataTable[Text]):
             self.clear(columns=True)
             self.show_header = any(heads)
             for i, head in enumerate(heads):
-                numbers = bool(cells) and len(cells[0]) > i and cells[0][i].justify == "right"
-                title = right(head) if numbers else Text(f" {head}")
+                column = [row[i] for row in cells if i < len(row)]
+                has_numbers = bool(column) and column[0].justify == "right"
+                title = right(head) if has_numbers else Text(f" {head}")
                 # Stated, as Textual measures rows when it is idle, and then misses some.
-                column = [cell for row in cells for cell in row[i : i + 1]]
                 self.add_column(title, width=max(cell.cell_len for cell in (title, *column)))
             for row in cells:
                 self.add_row(*row)
