@@ -174,7 +174,7 @@ def test_a_frame_whose_identifier_cannot_be_is_left_out_and_named(
     assert "1 records unreadable" in log.loss.text
     assert "800" in log.loss.text.split("; ")[1]
     if name != ".asc":
-        assert "first 0x800 with 11 bits at 2025-10-09T08:53:20.025000" in log.loss.text
+        assert "first 0x800 with 11 bits at 2025-10-09T08:53:20.02" in log.loss.text
 
 
 @pytest.mark.parametrize("tail", ["", "  Length = 240000 BitCount = 124 ID = 256"])
