@@ -15,7 +15,7 @@ from .bench_terminal import demo_bench, seat, terminal_on
 from .chromium import Tab, tabs
 
 DOCS = Path(__file__).parents[2] / "docs"
-SIZES_PX = {"terminal-run.png": (1400, 830), "report.png": (1120, 900)}
+SIZES_PX = {"terminal-run.png": (1400, 754), "report.png": (1120, 900)}
 TERMINAL = (110, 28)
 """Columns and rows of the terminal."""
 SPEED = 5.0
