@@ -66,7 +66,7 @@ AT_CORNER = frozenset(
 )
 
 _NEAR_CG_M = 0.2
-"""Standard uncertainty of a place that is called the CG, m: nobody knows where that is."""
+"""Standard uncertainty of a place that is called the CG, m: its own place is not known."""
 
 
 # Limits hold for what a person writes: a larger value is in the wrong unit.

@@ -94,7 +94,7 @@ def replaced(targets: Sequence[Path]) -> Iterator[list[Path]]:
     """Move new files to their targets when the body of the `with` has written all of them.
 
     This is the only way in which a file is written anew.  Yields empty files to write to, in the
-    folder of each target, with its ending and a name that nobody can guess (``O_EXCL``).  The data
+    folder of each target, with its ending and a random name (``O_EXCL``).  The data
     are on the disk before a file gets its name, and the name when this returns.  Access rights of
     a replaced file stay; a link is replaced, not followed.  A later write deletes what a killed
     process left.  Raises OSError if a file cannot be written, synced or moved; the targets are

@@ -192,7 +192,7 @@ class MassState:
     added: AddedMass = AddedMass()
 
     def weighed(self) -> MassState:
-        """Return the state with an uncertainty of each weight: nobody weighs exactly."""
+        """Return the state with an uncertainty of each weight: no scale is exact."""
         weights = tuple(weight.weighed() for weight in self.added.weights)
         return replace(self, added=replace(self.added, weights=weights))
 

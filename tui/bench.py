@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from daq.bench.config import Bench
 
 _MOST_BUSES = 256
-"""Number of buses that a log can tell apart: one byte names the bus of a frame."""
+"""Largest number of buses in a log: one byte names the bus of a frame."""
 
 
 def shared_bench(path: Path | None, interface: str | None, channel: str | None) -> Bench:

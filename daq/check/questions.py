@@ -23,7 +23,7 @@ class Asked(StrEnum):
     """Kind of a question; the value states its possible answers."""
 
     RIGHT = "y"
-    """Whether the guess is right."""
+    """Asks if the guess is right."""
     CORNER = f"y, {_CORNERS} or body"
     """Corner of an acceleration."""
     WHEEL = f"y, {_CORNERS}, or n if it is not a travel"
@@ -34,7 +34,7 @@ class Asked(StrEnum):
     """Axis that points forward."""
     UNIT = "y or a unit"
     OURS = "y or n"
-    """Whether the sensor is one of this bench."""
+    """Asks if the sensor is one of this bench."""
 
     @property
     def is_of_channel(self) -> bool:

@@ -183,7 +183,7 @@ class Acknowledge:
 
 
 Question = Hello | AskStatus | AskHistory | AskBench | AskCheck
-"""What a viewer may send; all other orders need control."""
+"""The orders that a viewer may send; all others need control."""
 Order = (
     Question | Start | Configure | Stop | Build | ShutDown | Arm | Pause | Choose
     | Accept | Reject | LeaveOut | Undo | Redo | Mark | Note | OverrideWarning | Acknowledge

@@ -50,7 +50,7 @@ class Kind(IntEnum):
     """Kinds of blocks."""
 
     HEAD = 1
-    """What a segment needs to be read: a `JournalHead`."""
+    """The content that a segment needs to be read: a `JournalHead`."""
     FRAMES = 2
     EVENTS = 3
     END = 4
@@ -103,7 +103,7 @@ def unpack_block(stored: memoryview) -> Block | None:
 
 @dataclass(frozen=True, slots=True)
 class JournalHead:
-    """What every segment of a recording says about it.
+    """The facts on a recording that each of its segments states.
 
     `bench_text`, `dbc_text`: bench.toml and DBC in full.  `software`: name and version of the
     writer.  `wall_ns`, `monotonic_ns`: the host's clocks, read together when the recording was

@@ -62,7 +62,7 @@ class Cause:
     of_bench: bool = False
     """True if it is a fault of a sensor."""
     nonlinear: bool = False
-    """True if the car is not linear: what depends on amplitude is then told, too."""
+    """True if the car is not linear: what depends on amplitude is then reported, too."""
     gain: float = np.inf
     """Fall of the squared residuals by the cause, in units of the noise."""
     strength: float = np.inf

@@ -47,7 +47,7 @@ def demo(
 
     def follow(status: Status) -> None:
         latest[:] = [status]
-        if status.halted:  # the recorder waits for a decision, which nobody makes here
+        if status.halted:  # the recorder waits for a decision, and no person is here
             lifetime.end.set()
 
     source = SimulatedBench(

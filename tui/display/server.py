@@ -77,7 +77,7 @@ def run_display(
 
         def fail(_: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
             if {"socket", "transport", "protocol"} & context.keys():
-                return  # the end of a connection, whoever made it
+                return  # the end of a connection, by either side
             # A page that went on without its recorder would show an old state as the present one.
             failures.append(context.get("exception") or RuntimeError(context["message"]))
             ended.set()

@@ -70,7 +70,7 @@ class RunOutcome:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What the screens show of one identification."""
+    """The content of the screens of one identification."""
 
     session: str
     """The session file."""

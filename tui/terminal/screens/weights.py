@@ -165,7 +165,7 @@ def weight_cells(row: int, entry: Entry, yes: str, no: str) -> list[Cell]:
 
 
 _SUNK_M = 0.5e-3
-"""Least sag, m, that tells weights on the car from weights beside it."""
+"""Least sag, m, that distinguishes weights on the car from weights beside it."""
 _EDGE_M = 0.35
 """Length that the sketch shows beyond the axles and beside the tyres."""
 _ACROSS, _LONG = 13, 7
