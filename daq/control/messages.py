@@ -188,15 +188,6 @@ class SessionStatus:
     """Revision of the run log from which it was built."""
 
 
-@dataclass(frozen=True, slots=True)
-class LeftOut:
-    """An accepted run that does not agree with the others of its kind."""
-
-    label: str
-    text: str
-    """Its difference from the others, in words."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Status:
     """The complete state of a recorder: a terminal that connects needs nothing else.
@@ -263,8 +254,6 @@ class Status:
     begun: str = ""
     """After a crash or a stop, whether the interrupted campaign is continued, or why a new one was
     begun.  Empty if no campaign was interrupted."""
-    proposed: tuple[LeftOut, ...] = ()
-    """Runs proposed to be left out (order `LeaveOut`), of kinds with more runs than planned."""
 
     @property
     def own_session(self) -> str:

@@ -140,11 +140,6 @@ class Reject:
 
 
 @dataclass(frozen=True, slots=True)
-class LeaveOut:
-    """Reject all runs that the recorder proposes to leave out (`Status.proposed`)."""
-
-
-@dataclass(frozen=True, slots=True)
 class Undo:
     """Take back the last verdict (of the recorder or of a person)."""
 
@@ -186,5 +181,5 @@ Question = Hello | AskStatus | AskHistory | AskBench | AskCheck
 """The orders that a viewer may send; all others need control."""
 Order = (
     Question | Start | Configure | Stop | Build | ShutDown | Arm | Pause | Choose
-    | Accept | Reject | LeaveOut | Undo | Redo | Mark | Note | OverrideWarning | Acknowledge
+    | Accept | Reject | Undo | Redo | Mark | Note | OverrideWarning | Acknowledge
 )  # fmt: skip

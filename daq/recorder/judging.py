@@ -18,7 +18,6 @@ from dbc.frames import FrameBatch
 from ..bench.campaign import Step
 from ..bench.config import Bench, bench_codec
 from ..bench.message_rules import timed_messages
-from ..control.messages import LeftOut
 from ..errors import printable
 from ..journal.contents import RecordingInfo
 from ..journal.folder import scan
@@ -27,7 +26,7 @@ from ..runlog.run_log import LoggedRun, LoggedStatus, RunLog, fold
 from ..runs import Losses
 from ..samples.mapping import Column, SampleBlock, mapped_block
 from ..samples.trigger import mapped_channels
-from ..verdict import RunMeasure, RunWindow, judge, left_out, peak_left
+from ..verdict import RunMeasure, RunWindow, judge, peak_left
 
 # Keeps frames, samples and losses of the last seconds ---------------------------------------------
 
@@ -122,7 +121,7 @@ class Recent:
         return Losses(*map(sub, astuple(counted_until), astuple(counted_before)))
 
 
-# Judges the runs, and compares them ---------------------------------------------------------------
+# Judges the runs ----------------------------------------------------------------------------------
 
 UNJUDGED: Sequence[Finding] = (
     Finding("unjudged", Severity.NOTE, "the recorder could not judge it"),
@@ -185,27 +184,6 @@ class Judge:
         ratio = peak_left(self._bench.channels, bump_ns, samples, t_ns)
         self._motion = (bump_ns, t_ns, ratio)
         return ratio
-
-
-def unlike_runs(
-    bench: Bench, run_log: RunLog, measures: Mapping[str, RunMeasure]
-) -> tuple[LeftOut, ...]:
-    """Return the accepted runs to leave out, of every kind that has more of them than planned.
-
-    Runs of the other side or axle are compared among themselves.  A run that a person has accepted
-    is kept, because a person has decided on it.
-    """
-    unlike, campaign = list[LeftOut](), bench.campaign
-    for kind in dict.fromkeys((run.mass_state, run.excitation) for run in run_log.runs):
-        accepted = [run for run in run_log.of(*kind) if is_accepted(run)]
-        measured = {run.label: measures[run.label] for run in accepted if run.label in measures}
-        decided = {run.label for run in accepted if run.by}  # by a person
-        for wheels in dict.fromkeys(measure.wheels for measure in measured.values()):
-            alike = {label: m for label, m in measured.items() if m.wheels == wheels}
-            planned = campaign.repeats - (len(accepted) - len(alike))  # the others also count
-            odd = left_out(bench.channels, campaign.bump_s, alike, planned)
-            unlike += [LeftOut(label, text) for label, text in odd.items() if label not in decided]
-    return tuple(unlike)
 
 
 # Measures the earlier runs of a resumed recording again, from its journal -------------------------

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Sequence
 from concurrent.futures import Future
 from dataclasses import replace
 from datetime import date
@@ -15,13 +14,12 @@ from dbc.frames import FrameBatch
 from ..bench.campaign import Step
 from ..bench.config import Bench, bench_codec, parse_bench
 from ..check.check import check_bench
-from ..control.messages import LeftOut, Reply
+from ..control.messages import Reply
 from ..control.orders import (
     Accept,
     Arm,
     Choose,
     Configure,
-    LeaveOut,
     Mark,
     Note,
     Order,
@@ -97,12 +95,11 @@ def order_event(
     run_log: RunLog,
     bench: Bench,
     due: Step | None,
-    proposed: Sequence[LeftOut],
 ) -> Event | None:
     """Return the event of an order on the runs; None if the order has no event.
 
-    `by`: name of its sender.  `t_ns`: data time.  `due`: next step of the campaign.  `proposed`:
-    runs to leave out.  Raises OrderError if the order is not possible now.
+    `by`: name of its sender.  `t_ns`: data time.  `due`: next step of the campaign.
+    Raises OrderError if the order is not possible now.
     """
     match order:
         case Arm():
@@ -124,11 +121,6 @@ def order_event(
             if run.status is LoggedStatus.REJECTED:
                 raise OrderError(f"{run.label} is already rejected")
             return entry(Code.REJECT, t_ns, label=run.label, by=by, reason=_clean(order.reason))
-        case LeaveOut():
-            if not proposed:
-                raise OrderError("there is no proposal to leave runs out")
-            reasons = {run.label: f"unlike the others: {run.text}" for run in proposed}
-            return entry(Code.LEAVE_OUT, t_ns, reasons=reasons, by=by)
         case Undo():
             if not run_log.done:
                 raise OrderError("there is no verdict to undo")

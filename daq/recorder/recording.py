@@ -21,17 +21,17 @@ from ..alarms import Cycle, Watch
 from ..bench.config import Bench, bench_codec
 from ..bus.clock import Now
 from ..bus.source import HopLosses, LinkFacts
-from ..control.messages import DiskStatus, Due, LeftOut, Live, Phase, Status, StorageStatus, Tally
-from ..control.orders import Acknowledge, Arm, Choose, Configure, LeaveOut, Order, Pause
+from ..control.messages import DiskStatus, Due, Live, Phase, Status, StorageStatus, Tally
+from ..control.orders import Acknowledge, Arm, Choose, Configure, Order, Pause
 from ..errors import printable
-from ..runlog.run_log import Code, Decision, RunLog, advance, parse_label, verdict_entry
+from ..runlog.run_log import Change, Code, RunLog, advance, parse_label, verdict_entry
 from ..runs import Event, Losses
 from ..samples import converter as health
 from ..samples import trigger
 from ..samples.mapping import mapped_block
 from ..verdict import RunMeasure
 from ..verdict.words import finding
-from .judging import UNJUDGED, Judge, Recent, unlike_runs
+from .judging import UNJUDGED, Judge, Recent
 from .live import LiveRing
 from .orders import OrderError, configured, order_event
 from .run_loop import RunLoop, Surroundings, due_of, tallies_of
@@ -124,9 +124,7 @@ class Recording:
         self._recent.kept_s = bench.trigger.pre_s + bench.trigger.post_s
         self._judge = Judge(bench, codec, self._recent, self.measures)
         self._trigger = trigger.TriggerState()
-        # The caches of `_counts` and `_proposed`: both depend on the bench.
         self._counted: tuple[RunLog, Due | None, tuple[Tally, ...]] | None = None
-        self._compared: tuple[RunLog, int, tuple[LeftOut, ...]] | None = None
         self._alarms.adopt()
         # The campaign may now be complete, because the new bench plans fewer runs or the recorder
         # was killed after the last run; or no longer complete, because the new bench plans more.
@@ -271,8 +269,7 @@ class Recording:
         """
         due = self._due.step if self._due else None
         t_ns = self._t_ns or now.wall_ns
-        proposed = self._proposed if isinstance(order, LeaveOut) else ()
-        event = order_event(order, by, t_ns, self.run_log, self.bench, due, proposed)
+        event = order_event(order, by, t_ns, self.run_log, self.bench, due)
         bench = None
         if isinstance(order, Configure):
             if self.running:
@@ -347,7 +344,6 @@ class Recording:
             losses=self.losses,
             revision=log.revision,
             origin=bench.origin,
-            proposed=self._barrier.value("comparison", now, (), lambda: self._proposed),
         )
 
     def recent(self, seconds: float) -> FrameBatch:
@@ -375,14 +371,6 @@ class Recording:
         return self._counted[1:]
 
     @property
-    def _proposed(self) -> tuple[LeftOut, ...]:
-        measured = len(self.measures)  # after a restart the measures arrive later than the runs
-        if self._compared is None or self._compared[:2] != (self.run_log, measured):
-            proposed = unlike_runs(self.bench, self.run_log, self.measures)
-            self._compared = self.run_log, measured, proposed
-        return self._compared[2]
-
-    @property
     def _is_full(self) -> bool:
         """True if the trigger channels reach back over the whole pre-trigger."""
         return trigger.pre_trigger_full(self.bench.trigger, self._trigger, self._first_ns)
@@ -400,7 +388,7 @@ class Recording:
         )
 
 
-def _text_of_last(decisions: tuple[Decision, ...]) -> str:
-    """Return the run and the verdict of the last decision, in words; empty if there is none."""
-    run = decisions[-1][-1].after if decisions else None
+def _text_of_last(changes: tuple[Change, ...]) -> str:
+    """Return the run and the verdict of the last change, in words; empty if there is none."""
+    run = changes[-1].after if changes else None
     return f"{run.label} {run.status}" if run else ""

@@ -7,7 +7,7 @@ The log is made from the events of the journal by `daq.runlog.run_log`.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from math import isfinite
@@ -74,8 +74,6 @@ class Code(StrEnum):
     ACCEPT = "accept"
     """A person's verdict: `label`, `by`, `reason`."""
     REJECT = "reject"
-    LEAVE_OUT = "leave_out"
-    """A person rejects several runs at once: `reasons` by label, `by`."""
     UNDO = "undo"
     REDO = "redo"
     CHOOSE = "choose"
@@ -164,20 +162,16 @@ class Change(NamedTuple):
     after: LoggedRun
 
 
-Decision = tuple[Change, ...]
-"""The changes that are undone and redone together."""
-
-
 @dataclass(frozen=True, slots=True)
 class RunLog:
     """The state of the fold; the default is the empty log."""
 
     runs: tuple[LoggedRun, ...] = ()
     """Runs, in order of their bumps."""
-    done: tuple[Decision, ...] = ()
-    """Decisions that can be undone, the next one last."""
-    undone: tuple[Decision, ...] = ()
-    """Decisions that can be redone, the next one last."""
+    done: tuple[Change, ...] = ()
+    """Changes that can be undone, the next one last."""
+    undone: tuple[Change, ...] = ()
+    """Changes that can be redone, the next one last."""
     chosen: tuple[str, Excitation] | None = None
     """Mass state and excitation that a person has chosen for the next run."""
     notes: tuple[Remark, ...] = ()
@@ -282,15 +276,7 @@ def _advanced(log: RunLog, event: Event) -> RunLog:
             return _stepped_forth(log)
         case Code.RESUMED:
             return _cut(log)
-        case (
-            Code.VERDICT
-            | Code.ACCEPT
-            | Code.REJECT
-            | Code.LEAVE_OUT
-            | Code.CHOOSE
-            | Code.NOTE
-            | Code.OVERRIDE
-        ):
+        case Code.VERDICT | Code.ACCEPT | Code.REJECT | Code.CHOOSE | Code.NOTE | Code.OVERRIDE:
             try:
                 body = json.loads(event.text)
                 return _entered(log, Code(event.code), event.t_ns, body)
@@ -309,16 +295,6 @@ def _entered(log: RunLog, code: Code, t_ns: int, body: Mapping[str, Any]) -> Run
     if code is Code.OVERRIDE:
         override = Override(t_ns, body["subject"], body["reason"], body["by"])
         return replace(log, overrides=(*log.overrides, override))
-    if code is Code.LEAVE_OUT:
-        rejected = {"status": LoggedStatus.REJECTED, "by": body["by"]}
-        return _decided(
-            log,
-            [
-                Change(run, replace(run, **rejected, reason=body["reasons"][run.label]))
-                for run in log.runs
-                if run.label in body["reasons"] and run.status is LoggedStatus.ACCEPTED
-            ],
-        )
     run = log.run(body["label"])
     if run is None:
         return log
@@ -328,7 +304,7 @@ def _entered(log: RunLog, code: Code, t_ns: int, body: Mapping[str, Any]) -> Run
         return _judged(log, run, status, findings)
     status = LoggedStatus.ACCEPTED if code is Code.ACCEPT else LoggedStatus.REJECTED
     after = replace(run, status=status, by=body["by"], reason=body["reason"])
-    return _decided(log, [Change(run, after)])
+    return _decided(log, Change(run, after))
 
 
 def _bumped(log: RunLog, event: Event) -> RunLog:
@@ -340,11 +316,9 @@ def _bumped(log: RunLog, event: Event) -> RunLog:
     return replace(log, runs=(*log.runs, run), chosen=chosen)
 
 
-def _decided(log: RunLog, changes: Sequence[Change]) -> RunLog:
-    if not changes:
-        return log
-    runs = _replaced(log, [change.after for change in changes])
-    return replace(log, runs=runs, done=(*log.done, tuple(changes)), undone=())
+def _decided(log: RunLog, change: Change) -> RunLog:
+    runs = _replaced(log, change.after)
+    return replace(log, runs=runs, done=(*log.done, change), undone=())
 
 
 def _judged(
@@ -352,7 +326,7 @@ def _judged(
 ) -> RunLog:
     """Return the log after the recorder's verdict."""
     if run.status is LoggedStatus.OPEN:
-        return _decided(log, [Change(run, replace(run, status=status, findings=findings))])
+        return _decided(log, Change(run, replace(run, status=status, findings=findings)))
     # A person was faster: the recorder's verdict counts if that person's verdict is undone.
     beneath = replace(run, status=status, findings=findings, by="", reason="")
 
@@ -361,11 +335,8 @@ def _judged(
             return one
         return beneath if one.status is LoggedStatus.OPEN else replace(one, findings=findings)
 
-    def all_known(decisions: Iterable[Decision]) -> tuple[Decision, ...]:
-        return tuple(
-            tuple(Change(known(each.before), known(each.after)) for each in decision)
-            for decision in decisions
-        )
+    def all_known(changes: Iterable[Change]) -> tuple[Change, ...]:
+        return tuple(Change(known(each.before), known(each.after)) for each in changes)
 
     runs = tuple(known(one) for one in log.runs)
     return replace(log, runs=runs, done=all_known(log.done), undone=all_known(log.undone))
@@ -374,8 +345,8 @@ def _judged(
 def _stepped_back(log: RunLog) -> RunLog:
     if not log.done:
         return log
-    back = tuple(map(_reversible, log.done[-1]))
-    runs = _replaced(log, [change.before for change in back])
+    back = _reversible(log.done[-1])
+    runs = _replaced(log, back.before)
     return replace(log, runs=runs, done=log.done[:-1], undone=(*log.undone, back))
 
 
@@ -396,7 +367,7 @@ def _stepped_forth(log: RunLog) -> RunLog:
     if not log.undone:
         return log
     forth = log.undone[-1]
-    runs = _replaced(log, [change.after for change in forth])
+    runs = _replaced(log, forth.after)
     return replace(log, runs=runs, done=(*log.done, forth), undone=log.undone[:-1])
 
 
@@ -404,10 +375,7 @@ def _cut(log: RunLog) -> RunLog:
     text = "cut: the recorder was stopped in mid-run"
     finding = Finding("cut", Severity.ERROR, text, advice="bump again")
     unjudged = {
-        after.label
-        for decision in log.done
-        for before, after in decision
-        if before.status is LoggedStatus.OPEN and after.by
+        after.label for before, after in log.done if before.status is LoggedStatus.OPEN and after.by
     }
     for run in log.runs:
         if run.status is LoggedStatus.OPEN or run.label in unjudged:
@@ -415,10 +383,9 @@ def _cut(log: RunLog) -> RunLog:
     return log
 
 
-def _replaced(log: RunLog, changed: Iterable[LoggedRun]) -> tuple[LoggedRun, ...]:
-    """Return the runs of a log with those of the same labels in place of them."""
-    latest = {run.label: run for run in changed}
-    return tuple(latest.get(run.label, run) for run in log.runs)
+def _replaced(log: RunLog, changed: LoggedRun) -> tuple[LoggedRun, ...]:
+    """Return the runs of a log with a changed one in place of that of its label."""
+    return tuple(changed if run.label == changed.label else run for run in log.runs)
 
 
 # Makes the events from which the run log is folded ------------------------------------------------

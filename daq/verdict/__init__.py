@@ -2,8 +2,7 @@
 
 from .judge import judge
 from .motion import peak_left
-from .repeats import left_out
 from .window import RunMeasure, RunWindow
 from .words import WORDS, Words
 
-__all__ = ["WORDS", "RunMeasure", "RunWindow", "Words", "judge", "left_out", "peak_left"]
+__all__ = ["WORDS", "RunMeasure", "RunWindow", "Words", "judge", "peak_left"]

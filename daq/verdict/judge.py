@@ -10,7 +10,7 @@ from ..bench.campaign import Step
 from ..bench.config import Bench
 from . import motion, traffic
 from .bump_kind import mirrored, patterns, struck, wrong_mode
-from .repeats import levels, not_repeatable, roughness, waves
+from .repeats import not_repeatable, waves
 from .wave import body_wave
 from .window import RunMeasure, RunWindow, Trace, traces
 from .words import finding
@@ -53,12 +53,9 @@ def judge(
     kind = kinds[0] if kinds else None
     wave = body_wave(signals, bench.campaign.bump_s)
     measure = RunMeasure(
-        frequency_hz=wave[0] if wave else None,
         wheels=struck(step.excitation, kind) if kind else None,
         peaks={trace.name: trace.peak for trace in signals},
         waves=waves(signals),
-        levels=levels(signals),
-        roughness=roughness(signals),
     )
     findings = [each for check in _BEFORE_KIND for each in check(bench, window, signals)]
     findings += [each for way in kinds for each in wrong_mode(step.excitation, way)]

@@ -46,9 +46,6 @@ class RunWindow:
 class RunMeasure:
     """The measures of a run, for comparison with other runs."""
 
-    frequency_hz: float | None = None
-    """Natural frequency of the body's motion after the bump, from one damped wave, Hz; None if the
-    motion shows none."""
     wheels: Wheels | None = None
     """The struck wheels, if they are those of the kind due or its mirror image; None otherwise, or
     if unknown."""
@@ -57,10 +54,6 @@ class RunMeasure:
     waves: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
     """The slow motion after the bump on a common time axis (`daq.verdict.repeats`), SI, each shape
     (n,)."""
-    levels: Mapping[str, float] = field(default_factory=dict)
-    """Level of each suspension travel before the bump, m."""
-    roughness: Mapping[str, float] = field(default_factory=dict)
-    """RMS of the part that no swing of a wheel explains, of each channel, SI: rattle and noise."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,6 @@ import pytest
 
 from daq.bench.campaign import Origin, Step
 from daq.bench.config import Bench, BusConfig, default_bench_text, load_bench
-from daq.bumps import Wheels
 from daq.bus.source import HopLosses
 from daq.check.check import CheckReport
 from daq.control.messages import Reply
@@ -22,7 +21,6 @@ from daq.control.orders import (
     Arm,
     Choose,
     Configure,
-    LeaveOut,
     Mark,
     Note,
     Order,
@@ -37,10 +35,8 @@ from daq.journal.reader import read_journal
 from daq.journal.writer import JournalWriter
 from daq.recorder.orders import OrderError, OrderQueue, answer_check, configured, order_event
 from daq.recorder.recording import Recording
-from daq.runlog.run_log import Change, Code, LoggedRun, LoggedStatus, RunLog, fold, verdict_entry
+from daq.runlog.run_log import Change, LoggedRun, LoggedStatus, RunLog, fold
 from daq.runs import ADDED, BASELINE, Event, Excitation
-from daq.vehicle import Corner
-from daq.verdict import RunMeasure
 from dbc import Codec, FrameBatch
 from dbc.finding import Finding, Severity
 
@@ -55,7 +51,7 @@ CHANGE = (Change(LAST, FIRST),)
 
 
 def event(order: Order, *runs: LoggedRun, **facts: Any) -> Event | None:
-    return order_event(order, "Ann", 77, replace(RunLog(runs), **facts), BENCH, None, ())
+    return order_event(order, "Ann", 77, replace(RunLog(runs), **facts), BENCH, None)
 
 
 def said(found: Event | None) -> tuple[str, int, object]:
@@ -79,7 +75,6 @@ def said(found: Event | None) -> tuple[str, int, object]:
         (Note("x", "other"), (FIRST,), "no run 'other'"),
         (Undo(), (FIRST,), "no verdict to undo"),
         (Redo(), (FIRST,), "nothing to redo"),
-        (LeaveOut(), (FIRST,), "no proposal"),
         (Arm(Until.COMPLETE), (FIRST,), "campaign is complete"),
     ],
 )
@@ -196,7 +191,7 @@ def test_a_check_is_answered_with_its_lines_or_its_error(monkeypatch: pytest.Mon
 
 def test_weights_that_change_are_asked_for_when_the_run_is_armed() -> None:
     def armed(order: Arm, due: Step, log: RunLog) -> None:
-        found = order_event(order, "Ann", 77, log, BENCH, due, ())
+        found = order_event(order, "Ann", 77, log, BENCH, due)
         assert found == Event(77, "arm", text=f"{order.until} Ann")
 
     first = Step(BASELINE, Excitation.ROLL, 1)
@@ -284,82 +279,3 @@ def test_what_was_lost_before_bench_toml_changed_is_no_news(
     ]
     assert not {"queue_dropped", "counter_gap HUB_Front"} & set(status), status
     assert status_of(recording).buses[0].frames == len(whole)
-
-
-# Runs to spare: what is proposed to be left out, done by one order and undone by one --------------
-
-LABELS = [f"baseline_{kind}_{number}" for kind in ("bounce", "roll") for number in range(1, 5)]
-ODD = ("baseline_bounce_2", "baseline_roll_4")
-
-
-def _measure(level_m: float) -> RunMeasure:
-    wave = np.exp(-np.arange(70) / 30.0) * np.cos(np.arange(70) / 6.0)
-    return RunMeasure(
-        peaks={"travel_fl": 0.05},
-        waves={"travel_fl": 0.02 * wave},
-        levels={"travel_fl": level_m},
-    )
-
-
-@pytest.fixture
-def recording(bench: Bench, codec: Codec, journal: JournalWriter) -> Recording:
-    """Return a recording of four runs of two kinds, two planned; one of each stands lower."""
-    events = []
-    for label in LABELS:
-        events += [Event(1, Code.BUMP, 1.0, label), verdict_entry(2, label, [])]
-    journal.append_events(events)
-    recording = Recording(bench, codec, journal, fold(events))
-    recording.measures |= {x: _measure(0.190 if x in ODD else 0.2) for x in LABELS}
-    return recording
-
-
-def _accepted(recording: Recording) -> set[str]:
-    return {r.label for r in recording.run_log.runs if r.status is LoggedStatus.ACCEPTED}
-
-
-def test_one_order_leaves_all_out_and_one_takes_them_back(
-    recording: Recording, journal: JournalWriter
-) -> None:
-    proposed = status_of(recording).proposed
-    text = "travel_fl 10.0 mm lower before the bump"
-    assert [(run.label, run.text) for run in proposed] == [(label, text) for label in ODD]
-    recording.carry_out(LeaveOut(), "Ann", now())
-    assert _accepted(recording) == {*LABELS} - {*ODD}
-    left = recording.run_log.run(ODD[1])
-    assert left is not None
-    assert left.reasons == (f"rejected by Ann: unlike the others: {text}",)
-    assert status_of(recording).proposed == ()
-    with pytest.raises(OrderError, match="there is no proposal"):
-        recording.carry_out(LeaveOut(), "Ann", now())
-    recording.carry_out(Undo(), "Ann", now())
-    assert _accepted(recording) == {*LABELS}
-    assert status_of(recording).proposed == proposed
-    recording.carry_out(Redo(), "Ann", now())
-    assert _accepted(recording) == {*LABELS} - {*ODD}
-    journal.close()
-    assert fold(read_journal(journal.paths).events) == recording.run_log
-
-
-def test_a_run_that_a_person_has_accepted_is_not_proposed_again(recording: Recording) -> None:
-    recording.carry_out(LeaveOut(), "Ann", now())
-    recording.carry_out(Accept(ODD[0], "the floor is uneven"), "Ann", now())
-    assert status_of(recording).proposed == ()
-    recording.carry_out(Undo(), "Ann", now())
-    recording.carry_out(Undo(), "Ann", now())
-    assert len(status_of(recording).proposed) == 2
-
-
-def test_runs_of_the_other_side_are_compared_among_themselves(recording: Recording) -> None:
-    left, right = Wheels({Corner.FRONT_LEFT}), Wheels({Corner.FRONT_RIGHT})
-    for label in LABELS:
-        wheels = right if label in ODD else left
-        recording.measures[label] = replace(recording.measures[label], wheels=wheels)
-    assert status_of(recording).proposed == ()
-
-
-def test_what_is_measured_after_a_restart_is_compared_then(recording: Recording) -> None:
-    measures = dict(recording.measures)
-    recording.measures.clear()
-    assert status_of(recording).proposed == ()
-    recording.measures |= measures
-    assert [run.label for run in status_of(recording).proposed] == list(ODD)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 
 import pytest
 
@@ -27,7 +26,7 @@ from daq.runlog.run_log import (
 from daq.runs import Event, Excitation
 from dbc.finding import Finding, Severity
 
-from ..a_status import a_status, long_run_log
+from ..a_status import a_status
 
 RUN = "baseline_bounce_1"
 BUMP = Event(1, Code.BUMP, 1.0, RUN)
@@ -95,10 +94,10 @@ def test_what_persons_write_carries_no_control_character(bench: Bench) -> None:
         (OverrideWarning("bus", foul), "reason"),
     ):
         held = fold([BUMP]) if isinstance(order, Reject) else run_log
-        event = order_event(order, "Ann", 3, held, bench, None, ())
+        event = order_event(order, "Ann", 3, held, bench, None)
         assert event is not None
         assert json.loads(event.text)[key] in (clean, f"{clean}\n{clean}")
-    mark = order_event(Mark(foul), "Ann", 3, RunLog(), bench, None, ())
+    mark = order_event(Mark(foul), "Ann", 3, RunLog(), bench, None)
     assert mark is not None
     assert mark.text == clean
 
@@ -135,45 +134,6 @@ def test_verdicts_are_undone_and_redone_in_turn() -> None:
     assert statuses(UNDO, UNDO, UNDO) == ["rejected", "accepted"]
     assert statuses(UNDO, UNDO, REDO) == ["accepted", "accepted"]
     assert statuses(UNDO, UNDO, REDO, REDO, REDO) == ["accepted", "rejected"]
-
-
-def test_runs_that_are_left_out_together_come_back_together() -> None:
-    labels = [f"baseline_bounce_{n}" for n in range(1, 5)]
-    events = [Event(n, Code.BUMP, 1.0, label) for n, label in enumerate(labels)]
-    events += [verdict_entry(9, label, [FINE]) for label in labels]
-    reasons = dict.fromkeys([labels[0], labels[1], "no such run", labels[3]], "unlike")
-    events.append(entry(Code.LEAVE_OUT, 10, reasons=reasons, by="Ann"))
-
-    def accepted(*more: Event) -> list[bool]:
-        runs = fold([*events, *more]).runs
-        return [run.status is LoggedStatus.ACCEPTED for run in runs]
-
-    assert accepted() == [False, False, True, False]
-    assert accepted(UNDO) == [True, True, True, True]
-    assert accepted(UNDO, REDO) == [False, False, True, False]
-    assert accepted(UNDO, UNDO) == [True, True, True, False]  # the verdict before it
-
-
-def test_runs_left_out_together_cost_in_proportion_and_may_be_more_than_calls_nest() -> None:
-    def calls(count: int) -> int:
-        log = long_run_log(count)
-        reasons = {run.label: "unlike" for run in log.runs}
-        left_out = entry(Code.LEAVE_OUT, 10, reasons=reasons, by="Ann")
-        made = [0]
-
-        def counted(frame: object, what: str, argument: object) -> None:
-            made[0] += 1
-
-        sys.setprofile(counted)
-        try:
-            after = fold([left_out, UNDO, REDO], log)
-        finally:
-            sys.setprofile(None)
-        assert {run.status for run in after.runs} == {LoggedStatus.REJECTED}
-        return made[0]
-
-    few, many = calls(100), calls(1200)
-    assert many < 18 * few  # 12 times as many runs; each for each would be 144 times
 
 
 def test_the_revision_counts_changes_of_the_session_file_alone() -> None:

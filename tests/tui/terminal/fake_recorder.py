@@ -41,7 +41,6 @@ from daq.control.orders import (
     Choose,
     Configure,
     Hello,
-    LeaveOut,
     Mark,
     Note,
     Order,
@@ -163,11 +162,6 @@ class FakeRecorder:
             case Reject(label, reason):
                 last = label or self.run_log.runs[-1].label
                 self._enter(entry(Code.REJECT, self.t_ns, label=last, by=by, reason=reason))
-            case LeaveOut():
-                unlike = self.status.proposed
-                self.changes.pop("proposed")
-                reasons = {run.label: f"unlike the others: {run.text}" for run in unlike}
-                self._enter(entry(Code.LEAVE_OUT, self.t_ns, reasons=reasons, by=by))
             case Undo():
                 self._enter(Event(self.t_ns, Code.UNDO))
             case Redo():
@@ -312,8 +306,8 @@ class FakeRecorder:
             runs=run_log.runs,
             notes=run_log.notes,
             overrides=run_log.overrides,
-            undo=f"verdict on {run_log.done[-1][-1].after.label}" if run_log.done else "",
-            redo=f"verdict on {run_log.undone[-1][-1].after.label}" if run_log.undone else "",
+            undo=f"verdict on {run_log.done[-1].after.label}" if run_log.done else "",
+            redo=f"verdict on {run_log.undone[-1].after.label}" if run_log.undone else "",
             alarms=(),
             overloaded=(),
             buses=(BusStatus("can0", BusState.OK, 0.38, 4000.0, 160_000, 0, 0),),

@@ -6,12 +6,11 @@ from collections.abc import Callable
 
 from textual.pilot import Pilot
 
-from daq.control.messages import LeftOut, Phase
+from daq.control.messages import Phase
 from daq.control.orders import (
     Accept,
     Acknowledge,
     Arm,
-    LeaveOut,
     Order,
     Pause,
     Redo,
@@ -236,33 +235,6 @@ async def test_auto_presses_what_is_next_and_leaves_the_rest(make_app: MakeApp) 
         assert recorder.orders == before
     await app._press_next()  # the timer may still run when the app has closed its screens
     assert recorder.orders == before
-
-
-async def test_one_key_leaves_out_what_is_unlike_the_others_and_one_takes_it_back(
-    make_app: MakeApp,
-) -> None:
-    recorder = _bench()
-    recorder.finish("baseline")
-    app = make_app(recorder)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await pilot.pause()
-        await _press(pilot, "3", "l")
-        assert _given(recorder, LeaveOut) == []
-        assert "Leave out" not in screen_text(app)
-        odd = LeftOut("baseline_roll_2", "travel_fl 3.6 mm higher before the bump")
-        recorder.publish(proposed=(odd,))
-        await pilot.pause()
-        text = screen_text(app)
-        assert "1 run is unlike the others of its kind: L leaves it out." in text
-        assert "baseline_roll_2: travel_fl 3.6 mm higher before the bump" in text
-        assert "L Leave out" in text
-        await _press(pilot, "l")
-        run = recorder.run_log.run("baseline_roll_2")
-        assert run is not None
-        assert run.reasons == (f"rejected by MK: unlike the others: {odd.text}",)
-        assert "U = undo" in screen_text(app)
-        await _press(pilot, "u")
-        assert recorder.run_log.accepted("baseline", run.excitation) == 2
 
 
 async def test_the_weights_are_asked_for_once_where_they_change(make_app: MakeApp) -> None:

@@ -14,7 +14,6 @@ from daq.check.push_test import PushResult
 from daq.control.messages import (
     Alarm,
     Lane,
-    LeftOut,
     Live,
     Phase,
     Status,
@@ -48,7 +47,6 @@ from tui.terminal.state.words import (
     countdown_digits,
     due_words,
     last_judged,
-    proposal_words,
     rejected_words,
     waiting_words,
 )
@@ -151,17 +149,6 @@ def test_a_rejected_run_says_why_and_what_to_do(recorder: FakeRecorder) -> None:
     assert rejected_words(by_hand) == ("rejected by MK: wind", "")
     silent = replace(run, findings=(replace(DOUBLE_BUMP, advice=""),))
     assert rejected_words(silent)[1] == ""
-
-
-def test_runs_unlike_the_others_are_counted(recorder: FakeRecorder) -> None:
-    assert proposal_words(recorder.status) == ""
-    odd = LeftOut("baseline_roll_1", "7 sigma")
-    recorder.publish(proposed=(odd,))
-    assert proposal_words(recorder.status).startswith("1 run is unlike")
-    recorder.publish(proposed=(odd, odd))
-    assert proposal_words(recorder.status).startswith("2 runs are unlike")
-    recorder.publish(phase=Phase.COMPLETE)
-    assert said(recorder.status)[2].startswith("2 runs are unlike")
 
 
 def test_the_banner_of_each_state(recorder: FakeRecorder) -> None:
@@ -481,9 +468,6 @@ async def test_runs_and_journal_have_the_newest_on_top(recorder: FakeRecorder) -
         "x rejected  baseline bounce 2  second bump at +0.84 s, kept",
         "+ accepted  baseline bounce 1  f 1.15 Hz",
     ]
-    odd = LeftOut("baseline_bounce_1", "3 mm higher")
-    unlike = runs(replace(recorder.status, proposed=(odd,)))
-    assert unlike[-1].endswith("bounce 1  unlike the others: 3 mm higher")
     taken = replace(recorder.status.runs[0], by="MK", reason="a door")
     assert runs(replace(recorder.status, runs=(taken,))) == [
         "+ accepted  baseline bounce 1  f 1.15 Hz  taken by MK: a door"
@@ -516,11 +500,6 @@ def test_what_is_next_stands_in_a_panel(recorder: FakeRecorder) -> None:
     recorder.mark("masses")
     recorder.choose("baseline", recorder.status.tallies[0].excitation)
     assert said()[0] == "> Baseline · BOUNCE, run 3, 2 were planned"
-    odd = LeftOut("baseline_roll_1", "3 mm higher")
-    assert said(proposed=(odd,) * 3)[2:5] == [
-        "3 runs are unlike the others of their kind: L leaves them out.",
-        "  baseline_roll_1: 3 mm higher", "  baseline_roll_1: 3 mm higher",
-    ]  # fmt: skip
     failed = Alarm("journal_failed", "", "disk is full", "make room", 1)
     assert said(alarms=(failed,))[0].startswith("x STOP  ")
     assert said(due=None, phase=Phase.WAITING)[0] == "step 5 Added"

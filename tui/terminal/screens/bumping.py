@@ -10,7 +10,7 @@ from textual.containers import Horizontal, Vertical
 from textual.content import Content
 
 from daq.control.messages import Phase, Status
-from daq.control.orders import Accept, Acknowledge, Choose, LeaveOut, Pause, Redo, Reject, Undo
+from daq.control.orders import Accept, Acknowledge, Choose, Pause, Redo, Reject, Undo
 from daq.runlog import LoggedRun, LoggedStatus
 
 from ..dialogs import Confirm
@@ -50,8 +50,6 @@ class BumpingScreen(BenchScreen):
         ),
         Binding("u", "undo", "Undo", tooltip="Undo the last verdict"),
         Binding("r", "redo", "Redo", tooltip="Redo what was undone"),
-        Binding("l", "leave_out", "Leave out",
-                tooltip="Leave out the runs that are unlike the others"),
         Binding("t", "take_back", "Take back",
                 tooltip="Accept the last rejected run, with a reason"),
         Binding("a", "acknowledge", "Lamp off", tooltip="Acknowledge the overload lamps"),
@@ -108,8 +106,6 @@ class BumpingScreen(BenchScreen):
                 return bool(status.redo)
             case "reject":
                 return bool(status.runs)
-            case "leave_out":
-                return bool(status.proposed)
             case "take_back":
                 return self._rejected is not None
             case "acknowledge":
@@ -190,11 +186,6 @@ class BumpingScreen(BenchScreen):
         """Redo the last undo."""
         if await self.bench_app.ask(Redo()) is not None:
             self.bench_app.inform("redone; U = undo")
-
-    async def action_leave_out(self) -> None:
-        """Leave out the runs that differ from the others of their kind."""
-        if await self.bench_app.ask(LeaveOut()) is not None:
-            self.bench_app.inform("left out, kept in the recording; U = undo")
 
     async def action_pause(self) -> None:
         """Pause; go home if nothing is armed."""

@@ -106,16 +106,6 @@ def rejected_words(run: LoggedRun) -> tuple[str, str]:
     return printable(why, 110), printable(f"{advice}." if advice else "", 90)
 
 
-def proposal_words(status: Status) -> str:
-    """Return a line on runs that differ from the others, and the key to leave them out; or ""."""
-    number = len(status.proposed)
-    if not number:
-        return ""
-    if number == 1:
-        return "1 run is unlike the others of its kind: L leaves it out."
-    return f"{number} runs are unlike the others of their kind: L leaves them out."
-
-
 def reason_words(code: str) -> str:
     """Return the code of a finding as words: `double bump`."""
     return code.replace("_", " ")
@@ -195,15 +185,14 @@ def banner(status: Status | None, lost: Lost | None, action: NextAction, glyphs:
         case Phase.PAUSED:
             return Banner("quiet", glyphs.paused, "PAUSED", title, PAUSED, action.words)
         case Phase.COMPLETE:
-            first = proposal_words(status) or COMPLETE
-            return Banner("good", glyphs.good, "COMPLETE", "", first, action.words)
+            return Banner("good", glyphs.good, "COMPLETE", "", COMPLETE, action.words)
     if status.halted:
         first = halted_words(status.halted)
         return Banner(
             "bad", glyphs.bad, "STOPPED", title, first, f"F1 = what to do   {action.words}"
         )
     if action.step is not None:
-        first = proposal_words(status) or "This step is complete."
+        first = "This step is complete."
         return Banner("good", glyphs.good, "DONE", "", first, action.words)
     return Banner("quiet", glyphs.paused, "IDLE", f"next: {title}", instruction, action.words)
 

@@ -18,14 +18,12 @@ from daq.runlog import LoggedRun, LoggedStatus
 from ..state.campaign import NextAction, cause_words, obstacle, progress
 from ..state.feed import Lost
 from ..state.glyphs import Glyphs
-from ..state.words import banner, proposal_words, reason_words
+from ..state.words import banner, reason_words
 from .table import Cell, right
 
 if TYPE_CHECKING:
     from daq.bench.config import Bench
 
-_NAMED = 2
-"""Largest number of runs that are named; the list of runs names all."""
 _SHOWN = 200
 """Largest number of runs, and of entries of the journal, that are shown: the newest."""
 _ALARM_ROWS, _ROWS_EACH = 4, 2
@@ -63,10 +61,6 @@ def next_text(
         ]
     else:
         lines = [Content(f"step {progress(status).due.title}")]
-    if status is not None and status.proposed:
-        lines.append(Content(proposal_words(status)))
-        for run in status.proposed[:_NAMED]:
-            lines.append(Content(f"  {run.label}: {printable(run.text, 120)}"))
     return Content("\n").join([*lines, Content(""), Content.styled(action.words, _SPACE)])
 
 
@@ -124,7 +118,6 @@ def _reasons(status: Status, tally: Tally) -> str:
 def runs_text(status: Status, glyphs: Glyphs) -> Content:
     """Return the runs, the newest first: accepted with their figures, rejected with reasons."""
     lines = []
-    unlike = {run.label: run.text for run in status.proposed}
     for run in reversed(status.runs[-_SHOWN:]):
         name = f"{run.mass_state} {run.excitation.words} {run.repeat}"
         if run.status is LoggedStatus.OPEN:
@@ -132,8 +125,6 @@ def runs_text(status: Status, glyphs: Glyphs) -> Content:
         elif run.status is LoggedStatus.ACCEPTED:
             text = next((f.text for f in run.findings if f.code == "motion"), "")
             text += f"  taken by {run.by}: {run.reason}" if run.by and run.reason else ""
-            if run.label in unlike:
-                text = f"unlike the others: {unlike[run.label]}"
             mark = (f"{glyphs.good} accepted  ", "bold $success")
             lines.append(Content.assemble(mark, f"{name}  {printable(text.strip(), 160)}"))
         else:
