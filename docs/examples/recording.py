@@ -18,7 +18,7 @@ from daq.bus.interfaces import open_bus, open_source
 from daq.control.messages import Status
 from daq.control.orders import Arm, Stop, Until
 from daq.recorder.recorder import Recorder
-from daq.replay.replay import play
+from daq.replay import play
 from daq.sim.car import SimulatedCar
 from daq.sim.ecu import campaign_frames
 

@@ -11,7 +11,7 @@ import pytest
 from daq import read_session
 from daq.control.messages import SessionState
 from daq.errors import InputError
-from daq.replay.recorded_source import whole_frames
+from daq.replay import whole_frames
 from daq.runlog.run_log import LoggedStatus
 from tui.recorders.process import start_replay_recorder
 from tui.terminal.app import BenchApp

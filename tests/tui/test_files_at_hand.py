@@ -230,7 +230,7 @@ def test_the_simulated_car_is_bumped_again_when_the_recorder_rejects(
     monkeypatch.setattr("daq.control.client.Client", Recorder)
     monkeypatch.setattr("daq.control.address.is_running", lambda _: bool(answers and answers.pop()))
     no_wait = SimpleNamespace(monotonic=time.monotonic, sleep=lambda _: None)
-    monkeypatch.setattr("daq.replay.replay.time", no_wait)
+    monkeypatch.setattr("daq.replay.time", no_wait)
     said(capsys, "simulate", str(bench), *UDP[:-1], "--recorder", str(tmp_path), code=0)
     sent = FrameBatch(
         t_ns=np.array([round(m.timestamp * 1e9) for m in wire]),

@@ -169,7 +169,7 @@ def test_a_pushed_car_says_when_it_is_pushed_and_that_it_goes_on(
         raise KeyboardInterrupt
 
     monkeypatch.setattr("time.monotonic", lambda: clock[0])
-    monkeypatch.setattr("daq.replay.replay.play", play)
+    monkeypatch.setattr("daq.replay.play", play)
     monkeypatch.setattr("daq.bus.interfaces.open_bus", lambda _: nullcontext())
     bus = ["--interface", "udp_multicast", "--channel", "239.74.163.99"]
     assert run(["simulate", *bus, "--push", "10"]) == 130

@@ -36,7 +36,7 @@ def replay(
     from daq import read_session
     from daq.bus.interfaces import open_buses
     from daq.formats.log import read_log
-    from daq.replay.replay import play
+    from daq.replay import play
     from dbc import FrameBatch, counted
 
     from ..bench import bus_numbers, log_and_bench, shared_bench

@@ -84,7 +84,7 @@ def _campaign(bench: Bench, car: SimulatedCar, seed: int, fast: bool) -> int:
 
     from daq.bench.config import bench_codec
     from daq.bus.interfaces import open_buses
-    from daq.replay.replay import play
+    from daq.replay import play
     from daq.sim.ecu import campaign_frames
 
     from ..output import progress
@@ -111,7 +111,7 @@ def _follow(bench: Bench, car: SimulatedCar, seed: int, folder: Path) -> int:
 
     from daq.bench.config import bench_codec
     from daq.bus.interfaces import open_buses
-    from daq.replay.replay import play
+    from daq.replay import play
     from daq.sim.bench import SimulatedBench
 
     from ..output import progress
@@ -183,7 +183,7 @@ def _push(bench: Bench, car: SimulatedCar, seed: int, rest_s: float) -> None:
 
     from daq.bench.config import bench_codec
     from daq.bus.interfaces import open_buses
-    from daq.replay.replay import play
+    from daq.replay import play
     from daq.sim.bench import PUSHES_S, push_frames
 
     from ..output import progress

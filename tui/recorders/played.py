@@ -92,7 +92,7 @@ def replay(
     from daq import InputError, read_session
     from daq.bench.campaign import Origin
     from daq.bench.config import BusConfig, parse_bench
-    from daq.replay.recorded_source import RecordedSource, whole_frames
+    from daq.replay import RecordedSource, whole_frames
 
     from .daemon import Lifetime
 

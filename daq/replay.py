@@ -1,0 +1,164 @@
+"""Replays recorded frames: sent on a bus, or as a source that a recorder reads."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dbc import FrameBatch, FrameFlag
+
+from .bus.source import BLOCK_FRAMES, GATHER_S, SourceLosses
+from .errors import BusError, InputError
+from .journal.folder import recordings
+from .journal.reader import read_windows
+from .sessions import Session
+
+if TYPE_CHECKING:
+    import can
+
+SENT_FRAMES = 256
+"""Number of frames sent between two reports of progress, at which a caller can stop."""
+LONGEST_SILENCE_S = 10.0
+"""Longest silence that `play` keeps, s: longer ones, and time stamps that go back, are between two
+runs of a session or two logs."""
+LONGEST_GAP_S = 3.0
+"""Longest pause between two frames of a `RecordedSource`, s: longer ones are shortened."""
+
+
+def play(
+    batches: Iterable[FrameBatch], bus: can.BusABC, speed: float | None, *more: can.BusABC
+) -> Iterator[int]:
+    """Send frames in the order given; yield the number sent, after each block.
+
+    Frames are sent while the result is iterated.  Error frames are left out: no controller can be
+    made to send one.  `bus`, `more`: a frame is sent on the bus of its number, or on the first.
+    `speed`: 1 sends each frame at its own time after the first one; None as fast as the bus accepts
+    them.  Raises BusError if the bus refuses a frame for 2 s.
+    """
+    from .bus.interfaces import messages_of
+
+    buses = (bus, *more)
+    first_ns = last_ns = sent = 0
+    origin_s: float | None = None
+    for batch in batches:
+        frames = batch.select((batch.flags & FrameFlag.ERROR) == 0)
+        for start in range(0, len(frames), SENT_FRAMES):
+            block = frames.select(slice(start, start + SENT_FRAMES))
+            numbers = np.where(block.bus < len(buses), block.bus, 0).tolist()
+            rows = zip(numbers, block.t_ns.tolist(), messages_of(block), strict=True)
+            for number, t_ns, message in rows:
+                if speed:
+                    step_s = (t_ns - last_ns) * 1e-9
+                    if origin_s is None or not -1.0 < step_s < LONGEST_SILENCE_S:
+                        first_ns, origin_s = t_ns, time.monotonic()
+                    last_ns = t_ns
+                    # Deadlines count from the first frame, so that errors do not add up.
+                    due_s = origin_s + (t_ns - first_ns) * 1e-9 / speed
+                    if (remaining_s := due_s - time.monotonic()) > 0:
+                        time.sleep(remaining_s)
+                _send(buses[number], message)
+                sent += 1
+            yield sent
+
+
+def _send(bus: can.BusABC, message: can.Message) -> None:
+    """Send one frame, with growing pauses while the buffer of the bus is full."""
+    from can import CanError
+
+    pause_s, waited_s = 0.0005, 0.0
+    while True:
+        try:
+            bus.send(message)
+            return
+        except (CanError, OSError, ValueError) as error:
+            # Backends raise ValueError for a frame that this bus can never take.
+            if waited_s >= 2.0 or isinstance(error, ValueError):
+                raise BusError(
+                    bus.channel_info,
+                    f"takes no frame: {error}",
+                    "check that the interface is up and that another node acknowledges",
+                ) from error
+        time.sleep(pause_s)
+        waited_s += pause_s
+        pause_s *= 2
+
+
+def whole_frames(session: Session, path: Path) -> FrameBatch:
+    """Return the frames of a session and those between its runs.
+
+    A session file has only the runs.  Without the frames between them the counters of the sensors
+    would report losses, which would be attributed to the run before each gap.
+
+    `path`: its file; the journal from which it was built is in the folder `journal` in its folder.
+    Raises InputError if the journal is missing or incomplete.
+    """
+    runs = session.frames
+    if len(runs):
+        # The trigger needs the rest before a run, and the recorder ends a run at the first frame
+        # after it: 2 s.
+        span = (int(runs.t_ns.min()) - 2_000_000_000, int(runs.t_ns.max()) + 2_000_000_000)
+        for recording in recordings(path.parent / "journal"):
+            _, (whole,) = read_windows(recording.segments, [span])
+            if len(whole) >= len(runs):
+                return whole
+    problem = "cannot be replayed alone: it has the runs, but not the frames between them"
+    advice = "name a session next to its journal, or replay it on a bus with `bumpbench replay`"
+    raise InputError(str(path), problem, advice)
+
+
+class RecordedSource:
+    """A recording as a `daq.bus.source.FrameSource`.
+
+    Time stamps keep their intervals; gaps longer than `LONGEST_GAP_S` are shortened to it.
+
+    `speed`: seconds of the recording that pass in one second.  `start_ns`: time stamp of the first
+    frame, ns since 1970 UTC.
+    """
+
+    def __init__(self, frames: FrameBatch, bus: int, speed: float, start_ns: int) -> None:
+        gap_ns = np.diff(frames.t_ns, prepend=frames.t_ns[:1])
+        t_ns = start_ns + np.cumsum(np.clip(gap_ns, 0, round(LONGEST_GAP_S * 1e9)))
+        on_bus = frames.bus == bus
+        self._frames = replace(frames, t_ns=t_ns).select(on_bus)
+        self._after_s = (t_ns[on_bus] - start_ns) * 1e-9 / speed  # due, after `_begun_s`
+        self._next = 0  # row of the first frame that is not read
+        # A pause of 1 s, in which the recorder is armed, also for an early first bump.
+        self._begun_s = time.monotonic() + 1.0
+
+    @property
+    def name(self) -> str:
+        """Name of the bus for the operator."""
+        return "recording"
+
+    @property
+    def done(self) -> bool:
+        """True once all frames were read."""
+        return self._next >= len(self._frames)
+
+    def read(self, timeout_s: float) -> FrameBatch:
+        """Return the frames that are due, at most `BLOCK_FRAMES`; empty once `done`.
+
+        It waits until the next frame is due, and at least `GATHER_S`, so that frames gather in a
+        block; but never longer than `timeout_s`.
+        """
+        wait_s = timeout_s
+        if not self.done:
+            due_in_s = self._begun_s + float(self._after_s[self._next]) - time.monotonic()
+            wait_s = min(max(due_in_s, GATHER_S), timeout_s)
+        time.sleep(wait_s)
+        first = self._next
+        due = int(np.searchsorted(self._after_s, time.monotonic() - self._begun_s, "right"))
+        self._next = min(due, first + BLOCK_FRAMES)
+        return self._frames.select(slice(first, self._next))
+
+    def losses(self) -> SourceLosses:
+        """Return no losses: frames lost when recorded are missing from the recording."""
+        return SourceLosses()
+
+    def close(self) -> None:
+        """Do nothing: no resource is held."""

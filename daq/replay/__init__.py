@@ -1,1 +1,0 @@
-"""Replays recorded frames, on a bus or as a source."""
