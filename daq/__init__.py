@@ -4,7 +4,6 @@ The rooms have the rest: `daq.bench.config` reads a bench, `daq.formats.log` a l
 `daq.recorder.recorder` records.
 """
 
-from .arrays import session_from_arrays
 from .channels import Channel, Quantity, paper_channels
 from .errors import BumpbenchError, BusError, InputError
 from .runs import (
@@ -18,7 +17,7 @@ from .runs import (
     SampleGroup,
 )
 from .session import read_session, validate_session, write_session
-from .sessions import Session, session_part
+from .sessions import Session, session_from_arrays, session_part
 from .vehicle import (
     FORD_GRANADA,
     AddedMass,

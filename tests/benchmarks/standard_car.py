@@ -18,9 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from daq.arrays import session_from_arrays
 from daq.channels import Channel
-from daq.sessions import Session
+from daq.sessions import Session, session_from_arrays
 from daq.vehicle import Vehicle
 from identify.nonlinear.release import BY_NAME
 from identify.pipeline import identify

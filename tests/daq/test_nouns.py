@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
-from daq.arrays import session_from_arrays
 from daq.bumps import BUMPS, kinds_of
 from daq.channels import SI_UNITS, TIME_DERIVATIVE, Channel, Quantity
 from daq.derive.from_logs import parse_runs
@@ -23,7 +22,7 @@ from daq.loading import axle_loads, expected_car, loading, wrong_weights
 from daq.runlog.run_log import Override, Remark
 from daq.runs import Excitation, RunStatus, SampleGroup
 from daq.session import read_session, write_session
-from daq.sessions import notes_of, overrides_of
+from daq.sessions import notes_of, overrides_of, session_from_arrays
 from daq.silence import Silence, longest_gap_s, longest_silence
 from daq.sim.elements import NONE
 from daq.sim.plant import contact, corner_motion, inertia_forces, load_car, static_pose

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from daq.arrays import session_from_arrays
 from daq.channels import Channel, Quantity
 from daq.runs import Event, Losses, RunStatus
 from daq.session import write_session
+from daq.sessions import session_from_arrays
 from daq.vehicle import BodyWeight, Corner, Fact, HubWeight, Structure, Vehicle, VehicleGeometry
 from dbc import FrameBatch
 

@@ -14,11 +14,10 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from daq.arrays import ArrayRun, session_from_arrays
 from daq.bench.config import load_bench
 from daq.channels import Channel, message_of
 from daq.runs import ADDED, BASELINE, Excitation
-from daq.sessions import Session
+from daq.sessions import ArrayRun, Session, session_from_arrays
 from daq.sim.car import NOISE, SensorFault, SensorTruth, SimulatedCar, Spread, spoilt
 from daq.sim.elements import NONE, Friction, Imperfections
 from daq.sim.engine import Plant

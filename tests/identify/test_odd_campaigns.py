@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daq.arrays import session_from_arrays
 from daq.session.write import write_session
+from daq.sessions import session_from_arrays
 from daq.vehicle import BodyWeight, Corner, HubWeight
 from identify import identify_parameters
 from identify.trust.finding import Verdict

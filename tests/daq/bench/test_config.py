@@ -318,7 +318,7 @@ def test_a_unit_stated_for_a_signal_takes_the_place_of_that_of_the_dbc() -> None
 
 
 def test_what_is_known_of_a_sensor_goes_into_the_session(tmp_path: Path) -> None:
-    from daq.arrays import session_from_arrays
+    from daq.sessions import session_from_arrays
 
     bench = parse_bench(CHANNEL, "b", Path(), DBC)
     time_s = np.arange(10) * 0.01

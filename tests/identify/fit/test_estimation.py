@@ -10,10 +10,9 @@ import pytest
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from daq.arrays import ArrayRun, session_from_arrays
 from daq.channels import Channel
 from daq.runs import ADDED, BASELINE, Excitation
-from daq.sessions import Session
+from daq.sessions import ArrayRun, Session, session_from_arrays
 from daq.sim.car import NOISE, SensorTruth, SimulatedCar
 from daq.sim.motion import Bump, Motion, drive
 from daq.sim.plant import load_car

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from daq.arrays import session_from_arrays
+from daq.sessions import session_from_arrays
 from daq.vehicle import Structure, Vehicle
 from identify.change import change_of
 from identify.compare import compare
