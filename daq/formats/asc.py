@@ -15,13 +15,13 @@ from itertools import takewhile
 
 from dbc.frames import FD_LENGTHS
 
-from .source import LONGEST_NS
-from .text import (
+from .reader import (
     BITRATE_SWITCH,
     ERROR,
     ERROR_STATE,
     EXTENDED,
     FD,
+    LONGEST_NS,
     REMOTE,
     SENT,
     Record,

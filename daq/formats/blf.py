@@ -16,7 +16,7 @@ from dbc.errors import InputError
 from dbc.frames import FD_LENGTHS, FrameBatch, FrameFlag
 from dbc.words import counted
 
-from .source import LATEST_NS, LONGEST_NS, LogLoss, Readable, possible_frames
+from .reader import LATEST_NS, LONGEST_NS, LogLoss, Readable, possible_frames
 
 LACKS = "the direction of error frames"
 BLOCK_BYTES = 1 << 19

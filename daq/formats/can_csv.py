@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from binascii import a2b_base64
 
-from .text import ERROR, EXTENDED, FD, REMOTE, Record, nanoseconds, number
+from .reader import ERROR, EXTENDED, FD, REMOTE, Record, nanoseconds, number
 
 LACKS = "CAN FD (with its bits BRS and ESI), bus and direction"
 _HEADER = b"timestamp,arbitration_id,"

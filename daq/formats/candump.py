@@ -6,7 +6,7 @@ import re
 from binascii import unhexlify
 from functools import lru_cache
 
-from .text import (
+from .reader import (
     BITRATE_SWITCH,
     ERROR,
     ERROR_STATE,

@@ -19,8 +19,7 @@ from ..errors import InputError
 from ..journal.format import MAGIC
 from ..journal.reader import JournalReader
 from . import asc, blf, can_csv, candump, mf4, trc
-from .source import LogLoss, Unpacked
-from .text import LineParser, head_of, parsed, read_lines
+from .reader import LineParser, LogLoss, Unpacked, head_of, parsed, read_lines
 
 RESTART_NS = 1_000_000_000
 """Time, ns, by which stamps go back where a clock began anew, and not where a frame came late."""

@@ -20,7 +20,7 @@ from dbc.frames import FD_LENGTHS, FrameBatch, FrameFlag
 from dbc.words import counted
 
 from ..errors import optional
-from .source import LATEST_NS, LONGEST_NS, LogLoss, Unpacked, possible_frames
+from .reader import LATEST_NS, LONGEST_NS, LogLoss, Unpacked, possible_frames
 
 LACKS = ""
 _KINDS = {

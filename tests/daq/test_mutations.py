@@ -25,7 +25,7 @@ import numpy as np
 import pytest
 
 from daq.errors import InputError
-from daq.formats.columns.read import read_columns
+from daq.formats.columns import read_columns
 from daq.formats.log import read_log
 from daq.session import write_session
 from tui.cli import run

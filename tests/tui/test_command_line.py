@@ -329,7 +329,7 @@ def test_an_export_that_is_ended_leaves_nothing_behind(number: int, tmp_path: Pa
 
 _ENDED = """
 import os, sys
-from daq.formats.export import export
+from daq.formats import export
 from tui.__main__ import main
 write = export.write_csv
 

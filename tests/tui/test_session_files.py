@@ -19,7 +19,7 @@ from scipy.io import loadmat
 from daq import InputError, Session, read_session, write_session
 from daq.bench.databases import Database, stored_text
 from daq.channels import Channel, Quantity
-from daq.formats.export.export import ExportFormat, export_session
+from daq.formats.export import ExportFormat, export_session
 from daq.runs import SampleGroup
 from daq.vehicle import Corner
 from tui.cli import run

@@ -53,8 +53,7 @@ def export(
     """Write a session as MF4, MATLAB, UFF, CSV, Parquet, BLF, ASC or candump."""
     from daq import InputError, read_session
     from daq.files import refuse_existing
-    from daq.formats.export.channels import CsvStyle
-    from daq.formats.export.export import ExportFormat, chosen_runs, export_session, format_of
+    from daq.formats.export import CsvStyle, ExportFormat, chosen_runs, export_session, format_of
 
     from ..output import print_json, print_line
 

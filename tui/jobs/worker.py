@@ -215,7 +215,7 @@ def _compare(task: CompareTask, send: Send) -> dict[str, Any]:
 
 def _export(task: ExportTask, _: Send) -> dict[str, Any]:
     from daq import read_session
-    from daq.formats.export.export import ExportFormat, export_session
+    from daq.formats.export import ExportFormat, export_session
 
     form = ExportFormat(task.form)
     session = Path(task.session)

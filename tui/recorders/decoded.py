@@ -27,7 +27,7 @@ def propose_channel_map(target: Path, files: Sequence[Path], has_map: bool, forc
     from daq import InputError
     from daq.check.propose_columns import propose_map
     from daq.files import refuse_existing
-    from daq.formats.columns.read import read_columns
+    from daq.formats.columns import read_columns
 
     if len(files) != 1 or has_map:
         what = "takes the one file from which the map is guessed, and no --channels"
@@ -144,7 +144,7 @@ def _session(
         recording,
         session_from_columns,
     )
-    from daq.formats.columns.read import read_columns
+    from daq.formats.columns import read_columns
 
     runs: list[Run] = []
     about = {"software": f"bumpbench {version('bumpbench')}"}

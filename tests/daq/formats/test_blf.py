@@ -13,7 +13,7 @@ import pytest
 
 from daq.errors import InputError
 from daq.formats.blf import read_blf
-from daq.formats.source import LogLoss
+from daq.formats.reader import LogLoss
 from dbc import FrameBatch
 
 from .mixed import shown

@@ -12,7 +12,7 @@ import pytest
 from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
 from daq.errors import InputError
-from daq.formats.columns.read import read_columns
+from daq.formats.columns import read_columns
 from daq.formats.log import BLF, Log, detect, read_log, read_logs
 from daq.journal.format import JournalHead
 from daq.journal.writer import JournalWriter

@@ -10,7 +10,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from daq.errors import InputError
-from daq.formats.export.export import ExportFormat, export_session
+from daq.formats.export import ExportFormat, export_session
 from daq.sessions import Session
 from dbc import FrameBatch
 from dbc.frames import FrameFlag

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from daq.errors import InputError
-from daq.formats.columns import table
-from daq.formats.columns.read import read_columns
+from daq.formats import columns
+from daq.formats.columns import read_columns
 
 Expected = dict[str, tuple[str, list[float]]]
 nan = float("nan")
@@ -185,7 +185,7 @@ def test_a_table_is_read_up_to_the_largest_number_of_values(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """Two columns of three lines are six values; a column not asked for does not count."""
-    monkeypatch.setattr(table, "MAX_VALUES", 6)
+    monkeypatch.setattr(columns, "MAX_VALUES", 6)
     path = tmp_path / "a.csv"
     path.write_text("a,b,c\n" + "1,2,3\n" * 3)
     assert [len(c.values) for c in read_columns(path, "ab").columns.values()] == [3, 3]

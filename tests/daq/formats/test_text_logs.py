@@ -12,8 +12,7 @@ from daq.errors import InputError
 from daq.formats.asc import AscParser, asc_date_ns
 from daq.formats.can_csv import CsvParser
 from daq.formats.candump import CandumpParser
-from daq.formats.source import LogLoss
-from daq.formats.text import LineParser, parsed, read_lines
+from daq.formats.reader import LineParser, LogLoss, parsed, read_lines
 from daq.formats.trc import TrcParser
 
 from .mixed import shown

@@ -96,7 +96,7 @@ async def export_session(app: BenchApp, path: str) -> None:
 
 def _existing(session: Path, form: str) -> Path | None:
     """Return the export of a session that is there already; None if there is none."""
-    from daq.formats.export.export import ExportFormat  # with all writers, which few need
+    from daq.formats.export import ExportFormat  # with all writers, which few need
 
     if form == ExportFormat.CSV:  # a file for each run and sample clock
         return next(session.parent.glob(f"{escape(session.stem)}_*.csv"), None)

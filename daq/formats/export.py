@@ -1,11 +1,13 @@
-"""Writes decoded channels as CSV, Parquet, MATLAB v5 and universal files (UFF 58)."""
+"""Exports a session to formats of other tools: decoded channels, or raw frames."""
 
 from __future__ import annotations
 
 import csv
-from collections.abc import Collection, Iterable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
+from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
@@ -14,16 +16,33 @@ from numpy.typing import NDArray
 
 from dbc.words import counted, csv_text, plural
 
-from ...channels import ON_BODY, TIME_DERIVATIVE, Channel, Quantity
-from ...errors import InputError, optional, printable
-from ...runs import Run, SampleGroup
-from ...sessions import Session
-from .frames import frames_left_out
+from ..channels import ON_BODY, TIME_DERIVATIVE, Channel, Quantity
+from ..errors import InputError, optional, printable
+from ..files import make_room, refuse_existing, replaced
+from ..runs import Run, SampleGroup
+from ..sessions import Session
+from .export_frames import frames_left_out, write_asc, write_blf, write_candump, write_mf4
 
-_NAME_LENGTH = 63
-"""Longest name of a field in MATLAB."""
-_MAX_BYTES = 2**31 - 1
-"""Largest size of one variable in MATLAB v5, bytes."""
+
+class ExportFormat(StrEnum):
+    """File formats to which a session can be exported."""
+
+    MF4 = "mf4"
+    MAT = "mat"
+    UFF = "uff"
+    CSV = "csv"
+    PARQUET = "parquet"
+    BLF = "blf"
+    ASC = "asc"
+    CANDUMP = "log"
+
+    @property
+    def suffix(self) -> str:
+        """Suffix of the format's files."""
+        return f".{self}"
+
+
+_SUFFIXES = {form.suffix: form for form in ExportFormat} | {".unv": ExportFormat.UFF}
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,7 +159,7 @@ def write_mat(session: Session, path: Path) -> tuple[str, ...]:
     from scipy.io import savemat
 
     size = sum(g.time_s.nbytes * (3 + len(g.values)) for run in session.runs for g in run.groups)
-    if size > _MAX_BYTES:
+    if size >= 1 << 31:
         what = f"has {size} bytes of samples, and MATLAB v5 holds 2 GB"
         raise InputError("session", what, "choose runs with --run, or another format")
     vehicle: dict[str, Any] = {"name": session.vehicle.name}
@@ -183,10 +202,10 @@ def _fields(items: Iterable[tuple[str, Any]], taken: Collection[str] = ()) -> di
     for name, value in items:
         plain = "".join(c if c.isascii() and c.isalnum() else "_" for c in name)
         plain = plain if plain[:1].isalpha() else f"x{plain}"
-        field, number = plain[:_NAME_LENGTH], 1
+        field, number = plain[:63], 1  # MATLAB cuts longer names
         while field in result or field in taken:
             number += 1
-            field = f"{plain[: _NAME_LENGTH - 4]}_{number}"
+            field = f"{plain[:59]}_{number}"
         result[field] = value
     return result
 
@@ -270,3 +289,103 @@ def _record(run: Run, group: SampleGroup, channel: Channel, number: int) -> byte
         ),
     ]
     return _block(head, tail)
+
+
+@dataclass(frozen=True, slots=True)
+class Exported:
+    """The files of an export."""
+
+    paths: tuple[Path, ...]
+    """The files."""
+    notes: tuple[str, ...]
+    """Contents of the session that the format cannot hold, one line each."""
+
+
+def format_of(path: Path) -> ExportFormat:
+    """Return the format that a file's suffix means.
+
+    Raises InputError if it means none.
+    """
+    form = _SUFFIXES.get(path.suffix.lower())
+    if form is None:
+        what = f"{path.suffix} is not an export format" if path.suffix else "has no suffix"
+        raise InputError(str(path), what, f"use {' '.join(_SUFFIXES)}, or name it with --format")
+    return form
+
+
+def chosen_runs(session: Session, labels: Sequence[str]) -> Session:
+    """Return a session with only the runs of these labels; with all runs if no label is given.
+
+    Raises InputError if there is no such run.
+    """
+    present = [run.label for run in session.runs]
+    for label in labels:
+        if label not in present:
+            raise InputError("--run", f"there is no run {label}", f"use {' '.join(present)}")
+    runs = tuple(run for run in session.runs if not labels or run.label in labels)
+    return replace(session, runs=runs)
+
+
+_WRITERS = {
+    ExportFormat.MF4: write_mf4,
+    ExportFormat.MAT: write_mat,
+    ExportFormat.UFF: write_uff,
+    ExportFormat.PARQUET: write_parquet,
+    ExportFormat.BLF: write_blf,
+    ExportFormat.ASC: write_asc,
+    ExportFormat.CANDUMP: write_candump,
+}
+
+
+def export_session(
+    session: Session,
+    path: Path,
+    form: ExportFormat,
+    *,
+    style: CsvStyle | None = None,
+    force: bool = False,
+) -> Exported:
+    """Write a session in a format of other tools; files are complete or absent.
+
+    CSV has one file per run and sample clock: ``car.csv`` becomes ``car_RUN_GROUP.csv``.  `style`:
+    of CSV.  `force`: True if existing files may be replaced.  Raises InputError if there is
+    nothing to write in this format, a file exists already or cannot be written, or a library is
+    missing.
+    """
+    try:
+        if form is ExportFormat.CSV:
+            groups = csv_groups(session, path)
+            with _written_whole(list(groups), force) as parts:
+                for part, group in zip(parts, groups.values(), strict=True):
+                    write_csv(group, session.units, part, style or CsvStyle())
+            return Exported(tuple(groups), frames_left_out(session))
+        with _written_whole([path], force) as (part,):
+            notes = _WRITERS[form](session, part)
+        return Exported((path,), notes)
+    except InputError:
+        raise
+    except Exception as error:  # libraries raise many kinds of errors
+        what = f"cannot be written: {str(error) or type(error).__name__}"
+        advice = "check the session with bumpbench validate"
+        raise InputError(str(path), what, advice) from error
+
+
+@contextmanager
+def _written_whole(targets: Sequence[Path], force: bool) -> Iterator[list[Path]]:
+    """Write files under temporary names; move them to their targets when all are complete.
+
+    `targets`: final paths.  `force`: True if existing files may be replaced.  Yields the paths to
+    write to: same folder, same suffix.  Raises InputError if a target exists already, or cannot be
+    written.
+    """
+    for target in targets:
+        refuse_existing(target, replace=force)
+    for target in targets:
+        make_room(target)
+    try:
+        with replaced(targets) as parts:
+            yield parts
+    except OSError as error:
+        what = f"cannot be written: {error.strerror or error}"
+        advice = "check folder, rights and free space"
+        raise InputError(str(targets[0]), what, advice) from error

@@ -1,0 +1,458 @@
+"""Reads columns of numbers from files of other tools, by content: CSV, MF4, MAT or Parquet."""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import re
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import redirect_stdout
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dbc.errors import printable
+from dbc.units import known_si
+from dbc.words import counted
+
+from ..errors import InputError, optional
+from ..samples.columns import Column, Columns
+from .mf4 import open_mdf
+
+MAX_VALUES = 1 << 26
+"""Largest number of values that are read from one file: 15 channels of 1 kHz for 75 minutes, half a
+gigabyte."""
+
+
+@dataclass(frozen=True, slots=True)
+class Heading:
+    """A column that could be read."""
+
+    name: str
+    """Full name in the file."""
+    unit: str
+    """Unit as stated in the file."""
+    clock: str
+    """Name of its clock; columns of one clock share their times."""
+    samples: int = 0
+    """Number of values, if it is known before reading."""
+
+
+Choose = Callable[[Sequence[Heading]], Sequence[Heading]]
+"""Chooses which of all columns of a file are read."""
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """The columns that were read of a file."""
+
+    values: Mapping[str, NDArray[Any]]
+    """Columns by their full name."""
+    times_s: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    """Times of the clocks that the file states, s since its time zero."""
+    start_ns: int = 0
+    """UTC of that zero, ns since 1970; 0 if the file states none."""
+    unread: tuple[str, ...] = ()
+    """Cells that could not be read, each kind with its number and first line."""
+
+
+def named(headings: Sequence[Heading], wanted: str, where: str) -> Heading:
+    """Return the column of a name, given in full or from a slash to the end.
+
+    Raises InputError if there is not exactly one.
+    """
+    exact = [each for each in headings if each.name == wanted]
+    same = exact or [each for each in headings if each.name.endswith(f"/{wanted}")]
+    if len(same) == 1:
+        return same[0]
+    shown = printable(wanted, 100)
+    if same:
+        full = printable(", ".join(each.name for each in same[:4]), 300)
+        raise InputError(where, f"has {len(same)} columns {shown!r}", f"write one of {full}")
+    names = [each.name for each in headings]
+    ends = {name.rpartition("/")[2]: name for name in reversed(names)}
+    near = get_close_matches(wanted, [*names, *ends], 4, 0.5)
+    advice = ", ".join(dict.fromkeys(ends.get(name, name) for name in near) or names[:4])
+    raise InputError(
+        where, f"has no column {shown!r}", f"it has, among {len(names)}: {printable(advice, 300)}"
+    )
+
+
+def bounded(values: int, where: str) -> None:
+    """Raise InputError if there are more values than are read at once."""
+    if values > MAX_VALUES:
+        what = f"has {values} values in these channels, more than {MAX_VALUES}"
+        raise InputError(where, what, "cut it into files of one part of the campaign each")
+
+
+NAMES = "CSV, MF4, MAT, Parquet"
+"""Names of the formats, for messages."""
+_MOST_PROPOSED = 2000
+"""Largest number of columns of a file from which a map is proposed."""
+
+
+def read_columns(path: Path, names: Sequence[str]) -> Columns:
+    """Return columns of a CSV, MF4, MAT or Parquet file.
+
+    `names`: in full, or from a slash to the end; empty for all columns of numbers.  Raises
+    InputError if the file cannot be read, or does not have exactly one column of a name.
+    """
+    where = str(path)
+    wanted: dict[str, Heading] = {}  # by the name under which a column is returned
+
+    def choose(headings: Sequence[Heading]) -> Sequence[Heading]:
+        if not headings:
+            raise InputError(where, "has no column of numbers", "name a file of channels")
+        wanted.update({each.name: each for each in headings[:_MOST_PROPOSED]})
+        if names:
+            wanted.clear()
+            wanted.update({name: named(headings, name, where) for name in names})
+        chosen = list(dict.fromkeys(wanted.values()))
+        bounded(sum(each.samples for each in chosen), where)
+        return chosen
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            table = _reader(path)(path, choose)
+    except InputError:
+        raise
+    except Exception as error:  # libraries raise many kinds of errors on a damaged file
+        lines = str(error).strip().splitlines() or [type(error).__name__]
+        advice = "the file is damaged, cut off, or of another kind"
+        what = f"cannot be read: {printable(lines[0], 200)}"
+        raise InputError(where, what, advice) from error
+    columns = {}
+    for name, heading in wanted.items():
+        values = table.values[heading.name]
+        if values.dtype.kind not in "iuf" or values.ndim != 1:
+            raise InputError(heading.name, "is not a column of numbers", "name another")
+        native = np.ascontiguousarray(values, values.dtype.newbyteorder("="))
+        columns[name] = Column(heading.name, heading.unit, heading.clock, native)
+    unread = table.unread if names else ()
+    return Columns(where, table.start_ns, columns, table.times_s, unread)
+
+
+def _reader(path: Path) -> Callable[[Path, Choose], Table]:
+    """Return what reads a file; raises InputError if it is missing, empty or of no known kind."""
+    where = str(path)
+    if not path.is_file():
+        what = "is not a regular file" if path.exists() else "no such file"
+        raise InputError(where, what, f"name a file of channels: {NAMES}")
+    try:
+        with path.open("rb") as file:
+            head = file.read(16)
+    except OSError as error:
+        what = f"cannot be read: {error.strerror or error}"
+        raise InputError(where, what, "check rights and disk") from error
+    if not head:
+        raise InputError(where, "is empty", "check that it is the right file")
+    if head.startswith(b"UnFinMF "):
+        what = "was not finished by its logger"
+        raise InputError(where, what, "finish it with the logger's tool, or import its bus log")
+    if head.startswith((b"MATLAB 7.3", b"\x89HDF")):
+        raise InputError(where, "is HDF5, not a table", "save a MAT with -v7, or a Parquet table")
+    readers = {b"PAR1": _read_parquet, b"MDF     ": _read_mdf, b"MATLAB 5.0": _read_matlab}
+    return next((reader for magic, reader in readers.items() if head.startswith(magic)), _read_csv)
+
+
+def _read_parquet(path: Path, choose: Choose) -> Table:
+    """Return columns of a Parquet table, all on one clock; times of day are in ns."""
+    pa = optional("pyarrow", "data")
+    kinds = (pa.types.is_timestamp, pa.types.is_floating, pa.types.is_integer)
+    with optional("pyarrow.parquet", "data").ParquetFile(path) as file:
+        rows = file.metadata.num_rows
+        headings = [
+            Heading(field.name, _parquet_unit(pa, field), "table", rows)
+            for field in file.schema_arrow
+            if any(is_kind(field.type) for is_kind in kinds)
+        ]
+        chosen = choose(headings)
+        table = file.read(columns=[each.name for each in chosen], use_threads=False)
+    values = {}
+    for each in chosen:
+        column = table[each.name]
+        if pa.types.is_timestamp(column.type):
+            # Whole ns; where there are gaps, `to_numpy` makes float64 of them, in steps of 256 ns.
+            column = column.cast(pa.timestamp("ns")).cast(pa.int64())
+        elif column.null_count or pa.types.is_float16(column.type):
+            column = column.cast(pa.float64())  # only floats have NaN; float16 has too few digits
+        values[each.name] = np.asarray(column.to_numpy(zero_copy_only=False))
+    return Table(values)
+
+
+def _parquet_unit(pa: Any, field: Any) -> str:
+    """Return the unit of a column: ns for times of day, else that in its metadata, "" for none."""
+    if pa.types.is_timestamp(field.type):
+        return "ns"
+    about = field.metadata or {}
+    keys = [key for key in (b"unit", b"units", b"Unit") if key in about]
+    return about[keys[0]].decode("utf-8", "replace") if keys else ""
+
+
+def _read_mdf(path: Path, choose: Choose) -> Table:
+    """Return channels of an MDF file; those of a group have the times of its master."""
+    with open_mdf(path, str(path)) as mdf, redirect_stdout(StringIO()):
+        places: dict[str, tuple[int, int]] = {}
+        headings, clocks = [], {}
+        for number, group in enumerate(mdf.groups):
+            about = group.channel_group
+            source = getattr(about, "acq_source", None)
+            name = getattr(about, "acq_name", "") or getattr(source, "name", "")
+            name = name or f"group {number}"
+            clock = f"{name} (group {number})"
+            clocks[clock] = number
+            for index, channel in enumerate(group.channels):
+                full = f"{name}/{channel.name}"
+                full = full if full not in places else f"{clock}/{channel.name}"
+                if index == mdf.masters_db.get(number) or full in places:
+                    continue
+                places[full] = number, index
+                rule = getattr(channel, "conversion", None)
+                unit = str(channel.unit or getattr(rule, "unit", "") or "")
+                headings.append(Heading(full, unit, clock, int(about.cycles_nr)))
+        chosen = choose(headings)
+        values = {}
+        for each in chosen:
+            group, index = places[each.name]
+            signal = mdf.get(group=group, index=index, ignore_invalidation_bits=True)
+            samples, invalid = np.asarray(signal.samples), signal.invalidation_bits
+            if invalid is not None and samples.dtype.kind in "iuf":
+                bits = np.asarray(getattr(invalid, "bits", invalid), bool)
+                samples = np.where(bits, np.nan, samples)
+            values[each.name] = samples
+        times = {
+            clock: np.asarray(mdf.get_master(number), np.float64)
+            for clock, number in clocks.items()
+            if number in mdf.masters_db and any(each.clock == clock for each in chosen)
+        }
+        start_ns = round(mdf.header.start_time.timestamp() * 1e6) * 1000
+        return Table(values, times, max(start_ns, 0))
+
+
+def _read_matlab(path: Path, choose: Choose) -> Table:
+    """Return variables of a MATLAB file before 7.3: `struct/field`, and `name:2` of a matrix.
+
+    An element of an array of structs is named by its `Name`, if it has one, else by its number.
+    """
+    from scipy.io import loadmat
+
+    variables = loadmat(path, simplify_cells=True)
+    arrays: dict[str, NDArray[Any]] = {}
+    for name, value in variables.items():
+        if not name.startswith("__"):
+            _collect(name, value, arrays, 0)
+    headings = [
+        Heading(name, _matlab_unit(name, variables), name.rpartition("/")[0], len(values))
+        for name, values in arrays.items()
+    ]
+    return Table({each.name: arrays[each.name] for each in choose(headings)})
+
+
+def _collect(name: str, value: Any, arrays: dict[str, NDArray[Any]], depth: int) -> None:
+    """Add the columns in a variable to `arrays`, by their full names."""
+    if depth > 12:  # deeper than any struct of measurements
+        return
+    if isinstance(value, dict):
+        for key, item in value.items():
+            _collect(f"{name}/{key}", item, arrays, depth + 1)
+    elif isinstance(value, list) or (isinstance(value, np.ndarray) and value.dtype == object):
+        for number, item in enumerate(np.ravel(np.array(value, object)), start=1):
+            if isinstance(item, dict):
+                texts = (item[k] for k in ("Name", "name") if isinstance(item.get(k), str))
+                _collect(f"{name}/{next(texts, number)}", item, arrays, depth + 1)
+    elif isinstance(value, np.ndarray) and value.dtype.kind in "iuf":
+        values = np.squeeze(value)
+        if values.ndim == 1:
+            arrays[name] = values
+        elif values.ndim == 2 and min(values.shape) <= 256:  # a wider one is no table
+            columns = values.T if values.shape[0] >= values.shape[1] else values
+            arrays.update({f"{name}:{i + 1}": column for i, column in enumerate(columns)})
+
+
+def _matlab_unit(name: str, variables: Mapping[str, Any]) -> str:
+    """Return the unit of a column: from `x/units/channel`, or the `unit` of its struct."""
+    *folders, last = name.split("/")
+    node: Any = variables
+    for folder in folders:
+        node = node.get(folder) if isinstance(node, Mapping) else None
+    if not isinstance(node, Mapping):
+        return ""
+    units = node.get("units", node.get("unit", node.get("Unit", "")))
+    unit = units.get(last, "") if isinstance(units, Mapping) else units
+    return unit if isinstance(unit, str) else ""
+
+
+_UNIT = re.compile(r"^(.*\S)\s*[\[(]([^\[\]()]*)[\])]$")
+_NUMBER = re.compile(
+    r"^[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?$|^[+-]?(nan|inf)$", re.IGNORECASE
+)
+_SKIPPED = re.compile(r"Skipping line (\d+)")
+"""Words of pandas for a row with more fields than one too many."""
+_POINT = r"^\s*[+-]?\d*\.\d+([eE][+-]?\d+)?\s*$"
+_DATE = re.compile(r"^\s*\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
+
+
+def _form(path: Path) -> tuple[str, str, int, tuple[Heading, ...]]:
+    """Return encoding, separator, number of the first line of numbers, from 0, and all columns.
+
+    The head ends where numbers begin; the first lines of numbers may have gaps.  The last line of
+    the head with as many cells as the data has the names; the next line has the units if all its
+    cells are units.  A unit may also follow a name, in brackets.  Raises InputError if no line is
+    of numbers.
+    """
+    with path.open("rb") as file:
+        raw = file.read(1 << 17)  # longer than the head of any table
+    encoding = "utf-16" if raw[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
+    is_whole = len(raw) < 1 << 17
+    try:  # a character that the end of the head cuts is left out
+        text = codecs.getincrementaldecoder(encoding)().decode(raw, final=is_whole)
+    except UnicodeDecodeError:
+        encoding, text = "cp1252", raw.decode("cp1252", "replace")
+    if "\0" in text:
+        raise InputError(str(path), "is not a table of numbers", "name a file of channels")
+    lines = text.splitlines()
+    lines = lines if is_whole else lines[:-1]
+    for separator in (";", "\t", ","):
+        rows = [next(csv.reader([line], delimiter=separator), []) for line in lines[:2000]]
+        full = next((i for i, row in enumerate(rows) if _is_data(row, separator)), None)
+        if full is not None:
+            first = full  # lines above it with one value and gaps are data too
+            while first > 0 and _is_sparse_data(rows[first - 1], separator, len(rows[full])):
+                first -= 1
+            return encoding, separator, first, _headings(rows[:first], rows[full])
+    what = "is not a table of numbers with ; tabulator or , between the columns"
+    raise InputError(str(path), what, "name a file of channels, or export it with one of these")
+
+
+def _is_data(row: Sequence[str], separator: str) -> bool:
+    """Return whether a line has a number, and numbers or dates in two cells and in two thirds."""
+    cells = [cell.strip() for cell in row if cell.strip()]
+    numbers = sum(_is_number(cell, separator) for cell in cells)
+    dates = sum(bool(_DATE.match(cell)) for cell in cells)
+    two_thirds = (2 * len(cells) + 2) // 3  # rounded up
+    return len(row) > 1 and numbers > 0 and numbers + dates >= max(2, two_thirds)
+
+
+def _is_sparse_data(row: Sequence[str], separator: str, n_cells: int) -> bool:
+    """Return whether a line has this number of cells, one of them a number or date, else gaps."""
+    cells = [cell.strip() for cell in row if cell.strip()]
+    if len(row) != n_cells or len(cells) != 1:
+        return False
+    return _is_number(cells[0], separator) or bool(_DATE.match(cells[0]))
+
+
+def _is_number(cell: str, separator: str) -> bool:
+    return bool(_NUMBER.match(cell)) and (separator != "," or "," not in cell)
+
+
+def _headings(head: Sequence[Sequence[str]], data: Sequence[str]) -> tuple[Heading, ...]:
+    """Return the columns from the lines of the head and the first line of data."""
+    n = len(data)
+    # One cell more or less: some tools end the lines of the head or of the data with a separator.
+    wide = [[cell.strip() for cell in row] for row in head if len(row) in (n, n - 1, n + 1)]
+    wide = [[*row, ""][:n] for row in wide]
+    names, units = [""] * n, [""] * n
+    if wide:
+        names = wide[-1]
+        units_only = all(c.strip("[]()") != c or known_si(c) is not None for c in names)
+        if len(wide) > 1 and units_only and any(names):
+            names, units = wide[-2], [cell.strip("[]()") for cell in names]
+    headings = list[Heading]()
+    for i, name in enumerate(names):
+        match = _UNIT.match(name)
+        if match and not units[i]:
+            name, units[i] = match[1], match[2]
+        name, units[i] = name or f"column {i + 1}", "ns" if _DATE.match(data[i]) else units[i]
+        taken = any(each.name == name for each in headings)
+        headings.append(Heading(f"{name}:{i + 1}" if taken else name, units[i], "table"))
+    return tuple(headings)
+
+
+def _read_csv(path: Path, choose: Choose) -> Table:
+    """Return columns of a table with any separator, decimal mark and head of common tools.
+
+    Rows with too many fields are left out, and unreadable cells are missing values; both are
+    stated.
+    """
+    pandas = optional("pandas", "data")
+    encoding, separator, first, headings = _form(path)
+    wanted, n = choose(headings), len(headings)
+    positions = [headings.index(each) for each in wanted]
+    with warnings.catch_warnings(record=True) as skipped:
+        warnings.simplefilter("always")
+        table = pandas.read_csv(
+            path,
+            sep=separator,
+            header=None,
+            names=range(n + 1),  # a row with a field too many has a value in the last one
+            skiprows=first,
+            skip_blank_lines=False,
+            encoding=encoding,
+            encoding_errors="replace",
+            on_bad_lines="warn",
+            index_col=False,
+            low_memory=False,
+        )
+    bounded(len(table) * len(wanted), str(path))
+    left_out = [int(line) for each in skipped for line in _SKIPPED.findall(str(each.message))]
+    stop = first + len(table) + len(left_out)
+    # The index of a row is the number of its line, from 1.
+    table.index = np.setdiff1d(np.arange(first, stop) + 1, left_out)[: len(table)]
+    too_long = table.index[table[n].notna()]
+    table = table.drop(index=too_long)
+    unread = []
+    if lines := [*too_long.tolist(), *left_out]:
+        rows = counted(len(lines), "row has", "rows have")
+        unread.append(f"{rows} a field too many, the first in line {min(lines)}")
+    has_point = any(_has_point(table[position]) for position in positions)
+    is_comma = separator != "," and not has_point
+    values, bad = {}, []
+    for heading, position in zip(wanted, positions, strict=True):
+        column = table[position]
+        if column.dtype.kind in "iuf":
+            values[heading.name] = np.asarray(column)
+            continue
+        values[heading.name], wrong = _numbers(pandas, column, is_comma)
+        bad += [(int(line), heading.name) for line in table.index[wrong]]
+    if bad:
+        line, name = min(bad)
+        cells = counted(len(bad), "cell is no number", "cells are no numbers")
+        unread.append(f"{cells}, the first in line {line}, column {printable(name, 60)}")
+    return Table(values, unread=tuple(unread))
+
+
+def _has_point(column: Any) -> bool:
+    """Return whether a column has a number with a point: then commas are no decimal marks."""
+    if column.dtype.kind == "f":
+        values = column.to_numpy()
+        return bool(np.any(np.isfinite(values) & (values != np.rint(values))))
+    if column.dtype.kind in "iu":
+        return False
+    return bool(column.astype("string").str.contains(_POINT).any())
+
+
+def _numbers(pandas: Any, column: Any, is_comma: bool) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+    """Return the numbers in a column of text, and a mask of the cells that are none.
+
+    Gaps are no wrong cells.  Times of day become int64, ns since 1970, other numbers float64.
+    `is_comma`: True if a comma is the decimal mark.
+    """
+    text = column.astype("string").str.strip()
+    text = text.mask(text.isin(["", "-", "--"]))
+    filled = text.notna().to_numpy()
+    first_filled = text[filled].head(1)
+    if bool(first_filled.str.match(_DATE.pattern).fillna(False).any()):
+        times = pandas.to_datetime(text, utc=True, errors="coerce", format="ISO8601")
+        stamps = np.asarray(times.dt.tz_localize(None), "M8[ns]").astype(np.int64)
+        return stamps, filled & times.isna().to_numpy()
+    if is_comma:
+        text = text.str.replace(",", ".", regex=False)
+    values = np.asarray(pandas.to_numeric(text, errors="coerce"), np.float64)
+    return values, filled & np.isnan(values)

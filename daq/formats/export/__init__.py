@@ -1,1 +1,0 @@
-"""Exports sessions to the formats of other tools."""
