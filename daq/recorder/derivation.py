@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ..control.messages import SessionState, SessionStatus
-from ..derive.build_session import DONE, DONE_WITH_LOSS
 from ..errors import printable
+from ..session.build import DONE, DONE_WITH_LOSS
 
 PATIENCE_S = 600.0
 """Time, s, after which building a session file counts as hung, for an empty journal."""
@@ -81,7 +81,7 @@ class Derivation:
             with suppress(OSError):  # deleted meanwhile to make room
                 size += path.stat().st_size
         self._deadline_s = time.monotonic() + PATIENCE_S + size / SLOWEST_BYTES_PER_S
-        builder = [sys.executable, "-m", "daq.derive.build_session"]
+        builder = [sys.executable, "-m", "daq.session.build"]
         try:
             self._process = subprocess.Popen(
                 [*builder, str(job.target), *map(str, job.segments)],

@@ -19,9 +19,8 @@ from ..channels import SI_UNITS, Channel, Quantity
 from ..errors import InputError, printable
 from ..runs import Run, RunStatus, SampleGroup
 from ..sessions import Session
-from .content import Content, SchemaError, changed_parts, has_checksums
-from .hdf5 import read_content
-from .read import session_of
+from .content import session_of
+from .hdf5 import Content, SchemaError, changed_parts, has_checksums, read_content
 
 _YEAR_2000_NS = 946_684_800_000_000_000
 _STAMP_TOLERANCE_S = 0.5

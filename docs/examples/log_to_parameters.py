@@ -10,8 +10,8 @@ from pathlib import Path
 
 import identify
 from daq.bench.config import bench_codec, load_bench
-from daq.derive.from_logs import Intake, labelled, session_from_parts
 from daq.formats.log import read_log
+from daq.session.from_frames import Intake, labelled, session_from_parts
 
 
 def main(log: Path, bench_toml: Path | None = None) -> None:

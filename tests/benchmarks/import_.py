@@ -20,8 +20,8 @@ import can
 import numpy as np
 
 from daq.bench.config import Bench, load_bench
-from daq.derive.from_logs import Intake, LogPart
 from daq.formats.log import read_log
+from daq.session.from_frames import Intake, LogPart
 from daq.sim.car import SimulatedCar
 from daq.sim.ecu import campaign_frames
 from dbc import Codec, FrameBatch, parse_codec

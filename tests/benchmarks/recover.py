@@ -20,11 +20,11 @@ import numpy as np
 
 from daq.bench.config import Bench, RecorderConfig, bench_codec, load_bench, parse_bench
 from daq.bus.source import HopLosses
-from daq.derive.build_session import derive
 from daq.journal.format import JournalHead
 from daq.journal.writer import JournalWriter
 from daq.runlog.run_log import Code, verdict_entry
 from daq.runs import Event
+from daq.session.build import derive
 from daq.sim.car import SimulatedCar
 from daq.sim.ecu import campaign_frames
 from dbc import FrameBatch
@@ -40,7 +40,7 @@ BUMP_S = 1.2
 DIFFERENT_RUNS = 6
 ROUNDS = 3
 START_NS = 1_800_000_000_000_000_000
-_IMPORTS = "import tui; from daq.derive.build_session import *"
+_IMPORTS = "import tui; from daq.session.build import *"
 """What a process needs in any case, to be taken off."""
 _DERIVE = f"""{_IMPORTS}
 derive([Path(name) for name in sys.argv[2:]], Path(sys.argv[1]))
@@ -114,7 +114,7 @@ def _recorded(folder: Path, seconds: int, target: Path) -> tuple[tuple[Path, ...
             writer.append_events([verdict_entry(bump_ns + 2_600_000_000, label, [])])
             writer.cut()  # as the recorder does, so that the run can be read
         segments = [str(path) for path in writer.paths]
-        last = _spent("-m", "daq.derive.build_session", str(target), *segments)
+        last = _spent("-m", "daq.session.build", str(target), *segments)
         return writer.paths, last
 
 

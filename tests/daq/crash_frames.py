@@ -20,13 +20,13 @@ from numpy.typing import NDArray
 
 from daq.bench.config import BusConfig, RecorderConfig
 from daq.bus.source import HopLosses, SourceLosses
-from daq.derive.build_session import derive
 from daq.journal.folder import segments_in
 from daq.journal.format import JournalHead
 from daq.journal.reader import JournalReader, read_journal
 from daq.journal.segment import Room, SyncedFile
 from daq.journal.writer import JournalWriter
 from daq.runs import Event
+from daq.session.build import derive
 from dbc.frames import FrameBatch
 
 from .recorder_run import Running, sources
@@ -244,7 +244,7 @@ def journal_of_runs(folder: Path, frames: int, recording: str = "ab" * 16) -> tu
 
 def run_derive(target: Path, segments: Sequence[Path]) -> subprocess.Popen[str]:
     """Start the derivation as the recorder does."""
-    command = [sys.executable, "-m", "daq.derive.build_session", str(target), *map(str, segments)]
+    command = [sys.executable, "-m", "daq.session.build", str(target), *map(str, segments)]
     return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
 
 

@@ -344,7 +344,7 @@ def _wait(condition: Callable[[], bool]) -> None:
 
 def _commands() -> str:
     """Return the command lines of all session builders."""
-    command = ["pgrep", "--full", "--list-full", "daq.derive.build_session"]
+    command = ["pgrep", "--full", "--list-full", "daq.session.build"]
     return subprocess.run(command, capture_output=True, text=True, check=False).stdout
 
 

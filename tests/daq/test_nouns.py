@@ -16,12 +16,12 @@ from numpy.typing import ArrayLike
 
 from daq.bumps import BUMPS, kinds_of
 from daq.channels import SI_UNITS, TIME_DERIVATIVE, Channel, Quantity
-from daq.derive.from_logs import parse_runs
 from daq.errors import InputError
 from daq.loading import axle_loads, expected_car, loading, wrong_weights
 from daq.runlog.run_log import Override, Remark
 from daq.runs import Excitation, RunStatus, SampleGroup
 from daq.session import read_session, write_session
+from daq.session.from_frames import parse_runs
 from daq.sessions import notes_of, overrides_of, session_from_arrays
 from daq.silence import Silence, longest_gap_s, longest_silence
 from daq.sim.elements import NONE

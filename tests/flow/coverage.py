@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.bench.config import Bench, load_bench
-from daq.derive.build_samples import build_session
 from daq.journal.contents import HopCounts
 from daq.runs import Event
+from daq.session.build import build_session
 from daq.sessions import Session
 from daq.sim.car import SimulatedCar, true_parameters
 from daq.sim.ecu import campaign_frames

@@ -17,10 +17,10 @@ from daq.bench.config import parse_bench
 from daq.bus.clock import Now
 from daq.bus.source import HopLosses
 from daq.control.orders import Arm, Until
-from daq.derive.build_session import derive
 from daq.journal.format import JournalHead
 from daq.journal.writer import JournalWriter
 from daq.recorder.recording import Recording
+from daq.session.build import derive
 from daq.sim.ecu import campaign_frames
 from dbc import FrameBatch, parse_codec, shipped_dbc
 from tui.cli import run

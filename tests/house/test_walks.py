@@ -6,9 +6,9 @@ from pathlib import Path
 
 from daq.bench.config import Bench
 from daq.control.orders import Arm, Until
-from daq.derive.build_session import derive
 from daq.journal.folder import recordings
 from daq.session import read_session, write_session
+from daq.session.build import derive
 from dbc import Codec
 from identify import identify
 

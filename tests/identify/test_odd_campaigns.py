@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daq.session.write import write_session
+from daq.session import write_session
 from daq.sessions import session_from_arrays
 from daq.vehicle import BodyWeight, Corner, HubWeight
 from identify import identify_parameters

@@ -188,7 +188,7 @@ def campaign_by_order() -> str:
 def _built(niceness: set[str]) -> bool:
     for folder in Path("/proc").glob("[0-9]*"):
         with suppress(OSError, IndexError):
-            if b"daq.derive.build_session" in (folder / "cmdline").read_bytes():
+            if b"daq.session.build" in (folder / "cmdline").read_bytes():
                 adjusted = (folder / "oom_score_adj").read_text().strip()
                 if adjusted == "500":  # it has come as far as that
                     niceness.add((folder / "stat").read_text().rpartition(")")[2].split()[16])

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
     from daq import Session
     from daq.bench.config import Bench
-    from daq.derive.from_logs import LogPart
     from daq.formats.log import Log
+    from daq.session.from_frames import LogPart
     from dbc import Codec
 
     from ..output import Stage
@@ -71,9 +71,15 @@ def import_(
     from daq.bench.campaign import Origin
     from daq.bench.config import bench_codec
     from daq.check.frame_checks import mixed_messages
-    from daq.derive.from_logs import labelled, numbered, parse_runs, session_from_parts, with_steps
     from daq.files import refuse_existing
     from daq.formats.log import read_log, read_logs
+    from daq.session.from_frames import (
+        labelled,
+        numbered,
+        parse_runs,
+        session_from_parts,
+        with_steps,
+    )
 
     from ..bench import bench_with_dbc, bus_numbers, with_sensors
     from ..diagnostics import say, say_left_out
@@ -184,7 +190,7 @@ def _parts(
     `buses`: buses whose frames are read; empty: all.  `apart`: each log is a part, also one without
     a frame.
     """
-    from daq.derive.from_logs import Intake
+    from daq.session.from_frames import Intake
     from dbc import counted
 
     intakes: list[Intake] = []

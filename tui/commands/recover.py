@@ -32,8 +32,8 @@ def recover(
     json: JsonSummary = False,
 ) -> int:
     """Build the session file of each recording from its journal, and list exactly what is lost."""
-    from daq.derive.build_session import derive
     from daq.journal.folder import recordings_of
+    from daq.session.build import derive
 
     from ..diagnostics import say
     from ..output import print_json

@@ -29,9 +29,9 @@ def redecode(
 ) -> int:
     """Decode the raw frames of a session again, into a new session."""
     from daq import InputError, write_session
-    from daq.derive.redecode import redecoded
     from daq.files import file_sha256, refuse_existing
     from daq.session import read_changed_session
+    from daq.session.from_frames import redecoded
 
     from ..recorders.recording import show_session
 

@@ -59,8 +59,8 @@ def import_channels(
     from daq import InputError, write_session
     from daq.bench.channel_map import load_channel_map
     from daq.check.questions import open_questions
-    from daq.derive.from_logs import numbered, parse_runs, with_steps
     from daq.files import refuse_existing
+    from daq.session.from_frames import numbered, parse_runs, with_steps
 
     if bool(singles) == bool(files):
         what = "names both files and --run" if files else "names no file"
@@ -137,14 +137,14 @@ def _session(
     from importlib.metadata import version
 
     from daq import InputError
-    from daq.derive.from_columns import (
+    from daq.formats.columns import read_columns
+    from daq.session.from_columns import (
         bump_run,
         bumps_in,
         given_run,
         recording,
         session_from_columns,
     )
-    from daq.formats.columns import read_columns
 
     runs: list[Run] = []
     about = {"software": f"bumpbench {version('bumpbench')}"}

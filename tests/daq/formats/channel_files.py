@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.bench.channel_map import ChannelMap, load_channel_map
-from daq.derive.from_columns import given_run, recording, session_from_columns
 from daq.formats.columns import read_columns
+from daq.session.from_columns import given_run, recording, session_from_columns
 from daq.sessions import Session
 
 PERIOD_S = 16.0

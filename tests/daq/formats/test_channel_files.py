@@ -14,10 +14,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.io import savemat
 
 from daq.channels import Channel, Quantity
-from daq.derive.from_columns import bump_run, bumps_in, recording
 from daq.errors import InputError
 from daq.formats.columns import read_columns
 from daq.runs import Excitation, Losses, Run, RunStatus, SampleGroup
+from daq.session.from_columns import bump_run, bumps_in, recording
 from daq.sessions import Session
 from daq.vehicle import Corner, MassState, Vehicle
 from dbc.frames import FrameBatch

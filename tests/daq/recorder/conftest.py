@@ -8,8 +8,8 @@ from dataclasses import replace
 import pytest
 
 from daq.bench.config import Bench
-from daq.derive.build_session import main
 from daq.recorder import judging
+from daq.session.build import main
 from daq.verdict import RunMeasure
 
 

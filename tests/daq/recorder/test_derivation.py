@@ -15,11 +15,11 @@ import pytest
 from daq.bench.config import Bench
 from daq.control.messages import SessionState, SessionStatus, Status
 from daq.control.orders import Arm, Build, Mark, Note, Reject, Start, Undo, Until
-from daq.derive.build_session import BAD_INPUT, DONE, main
 from daq.journal.folder import segments_in
 from daq.recorder.derivation import Derivation
 from daq.runlog.run_log import Code, fold
 from daq.runs import Event
+from daq.session.build import BAD_INPUT, DONE, main
 from dbc import Codec
 
 from ..crash_frames import journal_of_runs
@@ -123,7 +123,7 @@ def test_the_end_of_a_process_is_the_state_of_the_session_file(
     derivation = Derivation()
     derivation.begin(Path("a.h5"), [Path("s1"), Path("s2")], "one", 4)
     (process,) = made
-    assert process.command[1:] == ["-m", "daq.derive.build_session", "a.h5", "s1", "s2"]
+    assert process.command[1:] == ["-m", "daq.session.build", "a.h5", "s1", "s2"]
     assert process.options["stdin"] == subprocess.DEVNULL
     assert process.options["process_group"] == 0
     assert derivation.status == SessionStatus(BUILDING, "a.h5", "", "one", 4)

@@ -17,7 +17,6 @@ from daq.bus.source import HopLosses
 from daq.channels import Quantity
 from daq.control.messages import Phase
 from daq.control.orders import Arm, Pause, Until
-from daq.derive.build_session import derive
 from daq.errors import InputError
 from daq.journal.folder import last_recording, segments_in
 from daq.journal.format import JournalHead
@@ -29,6 +28,7 @@ from daq.recorder.resuming import resumable
 from daq.runlog.run_log import LoggedStatus, fold
 from daq.runs import Event, Losses
 from daq.session import read_session
+from daq.session.build import derive
 from dbc import Codec, FrameBatch, FrameFlag
 from identify.report.content import title_of
 

@@ -13,13 +13,12 @@ from daq.bench.config import Bench, bench_codec, parse_bench
 from daq.bench.databases import stored_databases
 from daq.bus.source import HopLosses
 from daq.check.check import check_bench
-from daq.derive.build_session import derive
-from daq.derive.from_logs import Intake, labelled, session_from_parts
-from daq.derive.redecode import redecoded
 from daq.errors import InputError
 from daq.journal.format import JournalHead
 from daq.journal.writer import JournalWriter
 from daq.session import read_session, write_session
+from daq.session.build import derive
+from daq.session.from_frames import Intake, labelled, redecoded, session_from_parts
 from daq.sessions import Session, session_part
 from daq.sim.car import SimulatedCar
 from daq.sim.ecu import campaign_frames

@@ -12,18 +12,18 @@ import pytest
 from daq.bench.campaign import Campaign, Step
 from daq.bench.config import Bench, parse_bench
 from daq.bus.source import HopLosses
-from daq.derive.from_logs import (
+from daq.errors import InputError
+from daq.journal.contents import HopCounts
+from daq.runs import Event, Excitation, Losses, Run, RunStatus
+from daq.session.from_frames import (
     Intake,
     LogPart,
     labelled,
     numbered,
     parse_runs,
+    redecoded,
     with_steps,
 )
-from daq.derive.redecode import redecoded
-from daq.errors import InputError
-from daq.journal.contents import HopCounts
-from daq.runs import Event, Excitation, Losses, Run, RunStatus
 from daq.sessions import Session
 from dbc import FrameBatch
 

@@ -14,8 +14,6 @@ from daq.bench.campaign import Campaign
 from daq.bench.config import Bench
 from daq.bus.source import HopLosses
 from daq.channels import Channel, Quantity
-from daq.derive.build_samples import build_session
-from daq.derive.build_session import derive
 from daq.errors import InputError
 from daq.journal.contents import HopCounts
 from daq.journal.format import JournalHead
@@ -23,6 +21,7 @@ from daq.journal.writer import JournalWriter
 from daq.runlog.run_log import Code, entry, verdict_entry
 from daq.runs import Event, Excitation, Run, RunStatus
 from daq.session import read_session
+from daq.session.build import build_session, derive
 from daq.sessions import Session
 from daq.sim.car import SimulatedCar, truth
 from daq.sim.ecu import bench_senders, campaign_frames, frame_time_ns

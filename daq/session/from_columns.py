@@ -28,7 +28,7 @@ from ..samples.columns import Column, Columns
 from ..samples.groups import group_names
 from ..samples.mapping import channel_values, si_unit
 from ..sessions import Session
-from .build_samples import EDGE_S, utc_text
+from .build import EDGE_S, utc_text
 
 _SINCE_1970_S = 1e8
 """Time, s, above which times count from 1970: no recording lasts three years."""

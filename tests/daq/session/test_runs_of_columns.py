@@ -15,10 +15,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from daq.bench.campaign import Step
 from daq.bench.channel_map import ChannelMap, GivenRun, load_channel_map
-from daq.derive.from_columns import Recording, bumps_in, given_run, recording, session_from_columns
 from daq.errors import InputError
 from daq.runs import Excitation, RunStatus, SampleGroup
 from daq.samples.columns import Column, Columns
+from daq.session.from_columns import Recording, bumps_in, given_run, recording, session_from_columns
 
 nan = float("nan")
 S = 1_000_000_000

@@ -13,12 +13,12 @@ import pytest
 
 from daq import read_session
 from daq.bus.source import HopLosses
-from daq.derive.build_session import Derived, derive
 from daq.errors import InputError
 from daq.journal.format import JournalHead
 from daq.journal.writer import JournalWriter
 from daq.runlog.run_log import Code, entry, verdict_entry
 from daq.runs import Event
+from daq.session.build import Derived, derive
 
 from ..small_campaign import PERIOD_S, START_NS, blocks, bumps, small_bench, small_codec
 

@@ -1,1 +1,0 @@
-"""Derives sessions from recorded frames."""
