@@ -38,16 +38,15 @@ from .fit.uncertainty import (
 from .model.matrices import Full, loaded_model
 from .modes.modal_model import mode_names, modes_of, pair_modes
 from .modes.vehicle_modes import SensedModes, sensed_modes
-from .paper.closed_form import ClosedForm, closed_form
+from .paper import ClosedForm, closed_form
 from .result import Identification
 from .trust.faults import clock_jump, swapped_labels, wrong_channel
 from .trust.finding import Judgement
 from .trust.hypotheses import rank_causes
 from .trust.judge import judge
-from .trust.residuals import CHI2_LIMIT
-from .trust.runs import some_runs_are_wrong
-from .trust.shortcomings import shortcomings, unused_findings
-from .trust.weights import contradicted_by_sag, mistyped_weight, wrong_weight
+from .trust.residuals import CHI2_LIMIT, some_runs_are_wrong
+from .trust.samples import shortcomings, unused_findings
+from .trust.statements import contradicted_by_sag, mistyped_weight, wrong_weight
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -171,3 +172,181 @@ def with_channels(decay: FreeDecay, change: Callable[[Channel], Channel | None])
             group = ChannelGroup(r.group.name, members)
             recordings.append(Recording(group, r.time_s, r.values[:, columns]))
     return replace(decay, recordings=tuple(recordings))
+
+
+# Finds the start of the free decay of a record, and the noise of its sensors at rest --------------
+
+GUARD_S = 0.01  # onset detection and the spread of the four wheels over the bump
+UNKNOWN_BUMP_S = 0.35  # longer than any bump that is rolled over; shortened afterwards
+_REST_S = 0.08  # must be at rest; the paper's records have 0.1 s
+_REST_SAMPLES = 3  # fewer do not give a spread
+_MOVING = 4.0
+"""Scatter in units of the noise, above which a channel moves."""
+_ONSET_SIGMA = 6.0
+"""Distance from the level at rest, in units of the noise, above which the motion has started."""
+_ONSET_SHARE = 0.02  # of the channel's peak, where there is no noise to compare with
+_ROUNDING = 1e-12  # of a channel's largest value: scatter that rounding alone makes
+_QUIET_SAMPLES = 100  # fewer do not give a noise level to 10 %
+_QUIET_MARGIN_S = 0.005  # the onset is seen a little late
+_SAME_VALUE = 1e-9  # of a channel's largest value: a smaller distance of two values is rounding
+_ONSETS: WeakKeyDictionary[Record, float | None] = WeakKeyDictionary()
+"""Onset of each record in use; computed once, because every gate asks for it."""
+_Quiet = tuple[tuple[Recording, NDArray[np.bool_]], ...]
+_QUIET: WeakKeyDictionary[Record, _Quiet] = WeakKeyDictionary()
+"""Recordings of each record in use that have samples at rest, and which samples these are."""
+
+
+def onset_s(record: Record) -> float | None:
+    """Return the time at which the motion starts, s; None if the record starts in motion.
+
+    `record`: a run with its time stamps as measured.
+    """
+    if record not in _ONSETS:
+        _ONSETS[record] = _detected_onset_s(record)
+    return _ONSETS[record]
+
+
+def _detected_onset_s(record: Record) -> float | None:
+    """Return the first time at which a channel leaves its level at rest, s, as `onset_s`.
+
+    None if a channel moves in the first `_REST_S`, or none leaves its level.
+    """
+    onsets_s = []
+    for recording in record.recordings:
+        values = recording.values
+        resting = recording.time_s < record.start_s + _REST_S
+        # A slow group has too few samples in so short a rest; the others show whether there is one.
+        if resting.sum() < _REST_SAMPLES:
+            continue
+        level, spread = values[resting].mean(axis=0), values[resting].std(axis=0)
+        # The last fifth: there the motion has died away.
+        noise = difference_noise(values[-max(len(values) // 5, _REST_SAMPLES) :])
+        largest_still = np.maximum(_MOVING * noise, _ONSET_SHARE * values.std(axis=0))
+        if (spread > largest_still).any():
+            return None
+        away = np.abs(values - level)
+        limit = np.maximum(
+            _ONSET_SIGMA * np.maximum(spread, noise), _ONSET_SHARE * away.max(axis=0)
+        )
+        above = away > limit
+        moved = above[:-1] & above[1:]  # one sample alone is a glitch
+        first = [np.argmax(column) for column in moved.T if column.any()]
+        onsets_s += [float(recording.time_s[i]) for i in first]
+    return min(onsets_s) if onsets_s else None
+
+
+def is_still(record: Record) -> bool:
+    """Return whether nothing but noise is in a record: no bump, and no motion after one."""
+    if onset_s(record) is not None:
+        return False
+    for recording in record.recordings:
+        values = recording.values
+        if len(values) < 2:
+            continue
+        rounding = _ROUNDING * np.abs(values).max(axis=0)
+        if not (values.std(axis=0) <= _MOVING * difference_noise(values) + rounding).all():
+            return False
+    return True
+
+
+def decay_start_s(record: Record) -> float:
+    """Return the start of the free decay by the stated bump, s; the record may end before it.
+
+    Where no bump is stated, it is at most half-way between the onset and the end.
+    """
+    onset = onset_s(record)
+    if onset is None:
+        return record.start_s
+    if np.isfinite(record.bump_s):
+        return onset + record.bump_s + GUARD_S
+    return min(onset + UNKNOWN_BUMP_S + GUARD_S, (onset + record.end_s) / 2)
+
+
+def quiet_noise(records: Sequence[Record]) -> dict[str, float]:
+    """Return each channel's standard deviation at rest before the bump, pooled over the records.
+
+    In SI units; at least that of rounding to the step of a coarse sensor.  Empty if a channel has
+    fewer than 100 samples at rest.
+    """
+    counts = quiet_counts(records)
+    names = {c.name for r in records for q in r.recordings for c in q.group.channels}
+    if any(counts.get(name, 0) < _QUIET_SAMPLES for name in names):
+        return {}
+    squares = dict.fromkeys(counts, 0.0)  # sums of squares about the mean of each rest
+    for recording, resting in (pair for record in records for pair in _quiet(record)):
+        quiet = recording.values[resting]
+        sums = np.sum((quiet - quiet.mean(axis=0)) ** 2, axis=0)
+        for channel, total in zip(recording.group.channels, sums.tolist(), strict=True):
+            squares[channel.name] += total
+    rounding = {name: step / np.sqrt(12.0) for name, step in coarse_steps(records).items()}
+    return {
+        name: max(float(np.sqrt(squares[name] / n)), rounding.get(name, 0.0))
+        for name, n in counts.items()
+    }
+
+
+def rest_levels(record: Record) -> dict[str, float]:
+    """Return each channel's mean at rest before the bump, SI; empty without a quiet stretch."""
+    return {
+        channel.name: float(level)
+        for recording, resting in _quiet(record)
+        for channel, level in zip(
+            recording.group.channels, recording.values[resting].mean(axis=0), strict=True
+        )
+    }
+
+
+def coarse_steps(records: Sequence[Record]) -> dict[str, float]:
+    """Return the steps of the channels that show fewer than half a step of noise at rest, SI.
+
+    Their values at rest are few, so that rounding hides the noise.  The step is the least distance
+    of two values in the whole records.
+    """
+    quiet_parts: dict[str, list[NDArray[np.float64]]] = {}
+    whole_parts: dict[str, list[NDArray[np.float64]]] = {}
+    for record in records:
+        for recording, resting in _quiet(record):
+            for channel, column in zip(recording.group.channels, recording.values.T, strict=True):
+                quiet_parts.setdefault(channel.name, []).append(column[resting])
+                whole_parts.setdefault(channel.name, []).append(column)
+    steps = {}
+    for name, parts in quiet_parts.items():
+        quiet = np.sort(np.concatenate(parts))
+        changes_seldom = 2 * np.count_nonzero(np.diff(quiet)) < len(quiet)
+        if changes_seldom:
+            values = np.sort(np.concatenate(whole_parts[name]))
+            distances = np.diff(values)
+            distances = distances[distances > _SAME_VALUE * np.abs(values[[0, -1]]).max()]
+            if len(distances) and quiet.std() < distances.min() / 2.0:
+                steps[name] = float(distances.min())
+    return steps
+
+
+def quiet_counts(records: Sequence[Record]) -> dict[str, int]:
+    """Return the degrees of freedom of each level of `quiet_noise`."""
+    counts: dict[str, int] = {}
+    for recording, resting in (pair for record in records for pair in _quiet(record)):
+        n = int(np.count_nonzero(resting))
+        for channel in recording.group.channels:
+            counts[channel.name] = counts.get(channel.name, 0) + n - 1  # one for the mean
+    return counts
+
+
+def _quiet(record: Record) -> _Quiet:
+    """Return the recordings with samples before the onset, and which samples these are."""
+    if record not in _QUIET:
+        onset = onset_s(record)
+        end_s = -np.inf if onset is None else onset - _QUIET_MARGIN_S
+        pairs = ((recording, recording.time_s < end_s) for recording in record.recordings)
+        _QUIET[record] = tuple(
+            (recording, resting) for recording, resting in pairs if resting.sum() >= _REST_SAMPLES
+        )
+    return _QUIET[record]
+
+
+def difference_noise(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the white noise of each column, by successive differences (von Neumann).
+
+    A smooth signal adds little to it, so it separates the noise of a residual from its misfit.
+    """
+    return np.asarray(np.sqrt(np.mean(np.diff(values, axis=0) ** 2, axis=0) / 2))

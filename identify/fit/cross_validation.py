@@ -9,8 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..decays.decay import FreeDecay
-from ..decays.onset import quiet_counts
+from ..decays.decay import FreeDecay, quiet_counts
 from .estimation import Estimation
 from .likelihood import Residuals, covariance_of
 from .uncertainty import determined

@@ -9,8 +9,15 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from ..decays.decay import FreeDecay, Record
-from ..decays.onset import decay_start_s, difference_noise, onset_s, quiet_counts, quiet_noise
+from ..decays.decay import (
+    FreeDecay,
+    Record,
+    decay_start_s,
+    difference_noise,
+    onset_s,
+    quiet_counts,
+    quiet_noise,
+)
 from .decay_start import earliest_start_s
 from .grey_box import GreyBox
 from .likelihood import (

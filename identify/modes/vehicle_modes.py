@@ -16,8 +16,7 @@ from daq.channels import AT_CORNER, ON_BODY, Channel, Quantity
 from dbc.errors import InputError
 from dbc.frames import freeze_arrays
 
-from ..decays.decay import FreeDecay, Record, Recording
-from ..decays.onset import onset_s
+from ..decays.decay import FreeDecay, Record, Recording, onset_s
 from ..model.chi_squared import exceeded_by_chance
 from ..model.matrices import N_DOF
 from .modal_likelihood import LikelyModes, Ties, most_likely_modes

@@ -11,8 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from daq.vehicle import Structure
 
-from ..decays.decay import FreeDecay, Record
-from ..decays.onset import decay_start_s
+from ..decays.decay import FreeDecay, Record, decay_start_s
 from ..fit.estimation import Estimation, basin, floored, rough_noise
 from ..fit.grey_box import GreyBox
 from ..fit.likelihood import Fit

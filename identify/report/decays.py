@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from daq.channels import Channel, Quantity
 
-from ..decays.decay import FreeDecay, Record, Recording
-from ..decays.onset import onset_s
+from ..decays.decay import FreeDecay, Record, Recording, onset_s
 from ..fit.estimation import Estimation
 from ..fit.likelihood import Residuals
 from .figure import FAINT, HALF_IN, INK, PALETTE

@@ -15,7 +15,7 @@ from daq.vehicle import FORD_GRANADA, PARAMETER_NAMES
 
 from ..model.matrices import delta_mass, physical_model
 from ..modes.modal_model import modes_of, pair_modes
-from ..paper.closed_form import physical_matrices, sequential_vehicle, state_matrix_of
+from ..paper import physical_matrices, sequential_vehicle, state_matrix_of
 from .campaign import BUMP, PAPER_ADDED_MASS, Campaign, records_of, require_noise
 from .result import Column, Curve, CurvePanel, Study, percent, rows_of
 from .tables import PASS_HZ, filtered, taps, vehicle_of_geometry

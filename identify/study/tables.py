@@ -25,7 +25,7 @@ from ..model.response import exact_response, wilson_response
 from ..modes.modal_model import ModalModel, displacement_shapes
 from ..modes.mode_selection import identify_modes
 from ..modes.state_variable_method import Delays, delay_space, poles_of_rank
-from ..paper.closed_form import (
+from ..paper import (
     DAMPING,
     STIFFNESS,
     linear_parameters,

@@ -20,9 +20,9 @@ from dbc.words import counted
 from ..decays.decay import FreeDecay
 from ..fit.estimation import Estimation, generic_vehicles, later_may_hold
 from ..fit.likelihood import HOLD, residuals
-from .finding import listed
+from .finding import Cause, listed
 from .hypotheses import LATE_ADVICE, ROTATIONS
-from .refit import AS_STATED, Cause, Refit, Trial, compared, parameters_as_start, ranked, refit
+from .refit import AS_STATED, Refit, Trial, compared, parameters_as_start, ranked, refit
 from .statements import scale_facts, shift_without_scales
 
 _EXPLAINS = 0.35

@@ -26,8 +26,8 @@ from ..fit.varpro import Evaluated, evaluate, linear_parts, motion, over_two, sl
 from ..model.chi_squared import exceeded_by_chance
 from ..model.matrices import loaded_model, travel_rows
 from ..numbers import with_half
+from .finding import Cause
 from .plausibility import BELOW_SIGMAS
-from .refit import Cause
 from .statements import scale_facts
 
 Array = NDArray[np.float64]

@@ -22,16 +22,25 @@ from ..fit.estimation import Estimation
 from ..fit.grey_box import SIGNED
 from ..fit.uncertainty import determined
 from .faults import Causes, causes_of
-from .finding import Judgement, Loss, Survival
+from .finding import Cause, Judgement, Loss, Survival
 from .hypotheses import TABLE, rank_causes
-from .motion import excitation_findings, lift_off_findings, mode_snr_db
-from .plausibility import parameter_findings, undetermined
-from .refit import Cause
-from .residuals import CHI2_LIMIT, chi2_by_run, misfit_findings, whiteness_findings
-from .runs import moves_without, repeat_findings
+from .plausibility import (
+    excitation_findings,
+    lift_off_findings,
+    mode_snr_db,
+    parameter_findings,
+    undetermined,
+)
+from .residuals import (
+    CHI2_LIMIT,
+    chi2_by_run,
+    misfit_findings,
+    moves_without,
+    repeat_findings,
+    whiteness_findings,
+)
 from .samples import sample_findings
-from .statements import contradicted_shift, contradictions, unseen_findings
-from .weights import ONE_WEIGHT
+from .statements import ONE_WEIGHT, contradicted_shift, contradictions, unseen_findings
 
 _EXPLAINS = 0.35
 """Share of the misfit that the best cause must explain; below, the rest may have any cause."""

@@ -7,8 +7,8 @@ samples, and the cost shows how much better that description is.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 
 from daq.channels import Channel
 from daq.vehicle import MassState
-from dbc.finding import Finding, Severity
 
 from ..decays.decay import FreeDecay, with_channels
 from ..fit.estimation import Estimation, generic_vehicles
-from ..fit.grey_box import SIGNED, GreyBox
+from ..fit.grey_box import GreyBox
 from ..fit.likelihood import HOLD, Fit, fit
+from .finding import Cause
 
 _RATE_HZ = 250.0
 _LENGTH_S = 1.0
@@ -33,63 +33,6 @@ _STEPS = 15
 _RANKING_STEPS = 6
 """Steps after which hypotheses are compared: from a generic car, the true labels have the lowest
 cost after four."""
-_MATTERS, _REFUSES = 0.02, 0.10
-"""Relative changes of a parameter above which a cause makes the result doubtful, and refuses it."""
-
-
-@dataclass(frozen=True, slots=True)
-class Cause:
-    """A likely cause of a misfit; without sizes, a row of the table of hypotheses."""
-
-    name: str
-    """The fault."""
-    advice: str = ""
-    sizes: str = ""
-    """Size of the fault, as text."""
-    explained: float = 0.0
-    """Share of the excess of the squared residuals that the cause explains; 0 without a misfit."""
-    moved: Mapping[str, float] = field(default_factory=dict)
-    """Change of each parameter's unknown by the cause: relative, or in its unit if it may be
-    zero."""
-    certain: bool = False
-    """True if it refuses the result even if it moves little: it can be put right."""
-    code: str = ""
-    """Code of the finding; empty: from the name."""
-    kind: str = ""
-    """Key in the table of hypotheses; empty for what was refitted."""
-    subject: str = ""
-    """Channel or group that it is of."""
-    of_bench: bool = False
-    """True if it is a fault of a sensor."""
-    nonlinear: bool = False
-    """True if the car is not linear: what depends on amplitude is then reported, too."""
-    gain: float = np.inf
-    """Fall of the squared residuals by the cause, in units of the noise."""
-    strength: float = np.inf
-    """That fall in units of what chance would give; noise stays below 1 except in one of a million
-    cases."""
-
-    @property
-    def shift(self) -> tuple[float, str]:
-        """Largest relative change of a parameter by the cause, and that parameter."""
-        sizes = {name: 0.0 if name in SIGNED else abs(by) for name, by in self.moved.items()}
-        worst = max(sizes, key=lambda name: sizes[name])
-        return sizes[worst], worst
-
-    @property
-    def finding(self) -> Finding:
-        """The cause in words."""
-        shift, shifted = self.shift
-        severity = Severity.NOTE
-        if self.certain or shift > _MATTERS:
-            severity = Severity.ERROR if self.certain or shift > _REFUSES else Severity.WARNING
-        share = f"explains {min(self.explained, 1.0) * 100:.0f} % of the misfit"
-        size = ", ".join(part for part in (self.sizes, share if self.explained else "") if part)
-        moves = f"moves {shifted} by about {min(shift, 1.0) * 100:.1f} %"
-        details = f"{size}; {moves}" if size else moves
-        text = f"likely cause: {self.name} ({details}): {self.advice}"
-        code = self.code or self.name.split(" of ")[0].replace(" ", "_")
-        return Finding(code, severity, text)
 
 
 class Trial(NamedTuple):

@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from daq.runs import Run, RunStatus, SampleGroup
 from daq.sessions import Session
-from identify.decays.bad_values import BadValue, spikes, without_bad_values
-from identify.decays.usable import usable
+from identify.decays.usable import BadValue, spikes, usable, without_bad_values
 from identify.pipeline import identify_parameters
 from identify.result import Identification
-from identify.trust.shortcomings import unused_findings
+from identify.trust.samples import unused_findings
 
 from ..stress import stress_session
 

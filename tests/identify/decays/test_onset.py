@@ -16,15 +16,13 @@ from identify.decays.decay import (
     FreeDecay,
     Record,
     Recording,
-    record_of,
-    with_channels,
-)
-from identify.decays.onset import (
     decay_start_s,
     is_still,
     onset_s,
     quiet_counts,
     quiet_noise,
+    record_of,
+    with_channels,
 )
 
 Array = NDArray[np.float64]

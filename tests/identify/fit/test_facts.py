@@ -24,7 +24,7 @@ from identify.study.campaign import PAPER_MASS_STATES, SENSOR_SETS, Campaign, re
 from identify.trust.finding import Verdict
 from identify.trust.judge import judge
 from identify.trust.plausibility import parameter_findings
-from identify.trust.shortcomings import shortcomings
+from identify.trust.samples import shortcomings
 
 from ..bumps import TRUTH
 from ..stress import stress_session, true_value

@@ -14,8 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 from daq.vehicle import Fact, FactQuantity, Structure
-from identify.decays.decay import ChannelGroup, FreeDecay, Recording
-from identify.decays.onset import decay_start_s
+from identify.decays.decay import ChannelGroup, FreeDecay, Recording, decay_start_s
 from identify.fit.grey_box import GreyBox
 from identify.fit.likelihood import FACTS, PRIORS
 from identify.fit.likelihood import fit as linear_fit

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from daq.channels import Channel, Quantity
 from daq.sim.car import true_parameters
 from daq.vehicle import AddedMass, BodyWeight, Corner, HubWeight, MassState, Structure
-from identify.decays.decay import ChannelGroup, FreeDecay, Recording
-from identify.decays.onset import decay_start_s
+from identify.decays.decay import ChannelGroup, FreeDecay, Recording, decay_start_s
 from identify.fit.grey_box import GreyBox
 from identify.nonlinear.begin import position_at_rest
 from identify.nonlinear.car import (

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from daq.bench.config import default_bench_text, parse_bench
 from daq.sim.car import Spread
 from daq.vehicle import FORD_GRANADA
-from identify.decays.decay import ChannelGroup, FreeDecay, Recording
-from identify.decays.onset import decay_start_s
+from identify.decays.decay import ChannelGroup, FreeDecay, Recording, decay_start_s
 from identify.fit.grey_box import GreyBox
 from identify.nonlinear.begin import initial_states_of, weak_priors
 from identify.nonlinear.car import KNOTS, Model

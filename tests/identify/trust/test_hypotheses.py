@@ -12,10 +12,9 @@ from identify.fit.estimation import Estimation, estimate, generic_vehicles
 from identify.fit.grey_box import GreyBox
 from identify.fit.uncertainty import estimates
 from identify.study.campaign import PAPER_MASS_STATES, SENSOR_SETS, Campaign, records_of
-from identify.trust.finding import Verdict
+from identify.trust.finding import Cause, Verdict
 from identify.trust.hypotheses import rank_causes
 from identify.trust.judge import judge
-from identify.trust.refit import Cause
 
 from ..stress import HUBS, STRESSES, stress_session, true_value
 from .campaigns import (

@@ -20,7 +20,7 @@ from identify.fit.estimation import Estimation
 from identify.fit.varpro import evaluate, linear_part
 from identify.model.matrices import SYMMETRIC, PhysicalModel, loaded_model
 from identify.modes.modal_model import modes_of
-from identify.trust.motion import (
+from identify.trust.plausibility import (
     excitation_findings,
     least_loads_n,
     lift_off_findings,

@@ -14,7 +14,7 @@ from identify.fit.estimation import Estimation
 from identify.fit.grey_box import GreyBox
 from identify.fit.likelihood import fit, normal_blocks
 from identify.trust.hypotheses import rank_causes
-from identify.trust.runs import (
+from identify.trust.residuals import (
     moves_without,
     pull_of,
     repeat_findings,

@@ -16,7 +16,7 @@ from dbc.finding import Finding, Severity
 from identify import identify, identify_parameters, usable_session
 from identify.decays.usable import usable
 from identify.trust.finding import Verdict
-from identify.trust.shortcomings import shortcomings, unused_findings
+from identify.trust.samples import shortcomings, unused_findings
 
 from ..stress import BUMP_S, REST_S
 from .campaigns import by_gate, campaign, with_group, with_runs

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from identify.fit.estimation import Estimation
+from identify.trust.finding import Cause
 from identify.trust.judge import survival
-from identify.trust.refit import Cause
 
 from .campaigns import estimated
 

@@ -13,7 +13,7 @@ from daq.vehicle import FORD_GRANADA, AddedMass, BodyWeight, Corner, HubWeight, 
 from dbc.errors import InputError
 from identify.model.matrices import PhysicalModel, delta_mass, physical_model
 from identify.modes.modal_model import ModalModel, modes_of
-from identify.paper.closed_form import (
+from identify.paper import (
     ClosedForm,
     damping_matrices,
     identify_parameters,

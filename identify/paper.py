@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from daq.vehicle import DOF, MassState, VehicleGeometry, VehicleParameters
 from dbc.errors import InputError
 
-from ..model.matrices import N_DOF, PhysicalModel, delta_mass, matrices, with_geometry
-from ..modes.modal_model import ModalModel, displacement_shapes
-from ..modes.vehicle_modes import SensedModes
+from .model.matrices import N_DOF, PhysicalModel, delta_mass, matrices, with_geometry
+from .modes.modal_model import ModalModel, displacement_shapes
+from .modes.vehicle_modes import SensedModes
 
 # Follows the paper's order of estimation: from M, C and K to parameters in three linear steps -----
 #

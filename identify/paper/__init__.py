@@ -1,1 +1,0 @@
-"""The paper's closed form (Eqs. 22-33)."""
