@@ -3,9 +3,9 @@
 ``python -m tests.benchmarks.recorder 600`` runs the load for ten minutes.
 
 A kernel without CAN will do: datagrams of `struct can_frame` over UDP on the loopback stand for the
-buses, as in `receive`.  Costs are CPU time, kernel included, the least of some rounds: other work
-on the machine can only add to them.  Each frame is one of the bench's own,
-so all are decoded; each bus carries 9,000 a second, which is all that 1 Mbit/s holds.
+buses.  Costs are CPU time, kernel included, the least of some rounds: other work on the machine
+can only add to them.  Each frame is one of the bench's own, so all are decoded; each bus carries
+9,000 a second, which is all that 1 Mbit/s holds.
 """
 
 from __future__ import annotations
@@ -18,8 +18,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from unittest import mock
@@ -42,7 +41,7 @@ from daq.recorder.recorder import Recorder
 from daq.recorder.recording import Recording
 from daq.runs import Event
 from daq.samples.converter import HealthState, advance
-from daq.samples.mapping import MappedChannel, map_channels
+from daq.samples.mapping import map_channels
 from daq.sim.car import SimulatedCar
 from daq.sim.ecu import campaign_frames
 from dbc import Codec, FrameBatch
@@ -88,34 +87,15 @@ print(sent * len(sockets))
 """
 
 
-@dataclass(frozen=True, slots=True)
-class Load:
-    """Counts the frames and the CPU time of a recorder under load."""
-
-    seconds: float
-    """Wall time."""
-    spent_s: float
-    """CPU time of the process, s."""
-    sent: int
-    recorded: int
-    high: int
-    """`sent`, `recorded`, `high`: frames; most blocks that waited between readers and writer."""
-
-    @property
-    def us(self) -> float:
-        """CPU time per frame, us."""
-        return self.spent_s / self.recorded * 1e6
-
-
 def main() -> None:
     """Print cost per frame of each hop, ours and theirs, and what a load does."""
     logging.getLogger("can").setLevel(logging.CRITICAL)  # it misses options of a true CAN socket
     seconds = float(sys.argv[1]) if __name__ == "__main__" and len(sys.argv) > 1 else LOAD_SECONDS
     bench, frames = load_bench(None), bump_frames()
     codec = bench_codec(bench)
-    ours = _least(lambda: _receive_us(frames, _our_reader))
-    ours |= _hops(_least(lambda: _our_hops(bench, codec, frames)))
-    theirs = _least(lambda: _receive_us(frames, _their_reader))
+    ours = _least(lambda: _receive_us(frames, ours=True))
+    ours |= _least(lambda: _our_hops(bench, codec, frames))
+    theirs = _least(lambda: _receive_us(frames, ours=False))
     theirs |= _least(lambda: _their_hops(bench, frames))
     for name, us in ours.items():
         print(f"recorder, {name}: {us:.2f} us/frame")
@@ -123,14 +103,7 @@ def main() -> None:
         print(f"recorder, python-can's {name}: {us:.2f} us/frame")
     total, other = sum(ours.values()), sum(theirs.values())
     print(f"recorder, in all: {total:.2f} us/frame, python-can {other:.1f}, {other / total:.1f} x")
-    done = load(seconds)
-    print(
-        f"recorder, {BUSES} full buses for {done.seconds:.0f} s with a stall of {STALL_S:g} s: "
-        f"{done.us:.2f} us/frame x {BUSES * FULL_BUS_HZ:,} frames/s = "
-        f"{done.us * 1e-6 * BUSES * FULL_BUS_HZ:.1%} of a core, "
-        f"{done.sent - done.recorded} of {done.sent:,} frames lost, "
-        f"at most {done.high} blocks waited"
-    )
+    load(seconds)
 
 
 def _least(measure: Callable[[], dict[str, float]]) -> dict[str, float]:
@@ -139,8 +112,8 @@ def _least(measure: Callable[[], dict[str, float]]) -> dict[str, float]:
     return {name: min(each[name] for each in rounds) for name in rounds[0]}
 
 
-def load(seconds: float) -> Load:
-    """Record four full buses with real threads; in the middle the writer is held up for 2 s."""
+def load(seconds: float) -> None:
+    """Record four full buses with real threads, the writer held up for 2 s; print cost and loss."""
     bench = replace(
         load_bench(None),
         buses=tuple(BusConfig("socketcan", f"loopback{k}", 1_000_000) for k in range(BUSES)),
@@ -176,8 +149,14 @@ def load(seconds: float) -> Load:
         stop.set()
         writer.join()
     (last,) = reported
-    sent = int(sender.stdout)
-    return Load(wall_s, spent_s, sent, last.disk.recorded_frames, last.queue.high)
+    sent, recorded = int(sender.stdout), last.disk.recorded_frames
+    us = spent_s / recorded * 1e6
+    print(
+        f"recorder, {BUSES} full buses for {wall_s:.0f} s with a stall of {STALL_S:g} s: "
+        f"{us:.2f} us/frame x {BUSES * FULL_BUS_HZ:,} frames/s = "
+        f"{us * 1e-6 * BUSES * FULL_BUS_HZ:.1%} of a core, {sent - recorded} of {sent:,} frames "
+        f"lost, at most {last.queue.high} blocks waited"
+    )
 
 
 def bump_frames() -> FrameBatch:
@@ -186,19 +165,16 @@ def bump_frames() -> FrameBatch:
     return next(iter(campaign_frames(bench, bench_codec(bench), SimulatedCar(), 1, START_NS)))
 
 
-def _datagrams(frames: FrameBatch) -> bytes:
+@contextmanager
+def _wire_file(frames: FrameBatch) -> Iterator[str]:
+    """Yield the path of a file of frames as `struct can_frame`."""
     wire = np.zeros((len(frames), 16), np.uint8)
     wire[:, :4] = frames.can_id.astype("<u4").view(np.uint8).reshape(-1, 4)
     wire[:, 4] = frames.length
     wire[:, 8:] = frames.data
-    return wire.tobytes()
-
-
-@contextmanager
-def _wire_file(frames: FrameBatch) -> Iterator[str]:
     with TemporaryDirectory() as folder:
         path = Path(folder, "frames")
-        path.write_bytes(_datagrams(frames))
+        path.write_bytes(wire.tobytes())
         yield str(path)
 
 
@@ -208,42 +184,20 @@ def _socket() -> socket.socket:
     return receiving
 
 
-Reader = tuple[Callable[[], int], Callable[[], None]]
-"""A call that receives and returns how many frames, and one that closes."""
-
-
-def _our_reader(receiving: socket.socket) -> Reader:
-    source = SocketCanSource(receiving, "loopback", 0)
-    return lambda: len(source.read(0.1)), source.close
-
-
-def _their_reader(receiving: socket.socket) -> Reader:
-    with (
-        mock.patch.object(socketcan, "create_socket", return_value=receiving),
-        mock.patch.object(socketcan, "bind_socket"),
-    ):
-        bus = SocketcanBus("loopback")
-    lock, listeners = threading.Lock(), (_listen, _listen)  # one to write and one to decode
-
-    def receive() -> int:  # as the loop of `can.Notifier` does it
-        message = bus.recv(0.1)
-        if message is None:
-            return 0
-        with lock:
-            for listener in listeners:
-                listener(message)
-        return 1
-
-    return receive, bus.shutdown
-
-
-def _listen(message: can.Message) -> None:
-    """Do nothing: what is done with a frame is measured by itself."""
-
-
-def _receive_us(frames: FrameBatch, reader: Callable[[socket.socket], Reader]) -> dict[str, float]:
+def _receive_us(frames: FrameBatch, ours: bool) -> dict[str, float]:
+    """Return the CPU time of receiving frames of a full bus, us each: our blocks, or python-can."""
     receiving = _socket()
-    receive, close = reader(receiving)
+    receive: Callable[[], int]
+    if ours:
+        source = SocketCanSource(receiving, "loopback", 0)
+        receive, close = (lambda: len(source.read(0.1))), source.close
+    else:
+        with (
+            mock.patch.object(socketcan, "create_socket", return_value=receiving),
+            mock.patch.object(socketcan, "bind_socket"),
+        ):
+            bus = SocketcanBus("loopback")
+        receive, close = (lambda: bus.recv(0.1) is not None), bus.shutdown
     with _wire_file(frames) as wire:
         arguments = ["2", str(FULL_BUS_HZ), wire, str(receiving.getsockname()[1])]
         command = [sys.executable, "-c", SENDER, *arguments]
@@ -272,80 +226,55 @@ def _now(k: int) -> Now:
     return Now(START_NS + round(k * BLOCK_S * 1e9), k * BLOCK_S)
 
 
-def _links() -> tuple[LinkFacts, ...]:
-    none = SourceLosses()
-    return tuple(LinkFacts(f"can{k}", 1_000_000, True, "", "", 0.0, 0, none) for k in range(BUSES))
-
-
 def _our_hops(bench: Bench, codec: Codec, frames: FrameBatch) -> dict[str, float]:
+    """Return the CPU time of each hop after the receiving by itself, us a frame."""
     blocks = _blocks(frames)
-    count = sum(map(len, blocks))
-    with TemporaryDirectory() as folder:
-        head = JournalHead(bench.text, bench.dbc_text, "benchmark", START_NS, 0, "0" * 32)
-        with JournalWriter(Path(folder), head, bench.recorder) as writer:
-            journal_us = _us(blocks, lambda k, block: _keep(writer, k, block))
-    decode_us = _us(blocks, lambda _, block: codec.decode(block))
+    none = SourceLosses()
+    links = tuple(LinkFacts(f"can{k}", 1_000_000, True, "", "", 0.0, 0, none) for k in range(BUSES))
+
+    def us(hop: Callable[[int, FrameBatch], object]) -> float:
+        began_s = time.process_time()
+        for k, block in enumerate(blocks):
+            hop(k, block)
+        return (time.process_time() - began_s) * 1e6 / sum(map(len, blocks))
+
+    head = JournalHead(bench.text, bench.dbc_text, "benchmark", START_NS, 0, "0" * 32)
+    with (
+        TemporaryDirectory() as folder,
+        JournalWriter(Path(folder), head, bench.recorder) as writer,
+    ):
+
+        def keep(k: int, block: FrameBatch) -> None:
+            writer.append(block, HopLosses())
+            writer.maintain(k * BLOCK_S)
+
+        journal_us = us(keep)
+    decode_us = us(lambda _, block: codec.decode(block))
     mapped = map_channels(bench.channels, codec.messages, bench.dbc_name)
-    states: list[object] = [Watch(), HealthState()]
-    watch_us = _us(blocks, partial(_watch, bench, codec, mapped, states))
+    alarms, health = Watch(), HealthState()
+
+    def watch(k: int, block: FrameBatch) -> None:
+        nonlocal health
+        decoded = codec.decode(block)
+        health = advance(codec.messages, health, decoded)
+        cycle = Cycle(_now(k), block, decoded, health, links, HopLosses(), DISK)
+        alarms.advance(bench.recorder, codec, mapped, cycle)
+
+    watch_us = us(watch)
     recorder = Recording(bench, codec, Nowhere())
     recorder.carry_out(Arm(Until.COMPLETE), "benchmark", _now(0))
-    links = _links()
 
     def step(k: int, block: FrameBatch) -> None:
         recorder.store(block, HopLosses())
         recorder.look(_now(k), links, DISK, StorageStatus())
         recorder.live()
 
-    whole_us = _us(blocks, step)
     return {
-        "journal": journal_us / count,
-        "decode": decode_us / count,
-        "decode and watch": watch_us / count,
-        "all but the journal": whole_us / count,
-    }
-
-
-def _hops(measured: dict[str, float]) -> dict[str, float]:
-    """Return the cost of each hop by itself."""
-    decode_us, watch_us = measured["decode"], measured["decode and watch"]
-    return {
-        "journal": measured["journal"],
+        "journal": journal_us,
         "decode": decode_us,
         "health and alarms": watch_us - decode_us,
-        "trigger, verdicts, live ring": measured["all but the journal"] - watch_us,
+        "trigger, verdicts, live ring": us(step) - watch_us,
     }
-
-
-def _keep(writer: JournalWriter, k: int, block: FrameBatch) -> None:
-    writer.append(block, HopLosses())
-    writer.maintain(k * BLOCK_S)
-
-
-def _watch(
-    bench: Bench,
-    codec: Codec,
-    mapped: Sequence[MappedChannel],
-    states: list[object],
-    k: int,
-    block: FrameBatch,
-) -> None:
-    alarms, health = states
-    assert isinstance(alarms, Watch)
-    assert isinstance(health, HealthState)
-    decoded = codec.decode(block)
-    health = advance(codec.messages, health, decoded)
-    cycle = Cycle(_now(k), block, decoded, health, _links(), HopLosses(), DISK)
-    alarms.advance(bench.recorder, codec, mapped, cycle)
-    states[1] = health
-
-
-def _us(blocks: Sequence[FrameBatch], hop: Callable[[int, FrameBatch], object]) -> float:
-    """Return the CPU time of a hop over all blocks, us."""
-    began_s = time.process_time()
-    for k, block in enumerate(blocks):
-        hop(k, block)
-    return (time.process_time() - began_s) * 1e6
 
 
 def _their_hops(bench: Bench, frames: FrameBatch) -> dict[str, float]:
