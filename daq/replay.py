@@ -14,8 +14,7 @@ from dbc import FrameBatch, FrameFlag
 
 from .bus.source import BLOCK_FRAMES, GATHER_S, SourceLosses
 from .errors import BusError, InputError
-from .journal.folder import recordings
-from .journal.reader import read_windows
+from .journal.reader import read_windows, recordings
 from .sessions import Session
 
 if TYPE_CHECKING:

@@ -19,18 +19,14 @@ from dbc.samples import Decoded
 from dbc.words import counted
 
 from ..bench.config import RecorderConfig
-from ..bus.clock import Now
-from ..bus.interfaces import wire_bits
-from ..bus.source import HopLosses, LinkFacts
+from ..bus.source import HopLosses, LinkFacts, Now, wire_bits
 from ..control.messages import Alarm, BusState, BusStatus, DiskStatus, Status, StorageStatus
 from ..journal.segment import Room, low_text
 from ..runs import Event
 from ..samples.converter import HealthState
 from ..samples.mapping import MappedChannel
-from .buses import DEAD, WINDOW_S, BusWatch
-from .sensors import Sensors
+from .symptoms import DEAD, WINDOW_S, BusWatch, Sensors, Traffic
 from .texts import COUNTED, GRAVITY, Counts, Key, fault
-from .traffic import Traffic
 
 ALARM, ALARM_END, CLOCK_STEP = "alarm", "alarm_end", "clock_step"
 """Codes of the events: those of alarms have the text "CODE SUBJECT: TEXT", a step of the host's

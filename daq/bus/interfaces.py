@@ -24,23 +24,25 @@ from dbc.frames import LENGTH_ALLOWED, FrameBatch, FrameFlag
 
 from ..bench.config import BusConfig
 from ..errors import BusError
-from .clock import STEADY_CLOCK
 from .slcan import open_slcan
-from .socketcan import open_socketcan
+from .socketcan import (
+    RECEIVE_BUFFER_BYTES,
+    SocketDrops,
+    enlarge_buffer,
+    keep_to_own_group,
+    open_socketcan,
+    socket_of,
+)
 from .source import (
     BLOCK_FRAMES,
     GATHER_S,
     LONG_GATHER_S,
-    RECEIVE_BUFFER_BYTES,
+    STEADY_CLOCK,
     FrameSource,
-    SocketDrops,
     SourceLosses,
-    enlarge_buffer,
-    keep_to_own_group,
-    socket_of,
 )
 
-# Converts python-can's messages to the columns of a block, and says how long frames take ----------
+# Converts python-can's messages to the columns of a block -----------------------------------------
 
 CLOCK_TOLERANCE_S = 86_400.0
 """Difference from the host's clock, s, above which a stamp is taken to have another epoch (boot,
@@ -54,10 +56,6 @@ _FLAGS = {
     "error_state_indicator": FrameFlag.ERROR_STATE,
 }
 """Flag of a frame by attribute of a message."""
-_FAST_DATA = 4
-"""Assumed ratio of data to nominal bit rate of FD frames; bench.toml has no data bit rate."""
-_FRAME_BITS, _EXTENDED_BITS = 47, 20  # in addition to the data; and to a standard identifier
-_STUFFED = 31 / 30  # one stuff bit in thirty
 
 
 def _checked(message: can.Message, arrived_ns: int) -> tuple[int, int, int, int, bytes]:
@@ -101,16 +99,6 @@ def messages_of(frames: FrameBatch, start_ns: int = 0) -> Iterator[can.Message]:
             data=None if flags & FrameFlag.REMOTE else payload[i * width : i * width + length],
             **{name: bool(flags & flag) for name, flag in _FLAGS.items()},
         )
-
-
-def wire_bits(frames: FrameBatch) -> NDArray[np.float64]:
-    """Return the estimated nominal bit times that each frame takes on the wire, (n,)."""
-    data_bits = 8.0 * frames.length
-    fast = frames.flags & np.uint16(FrameFlag.BITRATE_SWITCH)
-    if np.count_nonzero(fast):
-        data_bits /= np.where(fast, _FAST_DATA, 1)
-    is_extended = frames.flags & np.uint16(FrameFlag.EXTENDED) != 0
-    return np.asarray((_FRAME_BITS + _EXTENDED_BITS * is_extended + data_bits) * _STUFFED)
 
 
 # Opens the interfaces -----------------------------------------------------------------------------

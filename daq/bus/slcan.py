@@ -20,8 +20,7 @@ import numpy as np
 from dbc.frames import FD_LENGTHS, FrameBatch, FrameFlag
 
 from ..errors import BusError
-from .clock import STEADY_CLOCK
-from .source import BLOCK_FRAMES, GATHER_S, SourceLosses
+from .source import BLOCK_FRAMES, GATHER_S, STEADY_CLOCK, SourceLosses
 
 BITRATE_CODES = {
     10_000: "S0",

@@ -1,8 +1,9 @@
-"""Reads SocketCAN at full speed: many frames with one system call, directly into arrays.
+"""Reads SocketCAN at full speed, and sizes and watches the sockets of any bus.
 
-python-can reads one frame at a time and makes an object of it, leaves the socket's buffer at 31 ms
-of a full bus, and does not count the frames that did not fit.  Layouts and numbers are those of
-linux/can.h, linux/can/raw.h, linux/net_tstamp.h and asm-generic/socket.h on machines of 64 bits.
+Many frames are read with one system call, directly into arrays.  python-can makes an object of each
+frame, leaves the socket's buffer at 31 ms of a full bus, and does not count the frames that did not
+fit.  Layouts and numbers are those of linux/can.h, linux/can/raw.h, linux/net_tstamp.h and
+asm-generic/socket.h on machines of 64 bits.
 """
 
 from __future__ import annotations
@@ -14,7 +15,11 @@ import math
 import os
 import select
 import socket
+import struct
+import sys
 import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -25,15 +30,13 @@ from numpy.typing import NDArray
 from dbc.frames import LENGTH_ALLOWED, FrameBatch, FrameFlag
 
 from ..errors import BusError
-from .clock import STEADY_CLOCK, SteadyClock
 from .source import (
     BLOCK_FRAMES,
     GATHER_S,
     LONG_GATHER_S,
-    RECEIVE_BUFFER_BYTES,
+    STEADY_CLOCK,
     SourceLosses,
-    drop_counter,
-    enlarge_buffer,
+    SteadyClock,
 )
 
 CLASSIC_BYTES, FD_BYTES = 16, 72
@@ -171,6 +174,100 @@ def frame_columns(
     data = frames["data"][:, :width] * (_OCTET[:width] < payload[:, None])
     batch = FrameBatch(t_ns, can_id, flags, buses, length, data)
     return (batch if good.all() else batch.select(good)), good
+
+
+# Sizes the buffer of a bus that is a socket, and counts the datagrams that it had no room for -----
+
+RECEIVE_BUFFER_BYTES = 8 << 20
+"""Receive buffer requested from the kernel, bytes: about 21,900 frames, 2.4 s of a full bus of 1
+Mbit/s; the default one holds 31 ms."""
+_SO_RCVBUFFORCE, _SO_MEMINFO = 33, 55
+_IP_MULTICAST_ALL, _IPV6_MULTICAST_ALL = 49, 29
+_STRAY_DATAGRAMS = 10_000
+"""Datagrams that a multicast socket may have received while it was opened: no buffer holds more."""
+_COUNTS = struct.Struct("=9I")
+_DROPS = 8
+"""Position of the number of dropped datagrams in what SO_MEMINFO returns (SK_MEMINFO_DROPS)."""
+
+
+def enlarge_buffer(sock: socket.socket) -> int:
+    """Ask for `RECEIVE_BUFFER_BYTES` and return what the kernel grants, bytes.
+
+    More than `net.core.rmem_max` needs a privilege.
+    """
+    for option in (
+        (socket.SO_RCVBUF, _SO_RCVBUFFORCE) if sys.platform == "linux" else (socket.SO_RCVBUF,)
+    ):
+        with suppress(OSError):
+            sock.setsockopt(socket.SOL_SOCKET, option, RECEIVE_BUFFER_BYTES)
+    # The kernel doubles the size for its own bookkeeping, and returns the double.
+    return sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) // 2
+
+
+def keep_to_own_group(sock: socket.socket) -> None:
+    """Make a multicast socket receive its own group only, and begin empty.
+
+    By default it receives every group that any process of this machine has joined; frames of other
+    groups may have arrived while it was opened.
+    """
+    if sys.platform != "linux" or sock.family not in (socket.AF_INET, socket.AF_INET6):
+        return
+    level, option = socket.IPPROTO_IP, _IP_MULTICAST_ALL
+    if sock.family == socket.AF_INET6:
+        level, option = socket.IPPROTO_IPV6, _IPV6_MULTICAST_ALL
+    with suppress(OSError):
+        sock.setsockopt(level, option, 0)
+    with suppress(OSError):  # until none waits; a busy bus never ends
+        for _ in range(_STRAY_DATAGRAMS):
+            sock.recv(1, socket.MSG_DONTWAIT)
+
+
+def drop_counter(sock: socket.socket) -> int | None:
+    """Return a socket's counter of dropped datagrams, modulo 2^32; None if the kernel has none.
+
+    The counter in a CAN frame was read when the frame was queued: without this function, frames
+    dropped at the end of a burst would stay unknown until the next frame.
+    """
+    try:
+        raw = sock.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, _COUNTS.size)
+    except OSError:
+        return None
+    return int(_COUNTS.unpack(raw)[_DROPS]) if len(raw) == _COUNTS.size else None
+
+
+@contextmanager
+def socket_of(fileno: Callable[[], int]) -> Iterator[socket.socket]:
+    """Lend the socket of a bus; raises any exception if it has none."""
+    sock = socket.socket(fileno=fileno())
+    try:
+        yield sock
+    finally:
+        sock.detach()  # the descriptor belongs to the bus
+
+
+class SocketDrops:
+    """Counts the drops of one socket since construction; 0 if the system does not count them.
+
+    `fileno`: returns the descriptor of the socket; may raise any exception if there is none.
+    """
+
+    def __init__(self, fileno: Callable[[], int]) -> None:
+        self._fileno = fileno
+        self._before: int | None = None
+        self._last = 0
+        with suppress(Exception), socket_of(fileno) as sock:
+            self._before = drop_counter(sock)
+
+    def count(self) -> int:
+        """Return the number of datagrams dropped; of a closed socket, the last known number."""
+        if self._before is not None:
+            with suppress(Exception), socket_of(self._fileno) as sock:
+                if (now := drop_counter(sock)) is not None:
+                    self._last = (now - self._before) % (1 << 32)
+        return self._last
+
+
+# The source ---------------------------------------------------------------------------------------
 
 
 class SocketCanSource:

@@ -1,4 +1,4 @@
-"""Defines the protocol of a frame source, and the losses between the wire and the recorder.
+"""Defines what all buses share: source and link, losses from wire to recorder, this host's time.
 
 Sources only read and stamp frames.  They run in separate threads; if one is kept from reading,
 frames are lost in the adapter.
@@ -6,16 +6,20 @@ frames are lost in the adapter.
 
 from __future__ import annotations
 
-import socket
-import struct
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from typing import Protocol
 
-from dbc.frames import FrameBatch
+import numpy as np
+from numpy.typing import NDArray
 
+from dbc.frames import FrameBatch, FrameFlag
+
+from ..bench.config import BusConfig
+from ..errors import BusError
 from ..runs import Losses
 
 BLOCK_FRAMES = 2048
@@ -83,7 +87,7 @@ class HopLosses:
 
 @dataclass(frozen=True, slots=True)
 class LinkFacts:
-    """State of the link to one bus; a source that fails is opened again (`daq.bus.link`)."""
+    """State of the link to one bus; a source that fails is opened again (`daq.bus.source`)."""
 
     name: str
     """Name of the bus for the operator."""
@@ -128,92 +132,240 @@ class FrameSource(Protocol):
         """Release the interface; never raises."""
 
 
-# Sizes the buffer of a bus that is a socket, and counts the datagrams that it had no room for -----
+def wire_bits(frames: FrameBatch) -> NDArray[np.float64]:
+    """Return the estimated nominal bit times that each frame takes on the wire, (n,).
 
-RECEIVE_BUFFER_BYTES = 8 << 20
-"""Receive buffer requested from the kernel, bytes: about 21,900 frames, 2.4 s of a full bus of 1
-Mbit/s; the default one holds 31 ms."""
-_SO_RCVBUFFORCE, _SO_MEMINFO = 33, 55
-_IP_MULTICAST_ALL, _IPV6_MULTICAST_ALL = 49, 29
-_STRAY_DATAGRAMS = 10_000
-"""Datagrams that a multicast socket may have received while it was opened: no buffer holds more."""
-_COUNTS = struct.Struct("=9I")
-_DROPS = 8
-"""Position of the number of dropped datagrams in what SO_MEMINFO returns (SK_MEMINFO_DROPS)."""
-
-
-def enlarge_buffer(sock: socket.socket) -> int:
-    """Ask for `RECEIVE_BUFFER_BYTES` and return what the kernel grants, bytes.
-
-    More than `net.core.rmem_max` needs a privilege.
+    bench.toml has no data bit rate: fast data of FD frames are assumed four times as fast.
     """
-    for option in (
-        (socket.SO_RCVBUF, _SO_RCVBUFFORCE) if sys.platform == "linux" else (socket.SO_RCVBUF,)
-    ):
-        with suppress(OSError):
-            sock.setsockopt(socket.SOL_SOCKET, option, RECEIVE_BUFFER_BYTES)
-    # The kernel doubles the size for its own bookkeeping, and returns the double.
-    return sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) // 2
+    data_bits = 8.0 * frames.length
+    fast = frames.flags & np.uint16(FrameFlag.BITRATE_SWITCH)
+    if np.count_nonzero(fast):
+        data_bits /= np.where(fast, 4, 1)
+    is_extended = frames.flags & np.uint16(FrameFlag.EXTENDED) != 0
+    # A standard frame has 47 bits in addition to its data, an extended one 67; one stuff bit in 30.
+    return np.asarray((47 + 20 * is_extended + data_bits) * (31 / 30))
 
 
-def keep_to_own_group(sock: socket.socket) -> None:
-    """Make a multicast socket receive its own group only, and begin empty.
+# Times of this host -------------------------------------------------------------------------------
+#
+# The wall clock may be set in mid-run by an hour, forward or back.  Stamps of this host are on a
+# time axis that began with the wall clock and advances with the monotonic one; an event reports
+# that the wall clock was set, and the measurements do not show it.
 
-    By default it receives every group that any process of this machine has joined; frames of other
-    groups may have arrived while it was opened.
+
+@dataclass(frozen=True, slots=True)
+class Now:
+    """The host's two clocks, read together at the start of a cycle of the recorder."""
+
+    wall_ns: int
+    """UTC, ns since 1970; this clock may be set at any moment."""
+    monotonic_s: float
+    """Monotonic time, s, from an arbitrary origin; waiting and silence are measured with it."""
+
+
+def read_clocks() -> Now:
+    """Return the time of both clocks of this host."""
+    return Now(time.time_ns(), time.monotonic())
+
+
+STEP_NS = 1_000_000
+"""Change of the difference of the clocks, ns, from which the wall clock counts as set; slewing
+changes both clocks equally."""
+LATE_NS = 5_000_000
+"""Largest lead of a stamp over the present time, ns: the two clocks cannot be read at the same
+instant."""
+QUEUED_NS = 10_000_000_000
+"""Age, ns, at which an older offset is forgotten: no frame waits longer in a buffer."""
+
+
+class SteadyClock:
+    """A clock that starts at its construction; the whole process uses one."""
+
+    def __init__(
+        self,
+        wall_ns: Callable[[], int] = time.time_ns,
+        monotonic_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        self._wall_ns, self._monotonic_ns = wall_ns, monotonic_ns
+        self._lock = threading.Lock()
+        self.begin()
+
+    def begin(self, not_before_ns: int = 0) -> None:
+        """Start again from the wall clock as it is set now.
+
+        `not_before_ns`: earliest start.  Without a battery the wall clock falls back at each boot,
+        and a time must not occur twice within a recording.
+        """
+        with self._lock:
+            monotonic_ns = self._monotonic_ns()
+            self._offset_ns = self._wall_ns() - monotonic_ns
+            self._zero_ns = max(self._offset_ns, not_before_ns - monotonic_ns)
+            self._before: tuple[tuple[int, int], ...] = ()  # end, monotonic, and earlier offset
+
+    def now_ns(self) -> int:
+        """Return the time now, ns since 1970."""
+        return self._monotonic_ns() + self._zero_ns
+
+    def from_wall(self, wall_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Convert stamps of the wall clock, (n,) int64, made within the last `QUEUED_NS`.
+
+        Stamps from before and after the wall clock was set may be mixed.
+        """
+        monotonic_ns = self._monotonic_ns()
+        offset_ns = self._wall_ns() - monotonic_ns
+        with self._lock:
+            if abs(offset_ns - self._offset_ns) > STEP_NS:
+                self._before = (*self._before, (monotonic_ns, self._offset_ns))
+                self._offset_ns = offset_ns
+            if self._before and monotonic_ns - self._before[0][0] > QUEUED_NS:
+                self._before = self._before[1:]
+            offset_ns, zero_ns = self._offset_ns, self._zero_ns
+            offsets = (offset_ns, *(before for _, before in self._before))
+        if len(offsets) > 1:
+            return _monotonic_stamps(wall_ns, offsets, monotonic_ns) + zero_ns
+        return wall_ns if offset_ns == zero_ns else wall_ns - (offset_ns - zero_ns)
+
+
+def _monotonic_stamps(
+    wall_ns: NDArray[np.int64], offsets: tuple[int, ...], now_ns: int
+) -> NDArray[np.int64]:
+    """Return stamps of the wall clock, (n,), as monotonic times: the latest not after `now_ns`."""
+    candidates_ns = wall_ns[:, None] - np.array(offsets, np.int64)  # (n, offsets)
+    age_ns = now_ns - candidates_ns
+    age_ns = np.where(age_ns >= -LATE_NS, age_ns, np.iinfo(np.int64).max)
+    return np.take_along_axis(candidates_ns, age_ns.argmin(axis=1)[:, None], axis=1)[:, 0]
+
+
+STEADY_CLOCK = SteadyClock()
+
+
+# Keeps one bus open for weeks ---------------------------------------------------------------------
+#
+# A link never raises and never ends.  With a missing adapter the recorder is degraded, but its
+# start does not fail; the link tries to open an unplugged adapter until it is back.
+
+BACK_OFF_S = (0.1, 2.0)
+"""First and longest pause before a bus is opened again, s; each pause is twice the one before."""
+SILENT_S = 5.0
+"""Silence after the last frame, s, after which a bus is opened again: some drivers (gs_usb) hide
+the error of an unplugged device, and stay silent."""
+_REPORTS_LOSS = frozenset({"socketcan", "slcan", "virtual", "udp_multicast"})
+"""Interfaces that report the loss of their device.  If one were opened again only because the car
+is switched off, the first frames after switching on could be lost."""
+
+OpenSource = Callable[[BusConfig, int], FrameSource]
+
+
+class Link:
+    """A bus that is opened again whenever it fails.
+
+    `read` and `close` belong to one thread; `facts` and `halt` may be called from any.
+
+    `index`: number of the bus in its frames.  `open_source`: opens the bus, or raises any exception
+    (`daq.bus.interfaces.open_source`).  `clock`: monotonic time, s.
     """
-    if sys.platform != "linux" or sock.family not in (socket.AF_INET, socket.AF_INET6):
-        return
-    level, option = socket.IPPROTO_IP, _IP_MULTICAST_ALL
-    if sock.family == socket.AF_INET6:
-        level, option = socket.IPPROTO_IPV6, _IPV6_MULTICAST_ALL
-    with suppress(OSError):
-        sock.setsockopt(level, option, 0)
-    with suppress(OSError):  # until none waits; a busy bus never ends
-        for _ in range(_STRAY_DATAGRAMS):
-            sock.recv(1, socket.MSG_DONTWAIT)
 
+    def __init__(
+        self,
+        config: BusConfig,
+        index: int,
+        open_source: OpenSource,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.config = config
+        self.index = index
+        self._open_source = open_source
+        self._clock = clock
+        self._halted = threading.Event()
+        self._source: FrameSource | None = None
+        self._before = SourceLosses()  # of the sources that are closed
+        self._pause_s = BACK_OFF_S[0]
+        self._next_try_s = self._alive_s = clock()
+        self._had_frames = self._was_open = False
+        name = f"{config.interface} {config.channel}".strip()
+        none = SourceLosses()
+        self._facts = LinkFacts(name, config.bitrate, False, "", "", self._alive_s, 0, none)
 
-def drop_counter(sock: socket.socket) -> int | None:
-    """Return a socket's counter of dropped datagrams, modulo 2^32; None if the kernel has none.
+    def facts(self) -> LinkFacts:
+        """Return the state of the link."""
+        return self._facts
 
-    The counter in a CAN frame was read when the frame was queued: without this function, frames
-    dropped at the end of a burst would stay unknown until the next frame.
-    """
-    try:
-        raw = sock.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, _COUNTS.size)
-    except OSError:
-        return None
-    return int(_COUNTS.unpack(raw)[_DROPS]) if len(raw) == _COUNTS.size else None
+    def read(self, timeout_s: float) -> FrameBatch:
+        """Return the frames received; wait up to `timeout_s` for the first."""
+        frames = FrameBatch.empty()
+        if self._source is None:
+            self._open(timeout_s)
+        else:
+            try:
+                frames = self._source.read(timeout_s)
+            except BaseException as error:  # drivers raise anything, even SystemExit
+                self._fail(error)
+        now_s = self._clock()
+        if len(frames):
+            self._had_frames, self._alive_s, self._pause_s = True, now_s, BACK_OFF_S[0]
+        elif (
+            self._source is not None
+            and self._had_frames
+            and self.config.interface not in _REPORTS_LOSS
+            and now_s - self._alive_s >= SILENT_S
+        ):
+            self._alive_s = now_s
+            self._drop()
+        down = not len(frames) and getattr(self._source, "interface_down", False)
+        self._facts = replace(
+            self._facts, heartbeat_s=now_s, losses=self._losses(), interface_down=down
+        )
+        return frames
 
+    def halt(self) -> None:
+        """End a pause between two openings."""
+        self._halted.set()
 
-@contextmanager
-def socket_of(fileno: Callable[[], int]) -> Iterator[socket.socket]:
-    """Lend the socket of a bus; raises any exception if it has none."""
-    sock = socket.socket(fileno=fileno())
-    try:
-        yield sock
-    finally:
-        sock.detach()  # the descriptor belongs to the bus
+    def close(self) -> None:
+        """Close the bus permanently."""
+        self._halted.set()
+        self._drop()
+        self._facts = replace(self._facts, connected=False, losses=self._before)
 
+    def _open(self, timeout_s: float) -> None:
+        wait_s = self._next_try_s - self._clock()
+        if wait_s > 0:
+            self._halted.wait(min(wait_s, timeout_s))
+        if self._halted.is_set() or self._clock() < self._next_try_s:
+            return
+        try:
+            self._source = self._open_source(self.config, self.index)
+        except BaseException as error:  # as above
+            self._fail(error)
+            return
+        self._alive_s = self._clock()
+        reopened = self._facts.reopened + self._was_open
+        self._was_open = True
+        self._facts = replace(self._facts, connected=True, error="", advice="", reopened=reopened)
 
-class SocketDrops:
-    """Counts the drops of one socket since construction; 0 if the system does not count them.
+    def _fail(self, error: BaseException) -> None:
+        self._drop()
+        self._next_try_s = self._clock() + self._pause_s
+        self._pause_s = min(2 * self._pause_s, BACK_OFF_S[1])
+        problem, advice = repr(error), "please report this"
+        if isinstance(error, BusError):
+            problem, advice = error.what, error.advice
+        elif isinstance(error, OSError):
+            problem, advice = error.strerror or str(error), "check plug, power and driver"
+        self._facts = replace(self._facts, connected=False, error=problem, advice=advice)
 
-    `fileno`: returns the descriptor of the socket; may raise any exception if there is none.
-    """
+    def _drop(self) -> None:
+        """Close the source and keep its counts."""
+        if self._source is None:
+            return
+        self._before = self._losses()
+        source, self._source = self._source, None
+        with suppress(BaseException):  # an unplugged device cannot be closed properly
+            source.close()
 
-    def __init__(self, fileno: Callable[[], int]) -> None:
-        self._fileno = fileno
-        self._before: int | None = None
-        self._last = 0
-        with suppress(Exception), socket_of(fileno) as sock:
-            self._before = drop_counter(sock)
-
-    def count(self) -> int:
-        """Return the number of datagrams dropped; of a closed socket, the last known number."""
-        if self._before is not None:
-            with suppress(Exception), socket_of(self._fileno) as sock:
-                if (now := drop_counter(sock)) is not None:
-                    self._last = (now - self._before) % (1 << 32)
-        return self._last
+    def _losses(self) -> SourceLosses:
+        now = SourceLosses()
+        if self._source is not None:
+            with suppress(BaseException):
+                now = self._source.losses()
+        return self._before.plus(now)

@@ -18,7 +18,7 @@ from dbc.words import counted, plural
 
 from ..bench.config import BusConfig
 from ..bench.message_rules import CORRECT_MESSAGE
-from ..bus.interfaces import wire_bits
+from ..bus.source import wire_bits
 from ..channels import Quantity
 from ..samples import converter as health
 from ..samples.groups import Timekeeping

@@ -19,8 +19,7 @@ from pydantic import ValidationError
 
 from ..errors import BumpbenchError
 from .address import Address, is_running
-from .messages import LIVE, LIVE_TOPIC, PROTOCOL, REPLY, STATUS, Live, Reply, Status
-from .orders import Hello, Order
+from .messages import LIVE, LIVE_TOPIC, PROTOCOL, REPLY, STATUS, Hello, Live, Order, Reply, Status
 
 HEARTBEAT_S = 0.5
 """Time between two heartbeats, s."""

@@ -31,12 +31,15 @@ from .messages import (
     REPLY,
     STATUS,
     STATUS_TOPIC,
+    AskStatus,
+    Hello,
     Live,
+    Order,
+    Question,
     Reply,
     Setup,
     Status,
 )
-from .orders import AskStatus, Hello, Order, Question
 
 MAX_REQUEST_BYTES = 4_000_000
 """Largest request, bytes: a bench.toml of 1 MB, escaped."""

@@ -28,10 +28,8 @@ from ..bus.source import HopLosses
 from ..control.messages import DiskStatus
 from ..errors import InputError
 from ..files import is_regular
-from ..runlog.run_log import Code
+from ..runlog import Code
 from ..runs import Event
-from .contents import RecordingInfo
-from .folder import SegmentInfo, next_segment, scan, segments_in
 from .format import (
     DISK_GAP,
     ENDED,
@@ -48,6 +46,7 @@ from .format import (
     parse_gap,
     segment_number,
 )
+from .reader import RecordingInfo, SegmentInfo, next_segment, scan, segments_in
 from .segment import (
     Backlog,
     DiskWatch,

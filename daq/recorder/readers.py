@@ -14,8 +14,7 @@ from dataclasses import dataclass
 
 from dbc.frames import FrameBatch
 
-from ..bus.link import Link
-from ..bus.source import BLOCK_FRAMES, HopLosses, LinkFacts, SourceLosses
+from ..bus.source import BLOCK_FRAMES, HopLosses, Link, LinkFacts, SourceLosses
 from ..control.messages import QueueStatus, StorageStatus
 
 READ_TIMEOUT_S = 0.1

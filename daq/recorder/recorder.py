@@ -21,35 +21,35 @@ from dbc.frames import FrameBatch
 from dbc.words import counted, plural
 
 from ..bench.config import Bench, bench_codec
-from ..bus.clock import STEADY_CLOCK, Now, read_clocks
-from ..bus.link import Link, OpenSource
-from ..bus.source import HopLosses, LinkFacts
-from ..control.messages import Live, Reply, Status, StorageStatus
-from ..control.monitoring import Heartbeats
-from ..control.orders import (
+from ..bus.source import STEADY_CLOCK, HopLosses, Link, LinkFacts, Now, OpenSource, read_clocks
+from ..control.messages import (
     AskBench,
     AskCheck,
     AskHistory,
     AskStatus,
     Build,
     Hello,
+    Live,
     Order,
+    Reply,
     ShutDown,
     Start,
+    Status,
     Stop,
+    StorageStatus,
 )
-from ..journal.folder import seal_left_open
+from ..control.monitoring import Heartbeats
 from ..journal.format import session_name
+from ..journal.reader import seal_left_open
 from ..journal.segment import SyncedFile
 from ..journal.writer import JournalWriter
-from ..runlog.run_log import Code, RunLog, fold
+from ..runlog import Code, RunLog, fold
 from ..samples.trigger import bench_mapping
-from .derivation import Derivation
+from .campaigns import Derivation, OpenRecording, new_head, resumable, unfinished
 from .judging import recall
-from .orders import OrderError, OrderQueue, answer_check, configured
 from .readers import PieceQueue, Readers, StorageWatch
 from .recording import FaultBarrier, Recording
-from .resuming import OpenRecording, new_head, resumable, unfinished
+from .run_loop import OrderError, OrderQueue, answer_check, configured
 
 
 @contextmanager

@@ -19,22 +19,32 @@ from dbc.samples import Decoded
 
 from ..alarms import Cycle, Watch
 from ..bench.config import Bench, bench_codec
-from ..bus.clock import Now
-from ..bus.source import HopLosses, LinkFacts
-from ..control.messages import DiskStatus, Due, Live, Phase, Status, StorageStatus, Tally
-from ..control.orders import Acknowledge, Arm, Choose, Configure, Order, Pause
+from ..bus.source import HopLosses, LinkFacts, Now
+from ..control.messages import (
+    Acknowledge,
+    Arm,
+    Choose,
+    Configure,
+    DiskStatus,
+    Due,
+    Live,
+    Order,
+    Pause,
+    Phase,
+    Status,
+    StorageStatus,
+    Tally,
+)
 from ..errors import printable
-from ..runlog.run_log import Change, Code, RunLog, advance, parse_label, verdict_entry
+from ..runlog import Change, Code, RunLog, advance, parse_label, verdict_entry
 from ..runs import Event, Losses
 from ..samples import converter as health
 from ..samples import trigger
 from ..samples.mapping import mapped_block
 from ..verdict import RunMeasure
 from ..verdict.words import finding
-from .judging import UNJUDGED, Judge, Recent
-from .live import LiveRing
-from .orders import OrderError, configured, order_event
-from .run_loop import RunLoop, Surroundings, due_of, tallies_of
+from .judging import UNJUDGED, Judge, LiveRing, Recent
+from .run_loop import OrderError, RunLoop, Surroundings, configured, due_of, order_event, tallies_of
 
 CONSUMER_FAILED = "consumer_failed"
 FORGOTTEN_S = 5.0

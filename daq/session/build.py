@@ -29,11 +29,9 @@ from dbc.frames import FrameBatch
 from ..bench.config import Bench, bench_codec, parse_bench
 from ..channels import Quantity
 from ..errors import BumpbenchError, InputError, printable
-from ..journal.contents import HopCounts
-from ..journal.folder import recordings_of
 from ..journal.format import JournalHead
-from ..journal.reader import read_windows
-from ..runlog.run_log import Code, LoggedRun, LoggedStatus, RunLog, finding_record, fold
+from ..journal.reader import HopCounts, read_windows, recordings_of
+from ..runlog import Code, LoggedRun, LoggedStatus, RunLog, finding_record, fold
 from ..runs import Event, Run, RunStatus, SampleGroup
 from ..samples import converter as health
 from ..samples import trigger

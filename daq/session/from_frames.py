@@ -24,7 +24,7 @@ from ..bench.campaign import Step
 from ..bench.config import Bench, bench_codec, parse_bench
 from ..bus.source import HopLosses
 from ..errors import BumpbenchError, InputError
-from ..journal.contents import HopCounts
+from ..journal.reader import HopCounts
 from ..runs import Event, Excitation, RunStatus
 from ..samples import trigger
 from ..samples.mapping import mapped_block

@@ -21,7 +21,7 @@ from ..channels import Channel
 from ..check.push_test import ORDER
 from ..control.messages import Phase, Status
 from ..errors import BusError
-from ..runlog.run_log import LoggedStatus
+from ..runlog import LoggedStatus
 from ..runs import BASELINE, Excitation
 from ..samples.trigger import trigger_channels
 from ..vehicle import Corner

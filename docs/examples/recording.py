@@ -15,8 +15,7 @@ from pathlib import Path
 from daq import read_session
 from daq.bench.config import Bench, bench_codec, load_bench
 from daq.bus.interfaces import open_bus, open_source
-from daq.control.messages import Status
-from daq.control.orders import Arm, Stop, Until
+from daq.control.messages import Arm, Status, Stop, Until
 from daq.recorder.recorder import Recorder
 from daq.replay import play
 from daq.sim.car import SimulatedCar

@@ -30,11 +30,9 @@ from cantools.database import Database, load_string
 
 from daq.alarms import Cycle, Watch
 from daq.bench.config import Bench, BusConfig, bench_codec, load_bench
-from daq.bus.clock import Now
 from daq.bus.socketcan import SocketCanSource
-from daq.bus.source import HopLosses, LinkFacts, SourceLosses
-from daq.control.messages import DiskStatus, Live, QueueStatus, Status, StorageStatus
-from daq.control.orders import Arm, Until
+from daq.bus.source import HopLosses, LinkFacts, Now, SourceLosses
+from daq.control.messages import Arm, DiskStatus, Live, QueueStatus, Status, StorageStatus, Until
 from daq.journal.format import JournalHead
 from daq.journal.writer import JournalWriter
 from daq.recorder.recorder import Recorder

@@ -22,7 +22,7 @@ from daq.bench.config import Bench, RecorderConfig, bench_codec, load_bench, par
 from daq.bus.source import HopLosses
 from daq.journal.format import JournalHead
 from daq.journal.writer import JournalWriter
-from daq.runlog.run_log import Code, verdict_entry
+from daq.runlog import Code, verdict_entry
 from daq.runs import Event
 from daq.session.build import derive
 from daq.sim.car import SimulatedCar

@@ -14,7 +14,7 @@ from daq.control.messages import (
     SessionStatus,
     Status,
 )
-from daq.runlog.run_log import Code, RunLog, fold, verdict_entry
+from daq.runlog import Code, RunLog, fold, verdict_entry
 from daq.runs import Event, Losses
 from dbc.finding import Finding, Severity
 

@@ -26,10 +26,8 @@ import numpy as np
 
 from daq.control.address import control_address
 from daq.control.client import Client
-from daq.control.messages import SessionState
-from daq.control.orders import Start, Stop
-from daq.journal.folder import recordings
-from daq.journal.reader import read_journal
+from daq.control.messages import SessionState, Start, Stop
+from daq.journal.reader import read_journal, recordings
 from dbc.frames import FrameBatch
 
 from .crash_frames import journal_of_runs, kill_derive, rates, slow_disk

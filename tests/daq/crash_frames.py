@@ -20,9 +20,8 @@ from numpy.typing import NDArray
 
 from daq.bench.config import BusConfig, RecorderConfig
 from daq.bus.source import HopLosses, SourceLosses
-from daq.journal.folder import segments_in
 from daq.journal.format import JournalHead
-from daq.journal.reader import JournalReader, read_journal
+from daq.journal.reader import JournalReader, read_journal, segments_in
 from daq.journal.segment import Room, SyncedFile
 from daq.journal.writer import JournalWriter
 from daq.runs import Event

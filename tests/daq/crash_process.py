@@ -34,11 +34,8 @@ from numpy.typing import NDArray
 from daq import InputError, read_session
 from daq.control.address import control_address
 from daq.control.client import Client, RecorderGoneError
-from daq.control.messages import Status
-from daq.control.orders import AskStatus
-from daq.journal.contents import JournalLoss
-from daq.journal.folder import segments_in
-from daq.journal.reader import read_journal
+from daq.control.messages import AskStatus, Status
+from daq.journal.reader import JournalLoss, read_journal, segments_in
 from dbc.frames import FrameBatch
 from tui.commands.recover import recover
 

@@ -19,9 +19,8 @@ from numpy.typing import NDArray
 from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
 from daq.errors import InputError
-from daq.journal.folder import last_recording, segments_in
 from daq.journal.format import FILE_GONE
-from daq.journal.reader import read_journal
+from daq.journal.reader import last_recording, read_journal, segments_in
 from daq.journal.segment import Room, SyncedFile, room_on
 from daq.journal.writer import JournalWriter
 from daq.runs import Event

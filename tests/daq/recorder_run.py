@@ -15,11 +15,8 @@ import pytest
 
 from daq.bench.config import Bench, BusConfig, parse_bench
 from daq.bus.source import FrameSource, SourceLosses
-from daq.control.messages import Live, Reply, SessionState, Status
-from daq.control.orders import Order
-from daq.journal.contents import JournalContents
-from daq.journal.folder import recordings
-from daq.journal.reader import read_journal
+from daq.control.messages import Live, Order, Reply, SessionState, Status
+from daq.journal.reader import JournalContents, read_journal, recordings
 from daq.recorder import judging
 from daq.recorder.recorder import Recorder
 from daq.verdict import RunMeasure

@@ -18,7 +18,7 @@ from daq.bumps import BUMPS, kinds_of
 from daq.channels import SI_UNITS, TIME_DERIVATIVE, Channel, Quantity
 from daq.errors import InputError
 from daq.loading import axle_loads, expected_car, loading, wrong_weights
-from daq.runlog.run_log import Override, Remark
+from daq.runlog import Override, Remark
 from daq.runs import Excitation, RunStatus, SampleGroup
 from daq.session import read_session, write_session
 from daq.session.from_frames import parse_runs

@@ -26,14 +26,27 @@ from daq.bench.config import Bench, bench_codec, load_bench, parse_bench
 from daq.bus.source import SourceLosses
 from daq.control.address import Address
 from daq.control.client import Client
-from daq.control.messages import Phase, Reply, SessionState, Status
-from daq.control.orders import Accept, Arm, AskStatus, Note, Order, Reject, Start, Stop, Until
+from daq.control.messages import (
+    Accept,
+    Arm,
+    AskStatus,
+    Note,
+    Order,
+    Phase,
+    Reject,
+    Reply,
+    SessionState,
+    Start,
+    Status,
+    Stop,
+    Until,
+)
 from daq.control.server import Server
-from daq.journal.folder import segments_in
+from daq.journal.reader import segments_in
 from daq.recorder import recorder as engine_module
 from daq.recorder.readers import PieceQueue
 from daq.recorder.recorder import Recorder
-from daq.runlog.run_log import LoggedStatus
+from daq.runlog import LoggedStatus
 from dbc import Codec, FrameBatch
 
 PERIOD_S = 1.024

@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 
 from daq.alarms import Cycle, Watch
 from daq.bench.config import RecorderConfig, load_bench
-from daq.bus.clock import Now
 from daq.bus.error_frames import ErrorClass
-from daq.bus.source import HopLosses, LinkFacts, SourceLosses
+from daq.bus.source import HopLosses, LinkFacts, Now, SourceLosses
 from daq.control.messages import Alarm, BusState, DiskStatus
 from daq.runs import Event
 from daq.samples.converter import HealthState, advance

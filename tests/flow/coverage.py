@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.bench.config import Bench, load_bench
-from daq.journal.contents import HopCounts
+from daq.journal.reader import HopCounts
 from daq.runs import Event
 from daq.session.build import build_session
 from daq.sessions import Session

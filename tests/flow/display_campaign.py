@@ -19,7 +19,7 @@ from typing import Any
 
 from daq.control.address import control_address
 from daq.control.client import Client
-from daq.control.orders import Mark
+from daq.control.messages import Mark
 
 from .axe import assert_accessible
 from .bench_terminal import DemoBench, demo_bench

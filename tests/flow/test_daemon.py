@@ -22,8 +22,7 @@ import zmq
 
 from daq.control.address import control_address
 from daq.control.client import Client
-from daq.control.messages import Phase, Status
-from daq.control.orders import Arm, AskStatus
+from daq.control.messages import Arm, AskStatus, Phase, Status
 from daq.journal.reader import read_journal
 from tui.cli import run
 from tui.diagnostics import ExitCode

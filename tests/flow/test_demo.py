@@ -13,8 +13,7 @@ import pytest
 
 import daq
 from daq.bench.config import default_bench_text, parse_bench
-from daq.journal.folder import recordings
-from daq.journal.reader import read_journal
+from daq.journal.reader import read_journal, recordings
 from daq.sim.bench import Fault, SimulatedBench
 from identify import Identification
 from identify.trust.finding import Judgement

@@ -9,7 +9,7 @@ import pytest
 
 from daq.control.address import control_address, is_running
 from daq.control.client import Client
-from daq.journal.folder import segments_in
+from daq.journal.reader import segments_in
 
 from .bench_terminal import PATIENCE_S, PtyTerminal, end_recorder
 

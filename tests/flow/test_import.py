@@ -14,9 +14,8 @@ import pytest
 
 import daq
 from daq.bench.config import parse_bench
-from daq.bus.clock import Now
-from daq.bus.source import HopLosses
-from daq.control.orders import Arm, Until
+from daq.bus.source import HopLosses, Now
+from daq.control.messages import Arm, Until
 from daq.journal.format import JournalHead
 from daq.journal.writer import JournalWriter
 from daq.recorder.recording import Recording

@@ -30,8 +30,8 @@ from daq.bench.databases import stored_text
 from daq.channels import Quantity
 from daq.check.propose import propose_sensors
 from daq.control.messages import Phase
-from daq.journal.contents import HopCounts
-from daq.runlog.run_log import LoggedStatus
+from daq.journal.reader import HopCounts
+from daq.runlog import LoggedStatus
 from daq.session.build import build_session
 from daq.sim.bench import Fault
 from daq.sim.car import SimulatedCar

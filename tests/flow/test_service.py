@@ -12,7 +12,7 @@ from typing import get_args
 import pytest
 
 from daq.alarms import EXPLAINED
-from daq.control.orders import Order
+from daq.control.messages import Order
 from tui.cli import run
 from tui.diagnostics import ExitCode
 

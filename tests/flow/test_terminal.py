@@ -12,7 +12,7 @@ from daq import read_session
 from daq.control.messages import SessionState
 from daq.errors import InputError
 from daq.replay import whole_frames
-from daq.runlog.run_log import LoggedStatus
+from daq.runlog import LoggedStatus
 from tui.recorders.process import start_replay_recorder
 from tui.terminal.app import BenchApp
 from tui.terminal.state.campaign import BenchStep, progress

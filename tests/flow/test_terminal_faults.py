@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from daq.control.messages import Phase
-from daq.runlog.run_log import LoggedStatus
+from daq.runlog import LoggedStatus
 
 from .bench_terminal import demo_bench, seat, terminal_on
 

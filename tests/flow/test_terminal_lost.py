@@ -8,9 +8,8 @@ from pathlib import Path
 
 from daq.control.address import control_address
 from daq.control.client import Client
-from daq.control.messages import Phase, Status
-from daq.control.orders import Hello, Pause
-from daq.runlog.run_log import LoggedStatus
+from daq.control.messages import Hello, Pause, Phase, Status
+from daq.runlog import LoggedStatus
 from tui.terminal.state.feed import Lost, News, RecorderFeed, Role
 
 from .bench_terminal import PATIENCE_S, DemoBench, PtyTerminal, demo_bench, seat, terminal_on

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from daq.bench.config import Bench
-from daq.control.orders import Arm, Until
-from daq.journal.folder import recordings
+from daq.control.messages import Arm, Until
+from daq.journal.reader import recordings
 from daq.session import read_session, write_session
 from daq.session.build import derive
 from dbc import Codec

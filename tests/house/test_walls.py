@@ -22,7 +22,7 @@ RESERVED = {
     "h5py": ("daq/session", "daq/formats/"),
     "zmq": ("daq/control/server.py", "daq/control/client.py"),
     "tomlkit": ("daq/bench/edit.py",),
-    "filelock": ("daq/control/lock.py",),
+    "filelock": ("daq/control/address.py",),
     "sdnotify": ("daq/control/monitoring.py",),
     "prometheus_client": ("daq/control/monitoring.py",),
     "textual": tuple(

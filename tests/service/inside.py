@@ -19,8 +19,7 @@ import numpy as np
 
 from daq.control.address import control_address
 from daq.control.client import Client, RecorderGoneError
-from daq.control.messages import SessionState, Status
-from daq.control.orders import AskStatus, Order, Start, Stop
+from daq.control.messages import AskStatus, Order, SessionState, Start, Status, Stop
 from daq.session import read_session
 
 from ..daq.small_campaign import small_codec

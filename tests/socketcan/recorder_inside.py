@@ -15,8 +15,7 @@ import numpy as np
 from daq.bench.config import BusConfig, load_bench
 from daq.bus.interfaces import open_source
 from daq.control.messages import Status
-from daq.journal.folder import segments_in
-from daq.journal.reader import read_journal
+from daq.journal.reader import read_journal, segments_in
 from dbc.frames import FrameFlag
 
 from ..daq.recorder_run import Running

@@ -15,16 +15,19 @@ import pytest
 
 from daq.bench.config import Bench, default_bench_text, parse_bench
 from daq.control.messages import (
+    Arm,
+    Order,
     Phase,
     Reply,
     SessionState,
     SessionStatus,
     Status,
+    Stop,
     StorageStatus,
+    Until,
     setup_of,
 )
 from daq.control.monitoring import Heartbeats, Systemd
-from daq.control.orders import Arm, Order, Stop, Until
 from daq.errors import InputError
 from daq.recorder.recorder import Publish
 from tui.recorders.daemon import Lifetime, _Daemon, _Signals

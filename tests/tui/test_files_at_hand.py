@@ -16,7 +16,7 @@ import daq
 from daq.bench.config import bench_codec, load_bench
 from daq.control.messages import Due, Phase, Status
 from daq.files import refuse_existing
-from daq.runlog.run_log import Remark
+from daq.runlog import Remark
 from dbc import FrameBatch, InputError, shipped_dbc
 from tui.cli import run
 

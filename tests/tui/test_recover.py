@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from daq import write_session
-from daq.journal.folder import segments_in
-from daq.journal.reader import read_journal
+from daq.journal.reader import read_journal, segments_in
 from tests.daq.crash_frames import journal_of_runs
 from tests.daq.small_campaign import LABELS
 from tests.daq.small_session import small_session

@@ -15,7 +15,7 @@ from daq.control.messages import (
     StorageStatus,
     Tally,
 )
-from daq.runlog.run_log import LoggedRun, LoggedStatus
+from daq.runlog import LoggedRun, LoggedStatus
 from daq.runs import Excitation, Losses
 from tui.recorders.lines import farewell, news, progress_words, status_lines
 

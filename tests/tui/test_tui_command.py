@@ -15,8 +15,7 @@ import pytest
 
 from daq.bench.campaign import Origin
 from daq.control.client import OrderRefusedError, RecorderGoneError
-from daq.control.messages import Reply, Setup, Status
-from daq.control.orders import AskStatus, Order
+from daq.control.messages import AskStatus, Order, Reply, Setup, Status
 from tui.browser import server
 from tui.cli import run
 from tui.terminal.state.feed import RecorderFeed

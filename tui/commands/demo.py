@@ -28,7 +28,7 @@ def demo(
     import identify as method
     from daq.bench.campaign import Origin
     from daq.bench.config import bench_codec, load_bench
-    from daq.control.lock import lone_recorder
+    from daq.control.address import lone_recorder
     from daq.control.messages import Status
     from daq.files import file_sha256
     from daq.sim.bench import SimulatedBench
@@ -90,7 +90,7 @@ def begun_anew(folder: Path) -> Path:
     """
     from itertools import count
 
-    from daq.journal.folder import last_campaign
+    from daq.journal.reader import last_campaign
 
     others = (folder.with_name(f"{folder.name}-{number}") for number in count(2))
     place = folder

@@ -38,8 +38,7 @@ def display(
     from json import dumps
 
     from daq import InputError
-    from daq.control.address import control_address, is_running
-    from daq.control.lock import unreachable_words
+    from daq.control.address import control_address, is_running, unreachable_words
 
     from ..diagnostics import say
 

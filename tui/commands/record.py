@@ -39,7 +39,7 @@ def record(
     SIGHUP reloads bench.toml.
     """
     from daq.bus.interfaces import open_source
-    from daq.control.lock import lone_recorder
+    from daq.control.address import lone_recorder
 
     from ..bench import shared_bench
     from ..diagnostics import PROMETHEUS, require_ending

@@ -13,7 +13,7 @@ from ..options import Force, JsonSummary
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from daq.journal.contents import RecordingInfo
+    from daq.journal.reader import RecordingInfo
 
 _WHAT_TO_NAME = "name the recorder's folder"
 
@@ -32,7 +32,7 @@ def recover(
     json: JsonSummary = False,
 ) -> int:
     """Build the session file of each recording from its journal, and list exactly what is lost."""
-    from daq.journal.folder import recordings_of
+    from daq.journal.reader import recordings_of
     from daq.session.build import derive
 
     from ..diagnostics import say
@@ -63,7 +63,7 @@ def recover(
 def _segments(paths: Sequence[Path]) -> tuple[Path, ...]:
     """Return the named segments, and those in named folders."""
     from daq import InputError
-    from daq.journal.folder import segments_in
+    from daq.journal.reader import segments_in
 
     segments: list[Path] = []
     for path in paths:

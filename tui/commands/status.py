@@ -18,8 +18,7 @@ def status(
     """Print the status of a folder's recorder; exit code 1 if none runs there."""
     from daq.control.address import control_address
     from daq.control.client import Client, OrderRefusedError, RecorderGoneError
-    from daq.control.messages import STATUS
-    from daq.control.orders import AskStatus
+    from daq.control.messages import STATUS, AskStatus
 
     from ..output import print_json, print_line
     from ..recorders.lines import status_lines
@@ -46,7 +45,7 @@ def status(
 
 def _none(folder: Path, why: str, json: bool) -> int:
     """Report that there is no status, and why."""
-    from daq.control.lock import unreachable_words
+    from daq.control.address import unreachable_words
 
     from ..diagnostics import say
     from ..output import print_json

@@ -18,8 +18,7 @@ import numpy as np
 
 from daq import InputError
 from daq.control.client import OrderRefusedError
-from daq.control.messages import Live, Status
-from daq.control.orders import AskBench, AskHistory
+from daq.control.messages import AskBench, AskHistory, Live, Status
 
 from ..terminal.state.feed import Feed, Lost, News
 from ..terminal.state.lanes import Lanes, lane_specs

@@ -19,7 +19,7 @@ from typing import Any
 from aiohttp import web
 
 from daq.control.client import OrderRefusedError
-from daq.control.orders import Hello
+from daq.control.messages import Hello
 
 from ..browser.guard import Guard
 from ..terminal.state.feed import Feed, RecorderFeed

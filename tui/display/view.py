@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING
 from daq import BASELINE, Excitation
 from daq.bench.campaign import Method, Origin
 from daq.bumps import BUMPS
-from daq.control.messages import Phase, Status
-from daq.control.orders import Arm, Order, Pause, Reject
+from daq.control.messages import Arm, Order, Pause, Phase, Reject, Status
 from daq.errors import printable
 from daq.runlog import LoggedStatus
 

@@ -117,7 +117,7 @@ def measured_spread(frequencies_hz: Sequence[float]) -> float | None:
 def main() -> int:
     """Answer the question on standard input."""
     from daq.bench.config import parse_bench
-    from daq.journal.folder import last_recording
+    from daq.journal.reader import last_recording
 
     question = json.load(sys.stdin)
     folder = Path(question["folder"])

@@ -91,7 +91,7 @@ def report_of(session: Path) -> Path:
 def _unfinished(folder: Path, names: set[str]) -> SessionEntry | None:
     """Return the newest campaign of a folder's journal if it has no session file."""
     from daq.bench.config import parse_bench
-    from daq.journal.folder import last_campaign
+    from daq.journal.reader import last_campaign
     from daq.runlog import LoggedStatus, fold
 
     try:

@@ -196,8 +196,7 @@ class _Daemon:
 
     def _lead(self, status: Status, end: bool) -> None:
         """Arm each campaign once; stop it once when it is complete or a signal (`end`) has come."""
-        from daq.control.messages import Phase
-        from daq.control.orders import Arm, Stop, Until
+        from daq.control.messages import Arm, Phase, Stop, Until
 
         waits = status.phase is Phase.IDLE and status.recording not in ("", self._armed)
         if self._lifetime.arm and waits:

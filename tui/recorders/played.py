@@ -121,7 +121,7 @@ def _record(
     lifetime: Lifetime,
     log: Path | None,
 ) -> None:
-    from daq.control.lock import lone_recorder
+    from daq.control.address import lone_recorder
 
     from ..output import progress
     from .log import Log

@@ -72,7 +72,7 @@ def last_line(folder: Path) -> str:
 
 def _start(arguments: list[str], folder: Path) -> Process:
     from daq import InputError
-    from daq.control.lock import group_readable
+    from daq.control.address import group_readable
 
     from .log import require_log
 

@@ -17,8 +17,7 @@ from .log import Log
 if TYPE_CHECKING:
     from daq import Session
     from daq.bench.config import Bench
-    from daq.bus.link import OpenSource
-    from daq.bus.source import FrameSource
+    from daq.bus.source import FrameSource, OpenSource
     from daq.control.messages import Status
 
 

@@ -21,23 +21,27 @@ from textual.screen import ModalScreen, Screen
 from textual.worker import WorkType
 
 from daq import InputError
-from daq.control import orders
+from daq.control import messages
 from daq.control.client import OrderRefusedError
-from daq.control.messages import Live, Reply, Setup, Status, differences
-from daq.control.orders import (
+from daq.control.messages import (
     Acknowledge,
     AskBench,
     AskHistory,
     Build,
     Hello,
+    Live,
     Note,
     Order,
     Pause,
     Redo,
     Reject,
+    Reply,
+    Setup,
     ShutDown,
+    Status,
     Stop,
     Undo,
+    differences,
 )
 from daq.errors import printable
 
@@ -368,7 +372,7 @@ class BenchApp(KeyboardApp):
 
     async def ask(self, order: Order) -> Reply | None:
         """Send an order; return None after a refusal, whose reason is shown to the operator."""
-        if not self.in_control and not isinstance(order, orders.Question):
+        if not self.in_control and not isinstance(order, messages.Question):
             self.warn("this terminal is a viewer: C asks for control")
             return None
         try:

@@ -17,10 +17,8 @@ import numpy as np
 import pytest
 
 from daq.bench.config import BusConfig
-from daq.bus.clock import SteadyClock
-from daq.bus.link import Link
 from daq.bus.socketcan import FrameBuffers, SocketCanSource
-from daq.bus.source import FrameSource, SourceLosses
+from daq.bus.source import FrameSource, Link, SourceLosses, SteadyClock
 from daq.control.messages import Live, Status
 from daq.journal.reader import read_journal
 from daq.recorder.recorder import Recorder
@@ -361,7 +359,7 @@ class Script:
 def test_five_sick_buses_are_named_and_well_again_and_the_sixth_loses_no_frame(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("daq.bus.link.SILENT_S", 2.0)  # in place of 5 s
+    monkeypatch.setattr("daq.bus.source.SILENT_S", 2.0)  # in place of 5 s
     devices = {name: Device() for name in EXPECTED}
     healthy = Counting()
 

@@ -20,7 +20,8 @@ from daq.bus.interfaces import (
     open_bus,
     open_source,
 )
-from daq.bus.source import FrameSource, enlarge_buffer, keep_to_own_group
+from daq.bus.socketcan import enlarge_buffer, keep_to_own_group
+from daq.bus.source import FrameSource
 from daq.errors import BusError
 from dbc.frames import FrameBatch, FrameFlag
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daq.bus.error_frames import ControllerState, ErrorClass, describe_error_frame
-from daq.bus.interfaces import wire_bits
+from daq.bus.source import wire_bits
 from dbc import FrameBatch, FrameFlag
 
 ERROR_FLAG = 0x20000000

@@ -12,10 +12,8 @@ import numpy as np
 import pytest
 
 from daq.bench.config import BusConfig
-from daq.bus.clock import SteadyClock
-from daq.bus.link import Link
 from daq.bus.socketcan import SocketCanSource
-from daq.bus.source import FrameSource, SourceLosses
+from daq.bus.source import FrameSource, Link, SourceLosses, SteadyClock
 from daq.errors import BusError
 from dbc import FrameBatch
 

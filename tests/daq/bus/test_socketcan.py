@@ -19,10 +19,9 @@ from can.interfaces.socketcan.socketcan import build_can_frame, dissect_can_fram
 
 from daq.bench.config import BusConfig
 from daq.bus import socketcan
-from daq.bus.clock import SteadyClock
 from daq.bus.interfaces import open_bus, open_source
 from daq.bus.socketcan import FrameBuffers, SocketCanSource, frame_columns
-from daq.bus.source import BLOCK_FRAMES
+from daq.bus.source import BLOCK_FRAMES, SteadyClock
 from daq.errors import BusError
 from dbc.frames import FrameBatch, FrameFlag
 

@@ -23,20 +23,18 @@ from daq.control.messages import (
     PROTOCOL,
     REPLY,
     STATUS_TOPIC,
-    Lane,
-    Live,
-    Reply,
-)
-from daq.control.orders import (
     Accept,
     AskCheck,
     AskHistory,
     Hello,
+    Lane,
+    Live,
     Mark,
     Note,
     Order,
     OverrideWarning,
     Reject,
+    Reply,
 )
 from daq.control.server import Peers, Server
 from daq.errors import InputError

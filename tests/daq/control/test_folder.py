@@ -16,10 +16,8 @@ import pytest
 
 from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
-from daq.control.address import control_address
-from daq.control.lock import is_locked, lone_recorder, unreachable_words
-from daq.control.messages import Reply
-from daq.control.orders import Order
+from daq.control.address import control_address, is_locked, lone_recorder, unreachable_words
+from daq.control.messages import Order, Reply
 from daq.control.server import Server
 from daq.errors import FolderLockedError, InputError
 from daq.files import write_text
@@ -70,7 +68,7 @@ def test_of_a_new_folder_in_which_nothing_was_made_nothing_is_left(tmp_path: Pat
 def test_a_second_recorder_learns_who_has_the_folder(tmp_path: Path) -> None:
     folder = tmp_path / "new" / "today"
     code = (
-        "import sys; from pathlib import Path; from daq.control.lock import lone_recorder\n"
+        "import sys; from pathlib import Path; from daq.control.address import lone_recorder\n"
         "with lone_recorder(Path(sys.argv[1])):\n"
         "    print('locked', flush=True); sys.stdin.read()"
     )

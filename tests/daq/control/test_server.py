@@ -20,8 +20,21 @@ import zmq
 from daq.bench.campaign import Origin
 from daq.control.address import Address, control_address, is_running
 from daq.control.client import Client, OrderRefusedError, RecorderGoneError
-from daq.control.messages import PROTOCOL, REPLY, Lane, Live, Reply, Status, setup_of
-from daq.control.orders import Arm, AskBench, AskStatus, Mark, Order, Pause
+from daq.control.messages import (
+    PROTOCOL,
+    REPLY,
+    Arm,
+    AskBench,
+    AskStatus,
+    Lane,
+    Live,
+    Mark,
+    Order,
+    Pause,
+    Reply,
+    Status,
+    setup_of,
+)
 from daq.control.server import MAX_REQUEST_BYTES, Server
 
 from ..a_status import a_status

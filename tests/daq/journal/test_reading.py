@@ -14,11 +14,19 @@ import pytest
 from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
 from daq.errors import InputError
-from daq.journal.contents import HopCounts, JournalLoss
-from daq.journal.folder import last_recording, recordings, recordings_of, scan, segments_in
-from daq.journal.format import HEADER, MAGIC, Gap, gap_event
-from daq.journal.reader import JournalReader, read_journal, read_windows
-from daq.journal.segment_reader import SegmentFile
+from daq.journal.format import HEADER, MAGIC, Gap, SegmentFile, gap_event
+from daq.journal.reader import (
+    HopCounts,
+    JournalLoss,
+    JournalReader,
+    last_recording,
+    read_journal,
+    read_windows,
+    recordings,
+    recordings_of,
+    scan,
+    segments_in,
+)
 from daq.journal.writer import JournalWriter
 from daq.runs import Event
 from dbc.frames import FrameBatch
@@ -267,7 +275,7 @@ def test_a_disk_that_fails_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         return really(fd, min(size, 1000))
 
     with SegmentFile(path) as file:
-        monkeypatch.setattr("daq.journal.segment_reader.os.read", fail)
+        monkeypatch.setattr("daq.journal.format.os.read", fail)
         file.size += 100
         *_, damage = file.blocks()
         assert file.fault == "cannot be read (Input/output error)"

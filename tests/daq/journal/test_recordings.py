@@ -10,17 +10,17 @@ import pytest
 
 from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
-from daq.journal.folder import (
+from daq.journal.format import SegmentFile
+from daq.journal.reader import (
     last_campaign,
     last_recording,
     next_segment,
+    read_journal,
     recordings,
     scan,
     seal_left_open,
     segments_in,
 )
-from daq.journal.reader import read_journal
-from daq.journal.segment_reader import SegmentFile
 from daq.journal.writer import JournalWriter
 from daq.runs import Event
 

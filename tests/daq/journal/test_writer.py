@@ -13,9 +13,8 @@ import pytest
 
 from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
-from daq.journal.folder import last_recording, recordings
 from daq.journal.format import Gap, Kind
-from daq.journal.reader import read_journal
+from daq.journal.reader import last_recording, read_journal, recordings
 from daq.journal.segment import Backlog, Pending, Room, Segment, low_text
 from daq.journal.writer import JournalError, JournalWriter
 from daq.runs import Event

@@ -36,4 +36,4 @@ def built_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
         def communicate(self) -> tuple[bytes, None]:
             return self.output, None
 
-    monkeypatch.setattr("daq.recorder.derivation.subprocess.Popen", Built)
+    monkeypatch.setattr("daq.recorder.campaigns.subprocess.Popen", Built)

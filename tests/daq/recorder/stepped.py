@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from daq.bench.config import Bench
-from daq.bus.clock import Now
-from daq.bus.source import HopLosses, LinkFacts, SourceLosses
-from daq.control.messages import DiskStatus, Status, StorageStatus
-from daq.control.orders import (
+from daq.bus.source import HopLosses, LinkFacts, Now, SourceLosses
+from daq.control.messages import (
     Arm,
+    DiskStatus,
+    Status,
+    StorageStatus,
     Until,
 )
 from daq.journal.writer import JournalWriter

@@ -13,11 +13,22 @@ from types import SimpleNamespace
 import pytest
 
 from daq.bench.config import Bench
-from daq.control.messages import SessionState, SessionStatus, Status
-from daq.control.orders import Arm, Build, Mark, Note, Reject, Start, Undo, Until
-from daq.journal.folder import segments_in
-from daq.recorder.derivation import Derivation
-from daq.runlog.run_log import Code, fold
+from daq.control.messages import (
+    Arm,
+    Build,
+    Mark,
+    Note,
+    Reject,
+    SessionState,
+    SessionStatus,
+    Start,
+    Status,
+    Undo,
+    Until,
+)
+from daq.journal.reader import segments_in
+from daq.recorder.campaigns import Derivation
+from daq.runlog import Code, fold
 from daq.runs import Event
 from daq.session.build import BAD_INPUT, DONE, main
 from dbc import Codec
@@ -99,7 +110,7 @@ class Process:
 @pytest.fixture
 def made(monkeypatch: pytest.MonkeyPatch) -> list[Process]:
     Process.made = []
-    monkeypatch.setattr("daq.recorder.derivation.subprocess.Popen", Process)
+    monkeypatch.setattr("daq.recorder.campaigns.subprocess.Popen", Process)
     return Process.made
 
 
@@ -191,7 +202,7 @@ def test_a_process_has_ten_minutes_and_a_second_for_each_megabyte(
         path.touch()
         os.truncate(path, size)
     clock = itertools.chain([0.0], itertools.repeat(waited_s))
-    monkeypatch.setattr("daq.recorder.derivation.time", SimpleNamespace(monotonic=clock.__next__))
+    monkeypatch.setattr("daq.recorder.campaigns.time", SimpleNamespace(monotonic=clock.__next__))
     derivation = Derivation()
     derivation.begin(Path("a.h5"), segments, "one", 1)
     derivation.poll()

@@ -12,16 +12,15 @@ import pytest
 
 from daq.bench.campaign import Campaign, Step
 from daq.bench.config import Bench, bench_codec, load_bench
-from daq.bus.clock import Now
-from daq.bus.source import HopLosses
-from daq.control.orders import Arm, Until
-from daq.journal.folder import last_recording
+from daq.bus.source import HopLosses, Now
+from daq.control.messages import Arm, Until
 from daq.journal.format import JournalHead
+from daq.journal.reader import last_recording
 from daq.journal.writer import JournalWriter
 from daq.recorder import judging
 from daq.recorder.judging import Judge, Recent, is_accepted, is_only_unlike, recall
 from daq.recorder.recording import Recording
-from daq.runlog.run_log import LoggedRun, LoggedStatus, RunLog
+from daq.runlog import LoggedRun, LoggedStatus, RunLog
 from daq.runs import BASELINE, Excitation, Losses
 from daq.samples.mapping import SampleBlock
 from daq.sim.car import SimulatedCar

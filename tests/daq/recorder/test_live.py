@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from daq.recorder.live import LiveRing
+from daq.recorder.judging import LiveRing
 
 S = 1_000_000_000
 

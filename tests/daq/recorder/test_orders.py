@@ -14,8 +14,7 @@ from daq.bench.campaign import Origin, Step
 from daq.bench.config import Bench, BusConfig, default_bench_text, load_bench
 from daq.bus.source import HopLosses
 from daq.check.check import CheckReport
-from daq.control.messages import Reply
-from daq.control.orders import (
+from daq.control.messages import (
     Accept,
     Acknowledge,
     Arm,
@@ -28,14 +27,15 @@ from daq.control.orders import (
     Pause,
     Redo,
     Reject,
+    Reply,
     Undo,
     Until,
 )
 from daq.journal.reader import read_journal
 from daq.journal.writer import JournalWriter
-from daq.recorder.orders import OrderError, OrderQueue, answer_check, configured, order_event
 from daq.recorder.recording import Recording
-from daq.runlog.run_log import Change, LoggedRun, LoggedStatus, RunLog, fold
+from daq.recorder.run_loop import OrderError, OrderQueue, answer_check, configured, order_event
+from daq.runlog import Change, LoggedRun, LoggedStatus, RunLog, fold
 from daq.runs import ADDED, BASELINE, Event, Excitation
 from dbc import Codec, FrameBatch
 from dbc.finding import Finding, Severity
@@ -176,11 +176,11 @@ def test_a_bench_that_cannot_go_on_is_refused(text: str, why: str) -> None:
 def test_a_check_is_answered_with_its_lines_or_its_error(monkeypatch: pytest.MonkeyPatch) -> None:
     line = Finding("rate", Severity.WARNING, "slow", "message M", "set it", figures={"hz": 5.0})
     report = CheckReport(1.0, 2, (line,))
-    monkeypatch.setattr("daq.recorder.orders.check_bench", lambda *_: report)
+    monkeypatch.setattr("daq.recorder.run_loop.check_bench", lambda *_: report)
     answer = Future[Reply]()
     answer_check(BENCH, FrameBatch.empty(), answer)
     assert answer.result(0).check == (line,)
-    monkeypatch.setattr("daq.recorder.orders.check_bench", lambda *_: 1 / 0)
+    monkeypatch.setattr("daq.recorder.run_loop.check_bench", lambda *_: 1 / 0)
     answer = Future()
     answer_check(BENCH, FrameBatch.empty(), answer)
     assert isinstance(answer.exception(0), ZeroDivisionError)

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from daq.bench.config import BusConfig
-from daq.bus.link import Link
-from daq.bus.source import HopLosses, SourceLosses
+from daq.bus.source import HopLosses, Link, SourceLosses
 from daq.recorder.readers import DRAIN_S, Piece, PieceQueue, Reader, Readers, StorageWatch
 from daq.recorder.recorder import HALT_S
 from dbc import FrameBatch

@@ -15,33 +15,36 @@ import pytest
 
 from daq import read_session
 from daq.bench.config import Bench, BusConfig, parse_bench
-from daq.bus.clock import Now
 from daq.bus.interfaces import open_bus, open_source
-from daq.bus.source import FrameSource, SourceLosses
-from daq.control.messages import BusState, Live, Phase, SessionState, Status
-from daq.control.monitoring import standstill
-from daq.control.orders import (
+from daq.bus.source import FrameSource, Now, SourceLosses
+from daq.control.messages import (
     Arm,
     AskBench,
     AskCheck,
     AskHistory,
     AskStatus,
     Build,
+    BusState,
     Configure,
+    Live,
     Mark,
+    Phase,
+    SessionState,
     ShutDown,
     Start,
+    Status,
     Stop,
     Until,
 )
+from daq.control.monitoring import standstill
 from daq.errors import BusError, InputError
-from daq.journal.folder import last_recording, recordings
+from daq.journal.reader import last_recording, recordings
 from daq.journal.segment import SyncedFile
 from daq.journal.writer import JournalError
-from daq.recorder.derivation import Derivation
-from daq.recorder.orders import OrderError
+from daq.recorder.campaigns import Derivation
 from daq.recorder.readers import PieceQueue
 from daq.recorder.recorder import Recorder
+from daq.recorder.run_loop import OrderError
 from daq.runs import Event
 from dbc import Codec, FrameBatch
 from dbc.finding import Severity
@@ -476,7 +479,7 @@ def test_a_session_file_that_is_ready_at_the_end_is_said_to_be(
     quick: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     Process.made = []
-    monkeypatch.setattr("daq.recorder.derivation.subprocess.Popen", Process)
+    monkeypatch.setattr("daq.recorder.campaigns.subprocess.Popen", Process)
     paced = Paced(quick, tmp_path, [], [0.1], watched=False)
     paced.recorder.submit(Build(), "Ann")
     paced.at_end = lambda: setattr(Process.made[0], "returncode", 0)
@@ -498,7 +501,7 @@ def test_a_new_bench_toml_begins_a_campaign_only_between_campaigns(
     recordings_made: int,
 ) -> None:
     Process.made = []
-    monkeypatch.setattr("daq.recorder.derivation.subprocess.Popen", Process)
+    monkeypatch.setattr("daq.recorder.campaigns.subprocess.Popen", Process)
     text = quick.text.replace('name = "Ford Granada"', f'name = "{name}"')
     paced = Paced(quick, tmp_path, [], [], watched=False)
     if stopped:

@@ -13,27 +13,29 @@ import zmq
 from numpy.typing import NDArray
 
 from daq.bench.config import Bench
-from daq.bus.clock import STEADY_CLOCK
-from daq.bus.source import SourceLosses
+from daq.bus.source import STEADY_CLOCK, SourceLosses
 from daq.control.address import Address, control_address
-from daq.control.messages import STATUS, Live, Phase, SessionState, Status
-from daq.control.orders import (
+from daq.control.messages import (
+    STATUS,
     Arm,
     Build,
     Configure,
+    Live,
     Mark,
+    Phase,
     Reject,
+    SessionState,
     Start,
+    Status,
     Stop,
     Undo,
     Until,
 )
 from daq.control.server import Server
-from daq.journal.folder import last_recording, recordings, scan, segments_in
-from daq.journal.reader import read_journal
+from daq.journal.reader import last_recording, read_journal, recordings, scan, segments_in
 from daq.journal.segment import SyncedFile
-from daq.recorder.derivation import Derivation
-from daq.recorder.orders import OrderError
+from daq.recorder.campaigns import Derivation
+from daq.recorder.run_loop import OrderError
 from daq.session import read_session
 from dbc import Codec, FrameBatch
 from tui.recorders.lines import status_lines

@@ -12,20 +12,17 @@ import pytest
 
 from daq.bench.campaign import Origin
 from daq.bench.config import Bench
-from daq.bus.clock import Now
-from daq.bus.source import HopLosses
+from daq.bus.source import HopLosses, Now
 from daq.channels import Quantity
-from daq.control.messages import Phase
-from daq.control.orders import Arm, Pause, Until
+from daq.control.messages import Arm, Pause, Phase, Until
 from daq.errors import InputError
-from daq.journal.folder import last_recording, segments_in
 from daq.journal.format import JournalHead
-from daq.journal.reader import read_journal
+from daq.journal.reader import last_recording, read_journal, segments_in
 from daq.journal.writer import JournalError, JournalWriter
 from daq.recorder import judging
+from daq.recorder.campaigns import resumable
 from daq.recorder.recording import FaultBarrier, Recording
-from daq.recorder.resuming import resumable
-from daq.runlog.run_log import LoggedStatus, fold
+from daq.runlog import LoggedStatus, fold
 from daq.runs import Event, Losses
 from daq.session import read_session
 from daq.session.build import derive

@@ -7,10 +7,9 @@ from dataclasses import dataclass, field, replace
 import pytest
 
 from daq.bench.campaign import Campaign
-from daq.control.messages import Phase
-from daq.control.orders import Until
+from daq.control.messages import Phase, Until
 from daq.recorder.run_loop import RunLoop, Surroundings, due_of, tallies_of
-from daq.runlog.run_log import (
+from daq.runlog import (
     Code,
     LoggedRun,
     LoggedStatus,

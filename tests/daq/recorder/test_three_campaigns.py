@@ -21,13 +21,21 @@ from daq.bench.config import Bench, parse_bench
 from daq.bus.source import SourceLosses
 from daq.control.address import control_address, is_running
 from daq.control.client import Client
-from daq.control.messages import Phase, SessionState, Status
-from daq.control.orders import Arm, AskStatus, Configure, Start, Stop, Until
-from daq.journal.folder import recordings
+from daq.control.messages import (
+    Arm,
+    AskStatus,
+    Configure,
+    Phase,
+    SessionState,
+    Start,
+    Status,
+    Stop,
+    Until,
+)
 from daq.journal.format import segment_number
-from daq.journal.reader import read_journal
+from daq.journal.reader import read_journal, recordings
 from daq.journal.segment import SyncedFile
-from daq.runlog.run_log import LoggedStatus
+from daq.runlog import LoggedStatus
 from dbc import Codec, FrameBatch
 from tui.commands.recover import recover
 from tui.output import progress

@@ -8,10 +8,9 @@ import pytest
 
 from daq.bench.campaign import Campaign
 from daq.bench.config import Bench
-from daq.control.messages import STATUS
-from daq.control.orders import Accept, Mark, Note, OverrideWarning, Reject
-from daq.recorder.orders import order_event
-from daq.runlog.run_log import (
+from daq.control.messages import STATUS, Accept, Mark, Note, OverrideWarning, Reject
+from daq.recorder.run_loop import order_event
+from daq.runlog import (
     Code,
     LoggedStatus,
     RunLog,

@@ -15,10 +15,10 @@ from daq.bench.config import Bench
 from daq.bus.source import HopLosses
 from daq.channels import Channel, Quantity
 from daq.errors import InputError
-from daq.journal.contents import HopCounts
 from daq.journal.format import JournalHead
+from daq.journal.reader import HopCounts
 from daq.journal.writer import JournalWriter
-from daq.runlog.run_log import Code, entry, verdict_entry
+from daq.runlog import Code, entry, verdict_entry
 from daq.runs import Event, Excitation, Run, RunStatus
 from daq.session import read_session
 from daq.session.build import build_session, derive

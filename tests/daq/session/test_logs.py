@@ -13,7 +13,7 @@ from daq.bench.campaign import Campaign, Step
 from daq.bench.config import Bench, parse_bench
 from daq.bus.source import HopLosses
 from daq.errors import InputError
-from daq.journal.contents import HopCounts
+from daq.journal.reader import HopCounts
 from daq.runs import Event, Excitation, Losses, Run, RunStatus
 from daq.session.from_frames import (
     Intake,

@@ -16,7 +16,7 @@ from daq.bus.source import HopLosses
 from daq.errors import InputError
 from daq.journal.format import JournalHead
 from daq.journal.writer import JournalWriter
-from daq.runlog.run_log import Code, entry, verdict_entry
+from daq.runlog import Code, entry, verdict_entry
 from daq.runs import Event
 from daq.session.build import Derived, derive
 

@@ -7,15 +7,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from daq.bench.config import Bench, bench_codec
-from daq.bus.clock import Now
-from daq.bus.source import HopLosses
+from daq.bus.source import HopLosses, Now
 from daq.control.messages import (
+    Arm,
     DiskStatus,
     Phase,
     Status,
     StorageStatus,
+    Until,
 )
-from daq.control.orders import Arm, Until
 from daq.errors import BusError
 from daq.recorder.recording import Recording
 from daq.runs import Event

@@ -13,12 +13,12 @@ import pytest
 
 from daq.bench.campaign import Campaign, Method
 from daq.bench.config import Bench, bench_codec, load_bench
-from daq.bus.clock import Now
+from daq.bus.source import Now
 from daq.check.propose import propose_sensors
 from daq.control.messages import Due, Phase, Status
 from daq.errors import BusError
 from daq.recorder.recording import Recording
-from daq.runlog.run_log import LoggedStatus, Remark
+from daq.runlog import LoggedStatus, Remark
 from daq.runs import BASELINE, Excitation
 from daq.samples.converter import HealthState, advance
 from daq.sim.bench import PIECE_S, PUSHES_S, Fault, SimulatedBench, push_frames

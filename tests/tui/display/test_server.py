@@ -16,8 +16,7 @@ from typing import Any
 import aiohttp
 import pytest
 
-from daq.control.messages import Phase
-from daq.control.orders import Arm, Hello, Order, Reject
+from daq.control.messages import Arm, Hello, Order, Phase, Reject
 from tui.browser.guard import MOST_UNPROVEN, Guard, listen
 from tui.browser.server import terminal_pages
 from tui.display.follow import Hub

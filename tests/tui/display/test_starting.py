@@ -19,8 +19,7 @@ from typing import Any, NoReturn
 import pytest
 
 from daq.control.client import OrderRefusedError
-from daq.control.messages import Reply
-from daq.control.orders import Arm, AskBench, AskHistory, Order
+from daq.control.messages import Arm, AskBench, AskHistory, Order, Reply
 from daq.errors import InputError
 from tui.cli import run
 from tui.display import server

@@ -8,8 +8,7 @@ from dataclasses import asdict, replace
 import pytest
 
 from daq.bench.campaign import Origin
-from daq.control.messages import Alarm, Phase
-from daq.control.orders import Arm, Pause, Reject
+from daq.control.messages import Alarm, Arm, Pause, Phase, Reject
 from daq.runs import Excitation
 from tui.display.follow import NO_CURVES, curves_of
 from tui.display.view import Kind, View, order_of, view

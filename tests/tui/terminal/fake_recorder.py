@@ -15,22 +15,6 @@ from daq.bench.campaign import Campaign
 from daq.bench.config import Bench, default_bench_text, parse_bench
 from daq.control.client import OrderRefusedError
 from daq.control.messages import (
-    BusState,
-    BusStatus,
-    DiskStatus,
-    Due,
-    Lane,
-    Live,
-    Phase,
-    QueueStatus,
-    Reply,
-    SessionState,
-    SessionStatus,
-    Setup,
-    Status,
-    Tally,
-)
-from daq.control.orders import (
     Accept,
     Acknowledge,
     Arm,
@@ -38,21 +22,35 @@ from daq.control.orders import (
     AskCheck,
     AskHistory,
     Build,
+    BusState,
+    BusStatus,
     Choose,
     Configure,
+    DiskStatus,
+    Due,
     Hello,
+    Lane,
+    Live,
     Mark,
     Note,
     Order,
     OverrideWarning,
     Pause,
+    Phase,
+    QueueStatus,
     Redo,
     Reject,
+    Reply,
+    SessionState,
+    SessionStatus,
+    Setup,
     Start,
+    Status,
     Stop,
+    Tally,
     Undo,
 )
-from daq.runlog.run_log import Code, LoggedStatus, RunLog, advance, entry, next_step, verdict_entry
+from daq.runlog import Code, LoggedStatus, RunLog, advance, entry, next_step, verdict_entry
 from daq.runs import Event, Excitation, Losses
 from dbc.finding import Finding, Severity
 from tui.terminal.state.feed import News, Role

@@ -13,8 +13,7 @@ from textual.widgets import Input, Static
 
 from daq.bench.campaign import Origin
 from daq.control import address
-from daq.control.messages import Setup
-from daq.control.orders import Arm, Hello, ShutDown, Stop
+from daq.control.messages import Arm, Hello, Setup, ShutDown, Stop
 from daq.errors import InputError
 from tui.cli import run
 from tui.commands.tui import check_fault, known_operator

@@ -6,8 +6,18 @@ from collections.abc import Awaitable
 from functools import partial
 
 from daq.alarms import EXPLAINED
-from daq.control.messages import Phase
-from daq.control.orders import Arm, AskCheck, Build, Note, Pause, Redo, Reject, ShutDown, Undo
+from daq.control.messages import (
+    Arm,
+    AskCheck,
+    Build,
+    Note,
+    Pause,
+    Phase,
+    Redo,
+    Reject,
+    ShutDown,
+    Undo,
+)
 from daq.verdict import WORDS
 from tui.terminal.dialogs import SCREEN_PAGES, HelpScreen, page_of
 from tui.terminal.screens.base import BenchScreen

@@ -16,8 +16,7 @@ from filelock import FileLock
 
 from daq.bench.campaign import Origin
 from daq.control.client import OrderRefusedError, RecorderGoneError
-from daq.control.messages import Reply, Setup, Status
-from daq.control.orders import Arm, AskStatus, Order
+from daq.control.messages import Arm, AskStatus, Order, Reply, Setup, Status
 from tui.terminal.state import feed
 from tui.terminal.state.feed import BIRTH_S, Lost, News, RecorderFeed, Role
 

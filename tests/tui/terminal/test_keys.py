@@ -6,13 +6,13 @@ from collections.abc import Callable
 
 from textual.pilot import Pilot
 
-from daq.control.messages import Phase
-from daq.control.orders import (
+from daq.control.messages import (
     Accept,
     Acknowledge,
     Arm,
     Order,
     Pause,
+    Phase,
     Redo,
     Reject,
     Undo,

@@ -12,7 +12,7 @@ from textual.pilot import Pilot
 from daq.bench.campaign import Method
 from daq.bench.config import default_bench_text, load_bench
 from daq.bench.edit import with_campaign
-from daq.control.orders import Configure, Mark, OverrideWarning
+from daq.control.messages import Configure, Mark, OverrideWarning
 from daq.runs import Excitation
 from daq.vehicle import FORD_GRANADA, BodyWeight, Corner, HubWeight
 from tui.jobs.gain import Gain, Shift, measured_spread

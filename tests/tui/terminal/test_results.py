@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from daq.control.orders import Accept, Build, Mark, Reject
+from daq.control.messages import Accept, Build, Mark, Reject
 from dbc.finding import Finding, Severity
 from identify.words import parameter_words, plain
 from tui.jobs.lines import ExportTask, Outcome

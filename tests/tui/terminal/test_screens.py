@@ -10,8 +10,16 @@ from textual.app import App
 from textual.pilot import Pilot
 
 from daq.bench.config import default_bench_text
-from daq.control.messages import Alarm, BusState, BusStatus, Phase
-from daq.control.orders import Choose, Mark, Note, OverrideWarning
+from daq.control.messages import (
+    Alarm,
+    BusState,
+    BusStatus,
+    Choose,
+    Mark,
+    Note,
+    OverrideWarning,
+    Phase,
+)
 from daq.runs import Excitation
 from tui.terminal.app import BenchApp
 from tui.terminal.screens.bumping import HomeScreen

@@ -11,8 +11,7 @@ import pytest
 from textual.pilot import Pilot
 from textual.widgets import Input
 
-from daq.control.messages import Lane, Live
-from daq.control.orders import AskCheck, Configure, Hello, Mark, Note, OverrideWarning
+from daq.control.messages import AskCheck, Configure, Hello, Lane, Live, Mark, Note, OverrideWarning
 from daq.vehicle import Corner
 from dbc.finding import Finding
 from tui.terminal.app import BenchApp

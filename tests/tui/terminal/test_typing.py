@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 from textual.widgets import Input
 
-from daq.control.messages import Phase
-from daq.control.orders import Accept, Note
+from daq.control.messages import Accept, Note, Phase
 from tui.terminal.app import BenchApp
 from tui.terminal.dialogs import Confirm
 from tui.terminal.screens.bumping import HomeScreen

@@ -13,12 +13,14 @@ from daq.bench.config import Bench
 from daq.check.push_test import PushResult
 from daq.control.messages import (
     Alarm,
+    Arm,
     Lane,
     Live,
+    Note,
+    OverrideWarning,
     Phase,
     Status,
 )
-from daq.control.orders import Arm, Note, OverrideWarning
 from daq.runs import Excitation
 from daq.vehicle import Corner
 from tui.terminal.app import BenchApp

@@ -6,8 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import daq
-from daq.control.messages import SessionState, SessionStatus
-from daq.control.orders import Build, Mark, Reject, Start, Undo
+from daq.control.messages import Build, Mark, Reject, SessionState, SessionStatus, Start, Undo
 from daq.runs import RunStatus
 from daq.vehicle import FORD_GRANADA
 from tui.jobs.lines import IdentifyTask, ReportTask, Trouble

@@ -9,8 +9,17 @@ from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
 from textual.content import Content
 
-from daq.control.messages import Phase, Status
-from daq.control.orders import Accept, Acknowledge, Choose, Pause, Redo, Reject, Undo
+from daq.control.messages import (
+    Accept,
+    Acknowledge,
+    Choose,
+    Pause,
+    Phase,
+    Redo,
+    Reject,
+    Status,
+    Undo,
+)
 from daq.runlog import LoggedRun, LoggedStatus
 
 from ..dialogs import Confirm

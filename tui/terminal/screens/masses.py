@@ -19,8 +19,7 @@ from textual.content import Content
 
 from daq import Excitation, InputError, VehicleParameters
 from daq.bench.edit import with_weights
-from daq.control.messages import Status
-from daq.control.orders import AskCheck, Configure, Mark, Note, OverrideWarning
+from daq.control.messages import AskCheck, Configure, Mark, Note, OverrideWarning, Status
 from daq.loading import expected_car, loading
 
 from ...jobs.gain import GAIN, Gain, measured_spread

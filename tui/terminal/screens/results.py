@@ -14,8 +14,7 @@ from textual.containers import VerticalScroll
 from textual.content import Content
 from textual.widgets import TabbedContent, TabPane, Tabs
 
-from daq.control.messages import Status
-from daq.control.orders import Accept, Mark, Reject
+from daq.control.messages import Accept, Mark, Reject, Status
 from daq.errors import printable
 from daq.runlog import LoggedStatus
 from dbc import counted

@@ -14,8 +14,7 @@ from textual.timer import Timer
 from daq import Excitation, InputError
 from daq.bench.campaign import Method
 from daq.bench.config import Bench, campaign_limits
-from daq.control.messages import Status
-from daq.control.orders import Configure, Hello, Mark, Note
+from daq.control.messages import Configure, Hello, Mark, Note, Status
 from daq.vehicle import Fact, FactQuantity, Structure, VehicleGeometry
 
 from ..state.campaign import BenchStep

@@ -16,8 +16,7 @@ from textual.containers import Vertical
 from textual.content import Content
 from textual.widgets import ProgressBar
 
-from daq.control.messages import SessionState, Status
-from daq.control.orders import Build, Mark, Start
+from daq.control.messages import Build, Mark, SessionState, Start, Status
 from daq.errors import printable
 from daq.runlog import LoggedStatus
 from dbc import counted, plural

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from daq import ADDED, BASELINE
-from daq.control.messages import Alarm, Phase, Status
-from daq.control.orders import Arm, Order
+from daq.control.messages import Alarm, Arm, Order, Phase, Status
 from daq.errors import printable
 
 

@@ -12,11 +12,9 @@ from pathlib import Path
 from typing import Protocol
 
 from daq import BumpbenchError
-from daq.control.address import control_address, is_running
+from daq.control.address import control_address, is_locked, is_running, unreachable_words
 from daq.control.client import Client, OrderRefusedError, RecorderGoneError
-from daq.control.lock import is_locked, unreachable_words
-from daq.control.messages import Live, Reply, Setup, Status
-from daq.control.orders import AskCheck, Hello, Order
+from daq.control.messages import AskCheck, Hello, Live, Order, Reply, Setup, Status
 
 from ...recorders.process import LOG, failure
 

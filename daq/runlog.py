@@ -1,7 +1,7 @@
 """Defines the log of a recording's runs, with the verdicts on each.
 
 Nothing is ever deleted: a rejected run is a run with a status, an undone verdict is one more event.
-The log is made from the events of the journal by `daq.runlog.run_log`.
+The log is made from the events of the journal by `daq.runlog`.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from pydantic import PlainSerializer, PlainValidator
 
 from dbc.finding import Finding, Severity
 
-from ..bench.campaign import Campaign, Step
-from ..runs import Event, Excitation
+from .bench.campaign import Campaign, Step
+from .runs import Event, Excitation
 
 # Converts a finding to the form of journals, session files and status messages, and back ----------
 

@@ -1,0 +1,491 @@
+"""Watches buses, channels and messages, and yields their faults of each cycle."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dbc import Codec
+from dbc.finding import Finding
+from dbc.frames import FrameBatch, FrameFlag
+from dbc.samples import UNUSABLE, Decoded, Quality, Samples
+from dbc.words import counted
+
+from ..bus.error_frames import ControllerState, ErrorTally, tally_error_frames
+from ..bus.source import LinkFacts, SourceLosses
+from ..channels import LARGEST, Quantity
+from ..control.messages import BusState, BusStatus
+from ..samples.converter import HealthState, is_fine, is_stuck
+from ..samples.mapping import MappedChannel
+from .texts import Counts, fault
+
+# Watches each bus: connection, traffic, load, and the errors of its controller --------------------
+
+WINDOW_S = 1.0
+"""Length of the window over which rates are taken, s."""
+_CALM_S = 2.0
+"""Time without an error, s, after which a controller that receives counts as error-active again:
+many drivers do not report the change."""
+_FULL_LOAD = 0.95
+"""Load from which a bus counts as full: its frames of lowest priority are never sent."""
+DEAD = ("disconnected", "bus_off", "interface_down", "bus_silent", "check_bitrate")
+"""Codes of alarms on a bus that delivers no good frame."""
+
+
+@dataclass(frozen=True, slots=True)
+class _BusCycle:
+    """The frames of a bus in one cycle of the recorder."""
+
+    now_s: float  # monotonic
+    good: int
+    errors: int  # numbers of good frames and of error frames
+    bits: float  # of the good frames on the wire
+    last_ns: int  # latest time stamp until this cycle; 0 before the first
+
+
+@dataclass(slots=True)
+class BusWatch:
+    """The history of one bus; it begins anew when another link takes its place."""
+
+    name: str
+    good_s: float
+    """Monotonic time of the last good frame, s; at least that since which it is connected."""
+    frame_s: float = float("inf")
+    """Monotonic time of the last good frame, also before the bus was lost, s; infinite before the
+    first."""
+    error_s: float = float("-inf")
+    """Monotonic time of the last error frame, s."""
+    frames: int = 0
+    error_frames: int = 0
+    recent: list[_BusCycle] = field(default_factory=list)
+    """Of the last cycle before the last second, and of each cycle since then."""
+    last_ns: int = 0
+    """Latest time stamp, ns."""
+    controller: ControllerState | None = None
+    """State that the controller reported last; None if it reported none."""
+    tx_errors: int | None = None
+    rx_errors: int | None = None
+    error_text: str = ""
+    """The last error frame, in words."""
+    losses: SourceLosses = field(default_factory=SourceLosses)
+    """Losses that the source had counted in the last cycle."""
+
+    def advance(
+        self,
+        link: LinkFacts,
+        batch: FrameBatch,
+        bits: NDArray[np.float64],
+        now_s: float,
+        counts: Counts,
+    ) -> None:
+        """Process the frames of this bus, with their lengths on the wire; add to the counts."""
+        t_ns, n = batch.t_ns, len(batch)
+        error_rows = np.flatnonzero(batch.flags & np.uint16(FrameFlag.ERROR))
+        good = n - len(error_rows)
+        tally = tally_error_frames(batch.select(error_rows)) if len(error_rows) else None
+        self.error_text = (tally.text if tally else "") or self.error_text
+        steps_ns = np.diff(t_ns, prepend=self.last_ns)
+        losses, before = link.losses, self.losses
+        overruns = tally.overruns if tally else 0
+        counts["overrun", self.name] = losses.dropped - before.dropped + overruns, ""
+        counts["garbled", self.name] = losses.garbled - before.garbled, ""
+        counts["time_back", self.name] = int(np.count_nonzero(steps_ns < 0)), ""
+        counts["error_frames", self.name] = len(error_rows), self.error_text
+        counts["bus_off", self.name] = tally.bus_off if tally else 0, self.error_text
+        self.losses = losses
+        if n and not self.last_ns:  # a bus has no time stamp before its first frame
+            self.recent = [replace(cycle, last_ns=int(t_ns[0])) for cycle in self.recent]
+        self.last_ns = int(t_ns[-1]) if n else self.last_ns
+        good_bits = float(bits.sum()) - float(bits[error_rows].sum())
+        old = [cycle for cycle in self.recent if cycle.now_s <= now_s - WINDOW_S]
+        self.recent = self.recent[max(len(old) - 1, 0) :]
+        self.recent.append(_BusCycle(now_s, good, len(error_rows), good_bits, self.last_ns))
+        self.frames += good
+        self.error_frames += len(error_rows)
+        self.frame_s = now_s if good else self.frame_s
+        self.good_s = now_s if good or not link.connected else self.good_s
+        self.error_s = now_s if tally else self.error_s
+        if link.connected:
+            self._follow_controller(tally, error_rows, n, now_s)
+        else:  # a controller that was opened again has a new state
+            self.controller = self.tx_errors = self.rx_errors = None
+
+    def _follow_controller(
+        self, tally: ErrorTally | None, error_rows: NDArray[np.intp], n: int, now_s: float
+    ) -> None:
+        """Take the controller's state from error frames, or end it when it is disproven."""
+        state_row = -1  # of the last frame that reports a state
+        if tally is not None:
+            if tally.state is not None:
+                self.controller, state_row = tally.state, int(error_rows[tally.state_row])
+            if tally.tx_errors is not None:
+                self.tx_errors, self.rx_errors = tally.tx_errors, tally.rx_errors
+        received_after = n - 1 - state_row > int(np.count_nonzero(error_rows > state_row))
+        is_calm = now_s - self.error_s >= _CALM_S and self.good_s > self.error_s
+        proven = received_after if self.controller is ControllerState.BUS_OFF else is_calm
+        if self.controller is not None and proven:
+            self.controller = ControllerState.ACTIVE
+            self.tx_errors = self.rx_errors = None
+
+    def status(self, link: LinkFacts, silent_s: float, now_s: float) -> BusStatus:
+        """Return the status of the bus."""
+        first, last, cycles = self.recent[0], self.recent[-1], self.recent[1:]
+        # A replay faster than real time does not load a bus: its time stamps give the time it took.
+        stamped_s = (last.last_ns - first.last_ns) * 1e-9 if first.last_ns else 0.0
+        span_s = max(now_s - first.now_s, stamped_s, WINDOW_S / 10)
+        state = BusState.OK
+        if not link.connected:
+            state = BusState.DISCONNECTED
+        elif self.controller is ControllerState.BUS_OFF:
+            state = BusState.BUS_OFF
+        elif now_s - self.good_s >= silent_s:
+            state = BusState.SILENT
+        elif self.controller is ControllerState.PASSIVE:
+            state = BusState.ERROR_PASSIVE
+        return BusStatus(
+            name=self.name,
+            state=state,
+            load=sum(cycle.bits for cycle in cycles) / span_s / link.bitrate,
+            frames_per_s=sum(cycle.good for cycle in cycles) / span_s,
+            frames=self.frames,
+            error_frames=self.error_frames,
+            reopened=link.reopened,
+            tx_errors=self.tx_errors,
+            rx_errors=self.rx_errors,
+        )
+
+    def symptoms(
+        self, link: LinkFacts, status: BusStatus, silent_s: float, now_s: float
+    ) -> Iterable[Finding]:
+        """Yield the faulty states of the bus; counted faults are not among them."""
+        name, quiet = self.name, f"{now_s - self.good_s:.1f} s"
+        if status.state is BusState.DISCONNECTED:
+            if link.error or now_s - link.heartbeat_s >= silent_s:  # else it is being opened
+                yield fault("disconnected", name, link.error or "not connected", link.advice)
+            return
+        if status.state is BusState.BUS_OFF:
+            yield fault("bus_off", name, self.error_text)
+            return
+        errors = sum(cycle.errors for cycle in self.recent)
+        if link.interface_down:
+            advice = f"`sudo ip link set {name.split()[-1]} up` brings it up again"
+            yield fault("interface_down", name, "the interface is down", advice)
+        elif status.state is BusState.SILENT and errors:
+            frames = counted(errors, "error frame")
+            text = f"{frames} in the last second and no good frame for {quiet}"
+            yield fault("check_bitrate", name, text)
+        elif status.state is BusState.SILENT:
+            yield fault("bus_silent", name, f"no frame for {quiet}")
+        elif status.load >= _FULL_LOAD:
+            text = f"load {status.load:.0%} of {link.bitrate / 1e3:g} kbit/s"
+            yield fault("bus_full", name, text)
+        if self.controller is ControllerState.PASSIVE:
+            text = self.error_text
+            if self.tx_errors is not None:
+                received = counted(self.rx_errors or 0, "receive error")
+                text = f"{self.tx_errors} transmit and {received} counted"
+            yield fault("error_passive", name, text)
+
+
+# Watches each channel: not a number, out of range, at the end of its range, or frozen -------------
+
+_STUCK_S = 0.8
+"""Time without any change, s, after which a channel of fine resolution counts as frozen."""
+_STUCK_MOVING_CYCLES = 3  # in which other channels moved, and the frozen one not
+_MOVING_STEPS = 20.0
+"""Change of another channel within one cycle, in steps of the judged channel, that counts as
+motion."""
+
+
+class _Channel:
+    """Range and resolution of a channel, and its current run of equal samples.
+
+    The range is that of its bits, or that of the DBC if it is narrower: a 16-bit sensor that
+    measures up to 4 g stops there.
+    """
+
+    def __init__(self, mapped: MappedChannel) -> None:
+        signal, channel = mapped.signal, mapped.channel
+        self.low, self.high = signal.span
+        least, most = signal.minimum, signal.maximum
+        if least is not None and most is not None and least < most:
+            self.low, self.high = max(self.low, least), min(self.high, most)
+        self.text = f"{self.low:g} to {self.high:g} {signal.unit}".rstrip()
+        if signal.length == 1:  # a switch is always at one end
+            self.low, self.high = -math.inf, math.inf
+        self.gain = abs(mapped.factor * channel.scale)
+        self.largest = LARGEST / self.gain if self.gain else math.inf
+        """Largest magnitude that any sensor shows, in the signal's unit."""
+        self.step = mapped.step
+        self.is_fine = is_fine(channel.quantity, channel.unit, mapped.step)
+        self.name, self.signal, self.quantity = channel.name, channel.signal, channel.quantity
+        self.value = math.nan
+        """The signal's value in all samples of the run, which has `samples` of them."""
+        self.samples = self.moving = 0
+        """`moving`: number of cycles within the run in which other channels moved."""
+        self.since_ns = self.until_ns = 0
+
+    def usable(self, samples: Samples, counts: Counts) -> Samples:
+        """Count faulty samples, and return the usable ones."""
+        quality, value = samples.quality, samples.value
+        usable = (quality & np.uint8(UNUSABLE)) == 0
+        shown = np.isfinite(value) & (np.abs(value) <= self.largest)
+        outside = usable & ((quality & np.uint8(Quality.OUT_OF_RANGE)) != 0)
+        no_value = (quality & np.uint8(Quality.SENTINEL)) != 0
+        counts["no_value", self.name] = int(np.count_nonzero(no_value)), ""
+        counts["not_a_number", self.name] = int(np.count_nonzero(usable & ~shown)), ""
+        counts["out_of_range", self.name] = int(np.count_nonzero(outside)), self.text
+        good = np.flatnonzero(usable & shown)
+        return Samples(samples.channel, samples.t_ns[good], value[good], quality[good])
+
+    def hold(self, samples: Samples, low: float, high: float, others_move: bool) -> None:
+        """Continue the run of equal samples, or begin another one, given their extremes."""
+        n, self.until_ns = len(samples.t_ns), int(samples.t_ns[-1])
+        is_still = low == high
+        if is_still and low == self.value and self.samples:
+            self.samples, self.moving = self.samples + n, self.moving + others_move
+            return
+        self.value, self.samples = float(samples.value[-1]), n if is_still else 1
+        self.since_ns = int(samples.t_ns[0]) if is_still else self.until_ns
+        self.moving = int(is_still and others_move)
+
+
+class Sensors:
+    """The history of all channels."""
+
+    def __init__(self) -> None:
+        self._mapped: Sequence[MappedChannel] = ()
+        self._channels: tuple[_Channel, ...] = ()
+        self.overloaded: tuple[str, ...] = ()
+        """Channels that reached the end of their range since the last acknowledgement."""
+
+    def advance(
+        self, mapped: Sequence[MappedChannel], decoded: Decoded | None, counts: Counts
+    ) -> None:
+        """Process a block; add to the counts."""
+        if self._mapped is not mapped:
+            used = [m for m in mapped if m.channel.quantity is not Quantity.UNUSED]
+            self._mapped, self._channels = mapped, tuple(_Channel(m) for m in used)
+        blocks: list[tuple[_Channel, Samples, float, float]] = []  # with lowest and highest value
+        for channel in self._channels:
+            samples = decoded.samples.get(channel.signal) if decoded else None
+            if samples is None or not len(samples.t_ns):
+                continue
+            low, high = float(samples.value.min()), float(samples.value.max())
+            is_shown = max(-low, high) <= channel.largest  # False if one is not a number
+            if not is_shown or samples.quality.any():
+                samples = channel.usable(samples, counts)
+                if not len(samples.t_ns):
+                    channel.samples = 0
+                    continue
+                low, high = float(samples.value.min()), float(samples.value.max())
+            # Many unsigned signals are zero at rest.
+            if (low <= channel.low and low != 0) or (high >= channel.high and high != 0):
+                value = samples.value
+                at_end = ((value <= channel.low) | (value >= channel.high)) & (value != 0)
+                counts["saturated", channel.name] = int(np.count_nonzero(at_end)), channel.text
+                self.overloaded = tuple(dict.fromkeys((*self.overloaded, channel.name)))
+            blocks.append((channel, samples, low, high))
+        for channel, samples, low, high in blocks:
+            others_move = any(
+                (other_high - other_low) * other.gain > _MOVING_STEPS * channel.step > 0
+                for other, _, other_low, other_high in blocks
+                if other is not channel and other.quantity is channel.quantity
+            )
+            channel.hold(samples, low, high, others_move)
+
+    def symptoms(self) -> Iterator[Finding]:
+        """Yield the symptoms of frozen channels."""
+        for each in self._channels:
+            if not is_stuck(each.samples):
+                continue
+            still_s = (each.until_ns - each.since_ns) * 1e-9
+            samples = counted(each.samples, "sample is", "samples in a row are")
+            text = f"{samples} {each.value:.6g}"
+            if each.moving >= _STUCK_MOVING_CYCLES:
+                yield fault("stuck", each.name, f"{text} while others move")
+            elif each.is_fine and still_s >= _STUCK_S:
+                yield fault("stuck", each.name, f"{text}: not even noise for {still_s:.1f} s")
+
+
+# Watches each message: arrival, length, checksum; and frames that no DBC describes ----------------
+
+_STALE_PERIODS = 5.0  # longest silence of a message that is not a fault, in periods
+_LEAST_TIMEOUT_S = 0.5
+"""Least timeout of a message, s: cycles are 0.1 or 0.3 s apart, so a shorter silence may only be a
+late block."""
+_UNKNOWN_TIMEOUT_S = 2.0  # of a message of which no period is known
+_LEARN_FRAMES, _LEARN_S = 20, 2.0  # least from which a period is learned
+_REGULAR_PERIODS, _REGULAR_S = 3.0, 0.45
+"""Number of mean periods, and time, s, without a message after which it is taken as irregular.
+Silence shorter than the time between two cycles cannot be seen: 0.3 s, and more on a busy
+machine."""
+_FORGET_S = 60.0
+"""Silence, s, after which a message that no channel needs counts as ended, not failed."""
+_SHOWN_IDS = 6  # unknown identifiers that an alarm names
+_RECENT_S = 2.0  # since the last frame: up to then an identifier is present on a bus
+_UNKNOWN_ONLY_S = 0.8  # after this time, frames that are all unknown raise an alarm
+_FIRST_TIMEOUT_S = 1.0  # least time for the first frame of a message
+_EXTENDED_BIT, _BUS_SHIFT, _LENGTH_SHIFT = 29, 32, 40  # above the identifier
+
+
+@dataclass(slots=True)
+class _Message:
+    """History of one message of the DBC."""
+
+    period_s: float | None
+    """Period stated in the DBC, or learned, s; None for a message without a regular period."""
+    learn_s: float
+    """Monotonic time since which the period is being learned, s."""
+    seen_s: float
+    """Monotonic time of the cycle with the last frame, s."""
+    learn_frames: int = 0
+    """Frames since `learn_s`."""
+    buses: dict[int, float] = field(default_factory=dict)
+    """Monotonic time at which it was last received, s, by number of the bus."""
+
+    @property
+    def home(self) -> int:
+        """Number of the bus from which it came last."""
+        return max(self.buses, key=lambda bus: self.buses[bus])
+
+    @property
+    def timeout_s(self) -> float | None:
+        """Longest silence that is not a fault, s; None without a period."""
+        if self.period_s is None:
+            return None
+        return max(_STALE_PERIODS * self.period_s, _LEAST_TIMEOUT_S)
+
+    def seen(self, bus: int, frames: int, now_s: float) -> None:
+        """Take in the frames of a cycle, and learn the period if the DBC states none."""
+        silent_s, self.seen_s, self.buses[bus] = now_s - self.seen_s, now_s, now_s
+        span_s = now_s - self.learn_s
+        if self.period_s is not None or not span_s:  # known, or this is the first cycle
+            return
+        self.learn_frames += frames
+        if silent_s > max(_REGULAR_PERIODS * span_s / self.learn_frames, _REGULAR_S):
+            self.learn_s, self.learn_frames = now_s, 0
+        elif self.learn_frames >= _LEARN_FRAMES and span_s >= _LEARN_S:
+            self.period_s = span_s / self.learn_frames
+
+
+class Traffic:
+    """The history of all traffic by identifier.
+
+    `missing`: frames that are missing already by their counters, by message.
+    """
+
+    def __init__(self, missing: Mapping[str, int] = MappingProxyType({})) -> None:
+        self._began_s: float | None = None
+        self._known: dict[str, _Message] = {}
+        self._unknown: dict[str, float] = {}  # monotonic time of the last frame, by identifier
+        self.missing = dict(missing)
+
+    def advance(
+        self,
+        codec: Codec,
+        batch: FrameBatch,
+        decoded: Decoded | None,
+        health: HealthState,
+        now_s: float,
+        counts: Counts,
+    ) -> None:
+        """Process a block; add to the counts."""
+        for bus, can_id, is_extended, length, frames in _distinct(batch):
+            layout = codec.find(can_id, is_extended, bus)
+            if layout is None:
+                self._unknown[f"{can_id:#x}" + "x" * is_extended] = now_s
+                continue
+            known = self._known.setdefault(layout.name, _Message(layout.cycle_s, now_s, now_s))
+            known.seen(bus, frames, now_s)
+            if length != layout.length:
+                earlier, _ = counts.get(("wrong_length", layout.name), (0, ""))
+                lengths = f"{counted(length, 'byte')}; the DBC says {layout.length}"
+                counts["wrong_length", layout.name] = earlier + frames, lengths
+        self._unknown = {k: s for k, s in self._unknown.items() if now_s - s <= _RECENT_S}
+        if decoded is not None and decoded.counts.crc_bad:
+            for message in codec.messages:
+                samples = decoded.samples.get(f"{message.name}.{message.crc}")
+                if message.crc and samples is not None:
+                    bad = np.count_nonzero(samples.quality & np.uint8(Quality.CRC_BAD))
+                    counts["crc_bad", message.name] = int(bad), ""
+        for name, counter in health.counters.items():
+            counts["counter_gap", name] = counter.missing - self.missing.get(name, 0), ""
+            self.missing[name] = counter.missing
+        if self._began_s is None and len(batch):
+            self._began_s = now_s
+
+    def symptoms(
+        self,
+        codec: Codec,
+        expected: Sequence[str],
+        names: Sequence[str],
+        delivers: Sequence[bool],
+        now_s: float,
+    ) -> Iterator[Finding]:
+        """Yield the faulty states of the traffic.
+
+        `expected`: messages that carry channels of the bench.  `names`: names of the buses.
+        `delivers`: True for each bus with good frames now; the silence of another one is that of
+        all its messages, and the alarm is on the bus.  `now_s`: monotonic time, s.
+        """
+        waited_s = now_s - self._began_s if self._began_s is not None else 0.0
+        if self._unknown and not self._known and waited_s >= _UNKNOWN_ONLY_S:
+            identifiers = ", ".join(list(self._unknown)[:_SHOWN_IDS])
+            text = f"no frame of a message of the DBC in {waited_s:.1f} s, but {identifiers}"
+            yield fault("none_of_dbc", "", text)
+            return
+        for name, message in self._known.items():
+            silent_s, timeout_s, home = now_s - message.seen_s, message.timeout_s, message.home
+            is_late = timeout_s is not None and silent_s > timeout_s
+            ended = silent_s > _FORGET_S and name not in expected
+            if is_late and not ended and home < len(delivers) and delivers[home]:
+                due = f"one is due every {1e3 * (message.period_s or 0.0):.3g} ms"
+                yield fault("stale", name, f"no frame for {silent_s:.1f} s; {due}")
+            buses = sorted(bus for bus, s in message.buses.items() if now_s - s <= _RECENT_S)
+            if len(buses) > 1:
+                where = " and ".join(names[bus] if bus < len(names) else str(bus) for bus in buses)
+                yield fault("mixed_id", name, f"comes from {where} at the same time")
+        for name in expected if any(delivers) else ():
+            cycle_s = codec.message(name).cycle_s
+            timeout_s = _STALE_PERIODS * cycle_s if cycle_s else _UNKNOWN_TIMEOUT_S
+            if name not in self._known and waited_s > max(timeout_s, _FIRST_TIMEOUT_S):
+                text = f"no frame since the recorder started to listen ({waited_s:.0f} s)"
+                yield fault("stale", name, text)
+
+    def home_of(self, message: str) -> int | None:
+        """Return the number of the bus from which a message came last; None before the first."""
+        return self._known[message].home if message in self._known else None
+
+    def alive(self, expected: Sequence[str], now_s: float) -> int:
+        """Return the number of expected messages that are received."""
+        known = [self._known[name] for name in expected if name in self._known]
+        return sum(now_s - m.seen_s <= (m.timeout_s or _UNKNOWN_TIMEOUT_S) for m in known)
+
+
+def _distinct(batch: FrameBatch) -> list[tuple[int, int, bool, int, int]]:
+    """Return the kinds of data frames: bus, identifier, is extended, length, number of frames."""
+    special = np.uint16(FrameFlag.ERROR | FrameFlag.REMOTE)
+    key = batch.can_id.astype(np.int64)
+    key |= batch.bus.astype(np.int64) << _BUS_SHIFT
+    key |= batch.length.astype(np.int64) << _LENGTH_SHIFT
+    if np.count_nonzero(batch.flags):
+        is_extended = batch.flags & np.uint16(FrameFlag.EXTENDED) != 0
+        key |= is_extended.astype(np.int64) << _EXTENDED_BIT
+        key = key[(batch.flags & special) == 0]
+    kinds, numbers = np.unique(key, return_counts=True)
+    return [
+        (
+            kind >> _BUS_SHIFT & 0xFF,
+            kind & ((1 << _EXTENDED_BIT) - 1),
+            bool(kind >> _EXTENDED_BIT & 1),
+            kind >> _LENGTH_SHIFT,
+            number,
+        )
+        for kind, number in zip(kinds.tolist(), numbers.tolist(), strict=True)
+    ]
