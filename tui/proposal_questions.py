@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 from .diagnostics import say
 
 if TYPE_CHECKING:
+    from daq.check.guess import Answers
     from daq.check.propose import Proposal
-    from daq.check.questions import Answers
 
 _ANSWER_WIDTH = 12
 """Columns that a question leaves free for its answer."""
@@ -64,8 +64,8 @@ def completed(propose: Callable[[Answers], Proposal]) -> Proposal:
     """
     from dataclasses import replace
 
+    from daq.check.guess import Question
     from daq.check.propose import NO_ANSWERS
-    from daq.check.questions import Question
 
     answers: dict[Question, str] = {}
     proposal = propose(NO_ANSWERS)

@@ -6,26 +6,34 @@ reason and, where possible, advice.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+import math
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from datetime import date
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dbc import Codec
+from dbc.errors import printable
 from dbc.finding import Finding, Severity
 from dbc.frames import FrameBatch
-from dbc.words import plural
+from dbc.layout import MessageLayout
+from dbc.samples import Decoded, Quality, Samples
+from dbc.units import G_M_S2, known_si, to_si
+from dbc.words import counted, plural
 
 from ..bench.config import Bench
 from ..bench.message_rules import SampleSet
-from ..channels import sensor_of, sensor_of_signal
+from ..channels import ON_BODY, Channel, Quantity, sensor_of, sensor_of_signal
 from ..runs import SampleGroup
+from ..samples.converter import is_fine, is_stuck
 from ..samples.groups import sample_groups, timekeeping
+from ..samples.mapping import MappedChannel
 from ..samples.trigger import mapped_channels, trigger_channels
-from .channel_checks import check_channel
-from .frame_checks import FAIL, OK, WARN, check_buses, check_messages, frame_table
-from .questions import open_questions
+from .frame_checks import FAIL, OK, WARN, Fault, check_buses, check_messages, findings, frame_table
+from .propose import ASK
 
 WORDS = {OK: "OK", WARN: "WARN", FAIL: "FAIL"}
 """Words for the severities, printed and sent to the terminal."""
@@ -76,7 +84,13 @@ def check_bench(bench: Bench, codec: Codec, frames: FrameBatch, today: date) -> 
     if not trigger_channels(bench.channels, bench.campaign.method):
         advice = "add a hub_acceleration or a body_acceleration"
         lines.append(Finding("trigger", FAIL, "no channel can trigger", "trigger", advice))
-    lines += open_questions(bench.text, "bench.toml")
+    ask_advice = "find the answer, correct the lines next to it if necessary, and delete the mark"
+    lines += [
+        Finding("ask", WARN, f"asks: {printable(ask, 160)}", f"bench.toml:{number}", ask_advice)
+        for number, line in enumerate(bench.text.splitlines(), start=1)
+        for _, mark, ask in [line.partition(ASK)]
+        if mark
+    ]
     for each in mapped:
         lines += check_channel(each, keeping.messages, decoded, bench.calibration_days, today)
     return CheckReport(table.seconds, len(frames), tuple(lines))
@@ -139,3 +153,286 @@ def _set_line(sample_set: SampleSet, group: SampleGroup) -> Finding:
     figures = {"samples": n, "incomplete": missing, "rate_hz": rate_hz}
     subject = f"sample set {group.name}"
     return Finding("sample_set", verdict, text, subject, advice, figures=figures)
+
+
+# The channels: the readings of the sensors while the car stands still -----------------------------
+
+
+_VERTICAL = (Quantity.BODY_ACCELERATION, Quantity.HUB_ACCELERATION)
+_GRAVITY_TOLERANCE = 0.06
+"""Cosine of 20 degrees, the largest acceptable tilt."""
+_NONE_G = 0.06
+"""Reading at rest, g, below which an accelerometer shows no gravity."""
+_SCALE_TOLERANCE = 0.08
+"""Largest relative deviation of a reading from gravity in a wrong unit."""
+_QUIETEST = 2e-3
+"""Lowest noise of accelerometers for cars, m/s2: one with less noise is scaled wrong."""
+_SLOWEST_HZ = 50.0
+_GUESSED_M = 0.3
+"""Uncertainty of a position, m, from which it is a guess."""
+_BLOCK_S = 0.1
+"""Time over which samples are averaged to see slow motion, s."""
+
+
+class _Limits(NamedTuple):
+    """The limits of a kind of sensor at rest, SI."""
+
+    noise: float
+    """Largest usual noise of one sample."""
+    motion: float
+    """Largest slow motion of a car at rest."""
+    zero: float = math.inf
+    """Largest reading at rest that needs no tare."""
+    absurd: float = math.inf
+    """Largest possible reading at rest: above it unit or scale is wrong."""
+
+
+_LIMITS = {
+    Quantity.BODY_ACCELERATION: _Limits(0.5, 0.5),
+    Quantity.HUB_ACCELERATION: _Limits(2.0, 1.0),
+    Quantity.PITCH_RATE: _Limits(0.02, 0.05, 0.035, 0.5),
+    Quantity.ROLL_RATE: _Limits(0.02, 0.05, 0.035, 0.5),
+    Quantity.PITCH_ACCELERATION: _Limits(0.5, 0.5, 1.0, 20.0),
+    Quantity.ROLL_ACCELERATION: _Limits(0.5, 0.5, 1.0, 20.0),
+}
+_DISPLACEMENT = _Limits(2e-3, 5e-3, 0.03, 1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class _Rest:
+    """A channel at rest, SI: level, noise of a sample, slow motion, and the unit to print."""
+
+    level: float
+    noise: float
+    motion: float
+    unit: str
+
+    @property
+    def text(self) -> str:
+        """The level to two digits of the noise, with its unit."""
+        if not self.noise:
+            return f"{self.level:.4g} {self.unit}"
+        places = max(0, 1 - math.floor(math.log10(self.noise)))
+        return f"{round(self.level, places) + 0.0:.{places}f} {self.unit}"  # -0.0 becomes 0
+
+
+def check_channel(
+    mapped: MappedChannel,
+    messages: Mapping[str, MessageLayout],
+    decoded: Decoded,
+    calibration_days: int,
+    today: date,
+) -> list[Finding]:
+    """Check one channel.
+
+    `messages`: all of the bench, by name.  `decoded`: traffic at rest.  `calibration_days` and
+    `today`: a calibration older than this number of days gives a warning.  Returns a line with the
+    reading, unless something fails; and a line for each fault.
+    """
+    channel, subject = mapped.channel, f"channel {mapped.channel.name}"
+    faults = list(_calibration_faults(channel, calibration_days, today))
+    samples = decoded.samples.get(channel.signal)
+    if samples is None or not len(samples.t_ns):
+        verdict = WARN if channel.quantity is Quantity.UNUSED else FAIL
+        text, advice = f"no sample of {channel.signal}", f"see message {mapped.message.name}"
+        return findings(subject, [*faults, ("no_sample", verdict, text, advice)])
+    value = mapped.values(samples)
+    finite = np.isfinite(value)
+    faults += _validity_faults(mapped, samples, value)
+    if not finite.any():
+        return findings(subject, faults)
+    rest = _rest(value[finite], samples.t_ns[finite], channel.unit)
+    span_s = float(np.ptp(samples.t_ns)) * 1e-9
+    rate_hz = (len(samples.t_ns) - 1) / span_s if span_s > 0 else 0.0
+    stuck = list(_stuck_faults(mapped, samples.value[finite], value[finite]))
+    faults += stuck
+    gravity = ""
+    if channel.quantity is not Quantity.UNUSED and FAIL not in [fault[1] for fault in stuck]:
+        faults += _rest_faults(mapped, rest)
+        if channel.quantity in _VERTICAL:
+            fault = _gravity(mapped, rest, len(value), _other_axes(mapped, messages, decoded))
+            gravity = f", {fault[2]}" if fault[1] is OK else ""
+            faults += [] if gravity else [fault]
+        if 0 < rate_hz < _SLOWEST_HZ:
+            text = f"{rate_hz:.0f} Hz is slow: wheels hop at 10 to 15 Hz"
+            faults.append(("slow", WARN, text, "ask the sensor for 100 Hz or more"))
+    if channel.quantity in ON_BODY and channel.position_sigma_m >= _GUESSED_M:
+        text = f"its position is a guess (+-{channel.position_sigma_m:g} m)"
+        advice = "measure x_m and y_m from the middle of the front axle"
+        faults.append(("position", WARN, text, advice))
+    if FAIL not in [fault[1] for fault in faults]:
+        text = f"{rest.text} at rest, noise {rest.noise:.2g}, {rate_hz:.0f} Hz{gravity}"
+        faults.insert(0, ("rest", OK, text, ""))
+    figures = {"level": rest.level, "noise": rest.noise, "motion": rest.motion, "rate_hz": rate_hz}
+    return findings(subject, faults, figures)
+
+
+def _rest(value: NDArray[np.float64], t_ns: NDArray[np.int64], unit: str) -> _Rest:
+    """Describe a channel at rest by statistics that a single knock does not change.
+
+    Noise comes from the steps between neighbours, without the largest hundredth; slow motion is the
+    span of nine tenths of the means of blocks of `_BLOCK_S`.
+    """
+    squares = np.sort(np.diff(value) ** 2)
+    most = squares[: len(squares) - len(squares) // 100]
+    # The variance of a step is twice that of a sample.
+    noise = math.sqrt(float(np.mean(most)) / 2) if len(most) else 0.0
+    block = (t_ns - t_ns[0]) // round(_BLOCK_S * 1e9)
+    starts = np.flatnonzero(np.diff(block, prepend=-1))
+    means = np.add.reduceat(value, starts) / np.diff(np.append(starts, len(value)))
+    low, high = np.quantile(means, [0.05, 0.95])
+    return _Rest(float(np.median(value)), noise, float(high - low), unit)
+
+
+def _calibration_faults(channel: Channel, days: int, today: date) -> Iterator[Fault]:
+    age = (today - date.fromisoformat(channel.calibrated)).days if channel.calibrated else 0
+    which = f" (serial number {channel.serial_number})" if channel.serial_number else ""
+    text = f"calibrated on {channel.calibrated}"
+    if age < 0:
+        text = f"{text}, which is in the future{which}"
+        yield "calibration", WARN, text, "correct calibrated, or the clock of this computer"
+    elif age > days:
+        advice = f"have it calibrated; the limit is {counted(days, 'day')}"
+        yield "calibration", WARN, f"{text}, {counted(age, 'day')} ago{which}", advice
+
+
+def _validity_faults(
+    mapped: MappedChannel, samples: Samples, value: NDArray[np.float64]
+) -> Iterator[Fault]:
+    """Yield each reason for which samples cannot be used."""
+    signal, n, usable = mapped.signal, len(value), samples.usable
+    low, high = signal.span
+    at_end = usable & ((samples.value <= low) | (samples.value >= high))
+    # Many unsigned signals are zero at rest, and a constant signal is reported elsewhere.
+    if signal.is_float or signal.length < 2 or len(np.unique(samples.value[usable])) < 2:
+        at_end[:] = False
+
+    def has(bit: Quality) -> NDArray[np.bool_]:
+        return np.asarray((samples.quality & bit) != 0)
+
+    outside, limits = usable & has(Quality.OUT_OF_RANGE), ""
+    if outside.any():
+        limits = f"{signal.minimum:g} to {signal.maximum:g} {signal.unit}"
+    see, out = "see its message", "check the sensor, or the range and factor in the DBC"
+    saturated = "it saturates, or reports that it has no value"
+    end = f"at the end of its range ({low:g} to {high:g})"
+    for code, samples_of, most, text, advice in (
+        ("unusable", has(Quality.CRC_BAD), 0.5, "unusable: the checksum does not match", see),
+        ("unusable", has(Quality.SENTINEL), 0.5, "unusable: the sensor says it has no value", see),
+        ("unusable", has(Quality.MISSING), 0.5, "unusable: the frame is too short to hold it", see),
+        ("no_number", usable & ~np.isfinite(value), 0.0, "no number", "check the DBC's type"),
+        ("out_of_range", outside, 0.5, f"outside {limits}", out),
+        ("overload", at_end, 0.01, end, saturated),
+    ):
+        count = int(np.sum(samples_of))
+        if count:
+            text = f"{count} of {n} samples {plural(count, 'is', 'are')} {text}"
+            yield code, FAIL if count > most * n else WARN, text, advice
+
+
+def _stuck_faults(
+    mapped: MappedChannel, raw: NDArray[np.float64], value: NDArray[np.float64]
+) -> Iterator[Fault]:
+    """Yield a fault if the channel has one value; `raw`: the same samples as in the frames."""
+    if np.ptp(value) > 0 or not is_stuck(len(value)):
+        return
+    signal, quantity, unit = mapped.signal, mapped.channel.quantity, mapped.channel.unit
+    text = f"stuck: all {len(value)} samples are {value[0]:.6g} {unit}"
+    at_end = not signal.is_float and signal.length > 1 and raw[0] in signal.span and raw[0] != 0
+    if at_end or is_fine(quantity, unit, mapped.step):
+        yield "stuck", FAIL, text, "the sensor is dead, frozen or not started"
+    elif quantity is not Quantity.UNUSED:
+        yield "stuck", WARN, text, "move it: does it change?"
+
+
+def _rest_faults(mapped: MappedChannel, rest: _Rest) -> Iterator[Fault]:
+    channel = mapped.channel
+    limits = _LIMITS.get(channel.quantity, _DISPLACEMENT)
+    if rest.motion > limits.motion:
+        text = f"moves by {rest.motion:.2g} {rest.unit}: not at rest"
+        yield "motion", WARN, text, "let the car stand still and check again"
+    if rest.noise > limits.noise:
+        text = f"noise {rest.noise:.2g} {rest.unit} is more than the usual {limits.noise:g}"
+        yield "noise", WARN, text, "check mounting, cable and unit; stop the engine"
+    text = f"reads {rest.level:.4g} {rest.unit} at rest"
+    if abs(rest.level) > limits.absurd:
+        advice = "correct signal_unit, the factor in the DBC, or tare"
+        for unit in ("um", "mm") if channel.unit == "m" else ("mrad/s", "deg/s"):
+            si = to_si(unit)
+            level = abs(rest.level / mapped.factor * si.factor)
+            if si.unit == channel.unit and level < limits.absurd / 2:
+                advice = f'is its unit {unit}? state signal_unit = "{unit}"'
+        yield "level", FAIL, f"{text}, which is impossible", advice
+    elif abs(rest.level) > limits.zero:
+        advice = f"set tare = {rest.level + channel.tare:.5g} at ride height"
+        yield "tare", WARN, f"{text} instead of 0", advice
+
+
+_SCALES = (
+    (1 / G_M_S2, "g"),
+    (G_M_S2, "m/s2"),
+    (1e-3, ""),
+    (1e3, ""),
+    (1e-3 / G_M_S2, ""),
+    (1e-3 * G_M_S2, ""),
+    (1e3 / G_M_S2, ""),
+    (1e3 * G_M_S2, "mm/s2"),
+)
+"""Factors by which wrong units change gravity, with the unit that each factor would prove."""
+
+
+def _gravity(mapped: MappedChannel, rest: _Rest, n: int, axes: Mapping[str, float]) -> Fault:
+    """Judge unit, axis and sign of an acceleration by gravity.
+
+    `n`: number of samples.  `axes`: readings of the other axes of its sensor, g.
+    """
+    channel = mapped.channel
+    share = (rest.level + channel.tare) / G_M_S2
+    reading = f"reads {rest.level:.4g} m/s2 at rest"
+    flip = f"set sign = {-channel.sign:.0f}"
+    if abs(share - 1) < _GRAVITY_TOLERANCE:
+        return "gravity", OK, "+1 g", ""
+    if abs(share + 1) < _GRAVITY_TOLERANCE:
+        return "gravity", FAIL, f"{reading}: upside down", flip
+    # Next to no reading is gravity in a wrong unit only if no noise explains it.
+    is_sure = rest.noise < _QUIETEST and abs(rest.level + channel.tare) > 5 * rest.noise / n**0.5
+    for factor, unit in _SCALES:
+        fits = abs(abs(share) / factor - 1) < _SCALE_TOLERANCE
+        if fits and (is_sure or abs(share) >= _NONE_G):
+            turn = f" and {flip}" if share < 0 else ""
+            setting = f'signal_unit = "{unit}"' if unit else f"gain = {channel.gain / factor:.6g}"
+            text = f"{reading}: {factor:.4g} times gravity, so its unit is wrong"
+            return "gravity", FAIL, text, f"state {setting}{turn}"
+    for name, axis_g in axes.items():
+        if abs(share) < 0.5 and abs(abs(axis_g) - 1) < 0.1:
+            turn = "" if axis_g > 0 else " with sign = -1"
+            text = f"{reading}, but {name} {axis_g:+.2f} g: the wrong axis"
+            return "gravity", FAIL, text, f'take signal = "{name}"{turn}'
+    if abs(share) < _NONE_G:
+        return "gravity", OK, "no gravity (AC-coupled, or tared in the sensor)", ""
+    tilt = math.degrees(math.acos(min(abs(share), 1.0)))
+    angle = f", tilted by {tilt:.0f} degrees" if tilt else ""
+    verdict = FAIL if abs(abs(share) - 1) > 0.3 else WARN
+    text, advice = f"{reading}{angle}, or its scale is wrong", "mount it upright, or correct gain"
+    return "gravity", verdict, text, advice
+
+
+def _other_axes(
+    mapped: MappedChannel, messages: Mapping[str, MessageLayout], decoded: Decoded
+) -> dict[str, float]:
+    """Return the readings of the other accelerations of the same message or sender, g."""
+    axes = {}
+    for message in messages.values():
+        if message.name != mapped.message.name and (
+            not message.senders or message.senders != mapped.message.senders
+        ):
+            continue
+        for signal in message.signals:
+            name, si = f"{message.name}.{signal.name}", known_si(signal.unit)
+            samples = decoded.samples.get(name)
+            if name == mapped.channel.signal or samples is None or signal.is_multiplexed:
+                continue
+            value = samples.value[samples.usable]
+            if si is not None and si.unit == "m/s2" and len(value):
+                axes[name] = si.factor * float(np.median(value)) / G_M_S2
+    return axes

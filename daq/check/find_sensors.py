@@ -21,8 +21,7 @@ from dbc.words import counted, plural
 from ..bench.databases import Database, database_codec, file_and_bus
 from ..bench.sensors import Sensor
 from .frame_checks import Arrivals, frame_table
-from .names import plain_name
-from .questions import Asked, Question
+from .guess import Asked, Question, plain_name
 
 _NEAREST = 0x7F
 """Largest difference of the identifiers of two devices of one kind: the number of CANopen nodes."""

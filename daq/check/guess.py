@@ -6,53 +6,210 @@ mounted, and so which of its gyroscopes is roll, which is pitch, and their signs
 
 from __future__ import annotations
 
+import re
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dbc.layout import SignalLayout
 from dbc.units import G_M_S2, known_si, to_si
 
 from ..channels import Quantity, message_of, sensor_of, signal_of
 from ..vehicle import Corner
-from .mounting import AXES, NEAR_1_G, Pushes, axis_of, mounting, pushed_corner
-from .names import (
-    BODY,
-    NO_TRAVEL,
-    NO_VALUE,
-    PITCH,
-    ROLL,
-    TRAVEL,
-    YAW,
-    axis_by_name,
-    corner_by_name,
-    kind_by_name,
-    words,
+from .pushes import AXES, NEAR_1_G, ORDER, Pushes, axis_of, mounting, pushed_corner
+
+# Names of signals: words, wheel, axis, and the kind of quantity -----------------------------------
+
+_WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
+
+
+def words(text: str) -> set[str]:
+    """Return the words of a name in any case style, in lower case."""
+    parts = {part.lower() for part in _WORD.findall(text)}
+    return parts | {part.lower() for part in re.split(r"[^A-Za-z0-9]+", text) if part}
+
+
+_CORNERS = {
+    Corner.FRONT_LEFT: ({"fl"}, {"lf"}, {"vl"}, {"front", "left"}, {"vorn", "links"}),
+    Corner.FRONT_RIGHT: ({"fr"}, {"rf"}, {"vr"}, {"front", "right"}, {"vorn", "rechts"}),
+    Corner.REAR_LEFT: ({"rl"}, {"lr"}, {"hl"}, {"rear", "left"}, {"hinten", "links"}),
+    Corner.REAR_RIGHT: ({"rr"}, {"hr"}, {"rear", "right"}, {"hinten", "rechts"}),
+}
+_AXES = {
+    "x": {"x", "ax", "accx", "long", "longitudinal", "forward", "roll", "wx", "gyrx"},
+    "y": {"y", "ay", "accy", "lat", "lateral", "pitch", "nick", "wy", "gyry"},
+    "z": words("z az accz vert vertical up down upwards heave yaw wz gyrz"),
+}
+_SUSPENSION = words(
+    "travel stroke susp suspension damper shock pot potentiometer string lvdt federweg"
 )
-from .push_test import ORDER
-from .questions import Answers, Asked, Guess
+_TRAVEL = _SUSPENSION | words(
+    "weg hub pos position height ride level deflection compression displacement laser"
+)
+_NO_TRAVEL = words(
+    """radar lidar distance dist range object obj target lead gap obstacle parking park ultrasonic
+    uss trip odometer altitude gps gnss lane road curve curvature wheelbase track tracker"""
+)
+
+
+def plain_name(text: str, fallback: str) -> str:
+    """Return a name of ASCII letters, digits and underscores that begins with a letter."""
+    plain = "".join(c if c.isascii() and c.isalnum() else "_" for c in text).strip("_") or fallback
+    return plain if plain[0].isalpha() else f"s_{plain}"
+
+
+def corner_by_name(name: str, message: str) -> tuple[Corner, str] | None:
+    """Return the wheel that a name or the name of its message states, and which of them."""
+    places = {
+        "name": words(name),
+        "end of the name": {name.lower()[-2:]},
+        "message": words(message),
+    }
+    for place, said in places.items():
+        stated = [c for c, groups in _CORNERS.items() if any(group <= said for group in groups)]
+        if len(stated) == 1:
+            return stated[0], place
+    return None
+
+
+def kind_by_name(name: str, message: str) -> str | None:
+    """Return m/s2, rad/s or m for a signal without a unit; None if its name states no quantity.
+
+    A length is only a travel at a corner.
+    """
+    said = words(name)
+    if said & {"gyro", "gyr", "rate", "omega", "angular", "drehrate"}:
+        return "rad/s"
+    if said & {"acc", "accel", "acceleration", "beschleunigung"}:
+        return "m/s2"
+    is_travel = said & _SUSPENSION and not (said | words(message)) & _NO_TRAVEL
+    return "m" if is_travel and corner_by_name(name, "") else None
+
+
+# Guesses, and what is asked about them ------------------------------------------------------------
+
+YES, NO, ON_THE_BODY = "y", "n", "body"
+_WHEELS = " ".join(Corner)
+
+
+class Asked(StrEnum):
+    """Kind of a question; the value states its possible answers."""
+
+    RIGHT = "y"
+    """Asks if the guess is right."""
+    CORNER = f"y, {_WHEELS} or body"
+    """Corner of an acceleration."""
+    WHEEL = f"y, {_WHEELS}, or n if it is not a travel"
+    """Wheel of a travel, which is guessed."""
+    WHERE = f"{_WHEELS}, or n if it is not a travel"
+    """Wheel of a travel, which nothing shows."""
+    FORWARD = "y or an axis as -x"
+    """Axis that points forward."""
+    UNIT = "y or a unit"
+    OURS = "y or n"
+    """Asks if the sensor is one of this bench."""
+
+    @property
+    def is_of_channel(self) -> bool:
+        """True if the answer counts for one channel, not for all of its sensor."""
+        return self in (Asked.CORNER, Asked.WHEEL, Asked.WHERE)
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """A question about an uncertain guess."""
+
+    line: str
+    """The question, with its subject."""
+    asked: Asked = Asked.RIGHT
+    """Kind of the answer."""
+    sensor: str = ""
+    """Sensor that the question is about; empty if the bench has no list of sensors."""
+
+    def understood(self, typed: str) -> str:
+        """Return an answer in the form that a proposal uses; empty if it is not a valid answer."""
+        text = typed.strip()
+        lower = text.lower()
+        if lower in ("y", "yes") and self.asked is not Asked.WHERE:
+            return YES
+        match self.asked:
+            case Asked.WHEEL | Asked.WHERE | Asked.OURS if lower in ("n", "no"):
+                return NO
+            case Asked.CORNER if lower == ON_THE_BODY:
+                return ON_THE_BODY
+            case Asked.CORNER | Asked.WHEEL | Asked.WHERE if text.upper() in set(Corner):
+                return text.upper()
+            case Asked.FORWARD if re.fullmatch("[+-]?[xyz]", lower):
+                return lower if len(lower) == 2 else f"+{lower}"
+            case Asked.UNIT if (known := known_si(text)) is not None and known.unit != "1":
+                return text
+        return ""
+
+
+Answers = Mapping[Question, str]
+"""Answers as `Question.understood` returns them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Guess:
+    """A guess at what a signal measures."""
+
+    quantity: Quantity
+    """Guessed quantity."""
+    corner: Corner | None
+    """Guessed wheel."""
+    sign: int
+    """Sign, -1 if gravity shows that the sensor is upside down."""
+    why: str
+    """Reasons for the guess."""
+    ask: str = ""
+    """Question to the user about an uncertain guess; empty if it is certain."""
+    asked: Asked = Asked.RIGHT
+    """Kind of the answer."""
+    unit: str = ""
+    """Unit of the signal if the database states none."""
+    is_proven: bool = False
+    """True if pushes on the corners have proven corner and sign."""
+    tare: float | None = None
+    """Travel at rest, SI, with the sign; None if it was not measured."""
+
+    def answered(self, answer: str) -> Guess:
+        """Return the guess with an answer, as `Question.understood` returns it."""
+        sure = replace(self, ask="")
+        if answer == YES:
+            return sure
+        if self.asked is Asked.UNIT:
+            tare = self.tare
+            if tare is not None:  # the reading, in the guessed unit
+                tare *= to_si(answer).factor / to_si(self.unit).factor
+            return replace(sure, unit=answer, tare=tare)
+        if not self.asked.is_of_channel:  # it changes the guesses of its sensor elsewhere
+            return self
+        if answer == ON_THE_BODY:
+            return replace(sure, quantity=Quantity.BODY_ACCELERATION, corner=None)
+        if answer == NO:
+            return replace(sure, quantity=Quantity.UNUSED, corner=None)
+        is_hub = self.asked is Asked.CORNER
+        quantity = Quantity.HUB_ACCELERATION if is_hub else Quantity.SUSPENSION_TRAVEL
+        return replace(sure, quantity=quantity, corner=Corner(answer))
+
+
+# From names, units and physics to guesses ---------------------------------------------------------
 
 FEWEST = 20
 """Fewest samples from which a conclusion is drawn."""
-_NO_UNIT = ("", "-", "none", "None", "n/a", "Unit_None")
-"""Texts in databases that mean no unit."""
-_UNIT_1_G = {"g": 1.0, "m/s2": G_M_S2, "mg": 1000.0, "mm/s2": 1000.0 * G_M_S2}
 _FARTHEST_M = 1.0
 """Largest reading of a suspension travel at rest, m."""
-_TILTED_DEG = 5.0
-"""Tilt of an IMU from which the user is asked, deg."""
-_NO_GRAVITY_G = 0.1
-"""Largest reading at rest, g, of an AC-coupled accelerometer."""
-_SHORTEST_BITS = 8
-"""Fewest bits of a signal without a unit."""
 
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A signal or a column that may be a channel: its names, and what it read."""
+    """A signal that may be a channel: its names, and what it read."""
 
     full: str
     """Name with that of its message."""
@@ -62,10 +219,8 @@ class Candidate:
     """Unit, or the probable one if none is stated."""
     is_stated: bool
     """True if the unit is stated."""
-    comment: str
-    """Its description in the database."""
     corner: Corner | None
-    """Wheel that a name or the comment states."""
+    """Wheel that a name states."""
     corner_source: str
     """Which of them states it."""
     span: float | None
@@ -88,12 +243,17 @@ class Candidate:
     @property
     def is_on_body(self) -> bool:
         """True if a name says that the sensor is on the body."""
-        return bool(words(f"{self.name} {message_of(self.full)}") & BODY)
+        said = words(f"{self.name} {message_of(self.full)}")
+        return bool(said & {"body", "chassis", "sprung", "cg", "aufbau", "imu"})
 
     @property
     def axis(self) -> str | None:
-        """Axis of the sensor that the name states."""
-        return axis_by_name(self.name, self.comment)
+        """Axis of the sensor that the name states: x, y or z."""
+        said, last = words(self.name), self.name[-1:].lower()
+        stated = [axis for axis, known in _AXES.items() if said & known]
+        if len(stated) == 1:
+            return stated[0]
+        return last if last in _AXES else None
 
     @property
     def gravity_g(self) -> float | None:
@@ -106,31 +266,26 @@ class Candidate:
         return self.kind == "rad/s" or (self.kind == "m" and _by_name(self) is not None)
 
 
-def candidate(
-    full: str,
-    unit: str,
-    values: NDArray[np.float64],
-    comment: str = "",
-    span: float | None = None,
-    bits: int = 64,
-) -> Candidate | None:
+def candidate(full: str, signal: SignalLayout, values: NDArray[np.float64]) -> Candidate | None:
     """Return a signal that may be a channel; None if it measures nothing that the method uses.
 
-    `values`: what was measured of it, (n,), finite, in its unit.  `span`: as in `Candidate`.
-    `bits`: its length; one of few bits and without a unit is a status.
+    `full`: its name with that of its message.  `values`: its samples, (n,), finite, in its unit.
     """
-    name, known = signal_of(full), known_si(unit)
-    if known is None or words(name) & NO_VALUE:
+    known = known_si(signal.unit)
+    describes = words("valid validity accuracy status sta state flag error quality alive temp")
+    if known is None or words(signal.name) & describes:
         return None
-    is_stated = unit not in _NO_UNIT
-    kind = known.unit if is_stated else kind_by_name(name, message_of(full))
-    if kind not in ("m/s2", "rad/s", "rad/s2", "m") or (not is_stated and bits < _SHORTEST_BITS):
-        return None
-    level = peak = None
+    is_stated = signal.unit not in ("", "-", "none", "None", "n/a", "Unit_None")
+    kind = known.unit if is_stated else kind_by_name(signal.name, message_of(full))
+    if kind not in ("m/s2", "rad/s", "rad/s2", "m") or (not is_stated and signal.length < 8):
+        return None  # a few bits without a unit are a status
+    span = level = peak = None
+    if signal.minimum is not None and signal.maximum is not None:
+        span = signal.maximum - signal.minimum
     if len(values) >= FEWEST:
         level, peak = float(np.median(values)), float(np.abs(values).max())
-    corner, source = corner_by_name(name, message_of(full), comment) or (None, "")
-    return Candidate(full, kind, unit, is_stated, comment, corner, source, span, level, peak)
+    corner, source = corner_by_name(signal.name, message_of(full)) or (None, "")
+    return Candidate(full, kind, signal.unit, is_stated, corner, source, span, level, peak)
 
 
 def guess_channels(
@@ -172,7 +327,9 @@ def _with_units(
             return length if s.kind == "m" else "deg/s"
         levels = [o.level or 0.0 for o in group if o.kind == "m/s2" and not o.is_stated]
         sizes = abs(s.level or 0.0), float(np.linalg.norm(levels))
-        fits = (u for size in sizes for u, g in _UNIT_1_G.items() if abs(size / g - 1) <= NEAR_1_G)
+        # What 1 g reads in each unit.
+        units = {"g": 1.0, "m/s2": G_M_S2, "mg": 1000.0, "mm/s2": 1000.0 * G_M_S2}
+        fits = (u for size in sizes for u, g in units.items() if abs(size / g - 1) <= NEAR_1_G)
         return next(fits, "m/s2")
 
     return {
@@ -197,8 +354,8 @@ class _Turn(NamedTuple):
         return Quantity(f"{self.name}_{'rate' if unit == 'rad/s' else 'acceleration'}")
 
 
-_PITCH = _Turn("pitch", PITCH, "y", "positive is nose down")
-_ROLL = _Turn("roll", ROLL, "x", "positive lifts the left side")
+_PITCH = _Turn("pitch", {"pitch", "nick"}, "y", "positive is nose down")
+_ROLL = _Turn("roll", {"roll", "wank"}, "x", "positive lifts the left side")
 
 
 def _by_name(s: Candidate) -> Guess | None:
@@ -232,16 +389,16 @@ def _acceleration(s: Candidate) -> Guess:
 
 def _turn(s: Candidate) -> Guess:
     unit = f"unit {s.unit}"
-    for text, place in ((s.name, "name"), (s.comment, "comment"), (message_of(s.full), "message")):
+    for text, place in ((s.name, "name"), (message_of(s.full), "message")):
         said = words(text)
-        if said & YAW:
+        if said & {"yaw", "gier"}:
             break
         for turn in (_PITCH, _ROLL):
             if said & turn.words:
                 why = f"{unit}, {turn.name} by its {place}; {turn.sense}"
                 return Guess(turn.quantity(s.kind), None, 1, why)
     for turn in (_PITCH, _ROLL):
-        if axis_by_name(s.name, "") == turn.axis:
+        if s.axis == turn.axis:
             why = f"{unit}, about {turn.axis} by its name; {turn.sense}"
             return Guess(turn.quantity(s.kind), None, 1, why)
     return Guess(Quantity.UNUSED, None, 1, f"{unit}, neither pitch nor roll by its name")
@@ -251,12 +408,12 @@ def _length(s: Candidate) -> Guess | None:
     """Return a guess for a length that may be a travel, not one of a radar or the road."""
     factor = to_si(s.unit).factor
     farthest = s.span if s.level is None else 2.0 * abs(s.level)
-    if words(f"{s.full} {s.comment}") & NO_TRAVEL or (farthest or 0.0) * factor > 2 * _FARTHEST_M:
+    if words(s.full) & _NO_TRAVEL or (farthest or 0.0) * factor > 2 * _FARTHEST_M:
         return None
     if s.corner is not None:
         why = f"unit {s.unit}, corner by its {s.corner_source}"
         return Guess(Quantity.SUSPENSION_TRAVEL, s.corner, 1, why)
-    if not words(s.name) & TRAVEL:
+    if not words(s.name) & _TRAVEL:
         return None
     why = f"unit {s.unit}, a travel by its name"
     return Guess(Quantity.UNUSED, None, 1, why, "at which corner?", Asked.WHERE)
@@ -294,7 +451,7 @@ def _by_mounting(
             quantity = Quantity.HUB_ACCELERATION if is_on_hub else Quantity.BODY_ACCELERATION
             place = s.corner if is_on_hub else None
             ask = f"mounted {how.tilt_deg:.0f} degrees off the vertical?"
-            ask = ask if how.tilt_deg > _TILTED_DEG else ""
+            ask = ask if how.tilt_deg > 5.0 else ""
             guess = Guess(quantity, place, sign, f"{why}: vertical", ask, unit=unit)
         guesses[s.full] = guess
     if how is None or len(rates) < 2:
@@ -332,7 +489,7 @@ def _on_hubs(
     """
     accelerations = [s for s in group if s.kind == "m/s2"]
     gravity = {s.full: s.gravity_g for s in accelerations if s.gravity_g is not None}
-    no_gravity = gravity and max(map(abs, gravity.values())) <= _NO_GRAVITY_G
+    no_gravity = gravity and max(map(abs, gravity.values())) <= 0.1
     hubs = {}
     for s in accelerations:
         guess = guesses[s.full]

@@ -7,7 +7,6 @@ uncertain guesses are marked ASK, and both are returned as questions.
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
@@ -29,22 +28,30 @@ from ..bench.sensors import Sensor, sensors_codec
 from ..channels import AT_CORNER, ON_BODY, Quantity, sensor_of, signal_of
 from .find_sensors import FoundSensor, find_sensors
 from .frame_checks import RATE_FAIL, Arrivals, fitting_rules, frame_table
-from .guess import FEWEST, Candidate, candidate, guess_channels
-from .mounting import Pushes, find_pushes
-from .names import plain_name, words
-from .questions import ASK, NO, YES, Answers, Asked, Guess, Question
+from .guess import (
+    FEWEST,
+    NO,
+    YES,
+    Answers,
+    Asked,
+    Candidate,
+    Guess,
+    Question,
+    candidate,
+    guess_channels,
+    plain_name,
+    words,
+)
+from .pushes import Pushes, find_pushes
 
 NO_ANSWERS: Answers = MappingProxyType({})
-_LATE = (
-    "delay_s = 0.0005  # of a frame on the bus; add the delay from the data sheet",
-    "delay_sigma_s = 0.0003",
-)
-_COMMENT = re.compile(r'\bCM_\s+SG_\s+(\d{1,10})\s+(\w{1,128})\s+"([^"]{0,2000})"')
+ASK = "# ASK: "
+"""Beginning of a mark in bench.toml, on a separate line or after a value."""
 
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """A bench.toml or a channel map, and the questions to its user."""
+    """A bench.toml, and the questions to its user."""
 
     text: str
     """TOML with comments."""
@@ -100,7 +107,7 @@ def propose_sensors(
         arrivals, decoded = frame_table(messages, frames).known, codec.decode(frames)
         missing += [m.name for m in messages if m.name not in arrivals]
         messages = [m for m in messages if m.name in arrivals]
-    candidates = _candidates(messages, _comments(sensors, databases, is_list), decoded)
+    candidates = _candidates(messages, decoded)
     found_pushes, questions = _pushed(codec.decode(pushes), candidates) if pushes else (None, [])
     guesses = guess_channels(candidates, found_pushes, answers)
     ready = {
@@ -108,7 +115,7 @@ def propose_sensors(
         for each in sensors
         for table in sensor_map(each.sensor.name, each.sensor.database).get("message", [])
     }
-    tables = ChannelTables(answers, _LATE, questions)
+    tables = _ChannelTables(answers, questions)
     lines = _head(databases, sensors if is_list else (), buses, n_buses)
     for message in messages:
         channels: list[str] = []
@@ -116,7 +123,7 @@ def propose_sensors(
             full = f"{message.name}.{signal.name}"
             if full in guesses:
                 sensor = sensor_of(message.name) if is_list else ""
-                channels += tables.lines(full, full, guesses[full], sensor)
+                channels += tables.lines(full, guesses[full], sensor)
         rule = []
         if not (is_list and message.name in ready):
             came = None if arrivals is None else arrivals[message.name]
@@ -129,37 +136,12 @@ def propose_sensors(
     return Proposal("\n".join(lines) + "\n", tuple(questions))
 
 
-def _comments(
-    sensors: Sequence[FoundSensor], databases: Sequence[Database], is_list: bool
-) -> dict[tuple[str, int, str], str]:
-    """Return the comments on signals, by sensor, identifier with bit 31 as in a DBC, and name.
-
-    `is_list`: False if the names of messages state no sensor; it is then "".
-    """
-    texts = {each.name: _COMMENT.findall(each.text) for each in databases}
-    return {
-        (sensor.name if is_list else "", int(number) + sensor.id_offset, name): text
-        for sensor, *_ in sensors
-        for number, name, text in texts[sensor.database]
-    }
-
-
-def _candidates(
-    messages: Sequence[MessageLayout],
-    comments: Mapping[tuple[str, int, str], str],
-    decoded: Decoded | None,
-) -> list[Candidate]:
+def _candidates(messages: Sequence[MessageLayout], decoded: Decoded | None) -> list[Candidate]:
     candidates = []
     for message in messages:
-        number = message.can_id | message.is_extended << 31
         for signal in message.signals:
             full = f"{message.name}.{signal.name}"
-            comment = comments.get((sensor_of(message.name), number, signal.name), "")
-            span = None
-            if signal.minimum is not None and signal.maximum is not None:
-                span = signal.maximum - signal.minimum
-            _, value = _usable(decoded, full)
-            one = candidate(full, signal.unit, value, comment, span, signal.length)
+            one = candidate(full, signal, _usable(decoded, full)[1])
             candidates += [one] if one is not None else []
     return candidates
 
@@ -212,7 +194,7 @@ def _head(
         mark = "# " if surely else ASK
         lines += ["", "[[sensor]]", *_sensor(sensor)]
         lines[-1] += f"  {mark}{printable(why, 200)}"
-    return [*lines, *REST]
+    return [*lines, *_REST]
 
 
 def _sensor(sensor: Sensor) -> list[str]:
@@ -225,9 +207,9 @@ def _sensor(sensor: Sensor) -> list[str]:
     ]
 
 
-# The tables that bench.toml and channel map share -------------------------------------------------
+# The tables of bench.toml -------------------------------------------------------------------------
 
-REST = """
+_REST = """
 [vehicle]
 name = "vehicle"  # FILL IN
 
@@ -260,16 +242,15 @@ post_s = 2.5  # until the motion has decayed
 """Tables on vehicle, campaign, trigger and weights, for the user to fill in."""
 
 
-class ChannelTables:
+class _ChannelTables:
     """Writes `[[channel]]` tables with unique names, and collects the questions about them."""
 
-    def __init__(self, answers: Answers, late: Sequence[str], questions: list[Question]) -> None:
-        """`late`: the lines on the delay of a channel.  `questions`: to which others are added."""
-        self._answers, self._late, self._questions = answers, late, questions
+    def __init__(self, answers: Answers, questions: list[Question]) -> None:
+        self._answers, self._questions = answers, questions
         self._used: set[str] = set()
 
-    def lines(self, full: str, signal: str, guess: Guess, sensor: str = "") -> list[str]:
-        """Return a table; `full`: name with message, `signal`: as bench.toml or map states it."""
+    def lines(self, full: str, guess: Guess, sensor: str) -> list[str]:
+        """Return the table of a signal; `full`: its name with that of its message."""
         name = self._unique(full, sensor)
         subject = f"sensor {sensor}" if sensor else "the IMU"
         # One answer counts for the whole sensor, except for a corner.
@@ -284,7 +265,7 @@ class ChannelTables:
             "",
             "[[channel]]",
             f'name = "{name}"',
-            f"signal = {json.dumps(signal)}",
+            f"signal = {json.dumps(full)}",
             f'quantity = "{guess.quantity}"  # {printable(guess.why, 200)}',
         ]
         if guess.ask:
@@ -305,7 +286,11 @@ class ChannelTables:
             ]
         if guess.quantity is not Quantity.UNUSED:
             about = "of its scale: see its data sheet or calibration"
-            lines += [f"gain_sigma = 0.01  # {about}", *self._late]
+            lines += [
+                f"gain_sigma = 0.01  # {about}",
+                "delay_s = 0.0005  # of a frame on the bus; add the delay from the data sheet",
+                "delay_sigma_s = 0.0003",
+            ]
         if guess.tare is not None:
             lines.append(f"tare = {guess.tare:.5g}  # at rest, as the car stood")
         if guess.quantity is Quantity.SUSPENSION_TRAVEL and not guess.is_proven:

@@ -18,7 +18,7 @@ from ..bench.config import Bench
 from ..bumps import BUMPS
 from ..bus.source import SourceLosses
 from ..channels import Channel
-from ..check.push_test import ORDER
+from ..check.pushes import ORDER
 from ..control.messages import Phase, Status
 from ..errors import BusError
 from ..runlog import LoggedStatus

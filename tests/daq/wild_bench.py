@@ -13,7 +13,7 @@ import numpy as np
 
 from daq.bench.config import Bench, bench_codec, parse_bench
 from daq.bench.databases import Database, stored_text
-from daq.check.push_test import ORDER
+from daq.check.pushes import ORDER
 from daq.runs import BASELINE
 from daq.sim.bench import Acts
 from daq.sim.car import SimulatedCar

@@ -108,8 +108,6 @@ def test_what_does_not_go_together_is_refused(
         ([drive, "--channels", plain, "--bus", "1"], "is for files without a bus"),
         (["--channels", plain], "names no file"),
         ([drive, "--channels", plain, "--out", drive], "is read here"),
-        ([drive, drive, "--propose", str(recorded / "p.toml")], "takes the one file"),
-        ([drive, "--propose", plain], "exists already"),
         ([drive, "--channels", str(recorded / "no.toml")], "No such file"),
     ):
         assert run(["import", *arguments]) == 2
@@ -159,15 +157,6 @@ def test_bumps_are_left_out_at_the_beginning_and_named_in_the_order_given(
     assert run(["import", "--run", f"baseline:roll:{quiet}", *words[2:]]) == 2
     assert "no channel leaves its rest" in capsys.readouterr().err
     assert only.status == "accepted"
-
-
-def test_a_map_is_proposed(recorded: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    target = recorded / "proposed.toml"
-    assert run(["import", str(recorded / "drive.csv"), "--propose", str(target)]) == 0
-    said = capsys.readouterr().err
-    assert f"wrote {target}" in said
-    assert "? are the times t in s?" in said
-    assert 'signal = "acc_fl"' in target.read_text()
 
 
 # What was simulated or replayed stays marked when its journal or its ex ---------------------------

@@ -81,7 +81,6 @@ COMMANDS = {
         ["report", "identified.h5", "--out", "s.html", "--pdf", "s.pdf", "--figures", "figures"],
     ),
     "study": ("s.svg", ["study", "fig2", "--figure", "s.svg"]),
-    "channels": ("s.toml", ["import", "table.csv", "--propose", "s.toml"]),
     "compare": ("s.html", ["compare", "identified.h5", "identified.h5", "--page", "s.html"]),
 }
 _FORCED = {"report", "compare", "study"}

@@ -17,8 +17,8 @@ from scipy.io import loadmat
 from daq import InputError, read_session
 from daq.bench.config import bench_codec, load_bench
 from daq.channels import sensor_of_signal
+from daq.check.guess import Answers
 from daq.check.propose import Proposal
-from daq.check.questions import Answers
 from daq.sim.car import SimulatedCar
 from daq.sim.ecu import campaign_frames
 from dbc import FrameBatch

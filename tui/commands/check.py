@@ -215,7 +215,7 @@ def _traffic(
     """
     from dataclasses import replace
 
-    from daq.check.push_test import ORDER, spoken
+    from daq.check.pushes import ORDER, spoken
 
     from ..bench import reachable
 

@@ -51,9 +51,6 @@ def import_(
         Path | None,
         typer.Option(help="Channel map of CSV, MF4, MAT or Parquet files that are not logs."),
     ] = None,
-    propose: Annotated[
-        Path | None, typer.Option(help="Write a channel map guessed from such a file.")
-    ] = None,
     out: Annotated[Path, typer.Option(help="Session file to write.")] = Path("session.h5"),
     force: Force = False,
     json: JsonSummary = False,
@@ -62,7 +59,7 @@ def import_(
 
     One log may hold many runs, labelled in the order of the campaign, or by --runs.  A bench.toml
     among the logs describes the bench.  With --channels the files hold channels that are already
-    decoded; --propose writes such a map.
+    decoded.
     """
     from importlib.metadata import version
     from json import dumps
@@ -84,7 +81,7 @@ def import_(
     from ..bench import bench_with_dbc, bus_numbers, with_sensors
     from ..diagnostics import say, say_left_out
     from ..output import print_json, progress
-    from ..recorders.decoded import import_channels, propose_channel_map, sign_remarks
+    from ..recorders.decoded import import_channels, sign_remarks
     from ..recorders.recording import print_summary, summary
 
     benches = [path for path in logs or [] if path.suffix.lower() == ".toml"]
@@ -94,14 +91,11 @@ def import_(
         raise InputError("bench.toml", reason, "name one")
     config = benches[0] if benches else None
     singles = [_single(text) for text in run or []]
-    if channels or propose:
+    if channels:
         if config or dbc or sensor or bus:
             reason = "is for files without a bus, and takes no bench.toml, --dbc, --sensor or --bus"
-            raise InputError("--channels" if channels else "--propose", reason, "leave them out")
-        if propose:
-            return propose_channel_map(propose, logs, channels is not None, force)
-        if channels:
-            return import_channels(channels, logs, singles, runs, skip, out, force, json)
+            raise InputError("--channels", reason, "leave them out")
+        return import_channels(channels, logs, singles, runs, skip, out, force, json)
     named = (*logs, *(path for _, path in singles), config, dbc)
     inputs = [path for path in named if path is not None]
     refuse_existing(out, replace=force, inputs=inputs)

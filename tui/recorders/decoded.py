@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from json import dumps
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,30 +12,12 @@ from dbc import counted, plural
 
 from ..diagnostics import ExitCode, say
 from ..output import Stage, print_json, progress
-from ..proposal_questions import completed, write_proposal
 from .recording import print_summary, summary
 
 if TYPE_CHECKING:
     from daq import Run, Session
     from daq.bench.campaign import Step
     from daq.bench.channel_map import ChannelMap
-
-
-def propose_channel_map(target: Path, files: Sequence[Path], has_map: bool, force: bool) -> int:
-    """Write a channel map that fits a file, and print the open questions."""
-    from daq import InputError
-    from daq.check.propose_columns import propose_map
-    from daq.files import refuse_existing
-    from daq.formats.columns import read_columns
-
-    if len(files) != 1 or has_map:
-        what = "takes the one file from which the map is guessed, and no --channels"
-        raise InputError("--propose", what, "name one file")
-    (path,) = files
-    refuse_existing(target, replace=force, option="--propose", inputs=files)
-    columns = read_columns(path, ())
-    write_proposal(completed(partial(propose_map, columns)), target)
-    return ExitCode.OK
 
 
 def import_channels(
@@ -58,7 +39,6 @@ def import_channels(
     """
     from daq import InputError, write_session
     from daq.bench.channel_map import load_channel_map
-    from daq.check.questions import open_questions
     from daq.files import refuse_existing
     from daq.session.from_frames import numbered, parse_runs, with_steps
 
@@ -85,10 +65,8 @@ def import_channels(
         print_json({**summary(out, session), "bumps": bumps, "planned": len(steps)})
     else:
         print_summary(out, session)
-    asked = open_questions(session.provenance["channel_map"], str(channel_map))
     for line in (
         *left_out_remarks(bumps, len(session.runs), 0 if known.runs else len(steps)),
-        *(f"{question.subject}: {question.text} ({question.advice})" for question in asked),
         *sign_remarks(session),
         *unread,
     ):

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from daq.channels import Quantity
-from daq.check.guess import Candidate, candidate, guess_channels
-from daq.check.mounting import Pushes, Trace
-from daq.check.questions import Asked, Guess, Question
+from daq.check.guess import Asked, Candidate, Guess, Question, candidate, guess_channels
+from daq.check.pushes import Pushes, Trace
 from daq.vehicle import Corner
+from dbc.layout import SignalLayout
 
 from .test_mounting import pushes, trace
 
@@ -19,16 +19,24 @@ IMU = {"Imu.AccX": "g", "Imu.AccY": "g", "Imu.AccZ": "g"}
 RATES = {"Rate.GyrX": "rad/s", "Rate.GyrY": "rad/s", "Rate.GyrZ": "rad/s"}
 
 
+def layout(full: str, unit: str, span: float | None = None, bits: int = 16) -> SignalLayout:
+    """Return a signal whose range, if it is stated, begins at 0."""
+    low = None if span is None else 0.0
+    name = full.rpartition(".")[2]
+    plain = False, True, False, 1, 0  # little-endian, signed, no float, factor and offset
+    return SignalLayout(name, unit, 0, bits, *plain, low, span, None, (), ())
+
+
 def signal(
-    full: str, unit: str, level: float | None, comment: str = "", span: float | None = None
+    full: str, unit: str, level: float | None, span: float | None = None
 ) -> Candidate | None:
     """Return a signal that reads a level, or was not measured."""
     values = np.full(0 if level is None else 20, level or 0.0)
-    return candidate(full, unit, values, comment, span)
+    return candidate(full, layout(full, unit, span), values)
 
 
-def alone(full: str, unit: str, level: float | None = None, comment: str = "") -> Guess | None:
-    one = signal(full, unit, level, comment=comment)
+def alone(full: str, unit: str, level: float | None = None) -> Guess | None:
+    one = signal(full, unit, level)
     return guess_channels([one], None, {}).get(full) if one is not None else None
 
 
@@ -82,21 +90,21 @@ def test_an_acceleration_is_vertical_by_gravity_or_by_its_name(
 
 
 @pytest.mark.parametrize(
-    ("full", "comment", "quantity"),
+    ("full", "quantity"),
     [
-        ("M.w1", "Nick rate of the car", Quantity.PITCH_RATE),
-        ("M.w2", "gierrate", Quantity.UNUSED),
-        ("M.rateX", "z", Quantity.ROLL_RATE),  # the name goes before the comment
-        ("M.gyroy", "", Quantity.PITCH_RATE),  # no word of its own, but the last letter
-        ("M.gyrob", "", Quantity.UNUSED),
-        ("Wank.w", "", Quantity.ROLL_RATE),
+        ("M.Nick_rate", Quantity.PITCH_RATE),
+        ("M.gierrate", Quantity.UNUSED),
+        ("M.rateX", Quantity.ROLL_RATE),
+        ("M.gyroy", Quantity.PITCH_RATE),  # no word of its own, but the last letter
+        ("M.gyrob", Quantity.UNUSED),
+        ("Wank.w", Quantity.ROLL_RATE),
     ],
 )
-def test_a_rate_is_named_by_a_word_or_an_axis(full: str, comment: str, quantity: Quantity) -> None:
-    guess = alone(full, "deg/s", comment=comment)
+def test_a_rate_is_named_by_a_word_or_an_axis(full: str, quantity: Quantity) -> None:
+    guess = alone(full, "deg/s")
     assert guess is not None
     assert guess.quantity is quantity
-    assert alone(full, "lux", comment=comment) is None
+    assert alone(full, "lux") is None
 
 
 @pytest.mark.parametrize(
@@ -161,8 +169,12 @@ def test_travels_without_a_unit_have_that_of_their_largest_motion(peak: float, u
 
 def test_a_single_signal_without_a_unit_has_eight_bits_at_least() -> None:
     for bits in (7, 8):
-        assert (candidate("M.acc_z", "", np.zeros(0), bits=bits) is not None) is (bits == 8)
-        assert candidate("M.acc_z", "g", np.zeros(0), bits=bits) is not None
+        nameless, in_g = (
+            candidate("M.acc_z", layout("M.acc_z", unit, bits=bits), np.zeros(0))
+            for unit in ("", "g")
+        )
+        assert (nameless is not None) is (bits == 8)
+        assert in_g is not None
 
 
 # A device with three axes -------------------------------------------------------------------------

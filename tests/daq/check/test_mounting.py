@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from daq.check.mounting import Pushes, Trace, axis_of, find_pushes, mounting, pushed_corner
-from daq.check.push_test import ORDER
+from daq.check.pushes import ORDER, Pushes, Trace, axis_of, find_pushes, mounting, pushed_corner
 from daq.vehicle import Corner
 
 FL, FR, RL, RR = Corner

@@ -16,8 +16,8 @@ from daq.bench.config import Bench, BusConfig, bench_codec, parse_bench
 from daq.bench.databases import Database, stored_text
 from daq.channels import Quantity
 from daq.check.check import check_bench
+from daq.check.guess import Asked
 from daq.check.propose import Proposal, propose_sensors
-from daq.check.questions import Asked
 from daq.vehicle import Corner
 from dbc import FrameBatch, Severity
 

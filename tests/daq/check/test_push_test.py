@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 
 from daq.bench.config import default_bench_text, parse_bench
 from daq.channels import Channel, Quantity
-from daq.check.push_test import PushResult, judge_push, shows_push
+from daq.check.pushes import PushResult, judge_push, shows_push
 from daq.sim.plant import corner_motion, forces, load_car, static_pose
 from daq.vehicle import FORD_GRANADA, AddedMass, Corner
 

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from daq.channels import Channel, Quantity
-from daq.check.channel_checks import check_channel
+from daq.check.check import check_channel
 from daq.samples.mapping import map_channels
 from daq.vehicle import Corner
 from dbc import parse_codec

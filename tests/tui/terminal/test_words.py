@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from daq.bench.config import Bench
-from daq.check.push_test import PushResult
+from daq.check.pushes import PushResult
 from daq.control.messages import (
     Alarm,
     Arm,

@@ -14,7 +14,7 @@ from textual.content import Content
 from daq import Channel, Corner, InputError, Quantity
 from daq.bench.edit import with_channel
 from daq.check.check import WORDS
-from daq.check.push_test import ORDER, PushResult, judge_push, shows_push, spoken
+from daq.check.pushes import ORDER, PushResult, judge_push, shows_push, spoken
 from daq.control.messages import AskCheck, BusState, Configure, Mark, OverrideWarning, Phase, Status
 from daq.errors import printable
 from dbc.finding import Finding
