@@ -27,10 +27,10 @@ from daq.control.client import Client
 from daq.control.messages import AskStatus, Mark, ShutDown, Status
 from tui.recorders.process import failure, start_demo_recorder
 from tui.terminal.app import BenchApp
-from tui.terminal.keyboard import LOCK_OUT_S
-from tui.terminal.state.campaign import BenchStep
-from tui.terminal.state.feed import RecorderFeed
-from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
+from tui.terminal.campaign import BenchStep
+from tui.terminal.device import LOCK_OUT_S
+from tui.terminal.feed import RecorderFeed
+from tui.terminal.words import choose_glyphs
 
 from ..tui.terminal.conftest import screen_text
 
@@ -158,7 +158,7 @@ def terminal_on(
     auto: bool = False,
 ) -> BenchApp:
     """Return a terminal on the recorder of a folder."""
-    glyphs = choose_glyphs(GlyphSet.BRAILLE, {}, "utf-8")
+    glyphs = choose_glyphs("braille", {}, "utf-8")
     return BenchApp(RecorderFeed(folder, "MK", restart), folder, glyphs, "MK", auto=auto)
 
 

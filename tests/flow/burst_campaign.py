@@ -17,11 +17,11 @@ from random import Random
 
 from daq.control.messages import Phase
 from daq.vehicle import HubWeight
-from tui.terminal.dialogs import Confirm
+from tui.terminal.campaign import BenchStep
 from tui.terminal.screens.base import BenchScreen
 from tui.terminal.screens.masses import MassesScreen
 from tui.terminal.screens.vehicle import VEHICLE_FIELDS, VehicleScreen
-from tui.terminal.state.campaign import BenchStep
+from tui.terminal.widgets import Confirm
 
 from ..tui.terminal.bursts import MOST_S, burst
 from .bench_terminal import SHIPPED_BUMPS, Seat, demo_bench, seat, terminal_on

@@ -15,7 +15,7 @@ from daq.replay import whole_frames
 from daq.runlog import LoggedStatus
 from tui.recorders.process import start_replay_recorder
 from tui.terminal.app import BenchApp
-from tui.terminal.state.campaign import BenchStep, progress
+from tui.terminal.campaign import BenchStep, progress
 
 from .bench_terminal import (
     SHIPPED_BUMPS,

@@ -10,7 +10,7 @@ from daq.control.address import control_address
 from daq.control.client import Client
 from daq.control.messages import Hello, Pause, Phase, Status
 from daq.runlog import LoggedStatus
-from tui.terminal.state.feed import Lost, News, RecorderFeed, Role
+from tui.terminal.feed import Lost, News, RecorderFeed, Role
 
 from .bench_terminal import PATIENCE_S, DemoBench, PtyTerminal, demo_bench, seat, terminal_on
 

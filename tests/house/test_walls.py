@@ -29,11 +29,11 @@ RESERVED = {
         f"tui/terminal/{room}"
         for room in (
             "app",
-            "dialogs",
-            "keyboard",
-            "look",
+            "chart",
+            "device",
+            "form",
             "screens/",
-            "widgets/",
+            "widgets",
         )
     ),
     "textual_serve": ("tui/browser/",),

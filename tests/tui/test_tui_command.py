@@ -18,9 +18,8 @@ from daq.control.client import OrderRefusedError, RecorderGoneError
 from daq.control.messages import AskStatus, Order, Reply, Setup, Status
 from tui.browser import server
 from tui.cli import run
-from tui.terminal.state.feed import RecorderFeed
-from tui.terminal.state.glyphs import GlyphSet
-from tui.terminal.state.words import DisplayLink
+from tui.terminal.feed import RecorderFeed
+from tui.terminal.words import DisplayLink
 
 from ..daq.a_status import a_status
 
@@ -89,7 +88,7 @@ def test_the_terminal_has_what_its_options_say(opened: Opened) -> None:
     opened.link = DisplayLink(("display: open x",), ())
     assert run(["tui", *words, *shown, "--out", "day"]) == 3
     ((feed, folder, glyphs, name, theme, auto), options) = opened.apps[0]
-    assert (folder, glyphs.name, name) == (Path("day"), GlyphSet.ASCII, "MK")
+    assert (folder, glyphs.name, name) == (Path("day"), "ascii", "MK")
     assert (theme, auto) == ("bench-light", True)
     assert options["wanted"] == Setup(Origin.REAL)
     assert (feed._folder, feed._name) == (Path("day"), "MK")

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from ..diagnostics import ExitCode, unknown_value
 from ..options import BenchFile, DisplayAt, DisplayControl, Interface, InterfaceChannel, Operator
-from ..terminal.state.glyphs import GlyphSet
 
 if TYPE_CHECKING:
     import subprocess
@@ -50,7 +49,9 @@ def tui(
     auto: Annotated[
         bool, typer.Option("--auto", help="Press SPACE whenever there is a next action.")
     ] = False,
-    glyphs: Annotated[GlyphSet, typer.Option(help="Characters to draw with.")] = GlyphSet.AUTO,
+    glyphs: Annotated[
+        Literal["auto", "braille", "blocks", "ascii"], typer.Option(help="Characters to draw with.")
+    ] = "auto",
     theme: Annotated[str, typer.Option(help="Colours: bench-dark, bench-light, ansi-dark, ...")] = (
         "bench-dark"
     ),
@@ -70,8 +71,8 @@ def tui(
 
     from ..display.start import display_beside_terminal
     from ..terminal.app import BenchApp
-    from ..terminal.state.feed import RecorderFeed
-    from ..terminal.state.glyphs import choose_glyphs
+    from ..terminal.feed import RecorderFeed
+    from ..terminal.words import choose_glyphs
 
     _check_options(demo, fault, replay)
     wanted = _wanted(bench, interface, channel, demo, replay)
@@ -93,7 +94,7 @@ def tui(
 
 def known_operator(folder: Path, demo: bool) -> str:
     """Return the operator of the vehicle form in this folder; else "demo" for a demo, else ""."""
-    from ..terminal.state.drafts import VEHICLE_FORM, read_draft
+    from ..terminal.campaign import VEHICLE_FORM, read_draft
 
     entered = read_draft(folder / VEHICLE_FORM).get("operator")
     name = entered.strip() if isinstance(entered, str) else ""

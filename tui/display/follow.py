@@ -20,8 +20,7 @@ from daq import InputError
 from daq.control.client import OrderRefusedError
 from daq.control.messages import AskBench, AskHistory, Live, Status
 
-from ..terminal.state.feed import Feed, Lost, News
-from ..terminal.state.lanes import Lanes, lane_specs
+from ..terminal.feed import Feed, Lanes, Lost, News, lane_specs
 from .view import view
 
 if TYPE_CHECKING:

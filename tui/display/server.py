@@ -22,7 +22,7 @@ from daq.control.client import OrderRefusedError
 from daq.control.messages import Hello
 
 from ..browser.guard import Guard
-from ..terminal.state.feed import Feed, RecorderFeed
+from ..terminal.feed import Feed, RecorderFeed
 from .follow import Follower, Hub
 from .link import Served, listen_on
 from .view import order_of

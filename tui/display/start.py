@@ -13,7 +13,7 @@ from typing import IO
 
 from daq import InputError
 
-from ..terminal.state.words import DisplayLink
+from ..terminal.words import DisplayLink
 
 _END_S = 2.0
 """Time that a display may take to end, s; it takes 0.1."""

@@ -16,7 +16,7 @@ from daq.control.messages import Arm, Order, Pause, Phase, Reject, Status
 from daq.errors import printable
 from daq.runlog import LoggedStatus
 
-from ..terminal.state.campaign import (
+from ..terminal.campaign import (
     BUSY,
     cause_words,
     changed_weights,
@@ -24,8 +24,8 @@ from ..terminal.state.campaign import (
     next_action,
     weights_question,
 )
-from ..terminal.state.feed import Lost
-from ..terminal.state.words import (
+from ..terminal.feed import Lost
+from ..terminal.words import (
     COMPLETE,
     HANDS_OFF,
     PAUSED,

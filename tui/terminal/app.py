@@ -46,19 +46,16 @@ from daq.control.messages import (
 from daq.errors import printable
 
 from ..diagnostics import unknown_value
-from .dialogs import ChoiceScreen, HelpScreen, Question, TextScreen
-from .keyboard import KeyboardApp
-from .look import THEMES, PlainAscii
-from .state.campaign import SCREEN_OF, BenchStep, in_run, progress, waits_unarmed
-from .state.feed import Feed, Lost, News, Role
-from .state.glyphs import Glyphs, GlyphSet
-from .state.lanes import Lanes
-from .state.signals import Signal, signal_of
+from .campaign import SCREEN_OF, BenchStep, in_run, progress, waits_unarmed
+from .device import THEMES, KeyboardApp, PlainAscii
+from .feed import Feed, Lanes, Lost, News, Role
+from .widgets import ChoiceScreen, HelpScreen, Question, TextScreen
+from .words import Glyphs, Signal, signal_of
 
 if TYPE_CHECKING:
     from daq.bench.config import Bench
 
-    from .state.words import DisplayLink
+    from .words import DisplayLink
 
 RECORDER_GOES_ON = (
     "The recorder goes on. The same command brings you back to where you were;"
@@ -209,7 +206,7 @@ class BenchApp(KeyboardApp):
     def get_line_filters(self) -> Sequence[LineFilter]:
         """Add the filter that replaces all but ASCII, for a terminal that can show no more."""
         filters = super().get_line_filters()
-        return [*filters, PlainAscii()] if self.glyphs.name is GlyphSet.ASCII else filters
+        return [*filters, PlainAscii()] if self.glyphs.name == "ascii" else filters
 
     def on_unmount(self) -> None:
         """Stop the feed; the recorder goes on."""

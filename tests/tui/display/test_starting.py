@@ -27,7 +27,7 @@ from tui.display.follow import Follower, Hub
 from tui.display.link import Served, is_loopback, listen_on
 from tui.display.server import MOST_PAGES, Control, run_display
 from tui.display.start import display_beside_recorder, display_beside_terminal
-from tui.terminal.state.feed import Lost, Role
+from tui.terminal.feed import Lost, Role
 
 from ..terminal.fake_recorder import FakeRecorder
 from .test_server import display

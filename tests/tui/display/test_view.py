@@ -12,8 +12,7 @@ from daq.control.messages import Alarm, Arm, Pause, Phase, Reject
 from daq.runs import Excitation
 from tui.display.follow import NO_CURVES, curves_of
 from tui.display.view import Kind, View, order_of, view
-from tui.terminal.state.feed import Lost
-from tui.terminal.state.lanes import Lanes
+from tui.terminal.feed import Lanes, Lost
 
 from ..terminal.fake_recorder import DOUBLE_BUMP, FakeRecorder
 

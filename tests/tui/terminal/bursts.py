@@ -20,12 +20,12 @@ from textual.pilot import Pilot
 from textual.screen import ModalScreen
 
 from tui.terminal.app import BenchApp
-from tui.terminal.dialogs import Line, Question
-from tui.terminal.keyboard import KeyboardApp
+from tui.terminal.device import KeyboardApp
+from tui.terminal.form import Field, Form
 from tui.terminal.screens.vehicle import VEHICLE_FIELDS
 from tui.terminal.screens.weights import WEIGHT_FIELDS, WeightScreen
-from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
-from tui.terminal.widgets.form import Field, Form
+from tui.terminal.widgets import Line, Question
+from tui.terminal.words import choose_glyphs
 
 from .fake_recorder import FakeRecorder
 
@@ -94,7 +94,7 @@ async def wrong_keys(seed: int) -> tuple[int, int]:
     """Return how many keys were typed into every form, and how many landed wrong."""
     rng = Random(seed)
     app = BenchApp(
-        FakeRecorder(), Path(tempfile.mkdtemp()), choose_glyphs(GlyphSet.BRAILLE, {}, "utf-8"), "MK"
+        FakeRecorder(), Path(tempfile.mkdtemp()), choose_glyphs("braille", {}, "utf-8"), "MK"
     )
     typed = wrong = 0
 

@@ -21,7 +21,7 @@ from textual.screen import Screen
 
 from tui.terminal.app import BenchApp
 from tui.terminal.screens.masses import MassesScreen
-from tui.terminal.state.glyphs import Glyphs, GlyphSet, choose_glyphs
+from tui.terminal.words import Glyphs, choose_glyphs
 
 from .fake_recorder import FakeRecorder
 
@@ -204,7 +204,7 @@ def make_app(tmp_path: Path) -> Callable[..., BenchApp]:
 
     def make(
         recorder: FakeRecorder,
-        glyphs: GlyphSet = GlyphSet.BRAILLE,
+        glyphs: str = "braille",
         clock: Callable[[], float] | None = None,
         auto: bool = False,
         theme: str = "bench-dark",

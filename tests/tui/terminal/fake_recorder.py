@@ -53,7 +53,7 @@ from daq.control.messages import (
 from daq.runlog import Code, LoggedStatus, RunLog, advance, entry, next_step, verdict_entry
 from daq.runs import Event, Excitation, Losses
 from dbc.finding import Finding, Severity
-from tui.terminal.state.feed import News, Role
+from tui.terminal.feed import News, Role
 
 WALL_NS = 1_795_267_320_000_000_000  # 2026-11-21 13:22 UTC
 BIN_S = 0.02
@@ -81,7 +81,7 @@ def _parsed(text: str) -> Bench:
 
 
 class FakeRecorder:
-    """A `tui.terminal.state.feed.Feed` whose recorder is turned by the test.
+    """A `tui.terminal.feed.Feed` whose recorder is turned by the test.
 
     Parameters
     ----------

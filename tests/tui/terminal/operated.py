@@ -34,7 +34,7 @@ from tui.jobs.session_list import SessionEntry
 from tui.terminal.app import BenchApp
 from tui.terminal.screens import sessions, work
 from tui.terminal.screens.results import ResultsScreen
-from tui.terminal.widgets.table import Table
+from tui.terminal.widgets import Table
 
 from .conftest import Snapshot, at_every_size, screen_text
 from .fake_recorder import FakeRecorder

@@ -20,12 +20,12 @@ from daq.bench.campaign import Origin
 from daq.control.messages import Alarm, BusState, BusStatus, Phase, SessionState, SessionStatus
 from daq.runs import Losses
 from tui.terminal.app import BenchApp
-from tui.terminal.look import THEMES, PlainAscii
+from tui.terminal.campaign import BenchStep
+from tui.terminal.device import THEMES, PlainAscii
+from tui.terminal.feed import STARTING, Lost
 from tui.terminal.screens.base import step_line, top_line
 from tui.terminal.screens.results import ResultsScreen
-from tui.terminal.state.campaign import BenchStep
-from tui.terminal.state.feed import STARTING, Lost
-from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
+from tui.terminal.words import choose_glyphs
 
 from .conftest import screen_text
 from .fake_recorder import DOUBLE_BUMP, FakeRecorder
@@ -44,7 +44,7 @@ async def test_no_screen_holds_anything_but_ascii(make_app: Callable[..., BenchA
     recorder.bump()
     recorder.judge()
     recorder.changes["vehicle"] = NAME
-    app = make_app(recorder, glyphs=GlyphSet.ASCII)
+    app = make_app(recorder, glyphs="ascii")
 
     async with app.run_test(size=(100, 30)) as pilot:
         await pilot.pause()
@@ -159,7 +159,7 @@ def test_every_colour_of_words_stands_out_from_every_ground(theme: Theme) -> Non
             assert contrast >= 4.5, (word, ground, contrast)
 
 
-ASCII = choose_glyphs(GlyphSet.ASCII, {}, "utf-8")
+ASCII = choose_glyphs("ascii", {}, "utf-8")
 STATUS = FakeRecorder().status
 
 

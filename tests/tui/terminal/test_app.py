@@ -20,11 +20,10 @@ from tui.commands.tui import check_fault, known_operator
 from tui.diagnostics import ExitCode
 from tui.display.link import Served
 from tui.terminal.app import BenchApp
-from tui.terminal.dialogs import HelpScreen
-from tui.terminal.state.feed import Lost, News, Role
-from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
-from tui.terminal.state.words import DisplayLink
-from tui.terminal.widgets.form import Form
+from tui.terminal.feed import Lost, News, Role
+from tui.terminal.form import Form
+from tui.terminal.widgets import HelpScreen
+from tui.terminal.words import DisplayLink, choose_glyphs
 
 from .conftest import screen_text
 from .fake_recorder import FakeRecorder
@@ -223,7 +222,7 @@ MENU = "attach to it: it goes on as it is"
 
 
 def _app(recorder: FakeRecorder, folder: Path, wanted: Setup | None) -> BenchApp:
-    glyphs = choose_glyphs(GlyphSet.BRAILLE, {}, "utf-8")
+    glyphs = choose_glyphs("braille", {}, "utf-8")
     return BenchApp(recorder, folder, glyphs, "MK", wanted=wanted)
 
 

@@ -19,8 +19,8 @@ from daq.control.messages import (
     Undo,
 )
 from daq.verdict import WORDS
-from tui.terminal.dialogs import SCREEN_PAGES, HelpScreen, page_of
 from tui.terminal.screens.base import BenchScreen
+from tui.terminal.widgets import SCREEN_PAGES, HelpScreen, page_of
 
 from .conftest import screen_text
 from .fake_recorder import FakeRecorder

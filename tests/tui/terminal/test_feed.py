@@ -17,8 +17,8 @@ from filelock import FileLock
 from daq.bench.campaign import Origin
 from daq.control.client import OrderRefusedError, RecorderGoneError
 from daq.control.messages import Arm, AskStatus, Order, Reply, Setup, Status
-from tui.terminal.state import feed
-from tui.terminal.state.feed import BIRTH_S, Lost, News, RecorderFeed, Role
+from tui.terminal import feed
+from tui.terminal.feed import BIRTH_S, Lost, News, RecorderFeed, Role
 
 from ...daq.a_status import a_status
 
@@ -72,7 +72,7 @@ def test_a_recorder_that_has_only_just_been_started_is_not_lost(
 
     monkeypatch.setattr(feed, "Client", refused)
     monkeypatch.setattr(feed, "RETRY_S", 0.01)
-    monkeypatch.setattr("tui.terminal.state.feed.time.monotonic", lambda: clock[0])
+    monkeypatch.setattr("tui.terminal.feed.time.monotonic", lambda: clock[0])
     reported: Queue[News] = Queue()
     listener = RecorderFeed(tmp_path, "MK", lambda: None)
     listener.start(reported.put)
@@ -101,7 +101,7 @@ def test_a_recorder_that_starts_slowly_is_not_lost_while_its_process_is_there(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     clock, there = [0.0], [True]
-    monkeypatch.setattr("tui.terminal.state.feed.time.monotonic", lambda: clock[0])
+    monkeypatch.setattr("tui.terminal.feed.time.monotonic", lambda: clock[0])
     monkeypatch.setattr(feed, "is_locked", lambda _: there[0])
     listener = RecorderFeed(tmp_path, "MK", lambda: None)
     listener._born_s = 0.0
@@ -282,7 +282,7 @@ def test_a_new_terminal_inherits_control_that_is_free_within_four_seconds(
 ) -> None:
     monkeypatch.setattr(Scripted, "refuses", 1)
     clock = [0.0]
-    monkeypatch.setattr("tui.terminal.state.feed.time.monotonic", lambda: clock[0])
+    monkeypatch.setattr("tui.terminal.feed.time.monotonic", lambda: clock[0])
     free = replace(STATUS, controller="")
 
     news = Scripted.news
@@ -308,8 +308,8 @@ def test_a_recorder_is_started_when_the_one_before_has_ended(
         slept.append(seconds)
         clock[0] += 5.0
 
-    monkeypatch.setattr("tui.terminal.state.feed.time.monotonic", lambda: clock[0])
-    monkeypatch.setattr("tui.terminal.state.feed.time.sleep", sleep)
+    monkeypatch.setattr("tui.terminal.feed.time.monotonic", lambda: clock[0])
+    monkeypatch.setattr("tui.terminal.feed.time.sleep", sleep)
     monkeypatch.setattr(feed, "is_locked", lambda _: clock[0] < 20.0)
     listener = RecorderFeed(tmp_path, "MK", lambda: started.append(clock[0]))
     listener.restart()

@@ -10,6 +10,8 @@ import pytest
 from daq.bench.config import default_bench_text, load_bench, parse_bench
 from daq.runs import Excitation
 from daq.vehicle import BodyWeight, Corner, Fact, HubWeight, Structure, VehicleGeometry
+from tui.terminal.campaign import read_draft, remove_draft, write_draft
+from tui.terminal.form import Field, FieldError, Form, check_fields
 from tui.terminal.screens.vehicle import (
     VEHICLE_FIELDS,
     check_vehicle,
@@ -17,8 +19,6 @@ from tui.terminal.screens.vehicle import (
     vehicle_values,
 )
 from tui.terminal.screens.weights import check_inventory, check_weight
-from tui.terminal.state.drafts import read_draft, remove_draft, write_draft
-from tui.terminal.widgets.form import Field, FieldError, Form, check_fields
 
 from .operated import Shown, alone
 

@@ -18,9 +18,9 @@ from daq.control.messages import (
     Undo,
 )
 from tui.terminal.app import BenchApp
+from tui.terminal.campaign import BenchStep
+from tui.terminal.feed import Role
 from tui.terminal.screens.bumping import HomeScreen, RunScreen
-from tui.terminal.state.campaign import BenchStep
-from tui.terminal.state.feed import Role
 
 from ...house.walks import walked
 from .conftest import screen_text

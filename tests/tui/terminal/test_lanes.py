@@ -12,19 +12,18 @@ from textual.app import App, ComposeResult
 
 from daq.bench.config import default_bench_text, parse_bench
 from daq.control.messages import Lane, Live, Phase
-from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
-from tui.terminal.state.lanes import RING_S, Lanes, LaneSpec, Window, lane_specs, window
-from tui.terminal.state.words import Banner
-from tui.terminal.widgets.banner import BannerBar
-from tui.terminal.widgets.chart import LaneChart, full_scale, pooled, trace
-from tui.terminal.widgets.form import Field
+from tui.terminal.chart import LaneChart, full_scale, pooled, trace
+from tui.terminal.feed import RING_S, Lanes, LaneSpec, Window, lane_specs, window
+from tui.terminal.form import Field
+from tui.terminal.widgets import BannerBar
+from tui.terminal.words import Banner, choose_glyphs
 
 from .fake_recorder import BIN_S, FakeRecorder
 from .operated import alone, text
 
-BRAILLE = choose_glyphs(GlyphSet.BRAILLE, {}, "utf-8")
-BLOCKS = choose_glyphs(GlyphSet.BLOCKS, {}, "utf-8")
-ASCII = choose_glyphs(GlyphSet.ASCII, {}, "utf-8")
+BRAILLE = choose_glyphs("braille", {}, "utf-8")
+BLOCKS = choose_glyphs("blocks", {}, "utf-8")
+ASCII = choose_glyphs("ascii", {}, "utf-8")
 
 
 def _dots(rows: list[str]) -> np.ndarray:
@@ -139,7 +138,7 @@ class _Charted(App[None]):
 
     def compose(self) -> ComposeResult:
         """Show the chart."""
-        yield LaneChart(choose_glyphs(GlyphSet.ASCII, {}, "utf-8"))
+        yield LaneChart(choose_glyphs("ascii", {}, "utf-8"))
 
     def on_lane_chart_resized(self) -> None:
         """Count."""
@@ -191,7 +190,7 @@ def test_a_bar_has_a_piece_for_each_run_and_ten_at_most(
 def test_the_best_set_is_chosen_that_the_terminal_shows(
     terminal: dict[str, str], encoding: str, chosen: str
 ) -> None:
-    assert choose_glyphs(GlyphSet.AUTO, terminal, encoding).name == chosen
+    assert choose_glyphs("auto", terminal, encoding).name == chosen
 
 
 def test_lanes_have_units_for_people_and_a_smallest_range() -> None:

@@ -31,7 +31,7 @@ from tui.terminal.screens.weights import (
     shift_line,
     sketch,
 )
-from tui.terminal.widgets.table import Table
+from tui.terminal.widgets import Table
 
 from .conftest import at_every_size, screen_text
 from .fake_recorder import DOUBLE_BUMP, GOOD, FakeRecorder

@@ -22,8 +22,8 @@ from tui.terminal.screens.results import (
     verdict_lines,
 )
 from tui.terminal.screens.work import ReportScreen
-from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
-from tui.terminal.widgets.table import Table
+from tui.terminal.widgets import Table
+from tui.terminal.words import choose_glyphs
 
 from .operated import (
     FakeWorker,
@@ -41,9 +41,9 @@ from .operated import (
 )
 from .outcomes import doubtful, estimate, judged, outcome, refused
 
-BRAILLE = choose_glyphs(GlyphSet.BRAILLE, {}, "utf-8")
-BLOCKS = choose_glyphs(GlyphSet.BLOCKS, {}, "utf-8")
-ASCII = choose_glyphs(GlyphSet.ASCII, {}, "utf-8")
+BRAILLE = choose_glyphs("braille", {}, "utf-8")
+BLOCKS = choose_glyphs("blocks", {}, "utf-8")
+ASCII = choose_glyphs("ascii", {}, "utf-8")
 SMALL = (80, 24)
 
 
@@ -62,7 +62,7 @@ async def test_every_page(make_app: Make, snapshot: Snapshot) -> None:
 async def test_a_verdict_that_is_not_ok_says_why_and_what_to_do(
     name: str, made: Callable[[], Outcome], make_app: Make, snapshot: Snapshot
 ) -> None:
-    app = make_app(measured(), glyphs=GlyphSet.ASCII)
+    app = make_app(measured(), glyphs="ascii")
     async with showing(app, SMALL, made()):
         assert name.upper() in seen(app)
         snapshot(app, f"results_{name}_80x24")

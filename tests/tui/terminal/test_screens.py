@@ -22,10 +22,9 @@ from daq.control.messages import (
 )
 from daq.runs import Excitation
 from tui.terminal.app import BenchApp
+from tui.terminal.chart import LaneChart
+from tui.terminal.feed import Lost
 from tui.terminal.screens.bumping import HomeScreen
-from tui.terminal.state.feed import Lost
-from tui.terminal.state.glyphs import GlyphSet
-from tui.terminal.widgets.chart import LaneChart
 
 from .conftest import SIZES, at_every_size, screen_text
 from .fake_recorder import DOUBLE_BUMP, WALL_NS, FakeRecorder
@@ -120,7 +119,7 @@ async def _turn_to(app: BenchApp, pilot: Pilot[None], state: str) -> str:
 
 @asynccontextmanager
 async def _running(
-    make_app: MakeApp, size: str = "80x24", glyphs: GlyphSet = GlyphSet.BRAILLE
+    make_app: MakeApp, size: str = "80x24", glyphs: str = "braille"
 ) -> AsyncIterator[tuple[BenchApp, Pilot[None]]]:
     """Run an app on the run screen."""
     recorder = FakeRecorder()
@@ -164,7 +163,7 @@ async def test_every_state_says_in_words_what_it_is_without_colour(
 ) -> None:
     monkeypatch.setenv("NO_COLOR", "1")
     banners = set()
-    async with _running(make_app, glyphs=GlyphSet.ASCII) as (app, pilot):
+    async with _running(make_app, glyphs="ascii") as (app, pilot):
         assert app.no_color
         for state in STATES:
             lines = (await _turn_to(app, pilot, state)).splitlines()[2:5]
@@ -174,13 +173,13 @@ async def test_every_state_says_in_words_what_it_is_without_colour(
     assert len(banners) == len(STATES)
 
 
-@pytest.mark.parametrize("glyphs", [GlyphSet.BLOCKS, GlyphSet.ASCII])
-async def test_other_characters(make_app: MakeApp, snapshot: Snapshot, glyphs: GlyphSet) -> None:
+@pytest.mark.parametrize("glyphs", ["blocks", "ascii"])
+async def test_other_characters(make_app: MakeApp, snapshot: Snapshot, glyphs: str) -> None:
     async with _running(make_app, glyphs=glyphs) as (app, pilot):
         text = await _turn_to(app, pilot, "decay")
         snapshot(app, f"run_decay_80x24_{glyphs}")
     lanes = "\n".join(text.splitlines()[5:21])
-    assert lanes.isascii() is (glyphs is GlyphSet.ASCII)
+    assert lanes.isascii() is (glyphs == "ascii")
     assert not any("\u2800" < char <= "\u28ff" for char in text)
 
 

@@ -23,7 +23,7 @@ from tui.jobs.session_list import EntryState, SessionEntry
 from tui.terminal.app import BenchApp
 from tui.terminal.screens import sessions, work
 from tui.terminal.screens.sessions import SessionsScreen
-from tui.terminal.widgets.table import Table
+from tui.terminal.widgets import Table
 
 from .conftest import screen_text
 from .operated import (

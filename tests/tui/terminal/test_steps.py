@@ -15,10 +15,10 @@ from daq.control.messages import AskCheck, Configure, Hello, Lane, Live, Mark, N
 from daq.vehicle import Corner
 from dbc.finding import Finding
 from tui.terminal.app import BenchApp
+from tui.terminal.feed import STARTING, Lost
+from tui.terminal.form import Form
 from tui.terminal.screens.check import CheckScreen
 from tui.terminal.screens.vehicle import VehicleScreen
-from tui.terminal.state.feed import STARTING, Lost
-from tui.terminal.widgets.form import Form
 
 from .conftest import at_every_size, screen_text
 from .fake_recorder import BIN_S, FakeRecorder

@@ -20,19 +20,19 @@ from daq.control.messages import (
 from dbc.finding import Finding, Severity
 from tui.display.view import headline
 from tui.terminal.app import BenchApp
-from tui.terminal.dialogs import HelpScreen
-from tui.terminal.screens.bumping import HomeScreen, RunScreen
-from tui.terminal.state.campaign import (
+from tui.terminal.campaign import (
     BenchStep,
     first_obstacle,
     next_action,
     obstacle,
 )
-from tui.terminal.state.feed import STARTING, Lost
-from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
-from tui.terminal.state.signals import Signal
-from tui.terminal.state.words import (
+from tui.terminal.feed import STARTING, Lost
+from tui.terminal.screens.bumping import HomeScreen, RunScreen
+from tui.terminal.widgets import HelpScreen
+from tui.terminal.words import (
+    Signal,
     banner,
+    choose_glyphs,
 )
 
 from .conftest import screen_text
@@ -170,7 +170,7 @@ async def test_who_goes_back_to_the_check_during_a_pause_stays_there(make_app: M
         assert app.screen is app.get_screen("check")
 
 
-ASCII = choose_glyphs(GlyphSet.ASCII, {}, "ascii")
+ASCII = choose_glyphs("ascii", {}, "ascii")
 S = 1_000_000_000
 
 
@@ -267,9 +267,9 @@ async def test_a_lost_recorder_is_the_only_cause_and_x_the_only_order(make_app: 
         assert not any(word in lines[-1] for word in ("Bksp", "Undo", "SPACE", "Esc"))
 
 
-ASCII = choose_glyphs(GlyphSet.ASCII, {}, "utf-8")
-BLOCKS = choose_glyphs(GlyphSet.BLOCKS, {}, "utf-8")
-BRAILLE = choose_glyphs(GlyphSet.BRAILLE, {}, "utf-8")
+ASCII = choose_glyphs("ascii", {}, "utf-8")
+BLOCKS = choose_glyphs("blocks", {}, "utf-8")
+BRAILLE = choose_glyphs("braille", {}, "utf-8")
 
 
 @pytest.fixture

@@ -7,12 +7,12 @@ from textual.widgets import Input
 
 from daq.control.messages import Accept, Note, Phase
 from tui.terminal.app import BenchApp
-from tui.terminal.dialogs import Confirm
+from tui.terminal.form import Form
 from tui.terminal.screens.bumping import HomeScreen
 from tui.terminal.screens.masses import MassesScreen
 from tui.terminal.screens.sessions import SessionsScreen
 from tui.terminal.screens.vehicle import VehicleScreen
-from tui.terminal.widgets.form import Form
+from tui.terminal.widgets import Confirm
 
 from .bursts import burst
 from .fake_recorder import DOUBLE_BUMP, FakeRecorder

@@ -24,12 +24,7 @@ from daq.control.messages import (
 from daq.runs import Excitation
 from daq.vehicle import Corner
 from tui.terminal.app import BenchApp
-from tui.terminal.screens.check import (
-    push_rows,
-    rest_levels,
-    zero_offsets,
-)
-from tui.terminal.state.campaign import (
+from tui.terminal.campaign import (
     BenchStep,
     bump_step,
     frames_stand_still,
@@ -39,33 +34,39 @@ from tui.terminal.state.campaign import (
     progress,
     waits_unarmed,
 )
-from tui.terminal.state.feed import Lost
-from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
-from tui.terminal.state.signals import Signal, signal_of
-from tui.terminal.state.words import (
-    accepted_words,
-    banner,
-    count_words,
-    countdown_digits,
-    due_words,
-    last_judged,
-    rejected_words,
-    waiting_words,
-)
-from tui.terminal.widgets.lists import (
+from tui.terminal.feed import Lost
+from tui.terminal.screens.bumping import (
     alarms_text,
     journal_text,
     next_text,
     runs_text,
     tally_rows,
 )
+from tui.terminal.screens.check import (
+    push_rows,
+    rest_levels,
+    zero_offsets,
+)
+from tui.terminal.words import (
+    Signal,
+    accepted_words,
+    banner,
+    choose_glyphs,
+    count_words,
+    countdown_digits,
+    due_words,
+    last_judged,
+    rejected_words,
+    signal_of,
+    waiting_words,
+)
 
 from .fake_recorder import BIN_S, DOUBLE_BUMP, GOOD, WALL_NS, FakeRecorder
 from .operated import check_line
 
-ASCII = choose_glyphs(GlyphSet.ASCII, {}, "utf-8")
-BLOCKS = choose_glyphs(GlyphSet.BLOCKS, {}, "utf-8")
-BRAILLE = choose_glyphs(GlyphSet.BRAILLE, {}, "utf-8")
+ASCII = choose_glyphs("ascii", {}, "utf-8")
+BLOCKS = choose_glyphs("blocks", {}, "utf-8")
+BRAILLE = choose_glyphs("braille", {}, "utf-8")
 S = 1_000_000_000
 
 

@@ -11,6 +11,7 @@ from daq.runs import RunStatus
 from daq.vehicle import FORD_GRANADA
 from tui.jobs.lines import IdentifyTask, ReportTask, Trouble
 from tui.terminal.app import BenchApp
+from tui.terminal.campaign import BenchStep, progress
 from tui.terminal.screens.work import (
     OUTDATED,
     IdentifyScreen,
@@ -18,7 +19,6 @@ from tui.terminal.screens.work import (
     Stage,
     open_identify,
 )
-from tui.terminal.state.campaign import BenchStep, progress
 
 from ...identify.stress import stress_session
 from .conftest import screen_text

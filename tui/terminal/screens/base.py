@@ -16,8 +16,8 @@ from daq.control.messages import BusState
 from daq.errors import printable
 
 from ..app import BenchApp, RecorderLost, StatusArrived
-from ..state.campaign import BenchStep, progress
-from ..widgets.table import Words
+from ..campaign import BenchStep, progress
+from ..widgets import Words
 
 if TYPE_CHECKING:
     from daq.control.messages import Status

@@ -19,10 +19,9 @@ from daq.control.messages import AskCheck, BusState, Configure, Mark, OverrideWa
 from daq.errors import printable
 from dbc.finding import Finding
 
-from ..state.campaign import BenchStep
-from ..state.drafts import write_draft
-from ..state.lanes import RING_S
-from ..widgets.table import Cell, Table, Words
+from ..campaign import BenchStep, write_draft
+from ..feed import RING_S
+from ..widgets import Cell, Table, Words
 from .base import SPACE_INK, BenchScreen
 
 OK, WARN, FAIL, NOW, WAIT = "OK", "WARN", "FAIL", "NOW", "wait"

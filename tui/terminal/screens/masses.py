@@ -24,9 +24,8 @@ from daq.loading import expected_car, loading
 
 from ...jobs.gain import GAIN, Gain, measured_spread
 from ..app import begin
-from ..state.campaign import BenchStep
-from ..state.drafts import read_draft, remove_draft, write_draft
-from ..widgets.table import Table, Words
+from ..campaign import BenchStep, read_draft, remove_draft, write_draft
+from ..widgets import Table, Words
 from .base import SPACE_INK, BenchScreen
 from .check import REST, rest_levels
 from .weights import (

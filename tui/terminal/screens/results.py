@@ -36,9 +36,9 @@ from identify.words import (
 )
 
 from ...jobs.lines import Outcome
-from ..state.campaign import BenchStep, is_marked
-from ..state.glyphs import Glyphs, GlyphSet
-from ..widgets.table import Cell, Table, Words, right
+from ..campaign import BenchStep, is_marked
+from ..widgets import Cell, Table, Words, right
+from ..words import Glyphs
 from .base import SPACE_INK, BenchScreen
 from .work import OUTDATED, export_session, open_build, open_identify, open_report
 
@@ -81,7 +81,7 @@ def finding_lines(severity: str, text: str, glyphs: Glyphs, width: int) -> list[
     """Return one finding, folded."""
     symbol = mark(severity, glyphs)
     if severity == "ok":  # a note
-        symbol = "-" if glyphs.name is GlyphSet.ASCII else "·"
+        symbol = "-" if glyphs.name == "ascii" else "·"
     head = f"{symbol} {_SEVERITY.get(severity, severity)}: "
     return wrap(head + printable(text, 1000), width, subsequent_indent="    ")
 

@@ -20,9 +20,8 @@ from ...jobs.lines import CompareTask, Done, Item, ListTask, Task, Trouble
 from ...jobs.session_list import EntryState, SessionEntry, contains, with_open
 from ...jobs.worker import lines_of
 from ..app import begin
-from ..dialogs import Line, TextScreen
-from ..state.campaign import progress
-from ..widgets.table import Cell, Table, Words, right
+from ..campaign import progress
+from ..widgets import Cell, Line, Table, TextScreen, Words, right
 from .base import BenchScreen
 from .work import export_session, open_identify, open_report
 

@@ -17,10 +17,9 @@ from daq.bench.config import Bench, campaign_limits
 from daq.control.messages import Configure, Hello, Mark, Note, Status
 from daq.vehicle import Fact, FactQuantity, Structure, VehicleGeometry
 
-from ..state.campaign import BenchStep
-from ..state.drafts import VEHICLE_FORM, read_draft, remove_draft, write_draft
-from ..widgets.form import NO, YES, Field, FieldError, Form, Values, check_fields, number, stated
-from ..widgets.table import Words
+from ..campaign import VEHICLE_FORM, BenchStep, read_draft, remove_draft, write_draft
+from ..form import NO, YES, Field, FieldError, Form, Values, check_fields, number, stated
+from ..widgets import Words
 from .base import SPACE_INK, BenchScreen
 
 DRAFT = "draft_vehicle.json"

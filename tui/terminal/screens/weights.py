@@ -23,8 +23,8 @@ from daq.loading import Loading, expected_car, wrong_weights
 from daq.runlog import LoggedStatus
 
 from ...jobs.gain import USUAL_SPREAD, WANTED_SPREADS, Gain, Shift
-from ..widgets.form import Field, FieldError, Form, Values, check_fields, number, stated
-from ..widgets.table import Cell, Words, right
+from ..form import Field, FieldError, Form, Values, check_fields, number, stated
+from ..widgets import Cell, Words, right
 
 Weight = BodyWeight | HubWeight
 Typed = dict[str, str]

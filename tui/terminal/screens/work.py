@@ -34,9 +34,8 @@ from ...jobs.lines import (
 from ...jobs.session_list import report_of, size_text
 from ...jobs.worker import lines_of
 from ..app import BenchApp, begin
-from ..dialogs import ChoiceScreen, Confirm
-from ..state.campaign import BenchStep, is_marked
-from ..widgets.table import Words
+from ..campaign import BenchStep, is_marked
+from ..widgets import ChoiceScreen, Confirm, Words
 from .base import SPACE_INK, BenchScreen
 
 OUTDATED = "runs, weights or vehicle have changed since the session file was built"

@@ -1,13 +1,18 @@
-"""The steps of a campaign, the alarm that is in the way, and the next action of SPACE."""
+"""The steps of a campaign, the alarm that is in the way, the next action of SPACE, and drafts."""
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
+from pathlib import Path
+from typing import Any
 
 from daq import ADDED, BASELINE
 from daq.control.messages import Alarm, Arm, Order, Phase, Status
 from daq.errors import printable
+from daq.files import write_text
 
 
 class BenchStep(IntEnum):
@@ -233,3 +238,30 @@ def weights_question(status: Status | None) -> str:
     if state == BASELINE:
         return "Weights off? The next run is of the car as it is (baseline)."
     return f"Weights on? The next run is of the car with weights ({printable(state, 40)})."
+
+
+VEHICLE_FORM = "vehicle.json"
+"""File of the applied vehicle form, in the recorder's folder."""
+
+
+def read_draft(path: Path) -> dict[str, Any]:
+    """Return the draft; empty if there is none that can be read."""
+    try:
+        form = json.loads(path.read_text("utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return form if isinstance(form, dict) else {}
+
+
+def write_draft(path: Path, values: Mapping[str, Any]) -> str:
+    """Write the draft in one step; return the reason if it could not be written, else ""."""
+    try:
+        write_text(path, json.dumps(values))
+    except OSError as error:
+        return f"draft {path.name} cannot be written: {error.strerror or error}"
+    return ""
+
+
+def remove_draft(path: Path) -> None:
+    """Remove the draft, if there is one."""
+    path.unlink(missing_ok=True)

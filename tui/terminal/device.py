@@ -1,15 +1,4 @@
-"""Handles keys one at a time, in the order in which they are typed.
-
-Textual sends a key to the widget that has the cursor, and looks for the key's binding when the key
-has returned through the surrounding widgets.  A key that is typed meanwhile overtakes it: with `1
-Tab 2`, both digits land in the first field, and text typed immediately after the key that opens a
-dialog is lost (https://github.com/Textualize/textual/issues/6605).  Here a key waits until the key
-before it has had its effect: until its messages are processed and the screen that it opened has its
-cursor.
-
-Where no field takes text, a capital letter has the effect of the small one, as the footer shows
-capitals; and a key that a glove holds down acts once.
-"""
+"""The terminal as a device: its keys in order, its colours and its characters."""
 
 from __future__ import annotations
 
@@ -18,11 +7,18 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from functools import lru_cache
+from unicodedata import name, normalize
 
+from rich.cells import cell_len
+from rich.segment import Segment
 from textual.app import App
 from textual.binding import Binding
+from textual.color import Color
 from textual.dom import DOMNode
 from textual.events import Event, InputEvent, Key, MouseMove, Paste
+from textual.filter import LineFilter
+from textual.theme import Theme
 from textual.widgets import Input, TextArea
 
 PATIENCE_S = 5.0
@@ -144,3 +140,76 @@ def _is_input(event: Event) -> bool:
     """Return True for a key, a click or a pasted text that comes from the terminal."""
     kind = isinstance(event, (InputEvent, Paste)) and not isinstance(event, MouseMove)
     return kind and not event.is_forwarded
+
+
+BENCH_DARK = Theme(
+    name="bench-dark",
+    primary="#4fb3ff",
+    secondary="#8fd3ff",
+    warning="#ffb000",
+    error="#ff5c5c",
+    success="#3ddc84",
+    accent="#ffd54a",
+    foreground="#ffffff",
+    background="#000000",
+    surface="#101418",
+    panel="#1c2228",
+    dark=True,
+    text_alpha=1.0,
+)
+BENCH_LIGHT = Theme(
+    name="bench-light",
+    primary="#004a99",
+    secondary="#003366",
+    warning="#8a4b00",
+    error="#a80000",
+    success="#005c2e",
+    accent="#5b2a86",
+    foreground="#000000",
+    background="#ffffff",
+    surface="#f4f4f4",
+    panel="#e2e2e2",
+    dark=False,
+    text_alpha=1.0,
+)
+THEMES = (BENCH_DARK, BENCH_LIGHT)
+
+
+_SIMILAR = {
+    "│": "|", "┃": "|", "║": "|", "▎": "|", "▏": "|", "▊": "|", "▌": "|", "▐": "|", "┊": ":",
+    "─": "-", "━": "-", "═": "=", "▔": "-", "▁": "_", "▄": "_", "▀": "-", "█": "#", "■": "#",
+    "·": ".", "•": "*", "●": "*", "○": "o", "▲": "^", "▼": "v", "▶": ">", "►": ">", "◀": "<",
+    "✓": "+", "✗": "x", "√": "+", "±": "~", "\u00d7": "x", "\u2013": "-", "—": "-", "…": ".",
+    "°": "o",
+}  # fmt: skip
+
+
+class PlainAscii(LineFilter):
+    """Replace each character outside ASCII by a similar one of the same width."""
+
+    def apply(self, segments: list[Segment], background: Color) -> list[Segment]:
+        """Return the segments of a line in ASCII."""
+        return [
+            segment
+            if segment.text.isascii()
+            else Segment(_plain(segment.text), segment.style, segment.control)
+            for segment in segments
+        ]
+
+
+@lru_cache(4096)
+def _plain(text: str) -> str:
+    """Return ASCII in as many columns; a character of no width or of two has none like it."""
+    cells = ((character, cell_len(character)) for character in text.replace(" ± ", "+/-"))
+    return "".join(_similar(character) if width == 1 else "?" * width for character, width in cells)
+
+
+def _similar(character: str) -> str:
+    if character.isascii():
+        return character
+    if character in _SIMILAR:
+        return _SIMILAR[character]
+    if "BOX DRAWINGS" in name(character, ""):
+        return "+"
+    first = normalize("NFKD", character)[:1]
+    return first if first.isascii() else "?"

@@ -1,9 +1,11 @@
-"""Texts on the state: the due run, the last judged one, the banner, the display's link."""
+"""The state in words and symbols: characters, bell, banner, display's link."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import Enum
 
 from daq.control.messages import Phase, Status
 from daq.errors import printable
@@ -11,7 +13,99 @@ from daq.runlog import LoggedRun, LoggedStatus
 
 from .campaign import NextAction, cause_words, first_obstacle, frames_stand_still
 from .feed import Lost
-from .glyphs import Glyphs
+
+MOST_PIECES = 10
+
+
+@dataclass(frozen=True, slots=True)
+class Glyphs:
+    """The characters of one set."""
+
+    name: str
+    """Value of `--glyphs`: `braille`, `blocks` or `ascii`."""
+    dots: tuple[int, int]
+    """Sub-columns and sub-rows of a cell of a trace."""
+    good: str
+    bad: str
+    warn: str
+    now: str
+    bus: str
+    paused: str
+    full: str
+    empty: str
+    """`full`, `empty`: pieces of a bar."""
+    trigger: str
+    axis: str
+    overload: str
+
+    def bar(self, done: int, planned: int, mark: str = "") -> str:
+        """Return a piece for each planned item, at most ten; `mark` is the next one."""
+        cells = min(planned, MOST_PIECES)
+        filled = min(done, planned) * cells // max(planned, 1)
+        bar = self.full * filled + (mark if filled < cells else "")
+        return bar.ljust(cells, self.empty)
+
+
+_BRAILLE = Glyphs("braille", (2, 4), "✓", "✗", "!", "▶", "●", "○", "■", "·", "┊", "│", "▲")
+_BLOCKS = Glyphs("blocks", (2, 2), "√", "x", "!", "►", "●", "○", "■", "·", "│", "│", "▲")
+_ASCII = Glyphs("ascii", (1, 3), "+", "x", "!", ">", "*", "o", "#", ".", ":", "|", "^")
+_SETS = {glyphs.name: glyphs for glyphs in (_BRAILLE, _BLOCKS, _ASCII)}
+
+
+def choose_glyphs(wanted: str, environment: Mapping[str, str], encoding: str) -> Glyphs:
+    """Return the wanted set; for `auto` the best that the terminal reports to support.
+
+    `wanted`: from the command line.  `environment`: `TERM` of the Linux console and of old ones
+    have no braille; Windows Terminal sets `WT_SESSION`, the old console host does not.  `encoding`:
+    encoding of stdout; any other than Unicode gets ASCII.
+    """
+    if wanted != "auto":
+        return _SETS[wanted]
+    if not encoding.lower().replace("-", "").startswith("utf"):
+        return _ASCII
+    if environment.get("TERM", "") in ("linux", "vt100", "vt220", "dumb"):
+        return _BLOCKS
+    if environment.get("OS") == "Windows_NT" and "WT_SESSION" not in environment:
+        return _BLOCKS
+    return _BRAILLE
+
+
+UNSIGNALLED = ("clock_step", "restamped")
+"""Alarms that need no immediate action."""
+
+
+class Signal(Enum):
+    """An event that is signalled; the value has the times at which the bell rings, s."""
+
+    ARMED = (0.0,)
+    ACCEPTED = (0.0, 0.2)
+    REJECTED = (0.0, 0.2, 0.4)
+    ALARM = (0.0, 0.2, 0.8, 1.0)
+    LOST = (0.0, 0.2, 0.4, 1.0, 1.2, 1.4)
+
+
+_PHASES = {
+    Phase.ARMED: Signal.ARMED,
+    Phase.ACCEPTED: Signal.ACCEPTED,
+    Phase.REJECTED: Signal.REJECTED,
+}
+
+
+def signal_of(before: Status | Lost | None, status: Status | Lost) -> Signal | None:
+    """Return the signal for news: a verdict first, then an alarm, then ARMED."""
+    if isinstance(status, Lost):
+        return None if status.starting or before is not None else Signal.LOST
+    if not isinstance(before, Status):
+        return None
+    of_phase = _PHASES.get(status.phase) if status.phase is not before.phase else None
+    earlier = {(alarm.code, alarm.subject) for alarm in before.alarms}
+    has_new_alarm = any(
+        alarm.code not in UNSIGNALLED and (alarm.code, alarm.subject) not in earlier
+        for alarm in status.alarms
+    )
+    if has_new_alarm and of_phase in (None, Signal.ARMED):
+        return Signal.ALARM
+    return of_phase
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,8 +13,8 @@ from textual.message import Message
 from textual.strip import Strip
 from textual.widget import Widget
 
-from ..state.glyphs import Glyphs
-from ..state.lanes import Lanes, LaneSpec, Window
+from .feed import Lanes, LaneSpec, Window
+from .words import Glyphs
 
 Floats = NDArray[np.float64]
 LANE_ROWS = 4

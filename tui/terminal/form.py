@@ -18,7 +18,7 @@ from textual.message import Message
 from textual.widget import Widget
 from textual.widgets import Checkbox, Input, Label, Select
 
-from ..dialogs import Line
+from .widgets import Line
 
 Values = Mapping[str, str]
 YES, NO = "yes", "no"
