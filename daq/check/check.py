@@ -29,9 +29,13 @@ from ..bench.message_rules import SampleSet
 from ..channels import ON_BODY, Channel, Quantity, sensor_of, sensor_of_signal
 from ..runs import SampleGroup
 from ..samples.converter import is_fine, is_stuck
-from ..samples.groups import sample_groups, timekeeping
-from ..samples.mapping import MappedChannel
-from ..samples.trigger import mapped_channels, trigger_channels
+from ..samples.mapping import (
+    MappedChannel,
+    mapped_channels,
+    sample_groups,
+    timekeeping,
+    trigger_channels,
+)
 from .frame_checks import FAIL, OK, WARN, Fault, check_buses, check_messages, findings, frame_table
 from .propose import ASK
 

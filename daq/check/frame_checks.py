@@ -21,8 +21,7 @@ from ..bench.message_rules import CORRECT_MESSAGE
 from ..bus.source import wire_bits
 from ..channels import Quantity
 from ..samples import converter as health
-from ..samples.groups import Timekeeping
-from ..samples.mapping import MappedChannel
+from ..samples.mapping import MappedChannel, Timekeeping
 
 OK, WARN, FAIL = Severity.NOTE, Severity.WARNING, Severity.ERROR
 Fault = tuple[str, Severity, str, str]

@@ -22,7 +22,7 @@ from dbc.units import known_si
 from dbc.words import counted
 
 from ..errors import InputError, optional
-from ..samples.columns import Column, Columns
+from ..samples.mapping import Column, Columns
 from .mf4 import open_mdf
 
 MAX_VALUES = 1 << 26

@@ -25,8 +25,7 @@ from ..errors import printable
 from ..journal.reader import RecordingInfo, read_windows, scan
 from ..runlog import LoggedRun, LoggedStatus, RunLog, fold
 from ..runs import Losses
-from ..samples.mapping import Column, SampleBlock, mapped_block
-from ..samples.trigger import mapped_channels
+from ..samples.mapping import SampleBlock, Trace, mapped_block, mapped_channels
 from ..verdict import RunMeasure, RunWindow, judge, peak_left
 
 # Keeps frames, samples and losses of the last seconds ---------------------------------------------
@@ -97,12 +96,12 @@ class Recent:
 
     def samples(self, start_ns: int, stop_ns: int) -> SampleBlock:
         """Return the samples with start <= t < stop, by channel, in order of arrival."""
-        pieces: dict[str, list[Column]] = {}
+        pieces: dict[str, list[Trace]] = {}
         for block in self._blocks:
             if block.last_ns >= start_ns:
                 for name, piece in block.samples.items():
                     pieces.setdefault(name, []).append(piece)
-        samples: dict[str, Column] = {}
+        samples: dict[str, Trace] = {}
         for name, columns in pieces.items():
             t_ns, value = (np.concatenate(parts) for parts in zip(*columns, strict=True))
             within = (t_ns >= start_ns) & (t_ns < stop_ns)

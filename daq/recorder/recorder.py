@@ -44,7 +44,7 @@ from ..journal.reader import seal_left_open
 from ..journal.segment import SyncedFile
 from ..journal.writer import JournalWriter
 from ..runlog import Code, RunLog, fold
-from ..samples.trigger import bench_mapping
+from ..samples.mapping import bench_mapping
 from .campaigns import Derivation, OpenRecording, new_head, resumable, unfinished
 from .judging import recall
 from .readers import PieceQueue, Readers, StorageWatch

@@ -40,7 +40,7 @@ from ..runlog import Change, Code, RunLog, advance, parse_label, verdict_entry
 from ..runs import Event, Losses
 from ..samples import converter as health
 from ..samples import trigger
-from ..samples.mapping import mapped_block
+from ..samples.mapping import bench_mapping, mapped_block
 from ..verdict import RunMeasure
 from ..verdict.words import finding
 from .judging import UNJUDGED, Judge, LiveRing, Recent
@@ -128,7 +128,7 @@ class Recording:
         begin anew.  Run log, measures, run loop, recent frames and the health of the counters stay.
         Raises InputError as the constructor; then nothing is changed.
         """
-        self._mapped, self._triggers = trigger.bench_mapping(bench, codec)
+        self._mapped, self._triggers = bench_mapping(bench, codec)
         self.bench, self._codec = bench, codec
         self._live = LiveRing([m.channel.name for m in self._mapped])
         self._recent.kept_s = bench.trigger.pre_s + bench.trigger.post_s

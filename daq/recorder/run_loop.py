@@ -40,7 +40,7 @@ from ..control.messages import (
 from ..errors import InputError, printable
 from ..runlog import Code, LoggedRun, LoggedStatus, RunLog, entry, next_step, weights_change
 from ..runs import BASELINE, Event, Excitation
-from ..samples.trigger import bench_mapping
+from ..samples.mapping import bench_mapping
 
 LIKE_REJECTS = 3
 """Consecutive runs rejected for the same reason after which the loop stops for a person."""

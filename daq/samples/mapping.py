@@ -1,27 +1,35 @@
-"""Maps signals of the DBC to channels of the bench: units, polarity, scale and zero."""
+"""Maps signals to channels of the bench, in SI, and groups them by sensor clock."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dbc import Codec
 from dbc.layout import MessageLayout, SignalLayout
-from dbc.samples import Decoded, Samples
+from dbc.samples import Decoded, Quality, Samples
 from dbc.units import SiUnit, known_si
 
+from ..bench.campaign import Method
+from ..bench.config import Bench
+from ..bench.message_rules import SampleSet, SensorClock, sensor_clocks
+from ..bench.toml_file import channel_line
 from ..channels import LARGEST, SI_UNITS, Channel, Quantity, signal_of
 from ..errors import InputError
+from ..runs import SampleGroup
+from .clock import SensorTimes, arrival_times, even_times, sensor_times, stamped_times
 
 # Defines the form in which samples of several channels are passed on ------------------------------
 
-Column = tuple[NDArray[np.int64], NDArray[np.float64]]
+Trace = tuple[NDArray[np.int64], NDArray[np.float64]]
 """Time stamps, ns, and values, SI, of one channel, each of shape (n,)."""
-SampleBlock = Mapping[str, Column]
-"""The columns of some channels, by channel name."""
+SampleBlock = Mapping[str, Trace]
+"""The traces of some channels, by channel name."""
 
 
 # The mapping --------------------------------------------------------------------------------------
@@ -134,3 +142,337 @@ def si_unit(channel: Channel, stated: str, source: str) -> SiUnit:
         advice = "state signal_unit in its [[channel]]"
     needed = f"{channel.quantity} needs {expected} or a multiple"
     raise InputError(f"channel {channel.name}", f"{problem}; {needed}", advice)
+
+
+def trigger_channels(
+    channels: tuple[Channel, ...], method: Method = Method.ROLL_OVER
+) -> tuple[Channel, ...]:
+    """Return the channels that trigger: the hub accelerations or, without these, those of the body.
+
+    A push moves the body and hardly the wheels: then those of the body have priority.
+    """
+    hubs = tuple(c for c in channels if c.quantity is Quantity.HUB_ACCELERATION)
+    body = tuple(c for c in channels if c.quantity is Quantity.BODY_ACCELERATION)
+    return (body or hubs) if method is Method.PUSH else (hubs or body)
+
+
+def mapped_channels(bench: Bench, codec: Codec) -> tuple[MappedChannel, ...]:
+    """Return the bench's channels, mapped to the signals of its DBC.
+
+    Raises InputError, with the file and line, if a channel contradicts the DBC.
+    """
+    mapped: list[MappedChannel] = []
+    for channel in bench.channels:
+        try:
+            mapped += map_channels([channel], codec.messages, bench.dbc_name)
+        except InputError as error:
+            line = channel_line(bench.text, channel.name)
+            where = f"{bench.where}:{line}" if line else bench.where
+            raise InputError(where, f"{error.where}: {error.what}", error.advice) from error
+    return tuple(mapped)
+
+
+def bench_mapping(bench: Bench, codec: Codec) -> tuple[tuple[MappedChannel, ...], frozenset[str]]:
+    """Return the bench's channels, and the names of those that trigger.
+
+    Raises InputError if a channel contradicts the DBC, or no channel can trigger.
+    """
+    # All channels are mapped although only some trigger, so that errors are found before the first
+    # bump and not after the last.
+    mapped = mapped_channels(bench, codec)
+    triggers = frozenset(c.name for c in trigger_channels(bench.channels, bench.campaign.method))
+    if not triggers:
+        problem, advice = "has no channel that can trigger", "add a hub or a body acceleration"
+        raise InputError("bench.toml", problem, advice)
+    return mapped, triggers
+
+
+# Columns of numbers in files that are not bus logs, as their readers return them ------------------
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Column:
+    """A column of a file."""
+
+    name: str
+    """Full name in the file, with folders, groups and structs before it, separated by slashes."""
+    unit: str
+    """Unit as stated in the file; empty if none is stated."""
+    clock: str
+    """Name of the clock that gives its times: a table, a group, a message."""
+    values: NDArray[Any]
+    """Numbers, shape (n,): floating point with NaN for missing ones, or integers."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Columns:
+    """Some columns of a file."""
+
+    where: str
+    """Name of the file, for messages."""
+    start_ns: int
+    """UTC of the file's time zero, ns since 1970; 0 if it states none."""
+    columns: Mapping[str, Column]
+    """Columns, by the requested name."""
+    times_s: Mapping[str, NDArray[np.float64]]
+    """Times of the clocks that have times in the file, s since its time zero."""
+    unread: tuple[str, ...] = ()
+    """Cells that could not be read, each kind with its number and first line."""
+
+
+# Finds the frames that belong to one sample, by the order of arrival or by counters ---------------
+
+Bound = tuple[NDArray[np.intp], NDArray[np.int64]]
+"""Frames of a message that belong to a known sample, one for each, and the numbers of these
+samples, increasing; both of shape (k,)."""
+_BURST_SHARE = 0.25  # expected delay of a frame after its carrier, in cycles
+
+
+def bind(
+    number: NDArray[np.int64],
+    carrier_ns: NDArray[np.int64],
+    rows: NDArray[np.intp],
+    t_ns: NDArray[np.int64],
+) -> Bound:
+    """Find the sample numbers of the frames of a message from the carrier frames around them.
+
+    A sensor sends all frames of a sample in one burst, so a frame belongs to the carrier before it
+    or, for messages that are sent ahead of the carrier, to the carrier after it: to the one that is
+    nearer in most cases.  If carriers are lost, the frames between the received carriers are
+    assigned by their number or, if frames are lost as well, by their time.
+
+    `number`, (n,) int64: sample number of each carrier frame, increasing.  `carrier_ns`, (n,)
+    int64: their arrival, in order.  `rows`, (m,) int: the frames.  `t_ns`, (m,) int64: their
+    arrival, in order.
+    """
+    behind = np.searchsorted(carrier_ns, t_ns, "right") - 1
+    ahead = np.searchsorted(carrier_ns, t_ns, "left")
+    inside = (behind >= 0) & (ahead < len(carrier_ns))
+    since_ns = t_ns[inside] - carrier_ns[behind[inside]]
+    until_ns = carrier_ns[ahead[inside]] - t_ns[inside]
+    if len(since_ns) and np.median(until_ns) < np.median(since_ns):
+        # The same search with reversed time.
+        rows, numbers = _bind_behind(-number[::-1], -carrier_ns[::-1], rows[::-1], -t_ns[::-1])
+        return rows[::-1], -numbers[::-1]
+    return _bind_behind(number, carrier_ns, rows, t_ns)
+
+
+def _bind_behind(
+    number: NDArray[np.int64],
+    carrier_ns: NDArray[np.int64],
+    rows: NDArray[np.intp],
+    t_ns: NDArray[np.int64],
+) -> Bound:
+    """Bind frames to the carrier before them: in order if none is missing, else by time."""
+    carrier = np.searchsorted(carrier_ns, t_ns, "right") - 1  # row of the carrier before each
+    rows, t_ns, carrier = rows[carrier >= 0], t_ns[carrier >= 0], carrier[carrier >= 0]
+    sent = np.append(np.diff(number), 1)[carrier]  # samples until the next received carrier
+    count = np.bincount(carrier, minlength=len(number))  # frames until the next received carrier
+    rank = np.arange(len(carrier)) - (np.cumsum(count) - count)[carrier]
+    samples = max(int(number[-1] - number[0]), 1)
+    cycle_ns = max(float(carrier_ns[-1] - carrier_ns[0]) / samples, 1.0)
+    by_time = np.rint((t_ns - carrier_ns[carrier]) / cycle_ns - _BURST_SHARE).astype(np.int64)
+    offset = np.where(count[carrier] == sent, rank, np.clip(by_time, 0, sent - 1))
+    numbers, first = np.unique(number[carrier] + offset, return_index=True)
+    return rows[first], numbers
+
+
+def bind_counted(
+    number: NDArray[np.int64],
+    carrier_value: NDArray[np.float64],
+    carrier_ns: NDArray[np.int64],
+    rows: NDArray[np.intp],
+    counter: Samples,
+    modulus: int,
+) -> Bound:
+    """Find the sample numbers of a message that also has the carrier's counter.
+
+    `number`, `carrier_value`, `carrier_ns`, (n,) array: sample number, counter and arrival of the
+    carrier frames, in order.  `rows`, (m,) int: frames of the message with a readable counter.
+    `counter`: of all its frames.  `modulus`: its range.
+    """
+    t_ns = counter.t_ns[rows]
+    last = len(carrier_ns) - 1
+    ahead = np.clip(np.searchsorted(carrier_ns, t_ns), min(1, last), last)
+    behind = np.maximum(ahead - 1, 0)
+    is_nearer = t_ns - carrier_ns[behind] < carrier_ns[ahead] - t_ns
+    nearest = np.where(is_nearer, behind, ahead)  # row of the carrier nearest in time
+    apart = (counter.value[rows] - carrier_value[nearest]).astype(np.int64)
+    numbers = number[nearest] + (apart + modulus // 2) % modulus - modulus // 2
+    is_known = (numbers >= number[0]) & (numbers <= number[-1])
+    numbers, first = np.unique(numbers[is_known], return_index=True)
+    return rows[is_known][first], numbers
+
+
+# The groups ---------------------------------------------------------------------------------------
+
+_LONGEST_NAME = 64
+"""Largest length of a group's name in a session file (`daq.session`), bytes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Timekeeping:
+    """The sources of the samples' times on a bench."""
+
+    messages: Mapping[str, MessageLayout]
+    """Messages of the bench's codec, by name."""
+    clocks: Mapping[str, SensorClock]
+    """Time stamp signals, by message."""
+    sets: Sequence[SampleSet]
+    """Sets of messages that carry a sample together."""
+
+
+def sample_groups(
+    mapped: Sequence[MappedChannel], decoded: Decoded, keeping: Timekeeping, t0_ns: int
+) -> tuple[SampleGroup, ...]:
+    """Group the channels by sample set or message.
+
+    Each multiplexed channel has its own group, because it comes less often.
+
+    `t0_ns`: origin of the times.  No group is empty.
+    """
+    names = group_names([m.channel.signal if m.is_multiplexed else m.message.name for m in mapped])
+    set_of = {  # by message; only sets whose carrier was received
+        message: sample_set
+        for sample_set in keeping.sets
+        if (carrier := decoded.samples.get(".".join(sample_set.carrier))) and carrier.usable.any()
+        for message in sample_set.messages
+    }
+    members: dict[str, list[MappedChannel]] = {}
+    for m in mapped:
+        if m.channel.signal in decoded.samples:
+            name = names[m.channel.signal if m.is_multiplexed else m.message.name]
+            if m.message.name in set_of and not m.is_multiplexed:
+                name = set_of[m.message.name].name
+            members.setdefault(name, []).append(m)
+    sets = {sample_set.name: sample_set for sample_set in set_of.values()}
+    groups = (
+        _set_group(sets[name], channels, decoded, keeping, t0_ns)
+        if name in sets
+        else _message_group(name, channels, decoded, keeping, t0_ns)
+        for name, channels in members.items()
+    )
+    return tuple(group for group in groups if len(group.time_s))
+
+
+def group_names(names: Sequence[str]) -> dict[str, str]:
+    """Return a valid name in a session file for each name: without dots, not too long."""
+    short_names: dict[str, str] = {}
+    for name in dict.fromkeys(names):
+        plain = name.replace(".", "_")
+        short, number = plain[:_LONGEST_NAME], 2
+        while short in short_names.values():
+            short, number = f"{plain[: _LONGEST_NAME - 4]}_{number}", number + 1
+        short_names[name] = short
+    return short_names
+
+
+def _message_group(
+    name: str, channels: Sequence[MappedChannel], decoded: Decoded, keeping: Timekeeping, t0_ns: int
+) -> SampleGroup:
+    first = channels[0]
+    t_ns = decoded[first.channel.signal].t_ns
+    times = None if first.is_multiplexed else _clock_times(first.message, decoded, keeping, t0_ns)
+    if times is None:
+        rows, quality = np.arange(len(t_ns)), np.zeros(len(t_ns), np.uint8)
+        by_arrival = arrival_times if first.is_multiplexed else even_times
+        time_s = by_arrival(t_ns, t0_ns).time_s
+    else:
+        rows, time_s, quality = _all_samples(*times)
+    for m in channels:
+        quality = quality | decoded[m.channel.signal].quality[rows]
+    values = {m.channel.name: m.values(decoded[m.channel.signal])[rows] for m in channels}
+    return SampleGroup(name, time_s, t_ns[rows], values, quality)
+
+
+def _clock_times(
+    message: MessageLayout, decoded: Decoded, keeping: Timekeeping, t0_ns: int
+) -> tuple[NDArray[np.intp], SensorTimes] | None:
+    """Return the rows of the frames with a readable clock, and their times; None if it has none."""
+    clock, counter = keeping.clocks.get(message.name), message.counter
+    if clock is not None:
+        samples = decoded[clock.signal]
+        good = np.flatnonzero(samples.usable)
+        stamp_s = samples.value[good] * clock.factor
+        return good, stamped_times(stamp_s, clock.wrap * clock.factor, samples.t_ns[good], t0_ns)
+    if counter is not None and message.cycle_s is not None:
+        samples = decoded[f"{message.name}.{counter.signal}"]
+        good = np.flatnonzero(samples.usable)
+        value, t_ns = samples.value[good].astype(np.int64), samples.t_ns[good]
+        return good, sensor_times(value, counter.modulus, t_ns, message.cycle_s, t0_ns)
+    return None
+
+
+def _all_samples(
+    good: NDArray[np.intp], times: SensorTimes
+) -> tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.uint8]]:
+    """Return rows, times, s, and quality of the frames that are samples; each of shape (k,).
+
+    A frame with a wrong checksum has no clock: its time is interpolated between its neighbours, and
+    at the edge of a run it is left out.  A repeated frame is not a sample.
+    """
+    if not len(good):
+        return good, np.zeros(0), np.zeros(0, np.uint8)
+    fresh = times.step > 0
+    timed, time_s, step = good[fresh], times.time_s[fresh], times.step[fresh]
+    first, last = timed[0], timed[-1]
+    is_sample = np.ones(last + 1 - first, bool)  # of the rows from the first to the last timed one
+    repeated = good[~fresh]
+    is_sample[repeated[(repeated > first) & (repeated < last)] - first] = False
+    rows = np.flatnonzero(is_sample) + first
+    place = np.searchsorted(rows, timed)
+    quality = np.zeros(len(rows), np.uint8)
+    quality[place[1:][step[1:] > np.diff(place)]] = Quality.COUNTER_GAP
+    return rows, np.interp(rows, timed, time_s), quality
+
+
+def _set_group(
+    sample_set: SampleSet,
+    channels: Sequence[MappedChannel],
+    decoded: Decoded,
+    keeping: Timekeeping,
+    t0_ns: int,
+) -> SampleGroup:
+    """Align the messages of a set: row k is sample k, whichever of its frames came."""
+    carrier, signal = sample_set.carrier
+    times = _clock_times(keeping.messages[carrier], decoded, keeping, t0_ns)
+    assert times is not None  # ensured by message_rules.check_sets
+    good, clock = times
+    fresh = clock.step > 0
+    carrier_rows, number = good[fresh], np.cumsum(clock.step)[fresh]
+    carriers = decoded[f"{carrier}.{signal}"]
+    carrier_ns, carrier_value = carriers.t_ns[carrier_rows], carriers.value[carrier_rows]
+    bound: dict[str, Bound] = {}
+    for m in channels:
+        message, t_ns = m.message, decoded[m.channel.signal].t_ns
+        if message.name in bound:
+            continue
+        if message.name == carrier:
+            bound[message.name] = carrier_rows, number
+        elif "." not in sample_set.bound_by and message.counter is not None:
+            counter = decoded[f"{message.name}.{signal}"]
+            rows, modulus = np.flatnonzero(counter.usable), message.counter.modulus
+            bound[message.name] = bind_counted(
+                number, carrier_value, carrier_ns, rows, counter, modulus
+            )
+        else:
+            bound[message.name] = bind(number, carrier_ns, np.arange(len(t_ns)), t_ns)
+    numbers = np.unique(np.concatenate([received for _, received in bound.values()]))
+    arrived = np.full(len(numbers), np.iinfo(np.int64).max)
+    quality = np.zeros(len(numbers), np.uint8)
+    quality[1:][np.diff(numbers) > 1] = Quality.COUNTER_GAP
+    values = {m.channel.name: np.full(len(numbers), np.nan) for m in channels}
+    for m in channels:
+        rows, received = bound[m.message.name]
+        place, samples = np.searchsorted(numbers, received), decoded[m.channel.signal]
+        quality[~np.isin(numbers, received)] |= np.uint8(Quality.MISSING)
+        values[m.channel.name][place] = m.values(samples)[rows]
+        quality[place] |= samples.quality[rows]
+        arrived[place] = np.minimum(arrived[place], samples.t_ns[rows])
+    time_s = np.interp(numbers, number, clock.time_s[fresh])
+    return SampleGroup(sample_set.name, time_s, arrived, values, quality)
+
+
+def timekeeping(bench: Bench, codec: Codec) -> Timekeeping:
+    """Return the sources of the samples' times on a bench."""
+    return Timekeeping(codec.by_name, sensor_clocks(codec, bench.message_rules), bench.sample_sets)

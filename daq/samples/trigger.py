@@ -19,15 +19,9 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from dbc import Codec
-
-from ..bench.campaign import Method
-from ..bench.config import Bench, TriggerConfig
-from ..bench.toml_file import channel_line
-from ..channels import Channel, Quantity
-from ..errors import InputError
+from ..bench.config import TriggerConfig
 from ..runs import Event
-from .mapping import MappedChannel, SampleBlock, map_channels
+from .mapping import SampleBlock
 
 BUMP = "bump"
 RUN_END = "run_end"
@@ -87,18 +81,6 @@ class TriggerState:
     """Latest time stamp so far, ns; None before the first."""
     channels: Mapping[str, ChannelRest] = field(default_factory=dict)
     """The trigger channels received so far."""
-
-
-def trigger_channels(
-    channels: tuple[Channel, ...], method: Method = Method.ROLL_OVER
-) -> tuple[Channel, ...]:
-    """Return the channels that trigger: the hub accelerations or, without these, those of the body.
-
-    A push moves the body and hardly the wheels: then those of the body have priority.
-    """
-    hubs = tuple(c for c in channels if c.quantity is Quantity.HUB_ACCELERATION)
-    body = tuple(c for c in channels if c.quantity is Quantity.BODY_ACCELERATION)
-    return (body or hubs) if method is Method.PUSH else (hubs or body)
 
 
 def advance(
@@ -243,37 +225,3 @@ def _excursion(
     if not len(fresh):
         return after, None, 0.0
     return after, int(before_ns[fresh[0]]), float(deviation[fresh[0]])
-
-
-# Maps the channels of a bench to the signals of its DBC, and finds those that trigger -------------
-
-
-def mapped_channels(bench: Bench, codec: Codec) -> tuple[MappedChannel, ...]:
-    """Return the bench's channels, mapped to the signals of its DBC.
-
-    Raises InputError, with the file and line, if a channel contradicts the DBC.
-    """
-    mapped: list[MappedChannel] = []
-    for channel in bench.channels:
-        try:
-            mapped += map_channels([channel], codec.messages, bench.dbc_name)
-        except InputError as error:
-            line = channel_line(bench.text, channel.name)
-            where = f"{bench.where}:{line}" if line else bench.where
-            raise InputError(where, f"{error.where}: {error.what}", error.advice) from error
-    return tuple(mapped)
-
-
-def bench_mapping(bench: Bench, codec: Codec) -> tuple[tuple[MappedChannel, ...], frozenset[str]]:
-    """Return the bench's channels, and the names of those that trigger.
-
-    Raises InputError if a channel contradicts the DBC, or no channel can trigger.
-    """
-    # All channels are mapped although only some trigger, so that errors are found before the first
-    # bump and not after the last.
-    mapped = mapped_channels(bench, codec)
-    triggers = frozenset(c.name for c in trigger_channels(bench.channels, bench.campaign.method))
-    if not triggers:
-        problem, advice = "has no channel that can trigger", "add a hub or a body acceleration"
-        raise InputError("bench.toml", problem, advice)
-    return mapped, triggers

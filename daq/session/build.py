@@ -35,9 +35,7 @@ from ..runlog import Code, LoggedRun, LoggedStatus, RunLog, finding_record, fold
 from ..runs import Event, Run, RunStatus, SampleGroup
 from ..samples import converter as health
 from ..samples import trigger
-from ..samples.groups import sample_groups, timekeeping
-from ..samples.mapping import MappedChannel
-from ..samples.trigger import mapped_channels
+from ..samples.mapping import MappedChannel, mapped_channels, sample_groups, timekeeping
 from ..sessions import Session
 
 _NOT_OF_A_RUN = (Code.BENCH, Code.VERDICT, Code.UNDO, Code.REDO, Code.NOTE, Code.OVERRIDE)

@@ -24,9 +24,14 @@ from ..channels import Channel, Quantity
 from ..errors import InputError
 from ..runs import Event, Run, RunStatus, SampleGroup
 from ..samples import trigger
-from ..samples.columns import Column, Columns
-from ..samples.groups import group_names
-from ..samples.mapping import channel_values, si_unit
+from ..samples.mapping import (
+    Column,
+    Columns,
+    channel_values,
+    group_names,
+    si_unit,
+    trigger_channels,
+)
 from ..sessions import Session
 from .build import EDGE_S, utc_text
 
@@ -180,7 +185,7 @@ def bumps_in(channel_map: ChannelMap, recorded: Recording) -> tuple[Event, ...]:
 
     Raises InputError if no channel can trigger.
     """
-    triggers = {channel.name for channel in trigger.trigger_channels(recorded.channels)}
+    triggers = {channel.name for channel in trigger_channels(recorded.channels)}
     if not triggers:
         what, advice = "has no channel that can trigger", "add a hub or a body acceleration"
         raise InputError("the channel map", what, f"{advice}, or give the times in [[run]]")

@@ -27,8 +27,8 @@ from ..errors import BumpbenchError, InputError
 from ..journal.reader import HopCounts
 from ..runs import Event, Excitation, RunStatus
 from ..samples import trigger
-from ..samples.mapping import mapped_block
-from ..samples.trigger import UNPLANNED, bench_mapping
+from ..samples.mapping import bench_mapping, mapped_block
+from ..samples.trigger import UNPLANNED
 from ..sessions import Session
 from .build import build_session, utc_text
 

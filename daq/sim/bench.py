@@ -23,7 +23,7 @@ from ..control.messages import Phase, Status
 from ..errors import BusError
 from ..runlog import LoggedStatus
 from ..runs import BASELINE, Excitation
-from ..samples.trigger import trigger_channels
+from ..samples.mapping import trigger_channels
 from ..vehicle import Corner
 from .car import SimulatedCar
 from .ecu import Act, Rig, rig_of

@@ -12,8 +12,7 @@ from dbc.finding import Finding
 from ..bench.campaign import Method
 from ..bench.config import Bench
 from ..channels import Channel, Quantity
-from ..samples.mapping import SampleBlock
-from ..samples.trigger import trigger_channels
+from ..samples.mapping import SampleBlock, trigger_channels
 from .window import RunWindow, Trace, kind_of, largest_peaks, traces
 from .words import finding
 

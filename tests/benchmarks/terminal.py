@@ -41,8 +41,8 @@ IN_CONTROL = b"op. MK"
 def publish(folder: str) -> None:
     """Publish as a recorder with an armed run, until killed."""
     from daq.control.address import control_address
+    from daq.control.exchange import Server
     from daq.control.messages import Lane, Live, Order, Phase, Reply
-    from daq.control.server import Server
     from tests.tui.terminal.fake_recorder import FakeRecorder
 
     recorder = FakeRecorder()

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from daq.control.address import control_address
-from daq.control.client import Client
+from daq.control.exchange import Client
 from daq.control.messages import SessionState, Start, Stop
 from daq.journal.reader import read_journal, recordings
 from dbc.frames import FrameBatch

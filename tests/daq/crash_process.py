@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 
 from daq import InputError, read_session
 from daq.control.address import control_address
-from daq.control.client import Client, RecorderGoneError
+from daq.control.exchange import Client, RecorderGoneError
 from daq.control.messages import AskStatus, Status
 from daq.journal.reader import JournalLoss, read_journal, segments_in
 from dbc.frames import FrameBatch

@@ -25,7 +25,7 @@ import pytest
 from daq.bench.config import Bench, bench_codec, load_bench, parse_bench
 from daq.bus.source import SourceLosses
 from daq.control.address import Address
-from daq.control.client import Client
+from daq.control.exchange import Client, Server
 from daq.control.messages import (
     Accept,
     Arm,
@@ -41,7 +41,6 @@ from daq.control.messages import (
     Stop,
     Until,
 )
-from daq.control.server import Server
 from daq.journal.reader import segments_in
 from daq.recorder import recorder as engine_module
 from daq.recorder.readers import PieceQueue

@@ -19,7 +19,8 @@ from daq.bench.campaign import Step
 from daq.bench.config import Bench, load_bench
 from daq.channels import Channel, Quantity
 from daq.runs import ADDED, BASELINE, Excitation, Losses
-from daq.samples.trigger import TriggerState, advance, trigger_channels
+from daq.samples.mapping import trigger_channels
+from daq.samples.trigger import TriggerState, advance
 from daq.sim.car import NOISE, SensorTruth, SimulatedCar
 from daq.sim.elements import NONE, Friction, Imperfections
 from daq.sim.motion import Bump, Kinematics, Moving, TwoBumps, drive

@@ -23,7 +23,7 @@ from textual.pilot import Pilot
 
 from daq.bench.config import default_bench_text
 from daq.control.address import control_address, is_running
-from daq.control.client import Client
+from daq.control.exchange import Client
 from daq.control.messages import AskStatus, Mark, ShutDown, Status
 from tui.recorders.process import failure, start_demo_recorder
 from tui.terminal.app import BenchApp

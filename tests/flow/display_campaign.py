@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from daq.control.address import control_address
-from daq.control.client import Client
+from daq.control.exchange import Client
 from daq.control.messages import Mark
 
 from .axe import assert_accessible

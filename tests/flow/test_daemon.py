@@ -21,7 +21,7 @@ import pytest
 import zmq
 
 from daq.control.address import control_address
-from daq.control.client import Client
+from daq.control.exchange import Client
 from daq.control.messages import Arm, AskStatus, Phase, Status
 from daq.journal.reader import read_journal
 from tui.cli import run

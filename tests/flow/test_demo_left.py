@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from daq.control.address import control_address, is_running
-from daq.control.client import Client
+from daq.control.exchange import Client
 from daq.journal.reader import segments_in
 
 from .bench_terminal import PATIENCE_S, PtyTerminal, end_recorder

@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 
 from daq.control.address import control_address
-from daq.control.client import Client
+from daq.control.exchange import Client
 from daq.control.messages import Hello, Pause, Phase, Status
 from daq.runlog import LoggedStatus
 from tui.terminal.feed import Lost, News, RecorderFeed, Role

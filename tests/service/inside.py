@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from daq.control.address import control_address
-from daq.control.client import Client, RecorderGoneError
+from daq.control.exchange import Client, RecorderGoneError
 from daq.control.messages import AskStatus, Order, SessionState, Start, Status, Stop
 from daq.session import read_session
 

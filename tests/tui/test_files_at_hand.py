@@ -227,7 +227,7 @@ def test_the_simulated_car_is_bumped_again_when_the_recorder_rejects(
         def close(self) -> None: ...
 
     answers = [False] * 5 + [True] * (len(script) - 1)
-    monkeypatch.setattr("daq.control.client.Client", Recorder)
+    monkeypatch.setattr("daq.control.exchange.Client", Recorder)
     monkeypatch.setattr("daq.control.address.is_running", lambda _: bool(answers and answers.pop()))
     no_wait = SimpleNamespace(monotonic=time.monotonic, sleep=lambda _: None)
     monkeypatch.setattr("daq.replay.time", no_wait)

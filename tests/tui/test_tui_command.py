@@ -14,7 +14,7 @@ from unittest.mock import Mock
 import pytest
 
 from daq.bench.campaign import Origin
-from daq.control.client import OrderRefusedError, RecorderGoneError
+from daq.control.exchange import OrderRefusedError, RecorderGoneError
 from daq.control.messages import AskStatus, Order, Reply, Setup, Status
 from tui.browser import server
 from tui.cli import run
@@ -165,7 +165,7 @@ def test_the_status_is_printed_in_lines_or_whole(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     recorder = Asked(replace(a_status(), vehicle="T5"))
-    monkeypatch.setattr("daq.control.client.Client", recorder)
+    monkeypatch.setattr("daq.control.exchange.Client", recorder)
     assert run(["status", str(tmp_path)]) == 0
     out, err = capsys.readouterr()
     assert out.startswith("T5, into /var/lib/bumpbench: ")
@@ -193,7 +193,7 @@ def test_a_recorder_without_a_status_is_exit_1(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     recorder = Asked(says)
-    monkeypatch.setattr("daq.control.client.Client", recorder)
+    monkeypatch.setattr("daq.control.exchange.Client", recorder)
     assert run(["status", str(tmp_path)]) == 1
     assert capsys.readouterr() == ("", f"bumpbench: {tmp_path}: {why}\n")
     assert recorder.calls[-1] == "closed"

@@ -138,7 +138,7 @@ class _RecorderStatus:
 
     def __init__(self, folder: Path, stage: Callable[[float, str], None]) -> None:
         from daq.control.address import control_address
-        from daq.control.client import Client
+        from daq.control.exchange import Client
 
         self._address, self._stage = control_address(folder), stage
         self._waits = f"at rest: waiting for the recorder of {folder}"
@@ -149,7 +149,7 @@ class _RecorderStatus:
     def __call__(self) -> Status | None:
         """Return the newest status; None before the recorder answers."""
         from daq.control.address import is_running
-        from daq.control.client import Client, RecorderGoneError
+        from daq.control.exchange import Client, RecorderGoneError
         from daq.control.messages import Status
 
         running = is_running(self._address)

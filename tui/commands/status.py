@@ -17,7 +17,7 @@ def status(
 ) -> int:
     """Print the status of a folder's recorder; exit code 1 if none runs there."""
     from daq.control.address import control_address
-    from daq.control.client import Client, OrderRefusedError, RecorderGoneError
+    from daq.control.exchange import Client, OrderRefusedError, RecorderGoneError
     from daq.control.messages import STATUS, AskStatus
 
     from ..output import print_json, print_line

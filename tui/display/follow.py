@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from daq import InputError
-from daq.control.client import OrderRefusedError
+from daq.control.exchange import OrderRefusedError
 from daq.control.messages import AskBench, AskHistory, Live, Status
 
 from ..terminal.feed import Feed, Lanes, Lost, News, lane_specs

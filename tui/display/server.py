@@ -18,7 +18,7 @@ from typing import Any
 
 from aiohttp import web
 
-from daq.control.client import OrderRefusedError
+from daq.control.exchange import OrderRefusedError
 from daq.control.messages import Hello
 
 from ..browser.guard import Guard

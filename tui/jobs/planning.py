@@ -60,7 +60,7 @@ def sensors(bench: Bench, rate_hz: float | None) -> tuple[Sensor, ...]:
     """Return the sensors of a bench, with the usual noise of their kind."""
     from daq import Quantity
     from daq.bench.config import bench_codec
-    from daq.samples.trigger import mapped_channels
+    from daq.samples.mapping import mapped_channels
     from identify.plan import sensor
 
     return tuple(

@@ -24,9 +24,9 @@ from .log import Log
 
 if TYPE_CHECKING:
     from daq.bench.config import Bench
+    from daq.control.exchange import Server
     from daq.control.messages import Live, Reply, Status
     from daq.control.monitoring import Systemd
-    from daq.control.server import Server
     from daq.recorder.recorder import Recorder
 
 BY = "record"
@@ -76,9 +76,9 @@ def run_recorder(
     session file.  Raises InputError if no client could connect to it.
     """
     from daq.control.address import control_address
+    from daq.control.exchange import Server
     from daq.control.messages import setup_of
     from daq.control.monitoring import Systemd
-    from daq.control.server import Server
 
     server = Server(recorder.submit, control_address(folder), setup_of(bench))
     systemd = Systemd()

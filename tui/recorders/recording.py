@@ -60,7 +60,7 @@ def record_campaign(
 
     from daq.bench.config import bench_codec
     from daq.recorder.recorder import Recorder
-    from daq.samples.trigger import mapped_channels
+    from daq.samples.mapping import mapped_channels
 
     codec = bench_codec(bench)
     say_left_out(codec)

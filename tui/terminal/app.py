@@ -22,7 +22,7 @@ from textual.worker import WorkType
 
 from daq import InputError
 from daq.control import messages
-from daq.control.client import OrderRefusedError
+from daq.control.exchange import OrderRefusedError
 from daq.control.messages import (
     Acknowledge,
     AskBench,

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from daq import BumpbenchError, Channel, Quantity
 from daq.channels import AT_CORNER
 from daq.control.address import control_address, is_locked, is_running, unreachable_words
-from daq.control.client import Client, OrderRefusedError, RecorderGoneError
+from daq.control.exchange import Client, OrderRefusedError, RecorderGoneError
 from daq.control.messages import AskCheck, Hello, Live, Order, Phase, Reply, Setup, Status
 
 from ..recorders.process import LOG, failure

@@ -16,8 +16,7 @@ from daq.bench.campaign import Campaign, Method, instruction, sketch
 from daq.bench.config import Bench, bench_codec, parse_bench
 from daq.check.check import check_bench
 from daq.runs import Excitation, SampleGroup
-from daq.samples.groups import sample_groups, timekeeping
-from daq.samples.mapping import map_channels
+from daq.samples.mapping import map_channels, sample_groups, timekeeping
 from dbc.finding import Severity
 from dbc.frames import FrameBatch
 from dbc.samples import Quality

@@ -13,7 +13,7 @@ from daq.bench.databases import Database, stored_databases, stored_text
 from daq.bench.edit import with_channel
 from daq.bench.ready_maps import completed, sensor_map
 from daq.errors import InputError
-from daq.samples.trigger import bench_mapping
+from daq.samples.mapping import bench_mapping
 from dbc import Samples
 
 from ..sensor_bench import DATABASES, IMU, POT, TEXT, channel, sensor_bench

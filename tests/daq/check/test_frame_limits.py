@@ -16,8 +16,7 @@ from daq.bench.message_rules import SampleSet, SensorClock
 from daq.channels import Channel, Quantity
 from daq.check.check import CheckReport, check_bench
 from daq.check.frame_checks import check_buses, check_messages, frame_table, mixed_messages
-from daq.samples.groups import Timekeeping
-from daq.samples.mapping import map_channels
+from daq.samples.mapping import Timekeeping, map_channels
 from dbc import Codec, FrameBatch, FrameFlag, parse_codec
 from dbc.finding import Finding, Severity
 from dbc.layout import CounterRule, MessageLayout

@@ -16,7 +16,7 @@ import zmq
 from pydantic import TypeAdapter, ValidationError
 
 from daq.control.address import Address, control_address, is_running
-from daq.control.client import Client, OrderRefusedError, RecorderGoneError
+from daq.control.exchange import Client, OrderRefusedError, Peers, RecorderGoneError, Server
 from daq.control.messages import (
     LIVE,
     LIVE_TOPIC,
@@ -36,7 +36,6 @@ from daq.control.messages import (
     Reject,
     Reply,
 )
-from daq.control.server import Peers, Server
 from daq.errors import InputError
 
 ALIVE = f"{os.getpid()}-a"

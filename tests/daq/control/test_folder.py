@@ -17,8 +17,8 @@ import pytest
 from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
 from daq.control.address import control_address, is_locked, lone_recorder, unreachable_words
+from daq.control.exchange import Server
 from daq.control.messages import Order, Reply
-from daq.control.server import Server
 from daq.errors import FolderLockedError, InputError
 from daq.files import write_text
 from daq.journal.writer import JournalWriter

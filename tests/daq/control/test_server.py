@@ -19,7 +19,13 @@ import zmq
 
 from daq.bench.campaign import Origin
 from daq.control.address import Address, control_address, is_running
-from daq.control.client import Client, OrderRefusedError, RecorderGoneError
+from daq.control.exchange import (
+    MAX_REQUEST_BYTES,
+    Client,
+    OrderRefusedError,
+    RecorderGoneError,
+    Server,
+)
 from daq.control.messages import (
     PROTOCOL,
     REPLY,
@@ -35,7 +41,6 @@ from daq.control.messages import (
     Status,
     setup_of,
 )
-from daq.control.server import MAX_REQUEST_BYTES, Server
 
 from ..a_status import a_status
 from ..small_campaign import small_bench
@@ -167,7 +172,7 @@ def test_control_of_a_killed_terminal_is_free_at_once(
     code = (
         "import sys, time; from pathlib import Path\n"
         "from daq.control.address import control_address\n"
-        "from daq.control.client import Client\n"
+        "from daq.control.exchange import Client\n"
         "client = Client(control_address(Path(sys.argv[1])), 'Anna', True)\n"
         "print('in control', flush=True); time.sleep(60)"
     )
@@ -350,7 +355,7 @@ def test_the_server_knows_for_how_long_no_client_has_been_there(
 
     def alone_at(later_s: float) -> float:
         with monkeypatch.context() as patch:
-            patch.setattr("daq.control.server.time.monotonic", lambda: begun_s + later_s)
+            patch.setattr("daq.control.exchange.time.monotonic", lambda: begun_s + later_s)
             return server.alone_s()
 
     assert alone_at(59.0) == 0.0
@@ -369,7 +374,7 @@ def test_whether_a_client_is_there_is_known(
     server: Server, address: Address, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A recorder that no client watches looks at its frames less often."""
-    monkeypatch.setattr("daq.control.server.LEASE_S", 0.5)
+    monkeypatch.setattr("daq.control.exchange.LEASE_S", 0.5)
     assert not server.has_clients()
     viewer = Client(address, "viewer", control=False)
     assert server.has_clients()  # at once, not only with the next status

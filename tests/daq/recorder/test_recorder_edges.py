@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from daq.bench.config import Bench
 from daq.bus.source import STEADY_CLOCK, SourceLosses
 from daq.control.address import Address, control_address
+from daq.control.exchange import Server
 from daq.control.messages import (
     STATUS,
     Arm,
@@ -31,7 +32,6 @@ from daq.control.messages import (
     Undo,
     Until,
 )
-from daq.control.server import Server
 from daq.journal.reader import last_recording, read_journal, recordings, scan, segments_in
 from daq.journal.segment import SyncedFile
 from daq.recorder.campaigns import Derivation

@@ -20,7 +20,7 @@ from daq import read_session
 from daq.bench.config import Bench, parse_bench
 from daq.bus.source import SourceLosses
 from daq.control.address import control_address, is_running
-from daq.control.client import Client
+from daq.control.exchange import Client
 from daq.control.messages import (
     Arm,
     AskStatus,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linprog
 
 from daq.samples.clock import arrival_times, even_times, lower_line, sensor_times, stamped_times
-from daq.samples.groups import bind
+from daq.samples.mapping import bind
 
 T0_NS = 1_700_000_000_000_000_000
 Floats = NDArray[np.float64]

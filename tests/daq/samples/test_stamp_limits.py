@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from daq.samples.clock import SensorTimes, even_times, sensor_times, stamped_times
-from daq.samples.groups import bind, bind_counted, group_names
+from daq.samples.mapping import bind, bind_counted, group_names
 from dbc.samples import Samples
 
 Array = NDArray[np.float64]

@@ -12,14 +12,8 @@ from numpy.typing import NDArray
 from daq.bench.config import TriggerConfig
 from daq.channels import Channel, Quantity, paper_channels
 from daq.runs import Event
-from daq.samples.trigger import (
-    TriggerPhase,
-    TriggerState,
-    advance,
-    not_at_rest,
-    pre_trigger_full,
-    trigger_channels,
-)
+from daq.samples.mapping import trigger_channels
+from daq.samples.trigger import TriggerPhase, TriggerState, advance, not_at_rest, pre_trigger_full
 
 CONFIG = TriggerConfig(level=3.0, pre_s=0.5, post_s=1.0, rest_s=0.2)
 START_NS = 1_700_000_000_123_456_789

@@ -17,7 +17,7 @@ from daq.bench.campaign import Step
 from daq.bench.channel_map import ChannelMap, GivenRun, load_channel_map
 from daq.errors import InputError
 from daq.runs import Excitation, RunStatus, SampleGroup
-from daq.samples.columns import Column, Columns
+from daq.samples.mapping import Column, Columns
 from daq.session.from_columns import Recording, bumps_in, given_run, recording, session_from_columns
 
 nan = float("nan")

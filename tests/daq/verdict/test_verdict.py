@@ -11,7 +11,8 @@ import pytest
 from daq.bench.campaign import Method, Step
 from daq.bench.config import Bench, load_bench
 from daq.runs import BASELINE, Excitation, Losses
-from daq.samples.trigger import TriggerState, advance, trigger_channels
+from daq.samples.mapping import trigger_channels
+from daq.samples.trigger import TriggerState, advance
 from daq.sim.motion import PUSHED_S, Moving, dropped, pushed_down
 from daq.sim.plant import load_car
 from daq.vehicle import FORD_GRANADA, AddedMass

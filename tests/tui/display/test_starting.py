@@ -18,7 +18,7 @@ from typing import Any, NoReturn
 
 import pytest
 
-from daq.control.client import OrderRefusedError
+from daq.control.exchange import OrderRefusedError
 from daq.control.messages import Arm, AskBench, AskHistory, Order, Reply
 from daq.errors import InputError
 from tui.cli import run

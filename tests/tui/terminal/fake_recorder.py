@@ -13,7 +13,7 @@ import numpy as np
 
 from daq.bench.campaign import Campaign
 from daq.bench.config import Bench, default_bench_text, parse_bench
-from daq.control.client import OrderRefusedError
+from daq.control.exchange import OrderRefusedError
 from daq.control.messages import (
     Accept,
     Acknowledge,

@@ -15,7 +15,7 @@ import pytest
 from filelock import FileLock
 
 from daq.bench.campaign import Origin
-from daq.control.client import OrderRefusedError, RecorderGoneError
+from daq.control.exchange import OrderRefusedError, RecorderGoneError
 from daq.control.messages import Arm, AskStatus, Order, Reply, Setup, Status
 from tui.terminal import feed
 from tui.terminal.feed import BIRTH_S, Lost, News, RecorderFeed, Role
