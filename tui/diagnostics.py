@@ -16,9 +16,6 @@ PAGES = (".html", ".htm")
 """Endings of pages."""
 SHEETS = (".pdf",)
 """Endings of printed reports."""
-
-PROMETHEUS = (".prom",)
-"""Ending of the files that its node exporter reads."""
 _NAMED = 5
 _NO_CHOICE = re.compile(r"'([^']*)' is not one of (.*)")
 _CHOICE = re.compile(r"'([^']*)'")

@@ -6,12 +6,16 @@ import json
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from daq.documents import strict
 
 if TYPE_CHECKING:  # slow to load; a program that reads JSON needs none of it
     from rich.console import Console, JustifyMethod
+
+    from daq import Session
 
 _FILE_WIDTH = 400
 
@@ -74,6 +78,42 @@ def print_labelled(rows: Sequence[tuple[str, str]]) -> None:
         for line in textwrap.wrap(_visible(text), width - column) if folds else [_visible(text)]:
             print_line(set_cell_size(label, column) + line)
             label = ""
+
+
+def session_document(path: Path, session: Session) -> dict[str, Any]:
+    """Return file, vehicle and runs of a session as a JSON document."""
+    runs = [
+        {
+            "label": run.label,
+            "status": str(run.status),
+            "reasons": list(run.reasons),
+            "samples": {group.name: len(group.time_s) for group in run.groups},
+            "frames": len(run.frames),
+            "losses": asdict(run.losses),
+        }
+        for run in session.runs
+    ]
+    return {"session": str(path), "vehicle": session.vehicle.name, "runs": runs}
+
+
+def print_session(path: Path, session: Session, json: bool, **more: Any) -> None:
+    """Write a session as a table with one row for each run; as JSON, with further entries."""
+    if json:
+        print_json(session_document(path, session) | more)
+        return
+    from dbc import counted
+
+    rows = []
+    for run in session.runs:
+        losses = ", ".join(f"{n} {name}" for name, n in asdict(run.losses).items() if n)
+        cells = [f"{run.length_s:.1f}", f"{len(run.frames):,}", losses or "none"]
+        rows.append([run.label, str(run.status), *cells])
+    columns = ["run", "status", "length s", "frames", "losses"]
+    print_table(f"{session.vehicle.name}: {counted(len(rows), 'run')}", columns, rows)
+    for run in session.runs:
+        for reason in run.reasons:
+            print_line(f"  {run.label}: {reason}")
+    print_line(f"session: {path}")
 
 
 def _visible(text: str) -> str:

@@ -1,24 +1,14 @@
-"""Reports a recorder to the service manager and to a monitoring system.
-
-systemd gets ready, alive, status line and stopping; a Prometheus text file gets the figures.
-"""
+"""Reports a recorder to systemd: ready, alive, status line and stopping."""
 
 from __future__ import annotations
 
 import os
-from collections import Counter
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from dataclasses import dataclass
 
-from prometheus_client import CollectorRegistry, Gauge, Metric, generate_latest
-from prometheus_client.core import CounterMetricFamily
-from prometheus_client.registry import Collector
 from sdnotify import SystemdNotifier
 
 from dbc.words import counted
 
-from ..files import write_bytes
 from .messages import BusState, Status
 
 STILL_S = 2.0
@@ -125,61 +115,3 @@ def status_line(status: Status) -> str:
     if status.losses.words:
         parts.append(status.losses.words)
     return ", ".join(parts)
-
-
-def write_figures(path: Path, status: Status) -> None:
-    """Write the figures of a status; the file is replaced as a whole.
-
-    Raises OSError if it cannot be written.
-    """
-    registry = CollectorRegistry()
-    storage, disk, queue = status.storage, status.disk, status.queue
-    codes = Counter(alarm.code for alarm in status.alarms)
-    for name, value, text in (
-        ("recording", "not_recording" not in codes, "1, or 0 if frames arrive and none is stored"),
-        ("campaign", bool(status.recording), "1 during a campaign, 0 between campaigns"),
-        ("unstored_seconds", storage.late_s, "Time for which frames arrive and none is stored"),
-        ("status_seconds", status.wall_ns * 1e-9, "Wall-clock time of these figures"),
-        ("recorded_frames", disk.recorded_frames, "Frames on the disk"),
-        ("lag_seconds", disk.lag_s, "Age of the oldest frame that is not on the disk"),
-        ("disk_free_bytes", disk.free_bytes, "Free space on the disk"),
-        ("journal_bytes", disk.journal_bytes, "Size of the journal"),
-        ("held_frames", disk.held_frames, "Frames in memory because the disk refuses them"),
-        ("queue_blocks", queue.blocks, "Blocks between readers and writer"),
-        ("queue_high_blocks", queue.high, "Largest number of these blocks since the start"),
-        ("sensors_alive", status.sensors_alive, "Messages of the bench that arrive"),
-        ("sensors_expected", status.sensors_expected, "Messages of the bench"),
-        ("viewers", status.viewers, "Clients that only watch"),
-    ):
-        Gauge(f"bumpbench_{name}", text, registry=registry).set(value)
-    registry.register(
-        _Counters(
-            ("received_frames", storage.received_frames, "Frames of all buses since the start"),
-            ("stored_frames", storage.stored_frames, "Frames stored on the disk since the start"),
-        )
-    )
-    buses, up = status.buses, (BusState.OK, BusState.ERROR_PASSIVE)
-    for name, label, values, text in (
-        ("lost_frames", "hop", asdict(status.losses), "Frames lost, by place of the loss"),
-        ("alarms", "code", codes, "Present alarms, by code"),
-        ("bus_up", "bus", {b.name: b.state in up for b in buses}, "1 if frames come from the bus"),
-        ("bus_load", "bus", {b.name: b.load for b in buses}, "Share of the bit rate in use"),
-        ("bus_frames", "bus", {b.name: b.frames for b in buses}, "Frames since the start"),
-        ("bus_error_frames", "bus", {b.name: b.error_frames for b in buses}, "Error frames"),
-        ("bus_reopened", "bus", {b.name: b.reopened for b in buses}, "Times opened again"),
-    ):
-        gauge = Gauge(f"bumpbench_{name}", text, [label], registry=registry)
-        for key, value in values.items():
-            gauge.labels(key).set(value)
-    write_bytes(path, generate_latest(registry))
-
-
-class _Counters(Collector):
-    """Numbers that only grow: name, value and help text of each."""
-
-    def __init__(self, *counters: tuple[str, int, str]) -> None:
-        self._counters = counters
-
-    def collect(self) -> Iterator[Metric]:
-        for name, value, text in self._counters:
-            yield CounterMetricFamily(f"bumpbench_{name}", text, value)

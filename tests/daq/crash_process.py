@@ -37,7 +37,7 @@ from daq.control.exchange import Client, RecorderGoneError
 from daq.control.messages import AskStatus, Status
 from daq.journal.reader import JournalLoss, read_journal, segments_in
 from dbc.frames import FrameBatch
-from tui.commands.recover import recover
+from tui.commands.record import recover
 
 from .small_campaign import bumps, small_bench, small_codec
 

@@ -25,7 +25,7 @@ from daq.bench.config import default_bench_text
 from daq.control.address import control_address, is_running
 from daq.control.exchange import Client
 from daq.control.messages import AskStatus, Mark, ShutDown, Status
-from tui.recorders.process import failure, start_demo_recorder
+from tui.recorders.process import failure, start_recorder
 from tui.terminal.app import BenchApp
 from tui.terminal.campaign import BenchStep
 from tui.terminal.device import LOCK_OUT_S
@@ -73,7 +73,8 @@ class DemoBench:
 
     def start(self) -> subprocess.Popen[bytes]:
         """Start a recorder; it takes up what the one before has left."""
-        process = start_demo_recorder(self.folder, self._speed, self._fault, bench=self.bench)
+        words = ["--idle", "--demo", "--speed", f"{self._speed:g}", "--fault", self._fault]
+        process = start_recorder(self.folder, str(self.bench), *words)
         self.processes.append(process)
         return process
 

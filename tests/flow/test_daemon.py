@@ -43,7 +43,6 @@ class Daemon:
         self.bench = folder / "bench.toml"
         default = (Path(__file__).parents[2] / "daq" / "bench.toml").read_text()
         self.bench.write_text(default)
-        self.figures = folder / "figures.prom"
         self.heard: list[str] = []
         self.process = subprocess.Popen(
             [sys.executable, "-m", "tui", "record", *self.arguments],
@@ -54,7 +53,7 @@ class Daemon:
     @property
     def arguments(self) -> list[str]:
         bus = ["--interface", "udp_multicast", "--channel", GROUP]
-        rest = ["--keep-on", "--idle", "--figures", str(self.figures)]
+        rest = ["--keep-on", "--idle"]
         return [str(self.bench), "--out", str(self.folder), *bus, *rest]
 
     def hears(self, line: str) -> None:
@@ -145,7 +144,6 @@ def test_a_daemon_from_start_to_end(daemon: Daemon, capsys: pytest.CaptureFixtur
         assert reported["controller"] == "Anna"
         assert run(["status", str(daemon.folder)]) == 0
         assert "in control: Anna" in capsys.readouterr().out
-        daemon.until(daemon.figures.exists)
 
         daemon.bench.write_text((Path(__file__).parents[2] / "daq" / "bench.toml").read_text())
         second = subprocess.run(

@@ -13,7 +13,7 @@ from daq.control.messages import SessionState
 from daq.errors import InputError
 from daq.replay import whole_frames
 from daq.runlog import LoggedStatus
-from tui.recorders.process import start_replay_recorder
+from tui.recorders.process import start_recorder
 from tui.terminal.app import BenchApp
 from tui.terminal.campaign import BenchStep, progress
 
@@ -82,7 +82,7 @@ def results_by_space(folder: Path, session: Path) -> Path:
             assert operator.went_through()[-2:] == RESULTS
             return Path(app.status.session.path).with_suffix(".html")
 
-    player = start_replay_recorder(folder, session, 4.0 * SPEED)
+    player = start_recorder(folder, "--replay", str(session), "--speed", f"{4.0 * SPEED:g}")
     try:
         wait_for_recorder(player, folder)
         return asyncio.run(act())

@@ -24,7 +24,6 @@ RESERVED = {
     "tomlkit": ("daq/bench/edit.py",),
     "filelock": ("daq/control/address.py",),
     "sdnotify": ("daq/control/monitoring.py",),
-    "prometheus_client": ("daq/control/monitoring.py",),
     "textual": tuple(
         f"tui/terminal/{room}"
         for room in (

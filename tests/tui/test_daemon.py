@@ -32,8 +32,12 @@ from daq.errors import InputError
 from daq.recorder.recorder import Publish
 from tui.recorders.daemon import Lifetime, _Daemon, _Signals
 from tui.recorders.log import Log
+from tui.recorders.traffic import Traffic
 
 from ..daq.a_status import a_status
+
+BENCH = parse_bench(default_bench_text(), "bench.toml", Path(), "")
+TRAFFIC = Traffic(BENCH, cast(Any, None), lambda: BENCH)
 
 
 class Engine:
@@ -54,8 +58,9 @@ class Engine:
 
 
 def daemon(engine: Engine, arm: bool = True, keep_on: bool = True, stay: bool = False) -> _Daemon:
-    lifetime = Lifetime(arm, keep_on, None, lambda: cast(Bench, None), stay=stay)
-    return _Daemon(cast(Any, engine), cast(Any, None), cast(Any, None), lifetime, Log(None))
+    lifetime = Lifetime(arm, keep_on, stay=stay)
+    none = cast(Any, None)
+    return _Daemon(cast(Any, engine), none, none, TRAFFIC, lifetime, Log(None))
 
 
 def at(recording: str, phase: Phase, session: SessionState = SessionState.NONE) -> Status:
@@ -176,8 +181,8 @@ def test_a_demonstration_ends_ten_seconds_after_its_last_terminal(
     attended: bool, alone_s: tuple[float, ...], left: list[float] | None
 ) -> None:
     both = Deserted(*alone_s)
-    lifetime = Lifetime(False, True, None, lambda: cast(Bench, None), attended=attended)
-    one = _Daemon(cast(Any, both), cast(Any, both), Systemd(), lifetime, Log(None))
+    lifetime = Lifetime(arm=False, keep_on=True, attended=attended)
+    one = _Daemon(cast(Any, both), cast(Any, both), Systemd(), TRAFFIC, lifetime, Log(None))
     one.run(_Signals(threading.Event()), lambda *_: None)
     assert both.stopped == (left is not None)
     if left is not None:
@@ -185,8 +190,6 @@ def test_a_demonstration_ends_ten_seconds_after_its_last_terminal(
 
 
 # Signals --------------------------------------------------------------------------------
-
-BENCH = parse_bench(default_bench_text(), "bench.toml", Path(), "")
 
 
 class All:
@@ -248,13 +251,9 @@ class All:
         self.said.append("closed")
 
 
-def _of_one(all_: Any, log: Log, lifetime: Lifetime) -> _Daemon:
-    return _Daemon(all_, all_, all_, lifetime, log)
-
-
-def made(all_: All, log: Log, **changes: Any) -> _Daemon:
-    plain = Lifetime(False, False, None, lambda: BENCH)
-    return _of_one(all_, log, replace(plain, **changes))
+def made(all_: Any, log: Log, keep_on: bool = False, **changes: Any) -> _Daemon:
+    traffic = replace(TRAFFIC, **changes)
+    return _Daemon(all_, all_, all_, traffic, Lifetime(arm=False, keep_on=keep_on), log)
 
 
 def none(*_: object) -> None:
@@ -442,18 +441,16 @@ def test_a_recorder_that_fails_ends_the_command_with_its_reason(tmp_path: Path) 
         def stopping(self) -> None:
             """Say nothing to systemd."""
 
-    lifetime = Lifetime(False, True, None, lambda: cast(Any, None))
-    one = _of_one(Failing(), Log(tmp_path / "a.log"), lifetime)
+    one = made(Failing(), Log(tmp_path / "a.log"), keep_on=True)
     with pytest.raises(InputError, match="is gone"):
         one.run(_Signals(threading.Event()), lambda *_: None)
 
 
-def test_figures_that_cannot_be_written_and_a_thread_that_hangs_are_logged(
+def test_a_thread_that_hangs_is_logged_when_systemd_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    clock = [100.0]
+    clock, notified = [100.0], list[float]()
     monkeypatch.setattr("tui.recorders.daemon.time.monotonic", lambda: clock[0])
-    notified: list[float] = []
 
     class Hanging:
         def heartbeats(self) -> None:
@@ -463,24 +460,12 @@ def test_figures_that_cannot_be_written_and_a_thread_that_hangs_are_logged(
             notified.append(now_s)
             return "the writer hangs"
 
-    figures = tmp_path / "bumpbench.prom"
-    lifetime = Lifetime(False, True, figures, lambda: cast(Any, None))
     path = tmp_path / "a.log"
     with Log(path) as log:
-        one = _of_one(Hanging(), log, lifetime)
-        one._report(a_status())
-        assert "bumpbench" in figures.read_text()
-        figures.unlink()
-        for now_s, written in ((100.9, False), (101.0, False), (104.9, False), (105.0, True)):
-            clock[0] = now_s
+        one = made(Hanging(), log, keep_on=True)
+        for clock[0] in (100.0, 100.9, 101.0):
             one._report(a_status())
-            assert figures.exists() is written
-        figures.unlink()
-        figures.mkdir()
-        clock[0] = 110.0
-        one._report(a_status())
-    assert notified == [100.0, 101.0, 104.9, 110.0]
+    assert notified == [100.0, 101.0]
     text = path.read_text()
-    assert text.count("the writer hangs") == 4
-    assert text.count(f"{figures}: ") == 1
+    assert text.count("the writer hangs") == 2
     assert text.count("recording Granada into") == 1

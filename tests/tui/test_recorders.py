@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import subprocess
 import sys
-import threading
 from dataclasses import replace
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, cast
 
@@ -14,155 +14,302 @@ import pytest
 
 from daq import write_session
 from daq.bench.campaign import Origin
-from daq.bench.config import RecorderConfig, default_bench_text, parse_bench
+from daq.bench.config import Bench, RecorderConfig, default_bench_text, parse_bench
 from daq.bus.source import HopLosses
-from daq.control.messages import Alarm, SessionState, SessionStatus, Setup
-from daq.errors import InputError
+from daq.control.messages import Alarm, Phase, SessionState, SessionStatus, Status
+from daq.errors import BusError, InputError
 from daq.journal.format import JournalHead
 from daq.journal.writer import JournalWriter
 from daq.runs import Losses, RunStatus
 from dbc import shipped_dbc
+from dbc.finding import Finding, Severity
+from identify import Judgement
 from tui.cli import run
-from tui.commands.demo import begun_anew
-from tui.commands.tui import _starter, _wanted
-from tui.invocation import invoke
-from tui.recorders import recording
-from tui.recorders.daemon import Lifetime
-from tui.recorders.log import Log
-from tui.recorders.played import commands
-from tui.recorders.process import failure, last_line, start_recorder
-from tui.recorders.recording import print_outcome, record_campaign, recorded_session
+from tui.commands.demo import begun_anew, next_commands
+from tui.recorders import daemon
+from tui.recorders.daemon import Lifetime, record_campaign
+from tui.recorders.lines import print_outcome, recorded_session
+from tui.recorders.process import failure, start_recorder
+from tui.recorders.traffic import Traffic
 
 from ..daq.a_status import a_status
 from ..daq.crash_frames import QuickFile, journal_of_runs
 from ..daq.small_campaign import bumps, small_bench, small_codec
 from ..daq.small_session import small_session
+from ..identify.results import result
 from .batches import refused_session
+from .conftest import Stages
+
+# A process of its own -----------------------------------------------------------------------------
 
 
-class Started:
-    """A process that is only noted."""
+def test_a_recorder_is_started_in_its_folder_and_outlives_the_terminal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    started: list[tuple[list[str], dict[str, Any]]] = []
+    monkeypatch.setattr(
+        "tui.recorders.process.subprocess.Popen",
+        lambda command, **options: started.append((command, options)),
+    )
+    folder = tmp_path / "new" / "day"
+    start_recorder(folder, "b.toml", "--idle")
+    ((command, options),) = started
+    log = folder / "recorder.log"
+    assert command == [
+        sys.executable, "-m", "tui", "record", "--keep-on", "b.toml", "--idle",
+        "--out", str(folder), "--log", str(log),
+    ]  # fmt: skip
+    assert options["start_new_session"] is True
+    assert options["stdin"] == options["stdout"] == subprocess.DEVNULL
+    assert log.is_file()
 
-    def __init__(self) -> None:
-        self.commands: list[list[str]] = []
-        self.options: dict[str, Any] = {}
-        self.code: int | None = None
 
-    def __call__(self, command: list[str], **options: Any) -> Started:
-        self.commands.append(command)
-        self.options = options
-        return self
+@pytest.mark.parametrize(
+    ("code", "log", "words"),
+    [
+        (None, "", ""),
+        (0, "", ""),
+        (-9, "", "the recorder was ended by SIGKILL"),
+        (2, None, "the recorder ended: no log"),
+        (2, " \n\n", "the recorder ended: its log is empty"),
+        (2, "x" * 3000 + "\nbumpbench: error: can0: no such bus\n\n",
+         "the recorder ended: can0: no such bus"),
+        (1, "Traceback\nValueError: odd\n", "the recorder ended: ValueError: odd"),
+    ],
+)  # fmt: skip
+def test_a_recorder_that_was_not_shut_down_says_why_in_the_last_line_of_its_log(
+    code: int | None, log: str | None, words: str, tmp_path: Path
+) -> None:
+    if log is not None:
+        (tmp_path / "recorder.log").write_text(log)
 
-    def poll(self) -> int | None:
-        """Return the exit code; None while it runs."""
-        return self.code
+    class Ended:
+        def poll(self) -> int | None:
+            return code
+
+    assert failure(cast(Any, Ended()), tmp_path) == words
+
+
+# What is recorded ---------------------------------------------------------------------------------
+
+
+class Recorded:
+    """A recorder that records nothing: it notes what it is given, and reports a session."""
+
+    def __init__(self, session: Path) -> None:
+        self.traffic: Traffic
+        self.folder: Path
+        self.lifetime: Lifetime
+        self.calls = 0
+        status = SessionStatus(SessionState.READY, str(session))
+        self.last = replace(a_status(), session=status)
+
+    def __call__(
+        self, traffic: Traffic, folder: Path, lifetime: Lifetime, log: Any, stage: Any
+    ) -> Status:
+        self.traffic, self.folder, self.lifetime = traffic, folder, lifetime
+        self.calls += 1
+        if traffic.follow is not None:
+            traffic.follow(replace(self.last, phase=Phase.ARMED))
+        stage(0.5, "recording")
+        log.line("recorded")
+        return self.last
+
+    @property
+    def lives(self) -> tuple[bool, bool, bool, bool]:
+        """Return whether it arms, keeps on, stays at a campaign, and ends with its terminal."""
+        its = self.lifetime
+        return its.arm, its.keep_on, its.stay, its.attended
 
 
 @pytest.fixture
-def started(monkeypatch: pytest.MonkeyPatch) -> Started:
-    made = Started()
-    monkeypatch.setattr("tui.recorders.process.subprocess.Popen", made)
+def recorded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Recorded:
+    path = tmp_path / "session_0001.h5"
+    write_session(path, small_session())
+    made = Recorded(path)
+    monkeypatch.setattr("tui.recorders.daemon.record_campaign", made)
     return made
 
 
-def test_a_recorder_is_started_idle_in_its_folder(tmp_path: Path, started: Started) -> None:
-    folder, bench = tmp_path / "new" / "day", tmp_path / "b.toml"
-    start_recorder(bench, folder, "socketcan", "can0")
-    log = str(folder / "recorder.log")
-    assert started.commands == [
-        [sys.executable, "-m", "tui", "record", str(bench), "--out", str(folder), "--keep-on",
-         "--idle", "--log", log, "--interface", "socketcan", "--channel", "can0"]
-    ]  # fmt: skip
-    assert started.options["start_new_session"] is True
-    assert started.options["stdin"] == started.options["stdout"] == subprocess.DEVNULL
-    assert Path(log).is_file()
-    assert folder.is_dir()
-    start_recorder(None, folder)
-    assert started.commands[1][2:] == [
-        "tui", "record", "--out", str(folder), "--keep-on", "--idle", "--log", log
-    ]  # fmt: skip
-
-
-def test_the_end_of_a_recorder_is_the_last_line_of_its_log(tmp_path: Path) -> None:
-    assert last_line(tmp_path) == "no log"
-    log = tmp_path / "recorder.log"
-    log.write_text(" \n\n")
-    assert last_line(tmp_path) == "its log is empty"
-    log.write_text("x" * 3000 + "\nbumpbench: error: can0: no such bus\n\n")
-    assert last_line(tmp_path) == "can0: no such bus"
-    log.write_text("Traceback\nValueError: odd\n")
-    assert last_line(tmp_path) == "ValueError: odd"
-
-
 @pytest.mark.parametrize(
-    ("code", "words"),
+    ("words", "held", "arm", "keep_on", "code"),
     [
-        (None, ""),
-        (0, ""),
-        (2, "the recorder ended: can0: no such bus"),
-        (-9, "the recorder was ended by SIGKILL"),
+        ([], 0, True, False, 3),
+        (["--idle"], 0, False, False, 3),
+        (["--keep-on"], 0, True, True, 0),
+        (["--keep-on"], 7, True, True, 3),
     ],
 )
-def test_a_recorder_has_failed_if_it_ended_and_was_not_shut_down(
-    code: int | None, words: str, tmp_path: Path, started: Started
+def test_a_recorder_arms_unless_it_is_idle_and_ends_with_a_summary_unless_it_goes_on(
+    words: list[str],
+    held: int,
+    arm: bool,
+    keep_on: bool,
+    code: int,
+    tmp_path: Path,
+    recorded: Recorded,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    (tmp_path / "recorder.log").write_text("bumpbench: error: can0: no such bus\n")
-    started.code = code
-    assert failure(cast(Any, started), tmp_path) == words
+    recorded.last = replace(recorded.last, disk=replace(recorded.last.disk, held_frames=held))
+    words = [*words, "--interface", "udp_multicast", "--channel", "239.74.163.99"]
+    words += ["--log", str(tmp_path / "a.log")]
+    assert run(["record", "--out", str(tmp_path / "day"), *words]) == code
+    assert recorded.lives == (arm, keep_on, False, False)
+    assert recorded.folder == tmp_path / "day"
+    assert recorded.traffic.reread().bus == recorded.traffic.bench.bus
+    out = capsys.readouterr().out
+    assert out.startswith("Wagen Ü: 3 runs") is not keep_on
+    assert (out == "") is keep_on
 
 
-def test_the_terminal_starts_the_recorder_that_was_asked_for(
-    tmp_path: Path, started: Started
+def test_a_terminal_s_demonstration_waits_for_orders_and_ends_with_it(
+    tmp_path: Path, recorded: Recorded, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    bench = tmp_path / "b.toml"
-    bench.write_text(default_bench_text())
-    udp = ("udp_multicast", "239.74.163.9")
-    _starter(tmp_path, bench, udp, False, None, 1.0, None)()
-    _starter(tmp_path, bench, (None, None), True, "weak", 3.0, None)()
-    _starter(tmp_path, None, (None, None), False, None, 2.0, tmp_path / "car.h5")()
-    assert [command[2:5] for command in started.commands] == [
-        ["tui", "record", str(bench)], ["tui.recorders.played", "demo", str(tmp_path)],
-        ["tui.recorders.played", "replay", str(tmp_path)],
-    ]  # fmt: skip
-    assert started.commands[0][-4:] == ["--interface", udp[0], "--channel", udp[1]]
-    assert started.commands[1][5:9] == ["--speed", "3", "--fault", "weak"]
-    assert started.commands[2][-2:] == ["--speed", "2"]
-    bench.write_text("[bus]\nspeed = 1\n")
-    with pytest.raises(InputError, match=r"b\.toml:2"):
-        _starter(tmp_path, bench, udp, False, None, 1.0, None)()
-    assert len(started.commands) == 3
+    words = ["record", "--out", str(tmp_path / "day"), "--log", str(tmp_path / "a.log")]
+    words += ["--keep-on", "--idle", "--demo"]
+    for mistake in (["--fault", "wheels-off"], ["--speed", "0.09"], ["--speed", "20.1"]):
+        assert run([*words, *mistake]) == 2
+        assert mistake[0] in capsys.readouterr().err
+    assert recorded.calls == 0
+    assert run([*words, "--fault", "weak"]) == 0
+    assert recorded.lives == (False, True, False, True)
+    assert recorded.traffic.bench.origin is Origin.SIMULATED
+    recorded.traffic.close()
 
 
-def test_what_is_not_named_may_be_anything(tmp_path: Path) -> None:
-    bench = tmp_path / "b.toml"
-    bench.write_text('[vehicle]\nname = "T5"\n')
-    assert _wanted(None, None, None, False, None) == Setup(Origin.REAL)
-    assert _wanted(None, None, None, True, None) == Setup(Origin.SIMULATED)
-    assert _wanted(None, None, None, False, tmp_path) == Setup(Origin.REPLAYED)
-    demo = _wanted(bench, None, None, True, None)
-    assert (demo.origin, demo.buses) == (Origin.SIMULATED, None)
-    named = _wanted(bench, "udp_multicast", "239.74.163.9", False, None)
-    assert named.origin is Origin.REAL
-    assert named.buses is not None
-    bus = _wanted(None, "udp_multicast", "239.74.163.9", False, None)
-    assert bus == Setup(Origin.REAL, buses=named.buses)
-    assert named != bus
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["--demo", "--replay", "car.h5"], "cannot be combined with --replay"),
-        (["--fault", "unplug"], "add --demo"),
-        (["--replay", "absent.h5"], "absent.h5: is not a file"),
-        (["--demo", "--fault", "wheels-off"], "is not a fault"),
-    ],
-)
-def test_options_of_the_terminal_that_do_not_fit_are_named(
-    words: list[str], said: str, capsys: pytest.CaptureFixture[str]
+def test_a_replay_is_armed_goes_on_and_stays_for_its_terminal(
+    tmp_path: Path, recorded: Recorded, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert run(["tui", *words]) == 2
-    assert said in capsys.readouterr().err
+    journal_of_runs(tmp_path / "journal", 8_000)
+    assert run(["recover", str(tmp_path), "--out", str(tmp_path / "again.h5")]) == 0
+    words = ["record", "--out", str(tmp_path / "replay"), "--log", str(tmp_path / "a.log")]
+    words += ["--keep-on", "--replay"]
+    assert run([*words, str(tmp_path / "again.h5")]) == 0
+    assert recorded.lives == (True, True, True, True)
+    traffic = recorded.traffic
+    assert traffic.bench.origin is Origin.REPLAYED
+    assert traffic.reread() is traffic.bench
+    (bus,) = traffic.bench.buses
+    assert (bus.interface, bus.channel) == ("virtual", "session0")
+    traffic.open_source(bus, 0).close()
+    foreign = tmp_path / "s.h5"
+    write_session(foreign, refused_session(1))
+    capsys.readouterr()
+    assert run([*words, str(foreign)]) == 2
+    assert f"{foreign}: does not hold its bench.toml and DBC" in capsys.readouterr().err
+
+
+# A campaign ---------------------------------------------------------------------------------------
+
+BENCH = parse_bench(default_bench_text(), "bench.toml", Path(), shipped_dbc())
+
+
+class Source:
+    """A bus without frames."""
+
+
+class Daemon:
+    """A daemon that ends at once."""
+
+    made: Daemon
+
+    def __init__(self, recorder: Any, _: Any, __: Any, traffic: Traffic, *___: Any) -> None:
+        self.recorder, self.traffic = recorder, traffic
+        Daemon.made = self
+
+    def run(self, *_: Any) -> Status:
+        """Record nothing."""
+        return a_status()
+
+
+@pytest.fixture
+def ends_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("daq.recorder.recorder.Recorder", lambda *given, **_: Given(*given))
+    monkeypatch.setattr("daq.control.exchange.Server", lambda *_: Given())
+    monkeypatch.setattr(daemon, "_Daemon", Daemon)
+
+
+class Given:
+    """A recorder or its server: notes what it was made of."""
+
+    def __init__(self, *given: Any) -> None:
+        self.given = given
+        self.submit = None
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+def recorded_at_once(traffic: Traffic, folder: Path, lifetime: Lifetime) -> Status:
+    return record_campaign(traffic, folder, lifetime, cast(Any, None), lambda *_: None)
+
+
+@pytest.mark.usefixtures("ends_at_once")
+@pytest.mark.parametrize(("arm", "pause_s"), [(True, 0.0), (False, 3.0)])
+def test_runs_are_accepted_at_once_where_nobody_looks_at_them(
+    arm: bool, pause_s: float, tmp_path: Path
+) -> None:
+    traffic = Traffic(BENCH, cast(Any, None), lambda: BENCH)
+    assert recorded_at_once(traffic, tmp_path, Lifetime(arm, keep_on=True)) == a_status()
+    bench, folder, _ = Daemon.made.recorder.given
+    assert BENCH.campaign.accept_after_s == 3.0
+    assert bench.campaign.accept_after_s == pause_s
+    assert folder == tmp_path
+    assert Daemon.made.traffic.reread().campaign.accept_after_s == pause_s
+
+
+@pytest.mark.usefixtures("ends_at_once")
+@pytest.mark.parametrize("keep_on", [True, False])
+def test_a_campaign_opens_its_buses_first_and_a_daemon_waits_for_them(
+    keep_on: bool, tmp_path: Path
+) -> None:
+    opened: list[int] = []
+
+    def open_source(_: object, number: int) -> Any:
+        opened.append(number)
+        return Source()
+
+    traffic = Traffic(BENCH, open_source, lambda: BENCH)
+    lifetime = Lifetime(arm=True, keep_on=keep_on)
+    recorded_at_once(traffic, tmp_path, lifetime)
+    assert opened == ([] if keep_on else [0])
+    reopen = Daemon.made.recorder.given[2]
+    first = reopen(BENCH.bus, 0)
+    assert opened == [0], "the bus that is open already"
+    assert reopen(BENCH.bus, 0) is not first
+
+    def no_bus(*_: object) -> Any:
+        raise BusError("can0", "no such device", "plug it in")
+
+    traffic = replace(traffic, open_source=no_bus)
+    if keep_on:
+        recorded_at_once(traffic, tmp_path, lifetime)
+    else:
+        with pytest.raises(BusError, match="no such device"):
+            recorded_at_once(traffic, tmp_path, lifetime)
+
+
+def test_a_channel_without_a_signal_is_refused_before_anything_is_made(tmp_path: Path) -> None:
+    wrong = default_bench_text().replace("IMU_Accel.acc_z", "IMU_Accel.acc_zz")
+    bench = parse_bench(wrong, "bench.toml", Path(), shipped_dbc())
+    traffic = Traffic(bench, cast(Any, None), lambda: bench)
+    with pytest.raises(InputError, match="acc_zz"):
+        recorded_at_once(traffic, tmp_path / "day", Lifetime(arm=False, keep_on=False))
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.usefixtures("ends_at_once")
+def test_messages_of_the_dbc_that_cannot_be_used_are_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    broken = '\nBO_ 1999 Broken: 8 X\n SG_ wide : 0|65@1+ (1,0) [0|0] "" X\n'
+    bench: Bench = parse_bench(default_bench_text(), "bench.toml", Path(), shipped_dbc() + broken)
+    traffic = Traffic(bench, cast(Any, None), lambda: bench)
+    recorded_at_once(traffic, tmp_path, Lifetime(arm=False, keep_on=True))
+    assert "left out: " in capsys.readouterr().err
+
+
+# The end ------------------------------------------------------------------------------------------
 
 
 def test_what_was_recorded_is_printed_or_why_there_is_nothing(
@@ -213,81 +360,46 @@ def test_what_was_recorded_is_printed_or_why_there_is_nothing(
     assert capsys.readouterr().out.startswith("{")
 
 
-# Demonstrations and replays ------------------------------------------------------------
+# The demonstration --------------------------------------------------------------------------------
 
 
-Recorded = list[tuple[Any, Any, Path, Lifetime]]
-
-
-@pytest.fixture
-def recorded(monkeypatch: pytest.MonkeyPatch) -> Recorded:
-    """Return bench, opener of buses, folder and lifetime of what would be recorded."""
-    seen: Recorded = []
-
-    def record_campaign(
-        bench: Any, open_source: Any, out: Path, lifetime: Lifetime, *_: object
-    ) -> None:
-        seen.append((bench, open_source, out, lifetime))
-
-    monkeypatch.setattr("tui.recorders.recording.record_campaign", record_campaign)
-    return seen
-
-
-def lives(lifetime: Lifetime) -> tuple[bool, bool, bool, bool]:
-    return lifetime.arm, lifetime.keep_on, lifetime.stay, lifetime.attended
-
-
-def test_a_replay_is_armed_goes_on_and_stays_for_its_terminal(
-    tmp_path: Path, recorded: Recorded
-) -> None:
-    journal_of_runs(tmp_path / "journal", 8_000)
-    assert run(["recover", str(tmp_path)]) == 0
-    paths = (tmp_path / "replay", tmp_path / "session_0001.h5", "--log", tmp_path / "a.log")
-    assert invoke(["replay", *map(str, paths)], commands) == 0
-    ((bench, open_source, folder, lifetime),) = recorded
-    assert folder == tmp_path / "replay"
-    assert bench.origin is Origin.REPLAYED
-    assert lifetime.reread() is bench
-    assert [(bus.interface, bus.channel) for bus in bench.buses] == [("virtual", "session0")]
-    assert lives(lifetime) == (True, True, True, True)
-    source = open_source(bench.buses[0], 0)
-    assert source.read(0.0) is not None
-    source.close()
-
-
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        (["--fault", "wheels-off"], "--fault wheels-off: is unknown"),
-        (["--speed", "0.09"], "--speed"),
-        (["--speed", "20.1"], "--speed"),
-    ],
-)
-def test_a_demonstration_refuses_what_it_does_not_know(
-    options: list[str],
-    said: str,
+def test_a_demonstration_prints_what_was_recorded_and_identified(
     tmp_path: Path,
     recorded: Recorded,
     capsys: pytest.CaptureFixture[str],
+    stages: Stages,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    assert invoke(["demo", str(tmp_path), *options], commands) == 2
-    assert said in capsys.readouterr().err
-    assert recorded == []
+    monkeypatch.setattr("identify.identify", lambda *_: result())
+    out, session = tmp_path / "demo", tmp_path / "session_0001.h5"
+    assert run(["demo", "--out", str(out)]) == 0
+    paragraphs = capsys.readouterr().out.split("\n\n")
+    assert paragraphs[0].startswith("Wagen Ü: 3 runs")
+    assert paragraphs[0].endswith(f"session: {session}")
+    assert paragraphs[1].splitlines()[0].strip() == "Parameters"
+    row = next(line for line in paragraphs[1].splitlines() if line.startswith("m_s"))
+    assert row.split()[:3] == ["m_s", "1,380.0", "1,380.0"], "the truth, then the estimate"
+    next_lines = [f"  {command}" for command in next_commands(session)]
+    assert paragraphs[-1].splitlines() == ["Next, to paste:", *next_lines]
+    assert stages == {"record": [(0.5, "recording")], "identify": []}
+    assert recorded.folder == out
+    assert recorded.traffic.bench.origin is Origin.SIMULATED
+    assert recorded.lives == (True, False, False, False)
+    assert "recorded" in (out / "recorder.log").read_text()
+    assert run(["demo", "--out", str(out), "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["session"] == str(session)
+    assert document["source"]["file_sha256"] == hashlib.sha256(session.read_bytes()).hexdigest()
+    assert document["truth"]["m_s"] == document["parameters"]["m_s"]["value"] == 1380.0
 
 
-def test_a_session_that_no_recorder_made_is_not_replayed(
-    tmp_path: Path, recorded: Recorded, capsys: pytest.CaptureFixture[str]
+@pytest.mark.usefixtures("recorded")
+def test_a_demonstration_that_is_refused_is_exit_1(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    session = tmp_path / "s.h5"
-    write_session(session, refused_session(1))
-    assert invoke(["replay", str(tmp_path), str(session)], commands) == 2
-    said = capsys.readouterr().err
-    assert f"{session}: does not hold its bench.toml and DBC" in said
-    for speed in ("0.09", "20.1"):
-        words = ["replay", str(tmp_path), str(session), "--speed", speed]
-        assert invoke(words, commands) == 2
-        assert "--speed" in capsys.readouterr().err
-    assert recorded == []
+    grave = Judgement((Finding("x", Severity.ERROR, "no roll"),), 1.0)
+    monkeypatch.setattr("identify.identify", lambda *_: replace(result(), quality=grave))
+    assert run(["demo", "--out", str(tmp_path / "demo")]) == 1
 
 
 @pytest.mark.parametrize("ended", [True, False])
@@ -303,71 +415,3 @@ def test_a_demonstration_does_not_go_on_with_one_that_was_interrupted(
     again = tmp_path / "demo-2"
     assert begun_anew(folder) == (folder if ended else again)
     assert (str(again) in capsys.readouterr().err) is not ended
-
-
-# A recording ----------------------------------------------------------------------
-
-BENCH = parse_bench(default_bench_text(), "bench.toml", Path(), shipped_dbc())
-
-
-@pytest.mark.parametrize(("arm", "pause_s"), [(True, 0.0), (False, 3.0)])
-def test_runs_are_accepted_at_once_where_nobody_looks_at_them(
-    arm: bool, pause_s: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    made: list[Any] = []
-    ran: list[Any] = []
-
-    def recorder(*given: Any, **options: Any) -> str:
-        made.extend((*given, options))
-        return "recorder"
-
-    def run_recorder(*given: Any) -> Any:
-        ran.extend(given)
-        return a_status()
-
-    monkeypatch.setattr("daq.recorder.recorder.Recorder", recorder)
-    monkeypatch.setattr(recording, "run_recorder", run_recorder)
-    lifetime = Lifetime(arm, False, tmp_path / "a.prom", lambda: BENCH, stay=True)
-    log = cast(Log, "log")
-
-    def stage(done: float, text: str = "") -> None:
-        """Show nothing."""
-
-    def open_source(*_: object) -> Any:
-        """Open nothing."""
-
-    assert record_campaign(BENCH, open_source, tmp_path, lifetime, log, stage) == a_status()
-    bench, folder, opener, options = made
-    assert BENCH.campaign.accept_after_s == 3.0
-    assert bench.campaign.accept_after_s == pause_s
-    assert (folder, opener) == (tmp_path, open_source)
-    assert options == {"software": f"bumpbench {version('bumpbench')}"}
-    assert ran[0] == "recorder"
-    assert ran[1] is bench
-    assert (ran[2], ran[4], ran[5]) == (tmp_path, "log", stage)
-    assert ran[3].reread().campaign.accept_after_s == pause_s
-    assert (ran[3].arm, ran[3].figures, ran[3].stay) == (arm, tmp_path / "a.prom", True)
-    assert isinstance(ran[3].end, threading.Event)
-
-
-def test_a_channel_without_a_signal_is_refused_before_anything_is_made(tmp_path: Path) -> None:
-    wrong = default_bench_text().replace("IMU_Accel.acc_z", "IMU_Accel.acc_zz")
-    bench = parse_bench(wrong, "bench.toml", Path(), shipped_dbc())
-    lifetime = Lifetime(False, False, None, lambda: bench)
-    with pytest.raises(InputError, match="acc_zz"):
-        record_campaign(
-            bench, cast(Any, None), tmp_path / "day", lifetime, cast(Any, None), cast(Any, None)
-        )
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_messages_of_the_dbc_that_cannot_be_used_are_said(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    broken = '\nBO_ 1999 Broken: 8 X\n SG_ wide : 0|65@1+ (1,0) [0|0] "" X\n'
-    bench = parse_bench(default_bench_text(), "bench.toml", Path(), shipped_dbc() + broken)
-    monkeypatch.setattr("daq.recorder.recorder.Recorder", lambda *_, **__: None)
-    monkeypatch.setattr(recording, "run_recorder", lambda *_: a_status())
-    lifetime = Lifetime(False, False, None, lambda: bench)
-    record_campaign(bench, cast(Any, None), tmp_path, lifetime, cast(Any, None), cast(Any, None))
-    assert "left out: " in capsys.readouterr().err

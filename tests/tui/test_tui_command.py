@@ -14,10 +14,13 @@ from unittest.mock import Mock
 import pytest
 
 from daq.bench.campaign import Origin
+from daq.bench.config import default_bench_text
 from daq.control.exchange import OrderRefusedError, RecorderGoneError
 from daq.control.messages import AskStatus, Order, Reply, Setup, Status
+from daq.errors import InputError
 from tui.browser import server
 from tui.cli import run
+from tui.commands.tui import wanted_setup
 from tui.terminal.feed import RecorderFeed
 from tui.terminal.words import DisplayLink
 
@@ -107,6 +110,68 @@ def test_who_is_not_named_is_the_user_to_the_recorder_and_asked_on_the_screen(
     assert run(["tui", "--demo"]) == 0
     ((feed, _, _, name, _, _), _) = opened.apps[1]
     assert (feed._name, name) == ("demo", "demo")
+
+
+def test_the_terminal_starts_the_recorder_that_was_asked_for(
+    opened: Opened, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    started: list[tuple[Any, ...]] = []
+    monkeypatch.setattr(
+        "tui.recorders.process.start_recorder", lambda *words: started.append(words)
+    )
+    (tmp_path / "b.toml").write_text(default_bench_text())
+    (tmp_path / "car.h5").touch()
+    bus = ["--interface", "udp_multicast", "--channel", "239.74.163.9"]
+    for words in (
+        ["b.toml", *bus],
+        ["b.toml", "--demo", "--fault", "weak", "--speed", "3"],
+        ["--replay", "car.h5", "--speed", "2"],
+    ):
+        assert run(["tui", *words]) == 0
+        feed = opened.apps[-1][0][0]
+        feed._start_recorder()
+    assert started == [
+        (Path(), "b.toml", "--idle", *bus),
+        (Path("bumpbench-demo"), "b.toml", "--idle", "--demo", "--speed", "3", "--fault", "weak"),
+        (Path("bumpbench-replay"), "--replay", "car.h5", "--speed", "2"),
+    ]
+    assert run(["tui", "b.toml", *bus]) == 0
+    (tmp_path / "b.toml").write_text("[bus]\nspeed = 1\n")
+    with pytest.raises(InputError, match=r"b\.toml:2"):
+        opened.apps[-1][0][0]._start_recorder()
+    assert len(started) == 3
+
+
+def test_what_is_not_named_may_be_anything(tmp_path: Path) -> None:
+    bench = tmp_path / "b.toml"
+    bench.write_text('[vehicle]\nname = "T5"\n')
+    assert wanted_setup(None, None, None, False, None) == Setup(Origin.REAL)
+    assert wanted_setup(None, None, None, True, None) == Setup(Origin.SIMULATED)
+    assert wanted_setup(None, None, None, False, tmp_path) == Setup(Origin.REPLAYED)
+    demo = wanted_setup(bench, None, None, True, None)
+    assert (demo.origin, demo.buses) == (Origin.SIMULATED, None)
+    named = wanted_setup(bench, "udp_multicast", "239.74.163.9", False, None)
+    assert named.origin is Origin.REAL
+    assert named.buses is not None
+    bus = wanted_setup(None, "udp_multicast", "239.74.163.9", False, None)
+    assert bus == Setup(Origin.REAL, buses=named.buses)
+    assert named != bus
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--demo", "--replay", "car.h5"], "cannot be combined with --replay"),
+        (["--fault", "unplug"], "add --demo"),
+        (["--replay", "absent.h5"], "absent.h5: is not a file"),
+        (["--demo", "--fault", "wheels-off"], "is not a fault"),
+    ],
+)
+def test_options_of_the_terminal_that_do_not_fit_are_named(
+    words: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["tui", *words]) == 2
+    assert said in capsys.readouterr().err
 
 
 # Browsers -----------------------------------------------------------------------------------------

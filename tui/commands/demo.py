@@ -22,57 +22,45 @@ def demo(
     json: JsonResult = False,
 ) -> int:
     """Bump a simulated car, record it, identify it and compare with the truth."""
-    import time
     from dataclasses import replace
 
     import identify as method
-    from daq.bench.campaign import Origin
-    from daq.bench.config import bench_codec, load_bench
     from daq.control.address import lone_recorder
     from daq.control.messages import Status
     from daq.files import file_sha256
-    from daq.sim.bench import SimulatedBench
     from daq.sim.car import SimulatedCar, present_parameters
 
-    from ..output import print_json, print_line, progress
-    from ..recorders.daemon import Lifetime
+    from ..output import print_json, print_line, print_session, progress
+    from ..recorders.daemon import Lifetime, record_campaign
+    from ..recorders.lines import recorded_session
     from ..recorders.log import Log
     from ..recorders.process import LOG
-    from ..recorders.recording import print_summary, record_campaign, recorded_session
+    from ..recorders.traffic import simulated_traffic
     from ..result import print_identification
 
     out = begun_anew(out)
-    bench = replace(load_bench(None), origin=Origin.SIMULATED)
-    simulated, codec, latest = SimulatedCar(), bench_codec(bench), list[Status]()
+    traffic = simulated_traffic(None, SPEED, "", seed)
+    lifetime = Lifetime(arm=True, keep_on=False)
 
     def follow(status: Status) -> None:
-        latest[:] = [status]
+        if traffic.follow is not None:
+            traffic.follow(status)
         if status.halted:  # the recorder waits for a decision, and no person is here
             lifetime.end.set()
 
-    source = SimulatedBench(
-        bench,
-        codec,
-        simulated,
-        seed,
-        SPEED,
-        lambda: latest[0] if latest else None,
-        start_ns=time.time_ns(),
-    )
-    lifetime = Lifetime(True, False, None, lambda: bench, follow)
     with lone_recorder(out), Log(out / LOG) as lines, progress("record") as stage:
         try:
-            last = record_campaign(bench, lambda *_: source, out, lifetime, lines, stage)
+            last = record_campaign(replace(traffic, follow=follow), out, lifetime, lines, stage)
         finally:
-            source.dismantle()
+            traffic.close()
     path, session = recorded_session(last)
     with progress("identify") as stage:
         result = method.identify(session, stage)
-    truth = present_parameters(simulated)
+    truth = present_parameters(SimulatedCar())
     if json:
         print_json({**result.document(file_sha256(path)), "truth": truth, "session": str(path)})
     else:
-        print_summary(path, session)
+        print_session(path, session, json=False)
         print_line()
         print_identification(result, truth)
         print_line()

@@ -80,9 +80,8 @@ def import_(
 
     from ..bench import bench_with_dbc, bus_numbers, with_sensors
     from ..diagnostics import say, say_left_out
-    from ..output import print_json, progress
+    from ..output import print_session, progress
     from ..recorders.decoded import import_channels, sign_remarks
-    from ..recorders.recording import print_summary, summary
 
     benches = [path for path in logs or [] if path.suffix.lower() == ".toml"]
     logs = [path for path in logs or [] if path not in benches]
@@ -141,11 +140,7 @@ def import_(
             raise InputError("import", "no bump is left to be a run", "correct --skip or --runs")
         write_session(out, session)
     n_bumps = sum(event.code.endswith("bump") for part in parts for event in part.events)
-    if json:
-        counts = {"sources": facts, "bumps": n_bumps, "planned": len(steps)}
-        print_json({**summary(out, session), **counts})
-    else:
-        print_summary(out, session)
+    print_session(out, session, json, sources=facts, bumps=n_bumps, planned=len(steps))
     for text in (*_remarks(sources, session, n_bumps, len(steps)), *sign_remarks(session)):
         say(text)
     mixed = mixed_messages(codec.messages, session.runs[0].frames)

@@ -1,14 +1,30 @@
-"""`bumpbench record`: records buses into a journal, and builds session files from the journal."""
+"""`bumpbench record`, `status`, `display` and `recover`: a folder's recorder, and its journal."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..diagnostics import ExitCode
-from ..options import BenchFile, DisplayAt, DisplayControl, Interface, InterfaceChannel, JsonSummary
+from ..diagnostics import ExitCode, say
+from ..options import (
+    BenchFile,
+    DisplayAt,
+    DisplayControl,
+    Force,
+    Interface,
+    InterfaceChannel,
+    JsonSummary,
+    Operator,
+    RecorderFolder,
+)
+
+if TYPE_CHECKING:
+    from daq.journal.reader import RecordingInfo
+
+    from ..display.link import Served
 
 
 def record(
@@ -22,15 +38,17 @@ def record(
     idle: Annotated[
         bool, typer.Option("--idle", help="Arm nothing: a terminal gives the orders.")
     ] = False,
-    figures: Annotated[
-        Path | None, typer.Option(help="Prometheus text file, written every 5 s.")
-    ] = None,
     log: Annotated[
         Path | None, typer.Option(help="Log to this file, begun anew at 1 MB; default: stderr.")
     ] = None,
     display: DisplayAt = None,
     control: DisplayControl = False,
     json: JsonSummary = False,
+    # The last four are for `bumpbench tui`, which starts its recorder with them.
+    demo: Annotated[bool, typer.Option("--demo", hidden=True)] = False,
+    fault: Annotated[str, typer.Option(hidden=True)] = "",
+    replay: Annotated[Path | None, typer.Option(hidden=True)] = None,
+    speed: Annotated[float, typer.Option(min=0.1, max=20.0, hidden=True)] = 1.0,
 ) -> int:
     """Record a campaign: each bump becomes a run, labelled in the order of the campaign.
 
@@ -38,33 +56,208 @@ def record(
     With --keep-on only a signal ends it, within seconds, and it waits for a missing bus.
     SIGHUP reloads bench.toml.
     """
-    from daq.bus.interfaces import open_source
     from daq.control.address import lone_recorder
 
-    from ..bench import shared_bench
-    from ..diagnostics import PROMETHEUS, require_ending
     from ..display.start import display_beside_recorder
     from ..output import progress
-    from ..recorders.daemon import Lifetime
+    from ..recorders.daemon import Lifetime, record_campaign
+    from ..recorders.lines import print_outcome
     from ..recorders.log import Log, require_log
-    from ..recorders.recording import opened_at_start, print_outcome, record_campaign
+    from ..recorders.traffic import bus_traffic, replayed_traffic, simulated_traffic
 
-    if figures is not None:
-        require_ending(figures, "text file of Prometheus", PROMETHEUS)
     if log is not None:
         require_log(log)
-    described = shared_bench(bench, interface, channel)
-    lifetime = Lifetime(
-        not idle, keep_on, figures, reread=lambda: shared_bench(bench, interface, channel)
-    )
+    if replay is not None:
+        traffic = replayed_traffic(replay, speed)
+    elif demo:
+        traffic = simulated_traffic(bench, speed, fault)
+    else:
+        traffic = bus_traffic(bench, interface, channel)
+    lifetime = Lifetime(not idle, keep_on, replay is not None, demo or replay is not None)
     with (
         lone_recorder(out),
         display_beside_recorder(out, display, control),
         Log(log) as lines,
         progress("record") as stage,
     ):
-        source = open_source if keep_on else opened_at_start(described, open_source)
-        last = record_campaign(described, source, out, lifetime, lines, stage)
+        last = record_campaign(traffic, out, lifetime, lines, stage)
     if keep_on:
         return ExitCode.DATA_LOST if last.disk.held_frames else ExitCode.OK
     return print_outcome(last, json)
+
+
+def status(
+    folder: RecorderFolder = Path(),
+    json: Annotated[bool, typer.Option("--json", help="Print the whole status as JSON.")] = False,
+) -> int:
+    """Print the status of a folder's recorder; exit code 1 if none runs there."""
+    from daq.control.address import control_address, unreachable_words
+    from daq.control.exchange import Client, OrderRefusedError, RecorderGoneError
+    from daq.control.messages import STATUS, AskStatus
+
+    from ..output import print_json, print_line
+    from ..recorders.lines import status_lines
+
+    status_now, why = None, "the recorder has only just started"
+    try:
+        client = Client(control_address(folder), "status", control=False, attends=False)
+        try:
+            status_now = client.ask(AskStatus()).status
+        finally:
+            client.close()
+    except RecorderGoneError as error:
+        why = error.what
+    except OrderRefusedError as error:
+        why = str(error)
+    if status_now is not None:
+        if json:
+            print_json(STATUS.dump_python(status_now, mode="json"))
+        else:
+            for line in status_lines(status_now):
+                print_line(line)
+        return ExitCode.OK
+    why = unreachable_words(folder) or (why if folder.exists() else "there is no such folder")
+    if json:
+        print_json({"folder": str(folder), "running": False, "error": why})
+    say(f"{folder}: {why}")
+    return ExitCode.ANSWER_IS_NO
+
+
+def display(
+    folder: RecorderFolder = Path(),
+    address: DisplayAt = "here",
+    control: DisplayControl = False,
+    operator: Operator = "",
+    json: Annotated[
+        bool,
+        typer.Option("--json", help="Print the link as JSON, and end when standard input ends."),
+    ] = False,
+) -> int:
+    """Show the state of a folder's recorder in one word that fills a screen.
+
+    The page only looks on unless --control is given, and is for this machine only unless --display
+    is given.
+    """
+    import getpass
+    import sys
+    import threading
+    from dataclasses import asdict
+    from json import dumps
+
+    from daq import InputError
+    from daq.control.address import control_address, is_running, unreachable_words
+
+    try:
+        from ..display.server import run_display
+    except ImportError as error:
+        raise InputError("display", "aiohttp is not installed", "install bumpbench[web]") from error
+
+    if not folder.is_dir():
+        reason = "does not exist" if not folder.exists() else "is not a folder"
+        raise InputError(str(folder), reason, "name the folder that the recorder was started in")
+
+    def end_with_stdin(end: Callable[[], object]) -> None:
+        sys.stdin.read()
+        end()
+
+    def announce(served: Served, end: Callable[[], object]) -> None:
+        for line in served.lines(sys.stderr.isatty()):
+            sys.stderr.write(f"{line}\n")
+        if json:  # a program started it, which says the rest
+            sys.stdout.write(dumps(asdict(served)) + "\n")
+            sys.stdout.flush()
+            threading.Thread(target=end_with_stdin, args=(end,), daemon=True).start()
+        elif not is_running(control_address(folder)):
+            why = unreachable_words(folder) or "no recorder runs there"
+            say(f"{folder}: {why}; the page waits for one (bumpbench record)")
+
+    run_display(folder, address or "here", operator or getpass.getuser(), control, announce)
+    if not json:
+        say("the display has ended; the recorder goes on")
+    return ExitCode.OK
+
+
+def recover(
+    journal: Annotated[
+        list[Path], typer.Argument(help="Segments journal_*.bbj, or a folder with segments.")
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Session file or folder to write; default: session_NNNN.h5 next to the journal."
+        ),
+    ] = None,
+    force: Force = False,
+    json: JsonSummary = False,
+) -> int:
+    """Build the session file of each recording from its journal, and list exactly what is lost."""
+    from daq.journal.reader import recordings_of
+    from daq.session.build import derive
+
+    from ..output import print_json, print_session, session_document
+
+    recordings = recordings_of(_segments(journal))
+    # A recording without a run gives an empty session: that is intended only if it is the only one.
+    wanted = [info for info in recordings if info.bumps] or list(recordings)
+    documents: list[dict[str, Any]] = []
+    code = ExitCode.OK
+    for info, target in zip(wanted, _targets(wanted, out), strict=True):
+        derived = derive(info.segments, target, replacing=force)
+        account = {"recording": info.head.recording, "frames_recorded": info.frames}
+        if json:
+            document = session_document(target, derived.session)
+            documents.append({**document, **account, "loss": derived.loss})
+        else:
+            print_session(target, derived.session, json=False)
+        if derived.loss:
+            code = ExitCode.DATA_LOST
+            say(f"{target.name}: the journal is not whole: {derived.loss}")
+    if json:
+        print_json(documents[0] if len(documents) == 1 else {"sessions": documents})
+    return code
+
+
+def _segments(paths: Sequence[Path]) -> tuple[Path, ...]:
+    """Return the named segments, and those in named folders."""
+    from daq import InputError
+    from daq.journal.reader import segments_in
+
+    advice = "name the recorder's folder"
+    segments: list[Path] = []
+    for path in paths:
+        if not path.is_dir():
+            if not path.exists():
+                raise InputError(str(path), "there is no such file or folder", advice)
+            segments.append(path)
+            continue
+        inside = segments_in(path) or segments_in(path / "journal")
+        # What Bumpbench 0.1 has recorded is refused in its own words.
+        inside = inside or tuple(path.glob("**/journal_*.mcap"))
+        if not inside:
+            raise InputError(str(path), "has no journal_*.bbj", advice)
+        segments += inside
+    return tuple(segments)
+
+
+def _targets(recordings: Sequence[RecordingInfo], out: Path | None) -> list[Path]:
+    """Return a session file for each recording.
+
+    `out`: the file or folder that was named; None for the folder above that of the journal.
+    """
+    from daq import InputError
+
+    if out is not None and not out.is_dir():
+        if len(recordings) == 1:
+            return [out]
+        reason = f"there are {len(recordings)} recordings for one file"
+        raise InputError(str(out), reason, "name a folder that is there, or segments of one")
+    targets = []
+    for info in recordings:
+        first = info.segments[0]
+        folder = first.parent.parent if first.parent.name == "journal" else first.parent
+        targets.append((out or folder) / info.session_name)
+    for target in targets:
+        if targets.count(target) > 1:
+            reason = "would be the session of two recordings"
+            raise InputError(str(target), reason, "recover them one by one, with another --out")
+    return targets

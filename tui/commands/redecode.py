@@ -33,7 +33,7 @@ def redecode(
     from daq.session import read_changed_session
     from daq.session.from_frames import redecoded
 
-    from ..recorders.recording import show_session
+    from ..output import print_session
 
     if dbc is None and bench is None:
         what = "neither a DBC nor a bench.toml is named"
@@ -49,7 +49,7 @@ def redecode(
     about = {"redecoded_from_sha256": file_sha256(session)}
     new = redecoded(old, corrected, str(session), about)
     write_session(target, new)
-    show_session(target, new, json)
+    print_session(target, new, json)
     lost = any(run.losses.measured for run in new.runs)
     return ExitCode.DATA_LOST if lost else ExitCode.OK
 

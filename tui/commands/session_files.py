@@ -78,10 +78,10 @@ def validate(
 
 def _document(path: Path, session: Session) -> dict[str, Any]:
     """Return a session as a JSON document: runs, channels, vehicle, loads, provenance."""
-    from ..recorders.recording import summary
+    from ..output import session_document
 
     vehicle = session.vehicle
-    return summary(path, session) | {
+    return session_document(path, session) | {
         "geometry": asdict(vehicle.geometry) if vehicle.geometry else None,
         "structure": asdict(vehicle.structure),
         "facts": [asdict(fact) for fact in vehicle.facts],
@@ -108,10 +108,9 @@ def _print(path: Path, session: Session) -> None:
     """Write a session as tables."""
     from daq.sessions import notes_of, overrides_of
 
-    from ..output import print_line, print_table
-    from ..recorders.recording import print_summary
+    from ..output import print_line, print_session, print_table
 
-    print_summary(path, session)
+    print_session(path, session, json=False)
     print_line()
     rows = [
         [c.name, str(c.quantity), c.unit, _place(c), c.signal, _sensor(c)] for c in session.channels

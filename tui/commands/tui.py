@@ -11,12 +11,7 @@ from ..diagnostics import ExitCode, unknown_value
 from ..options import BenchFile, DisplayAt, DisplayControl, Interface, InterfaceChannel, Operator
 
 if TYPE_CHECKING:
-    import subprocess
-    from collections.abc import Callable
-
     from daq.control.messages import Setup
-
-FAULTS = ("double-bump", "overload", "frozen", "lost-frames", "weak", "wrong-mode", "unplug")
 
 
 def tui(
@@ -69,19 +64,49 @@ def tui(
     import os
     import sys
 
+    from daq import InputError
+
+    from ..bench import shared_bench
     from ..display.start import display_beside_terminal
+    from ..recorders.process import Process, start_recorder
     from ..terminal.app import BenchApp
     from ..terminal.feed import RecorderFeed
     from ..terminal.words import choose_glyphs
 
-    _check_options(demo, fault, replay)
-    wanted = _wanted(bench, interface, channel, demo, replay)
-    if web:
-        return _serve(sys.argv[1:])
-    _check_terminal()
+    if demo and replay:
+        raise InputError("--demo", "cannot be combined with --replay", "leave one out")
+    if fault and not demo:
+        raise InputError("--fault", "works on simulated runs only", "add --demo")
+    if replay and not replay.is_file():
+        raise InputError(str(replay), "is not a file", "name a session file")
     folder = out or Path("bumpbench-demo" if demo else "bumpbench-replay" if replay else ".")
-    check_fault(folder, fault)
-    start = _starter(folder, bench, (interface, channel), demo, fault, speed, replay)
+    if fault:
+        check_fault(folder, fault)
+    wanted = wanted_setup(bench, interface, channel, demo, replay)
+    if web:
+        try:
+            from ..browser.server import serve
+        except ImportError as error:
+            reason = "textual-serve is not installed"
+            raise InputError("--web", reason, "install bumpbench[web]") from error
+        serve([word for word in sys.argv[1:] if word != "--web"])  # the same command
+        return ExitCode.OK
+    _require_terminal()
+    words = [str(bench)] if bench and not replay else []
+    if demo:
+        words += ["--idle", "--demo", "--speed", f"{speed:g}"]
+        words += ["--fault", fault] if fault else []
+    elif replay:
+        words += ["--replay", str(replay), "--speed", f"{speed:g}"]
+    else:
+        words += ["--idle", *(["--interface", interface] if interface else [])]
+        words += ["--channel", channel] if channel else []
+
+    def start() -> Process:
+        if not (demo or replay):
+            shared_bench(bench, interface, channel)  # names a bad file here, not in a log
+        return start_recorder(folder, *words)
+
     name = operator or known_operator(folder, demo)
     feed = RecorderFeed(folder, name or os.environ.get("USER", ""), start)
     chosen = choose_glyphs(glyphs, os.environ, sys.stdout.encoding or "")
@@ -101,7 +126,7 @@ def known_operator(folder: Path, demo: bool) -> str:
     return name or ("demo" if demo else "")  # a demo need not wait for a name
 
 
-def _check_terminal() -> None:
+def _require_terminal() -> None:
     """Raise InputError without a terminal to draw on, before a recorder is started."""
     import os
     import sys
@@ -117,34 +142,23 @@ def _check_terminal() -> None:
 
 
 def check_fault(folder: Path, fault: str | None) -> None:
-    """Raise InputError for a fault if a recorder already runs: it would ignore the fault."""
+    """Raise InputError for an unknown fault, and if a recorder runs, which would ignore it."""
     from daq import InputError
     from daq.control.address import control_address, is_running
+    from daq.sim.bench import Fault
 
+    if fault and fault not in set(Fault):
+        raise unknown_value("--fault", fault, "fault", list(Fault))
     if fault and is_running(control_address(folder)):
-        why = f"a recorder already runs in {folder} and cannot take a fault"
+        reason = f"a recorder already runs in {folder} and cannot take a fault"
         advice = "leave --fault out to attach to it, or name another folder with --out"
-        raise InputError(f"--fault {fault}", why, advice)
+        raise InputError(f"--fault {fault}", reason, advice)
 
 
-def _check_options(demo: bool, fault: str | None, replay: Path | None) -> None:
-    """Raise InputError for options that do not fit together."""
-    from daq import InputError
-
-    if demo and replay:
-        raise InputError("--demo", "cannot be combined with --replay", "leave one out")
-    if fault and not demo:
-        raise InputError("--fault", "works on simulated runs only", "add --demo")
-    if fault and fault not in FAULTS:
-        raise unknown_value("--fault", fault, "fault", FAULTS)
-    if replay:
-        _check_is_there(replay)
-
-
-def _wanted(
+def wanted_setup(
     bench: Path | None, interface: str | None, channel: str | None, demo: bool, replay: Path | None
 ) -> Setup:
-    """Return the setup that the terminal is started for; parts that are not named are open.
+    """Return the setup that the terminal is started for; parts that are not named may be any.
 
     Raises InputError if the bench that is named is bad, also if a recorder runs already.
     """
@@ -164,50 +178,3 @@ def _wanted(
         return replace(setup_of(load_bench(bench)), origin=origin, buses=None)
     setup = setup_of(shared_bench(bench, interface, channel))
     return setup if bench else Setup(origin, buses=setup.buses)
-
-
-def _starter(
-    folder: Path,
-    bench: Path | None,
-    bus: tuple[str | None, str | None],
-    demo: bool,
-    fault: str | None,
-    speed: float,
-    replay: Path | None,
-) -> Callable[[], subprocess.Popen[bytes]]:
-    """Return a function that starts the wanted recorder."""
-    from ..recorders.process import start_demo_recorder, start_recorder, start_replay_recorder
-
-    if demo:
-        return lambda: start_demo_recorder(folder, speed, fault or "", bench=bench)
-    if replay:
-        return lambda: start_replay_recorder(folder, replay, speed)
-
-    def start() -> subprocess.Popen[bytes]:
-        from ..bench import shared_bench
-
-        shared_bench(bench, *bus)  # reports a bad file here, not in a log
-        return start_recorder(bench, folder, *bus)
-
-    return start
-
-
-def _check_is_there(path: Path) -> None:
-    from daq import InputError
-
-    if not path.is_file():
-        raise InputError(str(path), "is not a file", "name a session file")
-
-
-def _serve(arguments: list[str]) -> int:
-    """Serve the same command, without --web, to browsers."""
-    from daq import InputError
-
-    try:
-        from ..browser.server import serve
-    except ImportError as error:
-        raise InputError(
-            "--web", "textual-serve is not installed", "install bumpbench[web]"
-        ) from error
-    serve([argument for argument in arguments if argument != "--web"])
-    return ExitCode.OK

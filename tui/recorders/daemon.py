@@ -1,7 +1,7 @@
-"""Runs a recorder for weeks: signals, systemd, log, figures file, progress.
+"""Runs a recorder, for one campaign or for weeks: signals, systemd, log, progress.
 
-The recorder has its own thread.  So everything in the main thread may block (a terminal, a file for
-the monitoring) without the loss of a frame.
+The recorder has its own thread.  So everything in the main thread may block (a terminal, a full
+pipe) without the loss of a frame.
 """
 
 from __future__ import annotations
@@ -10,20 +10,23 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..diagnostics import say_left_out
 from ..output import Stage
 from .lines import farewell, news, progress_words
 from .log import Log
+from .traffic import Traffic
 
 if TYPE_CHECKING:
     from daq.bench.config import Bench
+    from daq.bus.source import FrameSource, OpenSource
     from daq.control.exchange import Server
     from daq.control.messages import Live, Reply, Status
     from daq.control.monitoring import Systemd
@@ -33,7 +36,6 @@ BY = "record"
 """Author, in the journal, of the daemon's own orders."""
 TURN_S = 0.1
 """Seconds between two cycles of the main thread."""
-FIGURES_S = 5.0
 LEFT_S = 10.0
 """Seconds without any terminal after which an attended recorder ends."""
 SAME_S = 0.5
@@ -53,12 +55,6 @@ class Lifetime:
     keep_on: bool
     """Go on recording after a campaign, until a signal comes; an order or a new bench.toml begins
     the next campaign."""
-    figures: Path | None
-    """Prometheus text file, written every 5 s."""
-    reread: Callable[[], Bench]
-    """Reads and checks bench.toml again, for SIGHUP."""
-    follow: Callable[[Status], None] | None = None
-    """Called with every status, in the writer's thread."""
     stay: bool = False
     """Keep a complete campaign open, so that a terminal can go on to its results."""
     attended: bool = False
@@ -67,27 +63,71 @@ class Lifetime:
     """Event that ends the recorder as a signal does."""
 
 
-def run_recorder(
-    recorder: Recorder, bench: Bench, folder: Path, lifetime: Lifetime, log: Log, stage: Stage
+def record_campaign(
+    traffic: Traffic, folder: Path, lifetime: Lifetime, log: Log, stage: Stage
 ) -> Status:
-    """Run a recorder until its campaign is complete, a signal comes or a client shuts it down.
+    """Record until the campaign is complete, a signal comes or a client shuts the recorder down.
 
-    `bench`: the bench at the start.  Returns the last status: its `session` has the path of the
-    session file.  Raises InputError if no client could connect to it.
+    `folder`: the journal is in a folder in it; a session file has the number of the journal's first
+    segment.  `log`: receives alarms, verdicts and other important events.  Returns the last status:
+    its `session` has the path of the session file.  Raises InputError if the bench is bad or no
+    client could connect, BusError if a recorder that does not keep on can open no bus.
     """
+    from importlib.metadata import version
+
+    from daq.bench.config import bench_codec
     from daq.control.address import control_address
     from daq.control.exchange import Server
     from daq.control.messages import setup_of
     from daq.control.monitoring import Systemd
+    from daq.recorder.recorder import Recorder
+    from daq.samples.mapping import mapped_channels
 
-    server = Server(recorder.submit, control_address(folder), setup_of(bench))
+    codec = bench_codec(traffic.bench)
+    say_left_out(codec)
+    mapped_channels(traffic.bench, codec)  # before anything is made
+
+    def unreviewed(bench: Bench) -> Bench:
+        """Return a bench whose runs are accepted without a pause to reject them."""
+        return replace(bench, campaign=replace(bench.campaign, accept_after_s=0.0))
+
+    if lifetime.arm:  # no operator reviews the runs, so the next bump may come at once
+        reread = traffic.reread
+        bench = unreviewed(traffic.bench)
+        traffic = replace(traffic, bench=bench, reread=lambda: unreviewed(reread()))
+    open_source = traffic.open_source
+    if not lifetime.keep_on:
+        open_source = _opened_at_once(traffic.bench, open_source)
+    software = f"bumpbench {version('bumpbench')}"
+    recorder = Recorder(traffic.bench, folder, open_source, software=software)
+    server = Server(recorder.submit, control_address(folder), setup_of(traffic.bench))
     systemd = Systemd()
     try:
         with _signals(lifetime.end) as signals:
-            return _Daemon(recorder, server, systemd, lifetime, log).run(signals, stage)
+            return _Daemon(recorder, server, systemd, traffic, lifetime, log).run(signals, stage)
     finally:
         server.close()
         systemd.close()
+
+
+def _opened_at_once(bench: Bench, open_source: OpenSource) -> OpenSource:
+    """Open the buses of a bench, so that a campaign does not begin without any bus.
+
+    The first call of the result for a bus returns the source opened here, later calls open it
+    again.  Raises BusError if none can be opened, with the reason of the first.
+    """
+    from daq import BusError
+
+    opened: dict[int, FrameSource] = {}
+    errors: list[BusError] = []
+    for number, bus in enumerate(bench.buses):
+        try:
+            opened[number] = open_source(bus, number)
+        except BusError as error:
+            errors.append(error)
+    if not opened:
+        raise errors[0]
+    return lambda bus, number: opened.pop(number, None) or open_source(bus, number)
 
 
 class _Signals:
@@ -125,11 +165,18 @@ class _Daemon:
     """Main loop of a recorder, from its first block to its last."""
 
     def __init__(
-        self, recorder: Recorder, server: Server, systemd: Systemd, lifetime: Lifetime, log: Log
+        self,
+        recorder: Recorder,
+        server: Server,
+        systemd: Systemd,
+        traffic: Traffic,
+        lifetime: Lifetime,
+        log: Log,
     ) -> None:
         self._recorder = recorder
         self._server = server
         self._systemd = systemd
+        self._traffic = traffic
         self._lifetime = lifetime
         self._log = log
         self._stop = threading.Event()
@@ -141,8 +188,8 @@ class _Daemon:
         self._armed = self._ended = ""
         """The last recordings that this daemon has armed and ordered to stop."""
         self._reported: Status | None = None
-        self._reported_s = self._figures_s = 0.0
-        """Monotonic times of the last report to systemd and of the last figures file, s."""
+        self._reported_s = 0.0
+        """Monotonic time of the last report to systemd, s."""
         self._writer = threading.Thread(target=self._write, name="writer", daemon=True)
 
     def run(self, signals: _Signals, stage: Stage) -> Status:
@@ -181,7 +228,7 @@ class _Daemon:
 
     def _write(self) -> None:
         def is_watched() -> bool:
-            return self._lifetime.follow is not None or self._server.has_clients()
+            return self._traffic.follow is not None or self._server.has_clients()
 
         try:
             self._recorder.run(self._stop, self._publish, is_watched)
@@ -190,8 +237,8 @@ class _Daemon:
 
     def _publish(self, status: Status, live: Live | None) -> None:
         self._status = status
-        if self._lifetime.follow is not None:
-            self._lifetime.follow(status)
+        if self._traffic.follow is not None:
+            self._traffic.follow(status)
         self._server.publish(status, live)
 
     def _lead(self, status: Status, end: bool) -> None:
@@ -239,7 +286,7 @@ class _Daemon:
 
         self._systemd.reloading()
         try:
-            bench = self._lifetime.reread()
+            bench = self._traffic.reread()
         except BumpbenchError as error:
             self._log.line(f"reload: {error}; the bench.toml in force stays")
             return
@@ -256,7 +303,7 @@ class _Daemon:
         self._log.line(f"reload: {text}")
 
     def _report(self, status: Status) -> None:
-        """Report a status to systemd, the log and the figures file."""
+        """Report a status to systemd and the log."""
         now_s = time.monotonic()
         if status is not self._reported:
             for text, key in news(self._reported, status):
@@ -266,11 +313,3 @@ class _Daemon:
             self._reported_s = now_s
             if hanging := self._systemd.notify(self._recorder.heartbeats(), status, now_s):
                 self._log.line(hanging, "hanging")
-        if self._lifetime.figures and now_s - self._figures_s >= FIGURES_S:
-            from daq.control.monitoring import write_figures
-
-            self._figures_s = now_s
-            try:
-                write_figures(self._lifetime.figures, status)
-            except OSError as error:
-                self._log.line(f"{self._lifetime.figures}: {error.strerror}", "figures")

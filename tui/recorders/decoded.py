@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING
 from dbc import counted, plural
 
 from ..diagnostics import ExitCode, say
-from ..output import Stage, print_json, progress
-from .recording import print_summary, summary
+from ..output import Stage, print_session, progress
 
 if TYPE_CHECKING:
     from daq import Run, Session
@@ -61,10 +60,7 @@ def import_channels(
         session, bumps = _session(known, files, bool(labels), steps, skip, stage, unread)
         stage(1.0, "writing the session")
         write_session(out, session)
-    if json:
-        print_json({**summary(out, session), "bumps": bumps, "planned": len(steps)})
-    else:
-        print_summary(out, session)
+    print_session(out, session, json, bumps=bumps, planned=len(steps))
     for line in (
         *left_out_remarks(bumps, len(session.runs), 0 if known.runs else len(steps)),
         *sign_remarks(session),

@@ -1,13 +1,18 @@
-"""Writes a recorder's status in words: for its log, its progress line and `bumpbench status`."""
+"""States in words what a recorder does, and what it has recorded in the end."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dbc import counted, plural
 
+from ..diagnostics import ExitCode, say
+from ..output import print_session
+
 if TYPE_CHECKING:
+    from daq import Session
     from daq.control.messages import Status
 
 
@@ -125,3 +130,46 @@ def status_lines(status: Status) -> Iterator[str]:
         session = status.session
         state = f"{session.state}, outdated" if status.outdated else str(session.state)
         yield f"session {state}: {' '.join(t for t in (session.path, session.text) if t)}"
+
+
+# The end ------------------------------------------------------------------------------------------
+
+
+def recorded_session(last: Status) -> tuple[Path, Session]:
+    """Return the session file of a recorder's last recording, and its contents.
+
+    Raises InputError if there is none, with the reason.
+    """
+    from daq import InputError, read_session
+    from daq.control.messages import SessionState
+
+    if last.session.state is not SessionState.READY:
+        if last.disk.held_frames:
+            raise InputError(last.folder, _not_stored(last), RECOVER_STORED)
+        for alarm in last.alarms:
+            if alarm.code == "journal_failed":
+                raise InputError(last.folder, alarm.text, alarm.advice)
+        reason = last.session.text or "no session file was built"
+        raise InputError(last.session.path or last.folder, reason, RECOVER)
+    path = Path(last.session.path)
+    return path, read_session(path)
+
+
+def print_outcome(last: Status, json: bool) -> ExitCode:
+    """Print what was recorded and return the exit code."""
+    path, session = recorded_session(last)
+    print_session(path, session, json)
+    if last.disk.held_frames:
+        say(f"{last.folder}: {_not_stored(last)} ({RECOVER_STORED})")
+        return ExitCode.DATA_LOST
+    if any(run.losses.measured for run in session.runs):
+        return ExitCode.DATA_LOST
+    if not session.accepted:
+        say(f"{path}: it has no accepted run (record again, and bump the car as the steps say)")
+        return ExitCode.ANSWER_IS_NO
+    return ExitCode.OK
+
+
+def _not_stored(last: Status) -> str:
+    subject = counted(last.disk.held_frames, "frame at the end was", "frames at the end were")
+    return f"{subject} not stored: {last.disk.failed}"

@@ -11,12 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from prometheus_client.parser import text_string_to_metric_families
 
 from daq.alarms import with_not_recording
 from daq.bench.config import Bench
 from daq.control.messages import Alarm, Status, StorageStatus
-from daq.control.monitoring import write_figures
 from daq.journal.segment import SyncedFile
 from daq.journal.writer import JournalWriter
 from daq.recorder.readers import StorageWatch
@@ -72,7 +70,7 @@ def test_from_three_seconds_on_it_is_an_alarm(late_s: float, alarm: bool) -> Non
         assert with_not_recording(late, storage, 6_000_000_000) is late
 
 
-def test_status_and_figures_say_it(tmp_path: Path) -> None:
+def test_the_status_says_it() -> None:
     storage = StorageStatus(1200, 700, 3.2)
     late = with_not_recording(a_status(), storage, 0)
     well = replace(a_status(), storage=StorageStatus(1200, 1200), recording="")
@@ -80,16 +78,6 @@ def test_status_and_figures_say_it(tmp_path: Path) -> None:
     assert text in list(status_lines(late))
     assert "recording: 1,200 of 1,200 frames stored since the start" in list(status_lines(well))
     assert any("between two campaigns, recording goes on" in line for line in status_lines(well))
-    path = tmp_path / "bumpbench.prom"
-    found = []
-    for status in (late, well):
-        write_figures(path, status)
-        families = text_string_to_metric_families(path.read_text())
-        found.append({s.name: s.value for family in families for s in family.samples})
-    names = ["recording", "campaign", "unstored_seconds"]
-    names += ["received_frames_total", "stored_frames_total"]
-    rows = [[figures[f"bumpbench_{name}"] for name in names] for figures in found]
-    assert rows == [[0, 1, 3.2, 1200, 700], [1, 0, 0, 1200, 1200]]
 
 
 def watched(running: Running) -> Status:

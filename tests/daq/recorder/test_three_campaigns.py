@@ -37,11 +37,11 @@ from daq.journal.reader import read_journal, recordings
 from daq.journal.segment import SyncedFile
 from daq.runlog import LoggedStatus
 from dbc import Codec, FrameBatch
-from tui.commands.recover import recover
+from tui.commands.record import recover
 from tui.output import progress
-from tui.recorders.daemon import Lifetime
+from tui.recorders.daemon import Lifetime, record_campaign
 from tui.recorders.log import Log
-from tui.recorders.recording import record_campaign
+from tui.recorders.traffic import Traffic
 
 from ..recorder_run import ENDED, PATIENCE_S, Gated, Running, Script, quick, sources, stored
 from ..small_campaign import LABELS, START_NS, blocks, bumps
@@ -178,10 +178,11 @@ def test_no_frame_is_lost_over_three_campaigns_and_between_them(
     sender, file = Sender(codec), [quick]
     operator = Operator(tmp_path, sender, quick, file)
     log = tmp_path / "recorder.log"
-    lifetime = Lifetime(True, True, None, lambda: file[0], end=operator.end)
+    traffic = Traffic(quick, lambda *_: sender, lambda: file[0])
+    lifetime = Lifetime(arm=True, keep_on=True, end=operator.end)
     operator.start()
     with Log(log) as lines, progress("test") as stage:
-        last = record_campaign(quick, lambda *_: sender, tmp_path, lifetime, lines, stage)
+        last = record_campaign(traffic, tmp_path, lifetime, lines, stage)
     operator.join()
     if operator.error:
         raise operator.error

@@ -1,0 +1,109 @@
+"""Opens what a recorder records: the buses of a bench, a simulated car, or a recorded session."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..bench import shared_bench
+from ..diagnostics import unknown_value
+
+if TYPE_CHECKING:
+    from daq.bench.config import Bench, BusConfig
+    from daq.bus.source import FrameSource, OpenSource
+    from daq.control.messages import Status
+
+
+@dataclass(frozen=True, slots=True)
+class Traffic:
+    """A bench, and what opens its buses."""
+
+    bench: Bench
+    open_source: OpenSource
+    """Opens a bus, given its description and its number."""
+    reread: Callable[[], Bench]
+    """Reads and checks bench.toml again, for a reload."""
+    follow: Callable[[Status], None] | None = None
+    """Called with every status of the recorder, in the writer's thread."""
+    close: Callable[[], None] = lambda: None
+    """Ends what produces the frames."""
+
+
+def bus_traffic(path: Path | None, interface: str | None, channel: str | None) -> Traffic:
+    """Return the traffic of real buses; parameters and errors are those of `shared_bench`."""
+    from daq.bus.interfaces import open_source
+
+    def read() -> Bench:
+        return shared_bench(path, interface, channel)
+
+    return Traffic(read(), open_source, read)
+
+
+def simulated_traffic(path: Path | None, speed: float, fault: str, seed: int = 1) -> Traffic:
+    """Return the traffic of a simulated car, which is bumped whenever the recorder is armed.
+
+    `path`: bench.toml; the shipped one if None.  `speed`: simulated seconds per second.  `fault`:
+    fault that spoils a run (`daq.sim.bench.Fault`); empty for none.  `seed`: of noise and sensor
+    errors.  Raises InputError if the bench is bad, or the fault unknown.
+    """
+    from daq.bench.campaign import Origin
+    from daq.bench.config import bench_codec, load_bench
+    from daq.sim.bench import Fault, SimulatedBench
+    from daq.sim.car import SimulatedCar
+
+    if fault and fault not in set(Fault):
+        raise unknown_value("--fault", fault, "fault", list(Fault))
+
+    def read() -> Bench:
+        return replace(load_bench(path), origin=Origin.SIMULATED)
+
+    bench = read()
+    latest: list[Status] = []
+    simulated = SimulatedBench(
+        bench,
+        bench_codec(bench),
+        SimulatedCar(),
+        seed,
+        speed,
+        lambda: latest[0] if latest else None,
+        Fault(fault) if fault else None,
+        time.time_ns(),
+    )
+
+    def open_source(_: BusConfig, number: int) -> FrameSource:
+        return simulated.other(number) if number else simulated.open()
+
+    def follow(status: Status) -> None:
+        latest[:] = [status]
+
+    return Traffic(bench, open_source, read, follow, simulated.dismantle)
+
+
+def replayed_traffic(path: Path, speed: float) -> Traffic:
+    """Return the frames of a session file as traffic; a recorder judges each bump anew.
+
+    Raises InputError if no recorder has made the session.
+    """
+    from daq import InputError, read_session
+    from daq.bench.campaign import Origin
+    from daq.bench.config import BusConfig, parse_bench
+    from daq.replay import RecordedSource, whole_frames
+
+    session = read_session(path)
+    about = session.provenance
+    if not {"bench_toml", "dbc"} <= about.keys():
+        reason = "does not hold its bench.toml and DBC: it was not recorded from a bus"
+        raise InputError(str(path), reason, "name a session that a recorder made")
+    frames = whole_frames(session, path)
+    bench = parse_bench(about["bench_toml"], str(path), Path(), dbc_text=about["dbc"])
+    # The bus has no driver: it reports its end and is not opened again.
+    buses = tuple(BusConfig("virtual", f"session{i}", b.bitrate) for i, b in enumerate(bench.buses))
+    bench = replace(bench, buses=buses, origin=Origin.REPLAYED)
+
+    def open_source(_: BusConfig, number: int) -> FrameSource:
+        return RecordedSource(frames, number, speed, time.time_ns())
+
+    return Traffic(bench, open_source, lambda: bench)
