@@ -18,13 +18,14 @@ from numpy.typing import NDArray
 
 from ..decays.decay import FreeDecay
 from .grey_box import GreyBox
-from .products import Alike, laid_out
 from .varpro import (
+    Alike,
     Evaluated,
     LinearPart,
     NormalBlock,
     blocks_of,
     evaluate_each,
+    laid_out,
     products_of,
     residuals_left,
 )

@@ -21,7 +21,7 @@ from daq.vehicle import DOF, VehicleGeometry
 from dbc.errors import InputError
 from dbc.frames import freeze_arrays, read_only
 
-from ..model.low_pass import low_pass_of
+from ..model.exponentials import low_pass_of
 from ..model.matrices import N_DOF, motion_row
 
 _MAX_DAMPING = 0.98

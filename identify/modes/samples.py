@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from dbc.frames import read_only
 
-from ..model import exponential_sums, exponentials
+from ..model import exponentials
 from ..model.chi_squared import exceeded_by_chance
-from ..model.exponential_sums import Series, series_of
+from ..model.exponentials import Series, series_of, waves_of
 
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
@@ -154,7 +154,7 @@ def summed(samples: Samples, poles: _Complex) -> Sums:
     plain = np.zeros_like(mixed)
     target = np.zeros((samples.n_runs, samples.n_channels, 2 * m), dtype=complex)
     for series in samples.series if m else ():
-        at = exponential_sums.waves(series, poles)
+        at = waves_of(series, poles)
         products = zip(series.members, *at.grams(), at.sums(), at.with_samples(), strict=True)
         for number, across, along, total, with_samples in products:
             block = samples.blocks[number]

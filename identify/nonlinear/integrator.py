@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..model.low_pass import LowPass
+from ..model.exponentials import LowPass
 from . import columns, kernels
 from .car import BETA, GAP, K_B, K_T, KNEES, MOUNT, RATIO, STATIC, C, Car, X, Y
 from .columns import LANES

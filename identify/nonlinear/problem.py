@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from daq.channels import TIME_DERIVATIVE
 
 from ..decays.decay import FreeDecay, Recording
-from ..model.low_pass import low_pass_of
+from ..model.exponentials import low_pass_of
 from ..model.matrices import COMPLEX_STEP, stepped
 from . import integrator
 from .car import KNEE_M_S, MOUNT, REACH, Car, Model, car

@@ -26,8 +26,7 @@ from dbc.errors import InputError
 from ..decays.decay import ChannelGroup, FreeDecay, Recording
 from ..fit.grey_box import GreyBox, weight_sigmas
 from ..fit.likelihood import normal_blocks
-from ..fit.products import laid_out
-from ..fit.varpro import Evaluated, blocks_of, evaluate, linear_coefficients, products_of
+from ..fit.varpro import Evaluated, blocks_of, evaluate, laid_out, linear_coefficients, products_of
 from ..model.facts import CORNERS
 from ..model.matrices import loaded_model
 from ..model.response import Bump, exact_response

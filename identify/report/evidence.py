@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from dbc.words import counted
 
-from ..fit.cross_validation import Prediction, leave_one_out
 from ..fit.estimation import Estimation
+from ..fit.uncertainty import Prediction, leave_one_out
 from ..modes.state_variable_method import StabilisationDiagram
 from ..modes.vehicle_modes import vehicle_diagram
 from ..numbers import number

@@ -18,7 +18,7 @@ from ..fit.estimation import Estimation, linearised_at
 from ..fit.grey_box import SIGNED
 from ..fit.uncertainty import COVERAGE_95, estimates
 from ..fit.varpro import Evaluated, LinearPart, over_two, pseudo_inverse
-from ..model.derived import derived_quantities, whole_vehicle_indices
+from ..model.facts import derived_quantities, whole_vehicle_indices
 from ..model.matrices import N_DOF, Full, PhysicalModel, loaded_model
 from ..modes.modal_model import mode_names, modes_of
 from ..numbers import half_width_percent

@@ -18,7 +18,7 @@ from identify.fit.estimation import Estimation, estimate, generic_vehicles
 from identify.fit.grey_box import GreyBox
 from identify.fit.likelihood import Fit, fit
 from identify.fit.uncertainty import estimates, motion_ratio_estimates
-from identify.model.low_pass import low_pass_of
+from identify.model.exponentials import low_pass_of
 from identify.pipeline import grey_box, identify, identify_parameters
 from identify.trust.finding import Verdict
 from identify.trust.judge import judge

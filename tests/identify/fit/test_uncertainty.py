@@ -11,19 +11,20 @@ import pytest
 from numpy.typing import NDArray
 
 from daq.vehicle import FORD_GRANADA, Fact, Structure, VehicleParameters
-from identify.fit.cross_validation import Prediction, leave_one_out
 from identify.fit.estimation import generic_vehicles
 from identify.fit.grey_box import GreyBox
 from identify.fit.likelihood import FACTS, PRIORS, Fit, Residuals, fit
 from identify.fit.uncertainty import (
+    Prediction,
     correlation,
     derived_estimates,
     drivers,
     estimates,
+    leave_one_out,
     mode_estimates,
 )
 from identify.fit.varpro import NormalBlock
-from identify.model.derived import derived_quantities
+from identify.model.facts import derived_quantities
 from identify.model.matrices import FULL_NAMES, SYMMETRIC, physical_model
 
 from ..bumps import GROUP, MASS_STATES, PAPER_DELTA_MASS, TRUTH, noise_of, paper_records

@@ -9,11 +9,8 @@ from scipy.linalg import expm
 from scipy.special import chdtrc, chdtri
 
 from daq.vehicle import FORD_GRANADA
-from identify.model import exponential_sums
 from identify.model.chi_squared import chance_of_more, exceeded_by_chance
-from identify.model.exponential_sums import series_of
-from identify.model.exponentials import Spectrum, spectrum
-from identify.model.low_pass import LowPass
+from identify.model.exponentials import LowPass, Spectrum, series_of, spectrum, waves_of
 from identify.model.matrices import physical_model
 
 NO_FILTER = LowPass(np.zeros(0, dtype=complex))
@@ -86,7 +83,7 @@ def test_sums_are_those_of_a_table(kind: str) -> None:
     samples = [rng.standard_normal((len(time), 2)) for time in TIMES_EXPONENTIAL_SUMS[kind]]
     seen = []
     for series in series_of(TIMES_EXPONENTIAL_SUMS[kind], samples):
-        at = exponential_sums.waves(series, RATES, late_s)
+        at = waves_of(series, RATES, late_s)
         mixed, plain = at.grams()
         sums, plain_sums = at.with_samples(), at.sums()
         drawn = rng.standard_normal((2, len(series.members), 2, len(RATES)))

@@ -10,8 +10,13 @@ from scipy.integrate import solve_ivp
 from daq.runs import Excitation
 from daq.vehicle import FORD_GRANADA, AddedMass, BodyWeight, Corner, Fact, FactQuantity, HubWeight
 from dbc.errors import InputError
-from identify.model.derived import derived_quantities, whole_vehicle_indices
-from identify.model.facts import corner_load, misfits_of, predicted
+from identify.model.facts import (
+    corner_load,
+    derived_quantities,
+    misfits_of,
+    predicted,
+    whole_vehicle_indices,
+)
 from identify.model.matrices import delta_mass, matrices, physical_model
 from identify.model.response import Bump, Response, exact_response, wilson_response
 

@@ -16,7 +16,7 @@ import pytest
 from numpy.typing import NDArray
 
 from daq.channels import Channel, Quantity
-from identify.model.low_pass import low_pass_of
+from identify.model.exponentials import low_pass_of
 from identify.nonlinear import integrator
 from identify.nonlinear import kernels as compiled
 from identify.nonlinear.car import MOUNT, RATIO, Car, car
@@ -103,7 +103,7 @@ def test_tangents_are_the_differences_of_paths(mounted: bool) -> None:
         check(found[:, :, column], number)
     for name in (
         "m_s", "I_xx", "k_tf", "c_sf", "a", "t_f", "F_cf", "d_cr", "r_cf", "v_cf", "h_f2", "k_bf",
-        "y_s",
+        "p_bf", "y_s",
     ):  # fmt: skip
         k = names.index(name)
         high, low = eta.copy(), eta.copy()

@@ -23,8 +23,7 @@ from daq.runs import RunStatus
 from daq.vehicle import FORD_GRANADA, Vehicle
 from dbc.finding import Finding, Severity
 from identify import Estimate, Identification, Judgement, Verdict
-from identify.fit.cross_validation import Prediction
-from identify.fit.uncertainty import Correlation
+from identify.fit.uncertainty import Correlation, Prediction
 from identify.report import CrossChecks, MovingCars, Picture, Report, report_of
 from identify.report.cars import at_rest, moving_car, outline, shape_of
 from identify.report.decays import envelope

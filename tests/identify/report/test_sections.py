@@ -13,9 +13,8 @@ import pytest
 from daq import InputError
 from identify import Estimate, Identification, Judgement, ModalModel, plots
 from identify.compare import compare
-from identify.fit.cross_validation import leave_one_out
 from identify.fit.likelihood import fit, residuals
-from identify.fit.uncertainty import Correlation, ModeEstimate
+from identify.fit.uncertainty import Correlation, ModeEstimate, leave_one_out
 from identify.modes.modal_model import Pairing
 from identify.modes.state_variable_method import StabilisationDiagram
 from identify.nonlinear.forces import AxleForces, DamperCurve, ElementChoice, Forces
