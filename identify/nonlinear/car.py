@@ -90,6 +90,7 @@ _ROWS: tuple[tuple[Any, ...], ...] = (
     ("k_3", "cubic", "N/m3", 1e6, 0.0, -1e8, 1e8),
     ("k_b", "bump_stop", "N/m", 1e5, 0.0, -1e6, 1e6),
     ("g_b", "bump_stop_gap", "m", _LOG, 25e-3, 5e-3, 100e-3, 0.7, 0.05),
+    ("p_b", "bump_stop_power", "1", _LOG, 2.0, 1.0, 4.0, 0.5, 0.2),
     ("s_m", "mount", "m/N", 1e-6, 0.0, 0.0, 2e-5),
     ("dk_s", "springs_left_right", "1", 0.1, 0.0, -0.5, 0.5),
     ("dk_t", "tyres_left_right", "1", 0.1, 0.0, -0.5, 0.5),
@@ -120,17 +121,17 @@ KNEE_M_S = 0.0005
 step."""
 
 (
-    X, Y, K_S, K_2, K_3, K_B, GAP, K_A, F_C, LENGTH, SURPLUS, FALL, RATIO, C, MOUNT, K_T, BETA, C_T,
-    STATIC, MASS, PULL, KNEES,
-) = range(22)  # fmt: skip
+    X, Y, K_S, K_2, K_3, K_B, GAP, POWER, K_A, F_C, LENGTH, SURPLUS, FALL, RATIO, C, MOUNT, K_T,
+    BETA, C_T, STATIC, MASS, PULL, KNEES,
+) = range(23)  # fmt: skip
 """Columns of the coefficients of a corner; the slopes at the knees begin at `KNEES`.
 
 X, Y: place from the CG, m.  SURPLUS: of static over sliding friction, FALL: the speed over which it
 falls off, m/s.  RATIO: this corner's damper over the axle's.  STATIC: load of the bare car, N.
 MASS: of the wheel with its load, kg.  PULL: weight added to the wheel, N."""
 _COLUMN_OF = {
-    K_2: "k_2", K_3: "k_3", K_B: "k_b", GAP: "g_b", F_C: "F_c", LENGTH: "d_c", SURPLUS: "r_c",
-    FALL: "v_c", MOUNT: "s_m", BETA: "b_t",
+    K_2: "k_2", K_3: "k_3", K_B: "k_b", GAP: "g_b", POWER: "p_b", F_C: "F_c", LENGTH: "d_c",
+    SURPLUS: "r_c", FALL: "v_c", MOUNT: "s_m", BETA: "b_t",
 }  # fmt: skip
 """Columns that are an element's value."""
 

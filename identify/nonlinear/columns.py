@@ -126,7 +126,8 @@ def linearise(x, rate, r, p, lines, knots, inverse, level, mounted, sparse, body
         by_load, damped = laws.tyre_slopes(load, x[10 + i], one[car.C_T], level[5])
         over = 1.0 / one[car.MASS]
         damping = one[car.RATIO] * curve_slope(one, knots, r[i], width)
-        stop = laws.stop_slopes(u, one[car.K_B], one[car.GAP], level[4])
+        hard, gap, power = one[car.K_B], one[car.GAP], one[car.POWER]
+        stop = laws.stop_slopes(u, hard, gap, power, level[4])
         stiff = laws.spring_stiffness(u, one[car.K_S], one[car.K_2], one[car.K_3])
         stiff += one[car.K_A] + stop[0]
         zeta, length, surplus, fall = x[14 + i], one[car.LENGTH], one[car.SURPLUS], one[car.FALL]
@@ -142,7 +143,7 @@ def linearise(x, rate, r, p, lines, knots, inverse, level, mounted, sparse, body
         force = (
             one[car.RATIO] * curve(lines[i], knots, r[i], width)
             + laws.spring_force(u, one[car.K_S], one[car.K_2], one[car.K_3])
-            + laws.stop_force(u, one[car.K_B], one[car.GAP], level[4])
+            + laws.stop_force(u, hard, gap, power, level[4])
             + one[car.K_A] * (u - across)
             + one[car.F_C] * zeta
         )
@@ -162,7 +163,7 @@ def linearise(x, rate, r, p, lines, knots, inverse, level, mounted, sparse, body
             by_force[car.KNEES + j] = ratio * bent
             by_speed[car.KNEES + j] = -sigma * ratio * bent
         by_force[car.K_S], by_force[car.K_2], by_force[car.K_3] = u, u * u, u * u * u
-        by_force[car.K_B], by_force[car.GAP] = stop[1], -stop[0]
+        by_force[car.K_B], by_force[car.GAP], by_force[car.POWER] = stop[1], -stop[0], stop[2]
         by_force[car.K_A], by_force[car.F_C] = u - across, zeta
         by_force[car.RATIO], by_force[car.C] = curved, ratio * r[i]
         by_speed[car.MOUNT] = -ratio * curved

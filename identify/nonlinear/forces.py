@@ -78,7 +78,8 @@ class AxleForces:
     values: dict[str, Estimate]
     """Elements that are in the structure, by name: `friction` [N], `pre_sliding_length` [m],
     `static_surplus` (share by which static friction exceeds it), `stribeck_speed` [m/s],
-    `bump_stop` [N/m], `bump_stop_gap` [m], `mount` [N/m], `progressive` [N/m2], `cubic` [N/m3],
+    `bump_stop` [N/m] (force over compression at 10 mm of it), `bump_stop_gap` [m],
+    `bump_stop_power` (of the compression), `mount` [N/m], `progressive` [N/m2], `cubic` [N/m3],
     `tyre_progressive` [1/m], `friction_left_right` [N] and `dampers_left_right` (half the
     difference left less right, the latter as a share), as are `springs_left_right`,
     `tyres_left_right` and `wheels_left_right`."""
@@ -182,7 +183,8 @@ def _axle(
     if "bump_stop" in shown and max(travels) < one.corner[corners[0], GAP]:
         gap = 1e3 * max(travels)
         notes.append(f"bump stop not reached: the travel went to {gap:.0f} mm in compression")
-        shown.pop("bump_stop"), shown.pop("bump_stop_gap", None)
+        for label in ("bump_stop", "bump_stop_gap", "bump_stop_power"):
+            shown.pop(label, None)
     mount = values.get(f"{KINDS[MOUNT_LABEL]}{letter}")
     if mount is not None:
         if mount.value < _SHOWN_SIGMAS * mount.std:

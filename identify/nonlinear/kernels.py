@@ -141,7 +141,7 @@ def rates(x, p, lines, knots, inverse, pull, level, mounted, r, out):
             + one[car.F_C] * x[14 + i]
         )
         if u > one[car.GAP] - level[4]:
-            force += laws.stop_force(u, one[car.K_B], one[car.GAP], level[4])
+            force += laws.stop_force(u, one[car.K_B], one[car.GAP], one[car.POWER], level[4])
         if one[car.K_A] != 0.0:
             k = i ^ 1
             across = x[3 + k] - x[0] + p[k, car.X] * x[1] - p[k, car.Y] * x[2]

@@ -125,7 +125,12 @@ def mount_slope(damping: Value, sigma: Value, loss_s: Value) -> Value:
 
 
 # Spring and bump stop.  Parameters: k_s [N/m], k_2 [N/m2] (stiffer in compression where positive),
-# k_3 [N/m3]; k_b [N/m] and the gap g [m] of travel from rest at which the stop begins.
+# k_3 [N/m3].  From the gap g [m] of travel on, a stop of foam pushes by a power p of its
+# compression: 1 is a hard edge, 2 a parabola; k_b [N/m] is its force over its compression at
+# `STOP_DEPTH_M`.
+
+STOP_DEPTH_M = 0.01
+"""Compression of a bump stop, m, for which its stiffness is stated."""
 
 
 def spring_force(u: Value, k_s: Value, k_2: Value, k_3: Value) -> Value:
@@ -138,14 +143,19 @@ def spring_stiffness(u: Value, k_s: Value, k_2: Value, k_3: Value) -> Value:
     return k_s + u * (2.0 * k_2 + 3.0 * k_3 * u)
 
 
-def stop_force(u: Value, k_b: Value, gap: Value, width: Value) -> Value:
-    """Return the force, N, at the travel u, m."""
-    return k_b * hinge(u - gap, width)
+def stop_force(u: Value, k_b: Value, gap: Value, power: Value, width: Value) -> Value:
+    """Return the force, N, at the travel u, m; `power` is p, at least 1."""
+    return k_b * STOP_DEPTH_M * (hinge(u - gap, width) / STOP_DEPTH_M) ** power
 
 
-def stop_slopes(u: Value, k_b: Value, gap: Value, width: Value) -> tuple[Value, Value]:
-    """Return the derivatives of `stop_force` by u, N/m (by the gap its negative), and by k_b, m."""
-    return k_b * hinge_slope(u - gap, width), hinge(u - gap, width)
+def stop_slopes(
+    u: Value, k_b: Value, gap: Value, power: Value, width: Value
+) -> tuple[Value, Value, Value]:
+    """Return the derivatives of `stop_force` by u (by the gap its negative), k_b and p."""
+    depth = hinge(u - gap, width) / STOP_DEPTH_M
+    by_rate = STOP_DEPTH_M * depth**power
+    by_travel = k_b * power * depth ** (power - 1.0) * hinge_slope(u - gap, width)
+    return by_travel, by_rate, k_b * by_rate * np.log(np.maximum(depth, 1e-300))
 
 
 # The tyre: a progressive spring with a little damping that can push and never pull.  Parameters:

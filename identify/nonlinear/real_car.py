@@ -197,7 +197,7 @@ def _choices(
             continue
         # A length, a speed or a gap does not count: it has a prior, and no value at which its
         # element is absent.
-        sized = [n for n in members if not n.startswith(("d_c", "v_c", "g_b"))]
+        sized = [n for n in members if not n.startswith(("d_c", "v_c", "g_b", "p_b"))]
         place = {n: int(np.flatnonzero(problem.free == model.names.index(n))[0]) for n in sized}
         shown = []
         for part in group.parts(sized):

@@ -71,7 +71,7 @@ GROUPS = (
     Group("friction_left_right", ("dF_c",)),
     Group("dampers_left_right", ("s_c",)),
     Group("corners_left_right", ("dk_s", "dk_t", "dm_u")),
-    Group("bump_stops", ("k_b", "g_b"), positive=True),
+    Group("bump_stops", ("k_b", "g_b", "p_b"), positive=True),
 )
 BY_NAME = {group.name: group for group in GROUPS}
 AS_PARAMETERS = frozenset({"anti_roll_bars", "cg_offset", "tyre_damping"})

@@ -162,7 +162,9 @@ def true_elements(car: SimulatedCar) -> TrueElements:
     for kinds in sized.values():
         values |= with_axles(kinds)
     gaps = zip("fr", i.stop_gap_m, strict=True)
-    values |= {f"g_b{axle}": gap for axle, gap in gaps if isfinite(gap)}
+    for axle, gap in gaps:
+        if isfinite(gap):
+            values |= {f"g_b{axle}": gap, f"p_b{axle}": 1.0}  # a hard edge
     return TrueElements(tuple(groups), values, (_true_curve(dampers[0]), _true_curve(dampers[1])))
 
 

@@ -53,8 +53,8 @@ def rich(model: Model, mounted: bool) -> NDArray[np.float64]:
     mounts = {"s_mf": 1.0, "s_mr": 0.5} if mounted else {}
     return bent(
         model, F_cf=1.0, F_cr=1.0, r_cf=0.4, h_f1=-0.5, h_f2=0.8, h_f3=-0.6, h_r1=-0.4, h_r3=0.3,
-        k_2f=0.4, k_3f=0.3, k_bf=1.0, g_bf=float(np.log(0.015)), dF_cf=0.2, s_cf=0.1, b_tf=0.4,
-        c_tf=0.8, y_s=0.1, **mounts,
+        k_2f=0.4, k_3f=0.3, k_bf=0.5, g_bf=float(np.log(0.015)), p_bf=float(np.log(1.5)),
+        dF_cf=0.2, s_cf=0.1, b_tf=0.4, c_tf=0.8, y_s=0.1, **mounts,
     )  # fmt: skip
 
 

@@ -164,12 +164,14 @@ def test_a_curve_ends_where_the_damper_spent_a_hundredth_of_its_time() -> None:
 STOP = {
     "k_bf": Estimate(1e5, 1e4, 8e4, 1.2e5, "N/m"),
     "g_bf": Estimate(0.015, 1e-3, 0.013, 0.017, "m"),
+    "p_bf": Estimate(2.0, 0.1, 1.8, 2.2, "1"),
     "F_cr": Estimate(40.0, 2.0, 36.0, 44.0, "N"),
 }
 
 
 @pytest.mark.parametrize(
-    ("travel_m", "shown", "notes"), [(0.0149, [], 1), (0.0151, ["bump_stop", "bump_stop_gap"], 0)]
+    ("travel_m", "shown", "notes"),
+    [(0.0149, [], 1), (0.0151, ["bump_stop", "bump_stop_gap", "bump_stop_power"], 0)],
 )
 def test_a_stop_is_reported_where_the_travel_reached_it(
     travel_m: float, shown: list[str], notes: int

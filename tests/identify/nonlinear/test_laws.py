@@ -60,10 +60,14 @@ DERIVATIVES: dict[str, tuple[Law, Law, Sequence[int], Sequence[tuple[float, ...]
         [(-0.04,), (0.0,), (0.025,)],
     ),
     "stop": (  # before the gap, in the rounding of 0.05 mm about it, and beyond
-        lambda u, k_b: stop_force(u, k_b, 0.025, 5e-5),
-        lambda u, k_b: stop_slopes(u, k_b, 0.025, 5e-5),
-        (0, 1),
-        [(0.0, 2e5), (0.0249, 2e5), (0.02497, 2e5), (0.02503, 2e5), (0.030, 2e5)],
+        lambda u, k_b, power: stop_force(u, k_b, 0.025, power, 5e-5),
+        lambda u, k_b, power: stop_slopes(u, k_b, 0.025, power, 5e-5),
+        (0, 1, 2),
+        [
+            (u, 2e5, power)
+            for u in (0.0, 0.0249, 0.02497, 0.02503, 0.030, 0.040)
+            for power in (1.2, 2.0, 3.0)
+        ],
     ),
     "sliding": (
         sliding_share,
@@ -117,8 +121,11 @@ def test_a_progressive_spring_is_stiffer_in_compression() -> None:
 
 
 def test_a_stop_acts_beyond_its_gap_alone() -> None:
-    assert stop_force(0.0249, 1e5, 0.025, 5e-5) == 0.0
-    assert stop_force(0.030, 1e5, 0.025, 5e-5) == pytest.approx(500.0)
+    """Its force is the stated one at 10 mm for every power, and falls from there by the power."""
+    for power, at_5_mm in ((1.0, 500.0), (2.0, 250.0), (3.0, 125.0)):
+        assert stop_force(0.0249, 1e5, 0.025, power, 5e-5) == 0.0
+        assert stop_force(0.035, 1e5, 0.025, power, 5e-5) == pytest.approx(1000.0)
+        assert stop_force(0.030, 1e5, 0.025, power, 5e-5) == pytest.approx(at_5_mm)
 
 
 def test_a_knee_bends_outwards_from_rest() -> None:
