@@ -312,13 +312,14 @@ def test_friction_that_acts_in_full_costs_nothing(share: float) -> None:
 
 
 def stop_off(gap_m: float, start_m: float) -> tuple[Problem, NDArray[np.float64]]:
-    """Return samples of a car with a stop, whose gap is the only unknown, and a start."""
+    """Return samples of a car with a hard stop, whose gap is the only unknown, and a start."""
     group = ChannelGroup("hubs", tuple(channels()[1]))
     recording = Recording(group, np.arange(0.0, 0.4, 0.01), np.zeros((40, 4)))
     decay = FreeDecay("run", "baseline", 0.0, (recording,))
     model = Model(GreyBox((group,), (BASELINE,), None, RICH), KNOTS["K1"])
     sigma = {c.name: 0.01 * NOISE[c.quantity] for c in group.channels}
-    true, start = (bent(model, k_bf=1.0, g_bf=float(np.log(gap))) for gap in (gap_m, start_m))
+    gaps = (gap_m, start_m)
+    true, start = (bent(model, k_bf=1.0, g_bf=np.log(gap).item(), p_bf=0.0) for gap in gaps)
     free = np.array([model.names.index("g_bf")])
     still = Problem(model, (run_of(model, decay, sigma),), *weak_priors(model, start), free)
     at = point(still, true, (moving(),), USUAL)
