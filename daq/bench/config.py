@@ -36,10 +36,18 @@ from ..vehicle import (
     parameter_names,
 )
 from .campaign import Campaign, Origin
-from .databases import Database, database_codec, read_databases, stored_databases, stored_text
 from .message_rules import MessageRule, SampleSet, check_sets, ruled_codec
-from .ready_maps import completed
-from .sensors import Sensor, full_name, sensors_codec
+from .sensors import (
+    Database,
+    Sensor,
+    completed,
+    database_codec,
+    full_name,
+    read_databases,
+    sensors_codec,
+    stored_databases,
+    stored_text,
+)
 from .toml_file import Place, Table, toml_tables, toml_text, validated
 
 _SIGNAL_BYTES = 128
@@ -326,7 +334,7 @@ class Bench:
     dbc_name: str
     """Source of the DBC, for messages to the user."""
     dbc_text: str
-    """The DBC as read, or all databases of the sensors (`daq.bench.databases`); stored in every
+    """The DBC as read, or all databases of the sensors (`daq.bench.sensors`); stored in every
     journal and session."""
     buses: tuple[BusConfig, ...]
     """The buses, at least one; a frame's `bus` is a position in this tuple."""
@@ -366,7 +374,7 @@ def load_bench(path: Path | None) -> Bench:
     """Return the bench of a bench.toml, or the shipped one if `path` is None.
 
     Without `[[channel]]` tables the shipped channels are used, which fit the shipped DBC; with
-    ``dbc = "layout:NAME"`` those of that ready map (`daq.bench.ready_maps`), and its messages and
+    ``dbc = "layout:NAME"`` those of that ready map (`daq.bench.sensors`), and its messages and
     sample sets, unless the file states its own.  Raises InputError, with file and key, if the file
     cannot be read, holds an unknown key or a bad value.
     """

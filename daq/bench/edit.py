@@ -18,7 +18,7 @@ from ..runs import Excitation
 from ..vehicle import BodyWeight, Fact, HubWeight, Structure
 from .campaign import Method
 from .config import default_bench_text, parse_bench
-from .ready_maps import completed
+from .sensors import completed
 
 WHERE = "bench.toml"
 Weight = BodyWeight | HubWeight

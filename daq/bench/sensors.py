@@ -1,4 +1,4 @@
-"""Builds the messages of a bench's sensors: database, bus and identifiers of each sensor.
+"""Builds the messages of a bench's sensors: databases, ready maps, buses and identifiers.
 
 The codec of a bench with a list of sensors names a message ``sensor.Message``, so that the messages
 of two sensors of one database, and messages of one name in two databases, are different.
@@ -6,17 +6,208 @@ of two sensors of one database, and messages of one name in two databases, are d
 
 from __future__ import annotations
 
+import json
+import tomllib
 from collections import defaultdict
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from importlib.resources import files
+from pathlib import Path, PurePath
 from types import MappingProxyType
+from typing import Any
 
-from dbc import Codec
+from dbc import Codec, parse_codec, read_dbc, shipped_dbc, split_by_bus
 from dbc.finding import Finding, Severity
 from dbc.layout import MessageLayout
 
 from ..errors import InputError
-from .databases import Database, database_codec
+from .toml_file import Place, line_of
+
+PREFIX = "layout:"
+"""Prefix of `dbc` in bench.toml that names a ready map instead of a file."""
+_FOLDER = files("daq") / "layouts"
+"""A DBC and a part of bench.toml for each ready map of a common sensor."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReadyMap:
+    """A sensor's layout as its public documents state it."""
+
+    name: str
+    """Name of the layout in bench.toml, after the prefix."""
+    title: str
+    """Name of the sensor."""
+    dbc_text: str
+    """Its DBC."""
+    bench_text: str
+    """`[[message]]`, `[[sample_set]]` and `[[channel]]` tables that fit the DBC."""
+
+
+def ready_map_names() -> tuple[str, ...]:
+    """Return the names of all ready maps, sorted."""
+    names = (entry.name for entry in _FOLDER.iterdir())
+    return tuple(sorted(name.removesuffix(".dbc") for name in names if name.endswith(".dbc")))
+
+
+def ready_map(name: str) -> ReadyMap:
+    """Return one ready map; raises InputError if there is none of this name."""
+    if name not in ready_map_names():
+        names = ", ".join(ready_map_names())
+        raise InputError(f"{PREFIX}{name}", "there is no such layout", f"use one of {names}")
+    bench = (_FOLDER / f"{name}.toml").read_text("utf-8")
+    title = bench.partition("\n")[0].removeprefix("# ").rstrip(".")
+    return ReadyMap(name, title, (_FOLDER / f"{name}.dbc").read_text("utf-8"), bench)
+
+
+def sensor_map(sensor: str, database: str) -> dict[str, Any]:
+    """Return the tables of a sensor's ready map under its name; empty if it has none.
+
+    Names of messages, signals, sample sets and channels begin with the name of the sensor.
+    """
+    if not database.startswith(PREFIX):
+        return {}
+    piece = tomllib.loads(ready_map(database.removeprefix(PREFIX)).bench_text)
+    for message in piece.get("message", []):
+        message["name"] = f"{sensor}.{message['name']}"
+    for each in piece.get("sample_set", []):
+        each["name"] = f"{sensor}_{each['name']}"
+        each["messages"] = [f"{sensor}.{name}" for name in each["messages"]]
+        if "." in each["bound_by"]:
+            each["bound_by"] = f"{sensor}.{each['bound_by']}"
+    for channel in piece.get("channel", []):
+        channel["name"] = f"{sensor}_{channel['name']}"
+        channel["signal"] = f"{sensor}.{channel['signal']}"
+    return piece
+
+
+def completed(document: Mapping[str, Any], shipped: str) -> dict[str, Any]:
+    """Return the tables of a bench.toml with those that it does not state.
+
+    The channels of a sensor's ready map are added unless bench.toml has a channel of that sensor; a
+    message or sample set unless it has one of that name or of that sensor.  A bench with one DBC
+    takes them from its ready map, or its channels from `shipped`, the text of the shipped bench.
+    """
+    channels, messages, sets = (
+        list(document.get(kind, ())) for kind in ("channel", "message", "sample_set")
+    )
+    named = {message["name"] for message in messages}
+    signals = [channel["signal"] for channel in channels]
+    in_sets = [name for each in sets for name in each["messages"]]
+    dbc = document.get("dbc", "")
+    pieces = []
+    for sensor in document.get("sensor", ()):
+        layout = sensor.get("layout")
+        database = f"{PREFIX}{layout}" if layout else sensor["dbc"]
+        pieces.append((f"{sensor['name']}.", sensor_map(sensor["name"], database)))
+    if not pieces and dbc.startswith(PREFIX):
+        pieces = [("", tomllib.loads(ready_map(dbc.removeprefix(PREFIX)).bench_text))]
+    elif not pieces:
+        pieces = [("", {"channel": tomllib.loads(shipped)["channel"]})]
+    for prefix, piece in pieces:
+        if not any(signal.startswith(prefix) for signal in signals):
+            channels += piece.get("channel", [])
+        if not any(name.startswith(prefix) for name in in_sets):
+            sets += piece.get("sample_set", [])
+        messages += [m for m in piece.get("message", []) if m["name"] not in named]
+    return {**document, "channel": channels, "message": messages, "sample_set": sets}
+
+
+# The databases of a bench -------------------------------------------------------------------------
+
+
+_BUS_MARK = "#"
+"""Separator between the name of a file and of one of its buses, as in `dbc.read_dbc`."""
+_KEY = "bumpbench_databases"
+
+
+@dataclass(frozen=True, slots=True)
+class Database:
+    """A database of a bench."""
+
+    name: str
+    """Its name in bench.toml: a path, or ``layout:NAME``; empty if bench.toml names none."""
+    text: str
+    """Its content."""
+
+
+def read_databases(
+    places: Mapping[str, Place], text: str, where: str, folder: Path | None
+) -> tuple[Database, ...]:
+    """Return the databases that a bench names.
+
+    `places`: where it names each.  `text` and `where`: the bench.toml and its name.  `folder`:
+    where relative paths start; None reads the ready maps only.  Raises InputError, with the line of
+    bench.toml, if one cannot be read.
+    """
+    databases = []
+    for name, place in places.items():
+        try:
+            if name.startswith(PREFIX):
+                content = ready_map(name.removeprefix(PREFIX)).dbc_text
+            elif folder is not None:
+                content = read_dbc(folder / name) if name else shipped_dbc()
+            else:
+                continue
+        except InputError as error:
+            line = line_of(text, place)
+            key = ".".join(str(part) for part in place)
+            what = f"{key}: {error.where}: {error.what}"
+            raise InputError(f"{where}:{line}" if line else where, what, error.advice) from error
+        databases.append(Database(name, content))
+    return tuple(databases)
+
+
+def stored_text(databases: Sequence[Database]) -> str:
+    """Return the text that journals and sessions store."""
+    if len(databases) == 1:
+        return databases[0].text
+    return json.dumps({_KEY: {each.name: each.text for each in databases}}, indent=1)
+
+
+def stored_databases(text: str) -> tuple[Database, ...]:
+    """Return the databases in a stored text; none if it is empty.
+
+    Raises InputError if it is damaged.
+    """
+    if not text.lstrip().startswith("{"):
+        return (Database("", text),) if text else ()
+    try:
+        stored = json.loads(text)[_KEY]
+        return tuple(Database(str(name), str(each)) for name, each in stored.items())
+    except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
+        what = "the list of databases is damaged"
+        raise InputError("bench", what, "name the databases with --config") from error
+
+
+def each_bus(database: Database) -> tuple[Database, ...]:
+    """Return a database of several buses as one for each, called ``FILE#BUS``; others unchanged.
+
+    The text of each is the part for its bus.
+    """
+    parts = split_by_bus(database.text, database.name)
+    if len(parts) < 2:
+        return (database,)
+    return tuple(Database(f"{database.name}{_BUS_MARK}{bus}", text) for bus, text in parts.items())
+
+
+def file_and_bus(name: str) -> tuple[str, str]:
+    """Return the file and the bus in the name of a database; the bus is empty if none is named."""
+    file, _, bus = name.rpartition(_BUS_MARK)
+    return (file, bus) if PurePath(file).suffix else (name, "")
+
+
+@lru_cache(maxsize=32)
+def database_codec(text: str, name: str) -> Codec:
+    """Return a database compiled; cached for later calls.
+
+    Raises InputError as `dbc.parse_codec`.
+    """
+    return parse_codec(text, name)
+
+
+# The messages of the sensors ----------------------------------------------------------------------
+
 
 CORRECT_SENSOR = "correct that [[sensor]] in bench.toml"
 _BITS = {False: 11, True: 29}

@@ -18,8 +18,7 @@ from dbc.frames import FrameBatch
 from dbc.layout import MessageLayout
 from dbc.words import counted, plural
 
-from ..bench.databases import Database, database_codec, file_and_bus
-from ..bench.sensors import Sensor
+from ..bench.sensors import Database, Sensor, database_codec, file_and_bus
 from .frame_checks import Arrivals, frame_table
 from .guess import Asked, Question, plain_name
 

@@ -22,9 +22,7 @@ from dbc.units import known_si
 from dbc.words import counted
 
 from ..bench.config import BusConfig
-from ..bench.databases import Database
-from ..bench.ready_maps import PREFIX, sensor_map
-from ..bench.sensors import Sensor, sensors_codec
+from ..bench.sensors import PREFIX, Database, Sensor, sensor_map, sensors_codec
 from ..channels import AT_CORNER, ON_BODY, Quantity, sensor_of, signal_of
 from .find_sensors import FoundSensor, find_sensors
 from .frame_checks import RATE_FAIL, Arrivals, fitting_rules, frame_table

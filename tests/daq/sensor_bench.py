@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from daq.bench.config import Bench, parse_bench
-from daq.bench.databases import Database, stored_text
+from daq.bench.sensors import Database, stored_text
 from dbc.frames import FrameBatch, FrameFlag
 
 START_NS = 1_800_000_000_000_000_000

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from daq.bench.config import Bench, bench_codec, parse_bench
-from daq.bench.databases import Database, stored_text
+from daq.bench.sensors import Database, stored_text
 from daq.check.pushes import ORDER
 from daq.runs import BASELINE
 from daq.sim.bench import Acts

@@ -26,7 +26,7 @@ import pytest
 
 import identify
 from daq.bench.config import bench_codec, load_bench, parse_bench
-from daq.bench.databases import stored_text
+from daq.bench.sensors import stored_text
 from daq.channels import Quantity
 from daq.check.propose import propose_sensors
 from daq.control.messages import Phase

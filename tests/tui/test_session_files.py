@@ -17,7 +17,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.io import loadmat
 
 from daq import InputError, Session, read_session, write_session
-from daq.bench.databases import Database, stored_text
+from daq.bench.sensors import Database, stored_text
 from daq.channels import Channel, Quantity
 from daq.formats.export import ExportFormat, export_session
 from daq.runs import SampleGroup

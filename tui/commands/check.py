@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from daq.bench.config import Bench, BusConfig
-    from daq.bench.databases import Database
+    from daq.bench.sensors import Database
     from daq.check.check import CheckReport
     from dbc import FrameBatch
 
@@ -184,7 +184,7 @@ def _proposed(
 
     from daq import InputError
     from daq.bench.config import load_bench, parse_bench
-    from daq.bench.databases import stored_text
+    from daq.bench.sensors import stored_text
     from daq.check.propose import propose_sensors
     from daq.files import refuse_existing
 
@@ -255,8 +255,7 @@ def _databases(
     import os
 
     from daq import InputError
-    from daq.bench.databases import Database, each_bus
-    from daq.bench.ready_maps import ready_map
+    from daq.bench.sensors import Database, each_bus, ready_map
     from dbc import read_dbc
 
     files = [Database(os.path.relpath(dbc, target.parent), read_dbc(dbc)) for dbc in dbcs]
@@ -347,7 +346,7 @@ def _print_document(report: CheckReport) -> None:
 
 
 def _list_layouts(json: bool) -> int:
-    from daq.bench.ready_maps import ready_map, ready_map_names
+    from daq.bench.sensors import ready_map, ready_map_names
 
     from ..output import print_json, print_labelled
 

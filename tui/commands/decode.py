@@ -190,8 +190,7 @@ def _databases(paths: Sequence[Path]) -> Codec:
     has the identifier of one in another database.
     """
     from daq import InputError
-    from daq.bench.databases import Database, file_and_bus
-    from daq.bench.sensors import Sensor, sensors_codec
+    from daq.bench.sensors import Database, Sensor, file_and_bus, sensors_codec
     from dbc import load_codec, parse_codec, read_dbc, shipped_dbc
 
     from ..diagnostics import say

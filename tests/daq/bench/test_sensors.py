@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from daq.bench.config import bench_codec, load_bench, on_bus, parse_bench, with_database
-from daq.bench.databases import Database, stored_databases, stored_text
 from daq.bench.edit import with_channel
-from daq.bench.ready_maps import completed, sensor_map
+from daq.bench.sensors import Database, completed, sensor_map, stored_databases, stored_text
 from daq.errors import InputError
 from daq.samples.mapping import bench_mapping
 from dbc import Samples

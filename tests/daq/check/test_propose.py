@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from daq.bench.config import Bench, bench_codec, parse_bench
-from daq.bench.databases import Database, each_bus, stored_text
+from daq.bench.sensors import Database, each_bus, stored_text
 from daq.channels import Quantity
 from daq.check.find_sensors import find_sensors
 from daq.check.frame_checks import Arrivals

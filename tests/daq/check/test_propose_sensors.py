@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from daq.bench.config import Bench, BusConfig, bench_codec, parse_bench
-from daq.bench.databases import Database, stored_text
+from daq.bench.sensors import Database, stored_text
 from daq.channels import Quantity
 from daq.check.check import check_bench
 from daq.check.guess import Asked

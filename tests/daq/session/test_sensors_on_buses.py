@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from daq.bench.config import Bench, bench_codec, parse_bench
-from daq.bench.databases import stored_databases
+from daq.bench.sensors import stored_databases
 from daq.bus.source import HopLosses
 from daq.check.check import check_bench
 from daq.errors import InputError
