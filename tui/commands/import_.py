@@ -1,29 +1,14 @@
-"""`bumpbench import`: makes a session from logs."""
+"""`bumpbench import`: makes a session from logs, or from files of decoded channels."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
 
-from ..diagnostics import ExitCode
+from ..diagnostics import ExitCode, say
 from ..options import Buses, Force, JsonSummary, Sensors
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from daq import Session
-    from daq.bench.config import Bench
-    from daq.formats.log import Log
-    from daq.session.from_frames import LogPart
-    from dbc import Codec
-
-    from ..output import Stage
-
-RELATIVE_BEFORE_NS = 631_152_000_000_000_000
-"""UNIX time of 1990, ns: earlier stamps count from the start of the log, because CAN is not
-older."""
 
 
 def import_(
@@ -61,190 +46,76 @@ def import_(
     among the logs describes the bench.  With --channels the files hold channels that are already
     decoded.
     """
-    from importlib.metadata import version
-    from json import dumps
+    from dataclasses import replace
 
     from daq import InputError, write_session
-    from daq.bench.campaign import Origin
+    from daq.bench.channel_map import load_channel_map
     from daq.bench.config import bench_codec
-    from daq.check.frame_checks import mixed_messages
     from daq.files import refuse_existing
     from daq.formats.log import read_log, read_logs
-    from daq.session.from_frames import (
-        labelled,
-        numbered,
-        parse_runs,
-        session_from_parts,
-        with_steps,
-    )
+    from daq.session.from_frames import numbered, parse_runs, with_steps
 
     from ..bench import bench_with_dbc, bus_numbers, with_sensors
-    from ..diagnostics import say, say_left_out
+    from ..diagnostics import say_left_out
+    from ..importing import import_channels, import_logs
     from ..output import print_session, progress
-    from ..recorders.decoded import import_channels, sign_remarks
 
     benches = [path for path in logs or [] if path.suffix.lower() == ".toml"]
-    logs = [path for path in logs or [] if path not in benches]
+    files = [path for path in logs or [] if path not in benches]
     if len(benches) > 1:
         reason = f"is named twice: {benches[0]} and {benches[1]}"
         raise InputError("bench.toml", reason, "name one")
     config = benches[0] if benches else None
-    singles = [_single(text) for text in run or []]
-    if channels:
-        if config or dbc or sensor or bus:
-            reason = "is for files without a bus, and takes no bench.toml, --dbc, --sensor or --bus"
-            raise InputError("--channels", reason, "leave them out")
-        return import_channels(channels, logs, singles, runs, skip, out, force, json)
-    named = (*logs, *(path for _, path in singles), config, dbc)
-    inputs = [path for path in named if path is not None]
-    refuse_existing(out, replace=force, inputs=inputs)
-    if bool(singles) == bool(logs):
-        reason = "names both logs and --run" if logs else "names no log"
-        raise InputError("import", reason, "name logs, or --run MASS_STATE:EXCITATION:FILE each")
-    if singles and (runs or skip):
+    labels = []
+    for text in run or []:
+        parts = text.split(":", 2)
+        if len(parts) != 3 or not all(parts):
+            reason = f"--run {text!r} is not understood"
+            raise InputError("import", reason, "write MASS_STATE:EXCITATION:FILE")
+        labels.append(parts[:2])
+    if bool(labels) == bool(files):
+        noun = "file" if channels else "log"
+        reason = f"names both {noun}s and --run" if files else f"names no {noun}"
+        advice = f"name {noun}s, or --run MASS_STATE:EXCITATION:FILE each"
+        raise InputError("import", reason, advice)
+    files = files or [Path(text.split(":", 2)[2]) for text in run or []]
+    if labels and not channels and (runs or skip):
         raise InputError("import", "--runs and --skip are for logs of many runs", "leave them out")
-    bench = bench_with_dbc(config, dbc)
-    numbers = bus_numbers(bench, bus or [])
-    bench = with_sensors(bench, sensor or [], numbers if len(bench.buses) > 1 else frozenset())
-    codec = bench_codec(bench)
-    say_left_out(codec)
-    if singles:
-        steps = numbered([label for label, _ in singles])
-        sources = [read_log(path) for _, path in singles]
-    else:
-        steps = parse_runs(runs) if runs else bench.campaign.steps
-        sources = read_logs(logs or [])
-    bench = with_steps(bench, steps)
-    for source in sources:
-        refuse_existing(out, replace=force, inputs=source.paths)
+    inputs = [path for path in (*files, config, dbc, channels) if path is not None]
+    refuse_existing(out, replace=force, inputs=inputs)
+    steps = numbered(labels) if labels else parse_runs(runs) if runs else ()
     with progress("import") as stage:
-        parts = _parts(bench, codec, sources, numbers, stage, apart=bool(singles))
-        if singles:
-            for part, source in zip(parts, sources, strict=True):
-                _require_a_bump([part], [source], len(bench.buses))
-            pairs = zip(parts, steps, strict=True)
-            parts = [labelled([part], [step], 0)[0] for part, step in pairs]
+        if channels:
+            if config or dbc or sensor or bus:
+                reason = "is for files without a bus"
+                advice = "name no bench.toml, --dbc, --sensor or --bus with it"
+                raise InputError("--channels", reason, advice)
+            known = load_channel_map(channels)
+            if known.runs and (labels or runs or skip or len(files) > 1):
+                reason = "states the times of its runs"
+                advice = "name one file, and no --run, --runs or --skip"
+                raise InputError(str(channels), reason, advice)
+            steps = steps or known.bench.campaign.steps
+            known = replace(known, bench=with_steps(known.bench, steps))
+            imported = import_channels(known, files, steps, skip, bool(labels), stage)
         else:
-            _require_a_bump(parts, sources, len(bench.buses))
-            parts = list(labelled(parts, steps, skip))
-        stage(1.0, "reading the logs' hashes")
-        about = {"software": f"bumpbench {version('bumpbench')}"}
-        # If any of several logs was not measured, its origin counts.
-        origins = [source.origin for source in sources if source.origin != Origin.REAL]
-        about["origin"] = str((origins or [Origin.REAL])[0])
-        facts = [_facts(source) for source in sources]
-        about |= {f"source_{n}": dumps(fact) for n, fact in enumerate(facts, start=1)}
+            bench = bench_with_dbc(config, dbc)
+            numbers = bus_numbers(bench, bus or [])
+            on_buses = numbers if len(bench.buses) > 1 else frozenset[int]()
+            bench = with_sensors(bench, sensor or [], on_buses)
+            steps = steps or bench.campaign.steps
+            bench = with_steps(bench, steps)
+            codec = bench_codec(bench)
+            say_left_out(codec)
+            sources = [read_log(path) for path in files] if labels else read_logs(files)
+            for source in sources:  # a log may have further files
+                refuse_existing(out, replace=force, inputs=source.paths)
+            apart = bool(labels)
+            imported = import_logs(bench, codec, sources, steps, skip, numbers, apart, stage)
         stage(1.0, "writing the session")
-        session = session_from_parts(bench, codec, parts, about)
-        if not session.runs:
-            raise InputError("import", "no bump is left to be a run", "correct --skip or --runs")
-        write_session(out, session)
-    n_bumps = sum(event.code.endswith("bump") for part in parts for event in part.events)
-    print_session(out, session, json, sources=facts, bumps=n_bumps, planned=len(steps))
-    for text in (*_remarks(sources, session, n_bumps, len(steps)), *sign_remarks(session)):
-        say(text)
-    mixed = mixed_messages(codec.messages, session.runs[0].frames)
-    if mixed:
-        names = ", ".join(mixed[:4])
-        say(
-            f"come on several buses, two sensors read as one: {names} (--bus, or a [[sensor]] each)"
-        )
-    lost_in_logs = any(source.loss.any for source in sources)
-    lost_in_runs = any(each.losses.measured for each in session.runs)
-    return ExitCode.DATA_LOST if lost_in_logs or lost_in_runs else ExitCode.OK
-
-
-def _single(text: str) -> tuple[tuple[str, str], Path]:
-    """Return mass state and kind of bump of a --run, and its log."""
-    from daq import InputError
-
-    parts = text.split(":", 2)
-    if len(parts) != 3 or not all(parts):
-        reason = f"--run {text!r} is not understood"
-        raise InputError("import", reason, "write MASS_STATE:EXCITATION:FILE")
-    mass_state, excitation, log = parts
-    return (mass_state, excitation), Path(log)
-
-
-def _parts(
-    bench: Bench,
-    codec: Codec,
-    sources: Sequence[Log],
-    buses: frozenset[int],
-    stage: Stage,
-    apart: bool,
-) -> list[LogPart]:
-    """Read all logs; one that continues where the previous one ended forms one part with it.
-
-    `buses`: buses whose frames are read; empty: all.  `apart`: each log is a part, also one without
-    a frame.
-    """
-    from daq.session.from_frames import Intake
-    from dbc import counted
-
-    intakes: list[Intake] = []
-    n_bumps = n_frames = 0
-    for number, source in enumerate(sources):
-        begun = False
-        for batch in source:
-            wanted = batch.on_buses(buses)
-            if not len(wanted):
-                continue
-            if not begun and (apart or not intakes or not intakes[-1].goes_on_with(wanted)):
-                intakes.append(Intake(bench, codec))
-            begun = True
-            n_bumps += intakes[-1].take(wanted, source.hops)
-            n_frames += len(wanted)
-            share = (number + source.share) / len(sources)
-            stage(share, f"{counted(n_frames, 'frame')}, {counted(n_bumps, 'bump')}")
-        if apart and not begun:
-            intakes.append(Intake(bench, codec))
-    return [intake.part() for intake in intakes]
-
-
-def _require_a_bump(parts: Sequence[LogPart], sources: Sequence[Log], n_buses: int) -> None:
-    """Raise InputError for logs without a bump, with the reason if it is known."""
-    from daq import InputError
-    from dbc import counted
-
-    if any(part.bumps for part in parts):
-        return
-    where = ", ".join(source.name for source in sources)
-    n_frames = sum(source.frames for source in sources)
-    n_unknown = sum(part.unknown_id for part in parts)
-    if not parts or n_unknown == n_frames:
-        reason = f"none of its {counted(n_frames, 'frame')} is in the DBC"
-        advice = "name the DBC of that bus with --dbc, or another --bus"
-        if n_buses > 1:
-            advice = "the sensors' buses must be those of the log, counted from 0"
-        raise InputError(where, reason, advice)
-    reason = f"no bump in {counted(n_frames, 'frame')}, {n_unknown} of them not in the DBC"
-    advice = "a bump needs rest before it; see [trigger] level and rest_s in bench.toml"
-    raise InputError(where, reason, advice)
-
-
-def _facts(source: Log) -> dict[str, Any]:
-    """Return the facts on a log that the session stores."""
-    from ..recorders.decoded import file_facts
-
-    return {
-        "format": source.format.name,
-        "files": [file_facts(path) for path in source.paths],
-        "frames": source.frames,
-        "cannot_hold": source.format.lacks,
-        "lost": source.loss.text,
-    }
-
-
-def _remarks(sources: Sequence[Log], session: Session, bumps: int, planned: int) -> list[str]:
-    """Return remarks on what was imported."""
-    from ..recorders.decoded import left_out_remarks
-
-    remarks = [f"{s.name}: {remark}" for s in sources for remark in s.remarks]
-    remarks += [f"{s.name} is not whole: {s.loss.text}" for s in sources if s.loss.any]
-    lacking = {s.format.name: s.format.lacks for s in sources if s.format.lacks}
-    remarks += [f"{name} does not hold {lacks}" for name, lacks in lacking.items()]
-    remarks += left_out_remarks(bumps, len(session.runs), planned)
-    if session.runs[0].t0_ns < RELATIVE_BEFORE_NS:
-        remarks.append("the log has no date: its times count from its own start")
-    return remarks
+        write_session(out, imported.session)
+    more = {**imported.facts, "bumps": imported.bumps, "planned": len(steps)}
+    print_session(out, imported.session, json, **more)
+    for remark in imported.remarks:
+        say(remark)
+    return ExitCode.DATA_LOST if imported.is_lossy else ExitCode.OK

@@ -1,0 +1,233 @@
+"""Makes sessions from logs, and from files of decoded channels, for `bumpbench import`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from json import dumps
+from pathlib import Path
+from typing import Any
+
+from daq import InputError, Run, Session
+from daq.bench.campaign import Origin, Step
+from daq.bench.channel_map import ChannelMap
+from daq.bench.config import Bench
+from daq.check.frame_checks import mixed_messages
+from daq.check.signs import opposed_signs
+from daq.files import file_sha256
+from daq.formats.columns import read_columns
+from daq.formats.log import Log
+from daq.session.from_columns import (
+    bump_run,
+    bumps_in,
+    given_run,
+    recording,
+    session_from_columns,
+)
+from daq.session.from_frames import Intake, LogPart, labelled, session_from_parts
+from dbc import Codec, counted, plural
+
+from .output import Stage
+
+RELATIVE_BEFORE_NS = 631_152_000_000_000_000
+"""UNIX time of 1990, ns: earlier stamps count from the start of the log, because CAN is not
+older."""
+
+
+@dataclass(frozen=True, slots=True)
+class Imported:
+    """A session that was made from files, and what is to be said about it."""
+
+    session: Session
+    bumps: int
+    """Bumps in the files; some may not be runs."""
+    facts: dict[str, Any]
+    """Further entries of the command's JSON."""
+    remarks: list[str]
+    is_lossy: bool
+    """True if a file is not whole, or frames of a run were lost."""
+
+
+def import_logs(
+    bench: Bench,
+    codec: Codec,
+    sources: Sequence[Log],
+    steps: Sequence[Step],
+    skip: int,
+    buses: frozenset[int],
+    apart: bool,
+    stage: Stage,
+) -> Imported:
+    """Return the session of the bumps in logs.
+
+    `steps`: labels of the bumps in order.  `skip`: bumps to leave out at the beginning.  `buses`:
+    buses whose frames are read; empty: all.  `apart`: each log is one run.  Raises InputError if no
+    run is in them.
+    """
+    n_buses = len(bench.buses)
+    parts = _parts(bench, codec, sources, buses, stage, apart)
+    if apart:
+        for part, source in zip(parts, sources, strict=True):
+            _require_a_bump([part], [source], n_buses)
+        pairs = zip(parts, steps, strict=True)
+        parts = [labelled([part], [step], 0)[0] for part, step in pairs]
+    else:
+        _require_a_bump(parts, sources, n_buses)
+        parts = list(labelled(parts, steps, skip))
+    stage(1.0, "reading the logs' hashes")
+    facts = [
+        {
+            "format": source.format.name,
+            "files": [_file_facts(path) for path in source.paths],
+            "frames": source.frames,
+            "cannot_hold": source.format.lacks,
+            "lost": source.loss.text,
+        }
+        for source in sources
+    ]
+    # If any of several logs was not measured, its origin counts.
+    origins = [source.origin for source in sources if source.origin != Origin.REAL]
+    about = {"software": _software(), "origin": str((origins or [Origin.REAL])[0])}
+    about |= {f"source_{n}": dumps(fact) for n, fact in enumerate(facts, start=1)}
+    session = session_from_parts(bench, codec, parts, about)
+    _require_a_run(session.runs)
+    bumps = sum(event.code.endswith("bump") for part in parts for event in part.events)
+    remarks = [f"{s.name}: {remark}" for s in sources for remark in s.remarks]
+    remarks += [f"{s.name} is not whole: {s.loss.text}" for s in sources if s.loss.any]
+    lacking = {s.format.name: s.format.lacks for s in sources if s.format.lacks}
+    remarks += [f"{name} does not hold {lacks}" for name, lacks in lacking.items()]
+    remarks += _left_out_remarks(bumps, len(session.runs), len(steps))
+    if session.runs[0].t0_ns < RELATIVE_BEFORE_NS:
+        remarks.append("the log has no date: its times count from its own start")
+    remarks += _sign_remarks(session)
+    if mixed := mixed_messages(codec.messages, session.runs[0].frames):
+        names = ", ".join(mixed[:4])
+        remarks.append(
+            f"come on several buses, two sensors read as one: {names} (--bus, or a [[sensor]] each)"
+        )
+    is_lossy = any(source.loss.any for source in sources)
+    is_lossy |= any(run.losses.measured for run in session.runs)
+    return Imported(session, bumps, {"sources": facts}, remarks, is_lossy)
+
+
+def import_channels(
+    known: ChannelMap,
+    files: Sequence[Path],
+    steps: Sequence[Step],
+    skip: int,
+    apart: bool,
+    stage: Stage,
+) -> Imported:
+    """Return the session of the runs in files of channels.
+
+    `known`: names the channels, and may state the times of the runs.  `steps`, `skip` and `apart`:
+    as of `import_logs`.  Raises InputError if no run is in the files.
+    """
+    runs: list[Run] = []
+    unread: list[str] = []
+    about = {"software": _software()}
+    bumps = 0
+    for number, path in enumerate(files):
+        stage(number / len(files), f"{path.name}, {counted(bumps, 'bump')}")
+        columns = read_columns(path, known.columns)
+        unread += [f"{path} is not whole: {reason}" for reason in columns.unread]
+        samples = recording(known, columns)
+        about[f"source_{number + 1}"] = dumps({"format": "channels", "files": [_file_facts(path)]})
+        if known.runs:
+            runs += [given_run(known, samples, given) for given in known.runs]
+            continue
+        onsets = bumps_in(known, samples)
+        if not onsets and (apart or len(files) == 1):
+            reason = "no channel leaves its rest as a bump does"
+            raise InputError(str(path), reason, "see [trigger], or give the times in [[run]]")
+        first = number if apart else bumps - skip
+        for place, bump in enumerate(onsets[:1] if apart else onsets, start=first):
+            if 0 <= place < len(steps):
+                runs.append(bump_run(known, samples, steps[place], bump))
+        bumps += len(onsets)
+    _require_a_run(runs)
+    session = session_from_columns(known, samples.channels, runs, about)
+    remarks = _left_out_remarks(bumps, len(runs), 0 if known.runs else len(steps))
+    remarks += [*_sign_remarks(session), *unread]
+    return Imported(session, bumps, {}, remarks, bool(unread))
+
+
+def _parts(
+    bench: Bench,
+    codec: Codec,
+    sources: Sequence[Log],
+    buses: frozenset[int],
+    stage: Stage,
+    apart: bool,
+) -> list[LogPart]:
+    """Read all logs; one that continues where the previous one ended forms one part with it.
+
+    With `apart` each log is a part, also one without a frame.
+    """
+    intakes: list[Intake] = []
+    n_bumps = n_frames = 0
+    for number, source in enumerate(sources):
+        begun = False
+        for batch in source:
+            wanted = batch.on_buses(buses)
+            if not len(wanted):
+                continue
+            if not begun and (apart or not intakes or not intakes[-1].goes_on_with(wanted)):
+                intakes.append(Intake(bench, codec))
+            begun = True
+            n_bumps += intakes[-1].take(wanted, source.hops)
+            n_frames += len(wanted)
+            share = (number + source.share) / len(sources)
+            stage(share, f"{counted(n_frames, 'frame')}, {counted(n_bumps, 'bump')}")
+        if apart and not begun:
+            intakes.append(Intake(bench, codec))
+    return [intake.part() for intake in intakes]
+
+
+def _require_a_bump(parts: Sequence[LogPart], sources: Sequence[Log], n_buses: int) -> None:
+    """Raise InputError for logs without a bump, with the reason if it is known."""
+    if any(part.bumps for part in parts):
+        return
+    where = ", ".join(source.name for source in sources)
+    n_frames = sum(source.frames for source in sources)
+    n_unknown = sum(part.unknown_id for part in parts)
+    if not parts or n_unknown == n_frames:
+        reason = f"none of its {counted(n_frames, 'frame')} is in the DBC"
+        advice = "name the DBC of that bus with --dbc, or another --bus"
+        if n_buses > 1:
+            advice = "the sensors' buses must be those of the log, counted from 0"
+        raise InputError(where, reason, advice)
+    reason = f"no bump in {counted(n_frames, 'frame')}, {n_unknown} of them not in the DBC"
+    advice = "a bump needs rest before it; see [trigger] level and rest_s in bench.toml"
+    raise InputError(where, reason, advice)
+
+
+def _require_a_run(runs: Sequence[Run]) -> None:
+    if not runs:
+        raise InputError("import", "no bump is left to be a run", "correct --skip or --runs")
+
+
+def _software() -> str:
+    return f"bumpbench {version('bumpbench')}"
+
+
+def _file_facts(path: Path) -> dict[str, str | int]:
+    """Return the facts on an imported file that the session stores."""
+    return {"name": path.name, "bytes": path.stat().st_size, "sha256": file_sha256(path)}
+
+
+def _left_out_remarks(bumps: int, runs: int, planned: int) -> list[str]:
+    """Return remarks on bumps that are not runs, and on planned runs without a bump."""
+    remarks = []
+    if bumps > runs:
+        were = plural(bumps - runs, "was", "were")
+        remarks.append(f"{bumps - runs} of {bumps} bumps {were} left out (see --runs and --skip)")
+    if runs < planned:
+        remarks.append(f"{runs} of {planned} planned runs {plural(runs, 'was', 'were')} found")
+    return remarks
+
+
+def _sign_remarks(session: Session) -> list[str]:
+    """Return remarks on the channels of imported runs whose sign is wrong, with advice."""
+    return [f"{f.text} ({f.advice})" for f in opposed_signs(session.runs, session.channels)]
