@@ -54,7 +54,7 @@ class SampleGroup:
     values: Mapping[str, NDArray[np.float64]]
     """SI values, each shape (n,); NaN where the sample is unusable."""
     quality: NDArray[np.uint8]
-    """Bits of `dbc.samples.Quality`, shape (n,)."""
+    """Bits of `dbc.codec.Quality`, shape (n,)."""
 
     def __post_init__(self) -> None:
         n = len(self.time_s)

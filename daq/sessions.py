@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dbc.codec import Quality
 from dbc.frames import FrameBatch
-from dbc.samples import Quality
 
 from .channels import Channel, Quantity, paper_channels, sensor_of_signal
 from .errors import InputError

@@ -1,12 +1,11 @@
 """CAN frames and their meaning: databases, decoding, encoding, units."""
 
-from .codec import Codec
+from .codec import UNUSABLE, Codec, DecodeCounts, Decoded, Quality, Samples
 from .database import load_codec, parse_codec, read_dbc, shipped_dbc, split_by_bus
 from .errors import BumpbenchError, InputError
 from .finding import Finding, Severity
 from .frames import FrameBatch, FrameFlag
 from .layout import CounterRule, MessageLayout, SignalLayout
-from .samples import UNUSABLE, DecodeCounts, Decoded, Quality, Samples
 from .units import SiUnit, to_si
 from .words import counted, csv_text, plural, seconds_text
 

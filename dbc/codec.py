@@ -7,21 +7,87 @@ view of the payload, others by shifting a window of 64 bits.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from enum import IntFlag
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .crc import CRC_RULES, covered
 from .finding import Finding
 from .frames import FrameBatch, FrameFlag, read_only
-from .layout import MessageLayout, SignalLayout
-from .samples import DecodeCounts, Decoded, Quality, Samples
+from .layout import CRC_RULES, MessageLayout, SignalLayout, covered
+
+
+class Quality(IntFlag):
+    """Faults of a sample, as bits; 0 is a good sample.  Stored in session files."""
+
+    COUNTER_GAP = 1
+    """At least one frame of this message is missing before this one."""
+    CRC_BAD = 2
+    """The checksum in the payload does not match: the value must not be used."""
+    SENTINEL = 4
+    """The raw value is a named code ("not available"), not a measurement."""
+    OUT_OF_RANGE = 8
+    """The value is outside the range that the DBC states."""
+    INTERPOLATED = 16
+    """The value is not measured but computed from its neighbours."""
+    MISSING = 32
+    """The frame is too short to hold the signal, or its selector names another signal."""
+
+
+UNUSABLE = Quality.CRC_BAD | Quality.SENTINEL | Quality.MISSING
+"""Samples with one of these bits never enter a computation."""
+
+
+@dataclass(frozen=True, slots=True)
+class Samples:
+    """The samples of one signal."""
+
+    channel: str
+    """`Message.signal`, or a channel's name once it is mapped."""
+    t_ns: NDArray[np.int64]
+    """Time stamps of the frames, ns, shape (n,)."""
+    value: NDArray[np.float64]
+    """Physical values in the signal's unit, shape (n,); NaN where there is none."""
+    quality: NDArray[np.uint8]
+    """Bits of `Quality`, shape (n,)."""
+
+    @property
+    def usable(self) -> NDArray[np.bool_]:
+        """Mask of the samples that may enter a computation, shape (n,)."""
+        return np.asarray((self.quality & UNUSABLE) == 0)
+
+
+@dataclass(frozen=True, slots=True)
+class DecodeCounts:
+    """Numbers of frames of a batch that could not be decoded, by reason."""
+
+    unknown_id: int
+    wrong_length: int
+    crc_bad: int
+    error_frames: int
+    remote_frames: int
+
+
+@dataclass(frozen=True, slots=True)
+class Decoded:
+    """The result of decoding a batch of frames."""
+
+    samples: Mapping[str, Samples]
+    """Signals of the messages that occur in the batch.  Signals of one (not multiplexed) message
+    share one `t_ns` array."""
+    counts: DecodeCounts
+    """Numbers of frames that were not decoded."""
+
+    def __getitem__(self, signal: str) -> Samples:
+        return self.samples[signal]
+
+
+# Decoding and encoding ----------------------------------------------------------------------------
+
 
 _STANDARD_IDS = 1 << 11
-_BROADCAST = 240
-"""Lowest PDU format whose parameter groups have no destination (SAE J1939-21)."""
 _Key = tuple[int | None, int, bool]
 
 
@@ -38,7 +104,6 @@ class Codec:
     by_name: Mapping[str, MessageLayout] = field(init=False, repr=False, compare=False)
     """The messages by their names."""
     _places: dict[_Key, int] = field(init=False, repr=False, compare=False)
-    _by_group: dict[_Key, int | None] = field(init=False, repr=False, compare=False)
     _limits: dict[str, tuple[float, float] | None] = field(init=False, repr=False, compare=False)
     """Valid values of each `Message.signal`."""
     _standard: NDArray[np.uint16] = field(init=False, repr=False, compare=False)
@@ -48,7 +113,6 @@ class Codec:
         places = {(m.bus, m.can_id, m.is_extended): i for i, m in enumerate(self.messages)}
         object.__setattr__(self, "by_name", {m.name: m for m in self.messages})
         object.__setattr__(self, "_places", places)
-        object.__setattr__(self, "_by_group", {})
         limits = {f"{m.name}.{s.name}": s.limits for m in self.messages for s in m.signals}
         object.__setattr__(self, "_limits", limits)
         last = max((m.bus + 1 for m in self.messages if m.bus is not None), default=0)
@@ -71,32 +135,11 @@ class Codec:
         place = self._place(bus, can_id, is_extended)
         return None if place is None else self.messages[place]
 
-    def by_parameter_group(self) -> Codec:
-        """Return the codec that matches all messages of 29 bits by their parameter group (J1939).
-
-        Messages that the database marks as J1939 (`VFrameFormat` is ``J1939PG``) are matched so in
-        any case.
-        """
-        messages = tuple(replace(m, is_j1939=m.is_extended) for m in self.messages)
-        return replace(self, messages=messages)
-
     def _place(self, bus: int, can_id: int, is_extended: bool) -> int | None:
         for where in (bus, None):
             if (where, can_id, is_extended) in self._places:
                 return self._places[where, can_id, is_extended]
-        if not is_extended:
-            return None
-        key = (bus, can_id, True)
-        if key not in self._by_group:
-            group = _parameter_group(can_id)
-            alike = [
-                i
-                for i, m in enumerate(self.messages)
-                if m.is_j1939 and m.bus in (bus, None) and _parameter_group(m.can_id) == group
-            ]
-            # Messages of one group from several sources differ in their identifiers only.
-            self._by_group[key] = alike[0] if len(alike) == 1 else None
-        return self._by_group[key]
+        return None
 
     def classify(self, batch: FrameBatch) -> tuple[NDArray[np.uint16], int, int]:
         """Return the positions of the frames' messages, and the numbers of error and remote frames.
@@ -207,12 +250,6 @@ def _add_bits(payload: NDArray[np.uint8], signal: SignalLayout, bits: NDArray[np
         down = 8 * steps - signal.low_bit
         part = bits >> np.uint64(down) if down >= 0 else bits << np.uint64(-down)
         payload[:, byte] |= (part & np.uint64(0xFF)).astype(np.uint8)
-
-
-def _parameter_group(can_id: int) -> int:
-    """Return an identifier without priority, source and, where it has one, destination (J1939)."""
-    group = can_id & ~0x1C00_00FF
-    return group & ~0xFF00 if can_id >> 16 & 0xFF < _BROADCAST else group
 
 
 def _selects(signal: SignalLayout, raw: NDArray[Any]) -> NDArray[np.bool_]:

@@ -17,9 +17,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .codec import Codec
-from .crc import CRC_RULES
 from .errors import InputError
-from .layout import CounterRule, MessageLayout, SignalLayout
+from .layout import CRC_RULES, CounterRule, MessageLayout, SignalLayout
 from .repair import EXTENDED, RepairedText
 
 if TYPE_CHECKING:
@@ -307,7 +306,6 @@ def _layout(message: Message, source: RepairedText, can_id: int) -> MessageLayou
         crc=roles.get("checksum"),
         crc_rule=roles.get("rule", "crc8_j1850"),
         senders=tuple(message.senders),
-        is_j1939=message.is_extended_frame and message.protocol == "j1939",
     )
 
 

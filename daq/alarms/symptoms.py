@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dbc import Codec
+from dbc.codec import UNUSABLE, Decoded, Quality, Samples
 from dbc.finding import Finding
 from dbc.frames import FrameBatch, FrameFlag
-from dbc.samples import UNUSABLE, Decoded, Quality, Samples
 from dbc.words import counted
 
 from ..bus.error_frames import ControllerState, ErrorTally, tally_error_frames

@@ -13,9 +13,9 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 from dbc import Codec
+from dbc.codec import Decoded
 from dbc.finding import Finding
 from dbc.frames import FrameBatch
-from dbc.samples import Decoded
 from dbc.words import counted
 
 from ..bench.config import RecorderConfig

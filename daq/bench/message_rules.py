@@ -9,8 +9,7 @@ from typing import Annotated
 from pydantic import AfterValidator, Field, model_validator
 
 from dbc import Codec
-from dbc.crc import CRC_RULES
-from dbc.layout import CounterRule, MessageLayout, SignalLayout
+from dbc.layout import CRC_RULES, CounterRule, MessageLayout, SignalLayout
 from dbc.units import to_si
 
 from ..errors import InputError
@@ -40,7 +39,7 @@ class MessageRule(Table):
     crc: str | None = None
     """Signal that holds its checksum."""
     crc_rule: Annotated[str, AfterValidator(_crc_rule)] = "crc8_j1850"
-    """Rule by which the checksum is computed, one of `dbc.crc.CRC_RULES`."""
+    """Rule by which the checksum is computed, one of `dbc.layout.CRC_RULES`."""
     time_signal: str | None = None
     """Signal that holds the sensor's own time."""
     time_unit: Annotated[str, Field(max_length=16)] = ""

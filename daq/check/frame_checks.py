@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dbc import Codec
-from dbc.crc import CRC_RULES, covered
+from dbc.codec import Decoded, Quality
 from dbc.finding import Finding, Severity
 from dbc.frames import FrameBatch, FrameFlag
-from dbc.layout import MessageLayout
-from dbc.samples import Decoded, Quality
+from dbc.layout import CRC_RULES, MessageLayout, covered
 from dbc.words import counted, plural
 
 from ..bench.config import BusConfig

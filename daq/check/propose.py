@@ -14,10 +14,10 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
+from dbc.codec import Decoded
 from dbc.errors import printable
 from dbc.frames import FrameBatch
 from dbc.layout import MessageLayout, SignalLayout
-from dbc.samples import Decoded
 from dbc.units import known_si
 from dbc.words import counted
 

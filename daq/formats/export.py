@@ -90,7 +90,7 @@ def write_csv(group: SampleGroup, units: dict[str, str], path: Path, style: CsvS
     """Write the samples of one clock; a missing value is an empty cell.
 
     The columns are ``time_s``, the channels as ``name [unit]``, and ``quality``
-    (`dbc.samples.Quality`).  Numbers have as many digits as are needed to read them back exactly.
+    (`dbc.codec.Quality`).  Numbers have as many digits as are needed to read them back exactly.
     """
 
     def cells(values: NDArray[np.float64]) -> list[str]:

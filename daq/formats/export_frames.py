@@ -152,7 +152,7 @@ def write_mf4(session: Session, path: Path) -> tuple[str, ...]:
     """Write an MDF 4.10 file: one channel group per run and sample clock, then the bus log.
 
     All times count from the whole second in which the session begins, which the header states.  A
-    channel group is named ``run/group``; it has the flags of `dbc.samples.Quality` as `quality`,
+    channel group is named ``run/group``; it has the flags of `dbc.codec.Quality` as `quality`,
     and `time_s` and `t_ns` as in the session.  Buses count from 1, as MDF requires.  bench.toml and
     the databases are attached.
 

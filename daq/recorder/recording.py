@@ -13,9 +13,9 @@ from dataclasses import replace
 from typing import Protocol, TypeVar
 
 from dbc import Codec
+from dbc.codec import Decoded
 from dbc.finding import Finding, Severity
 from dbc.frames import FrameBatch
-from dbc.samples import Decoded
 
 from ..alarms import Cycle, Watch
 from ..bench.config import Bench, bench_codec

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dbc import Codec
+from dbc.codec import Decoded, Quality, Samples
 from dbc.layout import MessageLayout, SignalLayout
-from dbc.samples import Decoded, Quality, Samples
 from dbc.units import SiUnit, known_si
 
 from ..bench.campaign import Method

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dbc.codec import Quality
 from dbc.errors import printable
-from dbc.samples import Quality
 from dbc.units import to_si
 from dbc.words import counted
 

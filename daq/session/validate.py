@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
+from dbc.codec import UNUSABLE
 from dbc.finding import Finding, Severity
 from dbc.frames import FrameBatch, FrameFlag
-from dbc.samples import UNUSABLE
 from dbc.words import counted
 
 from ..channels import SI_UNITS, Channel, Quantity

@@ -20,8 +20,8 @@ from daq.samples.converter import FROZEN_S, flat_tops
 from daq.sessions import Session
 from daq.silence import WHEEL_MOTION_S, longest_gap_s
 from daq.vehicle import parameter_names, parameter_unit
+from dbc.codec import Quality
 from dbc.finding import Finding, Severity
-from dbc.samples import Quality
 from dbc.words import counted
 
 from ..decays.decay import GUARD_S, Record, decay_start_s

@@ -15,7 +15,7 @@ from dbc import InputError, load_codec, parse_codec, shipped_dbc
 
 from .databases import FRAME, SYM_TEXT, TWO_BUSES, arxml, block, kcd, kcd_message, kcd_text
 
-# KCD, SYM and ARXML against what they say; databases of several buses; J1939 --------------------
+# KCD, SYM and ARXML against what they say; databases of several buses ---------------------------
 
 
 @pytest.mark.parametrize("name", ["a.arxml", "a.xml", "a.dbc"])
@@ -94,38 +94,6 @@ def test_an_identifier_of_two_buses_is_left_out_and_said_how_to_name_it() -> Non
     hubs = kcd_message("Hub", 0.5) + kcd_message("Other", 1)
     twice = f'<Bus name="B">{hubs}{kcd_message("C", 1, 1)}</Bus>'
     assert [m.name for m in parse_codec(kcd(twice), "car.kcd").messages] == ["C"]
-
-
-J1939 = (
-    'VERSION ""\nBU_: A\n'
-    'BO_ 2364540158 EEC1: 8 A\n SG_ rpm : 24|16@1+ (0.125,0) [0|0] "1/min" A\n'
-    'BO_ 2348810494 TSC1: 8 A\n SG_ torque : 0|8@1+ (1,-125) [0|0] "%" A\n'
-    'BO_ 2566844160 Own: 8 A\n SG_ x : 0|8@1+ (1,0) [0|0] "" A\n'
-    'BA_DEF_ BO_ "VFrameFormat" ENUM "StandardCAN","ExtendedCAN","reserved","J1939PG";\n'
-    'BA_DEF_DEF_ "VFrameFormat" "ExtendedCAN";\n'
-    'BA_ "VFrameFormat" BO_ 2364540158 3;\nBA_ "VFrameFormat" BO_ 2348810494 3;\n'
-)
-
-
-@pytest.mark.parametrize(
-    ("can_id", "signal"),
-    [
-        (0x0CF00400, "EEC1.rpm"),  # another source and priority
-        (0x18F00417, "EEC1.rpm"),
-        (0x0C0000FE, "TSC1.torque"),
-        (0x0C001721, "TSC1.torque"),  # to 0x17 from 0x21
-        (0x18FF0040, None),  # is not marked, and has another source
-        (0x0CF00500, None),
-    ],
-)
-def test_marked_messages_are_matched_by_their_parameter_group(
-    can_id: int, signal: str | None
-) -> None:
-    payload = bytes([130, 0, 0, 0x40, 0x1F, 0, 0, 0])
-    decoded = parse_codec(J1939, "x.dbc").decode(block([payload], can_id, extended=True))
-    assert list(decoded.samples) == ([signal] if signal else [])
-    every = parse_codec(J1939, "x.dbc").by_parameter_group()
-    assert len(every.decode(block([payload], 0x0CF004AA, extended=True)).samples) == 1
 
 
 # Databases with random faults: each is read, repaired or refused in one line --------------------

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from dbc import Codec, FrameBatch, Quality, parse_codec, shipped_dbc
-from dbc.crc import CRC_RULES, covered
+from dbc.layout import CRC_RULES, covered
 
 from .databases import block, crc8_by_division
 

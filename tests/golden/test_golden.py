@@ -10,7 +10,7 @@ from daq.channels import Quantity
 from daq.runs import Excitation, Losses, RunStatus
 from daq.session import Severity, read_session, validate_session
 from daq.vehicle import BodyWeight, Corner, HubWeight
-from dbc.samples import Quality
+from dbc.codec import Quality
 
 V1 = Path(__file__).parent / "session_v1_2026-11.h5"
 

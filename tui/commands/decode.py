@@ -36,9 +36,6 @@ def decode(
     ] = None,
     sensor: Sensors = None,
     bus: Buses = None,
-    j1939: Annotated[
-        bool, typer.Option("--j1939", help="Match messages by PGN, whatever priority and source.")
-    ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON instead.")] = False,
 ) -> int:
     """Decode a log to CSV: time_s, message, signal, value, unit.
@@ -47,7 +44,7 @@ def decode(
     """
     import sys
     from collections import Counter
-    from dataclasses import asdict, replace
+    from dataclasses import asdict
 
     import numpy as np
 
@@ -69,8 +66,6 @@ def decode(
     else:
         codec = _databases(dbc or [])
         source = _Source(codec, buses=(), chosen=_numbers(bus or []), has_sensors=False)
-    if j1939:
-        source = replace(source, codec=source.codec.by_parameter_group())
     say_left_out(source.codec)
     totals: Counter[str] = Counter()  # frames of the log, and those that no message decodes
     samples: Counter[str] = Counter()  # of each signal

@@ -17,9 +17,9 @@ from daq.bench.config import Bench, bench_codec, parse_bench
 from daq.check.check import check_bench
 from daq.runs import Excitation, SampleGroup
 from daq.samples.mapping import map_channels, sample_groups, timekeeping
+from dbc.codec import Quality
 from dbc.finding import Severity
 from dbc.frames import FrameBatch
-from dbc.samples import Quality
 
 from ..sensor_bench import START_NS, Row, frame_batch
 

@@ -60,7 +60,7 @@ def _with_payload(
     name: str, change: Callable[[np.ndarray], None], crc_too: bool = True
 ) -> FrameBatch:
     """Change the payloads of one message, and correct their checksums."""
-    from dbc.crc import CRC_RULES
+    from dbc.layout import CRC_RULES
 
     frames = _rest()
     data = frames.data.copy()

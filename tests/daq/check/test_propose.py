@@ -20,9 +20,8 @@ from daq.check.frame_checks import Arrivals
 from daq.check.propose import message_rule, propose_sensors
 from daq.vehicle import Corner
 from dbc import FrameBatch, parse_codec
-from dbc.crc import CRC_RULES
-from dbc.layout import MessageLayout
-from dbc.samples import DecodeCounts, Decoded, Samples
+from dbc.codec import DecodeCounts, Decoded, Samples
+from dbc.layout import CRC_RULES, MessageLayout
 
 from ...dbc.databases import FRONT, REAR, kcd
 from ...dbc.databases import kcd_message as message

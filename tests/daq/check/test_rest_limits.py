@@ -15,8 +15,8 @@ from daq.check.check import check_channel
 from daq.samples.mapping import map_channels
 from daq.vehicle import Corner
 from dbc import parse_codec
+from dbc.codec import DecodeCounts, Decoded, Quality, Samples
 from dbc.finding import Finding, Severity
-from dbc.samples import DecodeCounts, Decoded, Quality, Samples
 
 Array = NDArray[np.float64]
 TODAY = date(2026, 6, 1)

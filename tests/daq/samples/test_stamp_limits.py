@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from daq.samples.clock import SensorTimes, even_times, sensor_times, stamped_times
 from daq.samples.mapping import bind, bind_counted, group_names
-from dbc.samples import Samples
+from dbc.codec import Samples
 
 Array = NDArray[np.float64]
 CYCLE_S = 0.01

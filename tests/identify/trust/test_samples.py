@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from daq.runs import Losses, SampleGroup
 from daq.sessions import Session
+from dbc.codec import Quality
 from dbc.finding import Finding, Severity
-from dbc.samples import Quality
 from identify.decays.decay import GUARD_S, decay_start_s, record_of
 from identify.decays.usable import usable
 from identify.trust.samples import sample_findings
