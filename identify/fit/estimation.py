@@ -94,6 +94,8 @@ class Estimation:
     """Delay after the expected start from which the decays were first fitted with success, s."""
     nonlinear: Engine | None = None
     """Engine of a nonlinear fit; None if the fit is the linear one."""
+    unreached: tuple[str, ...] = ()
+    """What a nonlinear search had no time for, in words."""
 
     @property
     def engine(self) -> Engine:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
+from time import process_time
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +56,34 @@ class Optimum:
     def cost(self) -> float:
         """Squared residuals in units of sigma, facts and priors included."""
         return self.point.cost
+
+
+@dataclass
+class Clock:
+    """Processor time of a search; it runs from the first point that was evaluated.
+
+    The machine code has been made by then.
+    """
+
+    seconds: float = np.inf
+    began_s: float = np.nan
+    unreached: list[str] = field(default_factory=list)
+    """What the time did not suffice for."""
+
+    def limit(self, share: float, work: str) -> Callable[[], bool]:
+        """Return whether this share of the time has passed, as a function that a fit asks.
+
+        `work`: what the fit does; it is unreached if the fit ends for want of time.
+        """
+        return partial(self._over, share, work)
+
+    def _over(self, share: float, work: str) -> bool:
+        if np.isnan(self.began_s):
+            self.began_s = process_time()
+        over = process_time() - self.began_s > share * self.seconds
+        if over and work not in self.unreached:
+            self.unreached.append(work)
+        return over
 
 
 def unit_size(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -225,6 +255,7 @@ def fit(
     tolerance: float = 0.05,
     rough: float = 0.0,
     max_iterations: int = 40,
+    is_over: Callable[[], bool] = lambda: False,
     log: Callable[[str], None] = lambda text: None,
 ) -> Optimum | None:
     """Find the optimum from a start; None if the start has no finite path and tangents.
@@ -234,7 +265,8 @@ def fit(
     deviations.  It has also converged if no step, however strongly damped, lowers the cost itself:
     the force laws have corners, at which the tangents promise more than the paths give.  The same
     holds for a fit that creeps along the gap of a stop or the knees of a curve, while the car's
-    parameters do not move.
+    parameters do not move.  `is_over`: returns True when the time has passed; the fit then ends
+    where it is.
     """
     at = point(problem, eta, initials, grade)
     full = _full_step(at)
@@ -248,7 +280,7 @@ def fit(
         now = at.eta[problem.free]
         unit = max(1.0, at.cost / n)
         small = slow or abs(decrement) < max(tolerance * unit, rough * at.cost)
-        if small or iterations >= max_iterations or refused >= _REFUSED:
+        if small or iterations >= max_iterations or refused >= _REFUSED or is_over():
             matrix, _, _ = reduced(at.normal, 0.0)
             still = 0.0 <= decrement < _STILL_PROMISED * unit
             settled = small or (refused >= _REFUSED and 0.0 <= decrement < _PROMISED * unit)

@@ -18,7 +18,7 @@ from ..fit.likelihood import Fit
 from .begin import is_impossible, scaled_to_vehicle
 from .car import KNOTS, Model
 from .engine import NonlinearEngine, residuals_of
-from .fit import Optimum, inverse
+from .fit import Clock, Optimum, inverse
 from .forces import ElementChoice, Forces, axle_forces, element_estimates
 from .problem import run_of
 from .release import GROUPS, Attempt, release
@@ -39,6 +39,10 @@ linear start; index of the generic vehicle that replaces an impossible linear st
 tenths of a second wheels may leave the ground and stops be touched: one car of 400 kg started at
 chi2/n 1700 with wheels twice too heavy, and 0.15 s later with all but its dampers within 25 %.
 Wheels are known by little else than that time."""
+
+_TIME_S = 45.0
+"""Processor time of the search and the polish, s: with the linear fits before them, and the faults
+that are tried first, an identification takes a minute at most."""
 
 Log = Callable[[str], None]
 
@@ -89,12 +93,15 @@ def real_car(
                 late_s=late_s,
             )
 
+    clock = Clock(_TIME_S)
     with threadpool_limits(1, "blas"):  # the runs of a fit share the processors instead
-        end = release(model, attempts(), lambda name: decided.get(name, True), log)
+        end = release(model, attempts(), lambda name: decided.get(name, True), log, clock)
     if end is None:
         return None
     best, chosen = end
-    return _result(linear, best, chosen, sigma, decided)
+    result = _result(linear, best, chosen, sigma, decided)
+    unreached = tuple(clock.unreached)
+    return replace(result, estimation=replace(result.estimation, unreached=unreached))
 
 
 def thinned(record: Record) -> Record:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from .begin import at_likely_scale, initial_states_of, refined, weak_priors
 from .car import KNOTS, Model
-from .fit import Optimum, fit
+from .fit import Clock, Optimum, fit
 from .path import POLISH, ROUGH, InitialState
 from .problem import Problem, Run
 from .score import begin_stops, gain_of
@@ -144,6 +144,8 @@ the start, unless it ends higher than its own first stage: then it has gone astr
 _FOLLOWED_MOST = 3
 """Largest number of attempts that are followed through the later stages."""
 _LAST_STEPS = 40
+_SEARCH_SHARE = 0.7
+"""Share of the time after which the search ends; the polish has the rest."""
 _POLISH_STEPS = 25
 _CONVERGED = 0.05
 _POLISHED = 0.3
@@ -177,25 +179,33 @@ class Attempt:
 
 
 def release(
-    model: Model, attempts: Iterable[Attempt], allowed: Callable[[str], bool], log: Log
+    model: Model,
+    attempts: Iterable[Attempt],
+    allowed: Callable[[str], bool],
+    log: Log,
+    clock: Clock,
 ) -> tuple[Optimum, tuple[str, ...]] | None:
     """Return the optimum of the rich model and the groups in it; None without a finite path.
 
     `attempts`: a further one is taken only where the earlier ones fail.  `allowed`: whether a group
-    may be released.  `log`: receives a line for each stage.
+    may be released.  `log`: receives a line for each stage.  `clock`: limits the time; what it did
+    not suffice for is in it afterwards.
     """
     chosen = tuple(name for name in STAGES[0] if allowed(name))
     source = iter(attempts)
     begun: list[Attempt] = []
     waiting: list[tuple[float, Optimum, Attempt]] = []
     ends: list[tuple[float, Optimum, Attempt, tuple[str, ...]]] = []
+    is_over = clock.limit(_SEARCH_SHARE, "other starts of the search")
     while len(ends) < _FOLLOWED_MOST:
         while all(one.cost >= _FOLLOWED * attempt.freedom for _, one, attempt in waiting):
+            if waiting and is_over():
+                break
             attempt = next(source, None)
             if attempt is None:
                 break
             begun.append(attempt)
-            end = _first(model, attempt, chosen)
+            end = _first(model, attempt, chosen, clock)
             if end is not None:
                 chi2 = end.cost / attempt.freedom
                 log(f"{', '.join(chosen)}: chi2/n {chi2:.3f} after {end.iterations} steps")
@@ -204,19 +214,19 @@ def release(
         if not waiting:
             break
         _, start, taken = waiting.pop(0)
-        best, fitted, groups = _stages(start, taken, begun[0], chosen, allowed, log)
+        best, fitted, groups = _stages(start, taken, begun[0], chosen, allowed, log, clock)
         chi2 = best.cost / fitted.freedom
         ends.append((chi2, best, fitted, groups))
-        if not (_FOUND < chi2 < _HOPELESS or chi2 > start.cost / taken.freedom):
+        if not (_FOUND < chi2 < _HOPELESS or chi2 > start.cost / taken.freedom) or is_over():
             break
     if not ends:
         return None
     _, best, taken, chosen = min(ends, key=lambda one: one[0])
-    polished = _polished(best, replace(best.point.problem, runs=taken.runs), chosen, log)
+    polished = _polished(best, replace(best.point.problem, runs=taken.runs), chosen, log, clock)
     if polished is not None and not polished.converged:
         there = _without_vanished(polished, chosen)
         if there != chosen:
-            again = _polished(polished, polished.point.problem, there, log)
+            again = _polished(polished, polished.point.problem, there, log, clock)
             polished, chosen = (polished, chosen) if again is None else (again, there)
     return None if polished is None else (polished, chosen)
 
@@ -228,6 +238,7 @@ def _stages(
     chosen: tuple[str, ...],
     allowed: Callable[[str], bool],
     log: Log,
+    clock: Clock,
 ) -> tuple[Optimum, Attempt, tuple[str, ...]]:
     """Release the later stages from the end of the first one.
 
@@ -253,6 +264,7 @@ def _stages(
                 freed, at_likely_scale(freed, start), best.point.initials, ROUGH,
                 tolerance=_CONVERGED, rough=0.1 * _ROUGH_SHARE if last else _ROUGH_SHARE,
                 max_iterations=_LAST_STEPS if last else _STAGE_STEPS,
+                is_over=clock.limit(_SEARCH_SHARE, in_words(stage)),
             )  # fmt: skip
             if end is None:
                 continue
@@ -260,15 +272,20 @@ def _stages(
             if end.cost < best.cost:  # else the new start of these groups has led it astray
                 best, chosen, problem = end, groups, end.point.problem
                 break
-    best, chosen = _with_late(best, n, chosen, allowed, log)
+    best, chosen = _with_late(best, n, chosen, allowed, log, clock)
     if taken.late_s > 0.0:
-        best, taken = _with_beginnings(best, taken, first, log)
-        best, chosen = _with_late(best, taken.freedom, chosen, allowed, log)
+        best, taken = _with_beginnings(best, taken, first, log, clock)
+        best, chosen = _with_late(best, taken.freedom, chosen, allowed, log, clock)
     return best, taken, chosen
 
 
 def _with_late(
-    best: Optimum, n: float, chosen: tuple[str, ...], allowed: Callable[[str], bool], log: Log
+    best: Optimum,
+    n: float,
+    chosen: tuple[str, ...],
+    allowed: Callable[[str], bool],
+    log: Log,
+    clock: Clock,
 ) -> tuple[Optimum, tuple[str, ...]]:
     """Return the optimum after groups of large gain have joined, and the groups in it."""
     for name in _LATE:
@@ -280,6 +297,7 @@ def _with_late(
             problem.releasing(positions(problem.model, more, True)),
             _joined(problem.model, best.eta, name), best.point.initials, ROUGH,
             tolerance=_CONVERGED, max_iterations=_LAST_STEPS,
+            is_over=clock.limit(_SEARCH_SHARE, in_words((name,))),
         )  # fmt: skip
         if end is None:
             continue
@@ -290,7 +308,7 @@ def _with_late(
 
 
 def _with_beginnings(
-    best: Optimum, taken: Attempt, first: Attempt, log: Log
+    best: Optimum, taken: Attempt, first: Attempt, log: Log, clock: Clock
 ) -> tuple[Optimum, Attempt]:
     """Return the optimum with the beginnings that an attempt left out, and the attempt with them.
 
@@ -301,10 +319,11 @@ def _with_beginnings(
     held = replace(problem, free=np.zeros(0, dtype=np.intp))
     begun = first.initials(problem.model, best.eta)
     runs, searched, initials = list(taken.runs), list(taken.searched), list(best.point.initials)
+    is_over = clock.limit(_SEARCH_SHARE, "beginnings of the decays")
     for i, run in enumerate(first.searched):
         alone = fit(
             replace(held, runs=(run,)), best.eta, (begun[i],), ROUGH, tolerance=_CONVERGED,
-            max_iterations=_STAGE_STEPS,
+            max_iterations=_STAGE_STEPS, is_over=is_over,
         )  # fmt: skip
         if alone is not None and alone.point.predicted[0].cost < _EXPLAINED * run.freedom:
             runs[i], searched[i], initials[i] = first.runs[i], run, alone.point.initials[0]
@@ -312,6 +331,7 @@ def _with_beginnings(
     end = fit(
         replace(problem, runs=whole.searched), best.eta, tuple(initials), ROUGH,
         tolerance=_CONVERGED, rough=0.1 * _ROUGH_SHARE, max_iterations=_LAST_STEPS,
+        is_over=is_over,
     )  # fmt: skip
     if end is None or end.cost / whole.freedom > _WORSE * late:
         log("the beginnings stay left out")
@@ -324,7 +344,9 @@ def _with_beginnings(
     return end, whole
 
 
-def _polished(best: Optimum, whole: Problem, chosen: tuple[str, ...], log: Log) -> Optimum | None:
+def _polished(
+    best: Optimum, whole: Problem, chosen: tuple[str, ...], log: Log, clock: Clock
+) -> Optimum | None:
     """Return the optimum for whole runs, with curves on more knees; None without a finite path."""
     eta = best.eta
     if "damper_knees" in chosen and whole.model.knots != KNOTS[_POLISHED_KNOTS]:
@@ -332,7 +354,7 @@ def _polished(best: Optimum, whole: Problem, chosen: tuple[str, ...], log: Log) 
     whole = whole.releasing(positions(whole.model, chosen, True))
     end = fit(
         whole, at_likely_scale(whole, eta), best.point.initials, POLISH, tolerance=_POLISHED,
-        max_iterations=_POLISH_STEPS,
+        max_iterations=_POLISH_STEPS, is_over=clock.limit(1.0, "the last steps"),
     )  # fmt: skip
     if end is not None:
         log(f"polished in {end.iterations} steps, decrement {end.decrement:.2g}")
@@ -348,7 +370,7 @@ def _without_vanished(best: Optimum, chosen: tuple[str, ...]) -> tuple[str, ...]
     return tuple(name for name in chosen if name != "damper_mounts" or (sizes > 0.0).any())
 
 
-def _first(model: Model, attempt: Attempt, chosen: tuple[str, ...]) -> Optimum | None:
+def _first(model: Model, attempt: Attempt, chosen: tuple[str, ...], clock: Clock) -> Optimum | None:
     """Return the end of the first stage from a linear start; None if it has no finite path."""
     eta = attempt.eta.copy()
     centre, prior = weak_priors(model, eta)
@@ -359,7 +381,13 @@ def _first(model: Model, attempt: Attempt, chosen: tuple[str, ...]) -> Optimum |
     return fit(
         problem, eta, attempt.initials(model, attempt.eta), ROUGH, tolerance=_CONVERGED,
         rough=_ROUGH_SHARE, max_iterations=_STAGE_STEPS,
+        is_over=clock.limit(_SEARCH_SHARE, in_words(chosen)),
     )  # fmt: skip
+
+
+def in_words(groups: Sequence[str]) -> str:
+    """Return the names of some groups in words."""
+    return ", ".join(group.replace("_", " ") for group in groups)
 
 
 def _promises(

@@ -65,7 +65,14 @@ def chi2_by_run(estimation: Estimation) -> dict[str, dict[str, float]]:
 def misfit_findings(estimation: Estimation) -> Iterator[Finding]:
     """Judge convergence, chi2/n, the noise at rest, and where the decays start."""
     nonlinear = estimation.nonlinear is not None
-    if not estimation.fit.converged:
+    if estimation.unreached:
+        text = (
+            f"the search ended for want of time, not finished: {listed(estimation.unreached)}; "
+            "its numbers may be away from the optimum: forbid in [vehicle.structure] the elements "
+            "that the car does not have"
+        )
+        yield Finding("convergence", Severity.WARNING, text)
+    elif not estimation.fit.converged:
         steps = counted(estimation.fit.iterations, "iteration")
         text = f"the fit did not converge in {steps}: {_UNSETTLED[nonlinear]}"
         # The nonlinear fit ends near its optimum even if it has not converged.

@@ -16,6 +16,7 @@ from daq.vehicle import Corner
 from identify.decays.decay import ChannelGroup
 from identify.fit.grey_box import GreyBox
 from identify.nonlinear.car import KNOTS, Model
+from identify.nonlinear.fit import Clock
 from identify.nonlinear.path import ROUGH, Grade
 from identify.nonlinear.release import Attempt, release
 
@@ -58,6 +59,7 @@ class Script:
         eta: NDArray[np.float64],
         initials: tuple[Any, ...],
         grade: Grade,
+        is_over: Callable[[], bool],
         **options: float,
     ) -> Any:
         names = problem.model.names
@@ -104,6 +106,7 @@ def play(
     allowed: Callable[[str], bool] = lambda _: False,
     gains: Callable[[Sequence[str], NDArray[np.float64], Any], Any] | None = None,
     log: Callable[[str], None] = lambda _: None,
+    clock: Clock | None = None,
 ) -> Any:
     """Return what a search by a script finds, and the names of the starts that it asked for."""
 
@@ -126,5 +129,5 @@ def play(
             given.append(str(vars(one.runs[0])["label"]).split()[0])
             yield one
 
-    found = release(MODEL, source(), allowed, log)
+    found = release(MODEL, source(), allowed, log, clock or Clock())
     return found, given

@@ -40,6 +40,7 @@ from identify.nonlinear.car import (
     Y,
     car,
 )
+from identify.nonlinear.fit import Clock
 from identify.nonlinear.path import POLISH
 from identify.nonlinear.problem import Point, Problem, normal, point, run_of
 from identify.nonlinear.release import Attempt, release
@@ -169,7 +170,7 @@ def test_the_next_start_is_asked_for_where_one_leads_nowhere(
             given.append(lost)
             yield attempt(model, lost)
 
-    found = release(model, attempts(), lambda _: False, lambda _: None)
+    found = release(model, attempts(), lambda _: False, lambda _: None, Clock())
     assert found is not None
     best, chosen = found
     assert chosen == ()
@@ -183,7 +184,7 @@ def test_beginnings_that_were_left_out_come_back_where_the_car_explains_them(
 ) -> None:
     first, late = attempt(model, True, 0.0, disturbed), attempt(model, False, 0.1)
     lines: list[str] = []
-    found = release(model, iter((first, late)), lambda _: False, lines.append)
+    found = release(model, iter((first, late)), lambda _: False, lines.append, Clock())
     assert found is not None
     fitted = found[0].point.problem.runs
     assert fitted == (*late.runs[:disturbed], *first.runs[disturbed:])

@@ -19,7 +19,7 @@ from identify.decays.decay import ChannelGroup, FreeDecay, Recording, decay_star
 from identify.fit.grey_box import GreyBox
 from identify.nonlinear.begin import initial_states_of, weak_priors
 from identify.nonlinear.car import KNOTS, Model
-from identify.nonlinear.fit import fit, inverse
+from identify.nonlinear.fit import Clock, fit, inverse
 from identify.nonlinear.path import POLISH, ROUGH, USUAL, InitialState
 from identify.nonlinear.problem import Problem, point, run_of
 from identify.nonlinear.release import positions
@@ -335,6 +335,28 @@ def test_a_step_moves_the_gap_of_a_stop_by_five_percent_at_most() -> None:
     once = fit(problem, start, (moving(),), USUAL, max_iterations=1)
     assert once is not None
     assert float(np.exp(once.eta[problem.free][0])) == pytest.approx(0.018 * np.exp(-0.05))
+
+
+def test_a_fit_without_time_ends_where_it_is() -> None:
+    problem, start = stop_off(0.015, 0.018)
+    clock = Clock(0.0)
+    once = fit(problem, start, (moving(),), USUAL, is_over=clock.limit(1.0, "bump stops"))
+    assert once is not None
+    assert (once.iterations, once.converged, clock.unreached) == (0, False, ["bump stops"])
+    np.testing.assert_array_equal(once.eta, start)
+    clock = Clock(60.0)
+    is_over = clock.limit(1.0, "bump stops")
+    once = fit(problem, start, (moving(),), USUAL, is_over=is_over, max_iterations=1)
+    assert once is not None
+    assert (once.iterations, clock.unreached) == (1, [])
+
+
+def test_a_search_without_time_asks_for_no_further_start(played: Callable[..., Any]) -> None:
+    """The first start ends above all limits: with time, the second one is asked for."""
+    starts = [attempt("a"), attempt("b")]
+    for seconds, given in ((0.0, ["a"]), (np.inf, ["a", "b"])):
+        script = Script([12.0, 11.0, 11.0, 11.0, 11.0, 11.0, 11.0, 11.0])
+        assert played(script, starts, clock=Clock(seconds))[1] == given
 
 
 # Which start of a search is followed, and what comes back once the car is found -------------------

@@ -89,6 +89,9 @@ def test_a_nonlinear_fit_that_takes_no_further_step_is_doubtful(linear: Estimati
     (finding,) = misfit_findings(lost)
     assert (finding.code, finding.severity) == ("convergence", Severity.WARNING)
     assert "forbid" in finding.text
+    (finding,) = misfit_findings(replace(linear, unreached=("bump stops", "the last steps")))
+    assert (finding.code, finding.severity) == ("convergence", Severity.WARNING)
+    assert "not finished: bump stops, the last steps;" in finding.text
 
 
 @pytest.mark.parametrize(
