@@ -25,12 +25,21 @@ from ..runlog import LoggedStatus
 from ..runs import BASELINE, Excitation
 from ..samples.mapping import trigger_channels
 from ..vehicle import Corner
-from .car import SimulatedCar
+from .car import SimulatedCar, true_reading
 from .ecu import Act, Rig, rig_of
-from .elements import Array
-from .motion import PUSHED_S, Bump, Push, TwoBumps, drive, dropped, pushed, pushed_down
-from .plant import GRAVITY_M_S2, static_pose
-from .sensors import true_reading
+from .engine import Array
+from .motion import (
+    GRAVITY_M_S2,
+    PUSHED_S,
+    Bump,
+    Push,
+    Spliced,
+    drive,
+    dropped,
+    pushed,
+    pushed_down,
+    static_pose,
+)
 
 PIECE_S = 0.2
 """Longest piece in which the car is sampled, s: each piece takes some milliseconds, however short
@@ -150,7 +159,7 @@ class Acts:
                 return self._rig.act(first, end_s + _MARGIN_S, end_s, LEAD_S)
             again = replace(bump, start_s=bump.start_s + again_s)
             state = first.states(np.array([again.start_s]))
-            both = TwoBumps(first, drive(plant, again, end_s + _MARGIN_S, state))
+            both = Spliced(first, drive(plant, again, end_s + _MARGIN_S, state))
             return self._rig.act(both, end_s + _MARGIN_S, end_s, LEAD_S)
         if method is Method.PUSH and BUMPS[kind].hand is not None:
             end_s += PUSHED_S

@@ -1,4 +1,4 @@
-"""Defines the simulated car and its sensors, and draws the errors of a complete campaign.
+"""Defines the simulated car and its sensors: their drawn errors, and what the sensors report.
 
 A bench describes its sensors with the accuracy of a person's measurements: a position to a
 centimetre, a delay from the data sheet, a weight from the scales.  The simulated bench differs from
@@ -9,23 +9,27 @@ computed from them can be tested.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..bench.config import Bench
+from dbc.layout import SignalLayout
+from dbc.units import to_si
+
 from ..channels import ON_BODY, SI_UNITS, Channel, Quantity, message_of
 from ..errors import InputError
-from ..vehicle import (
-    FORD_GRANADA,
-    PARAMETER_NAMES,
-    AddedMass,
-    BodyWeight,
-    MassState,
-    VehicleParameters,
+from ..vehicle import FORD_GRANADA, AddedMass, BodyWeight, MassState, VehicleParameters
+from .engine import Array, Plant
+from .motion import (
+    GRAVITY_M_S2,
+    Kinematics,
+    Moving,
+    cg_left_m,
+    corner_motion,
+    load_car,
+    static_pose,
 )
-from .elements import NONE, Imperfections, means
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,60 +64,6 @@ NOISE = Spread(0.03, 0.15, math.radians(0.1), 0.02, 0.0002)
 """White noise of each sample, for an automotive IMU, rugged hub accelerometers, string pots."""
 BIAS = Spread(0.05, 0.2, math.radians(0.2), 0.02, 0.005)
 """Constant error of each sensor; for a displacement, the error of its zero."""
-
-
-@dataclass(frozen=True, slots=True)
-class SensorFault:
-    """Deviations of one sensor from its channel's description.
-
-    The order is that of the chain: the motion is delayed, passes the low-pass, gets its offset and
-    noise, saturates, and is multiplied by the gain.
-    """
-
-    channel: str
-    """Name of the channel."""
-    gain: float = 1.0
-    """Factor on the value: 1.02 for a wrong calibration, -1 for a sensor mounted upside down, 1 /
-    9.80665 for g where m/s2 are stated."""
-    late_s: float = 0.0
-    """Delay in addition to the channel's own delay, s."""
-    offset: float = 0.0
-    """Constant added, in the channel's SI unit."""
-    low_pass_hz: float = 0.0
-    """Cut-off frequency (-3 dB) of a Butterworth low-pass, Hz; 0 keeps that of the channel."""
-    low_pass_order: int = 2
-    """Order of that low-pass."""
-    limit: float = math.inf
-    """Magnitude, SI, gravity included, at which the sensor saturates in both directions."""
-
-
-@dataclass(frozen=True, slots=True)
-class SimulatedCar:
-    """The true car, bump and bench; some values are standard deviations of a draw."""
-
-    parameters: VehicleParameters = FORD_GRANADA
-    """The unloaded car."""
-    noise: Spread = NOISE
-    """Noise of the sensors, in addition to the errors stated in bench.toml."""
-    bias: Spread = BIAS
-    """Constant errors of the sensors, in addition to those stated in bench.toml."""
-    clock_error: float = 10e-6
-    """Standard deviation of the relative rate error of each message's clock."""
-    jitter_s: float = 50e-6
-    """Mean delay of the release of a frame (exponential), s."""
-    lead_s: float = 1.3
-    """Rest before the bump, s."""
-    tail_s: float = 2.8
-    """Time from the beginning of the bump to the end of the run, s."""
-    imperfections: Imperfections = NONE
-    """Effects that the 15 parameters do not describe."""
-    faults: tuple[SensorFault, ...] = ()
-    """Faults of sensors, at most one entry per channel."""
-
-    @property
-    def run_s(self) -> float:
-        """Duration of one run, s."""
-        return self.lead_s + self.tail_s
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,73 +112,74 @@ class Truth:
     """True clock of every message that carries a channel."""
 
 
-def truth(bench: Bench, car: SimulatedCar, seed: int) -> Truth:
-    """Draw the differences of a true bench from its description; raises as `draw`."""
-    return draw(bench.channels, bench.mass_states, car, seed)
+@dataclass(frozen=True, slots=True)
+class SimulatedCar:
+    """The true car, bump and bench; some values are standard deviations of a draw."""
 
+    parameters: VehicleParameters = FORD_GRANADA
+    """The unloaded car."""
+    noise: Spread = NOISE
+    """Noise of the sensors, in addition to the errors stated in bench.toml."""
+    bias: Spread = BIAS
+    """Constant errors of the sensors, in addition to those stated in bench.toml."""
+    clock_error: float = 10e-6
+    """Standard deviation of the relative rate error of each message's clock."""
+    jitter_s: float = 50e-6
+    """Mean delay of the release of a frame (exponential), s."""
+    lead_s: float = 1.3
+    """Rest before the bump, s."""
+    tail_s: float = 2.8
+    """Time from the beginning of the bump to the end of the run, s."""
 
-def draw(
-    channels: Sequence[Channel], mass_states: Sequence[MassState], car: SimulatedCar, seed: int
-) -> Truth:
-    """Draw the differences of true sensors and weights from their description.
+    @property
+    def run_s(self) -> float:
+        """Duration of one run, s."""
+        return self.lead_s + self.tail_s
 
-    `channels` and `mass_states`: the description; its sigmas are the spreads of the draw.  `car`:
-    the car and the spreads that the description does not state.  `seed`: the same seed gives the
-    same campaign.  Raises InputError if a fault is declared for no channel, or two for the same
-    one.
-    """
-    faults = _faults_by_channel(channels, car.faults)
-    rng = np.random.default_rng([seed, 0])
-    gain_rng = np.random.default_rng([seed, 4])  # separate: a stated gain changes no other draw
-    messages = dict.fromkeys(message_of(channel.signal) for channel in channels)
-    # One message is one device: a delay of one of its signals is a delay of all.
-    delay_errors = {message: rng.standard_normal() for message in messages}  # in sigmas
-    clocks = {
-        message: ClockTruth(rng.uniform(), car.clock_error * rng.standard_normal())
-        for message in messages
-    }
-    sensors = {}
-    for channel in channels:
-        delay_error = delay_errors[message_of(channel.signal)]
-        position_error_m = channel.position_sigma_m * rng.standard_normal(2)
-        bias = car.bias.of(channel.quantity) * rng.standard_normal()
-        cg = (-car.parameters.a, car.imperfections.cg_offset_m)
-        x_m, y_m = cg if channel.at_cg else (channel.x_m, channel.y_m)
-        on_body = channel.quantity in ON_BODY
-        gain = 1.0
-        if channel.scale_sigma:
-            gain += channel.scale_sigma * float(gain_rng.standard_normal())
-        sensor = SensorTruth(
-            x_m=x_m + position_error_m[0] if on_body else math.nan,
-            y_m=y_m + position_error_m[1] if on_body else math.nan,
-            # A sensor cannot be early: a draw below zero gives a sensor without delay.
-            delay_s=max(0.0, channel.delay_s + channel.delay_sigma_s * delay_error),
-            bias=bias,
-            low_pass_hz=channel.low_pass_hz,
-            low_pass_order=channel.low_pass_order,
-            gain=gain,
-        )
-        fault = faults.get(channel.name)
-        sensors[channel.name] = sensor if fault is None else spoilt(sensor, fault)
-    true_loads = {state.name: _true_load(state.added, rng) for state in mass_states}
-    return Truth(car.parameters, true_loads, sensors, clocks)
+    def plant(self, added: AddedMass) -> Plant:
+        """Return the car with weights."""
+        return load_car(self.parameters, added)
 
+    def draw(
+        self, channels: Sequence[Channel], mass_states: Sequence[MassState], seed: int
+    ) -> Truth:
+        """Draw the differences of true sensors and weights from their description.
 
-def _faults_by_channel(
-    channels: Sequence[Channel], faults: Sequence[SensorFault]
-) -> dict[str, SensorFault]:
-    """Return the fault of each faulty channel; raises as `draw`."""
-    names = [channel.name for channel in channels]
-    by_channel: dict[str, SensorFault] = {}
-    for fault in faults:
-        if fault.channel not in names:
-            what = f"no channel {fault.channel!r} for this fault"
-            raise InputError("simulated car", what, f"channels are {', '.join(names)}")
-        if fault.channel in by_channel:
-            what = f"channel {fault.channel} has two faults"
-            raise InputError("simulated car", what, "state them as one")
-        by_channel[fault.channel] = fault
-    return by_channel
+        `channels` and `mass_states`: the description; its sigmas are the spreads of the draw.
+        `seed`: the same seed gives the same campaign.
+        """
+        rng = np.random.default_rng([seed, 0])
+        gain_rng = np.random.default_rng([seed, 4])  # separate: a stated gain changes no other draw
+        messages = dict.fromkeys(message_of(channel.signal) for channel in channels)
+        # One message is one device: a delay of one of its signals is a delay of all.
+        delay_errors = {message: rng.standard_normal() for message in messages}  # in sigmas
+        clocks = {
+            message: ClockTruth(rng.uniform(), self.clock_error * rng.standard_normal())
+            for message in messages
+        }
+        cg = (-self.parameters.a, cg_left_m(self.plant(AddedMass()).corners))
+        sensors = {}
+        for channel in channels:
+            delay_error = delay_errors[message_of(channel.signal)]
+            position_error_m = channel.position_sigma_m * rng.standard_normal(2)
+            bias = self.bias.of(channel.quantity) * rng.standard_normal()
+            x_m, y_m = cg if channel.at_cg else (channel.x_m, channel.y_m)
+            on_body = channel.quantity in ON_BODY
+            gain = 1.0
+            if channel.scale_sigma:
+                gain += channel.scale_sigma * float(gain_rng.standard_normal())
+            sensors[channel.name] = SensorTruth(
+                x_m=x_m + position_error_m[0] if on_body else math.nan,
+                y_m=y_m + position_error_m[1] if on_body else math.nan,
+                # A sensor cannot be early: a draw below zero gives a sensor without delay.
+                delay_s=max(0.0, channel.delay_s + channel.delay_sigma_s * delay_error),
+                bias=bias,
+                low_pass_hz=channel.low_pass_hz,
+                low_pass_order=channel.low_pass_order,
+                gain=gain,
+            )
+        true_loads = {state.name: _true_load(state.added, rng) for state in mass_states}
+        return Truth(self.parameters, true_loads, sensors, clocks)
 
 
 def _true_load(added: AddedMass, rng: np.random.Generator) -> AddedMass:
@@ -244,56 +195,168 @@ def _true_load(added: AddedMass, rng: np.random.Generator) -> AddedMass:
     return replace(added, weights=tuple(weights))
 
 
-def spoilt(sensor: SensorTruth, fault: SensorFault) -> SensorTruth:
-    """Return a sensor with its fault.
+_FINE_S = 1e-4
+"""Time step of the motion at the input of a low-pass, s: wheel accelerations are then accurate to
+1e-4 m/s2."""
 
-    Delays and constant errors add, gains multiply; the fault's limit, and its low-pass if it has
-    one, replace those of the sensor.
+
+@dataclass(frozen=True, slots=True)
+class Installation:
+    """The car on which the sensors are installed."""
+
+    plant: Plant
+    """The unloaded car, with the positions of its corners."""
+    design_pose: Array
+    """The pose in which the IMU was levelled and the displacements were zeroed: the unloaded car at
+    rest, shape (7, 1).  Any other loading therefore gives a constant offset."""
+
+
+def install(unloaded: Plant) -> Installation:
+    """Return the installation, with sensors levelled and zeroed on the unloaded car."""
+    return Installation(unloaded, static_pose(unloaded))
+
+
+def _yaw_rate(tilt: Array) -> Array:
+    """Return zero: a car that bounces on the spot does not turn."""
+    return np.zeros(tilt.shape[1])
+
+
+_SPARE: dict[str, tuple[Quantity, Callable[[Array], Array]]] = {
+    # Nose down turns x towards the ground, so that gravity pulls the proof mass forward; left side
+    # up turns y away from the ground.
+    "IMU_Accel.acc_x": (Quantity.BODY_ACCELERATION, lambda tilt: -GRAVITY_M_S2 * tilt[1]),
+    "IMU_Accel.acc_y": (Quantity.BODY_ACCELERATION, lambda tilt: GRAVITY_M_S2 * tilt[2]),
+    "IMU_Rate.rate_z": (Quantity.PITCH_RATE, _yaw_rate),
+}
+"""Signals of the shipped IMU that the method does not use: the kind of sensor, for its errors, and
+the reading from the pose relative to the design pose."""
+
+
+def kind(channel: Channel) -> Quantity:
+    """Return the quantity that a channel's sensor measures, also if the channel is not used."""
+    if channel.quantity is Quantity.UNUSED and channel.signal in _SPARE:
+        return _SPARE[channel.signal][0]
+    return channel.quantity
+
+
+def true_reading(
+    channel: Channel, sensor: SensorTruth, car: Installation, motion: Kinematics
+) -> Array:
+    """Return the reading of a perfect sensor in the true position.
+
+    Rotations are small, as in the plant: an accelerometer's share of gravity is 1 g on z, and
+    the tilt angle times 1 g on x and y.
+
+    `sensor`: true position of the sensor.  `motion`: n instants; `daq.vehicle.DOF` is the order of
+    its rows.  Returns (n,) float64: in the channel's SI unit.  An unused channel that the simulator
+    does not know reads 0.
     """
-    has_low_pass = fault.low_pass_hz > 0.0
-    return replace(
-        sensor,
-        delay_s=sensor.delay_s + fault.late_s,
-        bias=sensor.bias + fault.offset,
-        low_pass_hz=fault.low_pass_hz if has_low_pass else sensor.low_pass_hz,
-        low_pass_order=fault.low_pass_order if has_low_pass else sensor.low_pass_order,
-        gain=sensor.gain * fault.gain,
-        limit=fault.limit,
-    )
+    moved = motion.pose - car.design_pose
+    # From the CG, not from the middle of the front axle.
+    corners = car.plant.corners
+    x_m, y_m = sensor.x_m + float(corners["x_m"][0]), sensor.y_m - cg_left_m(corners)
+    wheel = 3 + channel.corner.position if channel.corner is not None else 0
+    match channel.quantity:
+        case Quantity.BODY_ACCELERATION:
+            value = _body_point(motion.acceleration, x_m, y_m) + GRAVITY_M_S2
+        case Quantity.BODY_DISPLACEMENT:
+            value = _body_point(moved, x_m, y_m)
+        case Quantity.PITCH_RATE:
+            value = motion.velocity[1]
+        case Quantity.ROLL_RATE:
+            value = motion.velocity[2]
+        case Quantity.PITCH_ACCELERATION:
+            value = motion.acceleration[1]
+        case Quantity.ROLL_ACCELERATION:
+            value = motion.acceleration[2]
+        case Quantity.HUB_ACCELERATION:
+            value = motion.acceleration[wheel] + GRAVITY_M_S2
+        case Quantity.HUB_DISPLACEMENT:
+            value = moved[wheel]
+        case Quantity.SUSPENSION_TRAVEL:
+            value = moved[wheel] - corner_motion(car.plant, moved)[wheel - 3]
+        case Quantity.UNUSED:
+            _, reading = _SPARE.get(channel.signal, (None, _yaw_rate))
+            value = reading(moved)
+    return np.asarray(value, dtype=np.float64)
 
 
-def true_parameters(car: SimulatedCar) -> dict[str, float]:
-    """Return the true parameters; for an axle with unequal corners, the mean of both.
+def _body_point(motion: Array, x_m: float, y_m: float) -> Array:
+    """Return the vertical motion of a point of the rigid body at (x, y) from the CG."""
+    return np.asarray(motion[0] - x_m * motion[1] + y_m * motion[2])
 
-    The 15 first; c_s is the secant of the damper's curve between minus and plus 0.1 m/s.  Then
-    `k_af k_ar` anti-roll bars, `c_tf c_tr` tyre damping, `y_s` the CG off the middle, `F_cf F_cr`
-    sliding friction of a corner.
+
+def low_pass(values: Array, step_s: float, cutoff_hz: float, order: int) -> Array:
+    """Pass a signal that begins at rest through an analogue Butterworth low-pass.
+
+    The signal is assumed to be straight between the samples, and the filter's response to it is
+    exact (first-order hold), so the error falls with the square of the step.
+
+    `values`, (n,) float64: the signal; constant up to its first sample.  `step_s`: time between
+    samples, s.  `cutoff_hz` and `order`: the filter; its gain at rest is 1.
     """
-    p, i = car.parameters, car.imperfections
-    values = asdict(p)
-    for name, curve in zip(("c_sf", "c_sr"), i.dampers(p), strict=True):
-        values[name] = curve.secant_ns_m
-    for kind, factors in (
-        ("m_u", i.wheel),
-        ("k_s", i.suspension),
-        ("k_t", i.tyre),
-        ("c_s", i.damper),
-    ):
-        for axle, mean in zip("fr", means(factors), strict=True):
-            values[f"{kind}{axle}"] *= mean
-    friction_means = means(i.friction.sides)
-    return values | {
-        "k_af": i.bar_front_n_m,
-        "k_ar": i.bar_rear_n_m,
-        "c_tf": i.tyre_damping_front_ns_m,
-        "c_tr": i.tyre_damping_rear_ns_m,
-        "y_s": i.cg_offset_m,
-        "F_cf": i.friction.front_n * friction_means[0],
-        "F_cr": i.friction.rear_n * friction_means[1],
-    }
+    from scipy.signal import butter, cont2discrete, lfilter  # slow to import, seldom needed
+
+    analogue = butter(order, 2.0 * math.pi * cutoff_hz, analog=True)
+    numerator, denominator, _ = cont2discrete(analogue, step_s, method="foh")
+    change = lfilter(np.ravel(numerator), denominator, values - values[0])
+    return np.asarray(values[0] + change, dtype=np.float64)
 
 
-def present_parameters(car: SimulatedCar) -> dict[str, float]:
-    """Return the true parameters, without those beyond the 15 that the car does not have."""
-    values = true_parameters(car)
-    return {n: value for n, value in values.items() if n in PARAMETER_NAMES or value != 0.0}
+def low_passed(
+    channel: Channel,
+    sensor: SensorTruth,
+    car: Installation,
+    motion: Moving,
+    span_s: tuple[float, float],
+) -> tuple[Array, Array]:
+    """Return the output of a sensor's low-pass for a motion.
+
+    `channel`, `sensor`, `car`: as in `true_reading`.  `span_s`: the requested time span; it begins
+    at rest, and so does the filter.  Returns times and values, (n,), close enough for linear
+    interpolation; they include the delay of the filter but not the sensor's delay.
+    """
+    fine_s = np.arange(span_s[0], span_s[1] + _FINE_S, _FINE_S)
+    reading = true_reading(channel, sensor, car, motion.at(fine_s))
+    return fine_s, low_pass(reading, _FINE_S, sensor.low_pass_hz, sensor.low_pass_order)
+
+
+def measured(
+    channel: Channel, sensor: SensorTruth, noise: Spread, reading: Array, rng: np.random.Generator
+) -> Array:
+    """Return true readings with bias, white noise, saturation and gain of their sensor, SI, (n,).
+
+    The noise is that of the digitising, after any low-pass; the arguments are those of
+    `signal_values`.
+    """
+    noisy = reading + sensor.bias + noise.of(kind(channel)) * rng.standard_normal(len(reading))
+    return np.asarray(sensor.gain * np.clip(noisy, -sensor.limit, sensor.limit))
+
+
+def signal_values(
+    channel: Channel,
+    signal: SignalLayout,
+    sensor: SensorTruth,
+    noise: Spread,
+    reading: Array,
+    rng: np.random.Generator,
+) -> Array:
+    """Convert true readings to the values that the sensor puts into its frames.
+
+    `channel`: sign, scale and tare: the recorder computes ``sign * scale * SI(signal) - tare``.
+    `signal`: unit and range of the signal.  `sensor`: its bias and its other errors.  `noise`:
+    standard deviation of the white noise.  `reading`, (n,) float64: from `true_reading` or
+    `low_passed`.  Returns (n,) float64: in the DBC's unit, limited to what the signal's bits can
+    express, as a sensor saturates.  Raises InputError if the signal's unit does not measure the
+    channel's quantity.
+    """
+    value = measured(channel, sensor, noise, reading, rng) + channel.tare
+    value = value / (channel.sign * channel.scale)
+    if channel.quantity is not Quantity.UNUSED or channel.signal in _SPARE:
+        si = to_si(signal.unit)
+        if channel.unit not in ("", si.unit):
+            what = f"is in {channel.unit}, but {channel.signal} is in {signal.unit}"
+            advice = "name the right signal or quantity in bench.toml"
+            raise InputError(f"channel {channel.name}", what, advice)
+        value = (value - si.offset) / si.factor
+    return np.asarray(np.clip(value, *signal.span), dtype=np.float64)

@@ -16,12 +16,18 @@ from ..bench.config import Bench, BusConfig
 from ..channels import Channel, message_of, signal_of
 from ..errors import InputError
 from ..runs import BASELINE
-from .car import ClockTruth, SimulatedCar, Truth, truth
-from .elements import Array
-from .engine import Plant
+from .car import (
+    ClockTruth,
+    Installation,
+    SimulatedCar,
+    Truth,
+    install,
+    low_passed,
+    signal_values,
+    true_reading,
+)
+from .engine import Array, Plant
 from .motion import Bump, Kinematics, Moving, drive
-from .plant import load_car
-from .sensors import Installation, install, low_passed, signal_values, true_reading
 
 _MAX_CLASSIC_BYTES = 8
 
@@ -173,11 +179,11 @@ def campaign_frames(
 ) -> Iterator[FrameBatch]:
     """Yield the frames of a campaign, a block a run: rest (`car.lead_s`), bump and free decay.
 
-    `seed`: determines every draw (`car.draw`) and all noise.  `start_ns`: time stamp of the start,
-    ns. `steps`: bumps in any order and number; default: those of the bench.  Time and counters
-    continue from run to run.  Messages without channels are not sent.  Raises InputError if a
-    channel's signal is not in the DBC, its message has no cycle time or is too long for classic
-    CAN, its unit does not fit, a fault has no channel, or the weights would tip the car over.
+    `seed`: determines every draw (`SimulatedCar.draw`) and all noise.  `start_ns`: time stamp of
+    the start, ns.  `steps`: bumps in any order and number; default: those of the bench.  Time and
+    counters continue from run to run.  Messages without channels are not sent.  Raises InputError
+    if a channel's signal is not in the DBC, its message has no cycle time or is too long for
+    classic CAN, its unit does not fit, or the weights would tip the car over.
     """
     rig = rig_of(bench, codec, car, seed)
     motions = {}
@@ -232,13 +238,10 @@ def bench_senders(bench: Bench, codec: Codec, drawn: Truth) -> tuple[Sender, ...
 
 def rig_of(bench: Bench, codec: Codec, car: SimulatedCar, seed: int) -> Rig:
     """Put a drawn car on a bench; raises as `campaign_frames`."""
-    drawn = truth(bench, car, seed)
-    plants = {
-        name: load_car(car.parameters, added, car.imperfections)
-        for name, added in drawn.mass_states.items()
-    }
+    drawn = car.draw(bench.channels, bench.mass_states, seed)
+    plants = {name: car.plant(added) for name, added in drawn.mass_states.items()}
     senders = bench_senders(bench, codec, drawn)
-    return Rig(bench, codec, car, drawn, install(plants[BASELINE], car), senders, plants)
+    return Rig(bench, codec, car, drawn, install(plants[BASELINE]), senders, plants)
 
 
 def on_the_buses(

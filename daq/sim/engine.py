@@ -21,7 +21,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from .elements import Array
+Array = NDArray[np.float64]
 
 STATE = 22
 """Length of a state."""
@@ -30,6 +30,7 @@ STATE = 22
 _FIELDS = (
     "x_m",  # where suspension and body meet, forward of the CG of the baseline body
     "y_m",  # the same, to the left of that CG
+    "wheel_kg",  # unsprung mass
     "spring_n_m",
     "quadratic_n_m2",  # force of the spring per square of the compression above ride_m
     "cubic_n_m3",

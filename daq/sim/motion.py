@@ -1,18 +1,181 @@
-"""Computes how the simulated car moves: over a bump, off blocks, after a push, or pushed slowly."""
+"""Puts weights on the simulated car, and moves it: over a bump, off blocks, or by hand."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..bumps import BUMPS
 from ..runs import Excitation
-from ..vehicle import Corner
-from .elements import Array
-from .engine import STATE, Plant, balances, integrate, read
-from .plant import static_pose
+from ..vehicle import AddedMass, BodyWeight, Corner, VehicleParameters
+from .engine import CORNER, STATE, Array, Plant, balances, integrate, read
+
+GRAVITY_M_S2 = 9.80665
+
+
+def per_axle(front: float, rear: float) -> Array:
+    """Return a value for each corner, (4, 1)."""
+    return np.array([[front if corner.front else rear] for corner in Corner])
+
+
+def load_car(
+    parameters: VehicleParameters,
+    added: AddedMass,
+    elements: Mapping[str, Array] | None = None,
+    bends: Array | None = None,
+) -> Plant:
+    """Put the added masses on a car.
+
+    `parameters`: the unloaded car.  `added`: weights, which have gravity and inertia; a matrix
+    given directly has only inertia.  `elements`: fields of `CORNER`, (4, 1) each, where the car is
+    not the linear one with these parameters.  `bends`: kinks of its dampers, as in `Plant`.
+    """
+    p = parameters
+    one, endless = np.ones((4, 1)), np.full((4, 1), np.inf)
+    dampers = per_axle(p.c_sf, p.c_sr)
+    fields = {
+        "x_m": per_axle(p.a, -p.b),
+        "y_m": per_axle(p.t_f, p.t_r) * np.array([[corner.side] for corner in Corner]),
+        "wheel_kg": per_axle(p.m_uf, p.m_ur),
+        "spring_n_m": per_axle(p.k_sf, p.k_sr),
+        "tyre_n_m": per_axle(p.k_tf, p.k_tr),
+        "in_ns_m": dampers,
+        "out_ns_m": dampers,
+        "stop_gap_m": endless,
+        "mount_n_m": endless,
+        "tyre_turn_m": -endless,
+        **dict.fromkeys(("in_knee_m_s", "out_knee_m_s", "presliding_m", "stribeck_m_s"), one),
+    }
+    corners = np.zeros(4, CORNER)
+    for name, values in (fields | dict(elements or {})).items():
+        corners[name] = values[:, 0]
+    mass = -inertia_forces(corners, p, added, np.eye(7))
+    mobility = np.asarray(np.linalg.inv(mass), dtype=np.float64)
+    kinks = np.zeros((4, 2, 0, 2)) if bends is None else bends
+    plant = Plant(corners, kinks, _gravity(corners, p, added), mobility)
+    # The progressive terms count from the pose of the unloaded car, which has linear springs.
+    bare = _linear(plant)._replace(weight_n=_gravity(corners, p, AddedMass()))
+    unloaded = static_pose(bare)
+    ride_m = unloaded[3:] - corner_motion(plant, unloaded)
+    return plant.other(ride_m=ride_m, squash_m=-unloaded[3:])
+
+
+def _linear(plant: Plant) -> Plant:
+    """Return a car without its progressive springs and tyres and its bump stops."""
+    zero = np.zeros((4, 1))
+    return plant.other(quadratic_n_m2=zero, cubic_n_m3=zero, stop_n_m=zero, tyre_n_m2=zero)
+
+
+def inertia_forces(
+    corners: NDArray[np.void], parameters: VehicleParameters, added: AddedMass, acceleration: Array
+) -> Array:
+    """Return the forces with which every mass resists an acceleration (d'Alembert).
+
+    Order, axes and signs of the degrees of freedom are those of `daq.vehicle`: heave upwards, pitch
+    nose down, roll left side up, then each wheel upwards.
+
+    `corners`, (4,) of `CORNER`: places and masses of the wheels.  `parameters`: the body.
+    `added`: each weight is a point that moves with the body or a wheel; its `matrix` of inertia is
+    about the CG of the baseline body, about which the body turns.  `acceleration`, (7, n) float64.
+    Returns (7, n) float64: forces, N, and moments about the CG of the baseline body, N m.
+    """
+    p, cg_y_m = parameters, cg_left_m(corners)
+    heave, pitch, roll = acceleration[:3]
+    force = np.zeros_like(acceleration)
+    force[0] = -p.m_s * heave
+    force[1] = -p.I_yy * pitch
+    force[2] = -p.I_xx * roll
+    force[3:] = -corners["wheel_kg"][:, None] * acceleration[3:]
+    for weight in added.weights:
+        m = weight.mass_kg
+        if isinstance(weight, BodyWeight):
+            x, y, h = weight.x_m + p.a, weight.y_m - cg_y_m, weight.height_m
+            # Rigid body, r = (x, y, h) from the CG, angular acceleration (roll, pitch, 0): the
+            # weight's acceleration is that of the CG plus angular acceleration x r; the moment of
+            # its force is r x force.
+            force_x = -m * h * pitch
+            force_y = m * h * roll
+            force_z = -m * (heave - x * pitch + y * roll)
+            force[0] += force_z
+            force[1] += h * force_x - x * force_z
+            force[2] += y * force_z - h * force_y
+        else:
+            wheel = 3 + weight.corner.position
+            force[wheel] -= m * acceleration[wheel]
+    return np.asarray(force - added.matrix @ acceleration, dtype=np.float64)
+
+
+def _gravity(corners: NDArray[np.void], p: VehicleParameters, added: AddedMass) -> Array:
+    """Return gravity on each degree of freedom, (7, 1): N, and N m about the baseline CG."""
+    force = np.zeros((7, 1))
+    force[0] = -p.m_s * GRAVITY_M_S2
+    force[3:] = -corners["wheel_kg"][:, None] * GRAVITY_M_S2
+    for weight in added.weights:
+        pull = -weight.mass_kg * GRAVITY_M_S2
+        if isinstance(weight, BodyWeight):
+            force[0] += pull
+            force[1] -= (weight.x_m + p.a) * pull
+            force[2] += (weight.y_m - cg_left_m(corners)) * pull
+        else:
+            force[3 + weight.corner.position] += pull
+    return force
+
+
+def cg_left_m(corners: NDArray[np.void]) -> float:
+    """Return how far the CG of the baseline body is to the left of the middle of the car, m."""
+    return -0.5 * float(corners["y_m"][0] + corners["y_m"][1])
+
+
+def corner_motion(plant: Plant, body: Array) -> Array:
+    """Return the heave of the body at the corners, (4, n), from its three motions, (3, n)."""
+    return np.asarray(body[0] - plant.column("x_m") * body[1] + plant.column("y_m") * body[2])
+
+
+def states_of(pose: Array, velocity: Array, friction: Array | None = None) -> Array:
+    """Return states (`engine`), (22, n), with unloaded mounts."""
+    states = np.zeros((STATE, pose.shape[1]))
+    states[:7], states[7:14] = pose, velocity
+    states[14:18] = 0.0 if friction is None else friction
+    return states
+
+
+def static_pose(
+    plant: Plant,
+    friction: Array | None = None,
+    road: Array | None = None,
+    load: Array | None = None,
+) -> Array:
+    """Return the pose of a car at rest, (7, 1), from the free length of all springs.
+
+    `friction`, (4, 1): share of its sliding friction that each corner carries; default: none, the
+    car has settled.  `road`, (4, 1): height under each wheel, m; default: flat.  `load`, (7, 1):
+    further forces, N and N m.  Raises ValueError if the car does not stand on all four wheels (the
+    weights would tip it over).
+    """
+    height = np.zeros((4, 1)) if road is None else road
+    # The linear car first, far enough down for every tyre to touch: Newton's first step is exact
+    # there, and the next removes rounding.  It is close enough for the real springs.
+    pose = np.full((7, 1), -1.0)
+    pose[1:3] = 0.0
+    for car, step, most_iterations in ((_linear(plant), -0.1, 3), (plant, -1e-6, 20)):
+        for _ in range(most_iterations):
+            poses = np.hstack([pose, pose + step * np.eye(7)])  # then each coordinate moved alone
+            states = states_of(poses, np.zeros((7, 8)), friction)
+            force = balances(car, states, np.repeat(height, 8, axis=1), np.zeros((4, 8)))[2]
+            force = force if load is None else force + load
+            slope = (force[:, 1:] - force[:, :1]) / step
+            change = np.linalg.solve(slope, force[:, :1])
+            pose = pose - change
+            if np.abs(change).max() < 1e-13:  # rounding
+                break
+        if np.any(pose[3:] >= height):
+            raise ValueError("a wheel is off the ground at rest: the weights are too far out")
+    return np.asarray(pose, dtype=np.float64)
+
 
 STEP_S = 5e-5
 """Step of the integration, s: short enough for a wheel that slides at 3 m/s through a pre-sliding
@@ -119,28 +282,23 @@ class Motion:
 
 
 @dataclass(frozen=True, slots=True)
-class TwoBumps:
-    """A car that meets a second bump before it has come to rest."""
+class Spliced:
+    """A motion that goes on as another one from the beginning of that one's bump."""
 
-    first: Motion
-    """Motion up to the second bump."""
+    first: Moving
+    """The motion before."""
     second: Motion
-    """Motion from the second bump, on the same axis of time."""
+    """The motion from the beginning of its bump, on the same axis of time."""
 
     def at(self, t_s: Array) -> Kinematics:
         """Return the motion at the times `t_s`, (n,) ascending, s."""
-        return _spliced(self.first, self.second, t_s)
-
-
-def _spliced(first: Moving, second: Motion, t_s: Array) -> Kinematics:
-    """Return the first motion up to the bump of the second, and the second from there, at `t_s`."""
-    split = int(np.searchsorted(t_s, second.bump.start_s, side="right"))
-    before, after = first.at(t_s[:split]), second.at(t_s[split:])
-    return Kinematics(
-        np.hstack([before.pose, after.pose]),
-        np.hstack([before.velocity, after.velocity]),
-        np.hstack([before.acceleration, after.acceleration]),
-    )
+        split = int(np.searchsorted(t_s, self.second.bump.start_s, side="right"))
+        before, after = self.first.at(t_s[:split]), self.second.at(t_s[split:])
+        return Kinematics(
+            np.hstack([before.pose, after.pose]),
+            np.hstack([before.velocity, after.velocity]),
+            np.hstack([before.acceleration, after.acceleration]),
+        )
 
 
 def standing(plant: Plant, stuck: Array | None = None) -> Array:
@@ -149,14 +307,7 @@ def standing(plant: Plant, stuck: Array | None = None) -> Array:
     `stuck`, (4, 1) float64: share of its friction that each corner carries; default: none, the car
     has settled.  Raises ValueError if the car does not stand on four wheels (`static_pose`).
     """
-    return _still(static_pose(plant, stuck), stuck)
-
-
-def _still(pose: Array, stuck: Array | None = None) -> Array:
-    """Return the state of a car that does not move, (22, 1), in a pose, (7, 1)."""
-    state = np.zeros((STATE, 1))
-    state[:7], state[14:18] = pose, 0.0 if stuck is None else stuck
-    return state
+    return states_of(static_pose(plant, stuck), np.zeros((7, 1)), stuck)
 
 
 def drive(
@@ -213,36 +364,17 @@ class Push:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class Release:
-    """A car that is moved from its rest, held, and released."""
-
-    rest: Array
-    """(7, 1) Pose before the push; with blocks, the pose in which it is held."""
-    held: Array
-    """(7, 1) Pose in which it is released."""
-    start_s: float
-    """Time at which the push begins, s; the blocks are there from the beginning."""
-    decay: Motion
-    """The motion after the release, which is where its flat bump begins."""
-
-    def at(self, t_s: Array) -> Kinematics:
-        """Return the motion at the times `t_s`, (n,) ascending, s."""
-        press = Push(self.rest, self.held - self.rest, PRESS_S, self.start_s, turns=0.5)
-        return _spliced(press, self.decay, t_s)
-
-
 def dropped(
     plant: Plant, excitation: Excitation, height_m: float, go_s: float, end_s: float
-) -> Release:
+) -> Spliced:
     """Drop a car off blocks of a given height under the wheels that the bump lifts."""
     pose = static_pose(plant, road=height_m * np.array(BUMPS[excitation].shares)[:, None])
-    return Release(pose, pose, go_s, _let_go(plant, pose, go_s, end_s))
+    return _released(plant, pose, pose, go_s, go_s, end_s)
 
 
 def pushed_down(
     plant: Plant, excitation: Excitation, depth_m: float, start_s: float, end_s: float
-) -> Release:
+) -> Spliced:
     """Push the body of a car down at the place for the bump, hold it, and release it.
 
     Raises ValueError if a push cannot make that bump.
@@ -259,12 +391,19 @@ def pushed_down(
     heave, pitch, roll = sink_of_1_n[:3, 0]
     hand_sinks_m = abs(float(heave - pitch * hand_x_m + roll * hand_y_m))
     lowest = before + sink_of_1_n * depth_m / hand_sinks_m
-    return Release(before, lowest, start_s, _let_go(plant, lowest, start_s + PUSHED_S, end_s))
+    return _released(plant, before, lowest, start_s, start_s + PUSHED_S, end_s)
 
 
-def _let_go(plant: Plant, pose: Array, go_s: float, end_s: float) -> Motion:
-    """Return the motion of a car that is released in a pose: a drive over a bump of height 0."""
-    return drive(plant, Bump(Excitation.BOUNCE, 0.0, go_s, 0.01), end_s, _still(pose))
+def _released(
+    plant: Plant, before: Array, held: Array, press_s: float, go_s: float, end_s: float
+) -> Spliced:
+    """Return the motion of a car that is pressed from one pose to another, and released there.
+
+    `press_s`, `go_s`, `end_s`: begin of the press, release, and end of the motion, s.
+    """
+    flat = Bump(Excitation.BOUNCE, 0.0, go_s, 0.01)  # the release is a drive over no bump
+    decay = drive(plant, flat, end_s, states_of(held, np.zeros((7, 1))))
+    return Spliced(Push(before, held - before, PRESS_S, press_s, turns=0.5), decay)
 
 
 def _down(force_n: float, x_m: float, y_m: float) -> Array:

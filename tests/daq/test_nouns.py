@@ -24,8 +24,7 @@ from daq.session import read_session, write_session
 from daq.session.from_frames import parse_runs
 from daq.sessions import notes_of, overrides_of, session_from_arrays
 from daq.silence import Silence, longest_gap_s, longest_silence
-from daq.sim.elements import NONE
-from daq.sim.plant import contact, corner_motion, inertia_forces, load_car, static_pose
+from daq.sim.motion import corner_motion, inertia_forces, static_pose
 from daq.vehicle import (
     FORD_GRANADA,
     PARAMETER_NAMES,
@@ -43,6 +42,7 @@ from daq.vehicle import (
     parameter_unit,
 )
 
+from ..simulated.elements import contact, load_car
 from .small_session import small_session
 
 TEXT: dict[str, Any] = {"name": "fl", "quantity": "hub_acceleration", "corner": "FL"}
@@ -413,9 +413,9 @@ WEIGHTS = (
 
 
 def test_inertia_is_that_of_the_balance_of_forces() -> None:
-    unit = np.eye(7)
-    loaded = -inertia_forces(FORD_GRANADA, AddedMass(WEIGHTS), NONE, unit)
-    bare = -inertia_forces(FORD_GRANADA, AddedMass(), NONE, unit)
+    unit, corners = np.eye(7), load_car(FORD_GRANADA, AddedMass()).corners
+    loaded = -inertia_forces(corners, FORD_GRANADA, AddedMass(WEIGHTS), unit)
+    bare = -inertia_forces(corners, FORD_GRANADA, AddedMass(), unit)
     reported = loading(WEIGHTS, FORD_GRANADA)
     added = loaded - bare
     assert reported.body_kg == pytest.approx(added[0, 0])

@@ -21,14 +21,13 @@ from daq.channels import Channel, Quantity
 from daq.runs import ADDED, BASELINE, Excitation, Losses
 from daq.samples.mapping import trigger_channels
 from daq.samples.trigger import TriggerState, advance
-from daq.sim.car import NOISE, SensorTruth, SimulatedCar
-from daq.sim.elements import NONE, Friction, Imperfections
-from daq.sim.motion import Bump, Kinematics, Moving, TwoBumps, drive
-from daq.sim.plant import load_car
-from daq.sim.sensors import install, measured, true_reading
+from daq.sim.car import NOISE, SensorTruth, install, measured, true_reading
+from daq.sim.motion import Bump, Kinematics, Moving, Spliced, drive
 from daq.vehicle import FORD_GRANADA
 from daq.verdict import RunMeasure, RunWindow, judge
 from dbc.finding import Finding
+
+from ..simulated.elements import NONE, Friction, Imperfections, load_car
 
 START_NS = 1_800_000_000_000_000_000
 LEAD_S = 1.3
@@ -116,7 +115,7 @@ def motion(
     begin_s = LEAD_S + delay_s
     second = Bump(excitation, size * HEIGHT_M, begin_s, 0.2)
     before = first.states(np.array([begin_s]))
-    return TwoBumps(first, drive(plant, second, begin_s + 4.0, before))
+    return Spliced(first, drive(plant, second, begin_s + 4.0, before))
 
 
 def windowed(
@@ -127,8 +126,8 @@ def windowed(
     limit: Mapping[str, float] | None = None,
 ) -> RunWindow:
     """Sample a motion and cut the run whose bump begins at `begin_s`."""
-    bench, car = setting.described, SimulatedCar()
-    installation = install(load_car(FORD_GRANADA, load_bench(None).mass_states[0].added), car)
+    bench = setting.described
+    installation = install(load_car(FORD_GRANADA, load_bench(None).mass_states[0].added))
     rng = np.random.default_rng([seed, 5])
     phase: dict[str, float] = {}
     seen: dict[str, Kinematics] = {}

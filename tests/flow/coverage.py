@@ -7,7 +7,7 @@ recovered, parameters identified.  Only the bus itself is left out, which change
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from daq.journal.reader import HopCounts
 from daq.runs import Event
 from daq.session.build import build_session
 from daq.sessions import Session
-from daq.sim.car import SimulatedCar, true_parameters
+from daq.sim.car import SimulatedCar
 from daq.sim.ecu import campaign_frames
 from dbc import FrameBatch, parse_codec
 from identify.pipeline import identify_parameters
@@ -62,7 +62,7 @@ def simulated_session(bench: Bench, seed: int, car: SimulatedCar = CAR) -> Sessi
 def outcome(bench: Bench, seed: int, car: SimulatedCar = CAR) -> Outcome:
     """Simulate a campaign and identify it."""
     found = identify_parameters(simulated_session(bench, seed, car))
-    truth = {name: value for name, value in true_parameters(car).items() if value}
+    truth = asdict(car.parameters)
     known = {name: e for name, e in found.parameters.items() if name in truth}
     return Outcome(
         np.array([e.value / truth[name] - 1 for name, e in known.items()]),

@@ -1,6 +1,6 @@
 """The stress list: campaigns with one thing wrong each, for the gates of trust.
 
-The motion is that of `daq.sim.plant`, which is built of forces and shares nothing with
+The motion is that of `daq.sim.motion`, which is built of forces and shares nothing with
 `identify.model.matrices`; it is sampled at the sensors directly, without frames, with white noise.
 """
 
@@ -18,13 +18,21 @@ from daq.bench.config import load_bench
 from daq.channels import Channel, message_of
 from daq.runs import ADDED, BASELINE, Excitation
 from daq.sessions import ArrayRun, Session, session_from_arrays
-from daq.sim.car import NOISE, SensorFault, SensorTruth, SimulatedCar, Spread, spoilt
-from daq.sim.elements import NONE, Friction, Imperfections
+from daq.sim.car import (
+    NOISE,
+    Installation,
+    SensorTruth,
+    Spread,
+    install,
+    low_passed,
+    measured,
+    true_reading,
+)
 from daq.sim.engine import Plant
-from daq.sim.motion import Bump, Motion, drive
-from daq.sim.plant import GRAVITY_M_S2, load_car
-from daq.sim.sensors import Installation, install, low_passed, measured, true_reading
+from daq.sim.motion import GRAVITY_M_S2, Bump, Motion, drive
 from daq.vehicle import FORD_GRANADA, AddedMass, BodyWeight, Corner, Vehicle
+
+from ..simulated.elements import NONE, Friction, Imperfections, SensorFault, load_car, spoilt
 
 Array = NDArray[np.float64]
 Key = tuple[str, Excitation, int]
@@ -274,7 +282,7 @@ def _plant(car: Imperfections, state: str) -> Plant:
 
 @cache
 def _installation(car: Imperfections) -> Installation:
-    return install(_plant(car, BASELINE), SimulatedCar(imperfections=car))
+    return install(_plant(car, BASELINE))
 
 
 @cache

@@ -13,12 +13,29 @@ import numpy as np
 from daq.channels import Channel, Quantity, message_of
 from daq.runs import ADDED, BASELINE, Excitation, Run, RunStatus, SampleGroup
 from daq.sessions import Session
-from daq.sim.car import NOISE, SensorTruth, SimulatedCar, Spread, Truth, draw
-from daq.sim.elements import Array
-from daq.sim.engine import Plant
-from daq.sim.motion import Bump, Kinematics, Motion, Moving, drive, standing
-from daq.sim.plant import GRAVITY_M_S2, contact, load_car, static_pose
-from daq.sim.sensors import Installation, install, low_pass, measured, true_reading
+from daq.sim.car import (
+    NOISE,
+    Installation,
+    SensorTruth,
+    SimulatedCar,
+    Spread,
+    Truth,
+    install,
+    low_pass,
+    measured,
+    true_reading,
+)
+from daq.sim.engine import Array, Plant
+from daq.sim.motion import (
+    GRAVITY_M_S2,
+    Bump,
+    Kinematics,
+    Motion,
+    Moving,
+    drive,
+    standing,
+    static_pose,
+)
 from daq.vehicle import (
     AddedMass,
     BodyWeight,
@@ -30,6 +47,8 @@ from daq.vehicle import (
     Vehicle,
     VehicleParameters,
 )
+
+from .elements import contact
 
 IMU = "IMU"
 """The message of the inertial unit: acceleration of a body point, roll and pitch rate."""
@@ -175,11 +194,8 @@ def simulate(car: SimulatedCar, plan: Plan, seed: int) -> Simulated:
     would tip the car over, or a bump names no mass state of the plan.  Raises InputError if a fault
     is declared for no channel of the plan, or two for the same one.
     """
-    drawn = draw(plan.channels, plan.mass_states, car, seed)
-    plants = {
-        name: load_car(car.parameters, added, car.imperfections)
-        for name, added in drawn.mass_states.items()
-    }
+    drawn = car.draw(plan.channels, plan.mass_states, seed)
+    plants = {name: car.plant(added) for name, added in drawn.mass_states.items()}
     motions = _driven(plants, plan, np.random.default_rng([seed, 3]))
     return Simulated(recorded(car, plan, drawn, motions, seed), drawn, tuple(motions))
 
@@ -188,8 +204,7 @@ def recorded(
     car: SimulatedCar, plan: Plan, drawn: Truth, motions: Sequence[Moving], seed: int
 ) -> Session:
     """Record given motions, one per run of the plan, with the drawn sensors and clocks."""
-    unloaded = load_car(car.parameters, MassState(BASELINE).added, car.imperfections)
-    installation = install(unloaded, car)
+    installation = install(car.plant(AddedMass()))
     repeats: dict[tuple[str, Excitation], int] = {}
     runs = []
     for number, (bump, motion) in enumerate(zip(plan.bumps, motions, strict=True)):
@@ -366,7 +381,7 @@ def _weights(
 def facts_of(car: SimulatedCar, rng: np.random.Generator) -> tuple[Fact, ...]:
     """Return the facts that corner scales and a tape measure show of a car."""
     p = car.parameters
-    plant = load_car(p, AddedMass(), car.imperfections)
+    plant = car.plant(AddedMass())
     still, flat = np.zeros((7, 1)), np.zeros((4, 1))
     loads = contact(plant, static_pose(plant), still, flat).tyre_n[:, 0] / GRAVITY_M_S2
     known = [

@@ -14,20 +14,21 @@ from typing import Any
 import numpy as np
 
 from daq.errors import InputError
-from daq.sim.car import SimulatedCar
-from daq.sim.elements import (
+from daq.sim.engine import Array
+from daq.vehicle import FORD_GRANADA, VehicleParameters
+
+from .elements import (
     ALIKE,
     NONE,
-    Array,
     Branch,
     DamperCurve,
     Friction,
     Imperfections,
     PerAxle,
+    RealCar,
     half_differences,
     means,
 )
-from daq.vehicle import FORD_GRANADA, VehicleParameters
 
 GRANADA = "granada"
 """The paper's car: linear, without imperfections."""
@@ -48,9 +49,9 @@ class NamedCar:
     imperfections: Imperfections
     """Effects that the parameters do not describe."""
 
-    def simulated(self, **changes: Any) -> SimulatedCar:
-        """Return the car for a simulated bench; `changes` are fields of `SimulatedCar`."""
-        made = SimulatedCar(parameters=self.parameters, imperfections=self.imperfections)
+    def simulated(self, **changes: Any) -> RealCar:
+        """Return the car for a simulated bench; `changes` are fields of `RealCar`."""
+        made = RealCar(parameters=self.parameters, imperfections=self.imperfections)
         return replace(made, **changes)
 
 
@@ -143,7 +144,7 @@ class TrueElements:
     """Speeds, m/s, compression positive, and forces, N, of a front and of a rear damper."""
 
 
-def true_elements(car: SimulatedCar) -> TrueElements:
+def true_elements(car: RealCar) -> TrueElements:
     """Return the nonlinear elements of a simulated car."""
     i = car.imperfections
     dampers = i.dampers(car.parameters)

@@ -16,21 +16,22 @@ from typing import Any
 
 import numpy as np
 
-from daq.sim.car import SimulatedCar
-from daq.sim.elements import (
+from daq.sim.motion import GRAVITY_M_S2, corner_motion
+from daq.vehicle import AddedMass, VehicleParameters
+
+from .campaign import HUBS, IMU, MESSAGES, Plan, Simulated, facts_of, fitted_plan, simulate, spread
+from .cars import nonlinear_sizes, with_axles
+from .elements import (
     Branch,
     DamperCurve,
     Friction,
     Imperfections,
     PerAxle,
     PerCorner,
+    RealCar,
     half_differences,
+    load_car,
 )
-from daq.sim.plant import GRAVITY_M_S2, corner_motion, load_car
-from daq.vehicle import AddedMass, VehicleParameters
-
-from .campaign import HUBS, IMU, MESSAGES, Plan, Simulated, facts_of, fitted_plan, simulate, spread
-from .cars import nonlinear_sizes, with_axles
 
 Facts = Mapping[str, Any]
 Range = Sequence[float]
@@ -44,7 +45,7 @@ class FleetCar:
     """Its number in the fleet, from 0."""
     kind: str
     """Its class: city, suv, van, formula, solid axles."""
-    car: SimulatedCar
+    car: RealCar
     """The car and its sensors' noise."""
     plan: Plan
     """Its campaign."""
@@ -75,7 +76,7 @@ def fleet_car(number: int, seed: int, facts: bool = False, travels: bool = True)
     rng = np.random.default_rng([seed, number, 17])
     parameters, imperfections = drawn_car(kind, ranges, rng)
     noise = spread(rng.uniform(*ranges["sensors"]["noise"]))
-    car = SimulatedCar(parameters, noise=noise, imperfections=imperfections)
+    car = RealCar(parameters, noise=noise, imperfections=imperfections)
     messages = MESSAGES if travels else (IMU, *HUBS)
     plan = fitted_plan(parameters, ranges, rng, messages, weights=not facts)
     if facts:

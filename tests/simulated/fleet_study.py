@@ -14,11 +14,11 @@ from time import process_time
 import numpy as np
 
 import identify
-from daq.sim.car import true_parameters
 from identify.nonlinear.forces import Forces
 from identify.result import Identification
 from identify.trust.finding import Verdict
 
+from .elements import true_parameters
 from .fleet import elements, fleet_car
 
 JUDGED = (

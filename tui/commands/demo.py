@@ -22,13 +22,13 @@ def demo(
     json: JsonResult = False,
 ) -> int:
     """Bump a simulated car, record it, identify it and compare with the truth."""
-    from dataclasses import replace
+    from dataclasses import asdict, replace
 
     import identify as method
     from daq.control.address import lone_recorder
     from daq.control.messages import Status
     from daq.files import file_sha256
-    from daq.sim.car import SimulatedCar, present_parameters
+    from daq.sim.car import SimulatedCar
 
     from ..output import print_json, print_line, print_session, progress
     from ..recorders.daemon import Lifetime, record_campaign
@@ -56,7 +56,7 @@ def demo(
     path, session = recorded_session(last)
     with progress("identify") as stage:
         result = method.identify(session, stage)
-    truth = present_parameters(SimulatedCar())
+    truth = asdict(SimulatedCar().parameters)
     if json:
         print_json({**result.document(file_sha256(path)), "truth": truth, "session": str(path)})
     else:

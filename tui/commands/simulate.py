@@ -47,8 +47,10 @@ def simulate(
 
     With --recorder the car waits for the recorder of that folder; else it plays each bump once.
     """
+    from dataclasses import asdict
+
     from daq import InputError
-    from daq.sim.car import SimulatedCar, present_parameters
+    from daq.sim.car import SimulatedCar
     from dbc import counted
     from identify.numbers import number
 
@@ -68,7 +70,7 @@ def simulate(
         sent = _follow(described, simulated, seed, recorder)
     else:
         sent = _campaign(described, simulated, seed, fast)
-    truth = present_parameters(simulated)
+    truth = asdict(simulated.parameters)
     if json:
         print_json({"truth": truth, "frames": sent})
     else:

@@ -14,8 +14,10 @@ from scipy.integrate import solve_ivp
 from daq.bench.config import default_bench_text, parse_bench
 from daq.channels import Channel, Quantity
 from daq.check.pushes import PushResult, judge_push, shows_push
-from daq.sim.plant import corner_motion, forces, load_car, static_pose
+from daq.sim.motion import corner_motion, static_pose
 from daq.vehicle import FORD_GRANADA, AddedMass, Corner
+
+from ...simulated.elements import forces, load_car
 
 BIN_S = 0.02
 REST_S, LONG_S = 4.0, 9.0

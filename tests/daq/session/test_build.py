@@ -23,7 +23,7 @@ from daq.runs import Event, Excitation, Run, RunStatus
 from daq.session import read_session
 from daq.session.build import build_session, derive
 from daq.sessions import Session
-from daq.sim.car import SimulatedCar, truth
+from daq.sim.car import SimulatedCar
 from daq.sim.ecu import bench_senders, campaign_frames, frame_time_ns
 from daq.vehicle import Corner
 from dbc import UNUSABLE, Codec, FrameBatch, Quality
@@ -221,7 +221,7 @@ def test_simulated_samples_get_their_true_times() -> None:
         small_bench(), campaign=Campaign((Excitation.PITCH,), 1, ("baseline",), bump_height_m=0.05)
     )
     car = SimulatedCar(jitter_s=100e-6)
-    drawn = truth(bench, car, 3)
+    drawn = car.draw(bench.channels, bench.mass_states, 3)
     frames = next(iter(campaign_frames(bench, CODEC, car, 3, START_NS)))
     bump = Event(START_NS + 1_500_000_000, "bump", 0.0, "baseline_pitch_1")
     run = build_session(bench, CODEC, frames, (bump,), NO_HOPS, {}).runs[0]

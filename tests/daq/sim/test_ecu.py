@@ -13,7 +13,7 @@ from daq.bench.campaign import Campaign, Step
 from daq.bench.config import Bench, load_bench
 from daq.errors import InputError
 from daq.runs import Excitation
-from daq.sim.car import NOISE, SimulatedCar, Spread, truth
+from daq.sim.car import NOISE, SimulatedCar, Spread
 from daq.sim.ecu import bench_senders, campaign_frames, frame_time_ns, priority, transmit
 from daq.vehicle import AddedMass, BodyWeight
 from dbc import Codec, DecodeCounts, Decoded, FrameBatch, parse_codec, shipped_dbc
@@ -77,7 +77,7 @@ def test_every_frame_decodes_and_counters_run_through_the_campaign(decoded: Deco
 
 
 def test_messages_keep_their_cycle_times_to_the_clock_error(decoded: Decoded) -> None:
-    drawn = truth(short_bench(), CAR, SEED)
+    drawn = CAR.draw(short_bench().channels, short_bench().mass_states, SEED)
     for name, cycle_s in (("IMU_Rate", 0.002), ("HUB_Front", 0.001), ("SUSP_Rear", 0.002)):
         t_ns = decoded[f"{name}.counter"].t_ns
         tick = np.arange(len(t_ns))
@@ -238,7 +238,7 @@ def test_a_message_without_a_cycle_time_cannot_be_sent() -> None:
 def test_only_messages_with_channels_are_sent(codec: Codec) -> None:
     bench = load_bench(None)
     hubs = tuple(c for c in bench.channels if c.signal.startswith("HUB_"))
-    drawn = truth(replace(bench, channels=hubs), CAR, SEED)
+    drawn = CAR.draw(hubs, bench.mass_states, SEED)
     senders = bench_senders(replace(bench, channels=hubs), codec, drawn)
     assert [sender.message.name for sender in senders] == ["HUB_Front", "HUB_Rear"]
     assert [len(sender.channels) for sender in senders] == [2, 2]

@@ -10,18 +10,28 @@ import pytest
 from numpy.typing import NDArray
 
 from daq.bench.campaign import Campaign
-from daq.bench.config import load_bench
+from daq.bench.config import Bench, load_bench
 from daq.channels import Channel, Quantity
 from daq.errors import InputError
 from daq.runs import Excitation
-from daq.sim.car import NOISE, SensorFault, SensorTruth, SimulatedCar, Spread, draw, truth
+from daq.sim.car import (
+    NOISE,
+    Installation,
+    SensorTruth,
+    SimulatedCar,
+    Spread,
+    Truth,
+    install,
+    low_pass,
+    signal_values,
+    true_reading,
+)
 from daq.sim.ecu import campaign_frames
-from daq.sim.elements import Imperfections
-from daq.sim.motion import Kinematics
-from daq.sim.plant import GRAVITY_M_S2, load_car, static_pose
-from daq.sim.sensors import Installation, low_pass, signal_values, true_reading
+from daq.sim.motion import GRAVITY_M_S2, Kinematics, static_pose
 from daq.vehicle import FORD_GRANADA, AddedMass, BodyWeight, Corner
 from dbc import Codec, parse_codec, shipped_dbc
+
+from ...simulated.elements import Imperfections, RealCar, SensorFault, load_car
 
 G = GRAVITY_M_S2
 SILENT = Spread(0.0, 0.0, 0.0, 0.0, 0.0)
@@ -36,7 +46,7 @@ def codec() -> Codec:
 @pytest.fixture(scope="module")
 def car() -> Installation:
     plant = load_car(FORD_GRANADA, AddedMass())
-    return Installation(plant, FORD_GRANADA.a, static_pose(plant))
+    return install(plant)
 
 
 def shipped_channel(name: str) -> Channel:
@@ -182,7 +192,10 @@ def test_weights_are_drawn_about_what_the_scales_showed() -> None:
     weights = (unsure, BodyWeight(30.0, 0.1, -0.5))
     state = replace(bench.mass_states[1], added=AddedMass(weights))
     bench = replace(bench, mass_states=(bench.mass_states[0], state))
-    drawn = [truth(bench, SimulatedCar(), seed).mass_states["added"] for seed in range(300)]
+    drawn = [
+        SimulatedCar().draw(bench.channels, bench.mass_states, seed).mass_states["added"]
+        for seed in range(300)
+    ]
     assert np.std([d.weights[0].mass_kg for d in drawn]) == pytest.approx(0.3, rel=0.15)
     places = np.array([(w.x_m, w.y_m) for d in drawn if isinstance(w := d.weights[0], BodyWeight)])
     np.testing.assert_allclose(places.std(axis=0), 0.02, rtol=0.15)
@@ -204,17 +217,17 @@ def many(**facts: Any) -> list[Channel]:
 
 
 def test_gain_and_motion_ratio_are_off_by_their_relative_uncertainties() -> None:
-    drawn = draw(many(motion_ratio=0.5, motion_ratio_sigma=0.02), (), SimulatedCar(), 1)
+    drawn = SimulatedCar().draw(many(motion_ratio=0.5, motion_ratio_sigma=0.02), (), 1)
     gain = np.array([sensor.gain for sensor in drawn.sensors.values()])
     assert gain.mean() == pytest.approx(1.0, abs=0.003)
     assert gain.std() == pytest.approx(0.04, rel=0.06)
-    both = draw(
-        many(motion_ratio=0.5, motion_ratio_sigma=0.02, gain_sigma=0.03), (), SimulatedCar(), 1
+    both = SimulatedCar().draw(
+        many(motion_ratio=0.5, motion_ratio_sigma=0.02, gain_sigma=0.03), (), 1
     )
     assert np.std([sensor.gain for sensor in both.sensors.values()]) == pytest.approx(
         0.05, rel=0.06
     )
-    exact = draw(many(motion_ratio=0.5), (), SimulatedCar(), 1)
+    exact = SimulatedCar().draw(many(motion_ratio=0.5), (), 1)
     assert {sensor.gain for sensor in exact.sensors.values()} == {1.0}
 
 
@@ -222,7 +235,7 @@ def test_places_delays_and_zeros_are_off_by_their_uncertainties() -> None:
     channels = many(
         x_m=-1.0, y_m=0.4, position_sigma_m=0.03, delay_s=0.01, delay_sigma_s=0.001
     )  # fmt: skip
-    sensors = list(draw(channels, (), SimulatedCar(), 2).sensors.values())
+    sensors = list(SimulatedCar().draw(channels, (), 2).sensors.values())
     x_m, y_m = np.array([s.x_m for s in sensors]), np.array([s.y_m for s in sensors])
     delay_s, bias = np.array([s.delay_s for s in sensors]), np.array([s.bias for s in sensors])
     for value, mean, sigma in (
@@ -236,13 +249,13 @@ def test_places_delays_and_zeros_are_off_by_their_uncertainties() -> None:
 def test_signals_of_one_message_are_late_together() -> None:
     one = many(delay_s=0.01, delay_sigma_s=0.001)[0]
     pair = [one, replace(one, name="d", delay_s=0.02)]
-    first, second = draw(pair, (), SimulatedCar(), 5).sensors.values()
+    first, second = SimulatedCar().draw(pair, (), 5).sensors.values()
     assert second.delay_s - first.delay_s == pytest.approx(0.01)
     assert first.x_m != second.x_m or first.bias != second.bias
 
 
 def test_each_message_has_a_clock_with_any_phase() -> None:
-    clocks = draw(many(), (), SimulatedCar(clock_error=2e-5), 4).clocks
+    clocks = SimulatedCar(clock_error=2e-5).draw(many(), (), 4).clocks
     phase = np.array([clock.phase for clock in clocks.values()])
     error = np.array([clock.error for clock in clocks.values()])
     assert len(clocks) == MANY
@@ -272,7 +285,7 @@ def test_each_kind_of_sensor_has_its_own_spread(quantity: Quantity, sigma: float
 
 
 def test_no_sensor_foresees() -> None:
-    sensors = draw(many(delay_s=0.0, delay_sigma_s=0.001), (), SimulatedCar(), 3).sensors
+    sensors = SimulatedCar().draw(many(delay_s=0.0, delay_sigma_s=0.001), (), 3).sensors
     delay_s = np.array([sensor.delay_s for sensor in sensors.values()])
     assert delay_s.min() == 0.0
     assert np.mean(delay_s == 0.0) == pytest.approx(0.5, abs=0.04)
@@ -282,7 +295,7 @@ def test_no_sensor_foresees() -> None:
 
 
 STEP_S = 1e-4
-QUIET = SimulatedCar(noise=SILENT, bias=SILENT, jitter_s=0.0, lead_s=0.6, tail_s=1.0)
+QUIET = RealCar(noise=SILENT, bias=SILENT, jitter_s=0.0, lead_s=0.6, tail_s=1.0)
 HUB = "HUB_Front.acc_fl"
 
 
@@ -297,6 +310,10 @@ def test_a_ramp_leaves_the_low_pass_as_the_closed_form_says() -> None:
     trail = (np.sqrt(2) / omega) * (1.0 - np.exp(-s * tau) * np.cos(s * tau))
     np.testing.assert_allclose(found[t > 0], 3.0 + tau - trail, atol=1e-6)
     np.testing.assert_array_equal(found[t < -STEP_S], 3.0)
+
+
+def drawn(bench: Bench, car: SimulatedCar, seed: int) -> Truth:
+    return car.draw(bench.channels, bench.mass_states, seed)
 
 
 def frames(codec: Codec, car: SimulatedCar, signal: str) -> NDArray[np.float64]:
@@ -362,17 +379,17 @@ def test_a_low_pass_that_the_bench_states_is_there() -> None:
     bench = load_bench(None)
     filtered = tuple(replace(c, low_pass_hz=40.0, low_pass_order=4) for c in bench.channels)
     stated = replace(bench, channels=filtered)
-    assert truth(stated, QUIET, 1).sensors["pitch_rate"].low_pass_hz == 40.0
+    assert drawn(stated, QUIET, 1).sensors["pitch_rate"].low_pass_hz == 40.0
     car = replace(QUIET, faults=(SensorFault("pitch_rate", low_pass_hz=25.0),))
-    spoilt = truth(stated, car, 1).sensors["pitch_rate"]
+    spoilt = drawn(stated, car, 1).sensors["pitch_rate"]
     assert (spoilt.low_pass_hz, spoilt.low_pass_order) == (25.0, 2)
-    assert truth(stated, car, 1).sensors["roll_rate"].low_pass_order == 4
+    assert drawn(stated, car, 1).sensors["roll_rate"].low_pass_order == 4
 
 
 def test_faults_leave_every_draw_as_it_was() -> None:
     bench = load_bench(None)
-    car = SimulatedCar(faults=(SensorFault("hub_acc_fr", late_s=0.001, offset=0.3),))
-    plain, spoilt = truth(bench, SimulatedCar(), 5), truth(bench, car, 5)
+    car = RealCar(faults=(SensorFault("hub_acc_fr", late_s=0.001, offset=0.3),))
+    plain, spoilt = drawn(bench, SimulatedCar(), 5), drawn(bench, car, 5)
     before, after = plain.sensors["hub_acc_fr"], spoilt.sensors["hub_acc_fr"]
     assert after.delay_s == pytest.approx(before.delay_s + 0.001)
     assert after.bias == pytest.approx(before.bias + 0.3)
@@ -391,7 +408,7 @@ def test_a_fault_that_fits_no_channel_is_refused(
     faults: tuple[SensorFault, ...], message: str
 ) -> None:
     with pytest.raises(InputError, match=message):
-        truth(load_bench(None), SimulatedCar(faults=faults), 1)
+        drawn(load_bench(None), RealCar(faults=faults), 1)
 
 
 def test_an_imperfect_car_on_the_bus(codec: Codec) -> None:

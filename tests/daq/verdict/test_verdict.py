@@ -14,12 +14,12 @@ from daq.runs import BASELINE, Excitation, Losses
 from daq.samples.mapping import trigger_channels
 from daq.samples.trigger import TriggerState, advance
 from daq.sim.motion import PUSHED_S, Moving, dropped, pushed_down
-from daq.sim.plant import load_car
 from daq.vehicle import FORD_GRANADA, AddedMass
 from daq.verdict import WORDS, RunMeasure, RunWindow, judge, peak_left
 from tests.simulated.cars import named_car
 
 from ...flow.coverage import simulated_session
+from ...simulated.elements import load_car
 from ..verdict_runs import (
     LEAD_S,
     Setting,

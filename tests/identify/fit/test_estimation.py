@@ -13,10 +13,8 @@ from numpy.typing import NDArray
 from daq.channels import Channel
 from daq.runs import ADDED, BASELINE, Excitation
 from daq.sessions import ArrayRun, Session, session_from_arrays
-from daq.sim.car import NOISE, SensorTruth, SimulatedCar
+from daq.sim.car import NOISE, SensorTruth, install, measured, true_reading
 from daq.sim.motion import Bump, Motion, drive
-from daq.sim.plant import load_car
-from daq.sim.sensors import install, measured, true_reading
 from daq.vehicle import FORD_GRANADA
 from identify.decays.decay import Record
 from identify.decays.usable import usable
@@ -24,6 +22,7 @@ from identify.fit.estimation import Estimation, estimate, generic_vehicles
 from identify.fit.grey_box import GreyBox
 from identify.pipeline import grey_box
 
+from ...simulated.elements import load_car
 from ..bumps import GROUP, MASS_STATES, TRUTH, paper_records
 from ..stress import ADDED_MASS, THREE, stress_channels
 
@@ -128,7 +127,7 @@ def _clean(channel: Channel, rate_hz: float, state: str, excitation: Excitation)
     reading = true_reading(
         channel,
         SensorTruth(channel.x_m, channel.y_m, delay_s=0.0, bias=0.0),
-        install(unloaded, SimulatedCar()),
+        install(unloaded),
         _motion(state, excitation).at(t_s),
     )
     return np.stack([t_s, reading])

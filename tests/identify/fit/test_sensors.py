@@ -11,7 +11,6 @@ import pytest
 from daq.bench.config import load_bench
 from daq.channels import Channel, Quantity
 from daq.sessions import Session
-from daq.sim.car import SensorFault, SimulatedCar, true_parameters
 from identify.decays.decay import ChannelGroup, Record
 from identify.decays.usable import usable
 from identify.fit.estimation import Estimation, estimate, generic_vehicles
@@ -24,6 +23,7 @@ from identify.trust.finding import Verdict
 from identify.trust.judge import judge
 
 from ...flow.coverage import simulated_session
+from ...simulated.elements import RealCar, SensorFault, true_parameters
 from ..bumps import GROUP, MASS_STATES, TRUTH, noise_of, paper_records
 from ..stress import BODY, HUBS, stress_session, true_value
 from ..trust.campaigns import doubtful
@@ -86,7 +86,7 @@ def test_a_ratio_takes_its_share_of_what_gain_and_ratio_are_off_together() -> No
 def test_sensors_that_show_three_per_cent_too_much_are_within_the_intervals() -> None:
     """Through the simulated car, which is written from forces; 3 % are 2 to 3 stated sigmas."""
     channels, lost = ("travel_fl", "travel_fr"), "t_f"
-    car = SimulatedCar(faults=tuple(SensorFault(name, gain=1.03) for name in channels))
+    car = RealCar(faults=tuple(SensorFault(name, gain=1.03) for name in channels))
     bench = load_bench(None)
     exact = tuple(replace(channel, gain_sigma=0.0) for channel in bench.channels)
     # The true sensors are those of the exact bench but for the fault.

@@ -10,7 +10,6 @@ import pytest
 from numpy.typing import NDArray
 
 from daq.channels import Channel, Quantity
-from daq.sim.car import true_parameters
 from daq.vehicle import AddedMass, BodyWeight, Corner, HubWeight, MassState, Structure
 from identify.decays.decay import ChannelGroup, FreeDecay, Recording, decay_start_s
 from identify.fit.grey_box import GreyBox
@@ -48,6 +47,7 @@ from identify.pipeline import identify
 from identify.trust.finding import Verdict
 from tests.simulated.fleet import fleet_car
 
+from ...simulated.elements import true_parameters
 from ..bumps import GROUP, MASS_STATES, TRUTH, noise_of, paper_records
 from .cars import RICH, bent, model_of, moving
 from .truth import BASELINE

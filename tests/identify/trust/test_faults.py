@@ -11,7 +11,6 @@ import pytest
 
 from daq.runs import ADDED, BASELINE, Run, SampleGroup
 from daq.sessions import Session
-from daq.sim.car import SensorFault
 from daq.vehicle import FORD_GRANADA
 from dbc.finding import Severity
 from identify.decays.usable import usable
@@ -22,6 +21,7 @@ from identify.trust.finding import Verdict
 from tests.identify import stress
 from tests.identify.stress import BODY, HUBS, TRAVELS, Stress, stress_session
 
+from ...simulated.elements import SensorFault
 from .campaigns import (
     by_gate,
     campaign,

@@ -11,8 +11,7 @@ from scipy.linalg import expm
 
 from daq.runs import ADDED, BASELINE, Excitation
 from daq.sim.engine import Plant
-from daq.sim.motion import Bump, drive
-from daq.sim.plant import GRAVITY_M_S2, contact, load_car, static_pose
+from daq.sim.motion import GRAVITY_M_S2, Bump, drive, static_pose
 from daq.vehicle import FORD_GRANADA, AddedMass, BodyWeight, Corner, HubWeight
 from dbc.finding import Finding, Severity
 from identify.decays.decay import FreeDecay
@@ -28,6 +27,7 @@ from identify.trust.plausibility import (
     static_loads_n,
 )
 
+from ...simulated.elements import contact, load_car
 from ..stress import BUMP_S, REST_S
 from .campaigns import campaign, estimated
 
