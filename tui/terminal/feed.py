@@ -225,7 +225,9 @@ class RecorderFeed:
         if self._failure():
             return False
         age_s = time.monotonic() - self._born_s
-        return age_s <= BIRTH_S or (age_s <= SLOW_BIRTH_S and is_locked(self._folder))
+        begun = self._recorder is not None and self._recorder.poll() is None
+        begun = begun or is_locked(self._folder)
+        return age_s <= BIRTH_S or (age_s <= SLOW_BIRTH_S and begun)
 
     def _connect(self) -> tuple[Client, Role]:
         """Return a connection: in control if control is free or requested, else looking on."""

@@ -25,6 +25,8 @@ from daq.verdict import WORDS
 from .words import Banner, Glyphs
 
 Cell = str | Text
+SPACE_INK = "bold $accent"
+"""Style of the words that say what SPACE does next, on every screen."""
 
 
 class Words(Static):
@@ -103,6 +105,7 @@ class Table(DataTable[Text]):
 
 KINDS = ("armed", "moving", "good", "bad", "quiet")
 _WORD, _DIGITS = 13, 10
+_NEXT = r"SPACE (starts|= [\w ]*\w)"
 
 
 class BannerBar(Horizontal):
@@ -133,7 +136,10 @@ class BannerBar(Horizontal):
             first, *others = wrap(first, max(20, self.size.width - _DIGITS - 3)) or [""]
             second = "  ".join(part for part in (" ".join(others), second) if part)
         head = f" {banner.symbol} {banner.word:<{_WORD}}{banner.title}"
-        self._words.update(Content.assemble((head, "bold"), f"\n   {first}\n   {second}"))
+        words = Content.assemble((head, "bold"), f"\n   {first}\n   {second}")
+        # On the screen's own ground: the banner's colour would drown it.
+        words = words.highlight_regex(_NEXT, style=f"{SPACE_INK} on $background")
+        self._words.update(words)
         self._digits.update(f"\n{banner.digits:>5} " if self._plain else banner.digits)
 
 

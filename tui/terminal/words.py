@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import Enum
 
+from daq import Corner
 from daq.control.messages import Phase, Status
 from daq.errors import printable
 from daq.runlog import LoggedRun, LoggedStatus
@@ -327,3 +328,46 @@ def _rejected(status: Status, action: NextAction, glyphs: Glyphs) -> Banner:
     return Banner(
         "bad", glyphs.bad, "REJECTED", title, why, advice or "U = undo.", seconds, folds=False
     )
+
+
+# The car from above -------------------------------------------------------------------------------
+
+SMALL, LARGE = (13, 7), (33, 13)
+"""Columns and rows of a drawing within the outline of the body."""
+_EDGE_M = 0.35
+"""Length that a drawing shows beyond the axles and beside the tyres."""
+
+
+def drawn_car(
+    wheelbase_m: float,
+    track_m: float,
+    marks: Iterable[tuple[float, float, str]],
+    wheels: Mapping[Corner, str],
+    canvas: tuple[int, int],
+    beside: tuple[str, str, str] = ("", "", ""),
+) -> list[str]:
+    """Return the lines of a car from above, front at the top.
+
+    `marks`: x from the front axle and y from the middle, m, and the text there.  `wheels`: text at
+    each wheel, at most four columns.  `beside`: text beside the front axle, the middle and the rear
+    axle.
+    """
+    columns, rows = canvas
+    grid = [[" "] * columns for _ in range(rows)]
+    for x_m, y_m, text in marks:
+        free = columns - len(text)
+        row = round((_EDGE_M - x_m) / (wheelbase_m + 2 * _EDGE_M) * (rows - 1))
+        column = round((0.5 - y_m / (track_m + 2 * _EDGE_M)) * free)
+        row, column = max(0, min(row, rows - 1)), max(0, min(column, free))
+        grid[row][column : column + len(text)] = text
+    axles = [
+        f"{wheels[left]:>4}+{'-' * columns}+{wheels[right]:<4}"
+        for left, right in (
+            (Corner.FRONT_LEFT, Corner.FRONT_RIGHT),
+            (Corner.REAR_LEFT, Corner.REAR_RIGHT),
+        )
+    ]
+    body = [f"    |{''.join(row)}|" for row in grid]
+    body[rows // 2] += f"    {beside[1]}"
+    lines = [f"{axles[0]} {beside[0]}", *body, f"{axles[1]} {beside[2]}"]
+    return [f"{'front':^{columns + 10}}", *(line.rstrip() for line in lines)]

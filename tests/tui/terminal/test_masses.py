@@ -13,6 +13,7 @@ from daq.bench.campaign import Method
 from daq.bench.config import default_bench_text, load_bench
 from daq.bench.edit import with_campaign
 from daq.control.messages import Configure, Mark, OverrideWarning
+from daq.loading import loading
 from daq.runs import Excitation
 from daq.vehicle import FORD_GRANADA, BodyWeight, Corner, HubWeight
 from tui.jobs.gain import Gain, Shift, measured_spread
@@ -24,6 +25,7 @@ from tui.terminal.screens.masses import MassesScreen
 from tui.terminal.screens.weights import (
     Entry,
     WeightScreen,
+    axle_loads_with,
     baseline_hz,
     entries_of,
     entry_values,
@@ -252,12 +254,21 @@ def test_a_draft_of_the_weights_is_read_back() -> None:
 
 
 def test_the_sketch_shows_each_weight_where_it_is() -> None:
-    lines = sketch(ENTRIES, FORD_GRANADA)
+    load = loading([entry.weight for entry in ENTRIES], FORD_GRANADA)
+    lines = sketch(ENTRIES, FORD_GRANADA, load, wide=False)
     at = {c: (r, line.index(c)) for r, line in enumerate(lines) for c in "12" if c in line}
     assert at["1"][0] < at["2"][0]  # the front is at the top
     assert at["1"][1] < at["2"][1]  # left is left
     assert lines[1].startswith("   3+")  # on the front left hub
     assert "RR" in lines[-1]
+    total_kg, (front_kg, rear_kg) = axle_loads_with(load, FORD_GRANADA)
+    drawing = "\n".join(sketch(ENTRIES, FORD_GRANADA, load, wide=True))
+    for text in (
+        f"axle {front_kg:.0f} kg",
+        f"axle {rear_kg:.0f} kg",
+        f"car alone {total_kg:.0f} kg",
+    ):
+        assert text in drawing
 
 
 def test_the_outlook_says_what_stays_unknown() -> None:

@@ -85,6 +85,24 @@ async def test_what_is_typed_goes_to_the_recorder(make_app: Make) -> None:
     assert not (app.folder / "draft_vehicle.json").exists()
 
 
+async def test_a_wide_terminal_draws_what_is_typed(make_app: Make) -> None:
+    app = make_app(FakeRecorder())
+    async with app.run_test(size=(140, 40)) as pilot:
+        await reach(pilot, VehicleScreen)
+        assert "total not measured" in screen_text(app)
+        await pilot.press(
+            "tab", "enter", "enter", *"1552", "tab", "tab", *"855", "tab", "tab", *"697"
+        )
+        await pilot.pause()
+        shown = screen_text(app)
+        assert all(
+            text in shown for text in ("total 1552 kg", "axle 855 kg", "axle 697 kg", "+ CG")
+        )
+        await pilot.resize_terminal(80, 24)
+        await pilot.pause()
+        assert "+ CG" not in screen_text(app)
+
+
 async def test_an_error_stays_in_its_field_and_says_what_is_wrong(make_app: Make) -> None:
     recorder = FakeRecorder()
     app = make_app(recorder)
@@ -188,9 +206,14 @@ async def test_corners_zero_and_warnings_lead_to_the_baseline(make_app: Make) ->
         await pilot.press("space")
         for corner in Corner:
             await until(pilot, partial(recorder.orders.__contains__, Mark(f"push {corner}")))
+            if corner is Corner.FRONT_RIGHT:  # acknowledged, and one sentence on what is due
+                shown = screen_text(app)
+                assert "front LEFT seen: travel_fl moved +14 mm, sign right" in shown
+                assert "Push DOWN at the front RIGHT, let go, 15 s left" in shown
+                assert "let it come to rest" not in shown
             await _push(pilot, recorder, corner, 1.0)
         await until(pilot, lambda: "SPACE = zero" in screen_text(app))
-        assert "rear RIGHT seen: travel_rr moved +14 mm, sign right" in screen_text(app)
+        assert "travel_rr moved +14 mm, sign right" in screen_text(app)
         await pilot.press("space")
         await pilot.pause()
         assert "hands off the car" in screen_text(app)
@@ -235,8 +258,8 @@ async def test_a_push_that_nobody_saw_is_asked_for_again(make_app: Make) -> None
             recorder.post(Live(app.lanes.end, BIN_S, lanes))
             await pilot.pause()
             await until(pilot, partial(_asked, recorder, asked))
-        asked_again = "front LEFT not seen yet: push DOWN at the front LEFT, let go"
-        assert asked_again in screen_text(app)
+        assert "front LEFT not seen yet" in screen_text(app)
+        assert "Push DOWN at the front LEFT, let go, 60 s left" in screen_text(app)
         await _push(pilot, recorder, Corner.FRONT_LEFT, 1.0, after_s=25.0)  # a screen that lagged
         await until(pilot, lambda: Mark("push FR") in recorder.orders)
 
@@ -298,9 +321,9 @@ async def test_keys_of_the_check_act_on_the_marked_line_alone(make_app: Make) ->
         await pressed(pilot, "up")
         recorder.refuse = "JL is in control"
         await pressed(pilot, "r")
-        assert "Push the car down" not in seen(app), "the recorder refused its mark"
+        assert "Push DOWN" not in seen(app), "the recorder refused its mark"
         recorder.refuse = ""
-        assert "Push the car down at the corner marked NOW." in await pressed(pilot, "r")
+        assert "Push DOWN at the rear RIGHT, let go" in await pressed(pilot, "r")
         assert recorder.orders[-1] == Mark("push RR")
 
 

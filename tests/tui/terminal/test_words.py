@@ -456,8 +456,8 @@ def test_progress_marks_what_is_due_and_says_what_was_rejected(recorder: FakeRec
 
 
 async def test_runs_and_journal_have_the_newest_on_top(recorder: FakeRecorder) -> None:
-    def runs(status: Status) -> list[str]:
-        return runs_text(status, ASCII).plain.splitlines()
+    def runs(status: Status, figures: bool = False) -> list[str]:
+        return runs_text(status, ASCII, figures).plain.splitlines()
 
     recorder.bump()
     recorder.judge(MOTION)
@@ -467,13 +467,14 @@ async def test_runs_and_journal_have_the_newest_on_top(recorder: FakeRecorder) -
     await recorder.ask(OverrideWarning("noise", "lift"))
     recorder.bump()
     assert runs(recorder.status) == [
-        "> running   baseline bounce 3",
-        "x rejected  baseline bounce 2  second bump at +0.84 s, kept",
-        "+ accepted  baseline bounce 1  f 1.15 Hz",
+        "> baseline bounce 3  running",
+        "x baseline bounce 2  rejected, kept: second bump at +0.84 s",
+        "+ baseline bounce 1  good: the car swings at 1.15 Hz",
     ]
+    assert runs(recorder.status, figures=True)[3] == "    f 1.15 Hz"
     taken = replace(recorder.status.runs[0], by="MK", reason="a door")
     assert runs(replace(recorder.status, runs=(taken,))) == [
-        "+ accepted  baseline bounce 1  f 1.15 Hz  taken by MK: a door"
+        "+ baseline bounce 1  good: the car swings at 1.15 Hz; taken by MK: a door"
     ]
     assert runs(replace(recorder.status, runs=())) == ["no runs yet"]
     said = [line.partition("  ")[2] for line in journal_text(recorder.status).plain.splitlines()]

@@ -71,7 +71,7 @@ async def test_from_space_to_results(
         await until(pilot, lambda: worker.tasks == [IdentifyTask(PATH)])
         await until(pilot, lambda: shows(app, "fitting"))
         assert "40%" in seen(app)
-        assert "Esc cancels; nothing is lost" in seen(app)
+        assert "Esc stops it; nothing is lost" in seen(app)
         worker.go.set()
         await until(pilot, lambda: app.screen is results_of(app))
         for key, shown in (("6", results_of(app)), ("escape", identify), ("3", None),

@@ -22,11 +22,10 @@ from ..widgets import Words
 if TYPE_CHECKING:
     from daq.control.messages import Status
 
-_WIDE = 120
+WIDE = 120
+"""Columns from which a screen has room for more."""
 _ENOUGH = (80, 24)
 """Columns and rows in which every screen shows everything important."""
-SPACE_INK = "bold $accent"
-"""Style of the words that say what SPACE does next, on every screen."""
 
 
 class BenchScreen(Screen[None]):
@@ -185,7 +184,7 @@ def top_line(app: BenchApp, width: int, typing: bool) -> Content:
         return Content.styled(f" {first}  {printable(lost.text)}", "bold reverse")
     if status is None:
         return Content(" BUMP  waiting for the recorder")
-    wide = width >= _WIDE
+    wide = width >= WIDE
     right: list[tuple[str, str] | str] = []
     if status.overloaded:
         names = printable(", ".join(status.overloaded), 24)

@@ -42,8 +42,8 @@ from ..campaign import (
 )
 from ..chart import LaneChart
 from ..feed import Lost, lane_specs, window
-from ..widgets import BannerBar, Cell, Confirm, Table, Words, right
-from ..words import Glyphs, banner, reason_words, run_words
+from ..widgets import SPACE_INK, BannerBar, Cell, Confirm, Table, Words, right
+from ..words import Glyphs, accepted_words, banner, reason_words, run_words
 from .base import BenchScreen
 
 if TYPE_CHECKING:
@@ -54,7 +54,6 @@ _SHOWN = 200
 """Largest number of runs, and of entries of the journal, that are shown: the newest."""
 _ALARM_ROWS, _ROWS_EACH = 4, 2
 """Rows of all alarms, and of each but the gravest, whose advice is shown completely."""
-_SPACE = "bold $accent"
 
 
 def next_text(
@@ -64,7 +63,7 @@ def next_text(
     if lost is not None:
         shown = banner(status, lost, action, glyphs)
         head = Content.styled(f"{shown.symbol} {shown.word}", "bold $error")
-        words = Content.styled(shown.second, _SPACE)
+        words = Content.styled(shown.second, SPACE_INK)
         return Content("\n").join([head, Content(shown.first), Content(""), words])
     lines: list[Content] = []
     if status is None:
@@ -87,7 +86,7 @@ def next_text(
         ]
     else:
         lines = [Content(f"step {progress(status).due.title}")]
-    return Content("\n").join([*lines, Content(""), Content.styled(action.words, _SPACE)])
+    return Content("\n").join([*lines, Content(""), Content.styled(action.words, SPACE_INK)])
 
 
 def sketch_text(status: Status, bench: Bench | None) -> Content:
@@ -141,22 +140,26 @@ def _reasons(status: Status, tally: Tally) -> str:
     return printable(", ".join(dict.fromkeys(words)), 60)
 
 
-def runs_text(status: Status, glyphs: Glyphs) -> Content:
-    """Return the runs, the newest first: accepted with their figures, rejected with reasons."""
+def runs_text(status: Status, glyphs: Glyphs, figures: bool) -> Content:
+    """Return the runs, the newest first, in words, with the reasons of rejected ones.
+
+    `figures`: add the measured figures of accepted runs.
+    """
     lines = []
     for run in reversed(status.runs[-_SHOWN:]):
         name = f"{run.mass_state} {run.excitation.words} {run.repeat}"
         if run.status is LoggedStatus.OPEN:
-            lines.append(Content.styled(f"{glyphs.now} running   {name}", "bold"))
+            lines.append(Content.styled(f"{glyphs.now} {name}  running", "bold"))
         elif run.status is LoggedStatus.ACCEPTED:
-            text = next((f.text for f in run.findings if f.code == "motion"), "")
-            text += f"  taken by {run.by}: {run.reason}" if run.by and run.reason else ""
-            mark = (f"{glyphs.good} accepted  ", "bold $success")
-            lines.append(Content.assemble(mark, f"{name}  {printable(text.strip(), 160)}"))
+            by_hand = f"; taken by {run.by}: {run.reason}" if run.by and run.reason else ""
+            words = printable(f"{accepted_words(status, run)}{by_hand}", 160)
+            lines.append(Content.assemble((glyphs.good, "bold $success"), f" {name}  {words}"))
+            measured = (f.text for f in run.findings if f.code == "motion")
+            lines += [Content(f"    {printable(text, 160)}") for text in measured if figures]
         else:
-            mark = (f"{glyphs.bad} rejected  ", "bold $error")
             why = printable("; ".join(run.reasons), 160)
-            lines.append(Content.assemble(mark, f"{name}  {why}, kept"))
+            mark = (glyphs.bad, "bold $error")
+            lines.append(Content.assemble(mark, f" {name}  rejected, kept: {why}"))
     return Content("\n").join(lines or [Content("no runs yet")])
 
 
@@ -228,7 +231,7 @@ class BumpingScreen(BenchScreen):
                 tooltip="Accept the last rejected run, with a reason"),
         Binding("a", "acknowledge", "Lamp off", tooltip="Acknowledge the overload lamps"),
         Binding("escape", "pause", "Pause", tooltip="Pause; home if nothing is armed"),
-        Binding("v", "view", "View", tooltip="Another view: body or wheels, sketch or runs"),
+        Binding("v", "view", "View", tooltip="Another view: body or wheels, figures of the runs"),
         Binding("m", "more", "More", tooltip="More of the kind that is marked; up and down mark"),
         Binding("b", "app.sound", show=False, tooltip="Sound on or off"),
         Binding("up", "choose(-1)", show=False),
@@ -305,8 +308,13 @@ class BumpingScreen(BenchScreen):
         tallies = self.query_one("#tallies", Table)
         tallies.styles.height = len(status.tallies) + 2  # Textual measures it too late
         tallies.show([""] * 5, tally_rows(status, glyphs))
-        self.query_one("#runs", Words).say(runs_text(status, glyphs))
+        self.query_one("#runs", Words).say(runs_text(status, glyphs, self.shows_figures))
         self.query_one("#journal", Words).say(journal_text(status))
+
+    @property
+    def shows_figures(self) -> bool:
+        """True while the runs are shown with their figures."""
+        return self._page % 2 == 1
 
     def show_next(self) -> None:
         """Show the next action, also while no recorder answers."""
@@ -458,8 +466,10 @@ class HomeScreen(BumpingScreen):
         self.query_one("#next", Words).say(words)
 
     def action_view(self) -> None:
-        """Switch between sketch and runs where there is no room for both."""
-        self.toggle_class("-runs")
+        """Show the runs with their figures; where there is room for one, in place of the sketch."""
+        self._page += 1
+        self.set_class(self.shows_figures, "-runs")
+        self._show()
 
 
 class RunScreen(BumpingScreen):
@@ -478,8 +488,9 @@ class RunScreen(BumpingScreen):
         yield Words("alarms")
 
     def action_view(self) -> None:
-        """Show the next group of lanes: body, then each quantity at the wheels."""
+        """Show the next group of lanes, body or a quantity at the wheels; figures of the runs."""
         self._page += 1
+        self._show()
         self.draw_lanes()
 
     def show_next(self) -> None:

@@ -21,8 +21,8 @@ from dbc.finding import Finding
 
 from ..campaign import BenchStep, write_draft
 from ..feed import RING_S
-from ..widgets import Cell, Table, Words
-from .base import SPACE_INK, BenchScreen
+from ..widgets import SPACE_INK, Cell, Table, Words
+from .base import BenchScreen
 
 OK, WARN, FAIL, NOW, WAIT = "OK", "WARN", "FAIL", "NOW", "wait"
 TARED = (Quantity.SUSPENSION_TRAVEL, Quantity.PITCH_RATE, Quantity.ROLL_RATE)
@@ -99,15 +99,18 @@ def push_rows(
         if subject in skipped:
             rows.append(CheckRow(WARN, subject, f"skipped: {skipped[subject]}", "", True))
         elif corner == active:
-            text = seen.text if seen else f"push DOWN at the {spoken(corner)}, let go"
-            advice = "one firm push; S skips it, with a reason"
-            rows.append(CheckRow(NOW, subject, text, advice))
+            rows.append(CheckRow(NOW, subject, push_words(corner, seen)))
         elif seen is None:
             rows.append(CheckRow(WAIT, subject, spoken(corner)))
         else:
             state = OK if seen.passed else FAIL
             rows.append(CheckRow(state, subject, seen.text, seen.advice))
     return tuple(rows)
+
+
+def push_words(corner: Corner, seen: PushResult | None) -> str:
+    """Return what the person at the car does now: push, or wait until it rests."""
+    return seen.text if seen else f"push DOWN at the {spoken(corner)}, let go"
 
 
 def push_subject(corner: str) -> str:
@@ -183,6 +186,8 @@ class CheckScreen(BenchScreen):
         self._begin_bin = 0
         self._ask_again_s = _ASK_AGAIN_S
         self._pushed: dict[Corner, PushResult] = {}
+        self._acknowledged = ""
+        """What the sensors saw of the last push."""
         self._skipped: set[str] = set()
         self._failing: set[str] = set()
         self._hands_off_s = 0.0
@@ -304,8 +309,10 @@ class CheckScreen(BenchScreen):
         if row is None:
             return
         box.border_title = printable(row.subject, 50).replace("[", "(")
-        words = [row.text, row.advice] if row.advice else [row.text]
-        lines_below = [Content(printable(text, 300)) for text in words]
+        words = [row.text, row.advice]
+        if self._corner is not None:  # the next line says what its row says
+            words = [self._acknowledged, "" if self._acknowledged else "S skips it, with a reason"]
+        lines_below = [Content(printable(text, 300)) for text in words if text]
         lines_below.append(Content.styled(self._due, SPACE_INK))
         box.say(Content("\n").join(lines_below))
 
@@ -315,7 +322,8 @@ class CheckScreen(BenchScreen):
         if self.lost_words:
             return self.lost_words
         if self._corner is not None:
-            return f"Push the car down at the corner marked {NOW}."
+            words = push_words(self._corner, self._pushed.get(self._corner))
+            return f"{words[:1].upper()}{words[1:]}, {self._left_s:.0f} s left"
         if self._hands_off_s:
             return "Hands off the car."
         if not self._items:
@@ -422,15 +430,18 @@ class CheckScreen(BenchScreen):
         open_corners = (c for c in ORDER if push_subject(c) not in skipped)
         return next((c for c in open_corners if c not in self._pushed), None)
 
-    async def _begin_push(self, corner: Corner) -> None:
-        """Wait for a push; a mark in the recording names the corner."""
+    async def _begin_push(self, corner: Corner, acknowledged: str = "") -> None:
+        """Wait for a push; a mark in the recording names the corner.
+
+        `acknowledged`: what the sensors saw of the push before.
+        """
         app = self.bench_app
         if app.status is None or app.status.phase is not Phase.IDLE:
             app.warn("a run is armed: pause it first")
             return
         self._pushed.pop(corner, None)
         self._corner, self._begin_bin = corner, app.lanes.end
-        self._ask_again_s = _ASK_AGAIN_S
+        self._ask_again_s, self._acknowledged = _ASK_AGAIN_S, acknowledged
         self._show_rows()
         self._mark_row(push_subject(corner))
         if await app.ask(Mark(push_subject(corner))) is None:
@@ -451,24 +462,29 @@ class CheckScreen(BenchScreen):
         result = judge_push(corner, app.bench.channels, seen, before, bin_s)
         self._pushed[corner] = result
         if result.done:
-            app.inform(f"{spoken(corner)} seen: {result.text}")
-            await self._go_on()
+            await self._go_on(f"{spoken(corner)} seen: {result.text}")
         elif (end - begin) * bin_s >= self._ask_again_s:
             self._ask_again_s, self._begin_bin = 2.0 * self._ask_again_s, end
             self.app.bell()
-            app.inform(f"{spoken(corner)} not seen yet: {result.text}")
+            self._acknowledged = f"{spoken(corner)} not seen yet"
             await app.ask(Mark(push_subject(corner)))
         else:
             self._show_rows()
 
-    async def _go_on(self) -> None:
-        """Ask for the next corner if the last one was right; else stop."""
+    @property
+    def _left_s(self) -> float:
+        """Seconds of the recording after which the push that is due is asked for again."""
+        lanes = self.bench_app.lanes
+        return max(0.0, self._ask_again_s - (lanes.end - self._begin_bin) * lanes.bin_s)
+
+    async def _go_on(self, acknowledged: str = "") -> None:
+        """Acknowledge a push; ask for the next corner if it was right, else stop."""
         corner, self._corner = self._corner, None
         self._still_s = WINDOW_S + AGAIN_S
         right = corner is None or corner not in self._pushed or self._pushed[corner].passed
         following = self._next_corner()
         if right and following is not None:
-            await self._begin_push(following)
+            await self._begin_push(following, acknowledged)
         self._show_rows()
 
     # Sign and zero ------------------------------------------------------------------------------

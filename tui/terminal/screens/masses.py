@@ -25,8 +25,8 @@ from daq.loading import expected_car, loading
 from ...jobs.gain import GAIN, Gain, measured_spread
 from ..app import begin
 from ..campaign import BenchStep, read_draft, remove_draft, write_draft
-from ..widgets import Table, Words
-from .base import SPACE_INK, BenchScreen
+from ..widgets import SPACE_INK, Table, Words
+from .base import WIDE, BenchScreen
 from .check import REST, rest_levels
 from .weights import (
     HEADS,
@@ -147,7 +147,9 @@ class MassesScreen(BenchScreen):
 
     def _show_all(self) -> None:
         glyphs, car = self.bench_app.glyphs, self._car
-        self.query_one("#car", Words).say(Content("\n".join(sketch(self._entries, car))))
+        wide = self.app.size.width >= WIDE
+        drawing = sketch(self._entries, car, loading(self._weights, car), wide)
+        self.query_one("#car", Words).say(Content("\n".join(drawing)))
         rows = [
             weight_cells(row, entry, glyphs.good, glyphs.bad)
             for row, entry in enumerate(self._entries, 1)

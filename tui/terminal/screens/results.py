@@ -37,9 +37,9 @@ from identify.words import (
 
 from ...jobs.lines import Outcome
 from ..campaign import BenchStep, is_marked
-from ..widgets import Cell, Table, Words, right
+from ..widgets import SPACE_INK, Cell, Table, Words, right
 from ..words import Glyphs
-from .base import SPACE_INK, BenchScreen
+from .base import BenchScreen
 from .work import OUTDATED, export_session, open_build, open_identify, open_report
 
 _DOF = ("heave", "pitch", "roll", "FL", "FR", "RL", "RR")

@@ -25,6 +25,7 @@ from daq.runlog import LoggedStatus
 from ...jobs.gain import USUAL_SPREAD, WANTED_SPREADS, Gain, Shift
 from ..form import Field, FieldError, Form, Values, check_fields, number, stated
 from ..widgets import Cell, Words, right
+from ..words import LARGE, SMALL, drawn_car
 
 Weight = BodyWeight | HubWeight
 Typed = dict[str, str]
@@ -166,39 +167,29 @@ def weight_cells(row: int, entry: Entry, yes: str, no: str) -> list[Cell]:
 
 _SUNK_M = 0.5e-3
 """Least sag, m, that distinguishes weights on the car from weights beside it."""
-_EDGE_M = 0.35
-"""Length that the sketch shows beyond the axles and beside the tyres."""
-_ACROSS, _LONG = 13, 7
-"""Columns and rows of the sketch within the outline of the body."""
 
 
-def sketch(entries: Sequence[Entry], car: VehicleParameters) -> list[str]:
-    """Draw the car from above, front at the top, with the numbers of the weights on it."""
-    wheelbase_m, half_track_m = car.a + car.b, max(car.t_f, car.t_r)
-    grid = [[" "] * _ACROSS for _ in range(_LONG)]
+def sketch(
+    entries: Sequence[Entry], car: VehicleParameters, load: Loading, wide: bool
+) -> list[str]:
+    """Draw the car from above with the numbers of the weights on it; `wide`: large, with loads."""
     on_hub: dict[Corner, list[str]] = {corner: [] for corner in Corner}
-
-    def put(x_m: float, y_m: float, text: str) -> None:
-        last_column = _ACROSS - len(text)
-        row = round((_EDGE_M - x_m) / (wheelbase_m + 2 * _EDGE_M) * (_LONG - 1))
-        half_m = half_track_m + _EDGE_M
-        column = round((half_m - y_m) / (2 * half_m) * last_column)
-        row, column = max(0, min(row, _LONG - 1)), max(0, min(column, last_column))
-        grid[row][column : column + len(text)] = text
-
-    put(-car.a, 0.0, "+")  # the centre of gravity; x counts from the front axle
-    for row_number, entry in enumerate(entries, 1):
-        if isinstance(entry.weight, BodyWeight):
-            put(entry.weight.x_m, entry.weight.y_m, str(row_number))
+    marks = [(-car.a, 0.0, "+")]  # the centre of gravity; x counts from the front axle
+    for label, entry in enumerate(entries, 1):
+        weight = entry.weight
+        if isinstance(weight, HubWeight):
+            on_hub[weight.corner].append(str(label))
         else:
-            on_hub[entry.weight.corner].append(str(row_number))
+            text = f"{label} {weight.mass_kg:g} kg" if wide else str(label)
+            marks.append((weight.x_m, weight.y_m, text))
     # Four columns beside each corner: the last numbers, or FL, FR, RL, RR without a weight.
-    wheel = {corner: ",".join(on_hub[corner])[-4:] or str(corner) for corner in Corner}
-    edge = "-" * _ACROSS
-    front = f"{wheel[Corner.FRONT_LEFT]:>4}+{edge}+{wheel[Corner.FRONT_RIGHT]:<4}"
-    rear = f"{wheel[Corner.REAR_LEFT]:>4}+{edge}+{wheel[Corner.REAR_RIGHT]:<4}"
-    body = [f"    |{''.join(row)}|" for row in grid]
-    return [f"{'front':^{_ACROSS + 10}}", front, *body, rear]
+    wheels = {corner: ",".join(on_hub[corner])[-4:] or str(corner) for corner in Corner}
+    wheelbase_m, track_m = car.a + car.b, 2.0 * max(car.t_f, car.t_r)
+    if not wide:
+        return drawn_car(wheelbase_m, track_m, marks, wheels, SMALL)
+    total_kg, (front_kg, rear_kg) = axle_loads_with(load, car)
+    beside = (f"axle {front_kg:.0f} kg", f"car alone {total_kg:.0f} kg", f"axle {rear_kg:.0f} kg")
+    return drawn_car(wheelbase_m, track_m, marks, wheels, LARGE, beside)
 
 
 def effect_line(load: Loading) -> str:

@@ -8,6 +8,7 @@ from enum import StrEnum
 from functools import partial
 from glob import escape
 from pathlib import Path
+from time import monotonic
 from typing import Any, ClassVar
 
 from textual.app import ComposeResult
@@ -35,8 +36,8 @@ from ...jobs.session_list import report_of, size_text
 from ...jobs.worker import lines_of
 from ..app import BenchApp, begin
 from ..campaign import BenchStep, is_marked
-from ..widgets import ChoiceScreen, Confirm, Words
-from .base import SPACE_INK, BenchScreen
+from ..widgets import SPACE_INK, ChoiceScreen, Confirm, Words
+from .base import BenchScreen
 
 OUTDATED = "runs, weights or vehicle have changed since the session file was built"
 FORMATS = (
@@ -113,6 +114,10 @@ class Stage(StrEnum):
 
 
 _UNDER_WAY = (Stage.BUILDING, Stage.WORKING)
+_LEAST_SHARE = 0.1
+"""Share of the work that must be done before its end is told."""
+_AT_ONCE_S = 2.0
+"""Seconds of work without words on its time: most work is done in them."""
 
 
 class WorkScreen(BenchScreen):
@@ -129,13 +134,17 @@ class WorkScreen(BenchScreen):
         """The parts that were begun, in order."""
         self.trouble: Trouble | None = None
         """Why the work failed."""
+        self._begun_s = 0.0
+        """Monotonic time at which the work began, s."""
+        self._end_s: float | None = None
+        """Monotonic time at which it will be done, s, by its progress so far; None if unknown."""
 
     def compose_body(self) -> ComposeResult:
         """Compose the box."""
         with Vertical(id="work", classes="box") as box:
             box.border_title = self.TITLE_OF_BOX
-            yield Words("subject")
-            yield ProgressBar(total=1.0)
+            yield Words("due")
+            yield ProgressBar(total=1.0, show_eta=False)
             yield Words("state")
 
     @property
@@ -165,6 +174,7 @@ class WorkScreen(BenchScreen):
     def restart(self, stage: Stage, session: str) -> None:
         """Begin a stage anew."""
         self.stage, self.session, self.trouble = stage, session, None
+        self._begun_s, self._end_s = monotonic(), None
         self._parts = {stage.value: None} if stage is Stage.BUILDING else {}
         if self.is_mounted:
             self.query_one(ProgressBar).update(progress=0.0)
@@ -177,8 +187,11 @@ class WorkScreen(BenchScreen):
                 if isinstance(line, Progress):
                     self._parts[line.text] = None
                     bar = self.query_one(ProgressBar)
-                    # Two processes report in any order, but a bar never goes back.
-                    bar.update(progress=max(bar.progress, line.share))
+                    if line.share > bar.progress:  # two processes report in any order
+                        bar.update(progress=line.share)
+                        taken_s = monotonic() - self._begun_s
+                        if line.share >= _LEAST_SHARE:
+                            self._end_s = self._begun_s + taken_s / line.share
                 elif isinstance(line, Trouble):
                     self.stage, self.trouble = Stage.FAILED, line
                 elif isinstance(line, Done):
@@ -191,7 +204,6 @@ class WorkScreen(BenchScreen):
         """Draw the box."""
         if not self.is_mounted:
             return
-        self.query_one("#subject", Words).say(Content("\n".join(self.about())))
         self.query_one(ProgressBar).display = self.stage in _UNDER_WAY
         glyphs = self.bench_app.glyphs
         lines, next_words = self.state()
@@ -204,9 +216,21 @@ class WorkScreen(BenchScreen):
             *done, now = self._parts or [""]
             lines = [f"  {glyphs.good} {printable(text)}" for text in done]
             lines += [f"  {glyphs.now} {printable(now)}"]
-            next_words = "Esc cancels; nothing is lost"
-        words = Content.styled(f"{glyphs.now} {next_words}", SPACE_INK)
-        self.query_one("#state", Words).say(Content("\n").join(["", *lines, "", words]))
+            next_words = f"Esc stops it; nothing is lost{self._time_words()}"
+        self.query_one("#due", Words).say(Content.styled(f"{glyphs.now} {next_words}", SPACE_INK))
+        texts = [*lines, "", *self.about()] if lines else self.about()
+        self.query_one("#state", Words).say(Content("\n".join(["", *texts])))
+
+    def _time_words(self) -> str:
+        """Return the seconds that the work has taken and still takes; empty in the first ones."""
+        now_s = monotonic()
+        if now_s - self._begun_s < _AT_ONCE_S:
+            return ""
+        words = f"   {now_s - self._begun_s:.0f} s so far"
+        if self._end_s is None:
+            return words
+        left_s = self._end_s - now_s
+        return f"{words}, about {left_s:.0f} s left" if left_s > 0.0 else f"{words}, soon done"
 
     @abstractmethod
     def about(self) -> list[str]:
