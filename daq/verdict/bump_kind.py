@@ -32,14 +32,8 @@ MIRRORED = 1.25
 other."""
 STRIKE_S = 0.1
 """Time after the bump that belongs to the strike, s: the wheels' first swing."""
-_AXLES_S = 2.5
-"""Time from the front axle until the rear axle has met a board at walking pace, s."""
 _GRID_S = 0.002
 """Spacing of the body's speeds, s."""
-_HALF_WHEELBASE_M, _HALF_TRACK_M = 1.35, 0.75
-"""Half lengths of a usual car, m, if bench.toml states none: only their ratios count."""
-_LEVEL_TURN, _FULL_TURN = 0.9, 0.4
-"""Ratios of turning to heave from which the body does not bounce, and from which it turns fully."""
 _TINY = 1e-12
 
 _PATTERNS: Mapping[str, NDArray[np.float64]] = {
@@ -101,7 +95,8 @@ def patterns(bench: Bench, signals: tuple[Trace, ...]) -> tuple[Pattern, ...]:
         if travels is not None:
             return (_pushed(bench, travels),)
     elif Quantity.HUB_ACCELERATION in four:
-        size = [t.rms(-STRIKE_S / 2, _AXLES_S) for t in four[Quantity.HUB_ACCELERATION]]
+        # After 2.5 s the rear axle has met a board too, at walking pace.
+        size = [t.rms(-STRIKE_S / 2, 2.5) for t in four[Quantity.HUB_ACCELERATION]]
         return (_of_wheels(bench, np.array(size), "hubs"),)
     shown = []
     if four and bench.campaign.method is not Method.PUSH:
@@ -220,13 +215,14 @@ def of_body(
     heave = max(body.heave, _TINY)
 
     def turned(turn: float, other: float) -> float:
-        """Return the likeness to a turn: from its share of both, if the body turns at all."""
-        return min(turn / heave / _FULL_TURN, 1.0) * turn**2 / max(turn**2 + other**2, _TINY**2)
+        """Return the likeness to a turn: from its share of both, in full from 0.4 of heave on."""
+        return min(turn / heave / 0.4, 1.0) * turn**2 / max(turn**2 + other**2, _TINY**2)
 
     def more(one: float, other: float) -> float:
         return min(one / max(other, _TINY), 1.0)
 
-    level = 1.0 - min(max(body.pitch, body.roll) / heave / _LEVEL_TURN, 1.0) / 2
+    # A body that turns by 0.9 of its heave does not bounce.
+    level = 1.0 - min(max(body.pitch, body.roll) / heave / 0.9, 1.0) / 2
     like = dict.fromkeys(_TOGETHER, level)
     pitch, roll = turned(body.pitch, body.roll), turned(body.roll, body.pitch)
     like[Wheels({_FL, _FR})] = more(body.front, body.rear) * pitch
@@ -261,8 +257,9 @@ def _pushed(bench: Bench, four: tuple[Trace, ...]) -> Pattern:
 def _moved_body(bench: Bench, signals: tuple[Trace, ...]) -> Body | None:
     """Return the largest speeds of the body, m/s; None with too few sensors."""
     geometry = bench.vehicle.geometry
-    length_m = (geometry.a + geometry.b) / 2 if geometry else _HALF_WHEELBASE_M
-    width_m = (geometry.t_f + geometry.t_r) / 2 if geometry else _HALF_TRACK_M
+    length_m, width_m = 1.35, 0.75  # half lengths of a usual car: only their ratios count
+    if geometry is not None:
+        length_m, width_m = (geometry.a + geometry.b) / 2, (geometry.t_f + geometry.t_r) / 2
     points = of_quantity(signals, Quantity.BODY_ACCELERATION)
     if not points:
         return None

@@ -10,8 +10,7 @@ from ..bench.campaign import Step
 from ..bench.config import Bench
 from . import motion, traffic
 from .bump_kind import mirrored, patterns, struck, wrong_mode
-from .repeats import not_repeatable, waves
-from .wave import body_wave
+from .motion import body_wave, not_repeatable, waves
 from .window import RunMeasure, RunWindow, Trace, traces
 from .words import finding
 

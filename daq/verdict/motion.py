@@ -1,19 +1,22 @@
-"""Checks that the car rested before, moved enough, was struck once, and came to rest."""
+"""Judges the motion of a run: rest before, size, one strike, decay, and likeness to other runs."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dbc.finding import Finding
+from dbc.frames import read_only
+from dbc.words import counted
 
 from ..bench.campaign import Method
 from ..bench.config import Bench
 from ..channels import Channel, Quantity
 from ..samples.mapping import SampleBlock, trigger_channels
-from .window import RunWindow, Trace, kind_of, largest_peaks, traces
+from .window import RunMeasure, RunWindow, Trace, kind_of, largest_peaks, traces
 from .words import finding
 
 REST_NOISE = 3.0
@@ -55,14 +58,8 @@ it."""
 PUSH_GUARD_S = 1.0
 """Time after a push by hand that belongs to the same strike, s: the push down and the release are
 one strike."""
-_STRUCK_PEAK = 0.2
-"""Least share of the largest peak of its kind at which a sensor is searched for a second strike."""
 _GRID_S = 0.005
 """Step of the times at which the envelope of a strike is taken, s."""
-_QUICK_S = 0.15
-"""Width of the running mean, s, that is subtracted where the motion of wheels is wanted."""
-_FINEST = 1e-3
-"""Least ratio of noise to peak that is assumed for any sensor."""
 
 _SLOW = (
     Quantity.SUSPENSION_TRAVEL,
@@ -148,7 +145,7 @@ def double_bump(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> 
     strikes = [
         (*_second_strike(trace, bench.campaign.bump_s + guard_s), trace.name)
         for trace in judged
-        if trace.peak > _STRUCK_PEAK * largest[kind_of(trace.channel)]
+        if trace.peak > 0.2 * largest[kind_of(trace.channel)]  # less shows no strike
     ]
     share, onset_s, name = max(strikes, default=(0.0, 0.0, ""))  # the largest share
     if share > STRUCK_SHARE:
@@ -190,9 +187,9 @@ def _second_strike(trace: Trace, guard_s: float) -> tuple[float, float]:
 
 
 def _quick(trace: Trace) -> NDArray[np.float64]:
-    """Return the motion faster than the body: the signal minus its running mean."""
+    """Return the motion faster than the body: the signal minus its running mean over 0.15 s."""
     period_s = max(float(np.median(np.diff(trace.time_s))), 1e-4)
-    n = round(_QUICK_S / period_s)
+    n = round(0.15 / period_s)
     if n < 3:
         return trace.value
     padded = np.pad(trace.value, (n // 2, n - 1 - n // 2), mode="edge")
@@ -242,7 +239,8 @@ def _remaining(signals: tuple[Trace, ...], now_s: float) -> tuple[float | None, 
     """
     slow = of_quantity(signals, *_SLOW) or signals
     largest = largest_peaks(slow)
-    unit = [max(t.noise, _FINEST * largest[kind_of(t.channel)], 1e-12) for t in slow]
+    # No sensor is taken for better than a thousandth of the peak.
+    unit = [max(t.noise, 1e-3 * largest[kind_of(t.channel)], 1e-12) for t in slow]
     whole = float(np.linalg.norm([t.peak / one for t, one in zip(slow, unit, strict=True)]))
     if whole < WEAK_NOISE:
         return None, ""
@@ -274,3 +272,201 @@ def rest_changed(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) ->
     limit = SHIFTED_SHARE * max(trace.peak for trace in travels)
     text = f"{name} rests {value * 1e3:.1f} mm from where it was (limit {limit * 1e3:.1f} mm)"
     yield finding("rest_changed", value <= limit, value, limit, "m", text, name)
+
+
+# One damped wave, for display ---------------------------------------------------------------------
+
+
+_STEP_S = 0.02
+_CLEAREST_FIRST = (
+    (Quantity.SUSPENSION_TRAVEL,),
+    (Quantity.PITCH_RATE, Quantity.ROLL_RATE, Quantity.BODY_ACCELERATION),
+    (Quantity.BODY_DISPLACEMENT,),
+    (Quantity.PITCH_ACCELERATION, Quantity.ROLL_ACCELERATION),
+)
+"""Quantities that show the body."""
+
+
+def body_wave(signals: tuple[Trace, ...], bump_s: float) -> tuple[float, float] | None:
+    """Fit a damped wave to the strongest motion of the body after the bump.
+
+    `bump_s`: duration of the bump; the wave begins when the wheels are at rest again.  Returns the
+    undamped natural frequency, Hz, and the damping ratio; None if nothing shows the body.
+    """
+    record = _record(signals, bump_s + 0.2)
+    if record is None:
+        return None
+    frequencies = np.geomspace(0.4, 5.0, 24)  # Hz
+    dampings = np.linspace(0.01, 0.7, 12)
+    best = (0.0, 0.0)
+    for _ in range(3):  # each on the two grid cells around the best point of the previous one
+        misfit = _misfit(record, frequencies, dampings)
+        i, j = divmod(int(np.argmin(misfit)), len(dampings))
+        best = float(frequencies[i]), float(dampings[j])
+        frequencies, dampings = _finer(frequencies, i), _finer(dampings, j)
+    return best
+
+
+def _finer(grid: NDArray[np.float64], place: int) -> NDArray[np.float64]:
+    """Return nine points between the neighbours of the best one."""
+    return np.linspace(grid[max(place - 1, 0)], grid[min(place + 1, len(grid) - 1)], 9)
+
+
+def _record(signals: tuple[Trace, ...], start_s: float) -> NDArray[np.float64] | None:
+    """Return the clearest record of the body, (n,), on an equidistant grid."""
+    for quantities in _CLEAREST_FIRST:
+        clear = [
+            t
+            for t in of_quantity(signals, *quantities)
+            if t.peak > 5.0 * t.noise and t.time_s[-1] > start_s + 1.0
+        ]
+        if not clear:
+            continue
+        edges = np.arange(start_s, min(t.time_s[-1] for t in clear), _STEP_S)
+        rows = np.array([_means(trace, edges) for trace in clear])
+        if quantities[0] is Quantity.SUSPENSION_TRAVEL:
+            u, _, _ = np.linalg.svd(rows, full_matrices=False)
+            return np.asarray(u[:, 0] @ rows)
+        noise = np.array([max(t.noise, 1e-12) for t in clear])
+        return np.asarray(rows[int(np.argmax(np.std(rows, axis=1) / noise))])
+    return None
+
+
+def _means(trace: Trace, edges: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the mean of each step, or the value between two samples if it has none."""
+    first = np.searchsorted(trace.time_s, edges)
+    last = np.append(first[1:], np.searchsorted(trace.time_s, edges[-1] + _STEP_S))
+    total = np.concatenate([[0.0], np.cumsum(trace.value)])
+    straight = np.interp(edges + _STEP_S / 2, trace.time_s, trace.value)
+    mean = (total[last] - total[first]) / np.maximum(last - first, 1)
+    return np.where(last > first, mean, straight)
+
+
+def _misfit(
+    record: NDArray[np.float64], frequencies: NDArray[np.float64], dampings: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the residual sum of squares of each wave with the best amplitude, phase and level.
+
+    The sum of squares of the record, which is the same for all, is left out.
+    """
+    time_s = np.arange(len(record)) * _STEP_S
+    omega = 2 * np.pi * frequencies[:, None]
+    envelope = np.exp(-(omega * dampings)[..., None] * time_s)
+    phase = (omega * np.sqrt(1.0 - dampings**2))[..., None] * time_s
+    ones = np.ones_like(envelope)
+    basis = np.stack([envelope * np.cos(phase), envelope * np.sin(phase), ones], axis=-1)
+    normal = np.einsum("fdti,fdtj->fdij", basis, basis)
+    projection = np.einsum("fdti,t->fdi", basis, record)
+    solution = np.linalg.solve(normal, projection[..., None])[..., 0]
+    return np.asarray(-np.einsum("fdi,fdi->fd", projection, solution))
+
+
+# Comparison with the accepted runs of the kind ----------------------------------------------------
+
+
+PEAK_RATIO = 1.4
+"""Largest ratio of a peak to the median of the accepted runs, in either direction: above it the
+bump had another speed or height."""
+LIKENESS = 0.85
+"""Least correlation of the slow motion with the median: below it, the motion is another one."""
+MAIN = 0.3
+"""Share of the largest peak of its kind that a channel must exceed to count, because small motions
+differ much."""
+
+
+def waves(signals: tuple[Trace, ...]) -> dict[str, NDArray[np.float64]]:
+    """Return the slow motion after the bump, from 0.1 to 1.5 s, every 20 ms.
+
+    Each value is the mean over 60 ms, against the jitter of the trigger.
+    """
+    grid, width_s = np.arange(0.1, 1.5, 0.02), 0.06
+    means = {}
+    for trace in signals:
+        if trace.channel.quantity is not Quantity.HUB_ACCELERATION:
+            area = _area(trace, grid + width_s / 2) - _area(trace, grid - width_s / 2)
+            means[trace.name] = read_only(area / width_s)
+    return means
+
+
+def _area(trace: Trace, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the integral, up to given times, of the straight lines between the samples."""
+    time_s, value = trace.time_s, trace.value
+    steps = np.diff(time_s) * (value[1:] + value[:-1]) / 2.0
+    before = np.searchsorted(time_s, t_s) - 1  # a trace begins before the bump
+    mean = (value[before] + np.interp(t_s, time_s, value)) / 2.0
+    total = np.concatenate([[0.0], np.cumsum(steps)])
+    return np.asarray(total[before] + (t_s - time_s[before]) * mean)
+
+
+def not_repeatable(
+    signals: tuple[Trace, ...],
+    measured: RunMeasure,
+    accepted: Sequence[RunMeasure],
+    unlike: Sequence[RunMeasure] = (),
+) -> Iterator[Finding]:
+    """Compare peaks and course with the median of the accepted runs; not for the first run.
+
+    `unlike`: measures of the runs rejected only because they do not repeat the accepted ones.  A
+    run is repeatable if it is like at least as many of all these runs as it is unlike accepted
+    ones.  Otherwise, a first run with a hand on the car would cause the rejection of all good runs
+    after it.
+    """
+    if not accepted:
+        return
+
+    def repeats(other: RunMeasure) -> bool:
+        return all(each.passed for each in _compared(signals, measured, [other]))
+
+    findings = list(_compared(signals, measured, accepted))
+    if unlike and not all(each.passed for each in findings):
+        same = [repeats(other) for other in accepted]
+        like = sum(same) + sum(map(repeats, unlike))
+        others = len(same) - sum(same)
+        if like >= others:
+            runs = counted(len(accepted) + len(unlike), "run")
+            text = f"like {like} of {runs}, but not the accepted ones"
+            findings = [finding("not_repeatable", True, like, others, "", text)]
+    yield from findings
+
+
+def _compared(
+    signals: tuple[Trace, ...], measured: RunMeasure, accepted: Sequence[RunMeasure]
+) -> Iterator[Finding]:
+    """Compare the channels that move most in this run or in the others."""
+    known = set.intersection(*(set(measure.peaks) for measure in accepted))
+    signals = tuple(trace for trace in signals if trace.name in known)
+    usual = {t.name: float(np.median([m.peaks[t.name] for m in accepted])) for t in signals}
+    size = {t.name: max(t.peak, usual[t.name]) for t in signals}
+    kinds = {t.name: kind_of(t.channel) for t in signals}
+    largest = {k: max(size[n] for n in size if kinds[n] == k) for k in set(kinds.values())}
+    main = [n for n in size if size[n] > MAIN * largest[kinds[n]]]
+    ratio, name = 1.0, ""  # the peak that differs most
+    like, course_name = 1.0, ""  # the course that is least alike
+    for channel in main:
+        peak_ratio = max(measured.peaks[channel], 1e-12) / max(usual[channel], 1e-12)
+        # Half and twice the size are equally far from equal.
+        if abs(math.log(peak_ratio)) > abs(math.log(ratio)):
+            ratio, name = peak_ratio, channel
+        if all(channel in measure.waves for measure in (measured, *accepted)):
+            median_wave = np.median([measure.waves[channel] for measure in accepted], axis=0)
+            correlation = _correlation(measured.waves[channel], median_wave)
+            if correlation < like:
+                like, course_name = correlation, channel
+    text = (
+        f"peak of {name or 'every channel'} is {ratio:.2f} times that of the accepted runs "
+        f"({1.0 / PEAK_RATIO:.2f} to {PEAK_RATIO:.2f} is allowed)"
+    )
+    limit = PEAK_RATIO if ratio > 1.0 else 1.0 / PEAK_RATIO
+    passed = 1.0 / PEAK_RATIO <= ratio <= PEAK_RATIO
+    yield finding("not_repeatable", passed, ratio, limit, "", text, name)
+    if course_name:
+        text = f"course of {course_name} is {like:.0%} like the accepted runs"
+        text += f" (at least {LIKENESS:.0%})"
+        passed = like >= LIKENESS
+        yield finding("not_repeatable", passed, like, LIKENESS, "", text, course_name)
+
+
+def _correlation(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
+    """Return the cosine between two courses, -1..1; 0 if one of them is at rest."""
+    product = float(np.linalg.norm(other) * np.linalg.norm(one))
+    return float(other @ one) / product if product > 0.0 else 0.0

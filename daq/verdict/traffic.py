@@ -23,9 +23,6 @@ from .words import finding
 LOST_SHARE = 0.02
 """Largest share of lost frames: a loose plug loses most while the car moves most, and another bump
 costs only a minute."""
-_NO_VALUE = "check the sensor, and type, checksum and factor of its signal, then bump again"
-_HEALTHY = 0.9
-"""Least share of a message's samples that each healthy channel has."""
 
 Times = Mapping[str, NDArray[np.int64]]
 """Time stamps, ns, by message or channel."""
@@ -37,7 +34,7 @@ def stale(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterat
     messages = _best_of_message(bench, usable)
     for channel in bench.channels:  # those without a value although their frames come
         t_ns, all_ns = usable[channel.name], messages.get(_message(channel), ())
-        if channel.quantity is not Quantity.UNUSED and len(t_ns) < _HEALTHY * len(all_ns):
+        if channel.quantity is not Quantity.UNUSED and len(t_ns) < 0.9 * len(all_ns):
             messages[channel.name] = t_ns
     silence = _silences(bench, window, messages)
     for message in window.stale:
@@ -62,7 +59,8 @@ def stale(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterat
     were = plural(len(silent), "was", "were")
     text = f"{who} {were} {fault} for {gap_s:.2f} s (limit {limit_s:.2f} s)"
     failed = finding("stale", False, gap_s, limit_s, "s", text, worst)
-    yield replace(failed, advice=_NO_VALUE) if is_mute else failed
+    advice = "check the sensor, and type, checksum and factor of its signal, then bump again"
+    yield replace(failed, advice=advice) if is_mute else failed
 
 
 def _received(bench: Bench, window: RunWindow, name: str) -> NDArray[np.int64]:

@@ -52,7 +52,7 @@ class RunMeasure:
     peaks: Mapping[str, float] = field(default_factory=dict)
     """Largest deviation from rest of each channel, SI."""
     waves: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
-    """The slow motion after the bump on a common time axis (`daq.verdict.repeats`), SI, each shape
+    """The slow motion after the bump on a common time axis (`daq.verdict.motion`), SI, each shape
     (n,)."""
 
 

@@ -12,7 +12,7 @@ from daq.channels import Channel, Quantity
 from daq.runs import BASELINE, Excitation
 from daq.vehicle import Corner
 from daq.verdict import RunMeasure, RunWindow, judge
-from daq.verdict.wave import body_wave
+from daq.verdict.motion import body_wave
 from daq.verdict.window import traces
 
 from .closed_forms import (

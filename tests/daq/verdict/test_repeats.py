@@ -9,7 +9,7 @@ import pytest
 
 from daq.vehicle import Corner
 from daq.verdict import RunMeasure
-from daq.verdict.repeats import not_repeatable, waves
+from daq.verdict.motion import not_repeatable, waves
 from daq.verdict.window import traces
 from dbc.finding import Finding
 
