@@ -84,8 +84,14 @@ def plain(name: str) -> str:
 
 
 def unit_text(unit: str) -> str:
-    """Return a unit as it is printed; nothing for a ratio."""
-    return "" if unit == "1" else unit
+    """Return a unit as it is printed, `kg m²` for `kg m2`; nothing for a ratio."""
+    return "" if unit == "1" else unit.replace("2", "²").replace("3", "³")
+
+
+def with_unit(e: Estimate) -> str:
+    """Write a value, half of its interval, and the unit where there is a value."""
+    unit = unit_text(e.unit) if e.determined else ""
+    return f"{plus_minus_text(e)} {unit}".strip()
 
 
 # Estimates ----------------------------------------------------------------------------------------

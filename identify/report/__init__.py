@@ -9,9 +9,8 @@ from .content import report_of
 from .decays import decay_section, decay_traces
 from .evidence import CrossChecks, cross_checks
 from .figure import png_of, svg_of
-from .html import comparison_html, drawings, html_of
 from .page import MovingCars, Picture, Report, Source
-from .pdf import pdf_of
+from .typeset import comparison_html, drawings, html_of, pdf_of
 
 __all__ = [
     "CrossChecks",

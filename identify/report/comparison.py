@@ -21,6 +21,7 @@ from ..words import NOT_OK, unit_text, value_text
 from .decays import overlay_gallery
 from .figure import HALF_IN, INK, PALETTE, WIDTH_IN, line_axes, lines_height_in, shared_legend
 from .page import Block, Gallery, Picture, Section, Table
+from .parameters import about_zero
 
 if TYPE_CHECKING:
     from matplotlib.figure import FigureBase
@@ -150,6 +151,9 @@ def _draw_differences(
         axes.plot(percent[chosen], place[chosen], mark, ms=4.5, color=PALETTE[hue], label=label)
     axes.axvline(0.0, color=INK, lw=0.8)
     axes.set_yticks(place, names)
+    axes.set_xlim(
+        *about_zero(np.concatenate([percent - half_percent, percent + half_percent]), 1.1)
+    )
     axes.set_xlabel("difference, % of the first session's value")
     shared_legend(figure)
 
@@ -205,6 +209,23 @@ def _draw_trend(estimates: Sequence[Estimate], trend: Trend, unit: str, figure: 
     axes.set_xlabel("session", labelpad=1.0)
     axes.set_ylabel(unit)
     axes.margins(x=0.08)
+
+
+def headline_of(comparison: Comparison) -> str:
+    """Return what the joint fit and the quantities by themselves show, as one message."""
+    change, rows = comparison.change, comparison.quantities
+    names = ", ".join(
+        row.name
+        for row in rows
+        if (row.trend and row.trend.words) or any(d.significant for d in row.differences)
+    )
+    unchanged = change is not None and change.outcome == "nothing" and not change.apart
+    if unchanged and not names:
+        return f"Nothing differs beyond chance: neither by the joint fit, nor any of {len(rows)}."
+    each = f"Each by itself, none of {len(rows)} quantities differs beyond chance."
+    if names:
+        each = f"Each by itself, at 95 % among all {len(rows)} quantities, these differ: {names}."
+    return f"{change.sentence} {each}" if change is not None else each
 
 
 # What changed -------------------------------------------------------------------------------------

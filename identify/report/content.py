@@ -5,12 +5,13 @@ from __future__ import annotations
 from math import isfinite
 
 from daq.sessions import Session
+from dbc.finding import Finding, Severity
+from dbc.words import counted
 
 from ..decays.usable import usable_session
-from ..numbers import NOT_DETERMINED
 from ..result import Identification
 from ..trust.finding import Verdict
-from ..words import parameter_words, plus_minus_text, unit_text
+from ..words import parameter_words, with_unit
 from .decays import decay_section
 from .evidence import (
     CrossChecks,
@@ -26,7 +27,7 @@ from .session import certificate_section, provenance_section, run_section, vehic
 
 _ASKED_FIRST = (
     ("total mass", "derived", "total_mass"),
-    ("CG behind the front axle", "parameters", "a"),
+    ("CG behind front axle", "parameters", "a"),
     ("front axle load", "derived", "front_axle_load"),
     ("rear axle load", "derived", "rear_axle_load"),
     ("pitch inertia", "parameters", "I_yy"),
@@ -67,15 +68,13 @@ def report_of(
         vehicle=title_of(session),
         source=source,
         result=result,
-        highlights=_highlights(session, result, checks),
+        highlights=_highlights(result),
+        support=_support(session, result, checks),
         values=tuple(
-            (
-                parameter_words(parameter),
-                plus_minus_text(e) + ("" if e.std else " given"),
-                unit_text(e.unit) if e.determined else "",
-            )
-            for parameter, e in result.parameters.items()
+            (parameter_words(name), with_unit(e) + ("" if e.std else ", given"))
+            for name, e in result.parameters.items()
         ),
+        findings=(*result.quality.findings, *_untraced_sensors(session)),
         sections=tuple(sections),
     )
 
@@ -87,23 +86,37 @@ def title_of(session: Session) -> str:
     return name if origin == "real" else f"{name} ({origin}, not measured)"
 
 
-def _highlights(
-    session: Session, result: Identification, checks: CrossChecks
-) -> tuple[tuple[str, str], ...]:
-    """Return what an engineer asks for first, and how well it is supported."""
+def _highlights(result: Identification) -> tuple[tuple[str, str], ...]:
+    """Return what an engineer asks for first, marked if the session is refused."""
+    mark = f" ({REFUSED})" if result.quality.verdict is Verdict.REFUSED else ""
     tiles = []
     for words, part, name in _ASKED_FIRST:
         e = getattr(result, part).get(name)
         if e is not None:
-            unit = unit_text(e.unit) if e.determined else ""
-            tiles.append((words, f"{plus_minus_text(e)} {unit}".strip()))
+            tiles.append((words + mark, with_unit(e)))
+    return tuple(tiles)
+
+
+def _support(session: Session, result: Identification, checks: CrossChecks) -> str:
+    """Return misfit, predicted runs and used runs in one line."""
+    parts = [f"{len(session.accepted)} of {counted(len(session.runs), 'run')} used"]
     if isfinite(result.quality.chi2_per_n):
-        tiles.append(("chi2/n, 1 = noise alone", f"{result.quality.chi2_per_n:.3f}"))
-    if checks.predictions:
+        parts.append(f"chi2/n {result.quality.chi2_per_n:.3f}, 1 is noise alone")
+    if any(isfinite(p.predicted) for p in checks.predictions):
         good = sum(p.at_noise for p in checks.predictions)
-        predicted = any(isfinite(p.predicted) for p in checks.predictions)
-        text = f"{good} of {len(checks.predictions)}" if predicted else NOT_DETERMINED
-        tiles.append(("left-out runs at noise", text))
-    if result.quality.verdict is Verdict.REFUSED:
-        tiles = [(f"{words} ({REFUSED})", text) for words, text in tiles]
-    return (*tiles, ("runs used", f"{len(session.accepted)} of {len(session.runs)}"))
+        parts.append(f"{good} of {len(checks.predictions)} predicted by the others")
+    return "; ".join(parts) + "."
+
+
+def _untraced_sensors(session: Session) -> list[Finding]:
+    """Return a note on measured channels without serial number or day of calibration."""
+    if session.provenance.get("origin", "real") != "real":
+        return []
+    untraced = [c.name for c in session.used_channels if not (c.serial_number and c.calibrated)]
+    if not untraced:
+        return []
+    text = (
+        f"{len(untraced)} of {counted(len(session.used_channels), 'sensor')} without serial number "
+        "or day of calibration: the result cannot be traced to them; state both in bench.toml"
+    )
+    return [Finding("sensors", Severity.NOTE, text)]

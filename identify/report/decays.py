@@ -15,6 +15,7 @@ from daq.channels import Channel, Quantity
 from ..decays.decay import FreeDecay, Record, Recording, onset_s
 from ..fit.estimation import Estimation
 from ..fit.likelihood import Residuals
+from ..words import unit_text
 from .figure import FAINT, HALF_IN, INK, PALETTE
 from .page import Block, Gallery, Picture, Section
 
@@ -107,7 +108,7 @@ def _traces(
         traces.append(
             Trace(
                 channel.name,
-                channel.unit.replace("2", "²"),
+                unit_text(channel.unit),
                 envelope(before[shown], whole[shown], _BINS),
                 envelope(after, measured - residual, _BINS),
                 envelope(after, residual / noise[channel.name], _BINS),
@@ -239,7 +240,7 @@ def overlay_picture(
         # With the mean of the first: each fit has its own constant for it.
         offset = np.mean(values - np.interp(time_s, first_s, first))
         curves.append(envelope(time_s, values - offset, _OVERLAY_BINS))
-    title = f"{name}, {unit.replace('2', '²')}"
+    title = f"{name}, {unit_text(unit)}"
     draw = partial(_draw_overlay, title, tuple(labels[: len(curves)]), tuple(curves))
     return Picture(f"overlay_{label}", label, "", HALF_IN, 2.0, draw)
 

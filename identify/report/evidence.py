@@ -43,10 +43,8 @@ Texts = tuple[str, ...]
 _THIN_HZ = 250.0
 """Rate to which decays are thinned for the diagrams."""
 _HEAD_IN, _ROW_IN = 0.25, 0.215
-_DARK = 0.62
-"""Share of the range of colours beyond which the number is written in white."""
-_BOTH_WAYS = (PALETTE[1], "#ffffff", PALETTE[2])
-_ONE_WAY = ("#ffffff", "#7fb8d8", "#00507d")
+_OPAQUE = 0.5
+"""Largest opacity of a cell of a matrix: its number can be read on a light and on a dark page."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,7 +155,7 @@ def snr_picture(result: Identification) -> Picture:
 def _draw_snr(runs: Texts, modes: Texts, decibel: Floats, figure: FigureBase) -> None:
     axes = figure.add_axes((0.19, 0.0, 0.8, 1.0 - 2.0 * _HEAD_IN / height_in(figure)))
     top = max(float(np.nanmax(decibel, initial=SNR_LIMIT_DB)), 2.0 * SNR_LIMIT_DB)
-    _heat(axes, decibel, _ONE_WAY, (0.0, top), lambda v: f"{v:z.0f}")
+    _heat(axes, decibel, top, lambda v: f"{v:z.0f}")
     _label(axes, runs, [name.replace(" wheels ", " wheels\n") for name in modes])
     for i, j in np.argwhere(decibel < SNR_LIMIT_DB):
         axes.plot([j - 0.42], [i], "v", ms=3.0, color=PALETTE[2])
@@ -190,31 +188,27 @@ def correlation_picture(result: Identification) -> Picture:
 def _draw_correlation(names: Texts, matrix: Floats, figure: FigureBase) -> None:
     axes = figure.add_axes((0.07, 0.0, 0.92, 1.0 - _HEAD_IN / height_in(figure)))
     values = np.where(np.eye(len(names), dtype=bool), np.nan, matrix)
-    _heat(axes, values, _BOTH_WAYS, (-1.0, 1.0), lambda r: f"{r:+.2f}".replace("0.", "."))
+    _heat(axes, values, 1.0, lambda r: f"{r:+.2f}".replace("0.", "."))
     _label(axes, names, names)
 
 
-def _heat(
-    axes: Axes,
-    values: Floats,
-    colours: Sequence[str],
-    limits: tuple[float, float],
-    text: Callable[[float], str],
-) -> None:
-    """Colour the cells of a matrix and write its numbers into them."""
-    from matplotlib.colors import LinearSegmentedColormap
+def _heat(axes: Axes, values: Floats, largest: float, text: Callable[[float], str]) -> None:
+    """Write the numbers of a matrix, each on a cell whose opacity is its share of `largest`.
 
-    low, high = limits
-    between = LinearSegmentedColormap.from_list("colours", colours)
+    Values above zero are blue, below zero orange.
+    """
+    from matplotlib.colors import to_rgba
+    from matplotlib.patches import Rectangle
+
     n, m = values.shape
-    axes.pcolormesh(
-        np.arange(m + 1) - 0.5, np.arange(n + 1) - 0.5, np.ma.masked_invalid(values), cmap=between,
-        vmin=low, vmax=high, edgecolors="white", linewidth=0.8,
-    )  # fmt: skip
     for i, j in np.argwhere(np.isfinite(values)):
         value = float(values[i, j])
-        colour = "white" if abs(value) / max(abs(low), abs(high)) > _DARK else INK
-        axes.text(j, i, text(value), ha="center", va="center", fontsize=7.0, color=colour)
+        hue = PALETTE[1] if value > 0.0 else PALETTE[2]
+        opacity = round(_OPAQUE * min(abs(value) / largest, 1.0), 2)
+        corner = (j - 0.485, i - 0.485)
+        axes.add_patch(Rectangle(corner, 0.97, 0.97, fc=to_rgba(hue, opacity), ec="none"))
+        axes.text(j, i, text(value), ha="center", va="center", fontsize=7.0, color=INK)
+    axes.set_xlim(-0.5, m - 0.5)
     axes.set_ylim(n - 0.5, -0.5)
 
 

@@ -104,7 +104,7 @@ def lines_height_in(rows: int, legend: int) -> float:
 def line_axes(figure: FigureBase, n: int, left: Sequence[float]) -> list[Axes]:
     """Return axes side by side with n lines of text in each, without a layout engine."""
     height = height_in(figure)
-    ends = (*[start - 0.05 for start in left[1:]], 0.985)
+    ends = (*[start - 0.05 for start in left[1:]], 0.97)  # half of the last tick's label beyond
     axes = []
     for start, end in zip(left, ends, strict=True):
         top = 1.0 - _HEAD_IN / height

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.vehicle import VehicleGeometry
+from dbc.finding import Finding
 
 from ..result import Identification
 
@@ -149,8 +150,12 @@ class Report:
     """The identification; its document goes into the page."""
     highlights: tuple[tuple[str, str], ...]
     """The numbers that are asked for first, by their names."""
-    values: tuple[tuple[str, str, str], ...]
-    """Every parameter in words, with half of its interval, and its unit: the first table."""
+    support: str
+    """How well the data and the runs support the numbers, in one line."""
+    values: tuple[tuple[str, str], ...]
+    """Every parameter in words, and its value with half of its interval and its unit."""
+    findings: tuple[Finding, ...]
+    """Findings of the identification, the worst first, then those on the sensors."""
     sections: tuple[Section, ...]
     """In order."""
 

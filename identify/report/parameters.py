@@ -158,7 +158,7 @@ def _draw_intervals(
         text = half_width_percent(100.0, 100.0 - half, 100.0 + half)
         text = f" ±{text}" if text else " may be zero"
         left.text(half if half <= LARGEST_PERCENT else 0.0, i, text, va="center", fontsize=7.5)
-    left.set_xlim(*about_zero(shown, 1.9))
+    left.set_xlim(*about_zero(shown, 1.6))
     left.set_xlabel("95 % interval about the estimate, %")
     left.set_title("How well each is known")
     start = np.zeros(n)
@@ -182,10 +182,10 @@ def interval_bars(axes: Axes, half: Floats) -> None:
 
 
 def about_zero(values: Floats, room: float) -> tuple[float, float]:
-    """Return limits of an axis that hold all values, with room on the right."""
+    """Return limits of an axis, alike on both sides of zero, `room` times the largest value."""
     finite = np.abs(values[np.isfinite(values)])
-    reach = float(finite.max(initial=0.0)) or 1.0
-    return -1.1 * reach, room * reach
+    reach = room * (float(finite.max(initial=0.0)) or 1.0)
+    return -reach, reach
 
 
 # Forces of a car that is not linear ---------------------------------------------------------------
@@ -256,6 +256,9 @@ def _draw_dampers(forces: Forces, figure: FigureBase) -> None:
     """Draw one curve for each axle, side by side on the same scale."""
     n = len(forces.axles)
     first = None
+    dampers = [one.damper for one in forces.axles]
+    speeds = np.concatenate([damper.speed_m_s for damper in dampers])
+    forces_n = np.concatenate([np.ravel((*d.band_n, d.force_n, d.total_n)) for d in dampers])
     for i, one in enumerate(forces.axles):
         speed = one.damper.speed_m_s
         left = 0.1 + i * 0.9 / n
@@ -267,6 +270,8 @@ def _draw_dampers(forces: Forces, figure: FigureBase) -> None:
         axes.plot(speed, one.damper.force_n, color=PALETTE[1], lw=1.4, label="damper, 95 % band")
         axes.plot(speed, one.damper.total_n, "--", color=PALETTE[2], lw=1.0, label="with friction")
         axes.set_title(one.axle)
+        axes.set_xlim(*about_zero(speeds, 1.05))
+        axes.set_ylim(*about_zero(forces_n, 1.05))
         axes.set_xlabel("speed, m/s, compression positive")
         if not i:
             axes.set_ylabel("force, N")

@@ -16,7 +16,7 @@ from daq.vehicle import BodyWeight, MassState
 from ..fit.estimation import Estimation
 from ..numbers import number
 from ..result import Identification, software_sha256
-from ..words import HEADLINE, plain
+from ..words import HEADLINE, plain, unit_text
 from .page import Block, Section, Source, Table
 
 _ROUTINE = (BUMP, "run_end")
@@ -231,7 +231,7 @@ def _channel(c: Channel, noise: float | None) -> tuple[str, ...]:
         sigma = f" ± {c.scale_sigma * 100:.2g} %" if c.scale_sigma else ", exact"
         scale = f"{c.sign * c.scale:.4g}{sigma}"
         delay = f"{c.delay_s * 1e3:.2f} ± {c.delay_sigma_s * 1e3:.2f}"
-        unit = c.unit
+        unit = unit_text(c.unit)
     heard = "" if noise is None else number(noise)
     return c.name, plain(c.quantity), place, scale, delay, heard, unit, c.signal
 

@@ -132,7 +132,9 @@ def test_a_comparison_of_three_is_stated_with_its_trends() -> None:
         ["Not compared, not determined in a session: t_f."],
     ):
         assert row in lines, row
-    assert lines[-1][0].endswith("in common are wheelbase_m.")
+    assert " ".join(line[0] for line in lines[-2:]) == (
+        "Errors of the sessions are taken as independent; 1 facts or weights are the same."
+    )
     assert not any(row[0].startswith(("Forces", "Modes", "mode")) for row in lines)
 
 

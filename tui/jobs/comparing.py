@@ -12,7 +12,7 @@ from daq import read_session
 from identify import Identification, identify_parameters
 from identify.compare import Compared, Comparison
 from identify.numbers import plus_minus, plus_minus_percent
-from identify.report.comparison import unchanged_line
+from identify.report.comparison import headline_of, unchanged_line
 from identify.words import NOT_OK, unit_text, value_text
 
 from ..output import Stage
@@ -56,7 +56,7 @@ def comparison_lines(comparison: Comparison) -> Iterator[str]:
     if comparison.unlike:
         yield from wrap(f"Stated differently (is it one car?): {'; '.join(comparison.unlike)}.", 79)
         yield ""
-    yield from wrap(_headline(comparison), 79)
+    yield from wrap(headline_of(comparison), 79)
     if comparison.change is not None:
         yield from wrap(unchanged_line(comparison.change), 79)
     for number in range(2, len(comparison.labels) + 1):
@@ -65,25 +65,8 @@ def comparison_lines(comparison: Comparison) -> Iterator[str]:
     yield ""
     if comparison.open:
         yield f"Not compared, not determined in a session: {', '.join(comparison.open)}."
-    common = f"; in common are {', '.join(comparison.common)}" if comparison.common else ""
-    yield f"Errors of the sessions are taken as independent{common}."
-
-
-def _headline(comparison: Comparison) -> str:
-    """Return what the joint fit and the quantities by themselves show, as one message."""
-    change, rows = comparison.change, comparison.quantities
-    names = ", ".join(
-        row.name
-        for row in rows
-        if (row.trend and row.trend.words) or any(d.significant for d in row.differences)
-    )
-    unchanged = change is not None and change.outcome == "nothing" and not change.apart
-    if unchanged and not names:
-        return f"Nothing differs beyond chance: neither by the joint fit, nor any of {len(rows)}."
-    each = f"Each by itself, none of {len(rows)} quantities differs beyond chance."
-    if names:
-        each = f"Each by itself, at 95 % among all {len(rows)} quantities, these differ: {names}."
-    return f"{change.sentence} {each}" if change is not None else each
+    alike = f"; {len(comparison.common)} facts or weights are the same" if comparison.common else ""
+    yield from wrap(f"Errors of the sessions are taken as independent{alike}.", 79)
 
 
 def _differences(comparison: Comparison, number: int) -> Iterator[str]:

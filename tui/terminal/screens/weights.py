@@ -196,7 +196,7 @@ def effect_line(load: Loading) -> str:
     """Return the effect of the weights on the car as text."""
     return (
         f"body {load.body_kg:+.4g}, hubs {load.hub_kg:+.4g} kg, CG {load.x_shift_m * 1e3:+.0f}"
-        f" {load.y_shift_m * 1e3:+.0f} mm, Ixx {load.I_xx:+.0f} Iyy {load.I_yy:+.0f} kg m2"
+        f" {load.y_shift_m * 1e3:+.0f} mm, Ixx {load.I_xx:+.0f} Iyy {load.I_yy:+.0f} kg m²"
     )
 
 
