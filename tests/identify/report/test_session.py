@@ -49,7 +49,7 @@ CHANNELS = (
             sign=-1.0, gain=1.02, gain_sigma=0.005,
             delay_s=0.0025, delay_sigma_s=0.0005, serial_number="SN1", calibrated="2026-01-02"),
     Channel("cg", Quantity.BODY_DISPLACEMENT, "m", "Imu.z", at_cg=True),
-    Channel("hub", Quantity.HUB_ACCELERATION, "m/s²", "Hub.a", corner=Corner.REAR_LEFT),
+    Channel("hub", Quantity.HUB_ACCELERATION, "m/s2", "Hub.a", corner=Corner.REAR_LEFT),
     Channel("spare", Quantity.UNUSED, "", "Hub.b"),
 )  # fmt: skip
 
@@ -302,7 +302,7 @@ def test_a_certificate_says_the_verdict_in_words(
 def test_a_certificate_lists_the_sensors_that_measured() -> None:
     channels = (
         Channel(
-            "hub", Quantity.HUB_ACCELERATION, "m/s²", "Hub.a", Corner.REAR_LEFT, serial_number="SN1"
+            "hub", Quantity.HUB_ACCELERATION, "m/s2", "Hub.a", Corner.REAR_LEFT, serial_number="SN1"
         ),
         Channel("spare", Quantity.UNUSED, "", "Hub.b"),
         Channel("z_s", Quantity.BODY_ACCELERATION, "m/s2", "Imu.z", calibrated="2026-01-02"),
