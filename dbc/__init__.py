@@ -1,7 +1,7 @@
 """CAN frames and their meaning: databases, decoding, encoding, units."""
 
 from .codec import UNUSABLE, Codec, DecodeCounts, Decoded, Quality, Samples
-from .database import load_codec, parse_codec, read_dbc, shipped_dbc, split_by_bus
+from .database import load_codec, parse_codec, read_dbc, shipped_dbc
 from .errors import BumpbenchError, InputError
 from .finding import Finding, Severity
 from .frames import FrameBatch, FrameFlag
@@ -34,6 +34,5 @@ __all__ = [
     "read_dbc",
     "seconds_text",
     "shipped_dbc",
-    "split_by_bus",
     "to_si",
 ]

@@ -11,7 +11,6 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from html import unescape
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,8 +24,6 @@ if TYPE_CHECKING:
     from cantools.database.can import Message, Signal
 
 MAX_BYTES = 5_000_000
-NETWORK = "#"
-"""Separator between the name of a KCD or ARXML file and of one of its buses."""
 PICK = "give a CAN database: DBC, KCD, SYM or ARXML"
 ROLE = "SignalRole"
 """Attribute of a DBC's signal that is a counter or a checksum."""
@@ -34,11 +31,6 @@ ROLE = "SignalRole"
 _ROOT = re.compile(r"\A\s*<.{0,4000}?<?(?:\w+:)?(NetworkDefinition|AUTOSAR|CANDELA)\b", re.DOTALL)
 _KINDS = {"NetworkDefinition": "kcd", "AUTOSAR": "arxml", "CANDELA": "cdd"}
 _SYM = re.compile(r"\s*(?://[^\n]*\n\s*)*FormatVersion\s*=")
-_NETWORKS = {
-    "kcd": r'<(?:\w+:)?Bus\b[^>]*?\bname="([^"]*)"[^>]*?(?:/>|>.*?</(?:\w+:)?Bus>)',
-    "arxml": r"<CAN-CLUSTER\b.*?<SHORT-NAME>\s*(.*?)\s*</SHORT-NAME>.*?</CAN-CLUSTER>",
-}
-"""Element of one bus, by kind of database."""
 _HUGE = re.compile(
     r"""\b(?:length|offset|count)\s*=\s*["']?\d{5}|\bLen\s*=\s*\d{5}|<!ENTITY"""
     r"|\b(?:unsigned|signed|float|double|bit|char|string|raw)\s+\d{5}|(?:LENGTH|POSITION)>\s*(?:0x)?[\da-f]{7}",
@@ -59,17 +51,9 @@ def shipped_dbc() -> str:
 def read_dbc(path: str | Path) -> str:
     """Return the text of a database of at most 5 MB, read as UTF-8 or else as Windows-1252.
 
-    ``car.kcd#Powertrain`` is one bus of a KCD or ARXML: the text without the other buses.  Raises
-    InputError if the file cannot be read, is too large or is UTF-16, or has no such bus.
+    Raises InputError if the file cannot be read, is too large or is UTF-16.
     """
     path = Path(path)
-    file, mark, network = str(path).rpartition(NETWORK)
-    if mark and not path.exists() and Path(file).is_file():
-        buses = split_by_bus(read_dbc(file), file)
-        if network not in buses:
-            advice = f"name one of {', '.join(buses)}" if buses else "name the file alone"
-            raise InputError(file, f"has no bus {network}", advice)
-        return buses[network]
     if path.exists() and not path.is_file():  # a directory; or a device, which may never end
         raise InputError(str(path), "not a file", PICK)
     try:
@@ -85,20 +69,6 @@ def read_dbc(path: str | Path) -> str:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError:
         return content.decode("cp1252", errors="replace")
-
-
-def split_by_bus(text: str, name: str) -> dict[str, str]:
-    """Return the text of each bus of a KCD or ARXML, by name; empty for other formats."""
-    pattern = _NETWORKS.get(_kind(text, name))
-    buses = list(re.finditer(pattern, text, re.DOTALL)) if pattern else []
-    parts = {}
-    for network in dict.fromkeys(bus[1] for bus in buses):
-        part = text
-        for bus in reversed(buses):
-            if bus[1] != network:
-                part = part[: bus.start()] + part[bus.end() :]
-        parts[unescape(network)] = part
-    return parts
 
 
 def load_codec(path: str | Path) -> Codec:
@@ -124,7 +94,6 @@ def parse_codec(text: str, name: str) -> Codec:
     kind = _kind(text, name)
     source = RepairedText("" if kind else text, name)
     layouts: list[MessageLayout] = []
-    buses: dict[MessageLayout, str] = {}
     meanings = set()
     for message in _read_other(text, name, kind) if kind else _read_dbc(source):
         can_id = message.frame_id | EXTENDED * message.is_extended_frame
@@ -139,7 +108,6 @@ def parse_codec(text: str, name: str) -> Codec:
         meaning = replace(layout, senders=(), cycle_s=None)
         if not kind or meaning not in meanings:
             layouts.append(layout)
-            buses[layout] = message.bus_name or ""
         meanings.add(meaning)
     identifiers = Counter((layout.can_id, layout.is_extended) for layout in layouts)
     named = Counter(
@@ -150,10 +118,7 @@ def parse_codec(text: str, name: str) -> Codec:
         unique, subject = layout.name, f"message {layout.name}"
         line = source.line(layout.can_id | EXTENDED * layout.is_extended)
         if identifiers[layout.can_id, layout.is_extended] > 1:
-            what, bus = f"has the identifier 0x{layout.can_id:X} of another", buses[layout]
-            if len(set(buses.values())) > 1:
-                what += f" (if it is of the bus {bus}, name {name}{NETWORK}{bus})"
-            source.lose(line, subject, what)
+            source.lose(line, subject, f"has the identifier 0x{layout.can_id:X} of another")
             continue
         if named[layout.name] > 1:
             unique += f"_0x{layout.can_id:X}"
@@ -177,7 +142,7 @@ def _kind(text: str, name: str) -> str:
         return _KINDS[root[1]]
     if _SYM.match(text[:4096]):
         return "sym"
-    suffix = Path(name.partition(NETWORK)[0]).suffix.lower()[1:]
+    suffix = Path(name).suffix.lower()[1:]
     return suffix if suffix in ("kcd", "sym", "arxml") else ""
 
 

@@ -13,11 +13,11 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from importlib.resources import files
-from pathlib import Path, PurePath
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from dbc import Codec, parse_codec, read_dbc, shipped_dbc, split_by_bus
+from dbc import Codec, parse_codec, read_dbc, shipped_dbc
 from dbc.finding import Finding, Severity
 from dbc.layout import MessageLayout
 
@@ -116,8 +116,6 @@ def completed(document: Mapping[str, Any], shipped: str) -> dict[str, Any]:
 # The databases of a bench -------------------------------------------------------------------------
 
 
-_BUS_MARK = "#"
-"""Separator between the name of a file and of one of its buses, as in `dbc.read_dbc`."""
 _KEY = "bumpbench_databases"
 
 
@@ -178,23 +176,6 @@ def stored_databases(text: str) -> tuple[Database, ...]:
     except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
         what = "the list of databases is damaged"
         raise InputError("bench", what, "name the databases with --config") from error
-
-
-def each_bus(database: Database) -> tuple[Database, ...]:
-    """Return a database of several buses as one for each, called ``FILE#BUS``; others unchanged.
-
-    The text of each is the part for its bus.
-    """
-    parts = split_by_bus(database.text, database.name)
-    if len(parts) < 2:
-        return (database,)
-    return tuple(Database(f"{database.name}{_BUS_MARK}{bus}", text) for bus, text in parts.items())
-
-
-def file_and_bus(name: str) -> tuple[str, str]:
-    """Return the file and the bus in the name of a database; the bus is empty if none is named."""
-    file, _, bus = name.rpartition(_BUS_MARK)
-    return (file, bus) if PurePath(file).suffix else (name, "")
 
 
 @lru_cache(maxsize=32)

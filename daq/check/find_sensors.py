@@ -16,9 +16,9 @@ from typing import NamedTuple
 from dbc import Codec
 from dbc.frames import FrameBatch
 from dbc.layout import MessageLayout
-from dbc.words import counted, plural
+from dbc.words import plural
 
-from ..bench.sensors import Database, Sensor, database_codec, file_and_bus
+from ..bench.sensors import Database, Sensor, database_codec
 from .frame_checks import Arrivals, frame_table
 from .guess import Asked, Question, plain_name
 
@@ -55,31 +55,22 @@ def find_sensors(
 ) -> tuple[list[FoundSensor], tuple[str, ...]]:
     """Return the sensors, and the names of the databases without any traffic.
 
-    `frames`: None if there was no traffic.  Each database is then one sensor on the first bus, or
-    each bus of a file is a sensor on a separate bus.  Raises InputError if a database cannot be
-    used.
+    `frames`: None if there was no traffic: each database is then one sensor on the first bus.
+    Raises InputError if a database cannot be used.
     """
     codecs = {each.name: database_codec(each.text, each.name) for each in databases}
     if frames is None:
-        names = list(codecs)
-        assumed: list[tuple[Sensor, str, bool]] = []
-        for i, name in enumerate(names):
-            bus = sum(_one_file(name, other) for other in names[:i])
-            why = f"no traffic: on {'a separate' if bus else 'the first'} bus"
-            assumed.append((Sensor("", name, bus), why, True))
-        return _named(assumed), ()
+        why = "no traffic: on the first bus"
+        return _named([(Sensor("", name), why, True) for name in codecs]), ()
     traffic = {(a.buses[0], a.can_id, a.is_extended): a for a in frame_table((), frames).unknown}
-    by_bus = _by_bus(codecs, traffic)
-    claimed: set[Key] = set().union(*by_bus.values())
+    claimed: set[Key] = set()
     present: list[tuple[Sensor, str, bool]] = []
-    for (name, bus), keys in by_bus.items():
-        surely = not any(b == bus and _one_file(n, name) for n, b in by_bus)
-        why = f"{len(keys)} of its messages {plural(len(keys), 'comes', 'come')} there"
-        if not surely:
-            many = "messages of another one also come"
-            also = counted(len(keys), "message of another one also comes", many)
-            why = f"is it this bus of the file? {also}"
-        present.append((Sensor("", name, bus), why, surely))
+    for name, codec in codecs.items():
+        for bus in sorted({key[0] for key in traffic}):
+            if keys := _received(codec, traffic, bus):
+                claimed |= keys
+                why = f"{len(keys)} of its messages {plural(len(keys), 'comes', 'come')} there"
+                present.append((Sensor("", name, bus), why, True))
     for name, codec in codecs.items():
         for bus, offset in _offsets(codec.messages, traffic, claimed):
             keys = _received(codec, traffic, bus, offset)
@@ -96,38 +87,6 @@ def _received(codec: Codec, traffic: Mapping[Key, Arrivals], bus: int, offset: i
     """Return the received messages of a database on a bus, with an offset of their identifiers."""
     keys = {(bus, m.can_id + offset, m.is_extended) for m in codec.messages}
     return keys & traffic.keys()
-
-
-def _by_bus(
-    codecs: Mapping[str, Codec], traffic: Mapping[Key, Arrivals]
-) -> dict[tuple[str, int], set[Key]]:
-    """Return the received messages of each database on each bus, without empty entries.
-
-    A bus of the bench is one bus of a file: the one with the most traffic.  Equally likely buses
-    are kept.
-    """
-    buses = sorted({key[0] for key in traffic})
-    received = {
-        (n, bus): _received(codec, traffic, bus) for n, codec in codecs.items() for bus in buses
-    }
-    received = {key: keys for key, keys in received.items() if keys}
-    kept: dict[tuple[str, int], set[Key]] = {}
-    for (name, bus), keys in sorted(received.items(), key=lambda item: -len(item[1])):
-        of_file = any(_one_file(name, other) for other in codecs)
-        rivals = [
-            len(other)
-            for (n, b), other in kept.items()
-            if (n == name and of_file) or (b == bus and _one_file(n, name))
-        ]
-        if all(size == len(keys) for size in rivals):
-            kept[name, bus] = keys
-    return {key: kept[key] for key in received if key in kept}
-
-
-def _one_file(name: str, other: str) -> bool:
-    """Return True if the two names are two buses of one file."""
-    (file, bus), (other_file, other_bus) = file_and_bus(name), file_and_bus(other)
-    return bool(bus and other_bus) and file == other_file and bus != other_bus
 
 
 def _offsets(
@@ -175,5 +134,5 @@ def _named(present: Sequence[tuple[Sensor, str, bool]]) -> list[FoundSensor]:
 
 
 def _stem(database: str) -> str:
-    file, bus = file_and_bus(database.removeprefix("layout:"))
-    return plain_name((bus or PurePath(file).stem).lower(), "sensor")[:_NAME_LENGTH]
+    file = PurePath(database.removeprefix("layout:"))
+    return plain_name(file.stem.lower(), "sensor")[:_NAME_LENGTH]

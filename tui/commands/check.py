@@ -255,11 +255,10 @@ def _databases(
     import os
 
     from daq import InputError
-    from daq.bench.sensors import Database, each_bus, ready_map
+    from daq.bench.sensors import Database, ready_map
     from dbc import read_dbc
 
-    files = [Database(os.path.relpath(dbc, target.parent), read_dbc(dbc)) for dbc in dbcs]
-    named = [each for file in files for each in each_bus(file)]
+    named = [Database(os.path.relpath(dbc, target.parent), read_dbc(dbc)) for dbc in dbcs]
     named += [Database(f"layout:{name}", ready_map(name).dbc_text) for name in layouts]
     if named:
         return list(dict.fromkeys(named))  # a database that is named twice is one

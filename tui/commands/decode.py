@@ -185,7 +185,7 @@ def _databases(paths: Sequence[Path]) -> Codec:
     has the identifier of one in another database.
     """
     from daq import InputError
-    from daq.bench.sensors import Database, Sensor, file_and_bus, sensors_codec
+    from daq.bench.sensors import Database, Sensor, sensors_codec
     from dbc import load_codec, parse_codec, read_dbc, shipped_dbc
 
     from ..diagnostics import say
@@ -200,8 +200,7 @@ def _databases(paths: Sequence[Path]) -> Codec:
     if len(files) == 1:
         return load_codec(paths[0])
     databases = [Database(str(path), text) for text, path in files.items()]
-    parts = [file_and_bus(str(path)) for path in files.values()]
-    stems = [(bus or Path(file).stem).replace(".", "_") for file, bus in parts]
+    stems = [path.stem.replace(".", "_") for path in files.values()]
     names = [  # two folders may have files of the same name
         f"{stem}_{number}" if stems.count(stem) > 1 else stem
         for number, stem in enumerate(stems, start=1)

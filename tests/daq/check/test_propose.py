@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from daq.bench.config import Bench, bench_codec, parse_bench
-from daq.bench.sensors import Database, each_bus, stored_text
+from daq.bench.sensors import Database, stored_text
 from daq.channels import Quantity
 from daq.check.find_sensors import find_sensors
 from daq.check.frame_checks import Arrivals
@@ -23,8 +23,6 @@ from dbc import FrameBatch, parse_codec
 from dbc.codec import DecodeCounts, Decoded, Samples
 from dbc.layout import CRC_RULES, MessageLayout
 
-from ...dbc.databases import FRONT, REAR, kcd
-from ...dbc.databases import kcd_message as message
 from ..sensor_bench import START_NS, Row, frame_batch
 from ..wild_bench import POT
 from .test_frame_limits import sent
@@ -303,54 +301,3 @@ def test_an_identifier_near_by_with_like_frames_is_a_further_device(
     sensors, absent = find_sensors((pot(cycle),), frames)
     assert [(s.sensor.id_offset, s.surely) for s in sensors] == [(can_id - 385, False)] * found
     assert absent == () if found else ("pot.dbc",)
-
-
-CAR = kcd(FRONT, REAR.replace("</Bus>", message("Far", 1.0, 0x300) + "</Bus>"))
-NETWORKS = each_bus(Database("car.kcd", CAR))
-
-
-def traffic(*sent: tuple[int, int]) -> FrameBatch:
-    """Return 20 frames of each bus and identifier, 10 ms apart, with a count as payload."""
-    n = 20 * len(sent)
-    number: np.ndarray = np.arange(n)
-    data = np.zeros((n, 8), np.uint8)
-    data[:, 0] = number // len(sent)
-    bus, can_id = (np.array(column)[number % len(sent)] for column in zip(*sent, strict=True))
-    length = np.full(n, 8, np.uint8)
-    stamps = number * 10_000_000 // len(sent)
-    flags = np.zeros(n, np.uint16)
-    return FrameBatch(stamps, can_id.astype(np.uint32), flags, bus.astype(np.uint8), length, data)
-
-
-def test_each_bus_of_a_file_is_a_database() -> None:
-    assert [each.name for each in NETWORKS] == ["car.kcd#Front & é", "car.kcd#Rear"]
-    plain = Database("one.kcd", kcd(REAR))
-    assert each_bus(plain) == (plain,)
-
-
-@pytest.mark.parametrize(
-    ("sent", "expected", "absent"),
-    [
-        (
-            ((0, 0x123), (0, 0x300), (1, 0x123), (1, 0x200)),
-            {("front", 1, True), ("rear", 0, True)},
-            (),
-        ),
-        (((0, 0x123), (0, 0x200)), {("front", 0, True)}, ("car.kcd#Rear",)),
-        (
-            ((0, 0x123), (1, 0x123), (1, 0x200)),  # what the one is not, the other is
-            {("front", 1, True), ("rear", 0, True)},
-            (),
-        ),
-        (((1, 0x123),), {("front", 1, False), ("rear", 1, False)}, ()),  # may be either
-        ((), {("front", 0, True), ("rear", 1, True)}, ()),
-    ],
-)
-def test_the_bus_of_a_file_is_where_most_of_its_messages_come(
-    sent: tuple[tuple[int, int], ...],
-    expected: set[tuple[str, int, bool]],
-    absent: tuple[str, ...],
-) -> None:
-    found, missing = find_sensors(NETWORKS, traffic(*sent) if sent else None)
-    named = {(f.sensor.name.partition("_")[0], f.sensor.bus, f.surely) for f in found}
-    assert (named, missing) == (expected, absent)
