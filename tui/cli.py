@@ -16,19 +16,15 @@ from typer.core import TyperGroup
 
 from .commands.batch import batch
 from .commands.check import check
-from .commands.compare import compare
 from .commands.decode import decode
 from .commands.demo import demo, notebook
-from .commands.export import export
-from .commands.identify import identify
+from .commands.identify import compare, identify
+from .commands.identify import report as write_report
 from .commands.import_ import import_
 from .commands.plan import plan
 from .commands.record import display, record, recover, status
-from .commands.redecode import redecode
-from .commands.replay import replay
-from .commands.report import report as write_report
-from .commands.session_files import inspect, validate
-from .commands.simulate import simulate
+from .commands.session_files import export, inspect, redecode, validate
+from .commands.simulate import replay, simulate
 from .commands.study import study
 from .commands.tui import tui
 from .diagnostics import ExitCode, say

@@ -76,6 +76,28 @@ def require_ending(path: Path, noun: str, endings: Collection[str]) -> None:
         raise InputError(str(path), f"is not a known form of {noun}", advice)
 
 
+def is_asked() -> bool:
+    """Return whether questions can be asked: stdin and stderr are terminals."""
+    return sys.stdin.isatty() and sys.stderr.isatty()
+
+
+def require_place(path: Path, force: bool) -> None:
+    """Raise InputError if the folder of a file to write is absent, or the person keeps the file.
+
+    `force`: replace without a question.  Without a terminal nothing is asked: the file is drawn
+    anew, as a script expects.
+    """
+    from dbc import InputError
+
+    if not path.parent.is_dir():
+        raise InputError(str(path.parent), "there is no such folder", "make it, or name another")
+    if path.is_file() and not force and is_asked():
+        sys.stderr.write(f"bumpbench: {path} exists already: replace it? [y/N] ")
+        sys.stderr.flush()
+        if sys.stdin.readline().strip().lower() not in ("y", "yes"):
+            raise InputError(str(path), "stays as it was", "name another file, or use --force")
+
+
 def _nearest(given: str, choices: Sequence[str]) -> str:
     """Return the choice that looks most like a word; empty if none does."""
     from difflib import get_close_matches

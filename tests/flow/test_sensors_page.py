@@ -36,7 +36,7 @@ from daq.session.build import build_session
 from daq.sim.bench import Fault
 from daq.sim.car import SimulatedCar
 from dbc import FrameBatch
-from tui.proposal_questions import completed
+from tui.proposal import completed
 
 from ..daq.sim.bench_campaign import record
 from ..daq.wild_bench import DATABASES, NODES, rest_and_pushes, wild_bench

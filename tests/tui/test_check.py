@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import gzip
 import json
+import os
 import sys
 from pathlib import Path
 from typing import Any
@@ -128,7 +130,7 @@ def test_a_live_bus(
     rest: FrameBatch, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     source = _Replay(rest)
-    monkeypatch.setattr("daq.bus.interfaces.open_source", lambda bus, number: source)
+    monkeypatch.setattr("tui.proposal.open_source", lambda bus, number: source)
     assert run(["check", "--interface", "socketcan", "--channel", "can0", "--seconds", "0.1"]) == 0
     assert "OK   channel travel_rr" in capsys.readouterr().out
     assert source.closed
@@ -148,7 +150,7 @@ def test_a_proposal_does_not_go_on_without_a_frame(
         opened.append(bus)
         return sources[bus.channel]
 
-    monkeypatch.setattr("daq.bus.interfaces.open_source", open_source)
+    monkeypatch.setattr("tui.proposal.open_source", open_source)
     target = tmp_path / "bench.toml"
     words = ["check", "--propose", str(target), "--interface", "socketcan", "--seconds", "0.1"]
     words += ["--channel", "can0,can1"]
@@ -211,6 +213,20 @@ def test_a_proposal_from_a_dbc_alone(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert run(["check", "--propose", str(target), "--dbc", str(dbc)]) == 0
     assert capsys.readouterr().out == ""
     assert load_bench(target).dbc_name == "car.dbc"
+
+
+def test_a_proposal_that_the_disk_refuses_leaves_no_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """An empty file would be in the way of the next attempt, because --force would be needed."""
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("daq.files.os.fsync", full)
+    assert run(["check", "--propose", str(tmp_path / "bench.toml")]) == 2
+    assert "No space left" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_at_a_terminal_a_proposal_asks(
@@ -415,7 +431,7 @@ def test_a_person_is_asked_to_push_each_corner_in_turn(
         opened.append(Once(frames, clock))
         return opened[-1]
 
-    monkeypatch.setattr("daq.bus.interfaces.open_source", open_source)
+    monkeypatch.setattr("tui.proposal.open_source", open_source)
     monkeypatch.setattr("time.monotonic", lambda: clock[0])
     bus = ["--interface", "socketcan", "--channel", "can0", "--seconds", "0.25", "--push", "12"]
     run(["check", "--propose", str(tmp_path / "new.toml"), *bus])

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import time
+from collections.abc import Iterator
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -255,6 +257,35 @@ def test_a_pushed_car_goes_on_until_it_is_interrupted(
     monkeypatch.setattr("daq.bus.interfaces.open_bus", lambda _: Wire(wire, True))
     assert said(capsys, *words, code=130) == ("", "")
     assert wire == []
+
+
+def test_a_pushed_car_says_when_it_is_pushed_and_that_it_goes_on(
+    stages: Stages, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Four corners take 11.2 s: a push, and a pause after each."""
+    clock = [100.0]
+
+    def play(frames: Iterator[object], *_: object) -> Iterator[int]:
+        assert next(iter(frames))
+        for passed_s in (0.0, 9.4, 10.0, 10.0 + 5.6, 10.0 + 11.2, 99.0):
+            clock[0] = 100.0 + passed_s
+            yield 1
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("time.monotonic", lambda: clock[0])
+    monkeypatch.setattr("daq.replay.play", play)
+    monkeypatch.setattr("daq.bus.interfaces.open_bus", lambda _: nullcontext())
+    bus = ["--interface", "udp_multicast", "--channel", "239.74.163.99"]
+    assert run(["simulate", *bus, "--push", "10"]) == 130
+    shown = [(round(share, 6), text) for share, text in stages["simulate"]]
+    assert shown == [
+        (0.0, "at rest, pushed in 10 s"),
+        (0.0, "at rest, pushed in 1 s"),
+        (0.0, "pushed at each corner"),
+        (0.5, "pushed at each corner"),
+        (1.0, "at rest: Ctrl-C ends it"),
+        (1.0, "at rest: Ctrl-C ends it"),
+    ]
 
 
 def test_a_batch_counts_names_and_ends_with_1(

@@ -13,7 +13,7 @@ import pytest
 import daq
 from dbc import InputError
 from identify import identify_parameters
-from tui import proposal_questions
+from tui import diagnostics
 from tui.cli import run
 from tui.jobs.comparing import identified
 
@@ -85,15 +85,15 @@ def test_a_page_that_is_there_is_replaced_after_a_question(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     (page := tmp_path / "r.html").write_text("signed")
-    monkeypatch.setattr(proposal_questions, "is_asked", lambda: True)
+    monkeypatch.setattr(diagnostics, "is_asked", lambda: True)
     monkeypatch.setattr("sys.stdin", io.StringIO(answer))
     if replaced:
-        proposal_questions.require_place(page, force=False)
+        diagnostics.require_place(page, force=False)
     else:
         with pytest.raises(InputError, match="stays as it was"):
-            proposal_questions.require_place(page, force=False)
+            diagnostics.require_place(page, force=False)
     assert "r.html exists already: replace it?" in capsys.readouterr().err
-    proposal_questions.require_place(page, force=True)
+    diagnostics.require_place(page, force=True)
     assert capsys.readouterr().err == ""
 
 

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import csv
-import errno
 import io
 import json
-import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -14,7 +12,7 @@ from pathlib import Path
 import pytest
 from scipy.io import loadmat
 
-from daq import InputError, read_session
+from daq import read_session
 from daq.bench.config import bench_codec, load_bench
 from daq.channels import sensor_of_signal
 from daq.check.guess import Answers
@@ -23,7 +21,8 @@ from daq.sim.car import SimulatedCar
 from daq.sim.ecu import campaign_frames
 from dbc import FrameBatch
 from tui.cli import run
-from tui.proposal_questions import completed, is_asked, write_proposal
+from tui.diagnostics import is_asked
+from tui.proposal import completed
 
 from ..daq.sensor_bench import DATABASES, HUBS, IMU, TEXT, channel
 
@@ -248,21 +247,3 @@ def test_without_a_terminal_nothing_is_asked(
         assert not is_asked()
         assert completed(proposal).text == PROPOSED
     assert capsys.readouterr() == ("", "")
-
-
-def test_a_proposal_that_the_disk_refuses_leaves_no_file(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    """An empty file would be in the way of the next attempt, because --force would be needed."""
-
-    def full(*_: object) -> None:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    target = tmp_path / "bench.toml"
-    with monkeypatch.context() as patch:
-        patch.setattr("daq.files.os.fsync", full)
-        with pytest.raises(InputError, match="No space left"):
-            write_proposal(Proposal("dbc = 'a'\n", ()), target)
-    assert list(tmp_path.iterdir()) == []
-    write_proposal(Proposal("dbc = 'a'\n", ()), target)
-    assert target.read_text() == "dbc = 'a'\n"

@@ -1,14 +1,15 @@
-"""`bumpbench identify`: computes parameters with intervals and a verdict from a session."""
+"""`bumpbench identify`, `report` and `compare`: results of sessions."""
 
 from __future__ import annotations
 
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from ..diagnostics import ExitCode
-from ..options import Force, JsonResult, SessionFile
+from ..diagnostics import PAGES, ExitCode, require_ending, require_place, say
+from ..options import Force, JsonResult, Page, SessionFile
 
 
 def identify(
@@ -27,7 +28,6 @@ def identify(
     import identify as method
     from daq.files import file_sha256, refuse_existing
 
-    from ..diagnostics import require_ending
     from ..model_file import DAMPER_ENDINGS, MODEL_ENDINGS, write_damper_table, write_model
     from ..output import print_json, progress
 
@@ -53,3 +53,117 @@ def identify(
     if model is not None:
         write_model(result, model)
     return ExitCode.ANSWER_IS_NO if result.quality.verdict == "refused" else ExitCode.OK
+
+
+class FigureFormat(StrEnum):
+    """Formats of single figures."""
+
+    SVG = "svg"
+    PNG = "png"
+
+
+def report(
+    session: SessionFile,
+    page: Page = None,
+    pdf: Annotated[Path | None, typer.Option(help="Also write the report as PDF.")] = None,
+    figures: Annotated[
+        Path | None, typer.Option(help="Also write each figure, into this folder.")
+    ] = None,
+    figure_format: Annotated[
+        FigureFormat | None,
+        typer.Option("--format", help="Format of the figures of --figures; default: svg."),
+    ] = None,
+    operator: Annotated[
+        str, typer.Option(help="Name of the person who measured, for the certificate.")
+    ] = "",
+    approver: Annotated[
+        str, typer.Option(help="Name of the person responsible for the result.")
+    ] = "",
+    force: Force = False,
+    json: Annotated[bool, typer.Option("--json", help="Print files and verdict as JSON.")] = False,
+) -> int:
+    """Identify a session and write its report as one HTML page.
+
+    The page is next to the session, with its name, unless --page is given.
+    """
+    from dbc import InputError
+    from identify import Verdict
+    from identify.words import SEVERITY
+
+    from ..jobs.reporting import write_figures, write_report
+    from ..output import print_json, print_line, progress
+
+    written: list[str] = []
+
+    def wrote(path: Path) -> None:
+        written.append(str(path))
+        if not json:
+            print_line(str(path))
+
+    page = page or session.parent / f"{session.stem}.html"
+    for path in (page, pdf):
+        if path is not None:
+            require_place(path, force)
+    if figures is not None and figures.exists() and not figures.is_dir():
+        raise InputError(str(figures), "is not a folder", "name another folder")
+    if figure_format is not None and figures is None:
+        raise InputError("--format", "is for --figures", "name a folder with --figures")
+    with progress("report") as stage:
+        made = write_report(session, page, pdf, stage, wrote, (operator, approver))
+        if figures is not None:
+            stage(0.95, "figures")
+            for path in write_figures(made, figures, figure_format or FigureFormat.SVG):
+                wrote(path)
+    quality = made.result.quality
+    if json:
+        verdict = {"verdict": str(quality.verdict), "reasons": list(quality.reasons)}
+        print_json({"session": str(session), "files": written, **verdict})
+    say(f"verdict: {quality.verdict}")
+    for finding in quality.findings:
+        say(f"{SEVERITY[Verdict.of(finding.severity)]}: {finding.text}")
+    return ExitCode.ANSWER_IS_NO if quality.verdict is Verdict.REFUSED else ExitCode.OK
+
+
+def compare(
+    sessions: Annotated[
+        list[Path],
+        typer.Argument(
+            help="Session files: the one to compare with, then the others in order of time."
+        ),
+    ],
+    json: JsonResult = False,
+    page: Page = None,
+    force: Force = False,
+) -> int:
+    """Compare sessions with the first one: differences with their significance, and trends.
+
+    --page draws them, too.
+    """
+    from daq.files import write_named
+    from identify.compare import compare as compared
+
+    from ..jobs.comparing import comparison_lines, identified, labels_of
+    from ..output import print_json, print_line, progress
+
+    if len(sessions) < 2:
+        raise typer.BadParameter("name two sessions or more")
+    if page is not None:
+        require_ending(page, "page", PAGES)
+        require_place(page, force)
+    with progress("compare") as stage:
+        stage(0.0, f"{len(sessions)} sessions")
+        results = identified([str(path) for path in sessions], stage)
+    labels = labels_of(sessions)
+    comparison = compared(labels, results)
+    if page is not None:
+        from identify.report import comparison_html
+
+        fits = [result.estimation for result in results if result.estimation is not None]
+        write_named(page, comparison_html(comparison, fits).encode())
+    if json:
+        print_json(comparison.document())
+    else:
+        for line in comparison_lines(comparison):
+            print_line(line)
+    refused = "refused" in comparison.verdicts
+    return ExitCode.ANSWER_IS_NO if refused else ExitCode.OK

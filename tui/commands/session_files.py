@@ -1,22 +1,34 @@
-"""`bumpbench inspect` and `validate`: show the contents of a session file, and check it."""
+"""`bumpbench inspect`, `validate`, `export` and `redecode`: what is done with a session file."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..diagnostics import ExitCode, report
-from ..options import SessionFile
+from ..diagnostics import ExitCode, report, say
+from ..options import Buses, Force, JsonSummary, Sensors, SessionFile
 
 if TYPE_CHECKING:
     from daq import BodyWeight, Channel, HubWeight, Session
+    from daq.bench.config import Bench
 
-_TEXTS = ("dbc", "bench_toml", "channel_map")
-"""Provenance entries that hold whole files: their size is shown instead of their text."""
+
+class Format(StrEnum):
+    """Names of the formats, listed here so that --help need not load their writers."""
+
+    MF4 = "mf4"
+    MAT = "mat"
+    UFF = "uff"
+    CSV = "csv"
+    PARQUET = "parquet"
+    BLF = "blf"
+    ASC = "asc"
+    CANDUMP = "log"
 
 
 def inspect(
@@ -32,7 +44,7 @@ def inspect(
     if json:
         print_json(_document(session, loaded))
     else:
-        _print(session, loaded)
+        _print_contents(session, loaded)
 
 
 def validate(
@@ -76,6 +88,157 @@ def validate(
     return code
 
 
+def export(
+    session: SessionFile,
+    form: Annotated[
+        Format | None, typer.Option("--format", help="Format; default: by the suffix of --out.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="File to write; default: next to the session.")
+    ] = None,
+    run: Annotated[list[str] | None, typer.Option(help="Only this run; repeatable.")] = None,
+    sensor: Sensors = None,
+    bus: Buses = None,
+    separator: Annotated[
+        str | None, typer.Option(help="Column separator of CSV; default: comma.")
+    ] = None,
+    decimal: Annotated[
+        str | None, typer.Option(help="Decimal mark of CSV, point or comma; default: point.")
+    ] = None,
+    force: Force = False,
+    json: Annotated[bool, typer.Option("--json", help="Print files and notes as JSON.")] = False,
+) -> int:
+    """Write a session as MF4, MATLAB, UFF, CSV, Parquet, BLF, ASC or candump."""
+    from daq import InputError, read_session
+    from daq.files import refuse_existing
+    from daq.formats.export import CsvStyle, ExportFormat, chosen_runs, export_session, format_of
+
+    from ..output import print_json, print_line
+
+    if form is None and out is None:
+        advice = f"say --format {' | '.join(Format)}, or --out FILE"
+        raise InputError("export", "neither --format nor --out is given", advice)
+    wanted = ExportFormat(form) if form else format_of(out or session)
+    name = f"{session.stem}{wanted.suffix}"
+    target = session.parent / name if out is None else out
+    if target.is_dir():
+        target = target / name
+    refuse_existing(target, replace=True, inputs=[session])  # all files: see `export_session`
+    if (separator or decimal) and wanted is not ExportFormat.CSV:
+        raise InputError("--separator, --decimal", f"{wanted} has neither", "use --format csv")
+    style = CsvStyle(separator or ",", decimal or ".")
+    whole = read_session(session)
+    chosen = _part(chosen_runs(whole, run or []), sensor or [], bus or [])
+    written = export_session(chosen, target, wanted, style=style, force=force)
+    files = [str(path) for path in written.paths]
+    if json:
+        print_json({"session": str(session), "files": files, "notes": list(written.notes)})
+    else:
+        for file in files:
+            print_line(file)
+    for note in written.notes:
+        say(note)
+    return ExitCode.OK
+
+
+def _part(session: Session, sensors: Sequence[str], buses: Sequence[str]) -> Session:
+    """Return the channels and frames of some sensors and buses; of all if these are empty.
+
+    Raises InputError if the session has no such sensor or bus, or neither channel nor frame of
+    them.
+    """
+    from daq import InputError, session_part
+    from daq.bench.config import parse_bench
+    from daq.channels import sensor_of_signal
+
+    from ..bench import bus_numbers
+
+    if not buses:
+        return session_part(session, sensors, ())
+    about = session.provenance
+    bench = parse_bench(about.get("bench_toml", ""), "bench.toml", Path(), about.get("dbc"))
+    numbers = bus_numbers(bench, buses)
+    recorded = {int(number) for run in session.runs for number in set(run.frames.bus.tolist())}
+    if recorded and not numbers & recorded and all(name.isdecimal() for name in buses):
+        advice = f"its frames are of {', '.join(map(str, sorted(recorded)))}"
+        raise InputError(f"--bus {', '.join(buses)}", "has no frame in the session", advice)
+    part = session_part(session, sensors, numbers)
+    if len(bench.buses) == 1 or not bench.sensors:
+        return part
+    of_buses = {sensor.name for sensor in bench.sensors if sensor.bus in numbers}
+    of_buses &= {sensor_of_signal(channel.signal) for channel in part.channels}
+    if not of_buses:
+        reason = f"has no channel of {', '.join(sensors) or 'a sensor'}"
+        raise InputError(f"--bus {', '.join(buses)}", reason, "name another bus or sensor")
+    return session_part(part, of_buses, ())
+
+
+def redecode(
+    session: Annotated[Path, typer.Argument(help="Session file (HDF5); it stays unchanged.")],
+    bench: Annotated[
+        Path | None, typer.Argument(help="The corrected bench.toml; default: that of the session.")
+    ] = None,
+    dbc: Annotated[Path | None, typer.Option(help="The corrected DBC.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Session file to write; default: NAME_redecoded.h5.")
+    ] = None,
+    force: Force = False,
+    json: JsonSummary = False,
+) -> int:
+    """Decode the raw frames of a session again, into a new session."""
+    from daq import InputError, write_session
+    from daq.files import file_sha256, refuse_existing
+    from daq.session import read_changed_session
+    from daq.session.from_frames import redecoded
+
+    from ..output import print_session
+
+    if dbc is None and bench is None:
+        what = "neither a DBC nor a bench.toml is named"
+        raise InputError("redecode", what, "name what was corrected: a bench.toml, or --dbc FILE")
+    target = out or session.parent / f"{session.stem}_redecoded.h5"
+    inputs = [path for path in (session, bench, dbc) if path is not None]
+    refuse_existing(target, replace=force, inputs=inputs)
+    old, changed = read_changed_session(session)
+    if changed and bench is None:
+        what = f"{changed[0]} was changed or damaged after the file was written"
+        raise InputError(str(session), what, "name the right bench.toml after the session")
+    corrected = _corrected(old, str(session), dbc, bench)
+    about = {"redecoded_from_sha256": file_sha256(session)}
+    new = redecoded(old, corrected, str(session), about)
+    write_session(target, new)
+    print_session(target, new, json)
+    lost = any(run.losses.measured for run in new.runs)
+    return ExitCode.DATA_LOST if lost else ExitCode.OK
+
+
+def _corrected(old: Session, where: str, dbc: Path | None, config: Path | None) -> Bench:
+    """Return the bench of the session, with what was corrected."""
+    from dataclasses import replace
+
+    from daq import InputError
+    from daq.bench.config import parse_bench, with_database
+    from dbc import shipped_dbc
+
+    from ..bench import bench_with_dbc
+
+    if config:
+        bench = bench_with_dbc(config, dbc)
+        if dbc is None and bench.dbc_text == shipped_dbc() and "dbc" in old.provenance:
+            # It names no DBC: the DBC of the session was right.
+            return replace(bench, dbc_text=old.provenance["dbc"], dbc_name=f"DBC in {where}")
+        return bench
+    if "bench_toml" not in old.provenance:
+        raise InputError(where, "holds no bench.toml", "name one after the session")
+    assert dbc is not None  # one of the two is named
+    text = old.provenance["bench_toml"]
+    recorded = old.provenance.get("dbc", "")
+    return with_database(parse_bench(text, f"bench.toml in {where}", Path(), recorded), dbc)
+
+
+# What inspect shows -------------------------------------------------------------------------------
+
+
 def _document(path: Path, session: Session) -> dict[str, Any]:
     """Return a session as a JSON document: runs, channels, vehicle, loads, provenance."""
     from ..output import session_document
@@ -98,13 +261,15 @@ def _document(path: Path, session: Session) -> dict[str, Any]:
 
 
 def _provenance(provenance: Mapping[str, str]) -> dict[str, str]:
+    """Return the provenance with the size of each entry that is a whole file, not its text."""
+    files = ("dbc", "bench_toml", "channel_map")
     return {
-        name: f"{len(text.encode('utf-8', 'surrogateescape'))} bytes" if name in _TEXTS else text
+        name: f"{len(text.encode('utf-8', 'surrogateescape'))} bytes" if name in files else text
         for name, text in provenance.items()
     }
 
 
-def _print(path: Path, session: Session) -> None:
+def _print_contents(path: Path, session: Session) -> None:
     """Write a session as tables."""
     from daq.sessions import notes_of, overrides_of
 
@@ -113,7 +278,8 @@ def _print(path: Path, session: Session) -> None:
     print_session(path, session, json=False)
     print_line()
     rows = [
-        [c.name, str(c.quantity), c.unit, _place(c), c.signal, _sensor(c)] for c in session.channels
+        [c.name, str(c.quantity), c.unit, _place(c), c.signal, _sensor_words(c)]
+        for c in session.channels
     ]
     print_table("Channels", ["channel", "quantity", "unit", "place", "signal", "sensor"], rows)
     print_line()
@@ -156,7 +322,7 @@ def _place(channel: Channel) -> str:
     return "body" if channel.quantity != "unused" else ""
 
 
-def _sensor(channel: Channel) -> str:
+def _sensor_words(channel: Channel) -> str:
     """Return the properties that distinguish a sensor from an ideal one, as text."""
     parts = []
     if channel.sign * channel.gain != 1.0:

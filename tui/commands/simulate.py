@@ -1,22 +1,30 @@
-"""`bumpbench simulate`: the simulated car on any bus, bumped for a recorder, or pushed by hand."""
+"""`bumpbench simulate` and `replay`: a simulated car, or recorded frames, on any bus."""
 
 from __future__ import annotations
 
+import math
+import time
+from bisect import bisect_right
 from contextlib import suppress
+from dataclasses import asdict, dataclass
+from itertools import accumulate
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..options import BenchFile, Fast, Interface, InterfaceChannel, Seed
+from ..diagnostics import ExitCode, say
+from ..options import BenchFile, Buses, Fast, Interface, InterfaceChannel, JsonSummary, Seed
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
 
     from daq.bench.config import Bench
     from daq.control.messages import Status
     from daq.sim.car import SimulatedCar
-    from dbc import FrameBatch
+    from dbc import Codec, FrameBatch
+
+    from ..output import Stage
 
 
 def simulate(
@@ -47,30 +55,35 @@ def simulate(
 
     With --recorder the car waits for the recorder of that folder; else it plays each bump once.
     """
-    from dataclasses import asdict
-
     from daq import InputError
+    from daq.bench.config import bench_codec
+    from daq.bus.interfaces import open_buses
+    from daq.replay import play
     from daq.sim.car import SimulatedCar
     from dbc import counted
     from identify.numbers import number
 
     from ..bench import shared_bench
-    from ..output import print_json, print_table
+    from ..output import print_json, print_table, progress
 
     if push is not None and (fast or json or recorder):
         raise InputError("--push", "goes on until Ctrl-C, in real time", "leave out the rest")
     if recorder is not None and fast:
         raise InputError("--recorder", "waits for a recorder, in real time", "leave out --fast")
-    # On a busy host the frames of a bump arrive late, and the rest after it must still be recorded.
-    simulated = SimulatedCar(tail_s=3.5)
     described = shared_bench(bench, interface, channel)
-    if push is not None:
-        _push(described, simulated, seed, push)
-    if recorder is not None:
-        sent = _follow(described, simulated, seed, recorder)
-    else:
-        sent = _campaign(described, simulated, seed, fast)
-    truth = asdict(simulated.parameters)
+    # On a busy host the frames of a bump arrive late, and the rest after it must still be recorded.
+    car = SimulatedCar(tail_s=3.5)
+    with open_buses(described.buses) as (wire, *more), progress("simulate") as stage:
+
+        def played(frames: Iterable[FrameBatch]) -> Iterator[int]:
+            return play(frames, wire, None if fast else 1.0, *more)
+
+        simulated = _Simulated(described, bench_codec(described), car, seed, played, stage)
+        if push is not None:
+            simulated.pushed(push)
+            return
+        sent = simulated.bumped_for(recorder) if recorder is not None else simulated.campaign()
+    truth = asdict(car.parameters)
     if json:
         print_json({"truth": truth, "frames": sent})
     else:
@@ -78,50 +91,110 @@ def simulate(
         print_table(f"Simulated {counted(sent, 'frame')} of this car", ["parameter", "truth"], rows)
 
 
-def _campaign(bench: Bench, car: SimulatedCar, seed: int, fast: bool) -> int:
-    """Play each bump of the campaign once, and return the number of frames."""
-    import time
-    from bisect import bisect_right
-    from itertools import accumulate
-
-    from daq.bench.config import bench_codec
+def replay(
+    source: Annotated[
+        Path,
+        typer.Argument(
+            help="BLF, ASC, TRC, MF4, candump, CSV of python-can, or a journal; or a session."
+        ),
+    ],
+    bench: Annotated[
+        Path | None, typer.Argument(help="bench.toml that names the bus; default: the shipped one.")
+    ] = None,
+    interface: Interface = None,
+    channel: InterfaceChannel = None,
+    bus: Buses = None,
+    speed: Annotated[
+        float, typer.Option(min=0.001, max=1000, help="Speed; 2 is twice real time.")
+    ] = 1.0,
+    fast: Fast = False,
+    json: JsonSummary = False,
+) -> int:
+    """Send recorded frames on a bus, at their own times or faster; error frames are left out."""
+    from daq import read_session
     from daq.bus.interfaces import open_buses
+    from daq.formats.log import read_log
     from daq.replay import play
-    from daq.sim.ecu import campaign_frames
+    from dbc import counted
 
-    from ..output import progress
+    from ..bench import bus_numbers, log_and_bench, shared_bench
+    from ..output import print_json, print_line, progress
 
-    steps = bench.campaign.steps
-    with open_buses(bench.buses) as (bus, *more), progress("simulate") as stage:
+    source, bench = log_and_bench(source, bench)
+    described = shared_bench(bench, interface, channel)
+    numbers = bus_numbers(described, bus or [])
+    log = None if source.suffix.lower() in (".h5", ".hdf5") else read_log(source)
+    batches: Iterable[FrameBatch] = log or [read_session(source).frames]
+    read = 0
+
+    def wanted() -> Iterable[FrameBatch]:
+        nonlocal read
+        for batch in batches:
+            chosen = batch.on_buses(numbers)
+            read += len(chosen)
+            yield chosen
+
+    sent = 0
+    with open_buses(described.buses) as (wire, *more), progress("replay") as stage:
+        for sent in play(wanted(), wire, None if fast else speed, *more):
+            stage(log.share if log else 0.0, counted(sent, "frame"))
+    left_out = read - sent
+    lost = log.loss if log else None
+    if json:
+        document = {"source": str(source), "sent": sent, "error_frames": left_out}
+        print_json({**document, "lost": lost.text if lost else ""})
+    else:
+        print_line(f"sent {counted(sent, 'frame')} of {source}")
+    if left_out:
+        were = counted(left_out, "error frame was", "error frames were")
+        say(f"{were} not sent: a controller cannot send one on request")
+    if lost and lost.any:
+        say(f"{source} is not whole: {lost.text}")
+        return ExitCode.DATA_LOST
+    return ExitCode.OK
+
+
+# The simulated car --------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class _Simulated:
+    """A simulated car on open buses."""
+
+    bench: Bench
+    codec: Codec
+    car: SimulatedCar
+    seed: int
+    played: Callable[[Iterable[FrameBatch]], Iterator[int]]
+    """Sends frames; yields the number of those sent so far."""
+    stage: Stage
+
+    def campaign(self) -> int:
+        """Play each bump of the campaign once; return the number of frames."""
+        from daq.sim.ecu import campaign_frames
+
+        steps = self.bench.campaign.steps
         batches = []
-        for batch in campaign_frames(bench, bench_codec(bench), car, seed, time.time_ns()):
+        for batch in campaign_frames(self.bench, self.codec, self.car, self.seed, time.time_ns()):
             batches.append(batch)
-            stage(0.0, f"computing run {len(batches)} of {len(steps)}")
+            self.stage(0.0, f"computing run {len(batches)} of {len(steps)}")
         ends = list(accumulate(map(len, batches)))
         sent = 0
-        for count in play(batches, bus, None if fast else 1.0, *more):
-            sent = count
+        for sent in self.played(batches):
             run = min(bisect_right(ends, sent), len(steps) - 1)
-            stage(sent / ends[-1], f"playing {steps[run].label}")
-    return sent
+            self.stage(sent / ends[-1], f"playing {steps[run].label}")
+        return sent
 
+    def bumped_for(self, folder: Path) -> int:
+        """Bump the car as the recorder of a folder waits for it, until that ends.
 
-def _follow(bench: Bench, car: SimulatedCar, seed: int, folder: Path) -> int:
-    """Bump the car as the recorder of a folder waits for it; return the number of frames."""
-    import math
-    import time
+        Returns the number of frames.
+        """
+        from daq.sim.bench import SimulatedBench
 
-    from daq.bench.config import bench_codec
-    from daq.bus.interfaces import open_buses
-    from daq.replay import play
-    from daq.sim.bench import SimulatedBench
-
-    from ..output import progress
-
-    with open_buses(bench.buses) as (bus, *more), progress("simulate") as stage:
-        wish = _RecorderStatus(folder, stage)
+        wish = _RecorderStatus(folder, self.stage)
         simulated = SimulatedBench(
-            bench, bench_codec(bench), car, seed, math.inf, wish, start_ns=time.time_ns()
+            self.bench, self.codec, self.car, self.seed, math.inf, wish, start_ns=time.time_ns()
         )
 
         def frames() -> Iterator[FrameBatch]:
@@ -129,10 +202,27 @@ def _follow(bench: Bench, car: SimulatedCar, seed: int, folder: Path) -> int:
                 yield simulated.read(0.0)
 
         try:
-            return max(play(frames(), bus, 1.0, *more), default=0)
+            return max(self.played(frames()), default=0)
         finally:
             simulated.dismantle()
             wish.close()
+
+    def pushed(self, rest_s: float) -> None:
+        """Stand still, be pushed at each corner, and stand still until the command is ended."""
+        from daq.sim.bench import PUSHES_S, push_frames
+
+        start_ns = time.time_ns()
+        frames = push_frames(self.bench, self.codec, self.car, self.seed, start_ns, rest_s)
+        begun_s = time.monotonic()
+        for _ in self.played(frames):
+            until_push_s = begun_s + rest_s - time.monotonic()
+            share = -until_push_s / PUSHES_S
+            if until_push_s > 0:
+                self.stage(0.0, f"at rest, pushed in {until_push_s:.0f} s")
+            elif share < 1:
+                self.stage(share, "pushed at each corner")
+            else:
+                self.stage(1.0, "at rest: Ctrl-C ends it")
 
 
 class _RecorderStatus:
@@ -177,28 +267,3 @@ class _RecorderStatus:
         """Disconnect from the recorder."""
         if self._client is not None:
             self._client.close()
-
-
-def _push(bench: Bench, car: SimulatedCar, seed: int, rest_s: float) -> None:
-    """Play rest and pushes until the command is interrupted."""
-    import time
-
-    from daq.bench.config import bench_codec
-    from daq.bus.interfaces import open_buses
-    from daq.replay import play
-    from daq.sim.bench import PUSHES_S, push_frames
-
-    from ..output import progress
-
-    frames = push_frames(bench, bench_codec(bench), car, seed, time.time_ns(), rest_s)
-    begun_s = time.monotonic()
-    with open_buses(bench.buses) as (bus, *more), progress("simulate") as stage:
-        for _ in play(frames, bus, 1.0, *more):
-            left_s = begun_s + rest_s - time.monotonic()
-            share = -left_s / PUSHES_S
-            if left_s > 0:
-                stage(0.0, f"at rest, pushed in {left_s:.0f} s")
-            elif share < 1:
-                stage(share, "pushed at each corner")
-            else:
-                stage(1.0, "at rest: Ctrl-C ends it")

@@ -1,0 +1,239 @@
+"""Proposes a bench.toml from databases and traffic, and asks about its uncertain parts."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import sys
+import textwrap
+import time
+import tomllib
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+from daq import BusError, InputError
+from daq.bench.config import Bench, BusConfig, parse_bench
+from daq.bench.sensors import Database, ready_map, stored_text
+from daq.bus.interfaces import open_source
+from daq.check.guess import Answers, Question
+from daq.check.propose import NO_ANSWERS, Proposal, propose_sensors
+from daq.check.pushes import ORDER, spoken
+from daq.files import write_named
+from daq.formats.log import read_log
+from dbc import FrameBatch, read_dbc
+from dbc.errors import printable
+
+from . import output
+from .bench import reachable
+from .diagnostics import is_asked, say
+
+_USUAL_BITRATE = 500_000
+"""Bit rate of most buses in vehicles, bit/s."""
+_ANSWER_WIDTH = 12
+"""Columns that a question leaves free for its answer."""
+_TO_FILL_IN = re.compile(r"(\w+) = (\S.*?)  # FILL IN(?:: (.*))?")
+
+
+# Traffic ------------------------------------------------------------------------------------------
+
+
+def read_frames(bench: Bench, log: Path | None, skip_s: float, seconds: float) -> FrameBatch:
+    """Return some seconds of a log, from `skip_s` after its beginning, or of the bus from now."""
+    batches: list[FrameBatch] = []
+    if log is not None:
+        for batch in read_log(log):
+            batches.append(batch)
+            if int(batch.t_ns[-1]) - int(batches[0].t_ns[0]) > (skip_s + seconds) * 1e9:
+                break
+        frames = FrameBatch.concatenate(batches)
+        first_ns = int(frames.t_ns[0]) + round(skip_s * 1e9) if len(frames) else 0
+        end_ns = first_ns + round(seconds * 1e9)
+        return frames.select((frames.t_ns >= first_ns) & (frames.t_ns <= end_ns))
+    with ExitStack() as stack, output.progress("check") as stage:
+        sources = []
+        for number, bus in enumerate(bench.buses):
+            sources.append(open_source(bus, number))
+            stack.callback(sources[-1].close)
+        start_s = time.monotonic()
+        while (passed_s := time.monotonic() - start_s) < seconds:
+            stage(passed_s / seconds)
+            wait_s = min(0.1, seconds - passed_s) / len(sources)
+            batches += [source.read(wait_s) for source in sources]
+    frames = FrameBatch.concatenate(batches)
+    return frames if len(sources) == 1 else frames.by_time()
+
+
+@dataclass(frozen=True, slots=True)
+class TrafficSource:
+    """Source of the traffic of a proposal."""
+
+    log: Path | None
+    """A log; None: the bus."""
+    seconds: float
+    """Duration of the rest at its beginning, s."""
+    push_s: float
+    """Time after the rest in which the corners are pushed, s; 0: they are not pushed."""
+    interface: str | None
+    """python-can's interface."""
+    channel: str | None
+    """Its channels, separated by commas."""
+    bitrate: int | None
+    """Bit rate of all of them, bit/s; None: not stated."""
+
+    def buses(self, known: Bench) -> tuple[BusConfig, ...]:
+        """Return the buses that the command names, else like the first one of a bench."""
+        if self.interface is None and self.channel is None:
+            return ()
+        interface = self.interface or known.bus.interface
+        bitrate = self.bitrate or _USUAL_BITRATE
+        first = replace(known.bus, interface=interface, bitrate=bitrate, name="")
+        channels = (self.channel or first.channel).split(",")
+        return tuple(replace(first, channel=channel) for channel in channels)
+
+    def traffic(self, bench: Bench) -> tuple[FrameBatch | None, FrameBatch | None]:
+        """Return the frames at rest and those of the pushes of the corners.
+
+        None for frames that the command does not ask for.  Raises BusError if no bus of the bench
+        sends a frame.
+        """
+        is_live = self.log is None
+        if is_live and self.interface is None:
+            return None, None
+        if is_live:
+            reachable(bench, "--interface")
+        at_rest = read_frames(bench, self.log, 0.0, self.seconds)
+        silent = [b.label for n, b in enumerate(bench.buses) if not (at_rest.bus == n).any()]
+        if is_live and silent:
+            reason, advice = f"no frame in {self.seconds:g} s", "check power, plugs and bit rate"
+            if len(silent) == len(bench.buses):
+                raise BusError(", ".join(silent), reason, advice)
+            for name in silent:
+                say(f"{name}: {reason} ({advice})")
+        if not self.push_s:
+            return at_rest, None
+        if is_live:
+            say("now push each corner DOWN and let go, with a second of rest between:")
+            say(f"{', '.join(map(spoken, ORDER))}; you have {self.push_s:.0f} s")
+        return at_rest, read_frames(bench, self.log, self.seconds, self.push_s)
+
+
+# Proposal -----------------------------------------------------------------------------------------
+
+
+def propose_bench(
+    target: Path,
+    config: Path | None,
+    known: Bench,
+    layouts: Sequence[str],
+    dbcs: Sequence[Path],
+    source: TrafficSource,
+) -> tuple[Bench, FrameBatch] | None:
+    """Write a proposal; return it as a bench, and the traffic at rest; None without either.
+
+    `config` and `known`: bench.toml whose database and bus are used where no other is named.
+    Raises InputError if a database is bad or the file cannot be written.
+    """
+    databases = _databases(target, config, known, layouts, dbcs)
+    buses = source.buses(known)
+    if len(buses) > 1 and not databases[0].name:
+        raise InputError("--propose", "has no database", "name those of the sensors with --dbc")
+    at_rest, pushed = source.traffic(replace(known, buses=buses or known.buses))
+    proposal = completed(partial(propose_sensors, databases, buses, at_rest, pushed))
+    write_named(target, proposal.text.encode())
+    say(f"wrote {target}: read it, and fill in what is marked")
+    for question in proposal.questions:
+        say(f"? {question}")
+    if at_rest is None or "[[channel]]" not in proposal.text:
+        return None
+    stored = stored_text(databases)
+    return parse_bench(proposal.text, str(target), target.parent, stored), at_rest
+
+
+def _databases(
+    target: Path, config: Path | None, known: Bench, layouts: Sequence[str], dbcs: Sequence[Path]
+) -> list[Database]:
+    """Return the named databases, else that of a bench, with paths relative to `target`."""
+    named = [Database(os.path.relpath(dbc, target.parent), read_dbc(dbc)) for dbc in dbcs]
+    named += [Database(f"layout:{name}", ready_map(name).dbc_text) for name in layouts]
+    if named:
+        return list(dict.fromkeys(named))  # a database that is named twice is one
+    if known.sensors:
+        reason = "the bench.toml has [[sensor]] already"
+        raise InputError(str(config), reason, "name the databases with --dbc and --layout")
+    name = "" if known.dbc_name.endswith("(shipped)") else known.dbc_name
+    if config is not None and name and not name.startswith("layout:"):
+        name = os.path.relpath(config.parent / name, target.parent)
+    return [Database(name, known.dbc_text)]
+
+
+# Questions ----------------------------------------------------------------------------------------
+
+
+def completed(propose: Callable[[Answers], Proposal]) -> Proposal:
+    """Return a proposal with the typed answers to its questions; unchanged without a terminal.
+
+    `propose`: makes the proposal from the answers so far.
+    """
+    answers: dict[Question, str] = {}
+    proposal = propose(NO_ANSWERS)
+    if not is_asked():
+        return proposal
+    say("an empty answer leaves the question in the file")
+    passed: set[Question] = set()
+    while question := next((q for q in proposal.asked if q not in passed), None):
+        typed = _typed(f"{question.line} ({question.asked})")
+        answer = question.understood(typed)
+        if typed and not answer:
+            say(f"{typed!r} is not an answer to that: {question.asked}")
+            continue
+        passed.add(question)
+        if answer:
+            answers[question] = answer
+            proposal = propose(answers)
+            if question in proposal.asked:
+                say(f"{typed!r} contradicts what the sensors show: the question stays in the file")
+    return replace(proposal, text=_filled_in(proposal.text))
+
+
+def _filled_in(text: str) -> str:
+    """Return a bench.toml with the typed values for the lines that are marked FILL IN."""
+    lines, table = [], ""
+    for line in text.splitlines():
+        if line.startswith("["):
+            table = line.strip("[]")
+        elif line.startswith("name = ") and "FILL IN" not in line:
+            table = line.partition("= ")[2].strip('"')
+        marked = _TO_FILL_IN.fullmatch(line)  # key, value, remark
+        lines.append(_line(line, table, *marked.groups("")) if marked else line)
+    return "\n".join(lines) + "\n"
+
+
+def _line(line: str, table: str, key: str, value: str, comment: str) -> str:
+    """Return a line of a table with the typed value; unchanged if nothing was typed.
+
+    `line`: is `key` and `value`, the present one as TOML, with a `comment` or an empty one.
+    """
+    is_text = value.startswith('"')
+    about = f"{comment}; " if comment else ""
+    while typed := _typed(f"{table} {key} ({about}now {value})"):
+        new_line = f'{key} = "{typed}"' if is_text else f"{key} = {typed}"
+        try:
+            new_value = tomllib.loads(new_line)[key]
+        except (tomllib.TOMLDecodeError, KeyError):
+            new_value = None
+        if isinstance(new_value, str) if is_text else isinstance(new_value, int | float):
+            return f"{new_line}  # {comment}" if comment else new_line
+        say(f"{typed!r} is not a {'text' if is_text else 'number'}")
+    return line
+
+
+def _typed(question: str) -> str:
+    """Return the typed answer to a question; empty at the end of the input."""
+    width = max(shutil.get_terminal_size().columns - _ANSWER_WIDTH, _ANSWER_WIDTH)
+    sys.stderr.write(textwrap.fill(f"? {printable(question)}: ", width) + " ")
+    sys.stderr.flush()
+    return printable(sys.stdin.readline().strip(), 200)
