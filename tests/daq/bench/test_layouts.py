@@ -7,12 +7,11 @@ import struct
 from collections.abc import Container
 from datetime import date
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 import pytest
 
-from daq.bench.campaign import Campaign, Method, instruction, sketch
+from daq.bench.campaign import Campaign, Method, sketch
 from daq.bench.config import Bench, bench_codec, parse_bench
 from daq.check.check import check_bench
 from daq.runs import Excitation, SampleGroup
@@ -269,24 +268,6 @@ def test_the_sketch_marks_the_wheels_of_the_bump(method: Method) -> None:
     assert counts == [4, 2, 2, 2, 2]
 
 
-def test_messages_that_come_before_their_time_stamp_are_bound_to_it() -> None:
-    rows: list[Row] = []
-    for k in range(300):
-        t = 0.01 * k
-        rows += [
-            (t, 0x605, struct.pack("<4h", k, 0, -981, 0)),
-            (t + 2e-4, 0x608, struct.pack("<4h", k, 0, 0, 0)),
-            (t + 4e-4, 0x630, struct.pack("<q", 1_460_000_000_000 + 10 * k)[:6] + b"\0\0"),
-        ]
-    del rows[3 * 200], rows[3 * 100 + 2]  # an acceleration, and before it a time stamp
-    group = _groups("oxts_rt", frame_batch(rows))["rt"]
-    number = np.rint(group.time_s / 0.01).astype(int)
-    np.testing.assert_allclose(group.values["roll_rate"], number * 0.01 * DEG, atol=1e-12)
-    assert number.tolist() == list(range(300))
-    assert np.flatnonzero(np.isnan(group.values["body_acc_x"])).tolist() == [200]
-    np.testing.assert_allclose(np.diff(group.time_s), 0.01, atol=1e-6)
-
-
 @pytest.mark.parametrize(
     ("lost", "verdict"),
     [(7, Severity.NOTE), (8, Severity.WARNING), (250, Severity.WARNING), (251, Severity.ERROR)],
@@ -305,11 +286,6 @@ def test_a_hundredth_of_a_sample_set_and_two_more_may_lack_a_frame(
         assert line.text == f"{lost} of 500 samples lack a frame"
 
 
-def test_a_wrong_time_unit_does_not_spoil_the_times() -> None:
-    group = _groups("xsens_mti", frame_batch(_xsens_rows(300, 1)))["mti"]
-    assert np.abs(group.time_s - np.arange(300) * 0.01).max() < 3e-3  # those of arrival
-
-
 def test_a_layout_yields_to_what_the_file_states() -> None:
     text = (
         'dbc = "layout:bosch_mm7"\n[[message]]\nname = "TX1"\ncycle_ms = 5\ncounter = "counter"\n'
@@ -320,9 +296,3 @@ def test_a_layout_yields_to_what_the_file_states() -> None:
     cycles = {m.name: m.cycle_s for m in bench_codec(bench).messages}
     assert cycles == {"TX1": 0.005, "TX2": 0.01, "TX3": 0.01}
     assert [each.name for each in bench.sample_sets] == ["mm7"]
-
-
-def test_the_words_of_the_bench_come_first() -> None:
-    own = Campaign(instructions=MappingProxyType({Excitation.ROLL: "Left wheels over the plank."}))
-    assert instruction(own, Excitation.ROLL) == "Left wheels over the plank."
-    assert instruction(own, Excitation.PITCH) == instruction(Campaign(), Excitation.PITCH)

@@ -1,7 +1,9 @@
 """The bench check on simulated benches: a sound one passes, each fault is named."""
 
+from __future__ import annotations
+
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from datetime import date
 from functools import cache
@@ -9,15 +11,21 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from daq.bench.config import Bench, bench_codec, load_bench
-from daq.channels import Quantity
+from daq.channels import Channel, Quantity
 from daq.check.check import CheckReport, check_bench
+from daq.check.signs import opposed_signs
+from daq.runs import Excitation, Losses, Run, RunStatus, SampleGroup
+from daq.sessions import Session
 from daq.sim.car import SimulatedCar
 from daq.sim.ecu import campaign_frames
+from daq.vehicle import Corner
 from dbc import Codec, FrameBatch, FrameFlag, parse_codec
 from dbc.finding import Finding, Severity
 
+from ...flow.coverage import simulated_session
 from ..sensor_bench import START_NS
 
 TODAY = date(2026, 6, 1)
@@ -111,17 +119,6 @@ def _one(frames: FrameBatch, bench: Bench | None = None, codec: Codec | None = N
     return bad[0]
 
 
-def test_a_log_that_a_trigger_wrote_is_checked_without_its_pauses() -> None:
-    frames = _rest()
-    since_s = (frames.t_ns - START_NS) * 1e-9
-    # 0.5 s and 2.5 s of it, 10 s apart: by time 40,000 frames are missing between them.
-    paused = replace(frames, t_ns=frames.t_ns + np.where(since_s > 0.5, 10 * 10**9, 0))
-    (bad,) = _bad(_check(paused))
-    assert (bad.severity, bad.subject) == (Severity.WARNING, "bus")
-    assert bad.text.startswith("a pause without any frame, 10.0 s in all")
-    assert bad.text.endswith("longest stretch without one, 2.5 s")
-
-
 def test_wrong_sign() -> None:
     line = _one(_rest(), _channel("hub_acc_rl", sign=-1.0))
     assert (line.severity, line.subject) == (Severity.ERROR, "channel hub_acc_rl")
@@ -129,36 +126,10 @@ def test_wrong_sign() -> None:
     assert line.advice == "set sign = 1"
 
 
-@pytest.mark.parametrize(
-    ("signal_unit", "factor", "advice"),
-    [
-        ("m/s2", 1 / 9.80665, 'signal_unit = "g"'),  # g taken for m/s2
-        ("mg", 1e-3, "gain = 1000"),
-    ],
-)
-def test_wrong_unit_of_a_hub(signal_unit: str, factor: float, advice: str) -> None:
-    bad = _bad(_check(_rest(), _channel("hub_acc_fl", signal_unit=signal_unit)))
-    line = bad[0]
-    assert line.severity is Severity.ERROR
-    assert f"{factor:.4g} times gravity" in line.text
-    assert advice in line.advice
-
-
 def test_wrong_axis() -> None:
     line = _one(_rest(), _channel("body_acc_z", signal="IMU_Accel.acc_x"))
     assert (line.severity, line.subject) == (Severity.ERROR, "channel body_acc_z")
     assert 'take signal = "IMU_Accel.acc_z"' in line.advice
-
-
-def test_no_gravity_is_said_and_allowed() -> None:
-    def center(part: np.ndarray) -> None:
-        up = part[:, 4:6].copy().view("<i2")
-        part[:, 4:6] = (up - 9807).astype("<i2").view(np.uint8)
-
-    report = _check(_with_payload("IMU_Accel", center))
-    assert _bad(report) == []
-    (line,) = [x for x in report.lines if x.subject == "channel body_acc_z"]
-    assert "no gravity (AC-coupled, or tared in the sensor)" in line.text
 
 
 def test_a_missing_message_and_who_may_be_it() -> None:
@@ -170,55 +141,6 @@ def test_a_missing_message_and_who_may_be_it() -> None:
     assert (missing.severity, missing.subject) == (Severity.ERROR, "message SUSP_Rear")
     assert "0x3a1 has its length and rate" in missing.advice
     assert [line.subject for line in channels] == ["channel travel_rl", "channel travel_rr"]
-
-
-def test_the_same_identifier_with_29_bits() -> None:
-    frames = _rest()
-    flags = np.where(frames.can_id == _id("IMU_Rate"), FrameFlag.EXTENDED, 0).astype(np.uint16)
-    wide = FrameBatch(frames.t_ns, frames.can_id, flags, frames.bus, frames.length, frames.data)
-    assert "comes with 29 bits; the DBC has IMU_Rate with 11" in _bad(_check(wide))[0].advice
-
-
-def test_half_the_rate() -> None:
-    rows = np.flatnonzero(_rest().can_id == _id("IMU_Rate"))
-
-    def count_on(part: np.ndarray) -> None:
-        part[::2, 6] = np.arange(len(part[::2])) % 256  # the sensor's own counter, at half rate
-
-    frames = _with_payload("IMU_Rate", count_on)
-    line = _one(frames.select(np.setdiff1d(np.arange(len(frames)), rows[1::2])))
-    assert (line.severity, line.subject) == (Severity.ERROR, "message IMU_Rate")
-    assert line.text == "250.0 Hz instead of 500.0 Hz"
-    assert "cycle_ms = 4" in line.advice
-
-
-def test_a_sensor_that_fell_silent() -> None:
-    gone = (_rest().can_id == _id("SUSP_Front")) & (_rest().t_ns > START_NS + 1_500_000_000)
-    bad = _bad(_check(_rest().select(~gone)))
-    assert bad[0].text.startswith("silent for the last 1.5")
-    assert {line.subject for line in bad} == {"message SUSP_Front"}
-
-
-@pytest.mark.parametrize(("every", "verdict"), [(50, Severity.ERROR), (500, Severity.WARNING)])
-def test_checksum_errors(every: int, verdict: Severity) -> None:
-    def flip(part: np.ndarray) -> None:
-        part[5::every, 0] ^= 4
-
-    bad = _bad(_check(_with_payload("SUSP_Rear", flip, crc_too=False)))
-    assert bad[0].severity is verdict
-    assert "have a wrong checksum (crc8_j1850)" in bad[0].text
-    assert {line.subject for line in bad[1:]} == {"channel travel_rl", "channel travel_rr"}
-    assert all("the checksum does not match" in line.text for line in bad[1:])
-
-
-def test_travel_that_is_not_zero_or_cannot_be() -> None:
-    line = _one(_rest(), _channel("travel_fl", tare=0.1))
-    assert line.severity is Severity.WARNING
-    tare = float(line.advice.split("=")[1].split()[0])
-    assert _bad(_check(_rest(), _channel("travel_fl", tare=tare))) == []
-    bad = _bad(_check(_rest(), _channel("travel_rl", signal_unit="m")))
-    (line,) = [line for line in bad if line.severity is Severity.ERROR]
-    assert 'state signal_unit = "mm"' in line.advice
 
 
 def test_error_frames_and_foreign_traffic_are_warnings() -> None:
@@ -265,3 +187,143 @@ def test_a_sentinel_for_no_value_is_named() -> None:
     bad = _bad(_check(_with_payload("SUSP_Front", absent), codec=codec))
     assert {line.subject for line in bad} == {"channel travel_fl"}
     assert bad[0].severity is Severity.ERROR
+
+
+# Channels whose sign is wrong, by what moves with them --------------------------------------------
+
+
+TRAVELS = ("travel_fl", "travel_fr", "travel_rl", "travel_rr")
+
+
+@cache
+def recorded() -> Session:
+    """Return a campaign of the shipped bench: an IMU, four hubs, four travels."""
+    return simulated_session(load_bench(None), 1)
+
+
+def turned(session: Session, *names: str) -> Session:
+    """Return the session with the other sign of these channels."""
+    return with_values(session, lambda run, g, k: -g.values[k] if k in names else g.values[k])
+
+
+def with_values(
+    session: Session, value: Callable[[Run, SampleGroup, str], NDArray[np.float64]]
+) -> Session:
+    """Return the session with other samples of each channel."""
+    runs = [
+        replace(
+            run,
+            groups=tuple(
+                replace(g, values={k: value(run, g, k) for k in g.values}) for g in run.groups
+            ),
+        )
+        for run in session.runs
+    ]
+    return replace(session, runs=tuple(runs))
+
+
+def named(session: Session) -> list[str]:
+    """Return what is named, a subject each."""
+    return [f.subject for f in opposed_signs(session.runs, session.channels)]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "subjects"),
+    [
+        ((), []),
+        (("travel_rl",), ["travel_rl"]),
+        (TRAVELS, [", ".join(TRAVELS)]),
+        (("roll_rate",), ["roll_rate"]),
+        (("pitch_rate",), ["pitch_rate"]),
+        ((*TRAVELS, "roll_rate"), [", ".join(TRAVELS), "roll_rate"]),
+    ],
+)
+def test_wrong_signs_are_named(wrong: tuple[str, ...], subjects: list[str]) -> None:
+    assert named(turned(recorded(), *wrong)) == subjects
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        ("hub_acc_fl", "hub_acc_fr"),
+        ("hub_acc_fl", "hub_acc_rl"),
+        ("travel_rl", "travel_rr"),
+        ("pitch_rate", "roll_rate"),
+    ],
+)
+def test_channels_that_were_exchanged_are_not_upside_down(one: str, other: str) -> None:
+    place = {one: other, other: one}
+    session = with_values(recorded(), lambda run, g, k: column(run, place.get(k, k), g))
+    assert named(session) == []
+
+
+def column(run: Run, name: str, group: SampleGroup) -> NDArray[np.float64]:
+    """Return the samples of a channel at the times of a group."""
+    own = next(g for g in run.groups if name in g.values)
+    return np.interp(group.time_s, own.time_s, own.values[name])
+
+
+def run_of(values: Mapping[str, NDArray[np.float64]]) -> Run:
+    """Return a run of 2 s at 250 Hz."""
+    time_s = np.arange(500) / 250.0
+    t_ns = np.rint(time_s * 1e9).astype(np.int64)
+    group = SampleGroup("all", time_s, t_ns, values, np.zeros(500, np.uint8))
+    return Run(
+        "baseline", Excitation.BOUNCE, 1, 0, 0.2, (group,), RunStatus.ACCEPTED, (), Losses(), (),
+        FrameBatch.empty(),
+    )  # fmt: skip
+
+
+def wheel_motion(seed: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return a random motion between 6 and 14 Hz, and its second derivative."""
+    hz = np.fft.rfftfreq(500, 1 / 250.0)
+    rng = np.random.default_rng(seed)
+    spectrum = rng.standard_normal(len(hz)) + 1j * rng.standard_normal(len(hz))
+    spectrum[(hz < 6.0) | (hz > 14.0)] = 0.0
+    motion = np.fft.irfft(spectrum, 500)
+    acceleration = np.fft.irfft(-((2 * np.pi * hz) ** 2) * spectrum, 500)
+    return motion / np.std(motion), acceleration / np.std(motion)
+
+
+CORNER = {
+    "travel": Channel("travel", Quantity.SUSPENSION_TRAVEL, corner=Corner.FRONT_LEFT),
+    "hub": Channel("hub", Quantity.HUB_ACCELERATION, corner=Corner.FRONT_LEFT),
+}
+
+
+@pytest.mark.parametrize(("share", "is_named"), [(-0.55, True), (-0.45, False), (0.55, False)])
+def test_half_of_the_motion_must_be_opposed(share: float, is_named: bool) -> None:
+    runs = []
+    for seed in range(40):
+        motion, hub = wheel_motion(seed)
+        other, _ = wheel_motion(1000 + seed)
+        runs.append(run_of({"travel": share * motion + np.sqrt(1 - share**2) * other, "hub": hub}))
+    assert bool(opposed_signs(runs, tuple(CORNER.values()))) == is_named
+
+
+@pytest.mark.parametrize("late_s", [0.04, 0.048, 0.056])
+def test_a_sensor_that_is_half_a_swing_late_is_not_upside_down(late_s: float) -> None:
+    runs = []
+    for seed in range(10):
+        motion, hub = wheel_motion(seed)
+        runs.append(run_of({"travel": np.roll(motion, round(late_s * 250)), "hub": hub}))
+    assert opposed_signs(runs, tuple(CORNER.values())) == ()
+
+
+@pytest.mark.parametrize("number", range(0, 12, 4))
+def test_a_single_run_gives_no_advice_on_a_sign_that_is_right(number: int) -> None:
+    session = recorded()
+    assert named(replace(session, runs=session.runs[number : number + 1])) == []
+
+
+def test_a_bounce_does_not_show_the_sign_of_the_roll_rate() -> None:
+    session = turned(recorded(), "roll_rate", "pitch_rate")
+    shown = {
+        kind: named(replace(session, runs=tuple(r for r in session.runs if r.excitation is kind)))
+        for kind in (Excitation.BOUNCE, Excitation.PITCH, Excitation.ROLL)
+    }
+    assert shown == {
+        Excitation.BOUNCE: [],
+        Excitation.PITCH: ["pitch_rate"],
+        Excitation.ROLL: ["roll_rate"],
+    }

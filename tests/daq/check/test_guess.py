@@ -11,7 +11,7 @@ from daq.check.pushes import Pushes, Trace
 from daq.vehicle import Corner
 from dbc.layout import SignalLayout
 
-from .test_mounting import pushes, trace
+from .test_pushes import pushes, trace
 
 PUSHED = pushes(trace([1.0, 1.0, 1.0, 1.0]))
 QUIET = trace([0.0, 0.0, 0.0, 0.0])

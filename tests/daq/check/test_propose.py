@@ -13,18 +13,17 @@ import pytest
 from numpy.typing import NDArray
 
 from daq.bench.config import Bench, bench_codec, parse_bench
-from daq.bench.sensors import Database, stored_text
+from daq.bench.sensors import Database
 from daq.channels import Quantity
 from daq.check.find_sensors import find_sensors
 from daq.check.frame_checks import Arrivals
 from daq.check.propose import message_rule, propose_sensors
 from daq.vehicle import Corner
-from dbc import FrameBatch, parse_codec
+from dbc import parse_codec
 from dbc.codec import DecodeCounts, Decoded, Samples
 from dbc.layout import CRC_RULES, MessageLayout
 
-from ..sensor_bench import START_NS, Row, frame_batch
-from ..wild_bench import POT
+from ..sensor_bench import Row, frame_batch
 from .test_frame_limits import sent
 
 Numbers = Sequence[float] | NDArray[Any]
@@ -121,14 +120,6 @@ def test_traffic_tells_the_axis_the_sign_the_counter_the_checksum_and_the_clock(
     (gyro,) = [rule for rule in bench.message_rules if rule.name == "Gyro"]
     assert gyro.time_signal == "TimeStamp"
     assert text.count("FILL IN") >= 6
-
-
-def test_a_clock_that_runs_at_another_rate_is_not_taken() -> None:
-    rows = [(t, i, d) if i != 18 else (t, i, d[:4] + struct.pack("<I", round(t * 1e4)))
-            for t, i, d in _traffic()]  # fmt: skip
-    text, bench = _proposed(rows)
-    assert '# "TimeStamp" runs 0.01 times as fast' in text
-    assert all(rule.time_signal is None for rule in bench.message_rules)
 
 
 def test_hostile_names_stay_inside_their_quotes() -> None:
@@ -229,38 +220,6 @@ def test_a_cycle_is_measured_over_twenty_frames(cycle_ms: int, n: int, lines: li
     assert [line.split("  #")[0] for line in found[2:]] == lines
     if cycle_ms:
         assert message_rule(described, came, decoded, is_used=False) == []
-
-
-def frames_every(ms: float, *can_ids: int, length: int = 7) -> FrameBatch:
-    """Return 3 s of frames that hold a counter in their last byte."""
-    n = round(3000 / ms)
-    t_ns = np.repeat(START_NS + np.round(np.arange(n) * ms * 1e6).astype(np.int64), len(can_ids))
-    data = np.zeros((len(t_ns), 8), np.uint8)
-    data[:, length - 1] = np.repeat(np.arange(n), len(can_ids)) % 256
-    return FrameBatch(
-        t_ns,
-        np.tile(np.array(can_ids, np.uint32), n),
-        np.zeros(len(t_ns), np.uint16),
-        np.zeros(len(t_ns), np.uint8),
-        np.full(len(t_ns), length, np.uint8),
-        data,
-    )
-
-
-def proposed(frames: FrameBatch, *databases: Database) -> tuple[str, Bench]:
-    text = propose_sensors(databases, (), frames, None).text
-    return text, parse_bench(text, "proposed", Path(), stored_text(databases))
-
-
-@pytest.mark.parametrize(
-    ("ms", "stated"), [(5.0, None), (4.6, None), (4.5, 4.5), (5.5, None), (5.6, 5.6)]
-)
-def test_a_rate_of_more_than_a_tenth_off_is_stated(ms: float, stated: float | None) -> None:
-    text, bench = proposed(frames_every(ms, 385), Database("pot.dbc", POT))
-    assert [rule.cycle_ms for rule in bench.message_rules] == (
-        [pytest.approx(stated)] if stated else []
-    )
-    assert ("not the 200.0 Hz of its database" in text) == bool(stated)
 
 
 # Sensors on buses ---------------------------------------------------------------------------------

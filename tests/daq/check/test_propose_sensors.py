@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daq.bench.config import Bench, BusConfig, bench_codec, parse_bench
+from daq.bench.config import Bench, bench_codec, parse_bench
 from daq.bench.sensors import Database, stored_text
 from daq.channels import Quantity
 from daq.check.check import check_bench
@@ -135,13 +135,6 @@ def test_the_zero_of_a_travel_is_what_it_read_at_rest() -> None:
             assert channel.tare == pytest.approx(-level, rel=1e-4)
 
 
-def test_the_buses_that_were_listened_to_are_written() -> None:
-    buses = [BusConfig("socketcan", "can4", 250_000), BusConfig("pcan", "PCAN_USBBUS1", 1_000_000)]
-    rest, _ = rest_and_pushes()
-    bench = bench_of(propose_sensors(DATABASES, buses, rest, None))
-    assert bench.buses == tuple(buses)
-
-
 def test_a_database_of_which_nothing_came_is_named() -> None:
     rest, _ = rest_and_pushes()
     foreign = Database("foreign.dbc", POT.replace("385", "1200").replace("1793", "1201"))
@@ -201,18 +194,6 @@ def test_answers_complete_a_proposal_as_pushes_do() -> None:
     }
     places = {key: (each or (None, 0, None))[2] for key, each in got.items()}
     assert {k: places[k] for k in travels} == {k: truth[k][2] for k in travels}
-
-
-def test_a_sensor_that_is_not_ours_is_left_out() -> None:
-    found = replied({"sensor pot_3: is 0x": "n"})
-    assert [s.name for s in bench_of(found).sensors if "pot" in s.name] == [
-        "pot_1", "pot_2", "pot_4",
-    ]  # fmt: skip
-
-
-def test_a_vertical_axis_is_not_taken_for_forward() -> None:
-    found = replied({"sensor imu_a_1: does": "+z"})
-    assert "sensor imu_a_1: does the sensor's +x axis point forward?" in found.questions
 
 
 @pytest.mark.parametrize(

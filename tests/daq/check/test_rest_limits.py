@@ -182,19 +182,6 @@ def test_a_unit_is_proposed_in_which_the_level_may_be(
     assert (f'state signal_unit = "{unit}"' in line.advice) is bool(unit)
 
 
-def test_a_level_is_shown_to_two_digits_of_its_noise() -> None:
-    for noise, level, text in (
-        (0.15, 9.8, "9.80 m/s2 at rest, noise 0.15, 80 Hz, +1 g"),
-        (0.0151, 9.876, "9.876 m/s2 at rest, noise 0.015, 80 Hz, +1 g"),
-    ):
-        (line,) = faults(checked(channel(Quantity.BODY_ACCELERATION), still(level, noise)))
-        assert line.text == text
-    (line,) = faults(checked(channel(Quantity.PITCH_RATE), still(-0.00002, 0.0017)))
-    assert line.text == "0.0000 rad/s at rest, noise 0.0017, 80 Hz"
-    (line,) = faults(checked(channel(Quantity.ROLL_RATE), [0.0123456] * 8))
-    assert line.text.startswith("0.01235 rad/s at rest, noise 0, 80 Hz")
-
-
 @pytest.mark.parametrize(("step_ns", "slow"), [(19_900_000, False), (20_100_000, True)])
 def test_fifty_samples_a_second_are_asked_for(step_ns: int, slow: bool) -> None:
     lines = checked(channel(Quantity.SUSPENSION_TRAVEL), still(0.0, n=100), step_ns=step_ns)
@@ -290,13 +277,6 @@ def test_twenty_like_samples_are_a_sensor_that_is_stuck(
     signal: str, value: float, n: int, expected: dict[str, Severity]
 ) -> None:
     assert found(checked(channel(Quantity.SUSPENSION_TRAVEL, signal), [value] * n)) == expected
-
-
-def test_a_fine_sensor_without_noise_is_dead_and_one_that_is_not_used_may_stand() -> None:
-    lines = checked(channel(Quantity.BODY_ACCELERATION), [G] * 20)
-    assert found(lines) == {"stuck": FAIL}
-    assert lines[0].text == "stuck: all 20 samples are 9.80665 m/s2"
-    assert found(checked(channel(Quantity.UNUSED, "S.v"), [99.0] * 20)) == {"rest": OK}
 
 
 def test_a_channel_without_samples_fails_unless_it_is_not_used() -> None:

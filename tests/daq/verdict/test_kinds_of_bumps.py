@@ -99,24 +99,6 @@ def test_wheels_that_go_together(
         )
 
 
-def test_an_axle_that_follows_within_two_and_a_half_seconds_belongs_to_the_bump() -> None:
-    for late_s, likeness in ((2.3, 1.0), (2.55, 0.5)):
-        records = hubs((1, 1, 1, 1))
-        for channel in records:
-            if channel.corner in (Corner.REAR_LEFT, Corner.REAR_RIGHT):
-                late = T_S - late_s
-                hop = np.where((late > 0.0) & (late < 0.5), np.sin(20 * np.pi * late), 0.0)
-                records[channel] = 20.0 * hop
-            else:
-                records[channel] = np.where((T_S > 0.0) & (T_S < 0.1), 1.0, 0.0) * records[channel]
-        for channel in records:  # the same energy at front and rear within 2.5 s
-            part = records[channel][(T_S > -0.05) & (T_S < 2.5)]
-            size = float(np.sqrt(np.sum(part**2)))
-            records[channel] = records[channel] / (size or 1.0) * 100.0
-        (pattern,) = found(records)
-        assert pattern.likeness[BOUNCE] == pytest.approx(likeness, abs=0.01)
-
-
 def test_a_push_is_judged_by_travels_alone() -> None:
     swing = np.where(T_S > 0.0, np.sin(2 * np.pi * 1.5 * T_S) * np.exp(-T_S), 0.0)
     for signs, words, kind in (
@@ -192,15 +174,6 @@ def test_a_body_that_heaves_and_turns(
         power = np.array([heave, pitch, roll]) ** 2
         assert list(pattern.shares) == ["bounce", "pitch", "roll"]
         assert list(pattern.shares.values()) == pytest.approx(power / np.sum(power), abs=0.01)
-
-
-def test_rates_go_before_angular_accelerations_and_heave_is_the_mean_of_its_sensors() -> None:
-    second = replace(Z, name="z2", signal="IMU.z2", x_m=1.0)
-    records = {Z: jolt(0.5), second: jolt(1.5), RATES[0]: rate(P), RATES[1]: rate(0.0)}
-    records |= {TURNS[0]: jolt(0.0), TURNS[1]: jolt(5.0)}
-    (pattern,) = found(records)
-    assert pattern.shares["bounce"] == pytest.approx(0.5, abs=0.005)
-    assert pattern.shares["pitch"] == pytest.approx(0.5, abs=0.005)
 
 
 @pytest.mark.parametrize(

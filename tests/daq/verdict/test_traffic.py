@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from daq.channels import Channel, Quantity
+from daq.channels import Channel
 from daq.runs import Losses
 from daq.verdict.traffic import frozen, lost_frames, overload, stale
 from daq.verdict.window import traces
@@ -16,7 +16,6 @@ from dbc.finding import Finding
 
 from .closed_forms import (
     BODY,
-    BUMP_NS,
     HUB,
     OTHER,
     PITCH,
@@ -45,12 +44,6 @@ def test_a_message_may_be_silent_for_a_quarter_second_or_ten_cycles(
 ) -> None:
     time_s = without(np.arange(-1.0, 2.5001, period_s), 1.0, silent_s)
     assert one(stale, {TRAVEL: np.sin(time_s)}, time_s).passed is passed
-
-
-def test_a_message_that_another_says_was_silent_is_so_for_twice_the_limit() -> None:
-    bench, run = window({TRAVEL: np.sin(T_S)})
-    (finding,) = stale(bench, replace(run, stale=("absent",)), ())
-    assert (finding.passed, finding.value, finding.subject) == (False, 0.5, "absent")
 
 
 def test_silent_messages_are_named_unless_all_are() -> None:
@@ -101,16 +94,6 @@ def test_frames_without_a_usable_value_are_not_silence(
     assert advice in finding.advice
 
 
-def test_where_more_is_lost_than_a_gap_the_losses_are_named() -> None:
-    time_s = without(np.arange(-1.0, 2.5, 0.001), 0.05, 0.021)  # 3480 samples: 72 are 2.03 %
-    for lost, expected in ((70, 0.021), (72, 72 / 3552)):
-        bench, run = window({TRAVEL: np.sin(time_s)}, time_s)
-        run = replace(run, losses=Losses(counter_gaps=lost))
-        (finding,) = lost_frames(bench, run, traces(bench.channels, run))
-        assert not finding.passed
-        assert finding.value == pytest.approx(expected)
-
-
 @pytest.mark.parametrize(
     ("period_s", "gap_s", "start_s", "passed"),
     [
@@ -147,28 +130,6 @@ def test_of_a_channel_that_touched_its_range_one_sample_is_a_top(
 
 
 """Rest, strikes, gaps and likeness where two rules meet, by records of closed form."""
-
-
-def test_silence_is_weighed_by_the_limit_of_its_message() -> None:
-    """0.3 s of a message every 1 ms is more than 0.8 s of one every 0.1 s."""
-    _, run = window({TRAVEL: T_S})
-    slow = np.setdiff1d(np.arange(-10, 26), np.arange(11, 18)) / 10.0
-    quick = without(T_S, 1.0, 0.3)
-    bench, _ = window({HUB: slow, TRAVEL: quick})
-    columns = {
-        c.name: (BUMP_NS + np.rint(time_s * 1e9).astype(np.int64), np.sin(time_s))
-        for c, time_s in ((HUB, slow), (TRAVEL, quick))
-    }
-    (finding,) = stale(bench, replace(run, channels=columns), ())
-    assert (finding.passed, finding.subject) == (False, "SUSP")
-    assert finding.value == pytest.approx(0.3)
-
-
-def test_unused_channels_are_silent_unasked() -> None:
-    unused = Channel("unused", Quantity.UNUSED, "m", "OFF.u")
-    bench, run = window({TRAVEL: T_S, unused: np.full(len(T_S), np.nan)})
-    (finding,) = stale(bench, run, ())
-    assert finding.text.startswith("the one message came")
 
 
 @pytest.mark.parametrize(
@@ -236,15 +197,6 @@ def test_a_message_is_as_silent_as_its_best_channel_but_a_mute_channel_is_named(
         assert finding.passed is passed
         if not passed:
             assert finding.subject == "twin"
-
-
-def test_a_channel_without_a_signal_is_a_message_of_its_own() -> None:
-    run = run_of({replace(TRAVEL, signal=""): T_S, OTHER: T_S})
-    (finding,) = stale(bench_of(replace(TRAVEL, signal=""), OTHER), run, ())
-    assert finding.text.startswith("all 2 messages came; longest silence 1 ms (")
-    assert finding.text.endswith(("(travel)", "(SUSP)"))
-    (alone,) = stale(bench_of(replace(TRAVEL, signal="")), run, ())
-    assert alone.text.endswith("(travel)")
 
 
 """Channels that held one value while the car moved: the bench rejects what the desk leaves out."""

@@ -1,5 +1,7 @@
 """Pushes on a simulated car, where forces decide what the sensors must say, and made by hand."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
@@ -13,7 +15,18 @@ from scipy.integrate import solve_ivp
 
 from daq.bench.config import default_bench_text, parse_bench
 from daq.channels import Channel, Quantity
-from daq.check.pushes import PushResult, judge_push, shows_push
+from daq.check.pushes import (
+    ORDER,
+    Pushes,
+    PushResult,
+    Trace,
+    axis_of,
+    find_pushes,
+    judge_push,
+    mounting,
+    pushed_corner,
+    shows_push,
+)
 from daq.sim.motion import corner_motion, static_pose
 from daq.vehicle import FORD_GRANADA, AddedMass, Corner
 
@@ -239,18 +252,6 @@ def test_a_push_is_over_after_rest_or_after_five_seconds(
     assert result.text.startswith("moving") is not done
 
 
-@pytest.mark.parametrize("corner", Corner)
-def test_each_corner_turns_the_body_its_own_way(corner: Corner) -> None:
-    """Down at the front is nose down (+); positive roll lifts the left side."""
-    pitch = 1 if corner in (FL, FR) else -1
-    roll = -1 if corner in (FL, RL) else 1
-    for quantity, way in ((Quantity.PITCH_RATE, pitch), (Quantity.ROLL_RATE, roll)):
-        for turned in (1, -1):
-            result = judged(corner, {channel(quantity): lane([0.05 * way * turned])})
-            assert result.passed is (turned > 0)
-            assert result.done
-
-
 @pytest.mark.parametrize(
     ("corner", "x_m", "y_m", "sinks"),
     [
@@ -302,3 +303,149 @@ def test_a_body_that_rests_elsewhere_after_a_push_can_be_pushed_again() -> None:
     stuck[152:] = 0.006
     stuck[300:302] = [0.03, 0.0]
     assert judged(FL, {travel: stuck}, 250).passed
+
+
+# How sensors are mounted, from gravity and from pushes --------------------------------------------
+
+
+UP = {"x": 0.0, "y": 0.0, "z": 1.0}
+START_NS = 1_800_000_000_000_000_000
+
+
+@pytest.mark.parametrize(
+    ("gravity", "up"),
+    [
+        ((0.0, 0.0, 1.0), ("z", 1)),
+        ((0.0, 0.1, -0.98), ("z", -1)),
+        ((1.02, 0.0, 0.0), ("x", 1)),
+        ((0.43, 0.0, 0.903), ("z", 1)),  # 25 degrees
+        ((0.45, 0.0, 0.893), None),  # 27 degrees
+        ((0.0, 0.0, 1.11), None),
+        ((0.0, 0.0, 1.09), ("z", 1)),
+        ((0.0, 0.0, 0.0), None),
+    ],
+)
+def test_up_is_where_gravity_is(
+    gravity: tuple[float, float, float], up: tuple[str, int] | None
+) -> None:
+    found = mounting(dict(zip("xyz", gravity, strict=True)), None)
+    assert (axis_of(found.up) if found else None) == up
+
+
+def test_the_pushes_show_every_way_to_mount_an_imu() -> None:
+    # Pitch is positive nose down, roll positive lifts the left side.
+    car = {FL: (1.0, -0.7), FR: (1.0, 0.7), RL: (-1.0, -0.7), RR: (-1.0, 0.7)}
+    eye = np.eye(3)
+    tried = 0
+    for up in (*eye, *-eye):
+        for forward in (*eye, *-eye):
+            if up @ forward:
+                continue
+            left = np.cross(up, forward)
+            turns = {c: pitch * left + roll * forward for c, (pitch, roll) in car.items()}
+            seen = {c: dict(zip("xyz", turn.tolist(), strict=True)) for c, turn in turns.items()}
+            found = mounting(dict(zip("xyz", up.tolist(), strict=True)), seen)
+            assert found is not None
+            assert found.surely_forward
+            np.testing.assert_array_equal(found.up, up)
+            np.testing.assert_array_equal(found.forward, forward)
+            np.testing.assert_array_equal(found.left, left)
+            tried += 1
+    assert tried == 24
+
+
+@pytest.mark.parametrize(("roll", "sure"), [(-0.35, True), (-0.3, False)])
+def test_forward_explains_the_pushes_twice_as_well_as_the_next_best(
+    roll: float, sure: bool
+) -> None:
+    """A push at the front left turns by 1 about y: forward fits by 1 - roll, right by 1 + roll."""
+    for size in (1.0, 100.0):
+        found = mounting(UP, {FL: {"x": roll * size, "y": size}})
+        assert found is not None
+        assert found.surely_forward is sure
+        assert axis_of(found.forward) == ("x", 1)
+
+
+@pytest.mark.parametrize(
+    ("peaks", "other", "place"),
+    [
+        ((0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0), None),  # a dead one
+        ((10.0, -4.9, 1.0, 0.0), (0.0, 0.0, 0.0, 0.0), (FL, 1)),
+        ((10.0, -5.1, 1.0, 0.0), (0.0, 0.0, 0.0, 0.0), None),
+        ((1.0, 0.0, 0.0, -2.0), (-1.9, 9.0, 0.0, -1.9), (RR, -1)),
+        ((2.0, 1.0, 0.0, 0.0), (-2.1, 0.0, 0.0, 0.0), None),
+    ],
+)
+def test_a_travel_is_where_its_own_push_moves_it_most(
+    peaks: tuple[float, ...], other: tuple[float, ...], place: tuple[Corner, int] | None
+) -> None:
+    one, two = (dict(zip(Corner, each, strict=True)) for each in (peaks, other))
+    assert pushed_corner(one, [two]) == place
+
+
+# Pushes in a recording ----------------------------------------------------------------------------
+
+
+def trace(
+    heights: Sequence[float], length_s: float = 0.2, apart_s: float = 3.0, noise: float = 0.0
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return pushes at 1 s, 4 s and so on, 200 samples a second, about a level of 5."""
+    time_s = np.arange(round(200 * (1.0 + apart_s * (len(heights) - 1) + length_s + 2.0))) / 200
+    value = np.zeros(len(time_s))
+    value[:100] = noise * np.resize([1.0, -1.0], 100)
+    for k, height in enumerate(heights):
+        begin = 1.0 + k * apart_s - 1e-4
+        value[(time_s >= begin) & (time_s < begin + length_s)] = height
+    # A little after the edges of bins of 0.05 s.
+    return START_NS + np.rint(time_s * 1e9).astype(np.int64) + 1_000_000, 5.0 + value
+
+
+def found_pushes(traces: Mapping[str, Trace]) -> tuple[Pushes | None, int]:
+    return find_pushes(traces, list(traces))
+
+
+def pushes(*traces: Trace) -> Pushes:
+    found, number = found_pushes({str(k): each for k, each in enumerate(traces)})
+    assert found is not None
+    assert number == 4
+    return found
+
+
+def test_four_pushes_are_one_on_each_corner_with_a_quarter_second_around() -> None:
+    found = pushes(trace([1.0, 1.0, 1.0, 1.0]))
+    begins = [START_NS + 1_000_000 + (3 * k + 1) * 10**9 - 250_000_000 for k in range(4)]
+    assert found.spans == {
+        corner: (begin, begin + 700_000_000) for corner, begin in zip(ORDER, begins, strict=True)
+    }
+
+
+@pytest.mark.parametrize(
+    ("length_s", "apart_s", "number"),
+    [
+        (0.15, 3.0, 4), (0.1, 3.0, 0),
+        (0.2, 0.7, 4), (0.2, 0.65, 1),  # bins with 0.5 s and 0.45 s of rest between them
+    ],
+)  # fmt: skip
+def test_a_push_lasts_long_enough_and_rest_parts_two(
+    length_s: float, apart_s: float, number: int
+) -> None:
+    assert found_pushes({"a": trace([1.0] * 4, length_s, apart_s)})[1] == number
+
+
+@pytest.mark.parametrize(("small", "number"), [(0.19, 3), (0.21, 4)])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_push_reaches_a_fifth_of_the_largest(small: float, number: int, sign: float) -> None:
+    found, seen = found_pushes({"a": trace([1.0, sign * small, -1.0, 0.5])})
+    assert seen == number
+    assert (found is None) is (number != 4)
+
+
+def test_signals_add_up_and_those_without_rest_do_not_count() -> None:
+    one, two = trace([1.0, 0.0, 1.0, 0.0]), trace([0.0, 1.0, 0.0, 1.0])
+    assert found_pushes({"a": one})[1] == 2
+    assert list(pushes(one, two).spans) == list(ORDER)
+    for first, number in ((97, 4), (98, 2)):  # three samples within half a second, or two
+        late = two[0][first:], two[1][first:]
+        assert found_pushes({"a": one, "b": late})[1] == number
+    assert found_pushes({}) == (None, 0)
+    assert found_pushes({"a": (one[0][:1], one[1][:1])}) == (None, 0)
