@@ -19,11 +19,9 @@ import pytest
 
 import daq
 from daq import write_session
-from daq.runs import RunStatus
 from tui.jobs.gain import measured_spread
 from tui.jobs.lines import (
     Done,
-    ExportTask,
     IdentifyTask,
     Item,
     Line,
@@ -35,13 +33,12 @@ from tui.jobs.lines import (
 from tui.jobs.session_list import (
     EntryState,
     SessionEntry,
-    contains,
     report_of,
     sessions_in,
     size_text,
     with_open,
 )
-from tui.jobs.worker import lines_of, without
+from tui.jobs.worker import lines_of
 
 from ..daq.crash_frames import journal_of_runs
 from ..daq.small_campaign import small_bench
@@ -69,18 +66,10 @@ def lines_from_child(task: Task, see: Callable[[Line], None] = lambda _: None) -
     return asyncio.run(listen())
 
 
-def test_a_trial_without_a_run(session: Path) -> None:
-    whole = daq.read_session(session)
-    trial = without(whole, ("baseline_bounce_1", "no_such_run_1"))
-    rejected = [run.label for run in trial.runs if run.status is RunStatus.REJECTED]
-    assert rejected == ["baseline_bounce_1"]
-    assert [run.frames for run in trial.runs] == [run.frames for run in whole.runs]
-
-
 def test_a_broken_file_is_one_kind_line(session: Path, tmp_path: Path) -> None:
     bad = tmp_path / "bad.h5"
     bad.write_bytes(session.read_bytes()[:-2000])
-    *_, last = lines_from_child(ExportTask(str(bad), "csv"))
+    *_, last = lines_from_child(IdentifyTask(str(bad)))
     assert isinstance(last, Trouble)
     assert "bad.h5" in last.text
     assert "cut off" in last.what
@@ -188,16 +177,6 @@ ENTRY = SessionEntry(
 )  # fmt: skip
 def test_sizes_are_for_people(size: int, text: str) -> None:
     assert size_text(size) == text
-
-
-@pytest.mark.parametrize(
-    "words", ["", "2026-11-21", "GRANADA", "ready wet", "session_0001.h5", "road granada"]
-)
-def test_an_entry_is_found_by_any_of_its_words(words: str) -> None:
-    assert contains(ENTRY, words)
-    assert not contains(ENTRY, f"{words} escort")
-    assert contains(replace(ENTRY, vehicle="Escort"), f"{words} granada"), "the folder's name"
-    assert not contains(ENTRY, "b/")
 
 
 def test_what_the_recorder_is_at_is_open() -> None:

@@ -15,10 +15,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class IdentifyTask:
-    """Identify a session, leaving out the runs `without`; the answer is an `Outcome`."""
+    """Identify a session; the answer is an `Outcome`."""
 
     session: str
-    without: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,30 +30,13 @@ class ReportTask:
 
 
 @dataclass(frozen=True, slots=True)
-class CompareTask:
-    """Compare sessions with the first of them."""
-
-    sessions: tuple[str, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class ExportTask:
-    """Write a session in the format of another tool, next to the session file."""
-
-    session: str
-    form: str
-    replace: bool = False
-    """True if existing files may be replaced; otherwise they are refused."""
-
-
-@dataclass(frozen=True, slots=True)
 class ListTask:
     """List the recordings and sessions of a folder, one item a session."""
 
     folder: str
 
 
-Task = IdentifyTask | ReportTask | CompareTask | ExportTask | ListTask
+Task = IdentifyTask | ReportTask | ListTask
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +45,7 @@ class RunOutcome:
 
     label: str
     status: str
-    """`accepted`, `rejected`, or `left out`."""
+    """`accepted` or `rejected`."""
     reasons: tuple[str, ...]
     """Reasons why it was not used."""
 
@@ -74,8 +56,6 @@ class Outcome:
 
     session: str
     """The session file."""
-    without: tuple[str, ...]
-    """Runs left out for a trial; the file is not changed by that."""
     result: Identification
     """Without its fit."""
     overrides: tuple[str, ...]

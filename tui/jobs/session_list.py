@@ -124,14 +124,6 @@ def _day(unix_s: float) -> str:
     return datetime.fromtimestamp(unix_s).astimezone().strftime("%Y-%m-%d %H:%M")
 
 
-def contains(entry: SessionEntry, words: str) -> bool:
-    """Return True if an entry contains every typed word."""
-    place = Path(entry.folder).name
-    shown = (entry.date, entry.vehicle, entry.state, entry.note, entry.name, place)
-    text = " ".join(shown).casefold()
-    return all(word in text for word in words.casefold().split())
-
-
 def with_open(entry: SessionEntry, recording: str) -> SessionEntry:
     """Return the entry, marked as open if the recorder is recording it."""
     if entry.recording and entry.recording == recording:

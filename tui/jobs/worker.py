@@ -13,7 +13,7 @@ import pickle
 import signal
 import subprocess
 import sys
-from collections.abc import AsyncGenerator, Callable, Sequence
+from collections.abc import AsyncGenerator, Callable
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -25,9 +25,7 @@ from dbc import BumpbenchError
 from dbc.errors import printable
 
 from .lines import (
-    CompareTask,
     Done,
-    ExportTask,
     IdentifyTask,
     Item,
     Line,
@@ -41,14 +39,13 @@ from .lines import (
 )
 
 if TYPE_CHECKING:
-    from daq import Session
+    pass
 
 Send = Callable[[Line], None]
 _NICE = 10
 """Niceness of the worker: the recorder has priority."""
 _READ = 0.05
 """Share of the work that is done when the session is being read."""
-_LEFT_OUT = "left out for a trial"
 
 
 # The terminal's end -------------------------------------------------------------------------------
@@ -156,31 +153,18 @@ def _identify(task: IdentifyTask, send: Send) -> Outcome:
     from identify import identify, usable_session
 
     send(Progress(_READ, "reading"))
-    session = without(read_session(task.session), task.without)
+    session = read_session(task.session)
     result = identify(session, lambda share, text: send(Progress(share, text)))
     runs = tuple(
         RunOutcome(
             run.label,
-            "left out" if run.reasons == (_LEFT_OUT,) else str(run.status),
+            str(run.status),
             run.reasons,
         )
         for run in usable_session(session).runs
     )
     result = replace(result, estimation=None, residuals=())
-    return Outcome(task.session, task.without, result, overrides_of(session.provenance), runs)
-
-
-def without(session: Session, labels: Sequence[str]) -> Session:
-    """Return a session in which some runs are not used."""
-    from daq import RunStatus
-
-    runs = (
-        replace(run, status=RunStatus.REJECTED, reasons=(_LEFT_OUT,))
-        if run.label in labels and run.is_accepted
-        else run
-        for run in session.runs
-    )
-    return replace(session, runs=tuple(runs))
+    return Outcome(task.session, result, overrides_of(session.provenance), runs)
 
 
 def _report(task: ReportTask, send: Send) -> dict[str, Any]:
@@ -199,31 +183,6 @@ def _report(task: ReportTask, send: Send) -> dict[str, Any]:
     return {"files": sizes, "verdict": str(report.result.quality.verdict)}
 
 
-def _compare(task: CompareTask, send: Send) -> dict[str, Any]:
-    from identify.compare import compare
-
-    from .comparing import comparison_lines, identified, labels_of
-
-    def stage(done: float, text: str = "") -> None:
-        send(Progress(done, text))
-
-    stage(_READ, "reading")
-    results = identified(task.sessions, stage)
-    labels = labels_of([Path(path) for path in task.sessions])
-    return {"lines": list(comparison_lines(compare(labels, results)))}
-
-
-def _export(task: ExportTask, _: Send) -> dict[str, Any]:
-    from daq import read_session
-    from daq.formats.export import ExportFormat, export_session
-
-    form = ExportFormat(task.form)
-    session = Path(task.session)
-    target = session.with_suffix(form.suffix)
-    written = export_session(read_session(session), target, form, force=task.replace)
-    return {"paths": [str(path) for path in written.paths], "notes": list(written.notes)}
-
-
 def _list(task: ListTask, send: Send) -> dict[str, Any]:
     from .session_list import sessions_in
 
@@ -237,8 +196,6 @@ def _list(task: ListTask, send: Send) -> dict[str, Any]:
 _WORK: dict[type, Callable[[Any, Send], Any]] = {
     IdentifyTask: _identify,
     ReportTask: _report,
-    CompareTask: _compare,
-    ExportTask: _export,
     ListTask: _list,
 }
 

@@ -24,23 +24,17 @@ from daq import InputError
 from daq.control import messages
 from daq.control.exchange import OrderRefusedError
 from daq.control.messages import (
-    Acknowledge,
     AskBench,
     AskHistory,
-    Build,
     Hello,
     Live,
     Note,
     Order,
-    Pause,
-    Redo,
-    Reject,
     Reply,
     Setup,
     ShutDown,
     Status,
     Stop,
-    Undo,
     differences,
 )
 from daq.errors import printable
@@ -71,17 +65,14 @@ MOST_NEWS = 1200
 _WIDTHS = [(0, "-narrow"), (120, "-wide"), (180, "-huge")]
 _HEIGHTS = [(0, "-low"), (36, "-tall")]
 """Numbers of columns and rows from which a screen has a style class."""
-_MODULES = {"home": "bumping", "run": "bumping", "identify": "work", "report": "work"}
+_MODULES = {
+    "home": "bumping",
+    "run": "bumping",
+    "identify": "work",
+    "report": "work",
+    "sessions": "work",
+}
 """Modules of screens that have another name than the screen."""
-_ORDERS: tuple[tuple[str, str, Order], ...] = (
-    ("run: pause", "count no bump until armed again; frames are still recorded", Pause()),
-    ("run: reject last", "do not use the last run; it is kept", Reject()),
-    ("run: undo", "take the last verdict back", Undo()),
-    ("run: redo", "take the last undo back", Redo()),
-    ("recorder: lamps out", "acknowledge the overload lamps", Acknowledge()),
-    ("recorder: build session", "derive the session file; the recording goes on", Build()),
-    ("recorder: stop", "end this recording and derive its session file", Stop()),
-)
 
 
 class NewsArrived(Message):
@@ -501,33 +492,22 @@ class BenchApp(KeyboardApp):
     # The command palette ------------------------------------------------------------------------
 
     def get_system_commands(self, screen: Screen[Any]) -> Iterator[SystemCommand]:
-        """Yield every command that is possible now, by name, for Ctrl+P."""
-
-        async def arm() -> None:
-            # As SPACE on the run screen, which asks about the weights when they change.
-            await (await self.open("run")).action_next()
+        """Yield the commands that have no key of their own, by name, for Ctrl+P."""
 
         async def end() -> None:
             if await self.ask(ShutDown()) is not None:
                 self.exit()
 
-        yield SystemCommand("run: arm", "wait for the next bump and count it", arm)
-        for name, words, order in _ORDERS:
-            yield SystemCommand(name, words, partial(self.ask, order))
-        yield SystemCommand("note: on the session", "write a note", self.action_note)
+        yield SystemCommand(
+            "recorder: stop",
+            "end this recording and derive its session file",
+            partial(self.ask, Stop()),
+        )
+        yield SystemCommand("recorder: shut down", "end recorder and terminal", end)
         if self.status is not None and self.status.runs:
             last = self.status.runs[-1].label
             note = partial(self.action_note, last)
             yield SystemCommand("note: on the last run", f"write a note on {last}", note)
-        for name, words, act in (
-            ("recorder: take control", "give the orders from here", self.action_take_over),
-            ("recorder: restart", "start it if none runs", self.action_restart_recorder),
-            ("recorder: shut down", "end recorder and terminal: recording stops", end),
-            ("view: sound", "mute or unmute the bell", self.action_sound),
-            ("help: this screen", "purpose and keys of this screen", self.action_help),
-            ("app: quit", "close the terminal; the recording goes on", self.action_quit),
-        ):
-            yield SystemCommand(name, words, act)
         if self.display_link is not None:
             words = "how to open the display at the bench"
             yield SystemCommand("display: link", words, self.action_display)

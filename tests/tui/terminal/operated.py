@@ -17,9 +17,7 @@ from daq.check.check import WORDS
 from daq.vehicle import Corner
 from dbc.finding import Finding
 from tui.jobs.lines import (
-    CompareTask,
     Done,
-    ExportTask,
     IdentifyTask,
     Item,
     Line,
@@ -32,7 +30,7 @@ from tui.jobs.lines import (
 )
 from tui.jobs.session_list import SessionEntry
 from tui.terminal.app import BenchApp
-from tui.terminal.screens import sessions, work
+from tui.terminal.screens import work
 from tui.terminal.screens.results import ResultsScreen
 from tui.terminal.widgets import Table
 
@@ -139,8 +137,7 @@ class FakeWorker:
 
     def use(self, monkeypatch: pytest.MonkeyPatch) -> FakeWorker:
         """Take the place of the worker's process."""
-        for screen in (sessions, work):
-            monkeypatch.setattr(screen, "lines_of", self.lines_of)
+        monkeypatch.setattr(work, "lines_of", self.lines_of)
         return self
 
     async def lines_of(self, task: Task, where: str) -> AsyncGenerator[Line, None]:
@@ -159,10 +156,6 @@ class FakeWorker:
             case ReportTask():
                 files = {"/bench/session_0001.html": 1_181_489, "/bench/session_0001.pdf": 290_180}
                 yield Done({"files": files, "verdict": "ok"})
-            case CompareTask():
-                yield Done({"lines": ["Nothing differs.", "[/foo]"]})
-            case ExportTask():
-                yield Done({"paths": ["/bench/session_0001.mf4"], "notes": []})
             case ListTask():
                 for entry in self.entries:
                     yield Item(entry)

@@ -88,7 +88,7 @@ def outcome(session: str = "/bench/session_0001.h5") -> Outcome:
         },
     )
     runs = tuple(RunOutcome(label, "accepted", ()) for label in _LABELS)
-    return Outcome(session, (), result, ("noise wheel_rr: lift in the next bay runs (MK)",), runs)
+    return Outcome(session, result, ("noise wheel_rr: lift in the next bay runs (MK)",), runs)
 
 
 def doubtful() -> Outcome:

@@ -14,8 +14,8 @@ from daq.control.messages import (
     Pause,
     Phase,
     Redo,
-    Reject,
     ShutDown,
+    Stop,
     Undo,
 )
 from daq.verdict import WORDS
@@ -102,6 +102,7 @@ async def test_a_message_covers_neither_the_top_lines_nor_the_keys(make_app: Mak
             shown = screen_text(app).splitlines()
             assert text in "\n".join(shown[-4:])
             assert (shown[:10], shown[-1]) == (rows[:10], rows[-1])
+            assert "\u2518" in "".join(shown[-4:-1]), "the lower edge of the box is seen"
 
 
 async def test_the_commands_of_the_palette_act(make_app: Make, worker: FakeWorker) -> None:
@@ -115,19 +116,17 @@ async def test_the_commands_of_the_palette_act(make_app: Make, worker: FakeWorke
 
     async with playing(app, SMALL) as pilot:
         assert all(": " in name for name in commands(app))
-        await do("run: reject last")
-        assert isinstance(recorder.orders[-1], Reject)
+        await do("recorder: stop")
+        assert isinstance(recorder.orders[-1], Stop)
         await do("theme: bench-light")
         assert app.theme == "bench-light"
         await app.action_sessions()
         await pilot.pause()
         assert app.screen is app.get_screen("sessions")
-        await do("help: this screen")
-        await pilot.pause()
-        assert isinstance(app.screen, HelpScreen)
-        await pilot.press("escape", "ctrl+p", *"undo")
+        await pilot.press("ctrl+p", *"shut")
         await pilot.pause(0.3)
-        assert "run: undo" in screen_text(app)
+        assert "recorder: shut down" in screen_text(app)
+        await pilot.press("escape")
         await do("recorder: shut down")
         assert isinstance(recorder.orders[-1], ShutDown)
         assert app._exit

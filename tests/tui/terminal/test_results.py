@@ -11,8 +11,7 @@ import pytest
 
 from daq.control.messages import Accept, Build, Mark, Reject
 from dbc.finding import Finding, Severity
-from identify.words import parameter_words, plain
-from tui.jobs.lines import ExportTask, Outcome
+from tui.jobs.lines import Outcome
 from tui.terminal.screens import results
 from tui.terminal.screens.results import (
     finding_lines,
@@ -26,7 +25,6 @@ from tui.terminal.widgets import Table
 from tui.terminal.words import choose_glyphs
 
 from .operated import (
-    FakeWorker,
     Make,
     Snapshot,
     at_every_size,
@@ -53,7 +51,7 @@ async def test_every_page(make_app: Make, snapshot: Snapshot) -> None:
         for name in ("OK", "m_s", "I_yy", "k_sf", "c_sr", "t_r", "SPACE"):
             assert name in seen(app), "the whole table is seen without scrolling"
         assert "Dampers" not in seen(app)
-        for page in ("parameters", "modes", "matrices", "runs", "findings"):
+        for page in ("parameters", "modes", "runs", "findings"):
             await at_every_size(pilot, snapshot, f"results_{page}")
             await pressed(pilot, "tab")
 
@@ -85,26 +83,6 @@ async def test_x_rejects_the_chosen_run_and_builds_again(make_app: Make) -> None
         assert all(a.reason for a in accepts)
 
 
-async def test_x_on_a_session_of_the_past_only_tries(
-    make_app: Make, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    recorder = measured()
-    app = make_app(recorder)
-    tried: list[Any] = []
-
-    async def open_identify(_: object, *given: Any) -> None:
-        tried.append(given)
-
-    monkeypatch.setattr(results, "open_identify", open_identify)
-    async with showing(app, SMALL, outcome("/old/session_0009.h5")) as pilot:
-        assert "[6 Identify]" not in seen(app)
-        assert app.step is None
-        assert "SPACE = report of session_0009.h5" in seen(app)
-        await pressed(pilot, "p", "x")
-        assert tried == [("/old/session_0009.h5", ("baseline_bounce_1",))]
-        assert not [o for o in recorder.orders if isinstance(o, Reject | Build)]
-
-
 async def test_space_goes_on_to_the_report_of_this_session(make_app: Make) -> None:
     recorder = measured()
     app = make_app(recorder)
@@ -131,24 +109,29 @@ async def test_a_car_with_damper_curves_has_a_page_of_them(
         assert "sprung mass" in await pressed(pilot, "tab")
 
 
-async def test_pages_scroll_and_the_session_is_exported(make_app: Make, worker: FakeWorker) -> None:
-    app = make_app(measured())
+async def test_pages_scroll_and_an_earlier_session_is_only_read(make_app: Make) -> None:
+    recorder = measured()
+    app = make_app(recorder)
     async with playing(app, SMALL) as pilot:
         assert not results_of(app).ready
         await app.open("results")
         await until(pilot, lambda: shows(app, "nothing is identified yet: SPACE = step 6"))
         results_of(app).show_outcome(outcome("/b/s1.h5"))
         assert results_of(app).ready
-        assert "M baseline" in await pressed(pilot, "tab", "tab")
-        table = results_of(app).query_one("#mck-table", Table)
+        assert app.step is None
+        assert "SPACE = report of s1.h5" in seen(app)
+        assert "body bounce" in await pressed(pilot, "tab")
+        await pilot.resize_terminal(80, 16)
+        await pilot.pause()
+        table = results_of(app).query_one("#modes-table", Table)
         for key, row in (("down", 2), ("down", 4), ("up", 2)):
             await pressed(pilot, key)
             assert table.scroll_y == row
         await pressed(pilot, "p", "down", "down", "up")
         assert results_of(app).query_one("#runs-table", Table).cursor_row == 1
         assert "95 % interval" in await pressed(pilot, "p")
-        await pressed(pilot, "e", "space")
-        await until(pilot, lambda: worker.tasks == [ExportTask("/b/s1.h5", "mf4")])
+        assert "the runs of an earlier session stay" in await pressed(pilot, "p", "x")
+        assert not [o for o in recorder.orders if isinstance(o, Reject | Build)]
 
 
 def test_a_table_shows_what_is_known_given_and_not_determined() -> None:
@@ -158,14 +141,13 @@ def test_a_table_shows_what_is_known_given_and_not_determined() -> None:
         "t_f": estimate(0.74, 9.0, "m"),
     }
     rests_on = {"m_s": {"baseline_bounce_1": 0.4}}
-    _, rows = parameter_rows(known, parameter_words, rests_on, wide=True)
+    result = replace(outcome().result, parameters=known, drivers=rests_on)
+    _, rows = parameter_rows(result, wide=True)
     texts = [[str(cell).strip() for cell in row] for row in rows]
     assert texts[0] == ["m_s  sprung mass", "1,380", "kg", "1,352 .. 1,408", "2.0 %",
                         "baseline_bounce 40 %"]  # fmt: skip
     assert texts[1][1:5] == ["1.2500", "m", "", ""]
     assert texts[2][1:4] == ["", "m", "not determined"]
-    _, rows = parameter_rows({"total_mass": known["m_s"]}, plain, {}, wide=False)
-    assert [str(cell).strip() for cell in rows[0]][:2] == ["total mass", "1,380"]
 
 
 def test_a_verdict_is_one_line_where_it_fits_and_two_where_not() -> None:
@@ -177,10 +159,8 @@ def test_a_verdict_is_one_line_where_it_fits_and_two_where_not() -> None:
         "  12 of 12 runs used   chi2/n 1.016",
     ]
     quality = replace(made.result.quality, chi2_per_n=nan)
-    without = replace(judged(made, quality), without=("baseline_roll_1",))
-    lines = verdict_lines(without, ASCII, 100, 9)
-    assert lines[0].endswith("12 of 12 runs used   trial without baseline_roll_1")
-    assert "chi2" not in lines[0]
+    lines = verdict_lines(judged(made, quality), ASCII, 100, 9)
+    assert lines[0].endswith("12 of 12 runs used")
     assert lines[1].startswith("  The model of the car")
 
 

@@ -15,9 +15,6 @@ from daq.control.messages import (
     BusState,
     BusStatus,
     Choose,
-    Mark,
-    Note,
-    OverrideWarning,
     Phase,
 )
 from daq.runs import Excitation
@@ -136,9 +133,6 @@ async def test_home(make_app: MakeApp, snapshot: Snapshot) -> None:
     recorder = FakeRecorder()
     _before(recorder)
     recorder.turn(Phase.IDLE)
-    await recorder.ask(Note("rear left damper looks wet"))
-    await recorder.ask(OverrideWarning("noise wheel RR", "lift in the next bay runs"))
-    await recorder.ask(Mark("tyres at 2.5 bar"))
     app = make_app(recorder)
     async with app.run_test(size=(100, 30)) as pilot:
         await pilot.pause()

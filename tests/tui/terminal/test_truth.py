@@ -5,15 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-import numpy as np
 import pytest
 from textual.pilot import Pilot
 
 from daq.alarms import EXPLAINED
 from daq.control.messages import (
     Alarm,
-    Lane,
-    Live,
     Phase,
     Status,
 )
@@ -36,7 +33,7 @@ from tui.terminal.words import (
 )
 
 from .conftest import screen_text
-from .fake_recorder import BIN_S, DOUBLE_BUMP, WALL_NS, FakeRecorder
+from .fake_recorder import DOUBLE_BUMP, WALL_NS, FakeRecorder
 from .operated import check_items, until
 
 MakeApp = Callable[..., BenchApp]
@@ -267,27 +264,6 @@ async def test_a_lost_recorder_is_the_only_cause_and_x_the_only_order(make_app: 
         assert not any(word in lines[-1] for word in ("Bksp", "Undo", "SPACE", "Esc"))
 
 
-ASCII = choose_glyphs("ascii", {}, "utf-8")
-BLOCKS = choose_glyphs("blocks", {}, "utf-8")
-BRAILLE = choose_glyphs("braille", {}, "utf-8")
-
-
-@pytest.fixture
-def recorder() -> FakeRecorder:
-    made = FakeRecorder()
-    made.mark("vehicle", "check")
-    return made
-
-
-def said(status: Status) -> list[str]:
-    shown = banner(status, None, next_action(status), ASCII)
-    return [shown.word, shown.title, shown.first, shown.second, shown.digits]
-
-
-def _alarm(code: str) -> Alarm:
-    return Alarm(code, "can0", "text", "advice", 0)
-
-
 async def test_the_bell_rings_in_the_rhythm_of_the_event_unless_it_is_muted(
     make_app: MakeApp, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -344,21 +320,3 @@ async def test_a_lost_recorder_has_its_key_on_every_screen(make_app: MakeApp) ->
             await pilot.pause()
         await app.go_to(BenchStep.BASELINE)
         assert "STARTING" not in screen_text(app)
-
-
-def _dots(rows: list[str]) -> np.ndarray:
-    """Return which dots of braille rows are set, by Unicode's own numbering."""
-    height, width = 4 * len(rows), 2 * len(rows[0])
-    dots = np.zeros((height, width), bool)
-    for r, row in enumerate(rows):
-        for c, char in enumerate(row):
-            bits = 0 if char == " " else ord(char) - 0x2800
-            for bit, (x, y) in enumerate(
-                ((0, 0), (0, 1), (0, 2), (1, 0), (1, 1), (1, 2), (0, 3), (1, 3))
-            ):
-                dots[4 * r + y, 2 * c + x] = bool(bits >> bit & 1)
-    return dots
-
-
-def _live(first: int, values: list[float | None], channel: str = "a") -> Live:
-    return Live(first, BIN_S, (Lane(channel, tuple(values), tuple(values)),))

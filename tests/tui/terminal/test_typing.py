@@ -10,8 +10,8 @@ from tui.terminal.app import BenchApp
 from tui.terminal.form import Form
 from tui.terminal.screens.bumping import HomeScreen
 from tui.terminal.screens.masses import MassesScreen
-from tui.terminal.screens.sessions import SessionsScreen
 from tui.terminal.screens.vehicle import VehicleScreen
+from tui.terminal.screens.work import SessionsScreen
 from tui.terminal.widgets import Confirm
 
 from .bursts import burst
@@ -71,8 +71,6 @@ async def test_with_caps_lock_each_key_does_what_the_footer_says_and_a_text_keep
         assert orders_of(recorder, Note) == [Note("RL WET")]
         await burst(pilot, "S")
         assert isinstance(app.screen, SessionsScreen)
-        await burst(pilot, "F", *"T5")
-        assert app.screen.query_one(Input).value == "T5"
 
 
 def _masses() -> FakeRecorder:

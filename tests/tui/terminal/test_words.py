@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
 import pytest
 
 from daq.bench.config import Bench
@@ -14,16 +12,11 @@ from daq.check.pushes import PushResult
 from daq.control.messages import (
     Alarm,
     Arm,
-    Lane,
-    Live,
-    Note,
-    OverrideWarning,
     Phase,
     Status,
 )
 from daq.runs import Excitation
 from daq.vehicle import Corner
-from tui.terminal.app import BenchApp
 from tui.terminal.campaign import (
     BenchStep,
     bump_step,
@@ -37,7 +30,6 @@ from tui.terminal.campaign import (
 from tui.terminal.feed import Lost
 from tui.terminal.screens.bumping import (
     alarms_text,
-    journal_text,
     next_text,
     runs_text,
     tally_rows,
@@ -61,7 +53,7 @@ from tui.terminal.words import (
     waiting_words,
 )
 
-from .fake_recorder import BIN_S, DOUBLE_BUMP, GOOD, WALL_NS, FakeRecorder
+from .fake_recorder import DOUBLE_BUMP, GOOD, WALL_NS, FakeRecorder
 from .operated import check_line
 
 ASCII = choose_glyphs("ascii", {}, "utf-8")
@@ -316,9 +308,6 @@ def test_a_pushed_corner_passes_fails_waits_or_is_skipped() -> None:
     assert not skipped.blocks
 
 
-MakeApp = Callable[..., BenchApp]
-
-
 def _alarm(code: str) -> Alarm:
     return Alarm(code, "can0", "text", "advice", 0)
 
@@ -343,24 +332,6 @@ def test_what_is_signalled(
     before = replace(FakeRecorder().status, phase=phase, alarms=(_alarm("counter_gap"),))
     raised = (*before.alarms, *map(_alarm, alarms))
     assert signal_of(before, replace(before, phase=after, alarms=raised)) is signal
-
-
-def _dots(rows: list[str]) -> np.ndarray:
-    """Return which dots of braille rows are set, by Unicode's own numbering."""
-    height, width = 4 * len(rows), 2 * len(rows[0])
-    dots = np.zeros((height, width), bool)
-    for r, row in enumerate(rows):
-        for c, char in enumerate(row):
-            bits = 0 if char == " " else ord(char) - 0x2800
-            for bit, (x, y) in enumerate(
-                ((0, 0), (0, 1), (0, 2), (1, 0), (1, 1), (1, 2), (0, 3), (1, 3))
-            ):
-                dots[4 * r + y, 2 * c + x] = bool(bits >> bit & 1)
-    return dots
-
-
-def _live(first: int, values: list[float | None], channel: str = "a") -> Live:
-    return Live(first, BIN_S, (Lane(channel, tuple(values), tuple(values)),))
 
 
 def test_the_one_key() -> None:
@@ -455,7 +426,7 @@ def test_progress_marks_what_is_due_and_says_what_was_rejected(recorder: FakeRec
     assert rows()[0][1:4] == ["##", "2/2 +1", "1.20 ± 0.07 Hz"]
 
 
-async def test_runs_and_journal_have_the_newest_on_top(recorder: FakeRecorder) -> None:
+def test_runs_have_the_newest_on_top(recorder: FakeRecorder) -> None:
     def runs(status: Status, figures: bool = False) -> list[str]:
         return runs_text(status, ASCII, figures).plain.splitlines()
 
@@ -463,8 +434,6 @@ async def test_runs_and_journal_have_the_newest_on_top(recorder: FakeRecorder) -
     recorder.judge(MOTION)
     recorder.bump()
     recorder.judge(DOUBLE_BUMP)
-    await recorder.ask(Note("wet", "baseline_bounce_2"))
-    await recorder.ask(OverrideWarning("noise", "lift"))
     recorder.bump()
     assert runs(recorder.status) == [
         "> baseline bounce 3  running",
@@ -477,17 +446,6 @@ async def test_runs_and_journal_have_the_newest_on_top(recorder: FakeRecorder) -
         "+ baseline bounce 1  good: the car swings at 1.15 Hz; taken by MK: a door"
     ]
     assert runs(replace(recorder.status, runs=())) == ["no runs yet"]
-    said = [line.partition("  ")[2] for line in journal_text(recorder.status).plain.splitlines()]
-    assert said[0] == "bounce 3 is recorded"
-    assert set(said[1:4]) == {
-        "note on baseline_bounce_2: wet (MK)",
-        "WARN noise overridden by MK: lift",
-        "bounce 2 rejected",
-    }
-    assert said[4] == "bounce 1 accepted"
-    assert set(said[5:]) == {"step vehicle done", "step check done"}
-    bare = replace(recorder.status, runs=(), notes=(), overrides=())
-    assert journal_text(bare).plain == "nothing yet"
 
 
 def test_what_is_next_stands_in_a_panel(recorder: FakeRecorder) -> None:

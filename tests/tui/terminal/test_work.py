@@ -1,21 +1,28 @@
-"""Identify and report: from SPACE to results, kept and outdated results, real workers."""
+"""Work on session files: identify, report, the list of sessions, real workers."""
 
 from __future__ import annotations
 
+from collections.abc import AsyncGenerator
 from dataclasses import replace
 from pathlib import Path
+
+import pytest
+from textual.pilot import Pilot
 
 import daq
 from daq.control.messages import Build, Mark, Reject, SessionState, SessionStatus, Start, Undo
 from daq.runs import RunStatus
 from daq.vehicle import FORD_GRANADA
-from tui.jobs.lines import IdentifyTask, ReportTask, Trouble
+from tui.jobs.lines import IdentifyTask, Line, ListTask, ReportTask, Task, Trouble
+from tui.jobs.session_list import EntryState, SessionEntry
 from tui.terminal.app import BenchApp
 from tui.terminal.campaign import BenchStep, progress
+from tui.terminal.screens import work
 from tui.terminal.screens.work import (
     OUTDATED,
     IdentifyScreen,
     ReportScreen,
+    SessionsScreen,
     Stage,
     open_identify,
 )
@@ -29,6 +36,7 @@ from .operated import (
     Make,
     Snapshot,
     at_every_size,
+    cursor,
     front,
     measured,
     playing,
@@ -111,13 +119,13 @@ async def test_a_result_is_kept_until_its_file_changes(
     path.write_text("one")
 
     async with playing(app, SMALL) as pilot:
-        for without, count in (((), 1), ((), 1), (("baseline_roll_1",), 2), ((), 3)):
-            await open_identify(app, str(path), without)
+        for _ in range(2):
+            await open_identify(app, str(path))
             await until(pilot, lambda: front(app) is results_of(app))
-            assert len(worker.tasks) == count
+            assert len(worker.tasks) == 1
         path.write_text("another")
         await open_identify(app, str(path))
-        await until(pilot, lambda: len(worker.tasks) == 4 and front(app) is results_of(app))
+        await until(pilot, lambda: len(worker.tasks) == 2 and front(app) is results_of(app))
         assert results_of(app).step_shown is identify_of(app).step_shown is None, "of the past"
         await app.open("identify")
         assert "Session s.h5" in seen(app)
@@ -260,3 +268,102 @@ async def test_real_sessions_from_the_list_to_report_and_results(
     assert outcome.result.estimation is None
     assert "no accepted run" in (tmp_path / "session_0002.html").read_text("utf-8")
     assert (tmp_path / "session_0002.pdf").read_bytes().startswith(b"%PDF")
+
+
+# The list of sessions -----------------------------------------------------------------------------
+
+ENTRIES = (
+    SessionEntry("", "/b", "2026-11-21 10:42", "T5", EntryState.CUT_OFF, 5, 1, "", "r9"),
+    SessionEntry("", "/b", "2026-11-21 10:41", "T5", EntryState.DAMAGED, note="is cut off"),
+    SessionEntry("", "/b", "2026-11-21 10:40", "T4", EntryState.OPEN, 5, 1, "", "r8"),
+    SessionEntry("/b/s1.h5", "/b", "2026-11-20 15:01", "T3", EntryState.READY, 30, 4, "wet"),
+    SessionEntry("/b/s2.h5", "/b", "2026-11-19 15:01", "[@click=app.quit]x[/]",
+                 EntryState.REPORTED, 30, 4, "[/foo] \x1b[2J"),
+)  # fmt: skip
+
+
+@pytest.fixture
+def listing(worker: FakeWorker) -> FakeWorker:
+    worker.entries = ENTRIES
+    return worker
+
+
+async def opened(pilot: Pilot[None]) -> SessionsScreen:
+    app = pilot.app
+    assert isinstance(app, BenchApp)
+    await app.action_sessions()
+    await until(pilot, lambda: shows(app, "2026-11-19"))
+    assert isinstance(app.screen, SessionsScreen)
+    return app.screen
+
+
+async def test_the_list_shows_foreign_text_and_follows_the_recording(
+    make_app: Make, listing: FakeWorker, snapshot: Snapshot
+) -> None:
+    recorder = measured()
+    app = make_app(recorder)
+    async with playing(app, (100, 30)) as pilot:
+        screen = await opened(pilot)
+        assert "[@click=" in seen(app)
+        assert "[/foo]" in seen(app)
+        assert "\x1b" not in screen_text(app)
+        await at_every_size(pilot, snapshot, "sessions")
+        await pilot.resize_terminal(100, 30)
+        await pilot.pause()
+        assert "! cut off" in seen(app)
+        assert "/b/journal" in seen(app)
+        recorder.publish(recording="r9")
+        await until(pilot, lambda: shows(app, "2026-11-21 10:42 T5 ● open"))
+        assert "/b/s2.h5" in await pressed(pilot, "end")
+        read = len(listing.tasks)
+        await pressed(pilot, "escape", "s")
+        assert len(listing.tasks) == read + 1, "the folder is read again"
+        assert (front(app), cursor(app)) == (screen, 4), "the mark stays"
+
+
+async def test_a_session_that_is_no_file_says_why_it_cannot_be_used(
+    make_app: Make, listing: FakeWorker
+) -> None:
+    recorder = measured()
+    app = make_app(recorder)
+    async with playing(app, (100, 30)) as pilot:
+        screen = await opened(pilot)
+        assert (screen.acts, screen.ready) == (True, False)
+        assert "this recording was cut off" in await pressed(pilot, "space")
+        assert "there is no session file yet: step 6" in await pressed(pilot, "r")
+        ready = SessionStatus(SessionState.READY, "/b/s2.h5", recording="r9")
+        recorder.publish(recording="r9", session=ready)
+        await pilot.pause()
+        assert "this line is the recording itself: mark that of s2.h5" in await pressed(pilot, "r")
+        assert "is cut off" in await pressed(pilot, "down", "r")
+        assert front(app) is screen
+        recorder.publish(recording="r8")
+        await pilot.pause()
+        await pressed(pilot, "down", "space")
+        assert front(app) is not screen, "the step of the recording that goes on"
+        assert [type(task) for task in listing.tasks] == [ListTask]
+
+
+async def test_a_session_is_opened_and_reported(make_app: Make, listing: FakeWorker) -> None:
+    app = make_app(measured())
+    async with playing(app, (80, 24)) as pilot:
+        await opened(pilot)
+        await pressed(pilot, "end", "o")
+        await until(pilot, lambda: front(app) is results_of(app))
+        assert IdentifyTask("/b/s2.h5") in listing.tasks
+        await opened(pilot)
+        await pressed(pilot, "r")
+        await until(pilot, lambda: isinstance(listing.tasks[-1], ReportTask))
+
+
+async def test_trouble_of_the_list_is_shown(
+    make_app: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def lines_of(_: Task, where: str) -> AsyncGenerator[Line, None]:
+        yield Trouble(where, "no process to work in", "end other programs")
+
+    monkeypatch.setattr(work, "lines_of", lines_of)
+    app = make_app(measured())
+    async with playing(app, (100, 30)) as pilot:
+        await app.action_sessions()
+        await until(pilot, lambda: shows(app, "no process to work in"))

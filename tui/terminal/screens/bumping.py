@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
 from statistics import fmean, stdev
 from textwrap import wrap
 from typing import TYPE_CHECKING, ClassVar
@@ -51,7 +50,7 @@ if TYPE_CHECKING:
 
 
 _SHOWN = 200
-"""Largest number of runs, and of entries of the journal, that are shown: the newest."""
+"""Largest number of runs that are shown: the newest."""
 _ALARM_ROWS, _ROWS_EACH = 4, 2
 """Rows of all alarms, and of each but the gravest, whose advice is shown completely."""
 
@@ -163,28 +162,6 @@ def runs_text(status: Status, glyphs: Glyphs, figures: bool) -> Content:
     return Content("\n").join(lines or [Content("no runs yet")])
 
 
-def journal_text(status: Status) -> Content:
-    """Return notes, overridden warnings and verdicts, the newest first."""
-    entries = []
-    for note in status.notes:  # a mark has no author
-        about = f" on {note.label}" if note.label else ""
-        text = f"note{about}: {note.text} ({note.by})" if note.by else note.text
-        entries.append((note.t_ns, text))
-    for o in status.overrides:
-        entries.append((o.t_ns, f"WARN {o.subject} overridden by {o.by}: {o.reason}"))
-    for run in status.runs:
-        state = "is recorded" if run.status is LoggedStatus.OPEN else run.status.value
-        entries.append((run.t_ns, f"{run.excitation.words} {run.repeat} {state}"))
-    entries.sort(key=lambda entry: entry[0], reverse=True)
-    lines = [f"{_clock_time(t_ns)}  {printable(text, 120)}" for t_ns, text in entries[:_SHOWN]]
-    return Content("\n".join(lines) or "nothing yet")
-
-
-def _clock_time(t_ns: int) -> str:
-    """Return the time of day of a time stamp, in the terminal's time zone."""
-    return datetime.fromtimestamp(t_ns * 1e-9, UTC).astimezone().strftime("%H:%M:%S")
-
-
 def alarms_text(status: Status, glyphs: Glyphs, width: int) -> Content:
     """Return the alarms with their advice, which comes last and is never cut; empty without any."""
     alarms = [
@@ -244,13 +221,12 @@ class BumpingScreen(BenchScreen):
         """Group of lanes that the chart shows."""
 
     def compose_lists(self) -> ComposeResult:
-        """Compose progress and journal."""
+        """Compose progress and runs."""
         tallies = Table("tallies")
         tallies.add_class("box")
         tallies.border_title = "Progress"
         yield tallies
         yield Words("runs", "box", "Runs")
-        yield Words("journal", "box", "Journal")
 
     @property
     def step_shown(self) -> BenchStep | None:
@@ -303,13 +279,12 @@ class BumpingScreen(BenchScreen):
             self.show_next()
 
     def show_status(self, status: Status) -> None:
-        """Show progress, runs and journal."""
+        """Show progress and runs."""
         glyphs = self.bench_app.glyphs
         tallies = self.query_one("#tallies", Table)
         tallies.styles.height = len(status.tallies) + 2  # Textual measures it too late
         tallies.show([""] * 5, tally_rows(status, glyphs))
         self.query_one("#runs", Words).say(runs_text(status, glyphs, self.shows_figures))
-        self.query_one("#journal", Words).say(journal_text(status))
 
     @property
     def shows_figures(self) -> bool:
@@ -429,7 +404,7 @@ class BumpingScreen(BenchScreen):
 
 
 class HomeScreen(BumpingScreen):
-    """Shows the next action, how to bump, progress, runs and journal."""
+    """Shows the next action, how to bump, progress and runs."""
 
     HELP_PAGE: ClassVar[str] = "home"
 
@@ -473,7 +448,7 @@ class HomeScreen(BumpingScreen):
 
 
 class RunScreen(BumpingScreen):
-    """Banner and lanes; on a wide terminal also progress, runs and journal."""
+    """Banner and lanes; on a wide terminal also progress and runs."""
 
     HELP_PAGE: ClassVar[str] = "run"
 

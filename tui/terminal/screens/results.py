@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator
 from math import isfinite
 from pathlib import Path
 from textwrap import wrap
@@ -18,7 +18,7 @@ from daq.control.messages import Accept, Mark, Reject, Status
 from daq.errors import printable
 from daq.runlog import LoggedStatus
 from dbc import counted
-from identify import Estimate, Identification, Verdict
+from identify import Identification, Verdict
 from identify.numbers import half_width, largest_share
 from identify.words import (
     HEADLINE,
@@ -40,10 +40,8 @@ from ..campaign import BenchStep, is_marked
 from ..widgets import SPACE_INK, Cell, Table, Words, right
 from ..words import Glyphs
 from .base import BenchScreen
-from .work import OUTDATED, export_session, open_build, open_identify, open_report
+from .work import OUTDATED, open_build, open_report
 
-_DOF = ("heave", "pitch", "roll", "FL", "FR", "RL", "RR")
-"""As `daq.vehicle.DOF`."""
 _SEVERITY = {"refused": "REFUSED", "doubtful": "DOUBT", "ok": "note"}
 
 
@@ -61,8 +59,6 @@ def verdict_lines(outcome: Outcome, glyphs: Glyphs, width: int, most: int) -> li
     fit = f"   chi2/n {quality.chi2_per_n:.3f}" if isfinite(quality.chi2_per_n) else ""
     head = f"{mark(verdict, glyphs)} {verdict.upper()}  {HEADLINE[verdict]}"
     tail = f"{outcome.used} of {counted(len(outcome.runs), 'run')} used{fit}"
-    if outcome.without:
-        tail += f"   trial without {printable(', '.join(outcome.without), 40)}"
     one_line = f"{head}   {tail}"
     lines = [one_line] if len(one_line) <= width else [head, f"  {tail}"]
     findings = [(Verdict.of(finding.severity), finding.text) for finding in quality.findings]
@@ -106,29 +102,22 @@ def findings_lines(outcome: Outcome, glyphs: Glyphs, width: int) -> list[str]:
     return lines
 
 
-def parameter_rows(
-    estimates: Mapping[str, Estimate],
-    words: Callable[[str], str],
-    drivers: Mapping[str, Mapping[str, float]],
-    wide: bool,
-) -> tuple[list[str], list[list[Cell]]]:
-    """Return heads and rows of quantities with their 95 % intervals.
+def parameter_rows(result: Identification, wide: bool) -> tuple[list[str], list[list[Cell]]]:
+    """Return heads and rows of the parameters with their 95 % intervals.
 
-    `words`: returns the words for a name.  `drivers`: shares of the measurements in the variance of
-    each quantity, for a column of a `wide` table.
+    `wide`: add a column of what each rests mostly on.
     """
     heads = ["parameter", "value", "unit", "95 % interval", "±"]
     rows: list[list[Cell]] = []
-    for name, e in estimates.items():
-        symbol = "" if words(name) == plain(name) else f"{name:<5}"
+    for name, e in result.parameters.items():
         if e.determined:
             value, interval = value_text(e), ends_text(e)
         else:  # which is said where there is room for it
             value, interval = "", value_text(e)
-        title = f"{symbol}{words(name)}"[:29]
+        title = f"{name:<5}{parameter_words(name)}"[:29]
         rows.append([title, right(value), unit_text(e.unit), right(interval), right(half_text(e))])
         if wide:
-            rows[-1].append(f" {largest_share(drivers.get(name, {}))}")
+            rows[-1].append(f" {largest_share(result.drivers.get(name, {}))}")
     return [*heads, " rests mostly on"] if wide else heads, rows
 
 
@@ -144,28 +133,6 @@ def mode_rows(result: Identification) -> list[list[Cell]]:
                 row += [right(value_text(estimate)), right(half)]
             rows.append(row)
     return rows
-
-
-def matrix_rows(result: Identification) -> list[list[Cell]]:
-    """Return M, C and K of every mass state, SI; a row of names before each."""
-    if result.undetermined:
-        return [["No matrices: a parameter in them is not determined (see Findings)."]]
-    rows: list[list[Cell]] = []
-    for state, model in result.physical.items():
-        for letter, unit, matrix in (
-            ("M", "kg, kg m²", model.M),
-            ("C", "N s/m, N m s/rad", model.C),
-            ("K", "N/m, N m/rad", model.K),
-        ):
-            title = f"{letter} {printable(state, 9)}"
-            rows.append([title, *(right(dof) for dof in _DOF), f" {unit}"])
-            for dof, row in zip(_DOF, matrix.tolist(), strict=True):
-                rows.append([f"  {dof}", *(right(_short(value)) for value in row)])
-    return rows
-
-
-def _short(value: float) -> str:
-    return "0" if abs(value) < 1e-9 else f"{value:.5g}" if abs(value) < 1e4 else f"{value:,.0f}"
 
 
 def run_rows(outcome: Outcome, glyphs: Glyphs) -> list[list[Cell]]:
@@ -204,7 +171,7 @@ def damper_lines(result: Identification) -> Iterator[str]:
         yield f"  {plain(tried.name):<30}{element_answer(tried)}"
 
 
-_PAGES = ("Parameters", "Modes", "M C K", "Runs", "Findings", "Derived", "Dampers")
+_PAGES = ("Parameters", "Modes", "Runs", "Findings", "Dampers")
 _WIDE = 100
 """Least number of columns for shares, and what a parameter rests on."""
 _VERDICT_LINES, _VERDICT_LINES_TALL = 3, 8
@@ -223,7 +190,6 @@ class ResultsScreen(BenchScreen):
         Binding("up", "move(-1)", "Run before, or scroll back", show=False),
         Binding("x", "start_recorder", "Start recorder"),
         Binding("x", "exclude", "Exclude run", tooltip="Leave the marked run out, or use it again"),
-        Binding("e", "export", "Export", tooltip="Export the session in another format"),
         Binding("escape", "back", "Back", show=False),
     ]
 
@@ -325,31 +291,23 @@ class ResultsScreen(BenchScreen):
             widget.scroll_relative(y=2 * step, animate=False)
 
     async def action_exclude(self) -> None:
-        """Reject the chosen run (or take it back) and identify again."""
-        outcome = self.outcome
+        """Reject the marked run of this recording, or take it back, and identify again."""
+        outcome, status = self.outcome, self.bench_app.status
         if outcome is None or not outcome.runs:
             return
         if self.query_one(TabbedContent).active != "runs":
             self.bench_app.warn("choose the run first: P shows the runs, X then excludes one")
             return
         label = outcome.runs[self.query_one("#runs-table", Table).cursor_row].label
-        status = self.bench_app.status
-        run = None
-        if status is not None and self._is_current(status):
-            run = next((run for run in status.runs if run.label == label), None)
-        if run is None:  # an earlier session: its file stays unchanged
-            without = tuple(sorted(set(outcome.without) ^ {label}))
-            await open_identify(self.bench_app, outcome.session, without)
+        runs = status.runs if status is not None and self._is_current(status) else ()
+        run = next((run for run in runs if run.label == label), None)
+        if run is None:
+            self.bench_app.warn("the runs of an earlier session stay as they are")
             return
         accepted = run.status is LoggedStatus.ACCEPTED
         order = Reject(label, _REASON) if accepted else Accept(label, "taken back at the results")
         if await self.bench_app.ask(order) is not None:
             await open_build(self.bench_app)
-
-    def action_export(self) -> None:
-        """Write the session in another tool's format."""
-        if self.outcome is not None:
-            self.run_worker(export_session(self.bench_app, self.outcome.session), group="export")
 
     # Inside -------------------------------------------------------------------------------------
 
@@ -372,7 +330,6 @@ class ResultsScreen(BenchScreen):
         glyphs = self.bench_app.glyphs
         heads = ("mass state", "mode", "Hz", "± 95 %", "damping ratio", "± 95 %")
         self.query_one("#modes-table", Table).show(heads, mode_rows(result))
-        self.query_one("#mck-table", Table).show([""] * 9, matrix_rows(result))
         self.query_one("#runs-table", Table).show([""] * 3, run_rows(outcome, glyphs))
         self.query_one("#dampers-text", Words).say(Content("\n".join(damper_lines(result))))
         self._draw()
@@ -395,13 +352,7 @@ class ResultsScreen(BenchScreen):
         name = printable(Path(outcome.session).name, 60)
         words = f"step {step.title}" if self.step_shown is not None else f"report of {name}"
         space.say(Content.styled(f"SPACE = {words}", SPACE_INK))
-        wide = width >= _WIDE
-        result = outcome.result
-        for page, estimates, in_words in (
-            ("parameters", result.parameters, parameter_words),
-            ("derived", result.derived, plain),
-        ):
-            table = parameter_rows(estimates, in_words, result.drivers, wide)
-            self.query_one(f"#{page}-table", Table).show(*table)
+        table = parameter_rows(outcome.result, width >= _WIDE)
+        self.query_one("#parameters-table", Table).show(*table)
         findings = "\n".join(findings_lines(outcome, glyphs, width - 3))
         self.query_one("#findings-text", Words).say(Content(findings))
