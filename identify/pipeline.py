@@ -7,6 +7,7 @@ from contextlib import suppress
 from dataclasses import asdict, replace
 from functools import partial
 from math import log, nan
+from time import process_time
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -40,13 +41,14 @@ from .modes.modal_model import mode_names, modes_of, pair_modes
 from .modes.vehicle_modes import SensedModes, sensed_modes
 from .paper import ClosedForm, closed_form
 from .result import Identification
-from .trust.faults import clock_jump, swapped_labels, wrong_channel
+from .trust.faults import fault_of_bench
 from .trust.finding import Judgement
 from .trust.hypotheses import rank_causes
 from .trust.judge import judge
+from .trust.plausibility import missing_runs, undetermined, with_widest_intervals
 from .trust.residuals import CHI2_LIMIT, some_runs_are_wrong
 from .trust.samples import shortcomings, unused_findings
-from .trust.statements import contradicted_by_sag, mistyped_weight, wrong_weight
+from .trust.statements import contradicted_by_sag, mistyped_weight
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -58,6 +60,8 @@ Progress = Callable[[float, str], None]
 
 _SENSED_RATE_HZ = 250.0
 """Rate to which decays are thinned for the State Variable Method."""
+_LONGEST_S = 60.0
+"""CPU time of an identification, s, at most: `identify.nonlinear` ends its search in time."""
 _SWING_S = 0.5
 """Half a period of the body, s: a shorter decay does not show how the motion's size changes it."""
 
@@ -148,6 +152,7 @@ def _parameters(
     missing = shortcomings(records, session, unused)
     if missing:
         return Identification(Judgement(missing, nan), session.provenance)
+    began_s = process_time()
     progress(0.1, "fitting")
     box = grey_box(session, records)
     vehicles = generic_vehicles()
@@ -158,7 +163,7 @@ def _parameters(
     sag = () if signs else contradicted_by_sag(session, records)
     wrong = None
     if not (estimation.holds or signs or sag):
-        wrong = clock_jump(estimation) or wrong_weight(estimation) or wrong_channel(estimation)
+        wrong = fault_of_bench(estimation)
     if not (estimation.holds or signs or sag or wrong):  # else no car explains the decays
         linear = estimation
         if later_may_hold(linear, vehicles):
@@ -167,9 +172,17 @@ def _parameters(
         share = 1.0 if estimation.holds else share_of_faults(linear)
         wrong = mistyped_weight(linear) if share < 1.0 else None
         if not (estimation.holds or wrong):
-            real = explained_by_elements(session, linear, share, partial(progress, 0.2))
+
+            def log_stage(stage: str) -> None:
+                left_s = max(_LONGEST_S - process_time() + began_s, 0.0)
+                done = 0.7 - 0.5 * left_s / _LONGEST_S
+                progress(done, f"{stage}; at most {left_s:.0f} s left")
+
+            log_stage("elements of the car")
+            real = explained_by_elements(session, linear, share, log_stage)
             if real:
                 estimation, forces, box = real.estimation, real.forces, real.estimation.box
+    estimation = with_widest_intervals(estimation)
     fit = estimation.fit
     fitted(estimation, bool(signs or sag or wrong))
     full = estimation.full
@@ -219,17 +232,16 @@ def share_of_faults(linear: Estimation) -> float:
     """Return the share of the misfit that a fault of the bench explains; 1 if no elements can.
 
     A car differs from the linear model in all runs: where one run is wrong, no elements are sought,
-    nor in decays that end before the body has swung once.
+    nor in decays that end before the body has swung once, nor where a kind of run is missing.
 
     `linear`: a linear fit that does not hold, nor does one from a later start.
     """
     longest_s = max(float(r.time_s[-1]) for d in linear.decays for r in d.recordings)
-    if longest_s < _SWING_S or some_runs_are_wrong(linear):
+    vague = missing_runs(linear) and undetermined(linear)
+    if longest_s < _SWING_S or vague or some_runs_are_wrong(linear):
         return 1.0
     excess = max(linear.chi2_per_n - 1.0, 0.0)
-    exchange = swapped_labels(linear)
-    faults = [s.explained for s in rank_causes(linear) if s.of_bench]
-    share = min(max([exchange.explained if exchange else 0.0, *faults]), 1.0)
+    share = min(max(s.explained for s in rank_causes(linear) if s.of_bench), 1.0)
     return 1.0 if 1.0 + excess * (1.0 - share) <= linear.chi2_limit else share
 
 

@@ -143,7 +143,7 @@ def double_bump(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> 
     largest = largest_peaks(signals)
     guard_s = PUSH_GUARD_S if bench.campaign.method is Method.PUSH else STRUCK_GUARD_S
     strikes = [
-        (*_second_strike(trace, bench.campaign.bump_s + guard_s), trace.name)
+        (*second_strike(trace, bench.campaign.bump_s + guard_s), trace.name)
         for trace in judged
         if trace.peak > 0.2 * largest[kind_of(trace.channel)]  # less shows no strike
     ]
@@ -159,7 +159,7 @@ def double_bump(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> 
         yield finding("double_bump", True, share, STRUCK_SHARE, "", text)
 
 
-def _second_strike(trace: Trace, guard_s: float) -> tuple[float, float]:
+def second_strike(trace: Trace, guard_s: float) -> tuple[float, float]:
     """Return the ratio of a second strike to the first, and its time, s; 0 if there is none.
 
     `guard_s`: time from the first strike in which motion belongs to it, s.  The envelope, the RMS

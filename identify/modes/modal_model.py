@@ -24,7 +24,9 @@ from dbc.frames import freeze_arrays, read_only
 from ..model.exponentials import low_pass_of
 from ..model.matrices import N_DOF, motion_row
 
-_MAX_DAMPING = 0.98
+_MOST_DAMPING, _MOST_GROWTH = 0.98, 0.005
+"""Shares of critical damping, and below zero, beyond which a pole is no mode: noise makes a mode
+that hardly decays grow by less, and a growing pair follows a drift of the record."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,7 +138,9 @@ def modes_of(A: NDArray[np.float64]) -> ModalModel:
 
 def vibrates(poles: NDArray[np.complex128]) -> NDArray[np.bool_]:
     """Return which poles represent a mode; of a pair, the one with positive imaginary part."""
-    return np.asarray((poles.imag > 0.0) & (-poles.real < _MAX_DAMPING * np.abs(poles)))
+    decay, size = -poles.real, np.abs(poles)
+    inside = (decay > -_MOST_GROWTH * size) & (decay < _MOST_DAMPING * size)
+    return np.asarray((poles.imag > 0.0) & inside)
 
 
 def mac(left: NDArray[np.complex128], right: NDArray[np.complex128]) -> NDArray[np.float64]:

@@ -13,29 +13,23 @@ import numpy as np
 
 from daq.channels import Channel, Quantity
 from daq.silence import longest_gap_s
-from daq.vehicle import Corner
+from daq.vehicle import Corner, Fact, MassState
 from dbc.finding import Finding
 from dbc.words import counted
 
-from ..decays.decay import FreeDecay
+from ..decays.decay import FreeDecay, Record, decay_start_s, onset_s
 from ..fit.estimation import Estimation, generic_vehicles, later_may_hold
 from ..fit.likelihood import HOLD, residuals
-from .finding import Cause, listed
+from ..model.facts import SCALED
+from .finding import MOST, Cause, listed
 from .hypotheses import LATE_ADVICE, ROTATIONS
 from .refit import AS_STATED, Refit, Trial, compared, parameters_as_start, ranked, refit
-from .statements import scale_facts, shift_without_scales
+from .statements import scale_facts, shift_without_scales, wrong_weight
 
-_EXPLAINS = 0.35
-"""Share of the misfit above which an effect is called its cause."""
 _AHEAD = 0.95
 """Share of a sensor's explanation that an effect of the vehicle must reach to be preferred."""
-_SWAP_CLEARS = 0.6
-"""Share of the misfit that a swap must explain to be called the cause; other faults may cause the
-rest.  Without a swap, no hypothesis explains more than a third."""
 _LEAST_GAIN = 100.0
 """Fall of the squared residuals, in units of the noise, below which a swap is chance."""
-_RUNAWAY = 30.0
-"""Sprung mass in units of the added mass above which the added mass has no effect in a fit."""
 _FEWEST = 3
 """Least number of channels of which one can be wrong."""
 _SUSPECTED = 4
@@ -56,7 +50,18 @@ _ALIKE = 0.2
 _COARSE_HZ = (15.0, 40.0)
 _FINE_HZ = (8.0, 10.0, 20.0, 28.0, 56.0, 80.0)
 _LEAST_S = 0.1
-"""Least length of the samples of a group before its gap, s; fewer are left out of the trial."""
+"""Least length of the samples of a group that are fitted alone, s."""
+_BUMP_S = 0.2
+"""Length of a bump that is not stated, s."""
+_MARGIN_S, _FEWEST_AT_REST = 0.005, 20
+"""Time before the onset that does not count as rest, s, and least number of samples at rest."""
+_LB_KG = 0.45359237
+_ALONE_STEPS = 30
+_DRIFT_ROUNDS = 2
+_DRIFT_SIGMAS = 6.0
+"""Size of a drift, in standard deviations by the noise and by the scatter of the runs, from which
+it is none by chance."""
+_TINY = 1e-300
 
 _FL, _FR, _RL, _RR = Corner
 _EXCHANGES: dict[str, dict[Corner, Corner]] = {
@@ -81,6 +86,19 @@ class Causes:
     """False if a named cause is that the car is not linear."""
 
 
+def fault_of_bench(estimation: Estimation) -> Cause | None:
+    """Return the fault of the bench that explains most of a misfit, the surest first; else None.
+
+    `estimation`: a fit that does not hold.
+    """
+    for sought in (
+        clock_jump, struck_again, drift, wrong_weight, wrong_channel, swapped_labels
+    ):  # fmt: skip
+        if cause := sought(estimation):
+            return cause
+    return None
+
+
 def causes_of(estimation: Estimation, suspects: Sequence[Cause]) -> Causes:
     """Name the likely cause of a misfit, or an effect that matters although there is no misfit.
 
@@ -97,7 +115,7 @@ def causes_of(estimation: Estimation, suspects: Sequence[Cause]) -> Causes:
             if c.kind == "weights"
         ),
     ]
-    swap = swapped_labels(estimation) if best or not holds else None
+    swap = swapped_labels(estimation) if best and holds else None  # `fault_of_bench`, else
     if swap is not None:
         return Causes((swap.finding,), (*tried, swap))
     if not best:
@@ -108,7 +126,7 @@ def causes_of(estimation: Estimation, suspects: Sequence[Cause]) -> Causes:
         tried += sensors
         ahead = [c for c in sensors if c.explained * _AHEAD > first.explained]
         named = ahead[-1] if ahead else first
-    if named is first and not holds and first.explained <= _EXPLAINS:
+    if not holds and named.explained <= MOST:
         return Causes((), tuple(tried))
     return Causes((named.finding,), tuple(tried), not named.nonlinear)
 
@@ -141,16 +159,14 @@ def swapped_labels(estimation: Estimation) -> Cause | None:
         return None
     rough, swap = tried[0]
     before, after = refit(estimation), refit(estimation, swap, rough.fit.eta)
-    cause = compared(
-        before, after, Cause(swap.name, swap.advice, certain=True, code="swapped_labels")
-    )
-    cured = _runs_away(before) and not _runs_away(after)
-    clear = cause.explained >= _SWAP_CLEARS or cured
-    return cause if clear and before.fit.cost - after.fit.cost >= _LEAST_GAIN else None
+    code = "swapped_labels" if "swapped" in swap.name else "pounds"
+    cause = compared(before, after, Cause(swap.name, swap.advice, certain=True, code=code))
+    clear = cause.explained > MOST and before.fit.cost - after.fit.cost >= _LEAST_GAIN
+    return cause if clear else None
 
 
 def _swaps(estimation: Estimation) -> Iterator[Trial]:
-    """Yield exchanges of mass states, of channels of two corners, and of the rates of the body."""
+    """Yield exchanges of mass states, corners and rates of the body, and weights in pounds."""
     channels = [c for group in estimation.box.groups for c in group.channels]
     present = sorted({decay.mass_state for decay in estimation.decays})
     if len(present) == 2:
@@ -167,6 +183,18 @@ def _swaps(estimation: Estimation) -> Iterator[Trial]:
     for a, b in ((rates.get(pitch), rates.get(roll)) for pitch, roll in ROTATIONS):
         if a and b:
             yield _swapped(f"{a.name} and {b.name} swapped", {a.name: b, b.name: a})
+    if any(fact.quantity in SCALED for fact in estimation.box.facts):
+
+        def of_scales(fact: Fact) -> Fact:
+            share = _LB_KG if fact.quantity in SCALED else 1.0
+            return replace(fact, value=share * fact.value, sigma=share * fact.sigma)
+
+        def of_weights(state: MassState) -> MassState:
+            weights = (replace(w, mass_kg=_LB_KG * w.mass_kg) for w in state.added.weights)
+            return replace(state, added=replace(state.added, weights=tuple(weights)))
+
+        yield Trial("scales in lb", "state the loads of the car in kg", fact=of_scales)
+        yield Trial("added weights in lb", "state the weights in kg", state=of_weights)
 
 
 def _swapped(name: str, other: dict[str, Channel]) -> Trial:
@@ -183,16 +211,6 @@ def _swapped(name: str, other: dict[str, Channel]) -> Trial:
         )
 
     return Trial(name, "exchange their signals in bench.toml, or their plugs", carries)
-
-
-def _runs_away(problem: Refit) -> bool:
-    """Return whether the fitted sprung mass is so large that the added mass has no effect."""
-    values = dict(zip(problem.box.names, problem.box.values(problem.fit.eta), strict=True))
-    added = max(
-        sum(weight.mass_kg for weight in state.added.weights) + float(state.added.matrix[0, 0])
-        for state in problem.box.mass_states
-    )
-    return bool(values["m_s"] > _RUNAWAY * added > 0.0)
 
 
 # Channels -----------------------------------------------------------------------------------------
@@ -341,7 +359,7 @@ def _slow(estimation: Estimation, before: Refit, kinds: dict[str, set[str]]) -> 
     return compared(before, after, Cause("low-pass", advice, best.name))
 
 
-# Clocks -------------------------------------------------------------------------------------------
+# Clocks, second bumps, drifts ---------------------------------------------------------------------
 
 
 def clock_jump(estimation: Estimation) -> Cause | None:
@@ -367,7 +385,8 @@ def clock_jump(estimation: Estimation) -> Cause | None:
     jumping = sum(map(bool, gaps))
     if 2 * jumping <= len(gaps):
         return None
-    cut = [_before(decay, of_run) for decay, of_run in zip(estimation.decays, gaps, strict=True)]
+    ends_s = [{name: begin_s for name, (begin_s, _) in of_run.items()} for of_run in gaps]
+    cut = _cut(estimation, ends_s)
     is_before = any(decay.recordings for decay in cut)
     if not is_before:
         cut = [
@@ -376,11 +395,6 @@ def clock_jump(estimation: Estimation) -> Cause | None:
         ]
         if later_may_hold(estimation, generic_vehicles()):
             return None
-    start = estimation.box.unknowns(generic_vehicles()[0])
-    part = replace(estimation, decays=tuple(decay for decay in cut if decay.recordings))
-    alone = refit(part, AS_STATED, start, HOLD)
-    if alone.excess > estimation.chi2_limit - 1.0:
-        return None
     names = dict.fromkeys(name for gap in gaps for name in gap)
     everywhere = len(names) == len(estimation.box.groups)
     length_s = float(np.median([length for gap in gaps for _, length in gap.values()]))
@@ -390,16 +404,130 @@ def clock_jump(estimation: Estimation) -> Cause | None:
         f"{'up to' if is_before else 'from'} there the decays fit"
     )
     advice = "correct the times of the samples after the gap, or record again"
-    cause = Cause("clocks that jump", advice, sizes, certain=True)
-    return replace(compared(refit(estimation), alone, cause), explained=1.0)
+    return _if_explained_by(estimation, cut, Cause("clocks that jump", advice, sizes, certain=True))
 
 
-def _before(decay: FreeDecay, gaps: dict[str, tuple[float, float]]) -> FreeDecay:
-    """Return a decay without the samples that come after the gap in their own group."""
-    kept = []
-    for r in decay.recordings:
-        begin_s, _ = gaps.get(r.group.name, (np.inf, 0.0))
-        length_s = begin_s - decay.start_s
-        if length_s >= _LEAST_S:
-            kept.append(r.between(0.0, length_s) if np.isfinite(length_s) else r)
-    return replace(decay, recordings=tuple(kept))
+def struck_again(estimation: Estimation) -> Cause | None:
+    """Return the second bump of most runs, None if there are none, by the rule of the bench.
+
+    Free wheels only decay.  Up to the second bump the decays must fit.
+
+    `estimation`: a fit that does not hold.
+    """
+    from daq.verdict.motion import STRUCK_GUARD_S, STRUCK_S, STRUCK_SHARE, second_strike
+    from daq.verdict.window import Trace  # both with the bench, which is slow to import
+
+    times_s: list[dict[str, float]] = []
+    names: list[str] = []
+    for record in estimation.records:
+        onset, of_run = onset_s(record), {}
+        strikes = []
+        for r in record.recordings if onset is not None else ():
+            for channel, column in zip(r.group.channels, r.values.T, strict=True):
+                if channel.quantity is Quantity.HUB_ACCELERATION:
+                    value = column - column[r.time_s < onset].mean()
+                    trace = Trace(
+                        channel, r.time_s - onset, value, estimation.noise[channel.name], 0.0, 0.0
+                    )
+                    bump_s = record.bump_s if np.isfinite(record.bump_s) else _BUMP_S
+                    strikes.append((*second_strike(trace, bump_s + STRUCK_GUARD_S), channel.name))
+        share, after_s, name = max(strikes, default=(0.0, 0.0, ""))
+        if share > STRUCK_SHARE and onset is not None:
+            of_run = {r.group.name: onset + after_s - STRUCK_S for r in record.recordings}
+            names.append(f"{name} in {record.label} at +{after_s:.2f} s")
+        times_s.append(of_run)
+    if 2 * len(names) <= len(times_s):
+        return None
+    sizes = f"in {len(names)} of {counted(len(times_s), 'run')}: {listed(names)}"
+    advice = "drive over one bump, and let the car come to rest"
+    cause = Cause("a second bump", advice, sizes, certain=True)
+    return _if_explained_by(estimation, _cut(estimation, times_s), cause)
+
+
+def _cut(estimation: Estimation, ends_s: Sequence[dict[str, float]]) -> list[FreeDecay]:
+    """Return the decays up to a time, s in the run, of each group that has one."""
+    cut = []
+    for decay, of_run in zip(estimation.decays, ends_s, strict=True):
+        kept = []
+        for r in decay.recordings:
+            length_s = of_run.get(r.group.name, np.inf) - decay.start_s
+            if length_s >= _LEAST_S:
+                kept.append(r.between(0.0, length_s) if np.isfinite(length_s) else r)
+        cut.append(replace(decay, recordings=tuple(kept)))
+    return cut
+
+
+def _if_explained_by(
+    estimation: Estimation, decays: Sequence[FreeDecay], cause: Cause
+) -> Cause | None:
+    """Return a cause if other decays, or parts of them, fit by themselves; None if not."""
+    part = replace(estimation, decays=tuple(decay for decay in decays if decay.recordings))
+    if not part.decays:
+        return None
+    generic = estimation.box.unknowns(generic_vehicles()[0])
+    alone = refit(part, AS_STATED, generic, HOLD, _ALONE_STEPS, np.inf)
+    excess = estimation.chi2_per_n - 1.0
+    if alone.excess > max(estimation.chi2_limit - 1.0, (1.0 - _CLEARS) * excess):
+        return None
+    moved = compared(refit(estimation, length_s=np.inf), alone, cause)
+    return replace(moved, explained=1.0 - max(alone.excess, 0.0) / excess)
+
+
+def drift(estimation: Estimation) -> Cause | None:
+    """Return the channels whose level drifts at rest if that explains a misfit; None if not.
+
+    `estimation`: a fit that does not hold.
+    """
+    records = estimation.records
+    drifts: dict[str, float] = {}
+    """Slope of each channel that drifts, SI a second."""
+    for _ in range(_DRIFT_ROUNDS):  # a drift is taken for the onset of motion
+        for name, slope in _slopes_at_rest(records).items():
+            drifts[name] = drifts.get(name, 0.0) + slope
+        slopes = [
+            [np.array([drifts.get(c.name, 0.0) for c in r.group.channels]) for r in one.recordings]
+            for one in estimation.records
+        ]
+        records = tuple(
+            replace(
+                record,
+                recordings=tuple(
+                    replace(r, values=r.values - np.multiply.outer(r.time_s, slope))
+                    for r, slope in zip(record.recordings, of_run, strict=True)
+                ),
+            )
+            for record, of_run in zip(estimation.records, slopes, strict=True)
+        )
+    if not drifts:
+        return None
+    units = {c.name: c.unit for group in estimation.box.groups for c in group.channels}
+    sizes = listed(f"{name} {slope:+.2g} {units[name]} a second" for name, slope in drifts.items())
+    advice = "let the sensors warm up, or take the drift out of these channels"
+    decays = [record.decay(decay_start_s(record)) for record in records]
+    return _if_explained_by(estimation, decays, Cause("drift", advice, sizes, certain=True))
+
+
+def _slopes_at_rest(records: Sequence[Record]) -> dict[str, float]:
+    """Return the slope before the bumps of each channel that drifts there, SI a second."""
+    slopes: dict[str, list[tuple[float, float]]] = {}
+    """Of each channel: slope and its variance in each run."""
+    for record in records:
+        onset = onset_s(record)
+        for r in record.recordings if onset is not None else ():
+            quiet = r.time_s < onset - _MARGIN_S
+            if np.count_nonzero(quiet) < _FEWEST_AT_REST:
+                continue
+            t = r.time_s[quiet] - r.time_s[quiet].mean()
+            for channel, column in zip(r.group.channels, r.values[quiet].T, strict=True):
+                slope = float(t @ column) / float(t @ t)
+                scatter = column - column.mean() - slope * t
+                variance = float(scatter @ scatter) / (len(t) - 2) / float(t @ t)
+                slopes.setdefault(channel.name, []).append((slope, max(variance, _TINY)))
+    drifts = {}
+    for name, of_runs in slopes.items():
+        slope, variance = np.array(of_runs).T
+        mean = float(np.average(slope, weights=1.0 / variance))
+        spread = max(1.0, float(np.mean((slope - mean) ** 2 / variance)) ** 0.5)
+        if abs(mean) > _DRIFT_SIGMAS * spread / float(np.sum(1.0 / variance)) ** 0.5:
+            drifts[name] = mean
+    return drifts

@@ -15,6 +15,10 @@ _MATTERS, _REFUSES = 0.02, 0.10
 """Relative changes of a parameter above which a cause makes the result doubtful, and refuses it."""
 
 
+MOST = 0.5
+"""Share of a misfit above which what explains it is named as its cause."""
+
+
 class Verdict(StrEnum):
     """Usability of the parameters."""
 

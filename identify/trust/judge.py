@@ -16,13 +16,13 @@ import numpy as np
 
 from daq.loading import WEIGHT_SAG
 from daq.sessions import Session
-from dbc.finding import Finding
+from dbc.finding import Finding, Severity
 
 from ..fit.estimation import Estimation
 from ..fit.grey_box import SIGNED
 from ..fit.uncertainty import determined
 from .faults import Causes, causes_of
-from .finding import Cause, Judgement, Loss, Survival
+from .finding import MOST, Cause, Judgement, Loss, Survival
 from .hypotheses import TABLE, rank_causes
 from .plausibility import (
     excitation_findings,
@@ -42,12 +42,16 @@ from .residuals import (
 from .samples import sample_findings
 from .statements import ONE_WEIGHT, contradicted_shift, contradictions, unseen_findings
 
-_EXPLAINS = 0.35
-"""Share of the misfit that the best cause must explain; below, the rest may have any cause."""
 _RIVAL = 0.5
 """Share of the best cause's explanation above which another cause may be the true one."""
 
 _UNEXPLAINED = "no cause that was tried explains the misfit"
+_UNEXPLAINED_TEXT = (
+    "the misfit is not explained: half of it or more is due to none of wrong signs, units and "
+    "gains, swapped channels and mass states, lateness, low-passes, drifts, clocks that jump, "
+    "second bumps, wrong weights, odd runs, a turned IMU, unequal sides, friction and dampers: "
+    "look at the runs with the largest chi2/n"
+)
 _MOST = 3.0
 """Change of a logarithm beyond which its size has no meaning: a factor of twenty."""
 
@@ -78,10 +82,12 @@ def judge(
         causes = _causes(estimation)
     # A named cause may be the reason why stated values disagree with the runs.
     codes = {finding.code for finding in causes.findings} - {"amplitude"}
+    unexplained = linear and not (holds or signs or causes.findings)
     explained = bool(codes) and (not holds or TABLE["weights"].name.replace(" ", "_") in codes)
     findings = [
         *unused,
         *(() if holds else causes.findings),  # what to do before what is wrong
+        *((Finding("unexplained", Severity.WARNING, _UNEXPLAINED_TEXT),) if unexplained else ()),
         *(f for f in misfit_findings(estimation) if sure or f.code != "convergence"),
         *(
             f
@@ -155,7 +161,7 @@ def survival(estimation: Estimation, causes: Sequence[Cause]) -> Survival:
     if linear and not estimation.holds:
         best = max((h.explained for h in causes if isfinite(h.explained)), default=0.0)
         unexplained = 1.0 + (estimation.chi2_per_n - 1.0) * (1.0 - min(best, 1.0))
-        if best < _EXPLAINS or unexplained > CHI2_LIMIT:
+        if best <= MOST or unexplained > CHI2_LIMIT:
             return Survival((), dict.fromkeys(box.names, Loss(_UNEXPLAINED)) | lost)
         rivals = [h for h in causes if h.explained >= _RIVAL * best]
     std = np.sqrt(np.diag(fit.covariance)[: len(names)])

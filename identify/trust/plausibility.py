@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from dbc.units import G_M_S2
 from ..decays.decay import FreeDecay, onset_s
 from ..fit.estimation import Estimation, linearised_at
 from ..fit.grey_box import SIGNED
+from ..fit.likelihood import covariance_of, normal_blocks
 from ..fit.uncertainty import COVERAGE_95, estimates
 from ..fit.varpro import Evaluated, LinearPart, over_two, pseudo_inverse
 from ..model.facts import derived_quantities, whole_vehicle_indices
@@ -47,8 +49,37 @@ NHTSA Light Vehicle Inertial Parameter Database."""
 _MARGIN = 0.1
 """Share by which a vehicle may exceed the range of measured ones: published data of small cars have
 0.357 in roll."""
+_WEAK = 0.1
+"""Standard deviation of a parameter, as a share of it, above which its intervals are looked at
+again."""
+_REACH_SIGMAS, _REACH = 3.0, 1.0
+"""Distance along the worst direction, in standard deviations and as a change of the logarithm."""
 BELOW_SIGMAS = 3.0
 """Standard deviations below zero beyond which tyre damping, or a bar, is negative."""
+
+
+def with_widest_intervals(estimation: Estimation) -> Estimation:
+    """Return a linear estimation whose intervals do not depend on where the estimate happens to be.
+
+    Where the runs hardly determine a parameter, the information changes within its interval, and
+    a low estimate may look certain: the widest covariance along that direction counts.
+    """
+    names, covariance = estimation.box.parameters, estimation.fit.covariance
+    std = np.sqrt(np.diag(covariance)[: len(names)])
+    std[[name in SIGNED for name in names]] = 0.0
+    std[~np.isfinite(std)] = 0.0
+    worst = int(np.argmax(std))
+    if not std[worst] > _WEAK or estimation.nonlinear is not None:
+        return estimation
+    step = np.where(np.isfinite(covariance[:, worst]), covariance[:, worst], 0.0) / std[worst]
+    step *= min(_REACH_SIGMAS, _REACH / std[worst])
+    best = estimation.fit
+    for eta in (best.eta - step, best.eta + step):
+        blocks = normal_blocks(estimation.box, estimation.decays, estimation.noise, eta)
+        wider = covariance_of(np.sum([part.information for part in blocks.values()], axis=0))
+        if wider[worst, worst] > best.covariance[worst, worst]:
+            best = replace(best, covariance=wider)
+    return replace(estimation, fit=best)
 
 
 def undetermined(estimation: Estimation) -> tuple[str, ...]:
@@ -96,16 +127,21 @@ def _advice(vague: tuple[str, ...], estimation: Estimation) -> str:
             "their ratios are known, but the added weights are too light to fix their scale: add "
             "heavier ones, or weigh the vehicle (total and front axle) and state the loads as facts"
         )
-    labels = [record.label for record in estimation.records]
-    shares = [bump.shares for kind, bump in BUMPS.items() if any(f"_{kind}_" in n for n in labels)]
-    if not any(fl != fr or rl != rr for fl, fr, rl, rr in shares):
-        return "record roll runs in both mass states"
-    if not any(fl != rl or fr != rr for fl, fr, rl, rr in shares):
-        return "record pitch runs in both mass states"
+    if missing := missing_runs(estimation):
+        return f"record {missing} runs in both mass states"
     return (
         "record bounce, pitch and roll (warp helps most) in both mass states, with sensors on body "
         "and wheels"
     )
+
+
+def missing_runs(estimation: Estimation) -> str:
+    """Return the kind of runs without which a campaign shows no car; nothing if it has them."""
+    labels = [record.label for record in estimation.records]
+    shares = [bump.shares for kind, bump in BUMPS.items() if any(f"_{kind}_" in n for n in labels)]
+    if not any(fl != fr or rl != rr for fl, fr, rl, rr in shares):
+        return "roll"
+    return "" if any(fl != rl or fr != rr for fl, fr, rl, rr in shares) else "pitch"
 
 
 def _implausible(estimation: Estimation) -> Iterator[Finding]:

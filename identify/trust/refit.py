@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.channels import Channel
-from daq.vehicle import MassState
+from daq.vehicle import Fact, MassState
 
 from ..decays.decay import FreeDecay, with_channels
 from ..fit.estimation import Estimation, generic_vehicles
@@ -24,7 +24,7 @@ from ..fit.likelihood import HOLD, Fit, fit
 from .finding import Cause
 
 _RATE_HZ = 250.0
-_LENGTH_S = 1.0
+LENGTH_S = 1.0
 """Length of the decays, s: the first second shows every fault of a sensor or label."""
 _COMPARED_HZ = 125.0
 """Rate of the samples on which hypotheses are compared, Hz: ten times the fastest mode."""
@@ -47,6 +47,8 @@ class Trial(NamedTuple):
     """From the stated mass state of a run to the one in which it was made."""
     state: Callable[[MassState], MassState] = lambda state: state
     """From a stated mass state to what was on the car."""
+    fact: Callable[[Fact], Fact] = lambda fact: fact
+    """From a stated fact to the true one."""
 
 
 AS_STATED = Trial("as stated")
@@ -71,23 +73,25 @@ def refit(
     near: NDArray[np.float64] | None = None,
     hold: float = 0.0,
     steps: int = _STEPS,
+    length_s: float = LENGTH_S,
 ) -> Refit:
     """Fit the thinned decays as described by a trial.
 
     `near`: where to begin; otherwise at the optimum of the fit.  `hold`: of the first steps
-    (`identify.fit.likelihood.fit`).  `steps`: their largest number.
+    (`identify.fit.likelihood.fit`).  `steps`: their largest number.  `length_s`: of the decays.
     """
     decays = []
     for whole in estimation.decays:
         thin = whole.thinned(_RATE_HZ)
-        cut = replace(thin, recordings=tuple(r.between(0.0, _LENGTH_S) for r in thin.recordings))
+        cut = replace(thin, recordings=tuple(r.between(0.0, length_s) for r in thin.recordings))
         changed = with_channels(cut, trial.channel)
         if changed.recordings:
             decays.append(replace(changed, mass_state=trial.mass_state(changed.mass_state)))
     groups = dict.fromkeys(r.group for decay in decays for r in decay.recordings)
     old = estimation.box
     states = tuple(map(trial.state, old.mass_states))
-    box = GreyBox(tuple(groups), states, old.geometry, old.structure, old.facts)
+    facts = tuple(map(trial.fact, old.facts))
+    box = GreyBox(tuple(groups), states, old.geometry, old.structure, facts)
     start = parameters_as_start(box, old, estimation.fit.eta if near is None else near)
     done = fit(box, tuple(decays), estimation.noise, start, _TOLERANCE, steps, hold)
     return Refit(box, tuple(decays), done)

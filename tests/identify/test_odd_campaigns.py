@@ -12,7 +12,7 @@ import pytest
 
 from daq.session import write_session
 from daq.sessions import session_from_arrays
-from daq.vehicle import BodyWeight, Corner, HubWeight
+from daq.vehicle import BodyWeight, Corner, Fact, HubWeight, Vehicle
 from identify import identify_parameters
 from identify.trust.finding import Verdict
 from tui import cli
@@ -74,6 +74,20 @@ def _without(*names: str) -> Callable[[], Records]:
     ]
 
 
+def _drifting(per_s: float, names: str) -> Callable[[], Records]:
+    return _each(lambda _, t_s, values: (t_s, values + per_s * t_s), names)
+
+
+def _struck_twice(share: float) -> Callable[[], Records]:
+    """Return runs with a second bump a second after the first, so much as high."""
+
+    def again(_: str, t_s: Array, values: Array) -> tuple[Array, Array]:
+        later = np.interp(t_s - 1.0, t_s, values - values[0], left=0.0)
+        return t_s, values + share * later
+
+    return _each(again)
+
+
 ROWS: dict[str, tuple[Callable[[], Records], int, tuple[str, ...]]] = {
     "nothing": (campaign, 0, ("verdict: ok",)),
     "no roll run": (_silent_roll("bounce", "pitch"), 1, ("I_xx, t_f, t_r: record roll runs",)),
@@ -86,6 +100,11 @@ ROWS: dict[str, tuple[Callable[[], Records], int, tuple[str, ...]]] = {
     "all constant": (_scaled(0.0), 1, ("never moves in any run: az",)),
     "one infinite": (_with_one(np.inf, "wy"), 0, ("values that no sensor shows: wy",)),
     "all of 1e300": (_scaled(1e300), 1, ("values that no sensor shows: az",)),
+    "travels drift": (_drifting(1e-3, "tr"), 1, ("likely cause: drift (trFL +0.0",)),
+    "a gyro drifts": (_drifting(0.01, "wy"), 1, ("likely cause: drift (wy +0.0",)),
+    "a slow drift": (_drifting(1e-5, "tr"), 0, ("verdict: ok",)),
+    "second bumps": (_struck_twice(0.7), 1, ("likely cause: a second bump (in 6 of 6 runs",)),
+    "no roll sensor": (_without("wx", "tr"), 1, ("do not determine I_xx, t_f, t_r",)),
     "no noise": (lambda: campaign(noise=0.0), 0, ("verdict: ok",)),
     "much noise": (lambda: campaign(noise=1000.0), 1, ("nothing moves in it",)),
     "steps of 1": (_coarse(1.0), 1, ("coarse sensors", "hubFL (1 m/s2)")),
@@ -158,6 +177,21 @@ def test_runs_with_other_weights_than_stated_are_named() -> None:
     assert time.process_time() - before_s < CPU_S
     assert result.quality.verdict is Verdict.REFUSED
     assert "runs added_bounce_2, added_pitch_2, added_roll_2 disagree" in result.quality.reasons[0]
+
+
+def test_scales_in_pounds_are_named() -> None:
+    facts = (
+        Fact("total_mass_kg", 826.0 / 0.45359, 2.0),
+        Fact("front_axle_kg", 467.0 / 0.45359, 2.0),
+    )
+    session = session_from_arrays(
+        campaign(), channels(), WEIGHTS, Vehicle("x", facts=facts), bump_s=BUMP_S
+    )
+    before_s = time.process_time()
+    quality = identify_parameters(session).quality
+    assert time.process_time() - before_s < CPU_S
+    assert quality.verdict is Verdict.REFUSED
+    assert "likely cause: scales in lb" in quality.reasons[0]
 
 
 def test_travels_in_mm_are_named_before_any_fit() -> None:

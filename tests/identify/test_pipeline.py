@@ -185,7 +185,7 @@ def test_the_progress_says_what_is_done_and_how_far_the_work_is(
 
     monkeypatch.setattr(pipeline, "first_estimate", unexplained)
     monkeypatch.setattr(pipeline, "opposed_signs", lambda *_: ())
-    monkeypatch.setattr(pipeline, "wrong_channel", lambda _: None)
+    monkeypatch.setattr(pipeline, "fault_of_bench", lambda _: None)
     monkeypatch.setattr(pipeline, "later_may_hold", lambda *_: True)
     monkeypatch.setattr(pipeline, "later_estimate", later)
     stages: list[tuple[float, str]] = []
@@ -216,7 +216,7 @@ def test_elements_are_sought_with_the_beginnings_where_no_later_start_holds(
 
     monkeypatch.setattr(pipeline, "first_estimate", unexplained)
     monkeypatch.setattr(pipeline, "opposed_signs", lambda *_: ())
-    monkeypatch.setattr(pipeline, "wrong_channel", lambda _: None)
+    monkeypatch.setattr(pipeline, "fault_of_bench", lambda _: None)
     monkeypatch.setattr(pipeline, "later_may_hold", lambda *_: may_hold)
     monkeypatch.setattr(pipeline, "later_estimate", later)
     monkeypatch.setattr(pipeline, "share_of_faults", lambda _: 0.0)

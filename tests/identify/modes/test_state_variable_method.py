@@ -174,6 +174,16 @@ def test_an_offset_and_a_slow_drift_are_no_modes() -> None:
     assert_poles(found, poles, 0.05)
 
 
+def test_a_linear_drift_is_no_mode_that_grows() -> None:
+    poles = oscillators([2.0], [0.05])
+    for seed in range(2):
+        noise = 0.005 * np.random.default_rng(seed).standard_normal((500, 2))
+        record = free_decay(poles, np.array([[1.0], [0.5]]), np.ones(1), 100.0, 5.0) + noise
+        record += 0.05 * np.arange(500)[:, None] / 100.0
+        for records in ([record], [record, 0.7 * record]):
+            assert_poles(identify_modes(records, 100.0), poles, 0.01)
+
+
 @pytest.mark.parametrize("n_records", [1, 2])
 def test_the_count_is_right_at_40_db(n_records: int) -> None:
     poles, shapes = chain_poles(3, k=1000.0, c=1.0, m=1.0), chain_shapes(3)

@@ -16,7 +16,7 @@ from dbc.finding import Severity
 from identify.decays.usable import usable
 from identify.fit.estimation import Estimation, estimate, first_estimate, generic_vehicles
 from identify.pipeline import grey_box, identify_parameters
-from identify.trust.faults import causes_of, swapped_labels, wrong_channel, wrong_sensors
+from identify.trust.faults import swapped_labels, wrong_channel, wrong_sensors
 from identify.trust.finding import Verdict
 from tests.identify import stress
 from tests.identify.stress import BODY, HUBS, TRAVELS, Stress, stress_session
@@ -67,10 +67,10 @@ SWAPPED = {
 @pytest.mark.parametrize("name", SWAPPED)
 def test_a_swap_is_named_and_refused(name: str) -> None:
     session = SWAPPED[name]()
-    estimation = fitted(session)
-    (finding,) = causes_of(estimation, ()).findings
-    assert finding.severity is Severity.ERROR
-    assert f"likely cause: {name} " in finding.text
+    found = swapped_labels(fitted(session))
+    assert found is not None
+    assert found.finding.severity is Severity.ERROR
+    assert f"likely cause: {name} " in found.finding.text
 
 
 _LONG = ("friction", "hubs_late_5ms", "hot_damper", "tyre_damping")
