@@ -383,6 +383,8 @@ def linearised(point: Point) -> System:
 _STEPS = 25
 _REACH = 8
 """Bound of what all further steps may add, as a multiple of the last gain: the gains decrease."""
+_LEAST_PERIODS = 0.25
+"""Periods within the longest series below which an oscillation is a drift of the record."""
 _SETTLED = 1e-3
 """Gain of likelihood (in units of 1) below which a step is the last."""
 _DAMPING = 1e-3
@@ -429,7 +431,8 @@ class LikelyModes:
             np.sqrt(np.einsum("ij,jk,ik->i", slope, self.pole_covariance, slope))
             for slope in (by_frequency.reshape(m, -1), by_damping.reshape(m, -1))
         )
-        which = vibrates(poles)
+        longest_s = max(float(block.time_s[-1]) for block in self.point.sums.samples.blocks)
+        which = vibrates(poles) & (size * longest_s > 2.0 * np.pi * _LEAST_PERIODS)
         return ModalModel(
             poles[which], self.shapes[:, which], frequency_std_hz[which], damping_std[which]
         )
