@@ -39,11 +39,19 @@ class Truth:
     k_2: Sequence[float] = (0.0, 0.0)
     k_3: Sequence[float] = (0.0, 0.0)
     k_b: Sequence[float] = (0.0, 0.0)
+    """Of the stop's force over its compression at 10 mm."""
     gap: Sequence[float] = (0.025, 0.025)
+    power: float = 1.0
+    """Of the compression of the stop: 1 is a hard edge; 0: exponential, over 5 mm."""
+    second: Sequence[float] = (0.0, 0.0)
+    """Rate that the spring gains beyond `second_from` of compression, m."""
+    second_from: Sequence[float] = (0.02, 0.02)
     k_a: Sequence[float] = (8e3, 5e3)
     k_t: Sequence[float] = (192e3, 192e3, 192e3, 192e3)
     beta: Sequence[float] = (0.0, 0.0)
     c_t: Sequence[float] = (0.0, 0.0)
+    tyre_power: float = 1.0
+    """Of the squash, which gives the load of a tyre; k_t is its slope at rest."""
     friction: Sequence[float] = (50.0, 50.0, 50.0, 50.0)
     length: Sequence[float] = (0.5e-3, 0.5e-3)
     static: float = 1.0
@@ -55,9 +63,19 @@ class Truth:
     """Whether the knees are tanh-shaped instead of corners."""
     ratio: Sequence[float] = (1.0, 1.0, 1.0, 1.0)
     k_m: Sequence[float] = (np.inf, np.inf)
+    curves: tuple[Array, Array] | None = None
+    """Forces of both axles' dampers at `SPEEDS`, instead of slopes and knees."""
+
+    def stop(self, depth: Array) -> Array:
+        """Return the force of a stop over k_b, m, at a compression, m."""
+        if self.power:
+            return np.asarray(0.01 * (np.maximum(depth, 0.0) / 0.01) ** self.power)
+        return np.asarray(0.01 * np.expm1(np.maximum(depth, 0.0) / 0.005) / np.expm1(2.0))
 
     def damper(self, axle: int) -> Array:
         """Return the force of an axle's damper at `SPEEDS`."""
+        if self.curves is not None:
+            return self.curves[axle]
         far_r, near_r, near_c, far_c = self.slopes[axle]
         low, high = self.knees
         slope = np.where(SPEEDS < 0, near_r, near_c).astype(float)
@@ -128,7 +146,9 @@ def drive(car: Truth, bumps: Sequence[Bump], end_s: float, step_s: float = 1e-4)
     x = np.array([car.a, car.a, -car.b, -car.b])
     y = np.array([car.t_f, -car.t_f, car.t_r, -car.t_r]) - car.y_s
     axle = np.array([0, 0, 1, 1])
-    kinds = ("k_2", "k_3", "k_b", "gap", "k_a", "beta", "c_t", "length", "k_m")
+    kinds = (
+        "k_2", "k_3", "k_b", "gap", "second", "second_from", "k_a", "beta", "c_t", "length", "k_m",
+    )  # fmt: skip
     per = {n: np.array(getattr(car, n), float)[axle] for n in kinds}
     k_s, k_t, m_u = (np.array(getattr(car, n), float) for n in ("k_s", "k_t", "m_u"))
     friction, ratio = np.array(car.friction, float), np.array(car.ratio, float)
@@ -171,11 +191,16 @@ def drive(car: Truth, bumps: Sequence[Bump], end_s: float, step_s: float = 1e-4)
         u = q[:, 3:] - lever(q)
         w = v[:, 3:] - lever(v)
         F = preload + k_s * u + per["k_2"] * u**2 + per["k_3"] * u**3
-        F = F + per["k_b"] * np.maximum(u - per["gap"], 0) + per["k_a"] * (u - u[:, other])
+        F = F + per["k_b"] * car.stop(u - per["gap"]) + per["k_a"] * (u - u[:, other])
+        F = F + per["second"] * np.maximum(u - per["second_from"], 0.0)
         damp = np.hstack([curve(0, w[:, :2]), curve(1, w[:, 2:])]) * ratio
         F = F + np.where(stiff, mount, damp) + friction * zeta
         c = road - q[:, 3:]
-        N = ground + k_t * c * (1 + per["beta"] * c)
+        if car.tyre_power == 1.0:
+            N = ground + k_t * c * (1 + per["beta"] * c)
+        else:
+            whole = car.tyre_power * ground / k_t  # squash at rest
+            N = ground * (np.maximum(whole + c, 0.0) / whole) ** car.tyre_power
         touches = N > 0.0  # in the air a tyre is not damped either
         N = np.maximum(N + per["c_t"] * (speed - v[:, 3:]), 0.0) * touches
         acc = np.empty((R, 7))
