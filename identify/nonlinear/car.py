@@ -1,6 +1,6 @@
-"""One mass state of a car for the integrator: coefficients of its corners and its body.
+"""One mass state of a car for the integration: coefficients of its corners and its body.
 
-All that a corner's forces depend on is a row of numbers (`COLUMNS`), so that the integrator needs
+All that a corner's forces depend on is a row of numbers (`COLUMNS`), so that the path needs
 to know neither axles nor structures nor which of the numbers are unknown; their derivatives by the
 unknowns come by a complex step through the grey box.
 """

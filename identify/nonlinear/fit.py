@@ -318,3 +318,87 @@ def fit(
             refused += 1
             damping = max(damping * 10.0, 1e-3)
             box = box / 2.0
+
+
+# Gain of freeing each unknown that is still held, to first order ----------------------------------
+
+_SEPARATE = 1e-10
+"""Share of an unknown's information that the free ones must leave for it to count as separate."""
+
+
+def gain_of(
+    problem: Problem, best: Optimum, eta: NDArray[np.float64], extra: NDArray[np.intp]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the fall of the cost with each further unknown free, and the size of that unknown.
+
+    Parameters
+    ----------
+    problem : Problem
+        Problem of the optimum.
+    best : Optimum
+        Optimum of the free unknowns.
+    eta : (P,) float64
+        All unknowns: those of the optimum, except for some that do not act yet.
+    extra : (k,) intp
+        Positions of the further ones, none of them free.
+
+    Returns
+    -------
+    gains, sizes : (k,) float64
+        Each with one unknown alone; zeros where path or tangents are not finite, or where the free
+        unknowns have the same effect.
+    """
+    known = best.point.problem.free
+    free = np.union1d(known, extra)
+    at = point(problem.releasing(free), eta, best.point.initials, best.point.grade)
+    if at is None or not at.normal.finite:
+        return np.zeros(len(extra)), np.zeros(len(extra))
+    matrix, right, _ = reduced(at.normal, 0.0)
+    new, old = np.searchsorted(free, extra), ~np.isin(free, extra)
+    cross = matrix[np.ix_(new, old)] @ inverse(matrix[np.ix_(old, old)])
+    alone = np.diag(matrix[np.ix_(new, new)])
+    left = alone - np.einsum("ij,ji->i", cross, matrix[np.ix_(old, new)])
+    push = right[new] - cross @ right[old]
+    separate = left > _SEPARATE * alone
+    size = np.divide(push, left, out=np.zeros(len(extra)), where=separate)
+    return push * size, size
+
+
+# Covariance that holds where a little is unexplained: from the scatter of the scores --------------
+#
+# Where the model leaves motion unexplained, residuals are neither white nor as small as the noise.
+# The scatter of the scores, correlated over `LAG_S`, shows how far the estimate may be off
+# (heteroscedasticity and autocorrelation consistent covariance, Newey and West 1987).
+
+LAG_S = 0.2
+"""Longest time, s, over which residuals may be correlated: two periods of the wheels."""
+_BIN_S = 0.005
+
+
+def scatter(at: Point) -> NDArray[np.float64]:
+    """Return the covariance of the scores, (F, F), by Bartlett's window of `LAG_S`."""
+    size = len(at.problem.free)
+    total = np.zeros((size, size))
+    lags = round(LAG_S / _BIN_S)
+    for run, predicted, b in zip(at.problem.runs, at.predicted, at.normal.blocks, strict=True):
+        own = len(b.A)
+        through = inverse(b.A) @ b.B
+        bins = int(run.end_s / _BIN_S) + 2
+        scores = np.zeros((bins, size))
+        for r, left, J in zip(run.decay.recordings, predicted.left, b.jacobian, strict=True):
+            reduced = J[:, :, own:] - J[:, :, :own] @ through
+            which = np.clip((r.time_s / _BIN_S).astype(int), 0, bins - 1)
+            np.add.at(scores, which, np.einsum("ncf,nc->nf", reduced, left))
+        total += scores.T @ scores
+        for lag in range(1, min(lags + 1, bins)):
+            part = (1.0 - lag / (lags + 1.0)) * (scores[lag:].T @ scores[:-lag])
+            total += part + part.T
+    return total
+
+
+def widened(covariance: NDArray[np.float64], scores: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the covariance with each standard deviation at least that from the scores' scatter."""
+    robust = np.diag(covariance @ scores @ covariance)
+    plain = np.diag(covariance)
+    factor = np.sqrt(np.maximum(robust / np.maximum(plain, 1e-300), 1.0))
+    return np.asarray(covariance * np.outer(factor, factor))

@@ -1,15 +1,22 @@
-"""The path of one run: all states over time, and their values at the samples."""
+"""Path and tangents of a run: all states over time, and their values at the samples."""
 
 from __future__ import annotations
 
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import cache, partial
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .car import KNEES, LENGTH, MOUNT, RATIO, C, Car, X, Y
-from .laws import knee, knee_slope
+from ..model.exponentials import LowPass
+from . import columns, kernels
+from .car import BETA, GAP, K_B, K_T, KNEES, LENGTH, MOUNT, RATIO, STATIC, C, Car, X, Y
+from .columns import LANES
+from .laws import knee, knee_slope, tyre_load
 
 # Step sizes of the integration, and rounding of the corners of the force laws ---------------------
 
@@ -189,3 +196,287 @@ def hermite(share: NDArray[np.float64], step_s: float) -> tuple[NDArray[np.float
     before = (1.0 + 2.0 * s) * (1.0 - s) * (1.0 - s)
     after = s * s * (3.0 - 2.0 * s)
     return before, after, s * (1.0 - s) * (1.0 - s) * step_s, -s * s * (1.0 - s) * step_s
+
+
+# Start and steps of the tangents of a run ---------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """Derivatives of the first state, and the way each unknown enters the motion."""
+
+    matrix: NDArray[np.float64]
+    """(22, columns): the run's own unknowns, then the free ones that act on the motion."""
+    sparse: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]
+    """First entry of each corner (5,); coefficient, column and derivative of each entry."""
+    body: tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]
+    """Columns that change the body, (n,), its mass by them, (n, 3, 3), and gravity, (n, 3)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """Steps of the tangents along a path."""
+
+    starts: NDArray[np.int64]
+    """(n,) first node."""
+    lengths: NDArray[np.int64]
+    """(n,) steps of the path."""
+    fine: NDArray[np.int64]
+    """(n,) which of the levels."""
+    levels: tuple[Level, Level]
+
+
+def acting(cars: list[Car]) -> NDArray[np.intp]:
+    """Return which of the free unknowns act on the motion in any mass state, (A,)."""
+    acts = [
+        car.d_corner.any(axis=(0, 1)) | car.d_mass.any(axis=(1, 2)) | car.d_pull.any(axis=1)
+        for car in cars
+    ]
+    return np.flatnonzero(np.any(acts, axis=0))
+
+
+@dataclass(frozen=True, slots=True)
+class SampledChannels:
+    """The motions that some channels see, and the times of their samples."""
+
+    before: NDArray[np.int64]
+    """(n,) node of the plan before each time."""
+    weights: NDArray[np.float64]
+    """(n, 3, 4) by time derivative: weights of the value before and after, and of its slope before
+    and after.  An acceleration is the slope of the cubic that gives the speed."""
+    orders: NDArray[np.int64]
+    """(channels,) time derivative."""
+    first: NDArray[np.int64]
+    """(channels + 1,) first entry of each channel in what follows."""
+    motions: NDArray[np.int64]
+    """Degree of freedom."""
+    shares: NDArray[np.float64]
+    """Entry of this degree of freedom in the channel's row."""
+
+
+def sampled_channels(
+    plan: Plan,
+    step_s: float,
+    times_s: NDArray[np.float64],
+    orders: NDArray[np.int64],
+    rows: NDArray[np.float64],
+) -> SampledChannels:
+    """Return how channels with given rows, (channels, 7), see the motion at given times."""
+    begins = plan.starts * step_s
+    k = np.clip(np.searchsorted(begins, times_s + 1e-9, side="right") - 1, 0, len(begins) - 1)
+    h = plan.lengths[k] * step_s
+    s = (times_s - begins[k]) / h
+    place = np.stack(hermite(s, 1.0), axis=1)
+    place[:, 2:] *= h[:, None]
+    bend = 6.0 * s * (s - 1.0) / h
+    turn = np.stack([bend, -bend, (3.0 * s - 4.0) * s + 1.0, (3.0 * s - 2.0) * s], axis=1)
+    channel, motions = np.nonzero(rows)
+    first = np.searchsorted(channel, np.arange(len(rows) + 1))
+    weights = np.stack([place, place, turn], axis=1)
+    return SampledChannels(k, weights, orders, first, motions, rows[channel, motions])
+
+
+def start_of(car: Car, own: InitialState, acts: NDArray[np.intp], level: Level) -> Start:
+    """Return the start of the tangents of a run."""
+    n_own = 22 if car.has_mount else 18
+    d_corner = car.d_corner[:, :, acts]
+    matrix = np.zeros((STATES, n_own + len(acts)))
+    matrix[:n_own, :n_own] = np.eye(n_own)
+    if car.has_mount:
+        matrix[18:] += _mount_start(car, own, d_corner, matrix, level)
+    entries = [np.nonzero(d_corner[i]) for i in range(4)]
+    first = np.concatenate([[0], np.cumsum([len(kinds) for kinds, _ in entries])])
+    sparse = (
+        first.astype(np.int64),
+        np.concatenate([kinds for kinds, _ in entries]).astype(np.int64),
+        np.concatenate([columns for _, columns in entries]).astype(np.int64) + n_own,
+        np.concatenate([d_corner[i][entries[i]] for i in range(4)]),
+    )
+    changes = car.d_mass[acts].any(axis=(1, 2)) | car.d_pull[acts].any(axis=1)
+    columns = np.flatnonzero(changes)
+    body = (columns + n_own, car.d_mass[acts][columns], car.d_pull[acts][columns])
+    return Start(matrix, sparse, body)
+
+
+def _mount_start(
+    car: Car,
+    own: InitialState,
+    d_corner: NDArray[np.float64],
+    matrix: NDArray[np.float64],
+    level: Level,
+) -> NDArray[np.float64]:
+    """Return the derivatives of the mounts' deflection under the dampers' force, (4, columns)."""
+    p = car.corner
+    n_own = matrix.shape[1] - d_corner.shape[2]
+    speed = travel_speeds(car, own.motion)
+    force, slope = damper_curve(car, speed, level.knee_m_s)
+    d_speed = travel_speeds(car, matrix[:14].T).T
+    d_speed[:, n_own:] += own.motion[8] * d_corner[:, X] - own.motion[9] * d_corner[:, Y]
+    sigma, ratio = p[:, MOUNT], p[:, RATIO]
+    result = (sigma * ratio * slope)[:, None] * d_speed
+    changed = (ratio * force)[:, None] * d_corner[:, MOUNT]
+    changed += (sigma * force)[:, None] * d_corner[:, RATIO]
+    changed += (sigma * ratio * speed)[:, None] * d_corner[:, C]
+    for j, at in enumerate(car.knots):
+        bent = sigma * ratio * knee(speed, at, level.knee_m_s)
+        changed += bent[:, None] * d_corner[:, KNEES + j]
+    result[:, n_own:] += changed
+    return np.asarray(result)
+
+
+def plan_of(car: Car, path: Path, grade: Grade) -> Plan:
+    """Return the steps: fine where a wheel reverses, leaves the road or meets its stop."""
+    nodes = len(path.states) - 1
+    length = grade.mounted_steps if car.has_mount else grade.tangent_steps
+    part = grade.fine_steps
+    levels = (grade.coarse, grade.fine)
+    if length == part and grade.coarse == grade.fine:
+        starts = np.arange(0, nodes, part)
+        whole = np.full(len(starts), part)
+        return Plan(starts, whole, np.zeros(len(starts), np.int64), levels)
+    p, x = car.corner, path.states
+    travel = travel_speeds(car, x[:, :7], 0)
+    load = tyre_load(x[:, 3:7], p[:, K_T], p[:, BETA], p[:, STATIC])
+    signs = [travel_speeds(car, x) > 0.0, load > 0.0]
+    if p[:, K_B].any() or car.d_corner[:, K_B].any():
+        signs.append(travel > p[:, GAP])
+    state = np.concatenate(signs, axis=1)
+    turns = (state[1:] != state[:-1]).any(axis=1)
+    events = np.add.reduceat(turns, np.arange(0, nodes, length)) > 0
+    counts = np.where(events, length // part, 1)
+    lengths = np.repeat(np.where(events, part, length), counts)
+    fine = np.repeat(events.astype(np.int64), counts)
+    starts = np.concatenate([[0], np.cumsum(lengths)[:-1]])
+    return Plan(starts, lengths, fine, levels)
+
+
+# Evaluates the runs of a problem side by side: machine code and BLAS release the interpreter ------
+
+T = TypeVar("T")
+
+
+def for_each_run(function: Callable[..., T], *arguments: Iterable[Any]) -> tuple[T, ...]:
+    """Return what a function returns for each run, in their order; as `map` does."""
+    return tuple(_threads(os.getpid()).map(function, *arguments))
+
+
+@cache
+def _threads(process: int) -> ThreadPoolExecutor:
+    """Return the threads of a process: one that was forked has none of its parent's."""
+    return ThreadPoolExecutor(os.cpu_count(), f"runs of {process}")
+
+
+# The integrator -----------------------------------------------------------------------------------
+
+Array = NDArray[np.float64]
+
+_POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(8)
+
+
+def integrate(
+    cars: Sequence[Car],
+    initials: Sequence[InitialState],
+    ends_s: Sequence[float],
+    step_s: float,
+    level: Level,
+) -> Sequence[Path | None]:
+    """Return the path of each run up to its end or just after; None if it does not stay finite."""
+    return for_each_run(partial(_integrate, step_s, level), cars, initials, ends_s)
+
+
+def _integrate(
+    step_s: float, level: Level, car: Car, own: InitialState, end_s: float
+) -> Path | None:
+    x0, speed = first_state(car, own, level)
+    steps = int(np.ceil(end_s / step_s / 8.0 - 1e-9)) * 8
+    states, slopes = np.empty((steps + 1, STATES)), np.empty((steps + 1, STATES))
+    speeds = np.empty((steps + 1, 4))
+    reached = kernels.path(
+        x0, speed, steps, step_s, *_body(car), level, car.has_mount, states, slopes, speeds
+    )
+    return Path(step_s, level, states, slopes, speeds) if reached == steps + 1 else None
+
+
+def sample(car: Car, path: Path, times_s: Array) -> Path:
+    """Return the states at the given times, s."""
+    states, slopes = np.empty((len(times_s), STATES)), np.empty((len(times_s), STATES))
+    speeds = np.empty((len(times_s), 4))
+    kernels.sample(
+        times_s, path.step_s, path.states, path.slopes, path.speeds, *_body(car), path.level,
+        car.has_mount, states, slopes, speeds,
+    )  # fmt: skip
+    return Path(0.0, path.level, states, slopes, speeds)
+
+
+def tangents(car: Car, acts: NDArray[np.intp], path: Path, start: Start, plan: Plan) -> Any:
+    """Return the tangents along a path, as `add_sampled` takes them."""
+    corner, knots, inverse, _ = _body(car)
+    count = start.matrix.shape[1]
+    assert count == len(acts) + (22 if car.has_mount else 18)
+    blocks = -(-count // LANES)
+    trace = np.empty((len(plan.starts) + 2, blocks, columns.STATE_ROWS * LANES))
+    for b in range(blocks):
+        part = start.matrix[:, b * LANES : (b + 1) * LANES]
+        rows = np.zeros((columns.STATE_ROWS, LANES))
+        rows[:STATES, : part.shape[1]] = part
+        trace[0, b] = rows.ravel()
+    columns.tangents(
+        path.step_s, path.states, path.slopes, path.speeds, corner, knots, inverse,
+        car.has_mount, start.sparse, start.body, plan.starts, plan.lengths, plan.fine, plan.levels,
+        count, trace,
+    )  # fmt: skip
+    return trace
+
+
+def add_sampled(trace: Any, given: SampledChannels, out: Array) -> None:
+    """Add the tangents of some channels at some times to `out`, (n, channels, columns)."""
+    columns.add_sampled(
+        trace, out.shape[2], given.before, given.weights, given.orders, given.first, given.motions,
+        given.shares, out,
+    )  # fmt: skip
+
+
+def filtered(low_pass: LowPass, values: Array, step_s: float, times_s: Array) -> Array:
+    """Return the output of a low-pass that was at rest before.
+
+    The filter is a sum of first-order filters, one for each pole, each integrated exactly for an
+    input that is a parabola over two steps.  Its own transients are left out: they are free
+    constants of the channel.
+
+    `values`, (n, ...): its input at 0, `step_s`, ...; n is odd.  `times_s`, (m,): times of the
+    output.  Returns (m, ...).
+    """
+    order = np.argsort(times_s, kind="stable")
+    flat = np.ascontiguousarray(values).reshape(len(values), -1)
+    ordered = np.zeros((len(times_s), flat.shape[1]))
+    for pole, residue, weights in _pole_terms(low_pass, 2.0 * step_s):
+        kernels.filter_pole(flat, 2.0 * step_s, times_s[order], pole, residue, weights, ordered)
+    total = np.empty_like(ordered)
+    total[order] = ordered
+    return total.reshape(len(times_s), *values.shape[1:])
+
+
+def _pole_terms(
+    low_pass: LowPass, h: float
+) -> Iterator[tuple[complex, complex, NDArray[np.complex128]]]:
+    """Yield each pole without its conjugate, its residue for both, and the weights of its input.
+
+    The weights, (3,), are of the input at the start, the middle and the end of a double step of
+    `h` seconds.
+    """
+    s = (_POINTS + 1.0) / 2.0  # of the double step
+    shapes = np.array([(2 * s - 1) * (s - 1), 4 * s * (1 - s), s * (2 * s - 1)])
+    poles = low_pass.poles
+    for i, pole in enumerate(poles):
+        if pole.imag < 0.0:
+            continue
+        others = np.delete(poles, i)
+        residue = np.prod(-poles) / np.prod(pole - others)
+        share = 2.0 if pole.imag > 0.0 else 1.0
+        kernel = np.exp(pole * h * (1.0 - s)) * _WEIGHTS * h / 2.0
+        yield complex(pole), complex(share * residue), shapes @ kernel
+
+
+def _body(car: Car) -> tuple[Array, Array, Array, Array]:
+    inverse = np.asarray(np.linalg.inv(car.mass), dtype=np.float64)
+    return car.corner, np.array(car.knots, dtype=np.float64), inverse, car.pull

@@ -14,11 +14,24 @@ from daq.channels import TIME_DERIVATIVE
 from ..decays.decay import FreeDecay, Recording
 from ..model.exponentials import low_pass_of
 from ..model.matrices import COMPLEX_STEP, stepped
-from . import integrator
 from .car import KNEE_M_S, MOUNT, REACH, Car, Model, car
-from .integrator import acting, for_each_run, plan_of, sampled_channels, start_of
 from .laws import secant_share
-from .path import Grade, InitialState, Path, step_of
+from .path import (
+    Grade,
+    InitialState,
+    Path,
+    acting,
+    add_sampled,
+    filtered,
+    for_each_run,
+    integrate,
+    plan_of,
+    sample,
+    sampled_channels,
+    start_of,
+    step_of,
+    tangents,
+)
 
 # One run: the model's prediction of its samples, and its normal equations -------------------------
 
@@ -129,8 +142,8 @@ def _values(
 ) -> NDArray[np.float64]:
     low_pass = low_pass_of(r.group.channels[0])
     if not len(low_pass.poles):
-        return _seen(rows, r, integrator.sample(car, path, times))
-    return integrator.filtered(low_pass, _seen(rows, r, path), path.step_s, times)
+        return _seen(rows, r, sample(car, path, times))
+    return filtered(low_pass, _seen(rows, r, path), path.step_s, times)
 
 
 def _seen(rows: Rows, r: Recording, sampled: Path) -> NDArray[np.float64]:
@@ -169,10 +182,10 @@ def block(
     start, plan = start_of(car, own, acts, grade.path), plan_of(car, path, grade)
     n_own = start.matrix.shape[1] - len(acts)
     size = n_own + car.d_corner.shape[2]
-    trace = integrator.tangents(car, acts, path, start, plan)
+    trace = tangents(car, acts, path, start, plan)
     grid = np.arange(0.0, path.end_s + 1e-9, grade.filter_s)
     grid = grid[: len(grid) - (len(grid) + 1) % 2]
-    at_grid = integrator.sample(car, path, grid)
+    at_grid = sample(car, path, grid)
     jacobian = []
     normal, right = np.zeros((size, size)), np.zeros(size)
     for r, weight, basis, left in zip(
@@ -181,7 +194,7 @@ def block(
         low_pass = low_pass_of(r.group.channels[0])
         asked = _times(run, rows, model, r)
         times = grid if len(low_pass.poles) else asked
-        sampled = at_grid if len(low_pass.poles) else integrator.sample(car, path, asked)
+        sampled = at_grid if len(low_pass.poles) else sample(car, path, asked)
         orders = np.array([TIME_DERIVATIVE[c.quantity] for c in r.group.channels])
         channels = sampled_channels(
             plan,
@@ -191,7 +204,7 @@ def block(
             np.stack([rows.rows[c.name] for c in r.group.channels]),
         )
         part = np.zeros((len(times), len(orders), n_own + len(acts)))
-        integrator.add_sampled(trace, channels, part)
+        add_sampled(trace, channels, part)
         J = np.zeros((len(times), len(orders), size))
         J[:, :, :n_own] = part[:, :, :n_own]
         J[:, :, n_own + acts] = part[:, :, n_own:]
@@ -200,7 +213,7 @@ def block(
             motion = sampled.motion(int(orders[c]))
             J[:, c, n_own + moves] += motion @ rows.slopes[channel.name][moves].T
         if len(low_pass.poles):
-            J = integrator.filtered(low_pass, J, grade.filter_s, asked)
+            J = filtered(low_pass, J, grade.filter_s, asked)
         late = rows.late[model.box.groups.index(r.group)]
         if late is not None:
             both = np.concatenate([asked + _LATE_S, asked - _LATE_S])
@@ -388,9 +401,7 @@ def point(
     rows = rows_of(model, eta, problem.free)
     step_s = step_of(list(cars.values()), grade)
     each = tuple(cars[run.decay.mass_state] for run in problem.runs)
-    paths = integrator.integrate(
-        each, initials, [run.end_s for run in problem.runs], step_s, grade.path
-    )
+    paths = integrate(each, initials, [run.end_s for run in problem.runs], step_s, grade.path)
     whole = [path for path in paths if path is not None]
     if len(whole) < len(paths):
         return None

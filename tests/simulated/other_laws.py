@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from time import process_time
 
 import numpy as np
-from daq.sessions import session_from_arrays
 from numpy.typing import NDArray
 
 import identify
+from daq.sessions import session_from_arrays
 from daq.vehicle import AddedMass, BodyWeight, Corner, HubWeight, MassState, Vehicle
 from tests.identify.nonlinear.truth import (
     BASELINE,

@@ -117,7 +117,7 @@ def play(
 
     monkeypatch.setattr("identify.nonlinear.release.fit", script.fit)
     monkeypatch.setattr("identify.nonlinear.release.gain_of", gain_of)
-    monkeypatch.setattr("identify.nonlinear.score.gain_of", gain_of)
+    monkeypatch.setattr("identify.nonlinear.release.gain_of", gain_of)
     monkeypatch.setattr(
         "identify.nonlinear.release.initial_states_of",
         lambda model, eta, decays, sigma: tuple(f"own {i}" for i in range(len(decays))),

@@ -18,13 +18,13 @@ from identify.decays.decay import ChannelGroup, FreeDecay, Recording, decay_star
 from identify.fit.grey_box import GreyBox
 from identify.fit.likelihood import FACTS, PRIORS
 from identify.fit.likelihood import fit as linear_fit
-from identify.nonlinear import integrator as threads
+from identify.nonlinear import path as threads
 from identify.nonlinear.begin import initial_states_of, weak_priors
 from identify.nonlinear.car import KNOTS, Model
-from identify.nonlinear.engine import NonlinearEngine, residuals_of
 from identify.nonlinear.fit import fit, inverse, reduced
 from identify.nonlinear.path import POLISH, InitialState
 from identify.nonlinear.problem import Point, Problem, normal, point, run_of
+from identify.nonlinear.real_car import NonlinearEngine, residuals_of
 from identify.nonlinear.release import positions
 
 from ..bumps import GROUP as PAPER_GROUP
@@ -184,7 +184,7 @@ def test_runs_are_evaluated_side_by_side(monkeypatch: pytest.MonkeyPatch) -> Non
 FORKS = """
 import os, threading, time
 os.cpu_count = lambda: 2
-from identify.nonlinear.integrator import for_each_run
+from identify.nonlinear.path import for_each_run
 meet = threading.Barrier(2)
 for_each_run(lambda _: meet.wait(), (1, 2))  # both threads exist
 time.sleep(0.2)  # and have nothing to do

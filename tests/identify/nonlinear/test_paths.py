@@ -17,29 +17,27 @@ from numpy.typing import NDArray
 
 from daq.channels import Channel, Quantity
 from identify.model.exponentials import low_pass_of
-from identify.nonlinear import integrator
 from identify.nonlinear import kernels as compiled
+from identify.nonlinear import path as paths
 from identify.nonlinear.car import MOUNT, RATIO, Car, car
+from identify.nonlinear.fit import scatter, widened
 from identify.nonlinear.forces import DamperCurve, forces_at_speeds
-from identify.nonlinear.integrator import (
-    Plan,
-    SampledChannels,
-    acting,
-    filtered,
-    plan_of,
-    sampled_channels,
-    start_of,
-)
 from identify.nonlinear.path import (
     PATH,
     POLISH,
     USUAL,
     InitialState,
+    Plan,
+    SampledChannels,
+    acting,
     damper_curve,
+    filtered,
+    plan_of,
+    sampled_channels,
+    start_of,
     travel_speeds,
 )
 from identify.nonlinear.path import Path as Motion
-from identify.nonlinear.score import scatter, widened
 
 from .cars import model_of, moving, rich
 from .truth import BASELINE
@@ -71,8 +69,8 @@ def everything(plan: Plan, path: Motion, times: np.ndarray) -> SampledChannels:
 
 
 def motion(one: Car, own: InitialState, times: np.ndarray) -> np.ndarray:
-    path = whole(integrator.integrate([one], [own], [END_S], USUAL.step_s, CORNERS)[0])
-    seen = integrator.sample(one, path, times)
+    path = whole(paths.integrate([one], [own], [END_S], USUAL.step_s, CORNERS)[0])
+    seen = paths.sample(one, path, times)
     return np.concatenate([seen.motion(k) for k in range(3)], axis=1)
 
 
@@ -84,14 +82,14 @@ def test_tangents_are_the_differences_of_paths(mounted: bool) -> None:
     free = np.array([i for i, n in enumerate(names) if mounted or not n.startswith("s_m")])
     one, own = car(model, eta, BASELINE, free), moving()
     times = 2.0 * USUAL.step_s * np.arange(5, 305, 8)  # at nodes: between two, a corner is cut
-    path = whole(integrator.integrate([one], [own], [END_S], USUAL.step_s, CORNERS)[0])
+    path = whole(paths.integrate([one], [own], [END_S], USUAL.step_s, CORNERS)[0])
     acts = acting([one])
     start = start_of(one, own, acts, CORNERS)
     polish = plan_of(one, path, POLISH)
     plan = Plan(polish.starts, polish.lengths, polish.fine, (CORNERS, CORNERS))
     found = np.zeros((len(times), 21, start.matrix.shape[1]))
-    integrator.add_sampled(
-        integrator.tangents(one, acts, path, start, plan), everything(plan, path, times), found
+    paths.add_sampled(
+        paths.tangents(one, acts, path, start, plan), everything(plan, path, times), found
     )
     n_own = start.matrix.shape[1] - len(acts)
     for column in (0, 4, 9, 12, 15):

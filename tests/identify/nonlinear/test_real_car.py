@@ -151,7 +151,9 @@ def begun(
         starts.append(float(start_s[0]))
         return np.asarray(near[0] + 0.01)
 
-    def release(model: Any, attempts: Iterator[Attempt], allowed: Any, log: Any) -> None:
+    def release(
+        model: Any, attempts: Iterator[Attempt], allowed: Any, log: Any, clock: Any
+    ) -> None:
         models.append((model, allowed))
         found.extend(attempts)
 
