@@ -30,17 +30,12 @@ ROLE = "SignalRole"
 
 _ROOT = re.compile(r"\A\s*<.{0,4000}?<?(?:\w+:)?(NetworkDefinition|AUTOSAR|CANDELA)\b", re.DOTALL)
 _KINDS = {"NetworkDefinition": "kcd", "AUTOSAR": "arxml", "CANDELA": "cdd"}
-_SYM = re.compile(r"\s*(?://[^\n]*\n\s*)*FormatVersion\s*=")
 _HUGE = re.compile(
     r"""\b(?:length|offset|count)\s*=\s*["']?\d{5}|\bLen\s*=\s*\d{5}|<!ENTITY"""
     r"|\b(?:unsigned|signed|float|double|bit|char|string|raw)\s+\d{5}|(?:LENGTH|POSITION)>\s*(?:0x)?[\da-f]{7}",
     re.IGNORECASE,
 )
 """Numbers beyond any payload, which cantools would build, and entities of XML."""
-_SYM_RANGE = re.compile(r"\bID\s*=\s*([0-9A-Fa-f]+)h\s*-\s*([0-9A-Fa-f]+)h")
-_MOST_IDENTIFIERS = 2000
-_END = '\nCM_ "end";\n'
-"""Statement after the text: cantools ignores a last statement that is cut off."""
 
 
 def shipped_dbc() -> str:
@@ -140,7 +135,7 @@ def _kind(text: str, name: str) -> str:
     """Return the format of a database from its content, or else its suffix; "" for a DBC."""
     if root := _ROOT.match(text.lstrip("\ufeff")):
         return _KINDS[root[1]]
-    if _SYM.match(text[:4096]):
+    if re.match(r"\s*(?://[^\n]*\n\s*)*FormatVersion\s*=", text[:4096]):
         return "sym"
     suffix = Path(name).suffix.lower()[1:]
     return suffix if suffix in ("kcd", "sym", "arxml") else ""
@@ -153,7 +148,8 @@ def _read_dbc(source: RepairedText) -> Sequence[Message]:
 
     while str(source).strip():
         try:
-            return dbc.load_string(f"{source}{_END}", strict=False).messages
+            # cantools ignores a last statement that is cut off: this one is last.
+            return dbc.load_string(f'{source}\nCM_ "end";\n', strict=False).messages
         except SyntaxFault as error:
             source.without_error(error.offset)
         except Exception as error:
@@ -174,9 +170,9 @@ def _read_other(text: str, name: str, kind: str) -> Sequence[Message]:
     if huge := _HUGE.search(text):
         where = f"{name}:{text.count(chr(10), 0, huge.start()) + 1}"
         raise InputError(where, f"{huge[0]!r} lies outside any payload", "correct that line")
-    ranges = [(int(r[1], 16), int(r[2], 16)) for r in _SYM_RANGE.finditer(text)]
-    if sum(max(high - low, 0) for low, high in ranges) > _MOST_IDENTIFIERS:
-        raise InputError(name, f"has more than {_MOST_IDENTIFIERS:,} identifiers", "split it")
+    ranges = re.findall(r"\bID\s*=\s*([0-9A-Fa-f]+)h\s*-\s*([0-9A-Fa-f]+)h", text)
+    if sum(max(int(high, 16) - int(low, 16), 0) for low, high in ranges) > 2000:
+        raise InputError(name, "has more than 2,000 identifiers", "split it")
     from cantools.database.can.formats import arxml, kcd, sym
 
     load: Any = {"kcd": kcd, "sym": sym, "arxml": arxml}[kind]

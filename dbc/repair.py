@@ -11,12 +11,6 @@ import re
 from .errors import InputError
 from .finding import Finding, Severity
 
-MOST_REPAIRS = 40
-"""Errors of syntax in one file; with more it is taken for no DBC."""
-MOST_READ = 10_000_000
-"""Characters that are read again for repairs, some 20 s of work."""
-MOST_SELECTED = 1 << 16
-"""Selector values of one signal, which cantools lists one by one."""
 EXTENDED = 1 << 31
 """Bit of an identifier in a DBC that marks 29 bits."""
 
@@ -26,11 +20,8 @@ _KNOWN = _DECISIVE | {"BO_", "SG_", "VERSION", "NS_", "BS_", "BU_", "BA_", "BA_D
 _KNOWN |= {"BA_DEF_DEF_", "BA_REL_", "BA_DEF_REL_", "BA_DEF_DEF_REL_", "BO_TX_BU_", "VAL_TABLE_"}
 _KNOWN |= {"SIG_GROUP_", "ENVVAR_DATA_"}
 _COMMENT = re.compile(r'^[ \t]*CM_[ \t]+[^"\n;]*"(?:\\"|[^"])*"\s*;', re.MULTILINE)
-_KEYWORD = re.compile(r"\s*(\w+)")
 _ABOUT = re.compile(r'\s*\w+\s+(?:"[^"]*"\s+)?(?:[A-Z_]+_\s+)?(\d{1,19})\b(?:\s+(\w+))?')
-_BYTES = re.compile(r"\s*BO_\s+\d+\s+\w+\s*:\s*(\d+)")
 _SIGNAL = re.compile(r"\s*SG_\s+(\w+)(?:(?:\s+(\w+))?\s*:\s*(\d+)\s*\|\s*(\d+))?")
-_RANGE = re.compile(r"(\d+)\s*-\s*(\d+)")
 
 
 class RepairedText:
@@ -56,7 +47,7 @@ class RepairedText:
         plain = _COMMENT.sub(lambda comment: "\n" * comment[0].count("\n"), text)
         self._lines = plain.split("\n")
         self._last = max((i for i, line in enumerate(self._lines) if line.strip()), default=-1)
-        self._kinds = [each[1] if (each := _KEYWORD.match(s)) else "" for s in self._lines]
+        self._kinds = [each[1] if (each := re.match(r"\s*(\w+)", s)) else "" for s in self._lines]
         self._about: list[tuple[int, str]] = []
         """Identifier of the message that each line is about, -1 if it is about none, and name of
         the signal; in a `BO_` of the message."""
@@ -108,7 +99,8 @@ class RepairedText:
             may_follow = self._kinds[place] != "SG_" or self._kinds[filled[-2]] in ("BO_", "SG_")
             place = filled[-2] if line_begins and may_follow else place
         self._repairs += 1
-        if self._repairs > MOST_REPAIRS or self._repairs * len(text) > MOST_READ:
+        # With more than 40 it is taken for no DBC; 10 million characters are some 20 s of work.
+        if self._repairs > 40 or self._repairs * len(text) > 10_000_000:
             raise self._refusal(place, f"has more than {self._repairs - 1} errors of syntax")
         self._leave_out(place, "is not valid DBC")
 
@@ -163,7 +155,10 @@ class RepairedText:
         if kind == "BO_" and can_id >= 0:
             self._places.setdefault((can_id, ""), place + 1)
             self._names[can_id] = name
-            bits, size = (can_id & ~EXTENDED).bit_length(), _BYTES.match(line)
+            bits, size = (
+                (can_id & ~EXTENDED).bit_length(),
+                re.match(r"\s*BO_\s+\d+\s+\w+\s*:\s*(\d+)", line),
+            )
             if bits > 29 and name != "VECTOR__INDEPENDENT_SIG_MSG":
                 self._leave_out(place, f"has an identifier of {bits} bits, not 11 or 29")
             elif size and int(size[1][:9]) > 64:
@@ -178,9 +173,12 @@ class RepairedText:
         elif kind == "CM_" and line.count('"') % 2:
             self._leave_out(place, "has a text without an end")
         elif kind == "SG_MUL_VAL_":
-            ends = [(int(low[:20]), int(high[:20])) for low, high in _RANGE.findall(line)]
+            ends = [
+                (int(low[:20]), int(high[:20]))
+                for low, high in re.findall(r"(\d+)\s*-\s*(\d+)", line)
+            ]
             values = sum(max(high - low + 1, 0) for low, high in ends)
-            if values > MOST_SELECTED:
+            if values > 1 << 16:  # cantools lists them one by one
                 self._leave_out(place, f"has {values:,} values of its selector")
 
     def _leave_out(self, place: int, why: str) -> None:

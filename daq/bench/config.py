@@ -50,15 +50,9 @@ from .sensors import (
 )
 from .toml_file import Place, Table, toml_tables, toml_text, validated
 
-_SIGNAL_BYTES = 128
-"""Longest name of a signal in a session file, bytes."""
-
-
 # A larger value is in the wrong unit: a length in millimetres, a time in milliseconds.
 _Place = Annotated[float, Field(ge=-20, le=20)]
 _Length = Annotated[float, Field(gt=0, le=20)]
-_Uncertain = Annotated[float, Field(ge=0, le=1)]
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,59}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,7 +162,7 @@ class WeightTable(Table):
     x_m: _Place | None = None
     y_m: _Place | None = None
     height_m: _Place = 0.0
-    position_sigma_m: _Uncertain = 0.0
+    position_sigma_m: Annotated[float, Field(ge=0, le=1)] = 0.0
 
     @model_validator(mode="after")
     def _one_place(self) -> WeightTable:
@@ -242,7 +236,7 @@ def with_day(channel: object) -> object:
 
 def as_a_person_states_it(channel: Channel) -> Channel:
     """Raise ValueError if a channel has what a person cannot mean."""
-    if not _NAME.fullmatch(channel.name):
+    if not re.fullmatch("[A-Za-z][A-Za-z0-9_]{0,59}", channel.name):
         raise ValueError("its name is not a letter, and at most 59 letters, digits and _ after it")
     if channel.sign not in (1, -1):
         raise ValueError("its sign is not 1 or -1")
@@ -253,7 +247,7 @@ def as_a_person_states_it(channel: Channel) -> Channel:
             raise ValueError("calibrated is not a day like 2026-05-31") from error
     if len(channel.serial_number.encode()) > 64:
         raise ValueError("its serial_number takes more than 64 bytes in a session file")
-    if len(channel.signal.encode()) > _SIGNAL_BYTES:
+    if len(channel.signal.encode()) > 128:  # its field in a session file
         raise ValueError("the name of its signal takes more than 128 bytes")
     stated = channel.motion_ratio != 1.0 or channel.motion_ratio_sigma > 0.0
     if stated and channel.quantity is not Quantity.SUSPENSION_TRAVEL:

@@ -29,8 +29,6 @@ class Table(BaseModel):
 _File = TypeVar("_File", bound=Table)
 _HEADER = re.compile(r"\s*\[(\[?)\s*([^\[\]]+?)\s*\]")
 _KEY = re.compile(r"""\s*([\w.'"-]+)\s*=""")
-_QUOTED = re.compile(r"'([^']*)'")
-_AT_LINE = re.compile(r" \(at line (\d+), column (\d+)\)")
 
 
 def toml_text(path: Path, advice: str) -> str:
@@ -71,7 +69,7 @@ def toml_tables(text: str, where: str) -> dict[str, Any]:
         document = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         what = str(error)
-        if line := _AT_LINE.search(what):
+        if line := re.search(r" \(at line (\d+), column (\d+)\)", what):
             where, what = f"{where}:{line[1]}", f"{what[: line.start()]}, column {line[2]}"
         raise InputError(where, f"is not TOML: {what}", "correct that line") from error
     for place, value in _values(document, ()):
@@ -123,7 +121,7 @@ def validated(document: Mapping[str, Any], text: str, where: str, model: type[_F
             raise _mistake(text, where, place, "unknown key {}", advice) from error
         if first["type"] == "missing":
             raise _mistake(text, where, place, "{} is missing", "state it") from error
-        known = _QUOTED.findall(str(first.get("ctx", {}).get("expected", "")))
+        known = re.findall("'([^']*)'", str(first.get("ctx", {}).get("expected", "")))
         near = _nearest(first["input"], known) if isinstance(first["input"], str) else ""
         raise _mistake(text, where, place, f"{{}}: {what}", f"correct that value{near}") from error
 

@@ -41,10 +41,6 @@ from .propose import ASK
 
 WORDS = {OK: "OK", WARN: "WARN", FAIL: "FAIL"}
 """Words for the severities, printed and sent to the terminal."""
-_INCOMPLETE_SHARE = 0.01
-_PAUSE_S, _PAUSE_INTERVALS = 0.1, 50.0
-"""Time without any frame, s and in usual intervals of the whole traffic, that counts as a pause:
-the bus was off, or the log was not written (an exported session has 0.6 s between runs)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +123,8 @@ def _without_pauses(frames: FrameBatch) -> tuple[FrameBatch, list[Finding]]:
     """Return the longest stretch between pauses, because counters do not cover pauses."""
     gap_s = np.diff(frames.t_ns) * 1e-9
     usual_s = float(np.median(gap_s)) if len(gap_s) else 0.0
-    before = np.flatnonzero(gap_s > max(_PAUSE_S, _PAUSE_INTERVALS * usual_s))
+    # The bus was off, or the log was not written: an exported session has 0.6 s between runs.
+    before = np.flatnonzero(gap_s > max(0.1, 50.0 * usual_s))
     if not len(before):
         return frames, []
     first, last = np.append(0, before + 1), np.append(before, len(frames) - 1)
@@ -150,7 +147,7 @@ def _set_line(sample_set: SampleSet, group: SampleGroup) -> Finding:
     missing = int(np.sum(np.isnan(np.array(list(group.values.values()))).any(axis=0)))
     rate_hz = (n - 1) / float(group.time_s[-1] - group.time_s[0]) if n > 1 else 0.0
     verdict, text, advice = OK, f"{n} samples at {rate_hz:.1f} Hz", ""
-    if missing > _INCOMPLETE_SHARE * n + 2:  # the first and the last set may be incomplete
+    if missing > 0.01 * n + 2:  # the first and the last set may be incomplete
         verdict = FAIL if missing > n / 2 else WARN
         text = f"{missing} of {n} samples {plural(missing, 'lacks', 'lack')} a frame"
         advice = f"are {', '.join(sample_set.messages)} sent at one rate, in one burst?"
@@ -162,20 +159,10 @@ def _set_line(sample_set: SampleSet, group: SampleGroup) -> Finding:
 # The channels: the readings of the sensors while the car stands still -----------------------------
 
 
-_VERTICAL = (Quantity.BODY_ACCELERATION, Quantity.HUB_ACCELERATION)
 _GRAVITY_TOLERANCE = 0.06
 """Cosine of 20 degrees, the largest acceptable tilt."""
 _NONE_G = 0.06
 """Reading at rest, g, below which an accelerometer shows no gravity."""
-_SCALE_TOLERANCE = 0.08
-"""Largest relative deviation of a reading from gravity in a wrong unit."""
-_QUIETEST = 2e-3
-"""Lowest noise of accelerometers for cars, m/s2: one with less noise is scaled wrong."""
-_SLOWEST_HZ = 50.0
-_GUESSED_M = 0.3
-"""Uncertainty of a position, m, from which it is a guess."""
-_BLOCK_S = 0.1
-"""Time over which samples are averaged to see slow motion, s."""
 
 
 class _Limits(NamedTuple):
@@ -199,7 +186,6 @@ _LIMITS = {
     Quantity.PITCH_ACCELERATION: _Limits(0.5, 0.5, 1.0, 20.0),
     Quantity.ROLL_ACCELERATION: _Limits(0.5, 0.5, 1.0, 20.0),
 }
-_DISPLACEMENT = _Limits(2e-3, 5e-3, 0.03, 1.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -253,14 +239,14 @@ def check_channel(
     gravity = ""
     if channel.quantity is not Quantity.UNUSED and FAIL not in [fault[1] for fault in stuck]:
         faults += _rest_faults(mapped, rest)
-        if channel.quantity in _VERTICAL:
+        if channel.quantity in (Quantity.BODY_ACCELERATION, Quantity.HUB_ACCELERATION):
             fault = _gravity(mapped, rest, len(value), _other_axes(mapped, messages, decoded))
             gravity = f", {fault[2]}" if fault[1] is OK else ""
             faults += [] if gravity else [fault]
-        if 0 < rate_hz < _SLOWEST_HZ:
+        if 0 < rate_hz < 50.0:
             text = f"{rate_hz:.0f} Hz is slow: wheels hop at 10 to 15 Hz"
             faults.append(("slow", WARN, text, "ask the sensor for 100 Hz or more"))
-    if channel.quantity in ON_BODY and channel.position_sigma_m >= _GUESSED_M:
+    if channel.quantity in ON_BODY and channel.position_sigma_m >= 0.3:
         text = f"its position is a guess (+-{channel.position_sigma_m:g} m)"
         advice = "measure x_m and y_m from the middle of the front axle"
         faults.append(("position", WARN, text, advice))
@@ -275,13 +261,13 @@ def _rest(value: NDArray[np.float64], t_ns: NDArray[np.int64], unit: str) -> _Re
     """Describe a channel at rest by statistics that a single knock does not change.
 
     Noise comes from the steps between neighbours, without the largest hundredth; slow motion is the
-    span of nine tenths of the means of blocks of `_BLOCK_S`.
+    span of nine tenths of the means of blocks of 0.1 s.
     """
     squares = np.sort(np.diff(value) ** 2)
     most = squares[: len(squares) - len(squares) // 100]
     # The variance of a step is twice that of a sample.
     noise = math.sqrt(float(np.mean(most)) / 2) if len(most) else 0.0
-    block = (t_ns - t_ns[0]) // round(_BLOCK_S * 1e9)
+    block = (t_ns - t_ns[0]) // 100_000_000
     starts = np.flatnonzero(np.diff(block, prepend=-1))
     means = np.add.reduceat(value, starts) / np.diff(np.append(starts, len(value)))
     low, high = np.quantile(means, [0.05, 0.95])
@@ -351,7 +337,7 @@ def _stuck_faults(
 
 def _rest_faults(mapped: MappedChannel, rest: _Rest) -> Iterator[Fault]:
     channel = mapped.channel
-    limits = _LIMITS.get(channel.quantity, _DISPLACEMENT)
+    limits = _LIMITS.get(channel.quantity, _Limits(2e-3, 5e-3, 0.03, 1.0))  # a displacement
     if rest.motion > limits.motion:
         text = f"moves by {rest.motion:.2g} {rest.unit}: not at rest"
         yield "motion", WARN, text, "let the car stand still and check again"
@@ -399,9 +385,10 @@ def _gravity(mapped: MappedChannel, rest: _Rest, n: int, axes: Mapping[str, floa
     if abs(share + 1) < _GRAVITY_TOLERANCE:
         return "gravity", FAIL, f"{reading}: upside down", flip
     # Next to no reading is gravity in a wrong unit only if no noise explains it.
-    is_sure = rest.noise < _QUIETEST and abs(rest.level + channel.tare) > 5 * rest.noise / n**0.5
+    # No accelerometer for cars has less noise than 2 mm/s2.
+    is_sure = rest.noise < 2e-3 and abs(rest.level + channel.tare) > 5 * rest.noise / n**0.5
     for factor, unit in _SCALES:
-        fits = abs(abs(share) / factor - 1) < _SCALE_TOLERANCE
+        fits = abs(abs(share) / factor - 1) < 0.08
         if fits and (is_sure or abs(share) >= _NONE_G):
             turn = f" and {flip}" if share < 0 else ""
             setting = f'signal_unit = "{unit}"' if unit else f"gain = {channel.gain / factor:.6g}"

@@ -22,14 +22,6 @@ from ..bench.sensors import Database, Sensor, database_codec
 from .frame_checks import Arrivals, frame_table
 from .guess import Asked, Question, plain_name
 
-_NEAREST = 0x7F
-"""Largest difference of the identifiers of two devices of one kind: the number of CANopen nodes."""
-_RATE_SHARE = 0.1
-"""Largest relative difference of the rates of two devices of one kind."""
-_FEWEST = 10
-"""Fewest frames of an identifier from which its rate is taken."""
-_NAME_LENGTH = 24
-
 Key = tuple[int, int, bool]
 """Bus, identifier and width of frames."""
 
@@ -96,20 +88,20 @@ def _offsets(
     rates = {(can_id, is_extended): a.rate_hz for (_, can_id, is_extended), a in traffic.items()}
     votes: Counter[tuple[int, int]] = Counter()
     for key, arrivals in traffic.items():
-        if key in claimed or len(arrivals.t_ns) < _FEWEST:
+        if key in claimed or len(arrivals.t_ns) < 10:
             continue
         bus, can_id, is_extended = key
         for m in messages:
             offset = can_id - m.can_id
             alike = (is_extended, arrivals.usual_length) == (m.is_extended, m.length)
-            if not alike or not 0 < abs(offset) <= _NEAREST:
+            if not alike or not 0 < abs(offset) <= 0x7F:  # the number of CANopen nodes
                 continue
             stated = 1 / m.cycle_s if m.cycle_s else None
             rate = rates.get((m.can_id, m.is_extended), stated)
             if rate is None:  # CANopen nodes have the same function code
                 alike = not is_extended and can_id >> 7 == m.can_id >> 7
             else:
-                alike = abs(arrivals.rate_hz - rate) <= _RATE_SHARE * rate
+                alike = abs(arrivals.rate_hz - rate) <= 0.1 * rate
             if alike:
                 votes[bus, offset] += 1
     return sorted(votes, key=lambda key: (-votes[key], abs(key[1]), key))
@@ -135,4 +127,4 @@ def _named(present: Sequence[tuple[Sensor, str, bool]]) -> list[FoundSensor]:
 
 def _stem(database: str) -> str:
     file = PurePath(database.removeprefix("layout:"))
-    return plain_name(file.stem.lower(), "sensor")[:_NAME_LENGTH]
+    return plain_name(file.stem.lower(), "sensor")[:24]

@@ -25,12 +25,10 @@ from ..samples.mapping import MappedChannel, Timekeeping
 OK, WARN, FAIL = Severity.NOTE, Severity.WARNING, Severity.ERROR
 Fault = tuple[str, Severity, str, str]
 """Code, severity, text and advice of a finding."""
-_RATE_WARN, RATE_FAIL = 0.02, 0.10
+RATE_FAIL = 0.10
+"""Relative deviation of a rate from the cycle that fails."""
 _LOST_FAIL = 0.01
-_CLOCK_WARN, _CLOCK_FAIL = 2e-3, 0.2
-_SILENT_S = 0.5
-_LOAD_WARN = 0.8
-_SHOWN_IDS = 6
+"""Share of lost or unusable frames that fails."""
 _EXTENDED_KEY, _BUS_KEY = 1 << 29, 1 << 30
 """Weights of the flag of 29 bits and of the bus in a key that is otherwise the identifier."""
 
@@ -167,7 +165,7 @@ def check_buses(
         text = f"{counted(frames, 'frame')} in {table.seconds:.2f} s"
         text += f", about {100 * load:.0f} % of the bit rate"
         verdict, advice = OK, ""
-        if load > _LOAD_WARN:
+        if load > 0.8:
             advice = "a full bus delays and loses frames: lower the rates or use two buses"
             verdict = WARN
         figures = {"frames": frames, "seconds": table.seconds, "load": load}
@@ -182,8 +180,8 @@ def check_buses(
 
 
 def _unknown_line(messages: Sequence[MessageLayout], unknown: Sequence[Arrivals]) -> Finding:
-    shown = ", ".join(f"{a} ({a.rate_hz:.0f} Hz)" for a in unknown[:_SHOWN_IDS])
-    more = f" and {len(unknown) - _SHOWN_IDS} more" if len(unknown) > _SHOWN_IDS else ""
+    shown = ", ".join(f"{a} ({a.rate_hz:.0f} Hz)" for a in unknown[:6])
+    more = f" and {len(unknown) - 6} more" if len(unknown) > 6 else ""
     are = counted(len(unknown), "identifier is", "identifiers are")
     advice = "foreign devices, or the DBC of another bus"
     by_id = {m.can_id: m for m in messages}
@@ -258,7 +256,7 @@ def _rate_faults(
 ) -> Iterator[Fault]:
     """Yield the faults of silence, rate and jitter; `has_time`: its frames state their time."""
     silent_s = (table.end_ns - int(arrivals.t_ns[-1])) * 1e-9
-    if silent_s > max(_SILENT_S, 10 * (message.cycle_s or 0.0)):
+    if silent_s > max(0.5, 10 * (message.cycle_s or 0.0)):
         yield "stale", FAIL, f"silent for the last {silent_s:.2f} s", "check plug and power"
     state_cycle = f"state cycle_ms = {1e3 / max(rate_hz, 1e-3):.3g} for it"
     if message.cycle_s is None:
@@ -267,7 +265,7 @@ def _rate_faults(
             yield "no_cycle", WARN, text, state_cycle
         return
     deviation = abs(rate_hz * message.cycle_s - 1)
-    if deviation > _RATE_WARN:
+    if deviation > 0.02:
         text = f"{rate_hz:.1f} Hz instead of {1 / message.cycle_s:.1f} Hz"
         verdict, advice = FAIL if deviation > RATE_FAIL else WARN, "set the sensor's rate, or "
         yield "rate", verdict, text, advice + state_cycle
@@ -355,7 +353,7 @@ def _clock_faults(
     gaps = np.diff(stamp) % clock.wrap
     rate = float(np.sum(gaps)) * clock.factor / (float(t_ns[-1] - t_ns[0]) * 1e-9)
     text = f"{clock.signal} runs {rate:.4g} times as fast as the bus's clock"
-    if abs(rate - 1) > _CLOCK_FAIL:
+    if abs(rate - 1) > 0.2:
         yield "clock", FAIL, text, f"correct time_unit or time_wrap; {CORRECT_MESSAGE}"
-    elif abs(rate - 1) > _CLOCK_WARN:
+    elif abs(rate - 1) > 2e-3:
         yield "clock", WARN, text, "is the host's clock set while measuring?"

@@ -308,12 +308,6 @@ class _ChannelTables:
 
 # The rules that bench.toml adds to a message: cycle, counter, checksum, time stamp ----------------
 
-_COUNTER = {"counter", "cnt", "count", "alive", "rolling", "msgcnt", "seq", "sequence", "mc", "rc"}
-_CHECKSUM = {"crc", "crc8", "checksum", "chk", "chksum", "cs"}
-_TIME = {"time", "timestamp", "stamp", "millitime", "sampletime", "tow"}
-_STEADY = 0.9
-"""Share of a counter's steps that are by one."""
-
 
 def message_rule(
     message: MessageLayout, came: Arrivals | None, decoded: Decoded | None, *, is_used: bool
@@ -345,7 +339,10 @@ def _counter(
     message: MessageLayout, signal: SignalLayout, came: Arrivals | None, decoded: Decoded | None
 ) -> list[str]:
     is_number = signal.is_plain and 2 <= signal.length <= 32
-    if message.counter is not None or not (is_number and words(signal.name) & _COUNTER):
+    if message.counter is not None or not (
+        is_number
+        and words(signal.name) & words("counter cnt count alive rolling msgcnt seq sequence mc rc")
+    ):
         return []
     name = json.dumps(signal.name)
     if came is None:
@@ -355,7 +352,7 @@ def _counter(
         return []
     step = np.diff(value)
     modulus = int(value.max()) + 1 if np.any(step < 0) else 1 << signal.length
-    if np.mean(step % modulus == 1) < _STEADY:
+    if np.mean(step % modulus == 1) < 0.9:  # of the steps are by one
         return []
     lines = [f"counter = {name}  # counts by one"]
     if modulus != 1 << signal.length:
@@ -367,7 +364,9 @@ def _checksum(
     message: MessageLayout, signal: SignalLayout, came: Arrivals | None, decoded: Decoded | None
 ) -> list[str]:
     is_byte = signal.length == 8 and signal.low_bit == 0 and signal.is_plain
-    if message.crc is not None or not (is_byte and words(signal.name) & _CHECKSUM):
+    if message.crc is not None or not (
+        is_byte and words(signal.name) & words("crc crc8 checksum chk chksum cs")
+    ):
         return []
     name = json.dumps(signal.name)
     rules = fitting_rules(came, signal.first_byte, message.length) if came is not None else []
@@ -382,7 +381,7 @@ def _time(
     known = known_si(signal.unit)
     if known is None or known.unit != "s" or signal.is_multiplexed:
         return []
-    if not words(signal.name) & _TIME:
+    if not words(signal.name) & words("time timestamp stamp millitime sampletime tow"):
         return []
     name = json.dumps(signal.name)
     if came is None or signal.is_float:

@@ -19,17 +19,11 @@ from ..runs import Run
 from ..vehicle import Corner
 
 _RATE_HZ = 250.0
-_WHEEL_HZ = (5.0, 15.0)
-"""Band of frequencies, Hz, in which wheels swing and the body hardly does."""
 _BODY_HZ = (0.7, 2.5)
 """Band of frequencies, Hz, in which the body swings and the wheels hardly do."""
-_AGAINST = -0.5
-"""Correlation from which two channels move against each other."""
 _SHOWN = 0.3
 """Share of the travels' motion that must be roll (or pitch), or of a gyroscope's that must lie in
 the body's band, for a run to show the sign of a rate: a bounce does not show that of the roll."""
-_LAG_S = 0.06
-"""Delay, s, that inverts a sign at 8 Hz: a correlation must be strongest without delay."""
 
 _TILTS = {
     Quantity.ROLL_RATE: {corner: -corner.side for corner in Corner},
@@ -89,7 +83,7 @@ def opposed_signs(runs: Sequence[Run], channels: Sequence[Channel]) -> tuple[Fin
             for s in spectra
             if {travel, hub} <= set(s.of)
         ]
-        if _is_opposed(pairs, _WHEEL_HZ):
+        if _is_opposed(pairs, (5.0, 15.0)):  # Hz, where wheels swing and the body hardly does
             against.append(travel)
     change_sign = "change the sign of these channels"
     findings = _finding(against, "against the hub accelerometers", change_sign)
@@ -155,7 +149,8 @@ def _is_opposed(
     pairs: Sequence[tuple[_Spectra, Spectrum, Spectrum]], band_hz: tuple[float, float]
 ) -> bool:
     """Return whether two signals, the same in each run, have opposite signs in a band."""
-    lags_s = np.linspace(-_LAG_S, _LAG_S, 25)
+    # A delay of 0.06 s inverts a sign at 8 Hz: a correlation must be strongest without delay.
+    lags_s = np.linspace(-0.06, 0.06, 25)
     together, size = np.zeros(len(lags_s)), np.zeros(2)
     for s, a, b in pairs:
         chosen = (s.hz >= band_hz[0]) & (s.hz < band_hz[1])
@@ -166,4 +161,4 @@ def _is_opposed(
         return False
     correlation = together / np.sqrt(size[0] * size[1])
     at_once = float(correlation[len(lags_s) // 2])
-    return at_once < _AGAINST and -at_once >= float(np.max(correlation))
+    return at_once < -0.5 and -at_once >= float(np.max(correlation))

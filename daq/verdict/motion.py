@@ -19,12 +19,6 @@ from ..samples.mapping import SampleBlock, trigger_channels
 from .window import RunMeasure, RunWindow, Trace, kind_of, largest_peaks, traces
 from .words import finding
 
-REST_NOISE = 3.0
-"""Ratio of the RMS before the bump to the sensor's own noise, below which no motion can be
-detected."""
-REST_SHARE = 0.03
-"""Ratio of the RMS before the bump to the peak: less motion changes no amplitude by more than 4
-%."""
 WEAK_LEVELS = 2.0
 """Least ratio of the peak to the trigger's level: a bump that only just reaches the level may have
 been a touch."""
@@ -40,24 +34,14 @@ LEFT_SHARE = 0.15
 would fit a wave that was cut in the middle."""
 END_S = 0.5
 """Time over which the remaining motion is taken, s: half a period of a body at 1 Hz."""
-SHIFTED_SHARE = 0.2
-"""Largest ratio of the change of the rest position to the peak of the travel.  Friction holds a car
-with leaf springs at 0.16 after a roll, and other cars at 0.02: more is a slipped weight
-or a person on the car."""
 STRUCK_S = 0.1
 """Time over which the energy of a strike is taken, s: one period of the wheels."""
-STRUCK_RISE = 3.0
-"""Ratio of the envelope to its lowest value since the end of the first strike: free wheels only
-decay."""
-STRUCK_SHARE = 0.25
-"""Ratio of the envelope of a second strike to that of the first: the body's swing shows less on the
-hubs."""
 STRUCK_GUARD_S = 0.25
 """Time after the bump that belongs to the same strike, s: a wheel that was in the air lands in
 it."""
-PUSH_GUARD_S = 1.0
-"""Time after a push by hand that belongs to the same strike, s: the push down and the release are
-one strike."""
+STRUCK_SHARE = 0.25
+"""Ratio of the envelope of a second strike to that of the first: the body's swing shows less on the
+hubs."""
 _GRID_S = 0.005
 """Step of the times at which the envelope of a strike is taken, s."""
 
@@ -83,7 +67,9 @@ def not_at_rest(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> 
     """Compare the motion before the bump with the noise and with the motion after it."""
     largest = largest_peaks(signals)
     limits = {
-        t.name: max(REST_NOISE * t.noise, REST_SHARE * largest[kind_of(t.channel)], 1e-9)
+        # Below three times the noise no motion can be detected; less than 3 % of the peak changes
+        # no amplitude by more than 4 %.
+        t.name: max(3.0 * t.noise, 0.03 * largest[kind_of(t.channel)], 1e-9)
         for t in signals
     }
     worst = max(signals, key=lambda trace: trace.moved / limits[trace.name])
@@ -141,7 +127,8 @@ def double_bump(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> 
     judged = of_quantity(signals, Quantity.HUB_ACCELERATION)
     judged = judged or of_quantity(signals, Quantity.BODY_ACCELERATION) or signals
     largest = largest_peaks(signals)
-    guard_s = PUSH_GUARD_S if bench.campaign.method is Method.PUSH else STRUCK_GUARD_S
+    # The push down and the release are one strike.
+    guard_s = 1.0 if bench.campaign.method is Method.PUSH else STRUCK_GUARD_S
     strikes = [
         (*second_strike(trace, bench.campaign.bump_s + guard_s), trace.name)
         for trace in judged
@@ -176,7 +163,7 @@ def second_strike(trace: Trace, guard_s: float) -> tuple[float, float]:
     size, later = float(envelope[:stop].max()), envelope[stop:]
     floor = max(3.0 * trace.noise, 0.02 * size)  # a rise from less is noise
     lowest = np.maximum(np.minimum.accumulate(later), floor)
-    risen = np.where(later > STRUCK_RISE * lowest, later, 0.0)
+    risen = np.where(later > 3.0 * lowest, later, 0.0)  # free wheels only decay
     if not risen.any():
         return 0.0, 0.0
     # The envelope looks ahead; the strike itself is where the signal reaches half of its maximum.
@@ -269,7 +256,9 @@ def rest_changed(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) ->
     parts = [trace.part(end_s - 2 * END_S, end_s) for trace in travels]
     changed_m = [abs(float(np.mean(part))) if len(part) else 0.0 for part in parts]
     value, name = max(changed_m), travels[int(np.argmax(changed_m))].name
-    limit = SHIFTED_SHARE * max(trace.peak for trace in travels)
+    # Friction holds a car with leaf springs at 0.16 after a roll, other cars at 0.02: more is a
+    # slipped weight or a person on the car.
+    limit = 0.2 * max(trace.peak for trace in travels)
     text = f"{name} rests {value * 1e3:.1f} mm from where it was (limit {limit * 1e3:.1f} mm)"
     yield finding("rest_changed", value <= limit, value, limit, "m", text, name)
 
