@@ -5,7 +5,6 @@ They are sampled from the simulated car's motion without a bus: the truth is the
 
 from __future__ import annotations
 
-import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -335,7 +334,7 @@ def can_show(code: str, bench: str) -> bool:
     return code != "rest_changed" or "travels" in bench or bench == "all"
 
 
-# Counts verdicts on good and on spoilt runs: ``python -m tests.daq.verdict_runs 20`` ---
+# Counts verdicts on good and on spoilt runs -----------------------------------------------------
 
 
 def settings(cars: Sequence[str]) -> list[Setting]:
@@ -367,24 +366,3 @@ def confusion(cars: Sequence[str], count: int, seed: int = 0) -> Counter[tuple[s
             findings, _ = judged(setting, spoil(setting, run), accepted)
             table[code, first_failed(findings), setting.bench] += 1
     return table
-
-
-def main(count: int) -> None:
-    """Print both."""
-    every = settings(tuple(CARS))
-    bad = list(rejected(every, 3))
-    sys.stdout.write(f"{3 * len(every)} good runs, {len(bad)} findings against them\n")
-    for setting, finding in bad:
-        sys.stdout.write(
-            f"  {setting.car}, {setting.bench}, {setting.step.label}: {finding.text}\n"
-        )
-    table = confusion(tuple(CARS), count)
-    for code in SPOILERS:
-        own = {key: n for key, n in table.items() if key[0] == code}
-        right = sum(n for key, n in own.items() if key[1] == code)
-        wrong = {f"{key[1] or 'nothing'} ({key[2]})": n for key, n in own.items() if key[1] != code}
-        sys.stdout.write(f"{code:15} {right:4} of {sum(own.values())}  {wrong or ''}\n")
-
-
-if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 20)

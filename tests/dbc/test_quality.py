@@ -6,8 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from dbc import Codec, FrameBatch, Quality, parse_codec, shipped_dbc
@@ -79,13 +77,6 @@ def test_marks_follow_the_frames_of_a_multiplexed_signal() -> None:
     assert two.quality.tolist() == [0, Quality.MISSING]
     assert decoded.counts.crc_bad == 1
     assert len(decoded["M.zero"].t_ns) == 0, "without its selector nothing is known to be there"
-
-
-@settings(max_examples=50, deadline=None, derandomize=True, database=None)
-@given(st.lists(st.binary(min_size=7, max_size=7), min_size=1, max_size=5))
-def test_crc_is_the_remainder_of_a_division(rows: list[bytes]) -> None:
-    ours = CRC_RULES["crc8_j1850"](np.frombuffer(b"".join(rows), np.uint8).reshape(-1, 7))
-    assert ours.tolist() == [crc8_by_division(row) for row in rows]
 
 
 def test_a_frame_too_short_for_its_checksum_is_missing_it_and_not_wrong() -> None:

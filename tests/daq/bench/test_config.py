@@ -531,20 +531,6 @@ def test_a_channel_has_a_name_of_sixty_letters_at_most(length: int, refused: boo
         parse(sensor)
 
 
-def test_what_goes_together_is_taken() -> None:
-    two = parse('[[bus]]\nchannel = "a"\n[[bus]]\nchannel = "a"\ninterface = "x"\n')
-    assert [(bus.interface, bus.channel) for bus in two.buses] == [("virtual", "a"), ("x", "a")]
-    names = "".join(f'[[bus]]\nchannel = "c{n}"\n' for n in range(16))
-    assert len(parse(names).buses) == 16
-    parse(SENSOR + 'dbc = "a.dbc"\nids = { M = 0 }\n')
-    parse(SENSOR + 'dbc = "a.dbc"\nid_offset = 1\n')
-    parse(UNUSED.replace("IMU_Accel.acc_z", 128 * "x") + f'serial_number = "{32 * "ä"}"\n')
-    (weight,) = parse(HUB + "sigma_kg = 0.1\n").mass_states[1].added.weights
-    assert weight == HubWeight(4.0, Corner.FRONT_LEFT, 0.1)
-    travel = parse(TRAVEL + "motion_ratio = 0.6\nmotion_ratio_sigma = 0.15\n").channels[0]
-    assert (travel.motion_ratio, travel.motion_ratio_sigma) == (0.6, 0.15)
-
-
 def test_a_channel_map_describes_car_campaign_trigger_and_weights(tmp_path: Path) -> None:
     path = tmp_path / "map.toml"
     path.write_text(

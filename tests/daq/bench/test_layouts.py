@@ -284,15 +284,3 @@ def test_a_hundredth_of_a_sample_set_and_two_more_may_lack_a_frame(
     assert line.figures["rate_hz"] == pytest.approx(100.0, rel=1e-3)
     if verdict is not Severity.NOTE:
         assert line.text == f"{lost} of 500 samples lack a frame"
-
-
-def test_a_layout_yields_to_what_the_file_states() -> None:
-    text = (
-        'dbc = "layout:bosch_mm7"\n[[message]]\nname = "TX1"\ncycle_ms = 5\ncounter = "counter"\n'
-        '[[channel]]\nname = "z"\nsignal = "TX3.acc_z"\nquantity = "body_acceleration"\n'
-    )
-    bench = parse_bench(text, "x", Path())
-    assert [channel.name for channel in bench.channels] == ["z"]
-    cycles = {m.name: m.cycle_s for m in bench_codec(bench).messages}
-    assert cycles == {"TX1": 0.005, "TX2": 0.01, "TX3": 0.01}
-    assert [each.name for each in bench.sample_sets] == ["mm7"]

@@ -217,11 +217,3 @@ def test_a_bench_that_states_no_tables_gets_those_of_the_ready_map() -> None:
     own_message = {"name": ready["message"][0]["name"]}
     messages = completed({**listed, "message": [own_message]}, "")["message"]
     assert messages == [own_message, *ready["message"][1:]]
-
-
-def test_a_sensor_without_a_bus_is_on_the_only_one() -> None:
-    text = TEXT.replace('[[bus]]\ninterface = "virtual"\nchannel = "can1"\nname = "rear"\n', "")
-    text = text.replace('bus = "rear"\n', "").replace('bus = "can0"\n', "").replace("bus = 0\n", "")
-    text = text.replace('name = "imu_b"', 'name = "imu_b"\nid_offset = 16')
-    bench = parse_bench(text, "bench.toml", Path(), STORED)
-    assert {sensor.bus for sensor in bench.sensors} == {0}

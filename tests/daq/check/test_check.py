@@ -310,6 +310,15 @@ def test_a_sensor_that_is_half_a_swing_late_is_not_upside_down(late_s: float) ->
     assert opposed_signs(runs, tuple(CORNER.values())) == ()
 
 
+def test_rates_without_travels_are_held_against_each_other() -> None:
+    time_s = np.arange(500) / 250.0
+    roll = np.exp(-time_s) * np.sin(2 * np.pi * 1.6 * time_s)
+    channels = tuple(Channel(name, Quantity.ROLL_RATE) for name in ("a", "b", "c"))
+    (finding,) = opposed_signs([run_of({"a": roll, "b": -roll, "c": roll})], channels)
+    assert (finding.subject, finding.text) == ("b", "b moves against a")
+    assert finding.advice.startswith("change the sign of one side")
+
+
 @pytest.mark.parametrize("number", range(0, 12, 4))
 def test_a_single_run_gives_no_advice_on_a_sign_that_is_right(number: int) -> None:
     session = recorded()

@@ -11,7 +11,6 @@ import pytest
 from daq.bench.campaign import Method
 from daq.channels import Channel
 from daq.vehicle import Corner
-from daq.verdict import peak_left
 from daq.verdict.motion import (
     double_bump,
     not_at_rest,
@@ -26,7 +25,6 @@ from dbc.finding import Finding
 from .closed_forms import (
     BEFORE,
     BODY,
-    BUMP_NS,
     HUB,
     PITCH,
     ROLL,
@@ -124,12 +122,6 @@ def test_a_second_strike_rises_to_three_times_the_motion_before(rise: float, pas
     assert one(double_bump, {HUB: hop}).passed is passed
 
 
-def test_a_strike_at_the_end_of_a_run_has_none_after_it() -> None:
-    """The bump and what belongs to it, 0.45 s, end behind the run, or with it."""
-    for at_s in (2.0, 2.09, 2.3):
-        assert one(double_bump, {HUB: np.where(np.abs(T_S - at_s) < 0.02, 40.0, 0.0)}).passed
-
-
 def test_the_body_that_swings_back_is_no_second_strike() -> None:
     later = np.clip((T_S - 1.0) / 1.4, 0.0, 1.0)
     assert one(double_bump, {HUB: strikes(0.0, 1.2) + 15.0 * np.sin(np.pi * later) ** 2}).passed
@@ -165,25 +157,6 @@ def by(method: Method, check: Check, records: Mapping[Channel, Array]) -> list[F
     bench, run = window(records)
     bench = replace(bench, campaign=replace(bench.campaign, method=method))
     return list(check(bench, run, traces(bench.channels, run)))
-
-
-@pytest.mark.parametrize(
-    ("channel", "rms", "says"),
-    [
-        (TRAVEL, 0.0123, "12 mm RMS"),
-        (PITCH, np.radians(2.5), "2.5 deg/s RMS"),
-        (TURN, np.radians(2.5), "2.5 deg/s2 RMS"),
-        (BODY, 0.25, "0.25 m/s2 RMS"),
-    ],
-)
-def test_motion_before_the_bump_is_said_in_the_units_of_people(
-    channel: Channel, rms: float, says: str
-) -> None:
-    value = np.sqrt(2.0) * rms * np.sin(2 * np.pi * T_S / 0.97) * BEFORE
-    finding = one(not_at_rest, {channel: value + pulse(rms)})
-    assert says in finding.text
-    assert not finding.passed
-    assert one(not_at_rest, {channel: np.zeros(len(T_S))}).passed
 
 
 @pytest.mark.parametrize(
@@ -239,37 +212,6 @@ def test_a_push_and_its_release_are_one_strike(at_s: float, passed: bool) -> Non
     assert finding.passed is passed
     (rolled,) = by(Method.ROLL_OVER, double_bump, {HUB: strikes(0.8, at_s)})
     assert not rolled.passed
-
-
-def left(value: Array, now_s: float) -> float | None:
-    t_ns = BUMP_NS + np.rint(T_S * 1e9).astype(np.int64)
-    past = now_s > T_S
-    columns = {"travel": (t_ns[past], value[past])}
-    return peak_left((TRAVEL,), BUMP_NS, columns, BUMP_NS + round(now_s * 1e9))
-
-
-def test_what_is_left_is_counted_about_where_the_car_stands_after_two_seconds() -> None:
-    stands = pulse(1.0) + np.where(T_S > 0.5, 0.2, 0.0)
-    assert left(stands, 1.9) == pytest.approx(0.2 * np.sqrt(2.0), rel=1e-3)
-    assert left(stands, 2.1) == pytest.approx(0.0, abs=1e-6)
-    assert left(pulse(0.0), 2.1) is None  # nothing moved
-    swing = np.where(T_S > 0.0, np.sin(4 * np.pi * T_S), 0.0)
-    assert left(swing, 2.4) == pytest.approx(1.0, abs=0.01)
-    assert left(np.sign(swing), 2.4) == 1.0  # never more, though a sine would be 1.4 times as high
-    assert left(swing, -0.5) is None
-
-
-@pytest.mark.parametrize(("start_s", "changed_m"), [(1.3, 0.0), (1.6, 0.3)])
-def test_the_rest_is_that_of_the_last_second(start_s: float, changed_m: float) -> None:
-    """Half a metre off for 0.2 s before the last second, or 0.6 m for half of it."""
-    stop_s, size = (1.5, 0.5) if start_s < 1.5 else (2.1, 0.6)
-    away = np.where((start_s < T_S) & (stop_s > T_S), size, 0.0)
-    finding = one(rest_changed, {TRAVEL: away})
-    assert finding.value == pytest.approx(changed_m, abs=1e-3)
-    assert by(Method.DROP, rest_changed, {TRAVEL: away}) == []
-    both = {TRAVEL: pulse(0.1), replace(TRAVEL, name="other", corner=Corner.REAR_LEFT): -away}
-    worst = one(rest_changed, both)
-    assert worst.subject == ("other" if changed_m else "travel")
 
 
 """Rest, strikes, gaps and likeness where two rules meet, by records of closed form."""
