@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from daq.formats.log import Log
     from dbc import Codec, Decoded, MessageLayout
 
     _Rows = tuple[NDArray[np.int64], list[str]]
@@ -61,15 +60,24 @@ def decode(
         raise InputError("--dbc", "and a bench.toml exclude each other", "name one of them")
     if sensor and not bench:
         raise InputError("--sensor", "names no bench", "name the bench.toml after the log")
+    for text in [] if bench else bus or []:
+        if not text.isdecimal():
+            advice = "write its number, from 0, or name the bench.toml after the log"
+            raise InputError("--bus", f"{text!r} is no number", advice)
     if bench:
         source = _Source.of_bench(bench, sensor or [], bus or [])
     else:
-        codec = _databases(dbc or [])
-        source = _Source(codec, buses=(), chosen=_numbers(bus or []), has_sensors=False)
+        numbers = frozenset(map(int, bus or []))
+        source = _Source(_databases(dbc or []), buses=(), chosen=numbers, has_sensors=False)
     say_left_out(source.codec)
     totals: Counter[str] = Counter()  # frames of the log, and those that no message decodes
     samples: Counter[str] = Counter()  # of each signal
-    several_buses = _has_several_buses(read_log(log), source.chosen)
+    in_log: set[int] = set()
+    for batch in read_log(log):
+        in_log |= set(batch.on_buses(source.chosen).bus.tolist())
+        if len(in_log) > 1:
+            break
+    several_buses = len(in_log) > 1
     place_columns = "bus,sensor," if source.has_sensors else "bus," if several_buses else ""
     header = f"time_s,{place_columns}message,signal,value,unit\n"  # before the first rows
     frames = read_log(log)
@@ -85,8 +93,10 @@ def decode(
             if not json:
                 rows += _rows(source, decoded, bus_number)
         if rows:
+            lines = [line for _, of_signal in rows for line in of_signal]
+            by_time = np.argsort(np.concatenate([t_ns for t_ns, _ in rows]), kind="stable")
             sys.stdout.write(header)
-            sys.stdout.writelines(_in_order_of_time(rows))
+            sys.stdout.writelines(lines[i] for i in by_time.tolist())
             header = ""
     if not samples:
         names = ", ".join(map(str, dbc or [])) or bench or "the shipped DBC"
@@ -157,27 +167,6 @@ class _Source:
         return f"{_quoted(name)},{_quoted(sensor)},"
 
 
-def _numbers(buses: Sequence[str]) -> frozenset[int]:
-    """Return the numbers of buses, which count from 0 if no bench names them."""
-    from daq import InputError
-
-    for text in buses:
-        if not text.isdecimal():
-            advice = "write its number, from 0, or name the bench.toml after the log"
-            raise InputError("--bus", f"{text!r} is no number", advice)
-    return frozenset(map(int, buses))
-
-
-def _has_several_buses(log: Log, chosen: frozenset[int]) -> bool:
-    """Return True if frames of more than one of the chosen buses are in a log."""
-    buses: set[int] = set()
-    for batch in log:
-        buses |= set(batch.on_buses(chosen).bus.tolist())
-        if len(buses) > 1:
-            return True
-    return False
-
-
 def _databases(paths: Sequence[Path]) -> Codec:
     """Return one database as it is, several with the names of their files.
 
@@ -188,23 +177,19 @@ def _databases(paths: Sequence[Path]) -> Codec:
     from daq.bench.sensors import Database, Sensor, sensors_codec
     from dbc import load_codec, parse_codec, read_dbc, shipped_dbc
 
-    from ..diagnostics import say
-
     if not paths:
         return parse_codec(shipped_dbc(), "the shipped DBC")
     files: dict[str, Path] = {}
     for path in paths:
-        first = files.setdefault(read_dbc(path), path)
-        if first.resolve() != path.resolve():
-            say(f"{path} is the same database as {first}")
+        files.setdefault(read_dbc(path), path)
     if len(files) == 1:
         return load_codec(paths[0])
-    databases = [Database(str(path), text) for text, path in files.items()]
     stems = [path.stem.replace(".", "_") for path in files.values()]
     names = [  # two folders may have files of the same name
         f"{stem}_{number}" if stems.count(stem) > 1 else stem
         for number, stem in enumerate(stems, start=1)
     ]
+    databases = [Database(str(path), text) for text, path in files.items()]
     sensors = [Sensor(name, each.name) for name, each in zip(names, databases, strict=True)]
     codec = sensors_codec(sensors, databases, 1)
     if not codec.messages:
@@ -245,14 +230,6 @@ def _rows(source: _Source, decoded: Decoded, number: int | None) -> list[_Rows]:
         ]
         rows.append((samples.t_ns[known], lines))
     return rows
-
-
-def _in_order_of_time(rows: Sequence[_Rows]) -> list[str]:
-    import numpy as np
-
-    lines = [line for _, of_signal in rows for line in of_signal]
-    order = np.argsort(np.concatenate([t_ns for t_ns, _ in rows]), kind="stable")
-    return [lines[i] for i in order.tolist()]
 
 
 def _quoted(text: str) -> str:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -55,13 +54,6 @@ def identify(
     return ExitCode.ANSWER_IS_NO if result.quality.verdict == "refused" else ExitCode.OK
 
 
-class FigureFormat(StrEnum):
-    """Formats of single figures."""
-
-    SVG = "svg"
-    PNG = "png"
-
-
 def report(
     session: SessionFile,
     page: Page = None,
@@ -70,7 +62,7 @@ def report(
         Path | None, typer.Option(help="Also write each figure, into this folder.")
     ] = None,
     figure_format: Annotated[
-        FigureFormat | None,
+        Literal["svg", "png"] | None,
         typer.Option("--format", help="Format of the figures of --figures; default: svg."),
     ] = None,
     operator: Annotated[
@@ -112,7 +104,7 @@ def report(
         made = write_report(session, page, pdf, stage, wrote, (operator, approver))
         if figures is not None:
             stage(0.95, "figures")
-            for path in write_figures(made, figures, figure_format or FigureFormat.SVG):
+            for path in write_figures(made, figures, figure_format or "svg"):
                 wrote(path)
     quality = made.result.quality
     if json:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -16,19 +15,6 @@ from ..options import Buses, Force, JsonSummary, Sensors, SessionFile
 if TYPE_CHECKING:
     from daq import BodyWeight, Channel, HubWeight, Session
     from daq.bench.config import Bench
-
-
-class Format(StrEnum):
-    """Names of the formats, listed here so that --help need not load their writers."""
-
-    MF4 = "mf4"
-    MAT = "mat"
-    UFF = "uff"
-    CSV = "csv"
-    PARQUET = "parquet"
-    BLF = "blf"
-    ASC = "asc"
-    CANDUMP = "log"
 
 
 def inspect(
@@ -91,7 +77,8 @@ def validate(
 def export(
     session: SessionFile,
     form: Annotated[
-        Format | None, typer.Option("--format", help="Format; default: by the suffix of --out.")
+        Literal["mf4", "mat", "uff", "csv", "parquet", "blf", "asc", "log"] | None,
+        typer.Option("--format", help="Format; default: by the suffix of --out."),
     ] = None,
     out: Annotated[
         Path | None, typer.Option(help="File to write; default: next to the session.")
@@ -116,7 +103,7 @@ def export(
     from ..output import print_json, print_line
 
     if form is None and out is None:
-        advice = f"say --format {' | '.join(Format)}, or --out FILE"
+        advice = f"say --format {' | '.join(ExportFormat)}, or --out FILE"
         raise InputError("export", "neither --format nor --out is given", advice)
     wanted = ExportFormat(form) if form else format_of(out or session)
     name = f"{session.stem}{wanted.suffix}"

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict
-from enum import StrEnum
 from functools import partial
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from ..options import JsonResult
 
 if TYPE_CHECKING:
-    from daq import Excitation
     from identify.study import Study
 
 study = typer.Typer(
@@ -32,32 +30,14 @@ Noise = Annotated[float, typer.Option(help="Signal-to-noise ratio in dB.")]
 Fits = Annotated[int, typer.Option(min=1, max=100_000, help="Number of campaigns.")]
 Seed = Annotated[int, typer.Option(min=0, help="Seed of the first campaign's noise.")]
 Workers = Annotated[int, typer.Option(min=1, max=64, help="Processes.")]
-Scheduler = Annotated[
-    str | None, typer.Option(help="Address of a Dask scheduler: its workers, not processes here.")
-]
-
-
-class Response(StrEnum):
-    """Ways to simulate the runs."""
-
-    EXACT = "exact"
-    WILSON = "wilson"
-
-
-class Sensors(StrEnum):
-    """Names of `identify.study.SENSOR_SETS`."""
-
-    PAPER = "paper"
-    IMU_HUBS = "imu+hubs"
-    IMU_TRAVELS = "imu+travels"
-    ALL = "all"
 
 
 @study.command()
 def table2(
     response: Annotated[
-        Response, typer.Option(help="Exact discretisation, or the paper's Wilson-theta at 1 ms.")
-    ] = Response.EXACT,
+        Literal["exact", "wilson"],
+        typer.Option(help="Exact discretisation, or the paper's Wilson-theta at 1 ms."),
+    ] = "exact",
     json: JsonResult = False,
     figure: FigureFile = None,
 ) -> None:
@@ -68,7 +48,7 @@ def table2(
 
     _check_figure_file(figure)
     with progress("table2"):
-        result = table2_study(response.value)
+        result = table2_study(response)
     _deliver(result, json, figure)
 
 
@@ -79,7 +59,6 @@ def table3(
     fits: Fits = 20,
     seed: Seed = 1,
     workers: Workers = 2,
-    scheduler: Scheduler = None,
     json: JsonResult = False,
     figure: FigureFile = None,
 ) -> None:
@@ -93,7 +72,7 @@ def table3(
     campaign = table3_campaign(rate_hz, noise_db)
     with progress("table3") as stage:
         seeds = range(seed, seed + fits)
-        attempts = map_items(partial(attempt, campaign), seeds, workers, stage, "study", scheduler)
+        attempts = map_items(partial(attempt, campaign), seeds, workers, stage, "study")
     _deliver(table3_study(campaign, attempts), json, figure)
 
 
@@ -106,22 +85,21 @@ def fig2(json: JsonResult = False, figure: FigureFile = None) -> None:
     _deliver(fig2_study(), json, figure)
 
 
-def _mass_error_command(figure_name: str) -> Callable[..., None]:
+def _mass_error_command(name: str) -> Callable[..., None]:
     """Return the command of one of Figs. 3 to 7, `fig3` to `fig7`."""
 
     def command(json: JsonResult = False, figure: FigureFile = None) -> None:
         from identify.study import mass_error_study
 
         _check_figure_file(figure)
-        _deliver(mass_error_study(figure_name), json, figure)
+        _deliver(mass_error_study(name), json, figure)
 
     return command
 
 
 for number, quantity in enumerate(("dm_s", "dI_yy", "dI_xx", "dm_uf", "dm_ur"), start=3):
-    study.command(f"fig{number}", help=f"Mistake {quantity} by -5 to 5 %.")(
-        _mass_error_command(f"fig{number}")
-    )
+    mistake = f"Mistake {quantity} by -5 to 5 %."
+    study.command(f"fig{number}", help=mistake)(_mass_error_command(f"fig{number}"))
 
 
 @study.command()
@@ -159,8 +137,9 @@ def noise(
         ),
     ] = "bounce,pitch,roll",
     sensors: Annotated[
-        Sensors, typer.Option(help="The paper's seven accelerations, or a bench's sensors.")
-    ] = Sensors.PAPER,
+        Literal["paper", "imu+hubs", "imu+travels", "all"],
+        typer.Option(help="The paper's seven accelerations, or a bench's sensors."),
+    ] = "paper",
     known_geometry: Annotated[
         bool, typer.Option("--known-geometry", help="a, b, t_f and t_r are measured.")
     ] = False,
@@ -168,12 +147,12 @@ def noise(
     fits: Fits = 100,
     seed: Seed = 1,
     workers: Workers = 2,
-    scheduler: Scheduler = None,
     json: JsonResult = False,
     figure: FigureFile = None,
 ) -> None:
     """Compare noisy campaigns with the Cramer-Rao bound."""
-    from daq import FORD_GRANADA
+    from daq import FORD_GRANADA, Excitation
+    from dbc import InputError
     from identify.study import (
         PAPER_MASS_STATES,
         SENSOR_SETS,
@@ -187,32 +166,24 @@ def noise(
     from ..output import progress
 
     _check_figure_file(figure)
+    names = [name.strip().lower() for name in cases.split(",") if name.strip()]
+    for name in names:
+        if name not in set(Excitation):
+            advice = f"choose of {', '.join(Excitation)}"
+            raise InputError("--cases", f"there is no {name}", advice)
     campaign = Campaign(
         rate_hz=rate_hz,
         noise_db=noise_db,
-        cases=_cases(cases),
-        groups=SENSOR_SETS[sensors.value],
+        cases=tuple(map(Excitation, names)),
+        groups=SENSOR_SETS[sensors],
         geometry=FORD_GRANADA.geometry if known_geometry else None,
         mass_states=PAPER_MASS_STATES if added_mass else PAPER_MASS_STATES[:1],
     )
     bound = bound_percent(campaign)
     with progress("noise") as stage:
         seeds = range(seed, seed + fits)
-        outcomes = map_items(partial(outcome, campaign), seeds, workers, stage, "study", scheduler)
+        outcomes = map_items(partial(outcome, campaign), seeds, workers, stage, "study")
     _deliver(noise_study(campaign, bound, outcomes), json, figure)
-
-
-def _cases(text: str) -> tuple[Excitation, ...]:
-    """Return the cases named in a list with commas."""
-    from daq import Excitation
-    from dbc import InputError
-
-    names = [name.strip().lower() for name in text.split(",") if name.strip()]
-    for name in names:
-        if name not in set(Excitation):
-            advice = f"choose of {', '.join(Excitation)}"
-            raise InputError("--cases", f"there is no {name}", advice)
-    return tuple(Excitation(name) for name in names)
 
 
 def _check_figure_file(path: Path | None) -> None:
