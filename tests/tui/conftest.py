@@ -8,6 +8,7 @@ from contextlib import contextmanager
 import pytest
 
 from tui import output
+from tui.cli import run
 from tui.output import Stage
 
 Stages = dict[str, list[tuple[float, str]]]
@@ -26,3 +27,10 @@ def stages(monkeypatch: pytest.MonkeyPatch) -> Stages:
 
     monkeypatch.setattr(output, "progress", progress)
     return shown
+
+
+def said(capsys: pytest.CaptureFixture[str], *arguments: str, code: int) -> tuple[str, str]:
+    """Run a command and return what it writes to stdout and stderr."""
+    assert run(list(arguments)) == code, capsys.readouterr().err
+    out, err = capsys.readouterr()
+    return out, err

@@ -19,6 +19,7 @@ from tui.cli import run
 from tui.jobs.batch_page import outliers, page_of
 
 from .batches import progress_that, refused_session, synthetic_rows, write_all
+from .conftest import said
 
 
 def _batch(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 1) -> dict[str, Any]:
@@ -225,3 +226,25 @@ def test_scatter_of_the_sessions_counts_with_their_own_uncertainty() -> None:
     ((_, _, _, sigmas),) = outliers(["car"] * 6, values, np.full((6, 1), np.nan))
     assert sigmas == pytest.approx(17.0 / 2.9652)
     assert outliers(["a", "b", "a", "b", "a", "b"], values, np.zeros((6, 1))) == []
+
+
+def test_a_batch_counts_names_and_ends_with_1(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    files = write_all(tmp_path / "s", refused_session, 1)
+    bad = [tmp_path / f"bad{i:02}.h5" for i in range(21)]
+    for number, path in enumerate(bad):
+        path.write_text(f"no session {number}")
+    out_file = tmp_path / "t.csv"
+    page = tmp_path / "t.html"
+    words = ["batch", "--workers", "1", "--out", str(out_file), "--page", str(page)]
+    out, _ = said(capsys, *words, *map(str, (*files, *bad)), code=1)
+    lines = out.splitlines()
+    assert lines[0] == "22 sessions: 21 failed, 1 refused"
+    assert lines[1].startswith("22 of them done now in ")
+    assert lines[1].endswith(f": {out_file}, {page}")
+    assert len([line for line in lines if line.startswith("  - ")]) == 21
+    assert lines[-1] == "  - and 2 more in the table"
+    table = out_file.read_bytes()
+    assert table.count(b"\n") == 23, "a head and a line for each session, on every system"
+    assert b"\r" not in table

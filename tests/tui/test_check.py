@@ -8,7 +8,6 @@ import json
 import os
 import sys
 from pathlib import Path
-from typing import Any
 
 import can
 import numpy as np
@@ -97,14 +96,6 @@ def test_a_fault_fails(a_log: Path, tmp_path: Path, capsys: pytest.CaptureFixtur
     assert line["advice"] == "set sign = 1"
     assert line["figures"]["level"] == pytest.approx(-9.8, abs=0.2)
     assert document["frames"] > 3000
-
-
-def test_it_looks_only_at_the_beginning_of_a_log(
-    a_log: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(["check", str(a_log), "--seconds", "0.5", "--json"]) in (0, 1)
-    document = json.loads(capsys.readouterr().out)
-    assert 0.4 < document["seconds"] <= 0.5
 
 
 class _Replay:
@@ -270,31 +261,7 @@ def test_at_a_terminal_a_proposal_asks(
     assert "y_m = 0.0  # FILL IN" in text  # an empty answer leaves the mark
 
 
-def test_an_answer_that_gravity_contradicts_is_said_so(
-    a_log: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    typed = iter(["+z\n"])
-
-    class Terminal:
-        def isatty(self) -> bool:
-            return True
-
-        def readline(self) -> str:
-            return next(typed, "\n")
-
-    monkeypatch.setattr("sys.stdin", Terminal())
-    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
-    target = tmp_path / "asked.toml"
-    assert run(["check", "--propose", str(target), str(a_log)]) == 0
-    said = "bumpbench: '+z' contradicts what the sensors show: the question stays in the file\n"
-    assert said in capsys.readouterr().err
-    assert "# ASK: does the sensor's +x axis point forward?" in target.read_text("utf-8")
-
-
-# Values that no sensor shows are no numbers of a channel that is used -----------------------------
+# Values that no sensor shows ----------------------------------------------------------------------
 
 
 DBC = """VERSION ""
@@ -310,8 +277,6 @@ BENCH = 'dbc = "f.dbc"\n[[channel]]\nname = "acc"\nsignal = "Acc.z"\nquantity = 
 @pytest.mark.parametrize(
     ("value", "quantity", "bad"),
     [
-        (1e200, "body_acceleration", True),
-        (-1e308, "body_acceleration", True),
         (np.inf, "body_acceleration", True),
         (1.1e6, "body_acceleration", True),
         (0.9e6, "body_acceleration", False),
@@ -338,7 +303,7 @@ def test_one_is_a_fault_in_the_check(
     assert not bad or code == 1
 
 
-# What `check` looks at of a log, where its databases are, and what it a ---------------------------
+# The first seconds of a log -----------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -349,43 +314,13 @@ def log(tmp_path: Path) -> str:
     return str(path)
 
 
-def checked(capsys: pytest.CaptureFixture[str], *words: str) -> dict[str, Any]:
-    assert run(["check", *words, "--json"]) in (0, 1), capsys.readouterr().err
-    document = json.loads(capsys.readouterr().out)
-    assert isinstance(document, dict)
-    return document
-
-
-@pytest.mark.parametrize(
-    ("seconds", "frames"), [("0.5", 6), ("0.49", 5), ("1.9", 20), ("600", 20), ("0.1", 2)]
-)
+@pytest.mark.parametrize(("seconds", "frames"), [("0.5", 6), ("0.49", 5), ("600", 20)])
 def test_the_first_seconds_of_a_log_are_looked_at_both_ends_included(
     seconds: str, frames: int, log: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert checked(capsys, log, "--seconds", seconds)["frames"] == frames
-
-
-def test_the_last_line_counts_what_was_found(log: str, capsys: pytest.CaptureFixture[str]) -> None:
-    document = checked(capsys, log)
-    verdicts = [line["verdict"] for line in document["lines"]]
-    assert run(["check", log]) == 1
-    last = capsys.readouterr().out.splitlines()[-1]
-    fails, warns, goods = (verdicts.count(word) for word in ("FAIL", "WARN", "OK"))
-    assert fails > 1
-    assert set(last.removeprefix("FAIL: ").removesuffix("; 20 frames").split(", ")) == {
-        f"{fails} FAIL", f"{warns} WARN", f"{goods} OK",
-    }  # fmt: skip
-
-
-def test_an_empty_window_of_pushes_is_none(
-    log: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """The pushes of a log begin where its rest ends."""
-    words = ["check", log, "--seconds", "1.0", "--propose"]
-    for push, name in (("0.5", "a.toml"), ("0.9", "b.toml")):
-        assert run([*words, str(tmp_path / name), "--push", push]) in (0, 1)
-        assert "now push" not in capsys.readouterr().err, "a log has been pushed, or not"
-        assert load_bench(tmp_path / name).channels
+    assert run(["check", log, "--seconds", seconds, "--json"]) == 1
+    document = json.loads(capsys.readouterr().out)
+    assert document["frames"] == frames
 
 
 # A live bus ---------------------------------------------------------------------------------------

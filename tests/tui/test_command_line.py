@@ -85,12 +85,6 @@ def test_status_of_a_folder_without_a_recorder_is_a_document(
     }
 
 
-def test_notebook_as_a_document(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    out = tmp_path / "a.ipynb"
-    assert run(["notebook", "--out", str(out), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out) == {"files": [str(out)]}
-
-
 @pytest.mark.parametrize("arguments", [[], ["study"]])
 def test_saying_nothing_asks_for_help(
     capsys: pytest.CaptureFixture[str], arguments: list[str]
@@ -110,7 +104,7 @@ def test_help_of_every_command_is_on_stdout(capsys: pytest.CaptureFixture[str]) 
         assert err == ""
 
 
-# How a command ends: its exit code, its one line, and whose fault an im ---------------------------
+# Exit codes and lines of errors -------------------------------------------------------------------
 
 
 def ends(error: BaseException | None, code: int | None = None) -> int:
@@ -201,7 +195,7 @@ def test_five_messages_that_are_left_out_are_named_and_the_others_counted(
     assert lines[named:] == ([f"bumpbench: left out: {more} more"] if more else [])
 
 
-# Ends of commands ---------------------------------------------------------------------------------
+# Signals and closed streams -----------------------------------------------------------------------
 
 
 _INTERRUPTED = """

@@ -20,6 +20,9 @@ from identify.result import Identification
 from identify.trust.finding import Judgement
 from tui.model_file import state_space, write_damper_table, write_model
 
+from .batches import refused_session, write_all
+from .conftest import said
+
 
 def _made(std: float = 0.01, refused: bool = False) -> Identification:
     values = dict(zip(PARAMETER_NAMES, FORD_GRANADA.to_array().tolist(), strict=True))
@@ -145,3 +148,18 @@ def test_a_linear_car_has_no_curve(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="the linear model explains the decays"):
         write_damper_table(linear, tmp_path / "d.csv")
     assert not (tmp_path / "d.csv").exists()
+
+
+def test_an_identification_that_is_refused_says_so_and_writes_no_model(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    (file,) = map(str, write_all(tmp_path, refused_session, 1))
+    out, err = said(capsys, "identify", file, code=1)
+    assert out.splitlines()[0] == "verdict: refused", "without a fit there is no chi2"
+    assert err == ""
+    for option, name in (("--dampers", "d.csv"), ("--model", "m.mat")):
+        target = tmp_path / name
+        out, err = said(capsys, "identify", file, option, str(target), code=2)
+        assert out.splitlines()[0].startswith("verdict: refused")
+        assert f"{target}: not written" in err
+        assert not target.exists()

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import json
 import re
+import sys
 from dataclasses import replace
 from math import inf
 from pathlib import Path
@@ -14,6 +16,8 @@ import pytest
 
 import daq
 from daq.bench.config import default_bench_text, load_bench
+from daq.journal.format import JournalHead
+from daq.journal.writer import JournalWriter
 from daq.runs import Excitation
 from daq.vehicle import DOF, FORD_GRANADA, PARAMETER_NAMES
 from dbc import shipped_dbc
@@ -24,7 +28,8 @@ from identify.nonlinear.forces import AxleForces, DamperCurve, ElementChoice, Fo
 from identify.plan import Advice, NextStep, Plan
 from identify.plan.outlook import DamperPoint, Outlook
 from tui.cli import run
-from tui.jobs.gain import expected_gain
+from tui.jobs import gain
+from tui.jobs.gain import GAIN, Gain, expected_gain
 from tui.jobs.planning import of_session, planned, sensors, typical, with_structure
 
 PAPER_MASS = np.diag([130.0, 250.0, 40.0, 4.0, 4.0, 5.0, 5.0])
@@ -383,3 +388,59 @@ def test_sensors_have_the_rate_that_is_named_or_that_of_the_dbc() -> None:
     unstated = {sensor.rate_hz for sensor in sensors(silent, None)}
     assert unstated in ({200.0}, set(rates.values()))
     assert Path(BENCH.dbc_name).name
+
+
+# The planner's process of the terminal ------------------------------------------------------------
+
+# The planner's process ----------------------------------------------------------------------------
+
+
+@pytest.fixture
+def benches(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """Return the benches whose gain was asked for."""
+    asked: list[Any] = []
+
+    def expected(bench: Any) -> Gain:
+        asked.append(bench)
+        return Gain(worst=0.5, widest="m_s")
+
+    monkeypatch.setattr(gain, "expected_gain", expected)
+    return asked
+
+
+def gain_of(
+    text: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Gain:
+    question = json.dumps({"bench": text, "folder": str(folder)})
+    monkeypatch.setattr(sys, "stdin", io.StringIO(question))
+    assert gain.main() == 0
+    return GAIN.validate_json(capsys.readouterr().out)
+
+
+def test_the_planner_reads_the_database_of_the_newest_recording(
+    benches: list[Any],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    answer = gain_of(default_bench_text(), tmp_path, monkeypatch, capsys)
+    assert answer == Gain(worst=0.5, widest="m_s")
+    assert benches[0].dbc_text == shipped_dbc()
+    one, two = (f'{shipped_dbc()}CM_ "{n}";\n' for n in (1, 2))
+    for recording, dbc_text in (("a", one), ("b", two)):
+        head = JournalHead("", dbc_text, "test", 0, 0, recording * 32)
+        JournalWriter(tmp_path / "journal", head).close()
+    (tmp_path / "journal" / "journal_0003.bbj").write_bytes(b"cut off in its head")
+    gain_of(default_bench_text(), tmp_path, monkeypatch, capsys)
+    assert benches[1].dbc_text == two, "the third segment was cut off in its head"
+
+
+def test_the_planner_says_what_is_wrong_with_the_bench(
+    benches: list[Any],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    answer = gain_of("[campaign]\nrepeats = 0\n", tmp_path, monkeypatch, capsys)
+    assert answer.error.startswith("bench.toml:2")
+    assert benches == []

@@ -25,6 +25,9 @@ def test_a_folder_is_recovered_beside_its_journal(
     assert reported["session"] == str(tmp_path / "session_0001.h5")
     assert [one["label"] for one in reported["runs"]] == LABELS
     assert (reported["frames_recorded"], reported["loss"]) == (40_000, "")
+    segments = list(map(str, segments_in(tmp_path / "journal")))
+    assert run(["recover", *segments, "--out", str(tmp_path / "same.h5")]) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == f"session: {tmp_path / 'same.h5'}"
 
 
 def test_a_loss_is_reported_exactly_and_is_exit_3(

@@ -155,7 +155,7 @@ def test_a_sensor_or_bus_that_is_not_there_is_one_line(
         assert reason in capsys.readouterr().err
 
 
-# What is asked in a terminal about the marked lines of a proposal, and  ---------------------------
+# Questions about a proposal -----------------------------------------------------------------------
 
 
 PROPOSED = """# a comment  # FILL IN

@@ -1,4 +1,4 @@
-"""Session files: `inspect`, `validate` and `export`."""
+"""Session files: `inspect`, `validate`, `export`, `redecode`, and the notebook."""
 
 from __future__ import annotations
 
@@ -16,17 +16,20 @@ import pyuff
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.io import loadmat
 
-from daq import InputError, Session, read_session, write_session
+import daq
+from daq import Session, read_session, write_session
 from daq.bench.sensors import Database, stored_text
 from daq.channels import Channel, Quantity
 from daq.formats.export import ExportFormat, export_session
 from daq.runs import SampleGroup
 from daq.vehicle import Corner
+from dbc import InputError, shipped_dbc
 from tui.cli import run
 
 from ..daq.sensor_bench import IMU
 from ..daq.small_campaign import bumps, small_codec
 from ..daq.small_session import START_NS, small_session
+from .conftest import said
 from .test_import import BENCH, write_log
 
 
@@ -39,6 +42,11 @@ def test_export_says_what_it_wrote_and_what_it_left_out(
     assert "ASC rounds times to 1 µs" in err
     with can.ASCReader(tmp_path / "car.asc") as reader:
         assert len(list(reader)) == len(small_session().runs[1].frames)
+    words = ["export", car, "--format", "asc", "--json"]
+    assert "--force" in said(capsys, *words, code=2)[1]
+    document = json.loads(said(capsys, *words, "--force", code=0)[0])
+    assert (document["session"], document["files"]) == (car, [str(tmp_path / "car.asc")])
+    assert any("1 µs" in note for note in document["notes"])
 
 
 def test_the_suffix_tells_the_format_and_a_folder_the_place(
@@ -139,7 +147,7 @@ def test_all_channels_are_exported_where_no_bus_has_some_of_them(
         assert names <= mdf.channels_db.keys()
 
 
-# Each format that `export` writes, read by its own library: values, tim ---------------------------
+# Formats of export, each read by its own library --------------------------------------------------
 
 
 SESSION = small_session()
@@ -208,15 +216,6 @@ def test_mat(tmp_path: Path, car: str, capsys: pytest.CaptureFixture[str]) -> No
                 assert got[group.name]["units"][name] == UNITS[name]
     assert read["channels"]["hub_fl"]["corner"] == "FL"
     assert read["vehicle"]["t_r_m"] == 0.75
-
-
-def test_more_samples_than_matlab_holds_are_refused(tmp_path: Path) -> None:
-    n = 89_478_486  # times 24 bytes are 2 GiB and 16 bytes; of one number, so that it takes no room
-    one = np.broadcast_to(np.float64(0.0), (n,))
-    group = SampleGroup("IMU", one, one.view(np.int64), {}, np.broadcast_to(np.uint8(0), (n,)))
-    with pytest.raises(InputError, match="2147483664 bytes"):
-        export_session(of_group(group), tmp_path / "car.mat", ExportFormat.MAT)
-    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(("separator", "point"), [(",", "."), (";", ","), ("\t", ",")])
@@ -389,3 +388,38 @@ def test_an_exported_log_is_read_as_any_log(
     assert run(["decode", str(log), str(bench), "--json"]) == 0
     frames = sum(len(one.frames) for one in one.runs)
     assert json.loads(capsys.readouterr().out)["frames"] == frames
+
+
+def test_a_notebook_is_written_once_and_its_folder_is_created(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    target = tmp_path / "a.ipynb"
+    out, _ = said(capsys, "notebook", "--out", str(target), code=0)
+    assert out.startswith(str(target))
+    assert json.loads(target.read_text())["nbformat"] == 4
+    out, _ = said(capsys, "notebook", "--out", str(target), "--force", "--json", code=0)
+    assert json.loads(out) == {"files": [str(target)]}
+    assert "exists" in said(capsys, "notebook", "--out", str(target), code=2)[1]
+    assert list(tmp_path.iterdir()) == [target]
+    said(capsys, "notebook", "--out", str(tmp_path / "new" / "folder" / "a.ipynb"), code=0)
+    below = str(target / "b.ipynb")  # a file is no folder
+    assert "name another folder" in said(capsys, "notebook", "--out", below, code=2)[1]
+
+
+def test_a_decoding_anew_needs_what_was_corrected(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    (tmp_path / "bench.toml").write_text(BENCH)
+    bench = str(tmp_path / "bench.toml")
+    log = str(write_log(tmp_path / "all.log", bumps(small_codec(), 4)))
+    session = str(tmp_path / "s.h5")
+    said(capsys, "import", log, bench, "--out", session, code=0)
+    assert "neither a DBC nor" in said(capsys, "redecode", session, code=2)[1]
+    out, _ = said(capsys, "redecode", session, bench, code=0)
+    assert out.splitlines()[-1] == f"session: {tmp_path / 's_redecoded.h5'}"
+    assert out.count("accepted") == 4
+    (dbc := tmp_path / "new.dbc").write_text(shipped_dbc())
+    bare = replace(daq.read_session(session), provenance={})
+    daq.write_session(tmp_path / "bare.h5", bare)
+    words = ["redecode", str(tmp_path / "bare.h5"), "--dbc", str(dbc)]
+    assert "holds no bench.toml" in said(capsys, *words, code=2)[1]
