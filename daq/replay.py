@@ -12,7 +12,7 @@ import numpy as np
 
 from dbc import FrameBatch, FrameFlag
 
-from .bus.source import BLOCK_FRAMES, GATHER_S, SourceLosses
+from .bus.source import BLOCK_FRAMES, GATHER_S, HopLosses
 from .errors import BusError, InputError
 from .journal.reader import read_windows, recordings
 from .sessions import Session
@@ -155,9 +155,9 @@ class RecordedSource:
         self._next = min(due, first + BLOCK_FRAMES)
         return self._frames.select(slice(first, self._next))
 
-    def losses(self) -> SourceLosses:
+    def losses(self) -> HopLosses:
         """Return no losses: frames lost when recorded are missing from the recording."""
-        return SourceLosses()
+        return HopLosses()
 
     def close(self) -> None:
         """Do nothing: no resource is held."""

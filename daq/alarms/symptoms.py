@@ -17,7 +17,7 @@ from dbc.frames import FrameBatch, FrameFlag
 from dbc.words import counted
 
 from ..bus.error_frames import ControllerState, ErrorTally, tally_error_frames
-from ..bus.source import LinkFacts, SourceLosses
+from ..bus.source import HopLosses, LinkFacts
 from ..channels import LARGEST, Quantity
 from ..control.messages import BusState, BusStatus
 from ..samples.converter import HealthState, is_fine, is_stuck
@@ -72,7 +72,7 @@ class BusWatch:
     rx_errors: int | None = None
     error_text: str = ""
     """The last error frame, in words."""
-    losses: SourceLosses = field(default_factory=SourceLosses)
+    losses: HopLosses = HopLosses()
     """Losses that the source had counted in the last cycle."""
 
     def advance(
@@ -89,12 +89,10 @@ class BusWatch:
         good = n - len(error_rows)
         tally = tally_error_frames(batch.select(error_rows)) if len(error_rows) else None
         self.error_text = (tally.text if tally else "") or self.error_text
-        steps_ns = np.diff(t_ns, prepend=self.last_ns)
         losses, before = link.losses, self.losses
         overruns = tally.overruns if tally else 0
-        counts["overrun", self.name] = losses.dropped - before.dropped + overruns, ""
-        counts["garbled", self.name] = losses.garbled - before.garbled, ""
-        counts["time_back", self.name] = int(np.count_nonzero(steps_ns < 0)), ""
+        counts["overrun", self.name] = losses.bus_dropped - before.bus_dropped + overruns, ""
+        counts["garbled", self.name] = losses.bus_garbled - before.bus_garbled, ""
         counts["error_frames", self.name] = len(error_rows), self.error_text
         counts["bus_off", self.name] = tally.bus_off if tally else 0, self.error_text
         self.losses = losses
@@ -235,11 +233,8 @@ class _Channel:
         quality, value = samples.quality, samples.value
         usable = (quality & np.uint8(UNUSABLE)) == 0
         shown = np.isfinite(value) & (np.abs(value) <= self.largest)
-        outside = usable & ((quality & np.uint8(Quality.OUT_OF_RANGE)) != 0)
-        no_value = (quality & np.uint8(Quality.SENTINEL)) != 0
+        no_value = (quality & np.uint8(Quality.SENTINEL) != 0) | (usable & ~shown)
         counts["no_value", self.name] = int(np.count_nonzero(no_value)), ""
-        counts["not_a_number", self.name] = int(np.count_nonzero(usable & ~shown)), ""
-        counts["out_of_range", self.name] = int(np.count_nonzero(outside)), self.text
         good = np.flatnonzero(usable & shown)
         return Samples(samples.channel, samples.t_ns[good], value[good], quality[good])
 
@@ -344,15 +339,10 @@ class _Message:
     """Monotonic time since which the period is being learned, s."""
     seen_s: float
     """Monotonic time of the cycle with the last frame, s."""
+    home: int = 0
+    """Number of the bus from which it came last."""
     learn_frames: int = 0
     """Frames since `learn_s`."""
-    buses: dict[int, float] = field(default_factory=dict)
-    """Monotonic time at which it was last received, s, by number of the bus."""
-
-    @property
-    def home(self) -> int:
-        """Number of the bus from which it came last."""
-        return max(self.buses, key=lambda bus: self.buses[bus])
 
     @property
     def timeout_s(self) -> float | None:
@@ -363,7 +353,7 @@ class _Message:
 
     def seen(self, bus: int, frames: int, now_s: float) -> None:
         """Take in the frames of a cycle, and learn the period if the DBC states none."""
-        silent_s, self.seen_s, self.buses[bus] = now_s - self.seen_s, now_s, now_s
+        silent_s, self.seen_s, self.home = now_s - self.seen_s, now_s, bus
         span_s = now_s - self.learn_s
         if self.period_s is not None or not span_s:  # known, or this is the first cycle
             return
@@ -424,15 +414,14 @@ class Traffic:
         self,
         codec: Codec,
         expected: Sequence[str],
-        names: Sequence[str],
         delivers: Sequence[bool],
         now_s: float,
     ) -> Iterator[Finding]:
         """Yield the faulty states of the traffic.
 
-        `expected`: messages that carry channels of the bench.  `names`: names of the buses.
-        `delivers`: True for each bus with good frames now; the silence of another one is that of
-        all its messages, and the alarm is on the bus.  `now_s`: monotonic time, s.
+        `expected`: messages that carry channels of the bench.  `delivers`: True for each bus with
+        good frames now; the silence of another one is that of all its messages, and the alarm is on
+        the bus.  `now_s`: monotonic time, s.
         """
         waited_s = now_s - self._began_s if self._began_s is not None else 0.0
         if self._unknown and not self._known and waited_s >= _UNKNOWN_ONLY_S:
@@ -447,10 +436,6 @@ class Traffic:
             if is_late and not ended and home < len(delivers) and delivers[home]:
                 due = f"one is due every {1e3 * (message.period_s or 0.0):.3g} ms"
                 yield fault("stale", name, f"no frame for {silent_s:.1f} s; {due}")
-            buses = sorted(bus for bus, s in message.buses.items() if now_s - s <= _RECENT_S)
-            if len(buses) > 1:
-                where = " and ".join(names[bus] if bus < len(names) else str(bus) for bus in buses)
-                yield fault("mixed_id", name, f"comes from {where} at the same time")
         for name in expected if any(delivers) else ():
             cycle_s = codec.message(name).cycle_s
             timeout_s = _STALE_PERIODS * cycle_s if cycle_s else _UNKNOWN_TIMEOUT_S

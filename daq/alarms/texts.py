@@ -140,23 +140,10 @@ EXPLAINED = MappingProxyType(
         ),
         "no_value": Explanation(
             "sensor has no value",
-            "The sensor itself reports that it has no value",
-            "see the sensor's manual: it is starting up, or has found a fault",
-        ),
-        "not_a_number": Explanation(
-            "not a number",
-            "Values are NaN, infinite or above 1e6 in SI, as of no sensor; they are not used",
-            "check type, byte order and factor of the signal in the DBC, and the sensor",
-        ),
-        "out_of_range": Explanation(
-            "out of range",
-            "Values are outside the range that the DBC states",
-            "check the sensor, or range and factor in the DBC",
-        ),
-        "mixed_id": Explanation(
-            "identifier mixed up",
-            "One identifier comes from two buses",
-            "give each sensor its own identifier",
+            "The sensor itself reports that it has no value, or values are NaN, infinite or above 1e6 "
+            "in SI, as of no sensor; they are not used",
+            "see the sensor's manual: it is starting up, or has found a fault; check type, byte "
+            "order and factor of the signal in the DBC",
         ),
         "garbled": Explanation(
             "garbage received",
@@ -167,11 +154,6 @@ EXPLAINED = MappingProxyType(
             "error frames",
             "The controller reports errors on the wires",
             "check termination (60 ohm between the wires), stubs and plugs",
-        ),
-        "time_back": Explanation(
-            "time stamps go back",
-            "Frames have earlier time stamps than the frames before them",
-            "check the adapter's driver, and whether the host's clock is being set",
         ),
         "clock_step": Explanation(
             "clock set",
@@ -193,12 +175,9 @@ COUNTED = MappingProxyType(
         "counter_gap": "frames missing by the counter",
         "saturated": "samples at the end of the range",
         "no_value": "samples without a value",
-        "not_a_number": "samples that are not numbers",
-        "out_of_range": "samples out of range",
         "garbled": "pieces that are not frames",
         "error_frames": "error frames",
         "bus_off": "reports of bus-off",
-        "time_back": "frames with an earlier time stamp than the one before",
     }
 )
 """Words after the number in the text of an alarm on a counted fault, by code."""

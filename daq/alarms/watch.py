@@ -50,8 +50,7 @@ _NOT_RECORDING_S = 3.0
 """Time, s, after which frames that arrive and are not stored raise an alarm.  The queue holds 10 s
 of four full buses, so nothing is lost by then; a busy machine or a slow disk may take a second."""
 _SHARED = frozenset(
-    ("stale", "counter_gap", "crc_bad", "wrong_length", "stuck", "saturated", "no_value",
-     "not_a_number", "out_of_range")
+    ("stale", "counter_gap", "crc_bad", "wrong_length", "stuck", "saturated", "no_value")
 )  # fmt: skip
 """Codes of alarms on messages and channels, which often come together."""
 
@@ -169,8 +168,7 @@ class Watch:
         symptoms += [fault("consumer_failed", name, why) for name, why in cycle.failed.items()]
         for (bus, link), status in zip(pairs, self.buses, strict=True):
             symptoms += bus.symptoms(link, status, config.silent_s, now_s)
-        names = [link.name for link in cycle.links]
-        symptoms += self._traffic.symptoms(codec, expected, names, delivers, now_s)
+        symptoms += self._traffic.symptoms(codec, expected, delivers, now_s)
         symptoms += self._sensors.symptoms()
         step_s, stepped_s = self._clock_step
         if now_s - stepped_s <= _CLOCK_SHOWN_S:

@@ -39,7 +39,7 @@ from .source import (
     LONG_GATHER_S,
     STEADY_CLOCK,
     FrameSource,
-    SourceLosses,
+    HopLosses,
 )
 
 # Converts python-can's messages to the columns of a block -----------------------------------------
@@ -291,9 +291,9 @@ class PythonCanSource:
                 time.sleep(min(wait_s, GATHER_S))
         return self._batch(received)
 
-    def losses(self) -> SourceLosses:
+    def losses(self) -> HopLosses:
         """Return the losses; for a socket the kernel's, because python-can reports none."""
-        return SourceLosses(self._drops.count(), self._garbled, self._restamped)
+        return HopLosses(self._drops.count(), self._garbled, self._restamped)
 
     def close(self) -> None:
         """Shut the bus down."""

@@ -20,7 +20,7 @@ import numpy as np
 from dbc.frames import FD_LENGTHS, FrameBatch, FrameFlag
 
 from ..errors import BusError
-from .source import BLOCK_FRAMES, GATHER_S, STEADY_CLOCK, SourceLosses
+from .source import BLOCK_FRAMES, GATHER_S, STEADY_CLOCK, HopLosses
 
 BITRATE_CODES = {
     10_000: "S0",
@@ -169,9 +169,9 @@ class SlcanSource:
                 break
         return self._batch(pieces, read_ns)
 
-    def losses(self) -> SourceLosses:
+    def losses(self) -> HopLosses:
         """Return the losses; the protocol does not report frames lost in the adapter."""
-        return SourceLosses(garbled=self._garbled)
+        return HopLosses(bus_garbled=self._garbled)
 
     def close(self) -> None:
         """Take the adapter off the bus and close the line."""

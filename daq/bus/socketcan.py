@@ -20,7 +20,6 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -35,7 +34,7 @@ from .source import (
     GATHER_S,
     LONG_GATHER_S,
     STEADY_CLOCK,
-    SourceLosses,
+    HopLosses,
     SteadyClock,
 )
 
@@ -301,7 +300,7 @@ class SocketCanSource:
             poll.register(self._wake, select.POLLIN)
         self._closed = self._more = self._down = self._older = False
         self._fault: OSError | None = None
-        self._losses = SourceLosses()
+        self._losses = HopLosses()
         self._drop_counter = 0
 
     def read(self, timeout_s: float) -> FrameBatch:
@@ -328,7 +327,7 @@ class SocketCanSource:
                 raise BusError(self.name, problem, advice) from self._fault
             return FrameBatch.empty()
 
-    def losses(self) -> SourceLosses:
+    def losses(self) -> HopLosses:
         """Return the losses; frames lost within the adapter are reported by error frames."""
         return self._losses
 
@@ -377,7 +376,7 @@ class SocketCanSource:
         batch, good = frame_columns(buffers, count, t_ns, self._index)
         garbled, restamped = count - len(batch), int(np.count_nonzero(good > stamped))
         if garbled or restamped:
-            self._losses = self._losses.plus(SourceLosses(0, garbled, restamped))
+            self._losses = self._losses.plus(HopLosses(0, garbled, restamped))
         if len(batch) and not older:  # older frames, queued before, do not mean that it is up
             self._down = False
         return batch
@@ -393,7 +392,7 @@ class SocketCanSource:
         ahead = (counter - self._drop_counter) & 0xFFFFFFFF
         if 0 < ahead < 1 << 31:
             self._drop_counter = counter
-            self._losses = replace(self._losses, dropped=self._losses.dropped + ahead)
+            self._losses = self._losses.plus(HopLosses(ahead))
 
 
 def open_socketcan(channel: str, bus: int) -> SocketCanSource:

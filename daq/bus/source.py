@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,57 +32,33 @@ LONG_GATHER_S = 0.06
 of our size: a block of a full bus then has 540 frames."""
 
 
-@dataclass(frozen=True, slots=True)
-class SourceLosses:
-    """Losses of a source since it was opened."""
+class HopLosses(NamedTuple):
+    """Cumulative counts of one source since it was opened, or of all from the wires to the journal.
 
-    dropped: int = 0
+    The latter are stored with each block.
+    """
+
+    bus_dropped: int = 0
     """Number of frames that the interface reports as lost before they could be read."""
-    garbled: int = 0
+    bus_garbled: int = 0
     """Number of pieces of input that are not a frame."""
     restamped: int = 0
     """Number of frames with an impossible time stamp, which were stamped on arrival instead."""
-
-    def plus(self, other: SourceLosses) -> SourceLosses:
-        """Return the sum of both."""
-        return SourceLosses(
-            self.dropped + other.dropped,
-            self.garbled + other.garbled,
-            self.restamped + other.restamped,
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class HopLosses:
-    """Cumulative counts from the wires to the journal, over all sources; stored with each block."""
-
-    bus_dropped: int = 0
-    """Sum of `SourceLosses.dropped`."""
-    bus_garbled: int = 0
-    """Sum of `SourceLosses.garbled`."""
-    restamped: int = 0
-    """Sum of `SourceLosses.restamped`."""
     queue_dropped: int = 0
     """Number of frames that were read but not recorded because the writer was too far behind."""
 
     @property
-    def counts(self) -> tuple[int, int, int, int]:
-        """The counts in the order of the fields; `dataclasses.astuple` takes ten times as long."""
-        return self.bus_dropped, self.bus_garbled, self.restamped, self.queue_dropped
-
-    @property
     def of_a_run(self) -> Losses:
         """The lost frames, as losses of a run."""
-        return Losses(
-            bus_dropped=self.bus_dropped,
-            bus_garbled=self.bus_garbled,
-            queue_dropped=self.queue_dropped,
-        )
+        return Losses(self.bus_dropped, self.bus_garbled, self.queue_dropped)
+
+    def plus(self, other: HopLosses) -> HopLosses:
+        """Return the sum of both."""
+        return HopLosses(*(one + two for one, two in zip(self, other, strict=True)))
 
     def since(self, before: HopLosses) -> HopLosses:
         """Return the losses since an earlier count."""
-        lost = zip(self.counts, before.counts, strict=True)
-        return HopLosses(*(now - then for now, then in lost))
+        return HopLosses(*(now - then for now, then in zip(self, before, strict=True)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +79,7 @@ class LinkFacts:
     """Monotonic time of the reader's last cycle, s; before the first, of its creation."""
     reopened: int
     """Number of times the bus came back."""
-    losses: SourceLosses
+    losses: HopLosses
     """Sum over all sources opened until now."""
     interface_down: bool = False
     """True if a source is open on an interface that was taken down."""
@@ -125,7 +101,7 @@ class FrameSource(Protocol):
         Raises BusError if the bus is lost.  Frames read before that have been returned.
         """
 
-    def losses(self) -> SourceLosses:
+    def losses(self) -> HopLosses:
         """Return the losses since the source was opened."""
 
     def close(self) -> None:
@@ -278,12 +254,12 @@ class Link:
         self._clock = clock
         self._halted = threading.Event()
         self._source: FrameSource | None = None
-        self._before = SourceLosses()  # of the sources that are closed
+        self._before = HopLosses()  # of the sources that are closed
         self._pause_s = BACK_OFF_S[0]
         self._next_try_s = self._alive_s = clock()
         self._had_frames = self._was_open = False
         name = f"{config.interface} {config.channel}".strip()
-        none = SourceLosses()
+        none = HopLosses()
         self._facts = LinkFacts(name, config.bitrate, False, "", "", self._alive_s, 0, none)
 
     def facts(self) -> LinkFacts:
@@ -363,8 +339,8 @@ class Link:
         with suppress(BaseException):  # an unplugged device cannot be closed properly
             source.close()
 
-    def _losses(self) -> SourceLosses:
-        now = SourceLosses()
+    def _losses(self) -> HopLosses:
+        now = HopLosses()
         if self._source is not None:
             with suppress(BaseException):
                 now = self._source.losses()

@@ -179,7 +179,7 @@ def pack_frames(frames: FrameBatch, losses: HopLosses) -> bytes:
     """Return the content of a block of kind FRAMES; `losses`: counted up to it."""
     return b"".join(
         [
-            _FRAMES.pack(len(frames), frames.data.shape[1], *losses.counts),
+            _FRAMES.pack(len(frames), frames.data.shape[1], *losses),
             *(getattr(frames, name).astype(form).tobytes() for name, form in _COLUMNS),
             frames.data.tobytes(),
         ]

@@ -73,47 +73,34 @@ def read_windows(
     reader = JournalReader(paths)
     pieces: list[list[FrameBatch]] = [[] for _ in windows]
     events: list[Event] = []
-    hops = _HopTable()
+    rows: list[tuple[int, ...]] = []  # of `HopCounts`
+    latest_ns = 0
     starts_ns, stops_ns = np.array(windows, np.int64).reshape(-1, 2).T
     for block in reader:
         t_ns = block.stored.t_ns if block.stored else np.zeros(0, np.int64)
-        hops.add(t_ns, block.losses)
         events += block.events
+        latest_ns = int(t_ns.max(initial=latest_ns))
+        row = (latest_ns, *block.losses)
+        # `HopCounts.between` uses the row before a span and the first one after it.  Because both
+        # ends of every level are kept, it returns the same losses.
+        if len(rows) >= 2 and rows[-1][1:] == row[1:] == rows[-2][1:]:
+            rows[-1] = row
+        else:
+            rows.append(row)
         if not len(t_ns):
             continue
         touched = np.flatnonzero((starts_ns <= t_ns.max()) & (t_ns.min() < stops_ns)).tolist()
         frames = block.frames if touched else FrameBatch.empty()  # most frames are in no window
         for k in touched:
             pieces[k].append(frames if windows[k] is _ALWAYS else frames.within([windows[k]]))
+    table = np.array(rows, np.int64).reshape(-1, 5)
+    hops = HopCounts(table[:, 0], table[:, 1:])
     none = FrameBatch.empty()
-    contents = JournalContents(reader.head, none, tuple(events), hops.counts(), reader.lost)
+    contents = JournalContents(reader.head, none, tuple(events), hops, reader.lost)
     joined = []
     while pieces:  # joined one after another, so that not all of them are in memory twice
         joined.append(FrameBatch.concatenate(pieces.pop(0)))
     return contents, tuple(joined)
-
-
-class _HopTable:
-    """Losses block by block; of blocks without new losses only the first and the last are kept."""
-
-    def __init__(self) -> None:
-        self._rows: list[tuple[int, ...]] = []
-        self._t_ns = 0
-
-    def add(self, t_ns: NDArray[np.int64], losses: HopLosses) -> None:
-        if len(t_ns):
-            self._t_ns = max(self._t_ns, int(t_ns.max()))
-        row = (self._t_ns, *losses.counts)
-        # `HopCounts.between` uses the row before a span and the first one after it.  Because both
-        # ends of every level are kept, it returns the same losses.
-        if len(self._rows) >= 2 and self._rows[-1][1:] == row[1:] == self._rows[-2][1:]:
-            self._rows[-1] = row
-        else:
-            self._rows.append(row)
-
-    def counts(self) -> HopCounts:
-        table = np.array(self._rows, np.int64).reshape(-1, 5)
-        return HopCounts(table[:, 0], table[:, 1:])
 
 
 class JournalReader:
@@ -219,8 +206,7 @@ class JournalReader:
                 expected = block.number + (block.kind != Kind.END)
                 if block.kind == Kind.FRAMES:
                     stored = stored_frames(block.content)
-                    counts = zip(before.counts, stored.losses.counts, strict=True)
-                    losses = HopLosses(*(x + y for x, y in counts))
+                    losses = before.plus(stored.losses)
                     yield JournalBlock(losses, stored)
                 elif block.kind == Kind.EVENTS:
                     events = unpack_events(block.content)

@@ -168,7 +168,7 @@ class JournalWriter:
         first_ns = int(frames.t_ns.min()) if len(frames) else 0
         if len(frames):
             self._t_ns = max(self._t_ns, int(frames.t_ns.max()))
-        losses = replace(losses, queue_dropped=losses.queue_dropped + self._backlog.dropped)
+        losses = losses.plus(HopLosses(queue_dropped=self._backlog.dropped))
         content = pack_frames(frames, losses)
         self._put(Pending(self._number, Kind.FRAMES, content, self._t_ns, len(frames), first_ns))
 

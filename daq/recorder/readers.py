@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from dbc.frames import FrameBatch
 
-from ..bus.source import BLOCK_FRAMES, HopLosses, Link, LinkFacts, SourceLosses
+from ..bus.source import BLOCK_FRAMES, HopLosses, Link, LinkFacts
 from ..control.messages import QueueStatus, StorageStatus
 
 READ_TIMEOUT_S = 0.1
@@ -156,8 +156,7 @@ class Reader(threading.Thread):
 
     def losses(self) -> HopLosses:
         """Return the losses until now."""
-        lost: SourceLosses = self.link.facts().losses
-        return HopLosses(lost.dropped, lost.garbled, lost.restamped, self._dropped)
+        return self.link.facts().losses._replace(queue_dropped=self._dropped)
 
 
 class Readers:
@@ -197,7 +196,7 @@ class Readers:
 
     def hops(self) -> HopLosses:
         """Return the losses up to the pieces taken last, over all readers."""
-        rows = [self._ended.counts, *(losses.counts for losses in self._losses.values())]
+        rows = [self._ended, *self._losses.values()]
         return HopLosses(*(sum(column) for column in zip(*rows, strict=True)))
 
     def facts(self) -> tuple[LinkFacts, ...]:

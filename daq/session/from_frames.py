@@ -11,7 +11,7 @@ import uuid
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import astuple, dataclass, fields, replace
+from dataclasses import dataclass, replace
 from itertools import count
 from pathlib import Path
 
@@ -85,7 +85,7 @@ class Intake:
 
     def take(self, batch: FrameBatch, hops: HopLosses) -> int:
         """Add a block, and the losses counted up to it; return the number of bumps found."""
-        self._losses.append((int(batch.t_ns.max()), *astuple(hops)))
+        self._losses.append((int(batch.t_ns.max()), *hops))
         self._recent.append(batch)
         # The bumps of this block are found after it was added.  The first of them may need the
         # frames before the block, however long the block is.
@@ -107,7 +107,7 @@ class Intake:
         """Return the part to keep."""
         while self._recent:
             self._keep(self._recent.pop(0))
-        table = np.array(self._losses, np.int64).reshape(-1, 1 + len(fields(HopLosses)))
+        table = np.array(self._losses, np.int64).reshape(-1, 1 + len(HopLosses._fields))
         hops = HopCounts(np.maximum.accumulate(table[:, 0]), table[:, 1:])
         frames = FrameBatch.concatenate(self._kept)
         return LogPart(frames, tuple(self._events), hops, self._unknown_id)
@@ -274,6 +274,6 @@ def _built(session: Session, bench: Bench) -> Session:
             queue_dropped=run.losses.queue_dropped,
         )
         end_ns = np.array([int(run.frames.t_ns.max())])
-        hops = HopCounts(end_ns, np.array([lost.counts], np.int64))
+        hops = HopCounts(end_ns, np.array([lost], np.int64))
         built.append(build_session(bench, codec, run.frames, bumps[:1], hops, {}))
     return joined(built)

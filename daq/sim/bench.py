@@ -16,7 +16,7 @@ from dbc import Codec, FrameBatch
 from ..bench.campaign import Method, Step
 from ..bench.config import Bench
 from ..bumps import BUMPS
-from ..bus.source import SourceLosses
+from ..bus.source import HopLosses
 from ..channels import Channel
 from ..check.pushes import ORDER
 from ..control.messages import Phase, Status
@@ -300,9 +300,9 @@ class SimulatedBench:
             batch = batch.select(batch.bus != number)
         return batch
 
-    def losses(self) -> SourceLosses:
+    def losses(self) -> HopLosses:
         """Return no losses: the counters in the frames show the losses of this bus."""
-        return SourceLosses()
+        return HopLosses()
 
     def close(self) -> None:
         """Leave the bus; the car is not changed."""
@@ -402,9 +402,9 @@ class OtherBus:
         batches = [self._waiting.popleft() for _ in range(len(self._waiting))]
         return FrameBatch.concatenate(batches)
 
-    def losses(self) -> SourceLosses:
+    def losses(self) -> HopLosses:
         """Return no losses: the counters in the frames show the losses of this bus."""
-        return SourceLosses()
+        return HopLosses()
 
     def close(self) -> None:
         """Leave the bus; the car is not changed."""

@@ -31,7 +31,7 @@ from cantools.database import Database, load_string
 from daq.alarms import Cycle, Watch
 from daq.bench.config import Bench, BusConfig, bench_codec, load_bench
 from daq.bus.socketcan import SocketCanSource
-from daq.bus.source import HopLosses, LinkFacts, Now, SourceLosses
+from daq.bus.source import HopLosses, LinkFacts, Now
 from daq.control.messages import Arm, DiskStatus, Live, QueueStatus, Status, StorageStatus, Until
 from daq.journal.format import JournalHead
 from daq.journal.writer import JournalWriter
@@ -227,7 +227,7 @@ def _now(k: int) -> Now:
 def _our_hops(bench: Bench, codec: Codec, frames: FrameBatch) -> dict[str, float]:
     """Return the CPU time of each hop after the receiving by itself, us a frame."""
     blocks = _blocks(frames)
-    none = SourceLosses()
+    none = HopLosses()
     links = tuple(LinkFacts(f"can{k}", 1_000_000, True, "", "", 0.0, 0, none) for k in range(BUSES))
 
     def us(hop: Callable[[int, FrameBatch], object]) -> float:

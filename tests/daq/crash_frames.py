@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.bench.config import BusConfig, RecorderConfig
-from daq.bus.source import HopLosses, SourceLosses
+from daq.bus.source import HopLosses
 from daq.journal.format import JournalHead
 from daq.journal.reader import JournalReader, read_journal, segments_in
 from daq.journal.segment import Room, SyncedFile
@@ -370,8 +370,8 @@ class _Bus:
         first, self._given = self._given, due
         return block(first, due - first)
 
-    def losses(self) -> SourceLosses:
-        return SourceLosses()
+    def losses(self) -> HopLosses:
+        return HopLosses()
 
     def close(self) -> None:
         """Nothing is held."""

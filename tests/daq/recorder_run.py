@@ -14,7 +14,7 @@ from typing import Any, Self
 import pytest
 
 from daq.bench.config import Bench, BusConfig, parse_bench
-from daq.bus.source import FrameSource, SourceLosses
+from daq.bus.source import FrameSource, HopLosses
 from daq.control.messages import Live, Order, Reply, SessionState, Status
 from daq.journal.reader import JournalContents, read_journal, recordings
 from daq.recorder import judging
@@ -48,12 +48,12 @@ class Script:
         given: Sequence[FrameBatch],
         error: Exception | None = None,
         pause_s: float = 0.0,
-        losses: SourceLosses | None = None,
+        losses: HopLosses | None = None,
     ) -> None:
         self.given = list(given)
         self.error = error
         self.pause_s = pause_s
-        self.published = losses or SourceLosses()
+        self.published = losses or HopLosses()
         self.exhausted = threading.Event()
         self.closed = threading.Event()
 
@@ -68,7 +68,7 @@ class Script:
         self.closed.wait(min(timeout_s, 0.005))
         return FrameBatch.empty()
 
-    def losses(self) -> SourceLosses:
+    def losses(self) -> HopLosses:
         return self.published
 
     def close(self) -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from daq import replay as room
 from daq.bench.config import RecorderConfig
-from daq.bus.source import HopLosses, SourceLosses
+from daq.bus.source import HopLosses
 from daq.errors import BusError, InputError
 from daq.journal.format import JournalHead
 from daq.journal.writer import JournalWriter
@@ -177,7 +177,7 @@ def test_time_stamps_keep_their_distances_and_long_gaps_become_three_seconds(
     assert frames.t_ns.tolist() == [7 * S + round(t * S) for t in seconds]
     assert frames.can_id.tolist() == list(range(7))
     assert source.done
-    assert source.losses() == SourceLosses()
+    assert source.losses() == HopLosses()
     assert source.name == "recording"
 
 

@@ -23,7 +23,7 @@ import numpy as np
 import pytest
 
 from daq.bench.config import Bench, bench_codec, load_bench, parse_bench
-from daq.bus.source import SourceLosses
+from daq.bus.source import HopLosses
 from daq.control.address import Address
 from daq.control.exchange import Client, Server
 from daq.control.messages import (
@@ -136,8 +136,8 @@ class TirelessBench:
         self.given += len(part)
         return replace(part, t_ns=part.t_ns + START_NS + turn * round(PERIOD_S * 1e9))
 
-    def losses(self) -> SourceLosses:
-        return SourceLosses()
+    def losses(self) -> HopLosses:
+        return HopLosses()
 
     def close(self) -> None:
         self._closed.set()

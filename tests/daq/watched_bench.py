@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from daq.alarms import Cycle, Watch
 from daq.bench.config import RecorderConfig, load_bench
 from daq.bus.error_frames import ErrorClass
-from daq.bus.source import HopLosses, LinkFacts, Now, SourceLosses
+from daq.bus.source import HopLosses, LinkFacts, Now
 from daq.control.messages import Alarm, BusState, DiskStatus
 from daq.runs import Event
 from daq.samples.converter import HealthState, advance
@@ -120,7 +120,7 @@ class WatchedBench:
         self.turns = 0
         self.wall_step_ns = 0
         self.links = [
-            LinkFacts(name, 1_000_000, True, "", "", 0.0, 0, SourceLosses()) for name in names
+            LinkFacts(name, 1_000_000, True, "", "", 0.0, 0, HopLosses()) for name in names
         ]
         self.hops = HopLosses()
         self._health = HealthState()

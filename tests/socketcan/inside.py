@@ -126,7 +126,7 @@ def exact_loss() -> str:
     began_s = time.thread_time()
     received = len(read_all(source))
     spent_s = time.thread_time() - began_s
-    dropped = source.losses().dropped
+    dropped = source.losses().bus_dropped
     source.close()
     assert dropped > 0
     assert received + dropped == count
@@ -229,7 +229,7 @@ def two_cards() -> str:
     assert [int.from_bytes(row[:8].tobytes(), "big") for row in batch.data] == list(range(count))
     assert not (batch.flags & FrameFlag.TRANSMITTED).any()
     assert (np.diff(batch.t_ns) > 0).all()
-    assert losses.dropped == losses.garbled == 0
+    assert losses.bus_dropped == losses.bus_garbled == 0
     return f"{len(batch)} of {count}"
 
 

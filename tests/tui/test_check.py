@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from daq.bench.config import BusConfig, bench_codec, load_bench
-from daq.bus.source import SourceLosses
+from daq.bus.source import HopLosses
 from daq.sim.car import SimulatedCar
 from daq.sim.ecu import campaign_frames
 from dbc import FrameBatch, shipped_dbc
@@ -110,8 +110,8 @@ class _Replay:
     def read(self, timeout_s: float) -> FrameBatch:
         return self._blocks.pop(0) if self._blocks else FrameBatch.empty()
 
-    def losses(self) -> SourceLosses:
-        return SourceLosses()
+    def losses(self) -> HopLosses:
+        return HopLosses()
 
     def close(self) -> None:
         self.closed = True
@@ -342,9 +342,9 @@ class Once:
         found, self._frames = self._frames, FrameBatch.empty()
         return found
 
-    def losses(self) -> SourceLosses:
+    def losses(self) -> HopLosses:
         """None was lost."""
-        return SourceLosses()
+        return HopLosses()
 
     def close(self) -> None:
         """Go."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from daq.alarms import ALARM, ALARM_END, EXPLAINED, GRAVITY
 from daq.alarms.texts import COUNTED
 from daq.bus.error_frames import ErrorClass
-from daq.bus.source import HopLosses, SourceLosses
+from daq.bus.source import HopLosses
 from daq.channels import Quantity
 from daq.control.messages import DiskStatus, StorageStatus
 from dbc import FrameBatch
@@ -25,7 +25,6 @@ from ..watched_bench import (
     both,
     error_frames,
     foreign,
-    frames,
     saturating,
 )
 
@@ -42,7 +41,7 @@ def payload(frame_batch: FrameBatch, message: str) -> NDArray[np.intp]:
 
 def losing(field: str, number: int) -> FaultyTurn:
     def turn(bench: WatchedBench, k: int) -> object:
-        bench.link(1, losses=replace(SourceLosses(), **{field: number * (k + 1)}))
+        bench.link(1, losses=HopLosses(**{field: number * (k + 1)}))
         return bench.turn(*both(bench))
 
     return turn
@@ -107,13 +106,6 @@ def lost_frames(bench: WatchedBench, k: int) -> object:
     return bench.turn(whole.select(keep), foreign(bench))
 
 
-def stamps_back(bench: WatchedBench, k: int) -> object:
-    whole = bench.healthy()
-    t_ns = whole.t_ns.copy()
-    t_ns[100] -= 50_000_000
-    return bench.turn(replace(whole, t_ns=t_ns), foreign(bench))
-
-
 def saturated(bench: WatchedBench, k: int) -> object:
     return bench.turn(saturating(bench), foreign(bench))
 
@@ -125,12 +117,6 @@ def frozen_at_rest(bench: WatchedBench, k: int) -> object:
 def frozen_in_motion(bench: WatchedBench, k: int) -> object:
     moving = bench.healthy(values={COARSE.signal: 0.0}, motion=4.0 if k > 1 else 0.0)
     return bench.turn(moving, foreign(bench))
-
-
-def twice(bench: WatchedBench, k: int) -> object:
-    message = CODEC.message("SUSP_Front")
-    copy = frames(message.can_id, [bytes(8)] * 2, bench.t_ns, bus=1)
-    return bench.turn(bench.healthy(), foreign(bench), copy)
 
 
 def facts(**given: object) -> FaultyTurn:
@@ -155,8 +141,8 @@ FAULTS: list[tuple[str, str, FaultyTurn, int]] = [
     ("error_frames", "can1", error_turn(PROT, b"", 2, True), 2),
     ("check_bitrate", "can1", error_turn(PROT, b"", 2, False), 0),
     ("overrun", "can1", error_turn(CTRL, OVERFLOW_BYTES, 2, True), 2),
-    ("overrun", "can1", losing("dropped", 13), 13),
-    ("garbled", "can1", losing("garbled", 3), 3),
+    ("overrun", "can1", losing("bus_dropped", 13), 13),
+    ("garbled", "can1", losing("bus_garbled", 3), 3),
     ("interface_down", "can1", taken_down, 0),
     ("bus_silent", "can1", silent, 0),
     ("bus_full", "can0", crowded, 0),
@@ -164,11 +150,9 @@ FAULTS: list[tuple[str, str, FaultyTurn, int]] = [
     ("wrong_length", "SUSP_Rear", cut_short, 3),
     ("crc_bad", "HUB_Front", flipped_bit, 2),
     ("counter_gap", "HUB_Rear", lost_frames, 3),
-    ("time_back", "can0", stamps_back, 1),
     ("saturated", "", saturated, 4),
     ("stuck", FINE.name, frozen_at_rest, 0),
     ("stuck", COARSE.name, frozen_in_motion, 0),
-    ("mixed_id", "SUSP_Front", twice, 0),
     ("queue_dropped", "", queue_drops, 7),
     ("disk_low", "", facts(disk=replace(ROOMY, free_bytes=500_000_000)), 0),
     ("journal_warning", "", facts(disk=replace(ROOMY, warning="a file was deleted")), 0),
@@ -216,13 +200,7 @@ def test_a_fault_is_named_within_a_second_counted_and_over_within_five(
     assert bench.logged(ALARM_END).count(name) == 1
 
 
-ELSEWHERE = {
-    "none_of_dbc",
-    "clock_step",
-    "not_a_number",
-    "out_of_range",
-    "no_value",
-}
+ELSEWHERE = {"none_of_dbc", "clock_step", "no_value"}
 """Codes whose faults are injected by the tests below."""
 
 

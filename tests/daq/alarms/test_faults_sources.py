@@ -18,7 +18,7 @@ import pytest
 
 from daq.bench.config import BusConfig
 from daq.bus.socketcan import FrameBuffers, SocketCanSource
-from daq.bus.source import FrameSource, Link, SourceLosses, SteadyClock
+from daq.bus.source import FrameSource, HopLosses, Link, SteadyClock
 from daq.control.messages import Live, Status
 from daq.journal.reader import read_journal
 from daq.recorder.recorder import Recorder
@@ -44,8 +44,8 @@ class Steady:
     def read(self, timeout_s: float) -> FrameBatch:
         return self._bench.healthy()
 
-    def losses(self) -> SourceLosses:
-        return SourceLosses()
+    def losses(self) -> HopLosses:
+        return HopLosses()
 
     def close(self) -> None:
         pass
@@ -146,11 +146,6 @@ SICKNESSES = {
     ),
     "length code 9": Sickness(
         "garbled", each_turn=lambda b: [message(b), impossible(dlc=9)], count=FAULTY_TURNS
-    ),
-    "time goes back": Sickness(
-        "time_back",
-        each_turn=lambda b: [message(b), message(b, timestamp=b.t_ns * 1e-9 - 0.02)],
-        count=FAULTY_TURNS,
     ),
     "error frames only": Sickness("check_bitrate", each_turn=lambda b: [error_frame(b, 0x88)]),
 }
@@ -287,8 +282,8 @@ class Counting:
         data = [number.to_bytes(8, "little") for number in numbers]
         return frames(FOREIGN_ID, data, time.time_ns())
 
-    def losses(self) -> SourceLosses:
-        return SourceLosses()
+    def losses(self) -> HopLosses:
+        return HopLosses()
 
     def close(self) -> None:
         pass

@@ -204,12 +204,11 @@ def test_values_that_are_none_or_cannot_be_are_counted_per_channel() -> None:
             struct.pack("<fhH", math.inf, 0, 0xFFFF),
         ]
         bench.turn(frames(256, [*payloads(8), *odd], bench.t_ns))
-    found = {(a.code, a.subject): a.count for a in bench.alarms}
-    assert found == {
+    counts = {(a.code, a.subject): a.count for a in bench.alarms}
+    assert counts == {
         ("saturated", "ranged"): 10,
         ("no_value", "named"): 10,
-        ("not_a_number", "real"): 20,
-        ("out_of_range", "ranged"): 10,
+        ("no_value", "real"): 20,
     }
     assert bench.state.overloaded == ("ranged",)
 

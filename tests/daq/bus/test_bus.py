@@ -142,7 +142,7 @@ def impossible() -> list[can.Message]:
 def test_what_cannot_be_a_frame_is_counted_and_its_neighbours_are_kept(bad: can.Message) -> None:
     source = source_of(frame(1), frame(2), bad, frame(3))
     assert list(source.read(0.0).can_id) == [1, 2, 3]
-    assert source.losses().garbled == 1
+    assert source.losses().bus_garbled == 1
 
 
 @pytest.mark.parametrize(
@@ -152,7 +152,7 @@ def test_what_cannot_be_a_frame_is_counted_and_its_neighbours_are_kept(bad: can.
 def test_unreadable_input_is_counted_and_reading_goes_on(error: Exception) -> None:
     source = source_of(frame(1), *[error] * 50, frame(2))
     assert list(source.read(0.0).can_id) == [1, 2]
-    assert source.losses().garbled == 50
+    assert source.losses().bus_garbled == 50
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ import pytest
 
 from daq.bench.config import BusConfig
 from daq.bus.socketcan import SocketCanSource
-from daq.bus.source import FrameSource, Link, SourceLosses, SteadyClock
+from daq.bus.source import FrameSource, HopLosses, Link, SteadyClock
 from daq.errors import BusError
 from dbc import FrameBatch
 
@@ -46,10 +46,10 @@ class Source:
         self.frames += len(found)
         return found
 
-    def losses(self) -> SourceLosses:
+    def losses(self) -> HopLosses:
         if self.closed:
             raise OSError("closed")
-        return SourceLosses(self.frames, 1, 2)
+        return HopLosses(self.frames, 1, 2)
 
     def close(self) -> None:
         self.closed = True
@@ -102,7 +102,7 @@ def test_losses_add_up_over_openings_and_after_a_success_the_pause_is_short_agai
         counted += len(link.read(0.05))
         clock.now_s += 0.1
     facts = link.facts()
-    assert facts.losses == SourceLosses(3 * len(ONE), 2, 4)
+    assert facts.losses == HopLosses(3 * len(ONE), 2, 4)
     assert (facts.connected, facts.reopened, facts.error) == (True, 1, "")
     assert first.closed
     link.close()

@@ -120,7 +120,7 @@ def test_frames_of_every_kind_cut_anywhere_arrive_as_python_can_sent_them(
 
     got = read_all(source)
 
-    assert source.losses().garbled == 0
+    assert source.losses().bus_garbled == 0
     assert len(got) == len(sent)
     assert set(got.bus) <= {3}
     assert (np.diff(got.t_ns) >= 0).all()
@@ -157,7 +157,7 @@ def test_a_line_that_is_no_frame_is_counted_and_its_neighbours_are_kept(line: by
     source = source_of(b"t1011aa\r" + line + b"\rt1021bb\r")
     got = read_all(source)
     assert list(got.can_id) == [0x101, 0x102]
-    assert source.losses().garbled == 1
+    assert source.losses().bus_garbled == 1
 
 
 def test_answers_and_commands_are_no_frames_and_no_errors() -> None:
@@ -185,7 +185,7 @@ def test_a_line_without_end_neither_grows_nor_hides_what_follows() -> None:
     got = read_all(source)
     assert len(source._begun) <= LONGEST_LINE
     assert list(got.can_id) == [0x123]
-    assert source.losses().garbled == 1
+    assert source.losses().bus_garbled == 1
 
 
 def test_frames_before_the_line_went_dead_are_returned_before_the_error() -> None:
@@ -237,7 +237,7 @@ def test_frames_of_python_can_cross_a_serial_line() -> None:
     frames = FrameBatch.concatenate(got)
     assert [int.from_bytes(row.tobytes(), "big") for row in frames.data] == list(range(1000))
     assert list(frames.can_id) == [frame.arbitration_id for frame in sent]
-    assert source.losses().garbled == 0  # the sender's "C", "S8" and "O" are no frames, either
+    assert source.losses().bus_garbled == 0  # the sender's "C", "S8" and "O" are no frames, either
 
 
 def test_an_unplugged_adapter_is_a_bus_that_has_gone() -> None:
@@ -265,7 +265,7 @@ def test_any_bytes_whatever_become_frames_or_counts(lines: list[bytes], tail: by
     got = read_all(source)
     ends = sum((line + b"\r").count(b"\r") + line.count(b"\a") for line in lines)
     ends += tail.count(b"\r") + tail.count(b"\a")
-    assert len(got) + source.losses().garbled <= ends
+    assert len(got) + source.losses().bus_garbled <= ends
 
 
 def test_a_frame_that_ends_in_an_error_is_garbled() -> None:

@@ -179,7 +179,7 @@ def test_what_cannot_be_a_frame_is_counted_and_its_neighbours_are_kept(
 ) -> None:
     feed.send(frame(1), bad, frame(2, bytes(64), is_fd=True), bad, frame(3))
     assert list(feed.read_all().can_id) == [1, 2, 3]
-    assert feed.source.losses().garbled == 2
+    assert feed.source.losses().bus_garbled == 2
     assert feed.source.losses().restamped == 0
 
 
@@ -220,7 +220,7 @@ def test_every_frame_that_did_not_fit_is_counted_even_those_at_the_end(udp: Feed
     for sent in (25_000, 50_000):
         udp.send(*[frame(data=bytes(8))] * 25_000)
         received += len(udp.read_all())
-        dropped = udp.source.losses().dropped
+        dropped = udp.source.losses().bus_dropped
         assert dropped > 1_000  # or the socket did not overrun
         assert received + dropped == sent
 
@@ -377,7 +377,7 @@ def test_the_drop_counter_has_32_bits_and_may_be_behind(
     counts = []
     for _ in range(6):
         feed.read()
-        counts.append(feed.source.losses().dropped)
+        counts.append(feed.source.losses().bus_dropped)
     assert counts == [0x7000_0000, 0xE000_0000, 0xFFFF_FFF0, 0xFFFF_FFF0, 2**32 + 5, 2**32 + 5]
 
 
@@ -425,11 +425,11 @@ def test_the_losses_of_udp_multicast_are_the_kernels() -> None:
             for _ in range(200):
                 bus._multicast.send(b"\xc1" * 400)  # each is one datagram, and garbled
         before = -1
-        while source.losses().garbled > before:
-            before = source.losses().garbled
+        while source.losses().bus_garbled > before:
+            before = source.losses().bus_garbled
             assert not len(source.read(0.05))
         losses = source.losses()
-        assert losses.dropped > 0
-        assert losses.dropped + losses.garbled == 200
+        assert losses.bus_dropped > 0
+        assert losses.bus_dropped + losses.bus_garbled == 200
     finally:
         source.close()

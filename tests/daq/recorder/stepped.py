@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from daq.bench.config import Bench
-from daq.bus.source import HopLosses, LinkFacts, Now, SourceLosses
+from daq.bus.source import HopLosses, LinkFacts, Now
 from daq.control.messages import (
     Arm,
     DiskStatus,
@@ -21,7 +21,7 @@ from dbc import Codec, FrameBatch
 from ..small_campaign import START_NS, codes
 
 DISK = DiskStatus(10**12, 0, 0, 0.0)
-LINK = LinkFacts("can0", 1_000_000, True, "", "", 0.0, 0, SourceLosses())
+LINK = LinkFacts("can0", 1_000_000, True, "", "", 0.0, 0, HopLosses())
 
 
 def now(block: FrameBatch | None = None) -> Now:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from daq.bench.config import BusConfig
-from daq.bus.source import HopLosses, Link, SourceLosses
+from daq.bus.source import HopLosses, Link
 from daq.recorder.readers import DRAIN_S, Piece, PieceQueue, Reader, Readers, StorageWatch
 from daq.recorder.recorder import HALT_S
 from dbc import FrameBatch
@@ -19,7 +19,7 @@ from dbc import FrameBatch
 from ..crash_frames import block
 from ..recorder_run import PATIENCE_S
 
-Step = tuple[int, SourceLosses] | Callable[[], object]
+Step = tuple[int, HopLosses] | Callable[[], object]
 
 
 class Scripted:
@@ -29,7 +29,7 @@ class Scripted:
 
     def __init__(self, steps: list[Step]) -> None:
         self.steps = steps
-        self.counted = SourceLosses()
+        self.counted = HopLosses()
         self.at_end: Callable[[], object] = lambda: None
         self.closed = False
 
@@ -46,14 +46,14 @@ class Scripted:
         n, self.counted = step
         return block(0, n) if n else FrameBatch.empty()
 
-    def losses(self) -> SourceLosses:
+    def losses(self) -> HopLosses:
         return self.counted
 
     def close(self) -> None:
         self.closed = True
 
 
-NONE = SourceLosses()
+NONE = HopLosses()
 
 
 def run(source: Scripted, pieces: PieceQueue) -> tuple[Reader, StorageWatch]:
@@ -74,7 +74,7 @@ def seen(pieces: list[Piece]) -> list[tuple[int, int, int]]:
 
 def test_a_reader_hands_over_frames_and_counts_that_are_new() -> None:
     pieces = PieceQueue()
-    one = SourceLosses(0, 1, 0)
+    one = HopLosses(0, 1, 0)
     reader, watch = run(Scripted([(5, NONE), (0, NONE), (0, one), (0, one), (7, one)]), pieces)
     assert pieces.status.blocks == 3
     taken = pieces.take(10**9)
@@ -171,8 +171,8 @@ class Late:
         assert self.awake.wait(PATIENCE_S)
         return block(0, next(self.counts))
 
-    def losses(self) -> SourceLosses:
-        return SourceLosses()
+    def losses(self) -> HopLosses:
+        return HopLosses()
 
     def close(self) -> None:
         pass

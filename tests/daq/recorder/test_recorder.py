@@ -16,7 +16,7 @@ import pytest
 from daq import read_session
 from daq.bench.config import Bench, BusConfig, parse_bench
 from daq.bus.interfaces import open_bus, open_source
-from daq.bus.source import FrameSource, Now, SourceLosses
+from daq.bus.source import FrameSource, HopLosses, Now
 from daq.control.messages import (
     Arm,
     AskBench,
@@ -103,10 +103,10 @@ def test_a_bus_fails_and_comes_back_while_the_other_goes_on(
     half = len(rear) // 2
     unplugged = BusError("can1", "has gone", "plug it in")
     opened: list[Script | Exception] = [
-        Script(blocks(rear.select(slice(0, half))), unplugged, 0.001, SourceLosses(garbled=1)),
+        Script(blocks(rear.select(slice(0, half))), unplugged, 0.001, HopLosses(bus_garbled=1)),
         OSError(19, "No such device"),
         NameError("name 'canlib' is not defined"),
-        Script(blocks(rear.select(slice(half, None))), None, 0.001, SourceLosses(dropped=2)),
+        Script(blocks(rear.select(slice(half, None))), None, 0.001, HopLosses(bus_dropped=2)),
     ]
     lasting = Script(blocks(front, 10), None, 0.01)
 
@@ -352,9 +352,9 @@ class Counting(Script):
 
     asked = 0
 
-    def losses(self) -> SourceLosses:
+    def losses(self) -> HopLosses:
         self.asked += 1
-        return SourceLosses(dropped=self.asked)
+        return HopLosses(bus_dropped=self.asked)
 
 
 def test_losses_that_are_counted_as_a_bus_is_closed_are_stored(

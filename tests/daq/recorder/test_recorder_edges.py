@@ -13,7 +13,7 @@ import zmq
 from numpy.typing import NDArray
 
 from daq.bench.config import Bench
-from daq.bus.source import STEADY_CLOCK, SourceLosses
+from daq.bus.source import STEADY_CLOCK, HopLosses
 from daq.control.address import Address, control_address
 from daq.control.exchange import Server
 from daq.control.messages import (
@@ -195,13 +195,13 @@ def test_a_recording_keeps_its_session_file_when_its_first_segment_has_gone(
 def test_losses_before_a_recording_are_not_its_own(
     quick: Bench, codec: Codec, tmp_path: Path
 ) -> None:
-    script = Script(blocks(bumps(codec, 2), 10), None, 0.002, SourceLosses(dropped=7))
+    script = Script(blocks(bumps(codec, 2), 10), None, 0.002, HopLosses(bus_dropped=7))
     with Running(quick, tmp_path, sources(script)) as running:
         before = running.until(lambda s: s.losses.bus_dropped == 7).recording
         running.order(Start())
         status = running.until(lambda s: s.recording != before and s.disk.recorded_frames > 0)
         assert status.losses.bus_dropped == 0
-        script.published = SourceLosses(dropped=9)
+        script.published = HopLosses(bus_dropped=9)
         running.until(lambda s: s.losses.bus_dropped == 2)
         running.order(Stop())
         assert running.until(lambda s: s.recording == "").losses.bus_dropped == 0

@@ -18,7 +18,7 @@ import pytest
 
 from daq import read_session
 from daq.bench.config import Bench, parse_bench
-from daq.bus.source import SourceLosses
+from daq.bus.source import HopLosses
 from daq.control.address import control_address, is_running
 from daq.control.exchange import Client
 from daq.control.messages import (
@@ -100,8 +100,8 @@ class Sender:
             self._t_ns += 1_000_000
             return numbered(self.sent - 1, 1, self._t_ns, 1)
 
-    def losses(self) -> SourceLosses:
-        return SourceLosses()
+    def losses(self) -> HopLosses:
+        return HopLosses()
 
     def close(self) -> None: ...
 
