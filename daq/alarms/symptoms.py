@@ -72,7 +72,7 @@ class BusWatch:
     rx_errors: int | None = None
     error_text: str = ""
     """The last error frame, in words."""
-    losses: HopLosses = HopLosses()
+    losses: HopLosses = field(default_factory=HopLosses)
     """Losses that the source had counted in the last cycle."""
 
     def advance(

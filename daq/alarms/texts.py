@@ -140,8 +140,8 @@ EXPLAINED = MappingProxyType(
         ),
         "no_value": Explanation(
             "sensor has no value",
-            "The sensor itself reports that it has no value, or values are NaN, infinite or above 1e6 "
-            "in SI, as of no sensor; they are not used",
+            "The sensor itself reports that it has no value, or values are NaN, infinite or above "
+            "1e6 in SI, as of no sensor; they are not used",
             "see the sensor's manual: it is starting up, or has found a fault; check type, byte "
             "order and factor of the signal in the DBC",
         ),

@@ -47,12 +47,11 @@ def control_address(folder: Path) -> Address:
     """Return the address of the recorder of a folder; the future address if none runs.
 
     The sockets are in systemd's `RUNTIME_DIRECTORY` if it is set; else in the run-time directory of
-    the user (`XDG_RUNTIME_DIR`), or below the home directory if there is none.  A recorder may have
-    been started with other settings than a client, or by the service, so a client looks in all of
-    them.
+    the user (`XDG_RUNTIME_DIR`), or below the home directory if there is none.  A client looks for
+    those of the service first.
 
-    Raises InputError if no directory can be used: it cannot be made, belongs to another user, can
-    be written by others, or its path is too long; or if the name of the folder is not UTF-8.
+    Raises InputError if the directory cannot be used: it cannot be made, belongs to another user,
+    can be written by others, or its path is too long; or if the name of the folder is not UTF-8.
     """
     if not hasattr(os, "getuid"):
         why = "has no sockets that only one user can reach"
@@ -62,26 +61,27 @@ def control_address(folder: Path) -> Address:
         name = sha256(str(folder).encode()).hexdigest()[:16]
     except UnicodeEncodeError as error:
         raise InputError(str(folder), "has a name that is not UTF-8", "rename it") from error
-    places = _places()
     owners = {os.getuid(), _owner(folder)}  # /var/lib/bumpbench is a link
-    for place in (*places, _SERVICE):
-        address = _address(place, name)
-        if _fault(place, owners) == "" and is_running(address):
-            return address
-    faults = []
-    for place in places:
-        try:
-            with suppress(OSError):  # a failure is reported by the next line
-                place.parent.mkdir(parents=True, exist_ok=True)
-            make_private(place)
-            address = _address(place, name)
-            if len(os.fsencode(address.paths[0])) > MAX_PATH_BYTES:
-                advice = f"set {_DIRECTORY} to a shorter path"
-                raise InputError(str(place), "is too long for the path of a socket", advice)
-            return address
-        except InputError as error:
-            faults.append(error)
-    raise faults[0]
+    service = _address(_SERVICE, name)
+    if _fault(_SERVICE, owners) == "" and is_running(service):
+        return service
+    named = os.environ.get(_DIRECTORY, "").split(":")[0]
+    user = Path(os.environ.get("XDG_RUNTIME_DIR") or f"/run/user/{os.getuid()}")
+    state = Path(os.environ.get("XDG_STATE_HOME") or "~/.local/state").expanduser()
+    if named:
+        place = Path(named)
+    elif _owner(user) == os.getuid():
+        place = user / "bumpbench"
+    else:
+        place = state / "bumpbench" / "run"
+    with suppress(OSError):  # a failure is reported by the next line
+        place.parent.mkdir(parents=True, exist_ok=True)
+    make_private(place)
+    address = _address(place, name)
+    if len(os.fsencode(address.paths[0])) > MAX_PATH_BYTES:
+        advice = f"set {_DIRECTORY} to a shorter path"
+        raise InputError(str(place), "is too long for the path of a socket", advice)
+    return address
 
 
 def is_running(address: Address) -> bool:
@@ -107,16 +107,6 @@ def make_private(directory: Path) -> None:
     except OSError as error:
         why = error.strerror or str(error)
         raise InputError(str(directory), why, f"set {_DIRECTORY} to another directory") from error
-
-
-def _places() -> tuple[Path, ...]:
-    """Return the directories in which this process may listen, in order of preference."""
-    if named := os.environ.get(_DIRECTORY, "").split(":")[0]:
-        return (Path(named),)
-    user = Path(os.environ.get("XDG_RUNTIME_DIR") or f"/run/user/{os.getuid()}")
-    state = Path(os.environ.get("XDG_STATE_HOME") or "~/.local/state").expanduser()
-    ours = (user / "bumpbench",) if _owner(user) == os.getuid() else ()
-    return (*ours, state / "bumpbench" / "run")
 
 
 def _address(place: Path, name: str) -> Address:

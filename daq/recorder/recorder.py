@@ -8,12 +8,10 @@ status.  It ends by an order or a signal, never because of a bus or a disk.
 
 from __future__ import annotations
 
-import gc
 import logging
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -50,20 +48,6 @@ from .judging import recall
 from .readers import PieceQueue, Readers, StorageWatch
 from .recording import FaultBarrier, Recording
 from .run_loop import OrderError, OrderQueue, answer_check, configured
-
-
-@contextmanager
-def loaded_is_kept() -> Iterator[None]:
-    """Collect only objects that are made within the `with`; must not be nested.
-
-    A full collection visits every loaded object, about 200,000, and takes a tenth of a second.
-    """
-    gc.freeze()
-    try:
-        yield
-    finally:
-        gc.unfreeze()
-
 
 BLOCK_S = 0.1
 """Time between two blocks of the journal, s; a power cut loses the frames since the last one."""
@@ -158,10 +142,9 @@ class Recorder:
             self._resume_or_begin()
             try:
                 self._start_readers()
-                with loaded_is_kept():  # python-can: one object per frame, many collections
-                    self._cycle(publish, True)
-                    while not (stop.is_set() or self._ended):
-                        self._cycle(publish, is_watched())
+                self._cycle(publish, True)
+                while not (stop.is_set() or self._ended):
+                    self._cycle(publish, is_watched())
             finally:
                 self._finish(publish)
         finally:

@@ -166,15 +166,11 @@ def test_the_directory_is_that_of_the_user_and_never_a_shared_one(
     assert _directory(tmp_path) == user
     user.rmdir()
     user.symlink_to(tmp_path)  # somebody else was faster
-    assert _directory(tmp_path) == state
-    assert stat.S_IMODE(state.stat().st_mode) == 0o700
-    state.rmdir()
-    state.write_text("")
     with pytest.raises(InputError, match="belongs to another user"):
         control_address(tmp_path)
-    state.unlink()
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "gone"))  # after the last logout
     assert _directory(tmp_path) == state
+    assert stat.S_IMODE(state.stat().st_mode) == 0o700
     assert not (tmp_path / "gone").exists()
 
 
@@ -182,16 +178,18 @@ def test_the_directory_is_that_of_the_user_and_never_a_shared_one(
 def test_a_directory_that_others_may_have_written_to_is_not_used(
     tmp_path: Path, places: tuple[Path, Path], mode: int, ours: bool
 ) -> None:
-    user, state = places
+    user, _ = places
     user.mkdir()
     user.chmod(mode)
-    assert _directory(tmp_path) == (user if ours else state)
+    if ours:
+        assert _directory(tmp_path) == user
+    else:
+        with pytest.raises(InputError, match="written by others"):
+            control_address(tmp_path)
 
 
-def test_a_recorder_with_other_settings_is_found(
-    tmp_path: Path,
-    places: tuple[Path, Path],
-    monkeypatch: pytest.MonkeyPatch,
+def test_the_recorder_of_the_service_is_seen_first(
+    tmp_path: Path, places: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     short = Path(tempfile.mkdtemp(prefix="bb"))
     try:
