@@ -16,7 +16,7 @@ from dbc.finding import Finding
 from dbc.frames import FrameBatch, FrameFlag
 from dbc.words import counted
 
-from ..bus.error_frames import ControllerState, ErrorTally, tally_error_frames
+from ..bus.error_frames import ControllerState, ErrorClass, ErrorFrame, error_frames_of
 from ..bus.source import HopLosses, LinkFacts
 from ..channels import LARGEST, Quantity
 from ..control.messages import BusState, BusStatus
@@ -87,14 +87,15 @@ class BusWatch:
         t_ns, n = batch.t_ns, len(batch)
         error_rows = np.flatnonzero(batch.flags & np.uint16(FrameFlag.ERROR))
         good = n - len(error_rows)
-        tally = tally_error_frames(batch.select(error_rows)) if len(error_rows) else None
-        self.error_text = (tally.text if tally else "") or self.error_text
+        errors = error_frames_of(batch.select(error_rows)) if len(error_rows) else []
+        self.error_text = errors[-1].text if errors else self.error_text
         losses, before = link.losses, self.losses
-        overruns = tally.overruns if tally else 0
+        overruns = sum(error.overrun for error in errors)
+        bus_off = sum(ErrorClass.BUS_OFF in error.classes for error in errors)
         counts["overrun", self.name] = losses.bus_dropped - before.bus_dropped + overruns, ""
         counts["garbled", self.name] = losses.bus_garbled - before.bus_garbled, ""
         counts["error_frames", self.name] = len(error_rows), self.error_text
-        counts["bus_off", self.name] = tally.bus_off if tally else 0, self.error_text
+        counts["bus_off", self.name] = bus_off, self.error_text
         self.losses = losses
         if n and not self.last_ns:  # a bus has no time stamp before its first frame
             self.recent = [replace(cycle, last_ns=int(t_ns[0])) for cycle in self.recent]
@@ -107,22 +108,22 @@ class BusWatch:
         self.error_frames += len(error_rows)
         self.frame_s = now_s if good else self.frame_s
         self.good_s = now_s if good or not link.connected else self.good_s
-        self.error_s = now_s if tally else self.error_s
+        self.error_s = now_s if errors else self.error_s
         if link.connected:
-            self._follow_controller(tally, error_rows, n, now_s)
+            self._follow_controller(errors, error_rows, n, now_s)
         else:  # a controller that was opened again has a new state
             self.controller = self.tx_errors = self.rx_errors = None
 
     def _follow_controller(
-        self, tally: ErrorTally | None, error_rows: NDArray[np.intp], n: int, now_s: float
+        self, errors: list[ErrorFrame], error_rows: NDArray[np.intp], n: int, now_s: float
     ) -> None:
         """Take the controller's state from error frames, or end it when it is disproven."""
         state_row = -1  # of the last frame that reports a state
-        if tally is not None:
-            if tally.state is not None:
-                self.controller, state_row = tally.state, int(error_rows[tally.state_row])
-            if tally.tx_errors is not None:
-                self.tx_errors, self.rx_errors = tally.tx_errors, tally.rx_errors
+        for row, error in zip(error_rows.tolist(), errors, strict=True):
+            if error.state is not None:
+                self.controller, state_row = error.state, row
+            if error.tx_errors is not None:
+                self.tx_errors, self.rx_errors = error.tx_errors, error.rx_errors
         received_after = n - 1 - state_row > int(np.count_nonzero(error_rows > state_row))
         is_calm = now_s - self.error_s >= _CALM_S and self.good_s > self.error_s
         proven = received_after if self.controller is ControllerState.BUS_OFF else is_calm

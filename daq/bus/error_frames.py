@@ -151,44 +151,10 @@ def _state(classes: ErrorClass, controller: int, errors: int | None) -> Controll
     return ControllerState.WARNING if errors < _PASSIVE_ERRORS else ControllerState.PASSIVE
 
 
-@dataclass(frozen=True, slots=True)
-class ErrorTally:
-    """Summary of the error frames of one bus in a block."""
-
-    frames: int
-    """Number of error frames."""
-    bus_off: int
-    """Number of error frames that report bus-off."""
-    overruns: int
-    """Number of error frames that report lost received frames."""
-    state: ControllerState | None
-    """The last state reported; None if there is none."""
-    state_row: int
-    """Row of the frame that reported it; -1 if there is none."""
-    tx_errors: int | None
-    """The last transmit error counter reported; None if there is none."""
-    rx_errors: int | None
-    """The last receive error counter reported; None if there is none."""
-    text: str
-    """Text of the last error frame."""
-
-
-def tally_error_frames(frames: FrameBatch) -> ErrorTally:
-    """Return the summary of one or more error frames."""
+def error_frames_of(frames: FrameBatch) -> list[ErrorFrame]:
+    """Return the contents of error frames, in order."""
     payload, width = frames.data.tobytes(), frames.data.shape[1]
-    each = [
+    return [
         describe_error_frame(can_id, payload[row * width : row * width + 8])
         for row, can_id in enumerate(frames.can_id.tolist())
     ]
-    state_row = max((row for row, frame in enumerate(each) if frame.state), default=-1)
-    with_counters = [frame for frame in each if frame.tx_errors is not None]
-    return ErrorTally(
-        len(each),
-        sum(ErrorClass.BUS_OFF in frame.classes for frame in each),
-        sum(frame.overrun for frame in each),
-        each[state_row].state if state_row >= 0 else None,
-        state_row,
-        with_counters[-1].tx_errors if with_counters else None,
-        with_counters[-1].rx_errors if with_counters else None,
-        each[-1].text,
-    )

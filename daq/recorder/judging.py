@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import logging
 import math
-import threading
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import astuple, dataclass
 from operator import sub
 
@@ -18,14 +16,12 @@ from dbc.finding import Finding, Severity
 from dbc.frames import FrameBatch
 
 from ..bench.campaign import Step
-from ..bench.config import Bench, bench_codec
+from ..bench.config import Bench
 from ..bench.message_rules import timed_messages
 from ..control.messages import Lane, Live
-from ..errors import printable
-from ..journal.reader import RecordingInfo, read_windows, scan
-from ..runlog import LoggedRun, LoggedStatus, RunLog, fold
+from ..runlog import LoggedRun, LoggedStatus, RunLog
 from ..runs import Losses
-from ..samples.mapping import SampleBlock, Trace, mapped_block, mapped_channels
+from ..samples.mapping import SampleBlock, Trace
 from ..verdict import RunMeasure, RunWindow, judge, peak_left
 
 # Keeps frames, samples and losses of the last seconds ---------------------------------------------
@@ -127,8 +123,6 @@ UNJUDGED: Sequence[Finding] = (
     Finding("unjudged", Severity.NOTE, "the recorder could not judge it"),
 )
 """Findings of a run if the verdict itself fails: the run is accepted, not lost."""
-LOOK_NS = 300_000_000
-"""Time between two computations of the remaining motion, ns."""
 
 
 def is_accepted(run: LoggedRun) -> bool:
@@ -155,7 +149,6 @@ class Judge:
         self._bench, self._recent, self._measures = bench, recent, measures
         self._timed = timed_messages(codec, bench.message_rules)
         self._saturated: dict[str, int] = {}  # when last saturated, ns, by channel
-        self._motion: tuple[int, int, float | None] = (0, 0, None)  # bump, when computed, ratio
 
     def saw_saturated(self, t_ns: int, channels: Sequence[str]) -> None:
         """Note the channels that are at the end of their range."""
@@ -176,63 +169,9 @@ class Judge:
 
     def peak_left(self, bump_ns: int, t_ns: int) -> float | None:
         """Return the ratio of the present motion to its peak; None while it cannot be measured."""
-        last_bump_ns, computed_ns, ratio = self._motion
-        if last_bump_ns == bump_ns and 0 <= t_ns - computed_ns < LOOK_NS:
-            return ratio
         start_ns, _ = self._bench.trigger.window_ns(bump_ns)
         samples = self._recent.samples(start_ns, t_ns + 1)
-        ratio = peak_left(self._bench.channels, bump_ns, samples, t_ns)
-        self._motion = (bump_ns, t_ns, ratio)
-        return ratio
-
-
-# Measures the earlier runs of a resumed recording again, from its journal -------------------------
-#
-# Later runs are compared with them.  Reading may take seconds, during which the recorder must
-# already record, so it is done in a separate thread.
-
-_log = logging.getLogger("recorder")
-
-
-def recall(
-    tail: RecordingInfo, bench: Bench, pass_on: Callable[[Mapping[str, RunMeasure]], object]
-) -> threading.Thread:
-    """Measure the runs in a separate thread, which passes on the result; never raises."""
-
-    def measure() -> None:
-        try:
-            pass_on(_remeasured(tail, bench))
-        except Exception as error:  # any exception: then later runs are not compared
-            _log.warning("earlier runs cannot be measured again: %s", printable(str(error)))
-
-    thread = threading.Thread(target=measure, name="recall", daemon=True)
-    thread.start()
-    return thread
-
-
-def _remeasured(tail: RecordingInfo, bench: Bench) -> Mapping[str, RunMeasure]:
-    """Return the measures of the runs with which later ones are compared, by label.
-
-    Raises OSError or InputError if the journal cannot be read, or contradicts the bench.
-    """
-    runs = [run for run in fold(tail.events).runs if is_accepted(run) or is_only_unlike(run)]
-    spans = [bench.trigger.window_ns(run.t_ns) for run in runs]
-    summaries = [(path, info.summary) for path in tail.segments if (info := scan(path))]
-    paths = [
-        path
-        for path, summary in summaries
-        if any(summary.first_ns < stop and start <= summary.last_ns for start, stop in spans)
-    ]
-    if not paths:
-        return {}
-    codec = bench_codec(bench)
-    mapped = mapped_channels(bench, codec)
-    measures = {}
-    for run, frames in zip(runs, read_windows(paths, spans)[1], strict=True):
-        window = RunWindow(run.t_ns, mapped_block(mapped, codec.decode(frames)))
-        step = Step(run.mass_state, run.excitation, run.repeat)
-        measures[run.label] = judge(bench, step, window, ())[1]
-    return measures
+        return peak_left(self._bench.channels, bump_ns, samples, t_ns)
 
 
 # Keeps the newest samples as an envelope: lowest and highest value by channel and bin -------------

@@ -44,7 +44,6 @@ from ..journal.writer import JournalWriter
 from ..runlog import Code, RunLog, fold
 from ..samples.mapping import bench_mapping
 from .campaigns import Derivation, OpenRecording, new_head, resumable, unfinished
-from .judging import recall
 from .readers import PieceQueue, Readers, StorageWatch
 from .recording import FaultBarrier, Recording
 from .run_loop import OrderError, OrderQueue, answer_check, configured
@@ -293,7 +292,6 @@ class Recorder:
         self._open(bench, run_log, tail.segments if tail else ())
         if tail is not None:
             self._recording.note(Code.RESUMED, float(tail.frames), self._software, now)
-            recall(tail, bench, self._recording.measures.update)
             if run_log.runs:  # its session file may lack the last of them
                 unbuilt = self._opened.session, tail
         if unbuilt is not None:

@@ -4,35 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
-from shutil import copytree
 
 import numpy as np
 import pytest
 
-from daq.bench.campaign import Campaign, Step
-from daq.bench.config import Bench, bench_codec, load_bench
-from daq.bus.source import HopLosses, Now
-from daq.control.messages import Arm, Until
-from daq.journal.format import JournalHead
-from daq.journal.reader import last_recording
-from daq.journal.writer import JournalWriter
+from daq.bench.campaign import Step
+from daq.bench.config import Bench
 from daq.recorder import judging
-from daq.recorder.judging import Judge, Recent, is_accepted, is_only_unlike, recall
-from daq.recorder.recording import Recording
+from daq.recorder.judging import Judge, Recent, is_accepted, is_only_unlike
 from daq.runlog import LoggedRun, LoggedStatus, RunLog
 from daq.runs import BASELINE, Excitation, Losses
-from daq.samples.mapping import SampleBlock
-from daq.sim.car import SimulatedCar
-from daq.sim.ecu import campaign_frames
 from daq.verdict import RunMeasure, RunWindow
 from dbc import Codec, FrameBatch
 from dbc.finding import Finding, Severity
 
 from ..crash_frames import block
-from ..recorder_run import Running, Script, sources
-from ..small_campaign import START_NS, blocks
-from .stepped import step
 
 S = 1_000_000_000
 BUMP_NS = 1_800_000_000 * S
@@ -200,86 +186,3 @@ def test_a_run_is_compared_with_those_of_its_kind_that_count(
     fed(bench, codec, measures).verdict(STEP, BUMP_NS, RunLog(runs))
     assert [m.peaks["hub"] for m in seen.accepted] == [0.0]
     assert [m.peaks["hub"] for m in seen.unlike] == [1.0]
-
-
-def test_what_is_left_of_the_motion_is_looked_at_three_times_a_second(
-    bench: Bench, codec: Codec, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    asked: list[int] = []
-
-    def left(channels: object, bump_ns: int, columns: SampleBlock, now_ns: int) -> float:
-        asked.append(now_ns)
-        return 1.0 / len(asked)
-
-    monkeypatch.setattr(judging, "peak_left", left)
-    judge = fed(bench, codec)
-    now_ns = BUMP_NS + 10 * S
-    assert judge.peak_left(BUMP_NS, now_ns) == 1.0
-    assert judge.peak_left(BUMP_NS, now_ns + 299_999_999) == 1.0
-    assert judge.peak_left(BUMP_NS, now_ns + 300_000_000) == 0.5
-    assert judge.peak_left(BUMP_NS, now_ns + 299_999_999) == pytest.approx(1 / 3)  # set back
-    assert judge.peak_left(BUMP_NS + 1, now_ns + 300_000_000) == 0.25
-
-
-# A recorder that was restarted measures its runs again from the journal ---------------------------
-
-BENCH = replace(
-    load_bench(None),
-    campaign=Campaign((Excitation.BOUNCE,), 2, (BASELINE,), accept_after_s=0.0),
-)
-
-
-@pytest.fixture(scope="module")
-def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Recording]:
-    folder, codec = tmp_path_factory.mktemp("journal"), bench_codec(BENCH)
-    head = JournalHead(BENCH.text, BENCH.dbc_text, "test", START_NS, 0, "ab" * 16)
-    limits = replace(BENCH.recorder, segment_bytes=100_000)
-    with JournalWriter(folder, head, limits) as writer:
-        recording = Recording(BENCH, codec, writer)
-        recording.carry_out(Arm(Until.COMPLETE), "Ann", Now(START_NS, 0.0))
-        for run in campaign_frames(BENCH, codec, SimulatedCar(), 3, START_NS):
-            for part in blocks(run, 400):
-                t_ns = int(part.t_ns[-1])
-                now = Now(t_ns, (t_ns - START_NS) * 1e-9)
-                step(recording, part, HopLosses(), now)
-                writer.maintain(now.monotonic_s)
-    return folder, recording
-
-
-def test_runs_are_measured_again_as_they_were(
-    recorded: tuple[Path, Recording], tmp_path: Path
-) -> None:
-    folder, recording = recorded
-    assert [run.status for run in recording.run_log.runs] == [LoggedStatus.ACCEPTED] * 2
-    tail = last_recording(folder)
-    assert tail is not None
-    assert len(tail.segments) > 2
-    measures: dict[str, RunMeasure] = {}
-    recall(tail, BENCH, measures.update).join(60.0)
-    assert measures.keys() == recording.measures.keys()
-    for label, measure in measures.items():
-        before = recording.measures[label]
-        assert max(measure.peaks.values()) > 10.0
-        assert measure.peaks == before.peaks
-        assert measure.waves.keys() == before.waves.keys() != set()
-        assert all(np.array_equal(measure.waves[n], before.waves[n]) for n in before.waves)
-
-    copytree(folder, tmp_path / "journal")
-    with Running(BENCH, tmp_path, sources(Script([]))) as running:
-        running.until(lambda _: bool(running.recorder._recording.measures))
-        assert running.recorder._recording.measures.keys() == measures.keys()
-
-
-def test_a_journal_that_has_gone_is_no_reason_to_stop(
-    recorded: tuple[Path, Recording], tmp_path: Path
-) -> None:
-    copytree(recorded[0], tmp_path, dirs_exist_ok=True)
-    tail = last_recording(tmp_path)
-    assert tail is not None
-    for path in tail.segments:
-        path.unlink()
-    measures: dict[str, RunMeasure] = {}
-    thread = recall(tail, BENCH, measures.update)
-    thread.join(60.0)
-    assert not thread.is_alive()
-    assert measures == {}
