@@ -28,11 +28,6 @@ from .texts import Counts, fault
 
 WINDOW_S = 1.0
 """Length of the window over which rates are taken, s."""
-_CALM_S = 2.0
-"""Time without an error, s, after which a controller that receives counts as error-active again:
-many drivers do not report the change."""
-_FULL_LOAD = 0.95
-"""Load from which a bus counts as full: its frames of lowest priority are never sent."""
 DEAD = ("disconnected", "bus_off", "interface_down", "bus_silent", "check_bitrate")
 """Codes of alarms on a bus that delivers no good frame."""
 
@@ -125,7 +120,9 @@ class BusWatch:
             if error.tx_errors is not None:
                 self.tx_errors, self.rx_errors = error.tx_errors, error.rx_errors
         received_after = n - 1 - state_row > int(np.count_nonzero(error_rows > state_row))
-        is_calm = now_s - self.error_s >= _CALM_S and self.good_s > self.error_s
+        # Time without an error, s, after which a controller that receives counts as error-active
+        # again: many drivers do not report the change.
+        is_calm = now_s - self.error_s >= 2.0 and self.good_s > self.error_s
         proven = received_after if self.controller is ControllerState.BUS_OFF else is_calm
         if self.controller is not None and proven:
             self.controller = ControllerState.ACTIVE
@@ -180,7 +177,8 @@ class BusWatch:
             yield fault("check_bitrate", name, text)
         elif status.state is BusState.SILENT:
             yield fault("bus_silent", name, f"no frame for {quiet}")
-        elif status.load >= _FULL_LOAD:
+        # Load from which a bus counts as full: its frames of lowest priority are never sent.
+        elif status.load >= 0.95:
             text = f"load {status.load:.0%} of {link.bitrate / 1e3:g} kbit/s"
             yield fault("bus_full", name, text)
         if self.controller is ControllerState.PASSIVE:
@@ -192,13 +190,6 @@ class BusWatch:
 
 
 # Watches each channel: not a number, out of range, at the end of its range, or frozen -------------
-
-_STUCK_S = 0.8
-"""Time without any change, s, after which a channel of fine resolution counts as frozen."""
-_STUCK_MOVING_CYCLES = 3  # in which other channels moved, and the frozen one not
-_MOVING_STEPS = 20.0
-"""Change of another channel within one cycle, in steps of the judged channel, that counts as
-motion."""
 
 
 class _Channel:
@@ -289,7 +280,9 @@ class Sensors:
             blocks.append((channel, samples, low, high))
         for channel, samples, low, high in blocks:
             others_move = any(
-                (other_high - other_low) * other.gain > _MOVING_STEPS * channel.step > 0
+                # Change of another channel within one cycle, in steps of the judged channel, that
+                # counts as motion.
+                (other_high - other_low) * other.gain > 20.0 * channel.step > 0
                 for other, _, other_low, other_high in blocks
                 if other is not channel and other.quantity is channel.quantity
             )
@@ -303,30 +296,23 @@ class Sensors:
             still_s = (each.until_ns - each.since_ns) * 1e-9
             samples = counted(each.samples, "sample is", "samples in a row are")
             text = f"{samples} {each.value:.6g}"
-            if each.moving >= _STUCK_MOVING_CYCLES:
+            # The number of cycles in which other channels moved, and this one did not.
+            if each.moving >= 3:
                 yield fault("stuck", each.name, f"{text} while others move")
-            elif each.is_fine and still_s >= _STUCK_S:
+            # Time without any change, s, after which a channel of fine resolution counts as frozen.
+            elif each.is_fine and still_s >= 0.8:
                 yield fault("stuck", each.name, f"{text}: not even noise for {still_s:.1f} s")
 
 
 # Watches each message: arrival, length, checksum; and frames that no DBC describes ----------------
 
 _STALE_PERIODS = 5.0  # longest silence of a message that is not a fault, in periods
-_LEAST_TIMEOUT_S = 0.5
-"""Least timeout of a message, s: cycles are 0.1 or 0.3 s apart, so a shorter silence may only be a
-late block."""
 _UNKNOWN_TIMEOUT_S = 2.0  # of a message of which no period is known
 _LEARN_FRAMES, _LEARN_S = 20, 2.0  # least from which a period is learned
 _REGULAR_PERIODS, _REGULAR_S = 3.0, 0.45
 """Number of mean periods, and time, s, without a message after which it is taken as irregular.
 Silence shorter than the time between two cycles cannot be seen: 0.3 s, and more on a busy
 machine."""
-_FORGET_S = 60.0
-"""Silence, s, after which a message that no channel needs counts as ended, not failed."""
-_SHOWN_IDS = 6  # unknown identifiers that an alarm names
-_RECENT_S = 2.0  # since the last frame: up to then an identifier is present on a bus
-_UNKNOWN_ONLY_S = 0.8  # after this time, frames that are all unknown raise an alarm
-_FIRST_TIMEOUT_S = 1.0  # least time for the first frame of a message
 _EXTENDED_BIT, _BUS_SHIFT, _LENGTH_SHIFT = 29, 32, 40  # above the identifier
 
 
@@ -350,7 +336,9 @@ class _Message:
         """Longest silence that is not a fault, s; None without a period."""
         if self.period_s is None:
             return None
-        return max(_STALE_PERIODS * self.period_s, _LEAST_TIMEOUT_S)
+        # Least timeout of a message, s: cycles are 0.1 or 0.3 s apart, so a shorter silence may
+        # only be a late block.
+        return max(_STALE_PERIODS * self.period_s, 0.5)
 
     def seen(self, bus: int, frames: int, now_s: float) -> None:
         """Take in the frames of a cycle, and learn the period if the DBC states none."""
@@ -398,7 +386,8 @@ class Traffic:
                 earlier, _ = counts.get(("wrong_length", layout.name), (0, ""))
                 lengths = f"{counted(length, 'byte')}; the DBC says {layout.length}"
                 counts["wrong_length", layout.name] = earlier + frames, lengths
-        self._unknown = {k: s for k, s in self._unknown.items() if now_s - s <= _RECENT_S}
+        # An identifier is present for 2 s after its last frame.
+        self._unknown = {k: s for k, s in self._unknown.items() if now_s - s <= 2.0}
         if decoded is not None and decoded.counts.crc_bad:
             for message in codec.messages:
                 samples = decoded.samples.get(f"{message.name}.{message.crc}")
@@ -425,22 +414,26 @@ class Traffic:
         the bus.  `now_s`: monotonic time, s.
         """
         waited_s = now_s - self._began_s if self._began_s is not None else 0.0
-        if self._unknown and not self._known and waited_s >= _UNKNOWN_ONLY_S:
-            identifiers = ", ".join(list(self._unknown)[:_SHOWN_IDS])
+        # Frames that are all unknown raise an alarm after 0.8 s.
+        if self._unknown and not self._known and waited_s >= 0.8:
+            # An alarm names six identifiers at most.
+            identifiers = ", ".join(list(self._unknown)[:6])
             text = f"no frame of a message of the DBC in {waited_s:.1f} s, but {identifiers}"
             yield fault("none_of_dbc", "", text)
             return
         for name, message in self._known.items():
             silent_s, timeout_s, home = now_s - message.seen_s, message.timeout_s, message.home
             is_late = timeout_s is not None and silent_s > timeout_s
-            ended = silent_s > _FORGET_S and name not in expected
+            # Silence, s, after which a message that no channel needs counts as ended, not failed.
+            ended = silent_s > 60.0 and name not in expected
             if is_late and not ended and home < len(delivers) and delivers[home]:
                 due = f"one is due every {1e3 * (message.period_s or 0.0):.3g} ms"
                 yield fault("stale", name, f"no frame for {silent_s:.1f} s; {due}")
         for name in expected if any(delivers) else ():
             cycle_s = codec.message(name).cycle_s
             timeout_s = _STALE_PERIODS * cycle_s if cycle_s else _UNKNOWN_TIMEOUT_S
-            if name not in self._known and waited_s > max(timeout_s, _FIRST_TIMEOUT_S):
+            # The first frame of a message may take at least a second.
+            if name not in self._known and waited_s > max(timeout_s, 1.0):
                 text = f"no frame since the recorder started to listen ({waited_s:.0f} s)"
                 yield fault("stale", name, text)
 

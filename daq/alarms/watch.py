@@ -37,11 +37,6 @@ REPORT_AGAIN_S = 15.0
 """Least time between two entries of the same alarm in the journal, s."""
 _SHOWN_SUBJECTS = 4
 """Number of messages or channels that one line for several alarms names."""
-_FEW_ERRORS = 5
-"""Least number of error frames in a second that is an alarm: CAN survives single disturbances."""
-_CLOCK_STEP_S = 0.05
-"""Largest difference between wall clock and monotonic clock, s, that is not taken as a step."""
-_CLOCK_SHOWN_S = 3.0
 _QUIET_S = 0.4
 """Time without a good frame, s, from which a bus is quiet.  It is shorter than the least timeout of
 a message: until a second has passed, and the bus is silent by default, its messages are not named
@@ -171,7 +166,7 @@ class Watch:
         symptoms += self._traffic.symptoms(codec, expected, delivers, now_s)
         symptoms += self._sensors.symptoms()
         step_s, stepped_s = self._clock_step
-        if now_s - stepped_s <= _CLOCK_SHOWN_S:
+        if now_s - stepped_s <= 3.0:  # shown for 3 s
             symptoms.append(fault("clock_step", "", f"the host's clock was set by {step_s:+.3f} s"))
         for (code, subject), (number, detail) in totals.items():
             text = f"{number} {COUNTED[code]} in the last second"
@@ -197,7 +192,8 @@ class Watch:
         offset_ns = now.wall_ns - round(now.monotonic_s * 1e9)
         before_ns = offset_ns if self._clock_offset_ns is None else self._clock_offset_ns
         step_s = (offset_ns - before_ns) * 1e-9
-        if abs(step_s) <= _CLOCK_STEP_S:
+        # Largest difference between wall clock and monotonic clock, s, that is not taken as a step.
+        if abs(step_s) <= 0.05:
             self._clock_offset_ns = before_ns
             return ()
         self._clock_offset_ns, self._clock_step = offset_ns, (step_s, now.monotonic_s)
@@ -214,7 +210,9 @@ class Watch:
             for key, (number, detail) in each.items():
                 before, earlier = totals.get(key, (0, ""))
                 totals[key] = before + number, detail or earlier
-        return {k: t for k, t in totals.items() if k[0] != "error_frames" or t[0] >= _FEW_ERRORS}
+        # Least number of error frames in a second that is an alarm: CAN survives single
+        # disturbances.
+        return {k: t for k, t in totals.items() if k[0] != "error_frames" or t[0] >= 5}
 
     def _keep(
         self, present: Mapping[Key, Finding], new: Counts, totals: Counts, now: Now

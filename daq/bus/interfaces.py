@@ -44,9 +44,6 @@ from .source import (
 
 # Converts python-can's messages to the columns of a block -----------------------------------------
 
-CLOCK_TOLERANCE_S = 86_400.0
-"""Difference from the host's clock, s, above which a stamp is taken to have another epoch (boot,
-adapter reset) or none."""
 _FLAGS = {
     "is_extended_id": FrameFlag.EXTENDED,
     "is_remote_frame": FrameFlag.REMOTE,
@@ -75,7 +72,9 @@ def _checked(message: can.Message, arrived_ns: int) -> tuple[int, int, int, int,
     if len(payload) != (0 if is_remote else length):
         raise ValueError("another payload than the length says")
     t_ns, stamp_s = 0, message.timestamp
-    if abs(stamp_s - arrived_ns * 1e-9) < CLOCK_TOLERANCE_S:  # False for NaN
+    # Difference from the host's clock, s, above which a stamp is taken to have another epoch (boot,
+    # adapter reset) or none.
+    if abs(stamp_s - arrived_ns * 1e-9) < 86_400.0:  # False for NaN
         # Near 1.8e18 a float64 of nanoseconds steps by 256, and one of seconds by 238 ns.
         whole = int(stamp_s)
         t_ns = whole * 1_000_000_000 + round((stamp_s - whole) * 1e9)
@@ -232,10 +231,6 @@ def _reason(error: BaseException) -> str:
 
 # Reads them ---------------------------------------------------------------------------------------
 
-GARBLED_UNTIL_GONE = 10_000
-"""Number of consecutive unreadable pieces, without a pause, after which the interface counts as
-lost."""
-
 
 class PythonCanSource:
     """A python-can bus, open, read in blocks of frames with the bus number `index`.
@@ -272,7 +267,9 @@ class PythonCanSource:
                 message = self._bus.recv(0.0 if self._gather_s else wait_s)
             except Exception as error:  # backends also raise ValueError, IndexError, NameError...
                 self._garbled_in_a_row += 1
-                if _is_fault(error) or self._garbled_in_a_row >= GARBLED_UNTIL_GONE:
+                # Number of consecutive unreadable pieces, without a pause, after which the
+                # interface counts as lost.
+                if _is_fault(error) or self._garbled_in_a_row >= 10_000:
                     if received:
                         break  # the next call raises
                     advice = "check plug and power, start again"

@@ -34,7 +34,6 @@ BITRATE_CODES = {
     1_000_000: "S8",
     83_300: "S9",
 }
-SERIAL_BAUD = 115_200
 SILENCE_S = 2.0
 """Silence after opening, s, after which the setup is sent again: some adapters reset when their
 line is opened, and miss the setup."""
@@ -220,6 +219,6 @@ def open_slcan(channel: str, bitrate: int, bus: int) -> SlcanSource:
         raise BusError(f"slcan {channel}", f"cannot do {bitrate} bit/s", f"choose one of {rates}")
     device, _, baud = channel.partition("@")
     line = serial.serial_for_url(
-        device, baudrate=int(baud or SERIAL_BAUD), timeout=0, write_timeout=1, exclusive=True
+        device, baudrate=int(baud or 115_200), timeout=0, write_timeout=1, exclusive=True
     )
     return SlcanSource(line, f"slcan {channel}", bitrate, bus)

@@ -56,7 +56,6 @@ _PIECE = np.dtype([("base", np.uintp), ("size", np.uintp)], align=True)
 
 _RAW_PROTOCOL, _SOL_CAN_RAW, _ERR_FILTER, _FD_FRAMES = 1, 101, 2, 5
 SO_TIMESTAMPNS, _SO_RXQ_OVFL = 35, 40
-_ALL_ERRORS = 0x1FFFFFFF
 _WORD = 8
 _CONTROL_WORDS = 8
 """Words for the control messages of a datagram: a stamp of the kernel (4), a counter (3)."""
@@ -182,8 +181,6 @@ RECEIVE_BUFFER_BYTES = 8 << 20
 Mbit/s; the default one holds 31 ms."""
 _SO_RCVBUFFORCE, _SO_MEMINFO = 33, 55
 _IP_MULTICAST_ALL, _IPV6_MULTICAST_ALL = 49, 29
-_STRAY_DATAGRAMS = 10_000
-"""Datagrams that a multicast socket may have received while it was opened: no buffer holds more."""
 _COUNTS = struct.Struct("=9I")
 _DROPS = 8
 """Position of the number of dropped datagrams in what SO_MEMINFO returns (SK_MEMINFO_DROPS)."""
@@ -217,7 +214,9 @@ def keep_to_own_group(sock: socket.socket) -> None:
     with suppress(OSError):
         sock.setsockopt(level, option, 0)
     with suppress(OSError):  # until none waits; a busy bus never ends
-        for _ in range(_STRAY_DATAGRAMS):
+        # Datagrams that a multicast socket may have received while it was opened: no buffer holds
+        # more.
+        for _ in range(10_000):
             sock.recv(1, socket.MSG_DONTWAIT)
 
 
@@ -407,7 +406,7 @@ def open_socketcan(channel: str, bus: int) -> SocketCanSource:
     sock = socket.socket(socket.AF_CAN, socket.SOCK_RAW | socket.SOCK_CLOEXEC, _RAW_PROTOCOL)
     with contextlib.ExitStack() as undo:
         undo.callback(sock.close)
-        sock.setsockopt(_SOL_CAN_RAW, _ERR_FILTER, _ALL_ERRORS)
+        sock.setsockopt(_SOL_CAN_RAW, _ERR_FILTER, 0x1FFFFFFF)
         with contextlib.suppress(OSError):  # a kernel that has no CAN FD
             sock.setsockopt(_SOL_CAN_RAW, _FD_FRAMES, 1)
         source = SocketCanSource(sock, name, bus)  # before `bind`, so that every frame is stamped

@@ -147,9 +147,6 @@ def read_clocks() -> Now:
 STEP_NS = 1_000_000
 """Change of the difference of the clocks, ns, from which the wall clock counts as set; slewing
 changes both clocks equally."""
-LATE_NS = 5_000_000
-"""Largest lead of a stamp over the present time, ns: the two clocks cannot be read at the same
-instant."""
 QUEUED_NS = 10_000_000_000
 """Age, ns, at which an older offset is forgotten: no frame waits longer in a buffer."""
 
@@ -208,7 +205,9 @@ def _monotonic_stamps(
     """Return stamps of the wall clock, (n,), as monotonic times: the latest not after `now_ns`."""
     candidates_ns = wall_ns[:, None] - np.array(offsets, np.int64)  # (n, offsets)
     age_ns = now_ns - candidates_ns
-    age_ns = np.where(age_ns >= -LATE_NS, age_ns, np.iinfo(np.int64).max)
+    # Largest lead of a stamp over the present time, ns: the two clocks cannot be read at the same
+    # instant.
+    age_ns = np.where(age_ns >= -5_000_000, age_ns, np.iinfo(np.int64).max)
     return np.take_along_axis(candidates_ns, age_ns.argmin(axis=1)[:, None], axis=1)[:, 0]
 
 

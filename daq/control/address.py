@@ -138,15 +138,14 @@ def _owner(path: Path) -> int:
 _LOCK, _HOLDER = "recorder.lock", "recorder.pid"
 """Lock file, and file with the number of the process: some versions of filelock empty the lock
 file."""
-_UMASK = 0o027
-"""Removes all rights of others: a recording belongs to its user and group, whatever the shell's
-umask."""
 
 
 @contextmanager
 def group_readable() -> Iterator[None]:
     """Make new files of this process and its children have the mode 0640, and folders 0750."""
-    umask = os.umask(_UMASK)
+    # All rights of others are removed: a recording belongs to its user and group, whatever the
+    # shell's umask.
+    umask = os.umask(0o027)
     try:
         yield
     finally:

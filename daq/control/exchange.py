@@ -45,26 +45,14 @@ from .messages import (
 
 MAX_REQUEST_BYTES = 4_000_000
 """Largest request, bytes: a bench.toml of 1 MB, escaped."""
-_HELD_MESSAGES = 100
-"""Number of messages kept for a client that does not fetch them: 5 s of statuses, or as many
-replies."""
-_HELD_NEWS = 16
-"""Number of statuses that wait for this thread; further ones replace the oldest."""
-_LINGER_MS = 300
-"""Time for sending the last messages when the server is closed, ms."""
 FIRST_S = 60.0
 """Time, s, that the first client may take to connect: a terminal starts together with its
 recorder."""
 LOOK_S = 1.0
 """Time between two checks that the sockets still exist, s."""
-_POLL_MS = 500
-"""Longest wait for a request or news, ms."""
 
 LEASE_S = 5.0
 """Time without a message, s, after which a client counts as gone."""
-DEAD_S = 1.0
-"""Time without a message, s, after which a client whose process has ended counts as gone: a new
-terminal must not wait for a dead one."""
 
 _ORDERS = {order.__name__: order for order in get_args(Order)}
 _adapter = cache(TypeAdapter)  # builds a validator when it is needed first
@@ -93,7 +81,8 @@ class Server:
         self._status: Status | None = None
         self._answers: deque[tuple[bytes, bytes, Future[Reply]]] = deque()
         # The recorder appends without waiting; the oldest are dropped if this thread lags.
-        self._news: deque[tuple[Status, Live | None]] = deque(maxlen=_HELD_NEWS)
+        # Number of statuses that wait for this thread; further ones replace the oldest.
+        self._news: deque[tuple[Status, Live | None]] = deque(maxlen=16)
         self._closing = threading.Event()
         self._wake_in, self._wake_out = os.pipe()
         os.set_blocking(self._wake_in, False)
@@ -106,8 +95,11 @@ class Server:
         self._ends = ((self._requests, address.control), (self._publisher, address.news))
         try:
             for socket, endpoint in self._ends:
-                socket.linger = _LINGER_MS
-                socket.sndhwm = _HELD_MESSAGES
+                # Time for sending the last messages when the server is closed, ms.
+                socket.linger = 300
+                # Number of messages kept for a client that does not fetch them: 5 s of statuses, or
+                # as many replies.
+                socket.sndhwm = 100
                 socket.bind(endpoint)
         except zmq.ZMQError as error:
             self._release()
@@ -157,7 +149,8 @@ class Server:
         poller.register(self._wake_in, zmq.POLLIN)
         while not self._closing.is_set():
             try:
-                poller.poll(_POLL_MS)
+                # Longest wait for a request or news, ms.
+                poller.poll(500)
                 self._cycle()
             except Exception as error:  # any exception: the next client must be served
                 _log.error("control: %r", error)
@@ -307,7 +300,9 @@ class Peers:
         """Return the name of the client in control; empty if there is none or it is gone."""
         client = self._controller
         silent_s = now_s - self._seen_s.get(client, now_s)
-        if not client or silent_s > LEASE_S or (silent_s > DEAD_S and not _lives(client)):
+        # Time without a message, s, after which a client whose process has ended counts as gone: a
+        # new terminal must not wait for a dead one.
+        if not client or silent_s > LEASE_S or (silent_s > 1.0 and not _lives(client)):
             return ""
         return self.name(client)
 
@@ -350,10 +345,6 @@ def _lives(client: str) -> bool:
 
 HEARTBEAT_S = 0.5
 """Time between two heartbeats, s."""
-_SLICE_S = 0.1
-"""Longest wait for a message, s, before checking whether the client was closed."""
-_NEWS_HELD = 100
-"""Number of published messages kept for a client that does not fetch them."""
 
 
 class RecorderGoneError(BumpbenchError):
@@ -390,7 +381,8 @@ class Client:
         self._requests = self._context.socket(zmq.DEALER)
         self._requests.identity = f"{os.getpid()}-{uuid4().hex[:12]}".encode()
         self._news = self._context.socket(zmq.SUB)
-        self._news.rcvhwm = _NEWS_HELD
+        # Number of published messages kept for a client that does not fetch them.
+        self._news.rcvhwm = 100
         self._news.subscribe(b"")
         for socket, endpoint in ((self._requests, address.control), (self._news, address.news)):
             socket.linger = 0
@@ -433,7 +425,8 @@ class Client:
         with self._news_lock:
             while not self._closed.is_set():
                 remaining_s = deadline_s - time.monotonic()
-                if not self._news.poll(int(max(0.0, min(remaining_s, _SLICE_S)) * 1e3)):
+                # Longest wait for a message, s, before checking whether the client was closed.
+                if not self._news.poll(int(max(0.0, min(remaining_s, 0.1)) * 1e3)):
                     if remaining_s <= 0:
                         break
                     continue

@@ -13,9 +13,6 @@ from .messages import BusState, Status
 
 STILL_S = 2.0
 """Time without a cycle, s, after which a thread counts as stalled."""
-DISK_S = 60.0
-"""Time, s, for which a disk may refuse data while blocks wait in memory; a restart then loses
-little more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +38,9 @@ def standstill(heartbeats: Heartbeats, now_s: float) -> str:
             return f"the reader of {name} has had no cycle for {now_s - cycle_s:.1f} s"
     if now_s - heartbeats.writer_s > STILL_S:
         return f"the writer has had no cycle for {now_s - heartbeats.writer_s:.1f} s"
-    if heartbeats.durable_s and now_s - heartbeats.durable_s > DISK_S:
+    # Time, s, for which a disk may refuse data while blocks wait in memory; a restart then loses
+    # little more.
+    if heartbeats.durable_s and now_s - heartbeats.durable_s > 60.0:
         return f"nothing has reached the disk for {now_s - heartbeats.durable_s:.0f} s"
     return ""
 

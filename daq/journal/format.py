@@ -40,9 +40,6 @@ HEADER = struct.Struct("<8sIIIQQ16s")
 recording."""
 _CHECKED_FROM = 12
 """Position in a block from which its checksum is calculated, bytes."""
-LARGEST_BYTES = 64 << 20
-"""Longest content of a block, bytes: a greater length is damage.  The largest block of frames has
-6 MB, the largest DBC 5 MB."""
 _FRAMES = struct.Struct("<II4Q")  # frames, payload width, HopLosses
 _FORMS = {"t_ns": "<i8", "can_id": "<u4", "flags": "<u2", "bus": "u1", "length": "u1"}
 _COLUMNS = tuple((name, np.dtype(form)) for name, form in _FORMS.items())
@@ -90,7 +87,9 @@ def content_bytes(header: bytes | memoryview) -> int | None:
     if len(header) < HEADER.size or header[: len(MAGIC)] != MAGIC:
         return None
     length: int = HEADER.unpack_from(header)[3]
-    return length if length <= LARGEST_BYTES else None
+    # Longest content of a block, bytes: a greater length is damage. The largest block of frames has
+    # 6 MB, the largest DBC 5 MB.
+    return length if length <= (64 << 20) else None
 
 
 def unpack_block(stored: memoryview) -> Block | None:

@@ -32,10 +32,6 @@ from .format import (
     sealed_path,
 )
 
-_HEAD_AGAIN = 10
-"""Number of blocks after which a segment repeats its head, about a second: then no damage to the
-beginning of a segment that never got its end costs all of it."""
-
 
 class SyncedFile(FileIO):
     """A new file, without a buffer."""
@@ -104,7 +100,9 @@ class Segment:
         """
         first, stop = blocks[0].number, blocks[-1].number + 1
         stored = [self._packed(block.kind, block.content, block.number) for block in blocks]
-        if self._blocks < _HEAD_AGAIN <= self._blocks + len(blocks):
+        # Number of blocks after which a segment repeats its head, about a second: then no damage to
+        # the beginning of a segment that never got its end costs all of it.
+        if self._blocks < 10 <= self._blocks + len(blocks):
             stored.append(self._packed(Kind.HEAD, pack_head(self._head), stop))
         self._write(b"".join(stored))
         self.file.sync()
@@ -168,14 +166,6 @@ class Segment:
 
 # Checks about once per second the free space on the disk and that the open file still exists ------
 
-LOW_RESERVES = 10
-"""Free space, as a multiple of the reserve, below which there is a warning."""
-LOW_SHARE = 0.1
-"""Free share of the disk below which there is also a warning."""
-_RESUME_RESERVES = 1.05
-"""Free space, as a multiple of the reserve, from which a stopped recording continues: more than
-that at which it stops, so that it does not stop again at once."""
-
 
 @dataclass(frozen=True, slots=True)
 class Room:
@@ -196,7 +186,9 @@ def room_on(folder: Path) -> Room:
 
 def low_text(room: Room, limits: RecorderConfig) -> str:
     """Return a warning if there is little space, else an empty text."""
-    if room.free < LOW_RESERVES * limits.reserve_bytes or room.free < LOW_SHARE * room.total:
+    # Free space, as a multiple of the reserve, below which there is a warning.
+    # Free share of the disk below which there is also a warning.
+    if room.free < 10 * limits.reserve_bytes or room.free < 0.1 * room.total:
         return (
             f"{room.free / 1e6:,.0f} MB ({room.free / max(room.total, 1):.0%}) left on the disk; "
             f"recording stops at {limits.reserve_bytes / 1e6:,.0f} MB"
@@ -227,7 +219,9 @@ class DiskWatch:
         Raises OSError if the folder does not exist.
         """
         self.room = self._room_on(self._folder)
-        reserves = _RESUME_RESERVES if self.stopped else 1.0
+        # Free space, as a multiple of the reserve, from which a stopped recording continues: more
+        # than that at which it stops, so that it does not stop again at once.
+        reserves = 1.05 if self.stopped else 1.0
         self.stopped = self.room.free < reserves * limits.reserve_bytes
 
     def taken_text(self, segment: Segment | None) -> str:
@@ -261,8 +255,6 @@ def _place(path: Path) -> tuple[int, int] | None:
 
 HELD_BYTES = 32_000_000
 """Bytes of frames and events held in memory: a minute of four full buses."""
-EVENT_BYTES = 4_000_000
-"""Additional bytes for events: they are few, and runs depend on them."""
 _OVERHEAD_BYTES = 400
 """Memory of a block in addition to its content, bytes."""
 
@@ -289,7 +281,8 @@ class Backlog:
 
     def put(self, block: Pending, now_s: float) -> None:
         """Append a block, or count its frames as dropped."""
-        room = HELD_BYTES if block.frames else HELD_BYTES + EVENT_BYTES
+        # Additional bytes for events: they are few, and runs depend on them.
+        room = HELD_BYTES if block.frames else HELD_BYTES + 4_000_000
         # After a drop all frames are dropped until the disk takes blocks again, so that one event
         # reports one gap.
         if self.bytes + len(block.content) > room or (self._gap is not None and block.frames):

@@ -59,17 +59,11 @@ from .segment import (
 
 CHECK_S = 1.0
 """Time, s, between two checks of the disk, each with another attempt to write to it."""
-_BATCH_BYTES = 4_000_000
-"""Size up to which waiting blocks are synced together, bytes."""
-_WARNING_S = 60.0
-"""Time, s, for which a warning on a failed or removed file is shown."""
 _USUAL_LIMITS = RecorderConfig()
 _TRANSIENT = (errno.ENOSPC, errno.EIO, errno.EDQUOT)
 REACH_NS = 1_200_000_000_000
 """Time before and after an event of a run whose segments are kept, ns: more than the 660 s that
 `[trigger]` of bench.toml allows for a run."""
-_DELETIONS = 8
-"""Largest number of segments deleted in one call, which delays the writing."""
 _LOG_CODES = frozenset(Code)
 
 _log = logging.getLogger("recorder")
@@ -286,7 +280,8 @@ class JournalWriter:
         if self._disk.stopped:
             return
         while len(self._backlog) and self._segment is not None:
-            blocks = self._backlog.first(_BATCH_BYTES)
+            # Size up to which waiting blocks are synced together, bytes.
+            blocks = self._backlog.first(4_000_000)
             if not self._store(blocks):
                 return
             self._backlog.remove(len(blocks))
@@ -351,7 +346,8 @@ class JournalWriter:
 
     def _check_disk(self) -> None:
         """Measure the free space, and check that folder and file still exist."""
-        if self._warning and (self._now_s or 0.0) - self._warned_s > _WARNING_S:
+        # Time, s, for which a warning on a failed or removed file is shown.
+        if self._warning and (self._now_s or 0.0) - self._warned_s > 60.0:
             self._warning = ""
         self._check_file()
         was_stopped = self._disk.stopped
@@ -409,7 +405,8 @@ class JournalWriter:
         self._retention_warning = ""
         deleted = 0
         for path in sorted(self._sizes, key=segment_number):
-            if excess <= 0 or deleted == _DELETIONS:
+            # Largest number of segments deleted in one call, which delays the writing.
+            if excess <= 0 or deleted == 8:
                 return
             info = self._info(path)
             if info is None:

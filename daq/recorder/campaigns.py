@@ -127,11 +127,6 @@ def unfinished(journal: Path) -> tuple[Path, RecordingInfo] | None:
 
 PATIENCE_S = 600.0
 """Time, s, after which building a session file counts as hung, for an empty journal."""
-SLOWEST_BYTES_PER_S = 1e6
-"""Rate at which the allowed time grows with the journal, bytes/s; the usual rate is a hundred times
-higher."""
-_ENDING_S = 1.0
-"""Time, s, that a process gets to end before it is killed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,7 +174,8 @@ class Derivation:
         if self._process is not None:
             self._process.terminate()
             with suppress(subprocess.TimeoutExpired):
-                self._process.wait(_ENDING_S)
+                # Time, s, that a process gets to end before it is killed.
+                self._process.wait(1.0)
             if self._process.poll() is None:
                 self._process.kill()
                 self._process.wait()
@@ -190,7 +186,9 @@ class Derivation:
         for path in job.segments:
             with suppress(OSError):  # deleted meanwhile to make room
                 size += path.stat().st_size
-        self._deadline_s = time.monotonic() + PATIENCE_S + size / SLOWEST_BYTES_PER_S
+        # Rate at which the allowed time grows with the journal, bytes/s; the usual rate is a
+        # hundred times higher.
+        self._deadline_s = time.monotonic() + PATIENCE_S + size / 1e6
         builder = [sys.executable, "-m", "daq.session.build"]
         try:
             self._process = subprocess.Popen(

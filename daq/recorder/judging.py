@@ -19,7 +19,7 @@ from ..bench.campaign import Step
 from ..bench.config import Bench
 from ..bench.message_rules import timed_messages
 from ..control.messages import Lane, Live
-from ..runlog import LoggedRun, LoggedStatus, RunLog
+from ..runlog import LoggedStatus, RunLog
 from ..runs import Losses
 from ..samples.mapping import SampleBlock, Trace
 from ..verdict import RunMeasure, RunWindow, judge, peak_left
@@ -125,17 +125,6 @@ UNJUDGED: Sequence[Finding] = (
 """Findings of a run if the verdict itself fails: the run is accepted, not lost."""
 
 
-def is_accepted(run: LoggedRun) -> bool:
-    """Return True if later runs are compared with this run."""
-    return run.status is LoggedStatus.ACCEPTED
-
-
-def is_only_unlike(run: LoggedRun) -> bool:
-    """Return True if the recorder rejected a run only as unlike the accepted ones."""
-    failed = {finding.code for finding in run.findings if not finding.passed}
-    return run.status is LoggedStatus.REJECTED and not run.by and failed == {"not_repeatable"}
-
-
 class Judge:
     """Judges the runs of a bench.
 
@@ -161,9 +150,17 @@ class Judge:
         saturated = tuple(name for name, t_ns in self._saturated.items() if t_ns >= bump_ns)
         window = RunWindow(bump_ns, samples, lost, saturated=saturated, timed=self._timed)
         runs = run_log.of(step.mass_state, step.excitation)
-        measured = [run for run in runs if run.label in self._measures]
-        accepted = [self._measures[run.label] for run in measured if is_accepted(run)]
-        unlike = [self._measures[run.label] for run in measured if is_only_unlike(run)]
+        accepted, unlike = [], []
+        for run in runs:
+            failed = {finding.code for finding in run.findings if not finding.passed}
+            if run.label not in self._measures:
+                continue
+            if run.status is LoggedStatus.ACCEPTED:
+                accepted.append(self._measures[run.label])
+            elif (
+                run.status is LoggedStatus.REJECTED and not run.by and failed == {"not_repeatable"}
+            ):
+                unlike.append(self._measures[run.label])  # by the recorder, for this reason alone
         findings, self._measures[step.label] = judge(self._bench, step, window, accepted, unlike)
         return findings
 
@@ -181,15 +178,12 @@ class Judge:
 
 BIN_S = 0.02
 """Width of a bin, s."""
-KEPT_S = 60.0
-"""Length of the ring, s."""
 LATE_S = 0.1
 """Time, s, after its end at which a bin counts as complete: buses do not deliver at the same
 time."""
-MOST_SENT_S = 10.0
-"""Longest time, s, that is published at once, after a gap in time."""
 _BIN_NS = round(BIN_S * 1e9)
-_BINS = round(KEPT_S / BIN_S)
+# Length of the ring, s.
+_BINS = round(60.0 / BIN_S)
 
 
 class LiveRing:
@@ -228,7 +222,8 @@ class LiveRing:
         complete = self._end - math.ceil(LATE_S / BIN_S)
         if complete <= self._sent:
             return None
-        first = max(self._sent, complete - round(MOST_SENT_S / BIN_S), self._first)
+        # Longest time, s, that is published at once, after a gap in time.
+        first = max(self._sent, complete - round(10.0 / BIN_S), self._first)
         self._sent = complete
         return self._live(first, complete)
 

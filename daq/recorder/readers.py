@@ -17,8 +17,6 @@ from dbc.frames import FrameBatch
 from ..bus.source import BLOCK_FRAMES, HopLosses, Link, LinkFacts
 from ..control.messages import QueueStatus, StorageStatus
 
-READ_TIMEOUT_S = 0.1
-"""Longest wait for frames, s, before the counts are checked."""
 DRAIN_S = 1.0
 """Longest time, s, for which a halted reader reads frames that arrived before."""
 QUEUE_BLOCKS = 4096
@@ -132,7 +130,8 @@ class Reader(threading.Thread):
             # More frames than the last block may have arrived before the halt.
             len(frames) >= BLOCK_FRAMES and time.monotonic() - self._halted_s < DRAIN_S
         ):
-            frames = self.link.read(READ_TIMEOUT_S)
+            # Longest wait for frames, s, before the counts are checked.
+            frames = self.link.read(0.1)
             if self._abandoned.is_set():
                 break  # it hung: its bus may have another reader now
             now_s, losses = time.monotonic(), self.losses()

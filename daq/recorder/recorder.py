@@ -50,13 +50,8 @@ from .run_loop import OrderError, OrderQueue, answer_check, configured
 
 BLOCK_S = 0.1
 """Time between two blocks of the journal, s; a power cut loses the frames since the last one."""
-UNWATCHED_S = 0.3
-"""Time between two looks at the frames without a client, s: a look costs three times as much as a
-block, and a bump or an alarm has the time stamps of the frames in any case."""
 BLOCK_FRAMES = 65_536
 """Number of frames in a full block: after a stall the journal gets several blocks at once."""
-SETTLE_S = 0.3
-"""Time from the end of a run until its session is built, s: all buses have then delivered."""
 HALT_S = 2.0
 """Time to wait at the end for a reader that hangs in its driver, s."""
 JOURNAL_FOLDER = "journal"
@@ -160,7 +155,9 @@ class Recorder:
         self._orders.arrived.clear()
         self._next_s = max(self._next_s + BLOCK_S, self._clock().monotonic_s)
         # Half a block early, because the cycles are not exactly equidistant.
-        is_due = self._clock().monotonic_s - self._looked_s >= UNWATCHED_S - BLOCK_S / 2
+        # Time between two looks at the frames without a client, s: a look costs three times as much
+        # as a block, and a bump or an alarm has the time stamps of the frames in any case.
+        is_due = self._clock().monotonic_s - self._looked_s >= 0.3 - BLOCK_S / 2
         if not (is_watched or is_due or self._orders.are_waiting):
             self._store()
             return
@@ -179,7 +176,9 @@ class Recorder:
         storage = self._storage.status(now.monotonic_s)
         events = self._recording.look(now, facts, disk, storage)
         if any(event.code == Code.RUN_END for event in events):
-            self._build_s = now.monotonic_s + SETTLE_S
+            # Time from the end of a run until its session is built, s: all buses have then
+            # delivered.
+            self._build_s = now.monotonic_s + 0.3
         self._looked_s = now.monotonic_s
         return stored
 

@@ -47,8 +47,6 @@ from .judging import UNJUDGED, Judge, LiveRing, Recent
 from .run_loop import OrderError, RunLoop, Surroundings, configured, due_of, order_event, tallies_of
 
 CONSUMER_FAILED = "consumer_failed"
-FORGOTTEN_S = 5.0
-"""Time, s, without a failure after which a consumer counts as working again."""
 RESTAMPED = "restamped"
 
 _T = TypeVar("_T")
@@ -78,7 +76,8 @@ class FaultBarrier:
         return {
             name: text
             for name, (failed_s, text) in self._failed.items()
-            if now.monotonic_s - failed_s < FORGOTTEN_S
+            # Time, s, without a failure after which a consumer counts as working again.
+            if now.monotonic_s - failed_s < 5.0
         }
 
 

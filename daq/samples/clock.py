@@ -28,11 +28,6 @@ from numpy.typing import NDArray
 FASTEST = 0.95
 """Least ratio of a sensor's true cycle to that in the DBC (free-running oscillators)."""
 
-_SLACK_FRAMES = 2.0  # that a counter may be ahead of the time without a restart
-_SILENCE_S = 1.0
-"""Time without a frame, s, from which a counter that continues where it stopped means that the
-sender paused: it is far less likely that exactly a multiple of its range was lost."""
-
 
 @dataclass(frozen=True, slots=True)
 class CounterSteps:
@@ -82,10 +77,13 @@ def counter_steps(
         restarted = np.zeros(len(step), bool)
         return CounterSteps(step, restarted, max(late_last - drift, 0.0) * cycle_s)
     wraps = np.maximum(np.rint((elapsed - step) / modulus), 0).astype(np.int64)
-    paused = (step == 1) & (wraps > 0) & (elapsed * cycle_s >= _SILENCE_S)
+    # Time without a frame, s, from which a counter that continues where it stopped means that the
+    # sender paused: it is far less likely that exactly a multiple of its range was lost.
+    paused = (step == 1) & (wraps > 0) & (elapsed * cycle_s >= 1.0)
     step = step + modulus * wraps
     late = _lateness(latest, step, late_before)
-    restarted = paused | (step > elapsed + late[:-1] + _SLACK_FRAMES)
+    # A counter may be two frames ahead of the time without a restart.
+    restarted = paused | (step > elapsed + late[:-1] + 2.0)
     if np.any(restarted):
         by_time = np.maximum(np.rint(elapsed), 1).astype(np.int64)
         step = np.where(restarted, by_time, step)
@@ -110,43 +108,17 @@ only if the data show it clearly."""
 
 LARGEST_TOLERANCE = 1 - FASTEST
 
-HARDWARE_SCATTER_S = 15e-6
-"""Distance of quartiles, s, below which the scatter is the noise of a stamping clock and not
-delays."""
 _OUTLIER, _LEAST_OUTLIER_S = 5.0, 1e-6  # from the median: in quartile distances; least, s
 
 _FEWEST = 20  # frames to which a clock is fitted, and frames of a stretch
 
 _NEARLY_ALL, _LATEST_SHARE = 0.95, 0.9
 """Share of frames, and their delay, in cycles, from which a tick may be the next one."""
-_ROUNDING_S = 1e-12
-"""Difference, s, below which two heights above a line count as equal."""
-_EARLY_SHARE = 0.2
-"""Cycles by which a frame may come before its tick, within the accuracy of the tick."""
 _PUNCTUAL_SHARE = 0.1
 """Delay, in cycles, below which a frame counts as punctual if frames come up to a cycle late."""
-_MOST_AT_ONCE = 0.25
-"""Share of frames at the same time as the previous one, from which the reader takes blocks."""
-_MOST_GAPS = 0.1
-"""Share of frames after a gap, from which the assumed clock may be twice too fast."""
-_FOLLOWED_SHARE = 0.25
-"""Delay, in cycles, that some frames of each stretch must not exceed if the frames follow the
-clock."""
-_NO_FRAME_MISSING = 1.5
-"""Gap, in median gaps, below which no frame is missing between two frames."""
-_SHORTEST_DELAY_S = 1e-6
-"""Mean delay below the resolution of all stamps, s."""
-_UNSURE_END = 2
-"""Number of frames at the end of a run that count as late and not as after a gap, if no further
-frame follows."""
 _BELIEVED_RATE = (0.8, 1.25)
 """Lowest and highest rate, seconds of the bus per second of the sensor; outside, the stated unit or
 wrap is wrong."""
-_LEAST_GAP_S = 1e-6  # around a restart, so that the times of samples increase
-_JUMP_S = 0.05
-_JUMP_SHARE = 0.05
-"""A restart may be between two frames whose stamps and arrivals differ by more than this time, and
-by more than this share of the time between them."""
 _WINDOW_S = 5.0
 """Time, s, over which delays before and after a suspected restart are compared; longer than any
 stall."""
@@ -250,7 +222,8 @@ class _Ticks:
         For exponential delays it is the negative logarithm of the likelihood, up to a constant.
         """
         n = len(self.index)
-        mean_s = max(float(np.mean(self.late_s)), _SHORTEST_DELAY_S)
+        # Mean delay below the resolution of all stamps, s.
+        mean_s = max(float(np.mean(self.late_s)), 1e-6)
         return float(n * np.log(mean_s) + np.sum(np.diff(self.index) > 1) * np.log(n))
 
 
@@ -264,7 +237,8 @@ def _possible_ticks(arrival_s: NDArray[np.float64]) -> list[_Ticks]:
     median_s = float(np.median(gap_s))
     if not median_s > 0.0:
         return []
-    mean_s = float(np.mean(gap_s[gap_s < _NO_FRAME_MISSING * median_s]))
+    # Gap, in median gaps, below which no frame is missing between two frames.
+    mean_s = float(np.mean(gap_s[gap_s < 1.5 * median_s]))
     tried = (_punctual_ticks(arrival_s, median_s), _punctual_ticks(arrival_s, mean_s))
     return [ticks for ticks in (*tried, _all_ticks(arrival_s)) if ticks is not None]
 
@@ -277,10 +251,14 @@ def _punctual_ticks(arrival_s: NDArray[np.float64], rough_s: float) -> _Ticks | 
     index, late_s, cycle_s = _ticks(arrival_s, rough_s)
     too_late = np.quantile(late_s, _NEARLY_ALL) > _LATEST_SHARE * cycle_s
     gaps = np.flatnonzero(np.diff(index) > 1)
-    follows = _latest_stretch_s(late_s) < _FOLLOWED_SHARE * cycle_s
-    if too_late or not follows or len(gaps) > _MOST_GAPS * len(index):
+    # Delay, in cycles, that some frames of each stretch must not exceed if the frames follow the
+    # clock.
+    follows = _latest_stretch_s(late_s) < 0.25 * cycle_s
+    # Share of frames after a gap, from which the assumed clock may be twice too fast.
+    if too_late or not follows or len(gaps) > 0.1 * len(index):
         return None
-    if len(gaps) and gaps[0] >= len(index) - 1 - _UNSURE_END:
+    # The last two frames of a run count as late, and not as after a gap: no further frame follows.
+    if len(gaps) and gaps[0] >= len(index) - 3:
         index = np.arange(len(index), dtype=np.float64)  # late, and not after the only gap
     return _Ticks(index, late_s, cycle_s)
 
@@ -300,7 +278,8 @@ def _ticks(
     while True:
         part_s = since_s[:n]
         count = np.arange(len(part_s))
-        missing = np.floor((part_s - start_s) / cycle_s + _EARLY_SHARE) - count
+        # Cycles by which a frame may come before its tick, within the accuracy of the tick.
+        missing = np.floor((part_s - start_s) / cycle_s + 0.2) - count
         index = np.asarray(np.minimum.accumulate(missing[::-1])[::-1] + count, np.float64)
         middle = float(index.mean())
         k = np.asarray(index - middle, np.float64)
@@ -322,7 +301,8 @@ def _all_ticks(arrival_s: NDArray[np.float64]) -> _Ticks | None:
     since_s = arrival_s - arrival_s[0]
     rough_s = float(since_s[-1]) / (len(since_s) - 1)
     at_once = np.diff(arrival_s) < _PUNCTUAL_SHARE * rough_s
-    if not rough_s > 0.0 or np.mean(at_once) > _MOST_AT_ONCE:
+    # Share of frames at the same time as the previous one, from which the reader takes blocks.
+    if not rough_s > 0.0 or np.mean(at_once) > 0.25:
         return None
     index: NDArray[np.float64] = np.arange(len(since_s), dtype=np.float64)
     k = index - index.mean()
@@ -367,7 +347,8 @@ def stamped_times(
     rate = float(np.sum(elapsed_s[~restarted]) / np.sum(gap_s[~restarted]))
     if not _BELIEVED_RATE[0] < rate < _BELIEVED_RATE[1]:
         return arrival_times(t_ns, t0_ns)
-    gap_s = np.where(restarted, np.maximum(elapsed_s, _LEAST_GAP_S), gap_s)
+    # A microsecond around a restart, so that the times of samples increase.
+    gap_s = np.where(restarted, np.maximum(elapsed_s, 1e-6), gap_s)
     cycle_s = float(np.median(usual_s))
     step = np.where(gap_s > 0, np.maximum(np.rint(gap_s / cycle_s), 1), 0).astype(np.int64)
     step = np.concatenate([[1], step])
@@ -386,7 +367,9 @@ def _restarts(
     that of the frames within `_WINDOW_S` after: after late frames, later ones are punctual again.
     """
     restarted = np.zeros(len(gap_s), np.bool_)
-    threshold_s = _JUMP_S + _JUMP_SHARE * elapsed_s
+    # A restart may be between two frames whose stamps and arrivals differ by more than this time,
+    # and by more than this share of the time between them.
+    threshold_s = 0.05 + 0.05 * elapsed_s
     delay_s = np.concatenate([[0.0], np.cumsum(elapsed_s - gap_s)])  # compared with the first frame
     first = 0  # since the last restart; delays before it cannot be compared with those after it
     for i in np.flatnonzero(np.abs(elapsed_s - gap_s) > threshold_s).tolist():
@@ -415,7 +398,9 @@ def _fitted(
             middle_s, rate = free_s, free_rate
     delay_s = since_s - rate * k  # from any origin: only its scatter counts
     low_s, median_s, high_s = np.quantile(delay_s, [0.25, 0.5, 0.75]).tolist()
-    if high_s - low_s < HARDWARE_SCATTER_S:
+    # Distance of quartiles, s, below which the scatter is the noise of a stamping clock and not
+    # delays.
+    if high_s - low_s < 15e-6:
         usual = np.abs(delay_s - median_s) <= max(_OUTLIER * (high_s - low_s), _LEAST_OUTLIER_S)
         rate, middle_s = np.polyfit(k[usual], since_s[usual], 1).tolist()
     return np.asarray(origin_s + middle_s + rate * k)
@@ -446,7 +431,8 @@ def lower_line(
         height = y - slope * k
         lowest = int(np.argmin(height))
         # Points on one line differ by rounding, and each would in turn be the lowest, without end.
-        if height[lowest] >= min(height[before], height[after]) - _ROUNDING_S:
+        # Difference, s, below which two heights above a line count as equal.
+        if height[lowest] >= min(height[before], height[after]) - 1e-12:
             return float(height[lowest]), slope
         if k[lowest] < 0:
             before = lowest

@@ -19,18 +19,6 @@ from ..channels import TIME_DERIVATIVE, Quantity
 from ..runs import Losses
 from .clock import counter_steps
 
-STEEP_STEPS = 4.5
-"""Number of converter steps by which a signal must jump into a flat top and out of it: a parabola
-that stays within one step for three samples leaves it by three steps, four with rounding."""
-CHANCE = 1e-6
-"""Probability below which equal samples are not equal by chance: a campaign has about 10,000
-extremes."""
-EXPECTED_CHANGES = 20.0
-"""Expected number of changes of value, during a hold, from which a channel counts as stuck.  If one
-sample in two changes, the probability that none of 20 expected changes occurs is below 1 to 500
-million."""
-RATE_SAMPLES = 20
-"""Fewest samples from which the rate of changes of a channel is taken."""
 _NO_VALUE = -1  # in place of a counter value before the first reliable one
 FINE_STEP = {"m/s2": 0.05, "rad/s": 0.01, "rad/s2": 0.05}
 """Converter steps by unit, SI, below which the sensor's own noise changes every sample."""
@@ -54,19 +42,25 @@ def flat_tops(value: NDArray[np.float64]) -> tuple[tuple[int, int], ...]:
     if not (at_end & (samples > 1)).any():  # true of most channels, which need no sorting
         return ()
     steps = np.diff(np.sort(value))
-    jump = STEEP_STEPS * steps[steps > 0.0].min()
+    # Number of converter steps by which a signal must jump into a flat top and out of it: a
+    # parabola that stays within one step for three samples leaves it by three steps, four with
+    # rounding.
+    jump = 4.5 * steps[steps > 0.0].min()
     into, out = np.abs(value[first] - value[first - 1]), np.abs(value[stop] - value[stop - 1])
     # Rate of repeats of a value reached by a steep step, where nothing is cut (rule of succession).
     inner = (into > jump) & ~at_end
     repeats = (np.sum(samples[inner] > 1) + 1) / (np.sum(inner) + 2)
-    unlikely = samples * repeats ** (samples - 1.0) < CHANCE
+    # Probability below which equal samples are not equal by chance: a campaign has about 10,000
+    # extremes.
+    unlikely = samples * repeats ** (samples - 1.0) < 1e-6
     flat = at_end & (np.minimum(into, out) > jump) & unlikely
     return tuple(zip(first[flat].tolist(), stop[flat].tolist(), strict=True))
 
 
 def share_changed(value: NDArray[np.float64]) -> float:
     """Return the share of samples that differ from the previous one; NaN for too few samples."""
-    return float(np.mean(np.diff(value) != 0.0)) if len(value) >= RATE_SAMPLES else float("nan")
+    # Fewest samples from which the rate of changes of a channel is taken.
+    return float(np.mean(np.diff(value) != 0.0)) if len(value) >= 20 else float("nan")
 
 
 def is_stuck(equal: int, changes: float = 1.0) -> bool:
@@ -75,7 +69,10 @@ def is_stuck(equal: int, changes: float = 1.0) -> bool:
     `equal`: number of consecutive equal samples.  `changes`: share of samples at which this channel
     changes when it is healthy, 0..1 (NaN: unknown); 1 for a sensor whose noise is above its steps.
     """
-    return bool(equal * changes >= EXPECTED_CHANGES)
+    # Expected number of changes of value, during a hold, from which a channel counts as stuck. If
+    # one sample in two changes, the probability that none of 20 expected changes occurs is below 1
+    # to 500 million.
+    return bool(equal * changes >= 20.0)
 
 
 def is_fine(quantity: Quantity, unit: str, step: float) -> bool:
@@ -96,7 +93,6 @@ def is_fine(quantity: Quantity, unit: str, step: float) -> bool:
 FROZEN_S = 0.2
 """Time, s, after which a constant channel counts as frozen: two periods of the wheels, too long for
 a saturated top."""
-_MOVING_S = 0.5  # after this time, a coarse sensor may stay at one step of its converter
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -134,7 +130,8 @@ def longest_hold(
     """
     last = np.flatnonzero(np.diff(value, append=np.nan) != 0.0)
     first = np.concatenate([[0], last[:-1] + 1])
-    within = (time_s[last] > start_s) & (time_s[first] < start_s + _MOVING_S)
+    # After half a second, a coarse sensor may stay at one step of its converter.
+    within = (time_s[last] > start_s) & (time_s[first] < start_s + 0.5)
     length_s = np.where(within, time_s[last] - time_s[first], 0.0)
     k = int(length_s.argmax())
     return Hold(

@@ -225,7 +225,6 @@ class Columns:
 Bound = tuple[NDArray[np.intp], NDArray[np.int64]]
 """Frames of a message that belong to a known sample, one for each, and the numbers of these
 samples, increasing; both of shape (k,)."""
-_BURST_SHARE = 0.25  # expected delay of a frame after its carrier, in cycles
 
 
 def bind(
@@ -271,7 +270,8 @@ def _bind_behind(
     rank = np.arange(len(carrier)) - (np.cumsum(count) - count)[carrier]
     samples = max(int(number[-1] - number[0]), 1)
     cycle_ns = max(float(carrier_ns[-1] - carrier_ns[0]) / samples, 1.0)
-    by_time = np.rint((t_ns - carrier_ns[carrier]) / cycle_ns - _BURST_SHARE).astype(np.int64)
+    # Expected delay of a frame after its carrier, in cycles.
+    by_time = np.rint((t_ns - carrier_ns[carrier]) / cycle_ns - 0.25).astype(np.int64)
     offset = np.where(count[carrier] == sent, rank, np.clip(by_time, 0, sent - 1))
     numbers, first = np.unique(number[carrier] + offset, return_index=True)
     return rows[first], numbers

@@ -31,8 +31,6 @@ UNPLANNED = "unplanned_"
 """Prefix of the code of a bump, and of its end, for which no run was armed."""
 
 GIVE_UP_S = 10.0
-CLOCK_STEP_S = 1.0
-"""Time, s, by which time stamps must go back to mean that a clock was set, and not late frames."""
 
 
 class TriggerPhase(StrEnum):
@@ -104,7 +102,8 @@ def advance(
         return state, ()
     events: list[Event] = []
     latest = max(int(t_ns[-1]) for t_ns, _ in pieces.values())
-    if state.now_ns is not None and latest < state.now_ns - round(CLOCK_STEP_S * 1e9):
+    # Stamps that go back by more than a second mean that a clock was set, and not late frames.
+    if state.now_ns is not None and latest < state.now_ns - 1_000_000_000:
         events.append(Event(latest, CLOCK_STEP, (latest - state.now_ns) * 1e-9))
         state = TriggerState()
     if not state.channels:
