@@ -21,7 +21,6 @@ from dbc.words import counted
 from ..bench.config import RecorderConfig
 from ..bus.source import HopLosses, LinkFacts, Now, wire_bits
 from ..control.messages import Alarm, BusState, BusStatus, DiskStatus, Status, StorageStatus
-from ..journal.segment import Room, low_text
 from ..runs import Event
 from ..samples.converter import HealthState
 from ..samples.mapping import MappedChannel
@@ -260,8 +259,13 @@ def _disk_symptoms(config: RecorderConfig, disk: DiskStatus) -> Iterator[Finding
         yield fault("journal_failed", "", f"{disk.failed}{waiting}")
     if disk.warning:
         yield fault("journal_warning", "", disk.warning)
-    if low := low_text(Room(disk.free_bytes, disk.total_bytes), config):
-        yield fault("disk_low", "", low)
+    # Ten reserves, or a tenth of the disk.
+    if disk.free_bytes < max(10 * config.reserve_bytes, 0.1 * disk.total_bytes):
+        share = disk.free_bytes / max(disk.total_bytes, 1)
+        text = f"{disk.free_bytes / 1e6:,.0f} MB ({share:.0%}) left on the disk"
+        yield fault(
+            "disk_low", "", f"{text}; recording stops at {config.reserve_bytes / 1e6:,.0f} MB"
+        )
 
 
 def _not_recording(storage: StorageStatus) -> Iterator[Finding]:

@@ -184,18 +184,6 @@ def room_on(folder: Path) -> Room:
     return Room(usage.free, usage.total)
 
 
-def low_text(room: Room, limits: RecorderConfig) -> str:
-    """Return a warning if there is little space, else an empty text."""
-    # Free space, as a multiple of the reserve, below which there is a warning.
-    # Free share of the disk below which there is also a warning.
-    if room.free < 10 * limits.reserve_bytes or room.free < 0.1 * room.total:
-        return (
-            f"{room.free / 1e6:,.0f} MB ({room.free / max(room.total, 1):.0%}) left on the disk; "
-            f"recording stops at {limits.reserve_bytes / 1e6:,.0f} MB"
-        )
-    return ""
-
-
 class DiskWatch:
     """Watches the disk of a journal: its space, and that folder and open file still exist.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from dbc import FrameBatch, parse_codec
 
 from ..watched_bench import (
     FOREIGN_ID,
+    ROOMY,
     START_NS,
     WatchedBench,
     both,
@@ -331,3 +333,16 @@ def test_an_overload_lamp_is_on_until_it_is_acknowledged_also_on_another_bench()
     assert bench.state.overloaded == ("hub_acc_fl",)
     bench.state.acknowledge()
     assert not bench.state.overloaded
+
+
+@pytest.mark.parametrize(
+    ("free_gb", "total_gb", "warned"),
+    [(1.99, 4.0, True), (2.01, 4.0, False), (9.99, 100.0, True), (10.01, 100.0, False)],
+)
+def test_little_room_is_ten_reserves_or_a_tenth_of_the_disk(
+    free_gb: float, total_gb: float, warned: bool
+) -> None:
+    """The usual reserve is 200 MB."""
+    bench = WatchedBench()
+    bench.turn(disk=replace(ROOMY, free_bytes=int(free_gb * 1e9), total_bytes=int(total_gb * 1e9)))
+    assert bool(bench.alarm("disk_low", "")) is warned

@@ -15,7 +15,7 @@ from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
 from daq.journal.format import Gap, Kind
 from daq.journal.reader import last_recording, read_journal, recordings
-from daq.journal.segment import Backlog, Pending, Room, Segment, low_text
+from daq.journal.segment import Backlog, Pending, Room, Segment
 from daq.journal.writer import JournalError, JournalWriter
 from daq.runs import Event
 
@@ -347,21 +347,6 @@ def test_a_place_that_is_none_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "file").write_bytes(b"")
     with pytest.raises(JournalError, match="choose another folder"):
         JournalWriter(tmp_path / "file" / "below", HEAD)
-
-
-@pytest.mark.parametrize(
-    ("free", "total", "warned"),
-    [
-        (1_999_000_000, 4 * GB, True),
-        (2_001_000_000, 4 * GB, False),
-        (9_990_000_000, 100 * GB, True),
-        (10_010_000_000, 100 * GB, False),
-    ],
-)
-def test_little_room_is_ten_reserves_or_a_tenth_of_the_disk(
-    free: int, total: int, warned: bool
-) -> None:
-    assert bool(low_text(Room(free, total), LIMITS)) is warned
 
 
 # What waits in memory -----------------------------------------------------------------------------
