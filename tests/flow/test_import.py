@@ -24,7 +24,7 @@ from daq.sim.ecu import campaign_frames
 from dbc import FrameBatch, parse_codec, shipped_dbc
 from tui.cli import run
 
-from ..daq.recorder.stepped import step
+from ..daq.recorder_run import step
 from .coverage import CAR, START_NS
 
 FOREIGN = {

@@ -30,6 +30,7 @@ from dbc import Codec, FrameBatch, FrameFlag
 from identify.report.content import title_of
 
 from ..crash_frames import QuickFile
+from ..recorder_run import LINK, armed, feed, look, now, runs_of, status_of, step
 from ..small_campaign import (
     CAMPAIGN,
     LABELS,
@@ -40,7 +41,6 @@ from ..small_campaign import (
     bumps,
     small_bench,
 )
-from .stepped import LINK, armed, feed, look, now, runs_of, status_of, step
 
 
 @pytest.mark.parametrize("size", [37, 100_000])

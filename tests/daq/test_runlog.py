@@ -25,7 +25,7 @@ from daq.runlog import (
 from daq.runs import Event, Excitation
 from dbc.finding import Finding, Severity
 
-from ..a_status import a_status
+from .a_status import a_status
 
 RUN = "baseline_bounce_1"
 BUMP = Event(1, Code.BUMP, 1.0, RUN)
