@@ -61,13 +61,7 @@ _SMALL_MEMORY = "400000"
 
 
 def fail_once(place: Path, kind: str, nth: int) -> int:
-    """Record while one operation fails; return the number of frames sent.
-
-    Raises
-    ------
-    AssertionError
-        If nothing is said, a frame is lost or doubled, or a second later frames still wait.
-    """
+    """Record while one operation fails; return the number of frames sent."""
     place.mkdir(parents=True)
     disk = (kind, str(nth))
     with Sender(hot=False) as sender, RecorderProcess(place / "out", sender, disk) as recorder:
@@ -128,11 +122,6 @@ def fill_once(place: Path, size: int, *, drops: bool, mount: bool) -> Full:
 
     `drops`: with so little memory for what waits that frames are dropped.  `mount`: a disk of the
     kernel's, at whose reserve the recorder stops, in place of our own, which refuses to write.
-
-    Raises
-    ------
-    AssertionError
-        If a frame is lost that was not counted, or one is doubled or altered.
     """
     held = _SMALL_MEMORY if drops else ""
     with (
@@ -188,14 +177,7 @@ DAEMON_CAMPAIGNS = 3
 
 
 def daemon(folder: Path, seconds: float) -> int:
-    """Lead a daemon through three campaigns with as long between; return the number of frames.
-
-    Raises
-    ------
-    AssertionError
-        If a frame that was sent is not stored, within a campaign or between two, or is doubled or
-        altered, or a recording was said not to go on.
-    """
+    """Lead a daemon through three campaigns with as long between; return the number of frames."""
     out = folder / "out"
     with Sender(hot=False) as sender, RecorderProcess(out, sender) as recorder:
         recorder.wait_open()

@@ -61,13 +61,7 @@ def block(first: int, count: int) -> FrameBatch:
 
 
 def numbers(frames: FrameBatch) -> NDArray[np.int64]:
-    """Return the numbers of frames read back.
-
-    Raises
-    ------
-    AssertionError
-        If a single bit of any is not as it was written.
-    """
+    """Return the numbers of frames read back."""
     n = frames.data[:, :8].copy().view(">u8").reshape(-1).astype(np.int64)
     true = numbered(n)
     for name in ("t_ns", "can_id", "flags", "bus", "length", "data"):
@@ -273,13 +267,7 @@ class DeriveKills:
 
 
 def kill_derive(folder: Path, segments: Sequence[Path], count: int, seed: int = 7) -> DeriveKills:
-    """Kill `count` derivations at random moments, every other one while it writes.
-
-    Raises
-    ------
-    AssertionError
-        If a file under the final name differs from the undisturbed one, or no kill hit the writing.
-    """
+    """Kill `count` derivations at random moments, every other one while it writes."""
     began_s = time.monotonic()
     with run_derive(folder / "undisturbed.h5", segments) as process:
         assert process.stdout is not None
@@ -384,13 +372,7 @@ class _SlowFile(SyncedFile):
 
 
 def slow_disk(folder: Path, seconds: int) -> Slow:
-    """Record for so long on a disk whose every sync takes a second.
-
-    Raises
-    ------
-    AssertionError
-        If a frame is lost, doubled or altered.
-    """
+    """Record for so long on a disk whose every sync takes a second."""
     frames = seconds * RATE_HZ
     bench = replace(small_bench(), buses=(BusConfig("test", "full", 1_000_000),))
     with Running(bench, folder, sources(_Bus(frames)), create=_SlowFile) as running:

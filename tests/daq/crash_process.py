@@ -83,13 +83,7 @@ def lines_of(n: NDArray[np.int64]) -> bytes:
 
 
 def numbers_of(frames: FrameBatch) -> NDArray[np.int64]:
-    """Return the sender's numbers of stored frames; each recorder's first frame is a numbered one.
-
-    Raises
-    ------
-    AssertionError
-        If a bit of any frame is not as it was sent.
-    """
+    """Return the sender's numbers of stored frames; the first of a recorder is a numbered one."""
     assert np.all(frames.length == LENGTH)
     padded = np.zeros((len(frames), 8), np.uint8)
     padded[:, 8 - LENGTH :] = frames.data[:, :LENGTH]
@@ -110,19 +104,9 @@ def numbers_of(frames: FrameBatch) -> NDArray[np.int64]:
 class Sender:
     """Sends for as long as a `with` lasts.
 
-    Parameters
-    ----------
-    hot : bool
-        As fast as the line takes it, in place of `RATE_HZ`.
-
-    Attributes
-    ----------
-    device : str
-        The recorder's end of the line.
-    openings : list of int
-        Number of the first frame after each time a recorder has opened the line.
-    sent : int
-        Number of the frame after the last one that was begun.
+    `hot`: as fast as the line takes it, in place of `RATE_HZ`.  `device`: the recorder's end of the
+    line.  `openings`: number of the first frame after each time a recorder has opened the line.
+    `sent`: number of the frame after the last one that was begun.
     """
 
     def __init__(self, *, hot: bool) -> None:
@@ -226,16 +210,9 @@ _BENCH = {
 class RecorderProcess:
     """A daemon that records what a sender sends; killed at the end of a `with` if it still runs.
 
-    Parameters
-    ----------
-    folder : Path
-        Of the recordings.
-    disk : sequence of str
-        Kind and number for `crash_recorder`.
-    held : str
-        Memory for blocks that wait, bytes; empty: as it is.
-    beside : Path or None
-        Where bench.toml and log are; next to the folder if None.
+    `folder`: of the recordings.  `disk`: kind and number for `crash_recorder`.  `held`: memory for
+    blocks that wait, bytes; empty: as it is.  `beside`: where bench.toml and log are; next to the
+    folder if None.
     """
 
     def __init__(
@@ -355,14 +332,7 @@ class Recovered:
 
 
 def recovered(folder: Path, sender: Sender) -> Recovered:
-    """Recover a folder by the command, and compare journal and session with what was sent.
-
-    Raises
-    ------
-    AssertionError
-        If a frame is doubled, altered or out of order, frames of a run are not those of the
-        journal, or the command says that something is lost when nothing is, or nothing when it is.
-    """
+    """Recover a folder by the command, and compare journal and session with what was sent."""
     segments = segments_in(folder / "journal")
     said = io.StringIO()
     target = folder / "recovered.h5"
@@ -394,13 +364,7 @@ def recovered(folder: Path, sender: Sender) -> Recovered:
 
 
 def assert_gapless(n: NDArray[np.int64], sender: Sender) -> None:
-    """Check that frames are missing only between the last frame of a recorder and the next opening.
-
-    Raises
-    ------
-    AssertionError
-        If a recorder has lost a frame between two others.
-    """
+    """Check that frames are missing only between a recorder's last one and the next opening."""
     (before,) = np.nonzero(np.diff(n) != 1)
     starts = [int(n[0]), *map(int, n[before + 1])] if len(n) else []
     assert set(starts) <= set(sender.openings), "a frame is missing between two of one recorder"
@@ -426,13 +390,7 @@ class Kills:
 
 
 def kill_series(folder: Path, count: int, rng: np.random.Generator, *, hot: bool) -> Kills:
-    """Kill `count` recorders that take up one recording, recover after each, and end the last.
-
-    Raises
-    ------
-    AssertionError
-        If a frame that was acknowledged before any kill is lost, or any is doubled or altered.
-    """
+    """Kill `count` recorders that take up one recording, recover after each, and end the last."""
     before = np.empty(0, np.int64)
     acknowledged, in_flight = 0, []
     folder.mkdir(parents=True)
@@ -507,15 +465,8 @@ def cut_once(folder: Path, after_s: float, *, hot: bool) -> tuple[int, int] | No
     The recorder is halted for the copy, so that the image is of one moment: all that had only
     reached the kernel's cache is not on it.
 
-    Returns
-    -------
-    (int, int)
-        Frames acknowledged, and read from the copy after the file system's own recovery.
-
-    Raises
-    ------
-    AssertionError
-        If an acknowledged frame is lost, or a frame is not what was sent.
+    Returns (int, int) Frames acknowledged, and read from the copy after the file system's own
+    recovery.
     """
     folder.mkdir()
     image, copy = folder / "disk", folder / "copy"

@@ -43,13 +43,7 @@ _LATEST_ALARM_S = 1.0
 
 
 def fail_once(folder: Path, kind: str, nth: int) -> bool:
-    """Record while one operation fails; return whether it came to that.
-
-    Raises
-    ------
-    AssertionError
-        If a frame is lost, doubled or altered, or nothing is said.
-    """
+    """Record while one operation fails; return whether it came to that."""
     disk = FailingDisk(kind, nth)
     limits = RecorderConfig(segment_bytes=6_000.0, reserve_bytes=0.0)
     writer = JournalWriter(folder, HEAD, limits, disk.create)
@@ -166,11 +160,6 @@ def images(folder: Path, count: int, seed: int = 2) -> int:
     """Check `count` images; return how many held more than was acknowledged.
 
     Each is read, then taken up again by a recorder, and read once more.
-
-    Raises
-    ------
-    AssertionError
-        If an acknowledged frame is lost, or a frame is not what was written.
     """
     rng = np.random.default_rng(seed)
     beyond = 0
@@ -272,13 +261,7 @@ def mounted_disk(folder: Path, size: int) -> Iterator[Disk | None]:
 
 
 def run_full(disk: Disk, reserve_bytes: float, full_s: float) -> Full:
-    """Record on a disk until it is full, `full_s` longer, and on when it has room again.
-
-    Raises
-    ------
-    AssertionError
-        If a recorded frame cannot be read, the gap is not reported exactly, or nothing is said.
-    """
+    """Record on a disk until it is full, `full_s` longer, and on when it has room again."""
     limits = RecorderConfig(segment_bytes=2e6, reserve_bytes=reserve_bytes)
     writer = JournalWriter(disk.folder, HEAD, limits, disk.create, room=disk.room)
     clock = _Clock(writer)
@@ -387,13 +370,7 @@ TAKINGS: dict[str, Callable[[Path], object]] = {
 
 
 def take_away(folder: Path, how: Callable[[Path], object]) -> float:
-    """Take file or folder away in mid-recording; return when it was reported, s.
-
-    Raises
-    ------
-    AssertionError
-        If it is not reported with the exact count, or what comes after is not recorded.
-    """
+    """Take file or folder away in mid-recording; return when it was reported, s."""
     # What was recorded before falls into two segments: the first is whole, the second is taken.
     limits = RecorderConfig(segment_bytes=15_000.0, reserve_bytes=0.0)
     writer = JournalWriter(folder, HEAD, limits, QuickFile)
@@ -431,13 +408,7 @@ def take_away(folder: Path, how: Callable[[Path], object]) -> float:
 
 
 def read_only(folder: Path) -> None:
-    """Refuse every write for three seconds: nothing is lost, and it is said.
-
-    Raises
-    ------
-    AssertionError
-        If a frame is lost or nothing is said.
-    """
+    """Refuse every write for three seconds: nothing is lost, and it is said."""
     refuse = [False]
 
     class ReadOnlyFile(QuickFile):

@@ -46,14 +46,8 @@ ENDED = (SessionState.READY, SessionState.FAILED)
 class Script:
     """A source that gives out blocks, then fails or falls silent.
 
-    Parameters
-    ----------
-    given : sequence of FrameBatch
-        Each is returned by one call.
-    error : Exception or None
-        Raised when all is given out.
-    pause_s : float
-        Before each block.
+    `given`: each is returned by one call.  `error`: raised when all is given out.  `pause_s`:
+    before each block.
     """
 
     name = "script"

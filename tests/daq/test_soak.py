@@ -92,12 +92,7 @@ def one_bump(codec: Codec, seed: int = 1) -> FrameBatch:
 class TirelessBench:
     """The same bump for ever, each with stamps of its own, while it is let run.
 
-    Parameters
-    ----------
-    bump : FrameBatch
-        Of one period.
-    pieces : PieceQueue
-        The recorder's; the bench waits while some pieces are in it.
+    `bump`: of one period.  `pieces`: the recorder's; the bench waits while some pieces are in it.
     """
 
     name = "tireless"
@@ -193,12 +188,7 @@ class Tally:
 class Soak(AbstractContextManager["Soak"]):
     """A recorder with its server, a bench that never tires, and an operator.
 
-    Parameters
-    ----------
-    folder : Path
-        For all files.
-    frames : int
-        How many are to come: recordings are the longer.
+    `folder`: for all files.  `frames`: how many are to come: recordings are the longer.
     """
 
     def __init__(self, folder: Path, frames: int) -> None:

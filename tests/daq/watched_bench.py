@@ -100,12 +100,7 @@ def encoded_turn(turn: int) -> FrameBatch:
 class WatchedBench:
     """Turns, one after the other.
 
-    Parameters
-    ----------
-    names : sequence of str
-        The buses.
-    codec, mapped : Codec, sequence of MappedChannel
-        Of the shipped bench if another is not given.
+    `names`: the buses.  `codec`, `mapped`: of the shipped bench if another is not given.
     """
 
     def __init__(
@@ -145,14 +140,8 @@ class WatchedBench:
     ) -> FrameBatch:
         """Return a turn's frames of the bench.
 
-        Parameters
-        ----------
-        without : sequence of str
-            Messages that are not sent.
-        values : mapping of `Message.signal` to float or array
-            Instead of noise.
-        motion : float
-            Amplitude of a slow oscillation of all signals, in the signals' units.
+        `without`: messages that are not sent.  `values`: instead of noise.  `motion`: amplitude of
+        a slow oscillation of all signals, in the signals' units.
         """
         turn, self._given = self._given, self._given + 1
         if not (without or values or motion):

@@ -296,17 +296,6 @@ def test_a_link_that_has_ended_opens_nothing_any_more(ended: str) -> None:
     assert not link.facts().connected
 
 
-def test_a_bus_that_is_opened_for_the_first_time_was_not_opened_again() -> None:
-    clock = Clock()
-    link = link_to(clock, OSError("not yet"), Source(clock, []), Source(clock, []))
-    clock.now_s += 1.0
-    link.read(0.0)
-    clock.now_s += 1.0
-    assert link.read(0.0) is not None
-    assert (link.facts().connected, link.facts().reopened) == (True, 0)
-    assert isinstance(link.read(0.0), FrameBatch)
-
-
 @pytest.mark.parametrize("raised", [SystemExit(1), KeyboardInterrupt(), MemoryError()])
 def test_a_driver_that_ends_the_program_is_one_more_lost_bus(raised: BaseException) -> None:
     """The reader goes on, and opens the bus again."""

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import os
 import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import can
 import numpy as np
 import pytest
 
 from daq import read_session
 from daq.bench.config import Bench, BusConfig, parse_bench
-from daq.bus.interfaces import open_bus, open_source
 from daq.bus.source import FrameSource, HopLosses, Now
 from daq.control.messages import (
     Arm,
@@ -152,29 +149,6 @@ def test_a_bus_that_cannot_be_opened_is_degraded_and_tried_for_ever(
         running.until(lambda s: s.disk.recorded_frames == 1200)
         assert running.last.buses[0].reopened == 0
     assert len(tries) == 4
-
-
-def test_a_stall_of_the_writer_costs_queue_and_no_frame(
-    quick: Bench, codec: Codec, tmp_path: Path
-) -> None:
-    frames = bumps(codec, 3)
-    script = Script(blocks(frames, 5), None, 0.003)  # 720 blocks in more than two seconds
-    stalled = threading.Event()
-
-    class Stalls(SyncedFile):
-        def sync(self) -> None:
-            super().sync()
-            if not stalled.is_set() and script.given and len(script.given) < 700:
-                stalled.set()
-                assert script.exhausted.wait(PATIENCE_S)
-
-    with Running(quick, tmp_path, sources(script), create=Stalls) as running:
-        status = running.until(lambda s: s.disk.recorded_frames == len(frames))
-    assert stalled.is_set()
-    assert status.queue.high > 500
-    assert max(s.disk.lag_s for s in running.published) > 1.0
-    assert status.losses.queue_dropped == 0
-    np.testing.assert_array_equal(stored(tmp_path).frames.data, frames.data)
 
 
 def test_what_does_not_fit_in_the_queue_is_counted_to_the_frame(
@@ -317,34 +291,6 @@ def test_a_reload_may_change_buses_and_dbc(two: Bench, codec: Codec, tmp_path: P
     tail = last_recording(tmp_path / "journal")
     assert tail is not None
     assert tail.head.dbc_text == other
-
-
-def messages(frames: FrameBatch) -> list[can.Message]:
-    columns = (frames.t_ns, frames.can_id, frames.length, frames.data)
-    return [
-        can.Message(int(t_ns) / 10**9, int(can_id), False, data=row[:length].tobytes())
-        for t_ns, can_id, length, row in zip(*columns, strict=True)
-    ]
-
-
-def test_a_campaign_over_a_virtual_bus_arrives_whole(
-    quick: Bench, codec: Codec, tmp_path: Path
-) -> None:
-    config = BusConfig("virtual", f"test_engine_{os.getpid()}", 1_000_000)
-    frames = bumps(codec, len(LABELS))
-    frames = replace(frames, t_ns=frames.t_ns - START_NS + time.time_ns())
-    with Running(replace(quick, buses=(config,)), tmp_path, open_source) as running:
-        running.order(Arm(Until.COMPLETE))
-        running.until(lambda s: bool(s.buses) and s.buses[0].state is not BusState.DISCONNECTED)
-        with open_bus(config) as bus:
-            for message in messages(frames):
-                bus.send(message)
-        running.until(lambda s: s.disk.recorded_frames == len(frames))
-        running.until(lambda s: s.phase is Phase.COMPLETE)
-    contents = stored(tmp_path)
-    assert planned(contents.events) == PLANNED
-    np.testing.assert_array_equal(contents.frames.data, frames.data)
-    assert np.abs(contents.frames.t_ns - frames.t_ns).max() <= 120
 
 
 class Counting(Script):

@@ -146,30 +146,12 @@ def test_a_session_built_in_mid_recording_reads_no_file_that_is_written(
             running.order(Arm(Until.COMPLETE))
             running.until(lambda s: s.disk.recorded_frames > 0)
             running.order(Build())
-            assert all((info := scan(path)) and info.sealed for path in given[-1])
+            assert all((info := scan(path)) and not info.blocks for path in given[-1])
         running.until(lambda s: s.disk.recorded_frames == 2400)
         status = running.until(lambda s: s.session.state in ENDED)
         assert (status.session.state, status.session.text) == (SessionState.READY, "")
     assert not stored(tmp_path).lost.any
     assert [path.name for path in tmp_path.glob("*.h5")] == ["session_0001.h5"]
-
-
-@pytest.mark.usefixtures("built_at_once")
-def test_a_session_is_built_of_what_retention_has_left(
-    quick: Bench, codec: Codec, tmp_path: Path
-) -> None:
-    small = replace(quick, recorder=replace(quick.recorder, segment_bytes=5_000.0))
-    gate = threading.Event()
-    with Running(small, tmp_path, sources(Gated(gate, blocks(bumps(codec, 2), 50)))) as running:
-        running.order(Arm(Until.COMPLETE))
-        gate.set()
-        running.until(lambda s: s.disk.recorded_frames == 2400)
-        writer = running.recorder._writer
-        gone = writer.written.pop(1).path  # as retention does
-        gone.unlink()
-        running.order(Stop())
-        status = running.until(lambda s: s.session.state in ENDED)
-    assert status.session.state is SessionState.READY, status.session.text
 
 
 @pytest.mark.usefixtures("built_at_once")

@@ -290,19 +290,6 @@ def _events(journal: JournalWriter) -> tuple[Event, ...]:
     return read_journal(journal.paths).events
 
 
-def test_the_last_seconds_are_at_hand_for_the_check(
-    quick: Bench, codec: Codec, journal: JournalWriter
-) -> None:
-    recording = Recording(quick, codec, journal)
-    frames = bumps(codec, 12)  # 14.4 s
-    feed(recording, blocks(frames))
-    np.testing.assert_array_equal(recording.recent(5.0).t_ns, frames.t_ns[-5001:])
-    assert len(recording.recent(10.0)) == 10_001
-    # After the clock was set back only the new frames are recent.
-    feed(recording, [replace(b, t_ns=b.t_ns - 10**12) for b in blocks(bumps(codec, 1))])
-    assert len(recording.recent(10.0)) == 1200
-
-
 def test_frames_that_a_pause_cost_after_a_run_are_not_lost_from_it(
     bench: Bench, codec: Codec, journal: JournalWriter
 ) -> None:
