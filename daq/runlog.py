@@ -133,7 +133,7 @@ class LoggedRun:
 
 
 @dataclass(frozen=True, slots=True)
-class Remark:
+class LoggedNote:
     """A note or a mark."""
 
     t_ns: int
@@ -174,7 +174,7 @@ class RunLog:
     """Changes that can be redone, the next one last."""
     chosen: tuple[str, Excitation] | None = None
     """Mass state and excitation that a person has chosen for the next run."""
-    notes: tuple[Remark, ...] = ()
+    notes: tuple[LoggedNote, ...] = ()
     overrides: tuple[Override, ...] = ()
     bench_text: str = ""
     """The last bench.toml in an event; empty if there is none."""
@@ -227,8 +227,8 @@ def next_step(campaign: Campaign, log: RunLog) -> Step | None:
 
 def parse_label(label: str) -> Step | None:
     """Return the step of a label like `baseline_bounce_1`; None if it is not a label."""
-    state, _, rest = label.partition("_")
-    kind, _, number = rest.rpartition("_")
+    state, _, kind_and_number = label.partition("_")
+    kind, _, number = kind_and_number.rpartition("_")
     if kind not in set(Excitation) or not number.isdecimal():
         return None
     return Step(state, Excitation(kind), int(number))
@@ -268,7 +268,7 @@ def _advanced(log: RunLog, event: Event) -> RunLog:
         case Code.BENCH:
             return replace(log, bench_text=event.text)
         case Code.MARK:
-            mark = Remark(event.t_ns, event.text, revision=log.revision)
+            mark = LoggedNote(event.t_ns, event.text, revision=log.revision)
             return replace(log, notes=(*log.notes, mark))
         case Code.UNDO:
             return _stepped_back(log)
@@ -290,7 +290,7 @@ def _entered(log: RunLog, code: Code, t_ns: int, body: Mapping[str, Any]) -> Run
         return replace(log, chosen=(body["mass_state"], Excitation(body["excitation"])))
     if code is Code.NOTE:
         about, by = body.get("label", ""), body.get("by", "")
-        note = Remark(t_ns, body["text"], about, by, log.revision)
+        note = LoggedNote(t_ns, body["text"], about, by, log.revision)
         return replace(log, notes=(*log.notes, note))
     if code is Code.OVERRIDE:
         override = Override(t_ns, body["subject"], body["reason"], body["by"])
@@ -398,6 +398,6 @@ def entry(code: Code, t_ns: int, **body: Any) -> Event:
 
 def verdict_entry(t_ns: int, label: str, findings: Iterable[Finding]) -> Event:
     """Return the event of the recorder's verdict on a run."""
-    found = [finding_record(finding) for finding in findings]
-    accepted = all(record["passed"] for record in found)
-    return entry(Code.VERDICT, t_ns, label=label, accepted=accepted, findings=found)
+    records = [finding_record(finding) for finding in findings]
+    accepted = all(record["passed"] for record in records)
+    return entry(Code.VERDICT, t_ns, label=label, accepted=accepted, findings=records)

@@ -16,7 +16,7 @@ from pydantic import ConfigDict, Field, TypeAdapter
 from dbc.finding import Finding
 
 from ..bench.campaign import Origin, Step
-from ..runlog import LoggedRun, Override, Remark
+from ..runlog import LoggedNote, LoggedRun, Override
 from ..runs import Excitation, Losses
 
 if TYPE_CHECKING:
@@ -226,7 +226,7 @@ class Status:
     tallies: tuple[Tally, ...]
     """In the order of the campaign."""
     runs: tuple[LoggedRun, ...]
-    notes: tuple[Remark, ...]
+    notes: tuple[LoggedNote, ...]
     overrides: tuple[Override, ...]
     undo: str
     redo: str

@@ -330,8 +330,8 @@ class SegmentFile:
             old = self._bytes(0, len(_MCAP)) == _MCAP
             self.close()
             if old:
-                what = "this journal was written by Bumpbench 0.1"
-                raise InputError(str(path), what, "recover it with that release")
+                problem = "this journal was written by Bumpbench 0.1"
+                raise InputError(str(path), problem, "recover it with that release")
             raise InputError(str(path), "is not a journal", ADVICE)
 
     def first(self) -> Block | None:
@@ -343,24 +343,24 @@ class SegmentFile:
         for wanted in _END_BYTES:
             start = max(0, self.size - wanted)
             tail = self._bytes(start, self.size - start)
-            at = bytes(tail).rfind(MAGIC)
-            if at >= 0:
-                block = self._block(start + at)
-                whole = block is not None and start + at + _stored_bytes(block) == self.size
+            offset = bytes(tail).rfind(MAGIC)
+            if offset >= 0:
+                block = self._block(start + offset)
+                whole = block is not None and start + offset + _stored_bytes(block) == self.size
                 return block if whole and block is not None and block.kind == Kind.END else None
         return None
 
     def blocks(self) -> Iterator[Block | Damage]:
         """Yield the whole blocks in order, and what is damaged before, between and after them."""
-        at = whole = 0  # where a block may begin, and where the last whole one ends
-        while at < self.size:
-            block = self._block(at)
+        offset = whole = 0  # where a block may begin, and where the last whole one ends
+        while offset < self.size:
+            block = self._block(offset)
             if block is None:
-                at = self._next_magic(at + 1)
+                offset = self._next_magic(offset + 1)
                 continue
-            if at > whole:
-                yield self._damage(whole, at)
-            at = whole = at + _stored_bytes(block)
+            if offset > whole:
+                yield self._damage(whole, offset)
+            offset = whole = offset + _stored_bytes(block)
             yield block
         if whole < self.size:
             yield self._damage(whole, self.size)
@@ -375,12 +375,12 @@ class SegmentFile:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _block(self, at: int) -> Block | None:
-        header = self._bytes(at, HEADER.size)
+    def _block(self, offset: int) -> Block | None:
+        header = self._bytes(offset, HEADER.size)
         length = content_bytes(header)
-        if length is None or at + HEADER.size + length > self.size:
+        if length is None or offset + HEADER.size + length > self.size:
             return None
-        stored = self._bytes(at, HEADER.size + length)
+        stored = self._bytes(offset, HEADER.size + length)
         return unpack_block(stored) if len(stored) == HEADER.size + length else None
 
     def _damage(self, start: int, stop: int) -> Damage:
@@ -388,29 +388,29 @@ class SegmentFile:
         kind = HEADER.unpack(header)[2] if content_bytes(header) is not None else 0
         return Damage(start, stop - start, stop == self.size, kind)
 
-    def _next_magic(self, at: int) -> int:
+    def _next_magic(self, offset: int) -> int:
         """Return the offset of the next magic number; the size of the file if there is none."""
-        while at < self.size:
-            if not self._from <= at <= self._from + len(self._piece) - len(MAGIC):
-                self._load(at, _READ_BYTES)
-            place = self._piece.find(MAGIC, at - self._from)
+        while offset < self.size:
+            if not self._from <= offset <= self._from + len(self._piece) - len(MAGIC):
+                self._load(offset, _READ_BYTES)
+            place = self._piece.find(MAGIC, offset - self._from)
             if place >= 0:
                 return self._from + place
-            at = self._from + max(len(self._piece), _READ_BYTES) - len(MAGIC) + 1
+            offset = self._from + max(len(self._piece), _READ_BYTES) - len(MAGIC) + 1
         return self.size
 
-    def _bytes(self, at: int, size: int) -> memoryview:
+    def _bytes(self, offset: int, size: int) -> memoryview:
         """Return bytes of the file; fewer at its end, or if the disk fails."""
-        if not self._from <= at <= self._from + len(self._piece) - size:
-            self._load(at, max(size, _READ_BYTES))
-        return memoryview(self._piece)[at - self._from :][:size]
+        if not self._from <= offset <= self._from + len(self._piece) - size:
+            self._load(offset, max(size, _READ_BYTES))
+        return memoryview(self._piece)[offset - self._from :][:size]
 
-    def _load(self, at: int, size: int) -> None:
+    def _load(self, offset: int, size: int) -> None:
         parts = []
-        self._from = at
+        self._from = offset
         while size > 0:
             try:
-                os.lseek(self._fd, at, os.SEEK_SET)  # Windows has no pread
+                os.lseek(self._fd, offset, os.SEEK_SET)  # Windows has no pread
                 part = os.read(self._fd, size)
             except OSError as error:
                 self.fault = f"cannot be read ({error.strerror or error})"
@@ -418,7 +418,7 @@ class SegmentFile:
             if not part:
                 break
             parts.append(part)
-            at, size = at + len(part), size - len(part)
+            offset, size = offset + len(part), size - len(part)
         self._piece = b"".join(parts)
 
 

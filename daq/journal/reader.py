@@ -293,8 +293,8 @@ def recordings_of(segments: Sequence[Path]) -> tuple[RecordingInfo, ...]:
 
 def no_head(path: Path) -> InputError:
     """Return the error of a recording of which no segment has a head."""
-    what = "has lost every copy of its bench.toml and DBC"
-    return InputError(str(path), what, "name all segments of its recording")
+    problem = "has lost every copy of its bench.toml and DBC"
+    return InputError(str(path), problem, "name all segments of its recording")
 
 
 def last_recording(folder: Path) -> RecordingInfo | None:
@@ -462,8 +462,8 @@ class JournalReader:
         (one, head), *others = heads.items()
         for path, other in others:
             if other.recording != head.recording:
-                what = f"belongs to another recording than {one.name}"
-                raise InputError(str(path), what, "read one recording at a time")
+                problem = f"belongs to another recording than {one.name}"
+                raise InputError(str(path), problem, "read one recording at a time")
         for path in [path for path in firsts if firsts[path].recording != head.recording]:
             note = f"{path.name}: has lost every copy of its bench.toml and DBC"
             self._lost.append(JournalLoss(bytes_cut=path.stat().st_size, notes=(note,)))

@@ -32,7 +32,7 @@ class Table:
     rows: tuple[tuple[str, ...], ...]
     """Rows; each is as long as `columns`."""
     note: str = ""
-    """Remark below the table."""
+    """LoggedNote below the table."""
 
 
 @dataclass(frozen=True, slots=True)

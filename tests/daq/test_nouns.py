@@ -18,7 +18,7 @@ from daq.bumps import BUMPS, kinds_of
 from daq.channels import SI_UNITS, TIME_DERIVATIVE, Channel, Quantity
 from daq.errors import InputError
 from daq.loading import axle_loads, expected_car, loading, wrong_weights
-from daq.runlog import Override, Remark
+from daq.runlog import LoggedNote, Override
 from daq.runs import Excitation, RunStatus, SampleGroup
 from daq.session import read_session, write_session
 from daq.session.from_frames import parse_runs
@@ -208,8 +208,8 @@ def test_added_mass_is_a_matrix_of_seven_that_nobody_changes() -> None:
 
 
 def test_notes_and_overrides_are_given_with_their_names() -> None:
-    notes = [Remark(1, "step check done"), Remark(2, "tyre changed", "", "MK"),
-             Remark(3, "door slammed", "baseline_roll_1", "AB")]  # fmt: skip
+    notes = [LoggedNote(1, "step check done"), LoggedNote(2, "tyre changed", "", "MK"),
+             LoggedNote(3, "door slammed", "baseline_roll_1", "AB")]  # fmt: skip
     overrides = [Override(4, "channel x", "noisy, but unused", "MK")]
     provenance = {
         "notes": json.dumps([asdict(note) for note in notes]),

@@ -16,7 +16,7 @@ import pytest
 
 from daq.bench.config import bench_codec, load_bench
 from daq.control.messages import Due, Phase, Status
-from daq.runlog import Remark
+from daq.runlog import LoggedNote
 from dbc import FrameBatch
 from tui.cli import run
 
@@ -143,7 +143,7 @@ def test_the_simulated_car_is_bumped_again_when_the_recorder_rejects(
     due = Due(step, 0, 1, 0, "bump")
     idle = replace(a_status(), phase=Phase.IDLE, due=due)
     armed, rejected = (replace(idle, phase=phase) for phase in (Phase.ARMED, Phase.REJECTED))
-    asked = replace(idle, notes=(Remark(0, "push FL", ""),))
+    asked = replace(idle, notes=(LoggedNote(0, "push FL", ""),))
     once = [armed] * 35 + [rejected] * 10  # a status for each 0.2 s of the car
     script = [*[idle] * 5, *once, *once, *[asked] * 20]
     news: list[Status | None] = [each for status in script for each in (status, None)]

@@ -18,7 +18,7 @@ from daq.check.propose import propose_sensors
 from daq.control.messages import Due, Phase, Status
 from daq.errors import BusError
 from daq.recorder.recording import Recording
-from daq.runlog import LoggedStatus, Remark
+from daq.runlog import LoggedNote, LoggedStatus
 from daq.runs import BASELINE, Excitation
 from daq.samples.converter import HealthState, advance
 from daq.sim.bench import PIECE_S, PUSHES_S, Fault, SimulatedBench, push_frames
@@ -116,7 +116,7 @@ def test_a_mark_of_the_bench_check_asks_for_a_push() -> None:
     codec = bench_codec(bench)
     source = SimulatedBench(bench, codec, SimulatedCar(), 1, math.inf, lambda: reported[0])
     rest = codec.decode(_read(source, 1.0))["SUSP_Rear.travel_rr"].value
-    reported[0] = replace(reported[0], notes=(Remark(0, "a note"), Remark(0, "push RR")))
+    reported[0] = replace(reported[0], notes=(LoggedNote(0, "a note"), LoggedNote(0, "push RR")))
     travel = codec.decode(_read(source, 4.0))["SUSP_Rear.travel_rr"]
     assert np.max(np.abs(rest)) < 3.0
     pushed_s = np.flatnonzero(travel.value > 5.0) * np.median(np.diff(travel.t_ns)) * 1e-9
