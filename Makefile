@@ -4,7 +4,7 @@ BIN := .venv/bin
 UV := 0.13.8
 INSTALL = $(BIN)/python -m uv pip install --quiet --compile-bytecode --python $(BIN)/python --constraint constraints.txt
 
-.PHONY: demo test test-long test-pythons lint docs bench bursts coverage mutate fuzz crash soak display-check pages-check pictures release-check test-service test-socketcan constraints clean
+.PHONY: demo test test-long test-pythons lint docs bench bursts coverage fleet mutate fuzz crash soak display-check pages-check pictures release-check test-service test-socketcan constraints clean
 
 demo: .venv/demo
 	$(BIN)/bumpbench demo
@@ -48,6 +48,12 @@ bursts: .venv/test
 # Do the intervals hold the truth?  Some 3 s a campaign; CAR=granada-rough, with friction: 20 s.
 coverage: .venv/test
 	$(BIN)/python -m tests.flow.coverage $(or $(CAMPAIGNS),100) $(CAR)
+
+# How often are real cars right?  Two fleets of plausible ones: of the fit's own force laws, and of others
+# (stops, dampers, friction, springs, tyres).  A minute a car.
+fleet: .venv/test
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.simulated.fleet_study $(or $(CARS),20)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.simulated.other_laws $(or $(CARS),20)
 
 # Small faults in the sources (cosmic-ray), each against the tests of its room and then the commands': lists
 # those that no test finds.  PATHS: files; without it all packages.

@@ -26,6 +26,7 @@ from identify.nonlinear.release import Attempt
 from identify.pipeline import identify
 from identify.result import Identification
 from identify.trust.finding import Verdict
+from tests.simulated.other_laws import identified_other
 
 from ..bumps import TRUTH
 from ..report import made as sessions
@@ -264,3 +265,17 @@ def test_the_estimation_has_all_parameters_and_free_elements(
     assert (one.fit.iterations, one.fit.converged, one.fit.cost) == (3, True, best.cost)
     assert list(one.fit.information) == [FACTS, PRIORS, "run"]
     assert dict(one.engine.elements) == {"F_cf": MODEL.first}
+
+
+# Cars whose laws are none of the fit's (the whole fleet: `make fleet`) ----------------------------
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("number", [0, 6, 7])
+def test_a_car_of_other_laws_is_usable_and_its_intervals_hold(number: int) -> None:
+    """A city car with a parabolic stop, an suv with a cubic, a van with an exponential one."""
+    case = identified_other(number)
+    assert case.verdict != Verdict.REFUSED, case
+    assert case.worst_percent < 5.0, case
+    assert case.covered >= 0.8 * case.judged, case
+    assert not case.false, case
