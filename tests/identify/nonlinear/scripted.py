@@ -20,8 +20,7 @@ from identify.nonlinear.fit import Clock
 from identify.nonlinear.path import ROUGH, Grade
 from identify.nonlinear.release import Attempt, release
 
-from .cars import RICH, bent
-from .truth import ADDED, BASELINE
+from .truth import ADDED, BASELINE, RICH, bent
 
 HUB = Channel(
     "hub", Quantity.HUB_ACCELERATION, "m/s2", corner=Corner.FRONT_LEFT, delay_sigma_s=1e-3

@@ -28,8 +28,7 @@ from identify.nonlinear.path import USUAL, InitialState
 from identify.nonlinear.problem import Block, Normal, Problem, point, run_of, too_flat
 
 from ..bumps import GROUP, MASS_STATES, TRUTH
-from .cars import RICH, bent, granada, model_of, moving, rich
-from .truth import BASELINE, NOISE, WEIGHTS, channels
+from .truth import BASELINE, NOISE, RICH, WEIGHTS, bent, channels, granada, model_of, moving, rich
 
 N_OWN, N_SHARED = 18, 3
 FREE = np.full(N_SHARED, np.inf)

@@ -39,8 +39,7 @@ from identify.nonlinear.path import (
 )
 from identify.nonlinear.path import Path as Motion
 
-from .cars import model_of, moving, rich
-from .truth import BASELINE
+from .truth import BASELINE, model_of, moving, rich
 
 END_S = 0.2
 STEP = 1e-6

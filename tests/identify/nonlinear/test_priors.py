@@ -49,8 +49,7 @@ from tests.simulated.fleet import fleet_car
 
 from ...simulated.elements import true_parameters
 from ..bumps import GROUP, MASS_STATES, TRUTH, noise_of, paper_records
-from .cars import RICH, bent, model_of, moving
-from .truth import BASELINE
+from .truth import BASELINE, RICH, bent, model_of, moving
 
 MODEL = model_of(knots="K5")
 NONE = np.zeros(0, dtype=np.intp)

@@ -28,9 +28,20 @@ from tests.simulated.cars import named_car
 from tests.simulated.fleet import fleet_car
 
 from ...flow.coverage import simulated_session
-from .cars import RICH, bent, model_of, moving
 from .scripted import Script, attempt, of, play
-from .truth import BASELINE, NOISE, Truth, campaign, channels, drive, records
+from .truth import (
+    BASELINE,
+    NOISE,
+    RICH,
+    Truth,
+    bent,
+    campaign,
+    channels,
+    drive,
+    model_of,
+    moving,
+    records,
+)
 
 
 @pytest.fixture

@@ -11,9 +11,8 @@ from identify.model.response import Bump
 from identify.plan import ExpectedElements, KnownRuns, Outlook, Plan, Runs, sensors_of
 from identify.plan.outlook import expected
 
-from ..nonlinear.cars import granada
 from ..nonlinear.truth import ADDED as LOADED
-from ..nonlinear.truth import SPEEDS, Truth, channels
+from ..nonlinear.truth import SPEEDS, Truth, channels, granada
 
 THREE = (Excitation.BOUNCE, Excitation.PITCH, Excitation.ROLL)
 BOTH = (BASELINE, ADDED)

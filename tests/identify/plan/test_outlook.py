@@ -37,8 +37,8 @@ from identify.plan import (
 from identify.plan.information import ElementUnknowns, Fisher, RealCar
 from identify.plan.outlook import Outlook, damper_points, expected, vague
 
-from ..nonlinear.cars import granada
 from ..nonlinear.truth import BASELINE as BARE_STATE
+from ..nonlinear.truth import granada
 
 BOX = GreyBox((), (BARE_STATE,), None)
 N = len(BOX.parameters)

@@ -28,7 +28,7 @@ from identify.plan.after_bump import after_bump
 from identify.plan.design import unknowns_with
 
 from ..nonlinear import truth
-from ..nonlinear.cars import granada, model_of
+from ..nonlinear.truth import granada, model_of
 from .real_plans import ELEMENTS, KNOWN, SCALES, THREE, found, standard_plan, worst
 
 
