@@ -178,24 +178,22 @@ def completed(propose: Callable[[Answers], Proposal]) -> Proposal:
 
     `propose`: makes the proposal from the answers so far.
     """
-    answers: dict[Question, str] = {}
+    answers: dict[Question, bool] = {}
     proposal = propose(NO_ANSWERS)
     if not is_asked():
         return proposal
     say("an empty answer leaves the question in the file")
     passed: set[Question] = set()
-    while question := next((q for q in proposal.asked if q not in passed), None):
-        typed = _typed(f"{question.line} ({question.asked})")
+    while question := next((q for q in proposal.asked if q.answers and q not in passed), None):
+        typed = _typed(f"{question.line} ({question.answers})")
         answer = question.understood(typed)
-        if typed and not answer:
-            say(f"{typed!r} is not an answer to that: {question.asked}")
+        if typed and answer is None:
+            say(f"{typed!r} is not an answer to that: {question.answers}")
             continue
         passed.add(question)
-        if answer:
+        if answer is not None:
             answers[question] = answer
             proposal = propose(answers)
-            if question in proposal.asked:
-                say(f"{typed!r} contradicts what the sensors show: the question stays in the file")
     return replace(proposal, text=_filled_in(proposal.text))
 
 

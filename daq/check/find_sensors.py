@@ -20,7 +20,7 @@ from dbc.words import plural
 
 from ..bench.sensors import Database, Sensor, database_codec
 from .frame_checks import Arrivals, frame_table
-from .guess import Asked, Question, plain_name
+from .guess import Question, plain_name
 
 Key = tuple[int, int, bool]
 """Bus, identifier and width of frames."""
@@ -39,7 +39,7 @@ class FoundSensor(NamedTuple):
     @property
     def question(self) -> Question:
         """The question whether it is one of this bench."""
-        return Question(f"sensor {self.sensor.name}: {self.why}", Asked.OURS, self.sensor.name)
+        return Question(f"sensor {self.sensor.name}: {self.why}", "y or n")
 
 
 def find_sensors(

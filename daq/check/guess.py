@@ -10,7 +10,6 @@ import re
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -93,65 +92,26 @@ def kind_by_name(name: str, message: str) -> str | None:
 
 # Guesses, and what is asked about them ------------------------------------------------------------
 
-YES, NO, ON_THE_BODY = "y", "n", "body"
-_WHEELS = " ".join(Corner)
-
-
-class Asked(StrEnum):
-    """Kind of a question; the value states its possible answers."""
-
-    RIGHT = "y"
-    """Asks if the guess is right."""
-    CORNER = f"y, {_WHEELS} or body"
-    """Corner of an acceleration."""
-    WHEEL = f"y, {_WHEELS}, or n if it is not a travel"
-    """Wheel of a travel, which is guessed."""
-    WHERE = f"{_WHEELS}, or n if it is not a travel"
-    """Wheel of a travel, which nothing shows."""
-    FORWARD = "y or an axis as -x"
-    """Axis that points forward."""
-    UNIT = "y or a unit"
-    OURS = "y or n"
-    """Asks if the sensor is one of this bench."""
-
-    @property
-    def is_of_channel(self) -> bool:
-        """True if the answer counts for one channel, not for all of its sensor."""
-        return self in (Asked.CORNER, Asked.WHEEL, Asked.WHERE)
-
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """A question about an uncertain guess."""
+    """A question about an uncertain guess; yes confirms it."""
 
     line: str
     """The question, with its subject."""
-    asked: Asked = Asked.RIGHT
-    """Kind of the answer."""
-    sensor: str = ""
-    """Sensor that the question is about; empty if the bench has no list of sensors."""
+    answers: str = "y"
+    """Its possible answers: `y`, or `y or n` where no leaves the sensor out; empty if only an edit
+    of the file answers it."""
 
-    def understood(self, typed: str) -> str:
-        """Return an answer in the form that a proposal uses; empty if it is not a valid answer."""
-        text = typed.strip()
-        lower = text.lower()
-        if lower in ("y", "yes") and self.asked is not Asked.WHERE:
-            return YES
-        match self.asked:
-            case Asked.WHEEL | Asked.WHERE | Asked.OURS if lower in ("n", "no"):
-                return NO
-            case Asked.CORNER if lower == ON_THE_BODY:
-                return ON_THE_BODY
-            case Asked.CORNER | Asked.WHEEL | Asked.WHERE if text.upper() in set(Corner):
-                return text.upper()
-            case Asked.FORWARD if re.fullmatch("[+-]?[xyz]", lower):
-                return lower if len(lower) == 2 else f"+{lower}"
-            case Asked.UNIT if (known := known_si(text)) is not None and known.unit != "1":
-                return text
-        return ""
+    def understood(self, typed: str) -> bool | None:
+        """Return True for yes, False for no, None for what is no answer to this question."""
+        lower = typed.strip().lower()
+        if lower in ("y", "yes") and self.answers:
+            return True
+        return False if lower in ("n", "no") and "n" in self.answers else None
 
 
-Answers = Mapping[Question, str]
+Answers = Mapping[Question, bool]
 """Answers as `Question.understood` returns them."""
 
 
@@ -169,8 +129,9 @@ class Guess:
     """Reasons for the guess."""
     ask: str = ""
     """Question to the user about an uncertain guess; empty if it is certain."""
-    asked: Asked = Asked.RIGHT
-    """Kind of the answer."""
+    of_device: bool = False
+    """True if the question is about a device with several channels, and one answer counts for all
+    of them."""
     unit: str = ""
     """Unit of the signal if the database states none."""
     is_proven: bool = False
@@ -178,31 +139,14 @@ class Guess:
     tare: float | None = None
     """Travel at rest, SI, with the sign; None if it was not measured."""
 
-    def answered(self, answer: str) -> Guess:
-        """Return the guess with an answer, as `Question.understood` returns it."""
-        sure = replace(self, ask="")
-        if answer == YES:
-            return sure
-        if self.asked is Asked.UNIT:
-            tare = self.tare
-            if tare is not None:  # the reading, in the guessed unit
-                tare *= to_si(answer).factor / to_si(self.unit).factor
-            return replace(sure, unit=answer, tare=tare)
-        if not self.asked.is_of_channel:  # it changes the guesses of its sensor elsewhere
-            return self
-        if answer == ON_THE_BODY:
-            return replace(sure, quantity=Quantity.BODY_ACCELERATION, corner=None)
-        if answer == NO:
-            return replace(sure, quantity=Quantity.UNUSED, corner=None)
-        is_hub = self.asked is Asked.CORNER
-        quantity = Quantity.HUB_ACCELERATION if is_hub else Quantity.SUSPENSION_TRAVEL
-        return replace(sure, quantity=quantity, corner=Corner(answer))
-
 
 # From names, units and physics to guesses ---------------------------------------------------------
 
 FEWEST = 20
 """Fewest samples from which a conclusion is drawn."""
+_WHERE, _WHICH_HUB = "at which corner?", "is it on the body, or on which hub?"
+OPEN = (_WHERE, _WHICH_HUB)
+"""Questions that yes does not answer."""
 _FARTHEST_M = 1.0
 """Largest reading of a suspension travel at rest, m."""
 
@@ -288,14 +232,8 @@ def candidate(full: str, signal: SignalLayout, values: NDArray[np.float64]) -> C
     return Candidate(full, kind, signal.unit, is_stated, corner, source, span, level, peak)
 
 
-def guess_channels(
-    candidates: Iterable[Candidate], pushes: Pushes | None, answers: Answers
-) -> dict[str, Guess]:
-    """Return a guess for each signal, by full name, without signals that the method cannot use.
-
-    `answers`: only those on axes that point forward are used, because they change other guesses.
-    """
-    forward = {q.sensor: text for q, text in answers.items() if q.asked is Asked.FORWARD}
+def guess_channels(candidates: Iterable[Candidate], pushes: Pushes | None) -> dict[str, Guess]:
+    """Return a guess for each signal, by full name, without signals that the method cannot use."""
     groups: dict[tuple[str, Corner | None], list[Candidate]] = defaultdict(list)
     for each in candidates:
         groups[each.sensor, each.corner].append(each)
@@ -304,7 +242,7 @@ def guess_channels(
     guesses: dict[str, Guess] = {}
     for (sensor, corner), group in groups.items():
         guesses |= {s.full: guess for s in group if (guess := _by_name(s)) is not None}
-        guesses |= _by_mounting(group, pushes, forward.get(sensor, ""))
+        guesses |= _by_mounting(group, pushes)
         guesses |= _on_hubs(group, corner, sensor in turning, guesses)
     lengths = [s for g in groups.values() for s in g if s.kind == "m" and s.full in guesses]
     return guesses | _travels(lengths, guesses, pushes)
@@ -364,7 +302,7 @@ def _by_name(s: Candidate) -> Guess | None:
     if guess is None or s.is_stated:
         return guess
     ask = f"no unit is stated: is it {s.unit}?"
-    return replace(guess, unit=s.unit, ask=ask, asked=Asked.UNIT)
+    return replace(guess, unit=s.unit, ask=ask)
 
 
 def _acceleration(s: Candidate) -> Guess:
@@ -416,15 +354,13 @@ def _length(s: Candidate) -> Guess | None:
     if not words(s.name) & _TRAVEL:
         return None
     why = f"unit {s.unit}, a travel by its name"
-    return Guess(Quantity.UNUSED, None, 1, why, "at which corner?", Asked.WHERE)
+    return Guess(Quantity.UNUSED, None, 1, why, _WHERE)
 
 
 # The sensors of one device, from gravity and pushes -----------------------------------------------
 
 
-def _by_mounting(
-    group: Sequence[Candidate], pushes: Pushes | None, forward: str
-) -> dict[str, Guess]:
+def _by_mounting(group: Sequence[Candidate], pushes: Pushes | None) -> dict[str, Guess]:
     """Return the guesses for a device with three accelerations, from how it is mounted."""
     accelerations = {s.axis: s for s in group if s.kind == "m/s2" and s.axis}
     gravity = {a: s.gravity_g for a, s in accelerations.items() if s.gravity_g is not None}
@@ -436,7 +372,7 @@ def _by_mounting(
         if pushes is not None and s.kind == "rad/s" and s.full in pushes.traces:
             for corner, angle in pushes.turns(s.full).items():
                 turns[corner][axis] = angle
-    how = mounting(gravity, turns, forward)
+    how = mounting(gravity, turns)
     guesses = {}
     vertical, sign = axis_of(how.up) if how else ("", 1)
     for axis, s in accelerations.items():
@@ -445,14 +381,15 @@ def _by_mounting(
         guess = Guess(Quantity.UNUSED, None, 1, f"{why}: not vertical", unit=unit)
         if how is None:
             levels = ", ".join(f"{gravity[a]:+.2f}" for a in AXES)
-            guess = replace(guess, why="tilted", ask=f"no axis is vertical: it reads {levels} g")
+            ask = f"no axis is vertical: it reads {levels} g"
+            guess = replace(guess, why="tilted", ask=ask, of_device=True)
         elif axis == vertical:
             is_on_hub = s.corner is not None and not s.is_on_body
             quantity = Quantity.HUB_ACCELERATION if is_on_hub else Quantity.BODY_ACCELERATION
             place = s.corner if is_on_hub else None
             ask = f"mounted {how.tilt_deg:.0f} degrees off the vertical?"
             ask = ask if how.tilt_deg > 5.0 else ""
-            guess = Guess(quantity, place, sign, f"{why}: vertical", ask, unit=unit)
+            guess = Guess(quantity, place, sign, f"{why}: vertical", ask, True, unit)
         guesses[s.full] = guess
     if how is None or len(rates) < 2:
         return guesses
@@ -466,15 +403,14 @@ def _by_mounting(
             continue
         turn, direction = (_ROLL, how.forward) if axis == ahead else (_PITCH, how.left)
         why = f"about {axis}; {ahead} is {proof} for the axis along the car; {turn.sense}"
-        ask, asked = f"is it {unit}?" if unit else "", Asked.UNIT
+        ask = f"is it {unit}?" if unit else ""
         if not how.surely_forward:
-            asked = Asked.FORWARD
             ask = f"does the sensor's {'+' if sense > 0 else '-'}{ahead} axis point forward?"
             if pushes is not None:
                 ask += "  The pushes did not show it."
         quantity, sign = turn.quantity(s.kind), axis_of(direction)[1]
         proven = how.surely_forward
-        guesses[s.full] = Guess(quantity, None, sign, why, ask, asked, unit, is_proven=proven)
+        guesses[s.full] = Guess(quantity, None, sign, why, ask, True, unit, is_proven=proven)
     return guesses
 
 
@@ -502,8 +438,7 @@ def _on_hubs(
             hubs[s.full] = Guess(Quantity.HUB_ACCELERATION, corner, 1, why, ask, unit=guess.unit)
         is_certain = guess.quantity is Quantity.BODY_ACCELERATION and not guess.ask
         if is_certain and (s.axis is None or not turns):
-            ask = "is it on the body, or on which hub?"
-            hubs[s.full] = replace(guess, ask=ask, asked=Asked.CORNER)
+            hubs[s.full] = replace(guess, ask=_WHICH_HUB, of_device=False)
     return hubs
 
 
@@ -520,17 +455,17 @@ def _travels(
         if shown is None:
             continue
         corner, sign = shown
-        ask, asked = ("", Asked.RIGHT) if guess.asked is Asked.WHERE else (guess.ask, guess.asked)
+        ask = "" if guess.ask == _WHERE else guess.ask
         if guess.corner not in (None, corner):
-            ask, asked = f"its name says {guess.corner}: are plugs swapped?", Asked.WHEEL
+            ask = f"its name says {guess.corner}: are plugs swapped?"
         why, kind = f"moved most by the push on {corner}", Quantity.SUSPENSION_TRAVEL
-        travels[name] = Guess(kind, corner, sign, why, ask, asked, guess.unit, is_proven=True)
+        travels[name] = Guess(kind, corner, sign, why, ask, unit=guess.unit, is_proven=True)
     unplaced = [s for s in lengths if guesses[s.full].corner is None]
     if len(unplaced) == len(ORDER) and not any(g.is_proven for g in travels.values()):
         for s, corner in zip(unplaced, ORDER, strict=True):
             ask = "its corner is guessed from the order of sensors: push the car there to check it"
             why = f"unit {s.unit}, a travel by its name"
-            guess = Guess(Quantity.SUSPENSION_TRAVEL, corner, 1, why, ask, Asked.WHEEL)
+            guess = Guess(Quantity.SUSPENSION_TRAVEL, corner, 1, why, ask)
             travels[s.full] = guess
     for s in lengths:
         guess = travels[s.full]

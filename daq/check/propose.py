@@ -28,10 +28,8 @@ from .find_sensors import FoundSensor, find_sensors
 from .frame_checks import RATE_FAIL, Arrivals, fitting_rules, frame_table
 from .guess import (
     FEWEST,
-    NO,
-    YES,
+    OPEN,
     Answers,
-    Asked,
     Candidate,
     Guess,
     Question,
@@ -83,13 +81,11 @@ def propose_sensors(
     frames = frames if frames is not None and len(frames) else None
     sensors, absent = find_sensors(databases, frames)
     unsure = {s.sensor.name: s.question for s in sensors if not s.surely}
-    said = {name: answers.get(question, "") for name, question in unsure.items()}
+    said = {name: answers.get(question) for name, question in unsure.items()}
     sensors = [
-        s._replace(surely=True, why="yours, by your answer")
-        if said.get(s.sensor.name) == YES
-        else s
+        s._replace(surely=True, why="yours, by your answer") if said.get(s.sensor.name) else s
         for s in sensors
-        if said.get(s.sensor.name) != NO
+        if said.get(s.sensor.name) is not False
     ]
     n_buses = max(len(buses), *(each.sensor.bus + 1 for each in sensors), 1)
     one = len(databases) == 1 and len(sensors) == 1 and n_buses == 1
@@ -107,7 +103,7 @@ def propose_sensors(
         messages = [m for m in messages if m.name in arrivals]
     candidates = _candidates(messages, decoded)
     found_pushes, questions = _pushed(codec.decode(pushes), candidates) if pushes else (None, [])
-    guesses = guess_channels(candidates, found_pushes, answers)
+    guesses = guess_channels(candidates, found_pushes)
     ready = {
         table["name"]
         for each in sensors
@@ -250,13 +246,12 @@ class _ChannelTables:
     def lines(self, full: str, guess: Guess, sensor: str) -> list[str]:
         """Return the table of a signal; `full`: its name with that of its message."""
         name = self._unique(full, sensor)
-        subject = f"sensor {sensor}" if sensor else "the IMU"
-        # One answer counts for the whole sensor, except for a corner.
-        if guess.asked.is_of_channel or not (sensor or guess.asked is Asked.FORWARD):
-            subject = f"channel {name}"
-        question = Question(f"{subject}: {guess.ask}", guess.asked, sensor)
+        subject = f"channel {name}"
+        if guess.of_device:
+            subject = f"sensor {sensor}" if sensor else "the IMU"
+        question = Question(f"{subject}: {guess.ask}", "" if guess.ask in OPEN else "y")
         if question in self._answers:
-            guess = guess.answered(self._answers[question])
+            guess = replace(guess, ask="")
         if guess.ask and question not in self._questions:
             self._questions.append(question)
         lines = [

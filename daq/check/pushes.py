@@ -210,7 +210,7 @@ class Mounting:
     tilt_deg: float
     """Angle between the sensor's nearest axis and the vertical, deg."""
     surely_forward: bool
-    """True if pushes prove the forward direction, or the user states it."""
+    """True if pushes prove the forward direction."""
 
     @property
     def left(self) -> Vector:
@@ -227,14 +227,12 @@ def axis_of(direction: Vector) -> tuple[str, int]:
 def mounting(
     gravity_g: Mapping[str, float],
     turns: Mapping[Corner, Mapping[str, float]] | None,
-    stated: str = "",
 ) -> Mounting | None:
     """Return how a sensor is mounted; None if no axis is vertical.
 
     `gravity_g`: reading of each of the three axes at rest, in g.  `turns`: the angle by which the
     body turned about each axis in a push on each corner, any unit; None without pushes: x is then
-    assumed to be forward, or z if x is vertical.  `stated`: the axis that points forward according
-    to the user, as ``-x``; a vertical one is ignored.
+    assumed to be forward, or z if x is vertical.
     """
     reading = np.array([gravity_g[axis] for axis in AXES])
     size = float(np.linalg.norm(reading))
@@ -247,9 +245,6 @@ def mounting(
     tilt_deg = float(np.degrees(np.arccos(min(abs(share[vertical]), 1.0))))
     # The four directions that may be forward.
     level = [sign * e for e in np.eye(3) if not np.any(up * e) for sign in (1.0, -1.0)]
-    for forward in level:
-        if len(stated) == 2 and axis_of(forward) == (stated[1], int(f"{stated[0]}1")):
-            return Mounting(up, forward, tilt_deg, True)
     if turns:
         fits = [_fit(up, forward, turns) for forward in level]
         best, second = np.argsort(fits)[:-3:-1].tolist()

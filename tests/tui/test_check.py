@@ -227,7 +227,7 @@ def test_at_a_terminal_a_proposal_asks(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     answers = {
-        "point forward?": ["upwards", "-x"],
+        "point forward?": ["-x", "y"],
         "vehicle name": ["Granada"],
         "acc_z x_m": ["far", "-1.05"],
     }
@@ -254,7 +254,7 @@ def test_at_a_terminal_a_proposal_asks(
     bench = load_bench(target)
     assert bench.vehicle.name == "Granada"
     channels = {channel.name: channel for channel in bench.channels}
-    assert (channels["rate_x"].sign, channels["rate_y"].sign) == (-1, -1)
+    assert (channels["rate_x"].sign, channels["rate_y"].sign) == (1, 1)
     assert channels["acc_z"].x_m == -1.05
     assert "# ASK" not in text
     assert text.endswith("\n")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from daq.channels import Quantity
-from daq.check.guess import Asked, Candidate, Guess, Question, candidate, guess_channels
+from daq.check.guess import Candidate, Guess, Question, candidate, guess_channels
 from daq.check.pushes import Pushes, Trace
 from daq.vehicle import Corner
 from dbc.layout import SignalLayout
@@ -37,7 +37,7 @@ def signal(
 
 def alone(full: str, unit: str, level: float | None = None) -> Guess | None:
     one = signal(full, unit, level)
-    return guess_channels([one], None, {}).get(full) if one is not None else None
+    return guess_channels([one], None).get(full) if one is not None else None
 
 
 @pytest.mark.parametrize(
@@ -116,9 +116,7 @@ def test_gravity_shows_the_unit_within_a_tenth(size: float, unit: str) -> None:
     for name, level in (("M.acc_z", size), ("M.acc_z", -size)):
         guess = alone(name, "", level)
         assert guess is not None
-        assert (guess.unit, guess.ask, guess.asked) == (
-            unit, f"no unit is stated: is it {unit}?", Asked.UNIT,
-        )  # fmt: skip
+        assert (guess.unit, guess.ask) == (unit, f"no unit is stated: is it {unit}?")
 
 
 @pytest.mark.parametrize(
@@ -148,7 +146,7 @@ def test_a_travel_reads_a_metre_at_most_and_has_the_name_of_one(
 def test_without_traffic_the_range_of_a_travel_is_two_metres(span: float, is_travel: bool) -> None:
     one = signal("M.pot_fl", "mm", None, span=span)
     assert one is not None
-    assert bool(guess_channels([one], None, {})) is is_travel
+    assert bool(guess_channels([one], None)) is is_travel
 
 
 @pytest.mark.parametrize(
@@ -157,14 +155,11 @@ def test_without_traffic_the_range_of_a_travel_is_two_metres(span: float, is_tra
 )
 def test_travels_without_a_unit_have_that_of_their_largest_motion(peak: float, unit: str) -> None:
     lengths = [signal("M.pot_fl", "", peak), signal("M.pot_fr", "", 0.0)]
-    guesses = guess_channels([one for one in lengths if one], None, {})
+    guesses = guess_channels([one for one in lengths if one], None)
     assert {guess.unit for guess in guesses.values()} == {unit}
     factor = 1.0 if unit == "m" else 1e-3
     guess = guesses["M.pot_fl"]
     assert guess.tare == pytest.approx(peak * factor)
-    in_cm = guess.answered("cm")
-    assert (in_cm.unit, in_cm.ask) == ("cm", "")
-    assert in_cm.tare == pytest.approx(peak * 0.01)
 
 
 def test_a_single_signal_without_a_unit_has_eight_bits_at_least() -> None:
@@ -182,7 +177,6 @@ def test_a_single_signal_without_a_unit_has_eight_bits_at_least() -> None:
 
 def device(
     traces: dict[str, Trace] | None = None,
-    forward: str = "",
     gravity: tuple[float, float, float] = (0.0, 0.0, 1.0),
     unit: str = "g",
 ) -> dict[str, Guess]:
@@ -195,8 +189,7 @@ def device(
     if traces is not None:
         names = [*levels, "Pot.pot_fl"]
         found = Pushes(PUSHED.spans, {name: traces.get(name, QUIET) for name in names})
-    answers = {Question("?", Asked.FORWARD): forward} if forward else {}
-    return guess_channels([one for one in signals if one is not None], found, answers)
+    return guess_channels([one for one in signals if one is not None], found)
 
 
 def test_without_pushes_forward_is_asked_and_with_pushes_that_show_nothing_so_is_said() -> None:
@@ -206,7 +199,7 @@ def test_without_pushes_forward_is_asked_and_with_pushes_that_show_nothing_so_is
         assert (roll.quantity, pitch.quantity, yaw.quantity) == (
             Quantity.ROLL_RATE, Quantity.PITCH_RATE, Quantity.UNUSED,
         )  # fmt: skip
-        assert (roll.asked, roll.is_proven) == (Asked.FORWARD, False)
+        assert (roll.of_device, roll.is_proven) == (True, False)
         assert "+x axis" in roll.ask
         assert ("pushes did not show it" in roll.ask) is said
         vertical, pot = found["Imu.AccZ"], found["Pot.pot_fl"]
@@ -236,13 +229,6 @@ def test_a_mounting_that_is_tilted_by_more_than_five_degrees_is_asked_about(
     vertical = device(gravity=(0.0, float(np.sin(tilt)), float(np.cos(tilt))))["Imu.AccZ"]
     assert vertical.ask.startswith(ask)
     assert bool(vertical.ask) is bool(ask)
-
-
-@pytest.mark.parametrize(("forward", "sign"), [("+x", 1), ("-x", -1)])
-def test_the_axis_that_a_user_states_needs_no_question(forward: str, sign: int) -> None:
-    found = device(None, forward)
-    roll, pitch = found["Rate.GyrX"], found["Rate.GyrY"]
-    assert (roll.sign, pitch.sign, roll.ask, pitch.ask) == (sign, sign, "", "")
 
 
 def test_axes_that_are_not_vertical_are_unused_in_the_unit_of_gravity() -> None:
@@ -275,53 +261,20 @@ def test_a_travel_is_where_a_push_moves_it_most(
     )  # fmt: skip
     assert (found.ask, found.is_proven) == (ask, True)
     assert found.tare == pytest.approx(sign * 0.012)
-    if ask:
-        assert found.asked is Asked.WHEEL
 
 
 # Answers ------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    ("asked", "typed", "answer"),
+    ("answers", "typed", "answer"),
     [
-        (Asked.RIGHT, " Yes ", "y"),
-        (Asked.RIGHT, "no", ""),
-        (Asked.CORNER, "rl", "RL"),
-        (Asked.CORNER, "Body", "body"),
-        (Asked.CORNER, "front", ""),
-        (Asked.WHEEL, "y", "y"),
-        (Asked.WHEEL, "fr", "FR"),
-        (Asked.WHEEL, "No", "n"),
-        (Asked.WHEEL, "body", ""),
-        (Asked.WHERE, "y", ""),
-        (Asked.WHERE, "rr", "RR"),
-        (Asked.WHERE, "n", "n"),
-        (Asked.FORWARD, "X", "+x"),
-        (Asked.FORWARD, "-y", "-y"),
-        (Asked.FORWARD, "--y", ""),
-        (Asked.UNIT, "deg/s", "deg/s"),
-        (Asked.UNIT, "furlong", ""),
-        (Asked.OURS, "n", "n"),
-        (Asked.OURS, "maybe", ""),
+        ("y", " Yes ", True),
+        ("y", "no", None),
+        ("y or n", "n", False),
+        ("y or n", "maybe", None),
+        ("", "y", None),
     ],
 )
-def test_answers_that_are_understood(asked: Asked, typed: str, answer: str) -> None:
-    assert Question("?", asked).understood(typed) == answer
-
-
-@pytest.mark.parametrize(
-    ("asked", "answer", "quantity", "corner"),
-    [
-        (Asked.CORNER, "body", Quantity.BODY_ACCELERATION, None),
-        (Asked.CORNER, "RL", Quantity.HUB_ACCELERATION, Corner.REAR_LEFT),
-        (Asked.WHEEL, "FR", Quantity.SUSPENSION_TRAVEL, Corner.FRONT_RIGHT),
-        (Asked.WHERE, "n", Quantity.UNUSED, None),
-    ],
-)
-def test_an_answer_places_a_sensor(
-    asked: Asked, answer: str, quantity: Quantity, corner: Corner | None
-) -> None:
-    guess = Guess(Quantity.HUB_ACCELERATION, Corner.FRONT_LEFT, -1, "why", "where?", asked)
-    placed = guess.answered(answer)
-    assert (placed.quantity, placed.corner, placed.sign, placed.ask) == (quantity, corner, -1, "")
+def test_answers_that_are_understood(answers: str, typed: str, answer: bool | None) -> None:
+    assert Question("?", answers).understood(typed) is answer

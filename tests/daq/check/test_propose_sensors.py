@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from dataclasses import replace
 from datetime import date
 from functools import cache
@@ -16,7 +15,6 @@ from daq.bench.config import Bench, bench_codec, parse_bench
 from daq.bench.sensors import Database, stored_text
 from daq.channels import Quantity
 from daq.check.check import check_bench
-from daq.check.guess import Asked
 from daq.check.propose import Proposal, propose_sensors
 from daq.vehicle import Corner
 from dbc import FrameBatch, Severity
@@ -165,55 +163,21 @@ def test_units_that_are_not_stated_follow_from_gravity_or_are_asked() -> None:
 # Answers ------------------------------------------------------------------------------------------
 
 
-def replied(pairs: dict[str, str]) -> Proposal:
-    """Return the proposal from rest with answers to the questions that begin so."""
+def test_confirmed_guesses_lose_their_marks_and_a_sensor_that_is_not_ours_is_left_out() -> None:
     rest, _ = rest_and_pushes()
-    asked = proposal(False).asked
-    answers = {}
-    for start, typed in pairs.items():
-        (question,) = [q for q in asked if q.line.startswith(start)]
-        answers[question] = question.understood(typed)
-    return propose_sensors(DATABASES, (), rest, None, answers)
+    asked = {q.line.partition(": ")[0]: q for q in proposal(False).asked if "order" not in q.line}
+    yes = {asked[name]: True for name in ("sensor pot_2", "sensor pot_4", "sensor imu_a_1")}
+    found = propose_sensors(DATABASES, (), rest, None, yes | {asked["sensor pot_3"]: False})
+    assert not [q for q in found.asked if q in yes]
+    pots = [s.name for s in bench_of(found).sensors if "pot" in s.name]
+    assert pots == ["pot_1", "pot_2", "pot_4"]
+    assert "sensor imu_b" in {q.line.partition(": ")[0] for q in found.asked}
 
 
-def test_answers_complete_a_proposal_as_pushes_do() -> None:
-    corners = {"pot_1": "rr", "pot_2": "FL", "pot_3": "FR", "pot_4": "rl"}
-    pairs = {f"channel {pot}_Position_Value: its corner": c for pot, c in corners.items()}
-    pairs |= {f"sensor {q}": "y" for q in ("pot_2: is", "pot_3: is", "pot_4: is")}
-    pairs |= {"sensor imu_a_1: does": "y", "sensor imu_a_2: does": "-z", "sensor imu_b: does": "-x"}
-    found = replied(pairs)
-    assert found.questions == ()
-    assert "# ASK" not in found.text
-    truth = {k: v for k, v in by_signal(wild_bench()).items() if v[0] != Quantity.UNUSED}
-    given = by_signal(bench_of(found))
-    got = {key: given.get(key) for key in truth}
-    travels = {key for key, (quantity, *_) in truth.items() if quantity == "suspension_travel"}
-    # Which way a travel counts, no answer says: its sign stays to be filled in.
-    assert {k: v for k, v in got.items() if k not in travels} == {
-        k: v for k, v in truth.items() if k not in travels
-    }
-    places = {key: (each or (None, 0, None))[2] for key, each in got.items()}
-    assert {k: places[k] for k in travels} == {k: truth[k][2] for k in travels}
-
-
-@pytest.mark.parametrize(
-    ("answer", "quantity", "corner"),
-    [("RL", "suspension_travel", "RL"), ("n", "unused", None)],
-)
-def test_a_pot_of_which_nothing_shows_the_wheel(
-    answer: str, quantity: str, corner: str | None
-) -> None:
-    """Alone and without a bus: yes is no answer to where it is, and it may be no travel."""
-    database = (Database("pot.dbc", POT),)
-    (question,) = propose_sensors(database, (), None, None).asked
-    assert (question.line, question.asked) == (
-        "channel Position_Value: at which corner?",
-        Asked.WHERE,
-    )
-    found = propose_sensors(database, (), None, None, {question: answer})
-    assert found.asked == ()
-    (table,) = tomllib.loads(found.text)["channel"]
-    assert (table["quantity"], table.get("corner")) == (quantity, corner)
+def test_a_pot_of_which_nothing_shows_the_wheel_is_placed_in_the_file() -> None:
+    """Alone and without a bus: yes is no answer to where it is."""
+    (question,) = propose_sensors((Database("pot.dbc", POT),), (), None, None).asked
+    assert (question.line, question.answers) == ("channel Position_Value: at which corner?", "")
 
 
 # Hubs that no name places -------------------------------------------------------------------------
