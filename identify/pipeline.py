@@ -16,6 +16,7 @@ from daq.check.signs import opposed_signs
 from daq.sessions import Session
 from daq.vehicle import MassState, VehicleGeometry
 from dbc.errors import InputError
+from dbc.finding import Finding, Severity
 from dbc.words import counted
 
 from .decays.decay import FreeDecay, Record
@@ -62,6 +63,10 @@ _SENSED_RATE_HZ = 250.0
 """Rate to which decays are thinned for the State Variable Method."""
 _LONGEST_S = 60.0
 """CPU time of an identification, s, at most: `identify.nonlinear` ends its search in time."""
+_STOPPED = (
+    "stopped by a person before friction, bars and stops of the car were fitted: "
+    "identify again for the whole answer"
+)
 _SWING_S = 0.5
 """Half a period of the body, s: a shorter decay does not show how the motion's size changes it."""
 
@@ -75,6 +80,7 @@ def identify(
     progress: Progress = _ignore,
     executor: Executor | None = None,
     fitted: Callable[[Estimation], None] = _ignore,
+    stop: Callable[[], object] = _ignore,
 ) -> Identification:
     """Identify the physical parameters of a session's vehicle, and its modes by the paper's method.
 
@@ -92,6 +98,9 @@ def identify(
         Finds the sensed modes while the result is judged; the numbers are the same.
     fitted : callable, optional
         Called with the fit as soon as there is one, for callers that need nothing else to begin.
+    stop : callable, optional
+        Asked after each stage of the fit with elements; where it returns True, the answer is the
+        linear fit so far, with a warning.
 
     Returns
     -------
@@ -108,7 +117,7 @@ def identify(
                 begun[name] = executor.submit(work).result if executor else work
         fitted(estimation)
 
-    result = _parameters(session, progress, begin)
+    result = _parameters(session, progress, begin, stop)
     if result.estimation is None:
         return result
     progress(0.8, "modes")
@@ -141,10 +150,12 @@ def _parameters(
     session: Session,
     progress: Progress,
     fitted: Callable[[Estimation, bool], None],
+    stop: Callable[[], object] = _ignore,
 ) -> Identification:
     """Identify by maximum likelihood.
 
-    `fitted`: receives the fit, and whether a wrong sensor, weight or clock refuses it.
+    `fitted`: receives the fit, and whether a wrong sensor, weight or clock refuses it.  `stop`: as
+    that of `identify`.
     """
     used = usable(session)
     unused = tuple(unused_findings(session, used))
@@ -177,9 +188,15 @@ def _parameters(
                 left_s = max(_LONGEST_S - process_time() + began_s, 0.0)
                 done = 0.7 - 0.5 * left_s / _LONGEST_S
                 progress(done, f"{stage}; at most {left_s:.0f} s left")
+                if stop():
+                    raise _StoppedError
 
-            log_stage("elements of the car")
-            real = explained_by_elements(session, linear, share, log_stage)
+            try:
+                log_stage(f"so far: {_likely_words(linear)}")
+                real = explained_by_elements(session, linear, share, log_stage)
+            except _StoppedError:
+                unused = (*unused, Finding("stopped", Severity.WARNING, _STOPPED))
+                real = None
             if real:
                 estimation, forces, box = real.estimation, real.forces, real.estimation.box
     estimation = with_widest_intervals(estimation)
@@ -212,6 +229,17 @@ def _parameters(
         estimation=estimation,
         forces=forces,
     )
+
+
+class _StoppedError(Exception):
+    """The caller takes the linear fit as the answer."""
+
+
+def _likely_words(linear: Estimation) -> str:
+    """Return the body's mass and the springs of a linear fit that does not hold, in words."""
+    mass_kg, front, rear = linear.full[[Full.M_S, Full.K_S, Full.K_S + 2]]
+    springs = f"springs {front * 1e-3:.1f} and {rear * 1e-3:.1f} kN/m"
+    return f"body {mass_kg:,.0f} kg, {springs}, chi2/n {linear.chi2_per_n:.2f}"
 
 
 def grey_box(session: Session, records: Sequence[Record]) -> GreyBox:

@@ -15,9 +15,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from random import Random
 
-from daq.control.messages import Phase
 from daq.vehicle import HubWeight
-from tui.terminal.campaign import BenchStep
+from tui.terminal.campaign import BenchStep, in_run
 from tui.terminal.screens.base import BenchScreen
 from tui.terminal.screens.masses import MassesScreen
 from tui.terminal.screens.vehicle import VEHICLE_FIELDS, VehicleScreen
@@ -30,8 +29,6 @@ SPEED = 8.0
 KEYS = 500
 _NOTE = 55
 """Characters of a note; one is written during each run."""
-_RUNNING = (Phase.ARMED, Phase.DECAY)
-"""At this speed the decay alone lasts a third of a second: a busy typist would miss most."""
 _FORM = {
     "name": "KA-BB 1552",
     "operator": "J. Tester",
@@ -104,7 +101,7 @@ class _Typist:
         label = status.runs[-1].label if status is not None and status.runs else ""
         if isinstance(app.screen, Confirm):
             await self.seat.pilot.press("space")
-        elif status is not None and status.phase in _RUNNING and label not in self._noted:
+        elif status is not None and in_run(status) and label not in self._noted:
             self._noted.add(label)
             await self.note()
         elif isinstance(app.screen, BenchScreen):

@@ -227,3 +227,24 @@ def test_elements_are_sought_with_the_beginnings_where_no_later_start_holds(
     assert found.estimation is not None
     assert found.estimation.chi2_per_n == 1.01
     assert found.forces is forces
+
+
+def test_who_stops_the_search_for_elements_gets_the_linear_fit(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def unexplained(*arguments: Any) -> Estimation:
+        return replace(first_estimate(*arguments), chi2_per_n=9.0)
+
+    monkeypatch.setattr(pipeline, "first_estimate", unexplained)
+    for name in ("opposed_signs", "fault_of_bench", "mistyped_weight", "later_may_hold"):
+        monkeypatch.setattr(pipeline, name, lambda *_: ())
+    monkeypatch.setattr(pipeline, "share_of_faults", lambda _: 0.0)
+    said: list[str] = []
+    result = identify(
+        _session(np.inf, bump_s=0.2), lambda _, text: said.append(text), stop=lambda: True
+    )
+    assert any(text.startswith("so far: body 1,380 kg, springs 17.0 and 22.0") for text in said)
+    assert result.forces is None
+    assert result.parameters["m_s"].value == pytest.approx(1380.0, rel=1e-3)
+    assert "stopped" in [finding.code for finding in result.quality.findings]
+    assert result.quality.verdict is not Verdict.OK

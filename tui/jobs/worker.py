@@ -18,7 +18,7 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from threading import Thread
+from threading import Event, Thread
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from dbc import BumpbenchError
@@ -51,11 +51,14 @@ _READ = 0.05
 # The terminal's end -------------------------------------------------------------------------------
 
 
-async def lines_of(task: Task, where: str) -> AsyncGenerator[Line, None]:
+async def lines_of(
+    task: Task, where: str, stop: asyncio.Event | None = None
+) -> AsyncGenerator[Line, None]:
     """Do a task in a separate process; yield its lines, the last a `Done` or a `Trouble`.
 
     The process ends with the iteration, and also when this process ends in any way, because it
-    watches its standard input.  `where`: subject of an error that names none itself.
+    watches its standard input.  `where`: subject of an error that names none itself.  `stop`: set
+    to get the answer so far.
     """
     try:
         child = subprocess.Popen(
@@ -74,6 +77,15 @@ async def lines_of(task: Task, where: str) -> AsyncGenerator[Line, None]:
     # which a screen that is closed twice in a row leaves with open pipes.
     arguments = (child, (task, where), lines, asyncio.get_running_loop())
     Thread(target=_listen, args=arguments, name="worker", daemon=True).start()
+
+    async def tell(stop: asyncio.Event) -> None:
+        await stop.wait()
+        with suppress(OSError, ValueError):  # it has ended
+            assert child.stdin is not None
+            child.stdin.write(b"stop\n")
+            child.stdin.flush()
+
+    telling = asyncio.create_task(tell(stop)) if stop is not None else None
     try:
         while True:
             line = await lines.get()
@@ -81,6 +93,8 @@ async def lines_of(task: Task, where: str) -> AsyncGenerator[Line, None]:
             if isinstance(line, Done | Trouble):
                 return
     finally:
+        if telling is not None:
+            telling.cancel()
         with suppress(ProcessLookupError, PermissionError):
             if hasattr(os, "killpg"):  # with its children
                 os.killpg(child.pid, signal.SIGKILL)
@@ -123,7 +137,7 @@ def main() -> None:
         with suppress(OSError, AttributeError):
             os.nice(_NICE)
         task, where = pickle.load(sys.stdin.buffer)
-        Thread(target=_end_with_stdin, daemon=True).start()
+        Thread(target=_watch_stdin, daemon=True).start()
         send = partial(_write, out)
         advice = "report this; the recording is untouched"
         try:
@@ -136,9 +150,14 @@ def main() -> None:
             send(Trouble(where, printable(f"{type(error).__name__}: {error}"), advice))
 
 
-def _end_with_stdin() -> None:
+_stopped = Event()
+"""Set once the terminal takes the answer so far."""
+
+
+def _watch_stdin() -> None:
+    """Note that the terminal stops the work; end with the terminal."""
     while os.read(0, 4096):
-        pass
+        _stopped.set()
     os._exit(1)
 
 
@@ -154,7 +173,9 @@ def _identify(task: IdentifyTask, send: Send) -> Outcome:
 
     send(Progress(_READ, "reading"))
     session = read_session(task.session)
-    result = identify(session, lambda share, text: send(Progress(share, text)))
+    result = identify(
+        session, lambda share, text: send(Progress(share, text)), stop=_stopped.is_set
+    )
     runs = tuple(
         RunOutcome(
             run.label,

@@ -126,12 +126,15 @@ def results_of(app: BenchApp) -> ResultsScreen:
 
 
 class FakeWorker:
-    """Answers tasks from memory; `hold` keeps the last line back until `go` is set."""
+    """Answers tasks from memory.
+
+    `hold` keeps the last line back until `go` is set; `finds` until the answer so far is taken.
+    """
 
     def __init__(self, entries: tuple[SessionEntry, ...] = ()) -> None:
         self.tasks: list[Task] = []
         self.entries = entries
-        self.hold = False
+        self.hold = self.finds = False
         self.go = asyncio.Event()
         self.trouble: Trouble | None = None
 
@@ -140,11 +143,17 @@ class FakeWorker:
         monkeypatch.setattr(work, "lines_of", self.lines_of)
         return self
 
-    async def lines_of(self, task: Task, where: str) -> AsyncGenerator[Line, None]:
+    async def lines_of(
+        self, task: Task, where: str, stop: asyncio.Event | None = None
+    ) -> AsyncGenerator[Line, None]:
         self.tasks.append(task)
         if not isinstance(task, ListTask):
             yield Progress(0.1, "reading")
             yield Progress(0.4, "fitting")
+            if self.finds:
+                yield Progress(0.5, "so far: body 1,380 kg")
+                assert stop is not None
+                await stop.wait()
             if self.hold:
                 await self.go.wait()
             if self.trouble is not None:

@@ -92,6 +92,23 @@ async def test_from_space_to_results(
         assert app.screen is identify, "the results are those of an earlier state"
 
 
+async def test_the_answer_so_far_is_shown_and_taken(make_app: Make, worker: FakeWorker) -> None:
+    recorder = measured()
+    app = make_app(recorder)
+    worker.finds = True
+    async with playing(app, SMALL) as pilot:
+        await app.open("identify")
+        assert "T Take so far" not in seen(app)
+        await pressed(pilot, "t")
+        identify_of(app).begin(PATH)
+        await until(pilot, lambda: shows(app, "so far: body 1,380 kg"))
+        assert "T takes the answer so far, Esc stops; nothing is lost" in seen(app)
+        recorder.publish()
+        await until(pilot, lambda: shows(app, "T Take so far"))
+        await pressed(pilot, "t")
+        await until(pilot, lambda: app.screen is results_of(app))
+
+
 async def test_a_failed_build_and_a_failed_fit_say_what_to_do(
     make_app: Make, worker: FakeWorker
 ) -> None:
@@ -359,7 +376,7 @@ async def test_a_session_is_opened_and_reported(make_app: Make, listing: FakeWor
 async def test_trouble_of_the_list_is_shown(
     make_app: Make, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async def lines_of(_: Task, where: str) -> AsyncGenerator[Line, None]:
+    async def lines_of(_: Task, where: str, __: object = None) -> AsyncGenerator[Line, None]:
         yield Trouble(where, "no process to work in", "end other programs")
 
     monkeypatch.setattr(work, "lines_of", lines_of)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from abc import abstractmethod
 from contextlib import aclosing
 from enum import StrEnum
@@ -71,6 +72,8 @@ class Stage(StrEnum):
 
 
 _UNDER_WAY = (Stage.BUILDING, Stage.WORKING)
+_SHOWN = 6
+"""Largest number of parts of the work that are shown: the newest."""
 _LEAST_SHARE = 0.1
 """Share of the work that must be done before its end is told."""
 _AT_ONCE_S = 2.0
@@ -91,6 +94,8 @@ class WorkScreen(BenchScreen):
         """The parts that were begun, in order."""
         self.trouble: Trouble | None = None
         """Why the work failed."""
+        self.stop = asyncio.Event()
+        """Set to end the work with the answer so far."""
         self._begun_s = 0.0
         """Monotonic time at which the work began, s."""
         self._end_s: float | None = None
@@ -139,7 +144,8 @@ class WorkScreen(BenchScreen):
 
     async def follow(self, task: Task) -> Any:
         """Do a task in a worker and show its progress; return the answer, None after a failure."""
-        async with aclosing(lines_of(task, Path(self.session).name)) as lines:
+        self.stop = asyncio.Event()
+        async with aclosing(lines_of(task, Path(self.session).name, self.stop)) as lines:
             async for line in lines:
                 if isinstance(line, Progress):
                     self._parts[line.text] = None
@@ -170,13 +176,18 @@ class WorkScreen(BenchScreen):
             lines += [f"  What to do: {printable(self.trouble.advice, 300)}"]
             next_words = "SPACE = try again"
         elif self.stage in _UNDER_WAY:
-            *done, now = self._parts or [""]
+            *done, now = [*self._parts][-_SHOWN:] or [""]
             lines = [f"  {glyphs.good} {printable(text)}" for text in done]
             lines += [f"  {glyphs.now} {printable(now)}"]
-            next_words = f"Esc stops it; nothing is lost{self._time_words()}"
+            next_words = f"{self.stop_words}; nothing is lost{self._time_words()}"
         self.query_one("#due", Words).say(Content.styled(f"{glyphs.now} {next_words}", SPACE_INK))
         texts = [*lines, "", *self.about()] if lines else self.about()
         self.query_one("#state", Words).say(Content("\n".join(["", *texts])))
+
+    @property
+    def stop_words(self) -> str:
+        """The keys that end the work."""
+        return "Esc stops it"
 
     def _time_words(self) -> str:
         """Return the seconds that the work has taken and still takes; empty in the first ones."""
@@ -203,7 +214,10 @@ class IdentifyScreen(WorkScreen):
 
     HELP_PAGE: ClassVar[str] = "identify"
     TITLE_OF_BOX: ClassVar[str] = "Identify"
-    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "cancel", "Back")]
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("t", "take", "Take so far", tooltip="Take the answer so far, without elements"),
+        Binding("escape", "cancel", "Back"),
+    ]
 
     def __init__(self) -> None:
         super().__init__()
@@ -239,6 +253,26 @@ class IdentifyScreen(WorkScreen):
             await self.build()
         else:
             await self.show_results()
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Show T only while there is an answer to take."""
+        return self.may_take if action == "take" else super().check_action(action, parameters)
+
+    @property
+    def may_take(self) -> bool:
+        """True while the worker looks for more than the answer that it has."""
+        has_answer = any(part.startswith("so far") for part in self._parts)
+        return self.stage is Stage.WORKING and has_answer and not self.stop.is_set()
+
+    @property
+    def stop_words(self) -> str:
+        """The keys that end the work, with the answer so far or without."""
+        return "T takes the answer so far, Esc stops" if self.may_take else super().stop_words
+
+    def action_take(self) -> None:
+        """End the work with the answer so far."""
+        self.stop.set()
+        self.draw()
 
     async def show_results(self) -> None:
         """Show the results of the identification."""
