@@ -70,7 +70,7 @@ _MODULES = {
     "run": "bumping",
     "identify": "work",
     "report": "work",
-    "sessions": "work",
+    "sessions": "results",
 }
 """Modules of screens that have another name than the screen."""
 

@@ -30,7 +30,7 @@ from tui.jobs.lines import (
 )
 from tui.jobs.session_list import SessionEntry
 from tui.terminal.app import BenchApp
-from tui.terminal.screens import work
+from tui.terminal.screens import results, work
 from tui.terminal.screens.results import ResultsScreen
 from tui.terminal.widgets import Table
 
@@ -140,7 +140,8 @@ class FakeWorker:
 
     def use(self, monkeypatch: pytest.MonkeyPatch) -> FakeWorker:
         """Take the place of the worker's process."""
-        monkeypatch.setattr(work, "lines_of", self.lines_of)
+        for screen in (results, work):
+            monkeypatch.setattr(screen, "lines_of", self.lines_of)
         return self
 
     async def lines_of(

@@ -10,8 +10,8 @@ from tui.terminal.app import BenchApp
 from tui.terminal.form import Form
 from tui.terminal.screens.bumping import HomeScreen
 from tui.terminal.screens.masses import MassesScreen
+from tui.terminal.screens.results import SessionsScreen
 from tui.terminal.screens.vehicle import VehicleScreen
-from tui.terminal.screens.work import SessionsScreen
 from tui.terminal.widgets import Confirm
 
 from .bursts import burst

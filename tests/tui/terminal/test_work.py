@@ -17,12 +17,12 @@ from tui.jobs.lines import IdentifyTask, Line, ListTask, ReportTask, Task, Troub
 from tui.jobs.session_list import EntryState, SessionEntry
 from tui.terminal.app import BenchApp
 from tui.terminal.campaign import BenchStep, progress
-from tui.terminal.screens import work
+from tui.terminal.screens import results
+from tui.terminal.screens.results import SessionsScreen
 from tui.terminal.screens.work import (
     OUTDATED,
     IdentifyScreen,
     ReportScreen,
-    SessionsScreen,
     Stage,
     open_identify,
 )
@@ -379,7 +379,7 @@ async def test_trouble_of_the_list_is_shown(
     async def lines_of(_: Task, where: str, __: object = None) -> AsyncGenerator[Line, None]:
         yield Trouble(where, "no process to work in", "end other programs")
 
-    monkeypatch.setattr(work, "lines_of", lines_of)
+    monkeypatch.setattr(results, "lines_of", lines_of)
     app = make_app(measured())
     async with playing(app, (100, 30)) as pilot:
         await app.action_sessions()

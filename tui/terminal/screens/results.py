@@ -1,8 +1,9 @@
-"""Results: the verdict first, then parameters, modes, M C K, runs and findings."""
+"""Results of a session, verdict first; and the sessions of the folder."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import aclosing
 from math import isfinite
 from pathlib import Path
 from textwrap import wrap
@@ -35,12 +36,15 @@ from identify.words import (
     value_text,
 )
 
-from ...jobs.lines import Outcome
-from ..campaign import BenchStep, is_marked
+from ...jobs.lines import Item, ListTask, Outcome, Task, Trouble
+from ...jobs.session_list import EntryState, SessionEntry, with_open
+from ...jobs.worker import lines_of
+from ..app import begin
+from ..campaign import BenchStep, is_marked, progress
 from ..widgets import SPACE_INK, Cell, Table, Words, right
 from ..words import Glyphs
 from .base import BenchScreen
-from .work import OUTDATED, open_build, open_report
+from .work import OUTDATED, open_build, open_identify, open_report
 
 _SEVERITY = {"refused": "REFUSED", "doubtful": "DOUBT", "ok": "note"}
 
@@ -356,3 +360,149 @@ class ResultsScreen(BenchScreen):
         self.query_one("#parameters-table", Table).show(*table)
         findings = "\n".join(findings_lines(outcome, glyphs, width - 3))
         self.query_one("#findings-text", Words).say(Content(findings))
+
+
+class SessionsScreen(BenchScreen):
+    """The sessions of the folder, which is read again whenever the screen comes to the front."""
+
+    HELP_PAGE: ClassVar[str] = "sessions"
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("space,o", "next", "Open", key_display="SPACE",
+                tooltip="Results of the marked session"),
+        Binding("r", "report", "Report", tooltip="Write its report"),
+        Binding("escape", "app.home", "Back", show=False),
+    ]  # fmt: skip
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._entries: list[SessionEntry] = []
+        self._trouble = ""
+        self._reading = False
+
+    def compose_body(self) -> ComposeResult:
+        """Compose the place of the marked session, and the list."""
+        yield Words("about")
+        table = Table("list")
+        table.can_focus = True
+        yield table
+
+    def on_screen_resume(self) -> None:
+        """Read the folder anew."""
+        super().on_screen_resume()
+        self.query_one(Table).focus()
+        begin(self, self._read, group="list", exclusive=True)
+
+    @property
+    def acts(self) -> bool:
+        """True while a session is marked."""
+        return self._chosen is not None
+
+    @property
+    def ready(self) -> bool:
+        """Never: `--auto` opens no session."""
+        return False
+
+    def show_status(self, status: Status) -> None:
+        """Mark the session that is being recorded."""
+        before = self._entries
+        self._entries = [with_open(entry, status.recording) for entry in before]
+        if self._entries != before:
+            self._draw()
+
+    async def action_next(self) -> None:
+        """Show the results of a session; for the open recording, go to its due step."""
+        entry = self._chosen
+        if entry is None:
+            return
+        if entry.state is EntryState.OPEN:
+            await self.bench_app.go_to(progress(self.bench_app.status).due)
+        elif entry.state is EntryState.CUT_OFF:
+            self.bench_app.warn(
+                "this recording was cut off: start the recorder in this folder to go on with it, "
+                "or make its session file with bumpbench recover"
+            )
+        elif self._is_file(entry):
+            await open_identify(self.bench_app, entry.path)
+
+    async def action_report(self) -> None:
+        """Write the report of a session."""
+        entry = self._chosen
+        if entry is not None and self._is_file(entry):
+            await open_report(self.bench_app, entry.path, write=True)
+
+    def on_data_table_row_highlighted(self, _: Table.RowHighlighted) -> None:
+        """Show where the marked session is."""
+        self._about()
+
+    async def on_data_table_row_selected(self, _: Table.RowSelected) -> None:
+        """Open the session on Enter."""
+        await self.action_next()
+
+    async def _read(self) -> None:
+        entries: list[SessionEntry] = []
+        self._reading, self._trouble = True, ""
+        task: Task = ListTask(str(self.bench_app.folder))
+        async with aclosing(lines_of(task, "list of sessions")) as lines:
+            async for line in lines:
+                if isinstance(line, Item):
+                    entries.append(line.body)
+                elif isinstance(line, Trouble):
+                    self._trouble = line.text
+        status = self.bench_app.status
+        self._entries = [with_open(e, status.recording if status else "") for e in entries]
+        self._reading = False
+        self._draw()
+
+    def _is_file(self, entry: SessionEntry) -> bool:
+        """Return True if there is a session file that can be read; else say why not."""
+        if entry.path and entry.state is not EntryState.DAMAGED:
+            return True
+        status = self.bench_app.status
+        if entry.state is EntryState.OPEN and status is not None and status.own_session:
+            name = printable(Path(status.own_session).name, 60)
+            self.bench_app.warn(f"this line is the recording itself: mark that of {name}")
+        else:
+            self.bench_app.warn(entry.note or "there is no session file yet: step 6 makes it")
+        return False
+
+    @property
+    def _chosen(self) -> SessionEntry | None:
+        row = self.query_one(Table).cursor_row
+        return self._entries[row] if row < len(self._entries) else None
+
+    def _draw(self) -> None:
+        if len(self.query("#list, #about")) < 2:
+            return  # not composed yet, or being removed
+        glyphs = self.bench_app.glyphs
+        marks = {
+            EntryState.OPEN: glyphs.bus,
+            EntryState.CUT_OFF: glyphs.warn,
+            EntryState.READY: " ",
+            EntryState.REPORTED: glyphs.good,
+            EntryState.DAMAGED: glyphs.bad,
+        }
+        rows: list[list[Cell]] = []
+        for entry in self._entries:  # its texts may come from a foreign file
+            known = bool(entry.vehicle or entry.recording)
+            rows.append(
+                [
+                    printable(entry.date, 16),
+                    printable(entry.vehicle or entry.name, 28),
+                    f"{marks[entry.state]} {entry.state}",
+                    right(str(entry.accepted + entry.rejected) if known else ""),
+                    right(str(entry.rejected) if known else ""),
+                    printable(entry.note, 160),
+                ]
+            )
+        self.query_one(Table).show(("date", "vehicle", "state", "runs", "rejected", "note"), rows)
+        self._about()
+
+    def _about(self) -> None:
+        entry = self._chosen
+        words = self._trouble or ("reading the folder ..." if self._reading else "")
+        if not words and entry is None:
+            words = "no session here yet"
+        elif not words and entry is not None:
+            place = printable(entry.path or str(Path(entry.folder) / "journal"), 400)
+            words = f"{place}\n{printable(entry.note, 300)}"
+        self.query_one("#about", Words).say(Content(words))
