@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import stat
 import subprocess
 import sys
+import threading
 import time
 import zlib
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import zmq
+from pydantic import TypeAdapter, ValidationError
 
 from daq.bench.campaign import Origin
 from daq.control.address import Address, control_address, is_running
@@ -23,24 +27,33 @@ from daq.control.exchange import (
     MAX_REQUEST_BYTES,
     Client,
     OrderRefusedError,
+    Peers,
     RecorderGoneError,
     Server,
 )
 from daq.control.messages import (
     PROTOCOL,
     REPLY,
+    Accept,
     Arm,
     AskBench,
+    AskCheck,
+    AskHistory,
     AskStatus,
+    Hello,
     Lane,
     Live,
     Mark,
+    Note,
     Order,
+    OverrideWarning,
     Pause,
+    Reject,
     Reply,
     Status,
     setup_of,
 )
+from daq.errors import InputError
 
 from ..a_status import a_status
 from ..small_campaign import small_bench
@@ -408,3 +421,152 @@ def test_sockets_that_were_deleted_are_bound_again(
     assert stat.S_IMODE(address.paths[0].parent.stat().st_mode) == 0o700
     second.close()
     client.close()
+
+
+# Clients: who is in control, the limits of orders, and a recorder of another version --------------
+
+ALIVE = f"{os.getpid()}-a"
+
+
+def ended_process() -> str:
+    """Return the id of a client whose process has ended."""
+    process = subprocess.Popen([sys.executable, "-c", ""])
+    process.wait()
+    return f"{process.pid}-b"
+
+
+@pytest.mark.parametrize(("silent_s", "name"), [(5.0, "Ann"), (5.1, "")])
+def test_a_controller_is_gone_after_five_silent_seconds(silent_s: float, name: str) -> None:
+    peers = Peers()
+    peers.seen(ALIVE, 100.0)
+    assert peers.hello(ALIVE, Hello("Ann", True), 100.0) == ""
+    assert peers.controller(100.0 + silent_s) == name
+    assert peers.in_control(ALIVE)
+
+
+@pytest.mark.parametrize(("silent_s", "name"), [(1.0, "Ann"), (1.1, "")])
+def test_a_dead_controller_is_gone_after_one_second(silent_s: float, name: str) -> None:
+    peers, client = Peers(), ended_process()
+    peers.seen(client, 100.0)
+    assert peers.hello(client, Hello("Ann", True), 100.0) == ""
+    assert peers.controller(100.0 + silent_s) == name
+
+
+def test_viewers_are_those_heard_of_within_five_seconds() -> None:
+    peers = Peers()
+    for client, t_s in ((ALIVE, 100.0), ("x-1", 100.0), ("x-2", 102.0)):
+        peers.seen(client, t_s)
+        peers.hello(client, Hello(client, client == ALIVE), t_s)
+    assert peers.viewers(105.0) == 2
+    assert peers.viewers(105.1) == 1
+    peers.seen("x-2", 105.1)
+    assert peers.name("x-1") == "x-1"  # forgotten
+    assert peers.viewers(107.1) == 1
+
+
+LIMITS: tuple[tuple[type, str, object, object], ...] = (
+    (AskHistory, "seconds", 60, 60.1),
+    (AskHistory, "seconds", 1e-3, 0),
+    (AskCheck, "seconds", 10, 10.1),
+    (AskCheck, "seconds", 1e-3, 0),
+    (Accept, "reason", "x" * 500, "x" * 501),
+    (Reject, "reason", "x" * 500, "x" * 501),
+    (Mark, "text", "x" * 200, "x" * 201),
+    (Note, "text", "x" * 2000, "x" * 2001),
+    (Note, "text", "x", ""),
+    (OverrideWarning, "subject", "x" * 200, "x" * 201),
+    (OverrideWarning, "reason", "x" * 500, "x" * 501),
+    (OverrideWarning, "reason", "x", ""),
+)
+OTHERS: dict[type, dict[str, object]] = {
+    Accept: {"label": "baseline_bounce_1"},
+    OverrideWarning: {"subject": "az", "reason": "known"},
+}
+
+
+@pytest.mark.parametrize(("order", "field", "allowed", "refused"), LIMITS)
+def test_an_order_holds_no_more_than_it_may(
+    order: type, field: str, allowed: object, refused: object
+) -> None:
+    adapter: TypeAdapter[object] = TypeAdapter(order)
+    whole = OTHERS.get(order, {})
+    assert adapter.validate_python(whole | {field: allowed})
+    with pytest.raises(ValidationError, match=field):
+        adapter.validate_python(whole | {field: refused})
+
+
+def test_a_client_that_asks_once_is_no_viewer() -> None:
+    """`bumpbench status`, repeated by a script, must not keep a demonstration alive."""
+    peers = Peers()
+    for client, attends in (("x-1", False), ("x-2", True)):
+        peers.seen(client, 100.0)
+        peers.hello(client, Hello(client, attends=attends), 100.0)
+    assert peers.viewers(100.0) == 1
+
+
+# A client before a recorder of another version ---------------------------------------------------
+
+Answer = Callable[[bytes], list[bytes]]
+
+
+@contextmanager
+def recorder(address: Address, answer: Answer) -> Iterator[None]:
+    """Answer all requests as stated."""
+    context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+    requests = context.socket(zmq.ROUTER)
+    requests.linger = 0
+    requests.bind(address.control)
+    closing = threading.Event()
+
+    def run() -> None:
+        while not closing.is_set():
+            if requests.poll(20):
+                client, _, number, *_ = requests.recv_multipart()
+                requests.send_multipart([client, *answer(number)])
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    try:
+        yield
+    finally:
+        closing.set()
+        thread.join()
+        requests.close()
+        context.term()
+
+
+OLD = b'{"number": 0, "error": "not a request", "protocol": 3}'
+
+
+@pytest.mark.parametrize(
+    ("answer", "why"),
+    [
+        (lambda _: [OLD], "of another version"),  # one before the present form of requests
+        (lambda n: [NOW, n, b"\xff"], "of another version"),
+        (lambda n: [NOW, n, b'{"setup": 1}'], "of another version"),
+        (lambda n: [b"99", n, b"{}"], f"protocol 99, not {PROTOCOL}"),
+    ],
+)
+def test_a_recorder_of_another_version_is_named_as_one(
+    address: Address, answer: Answer, why: str
+) -> None:
+    with recorder(address, answer), pytest.raises(RecorderGoneError, match=why):
+        Client(address, "Anna", control=True)
+
+
+def no_answer(order: Order, by: str) -> Future[Reply]:
+    return Future()
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_a_recorder_that_cannot_listen_says_where_and_leaves_nothing_behind(
+    address: Address, which: int
+) -> None:
+    taken = address.paths[which]
+    taken.mkdir()
+    with pytest.raises(InputError, match="cannot listen") as caught:
+        Server(no_answer, address)
+    assert str(address.paths[0]) in str(caught.value)
+    assert not is_running(address)
+    taken.rmdir()
+    Server(no_answer, address).close()

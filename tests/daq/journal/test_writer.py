@@ -372,21 +372,3 @@ def test_frames_wait_in_32_megabytes_and_events_in_4_more() -> None:
     assert backlog.since_s() is None
     assert backlog.take_gap() == Gap("a", 2, 5, 4)
     assert backlog.take_gap() is None
-
-
-def test_one_gap_has_all_frames_until_the_disk_takes_blocks_again() -> None:
-    backlog = Backlog("a")
-    backlog.put(waiting(0, 40_000_000, 9), 0.0)
-    backlog.put(waiting(1, 1, 2), 0.0)  # there is room, but it would make a second gap
-    assert (backlog.dropped, len(backlog)) == (11, 0)
-    assert backlog.take_gap() == Gap("a", 0, 2, 11)
-    backlog.put(waiting(2, 1, 2), 0.0)
-    assert len(backlog) == 1
-
-
-def test_blocks_are_taken_up_to_a_size_and_at_least_one() -> None:
-    backlog = Backlog("a")
-    for number in range(4):
-        backlog.put(waiting(number, 100), 0.0)
-    taken = [len(backlog.first(size)) for size in (1, 200, 299, 10**9)]
-    assert taken == [1, 2, 2, 4]

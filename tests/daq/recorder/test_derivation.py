@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import itertools
 import json
-import os
 import subprocess
 from pathlib import Path
 from types import SimpleNamespace
@@ -191,20 +190,14 @@ def test_a_process_that_cannot_be_started_is_a_failure_of_its_file_alone(
     derivation.close()
 
 
-@pytest.mark.parametrize(("waited_s", "asked"), [(660.0, []), (660.001, ["kill"])])
-def test_a_process_has_ten_minutes_and_a_second_for_each_megabyte(
-    made: list[Process], tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-    waited_s: float, asked: list[str],
-) -> None:  # fmt: skip
-    """Of two segments of 60 MB together; a third one was deleted to make room."""
-    segments = [tmp_path / name for name in ("s1", "s2", "gone")]
-    for path, size in zip(segments, (20_000_000, 40_000_000), strict=False):
-        path.touch()
-        os.truncate(path, size)
+@pytest.mark.parametrize(("waited_s", "asked"), [(3600.0, []), (3600.001, ["kill"])])
+def test_a_process_has_an_hour(
+    made: list[Process], monkeypatch: pytest.MonkeyPatch, waited_s: float, asked: list[str]
+) -> None:
     clock = itertools.chain([0.0], itertools.repeat(waited_s))
     monkeypatch.setattr("daq.recorder.campaigns.time", SimpleNamespace(monotonic=clock.__next__))
     derivation = Derivation()
-    derivation.begin(Path("a.h5"), segments, "one", 1)
+    derivation.begin(Path("a.h5"), [], "one", 1)
     derivation.poll()
     assert made[0].asked == asked
     assert derivation.status.state is (FAILED if asked else BUILDING)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -13,7 +12,6 @@ import pytest
 from daq.bench.campaign import Campaign, Origin, Step
 from daq.bench.config import Bench, BusConfig, default_bench_text, load_bench
 from daq.bus.source import HopLosses
-from daq.check.check import CheckReport
 from daq.control.messages import (
     Accept,
     Acknowledge,
@@ -28,7 +26,6 @@ from daq.control.messages import (
     Phase,
     Redo,
     Reject,
-    Reply,
     Undo,
     Until,
 )
@@ -37,10 +34,8 @@ from daq.journal.writer import JournalWriter
 from daq.recorder.recording import Recording
 from daq.recorder.run_loop import (
     OrderError,
-    OrderQueue,
     RunLoop,
     Surroundings,
-    answer_check,
     configured,
     due_of,
     order_event,
@@ -59,7 +54,7 @@ from daq.runlog import (
     verdict_entry,
 )
 from daq.runs import ADDED, BASELINE, Event, Excitation
-from dbc import Codec, FrameBatch
+from dbc import Codec
 from dbc.finding import Finding, Severity
 
 from ..recorder_run import LINK, armed, feed, now, status_of, step
@@ -423,24 +418,6 @@ def test_texts_lose_their_control_characters_and_keep_their_lines() -> None:
     assert escaped.text == "\\x07" * 50  # none is cut off, though each is four characters
 
 
-def test_orders_come_in_turn_and_a_closed_queue_refuses_them() -> None:
-    orders = OrderQueue()
-    assert orders.take() is None
-    assert not orders.arrived.is_set()
-    assert not orders.are_waiting
-    first, second, third = (orders.put(Pause(), name) for name in ("Ann", "Ben", "Cho"))
-    assert orders.arrived.is_set()
-    assert second.cancel()
-    assert orders.take() == (Pause(), "Ann", first)
-    assert orders.are_waiting
-    orders.close()
-    assert third.cancelled()
-    assert not orders.are_waiting
-    refused = orders.put(Pause(), "Dee")
-    assert isinstance(refused.exception(0), OrderError)
-    assert orders.take() is None
-
-
 # Another bench.toml within a recording, and bench checks that wait for each other -----------------
 
 TEXT = default_bench_text()
@@ -475,19 +452,6 @@ def test_another_bench_keeps_buses_dbc_and_origin_in_force() -> None:
 def test_a_bench_that_cannot_go_on_is_refused(text: str, why: str) -> None:
     with pytest.raises(OrderError, match=why):
         configured(OLD, text)
-
-
-def test_a_check_is_answered_with_its_lines_or_its_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    line = Finding("rate", Severity.WARNING, "slow", "message M", "set it", figures={"hz": 5.0})
-    report = CheckReport(1.0, 2, (line,))
-    monkeypatch.setattr("daq.recorder.run_loop.check_bench", lambda *_: report)
-    answer = Future[Reply]()
-    answer_check(BENCH, FrameBatch.empty(), answer)
-    assert answer.result(0).check == (line,)
-    monkeypatch.setattr("daq.recorder.run_loop.check_bench", lambda *_: 1 / 0)
-    answer = Future()
-    answer_check(BENCH, FrameBatch.empty(), answer)
-    assert isinstance(answer.exception(0), ZeroDivisionError)
 
 
 # Orders to a recording, and a bench.toml that changes within it -----------------------------------
