@@ -8,13 +8,17 @@ from typing import Annotated
 import typer
 
 Sensors = Annotated[
-    list[str] | None, typer.Option("--sensor", help="Only this sensor; repeatable.")
+    list[str] | None, typer.Option("--sensor", metavar="NAME", help="Only this sensor; repeatable.")
 ]
 """Names of `[[sensor]]` tables."""
 
 Buses = Annotated[
     list[str] | None,
-    typer.Option("--bus", help="Only this bus: its name, channel or number from 0; repeatable."),
+    typer.Option(
+        "--bus",
+        metavar="BUS",
+        help="Only this bus: its name, channel or number from 0; repeatable.",
+    ),
 ]
 """Buses of the bench."""
 
@@ -47,14 +51,19 @@ RecorderFolder = Annotated[Path, typer.Argument(help="The recorder's folder.")]
 SessionFile = Annotated[Path, typer.Argument(help="Session file (HDF5).")]
 
 Interface = Annotated[
-    str | None, typer.Option(help="python-can interface; default: that of bench.toml.")
+    str | None,
+    typer.Option(metavar="NAME", help="python-can interface; default: that of bench.toml."),
 ]
 InterfaceChannel = Annotated[
-    str | None, typer.Option(help="Channel of that interface; default: that of bench.toml.")
+    str | None,
+    typer.Option(metavar="CHANNEL", help="Channel of that interface; default: that of bench.toml."),
 ]
-Fast = Annotated[bool, typer.Option(help="Send as fast as the bus takes the frames.")]
-Seed = Annotated[int, typer.Option(min=0, help="Seed of noise and sensor errors.")]
-Operator = Annotated[str, typer.Option(help="Your name or initials, stored with every verdict.")]
+Fast = Annotated[bool, typer.Option("--fast", help="Send as fast as the bus takes the frames.")]
+Seed = Annotated[int, typer.Option(min=0, metavar="N", help="Seed of noise and sensor errors.")]
+Operator = Annotated[
+    str,
+    typer.Option(metavar="NAME", help="Your name or initials, stored with every verdict."),
+]
 
 JsonSummary = Annotated[bool, typer.Option("--json", help="Print a summary as JSON.")]
 JsonResult = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]

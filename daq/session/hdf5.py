@@ -201,6 +201,8 @@ def read_content(path: Path | str) -> Content:
                 name: Item(_attributes(item), item[()] if isinstance(item, h5py.Dataset) else None)
                 for name, item in [("/", file), *items]
             }
+    except InputError:  # of the file as a whole
+        raise
     except SchemaError as error:
         raise InputError(str(path), f"is damaged: {error}", DAMAGED_ADVICE) from error
     except _RAISED as error:

@@ -83,11 +83,11 @@ MISTAKES = {
     "export car.h5 --format mf5": "Did you mean mf4?",
     "study tabel2": "(bumpbench study --help lists what there is)",
     # files
-    "identify absent.h5": "absent.h5",
-    "inspect absent.h5": "absent.h5",
+    "identify absent.h5": "error: absent.h5: no such file (name a session file that",
+    "inspect absent.h5": "error: absent.h5: no such file (",
     "decode absent.h5": "absent.h5",
     "identify prose.h5": "prose.h5",
-    "inspect .": "is a directory",
+    "inspect .": "error: .: is a directory (name a session file that",
     "report /": "is a directory",
     "redecode . --dbc a.dbc": "is a directory",
     "recover prose.mcap --out new.h5": "prose.mcap",
@@ -112,6 +112,7 @@ MISTAKES = {
     "import all.log bench.toml strange.toml": "is named twice",
     # a bench
     "check signal.toml other.log": "has no signal 'IMU_Accel.acc_zz' (did you mean IMU_Accel.acc_",
+    "record --interface socketcan": "--interface socketcan: names no channel (add --channel can0,",
     "plan signal.toml": "signal of channel body_acc_z: ",
     "check counter.toml other.log": "message IMU_Accel: has no signal nope, which counter names (",
     "record": "udp_multicast",

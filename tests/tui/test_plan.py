@@ -64,13 +64,13 @@ def test_the_shipped_bench(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_rate_and_height(capsys: pytest.CaptureFixture[str]) -> None:
-    plain = _json(capsys, "--rate", "200")
+    plain = _json(capsys, "--rate-hz", "200")
     assert {s["rate_hz"] for s in plain["sensors"]} == {200.0}
     assert len(plain["parameters"]) == 15
     assert 0.0 < plain["mean"] <= plain["worst"] < 0.025
     assert 1 <= len(plain["next_steps"]) <= 12
     assert all(step["worst_before"] == plain["worst"] for step in plain["next_steps"])
-    low = _json(capsys, "--rate", "200", "--bump-mm", "10")
+    low = _json(capsys, "--rate-hz", "200", "--bump-mm", "10")
     # Noise counts five times as much; less where gains, places and delays count as well.
     ratio = {n: low["parameters"][n]["std"] / e["std"] for n, e in plain["parameters"].items()}
     assert 4.0 < ratio["k_tf"] <= 5.001
@@ -84,18 +84,18 @@ def test_the_bench_states_the_height_of_the_bumps(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     bench = _bench(tmp_path, "bump_height_mm = 50.0", "bump_height_mm = 40.0")
-    lower = _json(capsys, "--rate", "200", bench)
+    lower = _json(capsys, "--rate-hz", "200", bench)
     advised = [step["action"] for step in lower["next_steps"] if "bump" in step["action"]]
     assert advised == ["a bump of 50 mm instead of 40 mm"]
 
 
 def test_no_roll_is_no_plan(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     bench = _bench(tmp_path, '"bounce", "pitch", "roll"', '"bounce", "pitch"')
-    document = _json(capsys, bench, "--rate", "200", code=1)
+    document = _json(capsys, bench, "--rate-hz", "200", code=1)
     assert document["undetermined"] == ["I_xx", "t_f", "t_r"]
     assert document["parameters"]["I_xx"]["std"] is None
     assert document["remedies"] == ["one roll run in mass state baseline"]
-    assert run(["plan", bench, "--rate", "200"]) == 1
+    assert run(["plan", bench, "--rate-hz", "200"]) == 1
     out = capsys.readouterr().out
     assert "not determined: I_xx, t_f, t_r" in out
     assert "  - add: one roll run in mass state baseline" in out
@@ -104,19 +104,19 @@ def test_no_roll_is_no_plan(capsys: pytest.CaptureFixture[str], tmp_path: Path) 
 def test_facts_and_structure_of_the_bench(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    plain = _json(capsys, "--rate", "200")
+    plain = _json(capsys, "--rate-hz", "200")
     facts = "".join(
         f'[[fact]]\nquantity = "{axle}_axle_kg"\nvalue = 800.0\nsigma = 1.0\n'
         for axle in ("front", "rear")
     )
     weighed = _bench(tmp_path, "[campaign]", facts + "[campaign]")
-    better = _json(capsys, weighed, "--rate", "200")
+    better = _json(capsys, weighed, "--rate-hz", "200")
     assert better["parameters"]["m_s"]["std"] < 0.3 * plain["parameters"]["m_s"]["std"]
     assert better["mean"] < 0.7 * plain["mean"]
     assert not any("weigh" in step["action"].split() for step in better["next_steps"])
     structure = "[vehicle.structure]\nsymmetric = false\nanti_roll_bars = true\n"
     free = _bench(tmp_path, "[campaign]", structure + "[campaign]")
-    document = _json(capsys, free, "--rate", "200")
+    document = _json(capsys, free, "--rate-hz", "200")
     assert {"k_sfl", "k_srr", "k_af"} <= set(document["parameters"])
     assert document["parameters"]["k_af"]["relative_interval"] is None
 
@@ -161,7 +161,8 @@ def _session(tmp_path: Path, cases: tuple[Excitation, ...]) -> str:
 def test_the_vehicle_of_a_session(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     cases = (Excitation.BOUNCE, Excitation.PITCH, Excitation.ROLL)
     path = _session(tmp_path, cases)
-    document = _json(capsys, "--from", path, "--rate", "200")
+    document = _json(capsys, "--from", path, "--rate-hz", "200")
+    assert _json(capsys, str(path), "--rate", "200") == document, "a session that is named alone"
     assert "car.h5" in document["vehicle"]
     assert document["parameters"]["m_s"]["value"] == pytest.approx(1.1 * 1380.0, rel=0.03)
     assert {r["repeats"] for r in document["runs"]} == {5}  # the session's own bench.toml
@@ -170,7 +171,7 @@ def test_the_vehicle_of_a_session(capsys: pytest.CaptureFixture[str], tmp_path: 
 def test_a_session_without_a_vehicle_gives_the_typical_car(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    document = _json(capsys, "--from", _session(tmp_path, (Excitation.PITCH,)), "--rate", "200")
+    document = _json(capsys, "--from", _session(tmp_path, (Excitation.PITCH,)), "--rate-hz", "200")
     assert document["vehicle"].startswith("the Ford Granada")
     assert "car.h5" in document["vehicle"]
     assert document["parameters"]["m_s"]["value"] == pytest.approx(1380.0)
@@ -296,7 +297,7 @@ def test_a_plan_that_leaves_something_open_says_what_and_why(
     answer: list[Any], capsys: pytest.CaptureFixture[str]
 ) -> None:
     answer[0] = Advice(LOST, (), ("one roll run",))
-    words = ["--rate", "200", "--bump-mm", "25"]
+    words = ["--rate-hz", "200", "--bump-mm", "25"]
     lines = printed(capsys, *words, code=1)
     assert lines[1][0].startswith("Sensors: 11 at 200 Hz")
     for row in (

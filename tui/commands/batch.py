@@ -41,7 +41,9 @@ def batch(
     ],
     workers: Annotated[
         int | None,
-        typer.Option(min=1, max=64, help="Number of processes; default: one for each core."),
+        typer.Option(
+            min=1, max=64, metavar="N", help="Number of processes; default: one for each core."
+        ),
     ] = None,
     scheduler: Annotated[
         str | None,

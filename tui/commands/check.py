@@ -18,23 +18,27 @@ def check(
     bench: BenchFile = None,
     log: Annotated[Path | None, typer.Argument(help="Bus log; default: the live bus.")] = None,
     seconds: Annotated[
-        float, typer.Option(help="Seconds of traffic to check.", min=0.1, max=600)
+        float, typer.Option(metavar="S", help="Seconds of traffic to check.", min=0.1, max=600)
     ] = 5.0,
     json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
     propose: Annotated[
         Path | None, typer.Option(help="Write a bench.toml guessed from the DBC and the traffic.")
     ] = None,
     force: Force = False,
-    dbc: Annotated[list[Path] | None, typer.Option(help="DBC for --propose; repeatable.")] = None,
+    dbc: Annotated[
+        list[Path] | None, typer.Option(metavar="FILE", help="DBC for --propose; repeatable.")
+    ] = None,
     layout: Annotated[
         list[str] | None,
         typer.Option(
-            help="Ready-made channel map instead of a bench.toml; repeatable with --propose."
+            metavar="NAME",
+            help="Ready-made channel map instead of a bench.toml; repeatable with --propose.",
         ),
     ] = None,
     push: Annotated[
         float,
         typer.Option(
+            metavar="S",
             help="Seconds of --propose after the rest, in which each corner is pushed once: front"
             " left, front right, rear left, rear right.",
             min=0,
@@ -48,13 +52,15 @@ def check(
     channel: Annotated[
         str | None,
         typer.Option(
+            metavar="CHANNEL",
             help="Channel of that interface; default: that of bench.toml. With --propose several,"
-            " as can0,can1."
+            " as can0,can1.",
         ),
     ] = None,
     bitrate: Annotated[
         int | None,
         typer.Option(
+            metavar="BIT/S",
             help="Bit rate of the buses of --propose, bit/s; default: 500000.",
             min=1,
             max=1_000_000,

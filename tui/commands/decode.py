@@ -31,7 +31,8 @@ def decode(
         Path | None, typer.Argument(help="bench.toml: its sensors and buses, instead of --dbc.")
     ] = None,
     dbc: Annotated[
-        list[Path] | None, typer.Option(help="DBC file; repeatable; default: the shipped one.")
+        list[Path] | None,
+        typer.Option(metavar="FILE", help="DBC file; repeatable; default: the shipped one."),
     ] = None,
     sensor: Sensors = None,
     bus: Buses = None,

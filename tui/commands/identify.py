@@ -120,7 +120,7 @@ def compare(
     sessions: Annotated[
         list[Path],
         typer.Argument(
-            help="Session files: the one to compare with, then the others in order of time."
+            help="Session files: the one to compare with, then the others in order of time.",
         ),
     ],
     json: JsonResult = False,

@@ -16,18 +16,21 @@ def import_(
         list[Path] | None,
         typer.Argument(
             help="Logs in order: BLF, ASC, TRC, MF4, candump, CSV of python-can, or a journal; and"
-            " a bench.toml."
+            " a bench.toml.",
         ),
     ] = None,
     run: Annotated[
         list[str] | None,
-        typer.Option(help="A log of one run, as baseline:bounce:FILE; repeatable."),
+        typer.Option(metavar="RUN", help="A log of one run, as baseline:bounce:FILE; repeatable."),
     ] = None,
     runs: Annotated[
-        str | None, typer.Option(help="Kinds of the bumps in order: baseline:bounce,added:roll,...")
+        str | None,
+        typer.Option(
+            metavar="KINDS", help="Kinds of the bumps in order: baseline:bounce,added:roll,..."
+        ),
     ] = None,
     skip: Annotated[
-        int, typer.Option(min=0, help="Number of bumps to leave out at the beginning.")
+        int, typer.Option(min=0, metavar="N", help="Number of bumps to leave out at the beginning.")
     ] = 0,
     bus: Buses = None,
     sensor: Sensors = None,

@@ -28,12 +28,17 @@ def plan(
     bump_mm: Annotated[
         float | None,
         typer.Option(
-            min=0.1, max=500.0, help="Height of the bump in mm; default: that of the bench.toml."
+            min=0.1,
+            max=500.0,
+            metavar="MM",
+            help="Height of the bump in mm; default: that of the bench.toml.",
         ),
     ] = None,
     rate: Annotated[
         float | None,
         typer.Option(
+            "--rate-hz",
+            "--rate",
             min=40.0,
             max=5000.0,
             metavar="HZ",
@@ -49,6 +54,8 @@ def plan(
     from ..jobs.planning import of_session, planned, typical, with_structure
     from ..output import print_json, progress
 
+    if bench is not None and session is None and bench.suffix.lower() in (".h5", ".hdf5"):
+        bench, session = None, bench  # a session that is named alone
     with progress("plan") as stage:
         stage(0.05, "reading")
         recorded = None if session is None else daq.read_session(session)

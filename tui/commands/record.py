@@ -179,7 +179,8 @@ def display(
 
 def recover(
     journal: Annotated[
-        list[Path], typer.Argument(help="Segments journal_*.bbj, or a folder with segments.")
+        list[Path],
+        typer.Argument(help="Segments journal_*.bbj, or a folder with segments."),
     ],
     out: Annotated[
         Path | None,

@@ -83,7 +83,9 @@ def export(
     out: Annotated[
         Path | None, typer.Option(help="File to write; default: next to the session.")
     ] = None,
-    run: Annotated[list[str] | None, typer.Option(help="Only this run; repeatable.")] = None,
+    run: Annotated[
+        list[str] | None, typer.Option(metavar="RUN", help="Only this run; repeatable.")
+    ] = None,
     sensor: Sensors = None,
     bus: Buses = None,
     separator: Annotated[

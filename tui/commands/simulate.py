@@ -43,6 +43,7 @@ def simulate(
     push: Annotated[
         float | None,
         typer.Option(
+            metavar="S",
             help="No campaign: stand still for these seconds, then be pushed down at each"
             " corner; then stand still until Ctrl-C.",
             min=0,
@@ -105,7 +106,8 @@ def replay(
     channel: InterfaceChannel = None,
     bus: Buses = None,
     speed: Annotated[
-        float, typer.Option(min=0.001, max=1000, help="Speed; 2 is twice real time.")
+        float,
+        typer.Option(min=0.001, max=1000, metavar="TIMES", help="Speed; 2 is twice real time."),
     ] = 1.0,
     fast: Fast = False,
     json: JsonSummary = False,

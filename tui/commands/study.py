@@ -25,11 +25,11 @@ study = typer.Typer(
 FigureFile = Annotated[
     Path | None, typer.Option("--figure", metavar="FILE.svg", help="Draw the result, too.")
 ]
-Rate = Annotated[float, typer.Option(help="Samples per second.")]
-Noise = Annotated[float, typer.Option(help="Signal-to-noise ratio in dB.")]
-Fits = Annotated[int, typer.Option(min=1, max=100_000, help="Number of campaigns.")]
-Seed = Annotated[int, typer.Option(min=0, help="Seed of the first campaign's noise.")]
-Workers = Annotated[int, typer.Option(min=1, max=64, help="Processes.")]
+Rate = Annotated[float, typer.Option(metavar="HZ", help="Samples per second.")]
+Noise = Annotated[float, typer.Option(metavar="DB", help="Signal-to-noise ratio in dB.")]
+Fits = Annotated[int, typer.Option(min=1, max=100_000, metavar="N", help="Number of campaigns.")]
+Seed = Annotated[int, typer.Option(min=0, metavar="N", help="Seed of the first campaign's noise.")]
+Workers = Annotated[int, typer.Option(min=1, max=64, metavar="N", help="Processes.")]
 
 
 @study.command()

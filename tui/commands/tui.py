@@ -36,7 +36,10 @@ def tui(
         ),
     ] = None,
     speed: Annotated[
-        float, typer.Option(min=0.1, max=20.0, help="Speed of --demo or --replay, times real time.")
+        float,
+        typer.Option(
+            min=0.1, max=20.0, metavar="TIMES", help="Speed of --demo or --replay, times real time."
+        ),
     ] = 1.0,
     replay: Annotated[
         Path | None, typer.Option(help="Play a recorded session through the same screens.")
