@@ -48,8 +48,8 @@ class Item:
     values: NDArray[Any] | None = None
     """Values of a dataset: numbers or byte strings of fixed length; None: a group."""
     scales: tuple[str, ...] = ()
-    """Names of the datasets in the same group that count or date the rows along each axis, for
-    writing; a scale names itself."""
+    """Names of the datasets in the same group, written before it, that count or date the rows along
+    each axis, for writing; a scale names itself."""
 
 
 Content = dict[str, Item]
@@ -125,10 +125,6 @@ _MARK = b"\nbumpbench crc32 "
 """Beginning of the last line of a session file; its checksum follows."""
 _OF_HDF5 = {"CLASS", "NAME", "DIMENSION_LIST", "REFERENCE_LIST", "DIMENSION_LABELS"}
 """Attributes with which HDF5 stores dimension scales; they hold references, not data."""
-_ROWS = 8192
-"""Largest number of rows in a chunk."""
-_LEVEL = 1
-"""Compression level of deflate; a higher level packs hardly better."""
 _MAX_BYTES = 8 << 30
 """Largest unpacked size of a session, bytes."""
 _MAX_RATIO, _SPARE_BYTES = 64, 128 << 20
@@ -138,35 +134,38 @@ _MAX_CHUNK_BYTES = 64 << 20
 
 
 def write_image(content: Content) -> bytes:
-    """Return the bytes of a session file with a content; equal contents give equal bytes.
+    """Return the bytes of a session file with a content, groups before what is in them.
 
-    It is made in memory, because HDF5 crashes the process at its end when a disk was full.
+    Equal contents give equal bytes.  It is made in memory, because HDF5 crashes the process at its
+    end when a disk was full.
     """
     import h5py
 
     image = BytesIO()
     with h5py.File(image, "w") as file:
+        parents: dict[str, h5py.Group] = {"": file}
+        scales: dict[str, h5py.Dataset] = {}
         for path, item in content.items():
             place, _, name = path.rpartition("/")
             values = item.values
             if values is None:
-                made = file if path == "/" else file.create_group(path)
+                made = parents[path] = parents[place].create_group(name) if name else file
             else:
                 packed: dict[str, Any] = {}
                 if values.size:  # HDF5 has no chunks of size 0
-                    packed["chunks"] = (min(len(values), _ROWS), *values.shape[1:])
-                    packed |= {"compression": "gzip", "compression_opts": _LEVEL}
+                    packed["chunks"] = (min(len(values), 8192), *values.shape[1:])
+                    # A higher level than 1 packs hardly better.
+                    packed |= {"compression": "gzip", "compression_opts": 1}
                     packed |= {"shuffle": True, "fletcher32": True}
-                made = file.create_dataset(path, data=values, **packed)
-                if item.scales == (name,):
-                    made.make_scale(name)
+                made = parents[place].create_dataset(name, data=values, **packed)
+                for axis, scale in enumerate(item.scales):
+                    if scale == name:
+                        made.make_scale(name)
+                        scales[path] = made
+                    else:
+                        made.dims[axis].attach_scale(scales[f"{place}/{scale}"])
             for key, value in item.attributes.items():
                 made.attrs[key] = _stored(value)
-        for path, item in content.items():
-            place, _, name = path.rpartition("/")
-            for axis, scale in enumerate(item.scales):
-                if scale != name:
-                    file[path].dims[axis].attach_scale(file[f"{place}/{scale}"])
     return image.getvalue() + _end(image.getvalue())
 
 
