@@ -14,9 +14,6 @@ from pathlib import Path
 
 from .errors import InputError
 
-_LEFT_S = 3600.0
-"""Time, s, after which a partial file is of a killed process: no file is written for that long."""
-
 
 def make_room(path: Path) -> None:
     """Create the folder of a file that a user names, before long work: a wrong name fails at once.
@@ -103,11 +100,11 @@ def replaced(targets: Sequence[Path]) -> Iterator[list[Path]]:
     parts: list[Path] = []
     try:
         for target in targets:
-            # What a killed process left is deleted.
+            # What a killed process left is deleted: no file is written for an hour.
             stem, suffix = glob.escape(target.stem), glob.escape(target.suffix)
             with suppress(OSError):
                 for old in target.parent.glob(f".{stem}.*.tmp{suffix}"):
-                    if time.time() - old.stat().st_mtime > _LEFT_S:
+                    if time.time() - old.stat().st_mtime > 3600.0:
                         old.unlink()
             part = target.parent / f".{target.stem}.{secrets.token_hex(8)}.tmp{target.suffix}"
             fd = os.open(part, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o666)

@@ -32,8 +32,6 @@ from .reader import (
 
 LACKS = "the payload of error frames"
 _FD_LENGTHS: list[int] = FD_LENGTHS.tolist()
-_BASE = re.compile(r"base\s+(hex|dec)(?:\s+timestamps\s+(absolute|relative))?", re.IGNORECASE)
-_START = re.compile(r"(?:date|begin\s+triggerblock)\s", re.IGNORECASE)
 _HEAD = re.compile(
     rb"//|date\s|base\s|(no )?internal events|begin\s+triggerblock|end\s+triggerblock|"
     rb"start of measurement|previous log file|next log file|comment|pid\b|measurement\s*uuid",
@@ -108,11 +106,12 @@ class AscParser:
     def _header(self, raw: bytes) -> int:
         """Remember a line without a time; raises ValueError if none of ASC is such."""
         line = raw.decode("utf-8" if b"\xc3" in raw else "cp1252", "replace")
-        if base := _BASE.match(line):
-            self._base = 10 if base[1].lower() == "dec" else 16
-            self._is_relative = (base[2] or "").lower() == "relative"
+        stated = line.lower()
+        if base := re.match(r"base\s+(hex|dec)(?:\s+timestamps\s+(absolute|relative))?", stated):
+            self._base = 10 if base[1] == "dec" else 16
+            self._is_relative = base[2] == "relative"
             self.has_header = True
-        elif _START.match(line):
+        elif re.match(r"(?:date|begin\s+triggerblock)\s", stated):
             self.has_header = True
             if (date_ns := asc_date_ns(line)) is not None:
                 self._start_ns, self._last_ns = date_ns, 0

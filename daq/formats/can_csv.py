@@ -7,8 +7,6 @@ from binascii import a2b_base64
 from .reader import ERROR, EXTENDED, FD, REMOTE, Record, nanoseconds, number
 
 LACKS = "CAN FD (with its bits BRS and ESI), bus and direction"
-_HEADER = b"timestamp,arbitration_id,"
-_MARKS = {b"0": False, b"1": True}
 
 
 class CsvParser:
@@ -21,7 +19,7 @@ class CsvParser:
 
     def __call__(self, line: bytes) -> Record | int | None:
         """Return the frame in a line; 0 for the header and empty lines."""
-        if not self.has_header and line.startswith(_HEADER):
+        if not self.has_header and line.startswith(b"timestamp,arbitration_id,"):
             self.has_header = True
             return 0
         cells = line.rstrip().split(b",")
@@ -29,7 +27,7 @@ class CsvParser:
             cells.append(b"")
         try:
             time, identifier, *marks, dlc, data = cells
-            extended, remote, error = (_MARKS[mark] for mark in marks)
+            extended, remote, error = ({b"0": False, b"1": True}[mark] for mark in marks)
             length = number(dlc, 10)
             letters = 0 if remote else (length + 2) // 3 * 4  # base64: 4 for up to 3 bytes
             if identifier[:2] != b"0x" or len(data) != letters:

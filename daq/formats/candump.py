@@ -26,8 +26,6 @@ _FRAME = re.compile(
 )
 """Time, interface, identifier, FD bits (``##1``: BRS, ``##2``: ESI), request or payload,
 direction.  A classic frame of 8 bytes may be followed by the raw DLC of the wire: ``123#..._E``."""
-_DROPPED = re.compile(rb"DROPCOUNT: dropped (\d{1,9}) CAN frames?")
-"""Line of candump, which states frames that its socket lost."""
 _ERROR_BIT = 0x2000_0000
 _OPEN, _CLOSE = b"()"
 
@@ -59,7 +57,8 @@ def _other(line: bytes) -> Record | int | None:
     match = _FRAME.match(line)
     try:
         if match is None:
-            stated = _DROPPED.search(line)
+            # candump states the frames that its socket lost.
+            stated = re.search(rb"DROPCOUNT: dropped (\d{1,9}) CAN frames?", line)
             return int(stated[1]) if stated else None if line.strip() else 0
         time, interface, identifier, fd, request, digits, direction = match.groups()
         can_id, flags = _identifier(identifier)

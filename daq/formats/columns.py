@@ -93,8 +93,6 @@ def bounded(values: int, where: str) -> None:
 
 NAMES = "CSV, MF4, MAT, Parquet"
 """Names of the formats, for messages."""
-_MOST_PROPOSED = 2000
-"""Largest number of columns of a file from which a map is proposed."""
 
 
 def read_columns(path: Path, names: Sequence[str]) -> Columns:
@@ -109,7 +107,7 @@ def read_columns(path: Path, names: Sequence[str]) -> Columns:
     def choose(headings: Sequence[Heading]) -> Sequence[Heading]:
         if not headings:
             raise InputError(where, "has no column of numbers", "name a file of channels")
-        wanted.update({each.name: each for each in headings[:_MOST_PROPOSED]})
+        wanted.update({each.name: each for each in headings[:2000]})  # enough for a proposal
         if names:
             wanted.clear()
             wanted.update({name: named(headings, name, where) for name in names})

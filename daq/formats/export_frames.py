@@ -18,8 +18,6 @@ from ..runs import Run, SampleGroup
 from ..sessions import Session
 
 _NS_PER_MS, _NS_PER_US = 1_000_000, 1000
-_BLF_RESERVED = 72
-"""Offset of the reserved part of the head of a BLF, bytes; readers skip it."""
 
 
 def session_frames(session: Session) -> FrameBatch:
@@ -63,7 +61,7 @@ def write_blf(session: Session, path: Path) -> tuple[str, ...]:
             writer.on_message_received(message)
         writer.start_timestamp = start_ns * 1e-9  # for the head of the file
         writer.stop_timestamp = int(frames.t_ns[-1]) * 1e-9
-    state_origin(session, path, _BLF_RESERVED)
+    state_origin(session, path, 72)
     n = int((has(frames, FrameFlag.ERROR) & has(frames, FrameFlag.TRANSMITTED)).sum())
     return (f"BLF does not store who sent {counted(n, 'error frame')}",) if n else ()
 
@@ -116,7 +114,10 @@ def _unlike_real(session: Session) -> str:
 
 
 def state_origin(session: Session, path: Path, offset: int) -> None:
-    """Write the origin of a session, unless it is real, to the reserved bytes of a log's head."""
+    """Write the origin of a session, unless it is real, to a log's head.
+
+    `offset`: of the reserved part of the head, bytes, which readers skip.
+    """
     if origin := _unlike_real(session):
         with path.open("r+b") as stream:
             stream.seek(offset)
@@ -132,10 +133,6 @@ def _lost_in_text(frames: FrameBatch, name: str) -> tuple[str, ...]:
 
 
 _NS_PER_S = 1_000_000_000
-_RESERVED = 30
-"""Offset of the reserved part of the head, bytes; readers skip it."""
-_UNITS = {"time_s": "s", "t_ns": "ns"}
-
 _REMOTE = {
     "BusChannel": "u1",
     "ID": "<u4",
@@ -162,12 +159,13 @@ def write_mf4(session: Session, path: Path) -> tuple[str, ...]:
     raw = session_frames(session) if any(len(run.frames) for run in session.runs) else None
     firsts = [run.t0_ns for run in session.runs] + ([int(raw.t_ns[0])] if raw is not None else [])
     start_ns = min(firsts, default=0) // _NS_PER_S * _NS_PER_S
+    units = {"time_s": "s", "t_ns": "ns", **session.units}
     with asammdf.MDF(version="4.10") as mdf:
         mdf.header.start_time = datetime.fromtimestamp(start_ns // _NS_PER_S, UTC)
         mdf.header.comment = f"bumpbench session of {session.vehicle.name}"
         for run in session.runs:
             for group in run.groups:
-                signals = _signals(asammdf, run, group, session.units, start_ns)
+                signals = _signals(asammdf, run, group, units, start_ns)
                 mdf.append(signals, acq_name=f"{run.label}/{group.name}", common_timebase=True)
         if raw is not None:
             _append_bus_log(asammdf, mdf, raw, start_ns)
@@ -176,7 +174,7 @@ def write_mf4(session: Session, path: Path) -> tuple[str, ...]:
                 content = session.provenance[name].encode("utf-8", "surrogateescape")
                 mdf.attach(content, file_name=file, mime="text/plain", compression=False)
         mdf.save(path, overwrite=True, compression=1)
-    state_origin(session, path, _RESERVED)
+    state_origin(session, path, 30)
     return ()
 
 
@@ -191,7 +189,7 @@ def _signals(
             samples=np.array(values),
             timestamps=time_s,
             name=name,
-            unit=units.get(name, _UNITS.get(name, "")),
+            unit=units.get(name, ""),
             comment=f"{run.label} ({run.status})",
         )
         for name, values in columns.items()

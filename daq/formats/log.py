@@ -65,11 +65,6 @@ _MAGIC = {
     b"\x89MCAP0\r\n": JOURNAL,  # of Bumpbench 0.1, which its reader refuses in its own words
 }
 
-_ORIGIN = re.compile(rb"(?:origin: |\) )(simulated|replayed)")
-"""How an exported ASC or BLF states its origin, or the interface in a line of candump."""
-_STATED_BYTES = 512
-"""Head of a log in which its origin is searched, bytes."""
-
 
 def detect(path: Path) -> LogFormat:
     """Return the format of a log by its content; its suffix decides between equal candidates.
@@ -160,7 +155,9 @@ class Log:
         if self._journal is not None:
             return self._journal.head.origin
         with self.paths[0].open("rb") as file:
-            stated = _ORIGIN.search(Unpacked(file, LogLoss()).read(_STATED_BYTES))
+            head = Unpacked(file, LogLoss()).read(512)
+        # An exported ASC, BLF or MF4 says so, or the interface in a line of candump.
+        stated = re.search(rb"(?:origin: |\) )(simulated|replayed)", head)
         return Origin(stated[1].decode()) if stated else Origin.REAL
 
     @property

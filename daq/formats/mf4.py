@@ -36,7 +36,6 @@ _BITS = {
     "Dir": FrameFlag.TRANSMITTED,
 }
 _BLOCK_FRAMES = 1 << 18
-_MAX_UNPACKED_BYTES = 4 << 30
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +61,7 @@ def read_mf4(file: BinaryIO, unpacked: Unpacked, where: str, loss: LogLoss) -> I
     is_unfinished = file.read(8) == b"UnFinMF "
     file.seek(0)
     if unpacked.packed or is_unfinished:  # the library writes to an unfinished file: to this copy
-        content = BytesIO(unpacked.read(_MAX_UNPACKED_BYTES))
+        content = BytesIO(unpacked.read(4 << 30))
     with open_mdf(content, where) as mdf:
         yield from _blocks(mdf, where, loss)
 
@@ -144,15 +143,20 @@ def _bus_logging(mdf: Any, where: str, loss: LogLoss) -> Iterator[_Group]:
 def _frames(mdf: Any, group: _Group, rows: slice, start_ns: int, loss: LogLoss) -> FrameBatch:
     """Return the frames in records; records that no frame can be are left out and counted."""
     n = rows.stop - rows.start
-    fields = {
-        name: _whole_numbers(mdf, group, name, rows)
-        for name in group.fields
-        if name in {"ID", "DLC", "DataLength", "BusChannel", *_BITS}
-    }
+    fields: dict[str, NDArray[np.int64]] = {}
+    for name in {"ID", "DLC", "DataLength", "BusChannel", *_BITS} & group.fields.keys():
+        values = _samples(mdf, group, name, rows, raw=False)
+        if values.dtype.kind not in "iufb" or values.ndim != 1:  # words, such as Rx and Tx
+            values = _samples(mdf, group, name, rows, raw=True)
+        fields[name] = values.astype(np.int64)
     can_id = fields["ID"] & 0x1FFF_FFFF
     flags = _flags(group.kind, fields)
     is_fd, is_remote = flags & FrameFlag.FD != 0, flags & FrameFlag.REMOTE != 0
-    payload = _payload(mdf, group, rows)
+    payload = np.zeros((n, 0), np.uint8)
+    if "DataBytes" in group.fields and not _KINDS[group.kind] & FrameFlag.REMOTE:
+        payload = _samples(mdf, group, "DataBytes", rows, raw=True)
+        if payload.dtype != np.uint8 or payload.ndim != 2:
+            payload = np.frombuffer(payload.tobytes(), np.uint8).reshape(n, -1)
     size = np.full(n, payload.shape[1])
     if "DLC" in fields:
         code = fields["DLC"].clip(0, 15)
@@ -183,25 +187,6 @@ def _samples(mdf: Any, group: _Group, name: str, rows: slice, *, raw: bool) -> N
     with redirect_stdout(StringIO()):  # it prints what it does not understand
         columns = mdf.get(**about, samples_only=True, ignore_invalidation_bits=True)
     return np.asarray(columns[0])
-
-
-def _whole_numbers(mdf: Any, group: _Group, name: str, rows: slice) -> NDArray[np.int64]:
-    """Return a field; one that is converted to words (Rx, Tx) as it is stored."""
-    values = _samples(mdf, group, name, rows, raw=False)
-    if values.dtype.kind not in "iufb" or values.ndim != 1:
-        values = _samples(mdf, group, name, rows, raw=True)
-    return values.astype(np.int64)
-
-
-def _payload(mdf: Any, group: _Group, rows: slice) -> NDArray[np.uint8]:
-    """Return the stored bytes of each record, (n, width); width 0 where a kind has none."""
-    n = rows.stop - rows.start
-    if "DataBytes" not in group.fields or _KINDS[group.kind] & FrameFlag.REMOTE:
-        return np.zeros((n, 0), np.uint8)
-    payload = _samples(mdf, group, "DataBytes", rows, raw=True)
-    if payload.dtype != np.uint8 or payload.ndim != 2:
-        payload = np.frombuffer(payload.tobytes(), np.uint8).reshape(n, -1)
-    return payload
 
 
 def _flags(kind: str, fields: Mapping[str, NDArray[np.int64]]) -> NDArray[np.uint16]:

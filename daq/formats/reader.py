@@ -22,10 +22,6 @@ LATEST_NS = 4_102_444_800 * 10**9
 """The year 2100, ns since 1970: a later stamp is not in the unit of the format."""
 LONGEST_NS = 10**18
 """Longest time since the start of a log, ns: 31 years.  A longer one is a date."""
-_PIECE_BYTES = 1 << 24
-"""Most bytes that are asked for at once: Python makes room for all of them before it reads."""
-_MOST_NOTES = 8
-"""Number of notes that are kept: the first faults describe a badly damaged log well enough."""
 
 
 @dataclass(slots=True)
@@ -46,7 +42,7 @@ class LogLoss:
         self.garbled += garbled
         self.bytes_cut += bytes_cut
         self.dropped += dropped
-        if len(self.notes) < _MOST_NOTES:
+        if len(self.notes) < 8:  # the first faults describe a damaged log well enough
             self.notes.append(printable(note))
 
     @property
@@ -114,7 +110,8 @@ class Unpacked:
         parts: list[bytes] = []
         missing = 0 if self._ended else size
         try:
-            while missing and (part := self._read(min(missing, _PIECE_BYTES))):
+            # Python makes room for all bytes that are asked for before it reads.
+            while missing and (part := self._read(min(missing, 1 << 24))):
                 parts.append(part)
                 missing -= len(part)
         except (EOFError, gzip.BadGzipFile, zlib.error):
@@ -131,9 +128,7 @@ class Unpacked:
 
 BLOCK_BYTES = 1 << 18
 """Number of bytes that are read together: some 5,000 frames."""
-MAX_LINE_BYTES = 1 << 16
 _BOM = b"\xef\xbb\xbf"
-_SPACES = b" " * 64
 
 EXTENDED, REMOTE, ERROR, FD = map(int, list(FrameFlag)[:4])
 BITRATE_SWITCH, ERROR_STATE, SENT = map(int, list(FrameFlag)[4:])
@@ -246,7 +241,7 @@ def spaced_bytes(text: bytes, length: int, base: int) -> bytes:
     if (
         base == 16
         and len(digits) == 2 * length
-        and raw[2::3] == _SPACES[: length - 1]
+        and raw[2::3] == b" " * (length - 1)
         and (len(text) == size or text[size] in b" \t\r")
     ):
         return unhexlify(digits)
@@ -294,7 +289,7 @@ def read_lines(
         data, zeros, torn = _without_zeros(tail + piece)
         data = data if lines_before else data.removeprefix(_BOM)
         whole, newline, tail = data.rpartition(b"\n")
-        if len(tail) > MAX_LINE_BYTES:
+        if len(tail) > 1 << 16:
             raise InputError(where, "is not a text log", "check what it is")
         blocks = [whole + newline] if newline else []
         if tail.strip() and not more:

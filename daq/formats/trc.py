@@ -34,14 +34,10 @@ _COLUMNS = {
     "2.0": "NOTIdlD",
     "2.1": "NOTBIdRLD",
 }
-_NOT_A_FRAME = b"FFFFFFFF"
-"""Identifier of a line about the bus, not a frame, in version 1.0."""
 _OVERRUN = re.compile(
     rb"overrun|(?: [0-9a-f]{2}){3} (?:[0-9a-f][2367abef]|[4-7c-f][0-9a-f])\b", re.IGNORECASE
 )
 """State of the bus in which frames were lost."""
-_EPOCH_DAYS = 25_569
-"""1970-01-01, in days since 1899-12-30."""
 _FD_LENGTHS: list[int] = FD_LENGTHS.tolist()
 _TYPES_1 = {b"rx": 0, b"tx": SENT, b"error": ERROR, b"warng": None, b"event": None}
 _TYPES_2 = {
@@ -89,7 +85,7 @@ class TrcParser:
         text = tokens[place["D"]] if len(tokens) > place["D"] else b""
         word = text[:5].lower()
         if "T" not in place:  # 2) 1842 0008 4 ERROR 00 19 08 08
-            is_frame = tokens[place["I"]].upper() != _NOT_A_FRAME
+            is_frame = tokens[place["I"]].upper() != b"FFFFFFFF"  # a line about the bus
             stated = (ERROR if word == b"error" else 0) if is_frame else None
         else:
             types = _TYPES_2 if self._version >= "2" else _TYPES_1
@@ -133,7 +129,7 @@ class TrcParser:
             self.has_header = True
         elif name == ";$STARTTIME":
             with suppress(InvalidOperation, OverflowError, ValueError):
-                days = Decimal(value.replace(",", ".")) - _EPOCH_DAYS
+                days = Decimal(value.replace(",", ".")) - 25_569  # from 1899-12-30 to 1970
                 ns = int(days * 86_400_000_000_000)
                 self._start_ns = ns if 0 <= ns < 1 << 62 else 0
         elif name == ";$COLUMNS":

@@ -211,10 +211,6 @@ def _shortcomings(
     return tuple(reasons)
 
 
-OOM_SCORE = "500"
-"""Increase of this process's out-of-memory score, in thousandths of the memory: if the memory runs
-out, the kernel ends this process, also in a service whose processes are protected."""
-
 DONE, BAD_INPUT, DONE_WITH_LOSS = 0, 2, 3
 """Exit codes, the same as those of the command line."""
 
@@ -312,8 +308,10 @@ def _refuse_less(target: Path, new: Session) -> None:
 
 def main(arguments: Sequence[str], out: TextIO) -> int:
     """Derive, report the result as one line of JSON, and return the exit code."""
-    with suppress(OSError):  # if the memory runs out, this process is killed and not the recorder
-        Path("/proc/self/oom_score_adj").write_text(OOM_SCORE)
+    # If the memory runs out, the kernel ends this process and not the recorder, also in a service
+    # whose processes are protected: thousandths of the memory are added to its score.
+    with suppress(OSError):
+        Path("/proc/self/oom_score_adj").write_text("500")
     target, *segments = map(Path, arguments)
     try:
         # Segments deleted since then to make room contained no run.

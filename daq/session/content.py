@@ -48,12 +48,8 @@ from .hdf5 import (
 TEXTS = ("dbc", "bench_toml", "channel_map")
 """Items of the provenance that are complete files and are stored in /config."""
 
-RESERVED_IN_GROUP = {"time", "t_ns", "quality"}
-"""Datasets of a sample group that are not channels."""
 RAW_PREFIX = "raw_bus"
 """Prefix of the groups of raw frames in a run."""
-RESERVED_IN_RUN = (RAW_PREFIX, "events")
-"""Prefixes of the groups in a run that are not sample groups."""
 
 CHANNEL_COLUMNS = {
     "name": "S64",
@@ -91,8 +87,6 @@ WEIGHT_COLUMNS = {
 FACT_COLUMNS = {"quantity": "S32", "value": "f8", "sigma": "f8"}
 EVENT_COLUMNS = {"t_ns": "i8", "code": "S32", "value": "f8", "text": "S160"}
 FRAME_COLUMNS = {"t_ns": "i8", "can_id": "u4", "flags": "u2", "length": "u1", "data": "u1"}
-QUALITY_FLAGS = "counter_gap crc_bad sentinel out_of_range interpolated missing"
-QUALITY_MASKS = (1, 2, 4, 8, 16, 32)
 
 
 def write_session(path: Path | str, session: Session) -> None:
@@ -121,7 +115,8 @@ def _check_names(session: Session) -> None:
         if not name.isprintable() or not 0 < len(name.encode()) <= 64 or set(name) & set("/."):
             what = f"name {name!r} cannot be written"
             raise InputError("session", what, "use 1 to 64 printable bytes without / and .")
-    taken = (channels & RESERVED_IN_GROUP) | {n for n in groups if n.startswith(RESERVED_IN_RUN)}
+    taken = channels & {"time", "t_ns", "quality"}
+    taken |= {name for name in groups if name.startswith((RAW_PREFIX, "events"))}
     if taken:
         what = f"name {min(taken)!r} has another meaning in a session file"
         raise InputError("session", what, "choose another name")
@@ -220,7 +215,10 @@ def _samples(path: str, samples: SampleGroup, channels: Sequence[Channel]) -> Co
     }
     since = {"units": "s", "long_name": "time since t0 of the run"}
     stamps = {"units": "ns", "long_name": "bus time since 1970-01-01 UTC"}
-    flags: dict[str, Attribute] = {"flag_masks": QUALITY_MASKS, "flag_meanings": QUALITY_FLAGS}
+    flags: dict[str, Attribute] = {
+        "flag_masks": (1, 2, 4, 8, 16, 32),
+        "flag_meanings": "counter_gap crc_bad sentinel out_of_range interpolated missing",
+    }
     content = {
         path: Item(about),
         f"{path}/time": Item(since, samples.time_s, ("time",)),

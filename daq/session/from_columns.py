@@ -35,12 +35,6 @@ from ..samples.mapping import (
 from ..sessions import Session
 from .build import EDGE_S, utc_text
 
-_SINCE_1970_S = 1e8
-"""Time, s, above which times count from 1970: no recording lasts three years."""
-_LATEST_S = 4_102_444_800.0
-"""The year 2100, s since 1970."""
-_ALIKE = 0.9
-"""Least share of rows in which both of two columns have values if they were sampled together."""
 _BLOCK_NS = 1_000_000_000
 
 
@@ -107,7 +101,7 @@ class _Members:
         """Return whether a channel has values in the rows of the first of these channels."""
         first, second = np.isfinite(next(iter(self.values.values()))), np.isfinite(value)
         either = np.count_nonzero(first | second)
-        return bool(np.count_nonzero(first & second) >= _ALIKE * either)
+        return bool(np.count_nonzero(first & second) >= 0.9 * either)
 
     def samples(self, name: str, start_ns: int, where: str) -> SampleGroup:
         """Return the rows in which any channel has a value; raises InputError for their times."""
@@ -169,10 +163,10 @@ def _seconds(stamps: Column, stated: str, channel: Channel) -> tuple[NDArray[np.
     values = stamps.values
     good = values[np.isfinite(values)] if values.dtype.kind == "f" else values
     first = good[0] if len(good) else 0
-    if len(good) and float(np.abs(good).max()) * si.factor >= _LATEST_S:
+    if len(good) and float(np.abs(good).max()) * si.factor >= 4_102_444_800.0:
         what = f"its times {printable(stamps.name, 100)} reach {good.max():g} {unit}, after 2100"
         raise InputError(f"channel {channel.name}", what, "state their unit: s, ms, us or ns")
-    if float(first) * si.factor < _SINCE_1970_S:
+    if float(first) * si.factor < 1e8:  # s: no recording lasts three years
         return np.asarray(values * si.factor, np.float64), 0
     units_per_s = round(1.0 / si.factor)
     whole_s = int(first) // units_per_s

@@ -32,11 +32,6 @@ from ..samples.trigger import UNPLANNED
 from ..sessions import Session
 from .build import build_session, utc_text
 
-_SLACK_NS = 2_000_000_000
-"""Additional time, ns, for which frames before a run are kept, because some arrive late."""
-_CONTINUES_NS = 1_000_000_000
-"""Largest gap, ns, between the end of a log and the beginning of the next that continues it."""
-
 
 @dataclass(frozen=True, slots=True)
 class LogPart:
@@ -78,10 +73,10 @@ class Intake:
         self._losses: list[tuple[int, ...]] = []
 
     def goes_on_with(self, batch: FrameBatch) -> bool:
-        """Return True if a block follows the earlier blocks without a gap in time."""
+        """Return True if a block follows the earlier blocks without a gap of a second."""
         if self._end_ns is None:
             return True
-        return 0 <= int(batch.t_ns[0]) - self._end_ns < _CONTINUES_NS
+        return 0 <= int(batch.t_ns[0]) - self._end_ns < 1_000_000_000
 
     def take(self, batch: FrameBatch, hops: HopLosses) -> int:
         """Add a block, and the losses counted up to it; return the number of bumps found."""
@@ -90,7 +85,8 @@ class Intake:
         # The bumps of this block are found after it was added.  The first of them may need the
         # frames before the block, however long the block is.
         config = self._bench.trigger
-        horizon_ns = config.window_ns(int(batch.t_ns.min()))[0] - _SLACK_NS
+        # Some frames arrive late, up to 2 s.
+        horizon_ns = config.window_ns(int(batch.t_ns.min()))[0] - 2_000_000_000
         while self._recent and int(self._recent[0].t_ns.max()) < horizon_ns:
             self._keep(self._recent.pop(0))
         decoded = self._codec.decode(batch)

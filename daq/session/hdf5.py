@@ -123,14 +123,6 @@ _RAISED = (OSError, RuntimeError, LookupError, ValueError, TypeError, MemoryErro
 """Exceptions that h5py raises on damaged files."""
 _MARK = b"\nbumpbench crc32 "
 """Beginning of the last line of a session file; its checksum follows."""
-_OF_HDF5 = {"CLASS", "NAME", "DIMENSION_LIST", "REFERENCE_LIST", "DIMENSION_LABELS"}
-"""Attributes with which HDF5 stores dimension scales; they hold references, not data."""
-_MAX_BYTES = 8 << 30
-"""Largest unpacked size of a session, bytes."""
-_MAX_RATIO, _SPARE_BYTES = 64, 128 << 20
-"""Largest ratio of unpacked to packed size, beyond some spare bytes: zeros pack a thousandfold, but
-measurements do not."""
-_MAX_CHUNK_BYTES = 64 << 20
 
 
 def write_image(content: Content) -> bytes:
@@ -150,6 +142,7 @@ def write_image(content: Content) -> bytes:
             values = item.values
             if values is None:
                 made = parents[path] = parents[place].create_group(name) if name else file
+                scales.clear()  # an open dataset holds its last chunk in memory
             else:
                 packed: dict[str, Any] = {}
                 if values.size:  # HDF5 has no chunks of size 0
@@ -161,9 +154,9 @@ def write_image(content: Content) -> bytes:
                 for axis, scale in enumerate(item.scales):
                     if scale == name:
                         made.make_scale(name)
-                        scales[path] = made
+                        scales[scale] = made
                     else:
-                        made.dims[axis].attach_scale(scales[f"{place}/{scale}"])
+                        made.dims[axis].attach_scale(scales[scale])
             for key, value in item.attributes.items():
                 made.attrs[key] = _stored(value)
     return image.getvalue() + _end(image.getvalue())
@@ -213,7 +206,9 @@ def _check(items: Sequence[tuple[str, h5py.Group | h5py.Dataset]], file_bytes: i
     """Raise SchemaError if a file states types or sizes that no session has."""
     import h5py
 
-    spare = min(_MAX_BYTES, _SPARE_BYTES + _MAX_RATIO * file_bytes)
+    # Unpacked at most 8 GB, and 64 times the file beyond 128 MB: zeros pack a thousandfold, but
+    # measurements do not.
+    spare = min(8 << 30, (128 << 20) + 64 * file_bytes)
     for path, item in items:
         if isinstance(item, h5py.Group):
             continue
@@ -228,7 +223,7 @@ def _check(items: Sequence[tuple[str, h5py.Group | h5py.Dataset]], file_bytes: i
         whole = prod(item.shape) * dtype.itemsize
         chunk = prod(item.chunks or ()) * dtype.itemsize
         spare -= whole
-        if spare < 0 or chunk > _MAX_CHUNK_BYTES:
+        if spare < 0 or chunk > 64 << 20:
             raise SchemaError(path, f"claims {whole} bytes in chunks of {chunk}, too much")
 
 
@@ -275,8 +270,10 @@ def _attributes(item: h5py.Group | h5py.Dataset) -> Mapping[str, Attribute]:
     """Return the attributes of simple types; sessions have no others."""
     result: dict[str, Attribute] = {}
     stored = item.attrs
+    # With these HDF5 stores dimension scales; they hold references, not data.
+    of_hdf5 = {"CLASS", "NAME", "DIMENSION_LIST", "REFERENCE_LIST", "DIMENSION_LABELS"}
     for name in stored:
-        value = None if name in _OF_HDF5 else stored[name]
+        value = None if name in of_hdf5 else stored[name]
         if isinstance(value, np.ndarray):
             simple = value.dtype.kind in "iufS"
         else:

@@ -82,9 +82,6 @@ class Fault(StrEnum):
     """The adapter is unplugged for some seconds."""
 
 
-SPOILT_BUMP = 2
-"""Number of the spoilt bump of the campaign: one good run comes first."""
-SECOND_BUMP_S = 0.84
 LOST_S = (0.3, 0.42)
 """Begin and end of the time without frames, s since the bump: more frames than the few that are
 harmless, and shorter than the silence of a sensor that stopped."""
@@ -93,7 +90,6 @@ WEAK_LEVELS = 1.4
 bump."""
 UNPLUGGED_S, UNPLUG_AFTER_S = 3.0, 0.5
 """Time without the adapter, s of the host's time, and time from the bump to the unplugging, s."""
-_MIXED_UP = {Excitation.BOUNCE: Excitation.PITCH, Excitation.ROLL: Excitation.BOUNCE}
 
 
 class Acts:
@@ -128,8 +124,9 @@ class Acts:
     def _made(self, mass_state: str, excitation: Excitation, fault: Fault | None) -> Act:
         """Compute a bump with a fault of the motion or of a sensor."""
         if fault is Fault.WRONG_MODE:
-            excitation = _MIXED_UP.get(excitation, Excitation.ROLL)
-        again_s = SECOND_BUMP_S if fault is Fault.DOUBLE_BUMP else 0.0
+            mixed_up = {Excitation.BOUNCE: Excitation.PITCH, Excitation.ROLL: Excitation.BOUNCE}
+            excitation = mixed_up.get(excitation, Excitation.ROLL)
+        again_s = 0.84 if fault is Fault.DOUBLE_BUMP else 0.0
         act = self._bump(mass_state, excitation, 1.0, again_s)
         triggers = trigger_channels(self._bench.channels, self._bench.campaign.method)
         if fault is Fault.WEAK:
@@ -354,7 +351,7 @@ class SimulatedBench:
 
     @property
     def _next_fault(self) -> Fault | None:
-        return self._fault if self._bumps + 1 == SPOILT_BUMP else None
+        return self._fault if self._bumps == 1 else None  # one good run comes first
 
     def _wait_and_bump(self, step: Step, status: Status) -> None:
         """Bump an armed car after a person's time to react (`PATIENCE_S`)."""

@@ -29,8 +29,6 @@ from .car import (
 from .engine import Array, Plant
 from .motion import Bump, Kinematics, Moving, drive
 
-_MAX_CLASSIC_BYTES = 8
-
 
 @dataclass(frozen=True, slots=True)
 class Sender:
@@ -228,7 +226,7 @@ def bench_senders(bench: Bench, codec: Codec, drawn: Truth) -> tuple[Sender, ...
             what = f"message {name} has no cycle time"
             advice = "state cycle_ms for it in a [[message]] of bench.toml"
             raise InputError(bench.dbc_name, what, advice)
-        if message.length > _MAX_CLASSIC_BYTES:
+        if message.length > 8:
             what = f"message {name} has {message.length} bytes"
             advice = "the simulated bench sends classic CAN, at most 8 bytes"
             raise InputError(bench.dbc_name, what, advice)

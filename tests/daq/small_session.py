@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 from numpy.typing import NDArray
 
 from daq.channels import Channel, Quantity
 from daq.runs import Event, Excitation, Losses, Run, RunStatus, SampleGroup
+from daq.session import write_session
 from daq.sessions import Session
 from daq.vehicle import (
     AddedMass,
@@ -122,3 +126,12 @@ def small_session(frames: FrameBatch | None = None) -> Session:
         ),
         {"uuid": "x", "dbc": "BO_ \udce9 \x00", "bench_toml": "", "created": "2026-11-21"},
     )
+
+
+@cache
+def small_file() -> bytes:
+    """Return the file of `small_session()`, written once."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder, "car.h5")
+        write_session(path, small_session())
+        return path.read_bytes()

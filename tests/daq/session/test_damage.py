@@ -26,7 +26,7 @@ from daq.session import (
 from daq.sessions import Session
 from tui.cli import run
 
-from ..small_session import small_session
+from ..small_session import small_file, small_session
 from .test_session import assert_same
 
 RUN = "runs/r001_baseline_roll_1"
@@ -35,7 +35,7 @@ HUB = f"{RUN}/HUB_Front"
 
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
-    write_session(tmp_path / "car.h5", small_session())
+    (tmp_path / "car.h5").write_bytes(small_file())
     return tmp_path / "car.h5"
 
 
@@ -68,19 +68,15 @@ def _refusals(path: Path, damaged: Iterable[bytes], whole: Session) -> int:
     return refused
 
 
-@pytest.mark.parametrize(("flips", "sealed"), [(60, True), (30, False)])
-def test_no_flipped_bit_changes_a_session_silently(path: Path, flips: int, sealed: bool) -> None:
+def test_no_flipped_bit_changes_a_session_silently(path: Path) -> None:
     """`make fuzz` tries thousands."""
-    if not sealed:
-        _added(path)
     whole, written, rng = read_session(path), path.read_bytes(), random.Random(41)
     damaged = []
-    for _ in range(flips):
+    for _ in range(40):
         raw = bytearray(written)
         raw[rng.randrange(len(raw))] ^= 1 << rng.randrange(8)
         damaged.append(bytes(raw))
-    refused = _refusals(path, damaged, whole)
-    assert refused == flips if sealed else 0 < refused < flips
+    assert _refusals(path, damaged, whole) == len(damaged)
 
 
 def test_a_flip_in_the_header_of_a_dataset_that_h5py_does_not_see_is_refused(path: Path) -> None:
@@ -330,10 +326,8 @@ def _unsealed(file: h5py.File) -> None:
     ],
 )
 def test_what_breaks_the_schema_is_named(
-    tmp_path: Path, edit: Callable[[h5py.File], None], where: str, what: str
+    path: Path, edit: Callable[[h5py.File], None], where: str, what: str
 ) -> None:
-    path = tmp_path / "car.h5"
-    write_session(path, small_session())
     with h5py.File(path, "r+") as file:
         _unsealed(file)
         edit(file)
