@@ -5,28 +5,21 @@ next steps: run, bump, rate, sensor, weight, fact; ``compare_campaigns(plan)`` g
 of other campaigns as a whole.
 """
 
-from .design import (
-    TYPICAL_NOISE,
-    USUAL_ELEMENTS,
-    ExpectedElements,
-    Plan,
-    Runs,
-    Sensor,
-    element_label,
-    full_vector,
-    identified_elements,
-    sensor,
-    sensors_of,
-    typical_elements,
+from .design import TYPICAL_NOISE, Plan, Runs, Sensor, full_vector, sensor, sensors_of
+from .outlook import (
+    Advice,
+    KnownRuns,
+    NextStep,
+    Outlook,
+    advise,
+    compare_campaigns,
+    outlook,
+    vague,
 )
-from .information import KnownRuns
-from .outlook import Advice, NextStep, Outlook, advise, compare_campaigns, outlook, vague
 
 __all__ = [
     "TYPICAL_NOISE",
-    "USUAL_ELEMENTS",
     "Advice",
-    "ExpectedElements",
     "KnownRuns",
     "NextStep",
     "Outlook",
@@ -35,12 +28,9 @@ __all__ = [
     "Sensor",
     "advise",
     "compare_campaigns",
-    "element_label",
     "full_vector",
-    "identified_elements",
     "outlook",
     "sensor",
     "sensors_of",
-    "typical_elements",
     "vague",
 ]

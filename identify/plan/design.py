@@ -1,157 +1,32 @@
-"""The classes of the planner: sensors, runs, and a bench session that is planned."""
+"""A planned campaign: sensors, weights and runs, and the steps that could improve it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from daq.channels import SI_UNITS, Channel, Quantity
-from daq.runs import Excitation
-from daq.vehicle import Fact, MassState, Structure, VehicleGeometry
+from daq.runs import ADDED, BASELINE, Excitation
+from daq.vehicle import (
+    AddedMass,
+    BodyWeight,
+    Corner,
+    Fact,
+    FactQuantity,
+    HubWeight,
+    MassState,
+    Structure,
+    VehicleGeometry,
+)
 from dbc.errors import InputError
 from dbc.frames import read_only
 
 from ..model.matrices import FULL_NAMES, SYMMETRIC
 from ..model.response import Bump
-from ..nonlinear.car import KINDS, KNEE_M_S, Model
-from ..nonlinear.forces import MOUNT_LABEL, Forces
-from ..nonlinear.laws import knee, secant_share
-from ..nonlinear.release import BY_NAME
-
-# The nonlinear elements that a planner expects: friction, damper curves, mounts, stops ------------
-
-USUAL_ELEMENTS = ("anti_roll_bars", "friction", "one_sided_dampers", "damper_knees")
-"""Elements of every real car, as in `[vehicle.structure]`."""
-_FRICTION_N = 50.0
-_COMPRESSION, _REBOUND, _BEYOND, _KNEE_M_S = 0.73, 1.27, 0.6, 0.15
-"""A usual damper: slopes over its coefficient in compression and in rebound, share of them beyond
-the knee, and speed of the knee, m/s."""
-_FASTEST_M_S = 0.6
-"""Speed, m/s, up to which a curve is fitted by knees: what bumps of 50 mm reach."""
-_END_SHARES = 10.0
-"""Number of equal parts of a curve; the slope of the last part continues beyond its end."""
-_TYPICAL = {
-    "damper_mounts": {"s_m": 1e-6},
-    "bump_stops": {"k_b": 1e5, "g_b": 0.025},
-    "progressive_springs": {"k_2": 3e4},
-    "progressive_tyres": {"b_t": 2.0},
-}
-_C_S = slice(FULL_NAMES.index("c_sfl"), FULL_NAMES.index("c_srr") + 1)
-Curve = tuple[NDArray[np.float64], NDArray[np.float64]]
-"""Speeds, m/s, compression positive, and forces of a damper, N, (n,) each."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ExpectedElements:
-    """Elements of the expected car; compared by identity, so that runs are computed once for it."""
-
-    unknown: tuple[str, ...] = USUAL_ELEMENTS
-    """Groups that the campaign has to determine, as in `[vehicle.structure]`."""
-    values: Mapping[str, float] = field(default_factory=dict)
-    """Values by the names of `identify.nonlinear.car`, SI; an element that is not named is
-    absent."""
-    curves: tuple[Curve, Curve] | None = None
-    """Damper curves of the front and the rear axle; None: straight, by c_s."""
-    knots: str = "K3"
-    """Set of knees for the curves, a key of `identify.nonlinear.car.KNOTS`."""
-
-
-def element_label(name: str) -> str:
-    """Return the unknown of an axle in words: `front friction` of `F_cf`."""
-    label = next(label for label, kind in KINDS.items() if kind == name[:-1])
-    words = "compliance of the mount" if label == MOUNT_LABEL else label.replace("_", " ")
-    return f"{'front' if name[-1] == 'f' else 'rear'} {words}"
-
-
-def unknowns_with(
-    model: Model, expected: ExpectedElements, vehicle: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return all unknowns of a model, (P,), at a vehicle, (28,), with its elements."""
-    eta = model.unknowns(model.box.unknowns_of(vehicle))
-    places = {name: i for i, name in enumerate(model.names)}
-    values = dict(expected.values)
-    for axle, curve in zip("fr", expected.curves or (), strict=False):
-        c_s = _secants(vehicle)["fr".index(axle)]
-        for j, bend in enumerate(_bends_of(curve, c_s, model.knots)):
-            values[f"h_{axle}{j + 1}"] = bend
-    for element in model.elements:
-        if element.name in values:
-            value = float(np.clip(values[element.name], element.low, element.high))
-            eta[places[element.name]] = element.unknown(value)
-    return eta
-
-
-def _secants(vehicle: NDArray[np.float64]) -> tuple[float, float]:
-    """Return c_s of the front and the rear axle, N s/m, of a vehicle, (28,)."""
-    front, rear = vehicle[_C_S].reshape(2, 2).mean(axis=1).tolist()
-    return front, rear
-
-
-def _bends_of(curve: Curve, c_s: float, knots: tuple[float, ...]) -> NDArray[np.float64]:
-    """Return the change of slope at each knot, N s/m, that is nearest to a curve."""
-    speed = np.linspace(-_FASTEST_M_S, _FASTEST_M_S, 241)
-    force = _continued(curve, speed)
-    columns = [knee(speed, at, KNEE_M_S) - secant_share(at, KNEE_M_S) * speed for at in knots]
-    return np.asarray(np.linalg.lstsq(np.stack(columns, axis=1), force - c_s * speed)[0])
-
-
-def _continued(curve: Curve, speed: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a curve's force at any speeds: beyond its ends it continues as a straight line.
-
-    A measured curve ends where the speeds of the decays end; knees beyond would be random.
-    """
-    known, force = curve
-    near = np.clip(speed, known[0], known[-1])
-    step = (known[-1] - known[0]) / _END_SHARES
-    result = np.interp(near, known, force)
-    for end, inside in ((known[0], known[0] + step), (known[-1], known[-1] - step)):
-        low, high = np.interp([end, inside], known, force)
-        beyond = speed < end if end < inside else speed > end
-        result = result + np.where(beyond, (low - high) / (end - inside) * (speed - end), 0.0)
-    return np.asarray(result)
-
-
-def typical_elements(unknown: tuple[str, ...], vehicle: NDArray[np.float64]) -> ExpectedElements:
-    """Return elements of usual size for a vehicle, (28,), with the given groups unknown."""
-    values: dict[str, float] = {}
-    for axle in "fr":
-        values |= {f"F_c{axle}": _FRICTION_N} if "friction" in unknown else {}
-        for group, usual in _TYPICAL.items():
-            if group in unknown:
-                values |= {f"{kind}{axle}": value for kind, value in usual.items()}
-    bent = {"one_sided_dampers", "damper_knees"} & set(unknown)
-    front, rear = _secants(vehicle)
-    curves = (_usual_curve(front), _usual_curve(rear)) if bent else None
-    return ExpectedElements(unknown, values, curves)
-
-
-def _usual_curve(c_s: float) -> Curve:
-    speed = np.linspace(-_FASTEST_M_S, _FASTEST_M_S, 241)
-    slope = np.where(speed < 0.0, _REBOUND, _COMPRESSION) * c_s
-    near = np.clip(speed, -_KNEE_M_S, _KNEE_M_S)
-    return speed, slope * (near + _BEYOND * (speed - near))
-
-
-def identified_elements(forces: Forces) -> ExpectedElements:
-    """Return the elements that an identification of a car kept of those that it tried."""
-    kept = tuple(choice.name for choice in forces.choices if choice.kept)
-    there = {kind for name in kept for kind in BY_NAME[name].kinds}
-    values: dict[str, float] = {}
-    for axle, found in zip("fr", forces.axles, strict=True):
-        for label, estimate in found.values.items():
-            kind = KINDS[label]
-            if kind in there:
-                value = 1.0 / estimate.value if label == MOUNT_LABEL else estimate.value
-                values[f"{kind}{axle}"] = value
-    front, rear = ((f.damper.speed_m_s, f.damper.force_n) for f in forces.axles)
-    return ExpectedElements(kept, values, (front, rear), "K3")
-
-
-# The design ---------------------------------------------------------------------------------------
 
 TYPICAL_NOISE: Mapping[Quantity, float] = MappingProxyType(
     {
@@ -254,9 +129,6 @@ class Plan:
     """Structure of the vehicle: the parameters to be identified."""
     facts: tuple[Fact, ...] = ()
     """Readings of scales and tape measure; only their uncertainty counts."""
-    elements: ExpectedElements | None = None
-    """Friction, damper curves and further elements of a real car; None for a linear one.  They then
-    determine, instead of `structure`, which of the bars, tyre damping and CG offset are unknown."""
 
     def __post_init__(self) -> None:
         given = np.array(self.vehicle, dtype=float)
@@ -289,3 +161,243 @@ class Plan:
     def height_m(self, runs: Runs) -> float:
         """Return the height of the bump of some runs, m."""
         return self.bump.height_m if runs.height_m is None else runs.height_m
+
+
+# Possible next steps, in the operator's words -----------------------------------------------------
+
+HIGHEST_BUMP_M = 0.05
+"""Above this a wheel may lift off the ground (docs/method.md, "Excitation")."""
+
+_HIGHEST_RATE_HZ = 1000.0
+_HUB_KG = 5.0
+_FLOOR_KG = 30.0
+_SCALES_KG = 1.0
+_TAPE_M = 0.003
+_AXLES = (FactQuantity.FRONT_AXLE, FactQuantity.REAR_AXLE)
+_LENGTHS = (FactQuantity.WHEELBASE, FactQuantity.FRONT_TRACK, FactQuantity.REAR_TRACK)
+_CORNER_LOADS = {
+    FactQuantity.CORNER_FL,
+    FactQuantity.CORNER_FR,
+    FactQuantity.CORNER_RL,
+    FactQuantity.CORNER_RR,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """One possible step."""
+
+    action: str
+    """Instruction to the operator."""
+    plan: Plan
+    """The plan with this step done."""
+
+
+def candidates(plan: Plan) -> tuple[Candidate, ...]:
+    """Return all additions to a plan that are worth considering."""
+    return (
+        *_runs(plan), *_bump(plan), *_rate(plan), *_sensors(plan), *_weights(plan), *_facts(plan)
+    )  # fmt: skip
+
+
+def _runs(plan: Plan) -> Iterator[Candidate]:
+    for state in plan.mass_states:
+        for excitation in Excitation:
+            done = any((r.mass_state, r.excitation) == (state.name, excitation) for r in plan.runs)
+            action = f"one {'more ' * done}{excitation.words} run in mass state {state.name}"
+            yield Candidate(action, replace(plan, runs=(*plan.runs, Runs(state.name, excitation))))
+
+
+def _bump(plan: Plan) -> Iterator[Candidate]:
+    now = plan.bump.height_m
+    for height in dict.fromkeys((min(2.0 * now, HIGHEST_BUMP_M), HIGHEST_BUMP_M)):
+        if height > now:
+            action = f"a bump of {height * 1e3:.3g} mm instead of {now * 1e3:.3g} mm"
+            yield Candidate(action, replace(plan, bump=replace(plan.bump, height_m=height)))
+
+
+def _rate(plan: Plan) -> Iterator[Candidate]:
+    slow = [s for s in plan.sensors if s.rate_hz < _HIGHEST_RATE_HZ]
+    if slow:
+        rates = [max(s.rate_hz, min(2.0 * s.rate_hz, _HIGHEST_RATE_HZ)) for s in plan.sensors]
+        pairs = zip(plan.sensors, rates, strict=True)
+        faster = tuple(replace(s, rate_hz=rate) for s, rate in pairs)
+        rate = min(2.0 * min(s.rate_hz for s in slow), _HIGHEST_RATE_HZ)
+        action = f"sample at {rate:.0f} Hz or more, if a sample is then no noisier"
+        yield Candidate(action, replace(plan, sensors=faster))
+
+
+def _sensors(plan: Plan) -> Iterator[Candidate]:
+    present = [s.channel for s in plan.sensors]
+    rate_hz = max(s.rate_hz for s in plan.sensors)
+    for quantity, what in (
+        (Quantity.HUB_ACCELERATION, "an accelerometer on the hub"),
+        (Quantity.SUSPENSION_TRAVEL, "a travel sensor on the suspension"),
+    ):
+        there = {c.corner for c in present if c.quantity is quantity}
+        missing = [corner for corner in Corner if corner not in there]
+        if missing:
+            more = [_new(quantity, rate_hz, corner) for corner in missing]
+            yield _with_sensors(plan, f"{what} at {', '.join(missing)}", more)
+    places = {(c.x_m, c.y_m, c.at_cg) for c in present if c.quantity is Quantity.BODY_ACCELERATION}
+    if len(places) < 3:
+        more = []
+        for corner in Corner:
+            x, y = _above_wheel(plan, corner)
+            name = f"new_{Quantity.BODY_ACCELERATION}_{corner}"
+            place = Channel(name, Quantity.BODY_ACCELERATION, "m/s2", x_m=x, y_m=y)
+            more.append(sensor(place, rate_hz))
+        yield _with_sensors(plan, "accelerometers on the body above the four wheels", more)
+    kinds = {c.quantity for c in present}
+    for rate, acceleration, what in (
+        (Quantity.PITCH_RATE, Quantity.PITCH_ACCELERATION, "pitch rate"),
+        (Quantity.ROLL_RATE, Quantity.ROLL_ACCELERATION, "roll rate"),
+    ):
+        if not kinds & {rate, acceleration}:
+            yield _with_sensors(plan, f"a gyro for the {what} of the body", [_new(rate, rate_hz)])
+
+
+def _new(quantity: Quantity, rate_hz: float, corner: Corner | None = None) -> Sensor:
+    name = f"new_{quantity}_{corner or 'body'}"
+    return sensor(Channel(name, quantity, SI_UNITS[quantity], corner=corner), rate_hz)
+
+
+def _above_wheel(plan: Plan, corner: Corner) -> tuple[float, float]:
+    a, b, t_f, t_r = plan.vehicle[FULL_NAMES.index("a") :][:4].tolist()
+    return (0.0, corner.side * t_f) if corner.front else (-a - b, corner.side * t_r)
+
+
+def _with_sensors(plan: Plan, action: str, more: list[Sensor]) -> Candidate:
+    # What is known of a sensor of the bench will be known of a new one.
+    known = {
+        name: max(getattr(s.channel, name) for s in plan.sensors)
+        for name in ("gain_sigma", "position_sigma_m")
+    }
+    made = (replace(s, channel=replace(s.channel, **known)) for s in more)
+    return Candidate(action, replace(plan, sensors=(*plan.sensors, *made)))
+
+
+def _weights(plan: Plan) -> Iterator[Candidate]:
+    hubs = tuple(HubWeight(_HUB_KG, corner) for corner in Corner)
+    floor = tuple(BodyWeight(_FLOOR_KG, *_above_wheel(plan, corner)) for corner in Corner)
+    loaded = next((s for s in plan.mass_states if s.added.weights or s.added.matrix.any()), None)
+    if loaded is None:
+        for weights, what in (
+            (hubs, f"{_HUB_KG:.0f} kg on every hub"),
+            (floor, f"{_FLOOR_KG:.0f} kg on the floor near each wheel"),
+        ):
+            action = f"{what} as mass state {ADDED}, with one run of each kind at least"
+            others = (s for s in plan.mass_states if s.name != ADDED)
+            states = (*others, MassState(ADDED, AddedMass(weights)))
+            planned = {r.excitation for r in plan.runs if r.mass_state == ADDED}
+            kinds = dict.fromkeys(r.excitation for r in plan.runs if r.excitation not in planned)
+            runs = (*plan.runs, *(Runs(ADDED, excitation) for excitation in kinds))
+            yield Candidate(action, replace(plan, mass_states=states, runs=runs))
+        return
+    if all(r.mass_state != loaded.name for r in plan.runs):
+        return  # weights without a run; `_runs` offers one
+    added = loaded.added
+    where = f"in mass state {loaded.name}"
+    action = f"{_HUB_KG:.0f} kg more on every hub {where}"
+    yield _reloaded(plan, loaded, action, (*added.weights, *hubs))
+    on_body = [w for w in added.weights if isinstance(w, BodyWeight)]
+    on_hubs = [w for w in added.weights if isinstance(w, HubWeight)]
+    if on_body:
+        twice = [replace(w, mass_kg=2.0 * w.mass_kg) for w in on_body]
+        action = f"the weights on the body twice as heavy {where}"
+        yield _reloaded(plan, loaded, action, (*on_hubs, *twice))
+        one_side = [replace(w, y_m=abs(w.y_m)) for w in on_body]
+        if one_side != on_body:
+            action = f"the weights on the body all on the left side {where}"
+            yield _reloaded(plan, loaded, action, (*on_hubs, *one_side))
+    else:
+        action = f"{_FLOOR_KG:.0f} kg on the floor near each wheel {where}"
+        yield _reloaded(plan, loaded, action, (*added.weights, *floor))
+        corner = floor[Corner.REAR_LEFT.position]
+        action = f"{_FLOOR_KG:.0f} kg on the floor near the left rear wheel {where}"
+        yield _reloaded(plan, loaded, action, (*added.weights, corner))
+
+
+def _reloaded(
+    plan: Plan, state: MassState, action: str, weights: tuple[BodyWeight | HubWeight, ...]
+) -> Candidate:
+    new = replace(state, added=AddedMass(weights, state.added.matrix))
+    states = tuple(new if s is state else s for s in plan.mass_states)
+    return Candidate(action, replace(plan, mass_states=states))
+
+
+def _facts(plan: Plan) -> Iterator[Candidate]:
+    known = {fact.quantity for fact in plan.facts}
+    corners = known >= _CORNER_LOADS
+    axles = corners or known >= set(_AXLES)
+    by_parts = known & {FactQuantity.TOTAL_MASS} and known & set(_AXLES)
+    if not (axles or by_parts):
+        if FactQuantity.TOTAL_MASS not in known:
+            total = [FactQuantity.TOTAL_MASS]
+            yield _with_facts(plan, "weigh the vehicle to 1 kg", total, _SCALES_KG)
+        yield _with_facts(plan, "weigh each axle to 1 kg", list(_AXLES), _SCALES_KG)
+    lengths = [q for q in _LENGTHS if q not in known]
+    if lengths and plan.geometry is None:
+        names = ", ".join(q.removesuffix("_m").replace("_", " ") for q in lengths)
+        yield _with_facts(plan, f"measure {names} by tape to 3 mm", list(lengths), _TAPE_M)
+
+
+def _with_facts(plan: Plan, action: str, what: list[FactQuantity], sigma: float) -> Candidate:
+    # The value does not matter: only the uncertainty of a fact is information.
+    more = tuple(Fact(quantity, 0.0, sigma) for quantity in what)
+    return Candidate(action, replace(plan, facts=(*plan.facts, *more)))
+
+
+# Whole campaigns to compare with a plan: fewer runs, lower bumps, scales instead of weights -------
+
+_LOW_BUMP_M = 0.03
+_SCALES = (
+    Fact(FactQuantity.TOTAL_MASS, 0.0, 1.0),
+    Fact(FactQuantity.FRONT_AXLE, 0.0, 1.0),
+    Fact(FactQuantity.REAR_AXLE, 0.0, 1.0),
+)
+_TAPE = (
+    Fact(FactQuantity.WHEELBASE, 0.0, 2e-3),
+    Fact(FactQuantity.FRONT_TRACK, 0.0, 4e-3),
+    Fact(FactQuantity.REAR_TRACK, 0.0, 4e-3),
+)
+
+
+def campaigns(plan: Plan) -> tuple[Candidate, ...]:
+    """Return the campaigns that answer the usual questions, with the sensors of a plan."""
+    kinds = tuple(dict.fromkeys(runs.excitation for runs in plan.runs))
+    loaded = [s for s in plan.mass_states if s.added.weights or s.added.matrix.any()]
+    bare = next((s for s in plan.mass_states if s not in loaded), MassState(BASELINE))
+    if not kinds:
+        return ()
+    names = ", ".join(kind.words for kind in kinds)
+    weighed = f"{names} once, no weights, axles weighed to 1 kg"
+    others = [(weighed, _once(plan, kinds, (bare,), HIGHEST_BUMP_M, _SCALES))]
+    if not plan.geometry:
+        action = f"{weighed}, wheelbase and tracks by tape"
+        others.append((action, _once(plan, kinds, (bare,), HIGHEST_BUMP_M, (*_SCALES, *_TAPE))))
+    states = (bare, *loaded)
+    for height_m in (_LOW_BUMP_M, HIGHEST_BUMP_M) if loaded else ():
+        action = f"{names} once in each mass state, bumps of {height_m * 1e3:g} mm"
+        others.append((action, _once(plan, kinds, states, height_m)))
+    for kind in (Excitation.WARP, Excitation.REAR_PITCH) if loaded else ():
+        if kind not in kinds:
+            action = f"{names}, {kind.words} once in each mass state, bumps of 50 mm"
+            others.append((action, _once(plan, (*kinds, kind), states, HIGHEST_BUMP_M)))
+    return tuple(Candidate(*other) for other in others)
+
+
+def _once(
+    plan: Plan,
+    kinds: tuple[Excitation, ...],
+    states: tuple[MassState, ...],
+    height_m: float,
+    facts: tuple[Fact, ...] = (),
+) -> Plan:
+    known = {fact.quantity for fact in plan.facts}
+    return replace(
+        plan,
+        mass_states=states,
+        runs=tuple(Runs(state.name, kind, 1, height_m) for state in states for kind in kinds),
+        facts=(*plan.facts, *(fact for fact in facts if fact.quantity not in known)),
+    )

@@ -1,99 +1,152 @@
-"""The expected interval of every parameter of a plan."""
+"""The expected interval of every parameter of a plan, and the steps that narrow it most.
+
+The noise-free free decays of the planned runs go through the same code that fits measured ones; at
+the truth, the normal matrix of the fit is the Fisher information.  Information of runs with
+independent noise adds up.  The information of a free decay is proportional to the square of the
+bump's height, so each kind of run is computed once, for a bump of 1 m.
+"""
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.vehicle import parameter_unit
+from daq.channels import Channel
+from daq.runs import Excitation
+from daq.vehicle import MassState, parameter_unit
 
-from ..fit.grey_box import SIGNED
+from ..decays.decay import ChannelGroup, FreeDecay, Recording
+from ..fit.grey_box import SIGNED, GreyBox, weight_sigmas
+from ..fit.likelihood import normal_blocks
 from ..fit.uncertainty import COVERAGE_95, LARGEST_SHARE, Estimate
-from ..fit.varpro import pseudo_inverse
-from ..nonlinear.car import KNEE_M_S
-from ..nonlinear.laws import knee, secant_share
-from .candidates import Candidate, campaigns, candidates
-from .design import Plan
-from .information import Fisher, KnownRuns
-
-# Expected precision of a real car's elements: friction, damper curves, mounts, stops --------------
-
-SPEEDS_M_S = (-0.5, -0.3, -0.1, 0.1, 0.3, 0.5)
-"""Speeds at which the uncertainty of a damper curve is stated, m/s, compression positive: those of
-usual tables that bumps of 50 mm reach."""
-_FLOOR = 1e-13  # of the largest eigenvalue: rounding
+from ..fit.varpro import (
+    Evaluated,
+    blocks_of,
+    evaluate,
+    laid_out,
+    linear_coefficients,
+    products_of,
+    pseudo_inverse,
+)
+from ..model.facts import CORNERS
+from ..model.matrices import loaded_model
+from ..model.response import Bump, exact_response
+from .design import Candidate, Plan, Runs, campaigns, candidates
 
 
 @dataclass(frozen=True, slots=True)
-class DamperPoint:
-    """A point of a damper curve."""
+class Fisher:
+    """The information of a plan."""
 
-    axle: str
-    """front or rear."""
-    speed_m_s: float
-    """Speed, compression positive, m/s."""
-    force_n: float
-    """Expected force, N."""
-    std_n: float
-    """Standard deviation that the campaign will leave, N."""
+    box: GreyBox
+    """Structure with the unknowns."""
+    eta: NDArray[np.float64]
+    """The unknowns at the expected vehicle, shape (P,)."""
+    information: NDArray[np.float64]
+    """Inverse of the covariance that an efficient estimate will have, shape (P, P)."""
 
 
-def element_estimates(fisher: Fisher) -> Mapping[str, Estimate]:
-    """Return the expected interval of each unknown of the elements except the dampers' knees."""
-    if fisher.elements is None:
-        return {}
-    first = len(fisher.information) - len(fisher.elements.members)
-    std = np.sqrt(np.diag(_covariance(fisher.information)))[first:].tolist()
-    result = {}
-    for e, value, unknown in zip(fisher.elements.members, fisher.elements.values, std, strict=True):
-        if not e.name.startswith("h_"):
-            sd = unknown * (abs(value) if e.logarithmic else e.scale)
-            half = COVERAGE_95 * sd
-            result[e.name] = Estimate(value, sd, value - half, value + half, e.unit)
-    return result
+@dataclass(frozen=True, slots=True)
+class KnownRuns:
+    """Remembers the information of each kind of run, for plans that have it in common."""
+
+    _known: dict[tuple[Any, ...], NDArray[np.float64]] = field(default_factory=dict)
+
+    def fisher(self, plan: Plan) -> Fisher:
+        """Return the information of all runs of a plan, its facts and stated uncertainties."""
+        rates, groups = _channel_groups(plan)
+        box = GreyBox(groups, plan.mass_states, plan.geometry, plan.structure, plan.facts)
+        eta = box.unknowns_of(plan.vehicle)
+        sigma = {s.channel.name: s.noise for s in plan.sensors}
+        common = _common(plan)
+        total = np.sum([s.information for s in normal_blocks(box, (), sigma, eta).values()], axis=0)
+        per_state: defaultdict[str, list[Runs]] = defaultdict(list)
+        for runs in plan.runs:
+            per_state[runs.mass_state].append(runs)
+        for state in plan.mass_states:
+            at: Evaluated | None = None
+            for runs in per_state[state.name]:
+                added = state.added
+                key = (common, state.name, added.weights, added.matrix.tobytes(), runs.excitation)
+                if key not in self._known:
+                    at = at or evaluate(box, eta, state.name, sigma)
+                    start = _start(at, eta, state, runs.excitation, plan.bump.duration_s)
+                    decay = _decay(at, start, state.name, rates, plan.decay_s)
+                    points = {decay.mass_state: at}
+                    seen = products_of(points, [decay], laid_out([decay]))
+                    ((one, _),) = blocks_of(points, [decay], seen)
+                    self._known[key] = one.information
+                total = total + plan.height_m(runs) ** 2 * runs.repeats * self._known[key]
+        return Fisher(box, eta, total)
 
 
-def damper_points(fisher: Fisher) -> tuple[DamperPoint, ...]:
-    """Return the expected uncertainty of the damper curves at `SPEEDS_M_S`."""
-    if fisher.elements is None:
-        return ()
-    covariance = _covariance(fisher.information)
-    first = len(fisher.information) - len(fisher.elements.members)
-    places = {e.name: first + i for i, e in enumerate(fisher.elements.members)}
-    known = dict(zip(places, fisher.elements.values, strict=True))
-    scales = {e.name: e.scale for e in fisher.elements.members}
-    values = dict(zip(fisher.box.names, fisher.box.values(fisher.eta).tolist(), strict=True))
-    result = []
-    for axle, word in (("f", "front"), ("r", "rear")):
-        name = next(n for n in fisher.box.parameters if n.startswith(f"c_s{axle}"))
-        for speed in SPEEDS_M_S:
-            slope = np.zeros(len(covariance))
-            force = values[name] * speed
-            slope[fisher.box.parameters.index(name)] = force  # of its logarithm
-            for j, knot in enumerate(fisher.elements.knots):
-                h = f"h_{axle}{j + 1}"
-                if h in places:
-                    bend = knee(speed, knot, KNEE_M_S) - secant_share(knot, KNEE_M_S) * speed
-                    force += known[h] * float(bend)
-                    slope[places[h]] = scales[h] * float(bend)
-            std = float(np.sqrt(slope @ covariance @ slope))
-            result.append(DamperPoint(word, speed, force, std))
-    return tuple(result)
+def _common(plan: Plan) -> tuple[Any, ...]:
+    """Return all that the information of a run depends on, except its mass state and excitation."""
+    uncertain = tuple(
+        (state.name, i, *weight_sigmas(weight))
+        for state in plan.mass_states
+        for i, weight in enumerate(state.added.weights)
+    )
+    return (
+        plan.vehicle.tobytes(),
+        plan.sensors,
+        plan.geometry,
+        plan.structure,
+        any(fact.quantity in CORNERS for fact in plan.facts),
+        uncertain,
+        plan.bump.duration_s,
+        plan.decay_s,
+    )
 
 
-def _covariance(information: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Invert the information; a direction without information has a large variance, not zero."""
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
-    values, vectors = np.linalg.eigh(information * np.outer(scale, scale))
-    values = np.maximum(values, _FLOOR * max(float(values[-1]), 1e-300))
-    return np.asarray((vectors / values) @ vectors.T * np.outer(scale, scale))
+def _channel_groups(plan: Plan) -> tuple[dict[ChannelGroup, float], tuple[ChannelGroup, ...]]:
+    """Return the channel groups, as a session would have them, and the rate of each."""
+    groups: defaultdict[tuple[Any, ...], list[Channel]] = defaultdict(list)
+    for sensor in plan.sensors:
+        c = sensor.channel
+        alike = (c.delay_s, c.delay_sigma_s, c.low_pass_hz, c.low_pass_order)
+        groups[(c.signal.rpartition(".")[0], sensor.rate_hz, *alike)].append(c)
+    rates = {ChannelGroup(key[0], tuple(cs)): key[1] for key, cs in groups.items()}
+    return rates, tuple(rates)
+
+
+def _start(
+    at: Evaluated, eta: NDArray[np.float64], state: MassState, excitation: Excitation, bump_s: float
+) -> NDArray[np.float64]:
+    """Return the state, (14,), of the vehicle after a bump of 1 m."""
+    model = loaded_model(at.box.full(eta.astype(complex)).real, state.added)
+    run = exact_response(model, excitation, Bump(1.0, 0.0, bump_s), 1.0 / bump_s, bump_s)
+    return np.concatenate([run.displacement[-1], run.velocity[-1]])
+
+
+def _decay(
+    at: Evaluated,
+    start: NDArray[np.float64],
+    mass_state: str,
+    rates: dict[ChannelGroup, float],
+    decay_s: float,
+) -> FreeDecay:
+    """Return the free decay from a state, without noise, as the sensors sample it."""
+    empty = []
+    for group, rate in rates.items():
+        time = np.arange(int(decay_s * rate)) / rate
+        empty.append(Recording(group, time, np.zeros((len(time), len(group.channels)))))
+    silent = FreeDecay("planned", mass_state, 0.0, tuple(empty))
+    filled = tuple(
+        Recording(r.group, r.time_s, at.basis(r) @ (stack[..., : len(start)] @ start).T)
+        for r, stack in zip(empty, linear_coefficients(at, silent), strict=True)
+    )
+    return FreeDecay("planned", mass_state, 0.0, filled)
 
 
 # The outlook --------------------------------------------------------------------------------------
 
+_FLOOR = 1e-13  # of the largest eigenvalue: rounding
 _OPEN = 1.0  # standard deviation of a logarithm (or of a unit) in an undetermined direction
 
 
@@ -117,11 +170,6 @@ class Outlook:
     is."""
     open_directions: int
     """Number of independent combinations of parameters that are undetermined."""
-    elements: Mapping[str, Estimate]
-    """Friction, mounts, stops and further unknowns of a real car, by the names of
-    `identify.nonlinear.car`; the damper's knees are in `dampers`."""
-    dampers: tuple[DamperPoint, ...]
-    """Points of the damper curves of a real car."""
 
 
 def expected(fisher: Fisher) -> Outlook:
@@ -154,8 +202,6 @@ def expected(fisher: Fisher) -> Outlook:
         worst=max(finite),
         mean=float(np.mean(finite)),
         open_directions=int(np.sum(floored < _OPEN**-2)),
-        elements=element_estimates(fisher),
-        dampers=damper_points(fisher),
     )
 
 

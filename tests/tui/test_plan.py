@@ -26,11 +26,10 @@ from identify.model.matrices import physical_model
 from identify.model.response import Bump, exact_response
 from identify.nonlinear.forces import AxleForces, DamperCurve, ElementChoice, Forces
 from identify.plan import Advice, NextStep, Plan
-from identify.plan.outlook import DamperPoint, Outlook
+from identify.plan.outlook import Outlook
 from tui.cli import run
-from tui.jobs import gain
-from tui.jobs.gain import GAIN, Gain, expected_gain
-from tui.jobs.planning import of_session, planned, sensors, typical, with_structure
+from tui.jobs import planning
+from tui.jobs.planning import GAIN, Gain, expected_gain, of_session, planned, sensors
 
 PAPER_MASS = np.diag([130.0, 250.0, 40.0, 4.0, 4.0, 5.0, 5.0])
 
@@ -177,21 +176,7 @@ def test_a_session_without_a_vehicle_gives_the_typical_car(
     assert document["parameters"]["m_s"]["value"] == pytest.approx(1380.0)
 
 
-def test_elements_that_the_bench_forces_are_of_usual_size() -> None:
-    bench = load_bench(None)
-    assert with_structure(typical(), bench).elements is None
-    decided = {"damper_mounts": True, "damper_knees": False}
-    forced = replace(bench, vehicle=replace(bench.vehicle, elements=decided))
-    expected = with_structure(typical(), forced)
-    assert expected.elements is not None
-    assert expected.elements.unknown == (
-        "anti_roll_bars", "friction", "one_sided_dampers", "damper_mounts",
-    )  # fmt: skip
-    bars = replace(bench, vehicle=replace(bench.vehicle, elements={"anti_roll_bars": True}))
-    assert with_structure(typical(), bars).elements is None
-
-
-def test_a_session_lends_the_elements_that_were_identified(
+def test_a_car_with_friction_is_planned_as_a_linear_one(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     speed = np.linspace(-0.4, 0.4, 41)
@@ -209,9 +194,7 @@ def test_a_session_lends_the_elements_that_were_identified(
     expected = of_session(tmp_path / "car.h5", held)
     assert expected.vehicle[0] == 1380.0
     assert expected.whose.startswith("the vehicle identified from")
-    assert expected.elements is not None
-    assert expected.elements.unknown == ("friction",)
-    assert expected.elements.values == {"F_cf": 35.0, "F_cr": 35.0}
+    assert expected.whose.endswith("without its friction and its damper curves")
 
 
 # What the planner's answer looks like: on stdout, as a document, and as ---------------------------
@@ -230,8 +213,6 @@ KNOWN = Outlook(
     worst=0.0055,
     mean=0.0025,
     open_directions=0,
-    elements={"F_cf": Estimate(50.0, 2.0, 46.1, 53.9, "N")},
-    dampers=(DamperPoint("front", -0.2, -400.0, 10.0), DamperPoint("rear", 0.4, 500.0, 25.0)),
 )
 LOST = replace(
     KNOWN,
@@ -240,7 +221,6 @@ LOST = replace(
     reasons=("no roll",),
     worst=inf,
     mean=inf,
-    dampers=(),
 )
 BETTER = NextStep("weigh each axle to 1 kg", replace(KNOWN, worst=0.004, mean=0.002))
 
@@ -265,7 +245,7 @@ def printed(capsys: pytest.CaptureFixture[str], *words: str, code: int) -> list[
     return [re.split(r"\s{2,}", line.strip()) for line in lines]
 
 
-def test_a_plan_is_printed_with_its_elements_steps_and_other_campaigns(
+def test_a_plan_is_printed_with_its_steps_and_other_campaigns(
     answer: list[Any], capsys: pytest.CaptureFixture[str]
 ) -> None:
     lines = printed(capsys, code=0)
@@ -277,11 +257,6 @@ def test_a_plan_is_printed_with_its_elements_steps_and_other_campaigns(
         ["m_s", "1,380.0", "± 7.6", "0.55 %", "kg"],
         ["a", "1.2500", "given", "m"],
         ["y_s", "0.0100", "± 0.0020", "m"],
-        ["element", "expected", "95 % interval", "unit"],
-        ["front friction", "50.0", "± 3.9", "N"],
-        ["axle", "speed m/s", "force N", "95 % interval", "±"],
-        ["front", "-0.2", "-400", "± 20", "5.00 %"],
-        ["rear", "+0.4", "500", "± 50", "10.00 %"],
         ["next step, each by itself", "worst", "mean"],
         ["(as planned)", "± 0.55 %", "± 0.25 %"],
         ["weigh each axle to 1 kg", "± 0.40 %", "± 0.20 %"],
@@ -309,7 +284,6 @@ def test_a_plan_that_leaves_something_open_says_what_and_why(
         ["(as planned)", "2"],
     ):
         assert row in lines, row
-    assert ["element", "expected", "95 % interval", "unit"] not in lines
     answer[0] = Advice(LOST, (), ())
     assert ["- no known step changes that"] in printed(capsys, *words, code=1)
 
@@ -333,8 +307,6 @@ def test_a_plan_as_a_document_has_every_number(
     }  # fmt: skip
     (other,) = document["campaigns"]
     assert (other["worst"], other["mean"]) == (0.004, 0.002)
-    assert document["dampers"][1]["force_n"] == 500.0
-    assert document["elements"]["F_cf"]["std"] == 2.0
 
 
 def test_the_terminals_outlook_is_that_of_the_weights_that_are_on_the_bench(
@@ -405,7 +377,7 @@ def benches(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
         asked.append(bench)
         return Gain(worst=0.5, widest="m_s")
 
-    monkeypatch.setattr(gain, "expected_gain", expected)
+    monkeypatch.setattr(planning, "expected_gain", expected)
     return asked
 
 
@@ -414,7 +386,7 @@ def gain_of(
 ) -> Gain:
     question = json.dumps({"bench": text, "folder": str(folder)})
     monkeypatch.setattr(sys, "stdin", io.StringIO(question))
-    assert gain.main() == 0
+    assert planning.main() == 0
     return GAIN.validate_json(capsys.readouterr().out)
 
 

@@ -19,7 +19,7 @@ import pytest
 
 import daq
 from daq import write_session
-from tui.jobs.gain import measured_spread
+from tui.jobs.planning import measured_spread
 from tui.jobs.lines import (
     Done,
     IdentifyTask,
@@ -30,6 +30,7 @@ from tui.jobs.lines import (
     Task,
     Trouble,
 )
+from tui.jobs.planning import measured_spread
 from tui.jobs.session_list import (
     EntryState,
     SessionEntry,

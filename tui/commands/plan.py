@@ -51,7 +51,7 @@ def plan(
     import daq
     from identify.plan import KnownRuns, advise, compare_campaigns
 
-    from ..jobs.planning import of_session, planned, typical, with_structure
+    from ..jobs.planning import of_session, planned, typical
     from ..output import print_json, progress
 
     if bench is not None and session is None and bench.suffix.lower() in (".h5", ".hdf5"):
@@ -65,9 +65,8 @@ def plan(
             expected = of_session(session, recorded)
         else:
             expected = typical()
-        expected = with_structure(expected, described)
         high_m = described.campaign.bump_height_m if bump_mm is None else bump_mm * 1e-3
-        campaign = planned(described, expected.vehicle, rate, high_m, expected.elements)
+        campaign = planned(described, expected.vehicle, rate, high_m)
         known = KnownRuns()
         advice = advise(campaign, lambda done, text: stage(0.2 + 0.5 * done, text), known)
         others = compare_campaigns(
@@ -140,8 +139,6 @@ def _document(
             }
             for other in others
         ],
-        "elements": {name: asdict(e) for name, e in now.elements.items()},
-        "dampers": [asdict(point) for point in now.dampers],
     }
 
 
@@ -173,8 +170,6 @@ def _print(planned: Plan, advice: Advice, others: tuple[NextStep, ...], whose: s
     columns = ["parameter", "expected", "95 % interval", "±", "unit"]
     print_table("Expected result of this campaign", columns, rows)
     print_line()
-    if now.dampers:
-        _print_elements(now)
     if now.undetermined:
         print_line(f"not determined: {', '.join(now.undetermined)}")
         for reason in now.reasons:
@@ -192,31 +187,6 @@ def _print(planned: Plan, advice: Advice, others: tuple[NextStep, ...], whose: s
         campaigns = [(other.action, other.outlook) for other in others]
         title = "Other campaigns with the same sensors"
         _print_outlooks(title, "campaign instead of it", campaigns)
-
-
-def _print_elements(now: Outlook) -> None:
-    """Print the expected precision of friction, dampers and further elements."""
-    from identify.numbers import half_width, rounded
-    from identify.plan import element_label
-
-    from ..output import print_line, print_table
-
-    rows = [
-        [element_label(name), rounded(e.value, e.low, e.high)[0],
-         f"± {half_width(e.value, e.high)}", e.unit]
-        for name, e in now.elements.items()
-    ]  # fmt: skip
-    print_table("Elements", ["element", "expected", "95 % interval", "unit"], rows)
-    print_line()
-    rows = [
-        [p.axle, f"{p.speed_m_s:+.1f}", rounded(p.force_n, low, high)[0],
-         f"± {half_width(p.force_n, high)}", f"{200.0 * p.std_n / abs(p.force_n):.2f} %"]
-        for p in now.dampers
-        for low, high in [(p.force_n - 2.0 * p.std_n, p.force_n + 2.0 * p.std_n)]
-    ]  # fmt: skip
-    columns = ["axle", "speed m/s", "force N", "95 % interval", "±"]
-    print_table("Damper curves, compression positive", columns, rows)
-    print_line()
 
 
 def _print_outlooks(title: str, what: str, rows: Sequence[tuple[str, Outlook]]) -> None:

@@ -1,24 +1,34 @@
-"""Makes a plan from a bench, for the car of a session or for a typical one."""
+"""Plans the campaign of a bench, for the car of a session or for a typical one.
+
+The terminal starts ``python -m tui.jobs.planning``, writes one JSON object (bench.toml and the
+recorder's folder) to its standard input and reads the gain by the weights back: the terminal itself
+imports no SciPy and never waits.
+"""
 
 from __future__ import annotations
 
+import json
+import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from statistics import fmean, stdev
 from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from pathlib import Path
+from pydantic import TypeAdapter
 
+from daq import BumpbenchError, Excitation
+
+if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
     from daq import Session
     from daq.bench.config import Bench
-    from identify.plan import ExpectedElements, Plan, Sensor
+    from identify.plan import Plan, Sensor
 
 _USUAL_CYCLE_S = 0.005  # where neither the DBC nor the command line has a rate
 _LEAST_DECAY_S = 0.2  # where the trigger records hardly longer than the bump takes
-_LINEAR = {"anti_roll_bars", "tyre_damping", "cg_offset"}
-"""Elements that the linear plan also knows."""
 
 
 def planned(
@@ -26,14 +36,12 @@ def planned(
     vehicle: NDArray[np.float64],
     rate_hz: float | None,
     bump_height_m: float,
-    elements: ExpectedElements | None = None,
 ) -> Plan:
     """Return the campaign of a bench as a plan.
 
     `bench`: sensors, weights, campaign, and the known facts of the vehicle.  `vehicle`, (15,) or
     (28,) float64: parameters that are expected.  `rate_hz`: samples a second; None: the rates of
-    the DBC.  `elements`: friction, damper curves and further expected elements; None for a linear
-    car.
+    the DBC.
     """
     from identify.model.response import Bump
     from identify.plan import Plan, Runs
@@ -52,7 +60,6 @@ def planned(
         geometry=bench.vehicle.geometry,
         structure=bench.vehicle.structure,
         facts=bench.vehicle.facts,
-        elements=elements,
     )
 
 
@@ -76,8 +83,6 @@ class ExpectedCar:
 
     vehicle: NDArray[np.float64]
     """Parameters, (28,)."""
-    elements: ExpectedElements | None
-    """Friction, damper curves and further elements; None for a linear car."""
     whose: str
     """Source of the parameters, in words."""
 
@@ -85,16 +90,18 @@ class ExpectedCar:
 def of_session(path: Path, session: Session) -> ExpectedCar:
     """Return the car identified from a session; the typical one where that fails."""
     from identify import Verdict, identify
-    from identify.plan import full_vector, identified_elements, vague
+    from identify.plan import full_vector, vague
 
     result = identify(session)
     if not result.parameters or result.quality.verdict is Verdict.REFUSED:
         return typical(f"the identification of {path} is refused")
     if undetermined := vague(result.parameters):
         return typical(f"{path} does not determine {', '.join(undetermined)}")
-    elements = identified_elements(result.forces) if result.forces else None
+    whose = f"the vehicle identified from {path}"
+    if result.forces:
+        whose += ", without its friction and its damper curves"
     values = {name: estimate.value for name, estimate in result.parameters.items()}
-    return ExpectedCar(full_vector(values), elements, f"the vehicle identified from {path}")
+    return ExpectedCar(full_vector(values), whose)
 
 
 def typical(why: str = "") -> ExpectedCar:
@@ -104,18 +111,117 @@ def typical(why: str = "") -> ExpectedCar:
 
     whose = "the Ford Granada of the paper, as a typical car"
     values = dict(zip(FORD_GRANADA.__dataclass_fields__, FORD_GRANADA.to_array(), strict=True))
-    return ExpectedCar(full_vector(values), None, f"{whose}: {why}" if why else whose)
+    return ExpectedCar(full_vector(values), f"{whose}: {why}" if why else whose)
 
 
-def with_structure(car: ExpectedCar, bench: Bench) -> ExpectedCar:
-    """Return a linear car with elements of usual size that `[vehicle.structure]` forces."""
-    from identify.plan import USUAL_ELEMENTS, typical_elements
+# Gain by the weights on the car -------------------------------------------------------------------
 
-    stated = bench.vehicle.elements  # True: the car has it; False: it has not; absent: unknown
-    forced = tuple(name for name, has_it in stated.items() if has_it)
-    if car.elements is not None or not set(forced) - _LINEAR:
-        return car
-    possible = dict.fromkeys((*USUAL_ELEMENTS, *forced))
-    names = tuple(name for name in possible if stated.get(name, True))
-    elements = typical_elements(names, car.vehicle)
-    return ExpectedCar(car.vehicle, elements, f"{car.whose}, with usual friction and dampers")
+WANTED_SPREADS = 3.0
+"""Least shift of a frequency by the weights, in units of its spread from run to run."""
+USUAL_SPREAD = 0.005
+"""Assumed relative spread of a frequency that was not measured yet; typical of repeated bumps."""
+BODY_MODES = (Excitation.BOUNCE, Excitation.PITCH, Excitation.ROLL)
+
+
+@dataclass(frozen=True, slots=True)
+class Shift:
+    """A body mode without and with the weights, Hz."""
+
+    mode: str
+    before_hz: float
+    after_hz: float
+
+    @property
+    def share(self) -> float:
+        """Change of the frequency, as a share of the frequency."""
+        return self.after_hz / self.before_hz - 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Gain:
+    """Precision that a campaign with these weights is expected to reach."""
+
+    shifts: tuple[Shift, ...] = ()
+    """Bounce, pitch and roll of the body."""
+    worst: float | None = None
+    mean: float | None = None
+    """Largest and mean half 95 % interval as a share of the value; None if nothing is
+    determined."""
+    widest: str = ""
+    """The parameter with the largest interval."""
+    undetermined: tuple[str, ...] = ()
+    """Parameters that the campaign cannot determine."""
+    reasons: tuple[str, ...] = ()
+    """Reasons why it cannot."""
+    remedies: tuple[str, ...] = ()
+    """Changes of the campaign that would determine these parameters."""
+    error: str = ""
+    """Reason why there is no answer; empty if there is one."""
+
+
+GAIN = TypeAdapter(Gain)
+"""Writes and reads the answer."""
+
+
+def expected_gain(bench: Bench) -> Gain:
+    """Return the precision expected from the campaign of a bench, on a car like its vehicle."""
+    import numpy as np
+
+    from daq import AddedMass
+    from daq.loading import expected_car
+    from identify import mode_names
+    from identify.model.matrices import SYMMETRIC, loaded_model
+    from identify.modes.modal_model import MODE_NAMES, modes_of
+    from identify.plan import advise
+
+    car = expected_car(bench.vehicle)
+    before: dict[str, float] = {}
+    after: dict[str, float] = {}
+    for hz, added in ((before, AddedMass()), (after, bench.mass_states[1].added)):
+        modes = modes_of(loaded_model(SYMMETRIC @ car.to_array(), added).A)
+        names = mode_names(modes, car.geometry)
+        hz.update(zip(names, modes.frequencies_hz.tolist(), strict=True))
+    advice = advise(planned(bench, car.to_array(), None, bench.campaign.bump_height_m))
+    now = advice.outlook
+    finite = np.isfinite(now.worst)
+    return Gain(
+        shifts=tuple(
+            Shift(excitation, before[name], after[name])
+            for excitation, name in zip(BODY_MODES, MODE_NAMES, strict=False)
+            if name in before and name in after
+        ),
+        worst=now.worst if finite else None,
+        mean=now.mean if finite else None,
+        widest=max(now.relative, key=lambda name: now.relative[name]) if now.relative else "",
+        undetermined=now.undetermined,
+        reasons=now.reasons,
+        remedies=advice.remedies or tuple(step.action for step in advice.steps[:2]),
+    )
+
+
+def measured_spread(frequencies_hz: Sequence[float]) -> float | None:
+    """Return the scatter of repeats as a share of their mean; None for fewer than three."""
+    if len(frequencies_hz) < 3:
+        return None
+    return stdev(frequencies_hz) / fmean(frequencies_hz)
+
+
+def main() -> int:
+    """Answer the question on standard input."""
+    from daq.bench.config import parse_bench
+    from daq.journal.reader import last_recording
+
+    question = json.load(sys.stdin)
+    folder = Path(question["folder"])
+    try:
+        recording = last_recording(folder / "journal")
+        database = recording.head.dbc_text if recording else None
+        gain = expected_gain(parse_bench(question["bench"], "bench.toml", folder, database))
+    except BumpbenchError as error:
+        gain = Gain(error=str(error))
+    sys.stdout.write(GAIN.dump_json(gain).decode())
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

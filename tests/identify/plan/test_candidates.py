@@ -21,8 +21,8 @@ from daq.vehicle import (
     MassState,
 )
 from identify.model.response import Bump
-from identify.plan import ExpectedElements, Plan, Runs, sensors_of
-from identify.plan.candidates import campaigns, candidates
+from identify.plan import Plan, Runs, sensors_of
+from identify.plan.design import campaigns, candidates
 
 BARE = MassState(BASELINE)
 A, B = FORD_GRANADA.a, FORD_GRANADA.b
@@ -226,16 +226,6 @@ def test_a_tape_is_offered_for_the_lengths_that_are_not_known() -> None:
     assert "measure wheelbase, rear track by tape to 3 mm" in offered(given)
     measured = plan(geometry=FORD_GRANADA.geometry)
     assert not any("tape" in action for action in offered(measured))
-
-
-def test_of_a_car_with_elements_only_runs_bumps_and_facts_are_offered() -> None:
-    given = plan(elements=ExpectedElements(), bump=Bump(0.02))
-    actions = list(offered(given))
-    assert [a for a in actions if " run in mass state " not in a] == [
-        "a bump of 40 mm instead of 20 mm", "a bump of 50 mm instead of 20 mm",
-        "weigh the vehicle to 1 kg", "weigh each axle to 1 kg",
-        "measure wheelbase, front track, rear track by tape to 3 mm",
-    ]  # fmt: skip
 
 
 def test_whole_campaigns_hold_each_kind_once() -> None:

@@ -25,17 +25,8 @@ from daq.vehicle import (
 from identify.fit.grey_box import GreyBox
 from identify.fit.uncertainty import Estimate
 from identify.model.response import Bump
-from identify.nonlinear.car import elements
-from identify.plan import (
-    ExpectedElements,
-    KnownRuns,
-    Plan,
-    Runs,
-    sensors_of,
-    typical_elements,
-)
-from identify.plan.information import ElementUnknowns, Fisher, RealCar
-from identify.plan.outlook import Outlook, damper_points, expected, vague
+from identify.plan import KnownRuns, Plan, Runs, sensors_of
+from identify.plan.outlook import Fisher, Outlook, expected, vague
 
 from ..nonlinear.truth import BASELINE as BARE_STATE
 from ..nonlinear.truth import granada
@@ -67,7 +58,6 @@ def test_an_interval_has_196_standard_deviations_on_either_side() -> None:
     assert found.mean == pytest.approx(1.96 * 0.017, rel=1e-4)
     assert (found.undetermined, found.reasons, found.open_directions) == ((), (), 0)
     assert found.parameters["m_s"].unit == "kg"
-    assert (dict(found.elements), found.dampers) == ({}, ())
 
 
 @pytest.mark.parametrize(("std", "lost"), [(0.249, False), (0.251, True)])
@@ -141,32 +131,6 @@ def test_a_value_that_is_known_to_a_quarter_can_be_planned_with(
     assert vague(found) == names
 
 
-KNOTS = (-0.15, 0.0, 0.15)
-
-
-def real_car(names: tuple[str, ...], values: tuple[float, ...], std: list[float]) -> Fisher:
-    """Return a car with some elements; parameters are known to 2 %."""
-    members = tuple(e for name in names for e in elements(KNOTS) if e.name == name)
-    information = np.diag(np.array([*np.full(N, 0.02), *std]) ** -2.0)
-    return replace(fisher(information), elements=ElementUnknowns(members, values, KNOTS))
-
-
-def test_a_damper_curve_is_as_unsure_as_its_slope_and_its_knees() -> None:
-    """1500 N s/m known to 2 %, and 400 N s/m less in rebound known to 50, in front.
-
-    The secant within 0.1 m/s stays, so compression gains half of the knee and rebound the other.
-    """
-    car = real_car(("h_f2",), (-400.0,), [0.05])
-    points = {(p.axle, p.speed_m_s): p for p in damper_points(car)}
-    assert len(points) == 12
-    for (axle, v), p in points.items():
-        knee = (max(v, 0.0) - 0.5 * v) if axle == "front" else 0.0
-        assert p.force_n == pytest.approx(1500.0 * v - 400.0 * knee, abs=0.5)
-        assert p.std_n == pytest.approx(np.hypot(30.0 * v, 50.0 * knee), rel=5e-3)
-    assert [v for axle, v in points if axle == "rear"] == [-0.5, -0.3, -0.1, 0.1, 0.3, 0.5]
-    assert damper_points(fisher(np.eye(N))) == ()
-
-
 # Runs are computed once for several plans, and anew for whatever they depend on ------------------
 
 SENSORS = (
@@ -228,25 +192,3 @@ def test_information_grows_with_the_square_of_height_and_with_the_number_of_runs
     assert KnownRuns().fisher(replace(BASE, runs=thrice)).information == pytest.approx(
         3.0 * once, rel=1e-9, abs=1e-9
     )
-
-
-def test_a_real_car_has_the_elements_that_are_unknown_and_those_of_its_structure() -> None:
-    unknown = ("anti_roll_bars", "friction", "one_sided_dampers")
-    elements = typical_elements(unknown, BASE.vehicle)
-    one = RealCar.of(BASE, elements, ())
-    values = dict(zip((e.name for e in one.unknowns.members), one.unknowns.values, strict=True))
-    assert set(values) == {"F_cf", "F_cr", "d_cf", "d_cr", "h_f2", "h_r2"}
-    assert [values["F_cf"], values["F_cr"], values["d_cr"]] == pytest.approx([50.0, 50.0, 0.5e-3])
-    assert values["h_f2"] < -300.0  # softer in compression than in rebound
-    assert one.unknowns.knots == (-0.15, 0.0, 0.15)
-    assert {"k_af", "k_ar"} <= set(one.model.box.parameters)
-    assert not {"c_tf", "y_s"} & set(one.model.box.parameters)
-    assert len(one.eta) == len(one.model.box.parameters)
-    # Weak priors are all that the planner knows beside the runs: none of friction.
-    shared = np.diag(one.shared())
-    names = [one.model.names[i] for i in one.free]
-    assert shared[names.index("F_cf")] == 0.0
-    assert shared[names.index("d_cf")] == pytest.approx(1.0)
-    others = RealCar.of(BASE, ExpectedElements(("tyre_damping", "cg_offset")), ())
-    assert {"c_tf", "c_tr", "y_s"} <= set(others.model.box.parameters)
-    assert "k_af" not in others.model.box.parameters

@@ -28,7 +28,7 @@ from dbc.errors import InputError
 from identify.model.matrices import matrices, physical_model, state_matrix
 from identify.model.response import Bump, exact_response
 from identify.plan import Advice, Plan, Runs, Sensor, advise, outlook, sensors_of
-from identify.plan.candidates import candidates
+from identify.plan.design import candidates
 
 TRUTH = FORD_GRANADA.to_array()
 PAPER_MASS = np.diag([130.0, 250.0, 40.0, 4.0, 4.0, 5.0, 5.0])

@@ -16,7 +16,7 @@ from daq.control.messages import Configure, Mark, OverrideWarning
 from daq.loading import loading
 from daq.runs import Excitation
 from daq.vehicle import FORD_GRANADA, BodyWeight, Corner, HubWeight
-from tui.jobs.gain import Gain, Shift, measured_spread
+from tui.jobs.planning import Gain, Shift, measured_spread
 from tui.terminal.app import BenchApp
 from tui.terminal.screens.check import (
     CheckScreen,

@@ -89,6 +89,7 @@ function show() {
     text("mark", view.mark);
     text("title", view.title);
     text("instruction", view.instruction || "Nothing to bump now.");
+    document.body.classList.toggle("idle", !view.instruction);
     $("instruction").hidden = view.instruction === view.headline.why && view.instruction !== "";
     showAlarm(view.alarm, view.overload);
     drawIfChanged("sketch", view.sketch, () => drawSketch(view.sketch, view.instruction));

@@ -22,7 +22,7 @@ from daq.bench.edit import with_weights
 from daq.control.messages import AskCheck, Configure, Mark, Note, OverrideWarning, Status
 from daq.loading import expected_car, loading
 
-from ...jobs.gain import GAIN, Gain, measured_spread
+from ...jobs.planning import GAIN, Gain, measured_spread
 from ..app import begin
 from ..campaign import BenchStep, read_draft, remove_draft, write_draft
 from ..widgets import SPACE_INK, Table, Words
@@ -275,7 +275,7 @@ class MassesScreen(BenchScreen):
     async def _compute(self, text: str) -> None:
         await asyncio.sleep(_QUIET_S)
         question = json.dumps({"bench": text, "folder": str(self.bench_app.folder)})
-        command = [sys.executable, "-m", "tui.jobs.gain"]
+        command = [sys.executable, "-m", "tui.jobs.planning"]
         process = subprocess.Popen(command, stdin=PIPE, stdout=PIPE, stderr=DEVNULL)
         try:
             answer, _ = await asyncio.to_thread(process.communicate, question.encode(), _PATIENCE_S)

@@ -22,7 +22,7 @@ from daq.errors import printable
 from daq.loading import Loading, expected_car, wrong_weights
 from daq.runlog import LoggedStatus
 
-from ...jobs.gain import USUAL_SPREAD, WANTED_SPREADS, Gain, Shift
+from ...jobs.planning import USUAL_SPREAD, WANTED_SPREADS, Gain, Shift
 from ..form import Field, FieldError, Form, Values, check_fields, number, stated
 from ..widgets import Cell, Words, right
 from ..words import LARGE, SMALL, drawn_car
