@@ -15,9 +15,8 @@ from .modes.state_variable_method import StabilisationDiagram
 from .report.cars import still_cars
 from .report.decays import decay_picture, decay_traces
 from .report.evidence import correlation_picture
-from .report.figure import figure_of, look
-from .report.modes import moving_cars, stabilisation_picture
-from .report.parameters import damper_picture, intervals_picture
+from .report.page import figure_of, look
+from .report.parameters import damper_picture, intervals_picture, moving_cars, stabilisation_picture
 from .result import Identification
 
 _ACROSS = 2

@@ -8,8 +8,7 @@ from .cars import still_cars
 from .content import report_of
 from .decays import decay_section, decay_traces
 from .evidence import CrossChecks, cross_checks
-from .figure import png_of, svg_of
-from .page import MovingCars, Picture, Report, Source
+from .page import MovingCars, Picture, Report, Source, png_of, svg_of
 from .typeset import comparison_html, drawings, html_of, pdf_of
 
 __all__ = [

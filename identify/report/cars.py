@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from daq.vehicle import VehicleGeometry
 
-from .figure import FAINT, INK, PALETTE, WIDTH_IN
-from .page import MovingCars, Picture, Shape
+from .page import FAINT, INK, PALETTE, WIDTH_IN, MovingCars, Picture, Shape
 
 if TYPE_CHECKING:
     from matplotlib.figure import FigureBase

@@ -19,8 +19,20 @@ from ..fit.uncertainty import Estimate
 from ..numbers import NOT_DETERMINED, half_width, plus_minus, rounded, signed
 from ..words import NOT_OK, unit_text, value_text
 from .decays import overlay_gallery
-from .figure import HALF_IN, INK, PALETTE, WIDTH_IN, line_axes, lines_height_in, shared_legend
-from .page import Block, Gallery, Picture, Section, Table
+from .page import (
+    HALF_IN,
+    INK,
+    PALETTE,
+    WIDTH_IN,
+    Block,
+    Gallery,
+    Picture,
+    Section,
+    Table,
+    line_axes,
+    lines_height_in,
+    shared_legend,
+)
 from .parameters import about_zero
 
 if TYPE_CHECKING:

@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
+import hashlib
+from dataclasses import asdict
 from math import isfinite
 
-from daq.sessions import Session
+import numpy as np
+
+from daq.channels import Channel, Quantity
+from daq.runs import Run
+from daq.samples.trigger import BUMP
+from daq.sessions import Session, notes_of, overrides_of
+from daq.vehicle import BodyWeight, MassState
 from dbc.finding import Finding, Severity
 from dbc.words import counted
 
 from ..decays.usable import usable_session
-from ..result import Identification
+from ..fit.estimation import Estimation
+from ..numbers import number
+from ..result import Identification, software_sha256
 from ..trust.finding import Verdict
-from ..words import parameter_words, with_unit
+from ..words import HEADLINE, parameter_words, plain, unit_text, with_unit
 from .decays import decay_section
 from .evidence import (
     CrossChecks,
@@ -20,10 +30,291 @@ from .evidence import (
     information_section,
     prediction_section,
 )
-from .modes import modes_section
-from .page import REFUSED, Report, Section, Source
-from .parameters import damper_section, parameter_section
-from .session import certificate_section, provenance_section, run_section, vehicle_section
+from .page import REFUSED, Block, Report, Section, Source, Table
+from .parameters import damper_section, modes_section, parameter_section
+
+_ROUTINE = (BUMP, "run_end")
+_UNSTATED = "not stated"
+
+
+def vehicle_section(session: Session, estimation: Estimation) -> Section:
+    """Return structure, facts, stated uncertainties and added weights."""
+    vehicle = session.vehicle
+    beyond = [
+        plain(name)
+        for name in ("anti_roll_bars", "tyre_damping", "cg_offset")
+        if getattr(vehicle.structure, name)
+    ]
+    model = (
+        ("sides", "left and right alike" if vehicle.structure.symmetric else "each for itself"),
+        ("beyond the 15 parameters", ", ".join(beyond) or "nothing"),
+        ("lengths a, b, t_f, t_r", "identified" if vehicle.geometry is None else "given"),
+        ("facts", str(len(vehicle.facts)) if vehicle.facts else "none"),
+        ("mass states", ", ".join(state.name for state in session.mass_states)),
+    )
+    blocks: list[Block] = [Table("Model of the vehicle", ("", ""), model)]
+    if estimation.box.facts:
+        blocks.append(_facts(estimation))
+    blocks += [_weights(state) for state in session.mass_states if state.added.weights]
+    if estimation.box.corrections:
+        blocks.append(_corrections(estimation))
+    return Section(
+        "vehicle",
+        "Vehicle, facts and model",
+        "What is given to the identification. Facts and stated uncertainties are data like the "
+        "samples: they influence the fit, and may disagree with it.",
+        tuple(blocks),
+    )
+
+
+def _facts(estimation: Estimation) -> Table:
+    misfits, _ = estimation.engine.fact_misfits(estimation.fit.eta)
+    return Table(
+        "Facts: scales and tape measure",
+        ("fact", "#stated", "#uncertainty", "#identified", "#stated less identified, sigma"),
+        tuple(
+            (
+                plain(fact.quantity),
+                number(fact.value),
+                number(fact.sigma),
+                number(fact.value - misfit * fact.sigma),
+                f"{misfit:+.2f}",
+            )
+            for fact, misfit in zip(estimation.box.facts, misfits.tolist(), strict=True)
+        ),
+        "All in SI units. A misfit beyond 3 sigma means that scales and decays disagree.",
+    )
+
+
+def _weights(state: MassState) -> Table:
+    rows = []
+    for weight in state.added.weights:
+        place = (
+            (f"hub {weight.corner}", "", "", "", "")
+            if not isinstance(weight, BodyWeight)
+            else (
+                "body",
+                f"{weight.x_m:.3f}",
+                f"{weight.y_m:.3f}",
+                f"{weight.height_m:.3f}",
+                f"{weight.position_sigma_m:.3f}",
+            )
+        )
+        rows.append((*place, number(weight.mass_kg), f"{weight.sigma_kg:.3g}"))
+    return Table(
+        f"Weights of mass state {state.name}",
+        ("on", "#x, m", "#y, m", "#above CG, m", "#place ±, m", "#mass, kg", "#mass ±, kg"),
+        tuple(rows),
+        "Positions from the middle of the front axle: x forward, y to the left.",
+    )
+
+
+def _corrections(estimation: Estimation) -> Table:
+    box, fit = estimation.box, estimation.fit
+    first = len(box.parameters)
+    pulls = box.pulls(fit.eta)
+    std = np.sqrt(np.diag(fit.covariance))[first:]
+    rows = []
+    for i, name in enumerate(box.corrections):
+        factor, unit = _unit_of(name)
+        rows.append(
+            (
+                name,
+                f"{float(box.prior_sigma[first + i]) * factor:.3g}",
+                f"{float(fit.eta[first + i]) * factor:+.3f}",
+                f"{float(std[i]) * factor:.3f}",
+                unit,
+                f"{pulls[i]:+.2f}",
+            )
+        )
+    return Table(
+        "Stated uncertainties: what the decays say of them",
+        ("what", "#stated sigma", "#found off by", "#± sigma", "unit", "#pull, sigma"),
+        tuple(rows),
+        "Found off by: fitted less stated value. A pull beyond 3 sigma means that the "
+        "statement is wrong.",
+    )
+
+
+def _unit_of(name: str) -> tuple[float, str]:
+    """Return the unit of a correction, and its factor from SI."""
+    if name.startswith("delay"):
+        return 1e3, "ms"
+    if name.startswith("gain"):
+        return 100.0, "%"
+    return (1.0, "kg") if name.startswith("weight") else (1e3, "mm")
+
+
+# Runs, and where the numbers come from ------------------------------------------------------------
+
+
+def run_section(session: Session, result: Identification) -> Section:
+    """Return every run with its verdict, losses and notes."""
+    fitted: dict[str, tuple[float, float]] = {}
+    if result.estimation is not None:
+        pairs = zip(result.estimation.records, result.estimation.decays, strict=True)
+        fitted = {d.label: (d.start_s, record.end_s - d.start_s) for record, d in pairs}
+    runs, notes = [], []
+    for run in session.runs:
+        window = fitted.get(run.label) if run.is_accepted else None
+        lost = [f"{plain(name)} {n}" for name, n in asdict(run.losses).items() if n]
+        runs.append(
+            (
+                run.label,
+                "✓ accepted" if run.is_accepted else "✕ rejected",
+                *(f"{seconds:.3f}" for seconds in window or ()),
+                *(("", "") if window is None else ()),
+                f"{len(run.frames.t_ns):,}",
+                ", ".join(lost) or "none",
+                "; ".join(run.reasons),
+            )
+        )
+        notes += [
+            (run.label, f"{(e.t_ns - run.t0_ns) * 1e-9:.3f}", plain(e.code), e.text)
+            for e in run.events
+            if e.code not in _ROUTINE
+        ]
+    blocks: list[Block] = []
+    if runs:
+        columns: tuple[str, ...] = (
+            "run", "status", "#decay from, s", "#length, s", "#frames", "losses", "reasons",
+        )  # fmt: skip
+        blocks.append(Table("Runs of the session", columns, tuple(runs)))
+    if notes:
+        columns = ("run", "#at, s", "what", "words")
+        title = "Notes, faults and decisions during the runs"
+        blocks.append(Table(title, columns, tuple(notes)))
+    return Section(
+        "runs",
+        "Runs",
+        "Everything that was recorded. Only accepted runs are used; none is ever deleted.",
+        tuple(blocks),
+    )
+
+
+def provenance_section(session: Session, result: Identification, source: Source) -> Section:
+    """Return channels, hashes, versions and settings."""
+    trace = [
+        ("session file", source.name),
+        ("sha256 of the file", source.sha256),
+        ("sha256 of the raw frames of its runs", frames_sha256(session.runs) or "no raw frames"),
+        ("identified by", f"bumpbench {source.version}"),
+        ("with", ", ".join(f"{name} {version}" for name, version in source.libraries.items())),
+    ]
+    # The decisions on each run are in the table of the runs.
+    texts = ("bench_toml", "dbc", "verdicts", "notes", "overrides")
+    trace += [(plain(k), v) for k, v in session.provenance.items() if k not in texts]
+    trace += [("note", text) for text in notes_of(session.provenance)]
+    trace += [("warning overridden", text) for text in overrides_of(session.provenance)]
+    if database := session.provenance.get("dbc"):
+        trace.append(("sha256 of the DBC", hashlib.sha256(database.encode()).hexdigest()))
+    blocks: list[Block] = [Table("Trace", ("", ""), tuple(trace))]
+    columns = ("channel", "measures", "where", "#scale", "#delay, ms", "#noise", "unit", "signal")
+    rows = tuple(_channel(c, result.noise.get(c.name)) for c in session.channels)
+    blocks.append(Table("Channels", columns, rows))
+    if settings := session.provenance.get("bench_toml"):
+        blocks.append(Table("Settings of the recording: bench.toml", ("",), ((settings,),)))
+    return Section(
+        "provenance",
+        "Where it comes from",
+        "The same file and the same version give the same digits again. The numbers of this "
+        "report are also in it as JSON, as `bumpbench identify --json` prints them.",
+        tuple(blocks),
+    )
+
+
+def frames_sha256(runs: tuple[Run, ...]) -> str:
+    """Return a hash of the raw frames of all runs, time stamps included; "" without frames."""
+    if not any(len(run.frames.t_ns) for run in runs):
+        return ""
+    digest = hashlib.sha256()
+    for run in runs:
+        frames = run.frames
+        for column in (frames.t_ns, frames.can_id, frames.flags, frames.length, frames.data):
+            digest.update(np.ascontiguousarray(column).tobytes())
+    return digest.hexdigest()
+
+
+def _channel(c: Channel, noise: float | None) -> tuple[str, ...]:
+    """Return a channel with the factor of its sensor's signal, its delay and its noise."""
+    place = str(c.corner) if c.corner else ""
+    if c.quantity in (Quantity.BODY_ACCELERATION, Quantity.BODY_DISPLACEMENT):
+        place = "CG" if c.at_cg else f"x {c.x_m:.3f}, y {c.y_m:.3f} m"
+    scale = delay = unit = ""
+    if c.quantity is not Quantity.UNUSED:
+        sigma = f" ± {c.scale_sigma * 100:.2g} %" if c.scale_sigma else ", exact"
+        scale = f"{c.sign * c.scale:.4g}{sigma}"
+        delay = f"{c.delay_s * 1e3:.2f} ± {c.delay_sigma_s * 1e3:.2f}"
+        unit = unit_text(c.unit)
+    heard = "" if noise is None else number(noise)
+    return c.name, plain(c.quantity), place, scale, delay, heard, unit, c.signal
+
+
+# Certificate --------------------------------------------------------------------------------------
+
+
+def certificate_section(session: Session, result: Identification, source: Source) -> Section:
+    """Return the data to cite a result by: session, software, persons, sensors, overrides."""
+    stated, verdict = result.provenance, result.quality.verdict
+    origin = stated.get("origin", "real")
+    citation = (
+        ("vehicle", session.vehicle.name),
+        ("data", "measured" if origin == "real" else f"{origin}, not measured"),
+        ("verdict", f"{verdict}: {HEADLINE[verdict]}"),
+        ("recorded", stated.get("created", "")),
+        ("session", stated.get("uuid", "")),
+        ("file", source.name),
+        ("sha256 of the file", source.sha256),
+        ("sha256 of the raw frames", stated.get("frames_sha256", "") or "no raw frames"),
+        ("software", f"bumpbench {source.version}"),
+        ("sha256 of the software", software_sha256()),
+        ("report issued", source.issued),
+    )
+    signed = (("operator", source.operator, "", ""), ("approved by", source.approver, "", ""))
+    blocks: list[Block] = [
+        Table("Result", ("", ""), tuple((name, text or _UNSTATED) for name, text in citation)),
+        Table("Signed", ("", "name", "date", "signature"), signed),
+    ]
+    waived = []
+    for text in overrides_of(session.provenance):
+        subject, _, why = text.partition(": ")
+        waived.append(("warning overridden", subject, why))
+    waived += [
+        ("run not used", run.label, "; ".join(run.reasons))
+        for run in session.runs
+        if not run.is_accepted
+    ]
+    if waived:
+        title = "What was overridden, and why"
+        note = "Warnings that were overridden, and runs that were decided by hand or refused."
+        blocks.append(Table(title, ("", "what", "why"), tuple(waived), note))
+    blocks.append(
+        Table(
+            "Sensors",
+            ("channel", "measures", "signal", "serial number", "calibrated"),
+            tuple(
+                (
+                    c.name,
+                    plain(c.quantity),
+                    c.signal,
+                    c.serial_number or _UNSTATED,
+                    c.calibrated or _UNSTATED,
+                )
+                for c in session.used_channels
+            ),
+            "Serial number and day of calibration are those of bench.toml.",
+        )
+    )
+    return Section(
+        "certificate",
+        "Certificate",
+        "Cite a result by the session, its hash and the version of the software: the same file "
+        "and the same version give the same digits again.",
+        tuple(blocks),
+    )
+
+
+# The report ---------------------------------------------------------------------------------------
 
 _ASKED_FIRST = (
     ("total mass", "derived", "total_mass"),

@@ -16,8 +16,7 @@ from ..decays.decay import FreeDecay, Record, Recording, onset_s
 from ..fit.estimation import Estimation
 from ..fit.likelihood import Residuals
 from ..words import unit_text
-from .figure import FAINT, HALF_IN, INK, PALETTE
-from .page import Block, Gallery, Picture, Section
+from .page import FAINT, HALF_IN, INK, PALETTE, Block, Gallery, Picture, Section
 
 if TYPE_CHECKING:
     from matplotlib.figure import FigureBase

@@ -20,17 +20,20 @@ from ..numbers import number
 from ..result import Identification
 from ..trust.plausibility import SNR_LIMIT_DB
 from ..words import half_percent, parameter_words, unit_text
-from .figure import (
+from .page import (
     FAINT,
     INK,
     PALETTE,
     WIDTH_IN,
+    Block,
+    Picture,
+    Section,
+    Table,
     height_in,
     line_axes,
     lines_height_in,
     shared_legend,
 )
-from .page import Block, Picture, Section, Table
 from .parameters import about_zero, interval_bars
 
 if TYPE_CHECKING:

@@ -28,8 +28,7 @@ from ..trust.finding import Verdict
 from ..words import HEADLINE, MEANING, SEVERITY, SYMBOL, plain, survival_lines
 from .cars import moving_car, still_cars
 from .comparison import comparison_sections, headline_of
-from .figure import FAINT, INK, PALETTE, svg_of
-from .page import Block, Gallery, MovingCars, Picture, Report, Table
+from .page import FAINT, INK, PALETTE, Block, Gallery, MovingCars, Picture, Report, Table, svg_of
 
 NOTHING_TO_DO = (
     "Every gate was passed: convergence, misfit, sampling, saturation, excitation, likely causes, "

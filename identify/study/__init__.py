@@ -1,10 +1,17 @@
 """Reproduces the paper's tables and figures."""
 
-from .campaign import PAPER_MASS_STATES, SENSOR_SETS, Campaign
-from .figures import fig2_study, fig8_study, fig9_study, mass_error_study
-from .noise import bound_percent, noise_study, outcome
+from .campaign import PAPER_MASS_STATES, SENSOR_SETS, Campaign, bound_percent, noise_study, outcome
+from .paper import (
+    attempt,
+    fig2_study,
+    fig8_study,
+    fig9_study,
+    mass_error_study,
+    table2_study,
+    table3_campaign,
+    table3_study,
+)
 from .result import Cell, Column, Study, svg
-from .tables import attempt, table2_study, table3_campaign, table3_study
 
 __all__ = [
     "PAPER_MASS_STATES",

@@ -120,7 +120,7 @@ def svg(study: Study) -> str:
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    from ..report.figure import SETTINGS
+    from ..report.page import SETTINGS
 
     heights = [
         max(_CURVES_IN if isinstance(p, CurvePanel) else 1.3 + _ITEM_IN * len(p.items) for p in row)
@@ -144,7 +144,7 @@ def svg(study: Study) -> str:
 
 
 def _draw_curves(axes: Axes, panel: CurvePanel) -> None:
-    from ..report.figure import PALETTE, zero_line
+    from ..report.page import PALETTE, zero_line
 
     zero_line(axes)
     axes.set_title(panel.title)
@@ -167,7 +167,7 @@ def _draw_curves(axes: Axes, panel: CurvePanel) -> None:
 def _draw_dots(axes: Axes, panel: DotPanel) -> None:
     from matplotlib.ticker import FuncFormatter
 
-    from ..report.figure import FAINT, PALETTE
+    from ..report.page import FAINT, PALETTE
 
     n = len(panel.items)
     axes.set_title(panel.title, pad=24.0)

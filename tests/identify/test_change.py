@@ -13,10 +13,19 @@ import pytest
 from numpy.typing import NDArray
 
 from daq.vehicle import FORD_GRANADA, PARAMETER_NAMES, Structure, Vehicle
-from identify.change import Change, change_of, choose, with_common_structure
+from identify.change import (
+    Change,
+    Likelihood,
+    Model,
+    change_of,
+    choose,
+    differences,
+    likelihood_at,
+    likelihood_at_optimum,
+    with_common_structure,
+)
 from identify.decays.usable import usable
 from identify.fit.estimation import Estimation, estimate
-from identify.joint import Likelihood, Model, differences, likelihood_at, likelihood_at_optimum
 from identify.pipeline import grey_box
 
 from .changes import session

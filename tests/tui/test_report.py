@@ -15,7 +15,7 @@ from dbc import InputError
 from identify import identify_parameters
 from tui import diagnostics
 from tui.cli import run
-from tui.jobs.comparing import identified
+from tui.jobs.reporting import identified
 
 from ..identify.stress import stress_session
 from .batches import refused_session, write_all

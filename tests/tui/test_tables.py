@@ -16,7 +16,7 @@ from identify.change import Change
 from identify.compare import Compared, Comparison, Difference, Trend
 from tui.cli import run
 from tui.jobs import comparing
-from tui.jobs.comparing import comparison_lines
+from tui.jobs.reporting import comparison_lines
 from tui.result import print_identification
 
 from ..identify.results import result

@@ -65,7 +65,7 @@ def opened(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Opened:
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
     monkeypatch.setattr(RecorderFeed, "attach", lambda feed: made.attached.append(feed._folder))
     monkeypatch.setattr("tui.terminal.app.BenchApp", made)
-    monkeypatch.setattr("tui.display.start.display_beside_terminal", made.beside)
+    monkeypatch.setattr("tui.display.link.display_beside_terminal", made.beside)
     return made
 
 

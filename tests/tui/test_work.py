@@ -20,17 +20,6 @@ import pytest
 import daq
 from daq import write_session
 from tui.jobs.planning import measured_spread
-from tui.jobs.lines import (
-    Done,
-    IdentifyTask,
-    Item,
-    Line,
-    ListTask,
-    Progress,
-    Task,
-    Trouble,
-)
-from tui.jobs.planning import measured_spread
 from tui.jobs.session_list import (
     EntryState,
     SessionEntry,
@@ -39,7 +28,18 @@ from tui.jobs.session_list import (
     size_text,
     with_open,
 )
-from tui.jobs.worker import lines_of
+from tui.jobs.worker import (
+    START,
+    Done,
+    IdentifyTask,
+    Item,
+    Line,
+    ListTask,
+    Progress,
+    Task,
+    Trouble,
+    lines_of,
+)
 
 from ..daq.crash_frames import journal_of_runs
 from ..daq.small_campaign import small_bench
@@ -128,7 +128,7 @@ def test_a_screen_closed_twice_in_a_row_leaves_nothing_open(tmp_path: Path, turn
 
 
 def test_the_child_ends_when_its_terminal_does(session: Path) -> None:
-    command = [sys.executable, "-m", "tui.jobs.worker"]
+    command = [sys.executable, "-c", START]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child:
         assert child.stdin is not None
         assert child.stdout is not None

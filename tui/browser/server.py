@@ -1,21 +1,161 @@
-"""Serves `bumpbench tui` to browsers of this machine, with a page that needs no network."""
+"""Serves pages to those who have the link, and `bumpbench tui` to browsers of this machine.
+
+Any program and any user of this machine can reach a port of 127.0.0.1, and any page in a browser
+can send requests to it.  The link has a random token in its path, which neither of them knows.  In
+addition, a request must name this server as its host, and come from this server's own page: a
+foreign name that is made to point at 127.0.0.1 reads nothing.  A connection that has not yet shown
+the token is one of at most `MOST_UNPROVEN`, and is closed after `PROOF_S`.
+"""
 
 from __future__ import annotations
 
 import asyncio
+import logging
+import secrets
 import shlex
 import signal
 import socket
 import sys
-from collections.abc import Sequence
+from collections.abc import AsyncGenerator, Awaitable, Callable, Sequence
+from contextlib import asynccontextmanager
 from pathlib import Path
 
-from aiohttp import web
-from textual_serve.server import Server
+from aiohttp import hdrs, web
 
 from dbc import InputError
 
-from .guard import Guard, listen
+MOST_UNPROVEN = 64
+"""Most connections without the token at a time: one more closes the oldest."""
+PROOF_S = 5.0
+"""Time within which a connection must show the token, s."""
+_KEPT_S = 75.0
+"""Time for which a page may keep a connection without a request, s."""
+_TOKEN_BYTES = 32
+_HEADERS = {
+    "Cache-Control": "no-store",
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+}
+"""Headers of every answer: the address has the token, so a browser must neither keep nor pass it
+on."""
+_SILENT = logging.Logger("requests without the token", logging.CRITICAL + 1)
+"""Writes nothing: this process may have no reader, and every malformed request would be a line."""
+
+_Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+
+
+def listen(host: str, usual: int) -> socket.socket:
+    """Return a socket that listens on a port of an address, on `usual` if that is free.
+
+    Raises OSError if `host` is not an address of this machine.
+    """
+    for port in (usual, 0):
+        try:
+            family, _, _, _, place = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+            return socket.create_server(place, family=family, backlog=socket.SOMAXCONN)
+        except OSError as error:
+            last = error
+    raise last
+
+
+class Guard:
+    """The token of one server, and its checks.
+
+    `host`: address on which `listening` listens.
+    """
+
+    def __init__(self, host: str, listening: socket.socket) -> None:
+        self._listening = listening
+        port = listening.getsockname()[1]
+        self._host = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+        self._token = secrets.token_urlsafe(_TOKEN_BYTES)
+        self._unproven: dict[asyncio.BaseTransport | None, asyncio.TimerHandle] = {}
+        self.origin = f"http://{self._host}"
+        """Scheme, host and port of the server."""
+        self.prefix = f"/{self._token}"
+        """Path below which everything is served."""
+        self.link = f"{self.origin}{self.prefix}/"
+        """The address to open."""
+
+    @asynccontextmanager
+    async def serving(
+        self, pages: web.Application, most_bytes: int = 1_048_576
+    ) -> AsyncGenerator[None]:
+        """Serve `pages` below the prefix, and nothing else, until the block ends.
+
+        `most_bytes`: largest body of a request; that of `pages` itself counts for nothing.
+        """
+        guarded = web.Application(middlewares=[self._check], client_max_size=most_bytes)
+        guarded.on_response_prepare.append(_add_headers)
+        guarded.add_subapp(self.prefix, pages)
+        runner = web.AppRunner(
+            guarded,
+            access_log=None,
+            logger=_SILENT,
+            keepalive_timeout=_KEPT_S,
+            shutdown_timeout=0.5,
+        )
+        await runner.setup()
+        assert runner.server is not None
+        door = asyncio.create_task(self._admit(runner.server))
+        try:
+            yield
+        finally:
+            door.cancel()
+            self._listening.close()
+            await runner.cleanup()
+
+    async def _admit(self, server: web.Server) -> None:
+        """Accept connections one by one, so that between two of them others are served."""
+        loop = asyncio.get_running_loop()
+        self._listening.setblocking(False)
+        while True:
+            try:
+                connection, _ = await loop.sock_accept(self._listening)
+                transport, _ = await loop.connect_accepted_socket(server, connection)
+            except OSError:  # it has gone again, or this process has no descriptor left
+                await asyncio.sleep(0.1)
+                continue
+            if len(self._unproven) >= MOST_UNPROVEN:
+                self._dismiss(next(iter(self._unproven)))
+            self._unproven[transport] = loop.call_later(PROOF_S, self._dismiss, transport)
+
+    def _dismiss(self, connection: asyncio.BaseTransport | None) -> None:
+        self._unproven.pop(connection).cancel()
+        if isinstance(connection, asyncio.WriteTransport):
+            connection.abort()
+
+    @web.middleware
+    async def _check(self, request: web.Request, handler: _Handler) -> web.StreamResponse:
+        if refusal := self._refusal(request):
+            refused = web.Response(status=403, text=f"refused: {refusal}\n")
+            refused.force_close()
+            return refused
+        if known := self._unproven.pop(request.transport, None):
+            known.cancel()
+        return await handler(request)
+
+    def _refusal(self, request: web.Request) -> str:
+        """Return why a request is refused; empty if it is not."""
+        token = request.path.removeprefix("/").partition("/")[0]
+        origin = request.headers.get(hdrs.ORIGIN)
+        is_socket = request.headers.get(hdrs.UPGRADE, "").lower() == "websocket"
+        if request.headers.getall(hdrs.HOST, []) != [self._host]:
+            return "this address leads elsewhere"
+        # A browser names the origin of every socket, but not of a page that is opened.
+        if origin != self.origin and (is_socket or origin is not None):
+            return "this is for pages of this server only"
+        if not secrets.compare_digest(token.encode(errors="replace"), self._token.encode()):
+            return "open the link that was printed when this server was started"
+        return ""
+
+
+async def _add_headers(_: web.Request, response: web.StreamResponse) -> None:
+    response.headers.update(_HEADERS)
+
+
+# The terminal in a browser ------------------------------------------------------------------------
 
 HOST = "127.0.0.1"
 """Other hosts get no page: a page gives the same control as the terminal at the bench."""
@@ -51,14 +191,15 @@ def serve(arguments: Sequence[str]) -> None:
 
 async def terminal_pages(arguments: Sequence[str], listening: socket.socket) -> web.Application:
     """Return the pages of a command of `bumpbench`, as they are served at a socket."""
+    from textual_serve.server import Server
+
+    class QuietServer(Server):
+        async def on_startup(self, app: object) -> None:
+            """Write nothing of its own."""
+
     command = shlex.join([sys.executable, "-m", "tui", *arguments])
     # On a network that drops packets to the internet, the library's own page would stay blank,
     # because it fetches a font there.
     port = listening.getsockname()[1]
-    server = _Quiet(command, HOST, port, title="Bumpbench", templates_path=_PAGES)
+    server = QuietServer(command, HOST, port, title="Bumpbench", templates_path=_PAGES)
     return await server._make_app()
-
-
-class _Quiet(Server):
-    async def on_startup(self, app: object) -> None:
-        """Write nothing of its own."""

@@ -134,7 +134,7 @@ def compare(
     from daq.files import write_named
     from identify.compare import compare as compared
 
-    from ..jobs.comparing import comparison_lines, identified, labels_of
+    from ..jobs.reporting import comparison_lines, identified, labels_of
     from ..output import print_json, print_line, progress
 
     if len(sessions) < 2:

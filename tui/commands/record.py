@@ -58,7 +58,7 @@ def record(
     """
     from daq.control.address import lone_recorder
 
-    from ..display.start import display_beside_recorder
+    from ..display.link import display_beside_recorder
     from ..output import progress
     from ..recorders.daemon import Lifetime, record_campaign
     from ..recorders.lines import print_outcome

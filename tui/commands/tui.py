@@ -70,7 +70,7 @@ def tui(
     from daq import InputError
 
     from ..bench import shared_bench
-    from ..display.start import display_beside_terminal
+    from ..display.link import display_beside_terminal
     from ..recorders.process import Process, start_recorder
     from ..terminal.app import BenchApp
     from ..terminal.feed import RecorderFeed

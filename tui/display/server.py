@@ -21,7 +21,7 @@ from aiohttp import web
 from daq.control.exchange import OrderRefusedError
 from daq.control.messages import Hello
 
-from ..browser.guard import Guard
+from ..browser.server import Guard
 from ..terminal.feed import Feed, RecorderFeed
 from .follow import Follower, Hub
 from .link import Served, listen_on

@@ -1,7 +1,7 @@
-"""Does long work of the terminal in a separate process: `python -m tui.jobs.worker`.
+"""Does long work of the terminal in a separate process.
 
-The child reads a pickled `lines.Task` and its name from its standard input, and writes pickled
-`lines.Line`s to its standard output.  It ends when its standard input does: a terminal that is
+The terminal sends one task.  The worker answers with lines of progress, then with one last line:
+the result, or the error; all are pickled.  It ends when its standard input does: a terminal that is
 killed leaves no work behind.
 """
 
@@ -15,7 +15,7 @@ import subprocess
 import sys
 from collections.abc import AsyncGenerator, Callable
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from threading import Event, Thread
@@ -24,28 +24,112 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 from dbc import BumpbenchError
 from dbc.errors import printable
 
-from .lines import (
-    Done,
-    IdentifyTask,
-    Item,
-    Line,
-    ListTask,
-    Outcome,
-    Progress,
-    ReportTask,
-    RunOutcome,
-    Task,
-    Trouble,
-)
-
 if TYPE_CHECKING:
-    pass
+    from identify import Identification
+
+
+@dataclass(frozen=True, slots=True)
+class IdentifyTask:
+    """Identify a session; the answer is an `Outcome`."""
+
+    session: str
+
+
+@dataclass(frozen=True, slots=True)
+class ReportTask:
+    """Write a session's report as HTML, and as PDF."""
+
+    session: str
+    html: str
+    pdf: str
+
+
+@dataclass(frozen=True, slots=True)
+class ListTask:
+    """List the recordings and sessions of a folder, one item a session."""
+
+    folder: str
+
+
+Task = IdentifyTask | ReportTask | ListTask
+
+
+@dataclass(frozen=True, slots=True)
+class RunOutcome:
+    """One run and its status."""
+
+    label: str
+    status: str
+    """`accepted` or `rejected`."""
+    reasons: tuple[str, ...]
+    """Reasons why it was not used."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """The content of the screens of one identification."""
+
+    session: str
+    """The session file."""
+    result: Identification
+    """Without its fit."""
+    overrides: tuple[str, ...]
+    """Warnings that a person overrode, with reason and name."""
+    runs: tuple[RunOutcome, ...]
+
+    @property
+    def used(self) -> int:
+        """Number of runs that the result is based on."""
+        return sum(run.status == "accepted" for run in self.runs)
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """Share of the work that is done, 0..1, and the next stage."""
+
+    share: float
+    text: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Item:
+    """One of several answers, sent as soon as it is ready."""
+
+    body: Any
+
+
+@dataclass(frozen=True, slots=True)
+class Done:
+    """The answer."""
+
+    body: Any
+
+
+@dataclass(frozen=True, slots=True)
+class Trouble:
+    """There is no answer: the place, what is wrong, what to do; as `dbc.errors.BumpbenchError`."""
+
+    where: str
+    what: str
+    advice: str
+
+    @property
+    def text(self) -> str:
+        """All of it on one line."""
+        return f"{self.where}: {self.what} ({self.advice})"
+
+
+Line = Progress | Item | Done | Trouble
+
 
 Send = Callable[[Line], None]
 _NICE = 10
 """Niceness of the worker: the recorder has priority."""
 _READ = 0.05
 """Share of the work that is done when the session is being read."""
+
+START = "from tui.jobs.worker import main; main()"
+"""Program of the worker's process: run with -m, its classes would be others than the terminal's."""
 
 
 # The terminal's end -------------------------------------------------------------------------------
@@ -62,7 +146,7 @@ async def lines_of(
     """
     try:
         child = subprocess.Popen(
-            [sys.executable, "-m", "tui.jobs.worker"],
+            [sys.executable, "-c", START],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
@@ -177,12 +261,7 @@ def _identify(task: IdentifyTask, send: Send) -> Outcome:
         session, lambda share, text: send(Progress(share, text)), stop=_stopped.is_set
     )
     runs = tuple(
-        RunOutcome(
-            run.label,
-            str(run.status),
-            run.reasons,
-        )
-        for run in usable_session(session).runs
+        RunOutcome(run.label, str(run.status), run.reasons) for run in usable_session(session).runs
     )
     result = replace(result, estimation=None, residuals=())
     return Outcome(task.session, result, overrides_of(session.provenance), runs)
@@ -219,6 +298,3 @@ _WORK: dict[type, Callable[[Any, Send], Any]] = {
     ReportTask: _report,
     ListTask: _list,
 }
-
-if __name__ == "__main__":
-    main()

@@ -17,8 +17,7 @@ from identify.fit.estimation import Estimation
 from identify.fit.uncertainty import ModeEstimate, estimates
 from identify.report.comparison import change_table, comparison_sections, unchanged_line
 from identify.report.decays import overlay_gallery
-from identify.report.figure import figure_of
-from identify.report.page import Gallery, Section, Table
+from identify.report.page import Gallery, Section, Table, figure_of
 from identify.report.typeset import comparison_html
 
 from ..changes import session

@@ -28,8 +28,7 @@ from identify.report import CrossChecks, MovingCars, Picture, Report, report_of
 from identify.report.cars import at_rest, moving_car, outline, shape_of
 from identify.report.decays import envelope
 from identify.report.evidence import correlation_picture
-from identify.report.figure import figure_of, png_of, svg_of
-from identify.report.page import REFUSED, Gallery, Section, Table
+from identify.report.page import REFUSED, Gallery, Section, Table, figure_of, png_of, svg_of
 from identify.report.parameters import intervals_picture
 from identify.report.typeset import html_of, pdf_of
 from identify.trust.finding import Loss, Survival

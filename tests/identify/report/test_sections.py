@@ -23,12 +23,10 @@ from identify.report.evidence import (
     correlation_section,
     information_section,
 )
-from identify.report.figure import figure_of, svg_of
-from identify.report.modes import mode_text, modes_section
-from identify.report.page import Gallery, MovingCars
-from identify.report.parameters import damper_section, parameter_section
+from identify.report.page import Gallery, MovingCars, figure_of, svg_of
+from identify.report.parameters import damper_section, mode_text, modes_section, parameter_section
 from identify.words import damper_rows, element_answer
-from tui.jobs.comparing import comparison_lines
+from tui.jobs.reporting import comparison_lines
 from tui.terminal.screens.results import damper_lines
 
 from .made import drawn, estimated, picture, tables, texts

@@ -33,7 +33,7 @@ from identify.decays.decay import ChannelGroup, Record, Recording
 from identify.fit.estimation import Estimation
 from identify.fit.grey_box import GreyBox
 from identify.fit.likelihood import Fit
-from identify.report.session import (
+from identify.report.content import (
     certificate_section,
     frames_sha256,
     provenance_section,

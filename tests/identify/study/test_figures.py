@@ -10,16 +10,17 @@ import pytest
 
 from daq.vehicle import PARAMETER_NAMES
 from dbc.errors import InputError
-from identify.study.campaign import Campaign
-from identify.study.figures import (
+from identify.study.campaign import Campaign, Outcome, noise_study
+from identify.study.paper import (
+    Attempt,
     fig2_study,
     fig8_study,
     fig9_study,
     mass_error_study,
+    table3_study,
+    taps,
 )
-from identify.study.noise import Outcome, noise_study
 from identify.study.result import CurvePanel, DotPanel, Study, svg
-from identify.study.tables import Attempt, table3_study, taps
 
 NAN = np.full(11, np.nan)
 # Table 2: what the paper's simulation adds to every figure.

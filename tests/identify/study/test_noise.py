@@ -14,8 +14,15 @@ from dbc.errors import InputError
 from identify.decays.decay import Record
 from identify.model.matrices import physical_model
 from identify.model.response import Bump, exact_response
-from identify.study.campaign import SENSOR_SETS, Campaign, records_of
-from identify.study.noise import Outcome, bound_percent, noise_study, outcome
+from identify.study.campaign import (
+    SENSOR_SETS,
+    Campaign,
+    Outcome,
+    bound_percent,
+    noise_study,
+    outcome,
+    records_of,
+)
 
 QUIET = np.inf
 # docs/method.md, "Noise and the bound", by another program: 30 dB, three cases, two mass states.

@@ -23,8 +23,7 @@ from identify.study.campaign import (
     Campaign,
     records_of,
 )
-from identify.study.result import DotPanel
-from identify.study.tables import (
+from identify.study.paper import (
     Attempt,
     attempt,
     filtered,
@@ -34,6 +33,7 @@ from identify.study.tables import (
     taps,
     vehicle_of_geometry,
 )
+from identify.study.result import DotPanel
 
 from ..bumps import PAPER_DELTA_MASS, TRUTH, paper_records
 

@@ -17,8 +17,7 @@ import aiohttp
 import pytest
 
 from daq.control.messages import Arm, Hello, Order, Phase, Reject
-from tui.browser.guard import MOST_UNPROVEN, Guard, listen
-from tui.browser.server import terminal_pages
+from tui.browser.server import MOST_UNPROVEN, Guard, listen, terminal_pages
 from tui.display.follow import Hub
 from tui.display.server import Control, DisplayServer
 
@@ -277,7 +276,7 @@ def test_eight_hundred_connections_without_the_token_delay_and_end_nothing(
     monkeypatch: pytest.MonkeyPatch,
     capfd: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.setattr("tui.browser.guard.PROOF_S", 1.0)
+    monkeypatch.setattr("tui.browser.server.PROOF_S", 1.0)
 
     async def act() -> None:
         async with served(tmp_path) as guard:

@@ -24,9 +24,14 @@ from daq.errors import InputError
 from tui.cli import run
 from tui.display import server
 from tui.display.follow import Follower, Hub
-from tui.display.link import Served, is_loopback, listen_on
+from tui.display.link import (
+    Served,
+    display_beside_recorder,
+    display_beside_terminal,
+    is_loopback,
+    listen_on,
+)
 from tui.display.server import MOST_PAGES, Control, run_display
-from tui.display.start import display_beside_recorder, display_beside_terminal
 from tui.terminal.feed import Lost, Role
 
 from ..terminal.fake_recorder import FakeRecorder
@@ -65,8 +70,8 @@ def test_beside_a_recorder_nothing_waits_for_it(
         started.append((command, options["stdout"], options["stderr"]))
         return opened([sys.executable, "-c", "import time; time.sleep(600)"], **options)
 
-    monkeypatch.setattr("tui.display.start.subprocess.Popen", popen)
-    monkeypatch.setattr("tui.display.start._END_S", 0.1)
+    monkeypatch.setattr("tui.display.link.subprocess.Popen", popen)
+    monkeypatch.setattr("tui.display.link._END_S", 0.1)
     monkeypatch.chdir(tmp_path)
     with display_beside_recorder(Path("day"), "here", control=True):
         pass  # and one that does not end is killed
@@ -97,8 +102,7 @@ def test_one_that_cannot_be_served_is_refused_before_anything_starts(
         display_beside_terminal(tmp_path / "nosuch", "here", "MK", control=False),
     ):
         pass
-    monkeypatch.setitem(sys.modules, "tui.display.link", None)
-    monkeypatch.delitem(sys.modules, "tui.display.server")
+    monkeypatch.setitem(sys.modules, "tui.browser.server", None)
     with (
         pytest.raises(InputError, match=r"--display: aiohttp is not installed"),
         display_beside_recorder(tmp_path, "here", control=False),
@@ -349,7 +353,7 @@ def test_the_address_in_the_network_is_that_of_the_way_to_others(
 
     probed: list[object] = []
     listened: list[tuple[str, int]] = []
-    monkeypatch.setattr("tui.display.link.listen", lambda *place: listened.append(place))
+    monkeypatch.setattr("tui.browser.server.listen", lambda *place: listened.append(place))
     monkeypatch.setattr(socket.socket, "connect", lambda _, place: probed.append(place))
     monkeypatch.setattr(socket.socket, "getsockname", lambda _: ("192.168.1.5", 40000))
     assert listen_on("lan")[0] == "192.168.1.5"

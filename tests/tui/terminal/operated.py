@@ -16,7 +16,8 @@ from daq.bench.config import Bench
 from daq.check.check import WORDS
 from daq.vehicle import Corner
 from dbc.finding import Finding
-from tui.jobs.lines import (
+from tui.jobs.session_list import SessionEntry
+from tui.jobs.worker import (
     Done,
     IdentifyTask,
     Item,
@@ -28,7 +29,6 @@ from tui.jobs.lines import (
     Task,
     Trouble,
 )
-from tui.jobs.session_list import SessionEntry
 from tui.terminal.app import BenchApp
 from tui.terminal.screens import results, work
 from tui.terminal.screens.results import ResultsScreen

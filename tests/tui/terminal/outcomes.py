@@ -11,7 +11,7 @@ from dbc.finding import Finding, Severity
 from identify import Estimate, Identification, Judgement, PhysicalModel
 from identify.fit.uncertainty import ModeEstimate
 from identify.trust.finding import Loss, Survival
-from tui.jobs.lines import Outcome, RunOutcome
+from tui.jobs.worker import Outcome, RunOutcome
 
 _PARAMETERS = (
     ("m_s", "sprung mass", 1380.0, 22.0, "kg"),

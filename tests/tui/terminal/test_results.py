@@ -11,7 +11,7 @@ import pytest
 
 from daq.control.messages import Accept, Build, Mark, Reject
 from dbc.finding import Finding, Severity
-from tui.jobs.lines import Outcome
+from tui.jobs.worker import Outcome
 from tui.terminal.screens import results
 from tui.terminal.screens.results import (
     finding_lines,

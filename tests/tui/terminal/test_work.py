@@ -13,8 +13,8 @@ import daq
 from daq.control.messages import Build, Mark, Reject, SessionState, SessionStatus, Start, Undo
 from daq.runs import RunStatus
 from daq.vehicle import FORD_GRANADA
-from tui.jobs.lines import IdentifyTask, Line, ListTask, ReportTask, Task, Trouble
 from tui.jobs.session_list import EntryState, SessionEntry
+from tui.jobs.worker import IdentifyTask, Line, ListTask, ReportTask, Task, Trouble
 from tui.terminal.app import BenchApp
 from tui.terminal.campaign import BenchStep, progress
 from tui.terminal.screens import results

@@ -36,7 +36,7 @@ from identify.words import (
     value_text,
 )
 
-from ...jobs.lines import Item, ListTask, Outcome, Task, Trouble
+from ...jobs.worker import Item, ListTask, Outcome, Task, Trouble
 from ...jobs.session_list import EntryState, SessionEntry, with_open
 from ...jobs.worker import lines_of
 from ..app import begin

@@ -22,7 +22,7 @@ from daq.errors import printable
 from daq.runlog import LoggedStatus
 from dbc import counted, plural
 
-from ...jobs.lines import (
+from ...jobs.worker import (
     Done,
     IdentifyTask,
     Outcome,
