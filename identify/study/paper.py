@@ -319,8 +319,7 @@ _GEOMETRY = PARAMETER_NAMES[11:]
 
 _ONE_AXIS = (
     "Paper: no dynamic parameter moves, only {0}, from 2.4 to -2.6 %. Ours: +2.5 to -2.5 %; with"
-    " the error that its Wilson-theta simulation makes anyway (Table 2: a -0.141 %) that is 2.4"
-    " to -2.6 %."
+    " the errors that its Wilson-theta simulation makes anyway (Table 2: {1} %) that is {2} %."
 )
 _WHEELS = (
     "Paper: all parameters move, by 5.6 % at most, the tyres' more than the suspension's. Ours: {0}"
@@ -336,8 +335,12 @@ MASS_ERRORS: Mapping[str, tuple[str, tuple[int, ...], str]] = MappingProxyType(
             " from about -5 to 5 %, the tyres hardly move. Ours: 3.6 to 4.4 % at the ends,"
             " a -4.8 to 5.2 %, the other lengths less, tyres below 0.5 %.",
         ),
-        "fig4": ("dI_yy", (1,), _ONE_AXIS.format("a and b")),
-        "fig5": ("dI_xx", (2,), _ONE_AXIS.format("t_f and t_r")),
+        "fig4": ("dI_yy", (1,), _ONE_AXIS.format("a and b", "a -0.141, b -0.130", "2.4 to -2.6")),
+        "fig5": (
+            "dI_xx",
+            (2,),
+            _ONE_AXIS.format("t_f and t_r", "t_f -0.205, t_r -0.161", "2.3 to -2.7"),
+        ),
         "fig6": ("dm_uf", (3, 4), _WHEELS.format("k_tf", "5.3", "5.6")),
         "fig7": ("dm_ur", (5, 6), _WHEELS.format("k_tr", "5.4", "5.7")),
     }

@@ -195,3 +195,16 @@ def test_a_file_of_something_else_is_not_recovered_over(
     assert "s.h5: exists already, " in capsys.readouterr().err
     assert target.read_bytes() == before
     assert _recovered(tmp_path, "--force") == 0
+
+
+def test_segments_that_are_named_one_by_one_are_recovered(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    segments = journal_of_runs(tmp_path / "journal", 8_000)
+    assert run(["recover", *map(str, sorted((tmp_path / "journal").glob("*.bbj"))), "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["frames_recorded"] == 8_000
+    assert document["session"] == str(tmp_path / "session_0001.h5")
+    assert segments
+    assert run(["recover", str(tmp_path)]) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == f"session: {tmp_path / 'session_0001.h5'}"

@@ -103,6 +103,7 @@ def test_one_that_cannot_be_served_is_refused_before_anything_starts(
     ):
         pass
     monkeypatch.setitem(sys.modules, "tui.browser.server", None)
+    monkeypatch.delitem(sys.modules, "tui.display.server")
     with (
         pytest.raises(InputError, match=r"--display: aiohttp is not installed"),
         display_beside_recorder(tmp_path, "here", control=False),
