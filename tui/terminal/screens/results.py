@@ -36,9 +36,8 @@ from identify.words import (
     value_text,
 )
 
-from ...jobs.worker import Item, ListTask, Outcome, Task, Trouble
 from ...jobs.session_list import EntryState, SessionEntry, with_open
-from ...jobs.worker import lines_of
+from ...jobs.worker import Item, ListTask, Outcome, Task, Trouble, lines_of
 from ..app import begin
 from ..campaign import BenchStep, is_marked, progress
 from ..widgets import SPACE_INK, Cell, Table, Words, right

@@ -22,6 +22,7 @@ from daq.errors import printable
 from daq.runlog import LoggedStatus
 from dbc import counted, plural
 
+from ...jobs.session_list import report_of, size_text
 from ...jobs.worker import (
     Done,
     IdentifyTask,
@@ -30,9 +31,8 @@ from ...jobs.worker import (
     ReportTask,
     Task,
     Trouble,
+    lines_of,
 )
-from ...jobs.session_list import report_of, size_text
-from ...jobs.worker import lines_of
 from ..app import BenchApp, begin
 from ..campaign import BenchStep, is_marked
 from ..widgets import SPACE_INK, Words
