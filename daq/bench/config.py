@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from datetime import date
 from importlib.resources import files
 from pathlib import Path, PurePath
-from typing import Annotated, NamedTuple
+from typing import Annotated
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
@@ -302,21 +302,15 @@ class BenchFile(DescribedCar):
         return self
 
 
-class Limits(NamedTuple):
-    """Limits of a number in bench.toml."""
+def campaign_limits(key: str) -> tuple[float, float, bool]:
+    """Return the lowest and the highest value of a number of `[campaign]`, which it may equal.
 
-    low: float
-    high: float
-    above_low: bool
-    """True if the number must be above `low`; False if it may equal it."""
-
-
-def campaign_limits(key: str) -> Limits:
-    """Return the limits of a number of `[campaign]`; the highest may be reached."""
+    The last is True if it must be above the lowest.
+    """
     limits = BenchFile.model_json_schema()["$defs"]["Campaign"]["properties"][key]
     above_low = "exclusiveMinimum" in limits
     low = limits["exclusiveMinimum" if above_low else "minimum"]
-    return Limits(float(low), float(limits["maximum"]), above_low)
+    return float(low), float(limits["maximum"]), above_low
 
 
 @dataclass(frozen=True, slots=True)

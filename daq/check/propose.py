@@ -72,7 +72,7 @@ def propose_sensors(
     `databases`: at least one, with the names that bench.toml will use.  `buses`: in the order of
     their numbers in the frames; empty: marked to be filled in.  `frames`: some seconds of the car
     at rest, in order of arrival; if None, only names are used.  `pushes`: a push on each corner,
-    with rest before each, in the order of `push_test.ORDER`.  `answers`: to the questions of an
+    with rest before each, in the order of `pushes.ORDER`.  `answers`: to the questions of an
     earlier proposal from the same traffic.
 
     Raises InputError if a database cannot be used, or two sensors would have one identifier on one

@@ -75,7 +75,7 @@ def test_frames_of_any_length_give_the_signals_that_fit(data: st.DataObject) -> 
     assert decoded.counts.wrong_length == wrong
 
 
-@EXAMPLES
+@settings(EXAMPLES, max_examples=25)
 @given(st.data())
 def test_identifier_and_its_kind_decide_together(data: st.DataObject) -> None:
     known = [

@@ -88,26 +88,6 @@ def test_an_edit_changes_its_table_and_nothing_else(
     assert edit(after) == after  # what is so already is not written again
 
 
-def test_each_edit_says_what_was_asked_for() -> None:
-    text = WRITTEN
-    for _, edit in EDITS:
-        text = edit(text)
-    bench = _bench(text)
-    assert bench.vehicle.name == 'T5 "new"'
-    assert bench.vehicle.structure == Structure(symmetric=False)
-    assert bench.vehicle.facts == (Fact("total_mass_kg", 1500.0, 1.0),)
-    assert bench.mass_states[1].added.weights == (HubWeight(2.5, Corner.REAR_LEFT, 0.01),)
-    channels = {channel.name: channel for channel in bench.channels}
-    assert (channels["travel_fl"].sign, channels["travel_fl"].tare) == (-1, 0.0125)
-    assert (channels["travel_fr"].sign, channels["travel_fr"].tare) == (1, 0.0)
-    assert len(channels) == 14  # all of the shipped ones, written out
-    assert bench.campaign.excitations == (Excitation.WARP,)
-    assert bench.campaign.repeats == 7
-    assert bench.campaign.method is Method.DROP
-    assert tomllib.loads(text)["campaign"]["bump_height_mm"] == 70.0
-    assert bench.campaign.instructions == {Excitation.BOUNCE: "drop it"}
-
-
 def test_weights_that_stay_keep_their_lines() -> None:
     weights = _bench(WRITTEN).mass_states[1].added.weights
     after = with_weights(WRITTEN, [weights[0], weights[2], HubWeight(5.0, Corner.REAR_RIGHT)])
@@ -151,7 +131,7 @@ _WEIGHTS = st.lists(
 )
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(first=_WEIGHTS, second=_WEIGHTS, tare=st.floats(-1e9, 1e9))
 def test_any_number_goes_through_to_the_last_bit(
     first: list[Any], second: list[Any], tare: float
