@@ -244,8 +244,6 @@ _TYPING = 3.0
 """Factor of a mass from which a mistake is sought in a car that no linear model explains."""
 _TYPED = 0.05
 """Share of such a car's misfit that the mistake must explain: the rest is the car's own."""
-_RESTORES = 0.7
-"""Share that it must explain of what the loaded runs leave beyond the unloaded ones."""
 _SUNK_M = 0.5e-3
 """Largest change of travel at rest, m, at which travels are taken as tared before each run."""
 _SAG_SIGMA_M = 1.5e-3
@@ -409,7 +407,8 @@ def mistyped_weight(estimation: Estimation) -> Cause | None:
 
     Friction and damper curves spoil the runs without weights as much as those with them; another
     mass of a right weight hardly changes the misfit.  Where an axle stands in its bump stop with
-    the weights, it takes half of what the runs with them leave beyond the others: a mistake, all.
+    the weights, it takes up to 70 % of what the runs with them leave beyond the others: a mistake,
+    all.
 
     `estimation`: a linear fit that does not hold, for no fault of the bench.
     """
@@ -418,11 +417,10 @@ def mistyped_weight(estimation: Estimation) -> Cause | None:
         return None
     for after, change in _fitted_changes(few):
         factor = change.weight.mass_kg / change.stated.mass_kg
-        gain = few.stated.excess - after.excess
-        clear = gain >= _TYPED * few.stated.excess and gain >= _RESTORES * (
-            few.stated.excess - few.unloaded.excess
-        )
-        if change.is_mass and clear and not 1.0 / _TYPING < factor < _TYPING:
+        clear = after.excess <= (1.0 - _TYPED) * few.stated.excess
+        restored = after.excess <= _SPREAD * few.unloaded.excess
+        typed = 0.0 < factor < 1.0 / _TYPING or factor > _TYPING
+        if change.is_mass and clear and restored and typed:
             cause = Cause(ONE_WEIGHT, _ADVICE, change.in_words, certain=True)
             return compared(few.stated, after, cause)
     return None
