@@ -23,6 +23,7 @@ from ..channels import Channel, Quantity, message_of
 from ..errors import InputError
 from ..runs import ADDED, BASELINE
 from ..vehicle import (
+    ELEMENTS,
     AddedMass,
     BodyWeight,
     Corner,
@@ -119,30 +120,11 @@ class GeometryTable(Table):
     t_r_m: _Length
 
 
-class StructureTable(Table):
-    """`[vehicle.structure]`; an element that is not stated is chosen by the data."""
-
-    symmetric: bool = True
-    anti_roll_bars: bool | None = None
-    tyre_damping: bool | None = None
-    cg_offset: bool | None = None
-    friction: bool | None = None
-    static_friction: bool | None = None
-    one_sided_dampers: bool | None = None
-    damper_knees: bool | None = None
-    damper_mounts: bool | None = None
-    progressive_springs: bool | None = None
-    bump_stops: bool | None = None
-    progressive_tyres: bool | None = None
-    friction_left_right: bool | None = None
-    dampers_left_right: bool | None = None
-    corners_left_right: bool | None = None
-
-    @property
-    def decided(self) -> dict[str, bool]:
-        """The elements that are forced or forbidden."""
-        stated = self.model_dump(exclude={"symmetric"}, exclude_none=True)
-        return {name: bool(value) for name, value in stated.items()}
+def _of_known_elements(stated: dict[str, bool]) -> dict[str, bool]:
+    for name in stated:
+        if name not in ("symmetric", *ELEMENTS):
+            raise ValueError(f"{name} is none of symmetric, {', '.join(ELEMENTS)}")
+    return stated
 
 
 class VehicleTable(Table):
@@ -150,7 +132,10 @@ class VehicleTable(Table):
 
     name: str = "vehicle"
     geometry: GeometryTable | None = None
-    structure: StructureTable = StructureTable()
+    structure: Annotated[dict[str, bool], AfterValidator(_of_known_elements)] = Field(
+        default_factory=dict
+    )
+    """`symmetric`, and the elements that are forced or forbidden; data choose the others."""
 
 
 class WeightTable(Table):
@@ -434,9 +419,9 @@ def bench_of(table: DescribedCar, text: str, where: str) -> Bench:
     Raises InputError if two channels have the same name or a fact has an unknown quantity.
     """
     require_unique("channel", [each.name for each in table.channel], where)
-    geometry, decided = table.vehicle.geometry, table.vehicle.structure.decided
+    geometry, decided = table.vehicle.geometry, dict(table.vehicle.structure)
     structure = Structure(
-        table.vehicle.structure.symmetric,
+        decided.pop("symmetric", True),
         *(decided.get(name, False) for name in ("anti_roll_bars", "tyre_damping", "cg_offset")),
     )
     known = (*FactQuantity, *parameter_names(structure))

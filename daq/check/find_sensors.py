@@ -7,7 +7,7 @@ nodes, or a maker's offset.
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import PurePath
@@ -53,16 +53,16 @@ def find_sensors(
     codecs = {each.name: database_codec(each.text, each.name) for each in databases}
     if frames is None:
         why = "no traffic: on the first bus"
-        return _named([(Sensor("", name), why, True) for name in codecs]), ()
+        return _named([FoundSensor(Sensor("", name), why, True) for name in codecs]), ()
     traffic = {(a.buses[0], a.can_id, a.is_extended): a for a in frame_table((), frames).unknown}
     claimed: set[Key] = set()
-    present: list[tuple[Sensor, str, bool]] = []
+    present: list[FoundSensor] = []
     for name, codec in codecs.items():
         for bus in sorted({key[0] for key in traffic}):
             if keys := _received(codec, traffic, bus):
                 claimed |= keys
                 why = f"{len(keys)} of its messages {plural(len(keys), 'comes', 'come')} there"
-                present.append((Sensor("", name, bus), why, True))
+                present.append(FoundSensor(Sensor("", name, bus), why, True))
     for name, codec in codecs.items():
         for bus, offset in _offsets(codec.messages, traffic, claimed):
             keys = _received(codec, traffic, bus, offset)
@@ -70,9 +70,9 @@ def find_sensors(
                 claimed |= keys
                 ids = ", ".join(f"{key[1]:#x}" for key in sorted(keys))
                 why = f"is {ids} yours, of this kind? Length and rate are as in its messages"
-                present.append((Sensor("", name, bus, offset), why, False))
-    absent = tuple(name for name in codecs if name not in {s.database for s, *_ in present})
-    return _named(present), absent
+                present.append(FoundSensor(Sensor("", name, bus, offset), why, False))
+    seen = {each.sensor.database for each in present}
+    return _named(present), tuple(name for name in codecs if name not in seen)
 
 
 def _received(codec: Codec, traffic: Mapping[Key, Arrivals], bus: int, offset: int = 0) -> set[Key]:
@@ -107,24 +107,19 @@ def _offsets(
     return sorted(votes, key=lambda key: (-votes[key], abs(key[1]), key))
 
 
-def _named(present: Sequence[tuple[Sensor, str, bool]]) -> list[FoundSensor]:
-    """Give each device a name: that of its database, if necessary with its bus or a number."""
-    by_stem: dict[str, list[FoundSensor]] = defaultdict(list)  # by name without a number
-    order = list(dict.fromkeys(sensor.database for sensor, *_ in present))
-    for sensor, why, surely in sorted(
-        present, key=lambda p: (order.index(p[0].database), p[0].bus, p[0].id_offset)
-    ):
-        by_stem[_stem(sensor.database)].append(FoundSensor(sensor, why, surely))
-    named = [
-        each._replace(
-            sensor=replace(each.sensor, name=stem if len(same) == 1 else f"{stem}_{number}")
-        )
-        for stem, same in by_stem.items()
-        for number, each in enumerate(same, start=1)
-    ]
-    return sorted(named, key=lambda each: order.index(each.sensor.database))
-
-
-def _stem(database: str) -> str:
-    file = PurePath(database.removeprefix("layout:"))
-    return plain_name(file.stem.lower(), "sensor")[:24]
+def _named(present: Sequence[FoundSensor]) -> list[FoundSensor]:
+    """Give each device the name of its database, with a number if several have that name."""
+    order = list(dict.fromkeys(each.sensor.database for each in present))
+    devices = sorted(
+        present,
+        key=lambda p: (order.index(p.sensor.database), p.sensor.bus, p.sensor.id_offset),
+    )
+    files = [PurePath(each.sensor.database.removeprefix("layout:")) for each in devices]
+    stems = [plain_name(file.stem.lower(), "sensor")[:24] for file in files]
+    numbers: Counter[str] = Counter()
+    named = []
+    for each, stem in zip(devices, stems, strict=True):
+        numbers[stem] += 1
+        name = stem if stems.count(stem) == 1 else f"{stem}_{numbers[stem]}"
+        named.append(each._replace(sensor=replace(each.sensor, name=name)))
+    return named
