@@ -18,7 +18,6 @@ from daq.files import (
     open_regular,
     replaced,
     sync_data,
-    sync_folder,
     write_bytes,
     write_text,
 )
@@ -144,13 +143,6 @@ def test_two_writers_of_one_file_both_end_well(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_folder_that_is_not_there_is_an_error(tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError):
-        sync_folder(tmp_path / "gone")
-    with pytest.raises(FileNotFoundError):
-        write_bytes(tmp_path / "gone" / "a", b"")
-
-
 def _synced_by(monkeypatch: pytest.MonkeyPatch, refused: bool = False) -> list[str]:
     """Sync a descriptor on a system like macOS; return the calls that it made."""
     calls: list[str] = []
@@ -177,22 +169,6 @@ def test_a_drive_that_cannot_be_asked_is_synced_as_elsewhere(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     assert _synced_by(monkeypatch, refused=True) == ["fcntl 51", "fsync"]
-
-
-def test_linux_syncs_the_data_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    calls: list[int] = []
-    monkeypatch.setattr(os, "fdatasync", calls.append)
-    sync_data(7)
-    assert calls == [7]
-
-
-def test_a_file_without_a_name_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(OSError, match=r"busy|argument|directory"):
-        write_bytes(Path(), b"")
-    with pytest.raises(OSError, match=r"busy|argument|directory"), replaced([Path()]) as (part,):
-        part.touch()
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_the_folder_of_a_file_is_created_with_its_parents(tmp_path: Path) -> None:

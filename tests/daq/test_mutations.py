@@ -32,7 +32,7 @@ from tui.cli import run
 
 from .formats.channel_files import WRITERS, Tables
 from .formats.mixed import mixed
-from .formats.test_raw_logs import write_with_python_can
+from .formats.test_logs import write_with_python_can
 from .small_session import small_session
 
 MAX_S, MAX_BYTES = 20.0, 3 << 30

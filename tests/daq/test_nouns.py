@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
-from daq.bumps import BUMPS, kinds_of
-from daq.channels import SI_UNITS, TIME_DERIVATIVE, Channel, Quantity
+from daq.bumps import kinds_of
+from daq.channels import Channel, Quantity
 from daq.errors import InputError
-from daq.loading import axle_loads, expected_car, loading, wrong_weights
+from daq.loading import expected_car, loading, wrong_weights
 from daq.runlog import LoggedNote, Override
 from daq.runs import Excitation, RunStatus, SampleGroup
 from daq.session import read_session, write_session
@@ -53,13 +53,6 @@ def test_the_unit_is_that_of_the_quantity() -> None:
     assert Channel("r", Quantity.ROLL_RATE, "rad/s").unit == "rad/s"
     assert Channel("yaw", Quantity.UNUSED, "deg/s").unit == "deg/s"
     assert Channel("yaw", Quantity.UNUSED).unit == ""
-
-
-def test_the_unit_shows_how_often_a_displacement_is_derived() -> None:
-    order = {"m/s2": 2, "rad/s2": 2, "rad/s": 1, "m": 0}
-    assert set(Quantity) - set(TIME_DERIVATIVE) == {Quantity.UNUSED}
-    for quantity, derivative in TIME_DERIVATIVE.items():
-        assert derivative == order[SI_UNITS[quantity]], quantity
 
 
 def test_another_unit_is_refused() -> None:
@@ -190,12 +183,6 @@ def test_units_follow_from_the_first_letter() -> None:
     assert (parameter_unit("F_cf"), parameter_unit("y_s")) == ("N", "m")
 
 
-def test_corners_are_counted_from_the_front_left_and_left_is_positive() -> None:
-    assert [corner.position for corner in Corner] == [0, 1, 2, 3]
-    assert [corner.front for corner in Corner] == [True, True, False, False]
-    assert [corner.side for corner in Corner] == [1, -1, 1, -1]
-
-
 def test_added_mass_is_a_matrix_of_seven_that_nobody_changes() -> None:
     assert AddedMass().matrix.shape == (7, 7)
     assert not AddedMass().matrix.any()
@@ -224,10 +211,6 @@ def test_what_is_not_as_we_write_it_is_returned_as_it_is(text: str) -> None:
     assert notes_of({"notes": text}) == overrides_of({"overrides": text}) == (text,)
 
 
-def test_nothing_was_said() -> None:
-    assert notes_of({}) == overrides_of({"overrides": ""}) == ()
-
-
 # What the packages offer by name, and what they load for it -------------------------------------
 
 
@@ -249,28 +232,6 @@ def test_the_recorder_does_not_load_the_library_of_session_files() -> None:
 FL, FR, RL, RR = Corner
 BOUNCE, PITCH, ROLL, WARP, REAR = Excitation
 USUAL = (BOUNCE, PITCH, ROLL)
-
-
-def test_every_kind_has_a_row_in_the_order_of_the_kinds() -> None:
-    assert tuple(BUMPS) == tuple(Excitation)
-    assert Excitation("rear_pitch").words == "rear pitch"
-
-
-@pytest.mark.parametrize(
-    ("kind", "shares", "hand"),
-    [
-        (BOUNCE, (1.0, 1.0, 1.0, 1.0), (0, 0)),
-        (PITCH, (1.0, 1.0, 0.0, 0.0), (1, 0)),
-        (ROLL, (1.0, 0.0, 1.0, 0.0), (0, 1)),
-        (WARP, (1.0, 0.0, 0.0, 1.0), None),
-        (REAR, (0.0, 0.0, 1.0, 1.0), (-1, 0)),
-    ],
-)
-def test_a_kind_lifts_its_wheels_and_a_hand_pushes_where_they_are(
-    kind: Excitation, shares: tuple[float, ...], hand: tuple[int, int] | None
-) -> None:
-    """Left is positive, as is ahead; no hand pushes two opposite corners."""
-    assert (BUMPS[kind].shares, BUMPS[kind].hand) == (shares, hand)
 
 
 @pytest.mark.parametrize(
@@ -354,12 +315,6 @@ def test_missing_samples_are_nan() -> None:
     assert session.runs[0].groups[0].quality.nonzero()[0].tolist() == [4]
 
 
-def test_own_channels() -> None:
-    hub = Channel("hub", Quantity.HUB_ACCELERATION, "m/s2", corner=Corner.FRONT_LEFT)
-    session = session_from_arrays([("baseline", "roll", {"hub": (T, T)})], channels=[hub])
-    assert session.channels == (hub,)
-
-
 @pytest.mark.parametrize(
     ("run", "names"),
     [
@@ -436,11 +391,6 @@ def test_axle_loads_are_those_of_the_car_at_rest() -> None:
     more = scales(AddedMass(WEIGHTS)) - scales(AddedMass())
     reported = loading(WEIGHTS, FORD_GRANADA)
     assert (reported.front_kg, reported.rear_kg) == pytest.approx(tuple(more), abs=1e-6)
-
-
-def test_a_weight_on_an_axle_loads_that_axle_alone() -> None:
-    assert axle_loads([BodyWeight(10.0, 0.0, 0.0)], 2.5) == pytest.approx((10.0, 0.0))
-    assert axle_loads([BodyWeight(10.0, -2.5, 0.0)], 2.5) == pytest.approx((0.0, 10.0))
 
 
 def test_the_expected_car_has_the_loads_and_lengths_that_were_measured() -> None:

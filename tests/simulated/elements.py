@@ -193,7 +193,7 @@ class Imperfections:
         """Return the fields of `daq.sim.engine.CORNER` that differ from those of a linear car."""
 
         def each(front: float, rear: float, factor: PerCorner = ALIKE) -> Array:
-            return per_axle(front, rear) * np.reshape(factor, (4, 1))
+            return np.asarray(per_axle(front, rear) * np.reshape(factor, (4, 1)), np.float64)
 
         zero, friction = np.zeros((4, 1)), self.friction
         ways = [(damper.compression, damper.rebound) for damper in self.four_dampers(p)]

@@ -34,11 +34,9 @@ from ...simulated.elements import (
     DamperCurve,
     Friction,
     Imperfections,
-    RealCar,
     contact,
     forces,
     load_car,
-    true_parameters,
 )
 
 Array = NDArray[np.float64]
@@ -346,27 +344,6 @@ def test_a_push_is_in_balance_with_the_springs() -> None:
     x, y = np.array([P.a, P.a, -P.b, -P.b]), np.array([P.t_f, -P.t_f, P.t_r, -P.t_r])
     assert x @ tyres == pytest.approx(400.0 * P.a)
     assert y @ tyres == pytest.approx(400.0 * P.t_f)
-
-
-def test_true_parameters_are_means_of_the_corners_of_an_axle() -> None:
-    imperfections = Imperfections(
-        friction=Friction(40.0, 50.0, sides=(1.2, 1.0, 0.8, 1.0)),
-        compression=0.8,
-        rebound=1.4,
-        bar_front_n_m=5e3,
-        suspension=(1.1, 1.1, 0.9, 1.0),
-        damper=(1.0, 1.2, 1.0, 1.0),
-        wheel=(1.0, 1.4, 1.0, 1.0),
-        cg_offset_m=0.02,
-    )
-    truth = true_parameters(RealCar(imperfections=imperfections))
-    assert [truth["k_sf"], truth["k_sr"]] == pytest.approx([1.1 * P.k_sf, 0.95 * P.k_sr])
-    assert truth["c_sf"] == pytest.approx(1.1 * 1.1 * P.c_sf)  # the mean of both ways, then of both
-    assert [truth["m_uf"], truth["m_ur"]] == pytest.approx([1.2 * P.m_uf, P.m_ur])
-    assert [truth["F_cf"], truth["F_cr"]] == pytest.approx([44.0, 45.0])
-    assert [truth[name] for name in ("k_af", "y_s", "m_s")] == [5e3, 0.02, P.m_s]
-    bent = true_parameters(RealCar(imperfections=Imperfections(damper_front=SOFT)))
-    assert bent["c_sf"] == pytest.approx(SOFT.secant_ns_m)
 
 
 def test_added_mass_sinks_into_progressive_springs_and_tyres() -> None:

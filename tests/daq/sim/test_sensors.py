@@ -31,7 +31,7 @@ from daq.sim.motion import GRAVITY_M_S2, Kinematics, static_pose
 from daq.vehicle import FORD_GRANADA, AddedMass, BodyWeight, Corner
 from dbc import Codec, parse_codec, shipped_dbc
 
-from ...simulated.elements import Imperfections, RealCar, SensorFault, load_car
+from ...simulated.elements import RealCar, SensorFault, load_car
 
 G = GRAVITY_M_S2
 SILENT = Spread(0.0, 0.0, 0.0, 0.0, 0.0)
@@ -173,14 +173,6 @@ def test_added_weight_shows_as_a_static_offset_of_the_travel(car: Installation) 
     assert read("travel_fl", car, sagged) == pytest.approx(front, rel=1e-9)
 
 
-def test_values_are_in_the_units_of_the_dbc(codec: Codec) -> None:
-    one = np.array([1.0])
-    assert sent(shipped_channel("body_acc_z"), one, codec)[0] == pytest.approx(1.0)
-    assert sent(shipped_channel("pitch_rate"), one, codec)[0] == pytest.approx(57.29577951308232)
-    assert sent(shipped_channel("hub_acc_fl"), one, codec)[0] == pytest.approx(1 / 9.80665)
-    assert sent(shipped_channel("travel_rr"), 0.05 * one, codec)[0] == pytest.approx(50.0)
-
-
 def test_a_sensor_saturates_at_the_range_of_its_bits(codec: Codec) -> None:
     mm = sent(shipped_channel("travel_fl"), np.array([-1.0, 0.0, 1.0]), codec)
     np.testing.assert_allclose(mm, [-327.68, 0.0, 327.67])
@@ -263,25 +255,6 @@ def test_each_message_has_a_clock_with_any_phase() -> None:
     assert phase.max() < 1.0
     assert phase.std() == pytest.approx(np.sqrt(1 / 12), rel=0.04)
     assert error.std() == pytest.approx(2e-5, rel=0.06)
-
-
-@pytest.mark.parametrize(
-    ("quantity", "sigma"),
-    [
-        (Quantity.BODY_ACCELERATION, 1.0),
-        (Quantity.HUB_ACCELERATION, 2.0),
-        (Quantity.PITCH_RATE, 3.0),
-        (Quantity.ROLL_RATE, 3.0),
-        (Quantity.PITCH_ACCELERATION, 4.0),
-        (Quantity.ROLL_ACCELERATION, 4.0),
-        (Quantity.SUSPENSION_TRAVEL, 5.0),
-        (Quantity.BODY_DISPLACEMENT, 5.0),
-        (Quantity.HUB_DISPLACEMENT, 5.0),
-        (Quantity.UNUSED, 0.0),
-    ],
-)
-def test_each_kind_of_sensor_has_its_own_spread(quantity: Quantity, sigma: float) -> None:
-    assert Spread(1.0, 2.0, 3.0, 4.0, 5.0).of(quantity) == sigma
 
 
 def test_no_sensor_foresees() -> None:
@@ -384,38 +357,3 @@ def test_a_low_pass_that_the_bench_states_is_there() -> None:
     spoilt = drawn(stated, car, 1).sensors["pitch_rate"]
     assert (spoilt.low_pass_hz, spoilt.low_pass_order) == (25.0, 2)
     assert drawn(stated, car, 1).sensors["roll_rate"].low_pass_order == 4
-
-
-def test_faults_leave_every_draw_as_it_was() -> None:
-    bench = load_bench(None)
-    car = RealCar(faults=(SensorFault("hub_acc_fr", late_s=0.001, offset=0.3),))
-    plain, spoilt = drawn(bench, SimulatedCar(), 5), drawn(bench, car, 5)
-    before, after = plain.sensors["hub_acc_fr"], spoilt.sensors["hub_acc_fr"]
-    assert after.delay_s == pytest.approx(before.delay_s + 0.001)
-    assert after.bias == pytest.approx(before.bias + 0.3)
-    assert plain.sensors["travel_rr"] == spoilt.sensors["travel_rr"]
-    assert plain.clocks == spoilt.clocks
-
-
-@pytest.mark.parametrize(
-    ("faults", "message"),
-    [
-        ((SensorFault("hub"),), "no channel 'hub' for this fault"),
-        ((SensorFault("pitch_rate"), SensorFault("pitch_rate")), "pitch_rate has two faults"),
-    ],
-)
-def test_a_fault_that_fits_no_channel_is_refused(
-    faults: tuple[SensorFault, ...], message: str
-) -> None:
-    with pytest.raises(InputError, match=message):
-        drawn(load_bench(None), RealCar(faults=faults), 1)
-
-
-def test_an_imperfect_car_on_the_bus(codec: Codec) -> None:
-    bench_of = replace(QUIET, imperfections=Imperfections(cg_offset_m=0.05))
-    plain = frames(codec, QUIET, "IMU_Accel.acc_z")
-    offset = frames(codec, bench_of, "IMU_Accel.acc_z")
-    assert np.abs(plain - offset).max() > 0.05
-    # Zeroed unloaded, an imperfect car still reads zero travel at rest.
-    travel = frames(codec, bench_of, "SUSP_Front.travel_fl")
-    assert np.abs(travel[:100]).max() < 0.02

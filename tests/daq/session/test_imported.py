@@ -1,20 +1,27 @@
-"""Sessions of logs: what an import keeps, the labels of its bumps, and other databases."""
+"""Runs are cut from logs and from columns of other tools, and decoded again."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from daq.bench.campaign import Campaign, Step
+from daq.bench.channel_map import ChannelMap, GivenRun, load_channel_map
 from daq.bench.config import Bench, parse_bench
 from daq.bus.source import HopLosses
 from daq.errors import InputError
 from daq.journal.reader import HopCounts
-from daq.runs import Event, Excitation, Losses, Run, RunStatus
+from daq.runs import Event, Excitation, Losses, Run, RunStatus, SampleGroup
+from daq.samples.mapping import Column, Columns
+from daq.session.from_columns import Recording, bumps_in, given_run, recording, session_from_columns
 from daq.session.from_frames import (
     Intake,
     LogPart,
@@ -233,3 +240,199 @@ def test_a_run_that_does_not_state_when_its_bump_was_is_refused() -> None:
     with pytest.raises(InputError, match=run.label):
         _again(_with(events=others))
     assert _again(_with(events=(*others, bump))).runs[0].t0_ns == run.t0_ns
+
+
+# Columns to channels and runs: clocks, units, which samples belong toge ---------------------------
+
+
+nan = float("nan")
+S = 1_000_000_000
+T0_S = 1_780_221_600
+
+
+@cache
+def _map(text: str = "", channels: tuple[str, ...] = ("fl",)) -> ChannelMap:
+    """Return a map with an acceleration of each hub that is named."""
+    parts = [text]
+    for name in channels:
+        parts.append(f'[[channel]]\nname = "{name}"\nsignal = "{name}"\n')
+        parts.append(f'quantity = "hub_acceleration"\ncorner = "{name.upper()}"\n')
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "map.toml"
+        path.write_text("".join(parts))
+        return load_channel_map(path)
+
+
+def _file(
+    columns: Mapping[str, Any],
+    *,
+    times_s: Mapping[str, Any] | None = None,
+    start_ns: int = 0,
+    clocks: Mapping[str, str] | None = None,
+    units: Mapping[str, str] | None = None,
+) -> Columns:
+    held = {
+        name: Column(
+            name,
+            (units or {}).get(name, "" if name.startswith("t") else "m/s2"),
+            (clocks or {}).get(name, "table"),
+            np.asarray(values),
+        )
+        for name, values in columns.items()
+    }
+    own = {name: np.asarray(values, float) for name, values in (times_s or {}).items()}
+    return Columns("a.csv", start_ns, held, own)
+
+
+BY_COLUMN = '[time]\ncolumn = "t"\n'
+
+
+def _times(values: Any, unit: str = "", stated: str = "") -> tuple[int, list[float]]:
+    """Return the zero and the times of a channel whose times are these."""
+    text = BY_COLUMN + (f'unit = "{stated}"\n' if stated else "")
+    file = _file({"t": values, "fl": np.zeros(len(values))}, units={"t": unit, "fl": "m/s2"})
+    found = recording(_map(text), file)
+    return found.start_ns, found.groups[0].time_s.tolist()
+
+
+@pytest.mark.parametrize(
+    ("values", "unit", "stated", "start_ns", "times_s"),
+    [
+        ([0.5, 1.5], "", "", 0, [0.5, 1.5]),
+        ([500, 1500], "ms", "", 0, [0.5, 1.5]),
+        ([500, 1500], "ms", "us", 0, [0.0005, 0.0015]),
+        ([99_999_999.5, 99_999_999.75], "s", "", 0, [99_999_999.5, 99_999_999.75]),
+        ([100_000_000.0, 100_000_000.5], "s", "", 100_000_000 * S, [0.0, 0.5]),
+        ([T0_S + 0.25, T0_S + 1.5], "", "", T0_S * S, [0.25, 1.5]),
+        ([nan, T0_S + 0.25], "", "", T0_S * S, [0.25]),
+        (np.array([T0_S * S + 250, T0_S * S + S]), "ns", "", T0_S * S, [250e-9, 1.0]),
+        (np.array([T0_S * 1000 + 250], "i8"), "", "ms", T0_S * S, [0.25]),
+        ([nan, 0.5], "", "", 0, [0.5]),
+    ],
+)
+def test_times_of_a_column(
+    values: Any, unit: str, stated: str, start_ns: int, times_s: list[float]
+) -> None:
+    found_ns, found_s = _times(np.asarray(values), unit, stated)
+    assert found_ns == start_ns
+    assert_allclose(found_s, times_s, rtol=1e-15, atol=1e-12)
+
+
+def _groups(fl: Any, fr: Any) -> list[SampleGroup]:
+    file = _file({"fl": fl, "fr": fr}, times_s={"table": np.arange(len(fl))})
+    return list(recording(_map("", ("fl", "fr")), file).groups)
+
+
+@pytest.mark.parametrize(("missing", "together"), [(1, True), (2, False)])
+def test_channels_that_fill_nine_of_ten_rows_together_are_one_group(
+    missing: int, together: bool
+) -> None:
+    holed = np.where(np.arange(10) < missing, nan, 1.0)
+    for pair in ((np.ones(10), holed), (holed, np.ones(10))):
+        groups = _groups(*pair)
+        assert len(groups) == (1 if together else 2)
+        if together:
+            assert groups[0].quality.tolist() == [32] * missing + [0] * (10 - missing)
+        else:
+            assert [group.quality.any() for group in groups] == [False, False]
+            assert len({group.name for group in groups}) == 2
+
+
+STEP = Step("baseline", Excitation.ROLL, 2)
+
+
+def _found(rate_hz: float = 10.0, length_s: float = 10.0, start_ns: int = T0_S * S) -> Recording:
+    time_s = np.arange(round(rate_hz * length_s)) / rate_hz
+    file = _file({"fl": time_s * 2}, times_s={"table": time_s}, start_ns=start_ns)
+    return recording(_map(), file)
+
+
+@pytest.mark.parametrize(
+    ("start_s", "stop_s", "good"),
+    [
+        (0.0, 10.0, True),
+        (-0.24, 5.0, True),  # two samples of 0.1 s and 0.05 s
+        (-0.26, 5.0, False),
+        (5.0, 10.14, True),  # the last sample is at 9.9 s
+        (5.0, 10.16, False),
+    ],
+)
+def test_a_run_is_covered_by_its_samples(start_s: float, stop_s: float, good: bool) -> None:
+    run = given_run(_map(), _found(), GivenRun(STEP, start_s, stop_s))
+    assert run.status is (RunStatus.ACCEPTED if good else RunStatus.REJECTED)
+    assert len(run.reasons) == (0 if good else 1)
+
+
+@pytest.mark.parametrize("times_s", [[0.0, 1.0, 1.0], [0.0, 2.0, 1.0]])
+def test_times_that_do_not_increase_are_refused(times_s: list[float]) -> None:
+    with pytest.raises(InputError, match="do not increase"):
+        recording(_map(), _file({"fl": [1.0] * 3}, times_s={"table": times_s}))
+    # Rows in which nothing was sampled do not matter.
+    holed = _file({"fl": [1.0, nan, 2.0]}, times_s={"table": [0.0, 9.0, 1.0]})
+    assert recording(_map(), holed).groups[0].time_s.tolist() == [0.0, 1.0]
+
+
+def test_a_run_is_the_window_that_is_given() -> None:
+    run = given_run(_map(), _found(), GivenRun(STEP, 2.0, 4.0))
+    assert (run.label, run.status, run.reasons) == ("baseline_roll_2", RunStatus.ACCEPTED, ())
+    assert run.t0_ns == (T0_S + 2) * S
+    (group,) = run.groups
+    assert_allclose(group.time_s, np.arange(20) / 10, atol=1e-12)
+    assert_allclose(group.values["fl"], 4.0 + np.arange(20) / 5)
+    assert_array_equal(group.t_ns, (T0_S + 2) * S + np.arange(20) * 100_000_000)
+
+
+def test_a_run_without_samples_is_rejected_and_says_of_what() -> None:
+    none = given_run(_map(), _found(), GivenRun(STEP, 20.0, 21.0))
+    assert (none.status, none.reasons, none.groups) == (
+        RunStatus.REJECTED,
+        ("table has 0 samples",),
+        (),
+    )
+    one = given_run(_map(), _found(), GivenRun(STEP, 2.0, 2.05))
+    assert one.reasons == ("table has 1 sample",)
+    two = given_run(_map(), _found(), GivenRun(STEP, 2.0, 2.15))
+    assert two.status is RunStatus.ACCEPTED
+    file = _file(
+        {"fl": [1.0, 2.0], "fr": [nan, nan]}, times_s={"table": [0.0, 0.1]}, start_ns=T0_S * S
+    )
+    lacking = given_run(
+        _map("", ("fl", "fr")), recording(_map("", ("fl", "fr")), file), GivenRun(STEP, 0.0, 0.2)
+    )
+    assert lacking.reasons == ("fr has no value",)
+
+
+TRIGGER = (
+    "[campaign]\nbump_s = 0.3\n[trigger]\nlevel = 3.0\npre_s = 0.5\npost_s = 1.5\nrest_s = 0.2\n"
+)
+
+
+def test_bumps_are_found_in_groups_that_begin_at_different_times() -> None:
+    time_s = np.arange(4000) / 500.0
+    value = np.where((time_s >= 3.0) & (time_s < 3.2), 20.0, 0.0)
+    # The second channel begins five seconds later, after a second in which neither is sampled.
+    file = _file(
+        {"fl": value[:2000], "fr": value},
+        times_s={"a": time_s[:2000], "b": time_s + 5.0},
+        clocks={"fl": "a", "fr": "b"},
+        start_ns=T0_S * S,
+    )
+    known = _map(TRIGGER, ("fl", "fr"))
+    bumps = bumps_in(known, recording(known, file))
+    assert [bump.t_ns for bump in bumps] == [(T0_S + 3) * S, (T0_S + 8) * S]
+
+
+def test_the_same_files_give_a_session_of_the_same_name() -> None:
+    known, found = _map(), _found()
+    runs = [given_run(known, found, GivenRun(STEP, 2.0, 4.0))]
+    one = session_from_columns(known, found.channels, runs, {"software": "x"}).provenance
+    assert one == session_from_columns(known, found.channels, runs, {"software": "x"}).provenance
+    assert one["created"] == "2026-05-31T10:00:02+00:00"
+    assert (one["software"], one["channel_map"]) == ("x", known.bench.text)
+    other = [given_run(known, found, GivenRun(STEP, 2.0, 4.1))]
+    assert session_from_columns(known, found.channels, other, {}).provenance["uuid"] != one["uuid"]
+    group = replace(runs[0].groups[0], values={"fl": runs[0].groups[0].values["fl"] * 2})
+    changed = [replace(runs[0], groups=(group,))]
+    found_uuid = session_from_columns(known, found.channels, changed, {}).provenance["uuid"]
+    assert found_uuid != one["uuid"]
+    assert session_from_columns(known, (), [], {}).provenance["created"].startswith("1970-01-01")
