@@ -1,6 +1,16 @@
-import numpy as np
+"""Intervals hold the truth of simulated campaigns; one known mass fixes all scales."""
 
-from daq.bench.config import load_bench
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from daq.bench.config import Bench, load_bench
+from daq.runs import BASELINE
+from daq.vehicle import AddedMass, BodyWeight, Corner, HubWeight
 
 from .coverage import outcome
 
@@ -14,3 +24,38 @@ def test_intervals_hold_the_truth_and_no_parameter_is_off_by_two_percent() -> No
     # Fifteen parameters hang together, so a campaign is some five independent trials.
     assert np.mean(one.covered) > 0.7
     assert 0.5 < np.sqrt(np.mean((one.errors / one.stds) ** 2)) < 1.7
+
+
+# Few added weights --------------------------------------------------------------------------------
+
+ONE = [BodyWeight(32.5, 0.14, 0.55)]
+HUBS = [HubWeight(4.0, corner) for corner in Corner]
+
+
+def _bench(weights: Sequence[BodyWeight | HubWeight]) -> Bench:
+    shipped = load_bench(None)
+    states = tuple(
+        state if state.name == BASELINE else replace(state, added=AddedMass(tuple(weights)))
+        for state in shipped.mass_states
+    )
+    return replace(shipped, mass_states=states)
+
+
+@pytest.mark.parametrize(("weights", "std"), [(HUBS, 0.013), (ONE, 0.015)])
+def test_weights_on_the_hubs_alone_or_a_single_one_on_the_floor_determine_all_parameters(
+    weights: Sequence[BodyWeight | HubWeight], std: float
+) -> None:
+    one = outcome(_bench(weights), 0)
+    assert one.quality.verdict == "ok", one.quality.reasons
+    assert len(one.names) == 15
+    assert np.max(one.stds) < std
+    # The common scale is one error of eleven parameters.
+    assert np.max(np.abs(one.errors / one.stds)) < 3.0
+
+
+def test_weights_too_light_to_fix_the_scale_are_named() -> None:
+    one = outcome(_bench([BodyWeight(0.05, 0.14, 0.55)]), 0)
+    assert one.quality.verdict == "refused"
+    (reason,) = one.quality.reasons
+    assert "determine m_s, I_yy, I_xx, m_uf, m_ur, k_sf, k_sr, k_tf, k_tr, c_sf, c_sr:" in reason
+    assert "add heavier ones, or weigh the vehicle" in reason

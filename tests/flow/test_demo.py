@@ -1,10 +1,13 @@
 """The demo as its users run it, and what can be done with what it leaves behind."""
 
+from __future__ import annotations
+
 import json
 import math
 import os
 import shlex
 import subprocess
+import time
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +16,16 @@ import pytest
 
 import daq
 from daq.bench.config import default_bench_text, parse_bench
-from daq.journal.reader import read_journal, recordings
+from daq.control.address import control_address, is_running
+from daq.control.exchange import Client
+from daq.journal.reader import read_journal, recordings, segments_in
 from daq.sim.bench import Fault, SimulatedBench
 from identify import Identification
 from identify.trust.finding import Judgement
 from tui.cli import run
 from tui.commands.demo import next_commands
 
-from .bench_terminal import PtyTerminal, end_recorder
+from .bench_terminal import PATIENCE_S, PtyTerminal, end_recorder
 
 
 def _json(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
@@ -107,8 +112,8 @@ def test_the_demo_repeats_a_run_that_the_recorder_rejects(
 ) -> None:
     """Frames are lost in the second bump."""
 
-    def spoilt(*given: Any, start_ns: int) -> SimulatedBench:
-        bench, codec, car, seed, speed, wish = given
+    def spoilt(*given: Any) -> SimulatedBench:
+        bench, codec, car, seed, speed, wish, _, start_ns = given
         return SimulatedBench(bench, codec, car, seed, speed, wish, Fault.LOST_FRAMES, start_ns)
 
     def nothing(session: daq.Session, progress: object) -> Identification:
@@ -128,3 +133,35 @@ def test_the_demo_repeats_a_run_that_the_recorder_rejects(
     monkeypatch.setattr("daq.sim.bench.SimulatedBench", spoilt)
     monkeypatch.setattr("identify.identify", nothing)
     assert run(["demo", "--out", str(tmp_path / "demo"), "--json"]) == 0
+
+
+# The last terminal goes ---------------------------------------------------------------------------
+
+LEFT_S = 10.0
+"""Seconds without any client after which it ends."""
+
+
+@pytest.mark.parametrize("looks_on_s", [0.5, pytest.param(LEFT_S + 2.0, marks=pytest.mark.long)])
+def test_after_a_kill_of_the_last_terminal_the_demonstration_ends(
+    tmp_path: Path, looks_on_s: float
+) -> None:
+    folder = tmp_path / "demo"
+    address = control_address(folder)
+    terminal = PtyTerminal("--demo", "--out", str(folder))
+    try:
+        terminal.until(b"]2;")
+        onlooker = Client(address, "onlooker", control=False)
+        terminal.kill()
+        looks_on_until_s = time.monotonic() + looks_on_s
+        while time.monotonic() < looks_on_until_s:
+            assert is_running(address)
+            time.sleep(0.2)
+        onlooker.close()
+        alone_s = time.monotonic()
+        while is_running(address) or any("open" in s.name for s in segments_in(folder / "journal")):
+            assert time.monotonic() - alone_s < PATIENCE_S
+            time.sleep(0.2)
+        assert time.monotonic() - alone_s > LEFT_S - 1.0
+        assert "the last terminal has gone" in (folder / "recorder.log").read_text()
+    finally:
+        end_recorder(folder)

@@ -1,14 +1,23 @@
-"""The Python interface as the README shows it, in a fresh interpreter."""
+"""The Python interface as the README shows it, the shipped notebook, and docs/examples."""
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
+import warnings
 from pathlib import Path
+from typing import Any
+
+import pytest
 
 from daq import write_session
-from dbc import shipped_dbc
+from daq.bench.config import bench_codec, default_bench_text, load_bench
+from daq.sim.car import SimulatedCar
+from daq.sim.ecu import campaign_frames
+from dbc import FrameBatch, shipped_dbc
 from tests.tui.batches import paper_session
+from tui.cli import run
 
 _LINES = """
 import daq, dbc, identify
@@ -57,3 +66,118 @@ def test_the_lines_of_the_design_work(tmp_path: Path) -> None:
     write_session(tmp_path / "car.h5", paper_session(1))
     (tmp_path / "car.dbc").write_text(shipped_dbc(), encoding="utf-8")
     subprocess.run([sys.executable, "-c", _LINES], cwd=tmp_path, check=True)
+
+
+def test_the_notebook_runs(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    import nbformat
+    from nbclient import NotebookClient
+
+    out = tmp_path / "example.ipynb"
+    assert run(["notebook", "--out", str(out)]) == 0
+    assert str(out) in capsys.readouterr().out
+    assert run(["notebook", "--out", str(out)]) == 2  # never over somebody's work
+    assert "exists" in capsys.readouterr().err
+
+    read: Any = nbformat.read
+    notebook = read(out, as_version=4)
+    assert not [cell for cell in notebook.cells if cell.get("outputs")]  # shipped clean
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
+    monkeypatch.setenv("JUPYTER_PLATFORM_DIRS", "1")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of the client; the kernel has its own
+        NotebookClient(
+            notebook, timeout=60, resources={"metadata": {"path": str(tmp_path)}}
+        ).execute()
+    outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
+    kinds = [kind for output in outputs for kind in output.get("data", {})]
+    assert kinds.count("image/png") == 5
+    assert kinds.count("text/html") == 2  # identification, modes
+    said = "".join(output.get("text", "") for output in outputs)
+    assert "sprung mass 13" in said  # the paper's 1380 kg, to a few
+    assert not [output for output in outputs if output.get("name") == "stderr"]
+
+
+# docs/examples ------------------------------------------------------------------------------------
+
+EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
+TRIED = {"log_to_parameters.py", "modes_of_a_structure.py", "own_sensor.py", "recording.py"}
+
+
+def printed(name: str, *arguments: Path) -> str:
+    command = [sys.executable, str(EXAMPLES / name), *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def candump(path: Path, frames: FrameBatch) -> Path:
+    rows = zip(
+        frames.t_ns.tolist(), frames.can_id.tolist(), frames.length, frames.data, strict=True
+    )
+    with path.open("w") as file:
+        for t, can_id, length, data in rows:
+            payload = data[:length].tobytes().hex().upper()
+            file.write(f"({t // 10**9}.{t % 10**9 // 1000:06d}) can0 {can_id:03X}#{payload}\n")
+    return path
+
+
+def short_bench(folder: Path, excitations: str) -> Path:
+    text = re.sub(r"(?m)^excitations = .*$", f"excitations = {excitations}", default_bench_text())
+    text = re.sub(r"(?m)^repeats = .*$", "repeats = 1", text)
+    text = re.sub(r'(?m)^channel = "bumpbench"$', f'channel = "{folder.name}"', text)
+    (folder / "bench.toml").write_text(text, "utf-8")
+    return folder / "bench.toml"
+
+
+def test_every_example_is_tried() -> None:
+    assert {path.name for path in EXAMPLES.glob("*.py")} == TRIED
+
+
+def test_a_log_to_parameters(tmp_path: Path) -> None:
+    path = short_bench(tmp_path, '["bounce", "pitch", "roll"]')
+    bench = load_bench(path)
+    frames = campaign_frames(bench, bench_codec(bench), SimulatedCar(), 1, 1_700_000_000 * 10**9)
+    log = candump(tmp_path / "car.log", FrameBatch.concatenate(list(frames)))
+    lines = printed("log_to_parameters.py", log, path).splitlines()
+    assert lines[:6] == [
+        f"{state}_{kind}_1 accepted"
+        for state in ("baseline", "added")
+        for kind in ("bounce", "pitch", "roll")
+    ]
+    assert lines[6] == "verdict: ok"
+    (m_s,) = (line.split() for line in lines if line.startswith("m_s"))
+    assert abs(float(m_s[1]) / 1380.0 - 1.0) < 0.02
+    assert m_s[2] == "kg"
+
+
+def test_modes_of_a_structure() -> None:
+    _, *rows = printed("modes_of_a_structure.py").splitlines()
+    for row in rows:
+        found, damping, _, truth, true_damping, *_ = row.split()
+        assert abs(float(found) / float(truth) - 1.0) < 1e-3
+        assert abs(float(damping) / float(true_damping) - 1.0) < 0.02
+    # A frame of three equal storeys: omega = 2 sqrt(k/m) sin((2 j - 1) pi / 14).
+    assert [row.split()[3] for row in rows] == ["3.1676", "8.8755", "12.8255"]
+
+
+def test_a_sensor_of_your_own() -> None:
+    lines = printed("own_sensor.py").splitlines()
+    assert lines[0] == "0.000 s  +0.0000 m"  # at rest
+    assert lines[-1] == "0.050 s  +0.0300 m"  # 30 mm of compression count positive
+
+
+def test_a_recording_in_ten_lines(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    lines = printed("recording.py", out, short_bench(tmp_path, '["bounce"]')).splitlines()
+    assert lines == [
+        str(out / "session_0001.h5"),
+        "  2 runs",
+        "  baseline_bounce_1",
+        "  added_bounce_1",
+    ]
+    source = (EXAMPLES / "recording.py").read_text("utf-8")
+    ten = source.partition("# Ten lines ...\n")[2].partition("    # ... and the end.")[0]
+    assert len(ten.splitlines()) == 10
