@@ -10,9 +10,6 @@ if TYPE_CHECKING:
 
     from daq.bench.config import Bench
 
-_MOST_BUSES = 256
-"""Largest number of buses in a log: one byte names the bus of a frame."""
-
 
 def shared_bench(path: Path | None, interface: str | None, channel: str | None) -> Bench:
     """Return the bench, on a bus that other processes can reach.
@@ -90,7 +87,8 @@ def bus_numbers(bench: Bench, names: Sequence[str]) -> frozenset[int]:
     """
     from daq import InputError
 
-    n_buses = len(bench.buses) if len(bench.buses) > 1 else _MOST_BUSES
+    # One byte names the bus of a frame in a log.
+    n_buses = len(bench.buses) if len(bench.buses) > 1 else 256
     numbers: set[int] = set()
     for name in names:
         same = [i for i, bus in enumerate(bench.buses) if name in (bus.name, bus.channel)]

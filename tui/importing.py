@@ -30,10 +30,6 @@ from dbc import Codec, counted, plural
 
 from .output import Stage
 
-RELATIVE_BEFORE_NS = 631_152_000_000_000_000
-"""UNIX time of 1990, ns: earlier stamps count from the start of the log, because CAN is not
-older."""
-
 
 @dataclass(frozen=True, slots=True)
 class Imported:
@@ -98,7 +94,7 @@ def import_logs(
     lacking = {s.format.name: s.format.lacks for s in sources if s.format.lacks}
     remarks += [f"{name} does not hold {lacks}" for name, lacks in lacking.items()]
     remarks += _left_out_remarks(bumps, len(session.runs), len(steps))
-    if session.runs[0].t0_ns < RELATIVE_BEFORE_NS:
+    if session.runs[0].t0_ns < 631_152_000_000_000_000:  # 1990: CAN is not older
         remarks.append("the log has no date: its times count from its own start")
     remarks += _sign_remarks(session)
     if mixed := mixed_messages(codec.messages, session.runs[0].frames):

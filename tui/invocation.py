@@ -21,10 +21,6 @@ if TYPE_CHECKING:
     from dbc import BumpbenchError
 
 
-_AGAIN_S = 0.5
-"""Time after which a signal is repeated whose exception Python has dropped, s."""
-
-
 @contextmanager
 def ended_by_signals() -> Iterator[None]:
     """Turn SIGTERM in the body into an exception, as Ctrl-C is one, so that nothing is half done.
@@ -42,7 +38,7 @@ def ended_by_signals() -> Iterator[None]:
     def dropped(raised: sys.UnraisableHookArgs) -> None:
         for kind, number in ((SystemExit, signal.SIGTERM), (KeyboardInterrupt, signal.SIGINT)):
             if issubclass(raised.exc_type, kind):
-                again = threading.Timer(_AGAIN_S, _signal_main_thread, [number])
+                again = threading.Timer(0.5, _signal_main_thread, [number])
                 again.daemon = True
                 again.start()
                 return

@@ -17,8 +17,6 @@ if TYPE_CHECKING:  # slow to load; a program that reads JSON needs none of it
 
     from daq import Session
 
-_FILE_WIDTH = 400
-
 
 def print_json(document: Mapping[str, Any]) -> None:
     """Write one JSON document; numbers that are not finite become null."""
@@ -125,8 +123,8 @@ def console() -> Console:
     """Return the console on the present stdout (tests and pipes replace it)."""
     from rich.console import Console
 
-    # A file has no width, so lines are not folded there.
-    width = None if sys.stdout.isatty() else _FILE_WIDTH
+    # A file has no width: up to 400 columns no line is folded there.
+    width = None if sys.stdout.isatty() else 400
     return Console(file=sys.stdout, width=width, emoji=False)
 
 

@@ -31,8 +31,6 @@ from . import output
 from .bench import reachable
 from .diagnostics import is_asked, say
 
-_USUAL_BITRATE = 500_000
-"""Bit rate of most buses in vehicles, bit/s."""
 _ANSWER_WIDTH = 12
 """Columns that a question leaves free for its answer."""
 _TO_FILL_IN = re.compile(r"(\w+) = (\S.*?)  # FILL IN(?:: (.*))?")
@@ -89,7 +87,7 @@ class TrafficSource:
         if self.interface is None and self.channel is None:
             return ()
         interface = self.interface or known.bus.interface
-        bitrate = self.bitrate or _USUAL_BITRATE
+        bitrate = self.bitrate or 500_000  # of most buses in vehicles
         first = replace(known.bus, interface=interface, bitrate=bitrate, name="")
         channels = (self.channel or first.channel).split(",")
         return tuple(replace(first, channel=channel) for channel in channels)

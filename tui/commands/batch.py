@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..diagnostics import ExitCode
+from ..diagnostics import PAGES, ExitCode, require_ending, say
 from ..options import Force
 
 if TYPE_CHECKING:
@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 
 _SHOWN = 20
 """Largest number of refused and failed sessions to name; the table has all."""
-_WRITE_S = 20.0
-"""Time between two writings of the table while the batch runs, s: what a kill can cost."""
 _FAILED = "failed"
 """Verdict of a session that has no identification."""
 _LAST = ("seconds", "software", "libraries")
@@ -75,7 +73,6 @@ def batch(
 
     from dbc import InputError, counted
 
-    from ..diagnostics import say
     from ..jobs.executors import as_finished
     from ..output import print_item, print_json, print_line, progress
 
@@ -85,10 +82,15 @@ def batch(
         )
     _check_outputs(out, page)
     sessions = session_files(files)
-    began_s = written_s = perf_counter()
+    began_s = written_s = monotonic()
     rows = _rows_so_far(out, replace=force)
     jobs = {job.sha256 or job.file: job for job in map(_job_of, sessions)}  # a copy counts once
-    open_jobs = [job for key, job in jobs.items() if not _is_done(rows.get(key))]
+    done_keys = {  # a failure may be due to the machine
+        key
+        for key, row in rows.items()
+        if row["verdict"] != _FAILED and row["software"] == _software()
+    }
+    open_jobs = [job for key, job in jobs.items() if key not in done_keys]
     done = len(jobs) - len(open_jobs)
     work = as_finished(row_of, open_jobs, workers or os.cpu_count() or 1, scheduler)
     try:
@@ -98,7 +100,7 @@ def batch(
                 rows[job.sha256 or job.file] = _row_from(job, future)
                 done += 1
                 stage(done / len(jobs), f"{done} of {len(jobs)}")
-                if monotonic() - written_s > _WRITE_S:
+                if monotonic() - written_s > 20.0:  # s: what a kill can cost
                     _write(out, page, rows)
                     written_s = monotonic()
     except (KeyboardInterrupt, SystemExit):
@@ -108,7 +110,7 @@ def batch(
         work.close()
         if rows:
             _write(out, page, rows)
-    seconds = round(perf_counter() - began_s, 2)
+    seconds = round(monotonic() - began_s, 2)
     mine = [rows[key] for key in jobs if key in rows]
     verdicts = dict(Counter(str(row["verdict"]) for row in mine))
     bad = [
@@ -250,21 +252,17 @@ def _check_outputs(out: Path, page: Path | None) -> None:
     from daq.files import make_room
     from dbc import InputError
 
-    from ..diagnostics import PAGES, require_ending
-
-    if out.suffix.lower() not in (".csv", ".parquet"):
-        raise InputError(
-            str(out), "is not a table that can be written", "name it *.csv or *.parquet"
-        )
+    require_ending(out, "table", (".csv", ".parquet"))
     if out.suffix.lower() == ".parquet" and find_spec("pyarrow") is None:
-        what = "Parquet needs pyarrow, which is not installed"
-        raise InputError(str(out), what, "install bumpbench[data]")
+        reason = "Parquet needs pyarrow, which is not installed"
+        raise InputError(str(out), reason, "install bumpbench[data]")
     if page is not None:
         require_ending(page, "page", PAGES)
-    for path in (out, *([] if page is None else [page])):
-        if path.is_dir():
-            raise InputError(str(path), "is a directory", "name a file")
-        make_room(path)
+    for path in (out, page):
+        if path is not None:
+            if path.is_dir():
+                raise InputError(str(path), "is a directory", "name a file")
+            make_room(path)
 
 
 def _rows_so_far(out: Path, *, replace: bool) -> dict[str, Row]:
@@ -294,11 +292,6 @@ def _rows_so_far(out: Path, *, replace: bool) -> dict[str, Row]:
         raise
 
 
-def _is_done(row: Row | None) -> bool:
-    """Return whether a session need not be done again; a failure may be due to the machine."""
-    return row is not None and row["verdict"] != _FAILED and row["software"] == _software()
-
-
 def _write(out: Path, page: Path | None, rows: dict[str, Row]) -> None:
     """Write table and page; each is complete or as it was before.
 
@@ -324,7 +317,13 @@ def _write(out: Path, page: Path | None, rows: dict[str, Row]) -> None:
                         )
                         writer.writerow(dict(cells))
             else:
-                _write_parquet(part, columns, list(rows.values()))
+                import pyarrow as pa
+                from pyarrow import parquet
+
+                table = list(rows.values())
+                text = {n for row in table for n, cell in row.items() if isinstance(cell, str)}
+                fields = [(n, pa.string() if n in text else pa.float64()) for n in columns]
+                parquet.write_table(pa.Table.from_pylist(table, pa.schema(fields)), part)
         if page is not None:
             path = page
             with replaced([page]) as (part,):
@@ -333,14 +332,3 @@ def _write(out: Path, page: Path | None, rows: dict[str, Row]) -> None:
         raise InputError(
             str(path), error.strerror or "cannot be written", "make room, and run the same command"
         ) from None
-
-
-def _write_parquet(path: Path, columns: Sequence[str], rows: Sequence[Row]) -> None:
-    import pyarrow as pa
-    from pyarrow import parquet
-
-    def kind(name: str) -> pa.DataType:
-        return pa.string() if any(isinstance(row.get(name), str) for row in rows) else pa.float64()
-
-    schema = pa.schema([(name, kind(name)) for name in columns])
-    parquet.write_table(pa.Table.from_pylist(list(rows), schema), path)

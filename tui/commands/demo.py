@@ -10,9 +10,6 @@ import typer
 from ..diagnostics import ExitCode, say
 from ..options import Force, JsonResult, Seed
 
-SPEED = 20.0
-"""Speed of the simulated car's time."""
-
 
 def demo(
     out: Annotated[Path, typer.Option(help="Folder for journal and session.")] = Path(
@@ -39,7 +36,7 @@ def demo(
     from ..result import print_identification
 
     out = begun_anew(out)
-    traffic = simulated_traffic(None, SPEED, "", seed)
+    traffic = simulated_traffic(None, 20.0, "", seed)
     lifetime = Lifetime(arm=True, keep_on=False)
 
     def follow(status: Status) -> None:

@@ -34,14 +34,6 @@ if TYPE_CHECKING:
 
 BY = "record"
 """Author, in the journal, of the daemon's own orders."""
-TURN_S = 0.1
-"""Seconds between two cycles of the main thread."""
-LEFT_S = 10.0
-"""Seconds without any terminal after which an attended recorder ends."""
-SAME_S = 0.5
-"""Seconds within which two signals count as one: timeout(1) signals process and group."""
-REPORT_S = 1.0
-"""Seconds between two reports to systemd; its watchdog waits ten times as long."""
 _RELOAD: int | None = getattr(signal, "SIGHUP", None)
 """Signal to reload the bench; Windows has no SIGHUP, so there only an order reloads it."""
 
@@ -58,7 +50,7 @@ class Lifetime:
     stay: bool = False
     """Keep a complete campaign open, so that a terminal can go on to its results."""
     attended: bool = False
-    """End with the last terminal: the recording of a demonstration is not a measurement."""
+    """End 10 s after the last terminal: the recording of a demonstration is no measurement."""
     end: threading.Event = field(default_factory=threading.Event)
     """Event that ends the recorder as a signal does."""
 
@@ -142,7 +134,8 @@ class _Signals:
             self.reload.set()
             return
         now_s = time.monotonic()
-        if self.end.is_set() and now_s - self._asked_s > SAME_S:
+        # timeout(1) signals process and group: two signals within 0.5 s count as one.
+        if self.end.is_set() and now_s - self._asked_s > 0.5:
             os._exit(128 + number)  # everything that was acknowledged is on the disk
         if not self.end.is_set():
             self._asked_s = now_s
@@ -198,9 +191,9 @@ class _Daemon:
 
         self._writer.start()
         while self._writer.is_alive():
-            self._writer.join(TURN_S)
+            self._writer.join(0.1)
             attended = self._lifetime.attended and not signals.end.is_set()
-            if attended and self._server.alone_s() > LEFT_S:
+            if attended and self._server.alone_s() > 10.0:
                 self._log.line("the last terminal has gone, and a demonstration ends with it")
                 signals.end.set()
             if signals.end.is_set() and (self._lifetime.keep_on or self._status is None):
@@ -309,7 +302,7 @@ class _Daemon:
             for text, key in news(self._reported, status):
                 self._log.line(text, key)
             self._reported = status
-        if now_s - self._reported_s >= REPORT_S:
+        if now_s - self._reported_s >= 1.0:  # systemd's watchdog waits ten times as long
             self._reported_s = now_s
             if hanging := self._systemd.notify(self._recorder.heartbeats(), status, now_s):
                 self._log.line(hanging, "hanging")

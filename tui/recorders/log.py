@@ -13,14 +13,8 @@ from logging.handlers import QueueListener, RotatingFileHandler
 from pathlib import Path
 from queue import Full, Queue
 
-BURST, PER_S = 5, 60.0
-"""Largest number of lines with one key in a period, and the period, s; further lines are only
-counted."""
-MOST_WAITING = 1000
-"""Lines that wait for a slow reader; further ones are left out."""
-_MOST_KEYS = 1000
-MOST_BYTES = 1_000_000
-_FLUSH_S = 0.5
+BURST = 5
+"""Largest number of lines with one key in a minute; further lines are only counted."""
 _BEGINNING = re.compile(rb"([\d:.TZ-]{24} )?bumpbench: |Traceback \(most recent call last\):")
 """First bytes of a log; the stamp is absent in stderr of a recorder of a terminal."""
 
@@ -60,7 +54,8 @@ class Log:
 
     def __init__(self, path: Path | None) -> None:
         self._writer = _Stderr() if path is None else _file_handler(path)
-        self._waiting: Queue[logging.LogRecord] = Queue(MOST_WAITING)
+        # Lines that wait for a slow reader; further ones are left out.
+        self._waiting: Queue[logging.LogRecord] = Queue(1000)
         self._listener = QueueListener(self._waiting, self._writer)
         self._periods: dict[str, tuple[float, int]] = {}
         """Beginning of the present period of each key, s, and number of its lines since."""
@@ -86,7 +81,7 @@ class Log:
         threading.excepthook = self._hook
         stopping = threading.Thread(target=self._stop, daemon=True)
         stopping.start()
-        stopping.join(_FLUSH_S)  # with a full pipe it may not end
+        stopping.join(0.5)  # s; with a full pipe it may not end
         if not stopping.is_alive():
             self._writer.close()
 
@@ -104,12 +99,12 @@ class Log:
         now_s = time.monotonic()
         with self._lock:
             began_s, count = self._periods.get(key, (now_s, 0))
-            if now_s - began_s > PER_S:
+            if now_s - began_s > 60.0:
                 if count > BURST:
                     text = f"{text} (and {count - BURST} more of these)"
                 began_s, count = now_s, 0
             if key:
-                if len(self._periods) > _MOST_KEYS:
+                if len(self._periods) > 1000:
                     self._periods.clear()
                 self._periods[key] = began_s, count + 1
             if count >= BURST:
@@ -154,7 +149,7 @@ def _file_handler(path: Path) -> logging.Handler:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.open("ab").close()
-        handler = RotatingFileHandler(path, "a", MOST_BYTES, 1, encoding="utf-8", delay=True)
+        handler = RotatingFileHandler(path, "a", 1_000_000, 1, encoding="utf-8", delay=True)
     except OSError as error:
         reason = error.strerror or str(error)
         raise InputError(str(path), reason, "name another file for the log") from error
