@@ -27,6 +27,7 @@ from tui.diagnostics import say_left_out
 from tui.invocation import ended_by_signals, foreign_package, invoke
 
 from ..daq.small_session import small_session
+from .batches import refused_session, write_all
 
 
 def test_version_and_short_help(capsys: pytest.CaptureFixture[str]) -> None:
@@ -102,6 +103,16 @@ def test_help_of_every_command_is_on_stdout(capsys: pytest.CaptureFixture[str]) 
         out, err = capsys.readouterr()
         assert out.startswith("Usage: bumpbench")
         assert err == ""
+
+
+def test_an_identification_that_is_refused_says_so_first(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    (file,) = write_all(tmp_path, refused_session, 1)
+    assert run(["identify", str(file)]) == 1
+    out, err = capsys.readouterr()
+    assert out.splitlines()[0] == "verdict: refused", "without a fit there is no chi2"
+    assert err == ""
 
 
 # Exit codes and lines of errors -------------------------------------------------------------------

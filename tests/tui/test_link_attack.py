@@ -26,7 +26,6 @@ from tui.cli import run
 from ..daq.small_campaign import bumps, small_codec
 from ..daq.small_session import small_session
 from .test_import import BENCH, write_drive, write_log
-from .test_model_file import with_curves
 from .test_report import session as identified
 
 identified = identified  # a fixture of the module of that name
@@ -71,9 +70,7 @@ COMMANDS = {
     "blf": ("s.blf", ["export", "imported.h5", "--format", "blf", "--out", "s.blf"]),
     "notebook": ("s.ipynb", ["notebook", "--out", "s.ipynb"]),
     "check": ("s.toml", ["check", "bench.toml", "--propose", "s.toml"]),
-    "dampers": ("s.csv", ["identify", "car.h5", "--dampers", "s.csv"]),
     "map": ("s.h5", ["import", "drive.csv", "--channels", "map.toml", "--out", "s.h5"]),
-    "model": ("s.mat", ["identify", "identified.h5", "--model", "s.mat"]),
     "batch": ("s.csv", ["batch", "car.h5", "--workers", "1", "--out", "s.csv"]),
     "page": ("s.html", ["batch", "car.h5", "--workers", "1", "--page", "s.html"]),
     "recover": ("s.h5", ["recover", "journal", "--out", "s.h5"]),
@@ -87,7 +84,7 @@ COMMANDS = {
 _FORCED = {"report", "compare", "study"}
 """Commands that replace a page without a word."""
 
-_SLOW = {"report", "compare", "model"}
+_SLOW = {"report", "compare"}
 """Commands that identify a whole car, twice."""
 
 
@@ -116,8 +113,6 @@ def test_a_link_in_a_shared_folder_leads_nowhere(
     command: str, inputs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     name, words = COMMANDS[command]
-    if command == "dampers":  # a car with curves takes a minute to identify
-        monkeypatch.setattr("identify.identify", lambda *_: with_curves())
     shutil.copytree(inputs, folder := tmp_path / "shared")
     monkeypatch.chdir(folder)
     mine = tmp_path / "mine"
@@ -174,8 +169,6 @@ WRITERS = [
     ("car.mat", ["export", "car.h5", "--format", "mat"], 0),
     ("bump_test.ipynb", ["notebook"], 0),
     ("new.toml", ["check", "bench.toml", "--propose", "new.toml"], 0),
-    ("model.mat", ["identify", "car.h5", "--model", "model.mat"], 2),  # it is refused
-    ("curves.csv", ["identify", "car.h5", "--dampers", "curves.csv"], 2),
     ("rows.csv", ["batch", "car.h5", "--workers", "1", "--out", "rows.csv"], 1),
 ]
 
@@ -188,13 +181,12 @@ def test_an_existing_file_is_replaced_after_a_word_alone(
     capsys.readouterr()
     assert run(words) == 2
     out, err = capsys.readouterr()
-    option = {"model.mat": "--model", "curves.csv": "--dampers", "new.toml": "--propose"}
-    advice = f"name another file with {option.get(name, '--out')}, or use --force"
+    option = "--propose" if name == "new.toml" else "--out"
+    advice = f"name another file with {option}, or use --force"
     assert (out, err) == ("", f"bumpbench: error: {name}: exists already ({advice})\n")
     assert there.read_text() == "measured by hand"
     assert run([*words, "--force"]) == code
-    if code != 2:
-        assert there.read_bytes() != b"measured by hand"
+    assert there.read_bytes() != b"measured by hand"
 
 
 @pytest.mark.parametrize(

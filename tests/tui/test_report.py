@@ -143,18 +143,6 @@ def test_a_report_does_not_overwrite_its_session(
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("option", ["--dampers", "--model"])
-def test_an_identification_does_not_overwrite_its_session(
-    session: Path, capsys: pytest.CaptureFixture[str], option: str
-) -> None:
-    held = session.read_bytes()
-    assert run(["identify", str(session), option, str(session)]) == 2
-    said = capsys.readouterr()
-    assert "car.h5: is not a known form of" in said.err
-    assert said.out == "", "it is refused before the identification"
-    assert session.read_bytes() == held
-
-
 def test_a_comparison_does_not_overwrite_a_session(
     session: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
