@@ -185,25 +185,29 @@ def pack_frames(frames: FrameBatch, losses: HopLosses) -> bytes:
     )
 
 
-class StoredFrames(NamedTuple):
-    """The frames of a block, which are unpacked only on access.
+class JournalBlock(NamedTuple):
+    """A block of a recording as read: `size` frames, unpacked only on access, or `events`.
 
-    `size`: number of frames.  `losses`: counted up to the block by the process that wrote it.
-    `content`: from `pack_frames`.
+    `losses`: counted up to the block.  `content`: from `pack_frames`; empty if it holds events.
     """
 
-    size: int
     losses: HopLosses
-    content: bytes | memoryview
+    size: int = 0
+    content: bytes | memoryview = b""
+    events: tuple[Event, ...] = ()
 
     @property
     def t_ns(self) -> NDArray[np.int64]:
         """Time stamps of the frames, ns, shape (size,)."""
+        if not self.size:
+            return np.zeros(0, np.int64)
         return np.frombuffer(self.content, "<i8", self.size, _FRAMES.size)
 
     @property
     def frames(self) -> FrameBatch:
         """The frames."""
+        if not self.size:
+            return FrameBatch.empty()
         width = _FRAMES.unpack_from(self.content)[1]
         columns, begin = {}, _FRAMES.size
         for name, form in (*_COLUMNS, ("data", _PAYLOADS[width])):
@@ -213,10 +217,10 @@ class StoredFrames(NamedTuple):
         return FrameBatch(**columns)
 
 
-def stored_frames(content: bytes | memoryview) -> StoredFrames:
-    """Return the frames in a block of kind FRAMES."""
+def unpack_frames(content: bytes | memoryview) -> JournalBlock:
+    """Return a block of kind FRAMES, with the losses counted by the process that wrote it."""
     size, _, *counts = _FRAMES.unpack_from(content)
-    return StoredFrames(size, HopLosses(*counts), content)
+    return JournalBlock(HopLosses(*counts), size, content)
 
 
 # Events that report what is missing ---------------------------------------------------------------

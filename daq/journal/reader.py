@@ -30,17 +30,17 @@ from .format import (
     Block,
     Damage,
     Gap,
+    JournalBlock,
     JournalHead,
     Kind,
     SegmentFile,
-    StoredFrames,
     Summary,
     parse_gap,
     sealed_path,
     segment_number,
     session_name,
-    stored_frames,
     unpack_events,
+    unpack_frames,
     unpack_head,
 )
 
@@ -77,24 +77,6 @@ class JournalLoss:
         more = len(self.notes) - _NOTES
         last = (counted(more, "more note"),) if more > 0 else ()
         return "; ".join((*self.notes[:_NOTES], *last))
-
-
-@dataclass(frozen=True, slots=True)
-class JournalBlock:
-    """A block of a recording: frames or events.
-
-    `losses`: counted up to the block, over all processes that wrote the recording.  `stored`: its
-    frames; None if it holds `events`.
-    """
-
-    losses: HopLosses
-    stored: StoredFrames | None = None
-    events: tuple[Event, ...] = ()
-
-    @property
-    def frames(self) -> FrameBatch:
-        """The frames, unpacked at each access."""
-        return self.stored.frames if self.stored else FrameBatch.empty()
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,7 +202,7 @@ def scan(path: Path) -> SegmentInfo | None:
             stop = block.number + 1
             if block.kind == Kind.EVENTS:
                 events += ((block.number, event) for event in unpack_events(block.content))
-            elif (stored := stored_frames(block.content)).size:
+            elif (stored := unpack_frames(block.content)).size:
                 frames += stored.size
                 blocks.append((block.number, stored.size))
                 earliest_ns = int(stored.t_ns.min())
@@ -391,7 +373,7 @@ def read_windows(
     latest_ns = 0
     starts_ns, stops_ns = np.array(windows, np.int64).reshape(-1, 2).T
     for block in reader:
-        t_ns = block.stored.t_ns if block.stored else np.zeros(0, np.int64)
+        t_ns = block.t_ns
         events += block.events
         latest_ns = int(t_ns.max(initial=latest_ns))
         row = (latest_ns, *block.losses)
@@ -519,9 +501,9 @@ class JournalReader:
                     self._settle()
                 expected = block.number + (block.kind != Kind.END)
                 if block.kind == Kind.FRAMES:
-                    stored = stored_frames(block.content)
+                    stored = unpack_frames(block.content)
                     losses = before.plus(stored.losses)
-                    yield JournalBlock(losses, stored)
+                    yield stored._replace(losses=losses)
                 elif block.kind == Kind.EVENTS:
                     events = unpack_events(block.content)
                     for event in events:
