@@ -13,7 +13,7 @@ from daq.bench.config import Bench, bench_codec, load_bench, parse_bench
 from daq.errors import InputError
 from daq.runs import Excitation
 from daq.samples.mapping import map_channels
-from daq.vehicle import Corner, HubWeight, Structure
+from daq.vehicle import Structure
 from dbc.frames import FrameBatch
 
 DBC = """VERSION ""
@@ -529,17 +529,3 @@ def test_a_channel_has_a_name_of_sixty_letters_at_most(length: int, refused: boo
             parse(sensor)
     else:
         parse(sensor)
-
-
-def test_a_channel_map_describes_car_campaign_trigger_and_weights(tmp_path: Path) -> None:
-    path = tmp_path / "map.toml"
-    path.write_text(
-        '[vehicle]\nname = "T5"\n[campaign]\nrepeats = 7\n[trigger]\nlevel = 4.5\n'
-        "[calibration]\nmax_age_days = 30\n" + HUB + FACT + "sigma = 2.0\n" + MAP,
-        "utf-8",
-    )
-    bench = load_channel_map(path).bench
-    assert (bench.vehicle.name, bench.campaign.repeats, bench.trigger.level) == ("T5", 7, 4.5)
-    assert bench.calibration_days == 30
-    assert bench.mass_states[1].added.weights == (HubWeight(4.0, Corner.FRONT_LEFT),)
-    assert [(fact.value, fact.sigma) for fact in bench.vehicle.facts] == [(1500.0, 2.0)]

@@ -10,7 +10,7 @@ import pytest
 
 from daq.bench.config import bench_codec, load_bench, on_bus, parse_bench, with_database
 from daq.bench.edit import with_channel
-from daq.bench.sensors import Database, completed, sensor_map, stored_databases, stored_text
+from daq.bench.sensors import Database, stored_databases, stored_text
 from daq.errors import InputError
 from daq.samples.mapping import bench_mapping
 from dbc import Samples
@@ -203,17 +203,3 @@ def test_a_damaged_list_of_databases_is_one_line() -> None:
     for text in ("{", '{"bumpbench_databases": 3}', "{}"):
         with pytest.raises(InputError, match="the list of databases is damaged"):
             stored_databases(text)
-
-
-def test_a_bench_that_states_no_tables_gets_those_of_the_ready_map() -> None:
-    ready = sensor_map("imu", "layout:bosch_mm7")
-    listed = {"sensor": [{"name": "imu", "layout": "bosch_mm7"}, {"name": "own", "dbc": "own.dbc"}]}
-    added = completed(listed, "")
-    assert {kind: added[kind] for kind in ready} == ready
-    own_channel = {"signal": "imu.x"}
-    own_set = {"messages": [ready["message"][0]["name"]]}
-    assert completed({**listed, "channel": [own_channel]}, "")["channel"] == [own_channel]
-    assert completed({**listed, "sample_set": [own_set]}, "")["sample_set"] == [own_set]
-    own_message = {"name": ready["message"][0]["name"]}
-    messages = completed({**listed, "message": [own_message]}, "")["message"]
-    assert messages == [own_message, *ready["message"][1:]]

@@ -95,17 +95,6 @@ def test_a_rate_may_be_two_percent_off_and_fails_from_ten_on(off: float, verdict
         assert f"cycle_ms = {10 / (1 + off):.3g} " in lines[0].advice
 
 
-def test_frames_that_are_missing_by_the_counter_count_for_the_rate() -> None:
-    keep = np.arange(300) % 4 != 1
-    data = np.zeros((300, 8), np.uint8)
-    data[:, 0] = np.arange(300) % 256
-    lines = checked(message(plain=COUNTED), sent(beats(300)[keep], data=data[keep]))
-    assert found(lines) == {"counter": FAIL}
-    assert lines[0].text.startswith("75 frames are missing according to the counter cnt (of 225)")
-    assert lines[0].figures["rate_hz"] == pytest.approx(100.0, rel=2e-3)
-    assert lines[0].figures["frames"] == 225
-
-
 @pytest.mark.parametrize(
     ("cycle_s", "silent_s", "stale"),
     [(0.01, 0.49, False), (0.01, 0.51, True), (0.1, 0.99, False), (0.1, 1.01, True),
@@ -119,21 +108,6 @@ def test_a_message_is_stale_after_half_a_second_or_ten_cycles(
     assert (found(lines).get("stale") is FAIL) is stale
     if stale:
         assert lines[0].text == f"silent for the last {silent_s:.2f} s"
-
-
-def test_a_counter_without_a_cycle_gives_no_times_unless_the_sensor_does() -> None:
-    data = np.zeros((300, 8), np.uint8)
-    data[:, 0] = np.arange(300) % 256
-    data[:, 2:6] = (np.arange(300, dtype="<u4") * 10_000)[:, None].view(np.uint8).reshape(300, 4)
-    frames = sent(beats(300), data=data)
-    lines = checked(message(None, COUNTED), frames)
-    assert found(lines) == {"no_cycle": WARN}
-    assert lines[0].text.startswith("100.0 Hz;")
-    assert "cycle_ms = 10 " in lines[0].advice
-    assert found(checked(message(None, COUNTED), frames, clocks=CLOCKS)) == {"rate": OK}
-    assert found(checked(message(None), frames)) == {"rate": OK}
-    single = checked(message(None, COUNTED), frames.select(slice(0, 1)))
-    assert found(single) == {"rate": OK}
 
 
 @pytest.mark.parametrize(

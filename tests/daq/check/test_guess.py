@@ -162,16 +162,6 @@ def test_travels_without_a_unit_have_that_of_their_largest_motion(peak: float, u
     assert guess.tare == pytest.approx(peak * factor)
 
 
-def test_a_single_signal_without_a_unit_has_eight_bits_at_least() -> None:
-    for bits in (7, 8):
-        nameless, in_g = (
-            candidate("M.acc_z", layout("M.acc_z", unit, bits=bits), np.zeros(0))
-            for unit in ("", "g")
-        )
-        assert (nameless is not None) is (bits == 8)
-        assert in_g is not None
-
-
 # A device with three axes -------------------------------------------------------------------------
 
 
@@ -229,19 +219,6 @@ def test_a_mounting_that_is_tilted_by_more_than_five_degrees_is_asked_about(
     vertical = device(gravity=(0.0, float(np.sin(tilt)), float(np.cos(tilt))))["Imu.AccZ"]
     assert vertical.ask.startswith(ask)
     assert bool(vertical.ask) is bool(ask)
-
-
-def test_axes_that_are_not_vertical_are_unused_in_the_unit_of_gravity() -> None:
-    """No unit is stated, and the vertical axis reads 1: all three are in g."""
-    found = device(gravity=(0.0, 0.0, -1.0), unit="")
-    why = "reads +0.00 g at rest: not vertical"
-    assert found["Imu.AccX"] == found["Imu.AccY"] == Guess(Quantity.UNUSED, None, 1, why, unit="g")
-    vertical = found["Imu.AccZ"]
-    assert (vertical.quantity, vertical.sign, vertical.unit) == (
-        Quantity.BODY_ACCELERATION, -1, "g",
-    )  # fmt: skip
-    tilted = device(gravity=(0.0, 0.7, 0.7))["Imu.AccZ"]
-    assert tilted.ask == "no axis is vertical: it reads +0.00, +0.70, +0.70 g"
 
 
 @pytest.mark.parametrize(

@@ -92,18 +92,6 @@ def test_names_and_units_alone_tell_much() -> None:
     assert tomllib.loads(text)["dbc"] == "car.dbc"
 
 
-def test_every_line_that_is_left_to_the_reader_can_be_uncommented() -> None:
-    text, _ = _proposed(None)
-    settings = ("# [[", "# name = ", "# counter", "# cycle_ms", "# mass_kg", "# hub", "# x_m",
-                "# y_m", "# quantity", "# value", "# sigma")  # fmt: skip
-    lines = [x.removeprefix("# ") if x.startswith(settings) else x for x in text.splitlines()]
-    bench = parse_bench("\n".join(lines), "proposed", Path(), DBC)
-    bench_codec(bench)
-    assert [rule.cycle_ms for rule in bench.message_rules] == [10.0] * 4
-    assert [weight.mass_kg for weight in bench.mass_states[1].added.weights] == [32.5, 4.0]
-    assert bench.vehicle.facts[0].value == pytest.approx(1551.8)
-
-
 def test_traffic_tells_the_axis_the_sign_the_counter_the_checksum_and_the_clock() -> None:
     text, bench = _proposed(_traffic())
     found = {c.name: (c.quantity, c.sign) for c in bench.channels}

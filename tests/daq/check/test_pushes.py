@@ -276,15 +276,6 @@ def test_a_point_of_the_body_sinks_with_the_corner_it_is_near(
     assert judged(corner, {point: lane([0.01])}).passed is not sinks
 
 
-def test_what_was_seen_is_said_in_millimetres_or_in_the_unit() -> None:
-    travel, rate = channel(Quantity.SUSPENSION_TRAVEL), channel(Quantity.PITCH_RATE, "p")
-    both = {rate: lane([0.05]), travel: lane([0.0124, -0.005])}
-    assert judged(FL, both).text.startswith("c moved +12 mm")
-    assert judged(FL, {rate: lane([0.053])}).text.startswith("p moved +0.053 rad/s")
-    one = {travel: lane([0.012]), channel(Quantity.SUSPENSION_TRAVEL, "d", corner=RR): lane([0.02])}
-    assert judged(FL, one).text == "RR moved: c and d are swapped"
-
-
 @pytest.mark.parametrize(("begin", "passed"), [(48, True), (53, False)])
 def test_a_push_that_is_under_way_at_the_key_press_is_not_judged(begin: int, passed: bool) -> None:
     """Its rebound alone would tell to invert a sign that is right."""
@@ -438,14 +429,3 @@ def test_a_push_reaches_a_fifth_of_the_largest(small: float, number: int, sign: 
     found, seen = found_pushes({"a": trace([1.0, sign * small, -1.0, 0.5])})
     assert seen == number
     assert (found is None) is (number != 4)
-
-
-def test_signals_add_up_and_those_without_rest_do_not_count() -> None:
-    one, two = trace([1.0, 0.0, 1.0, 0.0]), trace([0.0, 1.0, 0.0, 1.0])
-    assert found_pushes({"a": one})[1] == 2
-    assert list(pushes(one, two).spans) == list(ORDER)
-    for first, number in ((97, 4), (98, 2)):  # three samples within half a second, or two
-        late = two[0][first:], two[1][first:]
-        assert found_pushes({"a": one, "b": late})[1] == number
-    assert found_pushes({}) == (None, 0)
-    assert found_pushes({"a": (one[0][:1], one[1][:1])}) == (None, 0)

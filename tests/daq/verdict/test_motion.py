@@ -179,25 +179,6 @@ def travel(corner: Corner, ratio: float) -> tuple[Channel, Array]:
     return channel, TURNS * BEFORE + pulse(ratio * np.sqrt(0.5))
 
 
-def test_hubs_excuse_travels_of_one_axle_alone() -> None:
-    front, other = travel(Corner.FRONT_LEFT, 9.0), travel(Corner.FRONT_RIGHT, 8.0)
-    rear = travel(Corner.REAR_LEFT, 8.0)
-    body = BODY, TURNS * BEFORE + pulse(8.0 * np.sqrt(0.5))
-    for records, judged in (
-        ((front, other), False),
-        ((rear,), False),
-        ((front, rear), True),
-        ((front, body), True),
-    ):
-        findings = found(too_weak, {HUB: pulse(100.0), **dict(records)})
-        weak = [finding for finding in findings if finding.unit == ""]
-        assert bool(weak) is judged
-        assert all(not finding.passed for finding in weak)
-    # Of several the clearest counts.
-    clear = found(too_weak, dict((front, travel(Corner.REAR_RIGHT, 11.0))))
-    assert [(f.passed, f.subject) for f in clear] == [(True, "travel_RR")]
-
-
 def test_a_bump_below_the_triggers_level_is_named_alone() -> None:
     findings = found(too_weak, {HUB: pulse(5.0), **dict([travel(Corner.FRONT_LEFT, 9.0)])})
     assert [(f.passed, f.subject, f.limit) for f in findings] == [(False, "hub", 6.0)]
