@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
-from io import BytesIO
+from io import SEEK_END, BytesIO
 from math import prod
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -125,7 +125,7 @@ _MARK = b"\nbumpbench crc32 "
 """Beginning of the last line of a session file; its checksum follows."""
 
 
-def write_image(content: Content) -> bytes:
+def write_image(content: Content) -> memoryview:
     """Return the bytes of a session file with a content, groups before what is in them.
 
     Equal contents give equal bytes.  It is made in memory, because HDF5 crashes the process at its
@@ -159,7 +159,9 @@ def write_image(content: Content) -> bytes:
                         made.dims[axis].attach_scale(scales[scale])
             for key, value in item.attributes.items():
                 made.attrs[key] = _stored(value)
-    return image.getvalue() + _end(image.getvalue())
+    image.seek(0, SEEK_END)
+    image.write(_end(image.getvalue()))
+    return image.getbuffer()
 
 
 def _end(image: bytes | memoryview) -> bytes:

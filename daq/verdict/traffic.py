@@ -14,9 +14,9 @@ from dbc.words import counted, plural
 
 from ..bench.config import Bench
 from ..channels import Channel, Quantity, message_of
+from ..runs import STALE_S, WHEEL_MOTION_S, Silence, longest_gap_s, longest_silence
 from ..samples.clock import FASTEST
 from ..samples.converter import FROZEN_S, flat_tops, longest_hold
-from ..silence import STALE_S, WHEEL_MOTION_S, Silence, longest_gap_s, longest_silence
 from .window import BEFORE_S, RunWindow, Trace, kind_of
 from .words import finding
 

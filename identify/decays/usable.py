@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.channels import LARGEST, Channel, Quantity
-from daq.runs import Run, RunStatus
+from daq.runs import Run, RunStatus, Silence, longest_silence
 from daq.samples.converter import FROZEN_S, Hold, longest_hold
 from daq.sessions import Session
-from daq.silence import Silence, longest_silence
 
 from .decay import Record, decay_start_s, is_still, onset_s, record_of
 
@@ -66,7 +65,7 @@ def usable(session: Session) -> Usable:
     stands still.
 
     A run is left out if a channel that shows a part of it is silent for longer than the bench
-    allows (`daq.silence`), or holds its value while the vehicle moves: its plug is loose, and what
+    allows (`daq.runs`), or holds its value while the vehicle moves: its plug is loose, and what
     it sent before is not sure.  A channel with this fault in most of its runs was recorded so, and
     these runs are used as they are.  Also left out are runs in which times go back, all sensors are
     silent together (the clock jumped), nothing moves, or the free decay is missing.

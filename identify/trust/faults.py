@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from daq.channels import Channel, Quantity
-from daq.silence import longest_gap_s
+from daq.runs import longest_gap_s
 from daq.vehicle import Corner, Fact, MassState
 from dbc.finding import Finding
 from dbc.words import counted

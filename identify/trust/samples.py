@@ -15,10 +15,9 @@ from typing import NamedTuple
 import numpy as np
 
 from daq.channels import Quantity
-from daq.runs import Run
+from daq.runs import WHEEL_MOTION_S, Run, longest_gap_s
 from daq.samples.converter import FROZEN_S, flat_tops
 from daq.sessions import Session
-from daq.silence import WHEEL_MOTION_S, longest_gap_s
 from daq.vehicle import parameter_names, parameter_unit
 from dbc.codec import Quality
 from dbc.finding import Finding, Severity

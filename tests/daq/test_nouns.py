@@ -19,11 +19,10 @@ from daq.channels import Channel, Quantity
 from daq.errors import InputError
 from daq.loading import expected_car, loading, wrong_weights
 from daq.runlog import LoggedNote, Override
-from daq.runs import Excitation, RunStatus, SampleGroup
+from daq.runs import Excitation, RunStatus, SampleGroup, Silence, longest_gap_s, longest_silence
 from daq.session import read_session, write_session
 from daq.session.from_frames import parse_runs
 from daq.sessions import notes_of, overrides_of, session_from_arrays
-from daq.silence import Silence, longest_gap_s, longest_silence
 from daq.sim.motion import corner_motion, inertia_forces, static_pose
 from daq.vehicle import (
     FORD_GRANADA,
