@@ -7,7 +7,7 @@ import zlib
 from collections.abc import Iterator
 from contextlib import suppress
 from datetime import UTC, datetime
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from dbc.errors import InputError
 from dbc.frames import FD_LENGTHS, FrameBatch, FrameFlag
 from dbc.words import counted
 
-from .reader import LATEST_NS, LONGEST_NS, LogLoss, Readable, possible_frames
+from .reader import LATEST_NS, LONGEST_NS, LogLoss, possible_frames
 
 LACKS = "the direction of error frames"
 BLOCK_BYTES = 1 << 19
@@ -80,11 +80,11 @@ _KINDS = {
 _LOST_EVENTS, _LOST = 126, _layout(16, count=("<u4", 12))
 
 
-def read_blf(file: Readable, where: str, size: int | None, loss: LogLoss) -> Iterator[FrameBatch]:
+def read_blf(file: BinaryIO, where: str, size: int, loss: LogLoss) -> Iterator[FrameBatch]:
     """Read a BLF block by block.
 
-    `file`: at its beginning.  `where`: its name, for messages.  `size`: its length in bytes, None
-    if it is not known.  Raises InputError if it is not a BLF.
+    `file`: at its beginning.  `where`: its name, for messages.  `size`: its length in bytes.
+    Raises InputError if it is not a BLF.
     """
     start = file.read(_FILE.size)
     if start[:4] != b"LOGG":
@@ -101,7 +101,7 @@ def read_blf(file: Readable, where: str, size: int | None, loss: LogLoss) -> Ite
     with suppress(ValueError):
         date = datetime(year, month, day, hour, minute, second, milliseconds * 1000, tzinfo=UTC)
         start_ns = max(round(date.timestamp() * 1000) * 1_000_000, 0)
-    if size is not None and size < claimed:
+    if size < claimed:
         what = f"has {size} of the {claimed} bytes that its header states"
         loss.add(what, bytes_cut=claimed - size)
     data, known, unpacked = b"", False, 0
@@ -125,7 +125,7 @@ def read_blf(file: Readable, where: str, size: int | None, loss: LogLoss) -> Ite
         loss.add("its last object is incomplete", bytes_cut=len(data) - used)
 
 
-def _pieces(file: Readable, file_bytes: int | None, loss: LogLoss) -> Iterator[tuple[bytes, bool]]:
+def _pieces(file: BinaryIO, file_bytes: int, loss: LogLoss) -> Iterator[tuple[bytes, bool]]:
     """Yield the contents of containers, and objects outside them; and whether they are complete."""
     while head := file.read(_OBJECT.size):
         if len(head) < _OBJECT.size:
@@ -134,8 +134,7 @@ def _pieces(file: Readable, file_bytes: int | None, loss: LogLoss) -> Iterator[t
         mark, _, _, size, kind = _OBJECT.unpack(head)
         if mark != b"LOBJ" or not _OBJECT.size < size <= MAX_OBJECT_BYTES:
             place = file.tell() - len(head)
-            cut = len(head) if file_bytes is None else file_bytes - place
-            loss.add(f"after byte {place} there is no container", bytes_cut=cut)
+            loss.add(f"after byte {place} there is no container", bytes_cut=file_bytes - place)
             return
         body = file.read(size - _OBJECT.size)
         padding = file.read(size % 4)

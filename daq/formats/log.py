@@ -19,7 +19,7 @@ from ..errors import InputError
 from ..journal.format import MAGIC
 from ..journal.reader import JournalReader
 from . import asc, blf, can_csv, candump, mf4, trc
-from .reader import LineParser, LogLoss, Unpacked, head_of, parsed, read_lines
+from .reader import LineParser, LogLoss, head_of, parsed, read_lines
 
 RESTART_NS = 1_000_000_000
 """Time, ns, by which stamps go back where a clock began anew, and not where a frame came late."""
@@ -55,7 +55,7 @@ _TEXTS = (
     LogFormat("CSV of python-can", can_csv.LACKS, ".csv", can_csv.CsvParser),
     LogFormat("TRC", trc.LACKS, ".trc", trc.TrcParser),
 )
-NAMES = "BLF, ASC, TRC, candump -L, CSV of python-can, MF4, journal; packed with gzip or not"
+NAMES = "BLF, ASC, TRC, candump -L, CSV of python-can, MF4, journal"
 """Names of the formats, for messages."""
 _MAGIC = {
     b"LOGG": BLF,
@@ -77,7 +77,7 @@ def detect(path: Path) -> LogFormat:
         raise InputError(where, other if path.exists() else "no such file", f"name a log: {NAMES}")
     try:
         with path.open("rb") as file:
-            head = Unpacked(file, LogLoss()).read(HEAD_BYTES)
+            head = file.read(HEAD_BYTES)
     except OSError as error:
         what = f"cannot be read: {error.strerror or error}"
         raise InputError(where, what, "check rights and disk") from error
@@ -87,8 +87,7 @@ def detect(path: Path) -> LogFormat:
         if head.startswith(magic):
             return form
     lines = head_of(head)
-    suffixes = [suffix.lower() for suffix in path.suffixes if suffix.lower() != ".gz"]
-    text_format = _text_format(lines, suffixes[-1] if suffixes else "")
+    text_format = _text_format(lines, path.suffix.lower())
     if text_format is None:
         first = next((line for line in lines.splitlines() if line.strip()), b"")
         shown = printable(first.strip().decode("ascii", "backslashreplace"), 40)
@@ -155,7 +154,7 @@ class Log:
         if self._journal is not None:
             return self._journal.head.origin
         with self.paths[0].open("rb") as file:
-            head = Unpacked(file, LogLoss()).read(512)
+            head = file.read(512)
         # An exported ASC, BLF or MF4 says so, or the interface in a line of candump.
         stated = re.search(rb"(?:origin: |\) )(simulated|replayed)", head)
         return Origin(stated[1].decode()) if stated else Origin.REAL
@@ -204,15 +203,13 @@ class Log:
             return
         with self.paths[0].open("rb") as file:
             self._position = file.tell
-            unpacked = Unpacked(file, self._loss)
             if self.format is MF4:
-                yield from mf4.read_mf4(file, unpacked, self.name, self._loss)
+                yield from mf4.read_mf4(file, self.name, self._loss)
             elif self.format is BLF:
-                size = None if unpacked.packed else self._bytes
-                yield from blf.read_blf(unpacked, self.name, size, self._loss)
+                yield from blf.read_blf(file, self.name, self._bytes, self._loss)
             else:
                 assert self.format.parser is not None
-                yield from read_lines(unpacked, self.name, self.format.parser(), self._loss)
+                yield from read_lines(file, self.name, self.format.parser(), self._loss)
             self._position = lambda: self._bytes
 
     def _in_order(self, batch: FrameBatch) -> FrameBatch:

@@ -20,7 +20,7 @@ from dbc.frames import FD_LENGTHS, FrameBatch, FrameFlag
 from dbc.words import counted
 
 from ..errors import optional
-from .reader import LATEST_NS, LONGEST_NS, LogLoss, Unpacked, possible_frames
+from .reader import LATEST_NS, LONGEST_NS, LogLoss, possible_frames
 
 LACKS = ""
 _KINDS = {
@@ -50,18 +50,18 @@ class _Group:
     """Time of each record since the start of the file, s."""
 
 
-def read_mf4(file: BinaryIO, unpacked: Unpacked, where: str, loss: LogLoss) -> Iterator[FrameBatch]:
+def read_mf4(file: BinaryIO, where: str, loss: LogLoss) -> Iterator[FrameBatch]:
     """Read the CAN frames of an MF4 file block by block.
 
     Buses count from 1 in MF4, and from 0 in `FrameBatch`; a file whose first block has a bus 0
-    counts from 0.  `unpacked`: the file as it is to be read.  `where`: its name, for messages.
-    Raises InputError if it cannot be read, or holds no CAN bus logging.
+    counts from 0.  `where`: its name, for messages.  Raises InputError if it cannot be read, or
+    holds no CAN bus logging.
     """
     content: BinaryIO = file
     is_unfinished = file.read(8) == b"UnFinMF "
     file.seek(0)
-    if unpacked.packed or is_unfinished:  # the library writes to an unfinished file: to this copy
-        content = BytesIO(unpacked.read(4 << 30))
+    if is_unfinished:  # the library writes to an unfinished file: to this copy
+        content = BytesIO(file.read())
     with open_mdf(content, where) as mdf:
         yield from _blocks(mdf, where, loss)
 

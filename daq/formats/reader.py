@@ -1,10 +1,8 @@
-"""Reads logs forwards: bytes, packed or not, their lines, and the account of what is lost."""
+"""Reads the lines of text logs forwards, with an account of what is lost."""
 
 from __future__ import annotations
 
-import gzip
 import re
-import zlib
 from binascii import unhexlify
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -77,53 +75,6 @@ def possible_frames(frames: FrameBatch, loss: LogLoss) -> FrameBatch:
     have = counted(n, "frame has", "frames have")
     loss.add(f"{have} an impossible identifier, the first {what}", garbled=n)
     return frames.select(np.delete(np.arange(len(frames)), wrong))
-
-
-class Readable(Protocol):
-    """Bytes that are read forwards."""
-
-    def read(self, size: int, /) -> bytes:
-        """Return this number of bytes, fewer at the end."""
-
-    def tell(self) -> int:
-        """Return the number of bytes read."""
-
-
-class Unpacked:
-    """A file that is unpacked while it is read, if packed; it ends where it is damaged or cut.
-
-    `file`: at its beginning.  `loss`: collects the losses.
-    """
-
-    def __init__(self, file: BinaryIO, loss: LogLoss) -> None:
-        self._loss = loss
-        self.packed = file.read(2) == b"\x1f\x8b"
-        """True if it is packed."""
-        file.seek(0)
-        # A read of many bytes that fails would lose those before the damage: `read1` takes few.
-        self._read = gzip.GzipFile(fileobj=file).read1 if self.packed else file.read
-        self._count = 0
-        self._ended = False
-
-    def read(self, size: int, /) -> bytes:
-        """Return this number of bytes, fewer at the end."""
-        parts: list[bytes] = []
-        missing = 0 if self._ended else size
-        try:
-            # Python makes room for all bytes that are asked for before it reads.
-            while missing and (part := self._read(min(missing, 1 << 24))):
-                parts.append(part)
-                missing -= len(part)
-        except (EOFError, gzip.BadGzipFile, zlib.error):
-            self._loss.add("it cannot be unpacked to its end; the rest is lost", garbled=1)
-            self._ended = True
-        data = b"".join(parts)
-        self._count += len(data)
-        return data
-
-    def tell(self) -> int:
-        """Return the number of bytes read, unpacked."""
-        return self._count
 
 
 BLOCK_BYTES = 1 << 18
@@ -274,7 +225,7 @@ def head_of(data: bytes) -> bytes:
 
 
 def read_lines(
-    file: Readable, where: str, parse: LineParser, loss: LogLoss
+    file: BinaryIO, where: str, parse: LineParser, loss: LogLoss
 ) -> Iterator[FrameBatch]:
     """Read a text log block by block; count each line that is not one of its format.
 

@@ -8,7 +8,6 @@ with MF4 and MAT), or if a session file is read though it was changed.
 from __future__ import annotations
 
 import contextlib
-import gzip
 import io
 import logging
 import multiprocessing
@@ -75,7 +74,6 @@ def seeds(folder: Path) -> dict[str, tuple[bytes, Reader]]:
     for suffix in (".blf", ".asc", ".log", ".csv", ".trc"):
         write_with_python_can(folder / f"a{suffix}", plain)
         found[f"log {suffix}"] = (folder / f"a{suffix}").read_bytes(), log
-    found["log packed"] = gzip.compress(found["log .log"][0]), log
     write_with_python_can(folder / "a.mf4", mixed(80))
     found["log .mf4"] = (folder / "a.mf4").read_bytes(), log
     time_s = np.arange(60) * np.float64(0.005)

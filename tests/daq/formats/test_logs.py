@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gzip
 import struct
 import zlib
 from collections.abc import Callable, Iterable
@@ -151,15 +150,14 @@ def read_frames(path: Path) -> tuple[Log, list[Frame]]:
     return log, frames_in(FrameBatch.concatenate(list(log)))
 
 
-@pytest.mark.parametrize("packed", [False, True])
 def test_every_frame_of_an_unfinished_mf4_is_kept_whatever_the_file_is_called(
-    tmp_path: Path, packed: bool
+    tmp_path: Path,
 ) -> None:
     path = tmp_path / "a.mf4"
     write_with_python_can(path, FRAMES[:800])
     raw = path.read_bytes().replace(b"MDF     ", b"UnFinMF ", 1)
     path = path.rename(tmp_path / "a.dat")
-    path.write_bytes(gzip.compress(raw, 1) if packed else raw)
+    path.write_bytes(raw)
     log, found = read_frames(path)
     assert found == FRAMES[:800]
     assert not log.loss.any, log.loss.text
@@ -347,18 +345,6 @@ def test_claims_of_a_blf_are_not_believed(tmp_path: Path) -> None:
         list(read_log(_blf(path, *[_container(bytes(1 << 23))] * 4)))
 
 
-@pytest.mark.parametrize("share", [0.5, 0.9])
-def test_a_packed_log_cut_off_gives_what_was_packed_before(tmp_path: Path, share: float) -> None:
-    whole, path = tmp_path / "a.log", tmp_path / "a.log.gz"
-    write_with_python_can(whole, PLAIN[:3000])
-    packed = gzip.compress(whole.read_bytes())
-    path.write_bytes(packed[: int(len(packed) * share)])
-    found, lost = _read(path)
-    assert (share - 0.1) * 3000 < len(found) < 3000
-    assert found == _read(whole)[0][: len(found)]
-    assert "it cannot be unpacked to its end" in lost
-
-
 @pytest.mark.parametrize("suffix", TEXTS)
 def test_a_line_that_is_no_frame_is_counted_and_named(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"a{suffix}"
@@ -407,7 +393,6 @@ HEADS: dict[str, tuple[str, str, str]] = {
     "TRC": ("a.txt", TRC, "TRC"),
     "as much of both": ("a.txt", TRC + ASC, "ASC"),
     "as much of both, by name": ("a.trc", TRC + ASC, "TRC"),
-    "as much of both, packed": ("a.trc.gz", TRC + ASC, "TRC"),
     "more of one than the name says": ("a.trc", TRC + ASC * 2, "ASC"),
     "more than half of it is none": ("a.txt", TRC + "some more words\n" * 2, ""),
     "a head alone": ("a.txt", ";$FILEVERSION=1.0\n", "TRC"),
@@ -421,7 +406,7 @@ HEADS: dict[str, tuple[str, str, str]] = {
 def test_the_format_of_a_text_log(tmp_path: Path, name: str) -> None:
     file, text, form = HEADS[name]
     path = tmp_path / file
-    path.write_bytes(gzip.compress(text.encode()) if file.endswith(".gz") else text.encode())
+    path.write_bytes(text.encode())
     if form:
         assert detect(path).name == form
         return
@@ -438,11 +423,10 @@ BINARIES = {
 
 
 @pytest.mark.parametrize("name", BINARIES)
-@pytest.mark.parametrize("packed", [False, True])
-def test_the_format_of_a_binary_log(tmp_path: Path, name: str, packed: bool) -> None:
+def test_the_format_of_a_binary_log(tmp_path: Path, name: str) -> None:
     path = tmp_path / "a.txt"
     raw = BINARIES[name] + bytes(100)
-    path.write_bytes(gzip.compress(raw) if packed else raw)
+    path.write_bytes(raw)
     assert detect(path).name.split()[0] == name.removeprefix("unfinished ").split()[0]
 
 
