@@ -63,6 +63,8 @@ _SENSED_RATE_HZ = 250.0
 """Rate to which decays are thinned for the State Variable Method."""
 _LONGEST_S = 60.0
 """CPU time of an identification, s, at most: `identify.nonlinear` ends its search in time."""
+_JUDGING_S, _LEAST_S = 2.0, 20.0
+"""CPU time, s, kept for judging a fit, and that which a search for elements has in any case."""
 _STOPPED = (
     "stopped by a person before friction, bars and stops of the car were fitted: "
     "identify again for the whole answer"
@@ -193,7 +195,8 @@ def _parameters(
 
             try:
                 log_stage(f"so far: {_likely_words(linear)}")
-                real = explained_by_elements(session, linear, share, log_stage)
+                most_s = max(_LONGEST_S - _JUDGING_S - process_time() + began_s, _LEAST_S)
+                real = explained_by_elements(session, linear, share, log_stage, most_s)
             except _StoppedError:
                 unused = (*unused, Finding("stopped", Severity.WARNING, _STOPPED))
                 real = None
@@ -274,7 +277,11 @@ def share_of_faults(linear: Estimation) -> float:
 
 
 def explained_by_elements(
-    session: Session, linear: Estimation, share: float, log_line: Callable[[str], None]
+    session: Session,
+    linear: Estimation,
+    share: float,
+    log_line: Callable[[str], None],
+    most_s: float,
 ) -> RealCar | None:
     """Return the fit with nonlinear elements where it explains the decays; None where not.
 
@@ -283,13 +290,14 @@ def explained_by_elements(
 
     `session`: with the elements that `[vehicle.structure]` forces or forbids.  `linear`: a linear
     fit that does not hold, nor does one from a later start.  `share`: of its misfit that faults of
-    the bench explain (`share_of_faults`).  `log_line`: receives each stage of the fit.
+    the bench explain (`share_of_faults`).  `log_line`: receives each stage of the fit.  `most_s`:
+    processor time of the search, s.
     """
     if share >= 1.0:
         return None
     from .nonlinear.real_car import real_car  # with Numba: a third of a second to import
 
-    real = real_car(linear, generic_vehicles(), session.vehicle.elements, log_line)
+    real = real_car(linear, generic_vehicles(), session.vehicle.elements, log_line, most_s)
     if real is None or not real.estimation.chi2_per_n <= CHI2_LIMIT:
         return None
     n = sum(sum(residuals.freedom.values()) for residuals in linear.residuals)

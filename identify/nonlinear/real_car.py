@@ -40,10 +40,6 @@ tenths of a second wheels may leave the ground and stops be touched: one car of 
 chi2/n 1700 with wheels twice too heavy, and 0.15 s later with all but its dampers within 25 %.
 Wheels are known by little else than that time."""
 
-_TIME_S = 45.0
-"""Processor time of the search and the polish, s: with the linear fits before them, and the faults
-that are tried first, an identification takes a minute at most."""
-
 Log = Callable[[str], None]
 
 
@@ -62,12 +58,13 @@ def real_car(
     vehicles: Sequence[NDArray[np.float64]],
     decided: Mapping[str, bool],
     log: Log,
+    most_s: float = 45.0,
 ) -> RealCar | None:
     """Fit the rich model to the decays of an estimation that does not hold.
 
     `vehicles`, sequence of (15,) float64: generic vehicles to start from.  `decided`: elements that
-    `[vehicle.structure]` forces or forbids.  `log`: receives a line for each stage.  Returns None
-    where the search finds no finite path.
+    `[vehicle.structure]` forces or forbids.  `log`: receives a line for each stage.  `most_s`:
+    processor time of search and polish, s.  Returns None where the search finds no finite path.
     """
     records, rest = linear.records, linear.rest
     start_s = np.array([decay_start_s(record) for record in records])
@@ -93,7 +90,7 @@ def real_car(
                 late_s=late_s,
             )
 
-    clock = Clock(_TIME_S)
+    clock = Clock(most_s)
     with threadpool_limits(1, "blas"):  # the runs of a fit share the processors instead
         end = release(model, attempts(), lambda name: decided.get(name, True), log, clock)
     if end is None:

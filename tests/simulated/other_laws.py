@@ -143,7 +143,7 @@ def identified_other(number: int, seed: int = SEED) -> FleetCase:
     began_s = process_time()
     result = identify.identify_parameters(session)
     cpu_s = process_time() - began_s
-    there = {
+    there: dict[str, dict[str, float]] = {
         name: {}
         for name in (
             "anti_roll_bars", "bump_stops", "cg_offset", "corners_left_right", "damper_curve",

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from daq.bench.config import StructureTable
 from daq.vehicle import ELEMENTS, Fact
 from identify.fit.grey_box import GreyBox
 from identify.fit.uncertainty import Estimate
@@ -395,18 +394,11 @@ def test_the_stiffness_of_a_mount_has_the_interval_of_its_compliance_turned_over
 # The elements that a bench may force or forbid are those that the fit knows -----------------------
 
 
-def test_bench_file_vehicle_and_fit_know_the_same_elements() -> None:
+def test_vehicle_and_fit_know_the_same_elements() -> None:
     names = {group.name for group in GROUPS}
     assert names == set(ELEMENTS)
-    assert names == set(StructureTable.model_fields) - {"symmetric"}
     released = {name for stage in STAGES for name in stage}
     assert released | {"damper_mounts", "static_friction"} == names
-
-
-def test_an_element_that_is_not_stated_is_left_to_the_data() -> None:
-    assert StructureTable().decided == {}
-    stated = StructureTable(friction=False, anti_roll_bars=True)
-    assert stated.decided == {"anti_roll_bars": True, "friction": False}
 
 
 def test_unequal_corners_differ_by_their_share_left_and_right() -> None:
