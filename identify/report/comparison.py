@@ -14,11 +14,9 @@ from dbc.words import counted
 
 from ..change import Change
 from ..compare import Compared, Comparison, Trend
-from ..fit.estimation import Estimation
 from ..fit.uncertainty import Estimate
 from ..numbers import NOT_DETERMINED, half_width, plus_minus, rounded, signed
 from ..words import NOT_OK, unit_text, value_text
-from .decays import overlay_gallery
 from .page import (
     HALF_IN,
     INK,
@@ -55,10 +53,8 @@ METHOD = (
 )
 
 
-def comparison_sections(
-    comparison: Comparison, estimations: Sequence[Estimation] = ()
-) -> tuple[Section, ...]:
-    """Return the differences, the overlaid decays of the fits, and the trends."""
+def comparison_sections(comparison: Comparison) -> tuple[Section, ...]:
+    """Return the differences and the trends."""
     labels = comparison.labels
     note = "" if set(comparison.verdicts) == {"ok"} else NOT_OK
     sessions = tuple(
@@ -88,10 +84,6 @@ def comparison_sections(
             if rows:
                 blocks.append(_differences(f"{title}: {label} minus {labels[0]}", rows, which))
     sections = [Section("differences", "Differences", METHOD, tuple(blocks))]
-    gallery = overlay_gallery(labels, estimations)
-    if gallery is not None:
-        lead = "The same runs in all sessions, as the sensors measured them."
-        sections.append(Section("decays", "Overlaid decays", lead, (gallery,)))
     if len(labels) > 2:
         sections.append(_trends(comparison))
     return tuple(sections)

@@ -1,4 +1,4 @@
-"""Measured against fitted, one small figure a run; and one run of several sessions."""
+"""Measured against fitted, one small figure a run."""
 
 from __future__ import annotations
 
@@ -30,17 +30,6 @@ _WINDOW = "#eef4f9"
 _SPAN = 6.0
 """Range of the residuals that is shown, in standard deviations of the noise, unless the largest
 exceeds it."""
-
-_OVERLAY_BINS = 220
-_SHOWN_S = 1.5
-"""Seconds of a decay that are overlaid; what follows is mostly noise."""
-_SESSIONS = 4
-"""Largest number of sessions overlaid: more curves cannot be distinguished."""
-_LEGEND_ROW = 0.08
-"""Height of a row of the legend, as a share of the figure's."""
-_LONGEST = 20
-"""Largest number of letters of a session's name: two names fit in a row, also with matplotlib 3.9,
-which sets them wider."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,85 +177,6 @@ def _draw_decay(run: DecayTraces, figure: FigureBase) -> None:
     under.tick_params(labelbottom=True)
     under.set_xlabel("time in the run, s", fontsize=7.5, labelpad=1.5)
     under.set_xlim(float(run.traces[0].measured[0, 0]), run.end_s)
-
-
-# One run of several sessions ----------------------------------------------------------------------
-
-
-def overlay_gallery(labels: Sequence[str], estimations: Sequence[Estimation]) -> Gallery | None:
-    """Return the overlaid decays of sessions; None where no run is in all of them."""
-    shown = estimations[:_SESSIONS]
-    by_label = [{decay.label: decay for decay in one.decays} for one in shown]
-    pictures = []
-    for label in by_label[0] if by_label else ():
-        if all(label in decays for decays in by_label):
-            picture = overlay_picture(
-                label, labels, [decays[label] for decays in by_label], shown[0].sigma
-            )
-            if picture is not None:
-                pictures.append(picture)
-    if not pictures:
-        return None
-    return Gallery(
-        "The same run of each session",
-        "The channel that stands out most from its noise, from the start of its free decay, as "
-        "measured except for a constant (the zero of a sensor says nothing about the car); grey "
-        "is the first session. Bumps of another height change the size but not the shape.",
-        tuple(pictures),
-    )
-
-
-def overlay_picture(
-    label: str, labels: Sequence[str], decays: Sequence[FreeDecay], sigma: Mapping[str, float]
-) -> Picture | None:
-    """Return one channel of a run in several sessions; None where they have none in common."""
-    early: list[dict[str, tuple[Floats, Floats, str]]] = []
-    for decay in decays:
-        columns = {}
-        for recording in decay.recordings:
-            soon = recording.time_s < _SHOWN_S
-            for channel, column in zip(recording.group.channels, recording.values.T, strict=True):
-                if soon.any():
-                    columns[channel.name] = recording.time_s[soon], column[soon], channel.unit
-        early.append(columns)
-    common = [name for name in early[0] if all(name in other for other in early)]
-    if not common:
-        return None
-    name = max(common, key=lambda n: float(np.std(early[0][n][1])) / sigma[n])
-    first_s, first, unit = early[0][name]
-    curves = []
-    for time_s, values, _ in (columns[name] for columns in early):
-        # With the mean of the first: each fit has its own constant for it.
-        offset = np.mean(values - np.interp(time_s, first_s, first))
-        curves.append(envelope(time_s, values - offset, _OVERLAY_BINS))
-    title = f"{name}, {unit_text(unit)}"
-    draw = partial(_draw_overlay, title, tuple(labels[: len(curves)]), tuple(curves))
-    return Picture(f"overlay_{label}", label, "", HALF_IN, 2.0, draw)
-
-
-def _draw_overlay(
-    title: str, labels: tuple[str, ...], curves: tuple[Floats, ...], figure: FigureBase
-) -> None:
-    """Draw the curves over each other, the first session broad and grey beneath."""
-    from matplotlib.ticker import MaxNLocator
-
-    top = 0.9 - _LEGEND_ROW * -(-len(labels) // 2)  # channel and legend are above the curves
-    axes = figure.add_axes((0.13, 0.17, 0.855, top - 0.17))
-    for number, (label, curve) in enumerate(zip(labels, curves, strict=True)):
-        hue = PALETTE[number % len(PALETTE)]
-        width = 0.9 if number else 1.9
-        short = label if len(label) <= _LONGEST else f"…{label[1 - _LONGEST :]}"
-        axes.plot(*curve, color=hue, lw=width, label=short, solid_joinstyle="round")
-    axes.yaxis.set_major_locator(MaxNLocator(4))
-    axes.tick_params(labelsize=7.5, length=2.5)
-    axes.set_xlabel("time since the start of the decay, s", fontsize=7.5, labelpad=1.5)
-    legend = axes.legend(
-        title=title, fontsize=7.5, title_fontsize=7.5, frameon=False,
-        loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.1, borderpad=0.1,
-        handlelength=1.4, columnspacing=1.0, labelspacing=0.2, alignment="left",
-    )  # fmt: skip
-    for text in (legend.get_title(), *legend.get_texts()):
-        text.set_parse_math(False)
 
 
 def envelope(time_s: Floats, values: Floats, bins: int) -> Floats:

@@ -307,30 +307,10 @@ def prediction_section(predictions: tuple[Prediction, ...]) -> Section:
     )
     if known < len(predictions):
         lead += f" For {len(predictions) - known} the others do not determine the vehicle."
-    blocks = (_prediction_picture(predictions), _prediction_table(predictions))
     title = "A run left out and predicted"
-    return Section("prediction", title, lead, blocks if predictions else ())
-
-
-def _prediction_table(predictions: tuple[Prediction, ...]) -> Table:
-    rows = []
-    for p in predictions:
-        tail: Texts = ("", "", "the others do not determine all parameters", "", "")
-        if np.isfinite(p.predicted):
-            state = "✓ at noise level" if p.at_noise else "✕ not predicted"
-            tail = (number(p.predicted), number(p.limit), state, p.parameter, f"{p.moved:+.2f}")
-        rows.append((p.label, number(p.fitted), *tail))
-    return Table(
-        "chi2/n of each run",
-        ("run", "#fitted", "#predicted", "#limit", "", "moves most", "#by sigma"),
-        tuple(rows),
-        "Moves most: the parameter that changes most when the run is left out, in standard "
-        "deviations of such a change; beyond 4 the run shows another car than the others.",
-    )
-
-
-def _prediction_picture(predictions: tuple[Prediction, ...]) -> Picture:
-    return Picture(
+    if not predictions:
+        return Section("prediction", title, lead, ())
+    picture = Picture(
         "prediction",
         "Fitted with all runs, and predicted from the others",
         "Grey: noise level, with five standard deviations of chance. A diamond far to the right of "
@@ -339,6 +319,21 @@ def _prediction_picture(predictions: tuple[Prediction, ...]) -> Picture:
         lines_height_in(len(predictions), 3),
         partial(_draw_predictions, predictions),
     )
+    rows = []
+    for p in predictions:
+        tail: Texts = ("", "", "the others do not determine all parameters", "", "")
+        if np.isfinite(p.predicted):
+            state = "✓ at noise level" if p.at_noise else "✕ not predicted"
+            tail = (number(p.predicted), number(p.limit), state, p.parameter, f"{p.moved:+.2f}")
+        rows.append((p.label, number(p.fitted), *tail))
+    table = Table(
+        "chi2/n of each run",
+        ("run", "#fitted", "#predicted", "#limit", "", "moves most", "#by sigma"),
+        tuple(rows),
+        "Moves most: the parameter that changes most when the run is left out, in standard "
+        "deviations of such a change; beyond 4 the run shows another car than the others.",
+    )
+    return Section("prediction", title, lead, (picture, table))
 
 
 def _draw_predictions(predictions: tuple[Prediction, ...], figure: FigureBase) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from concurrent.futures import Executor, Future
 from datetime import date
 from importlib.resources import files
@@ -23,7 +23,6 @@ from markupsafe import Markup, escape
 from daq.documents import json_in_html
 
 from ..compare import Comparison
-from ..fit.estimation import Estimation
 from ..trust.finding import Verdict
 from ..words import HEADLINE, MEANING, SEVERITY, SYMBOL, plain, survival_lines
 from .cars import moving_car, still_cars
@@ -91,16 +90,13 @@ def html_of(report: Report, begun: Mapping[str, Future[Markup]] = MappingProxyTy
     )
 
 
-def comparison_html(comparison: Comparison, estimations: Sequence[Estimation] = ()) -> str:
-    """Typeset a comparison of sessions, with its JSON document as data, as HTML.
-
-    `estimations`: their fits, whose decays are overlaid.
-    """
+def comparison_html(comparison: Comparison) -> str:
+    """Typeset a comparison of sessions, with its JSON document as data, as HTML."""
     return _page(
         "comparison.jinja",
         {"comparison": comparison.document()},
         drawing=drawing,
-        sections=comparison_sections(comparison, estimations),
+        sections=comparison_sections(comparison),
         comparison=comparison,
         headline=headline_of(comparison),
     )

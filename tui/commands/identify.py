@@ -128,8 +128,7 @@ def compare(
     if page is not None:
         from identify.report import comparison_html
 
-        fits = [result.estimation for result in results if result.estimation is not None]
-        write_named(page, comparison_html(comparison, fits).encode())
+        write_named(page, comparison_html(comparison).encode())
     if json:
         print_json(comparison.document())
     else:

@@ -57,6 +57,7 @@ def write_report(
         decay_section,
         drawings,
         html_of,
+        pdf_of,
         report_of,
     )
 
@@ -85,7 +86,7 @@ def write_report(
         report = report_of(recorded, result, checks, source)
         stage(0.7, "drawing")
         # The PDF takes longest: it is begun first.
-        sheets = None if pdf is None else pool.submit(_pdf_of, report)
+        sheets = None if pdf is None else pool.submit(pdf_of, report)
         begun |= drawings((p for p in report.pictures if p.key not in begun), pool)
         write_named(html, html_of(report, begun).encode())
         written(html)
@@ -94,12 +95,6 @@ def write_report(
             write_named(pdf, sheets.result())
             written(pdf)
     return report
-
-
-def _pdf_of(report: Report) -> bytes:
-    from identify.report import pdf_of  # matplotlib, which the helpers have loaded
-
-    return pdf_of(report)
 
 
 def write_figures(report: Report, folder: Path, kind: str) -> list[Path]:
