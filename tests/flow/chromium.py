@@ -1,14 +1,17 @@
-"""A headless Chromium, spoken to in its own protocol: no library is needed for that."""
+"""A headless Chromium, spoken to in its own protocol, and axe-core in its pages."""
 
 from __future__ import annotations
 
 import asyncio
 import base64
+import json
 import shutil
 import subprocess
+import tarfile
 import tempfile
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any, cast
 
@@ -96,3 +99,33 @@ async def _port(path: Path) -> int:
         while not path.exists() or not path.read_text().strip():
             await asyncio.sleep(0.1)
     return int(path.read_text().splitlines()[0])
+
+
+# The accessibility engine axe-core; npm fetches it where it is run --------------------------------
+
+PACKAGE = "axe-core@4.12.1"
+SERIOUS = ("serious", "critical")
+RUN = """axe.run().then(found => JSON.stringify(
+    found.violations.map(v => [v.impact, v.id, v.nodes[0].html.slice(0, 200)])))"""
+
+
+@cache
+def source() -> str:
+    """Return the script of axe-core; raises CalledProcessError if npm cannot fetch it."""
+    with tempfile.TemporaryDirectory() as folder:
+        command = ["npm", "pack", PACKAGE, "--silent"]
+        subprocess.run(command, cwd=folder, check=True, capture_output=True)
+        (packed,) = Path(folder).glob("*.tgz")
+        with tarfile.open(packed) as archive:
+            script = archive.extractfile("package/axe.min.js")
+            assert script is not None
+            return script.read().decode()
+
+
+async def assert_accessible(tab: Tab, where: str) -> None:
+    """Raise AssertionError if axe finds anything serious in what a page shows now."""
+    await tab.value(f"if (!window.axe) {{ {source()} }}")
+    answer = await tab.order("Runtime.evaluate", expression=RUN, awaitPromise=True)
+    found = json.loads(answer["result"]["value"])
+    serious = [violation for violation in found if violation[0] in SERIOUS]
+    assert not serious, f"{where}: {serious}"

@@ -21,9 +21,8 @@ from daq.control.address import control_address
 from daq.control.exchange import Client
 from daq.control.messages import Mark
 
-from .axe import assert_accessible
 from .bench_terminal import DemoBench, demo_bench
-from .chromium import Tab, tabs
+from .chromium import Tab, assert_accessible, tabs
 from .web_keys import keys_at_once
 
 SIZES = {"phone": (390, 844), "tablet": (1024, 768), "tv": (1920, 1080)}

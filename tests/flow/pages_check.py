@@ -12,8 +12,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from .axe import assert_accessible
-from .chromium import Tab, tabs
+from .chromium import Tab, assert_accessible, tabs
 
 PICTURES = Path("build/pages")
 WIDTHS_PX = {"desk": 1280, "phone": 400}
