@@ -206,8 +206,8 @@ class Codec:
         bits of other signals are 0.  `counter_start`: counter of the first frame; it grows by one
         with each, and wraps.  Counter and checksum are filled in here.  Raises KeyError if the DBC
         has no such message or signal, ValueError if a value does not fit in its bits (a
-        saturating sensor must saturate before), columns differ in length, or counter or checksum
-        is given.
+        saturating sensor must saturate before), columns differ in length, a signal is multiplexed,
+        or counter or checksum is given.
         """
         layout = self.message(message)
         columns = {name: np.asarray(value) for name, value in values.items()}
@@ -220,22 +220,12 @@ class Codec:
         (n,) = shapes.pop()
         if layout.counter is not None:
             columns[layout.counter.signal] = (counter_start + np.arange(n)) % layout.counter.modulus
-        raw = {
-            name: _raw_bits(layout.name, layout.signal(name), column)
-            for name, column in columns.items()
-        }
         payload = np.zeros((n, 8 if layout.length <= 8 else 64), np.uint8)
-        for name, bits in raw.items():
+        for name, column in columns.items():
             signal = layout.signal(name)
-            present = np.ones(n, np.bool_)
-            chosen = signal
-            while chosen.selector is not None:
-                if chosen.selector not in raw:
-                    what = f"{message}.{chosen.name} needs its selector {chosen.selector}"
-                    raise ValueError(what)
-                present &= _selects(chosen, raw[chosen.selector])
-                chosen = layout.signal(chosen.selector)
-            _add_bits(payload, signal, np.where(present, bits, np.uint64(0)))
+            if signal.is_multiplexed:
+                raise ValueError(f"{message}.{name} is multiplexed and cannot be sent")
+            _add_bits(payload, signal, _raw_bits(message, signal, column))
         if layout.crc is not None:
             byte = layout.signal(layout.crc).first_byte
             payload[:, byte] = CRC_RULES[layout.crc_rule](covered(payload, byte, layout.length))
@@ -250,12 +240,6 @@ def _add_bits(payload: NDArray[np.uint8], signal: SignalLayout, bits: NDArray[np
         down = 8 * steps - signal.low_bit
         part = bits >> np.uint64(down) if down >= 0 else bits << np.uint64(-down)
         payload[:, byte] |= (part & np.uint64(0xFF)).astype(np.uint8)
-
-
-def _selects(signal: SignalLayout, raw: NDArray[Any]) -> NDArray[np.bool_]:
-    """Return where the raw values of its selector name a multiplexed signal."""
-    chosen = [(raw >= low) & (raw <= high) for low, high in signal.selected_by]
-    return np.asarray(np.logical_or.reduce(chosen))
 
 
 def _raw_values(signal: SignalLayout, payload: NDArray[np.uint8]) -> NDArray[Any]:
@@ -353,7 +337,9 @@ def _presence(
     present = np.ones(len(length), np.bool_)
     while signal.selector is not None:
         selector = message.signal(signal.selector)
-        present &= _selects(signal, _raw_values(selector, payload))
+        raw = _raw_values(selector, payload)
+        named = [(raw >= low) & (raw <= high) for low, high in signal.selected_by]
+        present &= np.logical_or.reduce(named)
         present &= length > selector.last_byte
         signal = selector
     return present
