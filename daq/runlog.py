@@ -270,10 +270,14 @@ def _advanced(log: RunLog, event: Event) -> RunLog:
         case Code.MARK:
             mark = LoggedNote(event.t_ns, event.text, revision=log.revision)
             return replace(log, notes=(*log.notes, mark))
-        case Code.UNDO:
-            return _stepped_back(log)
-        case Code.REDO:
-            return _stepped_forth(log)
+        case Code.UNDO if log.done:
+            back = _reversible(log.done[-1])
+            runs = _replaced(log, back.before)
+            return replace(log, runs=runs, done=log.done[:-1], undone=(*log.undone, back))
+        case Code.REDO if log.undone:
+            forth = log.undone[-1]
+            runs = _replaced(log, forth.after)
+            return replace(log, runs=runs, done=(*log.done, forth), undone=log.undone[:-1])
         case Code.RESUMED:
             return _cut(log)
         case Code.VERDICT | Code.ACCEPT | Code.REJECT | Code.CHOOSE | Code.NOTE | Code.OVERRIDE:
@@ -342,14 +346,6 @@ def _judged(
     return replace(log, runs=runs, done=all_known(log.done), undone=all_known(log.undone))
 
 
-def _stepped_back(log: RunLog) -> RunLog:
-    if not log.done:
-        return log
-    back = _reversible(log.done[-1])
-    runs = _replaced(log, back.before)
-    return replace(log, runs=runs, done=log.done[:-1], undone=(*log.undone, back))
-
-
 def _reversible(change: Change) -> Change:
     """Return a change with what its run is once it is undone.
 
@@ -361,14 +357,6 @@ def _reversible(change: Change) -> Change:
     accepted = change.after.status is LoggedStatus.ACCEPTED
     other = LoggedStatus.REJECTED if accepted else LoggedStatus.ACCEPTED
     return change._replace(before=replace(change.after, status=other, by="undo", reason=""))
-
-
-def _stepped_forth(log: RunLog) -> RunLog:
-    if not log.undone:
-        return log
-    forth = log.undone[-1]
-    runs = _replaced(log, forth.after)
-    return replace(log, runs=runs, done=(*log.done, forth), undone=log.undone[:-1])
 
 
 def _cut(log: RunLog) -> RunLog:

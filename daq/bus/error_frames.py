@@ -64,17 +64,6 @@ _STATES = {  # by bits of the controller byte, the most severe first: a byte may
     0x0C: ControllerState.WARNING,
     0x40: ControllerState.ACTIVE,
 }
-_WARNING_ERRORS, _PASSIVE_ERRORS = 96, 128  # least value of an error counter (ISO 11898-1)
-_VIOLATIONS = {
-    0x01: "single bit",
-    0x02: "frame format",
-    0x04: "bit stuffing",
-    0x08: "dominant bit not sent",
-    0x10: "recessive bit not sent",
-    0x20: "overload",
-    0x40: "active error flag",
-    0x80: "while sending",
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,12 +92,15 @@ def describe_error_frame(can_id: int, data: bytes) -> ErrorFrame:
     flag bits.  `data`: payload; missing bytes (of 8) count as zero, which means "not specified".
     """
     classes = ErrorClass(can_id & sum(ErrorClass))  # unknown bits are left out
-    _, controller, violation, _, _, _, tx, rx = data[:8].ljust(8, b"\0")
+    _, controller, _, _, _, _, tx, rx = data[:8].ljust(8, b"\0")
     if ErrorClass.CONTROLLER not in classes:
         controller = 0  # the byte then has another meaning
     changed = classes & (ErrorClass.CONTROLLER | ErrorClass.BUS_OFF)
     is_counted = ErrorClass.COUNTERS in classes or bool(changed and (tx or rx))
-    parts = _class_words(classes, controller, violation)
+    details = ", ".join(words for bit, words in _CONTROLLER.items() if controller & bit)
+    parts = [words for error_class, words in _CLASSES.items() if error_class in classes]
+    if details:
+        parts[parts.index("controller")] += f" ({details})"
     if is_counted:
         parts.append(f"{tx} transmit and {counted(rx, 'receive error')} counted")
     return ErrorFrame(
@@ -119,20 +111,6 @@ def describe_error_frame(can_id: int, data: bytes) -> ErrorFrame:
         bool(controller & _RX_OVERFLOW),
         ", ".join(parts) or "unknown error",
     )
-
-
-def _class_words(classes: ErrorClass, controller: int, violation: int) -> list[str]:
-    """Return the words of each class, with the details that the bytes of two of them give."""
-    details = {
-        ErrorClass.CONTROLLER: [name for bit, name in _CONTROLLER.items() if controller & bit],
-        ErrorClass.PROTOCOL: [name for bit, name in _VIOLATIONS.items() if violation & bit],
-    }
-    texts = []
-    for error_class, words in _CLASSES.items():
-        if error_class in classes:
-            named = ", ".join(details.get(error_class, []))
-            texts.append(f"{words} ({named})" if named else words)
-    return texts
 
 
 def _state(classes: ErrorClass, controller: int, errors: int | None) -> ControllerState | None:
@@ -146,9 +124,9 @@ def _state(classes: ErrorClass, controller: int, errors: int | None) -> Controll
         return ControllerState.ACTIVE
     if errors is None:
         return None
-    if errors < _WARNING_ERRORS:
+    if errors < 96:  # the limits of ISO 11898-1
         return ControllerState.ACTIVE
-    return ControllerState.WARNING if errors < _PASSIVE_ERRORS else ControllerState.PASSIVE
+    return ControllerState.WARNING if errors < 128 else ControllerState.PASSIVE
 
 
 def error_frames_of(frames: FrameBatch) -> list[ErrorFrame]:
