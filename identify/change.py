@@ -37,10 +37,6 @@ from .words import unit_text
 
 Floats = NDArray[np.float64]
 
-_FREE = 1e-9
-"""Share of an unknown's information that must remain when the common parameters are free: below,
-it is rounding, and the sessions do not determine the difference."""
-
 
 @dataclass(frozen=True, slots=True)
 class Likelihood:
@@ -182,13 +178,12 @@ def differences(shares: Sequence[Likelihood], model: Model) -> Differences:
     common = inverse @ np.sum([share.target for share in shares], axis=0)
     follow = inverse @ across
     information = alone - across.T @ follow
-    shown = np.diag(information) > _FREE * np.maximum(np.diag(alone), 1e-300)
+    # Below this share of its information, what remains with the common parameters free is rounding.
+    shown = np.diag(information) > 1e-9 * np.maximum(np.diag(alone), 1e-300)
     return Differences(information, target - across.T @ common, common, follow, shown)
 
 
 # What changed -------------------------------------------------------------------------------------
-
-Floats = NDArray[np.float64]
 
 LEVEL = 0.05
 """Chance of naming any parameter where nothing differs."""
@@ -196,12 +191,6 @@ _FURTHER_LEVEL = 0.01
 """Chance of naming each further parameter where nothing else differs."""
 _REST_LEVEL = 0.01
 """Chance of suspecting a change outside the named parameters where there is none."""
-_MOST = 3
-"""Largest number of named parameters; if more change at once, it is another car."""
-_MOST_OF_MANY = 2
-"""Largest number for more than two sessions, where each parameter has two ways to differ."""
-_ROUNDS = 4
-"""Number of linearisations about the last answer; the second seldom changes it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -305,7 +294,7 @@ def change_of(estimations: Sequence[Estimation], apart: tuple[str, ...] = ()) ->
     n_values = sum(d.n_values for e in estimations for d in e.decays)
     chosen: tuple[int, ...] = ()
     points: list[Floats] = []
-    for number in range(_ROUNDS):
+    for number in range(4):  # linearised about the last answer; the second seldom changes it
         free = differences(shares, model)
         before, chosen = chosen, choose(free, model, n_sessions, n_values)
         if number and before == chosen:
@@ -356,7 +345,8 @@ def choose(free: Differences, model: Model, n_sessions: int, n_values: int) -> t
     )
     best: tuple[int, ...] = ()
     worth = 0.0
-    for size in range(1, (_MOST if n_sessions == 2 else _MOST_OF_MANY) + 1):
+    # If more change at once, it is another car; over many sessions each has two ways to differ.
+    for size in range(1, (3 if n_sessions == 2 else 2) + 1):
         sets = [
             some
             for some in combinations(usable, size)

@@ -172,7 +172,6 @@ _HIGHEST_RATE_HZ = 1000.0
 _HUB_KG = 5.0
 _FLOOR_KG = 30.0
 _SCALES_KG = 1.0
-_TAPE_M = 0.003
 _AXLES = (FactQuantity.FRONT_AXLE, FactQuantity.REAR_AXLE)
 _LENGTHS = (FactQuantity.WHEELBASE, FactQuantity.FRONT_TRACK, FactQuantity.REAR_TRACK)
 _CORNER_LOADS = {
@@ -339,7 +338,7 @@ def _facts(plan: Plan) -> Iterator[Candidate]:
     lengths = [q for q in _LENGTHS if q not in known]
     if lengths and plan.geometry is None:
         names = ", ".join(q.removesuffix("_m").replace("_", " ") for q in lengths)
-        yield _with_facts(plan, f"measure {names} by tape to 3 mm", list(lengths), _TAPE_M)
+        yield _with_facts(plan, f"measure {names} by tape to 3 mm", list(lengths), 0.003)
 
 
 def _with_facts(plan: Plan, action: str, what: list[FactQuantity], sigma: float) -> Candidate:
@@ -350,7 +349,6 @@ def _with_facts(plan: Plan, action: str, what: list[FactQuantity], sigma: float)
 
 # Whole campaigns to compare with a plan: fewer runs, lower bumps, scales instead of weights -------
 
-_LOW_BUMP_M = 0.03
 _SCALES = (
     Fact(FactQuantity.TOTAL_MASS, 0.0, 1.0),
     Fact(FactQuantity.FRONT_AXLE, 0.0, 1.0),
@@ -377,7 +375,7 @@ def campaigns(plan: Plan) -> tuple[Candidate, ...]:
         action = f"{weighed}, wheelbase and tracks by tape"
         others.append((action, _once(plan, kinds, (bare,), HIGHEST_BUMP_M, (*_SCALES, *_TAPE))))
     states = (bare, *loaded)
-    for height_m in (_LOW_BUMP_M, HIGHEST_BUMP_M) if loaded else ():
+    for height_m in (0.03, HIGHEST_BUMP_M) if loaded else ():
         action = f"{names} once in each mass state, bumps of {height_m * 1e3:g} mm"
         others.append((action, _once(plan, kinds, states, height_m)))
     for kind in (Excitation.WARP, Excitation.REAR_PITCH) if loaded else ():

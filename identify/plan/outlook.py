@@ -147,7 +147,6 @@ def _decay(
 # The outlook --------------------------------------------------------------------------------------
 
 _FLOOR = 1e-13  # of the largest eigenvalue: rounding
-_OPEN = 1.0  # standard deviation of a logarithm (or of a unit) in an undetermined direction
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,7 +200,8 @@ def expected(fisher: Fisher) -> Outlook:
         reasons=_reasons(fisher, H, lost),
         worst=max(finite),
         mean=float(np.mean(finite)),
-        open_directions=int(np.sum(floored < _OPEN**-2)),
+        # A standard deviation above 1, of a logarithm or of a unit.
+        open_directions=int(np.sum(floored < 1.0)),
     )
 
 
@@ -249,8 +249,6 @@ def _reasons(fisher: Fisher, H: NDArray[np.float64], lost: list[str]) -> tuple[s
 Progress = Callable[[float, str], None]
 """Receives the share of the work that is done, 0..1, and the next step."""
 MOST_STEPS = 12
-_MOST_ADVICE = 3
-_NOTICEABLE = 0.995  # of worst times mean; a step that leaves more is not worth its line
 
 
 @dataclass(frozen=True, slots=True)
@@ -302,7 +300,7 @@ def advise(plan: Plan, progress: Progress = _ignore, known: KnownRuns | None = N
     # The best step, and the best after it, until everything is determined.
     remedies: list[str] = []
     reached = now
-    while reached.undetermined and len(remedies) < _MOST_ADVICE:
+    while reached.undetermined and len(remedies) < 3:
         best, after = ranked[0]
         if not _helps(after, reached):
             break
@@ -342,4 +340,5 @@ def _rank(outlook: Outlook) -> tuple[int, int, float]:
 def _helps(after: Outlook, now: Outlook) -> bool:
     if now.undetermined:  # first things first
         return _rank(after)[:2] < _rank(now)[:2]
-    return after.worst * after.mean < _NOTICEABLE * now.worst * now.mean
+    # A step that gains less than half a per cent is not worth its line.
+    return after.worst * after.mean < 0.995 * now.worst * now.mean

@@ -20,9 +20,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-_LIFT_M = 0.22  # of the point that moves most: large enough to see
 _DECK_M, _ROOF_M, _HUB_M = 0.62, 1.25, 0.32
-_RADIUS_M = 0.31
 _OVERHANG_M = 0.55
 _EYE = np.array([5.2, 5.6, 3.1])
 """Position of the viewer, m from the middle of the car: in front, left, above."""
@@ -30,18 +28,14 @@ _DISTANCE_M = float(np.linalg.norm(_EYE))
 _BACK = _EYE / _DISTANCE_M
 _RIGHT = np.array([-_EYE[1], _EYE[0], 0.0]) / np.hypot(_EYE[0], _EYE[1])
 _UP = np.cross(_BACK, _RIGHT)
-_COILS = 5
 
 _FRAMES = 20
 _SCALE = 100.0  # of the drawing, units a metre
-_BOX = "-218 -142 436 300"
 _SLOWEST_HZ, _PERIOD_S = 1.0, 2.4
 """Frequency, Hz, of a mode that has this period, s, on the screen; half the period at ten times the
 frequency."""
 
 _ACROSS = 4
-_STILL_IN = 1.55
-_REST = "#b8b8b8"
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +69,8 @@ def shape_of(
     lift[4:, 3:] = np.eye(4)
     points = lift @ shape
     turn = np.exp(-0.5j * np.angle(np.sum(points**2)))
-    motion = shape * turn * _LIFT_M / np.max(np.abs(points))
+    lift_m = 0.22  # of the point that moves most: large enough to see
+    motion = shape * turn * lift_m / np.max(np.abs(points))
     return Shape(title, numbers, frequency_hz, np.asarray(motion), geometry)
 
 
@@ -109,7 +104,7 @@ def _outline(g: VehicleGeometry, x: Floats) -> Outline:
     ]
     corners, hub = _corners(g), _HUB_M + x[3:]
     turn = np.linspace(0.0, 2.0 * np.pi, 25)
-    rim = _RADIUS_M * np.stack([np.cos(turn), np.zeros(25), np.sin(turn)], axis=1)
+    rim = 0.31 * np.stack([np.cos(turn), np.zeros(25), np.sin(turn)], axis=1)
     middle = np.array([(g.a - g.b) / 2.0, 0.0, 0.45])
     deck, roof = (_seen(plate, middle) for plate in plates)
     return Outline(
@@ -121,7 +116,7 @@ def _outline(g: VehicleGeometry, x: Floats) -> Outline:
 
 def _coils(corners: Floats, low: Floats, high: Floats) -> Floats:
     """Return a zigzag from hub to body at each corner, (4, k, 3)."""
-    n = 2 * _COILS + 2
+    n = 12  # points of five coils and two straight ends
     up = np.linspace(0.0, 1.0, n)
     aside = 0.05 * np.where(np.arange(n) % 2, 1.0, -1.0)
     aside[[0, -1]] = 0.0
@@ -166,7 +161,9 @@ def moving_car(shape: Shape) -> Markup:
         )
     parts.append(f'</g><g class="car still">{_still(frames[0])}</g>')
     name = escape(shape.title)
-    return Markup(f'<svg viewBox="{_BOX}" role="img" aria-label="{name}">{"".join(parts)}</svg>')
+    return Markup(
+        f'<svg viewBox="-218 -142 436 300" role="img" aria-label="{name}">{"".join(parts)}</svg>'
+    )
 
 
 def _still(car: Outline) -> str:
@@ -195,7 +192,7 @@ def still_cars(cars: MovingCars) -> Picture:
     down = max(-(-len(cars.shapes) // _ACROSS), 1)
     caption = "At the largest motion; grey: at rest."
     draw = partial(_draw_cars, cars.shapes)
-    return Picture(cars.key, cars.title, caption, WIDTH_IN, _STILL_IN * down, draw)
+    return Picture(cars.key, cars.title, caption, WIDTH_IN, 1.55 * down, draw)
 
 
 def _draw_cars(shapes: Sequence[Shape], figure: FigureBase) -> None:
@@ -203,7 +200,7 @@ def _draw_cars(shapes: Sequence[Shape], figure: FigureBase) -> None:
     for i, shape in enumerate(shapes):
         axes = figure.add_subplot(down, _ACROSS, i + 1)
         for car, colour, wheel, width in (
-            (at_rest(shape.geometry), _REST, FAINT, 0.7),
+            (at_rest(shape.geometry), "#b8b8b8", FAINT, 0.7),
             (outline(shape, 0.0), PALETTE[1], INK, 1.1),
         ):
             for plate in car.plates:

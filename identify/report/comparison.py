@@ -39,8 +39,6 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 _LEAST_CHANCE = 1e-9
-_DRAWN = 24
-"""Largest number of trends with a figure, the parameters first."""
 METHOD = (
     "What changed is found by one joint fit of all sessions: every parameter, and every element "
     "that all of them have, is common to them unless the data ask for a difference; of all small "
@@ -180,7 +178,7 @@ def _trends(comparison: Comparison) -> Section:
                 "✓ varies" if t.varies else "· constant",
             )
         )
-        if len(pictures) < _DRAWN:
+        if len(pictures) < 24:  # the parameters come first
             draw = partial(_draw_trend, row.estimates, t, unit)
             pictures.append(Picture(f"trend_{len(pictures)}", row.name, "", HALF_IN, 1.7, draw))
     columns = ("", "#per session", "unit", "slope at 95 %", "#chi2 / n", "constancy at 95 %")

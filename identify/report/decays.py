@@ -23,13 +23,8 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-_BEFORE_S = 0.1
 _BINS = 260
 _HUBS = (Quantity.HUB_ACCELERATION, Quantity.HUB_DISPLACEMENT)
-_WINDOW = "#eef4f9"
-_SPAN = 6.0
-"""Range of the residuals that is shown, in standard deviations of the noise, unless the largest
-exceeds it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +80,7 @@ def _traces(
     noise: Mapping[str, float], record: Record, decay: FreeDecay, left: Residuals
 ) -> DecayTraces:
     onset = onset_s(record)
-    begin_s = record.start_s if onset is None else max(onset - _BEFORE_S, record.start_s)
+    begin_s = record.start_s if onset is None else max(onset - 0.1, record.start_s)
     traces = []
     for channel in _most_significant(noise, decay, left):
         before, whole = _column(record.recordings, channel.name)
@@ -156,7 +151,7 @@ def _draw_decay(run: DecayTraces, figure: FigureBase) -> None:
         shared = shared or top
         under = figure.add_subplot(grid[2 * number + 1], sharex=shared)
         for axes in (top, under):
-            axes.axvspan(run.start_s, run.end_s, color=_WINDOW, lw=0.0, zorder=0)
+            axes.axvspan(run.start_s, run.end_s, color="#eef4f9", lw=0.0, zorder=0)
             axes.tick_params(labelsize=7.0, length=2.5, labelbottom=False)
         top.plot(*trace.measured, color="#9a9a9a", lw=1.5, solid_joinstyle="round")
         top.plot(*trace.fitted, color=hue, lw=0.85)
@@ -170,7 +165,8 @@ def _draw_decay(run: DecayTraces, figure: FigureBase) -> None:
         top.yaxis.set_major_locator(MaxNLocator(4))
         under.axhspan(-2.0, 2.0, color=FAINT, alpha=0.6, lw=0.0, zorder=0.5)
         under.plot(*trace.residual, color=hue, lw=0.5)
-        reach = max(_SPAN, float(np.max(np.abs(trace.residual[1]), initial=0.0)) * 1.05)
+        # Six standard deviations of the noise, or more if the largest residual exceeds them.
+        reach = max(6.0, float(np.max(np.abs(trace.residual[1]), initial=0.0)) * 1.05)
         under.set_ylim(-reach, reach)
         under.yaxis.set_major_locator(MaxNLocator(3))
         under.set_ylabel("sigma", fontsize=6.5)

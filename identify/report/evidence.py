@@ -43,11 +43,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Texts = tuple[str, ...]
 
-_THIN_HZ = 250.0
-"""Rate to which decays are thinned for the diagrams."""
 _HEAD_IN, _ROW_IN = 0.25, 0.215
-_OPAQUE = 0.5
-"""Largest opacity of a cell of a matrix: its number can be read on a light and on a dark page."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +62,7 @@ def cross_checks(estimation: Estimation) -> CrossChecks:
     diagrams = {}
     for state in dict.fromkeys(record.mass_state for record in records):
         mine = [i for i, record in enumerate(records) if record.mass_state == state]
-        decays = [estimation.decays[i].thinned(_THIN_HZ) for i in mine]
+        decays = [estimation.decays[i].thinned(250.0) for i in mine]
         diagram = vehicle_diagram([records[i] for i in mine], decays)
         if diagram is not None:
             diagrams[state] = diagram
@@ -207,7 +203,8 @@ def _heat(axes: Axes, values: Floats, largest: float, text: Callable[[float], st
     for i, j in np.argwhere(np.isfinite(values)):
         value = float(values[i, j])
         hue = PALETTE[1] if value > 0.0 else PALETTE[2]
-        opacity = round(_OPAQUE * min(abs(value) / largest, 1.0), 2)
+        # At most half opaque: the number can be read on a light and on a dark page.
+        opacity = round(0.5 * min(abs(value) / largest, 1.0), 2)
         corner = (j - 0.485, i - 0.485)
         axes.add_patch(Rectangle(corner, 0.97, 0.97, fc=to_rgba(hue, opacity), ec="none"))
         axes.text(j, i, text(value), ha="center", va="center", fontsize=7.0, color=INK)

@@ -185,7 +185,6 @@ FAINT = "#d9d9d9"
 WIDTH_IN = 7.4
 """Width of a page of A4 between its margins, inches."""
 HALF_IN = 3.62
-_PNG_DPI = 200
 _ROW_IN = 0.195
 _HEAD_IN, _FOOT_IN = 0.32, 0.62
 _LEGEND_IN = 0.17
@@ -211,12 +210,11 @@ SETTINGS: Mapping[Any, Any] = MappingProxyType(
     }
 )
 """Settings of matplotlib, also for the figures of the studies."""
-_SMALL = {**SETTINGS, "font.size": 8.0, "axes.titlesize": 8.5}
 
 
 def look() -> dict[Any, Any]:
     """Return matplotlib's settings for the figures of a report."""
-    return dict(_SMALL)
+    return {**SETTINGS, "font.size": 8.0, "axes.titlesize": 8.5}
 
 
 def figure_of(picture: Picture) -> Figure:
@@ -244,7 +242,7 @@ def svg_of(picture: Picture) -> str:
 def png_of(picture: Picture) -> bytes:
     """Draw a PNG file."""
     data = BytesIO()
-    figure_of(picture).savefig(data, format="png", dpi=_PNG_DPI, metadata={"Software": None})
+    figure_of(picture).savefig(data, format="png", dpi=200, metadata={"Software": None})
     return data.getvalue()
 
 

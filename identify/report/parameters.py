@@ -61,8 +61,6 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-_LEAST_SHARE = 0.005
-"""Sources whose share is smaller for every parameter are not drawn."""
 _SOURCES = ("#0072b2", "#56b4e9", "#004468", "#d55e00", "#e69f00", "#8a3c00", "#009e73", "#66c2a5",
             "#cc79a7", "#7f7f7f", "#c0c0c0")  # fmt: skip
 
@@ -139,7 +137,8 @@ def intervals_picture(result: Identification) -> Picture:
     for row in shares.values():
         for kind, share in row.items():
             largest[kind] = max(largest.get(kind, 0.0), share)
-    kinds = {kind for kind, most in largest.items() if most > _LEAST_SHARE}
+    # A source whose share is smaller for every parameter is not drawn.
+    kinds = {kind for kind, most in largest.items() if most > 0.005}
     # In the order of the runs; sources that are not runs come last.
     runs = dict.fromkeys(run.rpartition("_")[0] for run in result.quality.chi2_by_run)
     order = (*(kind for kind in runs if kind in kinds), *sorted(kinds - set(runs)))

@@ -192,8 +192,6 @@ def _sigma(campaign: Campaign, state: MassState) -> list[NDArray[np.float64]]:
 
 _CHI2_LIMIT = 1.5
 _VAGUE_PERCENT = 25.0
-_UNDETERMINED_PERCENT = 1e6
-"""Bound, %, above which a parameter counts as undetermined: it is infinite except for rounding."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -253,7 +251,8 @@ def bound_percent(campaign: Campaign) -> NDArray[np.float64]:
     decays = tuple(record.decay(BUMP.end_s - 1e-9) for record in clean)
     truth = box.unknowns(FORD_GRANADA.to_array())
     bound = _stds_percent(estimates(box, fit(box, decays, noise_levels(campaign), truth)))
-    return np.where(bound < _UNDETERMINED_PERCENT, bound, inf)
+    # Above this a parameter is not determined: the bound is infinite except for rounding.
+    return np.where(bound < 1e6, bound, inf)
 
 
 def _stds_percent(found: dict[str, Estimate]) -> NDArray[np.float64]:

@@ -171,13 +171,6 @@ def filtered(values: NDArray[np.float64], rate_hz: float) -> NDArray[np.float64]
     return np.asarray(windows @ weights)
 
 
-_STEP_S = 0.01
-_BLOCKS = 30
-"""Number of delays, in steps of 10 ms over 0.3 s: of 8, 15 and 30 steps the most robust."""
-_LENGTH_S = 1.5
-"""Seconds of each decay that are used; what follows is mostly noise."""
-
-
 def table3_campaign(rate_hz: float, noise_db: float) -> Campaign:
     """Return the paper's campaign with the geometry measured.
 
@@ -207,7 +200,8 @@ def attempt(campaign: Campaign, seed: int) -> Attempt:
     for record in records:
         (recording,) = record.recordings
         decay = recording.values[recording.time_s > BUMP.end_s - 0.5 / rate_hz]
-        raw.setdefault(record.mass_state, []).append(decay[: round(_LENGTH_S * rate_hz)])
+        # What follows after 1.5 s is mostly noise.
+        raw.setdefault(record.mass_state, []).append(decay[: round(1.5 * rate_hz)])
     low = {name: [filtered(decay, rate_hz) for decay in decays] for name, decays in raw.items()}
     best = outcome(campaign, seed)
     return Attempt(
@@ -231,7 +225,8 @@ def _chain(states: Iterable[Sequence[NDArray[np.float64]]], rate_hz: float) -> N
 def _modes(decays: Sequence[NDArray[np.float64]], rate_hz: float) -> ModalModel:
     """Return the modes by the State Variable Method of known order (Eqs. 14-21)."""
     size = np.sqrt(np.mean(np.concatenate(list(decays)) ** 2, axis=0))
-    delays = Delays(_BLOCKS, max(1, round(_STEP_S * rate_hz)))
+    # Steps of 10 ms over 0.3 s: of 8, 15 and 30 steps the most robust.
+    delays = Delays(30, max(1, round(0.01 * rate_hz)))
     space = delay_space([decay / size for decay in decays], rate_hz, delays)
     poles, shapes = poles_of_rank(space, 2 * N_DOF)
     modes = poles.imag > 0.0
@@ -314,7 +309,6 @@ ERRORS_PERCENT = tuple(float(e) for e in range(-5, 6))
 
 _ADDED_PERCENT = tuple(float(share) for share in range(2, 15, 2))
 _DYNAMIC = PARAMETER_NAMES[5:11]
-_GEOMETRY = PARAMETER_NAMES[11:]
 
 
 _ONE_AXIS = (
@@ -439,7 +433,7 @@ def mass_error_study(figure: str) -> Study:
         panels=(
             (
                 _error_panel("Dynamic parameters", quantity, by_name, _DYNAMIC),
-                _error_panel("Structural parameters", quantity, by_name, _GEOMETRY),
+                _error_panel("Structural parameters", quantity, by_name, PARAMETER_NAMES[11:]),
             ),
         ),
     )
@@ -507,9 +501,6 @@ def fig8_study() -> Study:
 
 
 _SHOWN = {"z_s": "Body, vertical (z_s)", "z_uA": "Front left hub (z_uA)"}
-_SHOWN_S = (0.0, 1.2)
-_TAIL_S = (0.5, 0.8)
-"""Time span, s, in which the wheels come to rest and the noise is visible."""
 
 
 def fig9_study(rate_hz: float, noise_db: float, seed: int) -> Study:
@@ -543,8 +534,10 @@ def fig9_study(rate_hz: float, noise_db: float, seed: int) -> Study:
         signals = {"noisy": (time, noisy.values[:, c]), "filtered": (time_low, low[:, c])}
         panels.append(
             (
-                _panel(title, "acceleration / (m/s²)", signals, _SHOWN_S),
-                _panel("The same, enlarged", "acceleration / (m/s²), enlarged", signals, _TAIL_S),
+                _panel(title, "acceleration / (m/s²)", signals, (0.0, 1.2)),
+                _panel(
+                    "The same, enlarged", "acceleration / (m/s²), enlarged", signals, (0.5, 0.8)
+                ),
             )
         )
     return Study(

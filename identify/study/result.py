@@ -13,11 +13,6 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_WIDTH_IN = 9.0
-_CURVES_IN = 3.2
-_ITEM_IN = 0.3
-_DENSE = 100
-"""A curve of more points is a signal, and drawn thin."""
 _MARKS = ("|", "o", "o", "D", "s")
 _SPREAD = 0.5
 """Share of the distance between two items over which the series of one item are spread."""
@@ -123,12 +118,12 @@ def svg(study: Study) -> str:
     from ..report.page import SETTINGS
 
     heights = [
-        max(_CURVES_IN if isinstance(p, CurvePanel) else 1.3 + _ITEM_IN * len(p.items) for p in row)
+        max(3.2 if isinstance(p, CurvePanel) else 1.3 + 0.3 * len(p.items) for p in row)
         for row in study.panels
     ]
     spaced = ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.12)
     with matplotlib.rc_context(dict(SETTINGS)):
-        figure = Figure(figsize=(_WIDTH_IN, sum(heights)), layout=spaced)
+        figure = Figure(figsize=(9.0, sum(heights)), layout=spaced)
         rows = figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
         for row, panels in zip(rows, study.panels, strict=True):
             labels = {panel.y_label for panel in panels if isinstance(panel, CurvePanel)}
@@ -156,7 +151,7 @@ def _draw_curves(axes: Axes, panel: CurvePanel) -> None:
             curve.x,
             curve.y,
             color=PALETTE[curve.hue],
-            linewidth=0.9 if len(curve.x) > _DENSE else 1.6,
+            linewidth=0.9 if len(curve.x) > 100 else 1.6,  # a signal is drawn thin
             linestyle=(0, (4, 2)) if curve.dashed else "-",
             label=curve.label,
         )

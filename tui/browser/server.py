@@ -28,9 +28,6 @@ MOST_UNPROVEN = 64
 """Most connections without the token at a time: one more closes the oldest."""
 PROOF_S = 5.0
 """Time within which a connection must show the token, s."""
-_KEPT_S = 75.0
-"""Time for which a page may keep a connection without a request, s."""
-_TOKEN_BYTES = 32
 _HEADERS = {
     "Cache-Control": "no-store",
     "Referrer-Policy": "no-referrer",
@@ -69,7 +66,7 @@ class Guard:
         self._listening = listening
         port = listening.getsockname()[1]
         self._host = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
-        self._token = secrets.token_urlsafe(_TOKEN_BYTES)
+        self._token = secrets.token_urlsafe(32)
         self._unproven: dict[asyncio.BaseTransport | None, asyncio.TimerHandle] = {}
         self.origin = f"http://{self._host}"
         """Scheme, host and port of the server."""
@@ -93,7 +90,7 @@ class Guard:
             guarded,
             access_log=None,
             logger=_SILENT,
-            keepalive_timeout=_KEPT_S,
+            keepalive_timeout=75.0,  # s without a request
             shutdown_timeout=0.5,
         )
         await runner.setup()

@@ -20,9 +20,6 @@ from ..terminal.words import DisplayLink
 
 HERE, LAN = "here", "lan"
 """Words for the address that only this machine reaches, and for its address in the network."""
-_PORT = 8010
-_SOMEWHERE = ("192.0.2.1", 9)
-"""An address that belongs to no machine (RFC 5737): nothing is sent, only the route is asked."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +83,7 @@ def listen_on(host: str) -> tuple[str, socket.socket]:
         advice = "name one address of this machine, or lan"
         raise InputError("display", f"{host} is every address", advice)
     try:
-        return address, listen(address, _PORT)
+        return address, listen(address, 8010)
     except OSError as error:
         reason = f"cannot listen on {address}: {error.strerror or error}"
         raise InputError("display", reason, "name an address of this machine, or lan") from error
@@ -110,7 +107,8 @@ def _address_in_network() -> str:
     """Return the address by which this machine reaches others."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
-            probe.connect(_SOMEWHERE)
+            # An address of no machine (RFC 5737): nothing is sent, only the route is asked.
+            probe.connect(("192.0.2.1", 9))
         except OSError as error:
             reason = "no network is connected"
             raise InputError("display", reason, "name the address of this machine") from error

@@ -35,8 +35,6 @@ TRIES = 5
 """Wrong numbers in a minute after which none is accepted: to try a million then takes 140 days."""
 LOCKED_S = 60.0
 """Time for which no number is accepted then, s."""
-_MOST_BYTES = 1_000
-"""Largest body of an order, bytes."""
 _COOKIE = "bumpbench_control"
 _FILES = Path(__file__).with_name("page")
 _TYPES = {
@@ -153,7 +151,7 @@ class DisplayServer:
         for path in sorted(_FILES.iterdir()):
             url = "/" if path.name == "index.html" else f"/{path.name}"
             pages.router.add_get(url, _file(path))
-        async with self._guard.serving(pages, _MOST_BYTES):
+        async with self._guard.serving(pages, 1_000):
             try:
                 self._follower.start()
                 listening()

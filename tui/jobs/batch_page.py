@@ -21,16 +21,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-_MOST_OUTLIERS = 200
-"""Largest number of outliers that the page lists, the farthest first."""
-_DIGITS = 7
-_NO_PARAMETER = ("_hz", "_damping")
-_LEAST = 5
-"""Least number of sessions of a vehicle to know its usual value."""
 _APART = 3.5
 """Standard deviations, robust, beyond which a value counts as apart (Iglewicz and Hoaglin 1993)."""
-_SIGMA_OF_MAD = 1.4826
-"""Standard deviation of a normal variable whose median absolute deviation is 1."""
 
 
 def page_of(columns: Sequence[str], rows: Sequence[Row], folder: Path) -> str:
@@ -40,7 +32,9 @@ def page_of(columns: Sequence[str], rows: Sequence[Row], folder: Path) -> str:
     from daq.vehicle import parameter_unit
 
     names = [
-        name for name in columns if f"{name}_std" in columns and not name.endswith(_NO_PARAMETER)
+        name
+        for name in columns
+        if f"{name}_std" in columns and not name.endswith(("_hz", "_damping"))
     ]
     shown, values, stds = [], [], []
     for row in rows:
@@ -64,7 +58,7 @@ def page_of(columns: Sequence[str], rows: Sequence[Row], folder: Path) -> str:
         "rows": shown,
         "outliers": [
             [row, parameter, _rounded(usual), round(sigmas, 1)]
-            for row, parameter, usual, sigmas in apart[:_MOST_OUTLIERS]
+            for row, parameter, usual, sigmas in apart[:200]  # the farthest
         ],
         "outliers_in_all": len(apart),
     }
@@ -96,11 +90,12 @@ def outliers(
         sessions = np.flatnonzero(names == vehicle)
         for p in range(values.shape[1]):
             rows = sessions[np.isfinite(values[sessions, p])]
-            if len(rows) < _LEAST:
+            if len(rows) < 5:  # too few to know the usual value
                 continue
             usual = float(np.median(values[rows, p]))
             deviation = values[rows, p] - usual
-            scatter = _SIGMA_OF_MAD * float(np.median(np.abs(deviation)))
+            # Of a normal variable, whose median absolute deviation is 1.
+            scatter = 1.4826 * float(np.median(np.abs(deviation)))
             std = np.hypot(scatter, np.nan_to_num(stds[rows, p]))
             sigmas = deviation / np.where(std > 0.0, std, np.inf)
             beyond = np.flatnonzero(np.abs(sigmas) > _APART)
@@ -125,4 +120,4 @@ def _rounded(cell: Cell) -> float | None:
         number = float(cell if cell is not None else nan)
     except ValueError:
         return None
-    return float(f"{number:.{_DIGITS}g}") if isfinite(number) else None
+    return float(f"{number:.7g}") if isfinite(number) else None

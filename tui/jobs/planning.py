@@ -27,9 +27,6 @@ if TYPE_CHECKING:
     from daq.bench.config import Bench
     from identify.plan import Plan, Sensor
 
-_USUAL_CYCLE_S = 0.005  # where neither the DBC nor the command line has a rate
-_LEAST_DECAY_S = 0.2  # where the trigger records hardly longer than the bump takes
-
 
 def planned(
     bench: Bench,
@@ -56,7 +53,8 @@ def planned(
             for excitation in dict.fromkeys(bench.campaign.excitations)
         ),
         bump=Bump(bump_height_m, start_s=0.0, duration_s=bench.campaign.bump_s),
-        decay_s=max(bench.trigger.post_s - bench.campaign.bump_s, _LEAST_DECAY_S),
+        # At least 0.2 s: some triggers record hardly longer than the bump takes.
+        decay_s=max(bench.trigger.post_s - bench.campaign.bump_s, 0.2),
         geometry=bench.vehicle.geometry,
         structure=bench.vehicle.structure,
         facts=bench.vehicle.facts,
@@ -71,7 +69,8 @@ def sensors(bench: Bench, rate_hz: float | None) -> tuple[Sensor, ...]:
     from identify.plan import sensor
 
     return tuple(
-        sensor(mapped.channel.placed(), rate_hz or 1.0 / (mapped.message.cycle_s or _USUAL_CYCLE_S))
+        # 5 ms where neither the DBC nor the command line has a rate.
+        sensor(mapped.channel.placed(), rate_hz or 1.0 / (mapped.message.cycle_s or 0.005))
         for mapped in mapped_channels(bench, bench_codec(bench))
         if mapped.channel.quantity is not Quantity.UNUSED
     )

@@ -27,10 +27,6 @@ if TYPE_CHECKING:
     from identify.report import Report
 
 
-_HEAVY = ("identify.report", "matplotlib.backends.backend_svg")
-_LIBRARIES = ("numpy", "scipy", "h5py", "matplotlib")
-
-
 def write_report(
     session: Path,
     html: Path,
@@ -67,7 +63,7 @@ def write_report(
     if pdf is not None:
         require_ending(pdf, "printed report", SHEETS)
         make_room(pdf)
-    with helpers(_HEAVY) as pool:
+    with helpers(("identify.report", "matplotlib.backends.backend_svg")) as pool:
         begun = {}  # drawings, by the key of their picture
         checks = CrossChecks()
 
@@ -78,7 +74,7 @@ def write_report(
 
         result = identify(recorded, lambda done, text: stage(0.6 * done, text), pool, fitted)
         stage(0.6, "gathering")
-        libraries = {name: version(name) for name in _LIBRARIES}
+        libraries = {name: version(name) for name in ("numpy", "scipy", "h5py", "matplotlib")}
         today = datetime.now(UTC).date().isoformat()
         source = Source(
             session.name, file_sha256(session), version("bumpbench"), libraries, today, *signed

@@ -10,9 +10,6 @@ from pathlib import Path
 
 from daq import InputError
 
-_MOST = 1000
-"""Largest number of session files in the list: the newest ones."""
-
 
 class EntryState(StrEnum):
     """States of a session."""
@@ -62,7 +59,7 @@ def sessions_in(folder: Path) -> Iterator[SessionEntry]:
     for path in (*folder.glob("*.h5"), *folder.glob("*/*.h5")):
         if path.exists():  # neither deleted meanwhile, nor a broken link
             files.append((path.stat().st_mtime, path))
-    newest = sorted(files, reverse=True)[:_MOST]
+    newest = sorted(files, reverse=True)[:1000]
     unfinished = _unfinished(folder, {path.name for _, path in newest})
     if unfinished is not None:
         yield unfinished

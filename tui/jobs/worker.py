@@ -123,10 +123,6 @@ Line = Progress | Item | Done | Trouble
 
 
 Send = Callable[[Line], None]
-_NICE = 10
-"""Niceness of the worker: the recorder has priority."""
-_READ = 0.05
-"""Share of the work that is done when the session is being read."""
 
 START = "from tui.jobs.worker import main; main()"
 """Program of the worker's process: run with -m, its classes would be others than the terminal's."""
@@ -219,7 +215,7 @@ def main() -> None:
     with os.fdopen(os.dup(1), "wb") as out:
         os.dup2(2, 1)  # output of a library must not come between the lines
         with suppress(OSError, AttributeError):
-            os.nice(_NICE)
+            os.nice(10)  # the recorder has priority
         task, where = pickle.load(sys.stdin.buffer)
         Thread(target=_watch_stdin, daemon=True).start()
         send = partial(_write, out)
@@ -255,7 +251,7 @@ def _identify(task: IdentifyTask, send: Send) -> Outcome:
     from daq.sessions import overrides_of
     from identify import identify, usable_session
 
-    send(Progress(_READ, "reading"))
+    send(Progress(0.05, "reading"))
     session = read_session(task.session)
     result = identify(
         session, lambda share, text: send(Progress(share, text)), stop=_stopped.is_set
