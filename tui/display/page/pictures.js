@@ -2,7 +2,7 @@
 
 const SVG = "http://www.w3.org/2000/svg";
 const WHEELS = [[48, 60], [152, 60], [48, 166], [152, 166]]; // front left, front right, rear left, rear right
-const STEPS = 1000; // as in curves.py
+const STEPS = 1000; // as in follow.py
 const MOST_DOTS = 5;
 
 function shape(name, attributes) {
