@@ -24,6 +24,7 @@ from dbc.words import counted
 from ..errors import InputError, optional
 from ..samples.mapping import Column, Columns
 from .mf4 import open_mdf
+from .reader import file_head
 
 MAX_VALUES = 1 << 26
 """Largest number of values that are read from one file: 15 channels of 1 kHz for 75 minutes, half a
@@ -139,18 +140,7 @@ def read_columns(path: Path, names: Sequence[str]) -> Columns:
 
 def _reader(path: Path) -> Callable[[Path, Choose], Table]:
     """Return what reads a file; raises InputError if it is missing, empty or of no known kind."""
-    where = str(path)
-    if not path.is_file():
-        what = "is not a regular file" if path.exists() else "no such file"
-        raise InputError(where, what, f"name a file of channels: {NAMES}")
-    try:
-        with path.open("rb") as file:
-            head = file.read(16)
-    except OSError as error:
-        what = f"cannot be read: {error.strerror or error}"
-        raise InputError(where, what, "check rights and disk") from error
-    if not head:
-        raise InputError(where, "is empty", "check that it is the right file")
+    where, head = str(path), file_head(path, 16, f"name a file of channels: {NAMES}")
     if head.startswith(b"UnFinMF "):
         what = "was not finished by its logger"
         raise InputError(where, what, "finish it with the logger's tool, or import its bus log")

@@ -19,7 +19,7 @@ from ..errors import InputError
 from ..journal.format import MAGIC
 from ..journal.reader import JournalReader
 from . import asc, blf, can_csv, candump, mf4, trc
-from .reader import LineParser, LogLoss, head_of, parsed, read_lines
+from .reader import LineParser, LogLoss, file_head, head_of, parsed, read_lines
 
 RESTART_NS = 1_000_000_000
 """Time, ns, by which stamps go back where a clock began anew, and not where a frame came late."""
@@ -42,19 +42,18 @@ class LogFormat:
     """Parts of a frame that it cannot hold; empty if it holds everything."""
     suffix: str
     """Usual suffix of its files."""
-    parser: Callable[[], LineParser] | None = None
-    """Makes the parser of its lines; None for a format that is not text."""
 
 
 BLF = LogFormat("BLF", blf.LACKS, ".blf")
 MF4 = LogFormat("MF4", mf4.LACKS, ".mf4")
 JOURNAL = LogFormat("journal", "", ".bbj")
-_TEXTS = (
-    LogFormat("candump", candump.LACKS, ".log", candump.CandumpParser),
-    LogFormat("ASC", asc.LACKS, ".asc", asc.AscParser),
-    LogFormat("CSV of python-can", can_csv.LACKS, ".csv", can_csv.CsvParser),
-    LogFormat("TRC", trc.LACKS, ".trc", trc.TrcParser),
-)
+_PARSERS: dict[LogFormat, Callable[[], LineParser]] = {
+    LogFormat("candump", candump.LACKS, ".log"): candump.CandumpParser,
+    LogFormat("ASC", asc.LACKS, ".asc"): asc.AscParser,
+    LogFormat("CSV of python-can", can_csv.LACKS, ".csv"): can_csv.CsvParser,
+    LogFormat("TRC", trc.LACKS, ".trc"): trc.TrcParser,
+}
+"""What parses the lines of a text format."""
 NAMES = "BLF, ASC, TRC, candump -L, CSV of python-can, MF4, journal"
 """Names of the formats, for messages."""
 _MAGIC = {
@@ -71,18 +70,7 @@ def detect(path: Path) -> LogFormat:
 
     Raises InputError if the file is missing, empty or not a known log.
     """
-    where = str(path)
-    if not path.is_file():
-        other = "is a directory" if path.is_dir() else "is not a regular file"
-        raise InputError(where, other if path.exists() else "no such file", f"name a log: {NAMES}")
-    try:
-        with path.open("rb") as file:
-            head = file.read(HEAD_BYTES)
-    except OSError as error:
-        what = f"cannot be read: {error.strerror or error}"
-        raise InputError(where, what, "check rights and disk") from error
-    if not head:
-        raise InputError(where, "is empty", "check that it is the right log")
+    head = file_head(path, HEAD_BYTES, f"name a log: {NAMES}")
     for magic, form in _MAGIC.items():
         if head.startswith(magic):
             return form
@@ -91,7 +79,9 @@ def detect(path: Path) -> LogFormat:
     if text_format is None:
         first = next((line for line in lines.splitlines() if line.strip()), b"")
         shown = printable(first.strip().decode("ascii", "backslashreplace"), 40)
-        raise InputError(where, f"begins with no line of a known log: {shown!r}", f"use {NAMES}")
+        raise InputError(
+            str(path), f"begins with no line of a known log: {shown!r}", f"use {NAMES}"
+        )
     return text_format
 
 
@@ -101,9 +91,8 @@ def _text_format(lines: bytes, suffix: str) -> LogFormat | None:
     A header decides between formats that read as many frames, and the suffix after that.
     """
     best, most = None, 0.0
-    for form in _TEXTS:
-        assert form.parser is not None
-        parser = form.parser()
+    for form, made in _PARSERS.items():
+        parser = made()
         read = parsed(lines, parser)
         score = len(read.frames) + (0.5 if parser.has_header else 0.0)
         if len(read.bad) > score:
@@ -208,8 +197,7 @@ class Log:
             elif self.format is BLF:
                 yield from blf.read_blf(file, self.name, self._bytes, self._loss)
             else:
-                assert self.format.parser is not None
-                yield from read_lines(file, self.name, self.format.parser(), self._loss)
+                yield from read_lines(file, self.name, _PARSERS[self.format](), self._loss)
             self._position = lambda: self._bytes
 
     def _in_order(self, batch: FrameBatch) -> FrameBatch:

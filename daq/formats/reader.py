@@ -7,6 +7,7 @@ from binascii import unhexlify
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
+from pathlib import Path
 from typing import BinaryIO, Protocol
 
 import numpy as np
@@ -58,6 +59,27 @@ class LogLoss:
         ]
         parts = [f"{number} {what}" for number, what in counts if number]
         return "; ".join([", ".join(parts), *self.notes]) if parts else ""
+
+
+def file_head(path: Path, size: int, advice: str) -> bytes:
+    """Return the first bytes of a file that a user names.
+
+    `advice`: what to name instead.  Raises InputError if the file is missing, empty, no regular
+    file, or cannot be read.
+    """
+    where = str(path)
+    if not path.is_file():
+        other = "is a directory" if path.is_dir() else "is not a regular file"
+        raise InputError(where, other if path.exists() else "no such file", advice)
+    try:
+        with path.open("rb") as file:
+            head = file.read(size)
+    except OSError as error:
+        what = f"cannot be read: {error.strerror or error}"
+        raise InputError(where, what, "check rights and disk") from error
+    if not head:
+        raise InputError(where, "is empty", "check that it is the right file")
+    return head
 
 
 def possible_frames(frames: FrameBatch, loss: LogLoss) -> FrameBatch:

@@ -32,7 +32,7 @@ from daq.alarms import Cycle, Watch
 from daq.bench.config import Bench, BusConfig, bench_codec, load_bench
 from daq.bus.socketcan import SocketCanSource
 from daq.bus.source import HopLosses, LinkFacts, Now
-from daq.control.messages import Arm, DiskStatus, Live, QueueStatus, Status, StorageStatus, Until
+from daq.control.messages import Arm, DiskStatus, Live, Status, StorageStatus, Until
 from daq.journal.format import JournalHead
 from daq.journal.writer import JournalWriter
 from daq.recorder.recorder import Recorder
@@ -52,7 +52,7 @@ ROUNDS = 3
 LOAD_SECONDS = 20.0
 STALL_S = 2.0
 START_NS = 1_800_000_000_000_000_000
-DISK, QUEUE = DiskStatus(10**12, 0, 0, 0.0), QueueStatus(0, 0, 600)
+DISK = DiskStatus(10**12, 0, 0, 0.0)
 
 
 class Nowhere:

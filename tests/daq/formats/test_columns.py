@@ -344,7 +344,7 @@ def _sparse(path: Path) -> None:
         (lambda p: p.write_bytes(b"UnFinMF 4.10"), "was not finished by its logger"),
         (lambda p: p.write_bytes(b"\x89HDF\r\n\x1a\n"), "is HDF5"),
         (lambda p: p.write_text("a\n1\n2\n"), "is not a table of numbers"),
-        (lambda p: p.mkdir(), "is not a regular file"),
+        (lambda p: p.mkdir(), "is a directory"),
     ],
 )
 def test_what_is_no_table_is_refused(
