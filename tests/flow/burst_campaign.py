@@ -16,7 +16,7 @@ from pathlib import Path
 from random import Random
 
 from daq.vehicle import HubWeight
-from tui.terminal.campaign import BenchStep, in_run
+from tui.terminal.campaign import BenchStep
 from tui.terminal.screens.base import BenchScreen
 from tui.terminal.screens.masses import MassesScreen
 from tui.terminal.screens.vehicle import VEHICLE_FIELDS, VehicleScreen
@@ -101,7 +101,7 @@ class _Typist:
         label = status.runs[-1].label if status is not None and status.runs else ""
         if isinstance(app.screen, Confirm):
             await self.seat.pilot.press("space")
-        elif status is not None and in_run(status) and label not in self._noted:
+        elif label and label not in self._noted:
             self._noted.add(label)
             await self.note()
         elif isinstance(app.screen, BenchScreen):
