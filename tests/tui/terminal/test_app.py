@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import replace
@@ -16,7 +15,7 @@ from daq.control import address
 from daq.control.messages import Arm, Hello, Setup, ShutDown, Stop
 from daq.errors import InputError
 from tui.cli import run
-from tui.commands.tui import check_fault, known_operator
+from tui.commands.tui import check_fault
 from tui.diagnostics import ExitCode
 from tui.display.link import Served
 from tui.terminal.app import BenchApp
@@ -116,16 +115,6 @@ def test_a_fault_needs_a_recorder_of_its_own(
     monkeypatch.setattr(address, "is_running", lambda _: runs)
     with pytest.raises(InputError, match="already") if refused else nullcontext():
         check_fault(tmp_path, fault)
-
-
-def test_the_name_is_known_from_the_form_that_was_applied(tmp_path: Path) -> None:
-    assert known_operator(tmp_path, demo=False) == ""
-    assert known_operator(tmp_path, demo=True) == "demo"
-    (tmp_path / "vehicle.json").write_text(json.dumps({"operator": " Anna "}))
-    assert known_operator(tmp_path, demo=False) == "Anna"
-    assert known_operator(tmp_path, demo=True) == "Anna"
-    (tmp_path / "vehicle.json").write_text(json.dumps({"operator": 3}))
-    assert known_operator(tmp_path, demo=False) == ""
 
 
 async def test_the_name_is_asked_for_once_if_nobody_has_said_it(
@@ -280,14 +269,6 @@ async def test_the_terminal_ends_with_the_recorder_or_leaves_it(
     assert not app.is_running
     assert (ShutDown() in recorder.orders) is ended
     assert recorder.restarts == 0
-
-
-async def test_one_who_looks_on_can_only_attach(tmp_path: Path) -> None:
-    recorder = _recorder()
-    recorder.in_control = False
-    _, asked, _ = await _answered(recorder, tmp_path, "enter")
-    assert MENU in asked
-    assert "end its recording" not in asked
 
 
 SAME = replace(RUNNING, origin=Origin.REAL)

@@ -1,30 +1,63 @@
-"""Keys of the run loop, by pilot: what is asked of the recorder, and what is not."""
+"""Keys: the run loop, bursts as of a scanner, help, notes, messages, the palette."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
+from functools import partial
 
+import pytest
 from textual.pilot import Pilot
+from textual.widgets import Input
 
+from daq.alarms import EXPLAINED
 from daq.control.messages import (
     Accept,
     Acknowledge,
     Arm,
+    AskCheck,
+    Build,
+    Note,
     Order,
     Pause,
     Phase,
     Redo,
     Reject,
+    ShutDown,
+    Stop,
     Undo,
 )
+from daq.verdict import WORDS
 from tui.terminal.app import BenchApp
 from tui.terminal.campaign import BenchStep
 from tui.terminal.feed import Role
+from tui.terminal.form import Form
+from tui.terminal.screens.base import BenchScreen
 from tui.terminal.screens.bumping import HomeScreen, RunScreen
+from tui.terminal.screens.masses import MassesScreen
+from tui.terminal.screens.results import SessionsScreen
+from tui.terminal.screens.vehicle import VehicleScreen
+from tui.terminal.widgets import SCREEN_PAGES, Confirm, HelpScreen, page_of
 
 from ...house.walks import walked
+from .bursts import burst
 from .conftest import screen_text
 from .fake_recorder import DOUBLE_BUMP, FakeRecorder
+from .operated import (
+    FakeWorker,
+    Make,
+    Snapshot,
+    at_every_size,
+    check_items,
+    commands,
+    measured,
+    orders_of,
+    playing,
+    pressed,
+    reach,
+    seen,
+    shows,
+    until,
+)
 
 MakeApp = Callable[..., BenchApp]
 
@@ -262,3 +295,224 @@ async def test_the_weights_are_asked_for_once_where_they_change(make_app: MakeAp
         now_s[0] += 1.0
         await _press(pilot, "space")
         assert _given(recorder, Arm) == 2 * [Arm(mass_state="added")]
+
+
+def _typed(app: BenchApp) -> dict[str, str]:
+    return app.screen.query_one(Form).values
+
+
+async def test_a_whole_form_in_one_burst(make_app: Make) -> None:
+    app = make_app(FakeRecorder())
+    async with app.run_test(size=(80, 24)) as pilot:
+        await reach(pilot, VehicleScreen)
+        keys = ["tab", *"T5 A1", "enter", *"JL", "tab", *"1552", "tab", *"1.5"]
+        keys += ["enter", *"800x", "backspace", "down", *"2", "up", "home", *"1", "delete"]
+        await burst(pilot, *keys)
+        typed = _typed(app)
+        assert typed["name"] == "T5 A1"
+        assert typed["operator"] == "JL"
+        assert (typed["total_mass_kg"], typed["total_mass_kg.sigma"]) == ("1552", "1.5")
+        assert (typed["front_axle_kg"], typed["front_axle_kg.sigma"]) == ("100", "2")
+
+
+async def test_an_answer_in_one_burst_with_its_question(make_app: Make) -> None:
+    recorder = FakeRecorder()
+    label = recorder.bump()
+    recorder.judge(DOUBLE_BUMP)
+    recorder.phase = Phase.IDLE
+    app = make_app(recorder)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.pause()
+        await burst(pilot, "t", *"a door", "enter", "n", *"2nd door")
+        assert orders_of(recorder, Accept) == [Accept(label, "a door")]
+        assert app.screen.query_one(Input).value == "2nd door"
+
+
+async def test_with_caps_lock_each_key_does_what_the_footer_says_and_a_text_keeps_its_capitals(
+    make_app: Make,
+) -> None:
+    recorder = FakeRecorder()
+    recorder.mark("vehicle", "check")
+    app = make_app(recorder)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await reach(pilot, HomeScreen)
+        await burst(pilot, "N", *"RL WET", "enter")
+        assert orders_of(recorder, Note) == [Note("RL WET")]
+        await burst(pilot, "S")
+        assert isinstance(app.screen, SessionsScreen)
+
+
+def _masses() -> FakeRecorder:
+    recorder = FakeRecorder(check=check_items())
+    recorder.mark("vehicle", "check")
+    recorder.finish("baseline")
+    recorder.phase = Phase.IDLE
+    return recorder
+
+
+async def test_a_bar_code_line_fills_a_row_of_weights(make_app: Make) -> None:
+    app = make_app(_masses())
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.pause()
+        await app.open("masses")
+        await reach(pilot, MassesScreen)
+        await burst(
+            pilot, "a", *"M-07", "tab", *"20.00", "tab", *"0.02", "enter", "enter", "down", "enter"
+        )
+        typed = _typed(app)
+        assert (typed["serial"], typed["mass_kg"], typed["sigma_kg"]) == ("M-07", "20.00", "0.02")
+        assert typed["place"] == "FL"
+        await burst(pilot, "ctrl+s")
+        assert isinstance(app.screen, MassesScreen)
+        assert app.screen._entries[-1].serial == "M-07"
+
+
+@pytest.mark.parametrize(
+    ("times_s", "answered"),
+    [([0.299], False), ([0.3], True), ([0.2, 0.4], False), ([0.2, 0.6], True)],
+)
+async def test_a_key_that_was_up_for_three_tenths_of_a_second_is_an_answer(
+    make_app: Make, times_s: list[float], answered: bool
+) -> None:
+    now_s = [0.0]
+    app = make_app(FakeRecorder(), clock=lambda: now_s[0])
+    given: list[bool | None] = []
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.press("space")
+        await app.push_screen(Confirm("start?", "yes", "no"), given.append)
+        for now_s[0] in times_s:
+            await pilot.press("space")
+        await pilot.pause()
+    assert bool(given) is answered
+
+
+SMALL = (80, 24)
+
+
+def test_there_is_help_for_every_screen_reason_and_alarm(make_app: Make) -> None:
+    for name in (*SCREEN_PAGES, *WORDS, *EXPLAINED):
+        page = page_of(name)
+        assert page.startswith("# "), name
+        assert len(page) > 80, name
+        assert "no page for this" not in page, name
+        for table in (WORDS, EXPLAINED):
+            if name in table:
+                assert table[name].advice.rstrip(".")[1:] in page
+    assert "bumped twice" in page_of("double_bump")
+    both = page_of("stale")
+    assert both.index("# Rejected") < both.index("# Alarm")
+    assert "There is no page for this" in page_of("nonsense")
+    app = make_app(FakeRecorder())
+    for name in app.SCREENS:
+        screen = app.get_screen(name)
+        assert isinstance(screen, BenchScreen)
+        assert screen.HELP_PAGE in SCREEN_PAGES
+
+
+async def test_help_shows_the_keys_of_the_screen(make_app: Make, snapshot: Snapshot) -> None:
+    app = make_app(measured())
+    async with playing(app, (100, 30)) as pilot:
+        await pressed(pilot, "f1")
+        assert isinstance(app.screen, HelpScreen)
+        await at_every_size(pilot, snapshot, "help_identify")
+        await pressed(pilot, "f1")
+        assert not isinstance(app.screen, HelpScreen)
+
+
+async def test_a_note_outlives_the_dialog_and_a_refusal(make_app: Make) -> None:
+    recorder = measured()
+    app = make_app(recorder)
+    async with playing(app, SMALL) as pilot:
+        await pressed(pilot, "n", *"wet [b] 7", "escape")
+        assert "wet [b] 7" in await pressed(pilot, "n")
+        recorder.refuse = "JL is in control"
+        await pressed(pilot, "enter")
+        recorder.refuse = ""
+        assert "wet [b] 7" in await pressed(pilot, "n"), "it was refused"
+        await pilot.press("enter")
+        await until(pilot, lambda: shows(app, "the note is in the recording"))
+        assert orders_of(recorder, Note) == [Note("wet [b] 7")] * 2
+        assert "wet" not in await pressed(pilot, "n")
+        await pressed(pilot, *"  ", "enter", "escape")
+        commands(app)["note: on the last run"]()
+        await pressed(pilot, *"door", "enter")
+        assert orders_of(recorder, Note)[2:] == [Note("door", "added_roll_2")]
+
+
+async def test_a_message_covers_neither_the_top_lines_nor_the_keys(make_app: Make) -> None:
+    app = make_app(measured())
+    async with playing(app, SMALL) as pilot:
+        rows = screen_text(app).splitlines()
+        for text in ("No space left on device", "the note is in the recording"):
+            app.warn(text)
+            await until(pilot, partial(shows, app, text))
+            shown = screen_text(app).splitlines()
+            assert text in "\n".join(shown[-4:])
+            assert (shown[:10], shown[-1]) == (rows[:10], rows[-1])
+            assert "\u2518" in "".join(shown[-4:-1]), "the lower edge of the box is seen"
+
+
+async def test_the_commands_of_the_palette_act(make_app: Make, worker: FakeWorker) -> None:
+    recorder = measured()
+    app = make_app(recorder)
+
+    async def do(name: str) -> None:
+        made = commands(app)[name]()
+        if isinstance(made, Awaitable):
+            await made
+
+    async with playing(app, SMALL) as pilot:
+        assert all(": " in name for name in commands(app))
+        await do("recorder: stop")
+        assert isinstance(recorder.orders[-1], Stop)
+        await do("theme: bench-light")
+        assert app.theme == "bench-light"
+        await app.action_sessions()
+        await pilot.pause()
+        assert app.screen is app.get_screen("sessions")
+        await pilot.press("ctrl+p", *"shut")
+        await pilot.pause(0.3)
+        assert "recorder: shut down" in screen_text(app)
+        await pilot.press("escape")
+        await do("recorder: shut down")
+        assert isinstance(recorder.orders[-1], ShutDown)
+        assert app._exit
+
+
+async def test_the_run_loop_says_what_a_key_has_done(make_app: Make) -> None:
+    recorder = FakeRecorder()
+    recorder.mark("vehicle", "check")
+    app = make_app(recorder)
+    async with playing(app, (140, 40)) as pilot:
+        await pressed(pilot, "space")
+        recorder.bump()
+        await pilot.pause()
+        assert "pauses after this run" in await pressed(pilot, "escape")
+        assert orders_of(recorder, Pause) == [Pause()]
+        recorder.turn(Phase.TRIGGERED)
+        recorder.judge()
+        await pilot.pause()
+        assert "undone; R = redo" in await pressed(pilot, "u")
+        assert orders_of(recorder, Undo) == [Undo()]
+        assert "redone; U = undo" in await pressed(pilot, "r")
+        assert orders_of(recorder, Redo) == [Redo()]
+        recorder.turn(Phase.PAUSED)
+        await pilot.pause()
+        assert "next: baseline pitch" in await pressed(pilot, "down", "m")
+
+
+async def test_a_refused_order_says_why_and_a_viewer_gives_none(make_app: Make) -> None:
+    recorder = FakeRecorder()
+    recorder.mark("vehicle", "check")
+    app = make_app(recorder)
+    async with playing(app, SMALL) as pilot:
+        recorder.refuse = "the disk is full"
+        assert "the disk is full" in await pressed(pilot, "space")
+        app.in_control = False
+        assert await app.ask(Arm()) is None
+        await pilot.pause()
+        assert "C asks for control" in seen(app)
+        assert await app.ask(Build()) is None
+        assert orders_of(recorder, Build) == []
+        recorder.refuse = ""
+        assert await app.ask(AskCheck(1.0)) is not None, "who looks on may ask"

@@ -1,14 +1,25 @@
-"""Home and run screen as text, in every phase and size, and without colour."""
+"""Home and run screen as text, in every phase, size and set of characters, and without colour."""
 
 from __future__ import annotations
 
+import unicodedata
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+from unicodedata import normalize
 
 import pytest
+from rich.cells import cell_len
+from rich.segment import Segment
 from textual.app import App
+from textual.color import Color
+from textual.content import Content
 from textual.pilot import Pilot
+from textual.theme import Theme
 
+from daq.bench.campaign import Origin
 from daq.bench.config import default_bench_text
 from daq.control.messages import (
     Alarm,
@@ -16,15 +27,22 @@ from daq.control.messages import (
     BusStatus,
     Choose,
     Phase,
+    SessionState,
+    SessionStatus,
 )
-from daq.runs import Excitation
+from daq.runs import Excitation, Losses
 from tui.terminal.app import BenchApp
-from tui.terminal.chart import LaneChart
-from tui.terminal.feed import Lost
-from tui.terminal.screens.bumping import HomeScreen
+from tui.terminal.campaign import BenchStep
+from tui.terminal.device import THEMES, PlainAscii
+from tui.terminal.feed import STARTING, Lost
+from tui.terminal.screens.base import step_line, top_line
+from tui.terminal.screens.results import ResultsScreen
+from tui.terminal.words import choose_glyphs
 
 from .conftest import SIZES, at_every_size, screen_text
-from .fake_recorder import DOUBLE_BUMP, WALL_NS, FakeRecorder
+from .fake_recorder import DOUBLE_BUMP, FakeRecorder
+from .operated import outcome
+from .test_steps import NOISY, UPSIDE_DOWN
 
 MakeApp = Callable[..., BenchApp]
 Snapshot = Callable[[App[None], str], None]
@@ -177,37 +195,7 @@ async def test_other_characters(make_app: MakeApp, snapshot: Snapshot, glyphs: s
     assert not any("\u2800" < char <= "\u28ff" for char in text)
 
 
-async def test_four_lanes_in_80x24_and_eight_from_40_rows(make_app: MakeApp) -> None:
-    for size, most in (("80x24", 4), ("140x40", 8)):
-        async with _running(make_app, size) as (app, _):
-            assert app.screen.query_one(LaneChart).room == most
-
-
-async def test_a_bad_bus_and_alarms_are_said_with_advice(make_app: MakeApp) -> None:
-    recorder = FakeRecorder()
-    _before(recorder)
-    recorder.turn(Phase.IDLE)
-    app = make_app(recorder)
-    async with app.run_test(size=(140, 40)) as pilot:
-        await pilot.pause()
-        alarm = Alarm("bus_off", "can0", "off after 256 errors", "check termination", WALL_NS)
-        recorder.publish(
-            alarms=(alarm,),
-            buses=(BusStatus("can0", BusState.BUS_OFF, 0.0, 0.0, 10, 3, 0),),
-            sensors_alive=2,
-        )
-        await pilot.pause()
-        text = screen_text(app)
-        assert isinstance(app.screen, HomeScreen)
-        assert "BUS-OFF" in text.splitlines()[0]
-        assert "2/4 alive" in text.splitlines()[0]
-        assert "BUS OFF can0: off after 256 errors: check termination" in text
-
-
-@pytest.mark.parametrize("size", ["80x24", "140x40"])
-async def test_five_kinds_of_bump_find_room(
-    make_app: MakeApp, snapshot: Snapshot, size: str
-) -> None:
+async def test_five_kinds_of_bump_find_room(make_app: MakeApp, snapshot: Snapshot) -> None:
     usual = default_bench_text()
     text = usual.replace('["bounce", "pitch", "roll"]', str([kind.value for kind in Excitation]))
     assert text != usual
@@ -216,16 +204,221 @@ async def test_five_kinds_of_bump_find_room(
     await recorder.ask(Choose("baseline", Excitation.REAR_PITCH))
     recorder.turn(Phase.ARMED)
     app = make_app(recorder)
-    async with app.run_test(size=SIZES[size]) as pilot:
+    async with app.run_test(size=(80, 24)) as pilot:
         await pilot.pause()
         await app.open("run")
         await pilot.pause()
         await pilot.pause()
-        snapshot(app, f"run_rear_pitch_{size}")
+        snapshot(app, "run_rear_pitch_80x24")
         assert "rear pitch 1 of 2" in screen_text(app)
         recorder.turn(Phase.IDLE)
         await app.open("home")
         await pilot.pause()
         await pilot.pause()
-        snapshot(app, f"home_rear_pitch_{size}")
+        snapshot(app, "home_rear_pitch_80x24")
         assert "REAR PITCH" in screen_text(app)
+
+
+SCREENS = (
+    "vehicle", "check", "home", "run", "masses", "identify", "results", "report", "sessions",
+)  # fmt: skip
+NAME = "Prüfwagen 車 [b]é"
+
+
+async def test_no_screen_holds_anything_but_ascii(make_app: Callable[..., BenchApp]) -> None:
+    recorder = FakeRecorder()
+    recorder.mark("vehicle", "check")
+    recorder.bump()
+    recorder.judge()
+    recorder.changes["vehicle"] = NAME
+    app = make_app(recorder, glyphs="ascii")
+
+    async with app.run_test(size=(100, 30)) as pilot:
+        await pilot.pause()
+        for name in SCREENS:
+            await app.open(name)
+            if isinstance(app.screen, ResultsScreen):
+                app.screen.show_outcome(outcome())
+            for keys in ((), ("tab",), ("escape", "f1"), ("escape",)):
+                await pilot.press(*keys)
+                await pilot.pause()
+                seen = screen_text(app)
+                wrong = {c for c in seen if not c.isascii()}
+                assert not wrong, (name, keys, wrong)
+                assert seen.strip()
+        await pilot.press("ctrl+p")
+        await pilot.pause()
+        palette = screen_text(app)
+        search = next(line for line in palette.splitlines() if "Search for commands" in line)
+        assert "?" not in search  # a picture that the terminal has not
+        await pilot.press("escape")
+        app.action_note()
+        await pilot.pause()
+        assert screen_text(app).isascii()
+
+
+def test_every_character_keeps_its_width() -> None:
+    reported = "| ± 0.3 · 12\u00d74 \u2013 Prüf 車 ┌─┐ ▶ m² 95 % ⠒ ±"
+    (made,) = PlainAscii().apply([Segment(reported)], Color(0, 0, 0))
+    assert made.text == "|+/-0.3 . 12x4 - Pruf ?? +-+ > m2 95 % ? ~"
+    assert made.cell_length == Segment(normalize("NFC", reported)).cell_length
+
+
+FOREIGN = {
+    "acts": "[/x] [@click=app.quit]q[/]\x1b[31m\x1b]0;x\x07b\r\n\tc\x9b31m\x00 \u202e\u05e9\u05dc",
+    "is wide": "日本語の車両番号👩\u200d🔧🚗🇩🇪e\u0301" * 8 + "W" * 200,
+}
+ROOMS = {"acts": ((80, 24),), "is wide": ((60, 20), (80, 24))}
+"""Sizes of the terminal: what acts does so at any, what is wide runs over a small one."""
+_INVISIBLE = {"Cc", "Cf", "Cs"}
+
+
+def _bad_lines(app: BenchApp, columns: int) -> list[str]:
+    """Return lines that are wider than the terminal or would act on it."""
+    return [
+        line
+        for line in screen_text(app).splitlines()
+        if cell_len(line) > columns or any(unicodedata.category(c) in _INVISIBLE for c in line)
+    ]
+
+
+def _reported_by(recorder: FakeRecorder, text: str) -> None:
+    recorder.mark("vehicle", "check")
+    recorder.bump()
+    recorder.judge(replace(DOUBLE_BUMP, text=text, advice=text))
+    due = recorder.status.due
+    assert due is not None
+    recorder.phase = Phase.IDLE
+    recorder.changes |= {
+        "vehicle": text,
+        "alarms": tuple(Alarm("bus_off", text, text, text, 0) for _ in range(5)),
+        "overloaded": (text, text),
+        "not_at_rest": (text,),
+        "buses": (BusStatus(text, BusState.BUS_OFF, 0.3, 1.0, 1, 1, 1),),
+        "due": replace(due, instruction=text),
+        "session": SessionStatus(SessionState.FAILED, text, text),
+        "disk": replace(recorder.status.disk, failed=text, warning=text),
+    }
+
+
+@pytest.mark.parametrize("name", FOREIGN)
+async def test_foreign_text_only_shows(name: str, make_app: Callable[..., BenchApp]) -> None:
+    text = FOREIGN[name]
+    warned = replace(NOISY, subject=f"channel {text}", text=text, advice=text)
+    recorder = FakeRecorder(check=(warned, replace(UPSIDE_DOWN, text=text, advice=text)))
+    _reported_by(recorder, text)
+    app = make_app(recorder)
+    app.operator = text
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.pause()
+        for screen in app.SCREENS:
+            for size in ROOMS[name]:
+                await pilot.resize_terminal(*size)
+                await app.open(screen)
+                await pilot.pause()
+                await pilot.pause()
+                assert _bad_lines(app, size[0]) == [], (screen, size)
+        await app.open("run")
+        await pilot.press("t")
+        await pilot.pause()
+        assert _bad_lines(app, 80) == []
+        await pilot.press("escape")
+        app.warn(text)
+        recorder.post(Lost(text, text))
+        await pilot.pause()
+        assert _bad_lines(app, 80) == []
+
+
+def _luminance(color: Color) -> float:
+    """Return the relative luminance of WCAG 2.1."""
+    parts = [c / 255 for c in (color.r, color.g, color.b)]
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in parts]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+
+@pytest.mark.parametrize("theme", THEMES, ids=lambda theme: theme.name)
+def test_every_colour_of_words_stands_out_from_every_ground(theme: Theme) -> None:
+    words = ("foreground", "primary", "warning", "error", "success", "accent")
+    for word in words:
+        for ground in ("background", "surface", "panel"):
+            pair = [_luminance(Color.parse(getattr(theme, name))) for name in (word, ground)]
+            contrast = (max(pair) + 0.05) / (min(pair) + 0.05)
+            assert contrast >= 4.5, (word, ground, contrast)
+
+
+ASCII = choose_glyphs("ascii", {}, "utf-8")
+STATUS = FakeRecorder().status
+
+
+def context(**changes: Any) -> Any:
+    plain = {
+        "status": STATUS, "glyphs": ASCII, "lost": None, "operator": "MK", "in_control": True,
+        "sound": True,
+    }  # fmt: skip
+    return SimpleNamespace(**plain | changes)
+
+
+def top(width: int, app: Any = None, **changes: Any) -> str:
+    line = top_line(app or context(status=replace(STATUS, **changes)), width, typing=False)
+    return line.plain
+
+
+def style(content: Content, words: str) -> str:
+    """Return how the first of these words are shown."""
+    at = content.plain.index(words)
+    return " ".join(str(span.style) for span in content.spans if span.start <= at < span.end)
+
+
+def test_the_top_line_of_a_narrow_terminal() -> None:
+    plain = top(119)
+    assert plain.startswith(" Ford Granada · 2026-11-21 · op. MK  ")
+    assert plain.endswith("   │ can0 * 38%  4/4 alive  disk 81 GB")
+    assert len(plain) == 119, "both ends of the line"
+    assert top(119, losses=Losses(bus_dropped=2, counter_gaps=1)).endswith("lost 3  disk 81 GB")
+    assert top(119, sensors_alive=3).endswith("3/4 alive  disk 81 GB")
+    for free_bytes, words in ((999_999_999, "disk 1000 MB"), (1_000_000_000, "disk 1 GB")):
+        assert top(119, disk=replace(STATUS.disk, free_bytes=free_bytes)).endswith(words)
+    assert top(119, context(sound=False)).endswith("disk 81 GB  muted")
+    assert " VIEWER, MK in control " in top(119, context(in_control=False))
+    free = replace(STATUS, controller="")
+    assert "VIEWER, no terminal in control" in top(119, context(in_control=False, status=free))
+    over = top(119, overloaded=("hub_acc_fl", "hub_acc_fr", "hub_acc_rl"))
+    assert "│ ^ OVERLOAD hub_acc_fl, hub_acc_f" in over
+    buses = (
+        BusStatus("socketcan can1", BusState.OK, 0.384, 4e3, 10, 0, 0),
+        BusStatus("vector 12345", BusState.BUS_OFF, 0.0, 0.0, 0, 9, 0),
+    )
+    assert "can1 * 38%  12345 x BUS-OFF  4/4" in top(119, buses=buses)
+    assert "socketcan can1 * 38%" in top(120, buses=buses)
+    assert "lost 0  disk 81 GB" in top(120)
+    marked = top(119, origin=Origin.SIMULATED)
+    assert marked.startswith(" SIMULATED  Ford Granada · 2026-11-21 · op. MK")
+
+
+def test_a_top_line_without_room_leaves_out_the_day_then_the_words() -> None:
+    assert top(74).startswith(" Ford Granada · 2026-11-21 · op. MK")
+    assert top(74, origin=Origin.REPLAYED).startswith(" REPLAYED  Ford Granada · op. MK")
+    assert "2026" not in top(74, vehicle="x" * 30)
+
+
+def test_a_top_line_without_a_recorder_says_what_to_press() -> None:
+    assert top(100, context(status=None)) == " BUMP  waiting for the recorder"
+    assert top(100, context(lost=STARTING)) == " STARTING  the recorder is being started"
+    lost = context(lost=Lost("it has ended", "see its log"))
+    assert top(100, lost) == " RECORDER LOST: X = start it again  it has ended"
+    typing = " RECORDER LOST: Esc, then X = start it again  it has ended"
+    assert top_line(lost, 100, typing=True).plain == typing
+
+
+def test_the_steps_are_marked_as_done_here_or_to_come() -> None:
+    recorder = FakeRecorder()
+    recorder.mark("vehicle", "check")
+    steps = step_line(recorder.status, BenchStep.BASELINE, "+")
+    words = "+ 1 Vehicle + 2 Check [3 Baseline]   4 Masses   5 Added   6 Identify   7 Report"
+    assert steps.plain.rstrip() == words
+    assert style(steps, "2 Check") == "bold $success"
+    assert style(steps, "[3 Baseline]") == "bold reverse"
+    steps = step_line(recorder.status, None, "+")
+    assert style(steps, "3 Baseline") == "bold", "it is reached"
+    assert style(steps, "4 Masses") == "$foreground"
+    assert step_line(None, BenchStep.VEHICLE, "+").plain.startswith("[1 Vehicle]   2 Check")

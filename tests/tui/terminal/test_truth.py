@@ -34,7 +34,7 @@ from tui.terminal.words import (
 
 from .conftest import screen_text
 from .fake_recorder import DOUBLE_BUMP, WALL_NS, FakeRecorder
-from .operated import check_items, until
+from .operated import until
 
 MakeApp = Callable[..., BenchApp]
 SMALL = (80, 24)
@@ -90,31 +90,6 @@ async def test_a_small_terminal_shows_what_to_do_after_a_reject(make_app: MakeAp
         assert "DOUBLE BUMP: second bump at +0.85 s" in said
         assert "Bump once, then keep off the car until the run has ended." in said
         assert "SPACE = again" in said
-
-
-@pytest.mark.parametrize("key", ["1", "2", "4"])
-async def test_a_lost_recorder_takes_the_place_of_the_next_step(
-    key: str, make_app: MakeApp
-) -> None:
-    recorder = FakeRecorder(check=check_items())
-    recorder.mark("vehicle", "check")
-    recorder.finish("baseline")
-    app = make_app(recorder)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await pilot.pause()
-        await pilot.press(key)
-        await until(pilot, lambda: "SPACE Next" in screen_text(app).splitlines()[-1])
-        recorder.post(Lost("the recorder has ended", "all up to then is on the disk"))
-        await pilot.pause()
-        text = screen_text(app)
-        assert "X = start the recorder again" in text
-        assert "SPACE" not in text
-        recorder.post(STARTING)
-        await pilot.pause()
-        assert "The recorder is being started." in screen_text(app)
-        recorder.publish()
-        await until(pilot, lambda: "SPACE Next" in screen_text(app).splitlines()[-1])
-        assert "X = start" not in screen_text(app)
 
 
 async def test_the_key_of_a_lost_recorder_is_told_apart_from_typing(make_app: MakeApp) -> None:

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import pytest
 
 from daq.bench.config import Bench
-from daq.check.pushes import PushResult
 from daq.control.messages import (
     Alarm,
     Arm,
@@ -16,7 +14,6 @@ from daq.control.messages import (
     Status,
 )
 from daq.runs import Excitation
-from daq.vehicle import Corner
 from tui.terminal.campaign import (
     BenchStep,
     bump_step,
@@ -30,12 +27,10 @@ from tui.terminal.campaign import (
 from tui.terminal.feed import Lost
 from tui.terminal.screens.bumping import (
     alarms_text,
-    next_text,
     runs_text,
     tally_rows,
 )
 from tui.terminal.screens.check import (
-    push_rows,
     rest_levels,
     zero_offsets,
 )
@@ -50,7 +45,6 @@ from tui.terminal.words import (
     last_judged,
     rejected_words,
     signal_of,
-    waiting_words,
 )
 
 from .fake_recorder import DOUBLE_BUMP, GOOD, WALL_NS, FakeRecorder
@@ -107,12 +101,6 @@ def test_a_countdown_shows_the_second_that_has_begun(
     assert not frames_stand_still(recorder.status)
     recorder.publish(sensors_alive=0, sensors_expected=0)
     assert not frames_stand_still(recorder.status)
-
-
-def test_a_run_waits_for_rest_or_for_the_seconds_before(recorder: FakeRecorder) -> None:
-    assert waiting_words(recorder.status) == "filling the seconds before the bump"
-    recorder.publish(not_at_rest=("body_acc_z", "hub_acc_fl"))
-    assert waiting_words(recorder.status) == "not at rest: body_acc_z, hub_acc_fl"
 
 
 def test_a_verdict_compares_a_run_with_the_first_of_its_kind(recorder: FakeRecorder) -> None:
@@ -294,20 +282,6 @@ def test_only_an_offset_that_a_tare_can_improve_is_one() -> None:
     assert rest_levels(items) == {"a": 1.0}
 
 
-def test_a_pushed_corner_passes_fails_waits_or_is_skipped() -> None:
-    fl, fr = Corner.FRONT_LEFT, Corner.FRONT_RIGHT
-    seen = {fl: PushResult(fl, True, True, "moved"), fr: PushResult(fr, True, False, "odd", "swap")}
-    rows = push_rows(seen, fl, {}, True)
-    assert [(row.state, row.text) for row in rows] == [
-        ("NOW", "moved"), ("FAIL", "odd"), ("wait", "rear LEFT"), ("wait", "rear RIGHT"),
-    ]  # fmt: skip
-    (first, *_) = push_rows({}, fl, {}, True)
-    assert first.text.startswith("push DOWN at the front LEFT")
-    (skipped, *_) = push_rows({}, "", {"push FL": "wall"}, True)
-    assert (skipped.state, skipped.text, skipped.asks) == ("WARN", "skipped: wall", False)
-    assert not skipped.blocks
-
-
 def _alarm(code: str) -> Alarm:
     return Alarm(code, "can0", "text", "advice", 0)
 
@@ -446,27 +420,3 @@ def test_runs_have_the_newest_on_top(recorder: FakeRecorder) -> None:
         "+ baseline bounce 1  good: the car swings at 1.15 Hz; taken by MK: a door"
     ]
     assert runs(replace(recorder.status, runs=())) == ["no runs yet"]
-
-
-def test_what_is_next_stands_in_a_panel(recorder: FakeRecorder) -> None:
-    def said(lost: Lost | None = None, **changes: Any) -> list[str]:
-        status = replace(recorder.status, **changes)
-        return next_text(status, next_action(status), lost, ASCII).plain.splitlines()
-
-    assert said() == [
-        "> Baseline · BOUNCE, run 1 of 2", "Roll all four wheels over the boards.", "",
-        "SPACE starts",
-    ]  # fmt: skip
-    recorder.finish("baseline")
-    assert said() == ["> Step 4 Masses", "", "SPACE = step 4 Masses"]
-    recorder.mark("masses")
-    recorder.choose("baseline", recorder.status.tallies[0].excitation)
-    assert said()[0] == "> Baseline · BOUNCE, run 3, 2 were planned"
-    failed = Alarm("journal_failed", "", "disk is full", "make room", 1)
-    assert said(alarms=(failed,))[0].startswith("x STOP  ")
-    assert said(due=None, phase=Phase.WAITING)[0] == "step 5 Added"
-    assert next_text(None, next_action(None), None, ASCII).plain.startswith("waiting for the")
-    assert said(Lost("it has ended", "all is on the disk")) == [
-        "x RECORDER LOST", "it has ended", "",
-        "X = start it again   (all is on the disk)",
-    ]  # fmt: skip
