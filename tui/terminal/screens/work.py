@@ -20,7 +20,7 @@ from textual.widgets import ProgressBar
 from daq.control.messages import Build, Mark, SessionState, Start, Status
 from daq.errors import printable
 from daq.runlog import LoggedStatus
-from dbc import counted, plural
+from dbc import counted
 
 from ...jobs.session_list import report_of, size_text
 from ...jobs.worker import (
@@ -446,8 +446,8 @@ class ReportScreen(WorkScreen):
         return [f"Session {printable(Path(self.session).name)}"]
 
     def state(self) -> tuple[list[str], str]:
-        """Return the files that were written, the runs, and the next keys."""
-        glyphs, status = self.bench_app.glyphs, self.bench_app.status
+        """Return the files that were written, and the next keys."""
+        glyphs = self.bench_app.glyphs
         if not self.session:
             return [], "SPACE = step 6 Identify"
         lines, keys = [], "W = next vehicle   S = sessions   R = write again"
@@ -464,11 +464,4 @@ class ReportScreen(WorkScreen):
             lines.append(f"  {printable(path)}   {size_text(size)}")
         lines.append("  The page is one file: open it in any browser, print it, send it.")
         lines.append(f"  The session itself is {printable(self.session)}")
-        if status is not None and self.is_of_recording:
-            lines += ["", f"Recorded   {printable(status.vehicle, 60)}"]
-            for t in status.tallies:
-                kind = f"{t.mass_state} {t.excitation.words}"
-                lines.append(f"  {kind}: {t.accepted} accepted, {t.rejected} rejected")
-            frames, journal = status.disk.recorded_frames, printable(status.folder)
-            lines.append(f"  {frames:,} raw {plural(frames, 'frame')} in the journal in {journal}")
         return lines, keys
