@@ -111,7 +111,7 @@ async def test_a_bump_passes_few_files(make_app: MakeApp) -> None:
             await pilot.pause()
         assert isinstance(app.screen, RunScreen)
     assert {"tui/terminal/app.py", "tui/terminal/screens/bumping.py"} <= files
-    assert len(files) <= 20, sorted(files)
+    assert len(files) <= 15, sorted(files)
 
 
 async def test_a_held_key_counts_once(make_app: MakeApp) -> None:
