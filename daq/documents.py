@@ -14,7 +14,7 @@ _LEFT, _RIGHT = "text-align:left", "text-align:right"
 def strict(value: object) -> object:
     """Return a copy of a document in which every number that is not finite is None.
 
-    JSON has no such numbers, and readers in other languages refuse NaN.
+    JSON has no such numbers, and readers in other languages refuse NaN.  Arrays become lists.
     """
     match value:
         case Mapping():
@@ -24,7 +24,8 @@ def strict(value: object) -> object:
         case float():
             return value if isfinite(value) else None
         case _:
-            return value
+            as_list = getattr(value, "tolist", None)
+            return value if as_list is None else strict(as_list())
 
 
 def json_in_html(document: Mapping[str, object], **form: Any) -> str:

@@ -195,12 +195,12 @@ def _print_outlooks(title: str, what: str, rows: Sequence[tuple[str, Outlook]]) 
 
     width = 4 if any(outlook.undetermined for _, outlook in rows) else 3
     columns = [what, "worst", "mean", "not determined"]
-    cells = [[name, *_cells(outlook)][:width] for name, outlook in rows]
-    print_table(title, columns[:width], cells)
-
-
-def _cells(outlook: Outlook) -> list[str]:
-    """Return worst and mean interval, or the number of parameters that are not determined."""
-    if outlook.undetermined:
-        return ["", "", str(len(outlook.undetermined))]
-    return [f"± {outlook.worst * 100:.2f} %", f"± {outlook.mean * 100:.2f} %", ""]
+    cells = []
+    for name, outlook in rows:
+        if outlook.undetermined:
+            cells.append([name, "", "", str(len(outlook.undetermined))])
+        else:
+            cells.append(
+                [name, f"± {outlook.worst * 100:.2f} %", f"± {outlook.mean * 100:.2f} %", ""]
+            )
+    print_table(title, columns[:width], [row[:width] for row in cells])

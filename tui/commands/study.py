@@ -7,7 +7,7 @@ from dataclasses import asdict
 from functools import partial
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -217,7 +217,7 @@ def _deliver(result: Study, json: bool, figure: Path | None) -> None:
                 "title": result.title,
                 "rows": [dict(zip(keys, row, strict=True)) for row in result.rows],
                 "notes": list(result.notes),
-                "panels": [_plain(asdict(panel)) for row in result.panels for panel in row],
+                "panels": [asdict(panel) for row in result.panels for panel in row],
             }
         )
     else:
@@ -239,16 +239,3 @@ def _deliver(result: Study, json: bool, figure: Path | None) -> None:
         from identify.study import svg
 
         write_named(figure, svg(result).encode())
-
-
-def _plain(value: Any) -> Any:
-    """Return nested values with arrays as lists."""
-    match value:
-        case dict():
-            return {key: _plain(item) for key, item in value.items()}
-        case list() | tuple():
-            return [_plain(item) for item in value]
-        case str() | bool() | int() | float() | None:
-            return value
-        case _:
-            return value.tolist()
