@@ -237,7 +237,6 @@ def test_ctrl_c_while_the_command_line_is_loaded_is_quiet(before: str, code: int
     ("closed", "words", "code"),
     [
         (">&-", ["inspect", "no"], 2),
-        ("<&- 2>&-", ["inspect", "car.h5"], 0),
         ("<&- >&- 2>&-", ["inspect", "car.h5"], 0),
     ],
 )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import signal
 import threading
-import time
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import replace
@@ -27,7 +26,6 @@ from daq.control.messages import (
     Until,
     setup_of,
 )
-from daq.control.monitoring import Heartbeats, Systemd
 from daq.errors import InputError
 from daq.recorder.recorder import Publish
 from tui.recorders.daemon import Lifetime, _Daemon, _Signals
@@ -90,20 +88,15 @@ def test_each_recording_of_a_daemon_is_armed_once_and_ended_when_complete() -> N
     assert not one._stop.is_set()
 
 
-def test_a_complete_recording_is_left_to_the_terminal_that_looks_at_it() -> None:
+@pytest.mark.parametrize(("arm", "orders"), [(True, [Arm(Until.COMPLETE)]), (False, [])])
+def test_a_complete_recording_is_left_to_the_terminal_that_looks_at_it(
+    arm: bool, orders: list[Order]
+) -> None:
     engine = Engine()
-    one = daemon(engine, stay=True)
+    one = daemon(engine, arm=arm, stay=True)
     for phase in (Phase.IDLE, Phase.ARMED, Phase.COMPLETE, Phase.COMPLETE):
         one._lead(at("a", phase), end=False)
-    assert engine.orders == [Arm(Until.COMPLETE)]
-
-
-def test_without_arming_nothing_is_ordered() -> None:
-    engine = Engine()
-    one = daemon(engine, arm=False)
-    for phase in Phase:
-        one._lead(at("a", phase), end=False)
-    assert engine.orders == []
+    assert engine.orders == orders
 
 
 @pytest.mark.parametrize("end", [False, True])
@@ -145,30 +138,6 @@ def test_a_signal_ends_a_recorder_whose_disk_is_full_and_keeps_the_recording() -
     assert one._stop.is_set()
 
 
-class Deserted:
-    """A recorder and its server: for how long no client has been there, s, look by look."""
-
-    def __init__(self, *alone_s: float) -> None:
-        self.looks = list(alone_s)
-        self.stopped = False
-
-    def alone_s(self) -> float:
-        return self.looks.pop(0) if self.looks else 0.0
-
-    def run(self, stop: threading.Event, publish: Publish, _: object) -> None:
-        publish(a_status(), None)
-        self.stopped = stop.wait(0.8)
-
-    def publish(self, *_: object) -> None:
-        pass
-
-    def storage(self) -> StorageStatus:
-        return StorageStatus()
-
-    def heartbeats(self) -> Heartbeats:
-        return Heartbeats((), time.monotonic(), time.monotonic())
-
-
 @pytest.mark.parametrize(
     ("attended", "alone_s", "left"),
     [
@@ -180,11 +149,18 @@ class Deserted:
 def test_a_demonstration_ends_ten_seconds_after_its_last_terminal(
     attended: bool, alone_s: tuple[float, ...], left: list[float] | None
 ) -> None:
-    both = Deserted(*alone_s)
+    stopped: list[bool] = []
+
+    def records(stop: threading.Event, publish: Publish, _: object) -> None:
+        publish(a_status(), None)
+        stopped.append(stop.wait(0.8))
+
+    both = All(records)
+    both.looks = list(alone_s)
     lifetime = Lifetime(arm=False, keep_on=True, attended=attended)
-    one = _Daemon(cast(Any, both), cast(Any, both), Systemd(), TRAFFIC, lifetime, Log(None))
-    one.run(_Signals(threading.Event()), lambda *_: None)
-    assert both.stopped == (left is not None)
+    one = _Daemon(cast(Any, both), cast(Any, both), cast(Any, both), TRAFFIC, lifetime, Log(None))
+    one.run(_Signals(threading.Event()), silent)
+    assert stopped == [left is not None]
     if left is not None:
         assert both.looks == left
 
@@ -205,6 +181,8 @@ class All:
         self.reloaded: list[Bench] = []
         self.stored = StorageStatus()
         self.watched: list[bool] = []
+        self.looks: list[float] = []
+        """For how long no client has been there, s, look by look."""
 
     def run(self, stop: threading.Event, publish: Publish, is_watched: Any) -> None:
         """Record."""
@@ -220,7 +198,7 @@ class All:
 
     def alone_s(self) -> float:
         """Return for how long none was there, s."""
-        return 0.0
+        return self.looks.pop(0) if self.looks else 0.0
 
     def storage(self) -> StorageStatus:
         """Return what the disk has."""
