@@ -49,8 +49,8 @@ def say(text: str) -> None:
 
 def say_left_out(codec: Codec) -> None:
     """List the messages of a DBC that could not be used, five at most."""
-    for remark in codec.left_out[:_NAMED]:
-        say(f"left out: {remark}")
+    for text in codec.left_out[:_NAMED]:
+        say(f"left out: {text}")
     if len(codec.left_out) > _NAMED:
         say(f"left out: {len(codec.left_out) - _NAMED} more")
 

@@ -89,7 +89,7 @@ def import_logs(
     session = session_from_parts(bench, codec, parts, about)
     _require_a_run(session.runs)
     bumps = sum(event.code.endswith("bump") for part in parts for event in part.events)
-    remarks = [f"{s.name}: {remark}" for s in sources for remark in s.remarks]
+    remarks = [f"{s.name}: {text}" for s in sources for text in s.remarks]
     remarks += [f"{s.name} is not whole: {s.loss.text}" for s in sources if s.loss.any]
     lacking = {s.format.name: s.format.lacks for s in sources if s.format.lacks}
     remarks += [f"{name} does not hold {lacks}" for name, lacks in lacking.items()]

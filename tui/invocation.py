@@ -111,10 +111,10 @@ def _named(error: OSError) -> BumpbenchError:
     """
     from dbc import InputError
 
-    what, advice = error.strerror or str(error), "name another path"
+    reason, advice = error.strerror or str(error), "name another path"
     if isinstance(error, PermissionError):
-        what, advice = "access is denied", "run it as a user with access, or name another path"
-    return InputError(os.fsdecode(error.filename), what, advice)
+        reason, advice = "access is denied", "run it as a user with access, or name another path"
+    return InputError(os.fsdecode(error.filename), reason, advice)
 
 
 def _refused_output() -> str:
@@ -147,12 +147,12 @@ def foreign_package() -> str:
     owners = packages_distributions()
     for name in ("dbc", "daq", "identify", "tui"):
         spec = find_spec(name)
-        found = Path(spec.origin).resolve() if spec and spec.origin else None
+        place = Path(spec.origin).resolve() if spec and spec.origin else None
         others = [owner for owner in owners.get(name, []) if owner != "bumpbench"]
-        if others or (found is not None and found.parents[1] != root):
+        if others or (place is not None and place.parents[1] != root):
             whose = f"the distribution {others[0]}" if others else "something else"
             return (
-                f"package {name}: {whose} has that name, too ({found}) (uninstall or move it, then"
+                f"package {name}: {whose} has that name, too ({place}) (uninstall or move it, then"
                 " install bumpbench again; both work in separate environments)"
             )
     return ""

@@ -79,13 +79,13 @@ def _print_beside_truth(parameters: Mapping[str, Estimate], truth: Mapping[str, 
 
 
 def _print_estimates(
-    title: str, what: str, estimates: Mapping[str, Estimate], rests_on: Mapping[str, str]
+    title: str, heading: str, estimates: Mapping[str, Estimate], rests_on: Mapping[str, str]
 ) -> None:
     rows = []
     for name, e in estimates.items():
         row = [name, value_text(e), _interval(e), half_text(e), unit_text(e.unit)]
         rows.append([*row, rests_on.get(name, "")] if rests_on else row)
-    columns = [what, "estimate", "95 % interval", "±", "unit"]
+    columns = [heading, "estimate", "95 % interval", "±", "unit"]
     print_table(title, [*columns, "mostly from"] if rests_on else columns, rows)
 
 

@@ -143,7 +143,7 @@ def session_files(names: Sequence[str]) -> list[str]:
     """
     from dbc import InputError
 
-    found: dict[str, None] = {}
+    named: dict[str, None] = {}
     for name in names:
         path = Path(name)
         if path.is_dir():
@@ -155,10 +155,10 @@ def session_files(names: Sequence[str]) -> list[str]:
         # A link that leads nowhere is a session that fails, not one that hides the others.
         files = [file for file in files if file.is_file() or not file.exists()]
         if not files or (files == [path] and not path.exists()):
-            what = "holds no session file (*.h5)" if path.is_dir() else "no such file"
-            raise InputError(name, what, "name session files, folders or patterns")
-        found |= dict.fromkeys(str(file.absolute()) for file in files)
-    return list(found)
+            reason = "holds no session file (*.h5)" if path.is_dir() else "no such file"
+            raise InputError(name, reason, "name session files, folders or patterns")
+        named |= dict.fromkeys(str(file.absolute()) for file in files)
+    return list(named)
 
 
 # One session --------------------------------------------------------------------------------------

@@ -109,8 +109,8 @@ def decode(
     undecoded = [f"{number} {kind}" for kind, number in totals.items() if number]
     if undecoded:
         say(f"of {counted(n_frames, 'frame')} not all were decoded: {', '.join(undecoded)}")
-    for remark in frames.remarks:
-        say(f"{log}: {remark}")
+    for text in frames.remarks:
+        say(f"{log}: {text}")
     if frames.loss.any:
         say(f"{log} is not whole: {frames.loss.text}")
     return ExitCode.DATA_LOST if frames.loss.any else ExitCode.OK

@@ -119,6 +119,6 @@ def import_(
         write_session(out, imported.session)
     more = {**imported.facts, "bumps": imported.bumps, "planned": len(steps)}
     print_session(out, imported.session, json, **more)
-    for remark in imported.remarks:
-        say(remark)
+    for text in imported.remarks:
+        say(text)
     return ExitCode.DATA_LOST if imported.is_lossy else ExitCode.OK

@@ -189,12 +189,12 @@ def _print(planned: Plan, advice: Advice, others: tuple[NextStep, ...], whose: s
         _print_outlooks(title, "campaign instead of it", campaigns)
 
 
-def _print_outlooks(title: str, what: str, rows: Sequence[tuple[str, Outlook]]) -> None:
+def _print_outlooks(title: str, heading: str, rows: Sequence[tuple[str, Outlook]]) -> None:
     """Print what each choice would give; the last column only if one leaves a parameter open."""
     from ..output import print_table
 
     width = 4 if any(outlook.undetermined for _, outlook in rows) else 3
-    columns = [what, "worst", "mean", "not determined"]
+    columns = [heading, "worst", "mean", "not determined"]
     cells = []
     for name, outlook in rows:
         if outlook.undetermined:

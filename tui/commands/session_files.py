@@ -183,15 +183,15 @@ def redecode(
     from ..output import print_session
 
     if dbc is None and bench is None:
-        what = "neither a DBC nor a bench.toml is named"
-        raise InputError("redecode", what, "name what was corrected: a bench.toml, or --dbc FILE")
+        reason = "neither a DBC nor a bench.toml is named"
+        raise InputError("redecode", reason, "name what was corrected: a bench.toml, or --dbc FILE")
     target = out or session.parent / f"{session.stem}_redecoded.h5"
     inputs = [path for path in (session, bench, dbc) if path is not None]
     refuse_existing(target, replace=force, inputs=inputs)
     old, changed = read_changed_session(session)
     if changed and bench is None:
-        what = f"{changed[0]} was changed or damaged after the file was written"
-        raise InputError(str(session), what, "name the right bench.toml after the session")
+        reason = f"{changed[0]} was changed or damaged after the file was written"
+        raise InputError(str(session), reason, "name the right bench.toml after the session")
     corrected = _corrected(old, str(session), dbc, bench)
     about = {"redecoded_from_sha256": file_sha256(session)}
     new = redecoded(old, corrected, str(session), about)
