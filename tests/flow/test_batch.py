@@ -78,19 +78,18 @@ def test_a_scheduler_without_workers_is_refused(
     assert "no workers" in capsys.readouterr().err
 
 
-def test_studies_run_on_a_cluster_of_the_same_version(
+def test_a_cluster_of_the_same_version_does_the_work(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    study = ["study", "noise", "--fits", "2", "--rate-hz", "100", "--json"]
-    assert run(study) == 0
-    here = json.loads(capsys.readouterr().out)
+    write_all(tmp_path / "s", refused_session, 1)
+    words = ["batch", str(tmp_path / "s"), "--out", str(tmp_path / "t.csv"), "--scheduler"]
     with cluster(tmp_path, workers=1) as (address, _):
-        assert run([*study, "--scheduler", address]) == 0
-        assert json.loads(capsys.readouterr().out) == here
+        assert run([*words, address, "--json"]) == 1
+        assert json.loads(capsys.readouterr().out)["verdicts"] == {"refused": 1}
         mine, true = os.getpid(), version("bumpbench")
         other = "0.0.1"
         monkeypatch.setattr(executors, "version", lambda _: other if os.getpid() == mine else true)
-        assert run([*study, "--scheduler", address]) == 2
+        assert run([*words, address, "--force"]) == 2
     error = capsys.readouterr().err
     assert "here is 0.0.1 (install one version everywhere)" in error
     assert error.count("\n") == 1

@@ -80,7 +80,6 @@ def map_items(
     workers: int,
     stage: Stage,
     subject: str,
-    scheduler: str | None = None,
 ) -> list[Result]:
     """Return ``function(item)`` of every item, in their order, and report progress to `stage`.
 
@@ -90,7 +89,7 @@ def map_items(
     from dbc import InputError  # this loads NumPy, which --help does not need
 
     results: dict[Item, Result] = {}
-    for item, future in as_finished(function, items, workers, scheduler):
+    for item, future in as_finished(function, items, workers):
         try:
             results[item] = future.result()
         except BrokenProcessPool:
