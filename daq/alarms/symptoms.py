@@ -189,7 +189,7 @@ class BusWatch:
             yield fault("error_passive", name, text)
 
 
-# Watches each channel: not a number, out of range, at the end of its range, or frozen -------------
+# Watches each channel: without a value, at the end of its range, or frozen ------------------------
 
 
 class _Channel:
