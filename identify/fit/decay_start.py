@@ -26,19 +26,11 @@ from .varpro import Evaluated, LinearPart, over_two, slopes
 
 _WINDOWS = (1, 2, 4, 8, 16)
 """Samples taken together; many show a small force that one does not."""
-_Z = 4.5
-"""Normal deviate beyond which a window is not free decay: one false alarm in 300,000."""
-_SURE = 6.0
-"""Rise of the squared residuals that excludes a later end of the force."""
 _SPAN_S = 0.04
 """Seconds after the first sample that fails, within which the force ends: by then any sensor
 has shown it."""
 _BEFORE_S = 0.005
 """Seconds of certainly forced motion that help to find the foot of the ramp."""
-_AT_FIRST_S = 0.03
-"""Seconds before the start that are looked at first."""
-_VISIBLE = 1e-9
-"""Share of the strongest trace below which a combination of wheel forces counts as invisible."""
 _SLACK_S = 1e-7
 """Seconds by which a start comes before its first sample, so that rounding does not cut it off."""
 _WHEELS = slice(3, 7)
@@ -79,8 +71,8 @@ def earliest_start_s(
     linear part.  `lower_s`: no start before this time is considered.
     """
     start_s = decay.start_s
-    # The force ends near the expected start: all other samples are seldom looked at.
-    for first_s in dict.fromkeys((max(lower_s, start_s - _AT_FIRST_S), lower_s)):
+    # The force ends near the expected start: what is 30 ms before it is seldom looked at.
+    for first_s in dict.fromkeys((max(lower_s, start_s - 0.03), lower_s)):
         early = _early(point, covariance, record, decay, linear, first_s)
         instants_s, known, failed_s = _free_instants(early)
         if failed_s is not None and start_s + failed_s - _BEFORE_S > first_s:
@@ -238,9 +230,10 @@ def _is_forced(squares: list[tuple[float, int]]) -> bool:
     for width in _WINDOWS[: 1 + int(np.log2(len(squares)))]:
         total = sum(chi2 for chi2, _ in squares[-width:])
         freedom = sum(n for _, n in squares[-width:])
-        # The limit of chi2 by Wilson and Hilferty (1931).
+        # The limit of chi2 by Wilson and Hilferty (1931), at a normal deviate of 4.5: one false
+        # alarm in 300,000.
         spread = 2.0 / (9.0 * freedom)
-        if total > freedom * (1.0 - spread + _Z * np.sqrt(spread)) ** 3:
+        if total > freedom * (1.0 - spread + 4.5 * np.sqrt(spread)) ** 3:
             return True
     return False
 
@@ -264,10 +257,12 @@ def _end_of_force_s(point: Evaluated, early: _Early, known: Known, failed_s: flo
     traces = whiten @ _ramps(point, early, near, ends_s)
     size = np.linalg.norm(traces, axis=1, keepdims=True)
     directions, strength, _ = np.linalg.svd(traces / np.where(size > 0.0, size, 1.0), False)
-    visible = strength > _VISIBLE * strength[:, :1]
+    # Below this share of the strongest trace a combination of wheel forces counts as invisible.
+    visible = strength > 1e-9 * strength[:, :1]
     # Change of chi2 by the four forces that explain most.
     changes = -np.sum(np.where(visible, error @ directions, 0.0) ** 2, axis=1)
-    return float(ends_s[changes <= changes.min() + _SURE].max())
+    # A rise of the squared residuals by 6 excludes a later end of the force.
+    return float(ends_s[changes <= changes.min() + 6.0].max())
 
 
 def _ramps(

@@ -35,34 +35,17 @@ from .likelihood import (
 
 _BASIN_CHI2 = 1.3
 """chi2/n below which a search has led near an optimum that holds."""
-_LIMIT_SIGMAS = 5.0
-"""Standard deviations of chi2/n above 1 beyond which the model does not hold."""
-_LEAST_EXCESS = 0.02
-"""Excess of chi2/n that clocks fitted to arrival times, and quantisation, may cause."""
 _SEARCH_RATE_HZ = 250.0  # enough to find the basin of the optimum
-_FLOOR = 1e-5  # of a channel's rms: the noise of noise-free data
 _LATER_S = (0.02, 0.05)
 """Later starts, s, to try when the model does not fit from the stated end of the bump.  None is
 later: an error in the wheels' motion dies within 0.2 s, and a start after that would hide it."""
 _LATER_UNSTATED_S = (0.1, 0.2, 0.4)
 """Later starts, s, to try where no bump is stated and a record may begin within it."""
-_LEAST_S = 0.05
-"""Least length of a decay that begins later, s: half a period of the wheels."""
-_UNEXPLAINED = 0.03
-"""Share of the motion's power that an optimum in the right basin may leave, even of a wrong
-model."""
-_SAME_COST = 0.01
-"""Relative difference of cost below which two searches have led to one optimum."""
-_ROUGH = 0.1  # of a standard deviation: a search is followed by a fit
 _SEARCH_STEPS = 40
 _FIT_STEPS = 30
-_NOISE_FITS = 2  # fits in which the noise and the fit settle together
-_TINY = 1e-300  # noise of a channel of zeros, which has no inverse
 _WIDEST = 1.0
 """Standard deviation of each unknown, the logarithm of a parameter, before any run: a factor e.
 Without it, predictions would have no covariance where runs do not determine the masses."""
-_SCANS = 3
-"""Times that the starts are moved back at most: each fit shows a little more of the motion."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
@@ -121,7 +104,8 @@ class Estimation:
     @property
     def chi2_limit(self) -> float:
         """Upper limit of chi2/n if the model holds."""
-        excess = max(_LEAST_EXCESS, _LIMIT_SIGMAS * self.chi2_std)
+        # Five standard deviations; clocks fitted to arrival times and quantisation may cause 0.02.
+        excess = max(0.02, 5.0 * self.chi2_std)
         return 1.0 + excess if self.freedom > 0.0 else 1.0
 
     @property
@@ -223,8 +207,8 @@ def _later_starts(records: tuple[Record, ...]) -> list[tuple[float, NDArray[np.f
     movable = np.array([stated or onset_s(record) is None for record in records])
     if not movable.any():
         return []
-    # The shortest decay, too, keeps its least length.
-    longest_s = min(r.end_s - s for r, s in zip(records, first_s, strict=True)) - _LEAST_S
+    # The shortest decay, too, keeps half a period of the wheels, 0.05 s.
+    longest_s = min(r.end_s - s for r, s in zip(records, first_s, strict=True)) - 0.05
     return [
         (later_s, first_s + np.where(movable, later_s, 0.0))
         for later_s in (_LATER_S if stated else _LATER_UNSTATED_S)
@@ -249,7 +233,8 @@ def basin(
         if best.explains:
             break
         search = _search(box, records, rest, start_s, eta)
-        again = abs(search.cost / best.cost - 1.0) < _SAME_COST
+        # Two searches whose costs differ by less than 1 % have led to one optimum.
+        again = abs(search.cost / best.cost - 1.0) < 0.01
         best = min(best, search, key=lambda one: one.cost)
         if again:
             break
@@ -259,7 +244,8 @@ def basin(
 def settled(late: Estimation) -> Estimation:
     """Move each decay's start as far back as the model holds; weigh the channels by their noise."""
     best = late
-    for _ in range(_SCANS):
+    # Each fit shows a little more of the motion, so the starts are moved back three times at most.
+    for _ in range(3):
         model = linearised_at(best)
         information = np.sum(list(best.fit.information.values()), axis=0)
         covariance = np.linalg.inv(information + np.eye(len(information)) / _WIDEST**2)
@@ -311,8 +297,10 @@ def _search(
         motion = recording.values - recording.values.mean(axis=0)
         noise = [sigma[c.name] for c in recording.group.channels]
         power += float(np.sum((motion / noise) ** 2))
-    rough = fit(box, decays, sigma, eta, _ROUGH, _SEARCH_STEPS, HOLD)
-    explains = rough.cost < _BASIN_CHI2 * n + _UNEXPLAINED * power
+    # To a tenth of a standard deviation: a search is followed by a fit.
+    rough = fit(box, decays, sigma, eta, 0.1, _SEARCH_STEPS, HOLD)
+    # In the right basin even a wrong model leaves no more than 3 % of the motion's power.
+    explains = rough.cost < _BASIN_CHI2 * n + 0.03 * power
     return _Search(rough.eta, rough.cost, explains)
 
 
@@ -329,7 +317,8 @@ def _fitted_from(
     fine = fit(box, decays, sigma, eta, max_iterations=_FIT_STEPS)
     residuals = residuals_of(fine.linearised, decays, sigma)
     if not rest:
-        for _ in range(_NOISE_FITS):
+        # In two fits the noise and the fit settle together.
+        for _ in range(2):
             sigma = floored(_residual_noise(residuals), decays)
             fine = fit(box, decays, sigma, fine.eta)
             residuals = residuals_of(fine.linearised, decays, sigma)
@@ -396,8 +385,10 @@ def floored(sigma: dict[str, float], decays: Sequence[FreeDecay]) -> dict[str, f
             means = (squares / len(recording.values)).tolist()
             for channel, mean in zip(recording.group.channels, means, strict=True):
                 mean_squares.setdefault(channel.name, []).append(mean)
-    floor = {name: _FLOOR * float(np.sqrt(np.mean(each))) for name, each in mean_squares.items()}
-    return {name: max(std, floor.get(name, 0.0), _TINY) for name, std in sigma.items()}
+    # Noise-free data have the noise of rounding, 1e-5 of a channel's rms.
+    floor = {name: 1e-5 * float(np.sqrt(np.mean(each))) for name, each in mean_squares.items()}
+    # A channel of zeros has no noise, and zero has no inverse.
+    return {name: max(std, floor.get(name, 0.0), 1e-300) for name, std in sigma.items()}
 
 
 # The vehicles from which a search may start -------------------------------------------------------

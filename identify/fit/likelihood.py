@@ -30,24 +30,14 @@ from .varpro import (
     residuals_left,
 )
 
-_MAX_STEP = 0.5  # largest change of a logarithm in one iteration
-_BAD = 2.0  # chi2/n above which a fit counts as bad
-_LOOSEN = 0.7  # change of the hold with each step
-_LET_GO = 1e-3  # of the first hold
 _UNKNOWN = 1e-300  # size of a last step that says nothing about the next one
 _FAR_DAMPING, _NEAR_DAMPING = 1e-3, 1e-4  # of the first step, far from the optimum and near it
 _LIGHT_DAMPING = 1e-3  # below it a step is nearly the whole way, so its size is the distance
 _LEAST_DAMPING, _MOST_DAMPING = 1e-12, 1e8
 _JUMP_DAMPING = 1e-9  # below it ten times the damping changes no step, so it is raised at once
-_RANK = 1e-11  # directions of a normal matrix below this, relative, are undetermined
-_CONCERNED = 1e-3  # least part of an unknown in an undetermined direction
 HOLD = 300.0
 """Strength of the hold with which 200 of 200 starts, wrong by up to a factor of 3, led to the
 optimum."""
-_VAGUE = 2.0
-"""Standard deviation of each unknown about the start of a search, before any run: a factor e^2.
-Unknowns that no run determines stay near where the search began; determined ones move by less than
-a hundredth of their standard deviations."""
 FACTS = "facts"
 PRIORS = "stated uncertainties"
 
@@ -143,19 +133,23 @@ def fit(
     converged = False
     iterations, size_before = 0, _UNKNOWN
     n = sum(decay.n_values for decay in decays)
-    let_go = _LET_GO * hold
-    # Noise alone would drive an unknown that no run informs to zero or infinity.
-    weak = np.isinf(box.prior_sigma) / _VAGUE**2
+    let_go = 1e-3 * hold
+    # Noise alone would drive an unknown that no run informs to zero or infinity.  With a standard
+    # deviation of a factor e^2 before any run it stays near where the search began; unknowns that
+    # the runs determine move by less than a hundredth of their standard deviations.
+    weak = np.isinf(box.prior_sigma) / 2.0**2
     while iterations < max_iterations and not converged:
         iterations += 1
-        firm = hold * here.cost / n if here.cost > _BAD * n and hold > let_go else 0.0
+        # A fit is held only while it is bad: above chi2/n 2.
+        firm = hold * here.cost / n if here.cost > 2.0 * n and hold > let_go else 0.0
         pull = weak + firm  # inverse variance of each unknown about the start
         diagonal = np.diag(here.information) + pull
         scale = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
         H = (here.information + np.diag(pull)) / np.outer(scale, scale)
         downhill = here.gradient - pull * (eta - start)
         step = np.linalg.solve(H + damping * np.eye(len(eta)), downhill / scale) / scale
-        step *= min(1.0, _MAX_STEP / max(float(np.max(np.abs(step))), 1e-300))
+        # A logarithm changes by 0.5 at most in one iteration.
+        step *= min(1.0, 0.5 / max(float(np.max(np.abs(step))), 1e-300))
         trial_model = linearised(box, decays, sigma, eta + step, model.layout)
         trial = _sum(trial_model.blocks)
         more_pull = float(pull @ ((eta + step - start) ** 2 - (eta - start) ** 2))
@@ -169,7 +163,7 @@ def fit(
             size_before = size
             eta, here, model = eta + step, trial, trial_model
             damping = max(damping / 10, _LEAST_DAMPING)
-            hold *= _LOOSEN
+            hold *= 0.7
         elif damping > _MOST_DAMPING:
             break
         else:
@@ -229,10 +223,12 @@ def covariance_of(normal: NDArray[np.float64]) -> NDArray[np.float64]:
     diagonal = np.diag(normal)
     scale = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
     values, vectors = np.linalg.eigh(normal * np.outer(scale, scale))
-    good = values > _RANK * values[-1]
+    # Directions below this share of the strongest are undetermined.
+    good = values > 1e-11 * values[-1]
     inverse = np.where(good, 1 / np.where(good, values, 1.0), 0.0)
     covariance = (vectors * inverse) @ vectors.T * np.outer(scale, scale)
-    undetermined = (np.abs(vectors[:, ~good]) > _CONCERNED).any(axis=1)
+    # So is an unknown with a thousandth or more of itself in such a direction.
+    undetermined = (np.abs(vectors[:, ~good]) > 1e-3).any(axis=1)
     covariance[undetermined, undetermined] = np.inf  # on the diagonal
     return np.asarray(covariance)
 

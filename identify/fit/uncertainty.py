@@ -201,13 +201,6 @@ def _estimate(value: float, std: float, unit: str, size: float = 0.0) -> Estimat
 
 # Predicts each run from all the others ------------------------------------------------------------
 
-_LIMIT_SIGMAS = 5.0
-"""Standard deviations of a run's chi2/n beyond which its prediction leaves more than noise."""
-_SAYS_NOTHING = 1e-9
-"""Relative fall of a variance by a run below which the run says nothing of the parameter."""
-_LEAST_EXCESS = 0.05
-"""Excess of chi2/n that clocks fitted to arrival times and quantisation may cause in one run."""
-
 
 @dataclass(frozen=True, slots=True)
 class Prediction:
@@ -282,12 +275,15 @@ def _predicted_run(
     quiet = sum(quiet_counts(estimation.records).values()) if estimation.rest else 0
     spread = 2.0 / freedom + 2.0 / (quiet or freedom)
     by_parameters = float(np.trace(finite @ block.information)) / freedom
-    limit = 1.0 + by_parameters + max(_LEAST_EXCESS, _LIMIT_SIGMAS * float(np.sqrt(spread)))
+    # Five standard deviations; clocks fitted to arrival times, and quantisation, may cause 0.05 in
+    # one run.
+    limit = 1.0 + by_parameters + max(0.05, 5.0 * float(np.sqrt(spread)))
     # Parameters from fewer runs differ from those from all runs by the difference of the variances.
     n = len(box.parameters)
     gain = np.diag(finite)[:n] - np.diag(fit.covariance)[:n]
     moves = step[:n] / np.sqrt(np.maximum(gain, 1e-300))
-    moves[gain <= _SAYS_NOTHING * np.diag(finite)[:n]] = 0.0
+    # A run by which a variance falls less says nothing of the parameter.
+    moves[gain <= 1e-9 * np.diag(finite)[:n]] = 0.0
     most = int(np.argmax(np.abs(moves)))
     parameter, moved = box.parameters[most], float(moves[most])
     return Prediction(decay.label, fitted, predicted, limit, parameter, moved)

@@ -28,8 +28,6 @@ from ..model.exponentials import (
 from .grey_box import GreyBox, System
 
 _N = 14  # states of the vehicle
-_RANK = 1e-12  # directions of the linear part below this, relative, are not observed
-_TINY = 1e-300  # stands for a diagonal element of zero, which has no inverse
 
 
 @dataclass(frozen=True, slots=True)
@@ -384,9 +382,11 @@ def linear_coefficients(point: Evaluated, decay: FreeDecay) -> tuple[NDArray[np.
 
 def pseudo_inverse(normal: NDArray[np.float64]) -> NDArray[np.float64]:
     """Invert normal matrices, (.., n, n); directions that the data do not determine stay zero."""
-    scale = 1 / np.sqrt(np.maximum(np.diagonal(normal, axis1=-2, axis2=-1), _TINY))
+    # A diagonal element of zero has no inverse.
+    scale = 1 / np.sqrt(np.maximum(np.diagonal(normal, axis1=-2, axis2=-1), 1e-300))
     scales = scale[..., :, None] * scale[..., None, :]
-    return np.asarray(np.linalg.pinv(normal * scales, _RANK, hermitian=True) * scales)
+    # Directions below 1e-12 of the strongest are not observed.
+    return np.asarray(np.linalg.pinv(normal * scales, 1e-12, hermitian=True) * scales)
 
 
 @dataclass(frozen=True, slots=True)

@@ -71,8 +71,6 @@ def low_pass_of(channel: Channel) -> LowPass:
 
 # The free decay in modal coordinates --------------------------------------------------------------
 
-_EQUAL = 1e-7  # eigenvalues closer than this, relative, are one double eigenvalue
-
 
 def waves(time_s: NDArray[np.float64], rates: NDArray[np.complex128]) -> NDArray[np.complex128]:
     """Return ``exp(rate t)`` of every rate at every time, (n_samples, n_rates)."""
@@ -162,7 +160,8 @@ class Spectrum:
         modal = self.W @ dA @ self.V
         gap = self.poles[:, None] - self.poles[None, :]
         scale = np.abs(self.poles)[:, None] + np.abs(self.poles)[None, :]
-        same = np.abs(gap) < _EQUAL * scale
+        # Eigenvalues that are closer are one double eigenvalue.
+        same = np.abs(gap) < 1e-7 * scale
         inverse = np.where(same, 0.0, 1.0 / np.where(same, 1.0, gap))
         apart, together = modal * inverse, modal * same
         return Change(
@@ -246,10 +245,6 @@ def spectrum(A: NDArray[np.float64]) -> Spectrum:
 # d)``: a sum over n samples becomes one over some sqrt(n) coarse and one over as many fine steps,
 # exact to rounding.  The samples after the last whole coarse step are summed one by one, and so are
 # samples at times that are not even.  Recordings that are laid out alike are handled together.
-
-
-_FEW = 64  # samples for which steps would save nothing
-_EVEN = 8.0  # spacings of float64 by which even times may depart from their line
 
 
 @dataclass(frozen=True, slots=True)
@@ -413,10 +408,11 @@ def _powers(step_s: _Real, rates: _Complex, count: int) -> _Complex:
 def _width(time_s: _Real) -> int:
     """Return how many fine steps a coarse one has; 1 where times are few or not even."""
     n = len(time_s)
-    if n < _FEW:
+    if n < 64:  # steps would save nothing
         return 1
     line = time_s[0] + float(time_s[-1] - time_s[0]) / (n - 1) * np.arange(n)
-    even = np.abs(time_s - line).max() <= _EVEN * np.spacing(np.abs(time_s).max())
+    # Even times may depart from their line by eight spacings of float64.
+    even = np.abs(time_s - line).max() <= 8.0 * np.spacing(np.abs(time_s).max())
     return int(2 ** round(np.log2(n) / 2.0)) if even else 1
 
 

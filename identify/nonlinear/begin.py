@@ -30,8 +30,6 @@ LENGTHS = ("a", "b", "t_f", "t_r", "y_s")
 """Parameters that a common factor of masses and forces does not change."""
 _WIDEST = 1.5
 """Logarithm of the largest factor that is tried."""
-_FINE = 1e-5
-"""Precision of the logarithm of the factor: finer than any known scale."""
 _GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
 
 
@@ -81,7 +79,7 @@ def at_likely_scale(problem: Problem, eta: NDArray[np.float64]) -> NDArray[np.fl
         return sum(float(misfits @ misfits) for misfits in terms)
 
     low, high = -_WIDEST, _WIDEST
-    while high - low > _FINE:  # golden section
+    while high - low > 1e-5:  # golden section, finer than any known scale
         inner = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
         if cost(inner[0]) < cost(inner[1]):
             high = inner[1]
@@ -98,8 +96,6 @@ _BEYOND = 2.0
 wide."""
 _MISSHAPEN = 4.0
 """Factor beyond all generic vehicles above which a parameter is impossible for a vehicle."""
-_SLIDES_M_S = 0.02
-"""Speed at which most of the friction acts in the direction of the motion."""
 
 
 def scaled_to_vehicle(
@@ -165,7 +161,8 @@ def initial_states_of(
         motion = linear_part(points[decay.mass_state], decay).solution[:14].copy()
         motion[:7] += sags[decay.mass_state]  # the linear model moves about the position at rest
         speed = travel_speeds(cars[decay.mass_state], motion)
-        friction, mounts = np.tanh(speed / _SLIDES_M_S), np.zeros(4)
+        # At 0.02 m/s most of the friction acts in the direction of the motion.
+        friction, mounts = np.tanh(speed / 0.02), np.zeros(4)
         result.append(InitialState(motion, friction, mounts))
     return tuple(result)
 
@@ -177,8 +174,6 @@ def initial_states_of(
 _PROGRESSION_1_M = 2.5
 """Standard deviation of k_2/k_s and of the tyre's beta, 1/m: 25 % more stiffness after 5 and 10
 cm."""
-_CUBIC_1_M2 = 60.0
-"""Standard deviation of k_3/k_s, 1/m2: 45 % more stiffness after 5 cm."""
 _SIDES, _KNEE, _FAST_KNEE = 2.0, 0.7, 0.25
 """Standard deviation of a damper's change of slope over its coefficient: at rest, up to
 `_FAST_M_S`, beyond it.
@@ -188,10 +183,6 @@ where few samples are that fast, these priors keep it from falling."""
 _FAST_M_S = 0.2
 _STOP = 6.0
 """Standard deviation of the rate of a bump stop, over k_s."""
-_TYRE_DAMPING = 0.2
-"""Standard deviation of a tyre's damping, over the damper's coefficient."""
-_SPLIT = 0.3
-"""Standard deviation of the relative difference of the dampers of an axle."""
 _FRICTION_SPLIT_N = 30.0
 _CORNER_SPLIT = 0.03
 """Standard deviation of half the difference of an axle's springs, tyres and wheels, over their
@@ -199,8 +190,6 @@ mean."""
 _CG_M = 0.03
 _CROSS = 0.1
 """Standard deviation of the cross weight, over a wheel's mean share of the body."""
-_MOUNT_M_N = 3e-6
-"""Standard deviation of a mount's compliance, m/N: the softest mounts of cars have 3e5 N/m."""
 
 
 def weak_priors(
@@ -213,13 +202,16 @@ def weak_priors(
     )
     priors = {  # standard deviation, SI, by the beginning of the element's name
         "k_2": _PROGRESSION_1_M * k_s,
-        "k_3": _CUBIC_1_M2 * k_s,
+        # 45 % more stiffness after 5 cm.
+        "k_3": 60.0 * k_s,
         "b_t": _PROGRESSION_1_M,
-        "s_c": _SPLIT,
+        # The relative difference of the dampers of an axle.
+        "s_c": 0.3,
         "dF_": _FRICTION_SPLIT_N,
         "dk_": _CORNER_SPLIT,
         "dm_": _CORNER_SPLIT,
-        "s_m": _MOUNT_M_N,
+        # The softest mounts of cars have 3e5 N/m.
+        "s_m": 3e-6,
         "k_b": _STOP * k_s,
     }
     of_elements = [e.prior for e in model.elements]
@@ -235,7 +227,8 @@ def weak_priors(
     of_box = model.box.prior_sigma.copy()
     for i, name in enumerate(model.box.parameters):
         if name.startswith("c_t"):
-            of_box[i] = _TYRE_DAMPING * c_s / SIGNED[name]
+            # A fifth of the damper's coefficient.
+            of_box[i] = 0.2 * c_s / SIGNED[name]
         elif name == "y_s":
             of_box[i] = _CG_M / SIGNED[name]
     if "cross weight" in model.names:

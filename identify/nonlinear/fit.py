@@ -13,19 +13,8 @@ from numpy.typing import NDArray
 from .path import USUAL, Grade, InitialState
 from .problem import Block, Normal, Point, Problem, point
 
-_RANK = 1e-13
-"""Share of the strongest direction below which one counts as not observed."""
-_HOLDS = 12
-"""Largest number of solutions of a step, each with more unknowns held at their bounds."""
-_ROUNDS = 8
-"""Largest number of solutions of a step, each with more friction at its bound and other curves
-held."""
 _REFUSED = 8
 """Refused steps in a row after which the tangents count as useless."""
-_SLOW = 0.5
-"""Share of `rough` that a step must gain for a rough fit to go on."""
-_LEAST = 1e-3
-"""Fall of the cost, over chi2/n, below which a step counts as refused."""
 _PROMISED, _LEAST_THERE = 2.0, 0.05
 """Fall of the cost, over chi2/n, that a full step may still promise where every step is refused,
 and the smallest gain of a step where no more than that is promised."""
@@ -96,7 +85,8 @@ def inverse(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
     """Invert a positive matrix after scaling; directions without information stay zero."""
     scale = 1.0 / unit_size(matrix)
     values, vectors = np.linalg.eigh(matrix * np.outer(scale, scale))
-    good = values > _RANK * values[-1]
+    # Directions below 1e-13 of the strongest are not observed.
+    good = values > 1e-13 * values[-1]
     return np.asarray(
         (vectors[:, good] / values[good]) @ vectors[:, good].T * np.outer(scale, scale)
     )
@@ -170,7 +160,8 @@ def _step(
     """
     fixed = [np.full(len(b.A), np.nan) for b in equations.blocks]
     flat = equations.lacks > 0.0
-    for _ in range(_ROUNDS):
+    # Each solution has more friction at its bound and other curves held; eight at most.
+    for _ in range(8):
         matrix, right, runs = reduced(equations.holding(flat), damping, fixed)
         shared = _solve(matrix, right, damping, low, high)
         lacks = equations.lacks - equations.lifts @ shared
@@ -217,7 +208,8 @@ def _solve(
     scale = unit_size(matrix)
     H = matrix / np.outer(scale, scale) + damping * np.eye(len(scale))
     step, held = np.zeros(len(scale)), np.zeros(len(scale), dtype=bool)
-    for _ in range(_HOLDS):
+    # Each solution has more unknowns held at their bounds; twelve at most.
+    for _ in range(12):
         loose = ~held
         rest = right / scale - H @ (step * held * scale)
         step[loose] = np.linalg.solve(H[np.ix_(loose, loose)], rest[loose]) / scale[loose]
@@ -256,7 +248,6 @@ def fit(
     rough: float = 0.0,
     max_iterations: int = 40,
     is_over: Callable[[], bool] = lambda: False,
-    log: Callable[[str], None] = lambda text: None,
 ) -> Optimum | None:
     """Find the optimum from a start; None if the start has no finite path and tangents.
 
@@ -287,7 +278,8 @@ def fit(
             settled |= still and _is_settled(problem, full, matrix)
             return Optimum(at, matrix, iterations, decrement, settled)
         near, ends = decrement < unit, decrement < _PROMISED * unit
-        least = unit * (min(_LEAST_THERE, tolerance) if ends else _LEAST)
+        # A step by which the cost falls less counts as refused.
+        least = unit * (min(_LEAST_THERE, tolerance) if ends else 1e-3)
         box = problem.reach
         while refused < _REFUSED and iterations < max_iterations:
             iterations += 1
@@ -302,17 +294,14 @@ def fit(
                 own.moved(move) for own, move in zip(at.initials, step.initials, strict=True)
             )
             trial = point(problem, moved, initials, grade)
-            log(
-                f"  {iterations} cost {at.cost:.2f} -> {trial.cost if trial else np.nan:.2f} "
-                f"promised {decrement:.3g} lambda {damping:.0e}"
-            )
             if trial is not None and trial.cost < at.cost + (0.5 * unit if near else -least):
                 next_step = _full_step(trial)
                 # Where a curve falls, tangents grow until the full step is not a minimum any more.
                 if next_step and next_step.fall > -tolerance * unit:
                     # A damping that has just proved necessary stays for one step.
                     damping = damping if refused else max(damping / 10.0, 1e-8)
-                    slow = at.cost - trial.cost < _SLOW * rough * at.cost
+                    # A rough fit goes on while a step gains half of what is rough.
+                    slow = at.cost - trial.cost < 0.5 * rough * at.cost
                     refused, at, full = 0, trial, next_step
                     break
             refused += 1
@@ -321,9 +310,6 @@ def fit(
 
 
 # Gain of freeing each unknown that is still held, to first order ----------------------------------
-
-_SEPARATE = 1e-10
-"""Share of an unknown's information that the free ones must leave for it to count as separate."""
 
 
 def gain_of(
@@ -359,7 +345,8 @@ def gain_of(
     alone = np.diag(matrix[np.ix_(new, new)])
     left = alone - np.einsum("ij,ji->i", cross, matrix[np.ix_(old, new)])
     push = right[new] - cross @ right[old]
-    separate = left > _SEPARATE * alone
+    # An unknown is separate where the free ones leave a share of its information.
+    separate = left > 1e-10 * alone
     size = np.divide(push, left, out=np.zeros(len(extra)), where=separate)
     return push * size, size
 

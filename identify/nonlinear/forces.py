@@ -24,8 +24,6 @@ _AXLES = ("front", "rear")
 _POINTS = 61
 _SHARE = 0.01
 """Share of the time at either end that a curve leaves out, because few samples support it there."""
-_SHOWN_SIGMAS = 2.0
-"""Standard deviations below which a mount counts as rigid."""
 MOUNT_LABEL = "mount"
 """Name of a mount in the result, which gives its stiffness; the unknown is its compliance."""
 
@@ -187,7 +185,7 @@ def _axle(
             shown.pop(label, None)
     mount = values.get(f"{KINDS[MOUNT_LABEL]}{letter}")
     if mount is not None:
-        if mount.value < _SHOWN_SIGMAS * mount.std:
+        if mount.value < 2.0 * mount.std:
             least = 1.0 / max(mount.high, 1e-12)
             notes.append(f"damper mount rigid: at least {least:.1e} N/m")
         else:
@@ -226,8 +224,6 @@ def _curve(
 STANDARD_SPEEDS_M_S = (-0.4, -0.2, -0.1, -0.05, 0.05, 0.1, 0.2, 0.4)
 """Speeds of the wheel relative to the body at which tables of dampers state forces, compression
 positive, m/s."""
-_SIZE_N = 50.0
-"""Smallest force that matters, N: a damper may have nearly none at a low speed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -277,4 +273,5 @@ def _at(
 ) -> Estimate:
     value, sigma = float(np.interp(v, speed, force)), float(np.interp(v, speed, std))
     half = COVERAGE_95 * sigma
-    return Estimate(value, sigma, value - half, value + half, "N", _SIZE_N)
+    # A damper may have nearly no force at a low speed: 50 N are the smallest that matter.
+    return Estimate(value, sigma, value - half, value + half, "N", 50.0)

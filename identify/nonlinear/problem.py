@@ -282,10 +282,6 @@ _FRICTION_PRIOR = 10.0
 where there is no friction, and biases none.  Most suspensions move as the decay begins, so that the
 share is -1 or 1; a prior of 1 about zero pulled all shares inwards, and moved wheels and tyres by
 one of their standard deviations."""
-_MOUNT_PRIOR_M = 5e8
-"""Standard deviation, m, of the mount's first deflection beyond its force, over sigma squared."""
-_LARGEST = 1e100
-"""Information beyond which a tangent counts as lost."""
 
 Terms = tuple[NDArray[np.float64], NDArray[np.float64]]
 """Known values less those predicted by the unknowns, and the slopes of the latter, in sigmas."""
@@ -387,7 +383,7 @@ class Normal:
     @property
     def finite(self) -> bool:
         """True unless a tangent grew beyond all numbers: a path may be finite where it is not."""
-        return all(np.trace(b.A) + np.trace(b.C) < _LARGEST for b in self.blocks)
+        return all(np.trace(b.A) + np.trace(b.C) < 1e100 for b in self.blocks)
 
 
 def point(
@@ -417,7 +413,8 @@ def point(
 
 
 def _mount_sd(one: Car) -> NDArray[np.float64]:
-    return np.maximum(_MOUNT_PRIOR_M * one.corner[:, MOUNT] ** 2, 1e-9)
+    # The mount's first deflection beyond its force has a deviation of 5e8 sigma^2, m.
+    return np.maximum(5e8 * one.corner[:, MOUNT] ** 2, 1e-9)
 
 
 def normal(at: Point) -> Normal:

@@ -24,11 +24,6 @@ from .path import POLISH, InitialState
 from .problem import Point, Problem, point, run_of
 from .release import GROUPS, Attempt, release
 
-_CLEAN_SIGMAS = 2.0
-"""Excess of chi2/n, in standard deviations, above which intervals follow the scores' scatter."""
-
-_SEARCH_S = 1.2
-"""Length of the decays, s, in the search for the optimum: the rest adds a few per cent."""
 _SEARCH_RATE_HZ = 250.0
 _START_RATE_HZ = 125.0
 """Rates of the samples, Hz, of the search and of the linear fit from which it starts."""
@@ -108,7 +103,7 @@ def thinned(record: Record) -> Record:
 
 def begun(decay: FreeDecay) -> FreeDecay:
     """Return the beginning of a decay, which holds nearly all information on a car."""
-    first = tuple(r.between(0.0, _SEARCH_S) for r in decay.recordings)
+    first = tuple(r.between(0.0, 1.2) for r in decay.recordings)
     return replace(decay, recordings=first).thinned(_SEARCH_RATE_HZ)
 
 
@@ -144,7 +139,8 @@ def _result(
     freedom = sum(sum(one.freedom.values()) for one in left) - len(free)
     chi2 = squares / freedom
     covariance = inverse(best.information)
-    if chi2 - 1.0 > _CLEAN_SIGMAS * float(np.sqrt(2.0 / freedom)):
+    # Two standard deviations above 1 the intervals follow the scatter of the scores.
+    if chi2 - 1.0 > 2.0 * float(np.sqrt(2.0 / freedom)):
         covariance = widened(covariance, scatter(at))
     shown = np.union1d(np.arange(model.first), free)
     place = np.searchsorted(shown, free)
@@ -225,9 +221,6 @@ def _choices(
 
 
 # Gives the nonlinear fit the interface of the linear one: shares and residuals of runs ------------
-
-_OWN_STEPS = 4
-"""Gauss-Newton steps for the initial states of runs at other unknowns: they are nearly linear."""
 
 
 @dataclass(frozen=True)
@@ -315,7 +308,8 @@ class NonlinearEngine:
         at = point(problem, every, initials, POLISH)
         if at is None:
             raise FloatingPointError("the path of a run is not finite at these unknowns")
-        for _ in range(_OWN_STEPS):
+        # Four Gauss-Newton steps are enough: the initial states of runs are nearly linear.
+        for _ in range(4):
             blocks = at.normal.blocks
             steps = [inverse(b.A) @ b.own for b in blocks]
             gain = sum(float(s @ b.own) for s, b in zip(steps, blocks, strict=True))

@@ -119,29 +119,14 @@ _LAST_KNOTS, _POLISHED_KNOTS = "K21", "K37"
 """Knees of the last stage and of the polish: what 21 knees leave moves tyres and wheels by up to
 0.7 standard deviations where scales narrow the intervals, and without the four beyond 0.3 m/s I_xx
 of a car with solid axles was up to 3 off."""
-_MOUNTS_PAY = 4.0
-"""Least gain of the mounts, in logarithms of the number of samples: twice the criterion's limit."""
-_STATIC_PAYS = 4.0
-"""Gain above which static friction joins, in units of chi2, far below that for which it is named:
-without it the sliding friction reads up to 20 % high and wheels 1 % light."""
 _STAGE_STEPS = 25
 _FOLLOWED = 10.0
 """Largest chi2/n of a first stage from which later stages come down to the noise (8.2 became 0.99,
 17.6 did not): where no attempt ends below, the next one is made."""
-_EXPLAINED = 5.0
-"""Largest chi2/n of a run from its beginning, by a vehicle that was found without that beginning,
-at which the beginning is fitted, too."""
-_EASIER = 3.0
-"""Factor by which a first stage that leaves out the beginnings ends lower from any start, because
-stops and lift-off are not in it."""
-_WORSE = 1.1
-"""Factor on chi2/n above which the beginnings stay left out: the model does not hold there."""
 _FOUND, _HOPELESS = 1.2, 10.0
 """chi2/n of the last stage between which the next best attempt is followed as well: a first stage
 that ends lower is not always nearer.  Where the best attempt ends higher, a sensor is wrong and not
 the start, unless it ends higher than its own first stage: then it has gone astray."""
-_FOLLOWED_MOST = 3
-"""Largest number of attempts that are followed through the later stages."""
 _LAST_STEPS = 40
 _SEARCH_SHARE = 0.7
 """Share of the time after which the search ends; the polish has the rest."""
@@ -196,7 +181,7 @@ def release(
     waiting: list[tuple[float, Optimum, Attempt]] = []
     ends: list[tuple[float, Optimum, Attempt, tuple[str, ...]]] = []
     is_over = clock.limit(_SEARCH_SHARE, "other starts of the search")
-    while len(ends) < _FOLLOWED_MOST:
+    while len(ends) < 3:  # attempts that are followed through the later stages
         while all(one.cost >= _FOLLOWED * attempt.freedom for _, one, attempt in waiting):
             if waiting and is_over():
                 break
@@ -208,7 +193,9 @@ def release(
             if end is not None:
                 chi2 = end.cost / attempt.freedom
                 log(f"{', '.join(chosen)}: chi2/n {chi2:.3f} after {end.iterations} steps")
-                likely = chi2 * (_EASIER if attempt.late_s > 0.0 else 1.0)
+                # A first stage that leaves out the beginnings ends three times lower from any
+                # start, because stops and lift-off are not in it.
+                likely = chi2 * (3.0 if attempt.late_s > 0.0 else 1.0)
                 waiting = sorted([*waiting, (likely, end, attempt)], key=lambda one: one[0])
         if not waiting:
             break
@@ -324,7 +311,9 @@ def _with_beginnings(
             replace(held, runs=(run,)), best.eta, (begun[i],), ROUGH, tolerance=_CONVERGED,
             max_iterations=_STAGE_STEPS, is_over=is_over,
         )  # fmt: skip
-        if alone is not None and alone.point.predicted[0].cost < _EXPLAINED * run.freedom:
+        # Up to chi2/n 5 from its beginning, by a vehicle that was found without it, the beginning
+        # is fitted, too.
+        if alone is not None and alone.point.predicted[0].cost < 5.0 * run.freedom:
             runs[i], searched[i], initials[i] = first.runs[i], run, alone.point.initials[0]
     whole = replace(taken, runs=tuple(runs), searched=tuple(searched))
     end = fit(
@@ -332,7 +321,8 @@ def _with_beginnings(
         tolerance=_CONVERGED, rough=0.1 * _ROUGH_SHARE, max_iterations=_LAST_STEPS,
         is_over=is_over,
     )  # fmt: skip
-    if end is None or end.cost / whole.freedom > _WORSE * late:
+    # Where chi2/n grows by more than a tenth, the model does not hold in the beginnings.
+    if end is None or end.cost / whole.freedom > 1.1 * late:
         log("the beginnings stay left out")
         return best, taken
     back = sum(run is begun for run, begun in zip(searched, first.searched, strict=True))
@@ -402,7 +392,9 @@ def _promises(
     gain = sum(g for g, size in zip(*promised, strict=True) if size > 0.0)
     gain /= max(1.0, best.cost / n)
     log(f"{name}: would lower the cost by {gain:.0f}")
-    pays = _MOUNTS_PAY * float(np.log(n)) if name == "damper_mounts" else _STATIC_PAYS
+    # Mounts join at twice the criterion's limit, static friction far below that for which it is
+    # named: without it the sliding friction reads up to 20 % high and wheels 1 % light.
+    pays = 4.0 * float(np.log(n)) if name == "damper_mounts" else 4.0
     return bool(gain > pays)
 
 
@@ -429,10 +421,6 @@ _SHARES = (0.97, 0.93, 0.86, 0.77, 0.66, 0.54, 0.42, 0.3)
 """Gaps at which a bump stop is tried, in shares of the axle's largest compression: the cost of a
 stop that is not touched has no slope by its gap, and a fit does not reach a gap of 40 mm from 33
 mm while a progressive spring imitates the stop."""
-_SHORTEST_M = 0.01
-"""Compression that is assumed at least: a gap has no logarithm at zero."""
-_LARGEST_RATE = 1.5
-"""Rate, 1e5 N/m, that a bump stop begins with at most."""
 
 
 def begin_stops(best: Optimum, log: Callable[[str], None]) -> NDArray[np.float64] | None:
@@ -456,7 +444,8 @@ def begin_stops(best: Optimum, log: Callable[[str], None]) -> NDArray[np.float64
             if sizes[i] > 0.0 and gains[i] > most[i]:
                 most[i] = gains[i]
                 result[gaps[i]] = tried[gaps[i]]
-                result[rates[i]] = min(sizes[i], _LARGEST_RATE)
+                # It begins with 1.5e5 N/m at most.
+                result[rates[i]] = min(sizes[i], 1.5)
                 result[[names.index(f"{kind}{axle}") for kind in _STOOD_IN]] = 0.0
     begun = [f"{1e3 * np.exp(result[gaps[i]]):.0f} mm" for i in np.flatnonzero(result[rates])]
     log(f"bump_stops: begin at {', '.join(begun) or 'nothing'}")
@@ -470,4 +459,5 @@ def _largest_compressions(at: Point) -> NDArray[np.float64]:
         for car, run in zip(at.cars, at.predicted, strict=True)
     ]
     front_rear = np.max(corners, axis=0).reshape(2, 2).max(axis=1)
-    return np.asarray(np.maximum(front_rear, _SHORTEST_M))
+    # At least 10 mm: a gap has no logarithm at zero.
+    return np.asarray(np.maximum(front_rear, 0.01))
