@@ -13,7 +13,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from .built import ROOT, UV
+from .release import ROOT, UV
 
 MINORS = (11, 12, 13, 14)
 """Minor versions of Python 3 that are promised."""

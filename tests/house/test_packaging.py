@@ -20,7 +20,7 @@ from daq import write_session
 from identify.result import VERSION
 
 from ..daq.small_session import small_session
-from .built import ROOT, build, package_files
+from .release import ROOT, build, package_files
 
 
 def test_no_other_distribution_owns_our_names() -> None:

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from types import FrameType
 
 from daq.bench.config import Bench
 from daq.control.messages import Arm, Until
@@ -18,7 +23,32 @@ from ..daq.recorder_run import Running, Script, sources
 from ..daq.recorder_run import quick as quick
 from ..daq.small_campaign import blocks, bumps
 from ..identify.stress import stress_session
-from .walks import walked
+
+ROOT = Path(__file__).parents[2]
+PACKAGES = tuple(str(ROOT / package) + "/" for package in ("dbc", "daq", "identify", "tui"))
+
+
+@contextmanager
+def walked() -> Iterator[set[str]]:
+    """Yield the set of files in which a function is called until the `with` ends, in any thread.
+
+    The bodies of modules and classes, which run once at an import, do not count.
+    """
+    files: set[str] = set()
+
+    def note(frame: FrameType, event: str, _: object) -> None:
+        code = frame.f_code
+        if event == "call" and code.co_filename.startswith(PACKAGES) and code.co_flags & 2:
+            files.add(str(Path(code.co_filename).relative_to(ROOT)))
+
+    before = sys.getprofile()
+    threading.setprofile(note)
+    sys.setprofile(note)
+    try:
+        yield files
+    finally:
+        sys.setprofile(before)
+        threading.setprofile(None)
 
 
 def test_a_frame_on_its_way_to_a_session_file(quick: Bench, codec: Codec, tmp_path: Path) -> None:

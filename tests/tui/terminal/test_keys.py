@@ -38,7 +38,7 @@ from tui.terminal.screens.results import SessionsScreen
 from tui.terminal.screens.vehicle import VehicleScreen
 from tui.terminal.widgets import SCREEN_PAGES, Confirm, HelpScreen, page_of
 
-from ...house.walks import walked
+from ...house.test_walks import walked
 from .bursts import burst
 from .conftest import screen_text
 from .fake_recorder import DOUBLE_BUMP, FakeRecorder
