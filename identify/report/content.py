@@ -9,7 +9,6 @@ from math import isfinite
 import numpy as np
 
 from daq.channels import Channel, Quantity
-from daq.runs import Run
 from daq.samples.trigger import BUMP
 from daq.sessions import Session, notes_of, overrides_of
 from daq.vehicle import BodyWeight, MassState
@@ -197,7 +196,6 @@ def provenance_section(session: Session, result: Identification, source: Source)
     trace = [
         ("session file", source.name),
         ("sha256 of the file", source.sha256),
-        ("sha256 of the raw frames of its runs", frames_sha256(session.runs) or "no raw frames"),
         ("identified by", f"bumpbench {source.version}"),
         ("with", ", ".join(f"{name} {version}" for name, version in source.libraries.items())),
     ]
@@ -221,18 +219,6 @@ def provenance_section(session: Session, result: Identification, source: Source)
         "report are also in it as JSON, as `bumpbench identify --json` prints them.",
         tuple(blocks),
     )
-
-
-def frames_sha256(runs: tuple[Run, ...]) -> str:
-    """Return a hash of the raw frames of all runs, time stamps included; "" without frames."""
-    if not any(len(run.frames.t_ns) for run in runs):
-        return ""
-    digest = hashlib.sha256()
-    for run in runs:
-        frames = run.frames
-        for column in (frames.t_ns, frames.can_id, frames.flags, frames.length, frames.data):
-            digest.update(np.ascontiguousarray(column).tobytes())
-    return digest.hexdigest()
 
 
 def _channel(c: Channel, noise: float | None) -> tuple[str, ...]:
