@@ -28,16 +28,8 @@ Weight = BodyWeight | HubWeight
 
 WEIGHT_SAG = "weight_sag"
 """Code of the finding on a weight that the sag contradicts."""
-_BARS = 1.3
-"""Ratio of a usual car's roll stiffness to that of its springs alone, because of its bars."""
-_ROLL_SPREAD = 0.3
-"""Spread of the logarithm of that ratio over usual cars."""
 _CONTRADICTED = 8.0
 """Drop of chi2 by one changed weight from which the stated one is contradicted (2.8 sigma)."""
-_EXPLAINED = 9.0
-"""Largest chi2 of the three motions of the body (bounce of each axle, roll) that is agreement."""
-_AS_LIKELY = 4.0
-"""Difference of chi2 below which another weight explains the sag as well."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,8 +114,10 @@ def wrong_weights(
             sigma_m / np.sqrt(2.0 * float(half_m**2 @ axle_known)),
         ]
     )
-    roll_n_m = _BARS * float(axle_n_m @ half_m**2)
-    share = np.array([axle_spread, axle_spread, np.hypot(axle_spread, _ROLL_SPREAD)])
+    # Because of its bars a usual car is 1.3 times as stiff in roll as its springs alone; the
+    # logarithm of that ratio spreads by 0.3.
+    roll_n_m = 1.3 * float(axle_n_m @ half_m**2)
+    share = np.array([axle_spread, axle_spread, np.hypot(axle_spread, 0.3)])
 
     def sag(w: Weight) -> NDArray[np.float64]:
         """Return the sag of the axles and the roll that one weight causes."""
@@ -150,11 +144,12 @@ def wrong_weights(
     sags = np.array([total + sag(other) - sag(weights[i]) for i, _, other in changes])
     misfit = _misfit(sags, measured, sigma, spread, share).tolist()
     least = min(misfit)
-    if stated - least < _CONTRADICTED or least > _EXPLAINED:
+    # The three motions of the body (bounce of each axle, roll) agree up to a chi2 of 9.
+    if stated - least < _CONTRADICTED or least > 9.0:
         return ()
     best: dict[int, str] = {}
     for chi2, (i, text, _) in sorted(zip(misfit, changes, strict=True), key=lambda t: t[0]):
-        if chi2 < least + _AS_LIKELY:
+        if chi2 < least + 4.0:  # it explains the sag as well
             best.setdefault(i, text)
     text = ", or ".join(f"weight {i + 1} says {what}" for i, what in best.items())
     subject = f"weight {next(iter(best)) + 1}"

@@ -32,6 +32,7 @@ from .motion import (
     GRAVITY_M_S2,
     PUSHED_S,
     Bump,
+    Moving,
     Push,
     Spliced,
     drive,
@@ -46,14 +47,10 @@ PIECE_S = 0.2
 it is, and the recorder decides within this time."""
 BLOCK_S = 0.02
 """Host time between blocks, s: each block takes some milliseconds, however short it is."""
-PATIENCE_S = (1.0, 1.6)
-"""Shortest and longest time from arming to the bump, s."""
 LEAD_S = 0.1
 """Rest at the beginning of an act, s, longer than the delay of any sensor."""
 SWING_S = 4.0
 """Time, s, after which the motion of a car with a damping of 0.25 at 1 Hz has decayed to 1/500."""
-AGAIN_S = 10.0
-"""Time after a bump, s, until the car is bumped again although the recorder has judged no run."""
 PUSH_N, PUSH_S, PAUSE_S = 400.0, 1.2, 1.6
 """Force and duration of a push by a person on a corner, who lets go gently; rest after it, s."""
 PUSHES_S = len(ORDER) * (PUSH_S + PAUSE_S)
@@ -79,17 +76,7 @@ class Fault(StrEnum):
     WRONG_MODE = "wrong-mode"
     """Another kind of bump than the one that is due."""
     UNPLUG = "unplug"
-    """The adapter is unplugged for some seconds."""
-
-
-LOST_S = (0.3, 0.42)
-"""Begin and end of the time without frames, s since the bump: more frames than the few that are
-harmless, and shorter than the silence of a sensor that stopped."""
-WEAK_LEVELS = 1.4
-"""Ratio of the peak to the trigger's level: above 1 in spite of noise, below that of a good
-bump."""
-UNPLUGGED_S, UNPLUG_AFTER_S = 3.0, 0.5
-"""Time without the adapter, s of the host's time, and time from the bump to the unplugging, s."""
+    """The adapter is unplugged for 3 s of the host's time."""
 
 
 class Acts:
@@ -131,7 +118,8 @@ class Acts:
         triggers = trigger_channels(self._bench.channels, self._bench.campaign.method)
         if fault is Fault.WEAK:
             peak = max(float(np.max(np.abs(self._moved(act, c)))) for c in triggers)
-            height_share = WEAK_LEVELS * self._bench.trigger.level / peak
+            # 1.4 times the trigger's level is above it in spite of noise, and below a good bump.
+            height_share = 1.4 * self._bench.trigger.level / peak
             return self._bump(mass_state, excitation, height_share)
         if fault is Fault.OVERLOAD:  # the strongest sensor, at half of its free motion
             free = round((LEAD_S + self._bench.campaign.bump_s + 0.01) / _LOOK_S)  # an index
@@ -148,24 +136,24 @@ class Acts:
         """Return a bump of a share of the campaign's height; two, rolled over, if `again_s` > 0."""
         plant = self._rig.plants[mass_state]
         height_m = height_share * self._bench.campaign.bump_height_m
-        method, end_s = self._bench.campaign.method, LEAD_S + SWING_S + again_s
+        method, lead_s = self._bench.campaign.method, LEAD_S
+        length_s = LEAD_S + SWING_S + again_s
+        motion: Moving
         if method is Method.ROLL_OVER or again_s:
             bump = Bump(kind, height_m, LEAD_S, self._bench.campaign.bump_s)
-            first = drive(plant, bump, end_s + _MARGIN_S)
-            if not again_s:
-                return self._rig.act(first, end_s + _MARGIN_S, end_s, LEAD_S)
-            again = replace(bump, start_s=bump.start_s + again_s)
-            state = first.states(np.array([again.start_s]))
-            both = Spliced(first, drive(plant, again, end_s + _MARGIN_S, state))
-            return self._rig.act(both, end_s + _MARGIN_S, end_s, LEAD_S)
-        if method is Method.PUSH and BUMPS[kind].hand is not None:
-            end_s += PUSHED_S
-            push = pushed_down(plant, kind, height_m, LEAD_S, end_s + _MARGIN_S)
-            return self._rig.act(push, end_s + _MARGIN_S, end_s, LEAD_S)
-        lead_s = LEAD_S + self._bench.trigger.pre_s  # it is on the blocks before they are removed
-        end_s = lead_s + SWING_S
-        drop = dropped(plant, kind, height_m, lead_s, end_s + _MARGIN_S)
-        return self._rig.act(drop, end_s + _MARGIN_S, end_s, lead_s)
+            motion = drive(plant, bump, length_s + _MARGIN_S)
+            if again_s:
+                again = replace(bump, start_s=bump.start_s + again_s)
+                state = motion.states(np.array([again.start_s]))
+                motion = Spliced(motion, drive(plant, again, length_s + _MARGIN_S, state))
+        elif method is Method.PUSH and BUMPS[kind].hand is not None:
+            length_s += PUSHED_S
+            motion = pushed_down(plant, kind, height_m, LEAD_S, length_s + _MARGIN_S)
+        else:  # it is on the blocks before they are removed
+            lead_s += self._bench.trigger.pre_s
+            length_s += self._bench.trigger.pre_s
+            motion = dropped(plant, kind, height_m, lead_s, length_s + _MARGIN_S)
+        return self._rig.act(motion, length_s + _MARGIN_S, length_s, lead_s)
 
     def _moved(self, act: Act, channel: Channel) -> Array:
         """Return the reading of an accelerometer in an act without gravity, every millisecond."""
@@ -282,7 +270,7 @@ class SimulatedBench:
         if stop_s >= self._unplug_s:
             self._unplug_s = np.inf
             host = self._speed if np.isfinite(self._speed) else 1.0
-            self._plugged_s = stop_s + UNPLUGGED_S * host
+            self._plugged_s = stop_s + 3.0 * host
         span_s = (self._done_s, max(stop_s, self._done_s))
         self._done_s = span_s[1]
         batch = self._rig.frames(
@@ -351,15 +339,16 @@ class SimulatedBench:
 
     @property
     def _next_fault(self) -> Fault | None:
-        return self._fault if self._bumps == 1 else None  # one good run comes first
+        """The fault of the next bump: only the second is spoilt, after a good run."""
+        return self._fault if self._bumps == 1 else None
 
     def _wait_and_bump(self, step: Step, status: Status) -> None:
-        """Bump an armed car after a person's time to react (`PATIENCE_S`)."""
+        """Bump an armed car after a person's time to react."""
         judged = sum(run.status is not LoggedStatus.OPEN for run in status.runs)
         if judged == self._judged and self._done_s < self._again_s:
             return  # on a busy machine its status is that before the last bump
         if self._due_s == np.inf:
-            self._due_s = self._done_s + self._rng.uniform(*PATIENCE_S)
+            self._due_s = self._done_s + self._rng.uniform(1.0, 1.6)
         if self._done_s < self._due_s:
             return
         fault = self._next_fault
@@ -367,11 +356,13 @@ class SimulatedBench:
         self._bumps += 1
         self._begin(self._acts.prepare(step, fault).result())
         bump_s = self._begun_s + self._act.bump_s
-        self._again_s = bump_s + AGAIN_S
+        self._again_s = bump_s + 10.0  # then it is bumped although the recorder judged no run
         if fault is Fault.LOST_FRAMES:
-            self._gap_s = (bump_s + LOST_S[0], bump_s + LOST_S[1])
+            # More frames than the few that are harmless, and shorter than the silence of a sensor
+            # that stopped.
+            self._gap_s = (bump_s + 0.3, bump_s + 0.42)
         elif fault is Fault.UNPLUG:
-            self._unplug_s = bump_s + UNPLUG_AFTER_S
+            self._unplug_s = bump_s + 0.5
 
     def _begin(self, act: Act) -> None:
         self._act, self._begun_s = act, self._done_s
