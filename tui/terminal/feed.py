@@ -198,7 +198,11 @@ class RecorderFeed:
                 continue
             self._reported, self._born_s = None, float("-inf")
             self._client = client  # before the news, to which the terminal replies with requests
-            self._post_first(client, role, post)
+            post(role)
+            if client.setup is not None:
+                post(client.setup)
+            if client.first_status is not None:  # the next one comes in up to 0.1 s
+                post(client.first_status)
             lost_text = self._post_news(client, post)
             self._client = None
             client.close()
@@ -240,14 +244,6 @@ class RecorderFeed:
         except OrderRefusedError as error:
             return Client(address, self._name, control=False), Role(False, str(error))
         return client, Role(self._control)
-
-    def _post_first(self, client: Client, role: Role, post: Callable[[News], None]) -> None:
-        """Post everything that is known with the connection: role, setup and status."""
-        post(role)
-        if client.setup is not None:
-            post(client.setup)
-        if client.first_status is not None:  # the next one comes in up to 0.1 s
-            post(client.first_status)
 
     def _post_news(self, client: Client, post: Callable[[News], None]) -> str:
         """Post news until the recorder is silent; return what happened, or '' if stopped."""
@@ -302,7 +298,6 @@ class Lanes:
         self.bin_s = 0.0
         self.end = 0
         """The bin after the newest."""
-        self._begin = 0
         self._low.clear()
         self._high.clear()
 
@@ -315,7 +310,6 @@ class Lanes:
         if live.bin_s != self.bin_s or abs(live.first_bin - self.end) > size:
             self._low, self._high = {}, {}
             self.bin_s, self.end = live.bin_s, live.first_bin
-            self._begin = live.first_bin
         bins = np.arange(live.first_bin, live.first_bin + count)
         fresh = np.arange(self.end, max(self.end, bins[-1] + 1)) % size
         for ring in (*self._low.values(), *self._high.values()):

@@ -15,8 +15,6 @@ from daq.runlog import LoggedRun, LoggedStatus
 from .campaign import NextAction, cause_words, first_obstacle, frames_stand_still
 from .feed import Lost
 
-MOST_PIECES = 10
-
 
 @dataclass(frozen=True, slots=True)
 class Glyphs:
@@ -41,7 +39,7 @@ class Glyphs:
 
     def bar(self, done: int, planned: int, mark: str = "") -> str:
         """Return a piece for each planned item, at most ten; `mark` is the next one."""
-        cells = min(planned, MOST_PIECES)
+        cells = min(planned, 10)
         filled = min(done, planned) * cells // max(planned, 1)
         bar = self.full * filled + (mark if filled < cells else "")
         return bar.ljust(cells, self.empty)
@@ -214,10 +212,6 @@ def halted_words(code: str) -> str:
     return f"three rejects for one reason: {printable(reason, 60)}"
 
 
-_BAR = 20
-"""Characters of the bar of the decay."""
-
-
 @dataclass(frozen=True, slots=True)
 class Banner:
     """Three lines, to be read from three metres."""
@@ -302,8 +296,8 @@ def _decay_words(status: Status, glyphs: Glyphs) -> str:
     if status.peak_left is None:
         return ""
     share = min(max(status.peak_left, 0.0), 1.0)
-    full = round((1.0 - share) * _BAR)
-    return f"{share:3.0%} of the peak left  [{glyphs.full * full}{glyphs.empty * (_BAR - full)}]"
+    full = round((1.0 - share) * 20)  # of as many characters
+    return f"{share:3.0%} of the peak left  [{glyphs.full * full}{glyphs.empty * (20 - full)}]"
 
 
 def _accepted(status: Status, action: NextAction, glyphs: Glyphs) -> Banner:
