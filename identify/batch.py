@@ -56,10 +56,10 @@ def result_row(session: Session, result: Identification) -> dict[str, Cell]:
         row["elements"] = " ".join(one.name for one in result.forces.choices if one.kept)
         for one in result.forces.axles:
             row |= _cells({f"{one.axle}_{name}": e for name, e in one.values.items()})
-            for at in forces_at_speeds(one.damper):
-                speed = f"{at.speed_m_s:+.2f}"
-                row |= _cells({f"{one.axle}_damper_force_{speed}": at.damper})
-                row |= _cells({f"{one.axle}_force_with_friction_{speed}": at.total})
+            for point in forces_at_speeds(one.damper):
+                speed = f"{point.speed_m_s:+.2f}"
+                row |= _cells({f"{one.axle}_damper_force_{speed}": point.damper})
+                row |= _cells({f"{one.axle}_force_with_friction_{speed}": point.total})
     for state, modes in result.modes.items():
         named = zip(result.mode_names[state], modes, strict=True)
         for number, (name, mode) in enumerate(named, start=1):

@@ -262,8 +262,8 @@ class Change:
             case "nothing":
                 text = f"The joint fit names no {'parameter' if self.apart else 'change'}."
             case "parameters":
-                rest = "" if self.apart else "; all else is unchanged"
-                text = f"Changed: {', '.join(one.text for one in self.named)}{rest}."
+                unchanged = "" if self.apart else "; all else is unchanged"
+                text = f"Changed: {', '.join(one.text for one in self.named)}{unchanged}."
             case "other":
                 text = (
                     "Something changed, and it is none of the parameters alone: look for friction,"
@@ -369,11 +369,11 @@ def _tested(shares: Sequence[Likelihood], model: Model, chosen: tuple[int, ...])
     parameters = tuple(model.parameters[i] for i in chosen)
     named = differences(shares, Model(parameters, tuple(model.designs[i] for i in chosen)))
     which = np.arange(len(named.target))
-    rest, rest_freedom = max(chi2 - named.gain(which), 0.0), freedom - len(which)
-    rest_p = chance_of_more(rest_freedom, rest) if rest_freedom else 1.0
+    rest_chi2, rest_freedom = max(chi2 - named.gain(which), 0.0), freedom - len(which)
+    rest_p = chance_of_more(rest_freedom, rest_chi2) if rest_freedom else 1.0
     outcome = "other" if rest_p < _REST_LEVEL else "nothing"
     p = chance_of_more(freedom, chi2)
-    return Change(outcome, (), chi2, freedom, p, rest, rest_freedom, rest_p)
+    return Change(outcome, (), chi2, freedom, p, rest_chi2, rest_freedom, rest_p)
 
 
 def _named(

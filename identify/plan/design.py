@@ -62,8 +62,8 @@ class Sensor:
         where = f"channel {self.channel.name}"
         lowest, highest = _RATES_HZ
         if not lowest <= self.rate_hz <= highest:
-            what = f"{self.rate_hz:g} samples a second"
-            raise InputError(where, what, f"plan with {lowest:g} to {highest:g}")
+            rate = f"{self.rate_hz:g} samples a second"
+            raise InputError(where, rate, f"plan with {lowest:g} to {highest:g}")
         if not 0.0 < self.noise < np.inf:
             raise InputError(where, f"noise of {self.noise:g}", "give one above 0")
 
@@ -147,16 +147,16 @@ class Plan:
                 raise InputError("plan", f"{kind} {twice[0]} occurs twice", "name each once")
         strange = {r.mass_state for r in self.runs} - {s.name for s in self.mass_states}
         if strange:
-            what = f"runs in the mass state {min(strange)}, which is not described"
-            raise InputError("plan", what, "describe its weights")
-        for what, value in (
+            runs = f"runs in the mass state {min(strange)}, which is not described"
+            raise InputError("plan", runs, "describe its weights")
+        for size, value in (
             *((f"a bump of {h * 1e3:g} mm", h) for h in map(self.height_m, self.runs)),
             (f"a bump of {self.bump.height_m * 1e3:g} mm", self.bump.height_m),
             (f"a bump of {self.bump.duration_s:g} s", self.bump.duration_s),
             (f"a free decay of {self.decay_s:g} s", self.decay_s),
         ):
             if not 0.0 < value < np.inf:
-                raise InputError("plan", what, "give a size above 0")
+                raise InputError("plan", size, "give a size above 0")
 
     def height_m(self, runs: Runs) -> float:
         """Return the height of the bump of some runs, m."""
@@ -229,7 +229,7 @@ def _rate(plan: Plan) -> Iterator[Candidate]:
 def _sensors(plan: Plan) -> Iterator[Candidate]:
     present = [s.channel for s in plan.sensors]
     rate_hz = max(s.rate_hz for s in plan.sensors)
-    for quantity, what in (
+    for quantity, sensor_words in (
         (Quantity.HUB_ACCELERATION, "an accelerometer on the hub"),
         (Quantity.SUSPENSION_TRAVEL, "a travel sensor on the suspension"),
     ):
@@ -237,7 +237,7 @@ def _sensors(plan: Plan) -> Iterator[Candidate]:
         missing = [corner for corner in Corner if corner not in there]
         if missing:
             more = [_new(quantity, rate_hz, corner) for corner in missing]
-            yield _with_sensors(plan, f"{what} at {', '.join(missing)}", more)
+            yield _with_sensors(plan, f"{sensor_words} at {', '.join(missing)}", more)
     places = {(c.x_m, c.y_m, c.at_cg) for c in present if c.quantity is Quantity.BODY_ACCELERATION}
     if len(places) < 3:
         more = []
@@ -248,12 +248,14 @@ def _sensors(plan: Plan) -> Iterator[Candidate]:
             more.append(sensor(place, rate_hz))
         yield _with_sensors(plan, "accelerometers on the body above the four wheels", more)
     kinds = {c.quantity for c in present}
-    for rate, acceleration, what in (
+    for rate, acceleration, quantity_words in (
         (Quantity.PITCH_RATE, Quantity.PITCH_ACCELERATION, "pitch rate"),
         (Quantity.ROLL_RATE, Quantity.ROLL_ACCELERATION, "roll rate"),
     ):
         if not kinds & {rate, acceleration}:
-            yield _with_sensors(plan, f"a gyro for the {what} of the body", [_new(rate, rate_hz)])
+            yield _with_sensors(
+                plan, f"a gyro for the {quantity_words} of the body", [_new(rate, rate_hz)]
+            )
 
 
 def _new(quantity: Quantity, rate_hz: float, corner: Corner | None = None) -> Sensor:
@@ -281,11 +283,11 @@ def _weights(plan: Plan) -> Iterator[Candidate]:
     floor = tuple(BodyWeight(_FLOOR_KG, *_above_wheel(plan, corner)) for corner in Corner)
     loaded = next((s for s in plan.mass_states if s.added.weights or s.added.matrix.any()), None)
     if loaded is None:
-        for weights, what in (
+        for weights, weight_words in (
             (hubs, f"{_HUB_KG:.0f} kg on every hub"),
             (floor, f"{_FLOOR_KG:.0f} kg on the floor near each wheel"),
         ):
-            action = f"{what} as mass state {ADDED}, with one run of each kind at least"
+            action = f"{weight_words} as mass state {ADDED}, with one run of each kind at least"
             others = (s for s in plan.mass_states if s.name != ADDED)
             states = (*others, MassState(ADDED, AddedMass(weights)))
             planned = {r.excitation for r in plan.runs if r.mass_state == ADDED}
@@ -341,9 +343,9 @@ def _facts(plan: Plan) -> Iterator[Candidate]:
         yield _with_facts(plan, f"measure {names} by tape to 3 mm", list(lengths), 0.003)
 
 
-def _with_facts(plan: Plan, action: str, what: list[FactQuantity], sigma: float) -> Candidate:
+def _with_facts(plan: Plan, action: str, quantities: list[FactQuantity], sigma: float) -> Candidate:
     # The value does not matter: only the uncertainty of a fact is information.
-    more = tuple(Fact(quantity, 0.0, sigma) for quantity in what)
+    more = tuple(Fact(quantity, 0.0, sigma) for quantity in quantities)
     return Candidate(action, replace(plan, facts=(*plan.facts, *more)))
 
 

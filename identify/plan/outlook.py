@@ -69,15 +69,15 @@ class KnownRuns:
         for runs in plan.runs:
             per_state[runs.mass_state].append(runs)
         for state in plan.mass_states:
-            at: Evaluated | None = None
+            evaluated: Evaluated | None = None
             for runs in per_state[state.name]:
                 added = state.added
                 key = (common, state.name, added.weights, added.matrix.tobytes(), runs.excitation)
                 if key not in self._known:
-                    at = at or evaluate(box, eta, state.name, sigma)
-                    start = _start(at, eta, state, runs.excitation, plan.bump.duration_s)
-                    decay = _decay(at, start, state.name, rates, plan.decay_s)
-                    points = {decay.mass_state: at}
+                    evaluated = evaluated or evaluate(box, eta, state.name, sigma)
+                    start = _start(evaluated, eta, state, runs.excitation, plan.bump.duration_s)
+                    decay = _decay(evaluated, start, state.name, rates, plan.decay_s)
+                    points = {decay.mass_state: evaluated}
                     seen = products_of(points, [decay], laid_out([decay]))
                     ((one, _),) = blocks_of(points, [decay], seen)
                     self._known[key] = one.information
@@ -222,8 +222,10 @@ def _largest(name: str) -> float:
 def _reasons(fisher: Fisher, H: NDArray[np.float64], lost: list[str]) -> tuple[str, ...]:
     """Return why parameters are undetermined, from the information, (n, n), on all parameters."""
     box = fisher.box
-    own = np.diag(H).tolist()
-    blind = [name for name, h in zip(box.parameters, own, strict=True) if h < _largest(name) ** -2]
+    diagonal = np.diag(H).tolist()
+    blind = [
+        name for name, h in zip(box.parameters, diagonal, strict=True) if h < _largest(name) ** -2
+    ]
     # All masses, springs and dampers larger by one factor: the free decays stay as they are.
     scaled = [name[0] in "mIkc" for name in box.parameters]
     change = [fisher.eta[i] if n in SIGNED else 1.0 for i, n in enumerate(box.parameters)]
@@ -321,11 +323,11 @@ def compare_campaigns(
     known = known or KnownRuns()
     others = campaigns(plan)
     progress(0.0, "other campaigns")
-    found = []
+    steps = []
     for i, other in enumerate(others):
         progress(0.7 + 0.3 * i / len(others), other.action)
-        found.append(NextStep(other.action, expected(known.fisher(other.plan))))
-    return tuple(found)
+        steps.append(NextStep(other.action, expected(known.fisher(other.plan))))
+    return tuple(steps)
 
 
 def _ranked(plan: Plan, known: KnownRuns) -> list[tuple[Candidate, Outlook]]:

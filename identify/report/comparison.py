@@ -237,12 +237,12 @@ def unchanged_line(change: Change) -> str:
     """Return the test that all else is unchanged, in one line."""
     if change.outcome == "not compared":
         return "Each quantity is compared by itself."
-    what = "all else" if change.outcome == "parameters" else "everything"
+    unchanged = "all else" if change.outcome == "parameters" else "everything"
     if change.apart:
-        what = f"{what} that all sessions have"
+        unchanged = f"{unchanged} that all sessions have"
     freedom = f"{counted(change.rest_freedom, 'degree')} of freedom"
     return (
-        f"Test that {what} is unchanged: chi2 {change.rest_chi2:,.1f} on {freedom},"
+        f"Test that {unchanged} is unchanged: chi2 {change.rest_chi2:,.1f} on {freedom},"
         f" chance {_chance_text(change.rest_p)}."
     )
 

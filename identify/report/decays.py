@@ -77,15 +77,15 @@ def decay_section(estimation: Estimation) -> Section:
 
 
 def _traces(
-    noise: Mapping[str, float], record: Record, decay: FreeDecay, left: Residuals
+    noise: Mapping[str, float], record: Record, decay: FreeDecay, residuals: Residuals
 ) -> DecayTraces:
     onset = onset_s(record)
     begin_s = record.start_s if onset is None else max(onset - 0.1, record.start_s)
     traces = []
-    for channel in _most_significant(noise, decay, left):
+    for channel in _most_significant(noise, decay, residuals):
         before, whole = _column(record.recordings, channel.name)
         after, measured = _column(decay.recordings, channel.name)
-        residual = left.values[channel.name]
+        residual = residuals.values[channel.name]
         shown = before >= begin_s
         after = after + decay.start_s
         traces.append(
@@ -102,13 +102,13 @@ def _traces(
 
 
 def _most_significant(
-    noise: Mapping[str, float], decay: FreeDecay, left: Residuals
+    noise: Mapping[str, float], decay: FreeDecay, residuals: Residuals
 ) -> tuple[Channel, ...]:
     """Choose the channel of the body and that of the wheels whose fit stands out most."""
     strength: dict[str, tuple[float, Channel]] = {}
     for recording in decay.recordings:
         for c, channel in enumerate(recording.group.channels):
-            fitted = recording.values[:, c] - left.values[channel.name]
+            fitted = recording.values[:, c] - residuals.values[channel.name]
             size = float(np.std(fitted)) / noise[channel.name]
             place = "body" if channel.corner is None else "travel"
             place = "hub" if channel.quantity in _HUBS else place
@@ -188,5 +188,7 @@ def envelope(time_s: Floats, values: Floats, bins: int) -> Floats:
     stretch = np.repeat(np.arange(bins), np.diff(edges))
     lowest, highest = (f.reduceat(values, edges[:-1])[stretch] for f in (np.minimum, np.maximum))
     kept = (np.flatnonzero(values == extreme) for extreme in (lowest, highest))
-    chosen = np.union1d(*(at[np.unique(stretch[at], return_index=True)[1]] for at in kept))
+    chosen = np.union1d(
+        *(points[np.unique(stretch[points], return_index=True)[1]] for points in kept)
+    )
     return np.stack([time_s[chosen], values[chosen]])

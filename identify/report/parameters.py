@@ -120,13 +120,13 @@ def estimate_texts(e: Estimate) -> tuple[str, str, str, str, str]:
 
 def _estimates(
     title: str,
-    what: str,
+    heading: str,
     words: Callable[[str], str],
     estimates: Mapping[str, Estimate],
     note: str,
 ) -> Table:
     rows = tuple((words(name), *estimate_texts(e)) for name, e in estimates.items())
-    return Table(title, (what, "#estimate", "#from", "#to", "#±", "unit"), rows, note)
+    return Table(title, (heading, "#estimate", "#from", "#to", "#±", "unit"), rows, note)
 
 
 def intervals_picture(result: Identification) -> Picture:

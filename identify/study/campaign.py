@@ -227,11 +227,11 @@ def outcome(campaign: Campaign, seed: int) -> Outcome:
     """Identify the campaign that `seed` draws."""
     box = box_of(campaign)
     estimation = estimate(box, records_of(campaign, seed), generic_vehicles())
-    found = estimates(box, estimation.fit)
+    identified = estimates(box, estimation.fit)
     known = FORD_GRANADA.to_array()
     return Outcome(
-        errors_percent=percent([found[name].value for name in PARAMETER_NAMES], known),
-        stds_percent=_stds_percent(found),
+        errors_percent=percent([identified[name].value for name in PARAMETER_NAMES], known),
+        stds_percent=_stds_percent(identified),
         chi2_per_n=estimation.chi2_per_n,
         converged=estimation.fit.converged,
     )
@@ -255,8 +255,8 @@ def bound_percent(campaign: Campaign) -> NDArray[np.float64]:
     return np.where(bound < 1e6, bound, inf)
 
 
-def _stds_percent(found: dict[str, Estimate]) -> NDArray[np.float64]:
-    stds = np.array([found[name].std for name in PARAMETER_NAMES])
+def _stds_percent(parameters: dict[str, Estimate]) -> NDArray[np.float64]:
+    stds = np.array([parameters[name].std for name in PARAMETER_NAMES])
     return np.asarray(100.0 * stds / FORD_GRANADA.to_array())
 
 
