@@ -28,20 +28,20 @@ def result_row(session: Session, result: Identification) -> dict[str, Cell]:
     """Flatten an identification into a row.
 
     The columns: `session` (its uuid), `vehicle`, `created` (when it was recorded), `origin`
-    (`real`, `simulated` or `replayed`), `runs_accepted`, `verdict`, `reasons` (the three worst),
-    `chi2_per_n`, the names of the `surviving` and the `lost` parameters; each parameter `NAME` and
-    `NAME_std`, SI, None where it is not determined; each mode `STATE_N_name`, `STATE_N_hz`,
-    `STATE_N_hz_std`, `STATE_N_damping` and `STATE_N_damping_std`.  For a car that is not linear,
-    also `elements` (those that are present), and for each axle its elements (`front_friction`) and
-    forces at speeds (`rear_damper_force_+0.10`, `rear_force_with_friction_+0.10`), N, each with
-    `_std`.
+    (`real`, `simulated`, `replayed`, or `not stated` of arrays), `runs_accepted`, `verdict`,
+    `reasons` (the three worst), `chi2_per_n`, the names of the `surviving` and the `lost`
+    parameters; each parameter `NAME` and `NAME_std`, SI, None where it is not determined; each mode
+    `STATE_N_name`, `STATE_N_hz`, `STATE_N_hz_std`, `STATE_N_damping` and `STATE_N_damping_std`. For
+    a car that is not linear, also `elements` (those that are present), and for each axle its
+    elements (`front_friction`) and forces at speeds (`rear_damper_force_+0.10`,
+    `rear_force_with_friction_+0.10`), N, each with `_std`.
     """
     quality = result.quality
     row: dict[str, Cell] = {
         "session": session.provenance.get("uuid", ""),
         "vehicle": session.vehicle.name,
         "created": result.provenance.get("created", ""),
-        "origin": result.provenance.get("origin", "real"),
+        "origin": result.provenance.get("origin", "not stated"),
         "runs_accepted": len(usable_session(session).accepted),
         "verdict": str(quality.verdict),
         "reasons": " | ".join(quality.reasons[:_REASONS]),

@@ -143,7 +143,7 @@ class Identification:
                 "software_sha256": software_sha256(),
                 "session": self.provenance.get("uuid", ""),
                 "created": self.provenance.get("created", ""),
-                "origin": self.provenance.get("origin", "real"),
+                "origin": self.provenance.get("origin", "not stated"),
                 "frames_sha256": self.provenance.get("frames_sha256", ""),
                 "file_sha256": file_sha256,
             },

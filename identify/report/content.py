@@ -239,13 +239,16 @@ def _channel(c: Channel, noise: float | None) -> tuple[str, ...]:
 # Certificate --------------------------------------------------------------------------------------
 
 
+_DATA = {"real": "measured", "origin not stated": "origin not stated"}
+
+
 def certificate_section(session: Session, result: Identification, source: Source) -> Section:
     """Return the data to cite a result by: session, software, persons, sensors, overrides."""
     stated, verdict = result.provenance, result.quality.verdict
-    origin = stated.get("origin", "real")
+    origin = stated.get("origin", "origin not stated")
     citation = (
         ("vehicle", session.vehicle.name),
-        ("data", "measured" if origin == "real" else f"{origin}, not measured"),
+        ("data", _DATA.get(origin, f"{origin}, not measured")),
         ("verdict", f"{verdict}: {HEADLINE[verdict]}"),
         ("recorded", stated.get("created", "")),
         ("session", stated.get("uuid", "")),
@@ -359,8 +362,8 @@ def report_of(
 def title_of(session: Session) -> str:
     """Return the vehicle's name, with a remark if it was not measured."""
     name = session.vehicle.name or "vehicle without a name"
-    origin = session.provenance.get("origin", "real")
-    return name if origin == "real" else f"{name} ({origin}, not measured)"
+    origin = session.provenance.get("origin")
+    return name if origin in (None, "real") else f"{name} ({origin}, not measured)"
 
 
 def _highlights(result: Identification) -> tuple[tuple[str, str], ...]:

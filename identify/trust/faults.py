@@ -22,7 +22,7 @@ from ..fit.estimation import Estimation, generic_vehicles, later_may_hold
 from ..fit.likelihood import HOLD, residuals
 from ..model.facts import SCALED
 from .finding import MOST, Cause, listed
-from .hypotheses import LATE_ADVICE, ROTATIONS
+from .hypotheses import LATE_ADVICE, ROTATIONS, rank_causes
 from .refit import AS_STATED, Refit, Trial, compared, parameters_as_start, ranked, refit
 from .statements import scale_facts, shift_without_scales, wrong_weight
 
@@ -92,7 +92,7 @@ def fault_of_bench(estimation: Estimation) -> Cause | None:
     `estimation`: a fit that does not hold.
     """
     for sought in (
-        clock_jump, struck_again, drift, wrong_weight, wrong_channel, swapped_labels
+        clock_jump, struck_again, drift, wrong_weight, wrong_channel, swapped_labels, late_or_slow
     ):  # fmt: skip
         if cause := sought(estimation):
             return cause
@@ -277,6 +277,15 @@ def _of_gain(before: Refit, others: Refit, name: str, gain: float) -> Cause:
     return compared(before, others, Cause(f"gain of {name}", advice, sizes))
 
 
+def late_or_slow(estimation: Estimation) -> Cause | None:
+    """Return the lateness or low-pass that explains nearly all of a misfit, None if none does.
+
+    `estimation`: a fit that does not hold.
+    """
+    best = wrong_sensors(estimation, ())[-1]
+    return best if best.explained > _CLEARS else None
+
+
 def wrong_sensors(estimation: Estimation, suspected: Sequence[str]) -> list[Cause]:
     """Return what a faulty sensor would explain, the best last.
 
@@ -293,13 +302,33 @@ def wrong_sensors(estimation: Estimation, suspected: Sequence[str]) -> list[Caus
         kinds.setdefault(_kind(channel), set()).add(channel.name)
     if len(kinds) > 1 and "body sensors" in kinds:
         causes.append(_late(estimation, before))
-    causes.append(_slow(estimation, before, kinds))
+    causes += [_late_alone(estimation, before), _slow(estimation, before, kinds)]
 
     def remaining(cause: Cause) -> float:
         factor = _CHOICE if cause.name == "low-pass" else 1.0
         return max(1.0 - cause.explained, 0.0) * factor
 
     return sorted(causes, key=remaining, reverse=True)
+
+
+def _late_alone(estimation: Estimation, before: Refit) -> Cause:
+    """Return the lateness of the group, or of the kind of sensors, that is suspected most."""
+    late = next(cause for cause in rank_causes(estimation) if cause.kind == "late")
+    names = {
+        c.name
+        for group in estimation.box.groups
+        for c in group.channels
+        if late.subject in (group.name, "hub sensors" if c.corner else "body sensors")
+    }
+
+    def loose(c: Channel) -> Channel:
+        return replace(c, delay_sigma_s=_LATE_SIGMA_S) if c.name in names else c
+
+    after = refit(estimation, Trial(late.name, channel=loose), before.fit.eta)
+    groups = zip(after.box.delays_s(after.fit.eta).tolist(), after.box.groups, strict=True)
+    late_ms = [1e3 * delay_s for delay_s, g in groups if g.channels[0].name in names]
+    sizes = f"{float(np.mean(late_ms)):#.2g} ms against the others"
+    return compared(before, after, replace(late, sizes=sizes))
 
 
 def _kind(channel: Channel) -> str:

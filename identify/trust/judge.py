@@ -84,11 +84,18 @@ def judge(
     codes = {finding.code for finding in causes.findings} - {"amplitude"}
     unexplained = linear and not (holds or signs or causes.findings)
     explained = bool(codes) and (not holds or TABLE["weights"].name.replace(" ", "_") in codes)
+    misfit = tuple(f for f in misfit_findings(estimation) if sure or f.code != "convergence")
+    # What causes a misfit is as grave as the misfit, and comes first.
+    grave = max((f.severity for f in misfit if f.code == "chi2"), default=Severity.NOTE)
+    named = tuple(
+        f if holds or f.code == "amplitude" else replace(f, severity=max(f.severity, grave))
+        for f in causes.findings
+    )
     findings = [
         *unused,
-        *(() if holds else causes.findings),  # what to do before what is wrong
+        *(() if holds else named),  # what to do before what is wrong
         *((Finding("unexplained", Severity.WARNING, _UNEXPLAINED_TEXT),) if unexplained else ()),
-        *(f for f in misfit_findings(estimation) if sure or f.code != "convergence"),
+        *misfit,
         *(
             f
             for f in parameter_findings(estimation)
@@ -97,7 +104,7 @@ def judge(
         *(unseen_findings(estimation.box, session.mass_states) if sure else ()),
         *sample_findings(session, estimation.records),
         *excitation_findings(estimation, snr_db),
-        *(causes.findings if holds else ()),
+        *(named if holds else ()),
     ]
     if sure and holds:
         findings += whiteness_findings(estimation)

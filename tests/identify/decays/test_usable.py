@@ -1,7 +1,8 @@
-"""Which runs and channels of a session can be used, on sessions made by hand."""
+"""What of a session can be used: bad values, silent and frozen channels, runs without a decay."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -10,9 +11,14 @@ from numpy.typing import NDArray
 
 from daq import session_from_arrays
 from daq.channels import Channel, Quantity
-from daq.runs import RunStatus
+from daq.runs import Run, RunStatus, SampleGroup
 from daq.sessions import Session
-from identify.decays.usable import usable, usable_session
+from identify.decays.usable import BadValue, spikes, usable, usable_session, without_bad_values
+from identify.pipeline import identify_parameters
+from identify.result import Identification
+from identify.trust.samples import unused_findings
+
+from ..stress import stress_session
 
 Array = NDArray[np.float64]
 _time = np.arange(300) / 100.0
@@ -153,3 +159,202 @@ def test_a_channel_of_one_value_in_all_runs_is_unused() -> None:
     assert unused(session(held(3.0), held(4.0))) == ["c"]
     assert unused(session(held(3.0), {**GOOD, "c": sent(WHOLE)})) == []
     assert unused(session(GOOD)) == []
+
+
+# Alternates by 0.02, so that this is the usual change and the curvature ---------------------------
+
+
+Values = NDArray[np.float64]
+SPOILT = "baseline_bounce_2"
+NAME = "body_acc_z"
+
+
+def spoilt(session: Session, change: Callable[[Values], Values], run: str = SPOILT) -> Session:
+    """Change the values of a channel in the runs whose label begins so."""
+
+    def of_group(group: SampleGroup) -> SampleGroup:
+        if NAME not in group.values:
+            return group
+        return replace(group, values={**group.values, NAME: change(group.values[NAME].copy())})
+
+    def of_run(one: Run) -> Run:
+        hit = one.label.startswith(run)
+        return replace(one, groups=tuple(map(of_group, one.groups))) if hit else one
+
+    return replace(session, runs=tuple(map(of_run, session.runs)))
+
+
+def one_sample(value: float) -> Callable[[Values], Values]:
+    def change(values: Values) -> Values:
+        values[400] = value
+        return values
+
+    return change
+
+
+@pytest.fixture(scope="module")
+def campaign() -> Session:
+    return stress_session("linear", 1)
+
+
+@pytest.fixture(scope="module")
+def whole(campaign: Session) -> Identification:
+    return identify_parameters(campaign)
+
+
+@pytest.mark.parametrize("value", [1e200, -1e308, np.inf, -np.inf, 1.1e6])
+def test_a_sample_that_no_sensor_shows_is_missing(campaign: Session, value: float) -> None:
+    bad = spoilt(campaign, one_sample(value))
+    session, absurd, _ = without_bad_values(bad)
+    ((one),) = absurd
+    assert (one.channel, one.run, one.value, one.count) == (NAME, SPOILT, value, 1)
+    run = next(run for run in session.runs if run.label == SPOILT)
+    (found,) = (group.values[NAME] for group in run.groups if NAME in group.values)
+    assert np.flatnonzero(np.isnan(found)).tolist() == [400]
+
+
+def test_what_is_not_used_may_show_anything(campaign: Session) -> None:
+    bad = spoilt(campaign, one_sample(np.inf))
+    runs = tuple(replace(run, status=RunStatus.REJECTED) for run in bad.runs)
+    assert without_bad_values(replace(bad, runs=runs))[1:] == ((), ())
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    ("where", "change", "code"),
+    [
+        (SPOILT, one_sample(1e200), "lost_samples"),
+        ("", lambda v: v * 1e200, "missing_channels"),
+        ("", lambda v: np.where(v > 0, 1e-310, 0.0), "dead_channels"),
+    ],
+    ids=["sample", "channel", "denormals"],
+)
+def test_a_vehicle_is_identified_beside_them(
+    campaign: Session,
+    whole: Identification,
+    where: str,
+    change: Callable[[Values], Values],
+    code: str,
+) -> None:
+    """It ended with a warning of NumPy or an OverflowError, or took minutes."""
+    found = identify_parameters(spoilt(campaign, change, where))
+    codes = [finding.code for finding in found.quality.findings]
+    assert code in codes
+    assert ("absurd_values" in codes) == (code != "dead_channels")
+    assert found.quality.verdict != "refused"
+    m_s = found.parameters["m_s"]
+    assert m_s.low < whole.parameters["m_s"].value < m_s.high
+
+
+TIME_S = np.arange(1000) / 1000.0
+REST = np.where(np.arange(1000) % 2, 9.79, 9.81)
+"""Alternates by 0.02, so that this is the usual change and the curvature over two samples is 0."""
+
+
+def found(values: Values, time_s: Values = TIME_S) -> list[tuple[int, int]]:
+    return [(one.start, one.stop) for one in spikes(time_s, values)]
+
+
+def rest(first: int, values: list[float]) -> Values:
+    spoilt_rest: Values = REST.copy()
+    spoilt_rest[first : first + len(values)] = values
+    return spoilt_rest
+
+
+@pytest.mark.parametrize("first", [0, 1, 2, 37, 500, 997, 998, 999])
+@pytest.mark.parametrize("value", [0.0, 50.0, -49.0])
+def test_a_sample_that_stands_out_is_found_wherever_it_is(first: int, value: float) -> None:
+    assert found(rest(first, [value])) == [(first, first + 1)]
+
+
+@pytest.mark.parametrize("values", [[0.0], [0.0, 0.0], [0.0, -30.0, 1.0]])
+def test_up_to_three_samples_are_a_spike(values: list[float]) -> None:
+    assert found(rest(500, values)) == [(500, 500 + len(values))]
+
+
+def test_four_samples_and_a_step_are_none() -> None:
+    assert found(rest(500, [0.0] * 4)) == []
+    assert found(rest(500, [0.0] * 500)) == []
+
+
+@pytest.mark.parametrize(("height", "is_found"), [(0.235, False), (0.245, True)])
+def test_a_spike_is_twelve_usual_changes_high(height: float, is_found: bool) -> None:
+    # Even samples are 9.81 and stand between two of 9.79.
+    assert bool(found(rest(500, [9.79 + height]))) == is_found
+
+
+@pytest.mark.parametrize(("steps", "is_found"), [(5, False), (7, True)])
+def test_a_spike_of_a_resting_potentiometer_is_six_steps_high(steps: int, is_found: bool) -> None:
+    values = np.zeros(1000)
+    values[100], values[500] = 0.001, 0.001 * steps
+    assert bool(found(values)) == is_found
+
+
+@pytest.mark.parametrize(("height", "is_found"), [(5.8, False), (6.2, True)])
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_spike_is_six_times_the_curvature_of_the_side_that_moves(
+    height: float, is_found: bool, side: int
+) -> None:
+    # Eight samples a period: over two samples, the curvature of a wave is the wave itself.
+    values = np.where(np.arange(1000) < 500, 0.0, np.cos(np.pi / 4.0 * np.arange(1000)))
+    values += 1e-6 * (-1.0) ** np.arange(1000)
+    values[499] = height  # between 0 and the wave's -1
+    assert bool(found(values[::side])) == is_found
+
+
+@pytest.mark.parametrize(("missing", "is_found"), [(0, True), (1, True), (2, False)])
+def test_a_sample_beside_a_gap_is_none(missing: int, is_found: bool) -> None:
+    time_s = TIME_S.copy()
+    time_s[501:] += missing / 1000.0
+    assert bool(found(rest(500, [0.0]), time_s)) == is_found
+
+
+@pytest.mark.parametrize(("count", "is_found"), [(10, True), (11, False)])
+def test_one_percent_of_the_samples_are_errors_more_are_the_signal(
+    count: int, is_found: bool
+) -> None:
+    values: Values = REST.copy()
+    values[40 : 40 + 80 * count : 80] = 0.0
+    assert len(found(values)) == count * is_found
+
+
+@pytest.mark.parametrize("stress", ["linear", "lift_off_high"])
+def test_no_motion_is_a_spike_however_coarsely_sampled(stress: str) -> None:
+    session = stress_session(stress, 1)
+    for run in session.runs:
+        for group in run.groups:
+            for name, values in group.values.items():
+                step = 0.002 if name.startswith("travel") else 0.1
+                for every in (1, 2, 4):
+                    time_s, own = group.time_s[::every], values[::every]
+                    assert found(own, time_s) == [], (run.label, name, every)
+                    assert found(np.round(own / step) * step, time_s) == [], (run.label, name)
+
+
+def with_zero_at(session: Session, at_s: float) -> Session:
+    def change(values: Values) -> Values:
+        values[round(at_s * 200.0)] = 0.0
+        return values
+
+    return spoilt(session, change)
+
+
+@pytest.mark.parametrize("at_s", [0.05, 0.8, 1.5, 3.0])
+def test_a_zero_costs_its_sample_and_is_named(campaign: Session, at_s: float) -> None:
+    bad = with_zero_at(campaign, at_s)
+    session, _, known = without_bad_values(bad)
+    assert known == (BadValue(NAME, SPOILT, known[0].time_s, 0.0),)
+    assert known[0].time_s == pytest.approx(at_s, abs=0.005)
+    run = next(run for run in session.runs if run.label == SPOILT)
+    (left,) = (group.values[NAME] for group in run.groups if NAME in group.values)
+    assert np.flatnonzero(np.isnan(left)).tolist() == [round(at_s * 200.0)]
+    (finding,) = unused_findings(bad, usable(bad))
+    assert finding.code == "spikes"
+    assert f"{NAME} in {SPOILT} at {known[0].time_s:.3f} s (0 m/s2)" in finding.text
+
+
+def test_a_zero_changes_no_verdict(campaign: Session, whole: Identification) -> None:
+    after = identify_parameters(with_zero_at(with_zero_at(campaign, 0.05), 1.5))
+    assert after.quality.verdict == whole.quality.verdict
+    for name, one in whole.parameters.items():
+        assert abs(after.parameters[name].value - one.value) < 0.2 * one.std, name
