@@ -13,7 +13,6 @@ The curvature of the likelihood gives the Cramer-Rao bound of every pole.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,7 +21,7 @@ from numpy.typing import NDArray
 from dbc.frames import freeze_arrays, read_only
 
 from .modal_model import ModalModel, vibrates
-from .samples import Block, Samples, Sums, summed
+from .samples import Samples, Sums, summed
 
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
@@ -208,36 +207,42 @@ def _complex(parts: _Real) -> _Complex:
     return np.asarray(parts[..., :half] + 1j * parts[..., half:])
 
 
-def _pairs(left: _Complex, right: _Complex) -> tuple[_Complex, _Complex]:
-    """Return the sums over the first axis of ``conj(l_i) r_j`` and of ``l_i r_j``, (p, q)."""
-    return left.conj().T @ right, left.T @ right
+def _products(
+    member: _Real, left: _Complex, right: _Complex | None = None
+) -> tuple[_Complex, _Complex]:
+    """Return the sums over the members of each block of ``conj(l_i) r_j`` and of ``l_i r_j``.
 
-
-def _each(sums: Sums) -> Iterator[tuple[Block, _Complex, _Complex]]:
-    return zip(sums.samples.blocks, sums.mixed, sums.plain, strict=True)
+    `member` (n_blocks, k): 1 or 0.  `left` and `right`, (k, m); the same where `right` is None.
+    Each (n_blocks, m, m).
+    """
+    right = left if right is None else right
+    across = left.conj()[:, :, None] * right[:, None]
+    along = left[:, :, None] * right[:, None]
+    return np.tensordot(member, across, 1), np.tensordot(member, along, 1)
 
 
 def _run_normal(sums: Sums, spread: _Complex, weight: _Real) -> _Real:
     """Return the products of amplitudes with each other, (n_runs, 2 m, 2 m)."""
-    m = len(sums.poles)
-    out = np.zeros((sums.samples.n_runs, 2 * m, 2 * m))
-    for block, mixed, plain in _each(sums):
-        s, w = spread[block.channels], weight[block.channels, None]
-        across, along = _pairs(w * s, s)
-        out[block.runs] += _real_block(across * mixed[:m, :m], along * plain[:m, :m])
-    return out
+    m, samples = len(sums.poles), sums.samples
+    across, along = _products(samples.of_channel, weight[:, None] * spread, spread)
+    by_run = samples.in_run.T
+    return _real_block(
+        np.tensordot(by_run, across * sums.mixed[:, :m, :m], 1),
+        np.tensordot(by_run, along * sums.plain[:, :m, :m], 1),
+    )
 
 
 def _shape_normal(sums: Sums, ties: Ties, amplitudes: _Complex, weight: _Real) -> _Real:
     """Return the products of each owner's entries with each other, (n_owners, 2 m, 2 m)."""
-    m, member = len(sums.poles), ties.member * weight
-    out = np.zeros((len(member), 2 * m, 2 * m))
-    for block, mixed, plain in _each(sums):
-        sign = ties.sign[block.channels]
-        squared = (member[:, None, block.channels] * sign.T) @ sign  # (n_owners, m, m)
-        across, along = _pairs(amplitudes[block.runs], amplitudes[block.runs])
-        out += _real_block(squared * across * mixed[:m, :m], squared * along * plain[:m, :m])
-    return out
+    m, samples = len(sums.poles), sums.samples
+    signs = (ties.sign[:, :, None] * ties.sign[:, None]).reshape(len(ties.sign), -1)
+    member = (ties.member * weight) * samples.of_channel[:, None]  # (n_blocks, n_owners, c)
+    squared = (member @ signs).reshape(*member.shape[:2], m, m)
+    across, along = _products(samples.in_run, amplitudes)
+    return _real_block(
+        np.einsum("boij,bij->oij", squared, across * sums.mixed[:, :m, :m]),
+        np.einsum("boij,bij->oij", squared, along * sums.plain[:, :m, :m]),
+    )
 
 
 def _shape_gradient(ties: Ties, amplitudes: _Complex, products: _Complex, weight: _Real) -> _Real:
@@ -328,27 +333,32 @@ def linearised(point: Point) -> System:
     spread, n_owners = ties.spread(point.shapes), len(member)
     weighted = member[:, None] * (ties.sign * weight[:, None]).T  # (n_owners, m, n_channels)
     f, g = slice(m), slice(m, 2 * m)
+    samples, mixed, plain = sums.samples, sums.mixed, sums.plain
+    by_run, each = samples.in_run.T, q[:, None]
+    across, along = _products(samples.of_channel, weight[:, None] * spread, spread)
+    q_across, q_along = _products(samples.in_run, q)
+    # Of each block: (n_blocks, n_owners, m of shapes, m of functions).
+    signed = (weighted * samples.of_channel[:, None, None]) @ spread
+    turned = signed.swapaxes(2, 3)
+    # The derivative by a pole is ``s q g``, by an amplitude ``s f``, by a shape ``sign q f``.
     common = np.zeros((1 + n_owners, 2 * m, 1 + n_owners, 2 * m))
     border = np.zeros((n_runs, 1 + n_owners, 2 * m, 2 * m))
-    shapes_poles = np.zeros((n_owners, 2 * m, 2 * m))
-    for block, mixed, plain in _each(sums):
-        own_q, own_s = q[block.runs], spread[block.channels]
-        each = own_q[:, None]
-        across, along = _pairs(weight[block.channels, None] * own_s, own_s)
-        q_across, q_along = _pairs(own_q, own_q)
-        # The derivative by a pole is ``s q g``, by an amplitude ``s f``, by a shape ``sign q f``.
-        common[0, :, 0] += _real_block(
-            across * q_across * mixed[g, g], along * q_along * plain[g, g]
-        )
-        border[block.runs, 0] += _real_block(
-            across * each * mixed[f, g], along * each * plain[f, g]
-        )
-        signed = weighted[..., block.channels] @ own_s  # (n_owners, m of shapes, m of functions)
-        shapes_poles += _real_block(signed * q_across * mixed[f, g], signed * q_along * plain[f, g])
-        turned = signed.swapaxes(1, 2)
-        border[block.runs, 1:] += _real_block(
-            turned.conj() * each[:, None] * mixed[f, f], turned * each[:, None] * plain[f, f]
-        )
+    common[0, :, 0] = _real_block(
+        np.sum(across * q_across * mixed[:, g, g], axis=0),
+        np.sum(along * q_along * plain[:, g, g], axis=0),
+    )
+    border[:, 0] = _real_block(
+        each * np.tensordot(by_run, across * mixed[:, f, g], 1),
+        each * np.tensordot(by_run, along * plain[:, f, g], 1),
+    )
+    border[:, 1:] = _real_block(
+        each[:, None] * np.tensordot(by_run, turned.conj() * mixed[:, None, f, f], 1),
+        each[:, None] * np.tensordot(by_run, turned * plain[:, None, f, f], 1),
+    )
+    shapes_poles = _real_block(
+        np.einsum("boij,bij->oij", signed, q_across * mixed[:, f, g]),
+        np.einsum("boij,bij->oij", signed, q_along * plain[:, f, g]),
+    )
     owners = np.arange(1, 1 + n_owners)
     common[1:, :, 0], common[0, :, 1:] = shapes_poles, shapes_poles.transpose(2, 0, 1)
     common[owners, :, owners] = _shape_normal(sums, ties, q, weight)

@@ -74,8 +74,15 @@ class Samples:
     count: _Real
     power: _Real
     """`count`, `power`: number of samples of each channel, and sum of their squares."""
-    n_runs: int
-    """Number of runs."""
+    in_run: _Real
+    of_channel: _Real
+    """`in_run`, `of_channel`: 1 where a block has samples of a run, (n_blocks, n_runs), or of a
+    channel, (n_blocks, n_channels)."""
+
+    @property
+    def n_runs(self) -> int:
+        """Number of runs."""
+        return self.in_run.shape[1]
 
     @property
     def n_channels(self) -> int:
@@ -105,7 +112,11 @@ def gathered(blocks: Sequence[Block]) -> Samples:
     values = [block.values.reshape(len(block.time_s), -1) for block in blocks]
     series = series_of([block.time_s for block in blocks], values)
     n_runs = 1 + max(int(block.runs.max()) for block in blocks)
-    return Samples(tuple(blocks), series, count, power, n_runs)
+    in_run, of_channel = np.zeros((len(blocks), n_runs)), np.zeros((len(blocks), n_channels))
+    for number, block in enumerate(blocks):
+        in_run[number, block.runs] = 1.0
+        of_channel[number, block.channels] = 1.0
+    return Samples(tuple(blocks), series, count, power, in_run, of_channel)
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,6 +24,7 @@ from ..model.facts import SCALED
 from .finding import MOST, Cause, listed
 from .hypotheses import LATE_ADVICE, ROTATIONS, rank_causes
 from .refit import AS_STATED, Refit, Trial, compared, parameters_as_start, ranked, refit
+from .residuals import some_runs_are_wrong
 from .statements import scale_facts, shift_without_scales, wrong_weight
 
 _AHEAD = 0.95
@@ -89,11 +90,14 @@ class Causes:
 def fault_of_bench(estimation: Estimation) -> Cause | None:
     """Return the fault of the bench that explains most of a misfit, the surest first; else None.
 
-    `estimation`: a fit that does not hold.
+    Where one run is odd, no fault of all runs is sought.  `estimation`: a fit that does not hold.
     """
-    for sought in (
-        clock_jump, struck_again, drift, wrong_weight, wrong_channel, swapped_labels, late_or_slow
-    ):  # fmt: skip
+    for sought in (clock_jump, struck_again, drift):
+        if cause := sought(estimation):
+            return cause
+    if some_runs_are_wrong(estimation):
+        return None
+    for sought in (wrong_weight, wrong_channel, swapped_labels, late_or_slow):
         if cause := sought(estimation):
             return cause
     return None
