@@ -42,7 +42,7 @@ from .modes.modal_model import mode_names, modes_of, pair_modes
 from .modes.vehicle_modes import SensedModes, sensed_modes
 from .paper import ClosedForm, closed_form
 from .result import Identification
-from .trust.faults import fault_of_bench
+from .trust.faults import fault_of_bench, swapped_or_late
 from .trust.finding import Judgement
 from .trust.hypotheses import rank_causes
 from .trust.judge import judge
@@ -182,8 +182,9 @@ def _parameters(
         if later_may_hold(linear, vehicles):
             progress(0.5, "fitting again")
             estimation = later_estimate(linear, vehicles)
-        share = 1.0 if estimation.holds else share_of_faults(linear)
-        wrong = mistyped_weight(linear) if share < 1.0 else None
+        wrong = None if estimation.holds else swapped_or_late(linear)
+        share = 1.0 if estimation.holds or wrong else share_of_faults(linear)
+        wrong = mistyped_weight(linear) if share < 1.0 else wrong
         if not (estimation.holds or wrong):
 
             def log_stage(stage: str) -> None:

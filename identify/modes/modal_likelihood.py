@@ -207,18 +207,13 @@ def _complex(parts: _Real) -> _Complex:
     return np.asarray(parts[..., :half] + 1j * parts[..., half:])
 
 
-def _products(
-    member: _Real, left: _Complex, right: _Complex | None = None
-) -> tuple[_Complex, _Complex]:
+def _products(member: _Real, left: _Complex, right: _Complex) -> tuple[_Complex, _Complex]:
     """Return the sums over the members of each block of ``conj(l_i) r_j`` and of ``l_i r_j``.
 
-    `member` (n_blocks, k): 1 or 0.  `left` and `right`, (k, m); the same where `right` is None.
-    Each (n_blocks, m, m).
+    `member` (n_blocks, k): 1 or 0.  `left` and `right`, (k, m).  Each (n_blocks, m, m).
     """
-    right = left if right is None else right
-    across = left.conj()[:, :, None] * right[:, None]
-    along = left[:, :, None] * right[:, None]
-    return np.tensordot(member, across, 1), np.tensordot(member, along, 1)
+    mine = left.T * member[:, None]
+    return mine.conj() @ right, mine @ right
 
 
 def _run_normal(sums: Sums, spread: _Complex, weight: _Real) -> _Real:
@@ -238,7 +233,7 @@ def _shape_normal(sums: Sums, ties: Ties, amplitudes: _Complex, weight: _Real) -
     signs = (ties.sign[:, :, None] * ties.sign[:, None]).reshape(len(ties.sign), -1)
     member = (ties.member * weight) * samples.of_channel[:, None]  # (n_blocks, n_owners, c)
     squared = (member @ signs).reshape(*member.shape[:2], m, m)
-    across, along = _products(samples.in_run, amplitudes)
+    across, along = _products(samples.in_run, amplitudes, amplitudes)
     return _real_block(
         np.einsum("boij,bij->oij", squared, across * sums.mixed[:, :m, :m]),
         np.einsum("boij,bij->oij", squared, along * sums.plain[:, :m, :m]),
@@ -336,7 +331,7 @@ def linearised(point: Point) -> System:
     samples, mixed, plain = sums.samples, sums.mixed, sums.plain
     by_run, each = samples.in_run.T, q[:, None]
     across, along = _products(samples.of_channel, weight[:, None] * spread, spread)
-    q_across, q_along = _products(samples.in_run, q)
+    q_across, q_along = _products(samples.in_run, q, q)
     # Of each block: (n_blocks, n_owners, m of shapes, m of functions).
     signed = (weighted * samples.of_channel[:, None, None]) @ spread
     turned = signed.swapaxes(2, 3)

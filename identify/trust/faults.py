@@ -97,10 +97,18 @@ def fault_of_bench(estimation: Estimation) -> Cause | None:
             return cause
     if some_runs_are_wrong(estimation):
         return None
-    for sought in (wrong_weight, wrong_channel, swapped_labels, late_or_slow):
-        if cause := sought(estimation):
-            return cause
-    return None
+    return wrong_weight(estimation) or wrong_channel(estimation)
+
+
+def swapped_or_late(estimation: Estimation) -> Cause | None:
+    """Return swapped labels, a lateness or a low-pass that explains a misfit; None if none does.
+
+    A bump that lasts longer than stated looks like a low-pass: ask only where no later start holds.
+    `estimation`: a fit that does not hold.
+    """
+    if some_runs_are_wrong(estimation):
+        return None
+    return swapped_labels(estimation) or late_or_slow(estimation)
 
 
 def causes_of(estimation: Estimation, suspects: Sequence[Cause]) -> Causes:
@@ -119,7 +127,7 @@ def causes_of(estimation: Estimation, suspects: Sequence[Cause]) -> Causes:
             if c.kind == "weights"
         ),
     ]
-    swap = swapped_labels(estimation) if best and holds else None  # `fault_of_bench`, else
+    swap = swapped_labels(estimation) if best and holds else None  # else: `swapped_or_late`
     if swap is not None:
         return Causes((swap.finding,), (*tried, swap))
     if not best:

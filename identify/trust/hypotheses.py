@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.channels import TIME_DERIVATIVE, Quantity
-from daq.vehicle import RICHEST, MassState, parameter_unit
+from daq.vehicle import RICHEST, parameter_unit
 
 from ..decays.decay import ChannelGroup, FreeDecay
 from ..fit.estimation import Estimation, linearised_at
@@ -115,7 +115,18 @@ class _Effect:
 def rank_causes(estimation: Estimation) -> tuple[Cause, ...]:
     """Test every hypothesis on the residuals; the one that explains most comes first."""
     box = estimation.box
-    rich = GreyBox(box.groups, tuple(map(_with_unsure_weights, box.mass_states)), None, RICHEST)
+    # All weights are among the unknowns of the richest structure.
+    states = tuple(
+        replace(
+            state,
+            added=replace(
+                state.added,
+                weights=tuple(replace(w, sigma_kg=w.mass_kg) for w in state.added.weights),
+            ),
+        )
+        for state in box.mass_states
+    )
+    rich = GreyBox(box.groups, states, None, RICHEST)
     effects = [
         *_missing_parts(box, rich),
         *_sensor_faults(box.groups),
@@ -175,12 +186,6 @@ def _in_words(effects: Sequence[_Effect], sizes: Array, stds: Array) -> str:
 
 
 # The effects --------------------------------------------------------------------------------------
-
-
-def _with_unsure_weights(state: MassState) -> MassState:
-    """Return a mass state whose weights are all among the unknowns."""
-    weights = (replace(w, sigma_kg=w.mass_kg) for w in state.added.weights)
-    return replace(state, added=replace(state.added, weights=tuple(weights)))
 
 
 def _missing_parts(box: GreyBox, rich: GreyBox) -> Iterator[_Effect]:
@@ -256,7 +261,14 @@ def _normal_matrix(
     total[:P, :P] = np.diag(box.prior_sigma**-2) + by_fact.T @ by_fact
     total[:P, -1] = by_fact.T @ misfits - eta * box.prior_sigma**-2
     points = linearised_at(estimation).points
-    rich_points = _at_richest(estimation, rich, points)
+    # The richest structure at the fit: all its further parameters are zero there.
+    stated = dict(zip(box.corrections, eta[len(box.parameters) :].tolist(), strict=False))
+    rich_eta = rich.unknowns_of(estimation.full)
+    rich_eta[len(rich.parameters) :] = [stated.get(name, 0.0) for name in rich.corrections]
+    rich_points = {
+        state: evaluate(rich, rich_eta, state, estimation.noise, at.modes)
+        for state, at in points.items()
+    }
     parts = [e for e in effects if e.unknowns]
     directions = np.zeros((len(rich.prior_sigma), len(parts)))
     for k, effect in enumerate(parts):
@@ -265,6 +277,7 @@ def _normal_matrix(
     faults = [e for e in effects if e.channels]
     on_motion = len(parts) + len(faults)
     mixes: dict[ChannelGroup, Array] = {}
+    """Each fault's matrix from the motion in the channels to what they show, (q, n, n)."""
     decays = [decay.thinned(_RATE_HZ) for decay in estimation.decays]
     for decay, linear in zip(decays, linear_parts(points, decays), strict=True):
         at, size = points[decay.mass_state], len(linear.solution)
@@ -274,7 +287,10 @@ def _normal_matrix(
         k = size + P + on_motion
         for r, stack, force in zip(decay.recordings, linear.coefficients, forces, strict=True):
             if r.group not in mixes:
-                mixes[r.group] = _mixes(r.group, faults)
+                names = [channel.name for channel in r.group.channels]
+                mixes[r.group] = np.array(
+                    [[[e.channels.get((a, b), 0.0) for b in names] for a in names] for e in faults]
+                )
             weight, basis = at.weights(r.group)[:, None, None], at.basis(r)
             moved = [motion(at, r.group, z, derivative) for derivative in (0, 1)]
             each = np.stack([moved[effect.kind == "late"] for effect in faults])
@@ -295,27 +311,6 @@ def _normal_matrix(
         cross = normal[size:, :size]
         total += normal[size:, size:] - cross @ linear.normal_inverse @ cross.T
     return total, sum(decay.n_values for decay in decays)
-
-
-def _at_richest(
-    estimation: Estimation, rich: GreyBox, points: Mapping[str, Evaluated]
-) -> dict[str, Evaluated]:
-    """Return the richest structure at the fit: all its further parameters are zero there."""
-    box, n = estimation.box, len(estimation.box.parameters)
-    stated = dict(zip(box.corrections, estimation.fit.eta[n:].tolist(), strict=False))
-    eta = rich.unknowns_of(estimation.full)
-    eta[len(rich.parameters) :] = [stated.get(name, 0.0) for name in rich.corrections]
-    return {
-        state: evaluate(rich, eta, state, estimation.noise, at.modes)
-        for state, at in points.items()
-    }
-
-
-def _mixes(group: ChannelGroup, faults: Sequence[_Effect]) -> Array:
-    """Return each fault's matrix from the motion in the channels to what they show, (q, n, n)."""
-    names = [channel.name for channel in group.channels]
-    rows = [[[e.channels.get((a, b), 0.0) for b in names] for a in names] for e in faults]
-    return np.array(rows)
 
 
 def _force_traces(

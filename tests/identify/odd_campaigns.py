@@ -6,6 +6,7 @@ verdict, the first reason, and the CPU time of the identification.
 
 from __future__ import annotations
 
+import re
 import sys
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -413,8 +414,10 @@ def main(names: Sequence[str]) -> None:
         quality = identify_parameters(session).quality
         cpu_s = time.process_time() - began_s
         doubts = [f.text for f in quality.findings if f.severity]
-        reason = doubts[0].split(": ", 1)[-1] if doubts else ""
-        sys.stdout.write(f"| {name} | {quality.verdict} | {reason[:90]} | {cpu_s:.1f} |\n")
+        reason = doubts[0].removeprefix("likely cause: ") if doubts else ""
+        short = re.split(r"; |, explains| \(explains|: record|: check", reason)[0][:100]
+        short += ")" * (short.count("(") - short.count(")"))
+        sys.stdout.write(f"| {name} | {quality.verdict} | {short} | {cpu_s:.1f} |\n")
         sys.stdout.flush()
 
 

@@ -144,7 +144,7 @@ from daq import session_from_arrays
 from identify import identify_parameters
 from tests.identify.odd_campaigns import WEIGHTS, campaign, channels
 
-found = identify_parameters(session_from_arrays(campaign(), channels(), WEIGHTS, bump_s=0.18))
+found = identify_parameters(session_from_arrays(campaign(), channels(), WEIGHTS, bump_s=0.17))
 assert found.estimation.later_s > 0.0
 assert "identify.nonlinear.kernels" not in sys.modules
 """
@@ -169,6 +169,7 @@ def test_the_progress_says_what_is_done_and_how_far_the_work_is(
     monkeypatch.setattr(pipeline, "first_estimate", unexplained)
     monkeypatch.setattr(pipeline, "opposed_signs", lambda *_: ())
     monkeypatch.setattr(pipeline, "fault_of_bench", lambda _: None)
+    monkeypatch.setattr(pipeline, "swapped_or_late", lambda _: None)
     monkeypatch.setattr(pipeline, "later_may_hold", lambda *_: True)
     monkeypatch.setattr(pipeline, "later_estimate", later)
     stages: list[tuple[float, str]] = []
@@ -200,6 +201,7 @@ def test_elements_are_sought_with_the_beginnings_where_no_later_start_holds(
     monkeypatch.setattr(pipeline, "first_estimate", unexplained)
     monkeypatch.setattr(pipeline, "opposed_signs", lambda *_: ())
     monkeypatch.setattr(pipeline, "fault_of_bench", lambda _: None)
+    monkeypatch.setattr(pipeline, "swapped_or_late", lambda _: None)
     monkeypatch.setattr(pipeline, "later_may_hold", lambda *_: may_hold)
     monkeypatch.setattr(pipeline, "later_estimate", later)
     monkeypatch.setattr(pipeline, "share_of_faults", lambda _: 0.0)

@@ -258,7 +258,7 @@ def test_where_nothing_was_overridden_there_is_no_such_table() -> None:
     session = session_from_arrays([])
     found = certificate(session, Identification(Judgement((), 1.0), {}))
     assert list(found) == ["Result", "Signed", "Sensors"]
-    assert dict(found["Result"])["data"] == "measured"
+    assert dict(found["Result"])["data"] == "origin not stated"
 
 
 def test_a_certificate_says_what_was_waived_and_which_runs_were_not_used() -> None:
