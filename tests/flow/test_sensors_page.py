@@ -64,12 +64,13 @@ class Reader:
         (folder / "docs").symlink_to(ROOT / "docs")
         self.folder = folder
         self.second: subprocess.Popen[str] | None = None
+        self.started: list[subprocess.Popen[str]] = []
         tools = Path(sys.executable).parent
         self.environment = {**os.environ, "PATH": f"{tools}:{os.environ['PATH']}", "COLUMNS": "80"}
 
     def runs(self, script: str) -> subprocess.Popen[str]:
         """Start a script of the page."""
-        return subprocess.Popen(
+        process = subprocess.Popen(
             ["bash", "-e", "-c", script],
             cwd=self.folder,
             env=self.environment,
@@ -78,6 +79,8 @@ class Reader:
             text=True,
             start_new_session=True,
         )
+        self.started.append(process)
+        return process
 
     def done(self, script: str) -> str:
         """Run a script of the page to its end and return what it showed."""
@@ -133,6 +136,10 @@ def reader(tmp_path: Path) -> Iterator[Reader]:
     made = Reader(tmp_path)
     yield made
     made.leave()
+    for process in made.started:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
 
 
 def until_checked(reader: Reader) -> list[str]:
