@@ -463,7 +463,9 @@ def struck_again(estimation: Estimation) -> Cause | None:
     for record in estimation.records:
         onset, of_run = onset_s(record), {}
         strikes = []
-        for r in record.recordings if onset is not None else ():
+        for r in record.recordings:
+            if onset is None:
+                break
             for channel, column in zip(r.group.channels, r.values.T, strict=True):
                 if channel.quantity is Quantity.HUB_ACCELERATION:
                     value = column - column[r.time_s < onset].mean()
@@ -554,7 +556,9 @@ def _slopes_at_rest(records: Sequence[Record]) -> dict[str, float]:
     """Of each channel: slope and its variance in each run."""
     for record in records:
         onset = onset_s(record)
-        for r in record.recordings if onset is not None else ():
+        if onset is None:
+            continue
+        for r in record.recordings:
             quiet = r.time_s < onset - _MARGIN_S
             if np.count_nonzero(quiet) < _FEWEST_AT_REST:
                 continue
