@@ -52,7 +52,7 @@ def test_a_fault_is_named_and_the_campaign_goes_on(fault: str, tmp_path: Path) -
             await operator.until(lambda: bool(app.status and app.status.tallies[0].accepted >= 2))
             assert app.status is not None
             assert app.status.runs[1].status is LoggedStatus.REJECTED
-            await operator.until(operator.sees("rejected  baseline bounce 2"))
+            await operator.until(operator.sees("baseline bounce 2  rejected"))
 
     with demo_bench(tmp_path, SPEED, 3, fault) as bench:
         bench.started()
