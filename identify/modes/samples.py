@@ -82,7 +82,7 @@ class Samples:
     @property
     def n_runs(self) -> int:
         """Number of runs."""
-        return self.in_run.shape[1]
+        return int(self.in_run.shape[1])
 
     @property
     def n_channels(self) -> int:
