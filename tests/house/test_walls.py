@@ -134,7 +134,7 @@ def test_a_mark_that_silences_a_check_is_seen(mark: str) -> None:
 def test_no_check_is_silenced_and_no_test_is_skipped() -> None:
     here = Path(__file__)  # shows the marks, as text
     paths = {*SOURCES, *ROOT.glob("tests/**/*.py"), *ROOT.glob("docs/**/*.py")} - {here}
-    assert len(paths) > 500
+    assert len(paths) > 300
     assert not [_name(p) for p in sorted(paths) if SILENCED.search(p.read_text("utf-8"))]
 
 
