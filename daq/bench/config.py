@@ -482,8 +482,8 @@ def on_bus(bench: Bench, interface: str | None, channel: str | None) -> Bench:
     if not (interface or channel):
         return bench
     if len({sensor.bus for sensor in bench.sensors}) > 1:
-        what = f"the bench has sensors on {len(bench.buses)} buses, and one bus is named"
-        raise InputError("--interface, --channel", what, "name the buses in bench.toml")
+        what = f"name the bus of a bench with one bus; here sensors are on {len(bench.buses)}"
+        raise InputError("--interface, --channel", what, f"change the [[bus]] of {bench.where}")
     first = bench.bus
     bus = replace(first, interface=interface or first.interface, channel=channel or first.channel)
     return replace(bench, buses=(bus,))

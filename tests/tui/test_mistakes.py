@@ -89,6 +89,7 @@ MISTAKES = {
     "identify prose.h5": "prose.h5",
     "inspect .": "error: .: is a directory (name a session file that",
     "report /": "is a directory",
+    "report nowhere/car.h5": "error: nowhere/car.h5: no such file (name a session file",
     "redecode . --dbc a.dbc": "is a directory",
     "recover prose.mcap --out new.h5": "prose.mcap",
     "decode other.log": "none of its 2 frames",

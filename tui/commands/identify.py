@@ -70,6 +70,8 @@ def report(
         if not json:
             print_line(str(path))
 
+    if not session.exists():  # its folder is that of the page
+        raise InputError(str(session), "no such file", "name a session file")
     page = page or session.parent / f"{session.stem}.html"
     for path in (page, pdf):
         if path is not None:

@@ -185,7 +185,7 @@ def test_a_signal_that_two_messages_of_a_sensor_have_is_asked_for_in_full() -> N
 
 
 def test_a_bench_on_several_buses_is_not_put_on_one() -> None:
-    with pytest.raises(InputError, match="sensors on 2 buses, and one bus is named"):
+    with pytest.raises(InputError, match=r"here sensors are on 2 \(change the \[\[bus\]\] of "):
         on_bus(sensor_bench(), "socketcan", "can5")
 
 
