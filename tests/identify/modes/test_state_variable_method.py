@@ -144,7 +144,7 @@ def test_units_of_the_channels_do_not_matter() -> None:
     record = free_decay(poles, chain_shapes(3), random_amplitudes(3, rng), 50.0, 10.0)
     record = with_noise(record, 50.0, rng)
     plain, scaled = identify_modes([record], 50.0), identify_modes([record * unit], 50.0)
-    assert_poles(scaled, plain.poles, 1e-9)
+    assert_poles(scaled, plain.poles, 1e-8)  # where the search ends; an interval is 1e5 wider
     assert np.diag(mac(scaled.shapes / unit[:, None], plain.shapes)).min() > 1.0 - 1e-9
 
 
