@@ -136,6 +136,7 @@ def test_the_simulated_car_is_bumped_again_when_the_recorder_rejects(
     monkeypatch: pytest.MonkeyPatch,
     tmp_path: Path,
     wire: list[can.Message],
+    stages: Stages,
 ) -> None:
     bench = tmp_path / "bench.toml"
     bench.write_text(BENCH)
@@ -175,6 +176,7 @@ def test_the_simulated_car_is_bumped_again_when_the_recorder_rejects(
     hub = bench_codec(load_bench(bench)).decode(sent)["HUB_Front.acc_fl"]
     moved_s = hub.t_ns[np.abs(hub.value - np.median(hub.value)) > 3.0] * 1e-9
     assert len(np.flatnonzero(np.diff(moved_s) > 4.0)) == 1, "two bumps"
+    assert stages["simulate"][-1][1] == "the recorder has ended"
     assert "--fast" in said(capsys, "simulate", *UDP, "--fast", "--recorder", ".", code=2)[1]
 
 

@@ -262,7 +262,8 @@ class _RecorderStatus:
             done = sum(tally.accepted for tally in status.tallies)
             planned = sum(tally.planned for tally in status.tallies)
             due = status.due.step.label if status.due else "campaign complete"
-            self._stage(done / max(planned, 1), f"{due}: {status.phase}")
+            text = "the recorder has ended" if self.ended else f"{due}: {status.phase}"
+            self._stage(done / max(planned, 1), text)
         return status
 
     def close(self) -> None:

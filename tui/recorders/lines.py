@@ -100,8 +100,7 @@ def status_lines(status: Status) -> Iterator[str]:
 
     origin = "" if status.origin == "real" else f" ({status.origin})"
     yield f"{status.vehicle}{origin}, into {status.folder}: {status_line(status)}"
-    done, text = progress_words(status)
-    yield f"{status.phase}: {text} ({done:.0%})"
+    yield f"{status.phase}: {progress_words(status)[1]}"
     if status.begun:
         yield f"campaign: {status.begun}"
     for bus in status.buses:
