@@ -347,10 +347,10 @@ def _judged(
 
 
 def _reversible(change: Change) -> Change:
-    """Return a change with what its run is once it is undone.
+    """Return a change whose run before is as undoing leaves it.
 
-    A run that has ended cannot be open again: undoing gives the other verdict.  A run that a person
-    rejected while it was recorded is open again until the recorder judges it.
+    A run that the recorder has judged cannot be open again: it gets the other verdict.  A run that
+    a person rejected while it was recorded is open again until the recorder judges it.
     """
     if change.before.status is not LoggedStatus.OPEN or change.after.by:
         return change

@@ -138,7 +138,7 @@ def _discard_output() -> None:
 def foreign_package() -> str:
     """Return in one line which package name another distribution has, and what to do; else "".
 
-    The index has an `identify`.
+    The package index has another distribution with a package `identify`.
     """
     from importlib.metadata import packages_distributions
     from importlib.util import find_spec

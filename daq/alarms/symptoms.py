@@ -378,7 +378,7 @@ class Traffic:
         for bus, can_id, is_extended, length, frames in _distinct(batch):
             layout = codec.find(can_id, is_extended, bus)
             if layout is None:
-                self._unknown[f"{can_id:#x}" + "x" * is_extended] = now_s
+                self._unknown[f"{can_id:#x}{'x' if is_extended else ''}"] = now_s
                 continue
             known = self._known.setdefault(layout.name, _Message(layout.cycle_s, now_s, now_s))
             known.seen(bus, frames, now_s)

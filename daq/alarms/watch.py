@@ -152,11 +152,11 @@ class Watch:
             and not _QUIET_S <= now_s - bus.good_s < WINDOW_S
             for bus, status in zip(self._watches, self.buses, strict=True)
         ]
-        homes = {self._traffic.home_of(name) for name in expected}
+        sensor_buses = {self._traffic.home_of(name) for name in expected}
         self._quiet = frozenset(
             bus.name
             for number, bus in enumerate(self._watches)
-            if number in homes and now_s - bus.frame_s >= _QUIET_S
+            if number in sensor_buses and now_s - bus.frame_s >= _QUIET_S
         )
         symptoms = [*_not_recording(cycle.storage), *_disk_symptoms(config, cycle.disk)]
         symptoms += [fault("consumer_failed", name, why) for name, why in cycle.failed.items()]

@@ -355,11 +355,12 @@ def load_bench(path: Path | None) -> Bench:
         return parse_bench(default_bench_text(), "bench.toml (shipped)", Path())
     where = str(path)
     bench = parse_bench(toml_text(path, "name a bench.toml"), where, path.parent)
-    # Slips that a new file must not have; recorded ones are read with them.
+    # Mistakes that `parse_bench` accepts, because files in older recordings have them.
     kinds = bench.campaign.excitations
     if len(set(kinds)) < len(kinds):
         what = "campaign.excitations names a kind of bump twice"
         raise InputError(where, what, "name each once; repeats states how often")
+    # Not the other parameters: bars and tyre damping may be 0, the offset of the CG negative.
     positive = (*FactQuantity, *parameter_names(Structure(bench.vehicle.structure.symmetric)))
     for fact in bench.vehicle.facts:
         if fact.value <= 0.0 and fact.quantity in positive:

@@ -164,7 +164,7 @@ def stored_text(databases: Sequence[Database]) -> str:
 
 
 def stored_databases(text: str) -> tuple[Database, ...]:
-    """Return the databases in a stored text; none if it is empty.
+    """Return the databases in a text of `stored_text`, one DBC or JSON; none if it is empty.
 
     Raises InputError if it is damaged.
     """

@@ -303,6 +303,7 @@ class Link:
         self._facts = replace(self._facts, connected=False, losses=self._before)
 
     def _open(self, timeout_s: float) -> None:
+        """Open the bus once the pause after a failure is over; wait at most `timeout_s` for it."""
         wait_s = self._next_try_s - self._clock()
         if wait_s > 0:
             self._halted.wait(min(wait_s, timeout_s))
@@ -310,11 +311,11 @@ class Link:
             return
         try:
             self._source = self._open_source(self.config, self.index)
-        except BaseException as error:  # as above
+        except BaseException as error:  # drivers raise anything here, too
             self._fail(error)
             return
         self._alive_s = self._clock()
-        reopened = self._facts.reopened + self._was_open
+        reopened = self._facts.reopened + int(self._was_open)
         self._was_open = True
         self._facts = replace(self._facts, connected=True, error="", advice="", reopened=reopened)
 

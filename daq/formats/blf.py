@@ -188,7 +188,8 @@ def find_objects(data: bytes, loss: LogLoss) -> tuple[NDArray[np.intp], int]:
     is not taken as an object.  Data to which no chain leads are counted as lost.
     """
     text = np.frombuffer(data, np.uint8)
-    marks = np.flatnonzero(text[: max(len(data) - 31, 0)] == ord("L"))
+    header = _HEADER.itemsize  # bytes; an object is at least as long
+    marks = np.flatnonzero(text[: max(len(data) - header + 1, 0)] == ord("L"))
     for place, letter in enumerate(b"LOBJ"):
         marks = marks[text[marks + place] == letter]
     size = _records(text, marks, _HEADER)["size"].astype(np.int64)
@@ -196,9 +197,9 @@ def find_objects(data: bytes, loss: LogLoss) -> tuple[NDArray[np.intp], int]:
     # Mostly all marks are objects that follow each other.
     if len(marks) and marks[0] < _GAP and ends[-1] <= len(data) < ends[-1] + MAX_OBJECT_BYTES:
         gaps = marks[1:] - ends[:-1]  # the padding
-        if size.min() >= 32 and np.all((gaps >= 0) & (gaps < _GAP)):
+        if size.min() >= header and np.all((gaps >= 0) & (gaps < _GAP)):
             return marks, int(ends[-1])
-    is_object = ((size >= 32) & (size <= MAX_OBJECT_BYTES)).tolist()
+    is_object = ((size >= header) & (size <= MAX_OBJECT_BYTES)).tolist()
     following = np.searchsorted(marks, ends).tolist()  # first mark after each object
     begins, stops, chain = marks.tolist(), ends.tolist(), list[int]()
     i = lost = expected = used = 0  # index of a mark; bytes lost; end of the chain; bytes processed
@@ -216,8 +217,8 @@ def find_objects(data: bytes, loss: LogLoss) -> tuple[NDArray[np.intp], int]:
         i = following[i]
     else:  # no object is begun: what no object can be long enough to need is lost
         if len(data) - used >= MAX_OBJECT_BYTES:
-            lost += len(data) - used - 32
-            used = len(data) - 32
+            lost += len(data) - used - header
+            used = len(data) - header
     if lost:
         many = "bytes between objects are not objects"
         loss.add(counted(lost, "byte between objects is no object", many), bytes_cut=lost)

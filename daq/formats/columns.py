@@ -341,25 +341,25 @@ def _is_number(cell: str, separator: str) -> bool:
 
 
 def _headings(head: Sequence[Sequence[str]], data: Sequence[str]) -> tuple[Heading, ...]:
-    """Return the columns from the lines of the head and the first line of data."""
+    """Return the columns from the lines of the head and the first line of data; see `_form`."""
     n = len(data)
     # One cell more or less: some tools end the lines of the head or of the data with a separator.
-    wide = [[cell.strip() for cell in row] for row in head if len(row) in (n, n - 1, n + 1)]
-    wide = [[*row, ""][:n] for row in wide]
+    wide = [[cell.strip() for cell in row] for row in head if abs(len(row) - n) <= 1]
+    wide = [[*row, ""][:n] for row in wide]  # n cells each
     names, units = [""] * n, [""] * n
     if wide:
         names = wide[-1]
-        units_only = all(c.strip("[]()") != c or known_si(c) is not None for c in names)
-        if len(wide) > 1 and units_only and any(names):
+        are_units = all(c.strip("[]()") != c or known_si(c) is not None for c in names)
+        if len(wide) > 1 and are_units and any(names):
             names, units = wide[-2], [cell.strip("[]()") for cell in names]
     headings = list[Heading]()
     for i, name in enumerate(names):
         match = _UNIT.match(name)
         if match and not units[i]:
             name, units[i] = match[1], match[2]
-        name, units[i] = name or f"column {i + 1}", "ns" if _DATE.match(data[i]) else units[i]
-        taken = any(each.name == name for each in headings)
-        headings.append(Heading(f"{name}:{i + 1}" if taken else name, units[i], "table"))
+        name, unit = name or f"column {i + 1}", "ns" if _DATE.match(data[i]) else units[i]
+        taken = any(each.name == name for each in headings)  # then it gets its column's number
+        headings.append(Heading(f"{name}:{i + 1}" if taken else name, unit, "table"))
     return tuple(headings)
 
 

@@ -342,7 +342,7 @@ def stamped_times(
     gap_s += wrap_s * np.maximum(np.rint((elapsed_s - gap_s) / wrap_s), 0)  # complete wraps
     restarted = _restarts(gap_s, elapsed_s, arrival_s)
     usual_s = gap_s[(gap_s > 0) & ~restarted]
-    if len(usual_s) < len(gap_s) / 3:  # most frames repeat a stamp
+    if len(usual_s) < len(gap_s) / 3:  # two thirds of the frames repeat a stamp
         return arrival_times(t_ns, t0_ns)
     rate = float(np.sum(elapsed_s[~restarted]) / np.sum(gap_s[~restarted]))
     if not _BELIEVED_RATE[0] < rate < _BELIEVED_RATE[1]:
@@ -353,7 +353,7 @@ def stamped_times(
     step = np.where(gap_s > 0, np.maximum(np.rint(gap_s / cycle_s), 1), 0).astype(np.int64)
     step = np.concatenate([[1], step])
     sensor_s = np.concatenate([[0.0], np.cumsum(gap_s)])
-    return _between_restarts(sensor_s, arrival_s, step, restarted, 1.0)
+    return _between_restarts(sensor_s, arrival_s, step, restarted, unit_s=1.0)
 
 
 def _restarts(

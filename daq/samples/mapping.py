@@ -287,6 +287,8 @@ def bind_counted(
 ) -> Bound:
     """Find the sample numbers of a message that also has the carrier's counter.
 
+    Each is that of the carrier nearest in time, plus the shortest way between the two counters.
+
     `number`, `carrier_value`, `carrier_ns`, (n,) array: sample number, counter and arrival of the
     carrier frames, in order.  `rows`, (m,) int: frames of the message with a readable counter.
     `counter`: of all its frames.  `modulus`: its range.
@@ -297,11 +299,11 @@ def bind_counted(
     behind = np.maximum(ahead - 1, 0)
     is_nearer = t_ns - carrier_ns[behind] < carrier_ns[ahead] - t_ns
     nearest = np.where(is_nearer, behind, ahead)  # row of the carrier nearest in time
-    apart = (counter.value[rows] - carrier_value[nearest]).astype(np.int64)
-    numbers = number[nearest] + (apart + modulus // 2) % modulus - modulus // 2
-    is_known = (numbers >= number[0]) & (numbers <= number[-1])
-    numbers, first = np.unique(numbers[is_known], return_index=True)
-    return rows[is_known][first], numbers
+    ahead_by = (counter.value[rows] - carrier_value[nearest]).astype(np.int64)
+    numbers = number[nearest] + (ahead_by + modulus // 2) % modulus - modulus // 2
+    is_recorded = (numbers >= number[0]) & (numbers <= number[-1])
+    numbers, first = np.unique(numbers[is_recorded], return_index=True)
+    return rows[is_recorded][first], numbers
 
 
 # The groups ---------------------------------------------------------------------------------------

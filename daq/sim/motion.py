@@ -377,33 +377,35 @@ def pushed_down(
 ) -> Spliced:
     """Push the body of a car down at the place for the bump, hold it, and release it.
 
-    Raises ValueError if a push cannot make that bump.
+    `depth_m`: by how much that place sinks.  `start_s`, `end_s`: begin of the push and end of the
+    motion, s.  Raises ValueError if a push cannot make that bump.
     """
     hand = BUMPS[excitation].hand
     if hand is None:
         raise ValueError(f"a push cannot make a {excitation.words} bump")
-    forward, to_left = hand
-    corner_x_m = plant.corners["x_m"]
-    hand_x_m = forward * float(corner_x_m[0] if forward > 0 else -corner_x_m[2])
+    forward, to_left = hand  # 1, 0 or -1 each
+    front_x_m, _, rear_x_m, _ = plant.corners["x_m"]  # positive forwards
+    hand_x_m = forward * float(front_x_m if forward > 0 else -rear_x_m)
     hand_y_m = to_left * float(np.mean(np.abs(plant.corners["y_m"])))
     before = static_pose(plant)
-    sink_of_1_n = static_pose(plant, load=_down(1.0, hand_x_m, hand_y_m)) - before
-    heave, pitch, roll = sink_of_1_n[:3, 0]
-    hand_sinks_m = abs(float(heave - pitch * hand_x_m + roll * hand_y_m))
-    lowest = before + sink_of_1_n * depth_m / hand_sinks_m
+    pose_of_1_n = static_pose(plant, load=_down(1.0, hand_x_m, hand_y_m)) - before
+    heave_m, pitch_rad, roll_rad = pose_of_1_n[:3, 0]
+    hand_sinks_m = abs(float(heave_m - pitch_rad * hand_x_m + roll_rad * hand_y_m))
+    lowest = before + pose_of_1_n * depth_m / hand_sinks_m
     return _released(plant, before, lowest, start_s, start_s + PUSHED_S, end_s)
 
 
 def _released(
-    plant: Plant, before: Array, held: Array, press_s: float, go_s: float, end_s: float
+    plant: Plant, before: Array, pressed: Array, press_s: float, go_s: float, end_s: float
 ) -> Spliced:
-    """Return the motion of a car that is pressed from one pose to another, and released there.
+    """Return the motion of a car that is pressed from one pose, (7, 1), to another, and released.
 
     `press_s`, `go_s`, `end_s`: begin of the press, release, and end of the motion, s.
     """
     flat = Bump(Excitation.BOUNCE, 0.0, go_s, 0.01)  # the release is a drive over no bump
-    decay = drive(plant, flat, end_s, states_of(held, np.zeros((7, 1))))
-    return Spliced(Push(before, held - before, PRESS_S, press_s, turns=0.5), decay)
+    decay = drive(plant, flat, end_s, states_of(pressed, np.zeros((7, 1))))  # it begins at rest
+    press = Push(before, pressed - before, PRESS_S, press_s, turns=0.5)  # and holds
+    return Spliced(press, decay)
 
 
 def _down(force_n: float, x_m: float, y_m: float) -> Array:

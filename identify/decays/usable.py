@@ -322,7 +322,8 @@ def without_bad_values(
 ) -> tuple[Session, tuple[BadValue, ...], tuple[BadValue, ...]]:
     """Return a session whose accepted runs miss (NaN) bad values, the absurd ones, and the spikes.
 
-    Absurd are those above `LARGEST`, infinite ones too; tiny ones become 0.
+    Absurd are those above `LARGEST`, infinite ones too.  Values below `_SMALLEST` become 0, and all
+    of a channel that never exceeds `_ROUNDING`.
     """
     used = {c.name for c in session.used_channels}
     absurd: list[BadValue] = []

@@ -196,7 +196,7 @@ class Alike:
 
 
 def laid_out(decays: Sequence[FreeDecay]) -> tuple[Alike, ...]:
-    """Lay out the recordings of some decays, once for all points at which products are needed."""
+    """Group recordings by mass state, low-pass and sampling, once for all points of a fit."""
     places_of: dict[tuple[str, float, int], list[tuple[int, int]]] = {}
     for d, decay in enumerate(decays):
         for r, recording in enumerate(decay.recordings):

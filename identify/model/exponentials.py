@@ -361,14 +361,15 @@ class Waves:
 
 
 def series_of(times_s: Sequence[_Real], samples: Sequence[_Real]) -> tuple[Series, ...]:
-    """Lay out recordings, times (n_i,) and samples (n_i, k_i): those that are alike together.
+    """Lay out recordings, times (n_i,), s, and samples (n_i, k_i): those that are alike together.
 
-    Alike are those with the same width and number of coarse steps, and as many channels.
+    Alike are those with as many fine steps (`_width`), coarse steps and channels.
     """
     alike: dict[tuple[int, int, int], list[int]] = {}
     for i, (time_s, values) in enumerate(zip(times_s, samples, strict=True)):
         width = _width(time_s)
-        alike.setdefault((width, len(time_s) // width, values.shape[1]), []).append(i)
+        n_coarse, n_channels = len(time_s) // width, values.shape[1]
+        alike.setdefault((width, n_coarse, n_channels), []).append(i)
     return tuple(
         _one_series([(i, times_s[i], samples[i]) for i in members], width)
         for (width, _, _), members in alike.items()

@@ -289,7 +289,7 @@ class System:
         reduced, target, solved = self._without_runs(damping + _RIDGE)
         reduced[np.diag_indices(n)] += damping
         common = np.linalg.solve(reduced, target)
-        by_runs = solved[..., -1] - solved[..., :-1] @ common
+        by_runs = solved[..., -1] - solved[..., :-1] @ common  # back into each run's equations
         poles, *shapes = _complex((self.common_scale * common).reshape(-1, n))
         return poles, _complex(self.run_scale * by_runs), np.array(shapes)
 

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from math import ceil
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -140,10 +141,9 @@ def clean_modes(spaces: Sequence[DelaySpace]) -> ModalModel | None:
 
 
 def _strongest(decays: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
-    """Return the orthonormal combinations of the records of each length that move most.
+    """Return, for each length, up to `_COMBINATIONS` orthonormal sums of records that move most.
 
-    They have the modes of the records and white noise as these; there are at most
-    `_COMBINATIONS` of each length.
+    Such sums have the modes of the records, (n_samples, n_channels), and noise that is as white.
     """
     by_length: dict[int, list[NDArray[np.float64]]] = {}
     for decay in decays:
@@ -152,7 +152,7 @@ def _strongest(decays: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float64
     for alike in by_length.values():
         if len(alike) > _COMBINATIONS:
             flat = np.stack([decay.ravel() for decay in alike])
-            _, directions = np.linalg.eigh(flat @ flat.T)
+            _, directions = np.linalg.eigh(flat @ flat.T)  # those that move most come last
             flat = directions[:, -_COMBINATIONS:].T @ flat
             alike = list(flat.reshape(_COMBINATIONS, *alike[0].shape))
         combined += alike
@@ -160,21 +160,24 @@ def _strongest(decays: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float64
 
 
 def _best_start(spaces: Sequence[DelaySpace], samples: Samples, duration_s: float) -> Point:
-    """Return the stable set of highest merit, real poles included, without needless poles."""
+    """Return the stable set of highest merit, real poles included, without needless poles.
+
+    Up to `_MOST_SETS` different sets, with at least half of the most poles, are fitted.
+    """
     stable = [s for space in spaces for s in diagram_of(space, duration_s).stable_sets]
     most = max((len(poles) for poles, _ in stable), default=0)
     sets: list[Poles] = []
     for poles, shapes in stable:
-        like = any(
+        is_repeated = any(
             len(poles) == len(other) and np.all(np.abs(poles - other) < _LIKE * np.abs(other))
             for other, _ in sets
         )
-        if 2 * len(poles) >= most and not like:
+        if 2 * len(poles) >= most and not is_repeated:
             sets.append((poles, shapes))
     nothing = np.zeros(0, complex), np.zeros((samples.n_channels, 0), complex)
-    sets = sets[:: max(1, -(-len(sets) // _MOST_SETS))] or [nothing]
+    sets = sets[:: max(1, ceil(len(sets) / _MOST_SETS))] or [nothing]
     starts = (
-        fitted_at(summed(samples, poles), shapes, Ties.none(*shapes.shape), 2)
+        fitted_at(summed(samples, poles), shapes, Ties.none(*shapes.shape), sweeps=2)
         for poles, shapes in sets
     )
     return _without_needless(max(starts, key=lambda start: start.merit))

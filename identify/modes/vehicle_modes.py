@@ -136,24 +136,24 @@ def sensed_modes(records: Sequence[Record], decays: Sequence[FreeDecay]) -> Sens
         raise InputError("free decays", "no channel is in every run", "record the same sensors")
     rate_hz = slowest_hz / max(1, round(slowest_hz / _RATE_HZ))
     grids = [_on_grid(r, d, channels, rate_hz) for r, d in zip(records, decays, strict=True)]
-    alive = np.any([np.ptp(grid, axis=0) > 0.0 for grid in grids], axis=0)
-    live = tuple(channel for channel, lives in zip(channels, alive, strict=True) if lives)
-    grids = [grid[:, alive] for grid in grids]
+    moves = np.any([np.ptp(grid, axis=0) > 0.0 for grid in grids], axis=0)  # (n_channels,)
+    moving = tuple(channels[c] for c in np.flatnonzero(moves))
+    grids = [grid[:, moves] for grid in grids]
     # Errors of interpolation decay like modes: a little noise hides them.  Only the start comes
     # from these grids.
-    rng, size = np.random.default_rng(0), _BLUR * np.std(np.concatenate(grids), axis=0)
-    grids = [grid + size * rng.standard_normal(grid.shape) for grid in grids]
-    samples = gathered(_blocks(decays, live))
-    likely = _mirrored_modes(grids, rate_hz, samples, mirror_of(live))
+    rng, blur = np.random.default_rng(0), _BLUR * np.std(np.concatenate(grids), axis=0)
+    grids = [grid + blur * rng.standard_normal(grid.shape) for grid in grids]
+    samples = gathered(_blocks(decays, moving))
+    likely = _mirrored_modes(grids, rate_hz, samples, mirror_of(moving))
     mirrored = likely is not None
     if likely is None:
         start = regression_modes(grids, rate_hz)
         if len(start):
             likely = likely_modes(samples, start.poles, start.shapes, most=N_DOF)
-    none = ModalModel(np.zeros(0, complex), np.zeros((len(live), 0), complex))
+    none = ModalModel(np.zeros(0, complex), np.zeros((len(moving), 0), complex))
     model = likely.model() if likely else none
-    shapes = np.zeros((len(alive), len(model)), dtype=complex)
-    shapes[alive] = model.shapes
+    shapes = np.zeros((len(channels), len(model)), dtype=complex)
+    shapes[moves] = model.shapes
     return SensedModes(channels, replace(model, shapes=shapes), mirrored)
 
 

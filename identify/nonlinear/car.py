@@ -247,8 +247,8 @@ def _coefficients(
     box = model.box
     full = model.full(eta)
     value = model.element_values(eta)
-    off = box.off_weights(eta, state)
-    added = delta_mass(state.added, full[:, Full.A], full[:, Full.Y_S], off)
+    weight_errors = box.off_weights(eta, state)  # kg, m, m
+    added = delta_mass(state.added, full[:, Full.A], full[:, Full.Y_S], weight_errors)
     # Gravity accelerates body and wheels downwards alike: on (1, 0, 0, 1, 1, 1, 1).
     pull = -GRAVITY_M_S2 * (added[:, :, 0] + added[:, :, 3:].sum(axis=-1))
     corners = np.zeros((len(eta), 4, KNEES + len(model.knots)), dtype=complex)

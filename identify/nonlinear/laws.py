@@ -83,10 +83,10 @@ def sliding_slopes(w: Value, surplus: Value, fall: Value) -> tuple[Value, Value,
 def friction_rate(
     w: Value, zeta: Value, length: Value, limit: Value, width: Value, lag_s: Value
 ) -> Value:
-    """Return the rate of change of zeta, 1/s.
+    """Return the rate of change of zeta, the share of F_c that acts, at a speed w, m/s: 1/s.
 
-    `limit`: the share at which it slides.  `width`: speed, m/s, below which it counts as at rest.
-    `lag_s` bounds how fast zeta may turn.
+    `length`: d, m.  `limit`: the share at which it slides.  `width`: speed, m/s, below which it
+    counts as at rest.  `lag_s`: bounds the rate to 2 / `lag_s`.
     """
     speed = np.sqrt(w * w + width * width)
     return (w - speed * zeta / limit) / (length + lag_s * speed)

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache, partial
+from math import ceil
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -171,13 +172,13 @@ def damper_curve(
 
 
 def first_state(
-    car: Car, own: InitialState, level: Level
+    car: Car, initial: InitialState, level: Level
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the state at the start, (22,), and the speeds of the dampers, (4,)."""
-    speed = travel_speeds(car, own.motion)
+    speed = travel_speeds(car, initial.motion)
     force, _ = damper_curve(car, speed, level.knee_m_s)
-    mount = car.corner[:, MOUNT] * car.corner[:, RATIO] * force + own.mount
-    return np.concatenate([own.motion, own.friction, mount]), speed
+    mount = car.corner[:, MOUNT] * car.corner[:, RATIO] * force + initial.mount
+    return np.concatenate([initial.motion, initial.friction, mount]), speed
 
 
 def step_of(cars: list[Car], grade: Grade) -> float:
@@ -276,42 +277,42 @@ def sampled_channels(
     return SampledChannels(k, weights, orders, first, motions, rows[channel, motions])
 
 
-def start_of(car: Car, own: InitialState, acts: NDArray[np.intp], level: Level) -> Start:
-    """Return the start of the tangents of a run."""
-    n_own = 22 if car.has_mount else 18
+def start_of(car: Car, initial: InitialState, acts: NDArray[np.intp], level: Level) -> Start:
+    """Return the start of the tangents of a run; its own unknowns are those of `initial`."""
+    n_run = STATES if car.has_mount else STATES - 4  # the last 4 are the mounts
     d_corner = car.d_corner[:, :, acts]
-    matrix = np.zeros((STATES, n_own + len(acts)))
-    matrix[:n_own, :n_own] = np.eye(n_own)
+    matrix = np.zeros((STATES, n_run + len(acts)))
+    matrix[:n_run, :n_run] = np.eye(n_run)
     if car.has_mount:
-        matrix[18:] += _mount_start(car, own, d_corner, matrix, level)
+        matrix[-4:] += _mount_start(car, initial, d_corner, matrix, level)
     entries = [np.nonzero(d_corner[i]) for i in range(4)]
     first = np.concatenate([[0], np.cumsum([len(kinds) for kinds, _ in entries])])
     sparse = (
         first.astype(np.int64),
         np.concatenate([kinds for kinds, _ in entries]).astype(np.int64),
-        np.concatenate([columns for _, columns in entries]).astype(np.int64) + n_own,
+        np.concatenate([unknowns for _, unknowns in entries]).astype(np.int64) + n_run,
         np.concatenate([d_corner[i][entries[i]] for i in range(4)]),
     )
     changes = car.d_mass[acts].any(axis=(1, 2)) | car.d_pull[acts].any(axis=1)
-    columns = np.flatnonzero(changes)
-    body = (columns + n_own, car.d_mass[acts][columns], car.d_pull[acts][columns])
+    on_body = np.flatnonzero(changes)
+    body = (on_body + n_run, car.d_mass[acts][on_body], car.d_pull[acts][on_body])
     return Start(matrix, sparse, body)
 
 
 def _mount_start(
     car: Car,
-    own: InitialState,
+    initial: InitialState,
     d_corner: NDArray[np.float64],
     matrix: NDArray[np.float64],
     level: Level,
 ) -> NDArray[np.float64]:
     """Return the derivatives of the mounts' deflection under the dampers' force, (4, columns)."""
     p = car.corner
-    n_own = matrix.shape[1] - d_corner.shape[2]
-    speed = travel_speeds(car, own.motion)
+    n_run = matrix.shape[1] - d_corner.shape[2]
+    speed = travel_speeds(car, initial.motion)
     force, slope = damper_curve(car, speed, level.knee_m_s)
     d_speed = travel_speeds(car, matrix[:14].T).T
-    d_speed[:, n_own:] += own.motion[8] * d_corner[:, X] - own.motion[9] * d_corner[:, Y]
+    d_speed[:, n_run:] += initial.motion[8] * d_corner[:, X] - initial.motion[9] * d_corner[:, Y]
     sigma, ratio = p[:, MOUNT], p[:, RATIO]
     result = (sigma * ratio * slope)[:, None] * d_speed
     changed = (ratio * force)[:, None] * d_corner[:, MOUNT]
@@ -320,7 +321,7 @@ def _mount_start(
     for j, at in enumerate(car.knots):
         bent = sigma * ratio * knee(speed, at, level.knee_m_s)
         changed += bent[:, None] * d_corner[:, KNEES + j]
-    result[:, n_own:] += changed
+    result[:, n_run:] += changed
     return np.asarray(result)
 
 
@@ -385,9 +386,9 @@ def integrate(
 
 
 def _integrate(
-    step_s: float, level: Level, car: Car, own: InitialState, end_s: float
+    step_s: float, level: Level, car: Car, initial: InitialState, end_s: float
 ) -> Path | None:
-    x0, speed = first_state(car, own, level)
+    x0, speed = first_state(car, initial, level)
     steps = int(np.ceil(end_s / step_s / 8.0 - 1e-9)) * 8
     states, slopes = np.empty((steps + 1, STATES)), np.empty((steps + 1, STATES))
     speeds = np.empty((steps + 1, 4))
@@ -408,14 +409,16 @@ def sample(car: Car, path: Path, times_s: Array) -> Path:
     return Path(0.0, path.level, states, slopes, speeds)
 
 
-def tangents(car: Car, acts: NDArray[np.intp], path: Path, start: Start, plan: Plan) -> Any:
-    """Return the tangents along a path, as `add_sampled` takes them."""
+def tangents(car: Car, path: Path, start: Start, plan: Plan) -> Any:
+    """Return the tangents along a path, as `add_sampled` takes them.
+
+    Each block, (STATE_ROWS, LANES), has `LANES` columns of the start's matrix.
+    """
     corner, knots, inverse, _ = _body(car)
     count = start.matrix.shape[1]
-    assert count == len(acts) + (22 if car.has_mount else 18)
-    blocks = -(-count // LANES)
-    trace = np.empty((len(plan.starts) + 2, blocks, columns.STATE_ROWS * LANES))
-    for b in range(blocks):
+    n_blocks = ceil(count / LANES)
+    trace = np.empty((len(plan.starts) + 2, n_blocks, columns.STATE_ROWS * LANES))
+    for b in range(n_blocks):
         part = start.matrix[:, b * LANES : (b + 1) * LANES]
         rows = np.zeros((columns.STATE_ROWS, LANES))
         rows[:STATES, : part.shape[1]] = part

@@ -182,7 +182,7 @@ def block(
     start, plan = start_of(car, own, acts, grade.path), plan_of(car, path, grade)
     n_own = start.matrix.shape[1] - len(acts)
     size = n_own + car.d_corner.shape[2]
-    trace = tangents(car, acts, path, start, plan)
+    trace = tangents(car, path, start, plan)
     grid = np.arange(0.0, path.end_s + 1e-9, grade.filter_s)
     grid = grid[: len(grid) - (len(grid) + 1) % 2]
     at_grid = sample(car, path, grid)

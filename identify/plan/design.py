@@ -279,6 +279,7 @@ def _with_sensors(plan: Plan, action: str, more: list[Sensor]) -> Candidate:
 
 
 def _weights(plan: Plan) -> Iterator[Candidate]:
+    """Yield plans with weights; where there are some, with more, heavier or one-sided ones."""
     hubs = tuple(HubWeight(_HUB_KG, corner) for corner in Corner)
     floor = tuple(BodyWeight(_FLOOR_KG, *_above_wheel(plan, corner)) for corner in Corner)
     loaded = next((s for s in plan.mass_states if s.added.weights or s.added.matrix.any()), None)
@@ -314,9 +315,9 @@ def _weights(plan: Plan) -> Iterator[Candidate]:
     else:
         action = f"{_FLOOR_KG:.0f} kg on the floor near each wheel {where}"
         yield _reloaded(plan, loaded, action, (*added.weights, *floor))
-        corner = floor[Corner.REAR_LEFT.position]
+        rear_left = floor[Corner.REAR_LEFT.position]
         action = f"{_FLOOR_KG:.0f} kg on the floor near the left rear wheel {where}"
-        yield _reloaded(plan, loaded, action, (*added.weights, corner))
+        yield _reloaded(plan, loaded, action, (*added.weights, rear_left))
 
 
 def _reloaded(

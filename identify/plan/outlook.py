@@ -298,7 +298,7 @@ def advise(plan: Plan, progress: Progress = _ignore, known: KnownRuns | None = N
     now = expected(known.fisher(plan))
     progress(0.6, "next steps")
     ranked = _ranked(plan, known)
-    steps = tuple(NextStep(c.action, o) for c, o in ranked if _helps(o, now))
+    steps = tuple(NextStep(step.action, after) for step, after in ranked if _helps(after, now))
     # The best step, and the best after it, until everything is determined.
     remedies: list[str] = []
     reached = now

@@ -139,23 +139,18 @@ def _draw_differences(
     significant: NDArray[np.bool_],
     figure: FigureBase,
 ) -> None:
-    n = len(names)
-    (axes,) = line_axes(figure, n, (0.09,))
-    place = np.arange(n)
-    axes.hlines(
-        place, percent - half_percent, percent + half_percent,
-        PALETTE[1], lw=4.0, alpha=0.35,
-    )  # fmt: skip
+    """Draw differences, (n,), with their intervals, one row each."""
+    rows, low, high = np.arange(len(names)), percent - half_percent, percent + half_percent
+    (axes,) = line_axes(figure, len(names), (0.09,))
+    axes.hlines(rows, low, high, PALETTE[1], lw=4.0, alpha=0.35)
     for chosen, mark, hue, label in (
         (significant, "D", 2, "differs"),
         (~significant, "o", 1, "within chance"),
     ):
-        axes.plot(percent[chosen], place[chosen], mark, ms=4.5, color=PALETTE[hue], label=label)
+        axes.plot(percent[chosen], rows[chosen], mark, ms=4.5, color=PALETTE[hue], label=label)
     axes.axvline(0.0, color=INK, lw=0.8)
-    axes.set_yticks(place, names)
-    axes.set_xlim(
-        *about_zero(np.concatenate([percent - half_percent, percent + half_percent]), 1.1)
-    )
+    axes.set_yticks(rows, names)
+    axes.set_xlim(*about_zero(np.concatenate([low, high]), 1.1))
     axes.set_xlabel("difference, % of the first session's value")
     shared_legend(figure)
 
@@ -248,14 +243,14 @@ def unchanged_line(change: Change) -> str:
 
 
 def change_table(change: Change) -> Table:
-    """Return the named changes with their intervals."""
-    title, line = "What changed, by one joint fit", unchanged_line(change)
+    """Return the named changes from the first session, with their intervals."""
+    title, note = "What changed, by one joint fit", unchanged_line(change)
     if not change.named:
-        return Table(title, ("what changed", ""), ((change.sentence, ""),), line)
+        return Table(title, ("what changed", ""), ((change.sentence, ""),), note)
     rows = []
     for one in change.named:
         name = ", or instead ".join((one.name, *one.instead))
-        for k, (e, share) in enumerate(zip(one.changes, one.shares, strict=True)):
+        for number, (e, share) in enumerate(zip(one.changes, one.shares, strict=True), start=2):
             half = e.high - e.value
             _, low, high = rounded(e.value, e.low, e.high)
             percent = ""
@@ -264,7 +259,7 @@ def change_table(change: Change) -> Table:
                 percent = f"{signed(100.0 * share, 100.0 * relative * abs(share))} %"
             rows.append(
                 (
-                    name if len(one.changes) == 1 else f"{name}, session {k + 2}",
+                    name if len(one.changes) == 1 else f"{name}, session {number}",
                     one.kind,
                     signed(e.value, half),
                     low,
@@ -275,7 +270,7 @@ def change_table(change: Change) -> Table:
                 )
             )
     columns = ("what changed", "", "#by", "#from", "#to", "unit", "#share", "#chance")
-    return Table(title, columns, tuple(rows), line)
+    return Table(title, columns, tuple(rows), note)
 
 
 def _chance_text(p: float) -> str:

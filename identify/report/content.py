@@ -208,7 +208,7 @@ def provenance_section(session: Session, result: Identification, source: Source)
         trace.append(("sha256 of the DBC", hashlib.sha256(database.encode()).hexdigest()))
     blocks: list[Block] = [Table("Trace", ("", ""), tuple(trace))]
     columns = ("channel", "measures", "where", "#scale", "#delay, ms", "#noise", "unit", "signal")
-    rows = tuple(_channel(c, result.noise.get(c.name)) for c in session.channels)
+    rows = tuple(_channel_row(c, result.noise.get(c.name)) for c in session.channels)
     blocks.append(Table("Channels", columns, rows))
     if settings := session.provenance.get("bench_toml"):
         blocks.append(Table("Settings of the recording: bench.toml", ("",), ((settings,),)))
@@ -221,8 +221,8 @@ def provenance_section(session: Session, result: Identification, source: Source)
     )
 
 
-def _channel(c: Channel, noise: float | None) -> tuple[str, ...]:
-    """Return a channel with the factor of its sensor's signal, its delay and its noise."""
+def _channel_row(c: Channel, noise: float | None) -> tuple[str, ...]:
+    """Return a row of the table of channels; `noise`: standard deviation, SI."""
     place = str(c.corner) if c.corner else ""
     if c.quantity in (Quantity.BODY_ACCELERATION, Quantity.BODY_DISPLACEMENT):
         place = "CG" if c.at_cg else f"x {c.x_m:.3f}, y {c.y_m:.3f} m"
@@ -232,8 +232,8 @@ def _channel(c: Channel, noise: float | None) -> tuple[str, ...]:
         scale = f"{c.sign * c.scale:.4g}{sigma}"
         delay = f"{c.delay_s * 1e3:.2f} ± {c.delay_sigma_s * 1e3:.2f}"
         unit = unit_text(c.unit)
-    heard = "" if noise is None else number(noise)
-    return c.name, plain(c.quantity), place, scale, delay, heard, unit, c.signal
+    noise_text = "" if noise is None else number(noise)
+    return c.name, plain(c.quantity), place, scale, delay, noise_text, unit, c.signal
 
 
 # Certificate --------------------------------------------------------------------------------------

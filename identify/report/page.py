@@ -229,7 +229,7 @@ def figure_of(picture: Picture) -> Figure:
 
 
 def svg_of(picture: Picture) -> str:
-    """Draw an SVG document; its text is text."""
+    """Return a picture as an SVG document, with its letters as text and not as outlines."""
     import matplotlib
 
     text = StringIO()

@@ -132,7 +132,7 @@ def causes_of(estimation: Estimation, suspects: Sequence[Cause]) -> Causes:
         return Causes((swap.finding,), (*tried, swap))
     if not best:
         return Causes()
-    named = first = _sized(estimation, best[0])
+    named = first = _with_advice(estimation, best[0])
     if not holds and first.explained < _CLEARS:
         sensors = wrong_sensors(estimation, [c.subject for c in best if c.kind == "gain"])
         tried += sensors
@@ -143,16 +143,19 @@ def causes_of(estimation: Estimation, suspects: Sequence[Cause]) -> Causes:
     return Causes((named.finding,), tuple(tried), not named.nonlinear)
 
 
-def _sized(estimation: Estimation, cause: Cause) -> Cause:
-    """Return a scored cause with what is known of it beyond its score."""
+def _with_advice(estimation: Estimation, cause: Cause) -> Cause:
+    """Return a scored cause with advice: a gain also with its sizes, weights with the larger shift.
+
+    If the weights are right, the scales of the facts are wrong; either may be the cause.
+    """
     if cause.kind == "gain":
-        shown = gain_of(estimation, cause.subject)
-        return replace(cause, sizes=shown.sizes, advice=shown.advice)
+        gain = gain_of(estimation, cause.subject)
+        return replace(cause, sizes=gain.sizes, advice=gain.advice)
     if cause.kind == "weights":
         facts = " and ".join(scale_facts(estimation.box))
         advice = f"weigh them again, or {facts}: one of the two scales shows too much"
-        other = replace(cause, moved=shift_without_scales(estimation))
-        return replace(max(cause, other, key=lambda one: one.shift), advice=advice)
+        of_scales = replace(cause, moved=shift_without_scales(estimation))
+        return replace(max(cause, of_scales, key=lambda one: one.shift), advice=advice)
     return cause
 
 

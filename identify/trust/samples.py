@@ -343,7 +343,7 @@ def unused_findings(session: Session, used: Usable) -> Iterator[Finding]:
         if run.status != before.status:
             reasons.setdefault("; ".join(run.reasons), []).append(run.label)
     channels = zip(session.channels, used.session.channels, strict=True)
-    places = {
+    items_of = {
         "absurd_values": [
             f"{one.channel} in {one.run} ({one.count}: {one.value:g} {units[one.channel]})"
             for one in used.absurd
@@ -357,10 +357,10 @@ def unused_findings(session: Session, used: Usable) -> Iterator[Finding]:
         "dead_channels": [was.name for was, now in channels if was.quantity != now.quantity],
         "silent_channels": list(used.silent),
     }
-    for code, (begin, end) in _UNUSED.items():
-        if places[code]:
-            which = "; ".join(places[code]) if code == "left_out" else listed(places[code])
-            yield Finding(code, Severity.NOTE, f"{begin}: {which}; {end}")
+    for code, (fault, advice) in _UNUSED.items():
+        if items := items_of[code]:
+            listing = "; ".join(items) if code == "left_out" else listed(items)
+            yield Finding(code, Severity.NOTE, f"{fault}: {listing}; {advice}")
 
 
 _UNUSED = {
@@ -388,4 +388,4 @@ _UNUSED = {
         "these runs are fitted by what came: check sensor and plug",
     ),
 }
-"""Begin and end of the finding on each kind of what is left out."""
+"""Fault and advice in the finding on each kind of what is left out, by its code."""

@@ -188,26 +188,26 @@ class _Simulated:
         return sent
 
     def bumped_for(self, folder: Path) -> int:
-        """Bump the car as the recorder of a folder waits for it, until that ends.
+        """Bump the car as the recorder of a folder waits for it, until that recorder ends.
 
         Returns the number of frames.
         """
         from daq.sim.bench import SimulatedBench
 
-        wish = _RecorderStatus(folder, self.stage)
+        recorder = _RecorderStatus(folder, self.stage)
         simulated = SimulatedBench(
-            self.bench, self.codec, self.car, self.seed, math.inf, wish, start_ns=time.time_ns()
+            self.bench, self.codec, self.car, self.seed, math.inf, recorder, start_ns=time.time_ns()
         )
 
         def frames() -> Iterator[FrameBatch]:
-            while not wish.ended:
+            while not recorder.ended:
                 yield simulated.read(0.0)
 
         try:
             return max(self.played(frames()), default=0)
         finally:
             simulated.dismantle()
-            wish.close()
+            recorder.close()
 
     def pushed(self, rest_s: float) -> None:
         """Stand still, be pushed at each corner, and stand still until the command is ended."""

@@ -152,9 +152,9 @@ class Follower:
     def _take_status(self, status: Status) -> None:
         self._last, self._lost = status, None
         if status.bench_crc32 != self._bench_crc32:
-            begins = self._bench_crc32 is None
+            is_first = self._bench_crc32 is None
             self._bench_crc32 = status.bench_crc32
-            task = asyncio.get_running_loop().create_task(self._ask_bench(begins))
+            task = asyncio.get_running_loop().create_task(self._ask_bench(with_history=is_first))
             self._tasks.add(task)  # the loop itself keeps no reference to it
             task.add_done_callback(self._tasks.discard)
 
@@ -170,20 +170,20 @@ class Follower:
         run = status.runs[-1].label
         self._post_curves(curves_of(run, status.bump_ns, self._lanes, self._bench))
 
-    async def _ask_bench(self, begins: bool) -> None:
-        """Ask for bench.toml, and at the beginning for the last minute of samples."""
+    async def _ask_bench(self, with_history: bool) -> None:
+        """Ask for bench.toml, and if `with_history` for the last minute of samples, and draw."""
         from daq.bench.config import parse_bench
 
         try:
             text = (await self._feed.ask(AskBench())).bench_text
             self._bench = parse_bench(text, "bench.toml", self._folder, dbc_text="")
-            if begins and (live := (await self._feed.ask(AskHistory(HISTORY_S))).live):
+            if with_history and (live := (await self._feed.ask(AskHistory(HISTORY_S))).live):
                 self._lanes.clear()
                 self._lanes.add(live)
         except (OrderRefusedError, InputError):
             self._bench_crc32 = None  # the next status asks again
             return
-        self._drawn = (0, True)
+        self._drawn = (0, True)  # no bump: the curves of the last one are posted again
         self._draw()
         self._post_view()
 

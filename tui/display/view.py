@@ -343,17 +343,17 @@ def sketch_of(bench: Bench, excitation: Excitation) -> Sketch:
 
 
 def buttons_of(status: Status) -> Buttons:
-    """Return what the buttons do in a status."""
+    """Return the labels of the buttons in a status."""
     last = status.runs[-1] if status.runs else None
     if last is not None and last.status is LoggedStatus.REJECTED:
-        last = None
-    weights = changed_weights(status) if _arms(status) else ""
+        last = None  # it is rejected already
+    mass_state = changed_weights(status) if _arms(status) else ""
     start = _NEXT_WORDS.get(status.phase, "Start") if _arms(status) else ""
-    if weights:
-        start = f"Weights are {'off' if weights == BASELINE else 'on'}: start"
+    if mass_state:
+        start = f"Weights are {'off' if mass_state == BASELINE else 'on'}: start"
     return Buttons(
         next=start,
-        next_label=weights,
+        next_label=mass_state,
         reject=f"Reject {run_words(last)}" if last else "",
         reject_label=last.label if last else "",
         pause="Pause" if status.phase in _RUNNING else "",

@@ -35,10 +35,10 @@ def news(before: Status | None, status: Status) -> Iterator[tuple[str, str]]:
         if name not in earlier:
             yield f"alarm {name}: {alarm.text} ({alarm.advice})", name
     ended = before is not None and bool(before.recording) and not status.recording
-    if not ended:  # the causes may go on after a recording
+    if not ended:  # the end of a recording ends its alarms, but not what caused them
         for name in sorted(earlier - present.keys()):
             yield f"over: {name}", f"over {name}"
-    if before is not None and before.runs is not status.runs:
+    if before is not None:
         judged = {run.label: run.status for run in before.runs}
         for run in status.runs:
             if judged.get(run.label) != run.status:

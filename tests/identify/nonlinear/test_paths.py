@@ -87,9 +87,7 @@ def test_tangents_are_the_differences_of_paths(mounted: bool) -> None:
     polish = plan_of(one, path, POLISH)
     plan = Plan(polish.starts, polish.lengths, polish.fine, (CORNERS, CORNERS))
     found = np.zeros((len(times), 21, start.matrix.shape[1]))
-    paths.add_sampled(
-        paths.tangents(one, acts, path, start, plan), everything(plan, path, times), found
-    )
+    paths.add_sampled(paths.tangents(one, path, start, plan), everything(plan, path, times), found)
     n_own = start.matrix.shape[1] - len(acts)
     for column in (0, 4, 9, 12, 15):
         step = np.zeros(n_own)

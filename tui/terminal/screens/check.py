@@ -449,22 +449,22 @@ class CheckScreen(BenchScreen):
             self._show_rows()
 
     async def on_live_arrived(self) -> None:
-        """Judge the push on the corner that is due."""
+        """Judge the push on the corner that is due; ask again, each time after twice as long."""
         app, corner = self.bench_app, self._corner
         if corner is None or app.bench is None or not app.lanes.bin_s:
             return
-        bin_s, end = app.lanes.bin_s, app.lanes.end
+        bin_s, end_bin = app.lanes.bin_s, app.lanes.end
         # From the begin, however late this screen gets its turn: a push is over in a second.
-        before = round(_BEFORE_S / bin_s)
-        begin = max(self._begin_bin, end - round(RING_S / bin_s))
-        first, count = begin - before, end - begin + before
-        seen = {c.name: app.lanes.window(c.name, first, count) for c in app.bench.channels}
-        result = judge_push(corner, app.bench.channels, seen, before, bin_s)
+        begin_bin = max(self._begin_bin, end_bin - round(RING_S / bin_s))  # older bins are not kept
+        n_before = round(_BEFORE_S / bin_s)
+        window = begin_bin - n_before, end_bin - begin_bin + n_before  # first bin, number of bins
+        envelopes = {c.name: app.lanes.window(c.name, *window) for c in app.bench.channels}
+        result = judge_push(corner, app.bench.channels, envelopes, n_before, bin_s)
         self._pushed[corner] = result
         if result.done:
             await self._go_on(f"{spoken(corner)} seen: {result.text}")
-        elif (end - begin) * bin_s >= self._ask_again_s:
-            self._ask_again_s, self._begin_bin = 2.0 * self._ask_again_s, end
+        elif (end_bin - begin_bin) * bin_s >= self._ask_again_s:
+            self._ask_again_s, self._begin_bin = 2.0 * self._ask_again_s, end_bin
             self.app.bell()
             self._acknowledged = f"{spoken(corner)} not seen yet"
             await app.ask(Mark(push_subject(corner)))

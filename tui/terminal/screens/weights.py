@@ -262,7 +262,7 @@ def contradiction(
     """Return what the sag of the body contradicts in the weights; empty if nothing.
 
     The springs are those of the facts, else of a car like the bench's with this bounce frequency,
-    Hz.  A body that has not sunk at all has its weights still beside it.
+    Hz.  Below `_SUNK_M` of sag the weights are still beside the car, and contradict nothing.
 
     `before` and `after`: levels of the channels at rest, SI, by name, without and with the weights.
     """
