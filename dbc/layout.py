@@ -158,16 +158,16 @@ Checksum = Callable[[NDArray[np.uint8]], NDArray[np.uint8]]
 
 
 def _crc8(polynomial: int, initial: int, final_xor: int) -> Checksum:
-    """Return a CRC of 8 bits, most significant bit first, neither input nor output reflected."""
+    """Return the function from payloads, (n, bytes), to their 8-bit CRCs, (n,), unreflected."""
     table = np.arange(256, dtype=np.uint16)
     for _ in range(8):
         table = np.where(table & 0x80, (table << 1) ^ polynomial, table << 1)
-    steps = (table & 0xFF).astype(np.uint8)
+    crc_of_byte = (table & 0xFF).astype(np.uint8)
 
     def checksum(payload: NDArray[np.uint8]) -> NDArray[np.uint8]:
         crc = np.full(len(payload), initial, np.uint8)
         for column in range(payload.shape[1]):
-            crc = steps[crc ^ payload[:, column]]
+            crc = crc_of_byte[crc ^ payload[:, column]]
         return crc ^ np.uint8(final_xor)
 
     return checksum

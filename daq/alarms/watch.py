@@ -142,10 +142,10 @@ class Watch:
         new = {key: count for key, count in counts.items() if count[0] > 0}
         totals = self._totals(new, now_s)
         events = self._clock_events(cycle.now)
-        expected = tuple(dict.fromkeys(m.message.name for m in mapped))  # messages
+        expected = tuple(dict.fromkeys(m.message.name for m in mapped))  # messages with channels
         self.sensors_alive = self._traffic.alive(expected, now_s)
         self.sensors_expected = len(expected)
-        pairs = list(zip(self._watches, cycle.links, strict=True))
+        pairs = list(zip(self._watches, cycle.links, strict=True))  # history and link of each bus
         self.buses = tuple(bus.status(link, config.silent_s, now_s) for bus, link in pairs)
         delivers = [
             status.state in (BusState.OK, BusState.ERROR_PASSIVE)

@@ -51,7 +51,7 @@ _MARGIN_S = 0.005  # the onset of motion is seen a little late
 
 
 def chi2_by_run(estimation: Estimation) -> dict[str, dict[str, float]]:
-    """Return the mean square residual in units of the noise for each run and channel."""
+    """Return chi2 per degree of freedom, by run and channel."""
     noise = estimation.noise
     return {
         decay.label: {

@@ -117,7 +117,7 @@ class RecorderFeed:
         self._stop, self._reconnect = threading.Event(), threading.Event()
         self._take_over = False
         self._client: Client | None = None
-        self._born_s = 0.0
+        self._started_s = 0.0
         """Monotonic time of the last start of the recorder, s; -inf once it has answered."""
         self._post: Callable[[News], None] | None = None
         self._reported: Lost | None = None
@@ -131,7 +131,7 @@ class RecorderFeed:
 
     def start(self, post: Callable[[News], None]) -> None:
         """Begin to post news."""
-        self._post, self._born_s = post, time.monotonic()
+        self._post, self._started_s = post, time.monotonic()
         self._thread = threading.Thread(target=self._listen, args=(post,), name="news", daemon=True)
         self._thread.start()
 
@@ -160,7 +160,7 @@ class RecorderFeed:
             self._recorder = self._start_recorder()
         except BumpbenchError as error:
             raise OrderRefusedError(str(error)) from error
-        self._born_s, self._reported = time.monotonic(), None
+        self._started_s, self._reported = time.monotonic(), None
         if self._client is None and self._post is not None:
             self._post(STARTING)
 
@@ -196,7 +196,7 @@ class RecorderFeed:
                     self._reported = lost
                 self._stop.wait(RETRY_S)
                 continue
-            self._reported, self._born_s = None, float("-inf")
+            self._reported, self._started_s = None, float("-inf")
             self._client = client  # before the news, to which the terminal replies with requests
             post(role)
             if client.setup is not None:
@@ -228,7 +228,7 @@ class RecorderFeed:
         """Return True while a recorder that was started may take longer to answer."""
         if self._failure():
             return False
-        age_s = time.monotonic() - self._born_s
+        age_s = time.monotonic() - self._started_s
         begun = self._recorder is not None and self._recorder.poll() is None
         begun = begun or is_locked(self._folder)
         return age_s <= BIRTH_S or (age_s <= SLOW_BIRTH_S and begun)
