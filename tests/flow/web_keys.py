@@ -27,7 +27,7 @@ async def _type(bench: DemoBench, link: str, picture: Path) -> float:
             assert time.monotonic() - begun_s < MOST_S, "the page has not loaded"
             await asyncio.sleep(0.01)
         loaded_s = time.monotonic()
-        await tab.press(f"n{NOTE}\x13")  # Ctrl+S stores it
+        await tab.press(f"n{NOTE}\r")
         while not any(note.text == NOTE for note in bench.status().notes):
             if time.monotonic() - loaded_s > MOST_S:
                 await tab.picture(picture)

@@ -16,7 +16,7 @@ from textual.app import App
 from textual.binding import Binding
 from textual.color import Color
 from textual.dom import DOMNode
-from textual.events import Event, InputEvent, Key, MouseMove, Paste
+from textual.events import AppBlur, Event, InputEvent, Key, MouseMove, Paste
 from textual.filter import LineFilter
 from textual.theme import Theme
 from textual.widgets import Input, TextArea
@@ -53,6 +53,8 @@ class KeyboardApp(App[None]):
 
     async def on_event(self, event: Event) -> None:
         """Deliver input if no other input is waiting; pass all other events on."""
+        if isinstance(event, AppBlur):  # a browser may send it between two keys of one text
+            return
         if not _is_input(event):
             await super().on_event(event)
         elif event is self._delivered or self._idle:

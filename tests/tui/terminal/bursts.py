@@ -14,7 +14,7 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-from textual.events import Key
+from textual.events import Event, Key
 from textual.keys import _character_to_key
 from textual.pilot import Pilot
 from textual.screen import ModalScreen
@@ -32,11 +32,11 @@ from .fake_recorder import FakeRecorder
 _CHARACTERS = {"space": " ", "tab": "\t", "enter": "\r", "backspace": "\x7f"}
 
 
-async def burst(pilot: Pilot[None], *keys: str, most_s: float = 0.0, seed: int = 1) -> None:
-    """Post keys without a wait, or 0 to `most_s` apart; wait when all are posted."""
+async def burst(pilot: Pilot[None], *keys: str | Event, most_s: float = 0.0, seed: int = 1) -> None:
+    """Post keys, or events among them, without a wait, or 0 to `most_s` apart; then wait."""
     gaps = Random(seed)
     for key in keys:
-        pilot.app.post_message(_key(key))
+        pilot.app.post_message(_key(key) if isinstance(key, str) else key)
         if most_s:
             await asyncio.sleep(gaps.uniform(0.0, most_s))
     app = pilot.app

@@ -6,6 +6,7 @@ from collections.abc import Awaitable, Callable
 from functools import partial
 
 import pytest
+from textual.events import AppBlur
 from textual.pilot import Pilot
 from textual.widgets import Input
 
@@ -437,6 +438,13 @@ async def test_a_note_outlives_the_dialog_and_a_refusal(make_app: Make) -> None:
         commands(app)["note: on the last run"]()
         await pressed(pilot, *"door", "enter")
         assert orders_of(recorder, Note)[2:] == [Note("door", "added_roll_2")]
+
+
+async def test_keys_go_on_where_a_browser_says_that_the_focus_is_gone(make_app: Make) -> None:
+    app = make_app(recorder := measured())
+    async with playing(app, SMALL) as pilot:
+        await burst(pilot, "n", AppBlur(), "o", "k", "enter")
+    assert orders_of(recorder, Note) == [Note("ok")]
 
 
 async def test_a_message_covers_neither_the_top_lines_nor_the_keys(make_app: Make) -> None:
