@@ -16,13 +16,13 @@ from ..fit.estimation import Estimation, basin, floored, rough_noise
 from ..fit.grey_box import GreyBox
 from ..fit.likelihood import FACTS, PRIORS, Fit, Residuals
 from ..fit.varpro import NormalBlock
-from .begin import is_impossible, scaled_to_vehicle
+from .begin import initial_states_of, is_impossible, scaled_to_vehicle
 from .car import KNOTS, Model, elements
 from .fit import Clock, Optimum, inverse, scatter, widened
 from .forces import ElementChoice, Forces, axle_forces, element_estimates
 from .path import POLISH, InitialState
 from .problem import Point, Problem, point, run_of
-from .release import GROUPS, Attempt, release
+from .release import GROUPS, Attempt, moved_by_beginnings, release
 
 _SEARCH_RATE_HZ = 250.0
 _START_RATE_HZ = 125.0
@@ -91,7 +91,13 @@ def real_car(
     if end is None:
         return None
     best, chosen = end
-    result = _result(linear, best, chosen, sigma, decided)
+    fitted, moved = best.point.problem, np.zeros(len(best.point.problem.free))
+    if any(a.decay.start_s > b.start_s for a, b in zip(fitted.runs, decays, strict=True)):
+        first = tuple(begun(decay) for decay in decays)
+        runs = tuple(run_of(fitted.model, decay, sigma) for decay in first)
+        initials = initial_states_of(fitted.model, best.eta, first, sigma)
+        moved = moved_by_beginnings(best, runs, initials, clock)
+    result = _result(linear, best, chosen, sigma, decided, moved)
     unreached = tuple(clock.unreached)
     return replace(result, estimation=replace(result.estimation, unreached=unreached))
 
@@ -127,6 +133,7 @@ def _result(
     chosen: tuple[str, ...],
     sigma: dict[str, float],
     decided: Mapping[str, bool],
+    moved: NDArray[np.float64],
 ) -> RealCar:
     at, problem = best.point, best.point.problem
     model, free = problem.model, problem.free
@@ -142,6 +149,7 @@ def _result(
     # Two standard deviations above 1 the intervals follow the scatter of the scores.
     if chi2 - 1.0 > 2.0 * float(np.sqrt(2.0 / freedom)):
         covariance = widened(covariance, scatter(at))
+    covariance = covariance + np.outer(moved, moved)
     shown = np.union1d(np.arange(model.first), free)
     place = np.searchsorted(shown, free)
     full = np.zeros((len(shown), len(shown)))

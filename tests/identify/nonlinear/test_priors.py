@@ -42,7 +42,7 @@ from identify.nonlinear.car import (
 from identify.nonlinear.fit import Clock
 from identify.nonlinear.path import POLISH
 from identify.nonlinear.problem import Point, Problem, normal, point, run_of
-from identify.nonlinear.release import Attempt, release
+from identify.nonlinear.release import Attempt, moved_by_beginnings, release
 from identify.pipeline import identify
 from identify.trust.finding import Verdict
 from tests.simulated.fleet import fleet_car
@@ -189,6 +189,33 @@ def test_beginnings_that_were_left_out_come_back_where_the_car_explains_them(
     assert fitted == (*late.runs[:disturbed], *first.runs[disturbed:])
     assert np.max(np.abs(np.exp(found[0].eta[:15]) / TRUTH - 1.0)) < 0.05
     assert any(f"beginnings of {len(fitted) - disturbed} of" in line for line in lines)
+
+
+@pytest.mark.parametrize(
+    ("slower", "disturbed", "moves"),
+    [
+        (1.0, 0, False),  # the same car in the beginnings: noise moves it by 1.4 deviations
+        (1.1, 0, True),  # springs that are 17 % softer with them
+        (1.1, 3, False),  # knocks of 30 times the noise: no car moves like that
+    ],
+)
+def test_what_the_beginnings_would_move_counts_beyond_chance_where_the_fit_of_all_holds(
+    model: Model, slower: float, disturbed: int, moves: bool
+) -> None:
+    late, first = attempt(model, False, 0.1), attempt(model, False, 0.0, disturbed)
+    runs = []
+    for run in first.runs:
+        stretched = tuple(replace(r, time_s=slower * r.time_s) for r in run.decay.recordings)
+        runs.append(replace(run, decay=replace(run.decay, recordings=stretched)))
+    found = release(model, iter((late,)), lambda _: False, lambda _: None, Clock())
+    assert found is not None
+    best = found[0]
+    begun = first.initials(model, best.eta)
+    moved = moved_by_beginnings(best, tuple(runs), begun, Clock())
+    assert moved.any() == moves
+    if moves:
+        spring = list(best.point.problem.free).index(model.names.index("k_sf"))
+        assert moved[spring] == pytest.approx(-0.19, abs=0.06)
 
 
 @pytest.mark.long

@@ -508,6 +508,29 @@ def test_the_estimation_has_all_parameters_and_free_elements(
     assert dict(one.engine.elements) == {"F_cf": MODEL.first}
 
 
+@pytest.mark.parametrize("late", [True, False])
+def test_intervals_reach_as_far_as_beginnings_that_were_left_out_would_move(
+    late: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The record's decay begins within its 3 s; a fit that begins then leaves nothing out."""
+    at = at_start()
+    (run,) = at.problem.runs
+    start_s = 2.9 if late else 0.0
+    runs = (replace(run, decay=replace(run.decay, start_s=start_s)),)
+    at = replace(at, problem=replace(at.problem, runs=runs))
+    size = len(at.problem.free)
+    monkeypatch.setattr(module, "initial_states_of", lambda *_: ())
+    monkeypatch.setattr(module, "moved_by_beginnings", lambda *_: np.full(size, 0.02))
+    best = Optimum(at, reduced(at.normal, 0.0)[0], 3, 0.01, True)
+    monkeypatch.setattr(module, "release", lambda *_: (best, ("friction",)))
+    result = real_car(linear(0.15), VEHICLES, {}, lambda _: None)
+    assert result is not None
+    plain = np.diag(inverse(best.information))
+    found = np.diag(result.estimation.fit.covariance)
+    found = found[np.isfinite(found)]
+    assert found == pytest.approx(plain + (0.02**2 if late else 0.0))
+
+
 # Cars whose laws are none of the fit's (the whole fleet: `make fleet`) ----------------------------
 
 
@@ -520,3 +543,11 @@ def test_a_car_of_other_laws_is_usable_and_its_intervals_hold(number: int) -> No
     assert case.worst_percent < 5.0, case
     assert case.covered >= 0.8 * case.judged, case
     assert not case.false, case
+
+
+@pytest.mark.long
+def test_intervals_hold_where_the_laws_fail_in_the_beginnings() -> None:
+    """A formula car whose stop is exponential over 5 mm; its front wheels are 22 % off."""
+    case = identified_other(3)
+    assert case.verdict == Verdict.DOUBTFUL, case
+    assert case.covered >= 12, case  # 6 of 13 without what the beginnings would move
