@@ -125,7 +125,7 @@ def test_a_recorder_that_starts_slowly_is_not_lost_while_its_process_is_there(
     monkeypatch.setattr("tui.terminal.feed.time.monotonic", lambda: clock[0])
     monkeypatch.setattr(feed, "is_locked", lambda _: there[0])
     listener = RecorderFeed(tmp_path, "MK", lambda: None)
-    listener._born_s = 0.0
+    listener._started_s = 0.0
     for now_s, is_there, starting in (
         (4.9, False, True),
         (5.1, False, False),
