@@ -104,11 +104,13 @@ def swapped_or_late(estimation: Estimation) -> Cause | None:
     """Return swapped labels, a lateness or a low-pass that explains a misfit; None if none does.
 
     A bump that lasts longer than stated looks like a low-pass: ask only where no later start holds.
-    `estimation`: a fit that does not hold.
+    Hubs of front and rear take up to 84 % of what the elements of a real car do, if exchanged: a
+    swap must explain nearly all.  `estimation`: a fit that does not hold.
     """
     if some_runs_are_wrong(estimation):
         return None
-    return swapped_labels(estimation) or late_or_slow(estimation)
+    swap = swapped_labels(estimation)
+    return swap if swap and swap.explained > _CLEARS else late_or_slow(estimation)
 
 
 def causes_of(estimation: Estimation, suspects: Sequence[Cause]) -> Causes:
