@@ -25,7 +25,7 @@ from ..decays.decay import Record, rest_levels
 from ..fit.estimation import Estimation, generic_vehicles
 from ..fit.grey_box import SIGNED, GreyBox
 from ..fit.likelihood import HOLD
-from .finding import MOST, Cause, listed
+from .finding import Cause, listed
 from .refit import AS_STATED, Refit, Trial, compared, ranked, refit, with_first_repeats
 
 Array = NDArray[np.float64]
@@ -422,9 +422,7 @@ def mistyped_weight(estimation: Estimation) -> Cause | None:
         typed = 0.0 < factor < 1.0 / _TYPING or factor > _TYPING
         if change.is_mass and clear and restored and typed:
             cause = Cause(ONE_WEIGHT, _ADVICE, change.in_words, certain=True)
-            cause = compared(few.stated, after, cause)
-            if cause.explained > MOST:
-                return cause
+            return compared(few.stated, after, cause)
     return None
 
 
