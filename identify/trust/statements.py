@@ -243,7 +243,9 @@ _SPREAD = 1.2
 _TYPING = 3.0
 """Factor of a mass from which a mistake is sought in a car that no linear model explains."""
 _TYPED = 0.05
-"""Share of such a car's misfit that the mistake must explain: the rest is the car's own."""
+"""Share of such a car's misfit by which that of the runs with weights must exceed the others'."""
+_REMAINS = 0.25
+"""Share of that surplus that may remain, or be explained too much, once a mistake is corrected."""
 _SUNK_M = 0.5e-3
 """Largest change of travel at rest, m, at which travels are taken as tared before each run."""
 _SAG_SIGMA_M = 1.5e-3
@@ -407,20 +409,21 @@ def mistyped_weight(estimation: Estimation) -> Cause | None:
 
     Friction and damper curves spoil the runs without weights as much as those with them; another
     mass of a right weight hardly changes the misfit.  Where an axle stands in its bump stop with
-    the weights, it takes up to 70 % of what the runs with them leave beyond the others: a mistake,
-    all.
+    the weights, it takes up to 70 % of what the runs with them leave beyond the others; in a car
+    whose elements no mass can replace, it takes what those without leave, too: a mistake, all of
+    the surplus and no more.
 
     `estimation`: a linear fit that does not hold, for no fault of the bench.
     """
     few = _few(estimation)
     if few is None or few.stated.excess <= (1.0 + _TYPED) * few.unloaded.excess:
         return None
+    surplus = few.stated.excess - few.unloaded.excess
     for after, change in _fitted_changes(few):
         factor = change.weight.mass_kg / change.stated.mass_kg
-        clear = after.excess <= (1.0 - _TYPED) * few.stated.excess
-        restored = after.excess <= _SPREAD * few.unloaded.excess
+        restored = abs(after.excess - few.unloaded.excess) <= _REMAINS * surplus
         typed = 0.0 < factor < 1.0 / _TYPING or factor > _TYPING
-        if change.is_mass and clear and restored and typed:
+        if change.is_mass and restored and typed:
             cause = Cause(ONE_WEIGHT, _ADVICE, change.in_words, certain=True)
             return compared(few.stated, after, cause)
     return None

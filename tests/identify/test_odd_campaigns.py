@@ -12,6 +12,7 @@ from identify import identify_parameters
 from identify.trust.finding import Verdict
 from tui import cli
 
+from ..simulated.fleet_study import identified_car
 from .odd_campaigns import FAULTS
 from .stress import stress_session
 
@@ -65,6 +66,17 @@ def test_a_mistyped_weight_of_a_car_with_friction_is_named_without_a_long_search
     assert result.quality.verdict is Verdict.REFUSED
     assert "likely cause: an added weight is wrong" in result.quality.reasons[0]
     assert "weight 1 " in result.quality.reasons[0]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("number", [1, 3])
+def test_right_weights_of_a_car_with_stops_and_friction_are_not_called_mistyped(
+    number: int,
+) -> None:
+    """Another mass explains half of the surplus of the first car, six times that of the other."""
+    car = identified_car(number, 1)
+    assert car.verdict != "refused"
+    assert car.worst_percent < 3.0
 
 
 def test_a_fault_of_the_program_is_no_refusal(
