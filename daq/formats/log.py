@@ -53,7 +53,7 @@ _PARSERS: dict[LogFormat, Callable[[], LineParser]] = {
     LogFormat("CSV of python-can", can_csv.LACKS, ".csv"): can_csv.CsvParser,
     LogFormat("TRC", trc.LACKS, ".trc"): trc.TrcParser,
 }
-"""What parses the lines of a text format."""
+"""Maker of the parser of each text format."""
 NAMES = "BLF, ASC, TRC, candump -L, CSV of python-can, MF4, journal"
 """Names of the formats, for messages."""
 _MAGIC = {

@@ -78,7 +78,7 @@ class Estimation:
     nonlinear: Engine | None = None
     """Engine of a nonlinear fit; None if the fit is the linear one."""
     unreached: tuple[str, ...] = ()
-    """What a nonlinear search had no time for, in words."""
+    """Parts of a nonlinear search that it had no time for, in words."""
 
     @property
     def engine(self) -> Engine:

@@ -57,7 +57,7 @@ class Clock:
     seconds: float = np.inf
     began_s: float = np.nan
     unreached: list[str] = field(default_factory=list)
-    """What the time did not suffice for."""
+    """Parts of the search that it had no time for, in words."""
 
     def limit(self, share: float, work: str) -> Callable[[], bool]:
         """Return whether this share of the time has passed, as a function that a fit asks.

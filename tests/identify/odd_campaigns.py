@@ -145,7 +145,7 @@ class Fault(NamedTuple):
     """As stated."""
     facts: tuple[Fact, ...] = ()
     first: bool = False
-    """Whether the first reason must have the words."""
+    """True if the first reason must have the words."""
 
     def session(self) -> Session:
         """Return the campaign."""

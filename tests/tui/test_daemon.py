@@ -345,9 +345,9 @@ def test_a_writer_that_hangs_is_reported_to_clients_and_in_the_log(tmp_path: Pat
 
     with Log(path) as log:
         made(all_, log).run(_Signals(threading.Event()), lambda done, text="": seen.set())
-    told = [one for one, _ in all_.published if one is not status]
-    assert told
-    assert [alarm.code for alarm in told[0].alarms][-1:] == ["not_recording"]
+    news = [one for one, _ in all_.published if one is not status]
+    assert news
+    assert [alarm.code for alarm in news[0].alarms][-1:] == ["not_recording"]
     assert "alarm not_recording" in path.read_text()
 
 

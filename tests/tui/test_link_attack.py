@@ -1,4 +1,4 @@
-"""No command writes through a link that somebody laid, or over a file that it was not told to.
+"""No command writes through a link that somebody laid, or over a file that was not named to it.
 
 Each command is run once while the names of all files that it opens for writing, or moves, are
 noted.  Then somebody lays a link to a file of the user's under each of these names, and under the

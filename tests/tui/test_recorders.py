@@ -1,4 +1,4 @@
-"""How a terminal starts recorders, what they record, and what is told of the end."""
+"""How a terminal starts recorders, what they record, and what they report at their end."""
 
 from __future__ import annotations
 

@@ -158,14 +158,14 @@ async def lines_of(
     arguments = (child, (task, where), lines, asyncio.get_running_loop())
     Thread(target=_listen, args=arguments, name="worker", daemon=True).start()
 
-    async def tell(stop: asyncio.Event) -> None:
+    async def send_stop(stop: asyncio.Event) -> None:
         await stop.wait()
         with suppress(OSError, ValueError):  # it has ended
             assert child.stdin is not None
             child.stdin.write(b"stop\n")
             child.stdin.flush()
 
-    telling = asyncio.create_task(tell(stop)) if stop is not None else None
+    sending = asyncio.create_task(send_stop(stop)) if stop is not None else None
     try:
         while True:
             line = await lines.get()
@@ -173,8 +173,8 @@ async def lines_of(
             if isinstance(line, Done | Trouble):
                 return
     finally:
-        if telling is not None:
-            telling.cancel()
+        if sending is not None:
+            sending.cancel()
         with suppress(ProcessLookupError, PermissionError):
             if hasattr(os, "killpg"):  # with its children
                 os.killpg(child.pid, signal.SIGKILL)

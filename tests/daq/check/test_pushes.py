@@ -278,7 +278,7 @@ def test_a_point_of_the_body_sinks_with_the_corner_it_is_near(
 
 @pytest.mark.parametrize(("begin", "passed"), [(48, True), (53, False)])
 def test_a_push_that_is_under_way_at_the_key_press_is_not_judged(begin: int, passed: bool) -> None:
-    """Its rebound alone would tell to invert a sign that is right."""
+    """Its rebound alone would ask for a sign to be inverted that is right."""
     travel = channel(Quantity.SUSPENSION_TRAVEL)
     pushed = [0.005, 0.02, 0.02, 0.005, -0.012, -0.008, 0.004]
     result = judged(FL, {travel: lane(pushed)}, begin)

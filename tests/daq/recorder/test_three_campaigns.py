@@ -330,7 +330,7 @@ def test_a_recording_that_was_ended_or_has_another_dbc_is_left_alone(
 def test_after_a_campaign_that_goes_on_over_another_bus_a_new_one_can_be_begun(
     quick: Bench, tmp_path: Path
 ) -> None:
-    """Its own bench.toml names the bus of before; nobody asks for another one by repeating it."""
+    """Its own bench.toml names the bus of before; no order that repeats it asks for another one."""
     with Running(quick, tmp_path, sources(Script([]))) as running:
         first = running.until(lambda s: s.recording != "").recording
     moved = quick.text.replace('channel = "bumpbench"', 'channel = "elsewhere"')

@@ -60,7 +60,7 @@ class Truth:
     """Of each axle's damper: beyond the rebound knee, rebound, compression, beyond its knee."""
     knees: tuple[float, float] = (-0.15, 0.15)
     smooth: bool = False
-    """Whether the knees are tanh-shaped instead of corners."""
+    """True if the knees are tanh-shaped instead of corners."""
     ratio: Sequence[float] = (1.0, 1.0, 1.0, 1.0)
     k_m: Sequence[float] = (np.inf, np.inf)
     curves: tuple[Array, Array] | None = None

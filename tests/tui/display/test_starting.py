@@ -49,7 +49,7 @@ def test_beside_a_terminal_it_is_served_whoever_asks_until_the_terminal_ends(
         link = display.lines[0].removeprefix("display: open ")
         assert display.lines[1].startswith("control: type ")
         host, _, port = link.split("/")[2].partition(":")
-        for _ in range(100):  # nobody reads what it would say of them
+        for _ in range(100):  # its messages about them are not read
             with socket.create_connection((host, int(port))) as stranger:
                 stranger.sendall(
                     b"OPTIONS * HTTP/1.1\r\nHost: %s:%s\r\n\r\n\0" % (host.encode(), port.encode())

@@ -25,6 +25,7 @@ from daq.vehicle import (
     VehicleGeometry,
 )
 from tui.jobs.planning import Gain, Shift, measured_spread
+from tui.terminal.app import BenchApp
 from tui.terminal.campaign import read_draft, remove_draft, write_draft
 from tui.terminal.form import Field, FieldError, Form
 from tui.terminal.screens.masses import MassesScreen
@@ -409,14 +410,20 @@ async def test_space_bolts_one_weight_after_the_other_and_goes_on(make_app: Make
         assert not (app.folder / "draft_masses.json").exists()
 
 
-async def test_a_weight_that_the_sag_contradicts_stops_space(make_app: Make) -> None:
-    """A weight typed as 325 instead of 32.5 kg is named before any run with it."""
+def sunk_by_the_weights(make_app: Make) -> tuple[FakeRecorder, BenchApp]:
+    """Return recorder and terminal of a car that has sunk as its weights of step 4 let it."""
     sunk = {f"travel_{c.lower()}": 0.0191 if c.front else 0.0144 for c in Corner}
     recorder = FakeRecorder(check=check_items(**sunk))
     recorder.mark("vehicle", "check")
     recorder.finish("baseline")
     app = make_app(recorder)
     (app.folder / "rest.json").write_text(json.dumps(dict.fromkeys(sunk, 0.0)))
+    return recorder, app
+
+
+async def test_a_weight_that_the_sag_contradicts_stops_space(make_app: Make) -> None:
+    """A weight typed as 325 instead of 32.5 kg is named before any run with it."""
+    recorder, app = sunk_by_the_weights(make_app)
     async with app.run_test(size=(80, 24)) as pilot:
         await reach(pilot, MassesScreen)
         await pressed(pilot, "e", "tab", "ctrl+u", *"325", "ctrl+s")
@@ -435,12 +442,7 @@ async def test_a_weight_that_the_sag_contradicts_stops_space(make_app: Make) -> 
 
 
 async def test_weights_that_the_sag_confirms_go_on(make_app: Make) -> None:
-    sunk = {f"travel_{c.lower()}": 0.0191 if c.front else 0.0144 for c in Corner}
-    recorder = FakeRecorder(check=check_items(**sunk))
-    recorder.mark("vehicle", "check")
-    recorder.finish("baseline")
-    app = make_app(recorder)
-    (app.folder / "rest.json").write_text(json.dumps(dict.fromkeys(sunk, 0.0)))
+    recorder, app = sunk_by_the_weights(make_app)
     async with app.run_test(size=(80, 24)) as pilot:
         await reach(pilot, MassesScreen)
         await pressed(pilot, *["space"] * 10)

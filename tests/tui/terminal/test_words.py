@@ -171,8 +171,8 @@ def test_the_banner_of_each_state(recorder: FakeRecorder) -> None:
     ]  # fmt: skip
     looks_on = banner(recorder.status, None, next_action(recorder.status, False), ASCII)
     assert looks_on.title.endswith("C = take control, or in 3 s")
-    nobody = replace(recorder.status, runs=())
-    assert said(nobody) == ["REJECTED", "", "", "SPACE = again", ""]
+    without_runs = replace(recorder.status, runs=())
+    assert said(without_runs) == ["REJECTED", "", "", "SPACE = again", ""]
     recorder.publish(phase=Phase.IDLE, halted="double_bump")
     assert said(recorder.status)[0] == "STOPPED"
     assert said(recorder.status)[3] == "F1 = what to do   SPACE starts"

@@ -187,7 +187,7 @@ class CheckScreen(BenchScreen):
         self._ask_again_s = _ASK_AGAIN_S
         self._pushed: dict[Corner, PushResult] = {}
         self._acknowledged = ""
-        """What the sensors saw of the last push."""
+        """Answer of the sensors to the last push, in words."""
         self._skipped: set[str] = set()
         self._failing: set[str] = set()
         self._hands_off_s = 0.0

@@ -73,7 +73,7 @@ _UNDER_WAY = (Stage.BUILDING, Stage.WORKING)
 _SHOWN = 6
 """Largest number of parts of the work that are shown: the newest."""
 _LEAST_SHARE = 0.1
-"""Share of the work that must be done before its end is told."""
+"""Share of the work that must be done before its remaining time is shown."""
 _AT_ONCE_S = 2.0
 """Seconds of work without words on its time: most work is done in them."""
 
