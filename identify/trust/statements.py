@@ -84,8 +84,8 @@ def unseen_findings(box: GreyBox, mass_states: Sequence[MassState]) -> Iterator[
     if unstated:
         text = (
             f"{listed(unstated)}: stated with ± 0 kg or ± 0 m, but no scale or tape is exact: "
-            "0.5 % and 10 mm are assumed; state sigma_kg of the scales and position_sigma_m of the tape "
-            "measure"
+            "0.5 % and 10 mm are assumed; state sigma_kg of the scales and position_sigma_m of the "
+            "tape measure"
         )
         yield Finding("exact_weights", Severity.NOTE, text)
 
