@@ -208,10 +208,10 @@ def test_the_page_leads_on_to_an_identified_campaign(reader: Reader) -> None:
     assert sum(weight.mass_kg for weight in added.added.weights) == 148.0
     recorder = reader.runs(record)
     reader.in_second_terminal(play)
-    shown, _ = recorder.communicate(timeout=1800.0)  # a busy machine spoils bumps: repeated
+    shown, _ = recorder.communicate(timeout=600.0)  # a busy machine spoils bumps: repeated
     assert recorder.returncode == 0, shown
     shown = reader.done(identify)
-    assert "verdict: refused" not in shown  # doubtful where this machine stamps frames late
+    assert "verdict: ok" in shown, shown
     found = json.loads(reader.done("bumpbench identify today/session_0001.h5 --json"))["parameters"]
     for name, value in asdict(SimulatedCar().parameters).items():
         assert abs(found[name]["value"] / value - 1) < 0.05, name

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from bisect import bisect_right
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from itertools import accumulate
@@ -199,12 +200,16 @@ class _Simulated:
             self.bench, self.codec, self.car, self.seed, math.inf, recorder, start_ns=time.time_ns()
         )
 
-        def frames() -> Iterator[FrameBatch]:
+        def frames(ahead: ThreadPoolExecutor) -> Iterator[FrameBatch]:
+            coming = ahead.submit(simulated.read, 0.0)
             while not recorder.ended:
-                yield simulated.read(0.0)
+                batch = coming.result()
+                coming = ahead.submit(simulated.read, 0.0)
+                yield batch
 
-        try:
-            return max(self.played(frames()), default=0)
+        try:  # A piece is computed while the one before it is sent: no frame waits for it.
+            with ThreadPoolExecutor(1) as ahead:
+                return max(self.played(frames(ahead)), default=0)
         finally:
             simulated.dismantle()
             recorder.close()
