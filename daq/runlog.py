@@ -18,7 +18,7 @@ from pydantic import PlainSerializer, PlainValidator
 from dbc.finding import Finding, Severity
 
 from .bench.campaign import Campaign, Step
-from .runs import Event, Excitation
+from .runs import Event, Excitation, RunStatus
 
 # Converts a finding to the form of journals, session files and status messages, and back ----------
 
@@ -89,15 +89,6 @@ class Code(StrEnum):
     """A restarted recorder continues the recording; an open run is cut."""
 
 
-class LoggedStatus(StrEnum):
-    """Status of a run."""
-
-    OPEN = "open"
-    """It is being recorded."""
-    ACCEPTED = "accepted"
-    REJECTED = "rejected"
-
-
 @dataclass(frozen=True, slots=True)
 class LoggedRun:
     """A run in the log."""
@@ -109,7 +100,7 @@ class LoggedRun:
     repeat: int
     t_ns: int
     """Time stamp of the bump, ns."""
-    status: LoggedStatus = LoggedStatus.OPEN
+    status: RunStatus = RunStatus.OPEN
     findings: tuple[StoredFinding, ...] = ()
     """The recorder's verdict; empty while it is open."""
     by: str = ""
@@ -125,7 +116,7 @@ class LoggedRun:
     @property
     def reasons(self) -> tuple[str, ...]:
         """The reasons of its rejection, in words; empty if it is not rejected."""
-        if self.status is not LoggedStatus.REJECTED:
+        if self.status is not RunStatus.REJECTED:
             return ()
         if self.by:
             return (f"rejected by {self.by}" + (f": {self.reason}" if self.reason else ""),)
@@ -188,7 +179,7 @@ class RunLog:
     @property
     def open(self) -> LoggedRun | None:
         """The run that is being recorded; None if there is none."""
-        return next((run for run in self.runs if run.status is LoggedStatus.OPEN), None)
+        return next((run for run in self.runs if run.status is RunStatus.OPEN), None)
 
     def of(self, mass_state: str, excitation: Excitation) -> tuple[LoggedRun, ...]:
         """Return the runs of one mass state and excitation."""
@@ -199,7 +190,7 @@ class RunLog:
     def accepted(self, mass_state: str, excitation: Excitation) -> int:
         """Return the number of accepted runs of one mass state and excitation."""
         kind = self.of(mass_state, excitation)
-        return sum(run.status is LoggedStatus.ACCEPTED for run in kind)
+        return sum(run.status is RunStatus.ACCEPTED for run in kind)
 
 
 def weights_change(log: RunLog, step: Step) -> bool:
@@ -304,9 +295,9 @@ def _entered(log: RunLog, code: Code, t_ns: int, body: Mapping[str, Any]) -> Run
         return log
     if code is Code.VERDICT:
         findings = tuple(read_finding(record) for record in body["findings"])
-        status = LoggedStatus.ACCEPTED if body["accepted"] else LoggedStatus.REJECTED
+        status = RunStatus.ACCEPTED if body["accepted"] else RunStatus.REJECTED
         return _judged(log, run, status, findings)
-    status = LoggedStatus.ACCEPTED if code is Code.ACCEPT else LoggedStatus.REJECTED
+    status = RunStatus.ACCEPTED if code is Code.ACCEPT else RunStatus.REJECTED
     after = replace(run, status=status, by=body["by"], reason=body["reason"])
     return _decided(log, Change(run, after))
 
@@ -326,10 +317,10 @@ def _decided(log: RunLog, change: Change) -> RunLog:
 
 
 def _judged(
-    log: RunLog, run: LoggedRun, status: LoggedStatus, findings: tuple[Finding, ...]
+    log: RunLog, run: LoggedRun, status: RunStatus, findings: tuple[Finding, ...]
 ) -> RunLog:
     """Return the log after the recorder's verdict."""
-    if run.status is LoggedStatus.OPEN:
+    if run.status is RunStatus.OPEN:
         return _decided(log, Change(run, replace(run, status=status, findings=findings)))
     # A person was faster: the recorder's verdict counts if that person's verdict is undone.
     beneath = replace(run, status=status, findings=findings, by="", reason="")
@@ -337,7 +328,7 @@ def _judged(
     def known(one: LoggedRun) -> LoggedRun:
         if one.label != run.label:
             return one
-        return beneath if one.status is LoggedStatus.OPEN else replace(one, findings=findings)
+        return beneath if one.status is RunStatus.OPEN else replace(one, findings=findings)
 
     def all_known(changes: Iterable[Change]) -> tuple[Change, ...]:
         return tuple(Change(known(each.before), known(each.after)) for each in changes)
@@ -352,10 +343,10 @@ def _reversible(change: Change) -> Change:
     A run that the recorder has judged cannot be open again: it gets the other verdict.  A run that
     a person rejected while it was recorded is open again until the recorder judges it.
     """
-    if change.before.status is not LoggedStatus.OPEN or change.after.by:
+    if change.before.status is not RunStatus.OPEN or change.after.by:
         return change
-    accepted = change.after.status is LoggedStatus.ACCEPTED
-    other = LoggedStatus.REJECTED if accepted else LoggedStatus.ACCEPTED
+    accepted = change.after.status is RunStatus.ACCEPTED
+    other = RunStatus.REJECTED if accepted else RunStatus.ACCEPTED
     return change._replace(before=replace(change.after, status=other, by="undo", reason=""))
 
 
@@ -363,11 +354,11 @@ def _cut(log: RunLog) -> RunLog:
     text = "cut: the recorder was stopped in mid-run"
     finding = Finding("cut", Severity.ERROR, text, advice="bump again")
     unjudged = {
-        after.label for before, after in log.done if before.status is LoggedStatus.OPEN and after.by
+        after.label for before, after in log.done if before.status is RunStatus.OPEN and after.by
     }
     for run in log.runs:
-        if run.status is LoggedStatus.OPEN or run.label in unjudged:
-            log = _judged(log, run, LoggedStatus.REJECTED, (finding,))
+        if run.status is RunStatus.OPEN or run.label in unjudged:
+            log = _judged(log, run, RunStatus.REJECTED, (finding,))
     return log
 
 

@@ -36,6 +36,8 @@ class Excitation(StrEnum):
 class RunStatus(StrEnum):
     """Status of a run; only accepted runs are identified, none is ever deleted."""
 
+    OPEN = "open"
+    """It is being recorded; never so in a session."""
     ACCEPTED = "accepted"
     REJECTED = "rejected"
 

@@ -19,8 +19,8 @@ from ..bench.campaign import Step
 from ..bench.config import Bench
 from ..bench.message_rules import timed_messages
 from ..control.messages import Lane, Live
-from ..runlog import LoggedStatus, RunLog
-from ..runs import Losses
+from ..runlog import RunLog
+from ..runs import Losses, RunStatus
 from ..samples.mapping import SampleBlock, Trace
 from ..verdict import RunMeasure, RunWindow, judge, peak_left
 
@@ -155,11 +155,9 @@ class Judge:
             failed = {finding.code for finding in run.findings if not finding.passed}
             if run.label not in self._measures:
                 continue
-            if run.status is LoggedStatus.ACCEPTED:
+            if run.status is RunStatus.ACCEPTED:
                 accepted.append(self._measures[run.label])
-            elif (
-                run.status is LoggedStatus.REJECTED and not run.by and failed == {"not_repeatable"}
-            ):
+            elif run.status is RunStatus.REJECTED and not run.by and failed == {"not_repeatable"}:
                 unlike.append(self._measures[run.label])  # by the recorder, for this reason alone
         findings, self._measures[step.label] = judge(self._bench, step, window, accepted, unlike)
         return findings

@@ -38,8 +38,8 @@ from ..control.messages import (
     Until,
 )
 from ..errors import InputError, printable
-from ..runlog import Code, LoggedRun, LoggedStatus, RunLog, entry, next_step, weights_change
-from ..runs import BASELINE, Event, Excitation
+from ..runlog import Code, LoggedRun, RunLog, entry, next_step, weights_change
+from ..runs import BASELINE, Event, Excitation, RunStatus
 from ..samples.mapping import bench_mapping
 
 LIKE_REJECTS = 3
@@ -171,7 +171,7 @@ class RunLoop:
 
     def _verdict(self, now: Surroundings) -> Phase:
         run = now.run_log.run(self.label)
-        accepted = run is not None and run.status is LoggedStatus.ACCEPTED
+        accepted = run is not None and run.status is RunStatus.ACCEPTED
         return Phase.ACCEPTED if accepted else Phase.REJECTED
 
     def _end_countdown(self, now: Surroundings) -> None:
@@ -206,7 +206,7 @@ def _like_rejects(runs: tuple[LoggedRun, ...]) -> str:
     last = runs[-LIKE_REJECTS:]
     codes = {
         run.failed.code
-        if run.status is LoggedStatus.REJECTED and not run.by and run.failed is not None
+        if run.status is RunStatus.REJECTED and not run.by and run.failed is not None
         else ""
         for run in last
     }
@@ -225,7 +225,7 @@ def tallies_of(bench: Bench, run_log: RunLog) -> tuple[Tally, ...]:
             *kind,
             accepted=run_log.accepted(*kind),
             planned=bench.campaign.repeats if kind in planned else 0,
-            rejected=sum(run.status is LoggedStatus.REJECTED for run in run_log.of(*kind)),
+            rejected=sum(run.status is RunStatus.REJECTED for run in run_log.of(*kind)),
         )
         for kind in kinds
     )
@@ -318,16 +318,16 @@ def order_event(
             return Event(t_ns, "pause", text=by)
         case Accept():
             run = _logged(run_log, order.label)
-            if run.status is LoggedStatus.OPEN:
+            if run.status is RunStatus.OPEN:
                 raise OrderError(f"{run.label} is being recorded: wait for its end")
-            if run.status is LoggedStatus.ACCEPTED:
+            if run.status is RunStatus.ACCEPTED:
                 raise OrderError(f"{run.label} is already accepted")
             if not order.reason:
                 raise OrderError(f"{run.label} was rejected: give the reason why it should be used")
             return entry(Code.ACCEPT, t_ns, label=run.label, by=by, reason=_clean(order.reason))
         case Reject():
             run = _logged(run_log, order.label)
-            if run.status is LoggedStatus.REJECTED:
+            if run.status is RunStatus.REJECTED:
                 raise OrderError(f"{run.label} is already rejected")
             return entry(Code.REJECT, t_ns, label=run.label, by=by, reason=_clean(order.reason))
         case Undo():

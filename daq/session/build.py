@@ -31,7 +31,7 @@ from ..channels import Quantity
 from ..errors import BumpbenchError, InputError, printable
 from ..journal.format import JournalHead
 from ..journal.reader import HopCounts, read_windows, recordings_of
-from ..runlog import Code, LoggedRun, LoggedStatus, RunLog, finding_record, fold
+from ..runlog import Code, LoggedRun, RunLog, finding_record, fold
 from ..runs import Event, Run, RunStatus, SampleGroup
 from ..samples import converter as health
 from ..samples import trigger
@@ -168,7 +168,7 @@ def _run(
     decoded = codec.decode(frames)
     groups = sample_groups(mapped, decoded, timekeeping(bench, codec), start_ns)
     reasons = (*run.reasons, *_shortcomings(mapped, groups, frames, start_ns, stop_ns))
-    rejected = bool(reasons) or run.status is LoggedStatus.REJECTED
+    rejected = bool(reasons) or run.status is RunStatus.REJECTED
     sensors = health.advance(codec.messages, health.HealthState(), decoded).losses
     return Run(
         mass_state=run.mass_state,

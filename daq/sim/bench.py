@@ -21,8 +21,7 @@ from ..channels import Channel
 from ..check.pushes import ORDER
 from ..control.messages import Phase, Status
 from ..errors import BusError
-from ..runlog import LoggedStatus
-from ..runs import BASELINE, Excitation
+from ..runs import BASELINE, Excitation, RunStatus
 from ..samples.mapping import trigger_channels
 from ..vehicle import Corner
 from .car import SimulatedCar, true_reading
@@ -344,7 +343,7 @@ class SimulatedBench:
 
     def _wait_and_bump(self, step: Step, status: Status) -> None:
         """Bump an armed car after a person's time to react."""
-        judged = sum(run.status is not LoggedStatus.OPEN for run in status.runs)
+        judged = sum(run.status is not RunStatus.OPEN for run in status.runs)
         if judged == self._judged and self._done_s < self._again_s:
             return  # on a busy machine its status is that before the last bump
         if self._due_s == np.inf:

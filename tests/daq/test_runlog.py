@@ -12,7 +12,6 @@ from daq.control.messages import STATUS, Accept, Mark, Note, OverrideWarning, Re
 from daq.recorder.run_loop import order_event
 from daq.runlog import (
     Code,
-    LoggedStatus,
     RunLog,
     entry,
     finding_record,
@@ -22,7 +21,7 @@ from daq.runlog import (
     read_finding,
     verdict_entry,
 )
-from daq.runs import Event, Excitation
+from daq.runs import Event, Excitation, RunStatus
 from dbc.finding import Finding, Severity
 
 from .a_status import a_status
@@ -35,43 +34,43 @@ WEAK = Finding("too_weak", Severity.ERROR, "1 of 2 m/s2", "", "bump harder", 1.0
 FINE = Finding("too_weak", Severity.NOTE, "3 of 2 m/s2", "", "", 3.0, 2.0, "m/s2")
 
 
-def stand(*events: Event) -> tuple[LoggedStatus, str, tuple[str, ...]]:
+def stand(*events: Event) -> tuple[RunStatus, str, tuple[str, ...]]:
     run = fold(events).runs[0]
     return run.status, run.by, tuple(f.code for f in run.findings)
 
 
 def test_a_run_rejected_in_its_midst_is_open_again_when_that_is_undone() -> None:
-    assert stand(BUMP, REJECT, UNDO) == (LoggedStatus.OPEN, "", ())
+    assert stand(BUMP, REJECT, UNDO) == (RunStatus.OPEN, "", ())
     # The recorder decides in the end, and a weak bump is not let in by the back door.
     weak = verdict_entry(6, RUN, [WEAK])
-    assert stand(BUMP, REJECT, UNDO, weak) == (LoggedStatus.REJECTED, "", ("too_weak",))
-    assert stand(BUMP, REJECT, UNDO, REDO) == (LoggedStatus.REJECTED, "Ann", ())
+    assert stand(BUMP, REJECT, UNDO, weak) == (RunStatus.REJECTED, "", ("too_weak",))
+    assert stand(BUMP, REJECT, UNDO, REDO) == (RunStatus.REJECTED, "Ann", ())
 
 
 @pytest.mark.parametrize(
-    ("finding", "status"), [(WEAK, LoggedStatus.REJECTED), (FINE, LoggedStatus.ACCEPTED)]
+    ("finding", "status"), [(WEAK, RunStatus.REJECTED), (FINE, RunStatus.ACCEPTED)]
 )
 def test_the_recorders_verdict_lies_beneath_that_of_a_person_who_was_faster(
-    finding: Finding, status: LoggedStatus
+    finding: Finding, status: RunStatus
 ) -> None:
     events = (BUMP, REJECT, verdict_entry(3, RUN, [finding]))
-    assert stand(*events) == (LoggedStatus.REJECTED, "Ann", ("too_weak",))
+    assert stand(*events) == (RunStatus.REJECTED, "Ann", ("too_weak",))
     assert stand(*events, UNDO) == (status, "", ("too_weak",))
-    assert stand(*events, UNDO, REDO) == (LoggedStatus.REJECTED, "Ann", ("too_weak",))
+    assert stand(*events, UNDO, REDO) == (RunStatus.REJECTED, "Ann", ("too_weak",))
 
 
 def test_a_run_without_findings_is_not_open_for_ever() -> None:
     events = (BUMP, REJECT, verdict_entry(3, RUN, []), UNDO)
-    assert stand(*events) == (LoggedStatus.ACCEPTED, "", ())
-    assert stand(BUMP, verdict_entry(3, RUN, []), UNDO) == (LoggedStatus.REJECTED, "undo", ())
+    assert stand(*events) == (RunStatus.ACCEPTED, "", ())
+    assert stand(BUMP, verdict_entry(3, RUN, []), UNDO) == (RunStatus.REJECTED, "undo", ())
 
 
 def test_no_run_is_open_after_a_restart_whatever_is_undone() -> None:
     resumed = Event(3, Code.RESUMED)
-    assert stand(BUMP, resumed) == (LoggedStatus.REJECTED, "", ("cut",))
-    assert stand(BUMP, REJECT, resumed) == (LoggedStatus.REJECTED, "Ann", ("cut",))
-    assert stand(BUMP, REJECT, resumed, UNDO) == (LoggedStatus.REJECTED, "", ("cut",))
-    assert stand(BUMP, REJECT, UNDO, resumed) == (LoggedStatus.REJECTED, "", ("cut",))
+    assert stand(BUMP, resumed) == (RunStatus.REJECTED, "", ("cut",))
+    assert stand(BUMP, REJECT, resumed) == (RunStatus.REJECTED, "Ann", ("cut",))
+    assert stand(BUMP, REJECT, resumed, UNDO) == (RunStatus.REJECTED, "", ("cut",))
+    assert stand(BUMP, REJECT, UNDO, resumed) == (RunStatus.REJECTED, "", ("cut",))
 
 
 def test_a_value_that_is_no_number_can_be_sent_to_clients() -> None:
@@ -109,7 +108,7 @@ def test_a_verdict_after_an_undone_one_leaves_nothing_to_redo() -> None:
     assert [len(log.done), len(log.undone)] == [2, 0]
     assert fold([REDO], log) == log
     assert stand(BUMP, verdict_entry(2, RUN, [WEAK]), REJECT, UNDO, accept, REDO) == (
-        LoggedStatus.ACCEPTED,
+        RunStatus.ACCEPTED,
         "Ben",
         ("too_weak",),
     )

@@ -45,7 +45,7 @@ from daq.journal.reader import segments_in
 from daq.recorder import recorder as engine_module
 from daq.recorder.readers import PieceQueue
 from daq.recorder.recorder import Recorder
-from daq.runlog import LoggedStatus
+from daq.runs import RunStatus
 from dbc import Codec, FrameBatch
 
 PERIOD_S = 1.024
@@ -286,7 +286,7 @@ class Soak(AbstractContextManager["Soak"]):
         if not self._recording:
             return
         for run in status.runs[self._seen :]:
-            if run.status is LoggedStatus.OPEN:
+            if run.status is RunStatus.OPEN:
                 break
             self._seen += 1
             self._ask(Note(f"{run.label}: {len(run.findings)} findings", run.label))

@@ -32,7 +32,7 @@ from daq.channels import Quantity
 from daq.check.propose import propose_sensors
 from daq.control.messages import Phase
 from daq.journal.reader import HopCounts
-from daq.runlog import LoggedStatus
+from daq.runs import RunStatus
 from daq.session.build import build_session
 from daq.sim.bench import Fault
 from daq.sim.car import SimulatedCar
@@ -183,7 +183,7 @@ def test_a_proposed_bench_records_to_its_end_although_a_run_is_rejected(
     bench = replace(bench, campaign=replace(bench.campaign, repeats=1))
     kept, status = record(bench, 3, Fault.DOUBLE_BUMP)
     assert status.phase is Phase.COMPLETE
-    assert [run.status is LoggedStatus.ACCEPTED for run in status.runs] == [
+    assert [run.status is RunStatus.ACCEPTED for run in status.runs] == [
         True, False, *[True] * 5,
     ]  # fmt: skip
     none = HopCounts(np.zeros(0, np.int64), np.zeros((0, 4), np.int64))

@@ -12,7 +12,7 @@ from daq import read_session
 from daq.control.messages import SessionState
 from daq.errors import InputError
 from daq.replay import whole_frames
-from daq.runlog import LoggedStatus
+from daq.runs import RunStatus
 from tui.recorders.process import start_recorder
 from tui.terminal.app import BenchApp
 from tui.terminal.campaign import BenchStep, progress
@@ -51,7 +51,7 @@ def campaign_by_space(folder: Path, runs: int, bumps: str) -> Path:
             assert operator.went_through() == RECORDING
             status = app.status
             assert status is not None
-            assert [run.status for run in status.runs].count(LoggedStatus.ACCEPTED) == runs
+            assert [run.status for run in status.runs].count(RunStatus.ACCEPTED) == runs
             await operator.until(lambda: _has_session_of_all_runs(app), operator.space_if_offered)
             assert app.status is not None
             return Path(app.status.session.path)

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from daq.control.messages import Phase
-from daq.runlog import LoggedStatus
+from daq.runs import RunStatus
 
 from .bench_terminal import demo_bench, seat, terminal_on
 
@@ -51,7 +51,7 @@ def test_a_fault_is_named_and_the_campaign_goes_on(fault: str, tmp_path: Path) -
             assert todo in banner.lower()
             await operator.until(lambda: bool(app.status and app.status.tallies[0].accepted >= 2))
             assert app.status is not None
-            assert app.status.runs[1].status is LoggedStatus.REJECTED
+            assert app.status.runs[1].status is RunStatus.REJECTED
             await operator.until(operator.sees("baseline bounce 2  rejected"))
 
     with demo_bench(tmp_path, SPEED, 3, fault) as bench:

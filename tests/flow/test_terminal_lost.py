@@ -9,7 +9,7 @@ from pathlib import Path
 from daq.control.address import control_address
 from daq.control.exchange import Client
 from daq.control.messages import Hello, Pause, Phase, Status
-from daq.runlog import LoggedStatus
+from daq.runs import RunStatus
 from tui.terminal.feed import Lost, News, RecorderFeed, Role
 
 from .bench_terminal import PATIENCE_S, DemoBench, PtyTerminal, demo_bench, seat, terminal_on
@@ -34,7 +34,7 @@ async def kill_the_terminal_in_mid_decay(bench: DemoBench) -> None:
             lambda: bool(
                 app.status
                 and any(
-                    run.label == label and run.status is LoggedStatus.ACCEPTED
+                    run.label == label and run.status is RunStatus.ACCEPTED
                     for run in app.status.runs
                 )
             )
@@ -50,9 +50,9 @@ async def kill_the_recorder_in_mid_run(bench: DemoBench) -> None:
         )
         assert app.status is not None
         cut = app.status.runs[-1]
-        accepted = [run.label for run in app.status.runs if run.status is LoggedStatus.ACCEPTED]
+        accepted = [run.label for run in app.status.runs if run.status is RunStatus.ACCEPTED]
         assert accepted
-        assert cut.status is LoggedStatus.OPEN
+        assert cut.status is RunStatus.OPEN
         bench.kill()
         await operator.until(operator.sees("RECORDER LOST"))
         assert "X = start it again" in operator.text
@@ -60,10 +60,8 @@ async def kill_the_recorder_in_mid_run(bench: DemoBench) -> None:
         await operator.until(lambda: app.lost is None and "RECORDER LOST" not in operator.text)
         assert app.status is not None
         after = {run.label: run for run in app.status.runs}
-        assert [after[label].status for label in accepted] == [LoggedStatus.ACCEPTED] * len(
-            accepted
-        )
-        assert after[cut.label].status is LoggedStatus.REJECTED
+        assert [after[label].status for label in accepted] == [RunStatus.ACCEPTED] * len(accepted)
+        assert after[cut.label].status is RunStatus.REJECTED
         assert "cut" in " ".join(after[cut.label].reasons)
         assert app.in_control
         before = len(app.status.runs)

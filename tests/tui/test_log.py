@@ -26,8 +26,8 @@ from daq.control.messages import (
     Tally,
 )
 from daq.errors import InputError
-from daq.runlog import LoggedRun, LoggedStatus
-from daq.runs import Excitation, Losses
+from daq.runlog import LoggedRun
+from daq.runs import Excitation, Losses, RunStatus
 from tui.cli import run
 from tui.recorders.lines import farewell, news, progress_words, status_lines
 from tui.recorders.log import BURST, Log
@@ -233,7 +233,7 @@ def test_an_alarm_is_logged_when_it_comes_and_when_it_is_over() -> None:
 
 def test_each_verdict_is_logged_once() -> None:
     before = replace(a_status(), runs=(RUN,))
-    rejected = replace(RUN, status=LoggedStatus.REJECTED, by="MK", reason="wind")
+    rejected = replace(RUN, status=RunStatus.REJECTED, by="MK", reason="wind")
     after = replace(before, runs=(rejected, replace(RUN, label="baseline_roll_2")))
     assert said(before, after) == [
         ("baseline_roll_1 rejected: rejected by MK: wind", ""),

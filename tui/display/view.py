@@ -14,7 +14,7 @@ from daq.bench.campaign import Method, Origin
 from daq.bumps import BUMPS
 from daq.control.messages import Arm, Order, Pause, Phase, Reject, Status
 from daq.errors import printable
-from daq.runlog import LoggedStatus
+from daq.runs import RunStatus
 
 from ..terminal.campaign import (
     BUSY,
@@ -279,7 +279,7 @@ def _hands_off(status: Status) -> Headline:
     if status.peak_left is not None:
         why = f"Hands off. {min(status.peak_left, 1.0):.0%} of the peak left."
         decayed = round(1.0 - min(max(status.peak_left, 0.0), 1.0), 2)
-    running = next((r.label for r in status.runs if r.status is LoggedStatus.OPEN), "")
+    running = next((r.label for r in status.runs if r.status is RunStatus.OPEN), "")
     return Headline(
         Kind.HANDS_OFF,
         ("HANDS", "OFF"),
@@ -345,7 +345,7 @@ def sketch_of(bench: Bench, excitation: Excitation) -> Sketch:
 def buttons_of(status: Status) -> Buttons:
     """Return the labels of the buttons in a status."""
     last = status.runs[-1] if status.runs else None
-    if last is not None and last.status is LoggedStatus.REJECTED:
+    if last is not None and last.status is RunStatus.REJECTED:
         last = None  # it is rejected already
     mass_state = changed_weights(status) if _arms(status) else ""
     start = _NEXT_WORDS.get(status.phase, "Start") if _arms(status) else ""

@@ -89,7 +89,8 @@ def _unfinished(folder: Path, names: set[str]) -> SessionEntry | None:
     """Return the newest campaign of a folder's journal if it has no session file."""
     from daq.bench.config import parse_bench
     from daq.journal.reader import last_campaign
-    from daq.runlog import LoggedStatus, fold
+    from daq.runlog import fold
+    from daq.runs import RunStatus
 
     try:
         tail = last_campaign(folder / "journal")
@@ -103,7 +104,7 @@ def _unfinished(folder: Path, names: set[str]) -> SessionEntry | None:
         return SessionEntry("", str(folder), "", "", EntryState.DAMAGED, note=reason)
     if tail.ended and tail.session_name in names:
         return None
-    accepted = sum(run.status is LoggedStatus.ACCEPTED for run in log.runs)
+    accepted = sum(run.status is RunStatus.ACCEPTED for run in log.runs)
     return SessionEntry(
         path="",
         folder=str(folder),

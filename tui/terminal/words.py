@@ -10,7 +10,8 @@ from enum import Enum
 from daq import Corner
 from daq.control.messages import Phase, Status
 from daq.errors import printable
-from daq.runlog import LoggedRun, LoggedStatus
+from daq.runlog import LoggedRun
+from daq.runs import RunStatus
 
 from .campaign import NextAction, cause_words, first_obstacle, frames_stand_still
 from .feed import Lost
@@ -146,7 +147,7 @@ def instruction_words(status: Status) -> str:
 
 def last_judged(status: Status) -> LoggedRun | None:
     """Return the last judged run; None if there is none."""
-    judged = [run for run in status.runs if run.status is not LoggedStatus.OPEN]
+    judged = [run for run in status.runs if run.status is not RunStatus.OPEN]
     return judged[-1] if judged else None
 
 
@@ -174,7 +175,7 @@ def accepted_words(status: Status, run: LoggedRun | None) -> str:
     """Return in plain words how an accepted run compares with the first one of its kind."""
     if run is None or not (hz := _frequency_hz(run)):
         return "good: every check passed"
-    kind = (run.mass_state, run.excitation, LoggedStatus.ACCEPTED)
+    kind = (run.mass_state, run.excitation, RunStatus.ACCEPTED)
     first = next((r for r in status.runs if (r.mass_state, r.excitation, r.status) == kind), run)
     if first.label == run.label or not (first_hz := _frequency_hz(first)):
         words = f"good: the car swings at {hz:.2f} Hz"

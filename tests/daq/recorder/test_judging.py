@@ -12,8 +12,8 @@ from daq.bench.campaign import Step
 from daq.bench.config import Bench
 from daq.recorder import judging
 from daq.recorder.judging import Judge, LiveRing, Recent
-from daq.runlog import LoggedRun, LoggedStatus, RunLog
-from daq.runs import BASELINE, Excitation, Losses
+from daq.runlog import LoggedRun, RunLog
+from daq.runs import BASELINE, Excitation, Losses, RunStatus
 from daq.verdict import RunMeasure, RunWindow
 from dbc import Codec, FrameBatch
 from dbc.finding import Finding, Severity
@@ -168,7 +168,7 @@ def test_a_run_is_compared_with_those_of_its_kind_that_count(
 ) -> None:
     def run(label: str, *codes: str, by: str = "", kind: Excitation = Excitation.ROLL) -> LoggedRun:
         findings = tuple(Finding(code, Severity.ERROR, code) for code in codes)
-        status = LoggedStatus.REJECTED if codes else LoggedStatus.ACCEPTED
+        status = RunStatus.REJECTED if codes else RunStatus.ACCEPTED
         return LoggedRun(label, BASELINE, kind, 1, 0, status, findings, by)
 
     runs = (

@@ -22,8 +22,8 @@ from daq.journal.writer import JournalError, JournalWriter
 from daq.recorder import judging
 from daq.recorder.campaigns import resumable
 from daq.recorder.recording import FaultBarrier, Recording
-from daq.runlog import LoggedStatus, fold
-from daq.runs import Event, Losses
+from daq.runlog import fold
+from daq.runs import Event, Losses, RunStatus
 from daq.session import read_session
 from daq.session.build import derive
 from dbc import Codec, FrameBatch, FrameFlag
@@ -61,7 +61,7 @@ def test_runs_are_labelled_in_the_order_of_the_campaign_and_stored(
     assert len(contents.frames) == len(LABELS) * 1200
     # The run_log is what the journal says, and nothing else.
     assert fold(contents.events) == recording.run_log
-    assert {run.status for run in recording.run_log.runs} == {LoggedStatus.ACCEPTED}
+    assert {run.status for run in recording.run_log.runs} == {RunStatus.ACCEPTED}
 
 
 def test_a_bump_that_is_not_due_is_reported_and_consumes_nothing(
@@ -95,7 +95,7 @@ def test_the_status_says_what_is_due_and_what_is_going_on(
     assert "50 mm" in status.due.instruction
     assert status.t_ns == frames.t_ns[699]
     assert (status.bump_ns - START_NS) * 1e-9 == pytest.approx(0.501)
-    assert [(run.label, run.status) for run in status.runs] == [(LABELS[0], LoggedStatus.OPEN)]
+    assert [(run.label, run.status) for run in status.runs] == [(LABELS[0], RunStatus.OPEN)]
     assert [bus.frames for bus in status.buses] == [700]
     feed(recording, blocks(frames.select(slice(700, 1020))))
     status = status_of(recording)
@@ -123,7 +123,7 @@ def test_a_dead_bus_ends_a_decay_at_once_with_its_reason(
         events += step(recording, given[-1].select(slice(0, 0)), HopLosses(), later, [LINK])
     assert turns == 10
     (run,) = status_of(recording).runs
-    assert (run.label, run.status) == (LABELS[0], LoggedStatus.REJECTED)
+    assert (run.label, run.status) == (LABELS[0], RunStatus.REJECTED)
     assert [finding.code for finding in run.findings] == ["bus_lost"]
     assert run.findings[0].text == "no frame for 1.0 s"
     assert run.findings[0].advice.startswith("plug the bus in")
@@ -258,7 +258,7 @@ def test_a_verdict_that_fails_does_not_throw_the_bump_away(
     events = feed(recording, blocks(bumps(codec, 1)))
     assert "consumer_failed" in [event.code for event in events]
     (run,) = recording.run_log.runs
-    assert run.status is LoggedStatus.ACCEPTED
+    assert run.status is RunStatus.ACCEPTED
     assert [finding.code for finding in run.findings] == ["unjudged"]
 
 

@@ -45,7 +45,6 @@ from daq.runlog import (
     Change,
     Code,
     LoggedRun,
-    LoggedStatus,
     RunLog,
     advance,
     entry,
@@ -53,7 +52,7 @@ from daq.runlog import (
     next_step,
     verdict_entry,
 )
-from daq.runs import ADDED, BASELINE, Event, Excitation
+from daq.runs import ADDED, BASELINE, Event, Excitation, RunStatus
 from dbc import Codec
 from dbc.finding import Finding, Severity
 
@@ -319,8 +318,8 @@ def test_a_clock_set_back_does_not_stretch_the_countdown() -> None:
 
 def test_the_runs_of_each_kind_are_counted_and_the_next_one_is_due() -> None:
     planned = replace(small_bench(), campaign=Campaign((BOUNCE, ROLL), 1))
-    weak = LoggedRun("baseline_bounce_1", BASELINE, BOUNCE, 1, 5, LoggedStatus.REJECTED)
-    good = replace(weak, label="baseline_bounce_2", repeat=2, status=LoggedStatus.ACCEPTED)
+    weak = LoggedRun("baseline_bounce_1", BASELINE, BOUNCE, 1, 5, RunStatus.REJECTED)
+    good = replace(weak, label="baseline_bounce_2", repeat=2, status=RunStatus.ACCEPTED)
     beyond = replace(weak, label="baseline_warp_1", excitation=Excitation.WARP)
     log = RunLog((weak, good, beyond))
     tallies = tallies_of(planned, log)
@@ -343,9 +342,9 @@ def test_the_runs_of_each_kind_are_counted_and_the_next_one_is_due() -> None:
 # Orders of a person as events of the run log, and those that make no sense now --------------------
 
 BENCH: Bench = small_bench()
-FIRST = LoggedRun("baseline_roll_1", BASELINE, Excitation.ROLL, 1, 5, LoggedStatus.ACCEPTED)
-LAST = replace(FIRST, label="baseline_roll_2", repeat=2, status=LoggedStatus.REJECTED)
-OPEN = replace(FIRST, label="baseline_roll_3", repeat=3, status=LoggedStatus.OPEN)
+FIRST = LoggedRun("baseline_roll_1", BASELINE, Excitation.ROLL, 1, 5, RunStatus.ACCEPTED)
+LAST = replace(FIRST, label="baseline_roll_2", repeat=2, status=RunStatus.REJECTED)
+OPEN = replace(FIRST, label="baseline_roll_3", repeat=3, status=RunStatus.OPEN)
 CHANGE = (Change(LAST, FIRST),)
 
 
@@ -508,7 +507,7 @@ def test_orders_are_written_down_and_those_that_make_no_sense_refused(
     ]
     assert [(one.subject, one.by) for one in status.overrides] == [("bus", "Bob")]
     (run,) = status.runs
-    assert (run.status, run.by, run.reason) == (LoggedStatus.ACCEPTED, "Bob", "it was mine")
+    assert (run.status, run.by, run.reason) == (RunStatus.ACCEPTED, "Bob", "it was mine")
     journal.close()
     events = read_journal(journal.paths).events
     assert fold(events) == recording.run_log

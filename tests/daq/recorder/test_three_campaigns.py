@@ -35,7 +35,7 @@ from daq.control.messages import (
 from daq.journal.format import segment_number
 from daq.journal.reader import read_journal, recordings
 from daq.journal.segment import SyncedFile
-from daq.runlog import LoggedStatus
+from daq.runs import RunStatus
 from dbc import Codec, FrameBatch
 from tui.commands.record import recover
 from tui.output import progress
@@ -285,8 +285,8 @@ def test_a_killed_recorder_is_taken_up_again(
         assert status.recording == before.recording
         assert status.vehicle == "Mine"
         assert [(run.label, run.status) for run in status.runs] == [
-            ("baseline_bounce_1", LoggedStatus.ACCEPTED),
-            ("baseline_roll_1", LoggedStatus.REJECTED),
+            ("baseline_bounce_1", RunStatus.ACCEPTED),
+            ("baseline_roll_1", RunStatus.REJECTED),
         ]
         assert status.runs[1].reasons == ("cut: the recorder was stopped in mid-run",)
         assert status.phase is Phase.IDLE

@@ -19,8 +19,8 @@ from daq.check.propose import propose_sensors
 from daq.control.messages import Due, Phase, Status
 from daq.errors import BusError, InputError
 from daq.recorder.recording import Recording
-from daq.runlog import LoggedNote, LoggedStatus
-from daq.runs import BASELINE, Excitation
+from daq.runlog import LoggedNote
+from daq.runs import BASELINE, Excitation, RunStatus
 from daq.samples.converter import HealthState, advance
 from daq.sim.bench import PIECE_S, PUSHES_S, Fault, SimulatedBench, push_frames
 from daq.sim.car import NOISE, SimulatedCar, Spread
@@ -274,7 +274,7 @@ def _read(source: SimulatedBench, seconds: float) -> FrameBatch:
 def test_a_fault_spoils_the_second_run_and_no_other(fault: Fault, code: str) -> None:
     _, status = record(short_bench(), 5, fault)
     assert status.phase is Phase.COMPLETE
-    accepted, rejected = LoggedStatus.ACCEPTED, LoggedStatus.REJECTED
+    accepted, rejected = RunStatus.ACCEPTED, RunStatus.REJECTED
     assert [run.status for run in status.runs] == [accepted, rejected, accepted]
     failed = [finding.code for finding in status.runs[1].findings if not finding.passed]
     assert failed[0] == code
@@ -289,7 +289,7 @@ def test_the_car_is_dropped_or_pushed_as_the_procedure_says(method: Method, leve
         trigger=bench.trigger.model_copy(update={"level": level}),
     )
     _, status = record(bench, 5)
-    assert [run.status for run in status.runs] == [LoggedStatus.ACCEPTED]
+    assert [run.status for run in status.runs] == [RunStatus.ACCEPTED]
     assert status.phase is Phase.COMPLETE
 
 

@@ -50,8 +50,8 @@ from daq.control.messages import (
     Tally,
     Undo,
 )
-from daq.runlog import Code, LoggedStatus, RunLog, advance, entry, next_step, verdict_entry
-from daq.runs import Event, Excitation, Losses
+from daq.runlog import Code, RunLog, advance, entry, next_step, verdict_entry
+from daq.runs import Event, Excitation, Losses, RunStatus
 from dbc.finding import Finding, Severity
 from tui.terminal.feed import News, Role
 
@@ -214,7 +214,7 @@ class FakeRecorder:
         self._enter(verdict_entry(self.t_ns, run.label, findings or (GOOD,)))
         after = self.run_log.run(run.label)
         assert after is not None
-        accepted = after.status is LoggedStatus.ACCEPTED
+        accepted = after.status is RunStatus.ACCEPTED
         self.turn(Phase.ACCEPTED if accepted else Phase.REJECTED)
 
     def finish(self, mass_state: str) -> None:
@@ -271,7 +271,7 @@ class FakeRecorder:
                 *kind,
                 accepted=run_log.accepted(*kind),
                 planned=bench.campaign.repeats,
-                rejected=sum(r.status is LoggedStatus.REJECTED for r in run_log.of(*kind)),
+                rejected=sum(r.status is RunStatus.REJECTED for r in run_log.of(*kind)),
             )
             for kind in kinds
         )

@@ -26,7 +26,8 @@ from daq.control.messages import (
     Undo,
 )
 from daq.errors import printable
-from daq.runlog import LoggedRun, LoggedStatus
+from daq.runlog import LoggedRun
+from daq.runs import RunStatus
 
 from ..campaign import (
     RUNNING,
@@ -118,14 +119,14 @@ def tally_rows(status: Status, glyphs: Glyphs) -> list[list[Cell]]:
     return rows
 
 
-def _of_kind(status: Status, tally: Tally, state: LoggedStatus) -> list[LoggedRun]:
+def _of_kind(status: Status, tally: Tally, state: RunStatus) -> list[LoggedRun]:
     kind = (tally.mass_state, tally.excitation, state)
     return [run for run in status.runs if (run.mass_state, run.excitation, run.status) == kind]
 
 
 def _frequency(status: Status, tally: Tally) -> str:
     """Return the mean frequency of the accepted runs of a kind, with its scatter."""
-    runs = _of_kind(status, tally, LoggedStatus.ACCEPTED)
+    runs = _of_kind(status, tally, RunStatus.ACCEPTED)
     values = [f.value for run in runs for f in run.findings if f.code == "motion" and f.value > 0]
     if not values:
         return ""
@@ -134,7 +135,7 @@ def _frequency(status: Status, tally: Tally) -> str:
 
 
 def _reasons(status: Status, tally: Tally) -> str:
-    runs = _of_kind(status, tally, LoggedStatus.REJECTED)
+    runs = _of_kind(status, tally, RunStatus.REJECTED)
     words = [reason_words(run.failed.code) if run.failed else "by hand" for run in runs]
     return printable(", ".join(dict.fromkeys(words)), 60)
 
@@ -147,9 +148,9 @@ def runs_text(status: Status, glyphs: Glyphs, figures: bool) -> Content:
     lines = []
     for run in reversed(status.runs[-_SHOWN:]):
         name = f"{run.mass_state} {run.excitation.words} {run.repeat}"
-        if run.status is LoggedStatus.OPEN:
+        if run.status is RunStatus.OPEN:
             lines.append(Content.styled(f"{glyphs.now} {name}  running", "bold"))
-        elif run.status is LoggedStatus.ACCEPTED:
+        elif run.status is RunStatus.ACCEPTED:
             by_hand = f"; taken by {run.by}: {run.reason}" if run.by and run.reason else ""
             words = printable(f"{accepted_words(status, run)}{by_hand}", 160)
             lines.append(Content.assemble((glyphs.good, "bold $success"), f" {name}  {words}"))
@@ -400,7 +401,7 @@ class BumpingScreen(BenchScreen):
     def _rejected(self) -> LoggedRun | None:
         status = self.bench_app.status
         runs = status.runs if status else ()
-        return next((r for r in reversed(runs) if r.status is LoggedStatus.REJECTED), None)
+        return next((r for r in reversed(runs) if r.status is RunStatus.REJECTED), None)
 
 
 class HomeScreen(BumpingScreen):

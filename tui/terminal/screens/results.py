@@ -17,7 +17,7 @@ from textual.widgets import TabbedContent, TabPane, Tabs
 
 from daq.control.messages import Accept, Mark, Reject, Status
 from daq.errors import printable
-from daq.runlog import LoggedStatus
+from daq.runs import RunStatus
 from dbc import counted
 from identify import Identification, Verdict
 from identify.numbers import half_width, largest_share
@@ -307,7 +307,7 @@ class ResultsScreen(BenchScreen):
         if run is None:
             self.bench_app.warn("the runs of an earlier session stay as they are")
             return
-        accepted = run.status is LoggedStatus.ACCEPTED
+        accepted = run.status is RunStatus.ACCEPTED
         order = Reject(label, _REASON) if accepted else Accept(label, "taken back at the results")
         if await self.bench_app.ask(order) is not None:
             await open_build(self.bench_app)

@@ -20,7 +20,7 @@ from daq.bench.config import Bench
 from daq.control.messages import Status
 from daq.errors import printable
 from daq.loading import Loading, expected_car, wrong_weights
-from daq.runlog import LoggedStatus
+from daq.runs import RunStatus
 
 from ...jobs.planning import USUAL_SPREAD, WANTED_SPREADS, Gain, Shift
 from ..form import Field, FieldError, Form, Values, check_fields, number, stated
@@ -246,7 +246,7 @@ def baseline_hz(status: Status | None, excitation: str) -> list[float]:
         finding.value
         for run in (status.runs if status else ())
         if run.mass_state == BASELINE and run.excitation == excitation
-        if run.status is LoggedStatus.ACCEPTED
+        if run.status is RunStatus.ACCEPTED
         for finding in run.findings
         if finding.unit == "Hz"
     ]

@@ -19,7 +19,7 @@ from textual.widgets import ProgressBar
 
 from daq.control.messages import Build, Mark, SessionState, Start, Status
 from daq.errors import printable
-from daq.runlog import LoggedStatus
+from daq.runs import RunStatus
 from dbc import counted
 
 from ...jobs.session_list import report_of, size_text
@@ -332,8 +332,8 @@ class IdentifyScreen(WorkScreen):
             return [f"Session {printable(Path(self.session).name)}"]
         if status is None:
             return ["waiting for the recorder"]
-        accepted = sum(run.status is LoggedStatus.ACCEPTED for run in status.runs)
-        rejected = sum(run.status is LoggedStatus.REJECTED for run in status.runs)
+        accepted = sum(run.status is RunStatus.ACCEPTED for run in status.runs)
+        rejected = sum(run.status is RunStatus.REJECTED for run in status.runs)
         count = f"{counted(accepted, 'run')} accepted, {rejected} rejected (kept)"
         lines = [f"{printable(status.vehicle, 60)}: {count}"]
         for t in status.tallies:
