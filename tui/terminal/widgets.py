@@ -104,7 +104,8 @@ class Table(DataTable[Text]):
 
 
 KINDS = ("armed", "moving", "good", "bad", "quiet")
-_WORD, _DIGITS = 13, 10
+_WORD, _DIGITS = 9, 10
+"""Columns of the state's word, of which longer ones take more, and of the seconds."""
 _NEXT = r"SPACE (starts|= [\w ]*\w)"
 
 
@@ -135,11 +136,12 @@ class BannerBar(Horizontal):
         if banner.folds:
             first, *others = wrap(first, max(20, self.size.width - _DIGITS - 3)) or [""]
             second = "  ".join(part for part in (" ".join(others), second) if part)
-        head = f" {banner.symbol} {banner.word:<{_WORD}}{banner.title}"
+        head = f" {banner.symbol} {banner.word:<{_WORD}} {banner.title}"
         words = Content.assemble((head, "bold"), f"\n   {first}\n   {second}")
         # On the screen's own ground: the banner's colour would drown it.
         words = words.highlight_regex(_NEXT, style=f"{SPACE_INK} on $background")
         self._words.update(words)
+        self._digits.display = bool(banner.digits)
         self._digits.update(f"\n{banner.digits:>5} " if self._plain else banner.digits)
 
 

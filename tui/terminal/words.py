@@ -224,11 +224,11 @@ class Banner:
     word: str
     """The state in one word."""
     title: str
-    """The run, after symbol and word."""
+    """What SPACE does, and the run: after symbol and word, so that no terminal cuts off the key."""
     first: str
     """Present event."""
     second: str = ""
-    """Next step of the operator."""
+    """What else the operator should know."""
     digits: str = ""
     """Seconds, in digits three lines high; may be empty."""
     folds: bool = True
@@ -240,8 +240,8 @@ def banner(status: Status | None, lost: Lost | None, action: NextAction, glyphs:
     if lost is not None and lost.starting:
         return Banner("quiet", glyphs.paused, "STARTING", "", lost.text, lost.advice)
     if lost is not None:
-        advice = f"X = start it again   ({printable(lost.advice, 200)})"
-        return Banner("bad", glyphs.bad, "RECORDER LOST", "", printable(lost.text, 300), advice)
+        text, advice = printable(lost.text, 300), printable(lost.advice, 200)
+        return Banner("bad", glyphs.bad, "RECORDER LOST", "X = start it again", text, advice)
     if status is None:
         return Banner("quiet", glyphs.paused, "CONNECTING", "", "waiting for the recorder")
     if (alarm := first_obstacle(status)) is not None:
@@ -273,18 +273,21 @@ def banner(status: Status | None, lost: Lost | None, action: NextAction, glyphs:
         case Phase.REJECTED:
             return _rejected(status, action, glyphs)
         case Phase.PAUSED:
-            return Banner("quiet", glyphs.paused, "PAUSED", title, PAUSED, action.words)
+            return Banner("quiet", glyphs.paused, "PAUSED", _spaced(action.words, title), PAUSED)
         case Phase.COMPLETE:
-            return Banner("good", glyphs.good, "COMPLETE", "", COMPLETE, action.words)
+            return Banner("good", glyphs.good, "COMPLETE", action.words, COMPLETE)
     if status.halted:
-        first = halted_words(status.halted)
-        return Banner(
-            "bad", glyphs.bad, "STOPPED", title, first, f"F1 = what to do   {action.words}"
-        )
+        words, why = _spaced(action.words, title), halted_words(status.halted)
+        return Banner("bad", glyphs.bad, "STOPPED", words, why, "F1 = what to do")
     if action.step is not None:
-        first = "This step is complete."
-        return Banner("good", glyphs.good, "DONE", "", first, action.words)
-    return Banner("quiet", glyphs.paused, "IDLE", f"next: {title}", instruction, action.words)
+        return Banner("good", glyphs.good, "DONE", action.words, "This step is complete.")
+    words = _spaced(action.words, f"next: {title}")
+    return Banner("quiet", glyphs.paused, "IDLE", words, instruction)
+
+
+def _spaced(*parts: str) -> str:
+    """Return the parts that are not empty, with room between them."""
+    return "   ".join(filter(None, parts))
 
 
 def _age(status: Status) -> str:
@@ -305,20 +308,19 @@ def _accepted(status: Status, action: NextAction, glyphs: Glyphs) -> Banner:
     run = last_judged(status)
     seconds = countdown_digits(status)
     after = f"The next run arms itself in {seconds} s." if seconds else "The last of its kind."
-    second = "   ".join(part for part in (after, "Bksp = reject", action.words) if part)
-    title = f"{run_words(run)}   {count_words(status, run)}" if run else ""
-    words = accepted_words(status, run)
+    counted_run = f"{run_words(run)}   {count_words(status, run)}" if run else ""
+    title, words = _spaced(action.words, counted_run), accepted_words(status, run)
+    second = _spaced(after, "Bksp = reject")
     return Banner("good", glyphs.good, "ACCEPTED", title, words, second, seconds)
 
 
 def _rejected(status: Status, action: NextAction, glyphs: Glyphs) -> Banner:
     run = last_judged(status)
     if run is None:
-        return Banner("bad", glyphs.bad, "REJECTED", "", "", action.words)
-    title = f"{run_words(run)}   kept, not counted   {action.words}".rstrip()
+        return Banner("bad", glyphs.bad, "REJECTED", action.words, "")
     seconds = countdown_digits(status)
-    if seconds and action.words:
-        title = f"{title}, or in {seconds} s"
+    space = f"{action.words}, or in {seconds} s" if seconds and action.words else action.words
+    title = _spaced(space, run_words(run), "kept, not counted")
     why, advice = rejected_words(run)
     return Banner(
         "bad", glyphs.bad, "REJECTED", title, why, advice or "U = undo.", seconds, folds=False

@@ -572,7 +572,7 @@ async def test_a_banner_folds_its_first_line_and_not_a_reason() -> None:
         bar.show(made)
         lines = text(bar.query("Static").first())
         assert lines == [
-            " + ACCEPTED     bounce 3", "   one two three four", "   five  then"
+            " + ACCEPTED  bounce 3", "   one two three four", "   five  then"
         ]  # fmt: skip
         assert str(bar.query_one("#figures").render()) == "\n    3 "
         bar.show(replace(made, folds=False))

@@ -119,6 +119,14 @@ STATES = {
 }
 
 
+def with_every_bump() -> str:
+    """Return a bench.toml that plans every kind of bump."""
+    usual = default_bench_text()
+    text = usual.replace('["bounce", "pitch", "roll"]', str([kind.value for kind in Excitation]))
+    assert text != usual
+    return text
+
+
 async def _turn_to(app: BenchApp, pilot: Pilot[None], state: str) -> str:
     """Show a state that a recorder of its own publishes; return the screen as text."""
     recorder = FakeRecorder()
@@ -170,6 +178,23 @@ async def test_run(make_app: MakeApp, snapshot: Snapshot, size: str) -> None:
             snapshot(app, f"run_{state}_{size}")
 
 
+async def test_no_terminal_is_too_small_for_what_space_does(make_app: MakeApp) -> None:
+    async with _running(make_app) as (app, pilot):
+        await pilot.resize_terminal(40, 12)
+        for state in STATES:
+            banner = "\n".join((await _turn_to(app, pilot, state)).splitlines()[2:5])
+            words = app.screen._next.words  # type: ignore[attr-defined]
+            assert ("X = start it again" if state == "lost" else words) in banner
+        recorder = FakeRecorder(with_every_bump())
+        recorder.finish("baseline")
+        recorder.mark("masses")
+        await recorder.ask(Choose("baseline", Excitation.REAR_PITCH))
+        recorder.turn(Phase.COMPLETE)
+        recorder.start(app.post)
+        await pilot.pause()
+        assert "SPACE = one more rear pitch" in screen_text(app)
+
+
 async def test_every_state_says_in_words_what_it_is_without_colour(
     make_app: MakeApp, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -196,10 +221,7 @@ async def test_other_characters(make_app: MakeApp, snapshot: Snapshot, glyphs: s
 
 
 async def test_five_kinds_of_bump_find_room(make_app: MakeApp, snapshot: Snapshot) -> None:
-    usual = default_bench_text()
-    text = usual.replace('["bounce", "pitch", "roll"]', str([kind.value for kind in Excitation]))
-    assert text != usual
-    recorder = FakeRecorder(text)
+    recorder = FakeRecorder(with_every_bump())
     _before(recorder)
     await recorder.ask(Choose("baseline", Excitation.REAR_PITCH))
     recorder.turn(Phase.ARMED)

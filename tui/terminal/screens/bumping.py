@@ -63,8 +63,9 @@ def next_text(
     if lost is not None:
         shown = banner(status, lost, action, glyphs)
         head = Content.styled(f"{shown.symbol} {shown.word}", "bold $error")
-        words = Content.styled(shown.second, SPACE_INK)
-        return Content("\n").join([head, Content(shown.first), Content(""), words])
+        words = Content.styled(shown.title, SPACE_INK)
+        parts = [head, Content(shown.first), Content(shown.second), Content(""), words]
+        return Content("\n").join(parts)
     lines: list[Content] = []
     if status is None:
         lines = [Content("waiting for the recorder; to start it takes some seconds")]

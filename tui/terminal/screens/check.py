@@ -9,6 +9,7 @@ from typing import ClassVar
 from rich.text import Text
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
+from textual.containers import Horizontal
 from textual.content import Content
 
 from daq import Channel, Corner, InputError, Quantity
@@ -194,9 +195,10 @@ class CheckScreen(BenchScreen):
         self._still_s = 0.0
 
     def compose_body(self) -> ComposeResult:
-        """Compose the lines, and the explanation of the marked one."""
-        yield Table("lines")
-        yield Words("explained", "box")
+        """Compose the lines, and below or beside them the explanation of the marked one."""
+        with Horizontal(id="checks"):
+            yield Table("lines")
+            yield Words("explained", "box")
 
     def on_mount(self) -> None:
         """Request the check again each second."""
@@ -310,11 +312,10 @@ class CheckScreen(BenchScreen):
             return
         box.border_title = printable(row.subject, 50).replace("[", "(")
         words = [row.text, row.advice]
-        if self._corner is not None:  # the next line says what its row says
+        if self._corner is not None:  # the line on SPACE says what its row says
             words = [self._acknowledged, "" if self._acknowledged else "S skips it, with a reason"]
-        lines_below = [Content(printable(text, 300)) for text in words if text]
-        lines_below.append(Content.styled(self._due, SPACE_INK))
-        box.say(Content("\n").join(lines_below))
+        lines = [Content(printable(text, 300)) for text in words if text]
+        box.say(Content("\n").join([Content.styled(self._due, SPACE_INK), *lines]))
 
     @property
     def _due(self) -> str:
