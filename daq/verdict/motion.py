@@ -155,7 +155,11 @@ def second_strike(trace: Trace, guard_s: float) -> tuple[float, float]:
     grid = np.arange(0.0, trace.time_s[-1], _GRID_S)
     if len(grid) * _GRID_S < guard_s + 2 * STRUCK_S:
         return 0.0, 0.0
-    quick = _quick(trace)
+    quick = trace.value  # without the body's motion: its running mean over 0.15 s
+    n = round(0.15 / max(float(np.median(np.diff(trace.time_s))), 1e-4))
+    if n >= 3:
+        total = np.cumsum(np.pad(trace.value, (n // 2 + 1, n - 1 - n // 2), mode="edge"))
+        quick = trace.value - (total[n:] - total[:-n]) / n
     energy = np.concatenate([[0.0], np.cumsum(quick**2)])
     first, last = np.searchsorted(trace.time_s, [grid - STRUCK_S / 2, grid + STRUCK_S / 2])
     envelope = np.sqrt((energy[last] - energy[first]) / np.maximum(last - first, 1))
@@ -171,17 +175,6 @@ def second_strike(trace: Trace, guard_s: float) -> tuple[float, float]:
     near = (trace.time_s > onset_s - STRUCK_S) & (trace.time_s < highest_s + STRUCK_S)
     high = np.where(near, np.abs(quick), 0.0)
     return float(risen.max() / size), float(trace.time_s[np.argmax(high > high.max() / 2)])
-
-
-def _quick(trace: Trace) -> NDArray[np.float64]:
-    """Return the motion faster than the body: the signal minus its running mean over 0.15 s."""
-    period_s = max(float(np.median(np.diff(trace.time_s))), 1e-4)
-    n = round(0.15 / period_s)
-    if n < 3:
-        return trace.value
-    padded = np.pad(trace.value, (n // 2, n - 1 - n // 2), mode="edge")
-    total = np.concatenate([[0.0], np.cumsum(padded)])
-    return np.asarray(trace.value - (total[n:] - total[:-n]) / n)
 
 
 def too_strong(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterator[Finding]:
@@ -266,7 +259,6 @@ def rest_changed(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) ->
 # One damped wave, for display ---------------------------------------------------------------------
 
 
-_STEP_S = 0.02
 _CLEAREST_FIRST = (
     (Quantity.SUSPENSION_TRAVEL,),
     (Quantity.PITCH_RATE, Quantity.ROLL_RATE, Quantity.BODY_ACCELERATION),
@@ -279,30 +271,11 @@ _CLEAREST_FIRST = (
 def body_wave(signals: tuple[Trace, ...], bump_s: float) -> tuple[float, float] | None:
     """Fit a damped wave to the strongest motion of the body after the bump.
 
-    `bump_s`: duration of the bump; the wave begins when the wheels are at rest again.  Returns the
+    `bump_s`: duration of the bump; the wave begins when the wheels are at rest again.  Each mean
+    over 80 ms of a damped wave is a linear combination of the two means before it.  Returns the
     undamped natural frequency, Hz, and the damping ratio; None if nothing shows the body.
     """
-    record = _record(signals, bump_s + 0.2)
-    if record is None:
-        return None
-    frequencies = np.geomspace(0.4, 5.0, 24)  # Hz
-    dampings = np.linspace(0.01, 0.7, 12)
-    best = (0.0, 0.0)
-    for _ in range(3):  # each on the two grid cells around the best point of the previous one
-        misfit = _misfit(record, frequencies, dampings)
-        i, j = divmod(int(np.argmin(misfit)), len(dampings))
-        best = float(frequencies[i]), float(dampings[j])
-        frequencies, dampings = _finer(frequencies, i), _finer(dampings, j)
-    return best
-
-
-def _finer(grid: NDArray[np.float64], place: int) -> NDArray[np.float64]:
-    """Return nine points between the neighbours of the best one."""
-    return np.linspace(grid[max(place - 1, 0)], grid[min(place + 1, len(grid) - 1)], 9)
-
-
-def _record(signals: tuple[Trace, ...], start_s: float) -> NDArray[np.float64] | None:
-    """Return the clearest record of the body, (n,), on an equidistant grid."""
+    start_s, step_s = bump_s + 0.2, 0.08
     for quantities in _CLEAREST_FIRST:
         clear = [
             t
@@ -311,43 +284,21 @@ def _record(signals: tuple[Trace, ...], start_s: float) -> NDArray[np.float64] |
         ]
         if not clear:
             continue
-        edges = np.arange(start_s, min(t.time_s[-1] for t in clear), _STEP_S)
-        rows = np.array([_means(trace, edges) for trace in clear])
-        if quantities[0] is Quantity.SUSPENSION_TRAVEL:
-            u, _, _ = np.linalg.svd(rows, full_matrices=False)
-            return np.asarray(u[:, 0] @ rows)
-        noise = np.array([max(t.noise, 1e-12) for t in clear])
-        return np.asarray(rows[int(np.argmax(np.std(rows, axis=1) / noise))])
+        edges = np.arange(start_s, min(t.time_s[-1] for t in clear), step_s)
+        rows = np.array([np.diff(_area(trace, edges)) / step_s for trace in clear])
+        if quantities[0] is Quantity.SUSPENSION_TRAVEL:  # the travels show one wave together
+            record = np.linalg.svd(rows, full_matrices=False)[0][:, 0] @ rows
+        else:
+            noise = [max(t.noise, 1e-12) for t in clear]
+            record = rows[int(np.argmax(np.std(rows, axis=1) / noise))]
+        before = np.stack([record[1:-1], record[:-2], np.ones(len(record) - 2)], axis=1)
+        last, last_but_one, _ = np.linalg.lstsq(before, record[2:])[0]
+        root = np.roots([1.0, -last, -last_but_one])[0]
+        if root.imag == 0.0:  # no wave
+            return None
+        pole = np.log(root) / step_s
+        return float(abs(pole) / (2 * np.pi)), float(-pole.real / abs(pole))
     return None
-
-
-def _means(trace: Trace, edges: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the mean of each step, or the value between two samples if it has none."""
-    first = np.searchsorted(trace.time_s, edges)
-    last = np.append(first[1:], np.searchsorted(trace.time_s, edges[-1] + _STEP_S))
-    total = np.concatenate([[0.0], np.cumsum(trace.value)])
-    straight = np.interp(edges + _STEP_S / 2, trace.time_s, trace.value)
-    mean = (total[last] - total[first]) / np.maximum(last - first, 1)
-    return np.where(last > first, mean, straight)
-
-
-def _misfit(
-    record: NDArray[np.float64], frequencies: NDArray[np.float64], dampings: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the residual sum of squares of each wave with the best amplitude, phase and level.
-
-    The sum of squares of the record, which is the same for all, is left out.
-    """
-    time_s = np.arange(len(record)) * _STEP_S
-    omega = 2 * np.pi * frequencies[:, None]
-    envelope = np.exp(-(omega * dampings)[..., None] * time_s)
-    phase = (omega * np.sqrt(1.0 - dampings**2))[..., None] * time_s
-    ones = np.ones_like(envelope)
-    basis = np.stack([envelope * np.cos(phase), envelope * np.sin(phase), ones], axis=-1)
-    normal = np.einsum("fdti,fdtj->fdij", basis, basis)
-    projection = np.einsum("fdti,t->fdi", basis, record)
-    solution = np.linalg.solve(normal, projection[..., None])[..., 0]
-    return np.asarray(-np.einsum("fdi,fdi->fd", projection, solution))
 
 
 # Comparison with the accepted runs of the kind ----------------------------------------------------
@@ -438,9 +389,11 @@ def _compared(
             ratio, name = peak_ratio, channel
         if all(channel in measure.waves for measure in (measured, *accepted)):
             median_wave = np.median([measure.waves[channel] for measure in accepted], axis=0)
-            correlation = _correlation(measured.waves[channel], median_wave)
-            if correlation < like:
-                like, course_name = correlation, channel
+            wave = measured.waves[channel]
+            product = float(np.linalg.norm(wave) * np.linalg.norm(median_wave))
+            cosine = float(wave @ median_wave) / product if product > 0.0 else 0.0
+            if cosine < like:
+                like, course_name = cosine, channel
     text = (
         f"peak of {name or 'every channel'} is {ratio:.2f} times that of the accepted runs "
         f"({1.0 / PEAK_RATIO:.2f} to {PEAK_RATIO:.2f} is allowed)"
@@ -449,13 +402,9 @@ def _compared(
     passed = 1.0 / PEAK_RATIO <= ratio <= PEAK_RATIO
     yield finding("not_repeatable", passed, ratio, limit, "", text, name)
     if course_name:
-        text = f"course of {course_name} is {like:.0%} like the accepted runs"
-        text += f" (at least {LIKENESS:.0%})"
+        text = (
+            f"course of {course_name} is {like:.0%} like the accepted runs (at least "
+            f"{LIKENESS:.0%})"
+        )
         passed = like >= LIKENESS
         yield finding("not_repeatable", passed, like, LIKENESS, "", text, course_name)
-
-
-def _correlation(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
-    """Return the cosine between two courses, -1..1; 0 if one of them is at rest."""
-    product = float(np.linalg.norm(other) * np.linalg.norm(one))
-    return float(other @ one) / product if product > 0.0 else 0.0

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Iterator
 from math import nan
 
 import numpy as np
@@ -14,7 +13,7 @@ from dbc.words import counted, plural
 
 from ..bench.config import Bench
 from ..channels import Channel, Quantity, message_of
-from ..runs import STALE_S, WHEEL_MOTION_S, Silence, longest_gap_s, longest_silence
+from ..runs import WHEEL_MOTION_S, longest_gap_s, longest_silence
 from ..samples.clock import FASTEST
 from ..samples.converter import FROZEN_S, flat_tops, longest_hold
 from .window import BEFORE_S, RunWindow, Trace, kind_of
@@ -24,76 +23,49 @@ LOST_SHARE = 0.02
 """Largest share of lost frames: a loose plug loses most while the car moves most, and another bump
 costs only a minute."""
 
-Times = Mapping[str, NDArray[np.int64]]
-"""Time stamps, ns, by message or channel."""
-
 
 def stale(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterator[Finding]:
     """Find messages that were silent, and channels without a value, for a part of the run."""
-    usable = _usable(bench, window)
-    messages = _best_of_message(bench, usable)
+    messages = _best_of_message(bench, window)
     for channel in bench.channels:  # those without a value although their frames come
-        t_ns, all_ns = usable[channel.name], messages.get(_message(channel), ())
+        t_ns = _usable_ns(window, channel)
+        all_ns = messages.get(_message(channel), ())
         if channel.quantity is not Quantity.UNUSED and len(t_ns) < 0.9 * len(all_ns):
             messages[channel.name] = t_ns
-    silence = _silences(bench, window, messages)
-    for message in window.stale:
-        known = silence.get(message, Silence(0.0, 0.0, STALE_S))
-        length_s = max(known.length_s, known.limit_s + STALE_S)
-        silence[message] = known._replace(end_s=known.begin_s + length_s)
+    span_s = -bench.trigger.pre_s, bench.trigger.post_s
+    silence = {
+        name: longest_silence((t_ns - window.bump_ns) * 1e-9, *span_s)
+        for name, t_ns in messages.items()
+    }
     if not silence:
         return
     worst = max(silence, key=lambda name: silence[name].length_s / silence[name].limit_s)
     gap_s, limit_s = silence[worst].length_s, silence[worst].limit_s
     silent = [name for name, each in silence.items() if each.is_stale]
     all_ = f"all {len(silence)} messages"
-    if not silent:
+    if silent:
+        who = all_ if len(silent) == len(silence) > 1 else ", ".join(silent)
+        were = plural(len(silent), "was", "were")
+        text = f"{who} {were} silent or without a usable value for {gap_s:.2f} s"
+        text += f" (limit {limit_s:.2f} s)"
+        yield finding("stale", False, gap_s, limit_s, "s", text, worst)
+    else:
         who = all_ if len(silence) > 1 else "the one message"
         text = f"{who} came; longest silence {gap_s * 1e3:.0f} ms ({worst})"
         yield finding("stale", True, gap_s, limit_s, "s", text)
-        return
-    who = all_ if len(silent) == len(silence) > 1 else ", ".join(silent)
-    stamps = {name: _received(bench, window, name) for name in silent}
-    is_mute = not any(each.is_stale for each in _silences(bench, window, stamps).values())
-    fault = "without a usable value" if is_mute else "silent"
-    were = plural(len(silent), "was", "were")
-    text = f"{who} {were} {fault} for {gap_s:.2f} s (limit {limit_s:.2f} s)"
-    failed = finding("stale", False, gap_s, limit_s, "s", text, worst)
-    advice = "check the sensor, and type, checksum and factor of its signal, then bump again"
-    yield replace(failed, advice=advice) if is_mute else failed
 
 
-def _received(bench: Bench, window: RunWindow, name: str) -> NDArray[np.int64]:
-    """Return the time stamps of a message or channel, also of samples without a usable value."""
-    stamps = (
-        window.channels[c.name][0]
-        for c in bench.channels
-        if name in (c.name, _message(c)) and c.name in window.channels
-    )
-    return max(stamps, key=len, default=np.empty(0, np.int64))
+def _usable_ns(window: RunWindow, channel: Channel) -> NDArray[np.int64]:
+    """Return the time stamps of a channel's usable samples."""
+    t_ns, value = window.channels.get(channel.name, (np.empty(0, np.int64), np.empty(0)))
+    return t_ns[np.isfinite(value)]
 
 
-def _silences(bench: Bench, window: RunWindow, stamps: Times) -> dict[str, Silence]:
-    """Return the longest silence of each message or channel in the run; times are from the bump."""
-    span_s = -bench.trigger.pre_s, bench.trigger.post_s
-    return {
-        name: longest_silence((t_ns - window.bump_ns) * 1e-9, *span_s)
-        for name, t_ns in stamps.items()
-    }
-
-
-def _usable(bench: Bench, window: RunWindow) -> dict[str, NDArray[np.int64]]:
-    """Return the time stamps of the usable samples of each channel, none for one that is absent."""
-    nothing = np.empty(0, np.int64), np.empty(0)
-    columns = {c.name: window.channels.get(c.name, nothing) for c in bench.channels}
-    return {name: t_ns[np.isfinite(value)] for name, (t_ns, value) in columns.items()}
-
-
-def _best_of_message(bench: Bench, usable: Times) -> dict[str, NDArray[np.int64]]:
+def _best_of_message(bench: Bench, window: RunWindow) -> dict[str, NDArray[np.int64]]:
     """Return the time stamps of the channel with the most usable samples of each message."""
     best: dict[str, NDArray[np.int64]] = {}
     for channel in bench.channels:
-        name, t_ns = _message(channel), usable[channel.name]
+        name, t_ns = _message(channel), _usable_ns(window, channel)
         if channel.quantity is not Quantity.UNUSED and len(t_ns) >= len(best.get(name, ())):
             best[name] = t_ns
     return best
@@ -107,7 +79,7 @@ def _message(channel: Channel) -> str:
 def lost_frames(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterator[Finding]:
     """Compare missing with received frames; judge a gap in the wheels' motion separately."""
     lost = window.losses.measured
-    came = sum(map(len, _best_of_message(bench, _usable(bench, window)).values()))
+    came = sum(map(len, _best_of_message(bench, window).values()))
     share = lost / max(lost + came, 1)
     gap_s, limit_s, name = 0.0, longest_gap_s(0.0), ""
     for trace in signals:

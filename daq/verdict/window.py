@@ -33,8 +33,6 @@ class RunWindow:
     used; channels may be empty or absent."""
     losses: Losses = field(default_factory=Losses)
     """Frames lost within the run."""
-    stale: tuple[str, ...] = ()
-    """Messages with a long silence during the run, as known from other sources than the samples."""
     saturated: tuple[str, ...] = ()
     """Channels with samples at the end of the signal's range."""
     timed: frozenset[str] = frozenset()

@@ -24,7 +24,7 @@ WORDS: Mapping[str, Words] = {
         "sensor silent",
         "A sensor sent nothing, or no usable value, for a part of the run. What it would have "
         "shown is missing.",
-        "check its plug and power, then bump again",
+        "check its plug and power, and type, checksum and factor of its signal, then bump again",
     ),
     "lost_frames": Words(
         "frames lost",

@@ -29,7 +29,8 @@ from dbc.finding import Finding
 from ..simulated.elements import NONE, Friction, Imperfections, load_car
 
 START_NS = 1_800_000_000_000_000_000
-LEAD_S = 1.3
+LEAD_S, AFTER_S = 1.3, 2.8
+"""Time that is simulated before and after the beginning of a bump, s."""
 HEIGHT_M = 0.05
 CARS: Mapping[str, tuple[Imperfections, float]] = {
     "linear": (NONE, 1.0),
@@ -107,14 +108,14 @@ def motion(
     p = replace(FORD_GRANADA, c_sf=damper * FORD_GRANADA.c_sf, c_sr=damper * FORD_GRANADA.c_sr)
     states = {s.name: s.added for s in load_bench(None).mass_states}
     plant = load_car(p, states[state], imperfections)
-    first = drive(plant, Bump(excitation, height * HEIGHT_M, LEAD_S, 0.2), LEAD_S + 5.0)
+    first = drive(plant, Bump(excitation, height * HEIGHT_M, LEAD_S, 0.2), LEAD_S + AFTER_S)
     if again is None:
         return first
     delay_s, size = again
     begin_s = LEAD_S + delay_s
     second = Bump(excitation, size * HEIGHT_M, begin_s, 0.2)
     before = first.states(np.array([begin_s]))
-    return Spliced(first, drive(plant, second, begin_s + 4.0, before))
+    return Spliced(first, drive(plant, second, begin_s + AFTER_S, before))
 
 
 def windowed(

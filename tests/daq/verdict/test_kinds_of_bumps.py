@@ -7,21 +7,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from daq.bench.campaign import Method, Step
-from daq.bench.config import Bench, load_bench
 from daq.bumps import Wheels
 from daq.channels import Channel, Quantity
 from daq.runs import BASELINE, Excitation
 from daq.vehicle import Corner
-from daq.verdict import RunMeasure, RunWindow, judge
+from daq.verdict import RunMeasure, judge
 from daq.verdict.bump_kind import Pattern, mirrored, patterns, struck, wrong_mode
-from daq.verdict.window import traces
 
-Array = NDArray[np.float64]
-BUMP_NS = 1_800_000_000_000_000_000
-T_S: Array = np.arange(-1000.0, 2700.0) / 1000.0
+from .closed_forms import T_S, Array, bench_of, run_of, seen
+
 FL, FR, RL, RR = Corner
 FRONT, REAR = Wheels({FL, FR}), Wheels({RL, RR})
 P, R = 1 / 1.35, 1 / 0.75
@@ -29,21 +25,12 @@ P, R = 1 / 1.35, 1 / 0.75
 BOUNCE, PITCH, ROLL, WARP = Excitation.BOUNCE, Excitation.PITCH, Excitation.ROLL, Excitation.WARP
 
 
-def bench_of(channels: tuple[Channel, ...], method: Method = Method.ROLL_OVER) -> Bench:
-    bench = load_bench(None)
-    return replace(bench, channels=channels, campaign=replace(bench.campaign, method=method))
-
-
-def found(
+def found_by(
     records: Mapping[Channel, Array], method: Method = Method.ROLL_OVER
 ) -> tuple[Pattern, ...]:
-    bench = bench_of(tuple(records), method)
-    return patterns(bench, traces(bench.channels, run_of(records)))
-
-
-def run_of(records: Mapping[Channel, Array]) -> RunWindow:
-    t_ns = BUMP_NS + np.rint(T_S * 1e9).astype(np.int64)
-    return RunWindow(BUMP_NS, {c.name: (t_ns, value) for c, value in records.items()})
+    bench = bench_of(*records)
+    bench = replace(bench, campaign=replace(bench.campaign, method=method))
+    return patterns(bench, seen(records))
 
 
 def corners(quantity: Quantity, unit: str, shapes: Mapping[Corner, Array]) -> dict[Channel, Array]:
@@ -88,7 +75,7 @@ def test_wheels_that_go_together(
     struck: tuple[int, ...], words: str, likeness: tuple[float, ...]
 ) -> None:
     for records, by in ((hubs(struck), "hubs"), (travels(struck), "travels")):
-        (pattern,) = found(records)
+        (pattern,) = found_by(records)
         assert (pattern.words, pattern.by, pattern.limit) == (words, by, 0.8)
         assert [pattern.likeness[kind] for kind in (BOUNCE, PITCH, ROLL, WARP)] == pytest.approx(
             likeness, abs=1e-3
@@ -104,12 +91,12 @@ def test_a_push_is_judged_by_travels_alone() -> None:
     ):
         shapes = {c: 0.02 * s * swing for c, s in zip(Corner, signs, strict=True)}
         records = corners(Quantity.SUSPENSION_TRAVEL, "m", shapes) | hubs((1, 0, 0, 0))
-        (pattern,) = found(records, Method.PUSH)
+        (pattern,) = found_by(records, Method.PUSH)
         assert pattern.words.startswith(words)
         assert (pattern.by, pattern.limit) == ("travels", 0.65)
         assert pattern.shares[str(kind)] == pytest.approx(1.0)
         assert pattern.likeness[kind] == pytest.approx(1.0)
-    assert found(hubs((1, 1, 1, 1)), Method.PUSH) == ()
+    assert found_by(hubs((1, 1, 1, 1)), Method.PUSH) == ()
 
 
 Z = Channel("z", Quantity.BODY_ACCELERATION, "m/s2", "IMU.z")
@@ -162,7 +149,7 @@ def test_a_body_that_heaves_and_turns(
     by_rates = {Z: jolt(heave), RATES[0]: rate(P * pitch), RATES[1]: rate(R * roll)}
     by_turns = {Z: jolt(heave), TURNS[0]: jolt(P * pitch), TURNS[1]: jolt(R * roll)}
     for records in (by_rates, by_turns):
-        (pattern,) = found(records)
+        (pattern,) = found_by(records)
         assert (pattern.words, pattern.by, pattern.limit) == (words, "body's motion", 0.65)
         got = [pattern.likeness[kind] for kind in (BOUNCE, PITCH, ROLL)]
         assert got == pytest.approx(likeness, abs=0.01)
@@ -179,16 +166,16 @@ def test_the_strike_is_from_50_ms_before_the_bump_to_100_ms_after_it(
     at_s: float, counts: bool
 ) -> None:
     """The bump of the shipped bench is over after 0.2 s."""
-    (pattern,) = found({Z: jolt(1.0), RATES[0]: rate(P, at_s), RATES[1]: rate(0.0)})
+    (pattern,) = found_by({Z: jolt(1.0), RATES[0]: rate(P, at_s), RATES[1]: rate(0.0)})
     assert (pattern.shares["pitch"] > 0.4) is counts
 
 
 def test_travels_are_judged_with_the_body_and_hubs_without() -> None:
     body = {Z: jolt(1.0), RATES[0]: rate(P), RATES[1]: rate(0.0)}
-    assert [p.by for p in found(travels((1, 1, 1, 1)) | body)] == ["travels", "body's motion"]
-    assert [p.by for p in found(hubs((1, 1, 1, 1)) | travels((1, 1, 1, 1)) | body)] == ["hubs"]
+    assert [p.by for p in found_by(travels((1, 1, 1, 1)) | body)] == ["travels", "body's motion"]
+    assert [p.by for p in found_by(hubs((1, 1, 1, 1)) | travels((1, 1, 1, 1)) | body)] == ["hubs"]
     three = dict(list(hubs((1, 1, 1, 1)).items())[:3])
-    assert found(three) == ()
+    assert found_by(three) == ()
 
 
 @pytest.mark.parametrize(("like", "passed"), [(0.65, True), (0.64, False)])
@@ -215,7 +202,7 @@ def test_a_kind_is_told_from_another_by_its_limit(like: float, passed: bool) -> 
 def test_a_bump_of_the_other_side_or_axle_is_named(
     sizes: tuple[float, ...], due: Excitation, text: str
 ) -> None:
-    (pattern,) = found(hubs(sizes))
+    (pattern,) = found_by(hubs(sizes))
     named = [finding.text for finding in mirrored(due, pattern)]
     assert named == ([f"{text}: it still counts"] if text else [])
     assert all(finding.passed for finding in mirrored(due, pattern))
@@ -223,13 +210,10 @@ def test_a_bump_of_the_other_side_or_axle_is_named(
 
 def test_the_other_axle_is_named_once_though_wheels_and_body_show_it() -> None:
     rear = travels((0, 0, 1, 1)) | {Z: jolt(1.0), RATES[0]: rate(P), RATES[1]: rate(0.0)}
-    assert all(list(mirrored(PITCH, pattern)) for pattern in found(rear))
+    assert all(list(mirrored(PITCH, pattern)) for pattern in found_by(rear))
     step = Step(BASELINE, PITCH, 1)
-    findings, _ = judge(bench_of(tuple(rear)), step, run_of(rear), ())
+    findings, _ = judge(bench_of(*rear), step, run_of(rear), ())
     assert [finding.code for finding in findings].count("mirrored") == 1
-
-
-"""Which wheels were struck, by body, travels and hubs, and what a judged run says of it."""
 
 
 @pytest.mark.parametrize(
@@ -240,7 +224,7 @@ def test_hubs_are_struck_from_50_ms_before_the_bump_on(
 ) -> None:
     early = np.where((start_s < T_S) & (stop_s > T_S), 20.0, 0.0)
     records = {c: v + early * (c.corner in REAR) for c, v in hubs((1, 1, 0, 0)).items()}
-    (pattern,) = found(records)
+    (pattern,) = found_by(records)
     assert (pattern.likeness[BOUNCE] > 0.6) is counts
     assert counts or pattern.likeness[BOUNCE] == pytest.approx(0.5, abs=1e-6)
 
@@ -269,7 +253,7 @@ def judged(sizes: tuple[float, ...], accepted: list[RunMeasure], unlike: list[Ru
     """Return the codes of what failed in a pitch of these hubs."""
     records = hubs(sizes)
     step = Step(BASELINE, PITCH, 1)
-    findings, _ = judge(bench_of(tuple(records)), step, run_of(records), accepted, unlike)
+    findings, _ = judge(bench_of(*records), step, run_of(records), accepted, unlike)
     return " ".join(finding.code for finding in findings if not finding.passed)
 
 
@@ -281,7 +265,7 @@ def test_a_run_is_compared_with_runs_of_the_same_wheels_only() -> None:
     def measure(sizes: tuple[float, ...]) -> RunMeasure:
         records = hubs(sizes)
         step = Step(BASELINE, PITCH, 1)
-        return judge(bench_of(tuple(records)), step, run_of(records), ())[1]
+        return judge(bench_of(*records), step, run_of(records), ())[1]
 
     front, rear, higher = measure((1, 1, S, S)), measure((S, S, 1, 1)), measure((2, 2, S, S))
     assert (front.wheels, rear.wheels) == (FRONT, REAR)
@@ -295,14 +279,10 @@ def test_a_run_is_judged_in_the_order_of_cause_and_effect() -> None:
     records = travels((1, 1, 1, 1)) | {Z: jolt(1.0), TURNS[0]: jolt(P)}
     records |= {TURNS[1]: jolt(0.0)}
     step = Step(BASELINE, BOUNCE, 1)
-    findings, _ = judge(bench_of(tuple(records)), step, run_of(records), ())
+    findings, _ = judge(bench_of(*records), step, run_of(records), ())
     assert [finding.code for finding in findings] == [
         *("stale", "lost_frames", "overload", "frozen", "not_at_rest", "too_weak"),
         *("double_bump", "too_strong", "wrong_mode", "wrong_mode", "not_decayed", "rest_changed"),
         "motion",
     ]
     assert findings[-1].text.endswith("100% pure")  # by the travels, not by the body that pitches
-
-
-"""Rest, weak and second bumps, decay and the kind of a body's motion, where details decide."""
-"""Samples that differ by 1 each, as white noise of 0.707 does."""

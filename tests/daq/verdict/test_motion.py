@@ -1,4 +1,4 @@
-"""Rest, weak, strong and second bumps, and decay, by records of closed form."""
+"""Rest, size, strikes, decay, wave and likeness of runs, by records of closed form."""
 
 from __future__ import annotations
 
@@ -8,16 +8,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from daq.bench.campaign import Method
-from daq.channels import Channel
+from daq.bench.campaign import Method, Step
+from daq.channels import Channel, Quantity
+from daq.runs import BASELINE, Excitation
 from daq.vehicle import Corner
+from daq.verdict import RunMeasure, judge
 from daq.verdict.motion import (
+    body_wave,
     double_bump,
     not_at_rest,
     not_decayed,
+    not_repeatable,
     rest_changed,
     too_strong,
     too_weak,
+    waves,
 )
 from daq.verdict.window import traces
 from dbc.finding import Finding
@@ -25,7 +30,9 @@ from dbc.finding import Finding
 from .closed_forms import (
     BEFORE,
     BODY,
+    HEIGHT,
     HUB,
+    OTHER,
     PITCH,
     ROLL,
     T_S,
@@ -35,9 +42,14 @@ from .closed_forms import (
     TURNS,
     Array,
     Check,
+    bench_of,
     found,
+    noisy,
     one,
     pulse,
+    ringing,
+    run_of,
+    seen,
     window,
 )
 
@@ -149,10 +161,6 @@ def test_the_rest_position_may_change_by_a_fifth_of_the_peak(moved_m: float, pas
     assert finding.limit == pytest.approx(0.01)
 
 
-"""Rest, weak and second bumps, decay and the kind of a body's motion, where details decide."""
-"""Samples that differ by 1 each, as white noise of 0.707 does."""
-
-
 def by(method: Method, check: Check, records: Mapping[Channel, Array]) -> list[Finding]:
     bench, run = window(records)
     bench = replace(bench, campaign=replace(bench.campaign, method=method))
@@ -195,7 +203,198 @@ def test_a_push_and_its_release_are_one_strike(at_s: float, passed: bool) -> Non
     assert not rolled.passed
 
 
-"""Rest, strikes, gaps and likeness where two rules meet, by records of closed form."""
+# Measures of a run, and their likeness to those of other runs ------------------------------------
+
+BOUNCE = Step(BASELINE, Excitation.BOUNCE, 1)
 
 
-"""The measures of a run against closed forms: peaks, noise, the body's wave, the slow course."""
+@pytest.mark.parametrize("wave", [(1.05, 0.25), (1.6, 0.4), (0.45, 0.2), (4.6, 0.03)])
+def test_the_wave_of_the_body(wave: tuple[float, float]) -> None:
+    for channel in (TRAVEL, PITCH, BODY, HEIGHT, TURN):
+        assert body_wave(seen({channel: ringing(*wave)}), 0.2) == pytest.approx(wave)
+    assert body_wave(seen({HUB: ringing(*wave)}), 0.2) is None
+    assert body_wave(seen({TRAVEL: pulse(1.0)}), 0.2) is None  # at rest again
+
+
+@pytest.mark.parametrize(
+    ("peak_to_noise", "stop_s", "shows"),
+    [(5.1, 1.42, True), (4.9, 1.42, False), (5.1, 1.39, False)],
+)
+def test_a_wave_is_clear_of_the_noise_and_a_second_long(
+    peak_to_noise: float, stop_s: float, shows: bool
+) -> None:
+    """The wheels come to rest 0.2 s after the bump of 0.2 s."""
+    wave, short = ringing(1.5, 0.1), stop_s > T_S
+    value = noisy(wave, float(np.max(np.abs(wave))) / peak_to_noise)
+    assert (body_wave(seen({TRAVEL: value[short]}, T_S[short]), 0.2) is not None) is shows
+
+
+def test_the_wave_is_of_what_shows_the_body_best() -> None:
+    slow, quick = ringing(0.8, 0.2), ringing(2.4, 0.1)
+    order = [(TRAVEL, PITCH), (PITCH, HEIGHT), (BODY, HEIGHT), (HEIGHT, TURN)]
+    for first, second in order:
+        for channels in ((first, second), (second, first)):
+            records = {c: slow if c is first else quick for c in channels}
+            wave = body_wave(seen(records), 0.2)
+            assert wave is not None
+            assert wave[0] == pytest.approx(0.8, rel=0.01)
+
+
+def test_a_trace_is_the_deviation_from_rest() -> None:
+    rest = np.resize([1.0, 1.0, 3.0], len(T_S))  # median 1, mean 5/3
+    value = np.where(T_S < -0.0301, rest, 1.0)
+    value[T_S == 0.0] = 7.0
+    value[T_S == 1.0] = -8.0
+    (trace,) = seen({TRAVEL: value})
+    assert trace.peak == 9.0
+    assert trace.moved == pytest.approx(np.sqrt(8 / 9), rel=1e-3)
+    assert trace.noise == pytest.approx(2 * np.sqrt(2 / 3) / np.sqrt(2), rel=2e-3)
+    assert list(trace.part(-0.001, 0.002)) == [0.0, 6.0, 0.0]
+    assert replace(trace, noise=0.0).rms(0.0, 0.004) == 3.0
+    assert replace(trace, noise=3.0).rms(0.0, 0.002) == 3.0
+    assert replace(trace, noise=5.0).rms(0.0, 0.002) == 0.0
+    assert replace(trace, noise=0.0).rms(5.0, 6.0) == 0.0
+
+
+def test_a_channel_with_eight_samples_and_rest_before_the_bump_counts() -> None:
+    time_s = np.array([-0.5, -0.4, -0.031, 0.1, 0.2, 0.3, 0.4, 0.5])
+    assert len(seen({TRAVEL: time_s}, time_s)) == 1
+    assert len(seen({TRAVEL: time_s[1:]}, time_s[1:])) == 0
+    late = np.array([-0.029, 0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6])
+    assert len(seen({TRAVEL: late}, late)) == 0
+    gap = np.where(time_s == 0.2, np.nan, time_s)
+    assert len(seen({TRAVEL: gap}, time_s)) == 0
+    unused = Channel("unused", Quantity.UNUSED, "m", "S.u")
+    assert len(seen({unused: time_s}, time_s)) == 0
+
+
+def test_judge_publishes_peaks_by_kind_wave_and_purity() -> None:
+    def pulse(height: float) -> Array:
+        return np.where(np.isclose(T_S, 0.1), height, 0.0)
+
+    records = {
+        HUB: pulse(40.0),
+        BODY: pulse(-3.0),
+        TILT: pulse(99.0),
+        PITCH: pulse(77.0),
+        TRAVEL: pulse(0.05) + ringing(1.3, 0.2, 0.03),
+        HEIGHT: pulse(-0.08),
+    }
+    findings, found = judge(bench_of(*records), BOUNCE, run_of(records), [])
+    assert found.peaks["tilt"] == 99.0
+    assert set(found.waves) == {"body", "tilt", "pitch", "travel", "height"}
+    motion = findings[-1]
+    assert (motion.code, motion.unit) == ("motion", "Hz")
+    assert motion.value == pytest.approx(1.3, rel=0.01)
+    assert motion.text.startswith("peak 40.0 m/s2, 80 mm, f 1.30 Hz, zeta 0.2")
+
+
+def test_nothing_to_judge_is_one_finding() -> None:
+    findings, found = judge(bench_of(TRAVEL), BOUNCE, run_of({TRAVEL: T_S[:5]}, T_S[:5]), [])
+    assert [f.code for f in findings] == ["stale", "no_data"]
+    assert (findings[-1].passed, findings[-1].value, findings[-1].limit) == (False, 0.0, 1.0)
+    assert found == RunMeasure()
+
+
+# A run compared with the accepted runs of its kind ------------------------------------------------
+
+
+def test_the_course_is_the_mean_of_60_ms_every_20_ms() -> None:
+    time_s = T_S + 0.0005  # no sample on the edge of a mean
+    square = np.where(T_S >= 0.0, time_s**2, 0.0)
+    found = waves(seen({TRAVEL: square, HUB: square}, time_s))
+    assert list(found) == ["travel"]
+    centre_s = 0.1 + 0.02 * np.arange(70)
+    assert len(found["travel"]) == 70
+    # The mean of t^2 over a width w about c is c^2 + w^2 / 12.
+    assert found["travel"] == pytest.approx(centre_s**2 + 0.06**2 / 12, abs=1e-6)
+
+
+def measure(peak: float, wave: Array | None = None) -> RunMeasure:
+    return RunMeasure(
+        peaks={"travel": peak}, waves={"travel": np.array([3.0, 4.0]) if wave is None else wave}
+    )
+
+
+def test_a_run_is_compared_with_the_median_of_those_before() -> None:
+    records = {TRAVEL: np.where(np.isclose(T_S, 0.1), 1.0, 0.0)}
+    before = [measure(0.5), measure(2.0), measure(8.0)]
+    by_peak, *course = not_repeatable(seen(records), measure(1.0), before)
+    assert (by_peak.value, by_peak.limit, by_peak.subject) == (0.5, 1 / 1.4, "travel")
+    assert not by_peak.passed
+    assert course == []  # all alike
+    by_peak, _ = not_repeatable(seen(records), measure(2.5, np.array([4.0, -3.0])), before)
+    assert (by_peak.value, by_peak.limit) == (1.25, 1.4)
+    assert list(not_repeatable(seen(records), measure(1.0), [])) == []
+    (by_peak,) = not_repeatable(seen(records), measure(2.0), before)
+    assert (by_peak.passed, by_peak.value, by_peak.subject) == (True, 1.0, "")
+
+
+@pytest.mark.parametrize(
+    ("accepted", "unlike", "like"),
+    [
+        ([2.0], [], None),
+        ([2.0], [1.0], (1, 1)),  # one of each: the accepted one may be the odd one
+        ([2.0, 1.1], [1.0], (2, 1)),
+        ([2.0, 2.1], [1.0], None),
+        ([2.0, 2.1], [1.0, 1.1], (2, 2)),
+        ([2.0], [0.1], None),
+    ],
+)
+def test_a_first_run_that_is_odd_does_not_reject_all_others(
+    accepted: list[float], unlike: list[float], like: tuple[int, int] | None
+) -> None:
+    """`like`: of all others those like this one, and of the accepted ones those unlike it."""
+    records = {TRAVEL: np.where(np.isclose(T_S, 0.1), 1.0, 0.0)}
+    before, doubted = ([measure(peak) for peak in peaks] for peaks in (accepted, unlike))
+    found = list(not_repeatable(seen(records), measure(1.0), before, doubted))
+    assert all(finding.passed for finding in found) is (like is not None)
+    if like:
+        assert (found[0].value, found[0].limit) == like
+
+
+def test_a_course_at_right_angles_is_not_alike() -> None:
+    records = {TRAVEL: np.where(np.isclose(T_S, 0.1), 1.0, 0.0)}
+    _, course = not_repeatable(seen(records), measure(1.0, np.array([4.0, -3.0])), [measure(1.0)])
+    assert course.value == pytest.approx(0.0)
+    assert (course.limit, course.passed) == (0.85, False)
+    still = measure(1.0, np.zeros(2))
+    _, course = not_repeatable(seen(records), still, [measure(1.0)])
+    assert (course.value, course.passed) == (0.0, False)
+    unknown = RunMeasure(peaks={"travel": 1.0})
+    for own, before in ((unknown, measure(1.0)), (measure(1.0, np.array([4.0, -3.0])), unknown)):
+        assert len(list(not_repeatable(seen(records), own, [before]))) == 1
+
+
+@pytest.mark.parametrize(
+    ("travel", "other", "subject", "passed"),
+    [(0.5, 1.9, "travel", False), (0.8, 1.2, "travel", True), (0.8, 1.3, "other", True),
+     (1.0, 1.39, "other", True), (1.0, 1.41, "other", False), (1 / 1.39, 1.0, "travel", True),
+     (1 / 1.41, 1.0, "travel", False)],
+)  # fmt: skip
+def test_a_peak_may_differ_by_the_factor_1_4_up_or_down(
+    travel: float, other: float, subject: str, passed: bool
+) -> None:
+    records = {TRAVEL: pulse(travel), OTHER: pulse(other)}
+    usual, peaks = {"travel": 1.0, "other": 1.0}, {"travel": travel, "other": other}
+    by_peak, *_ = not_repeatable(seen(records), RunMeasure(peaks=peaks), [RunMeasure(peaks=usual)])
+    assert (by_peak.passed, by_peak.subject) == (passed, subject)
+    assert by_peak.limit == pytest.approx(1.4 if subject == "other" else 1 / 1.4)
+
+
+@pytest.mark.parametrize(
+    ("like", "small", "by_peak", "by_course"),
+    [(0.84, 0.0, True, False), (0.86, 0.0, True, True), (1.0, 0.29, True, True),
+     (1.0, 0.31, False, True)],
+)  # fmt: skip
+def test_a_course_is_85_percent_alike_and_channels_of_three_tenths_of_the_largest_count(
+    like: float, small: float, by_peak: bool, by_course: bool
+) -> None:
+    def run_like(like: float, small: float) -> RunMeasure:
+        wave = np.array([like, np.sqrt(1.0 - like**2)])
+        return RunMeasure(peaks={"travel": 1.0, "other": small}, waves={"travel": wave})
+
+    shown = seen({TRAVEL: pulse(1.0), OTHER: pulse(small)})
+    findings = list(not_repeatable(shown, run_like(like, small), [run_like(1.0, 0.1)]))
+    assert findings[0].passed is by_peak
+    assert all(finding.passed for finding in findings[1:]) is by_course

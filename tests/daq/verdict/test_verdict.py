@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 from functools import cache
 
@@ -21,6 +22,7 @@ from tests.simulated.cars import named_car
 from ...flow.coverage import simulated_session
 from ...simulated.elements import load_car
 from ..verdict_runs import (
+    AFTER_S,
     LEAD_S,
     Setting,
     benches,
@@ -174,13 +176,14 @@ def test_whatever_is_missing_is_a_finding_and_no_error(spoilt: str) -> None:
     assert measure == RunMeasure()
 
 
-@pytest.mark.parametrize("bench", list(benches()))
-@pytest.mark.parametrize("span_s", [(-1.0, 0.0), (0.0, 0.4), (0.3, 2.6)])
-def test_no_silence_of_any_channel_is_an_error(bench: str, span_s: tuple[float, float]) -> None:
+@pytest.mark.parametrize("bench", ["all", "IMU and travels", "hubs, two travels"])
+def test_no_silence_of_any_channel_is_an_error(bench: str) -> None:
     setting = Setting("linear", bench, BOUNCE)
     window = good(setting, 11)
-    low, high = (window.bump_ns + round(x * 1e9) for x in span_s)
-    for chosen in (set(window.channels), set(list(window.channels)[::2])):
+    every, half = set(window.channels), set(list(window.channels)[::2])
+    spans_s = ((-1.0, 0.0), (0.0, 0.4), (0.3, 2.6))
+    for chosen, span_s in itertools.product((every, half), spans_s):
+        low, high = (window.bump_ns + round(x * 1e9) for x in span_s)
         channels = {
             name: (t, np.where((t >= low) & (t < high) & (name in chosen), np.nan, v))
             for name, (t, v) in window.channels.items()
@@ -208,9 +211,8 @@ def test_the_motion_left_falls_from_one_to_nothing() -> None:
     assert peak_left(bench.channels, window.bump_ns, {}, window.bump_ns) is None
 
 
-"""Bumps that are let go, simulated from forces: drops off blocks and pushes by hand."""
 PLANT = load_car(FORD_GRANADA, AddedMass())
-END_S = LEAD_S + 5.0
+END_S = LEAD_S + AFTER_S
 DROPS = [(Method.DROP, kind) for kind in Excitation]
 PUSHES = [(Method.PUSH, kind) for kind in (Excitation.BOUNCE, Excitation.PITCH, Excitation.ROLL)]
 """A tail that is pushed hardly moves the accelerometer of this bench, which is ahead of the middle:
@@ -260,9 +262,6 @@ def test_another_kind_than_the_one_that_is_due_is_named(method: Method, done: Ex
         bench, step, windowed(Setting("linear", "all", step), _motion(method, done), 2), ()
     )
     assert first_failed(findings) == "wrong_mode"
-
-
-"""Runs of the real car whose friction holds most, as the bench judges them."""
 
 
 def test_runs_of_a_car_with_leaf_springs_are_accepted_although_friction_holds_it() -> None:
