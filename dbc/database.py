@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from .codec import Codec
 from .errors import InputError
+from .finding import Severity
 from .layout import CRC_RULES, CounterRule, MessageLayout, SignalLayout
 from .repair import EXTENDED, RepairedText
 
@@ -28,14 +29,14 @@ PICK = "give a CAN database: DBC, KCD, SYM or ARXML"
 ROLE = "SignalRole"
 """Attribute of a DBC's signal that is a counter or a checksum."""
 
-_ROOT = re.compile(r"\A\s*<.{0,4000}?<?(?:\w+:)?(NetworkDefinition|AUTOSAR|CANDELA)\b", re.DOTALL)
-_KINDS = {"NetworkDefinition": "kcd", "AUTOSAR": "arxml", "CANDELA": "cdd"}
+_ROOT = re.compile(r"\A\s*<.{0,4000}?<?(?:\w+:)?(NetworkDefinition|AUTOSAR)\b", re.DOTALL)
+
 _HUGE = re.compile(
-    r"""\b(?:length|offset|count)\s*=\s*["']?\d{5}|\bLen\s*=\s*\d{5}|<!ENTITY"""
-    r"|\b(?:unsigned|signed|float|double|bit|char|string|raw)\s+\d{5}|(?:LENGTH|POSITION)>\s*(?:0x)?[\da-f]{7}",
+    r"""\b(?:length|offset|count|len)\s*=\s*["']?\d{5}"""
+    r"|\b(?:unsigned|signed|float|double|bit|char|string|raw)\s+\d{5}|(?:LENGTH|POSITION)>\s*\d{7}",
     re.IGNORECASE,
 )
-"""Numbers beyond any payload, which cantools would build, and entities of XML."""
+"""Numbers beyond any payload, which cantools would build."""
 
 
 def shipped_dbc() -> str:
@@ -80,61 +81,57 @@ def parse_codec(text: str, name: str) -> Codec:
     what cannot be used, `notes` what was repaired or is odd.  Raises InputError if it is no CAN
     database, ends within a definition, or none of its messages can be used.
     """
-    if len(text) > MAX_BYTES:
-        raise InputError(name, f"larger than {MAX_BYTES // 1_000_000} MB", PICK)
-    if not text.strip():
-        raise InputError(name, "the file is empty", PICK)
-    if "\0" in text:
-        raise InputError(name, "binary data, not a CAN database", PICK)
+    for is_refused, what in (
+        (len(text) > MAX_BYTES, f"larger than {MAX_BYTES // 1_000_000} MB"),
+        (not text.strip(), "the file is empty"),
+        ("\0" in text, "binary data, not a CAN database"),
+    ):
+        if is_refused:
+            raise InputError(name, what, PICK)
     kind = _kind(text, name)
     source = RepairedText("" if kind else text, name)
     layouts: list[MessageLayout] = []
-    meanings = set()
     for message in _read_other(text, name, kind) if kind else _read_dbc(source):
         can_id = message.frame_id | EXTENDED * message.is_extended_frame
-        if (can_id, "") in source.lost:
-            continue
-        try:
-            layout = _layout(message, source, can_id)
-        except ValueError as error:
-            source.lose(source.line(can_id), f"message {message.name}", str(error))
-            continue
-        # A message that is passed on from one bus to another means the same on both.
-        meaning = replace(layout, senders=(), cycle_s=None)
-        if not kind or meaning not in meanings:
-            layouts.append(layout)
-        meanings.add(meaning)
+        if (can_id, "") not in source.lost:
+            try:
+                layouts.append(_layout(message, source, can_id))
+            except ValueError as error:
+                source.report(source.line(can_id), f"message {message.name}", str(error))
+    if kind:  # a message that is passed on from one bus to another means the same on both
+        meanings = {replace(layout, senders=(), cycle_s=None): layout for layout in layouts[::-1]}
+        layouts = [*meanings.values()][::-1]
     identifiers = Counter((layout.can_id, layout.is_extended) for layout in layouts)
-    named = Counter(
-        layout.name for layout in layouts if identifiers[layout.can_id, layout.is_extended] == 1
-    )
+    usable = [each for each in layouts if identifiers[each.can_id, each.is_extended] == 1]
+    named = Counter(layout.name for layout in usable)
     messages: dict[str, MessageLayout] = {}
     for layout in layouts:
         unique, subject = layout.name, f"message {layout.name}"
         line = source.line(layout.can_id | EXTENDED * layout.is_extended)
         if identifiers[layout.can_id, layout.is_extended] > 1:
-            source.lose(line, subject, f"has the identifier 0x{layout.can_id:X} of another")
+            source.report(line, subject, f"has the identifier 0x{layout.can_id:X} of another")
             continue
         if named[layout.name] > 1:
             unique += f"_0x{layout.can_id:X}"
-            if unique in messages:  # that one has 11 bits
-                unique += "x"
-            source.note(line, subject, f"has the name of another: it is {unique} here")
+            unique += "x" if unique in messages else ""  # that one has 11 bits
+            text = f"has the name of another: it is {unique} here"
+            source.report(line, subject, text, Severity.WARNING)
         messages[unique] = replace(layout, name=unique)
     if not messages:
-        findings = source.left_out or source.notes
-        if not findings:
+        if not source.findings:
             raise InputError(name, "has no messages", PICK)
-        more = f", and {len(findings) - 1} more" if findings[1:] else ""
-        where = findings[0].where or name
-        raise InputError(where, findings[0].text + more, "correct that line or give another file")
-    return Codec(tuple(messages.values()), tuple(source.left_out), tuple(source.notes))
+        first, *others = source.findings
+        more = f", and {len(others)} more" if others else ""
+        where, advice = first.where or name, "correct that line or give another file"
+        raise InputError(where, first.text + more, advice)
+    left_out = tuple(each for each in source.findings if not each.passed)
+    return Codec(tuple(messages.values()), left_out, tuple(f for f in source.findings if f.passed))
 
 
 def _kind(text: str, name: str) -> str:
     """Return the format of a database from its content, or else its suffix; "" for a DBC."""
     if root := _ROOT.match(text.lstrip("\ufeff")):
-        return _KINDS[root[1]]
+        return "arxml" if root[1] == "AUTOSAR" else "kcd"
     if re.match(r"\s*(?://[^\n]*\n\s*)*FormatVersion\s*=", text[:4096]):
         return "sym"
     suffix = Path(name).suffix.lower()[1:]
@@ -144,35 +141,22 @@ def _kind(text: str, name: str) -> str:
 def _read_dbc(source: RepairedText) -> Sequence[Message]:
     """Return the messages of a DBC; what cantools refuses is left out until it reads the rest."""
     from cantools.database.can.formats import dbc
-    from textparser import ParseError as SyntaxFault
 
     while str(source).strip():
         try:
             # cantools ignores a last statement that is cut off: this one is last.
             return dbc.load_string(f'{source}\nCM_ "end";\n', strict=False).messages
-        except SyntaxFault as error:
-            source.without_error(error.offset)
-        except Exception as error:
-            # cantools raises many kinds of errors: ValueError, KeyError, AssertionError, its own.
-            is_repaired = isinstance(error, ValueError) and source.without_strays(str(error))
-            if isinstance(error, KeyError):
-                is_repaired = source.without_attribute(str(error.args[0]))
-            if not is_repaired:
+        except Exception as error:  # it raises many kinds: ValueError, KeyError, AssertionError
+            if not source.repair(error):
                 raise _refused(source.name, "DBC", error) from error
     return ()
 
 
 def _read_other(text: str, name: str, kind: str) -> Sequence[Message]:
     """Return the messages of a KCD, SYM or ARXML."""
-    if kind == "cdd":
-        what = "is a diagnostic description (CDD), which has no messages of the bus"
-        raise InputError(name, what, PICK)
     if huge := _HUGE.search(text):
         where = f"{name}:{text.count(chr(10), 0, huge.start()) + 1}"
         raise InputError(where, f"{huge[0]!r} lies outside any payload", "correct that line")
-    ranges = re.findall(r"\bID\s*=\s*([0-9A-Fa-f]+)h\s*-\s*([0-9A-Fa-f]+)h", text)
-    if sum(max(int(high, 16) - int(low, 16), 0) for low, high in ranges) > 2000:
-        raise InputError(name, "has more than 2,000 identifiers", "split it")
     from cantools.database.can.formats import arxml, kcd, sym
 
     load: Any = {"kcd": kcd, "sym": sym, "arxml": arxml}[kind]
@@ -189,7 +173,6 @@ def _read_other(text: str, name: str, kind: str) -> Sequence[Message]:
 
 def _refused(name: str, kind: str, error: Exception) -> InputError:
     what = str(error).split("\n", 1)[0] or type(error).__name__
-    what = f"{what} is not defined" if isinstance(error, KeyError) else what
     line = re.search(r"\bline (\d+)", what)
     return InputError(f"{name}:{line[1]}" if line else name, f"not a valid {kind}: {what}", PICK)
 
@@ -209,30 +192,16 @@ def _layout(message: Message, source: RepairedText, can_id: int) -> MessageLayou
     for signal in message.signals:
         if (can_id, signal.name) in source.lost:
             continue
-        role, layout = _role(signal), _signal(signal)
+        layout, role = _signal(signal), _role(signal)
         fault = _fault(layout, message.length)
         if (can_id, signal.name) in source.multiplexed and not layout.selected_by:
             fault = "is multiplexed without one clear selector"
-        if fault and role != "value":
-            raise ValueError(f"has {signal.name}, which {fault}")
         if fault:
             faults[signal.name] = fault
-            continue
-        layouts.append(layout)
-        if role == "value":
-            continue
-        if role != "counter" and role not in CRC_RULES:
-            raise ValueError(f"has {signal.name} with the {ROLE} {role}, which is unknown")
-        kind = "counter" if role == "counter" else "checksum"
-        if kind in roles:
-            raise ValueError(f"has two signals with the {ROLE} {role}")
-        roles[kind] = signal.name
-        plain = layout.is_plain and layout.length <= 32
-        if not plain:
-            raise ValueError(f"has {signal.name}, whose {ROLE} is not a plain unsigned number")
-        if kind == "checksum" and (layout.length != 8 or layout.low_bit != 0):
-            raise ValueError(f"has the checksum {signal.name}, which is not one whole byte")
-        roles["rule"] = role if kind == "checksum" else roles.get("rule", "crc8_j1850")
+        else:
+            layouts.append(layout)
+        if role != "value":
+            roles[signal.name] = role
     named = Counter(each.name for each in layouts)
     for part in ("m", "b"):  # by selector value, else by start bit
         for i, each in enumerate(layouts):
@@ -242,20 +211,22 @@ def _layout(message: Message, source: RepairedText, can_id: int) -> MessageLayou
         named = Counter(each.name for each in layouts)
     by_name = {each.name: each for each in layouts}
     for each in layouts:
-        is_double = named[each.name] > 1
-        fault = "is defined twice" if is_double else _fault_of_selector(each, by_name)
+        fault = "is defined twice" if named[each.name] > 1 else _fault_of_selector(each, by_name)
         if fault:
             faults[each.name] = fault
+    for name, role in roles.items():
+        if fault := faults.get(name) or _fault_of_role(role, by_name.get(name)):
+            raise ValueError(f"has {name}, which {fault}")
+    counters = [name for name, role in roles.items() if role == "counter"]
+    checksums = [name for name in roles if name not in counters]
+    if len(counters) > 1 or len(checksums) > 1:
+        raise ValueError(f"has two signals with one {ROLE}: {', '.join(roles)}")
     kept = [each for each in layouts if each.name not in faults]
     if faults and not kept:
         raise ValueError(f"has no usable signal: {' '.join(next(iter(faults.items())))}")
-    for name in roles.values():
-        if name in faults:
-            raise ValueError(f"has {name}, which {faults[name]}")
     for name, fault in faults.items():
-        source.lose(source.line(can_id, name), f"{message.name}.{name}", fault)
+        source.report(source.line(can_id, name), f"{message.name}.{name}", fault)
     cycle_ms = message.cycle_time
-    counter = by_name.get(roles.get("counter", ""))
     return MessageLayout(
         name=message.name,
         can_id=message.frame_id,
@@ -263,9 +234,9 @@ def _layout(message: Message, source: RepairedText, can_id: int) -> MessageLayou
         length=message.length,
         cycle_s=cycle_ms / 1000 if isinstance(cycle_ms, int | float) and cycle_ms > 0 else None,
         signals=tuple(sorted(kept, key=lambda each: each.first_bit)),
-        counter=CounterRule(counter.name, 1 << counter.length) if counter else None,
-        crc=roles.get("checksum"),
-        crc_rule=roles.get("rule", "crc8_j1850"),
+        counter=next((CounterRule(name, 1 << by_name[name].length) for name in counters), None),
+        crc=next(iter(checksums), None),
+        crc_rule=next((roles[name] for name in checksums), "crc8_j1850"),
         senders=tuple(message.senders),
     )
 
@@ -299,6 +270,17 @@ def _fault_of_selector(signal: SignalLayout, by_name: Mapping[str, SignalLayout]
             return f"has no usable selector {signal.selector}"
         chain.add(selector.name)
         signal = selector
+    return None
+
+
+def _fault_of_role(role: str, signal: SignalLayout | None) -> str | None:
+    """Return why a signal cannot be a counter or a checksum; None if it can."""
+    if role != "counter" and role not in CRC_RULES:
+        return f"has the unknown {ROLE} {role}"
+    if signal is None or not signal.is_plain or signal.length > 32:
+        return f"has the {ROLE} {role} and is not one plain unsigned number"
+    if role != "counter" and (signal.length != 8 or signal.low_bit != 0):
+        return f"has the {ROLE} {role} and is not one whole byte"
     return None
 
 

@@ -13,6 +13,7 @@ from .finding import Finding, Severity
 
 EXTENDED = 1 << 31
 """Bit of an identifier in a DBC that marks 29 bits."""
+_LOST, _ODD = Severity.ERROR, Severity.WARNING
 
 _DECISIVE = {"VAL_", "SIG_VALTYPE_", "SG_MUL_VAL_"}
 """Statements without which their signal may be decoded wrongly."""
@@ -21,7 +22,8 @@ _KNOWN |= {"BA_DEF_DEF_", "BA_REL_", "BA_DEF_REL_", "BA_DEF_DEF_REL_", "BO_TX_BU
 _KNOWN |= {"SIG_GROUP_", "ENVVAR_DATA_"}
 _COMMENT = re.compile(r'^[ \t]*CM_[ \t]+[^"\n;]*"(?:\\"|[^"])*"\s*;', re.MULTILINE)
 _ABOUT = re.compile(r'\s*\w+\s+(?:"[^"]*"\s+)?(?:[A-Z_]+_\s+)?(\d{1,19})\b(?:\s+(\w+))?')
-_SIGNAL = re.compile(r"\s*SG_\s+(\w+)(?:(?:\s+(\w+))?\s*:\s*(\d+)\s*\|\s*(\d+))?")
+_BYTES = re.compile(r"\s*BO_\s+\d+\s+\w+\s*:\s*(\d{1,18})")
+_SIGNAL = re.compile(r"\s*SG_\s+(\w+)(?:(?:\s+(\w+))?\s*:\s*(\d{1,18})\s*\|\s*(\d{1,18}))?")
 
 
 class RepairedText:
@@ -32,8 +34,8 @@ class RepairedText:
 
     def __init__(self, text: str, name: str) -> None:
         self.name = name
-        self.left_out: list[Finding] = []
-        self.notes: list[Finding] = []
+        self.findings: list[Finding] = []
+        """What is left out, as errors, and oddities that do no harm, as warnings."""
         self.lost: set[tuple[int, str]] = set()
         """Identifier, as in the DBC, and name of the signals that cantools still reads, but that
         cannot be decoded; without name: the whole message."""
@@ -71,22 +73,29 @@ class RepairedText:
         """Return the line of a signal, or else of its message; 0 if it is not known."""
         return self._places.get((can_id, signal)) or self._places.get((can_id, ""), 0)
 
-    def lose(self, line: int, subject: str, why: str) -> None:
-        """Report that a message, or a signal, is left out."""
-        where, text = f"{self.name}:{line}" if line else self.name, f"{subject} {why}"
-        self.left_out.append(Finding("left_out", Severity.ERROR, text, subject, where=where))
+    def report(self, line: int, subject: str, text: str, severity: Severity = _LOST) -> None:
+        """Report that a message or signal is left out, or with another severity an oddity."""
+        code = "left_out" if severity is _LOST else "odd"
+        where = f"{self.name}:{line}" if line else self.name
+        self.findings.append(Finding(code, severity, f"{subject} {text}", subject, where=where))
 
-    def note(self, line: int, subject: str, what: str) -> None:
-        """Report an oddity that does no harm."""
-        where, text = f"{self.name}:{line}" if line else self.name, f"{subject} {what}"
-        self.notes.append(Finding("odd", Severity.WARNING, text, subject, where=where))
-
-    def without_error(self, offset: int) -> None:
-        """Leave out the line with the error of syntax at `offset`.
+    def repair(self, error: Exception) -> bool:
+        """Leave out what cantools refuses with an error; False if it is not known what that is.
 
         Raises InputError if the text ends within it, if it is one too many, or if it decides how an
         unknown signal is decoded.
         """
+        from textparser import ParseError as SyntaxFault
+
+        if isinstance(error, SyntaxFault):
+            self._leave_out_error(error.offset)
+            return True
+        if isinstance(error, KeyError):
+            return self._leave_out_attribute(str(error.args[0]))
+        return isinstance(error, ValueError) and self._leave_out_strays(str(error))
+
+    def _leave_out_error(self, offset: int) -> None:
+        """Leave out the line with the error of syntax at `offset`."""
         text = str(self)
         place = min(text.count("\n", 0, offset), len(self._lines) - 1)
         filled = [i for i in range(place + 1) if self._lines[i].strip()]
@@ -104,18 +113,18 @@ class RepairedText:
             raise self._refusal(place, f"has more than {self._repairs - 1} errors of syntax")
         self._leave_out(place, "is not valid DBC")
 
-    def without_attribute(self, attribute: str) -> bool:
+    def _leave_out_attribute(self, attribute: str) -> bool:
         """Leave out the values of an attribute that is not defined; False if there is none."""
         stated = re.compile(rf'\s*BA_\w*\s+"{re.escape(attribute)}"')
         places = [place for place, line in enumerate(self._lines) if stated.match(line)]
         for place in places:
             self._lines[place] = ""
         if places:
-            subject = f'attribute "{attribute}"'
-            self.note(places[0] + 1, subject, "is not defined: it is left out")
+            subject, text = f'attribute "{attribute}"', "is not defined: it is left out"
+            self.report(places[0] + 1, subject, text, _ODD)
         return bool(places)
 
-    def without_strays(self, complaint: str) -> bool:
+    def _leave_out_strays(self, complaint: str) -> bool:
         """Leave out the statements on unknown signals that cantools lists; False if it lists none.
 
         A message with a stray `SIG_VALTYPE_` is lost, because another signal may be meant.
@@ -124,14 +133,14 @@ class RepairedText:
         for place, (kind, (can_id, name)) in enumerate(zip(self._kinds, self._about, strict=True)):
             if (kind, str(can_id), name) not in strays:
                 continue
+            self._lines[place] = ""
             if kind == "SIG_VALTYPE_" and can_id in self._names:
                 self.lost.add((can_id, ""))
-                what = f"has no signal {name}, which is a float"
-                self.lose(place + 1, f"message {self._names[can_id]}", what)
+                text = f"has no signal {name}, which is a float"
+                self.report(place + 1, f"message {self._names[can_id]}", text)
             else:
-                subject = f"{kind} {can_id} {name}"
-                self.note(place + 1, subject, "is left out: it names no signal")
-            self._lines[place] = ""
+                text = "is left out: it names no signal"
+                self.report(place + 1, f"{kind} {can_id} {name}", text, _ODD)
         return bool(strays)
 
     def _mark_identifiers(self) -> None:
@@ -140,8 +149,8 @@ class RepairedText:
         for place, (can_id, name) in enumerate(self._about):
             if self._kinds[place] == "BO_" and 1 << 11 <= can_id < 1 << 29:
                 unmarked.add(can_id)
-                what = "is marked as 11-bit, but its identifier is longer: it is read as 29-bit"
-                self.note(place + 1, f"message {name}", what)
+                text = "is marked as 11-bit, but its identifier is longer: it is read as 29-bit"
+                self.report(place + 1, f"message {name}", text, _ODD)
         for place, (can_id, name) in enumerate(self._about):
             if can_id in unmarked:
                 self._about[place] = (can_id | EXTENDED, name)
@@ -155,17 +164,14 @@ class RepairedText:
         if kind == "BO_" and can_id >= 0:
             self._places.setdefault((can_id, ""), place + 1)
             self._names[can_id] = name
-            bits, size = (
-                (can_id & ~EXTENDED).bit_length(),
-                re.match(r"\s*BO_\s+\d+\s+\w+\s*:\s*(\d+)", line),
-            )
+            bits, size = (can_id & ~EXTENDED).bit_length(), _BYTES.match(line)
             if bits > 29 and name != "VECTOR__INDEPENDENT_SIG_MSG":
                 self._leave_out(place, f"has an identifier of {bits} bits, not 11 or 29")
-            elif size and int(size[1][:9]) > 64:
+            elif size and int(size[1]) > 64:
                 self._leave_out(place, f"has {size[1]} bytes, not 0 to 64")
         elif kind == "SG_" and (signal := _SIGNAL.match(line)) and signal[3]:
             self._places[can_id, name] = place + 1
-            start, length = int(signal[3][:9]), int(signal[4][:9])
+            start, length = int(signal[3]), int(signal[4])
             if start >= 512 or not 1 <= length <= 64:
                 self._leave_out(place, f"has {length} bits from bit {start} of a payload")
             elif (signal[2] or "").startswith("m"):
@@ -173,11 +179,8 @@ class RepairedText:
         elif kind == "CM_" and line.count('"') % 2:
             self._leave_out(place, "has a text without an end")
         elif kind == "SG_MUL_VAL_":
-            ends = [
-                (int(low[:20]), int(high[:20]))
-                for low, high in re.findall(r"(\d+)\s*-\s*(\d+)", line)
-            ]
-            values = sum(max(high - low + 1, 0) for low, high in ends)
+            ranges = re.findall(r"(\d{1,20})\s*-\s*(\d{1,20})", line)
+            values = sum(max(int(high) - int(low) + 1, 0) for low, high in ranges)
             if values > 1 << 16:  # cantools lists them one by one
                 self._leave_out(place, f"has {values:,} values of its selector")
 
@@ -191,17 +194,17 @@ class RepairedText:
             while stop < len(self._lines) and self._kinds[stop] in ("SG_", ""):
                 stop += 1
         if kind == "SG_":
-            self.lose(place + 1, f"{message}.{name or '?'}", why)
+            self.report(place + 1, f"{message}.{name or '?'}", why)
         elif kind == "BO_" or any(line.strip() for line in self._lines[place + 1 : stop]):
-            self.lose(place + 1, f"message {message}", why)
+            self.report(place + 1, f"message {message}", why)
         elif can_id in self._names and name and (kind in _DECISIVE or kind not in _KNOWN):
             self.lost.add((can_id, name))
-            self.lose(place + 1, f"{message}.{name}", f"has a statement that {why}")
+            self.report(place + 1, f"{message}.{name}", f"has a statement that {why}")
         elif kind in _DECISIVE:
             raise self._refusal(place, f"has a {kind} of an unknown signal that {why}")
         else:
             subject = kind if kind in _KNOWN else "the text"
-            self.note(place + 1, subject, f"{why}: this is left out")
+            self.report(place + 1, subject, f"{why}: this is left out", _ODD)
         self._lines[place:stop] = [""] * (stop - place)
 
     def _refusal(self, place: int, what: str) -> InputError:

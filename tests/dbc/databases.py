@@ -6,13 +6,13 @@ a message of one signal has nothing to overlap with.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from random import Random
 from typing import Any
 
 import numpy as np
 from cantools.database import Database, load_string
-from hypothesis import strategies as st
 
 from dbc import FrameBatch, FrameFlag
 
@@ -37,7 +37,7 @@ class Field:
     chosen: tuple[tuple[int, int], ...] = ()
     is_selector: bool = False
 
-    def line(self, multiplexing: str = "") -> str:
+    def line(self, multiplexing: str) -> str:
         order = 0 if self.motorola else 1
         return (
             f" SG_ {self.name} {multiplexing}: {self.start}|{self.length}@{order}{self.sign}"
@@ -74,116 +74,113 @@ class Message:
     def number(self) -> int:
         return self.can_id | (self.extended << 31)
 
-    def text(self, only: Field | None = None) -> str:
+    def text(self) -> str:
         """Return the definition, an empty line, and what belongs at the end of the DBC."""
-        fields = self.fields if only is None else (only,)
         lines = [f"BO_ {self.number} {self.name}: {self.length} A"]
-        lines += [f.line("" if only else f.marker) for f in fields]
+        lines += [f.line(f.marker) for f in self.fields]
         lines.append("")
-        for f in fields:
+        for f in self.fields:
             if f.float_type:
                 lines.append(f"SIG_VALTYPE_ {self.number} {f.name} : {f.float_type};")
-            if f.selector and not only:
+            if f.selector:
                 ranges = ", ".join(f"{low}-{high}" for low, high in f.chosen)
                 lines.append(f"SG_MUL_VAL_ {self.number} {f.name} {f.selector} {ranges};")
         return "\n".join(lines)
 
 
-def parse_one(message: Message, only: Field | None = None) -> Any:
-    """Return the cantools message of a text."""
-    loaded = load_string(database([message], only), "dbc", strict=False)
-    assert isinstance(loaded, Database)  # load_string may also return a diagnostics database
-    return loaded.messages[0]
+def oracle(messages: Iterable[Message], *, whole: bool = False) -> dict[tuple[str, str], Any]:
+    """Return cantools' messages by message and signal, each with that signal alone.
+
+    `whole`: True for one message of each, by its name and "".
+    """
+    if whole:
+        loaded = load_string(database(list(messages)), "dbc", strict=False)
+        assert isinstance(loaded, Database)  # load_string may also return a diagnostics database
+        return {(message.name, ""): message for message in loaded.messages}
+    pairs = [(message, field) for message in messages for field in message.fields]
+    alone = [
+        Message(f"O{i}", i, True, m.length, (replace(f, selector="", is_selector=False),))
+        for i, (m, f) in enumerate(pairs)
+    ]
+    found = oracle(alone, whole=True)
+    return {(m.name, f.name): found[f"O{i}", ""] for i, (m, f) in enumerate(pairs)}
 
 
-def database(messages: list[Message], only: Field | None = None) -> str:
-    """Return the DBC text of several messages, or of one of their signals alone."""
-    body = [message.text(only).split("\n\n") for message in messages]
-    heads = "\n\n".join(part[0] for part in body)
-    tails = "\n".join(part[1] for part in body if len(part) > 1)
+def database(messages: list[Message]) -> str:
+    """Return the DBC text of several messages."""
+    parts = [message.text().split("\n\n") for message in messages]
+    heads = "\n\n".join(part[0] for part in parts)
+    tails = "\n".join(part[1] for part in parts if len(part) > 1)
     return f'VERSION ""\n\nBU_: A B\n\n{heads}\n\n{tails}\n'
 
 
-@st.composite
-def fields(draw: st.DrawFn, name: str, payload: int) -> Field:
+def random_field(draw: Random, name: str, payload: int) -> Field:
     """Return any signal that fits in `payload` bytes."""
     floats = [bits for bits in (16, 32, 64) if bits <= 8 * payload]
-    is_float = bool(floats) and draw(st.integers(0, 4)) == 0
-    length = draw(st.sampled_from(floats) if is_float else st.integers(1, min(64, 8 * payload)))
-    aligned = draw(st.booleans())
-    first = draw(st.integers(0, 8 * payload - length))
-    if aligned:
-        first -= first % 8
-    motorola = draw(st.booleans())
+    is_float = bool(floats) and draw.random() < 0.2
+    length = draw.choice(floats) if is_float else draw.randint(1, min(64, 8 * payload))
+    first = draw.randint(0, 8 * payload - length)
+    first -= first % 8 * draw.randint(0, 1)
+    motorola = draw.random() < 0.5
     return Field(
         name=name,
         start=8 * (first // 8) + 7 - first % 8 if motorola else first,
         length=length,
         motorola=motorola,
-        sign=draw(st.sampled_from("+-")),
+        sign=draw.choice("+-"),
         float_type=(2 if length == 64 else 1) if is_float else 0,
-        factor=draw(st.sampled_from(FACTORS)),
-        offset=draw(st.sampled_from(OFFSETS)),
+        factor=draw.choice(FACTORS),
+        offset=draw.choice(OFFSETS),
     )
 
 
-@st.composite
-def messages(draw: st.DrawFn, name: str, can_id: int, extended: bool) -> Message:
-    """Return a message of overlapping signals of every kind."""
-    length = draw(st.sampled_from(LENGTHS))
-    count = draw(st.integers(1, 4))
-    signals = tuple(draw(fields(f"s{i}", length)) for i in range(count))
+def random_message(draw: Random, name: str, can_id: int, extended: bool) -> Message:
+    """Return a message of one to four overlapping signals of every kind."""
+    length = draw.choice(LENGTHS)
+    signals = tuple(random_field(draw, f"s{i}", length) for i in range(draw.randint(1, 4)))
     return Message(name, can_id, extended, length, signals)
 
 
-@st.composite
-def payloads(draw: st.DrawFn, length: int) -> bytes:
+def random_payload(draw: Random, length: int) -> bytes:
     """Return `length` bytes: any, or those at the ends of ranges and at special floats."""
-    pattern = draw(st.sampled_from((b"", b"\xff", b"\x80\x00", b"\x7f\xf0\x00\x00", b"\x7f\xff")))
-    if not pattern:
-        return draw(st.binary(min_size=length, max_size=length))
-    return (pattern * length)[:length]
+    pattern = draw.choice((b"", b"\xff", b"\x80\x00", b"\x7f\xf0\x00\x00", b"\x7f\xff"))
+    return (pattern * length)[:length] if pattern else draw.randbytes(length)
 
 
-@st.composite
-def multiplexed(draw: st.DrawFn) -> Message:
+def random_multiplexed(draw: Random, name: str, can_id: int) -> Message:
     """Return a message with one or two nested selectors, and without overlaps.
 
     Each byte belongs to one signal, so that cantools reads the whole message rightly.
     """
-    motorola = draw(st.booleans())
-    ids = st.integers(0, 7)
+    motorola = draw.random() < 0.5
 
     def field(name: str, byte: int, bits: int, **more: Any) -> Field:
         start = 8 * byte + (7 if motorola else 0)
-        sign = "+" if more.get("is_selector") else draw(st.sampled_from("+-"))
+        sign = "+" if more.get("is_selector") else draw.choice("+-")
         return Field(name, start, bits, motorola, sign, 0, "1", "0", **more)
 
     def chosen() -> tuple[tuple[int, int], ...]:
-        low, high = sorted((draw(ids), draw(ids)))
-        return ((low, high), (20, 21)) if draw(st.booleans()) else ((low, high),)
+        low, high = sorted((draw.randint(0, 7), draw.randint(0, 7)))
+        return ((low, high), (20, 21)) if draw.random() < 0.5 else ((low, high),)
 
-    nested = draw(st.booleans())
     signals = [
         field("top", 0, 3, is_selector=True),
         field("always", 1, 8),
         field("a", 2, 16, selector="top", chosen=chosen()),
         field("b", 2, 12, selector="top", chosen=chosen()),
     ]
-    if nested:
+    if draw.random() < 0.5:
         signals += [
             field("inner", 4, 3, selector="top", chosen=chosen(), is_selector=True),
             field("deep", 5, 8, selector="inner", chosen=chosen()),
         ]
-    kept = [s for s in signals if s.name != "b" or not _meet(s, signals[2])]
-    return Message("Mux", 0x321, draw(st.booleans()), 8, tuple(kept))
-
-
-def _meet(one: Field, other: Field) -> bool:
-    """Return True if two signals can be in the same frame."""
-    return any(
-        low <= end and start <= high for low, high in one.chosen for start, end in other.chosen
-    )
+    if any(
+        low <= end and start <= high
+        for low, high in signals[2].chosen
+        for start, end in signals[3].chosen
+    ):
+        del signals[3]
+    return Message(name, can_id, draw.random() < 0.5, 8, tuple(signals))
 
 
 # Blocks of frames from lists of payloads --------------------------------------------------------
