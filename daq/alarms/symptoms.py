@@ -14,6 +14,7 @@ from dbc import Codec
 from dbc.codec import UNUSABLE, Decoded, Quality, Samples
 from dbc.finding import Finding
 from dbc.frames import FrameBatch, FrameFlag
+from dbc.layout import MessageLayout
 from dbc.words import counted
 
 from ..bus.error_frames import ControllerState, ErrorClass, ErrorFrame, error_frames_of
@@ -306,51 +307,28 @@ class Sensors:
 
 # Watches each message: arrival, length, checksum; and frames that no DBC describes ----------------
 
-_STALE_PERIODS = 5.0  # longest silence of a message that is not a fault, in periods
-_UNKNOWN_TIMEOUT_S = 2.0  # of a message of which no period is known
-_LEARN_FRAMES, _LEARN_S = 20, 2.0  # least from which a period is learned
-_REGULAR_PERIODS, _REGULAR_S = 3.0, 0.45
-"""Number of mean periods, and time, s, without a message after which it is taken as irregular.
-Silence shorter than the time between two cycles cannot be seen: 0.3 s, and more on a busy
-machine."""
+_UNKNOWN_TIMEOUT_S = 2.0
+"""Longest silence, s, of a message with channels of which the DBC states no period."""
 _EXTENDED_BIT, _BUS_SHIFT, _LENGTH_SHIFT = 29, 32, 40  # above the identifier
+
+
+def _timeout_s(layout: MessageLayout) -> float:
+    """Return the longest silence of a message that is not a fault, s: five periods.
+
+    Cycles of the recorder are 0.1 or 0.3 s apart, so silence under 0.5 s may only be a late block.
+    """
+    return max(5.0 * layout.cycle_s, 0.5) if layout.cycle_s else _UNKNOWN_TIMEOUT_S
 
 
 @dataclass(slots=True)
 class _Message:
-    """History of one message of the DBC."""
+    """The last frame of a message."""
 
-    period_s: float | None
-    """Period stated in the DBC, or learned, s; None for a message without a regular period."""
-    learn_s: float
-    """Monotonic time since which the period is being learned, s."""
+    layout: MessageLayout
     seen_s: float
-    """Monotonic time of the cycle with the last frame, s."""
-    home: int = 0
-    """Number of the bus from which it came last."""
-    learn_frames: int = 0
-    """Frames since `learn_s`."""
-
-    @property
-    def timeout_s(self) -> float | None:
-        """Longest silence that is not a fault, s; None without a period."""
-        if self.period_s is None:
-            return None
-        # Least timeout of a message, s: cycles are 0.1 or 0.3 s apart, so a shorter silence may
-        # only be a late block.
-        return max(_STALE_PERIODS * self.period_s, 0.5)
-
-    def seen(self, bus: int, frames: int, now_s: float) -> None:
-        """Take in the frames of a cycle, and learn the period if the DBC states none."""
-        silent_s, self.seen_s, self.home = now_s - self.seen_s, now_s, bus
-        span_s = now_s - self.learn_s
-        if self.period_s is not None or not span_s:  # known, or this is the first cycle
-            return
-        self.learn_frames += frames
-        if silent_s > max(_REGULAR_PERIODS * span_s / self.learn_frames, _REGULAR_S):
-            self.learn_s, self.learn_frames = now_s, 0
-        elif self.learn_frames >= _LEARN_FRAMES and span_s >= _LEARN_S:
-            self.period_s = span_s / self.learn_frames
+    """Monotonic time of the cycle with it, s."""
+    bus: int
+    """Number of the bus from which it came."""
 
 
 class Traffic:
@@ -380,8 +358,7 @@ class Traffic:
             if layout is None:
                 self._unknown[f"{can_id:#x}{'x' if is_extended else ''}"] = now_s
                 continue
-            known = self._known.setdefault(layout.name, _Message(layout.cycle_s, now_s, now_s))
-            known.seen(bus, frames, now_s)
+            self._known[layout.name] = _Message(layout, now_s, bus)
             if length != layout.length:
                 earlier, _ = counts.get(("wrong_length", layout.name), (0, ""))
                 lengths = f"{counted(length, 'byte')}; the DBC says {layout.length}"
@@ -422,29 +399,27 @@ class Traffic:
             yield fault("none_of_dbc", "", text)
             return
         for name, message in self._known.items():
-            silent_s, timeout_s, home = now_s - message.seen_s, message.timeout_s, message.home
-            is_late = timeout_s is not None and silent_s > timeout_s
-            # Silence, s, after which a message that no channel needs counts as ended, not failed.
-            ended = silent_s > 60.0 and name not in expected
-            if is_late and not ended and home < len(delivers) and delivers[home]:
-                due = f"one is due every {1e3 * (message.period_s or 0.0):.3g} ms"
-                yield fault("stale", name, f"no frame for {silent_s:.1f} s; {due}")
+            silent_s, cycle_s = now_s - message.seen_s, message.layout.cycle_s
+            # A message that no channel needs has ended, not failed, after 60 s of silence.
+            is_watched = name in expected or (cycle_s and silent_s <= 60.0)
+            is_late = silent_s > _timeout_s(message.layout)
+            if is_watched and is_late and message.bus < len(delivers) and delivers[message.bus]:
+                due = f"; one is due every {1e3 * cycle_s:.3g} ms" if cycle_s else ""
+                yield fault("stale", name, f"no frame for {silent_s:.1f} s{due}")
         for name in expected if any(delivers) else ():
-            cycle_s = codec.message(name).cycle_s
-            timeout_s = _STALE_PERIODS * cycle_s if cycle_s else _UNKNOWN_TIMEOUT_S
             # The first frame of a message may take at least a second.
-            if name not in self._known and waited_s > max(timeout_s, 1.0):
+            if name not in self._known and waited_s > max(_timeout_s(codec.message(name)), 1.0):
                 text = f"no frame since the recorder started to listen ({waited_s:.0f} s)"
                 yield fault("stale", name, text)
 
     def home_of(self, message: str) -> int | None:
         """Return the number of the bus from which a message came last; None before the first."""
-        return self._known[message].home if message in self._known else None
+        return self._known[message].bus if message in self._known else None
 
     def alive(self, expected: Sequence[str], now_s: float) -> int:
         """Return the number of expected messages that are received."""
         known = [self._known[name] for name in expected if name in self._known]
-        return sum(now_s - m.seen_s <= (m.timeout_s or _UNKNOWN_TIMEOUT_S) for m in known)
+        return sum(now_s - message.seen_s <= _timeout_s(message.layout) for message in known)
 
 
 def _distinct(batch: FrameBatch) -> list[tuple[int, int, bool, int, int]]:

@@ -26,6 +26,8 @@ class Explanation:
     """Observation of the recorder, in one sentence."""
     advice: str
     """Remedy; a symptom may have a more specific one."""
+    counted: str = ""
+    """Words after the number in the text of an alarm on a counted fault."""
 
 
 EXPLAINED = MappingProxyType(
@@ -51,6 +53,7 @@ EXPLAINED = MappingProxyType(
             "The CAN controller has left the bus after too many transmit errors",
             "check termination, wiring and bit rate; `ip link set can0 type can restart-ms 100` "
             "lets the controller return by itself",
+            "reports of bus-off",
         ),
         "interface_down": Explanation(
             "interface down",
@@ -61,11 +64,13 @@ EXPLAINED = MappingProxyType(
             "frames lost in the queue",
             "The writer was too far behind and frames that were received are not recorded",
             "free the processor and the disk of other work",
+            "frames received and not recorded",
         ),
         "overrun": Explanation(
             "frames lost in the adapter",
             "The interface reports that it lost frames before they could be read",
             "free the processor of other work; lower the load of the bus",
+            "losses reported by the interface",
         ),
         "bus_silent": Explanation(
             "bus silent",
@@ -117,16 +122,19 @@ EXPLAINED = MappingProxyType(
             "wrong length",
             "Frames are shorter or longer than the DBC says; missing bytes are not decoded",
             "correct the sensor's settings, or the length in the DBC",
+            "frames of wrong length",
         ),
         "crc_bad": Explanation(
             "bad checksum",
             "The checksum in the payload does not match; these samples are not used",
             "check wiring and power of the sensor, and crc_rule in bench.toml",
+            "frames with a bad checksum",
         ),
         "counter_gap": Explanation(
             "frames missing",
             "The message's counter jumps: frames were sent but did not arrive",
             "check the load of the bus, wiring and power of the sensor",
+            "frames missing by the counter",
         ),
         "stuck": Explanation(
             "sensor stuck",
@@ -137,6 +145,7 @@ EXPLAINED = MappingProxyType(
             "sensor overloaded",
             "The value touches the end of the sensor's range: the true peak is not known",
             "bump less hard, or use a sensor with a larger range",
+            "samples at the end of the range",
         ),
         "no_value": Explanation(
             "sensor has no value",
@@ -144,16 +153,19 @@ EXPLAINED = MappingProxyType(
             "1e6 in SI, as of no sensor; they are not used",
             "see the sensor's manual: it is starting up, or has found a fault; check type, byte "
             "order and factor of the signal in the DBC",
+            "samples without a value",
         ),
         "garbled": Explanation(
             "garbage received",
             "Pieces of the input were not frames",
             "check the adapter's cable, its baud rate and its firmware",
+            "pieces that are not frames",
         ),
         "error_frames": Explanation(
             "error frames",
             "The controller reports errors on the wires",
             "check termination (60 ohm between the wires), stubs and plugs",
+            "error frames",
         ),
         "clock_step": Explanation(
             "clock set",
@@ -165,22 +177,6 @@ EXPLAINED = MappingProxyType(
 """Texts for every code of `Alarm.code`, the worst first."""
 
 GRAVITY = MappingProxyType({code: place for place, code in enumerate(EXPLAINED)})
-
-COUNTED = MappingProxyType(
-    {
-        "queue_dropped": "frames received and not recorded",
-        "overrun": "losses reported by the interface",
-        "wrong_length": "frames of wrong length",
-        "crc_bad": "frames with a bad checksum",
-        "counter_gap": "frames missing by the counter",
-        "saturated": "samples at the end of the range",
-        "no_value": "samples without a value",
-        "garbled": "pieces that are not frames",
-        "error_frames": "error frames",
-        "bus_off": "reports of bus-off",
-    }
-)
-"""Words after the number in the text of an alarm on a counted fault, by code."""
 
 
 def fault(code: str, subject: str, text: str, advice: str = "") -> Finding:

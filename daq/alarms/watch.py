@@ -25,7 +25,7 @@ from ..runs import Event
 from ..samples.converter import HealthState
 from ..samples.mapping import MappedChannel
 from .symptoms import DEAD, WINDOW_S, BusWatch, Sensors, Traffic
-from .texts import COUNTED, GRAVITY, Counts, Key, fault
+from .texts import EXPLAINED, GRAVITY, Counts, Key, fault
 
 ALARM, ALARM_END, CLOCK_STEP = "alarm", "alarm_end", "clock_step"
 """Codes of the events: those of alarms have the text "CODE SUBJECT: TEXT", a step of the host's
@@ -168,7 +168,7 @@ class Watch:
         if now_s - stepped_s <= 3.0:  # shown for 3 s
             symptoms.append(fault("clock_step", "", f"the host's clock was set by {step_s:+.3f} s"))
         for (code, subject), (number, detail) in totals.items():
-            text = f"{number} {COUNTED[code]} in the last second"
+            text = f"{number} {EXPLAINED[code].counted} in the last second"
             symptoms.append(fault(code, subject, f"{text}: {detail}" if detail else text))
         present: dict[Key, Finding] = {}
         for symptom in symptoms:

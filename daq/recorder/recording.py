@@ -17,7 +17,7 @@ from dbc.codec import Decoded
 from dbc.finding import Finding, Severity
 from dbc.frames import FrameBatch
 
-from ..alarms import Cycle, Watch
+from ..alarms.watch import Cycle, Watch
 from ..bench.config import Bench, bench_codec
 from ..bus.source import HopLosses, LinkFacts, Now
 from ..control.messages import (

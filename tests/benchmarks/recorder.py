@@ -28,7 +28,7 @@ import numpy as np
 from can.interfaces.socketcan import SocketcanBus, socketcan
 from cantools.database import Database, load_string
 
-from daq.alarms import Cycle, Watch
+from daq.alarms.watch import Cycle, Watch
 from daq.bench.config import Bench, BusConfig, bench_codec, load_bench
 from daq.bus.socketcan import SocketCanSource
 from daq.bus.source import HopLosses, LinkFacts, Now

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.alarms import Cycle, Watch
+from daq.alarms.watch import Cycle, Watch
 from daq.bench.config import RecorderConfig, load_bench
 from daq.bus.error_frames import ErrorClass
 from daq.bus.source import HopLosses, LinkFacts, Now

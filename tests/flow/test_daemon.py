@@ -24,7 +24,7 @@ import can
 import pytest
 import zmq
 
-from daq.alarms import EXPLAINED
+from daq.alarms.texts import EXPLAINED
 from daq.control.address import control_address
 from daq.control.exchange import Client
 from daq.control.messages import Arm, AskStatus, Order, Phase, Status

@@ -15,7 +15,7 @@ from typer.core import TyperGroup
 from typer.exceptions import TyperException
 from typer.main import get_command
 
-from daq.alarms import EXPLAINED
+from daq.alarms.texts import EXPLAINED
 from daq.bench.campaign import Method
 from daq.session import write_session
 from daq.verdict import WORDS

@@ -187,7 +187,7 @@ class _Daemon:
 
     def run(self, signals: _Signals, stage: Stage) -> Status:
         """Loop until the recorder has ended; return its last status."""
-        from daq.alarms import with_not_recording
+        from daq.alarms.watch import with_not_recording
 
         self._writer.start()
         while self._writer.is_alive():

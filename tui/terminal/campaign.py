@@ -165,7 +165,7 @@ def frames_stand_still(status: Status) -> bool:
 
 def cause_words(alarm: Alarm) -> tuple[str, str, str]:
     """Return the name of the cause with its subject, the advice as a sentence, and the details."""
-    from daq.alarms import EXPLAINED
+    from daq.alarms.texts import EXPLAINED
 
     title = EXPLAINED[alarm.code].title if alarm.code in EXPLAINED else alarm.code
     name = f"{title.upper()}  {printable(alarm.subject, 40)}".rstrip()

@@ -18,7 +18,7 @@ from textual.dom import DOMNode
 from textual.screen import ModalScreen, Screen
 from textual.widgets import DataTable, Digits, Input, Markdown, OptionList, Static
 
-from daq.alarms import EXPLAINED
+from daq.alarms.texts import EXPLAINED
 from daq.errors import printable
 from daq.verdict import WORDS
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from daq.alarms import with_not_recording
+from daq.alarms.watch import with_not_recording
 from daq.bench.config import Bench, BusConfig
 from daq.bus.source import HopLosses, Link
 from daq.control.messages import Alarm, Status, StorageStatus

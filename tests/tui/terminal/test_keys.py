@@ -10,7 +10,7 @@ from textual.events import AppBlur
 from textual.pilot import Pilot
 from textual.widgets import Input
 
-from daq.alarms import EXPLAINED
+from daq.alarms.texts import EXPLAINED
 from daq.control.messages import (
     Accept,
     Acknowledge,

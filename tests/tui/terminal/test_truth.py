@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 from textual.pilot import Pilot
 
-from daq.alarms import EXPLAINED
+from daq.alarms.texts import EXPLAINED
 from daq.control.messages import (
     Alarm,
     Phase,
