@@ -37,14 +37,17 @@ from ..vehicle import (
     parameter_names,
 )
 from .campaign import Campaign, Origin
-from .message_rules import MessageRule, SampleSet, check_sets, ruled_codec
 from .sensors import (
     Database,
+    MessageRule,
+    SampleSet,
     Sensor,
+    check_sets,
     completed,
     database_codec,
     full_name,
     read_databases,
+    ruled_codec,
     sensors_codec,
     stored_databases,
     stored_text,

@@ -1,4 +1,4 @@
-"""Builds the messages of a bench's sensors: databases, ready maps, buses and identifiers.
+"""Builds the messages of a bench: databases, ready maps, buses, identifiers, rules, sample sets.
 
 The codec of a bench with a list of sensors names a message ``sensor.Message``, so that the messages
 of two sensors of one database, and messages of one name in two databases, are different.
@@ -15,31 +15,37 @@ from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, Field, model_validator
 
 from dbc import Codec, parse_codec, read_dbc, shipped_dbc
 from dbc.finding import Finding, Severity
-from dbc.layout import MessageLayout
+from dbc.layout import CRC_RULES, CounterRule, MessageLayout, SignalLayout
+from dbc.units import known_si
 
 from ..errors import InputError
-from .toml_file import Place, line_of
+from .toml_file import Place, Table, line_of
 
 PREFIX = "layout:"
 """Prefix of `dbc` in bench.toml that names a ready map instead of a file."""
+CORRECT_MESSAGE = "correct that [[message]] in bench.toml"
+_CORRECT_SET = "correct that [[sample_set]] in bench.toml"
+_CORRECT_SENSOR = "correct that [[sensor]] in bench.toml"
+
+
+# Ready maps: a DBC and a part of bench.toml for each of some common sensors ----------------------
+
 _FOLDER = files("daq") / "layouts"
-"""A DBC and a part of bench.toml for each ready map of a common sensor."""
 
 
 @dataclass(frozen=True, slots=True)
 class ReadyMap:
     """A sensor's layout as its public documents state it."""
 
-    name: str
-    """Name of the layout in bench.toml, after the prefix."""
     title: str
     """Name of the sensor."""
     dbc_text: str
-    """Its DBC."""
     bench_text: str
     """`[[message]]`, `[[sample_set]]` and `[[channel]]` tables that fit the DBC."""
 
@@ -57,7 +63,7 @@ def ready_map(name: str) -> ReadyMap:
         raise InputError(f"{PREFIX}{name}", "there is no such layout", f"use one of {names}")
     bench = (_FOLDER / f"{name}.toml").read_text("utf-8")
     title = bench.partition("\n")[0].removeprefix("# ").rstrip(".")
-    return ReadyMap(name, title, (_FOLDER / f"{name}.dbc").read_text("utf-8"), bench)
+    return ReadyMap(title, (_FOLDER / f"{name}.dbc").read_text("utf-8"), bench)
 
 
 def sensor_map(sensor: str, database: str) -> dict[str, Any]:
@@ -67,18 +73,18 @@ def sensor_map(sensor: str, database: str) -> dict[str, Any]:
     """
     if not database.startswith(PREFIX):
         return {}
-    piece = tomllib.loads(ready_map(database.removeprefix(PREFIX)).bench_text)
-    for message in piece.get("message", []):
+    tables = tomllib.loads(ready_map(database.removeprefix(PREFIX)).bench_text)
+    for message in tables.get("message", []):
         message["name"] = f"{sensor}.{message['name']}"
-    for each in piece.get("sample_set", []):
+    for each in tables.get("sample_set", []):
         each["name"] = f"{sensor}_{each['name']}"
         each["messages"] = [f"{sensor}.{name}" for name in each["messages"]]
         if "." in each["bound_by"]:
             each["bound_by"] = f"{sensor}.{each['bound_by']}"
-    for channel in piece.get("channel", []):
+    for channel in tables.get("channel", []):
         channel["name"] = f"{sensor}_{channel['name']}"
         channel["signal"] = f"{sensor}.{channel['signal']}"
-    return piece
+    return tables
 
 
 def completed(document: Mapping[str, Any], shipped: str) -> dict[str, Any]:
@@ -95,26 +101,25 @@ def completed(document: Mapping[str, Any], shipped: str) -> dict[str, Any]:
     signals = [channel["signal"] for channel in channels]
     in_sets = [name for each in sets for name in each["messages"]]
     dbc = document.get("dbc", "")
-    pieces = []
+    maps = []  # prefix of its names, and the ready map
     for sensor in document.get("sensor", ()):
         layout = sensor.get("layout")
         database = f"{PREFIX}{layout}" if layout else sensor["dbc"]
-        pieces.append((f"{sensor['name']}.", sensor_map(sensor["name"], database)))
-    if not pieces and dbc.startswith(PREFIX):
-        pieces = [("", tomllib.loads(ready_map(dbc.removeprefix(PREFIX)).bench_text))]
-    elif not pieces:
-        pieces = [("", {"channel": tomllib.loads(shipped)["channel"]})]
-    for prefix, piece in pieces:
+        maps.append((f"{sensor['name']}.", sensor_map(sensor["name"], database)))
+    if not maps and dbc.startswith(PREFIX):
+        maps = [("", tomllib.loads(ready_map(dbc.removeprefix(PREFIX)).bench_text))]
+    elif not maps:
+        maps = [("", {"channel": tomllib.loads(shipped)["channel"]})]
+    for prefix, tables in maps:
         if not any(signal.startswith(prefix) for signal in signals):
-            channels += piece.get("channel", [])
+            channels += tables.get("channel", [])
         if not any(name.startswith(prefix) for name in in_sets):
-            sets += piece.get("sample_set", [])
-        messages += [m for m in piece.get("message", []) if m["name"] not in named]
+            sets += tables.get("sample_set", [])
+        messages += [m for m in tables.get("message", []) if m["name"] not in named]
     return {**document, "channel": channels, "message": messages, "sample_set": sets}
 
 
 # The databases of a bench -------------------------------------------------------------------------
-
 
 _KEY = "bumpbench_databases"
 
@@ -126,17 +131,15 @@ class Database:
     name: str
     """Its name in bench.toml: a path, or ``layout:NAME``; empty if bench.toml names none."""
     text: str
-    """Its content."""
 
 
 def read_databases(
     places: Mapping[str, Place], text: str, where: str, folder: Path | None
 ) -> tuple[Database, ...]:
-    """Return the databases that a bench names.
+    """Return the databases that a bench names, `places` being where it names each.
 
-    `places`: where it names each.  `text` and `where`: the bench.toml and its name.  `folder`:
-    where relative paths start; None reads the ready maps only.  Raises InputError, with the line of
-    bench.toml, if one cannot be read.
+    `folder`: where relative paths start; None reads the ready maps only.  Raises InputError, with
+    the line of bench.toml, if one cannot be read.
     """
     databases = []
     for name, place in places.items():
@@ -180,18 +183,11 @@ def stored_databases(text: str) -> tuple[Database, ...]:
 
 @lru_cache(maxsize=32)
 def database_codec(text: str, name: str) -> Codec:
-    """Return a database compiled; cached for later calls.
-
-    Raises InputError as `dbc.parse_codec`.
-    """
+    """Return a database compiled; cached for later calls.  Raises InputError as `parse_codec`."""
     return parse_codec(text, name)
 
 
 # The messages of the sensors ----------------------------------------------------------------------
-
-
-CORRECT_SENSOR = "correct that [[sensor]] in bench.toml"
-_BITS = {False: 11, True: 29}
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,15 +216,14 @@ def sensors_codec(
 ) -> Codec:
     """Return the messages of all sensors, each on its bus, under their full names.
 
-    `n_buses`: number of buses; if it is 1, frames of any bus number are accepted, because logs
-    number their buses in different ways.  `used`: messages that bench.toml refers to.  If two
-    sensors have the same identifier on one bus, the message in use is kept and the other one is
-    left out.
+    With one bus, frames of any bus number are accepted, because logs number their buses in
+    different ways.  If two sensors have the same identifier on one bus, the message in use (`used`:
+    those that bench.toml refers to) is kept and the other one is left out.
 
     Raises InputError if a database or an identifier cannot be used, or two messages in use have the
     same identifier.
     """
-    messages: list[MessageLayout] = []
+    same_id: dict[tuple[int | None, int, bool], list[MessageLayout]] = defaultdict(list)
     left_out: dict[Finding, None] = {}
     notes: dict[Finding, None] = {}
     for sensor in sensors:
@@ -237,34 +232,47 @@ def sensors_codec(
         texts = [each.text for each in databases if only or each.name == sensor.database]
         if not texts:
             what = f"the database {sensor.database} is missing"
-            raise InputError(f"sensor {sensor.name}", what, CORRECT_SENSOR)
+            raise InputError(f"sensor {sensor.name}", what, _CORRECT_SENSOR)
         codec = database_codec(texts[0], sensor.database)
         left_out |= dict.fromkeys(codec.left_out)
         notes |= dict.fromkeys(codec.notes)
-        messages += _own_messages(sensor, codec, sensor.bus if n_buses > 1 else None)
-    kept, lost = _one_each(messages, used)
-    return Codec(tuple(kept), (*left_out, *lost), tuple(notes))
+        for message in _sent_messages(sensor, codec, sensor.bus if n_buses > 1 else None):
+            same_id[message.bus, message.can_id, message.is_extended].append(message)
+    kept = []
+    for (_, can_id, _), messages in same_id.items():
+        wanted = [m for m in messages if len(messages) == 1 or m.name in used]
+        if len(wanted) > 1:
+            what = f"{wanted[0].name} and {wanted[1].name} have the identifier {can_id:#x} on a bus"
+            advice = "give one of the two sensors another bus, an id_offset or ids"
+            raise InputError("bench.toml", what, advice)
+        kept += wanted
+        names = " and ".join(message.name for message in messages)
+        for message in messages:
+            if message not in wanted:
+                subject = f"message {message.name}"
+                text = f"{subject} is left out: {names} have the identifier {can_id:#x} on a bus"
+                left_out[Finding("left_out", Severity.ERROR, text, subject)] = None
+    return Codec(tuple(kept), tuple(left_out), tuple(notes))
 
 
-def _own_messages(sensor: Sensor, codec: Codec, bus: int | None) -> list[MessageLayout]:
+def _sent_messages(sensor: Sensor, codec: Codec, bus: int | None) -> list[MessageLayout]:
     """Return the messages of a database as one sensor sends them, with its identifiers."""
     where = f"sensor {sensor.name}"
-    sent = []
+    sent, used_keys = [], set()
     for message in codec.messages:
         keys = [key for key in sensor.ids if key == message.name or _number(key) == message.can_id]
+        used_keys.update(keys)
         if sensor.ids and not keys:
             continue
         can_id = sensor.ids[keys[0]] if keys else message.can_id + sensor.id_offset
-        bits = _BITS[message.is_extended]
+        bits = 29 if message.is_extended else 11
         if not 0 <= can_id < 1 << bits:
             what = f"{message.name} would have the identifier {can_id:#x}, not one of {bits} bits"
             raise InputError(where, what, "correct id_offset or ids")
         full = f"{sensor.name}.{message.name}"
         sent.append(replace(message, name=full, can_id=can_id, bus=bus))
-    names = {message.name for message in codec.messages}
-    numbers = {message.can_id for message in codec.messages}
     for key in sensor.ids:
-        if key not in names and _number(key) not in numbers:
+        if key not in used_keys:
             what = f"ids names {key}, which is not in {sensor.database}"
             raise InputError(where, what, "name a message of the database, or its identifier")
     return sent
@@ -276,33 +284,6 @@ def _number(key: str) -> int | None:
         return int(key, 0)
     except ValueError:
         return None
-
-
-def _one_each(
-    messages: Sequence[MessageLayout], used: Collection[str]
-) -> tuple[list[MessageLayout], list[Finding]]:
-    """Return the messages with a unique identifier, and findings on those left out."""
-    by_key: dict[tuple[int | None, int, bool], list[MessageLayout]] = defaultdict(list)
-    for message in messages:
-        by_key[message.bus, message.can_id, message.is_extended].append(message)
-    lost: dict[str, Finding] = {}
-    for (_, can_id, _), same in by_key.items():
-        if len(same) == 1:
-            continue
-        wanted = [message for message in same if message.name in used]
-        if len(wanted) > 1:
-            what = f"{wanted[0].name} and {wanted[1].name} have the identifier {can_id:#x} on a bus"
-            advice = "give one of the two sensors another bus, an id_offset or ids"
-            raise InputError("bench.toml", what, advice)
-        names = " and ".join(message.name for message in same)
-        for message in same:
-            if message not in wanted:
-                text = f"message {message.name} is left out: {names} have the identifier"
-                subject = f"message {message.name}"
-                lost[message.name] = Finding(
-                    "left_out", Severity.ERROR, f"{text} {can_id:#x} on a bus", subject
-                )
-    return [message for message in messages if message.name not in lost], list(lost.values())
 
 
 def full_name(signal: str, messages: Sequence[MessageLayout]) -> str:
@@ -324,3 +305,187 @@ def full_name(signal: str, messages: Sequence[MessageLayout]) -> str:
         what = f"{signal} is in {' and in '.join(names[:2])}"
         raise InputError("bench.toml", what, f"write {names[0]}.{name} or {names[1]}.{name}")
     return f"{names[0]}.{name}" if names else signal
+
+
+# What bench.toml adds to the DBC: cycle, counter, checksum, time, sample sets --------------------
+
+
+def _crc_rule(name: str) -> str:
+    if name not in CRC_RULES:
+        raise ValueError(f"is none of {', '.join(CRC_RULES)}")
+    return name
+
+
+class MessageRule(Table):
+    """One `[[message]]`: properties of a message that its DBC does not state."""
+
+    name: str
+    cycle_ms: Annotated[float, Field(gt=0)] | None = None
+    """Time between two frames, ms, instead of that of the DBC."""
+    counter: str | None = None
+    """Name of its rolling counter."""
+    counter_modulus: Annotated[int, Field(ge=2, le=1 << 32)] | None = None
+    """Number of values of the counter; None: all values of its bits."""
+    crc: str | None = None
+    """Signal that holds its checksum."""
+    crc_rule: Annotated[str, AfterValidator(_crc_rule)] = "crc8_j1850"
+    """Rule by which the checksum is computed, one of `dbc.layout.CRC_RULES`."""
+    time_signal: str | None = None
+    """Signal that holds the sensor's own time."""
+    time_unit: Annotated[str, Field(max_length=16)] = ""
+    """Its unit if the DBC states none or a wrong one; empty: as in the DBC."""
+    time_wrap: Annotated[float, Field(gt=0)] | None = None
+    """Value at which it starts again from 0, in its unit; None: at the end of its bits."""
+
+    @model_validator(mode="after")
+    def _belongs_to_something(self) -> MessageRule:
+        stated = self.model_fields_set
+        for owner, keys in (
+            ("counter", {"counter_modulus"}),
+            ("crc", {"crc_rule"}),
+            ("time_signal", {"time_unit", "time_wrap"}),
+        ):
+            if keys & stated and owner not in stated:
+                raise ValueError(f"{min(keys & stated)} says nothing without {owner}")
+        return self
+
+
+class SampleSet(Table):
+    """One `[[sample_set]]`: messages that carry one sample together."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$", max_length=60)]
+    """Name of their sample group."""
+    messages: Annotated[tuple[str, ...], Field(min_length=1)]
+    bound_by: str
+    """``Message.signal``: a counter or time stamp in a separate frame that is sent in one burst
+    with the others; or the name of a counter that each of the messages has."""
+
+    @property
+    def carrier(self) -> tuple[str, str]:
+        """Message and signal by which the sets are numbered."""
+        message, dot, signal = self.bound_by.rpartition(".")
+        return (message, signal) if dot else (self.messages[0], self.bound_by)
+
+
+@dataclass(frozen=True, slots=True)
+class SensorClock:
+    """A time stamp signal, resolved."""
+
+    signal: str
+    """``Message.signal``."""
+    factor: float
+    """Seconds per unit of the signal."""
+    wrap: float
+    """Value at which it starts again from 0, in its unit."""
+
+
+def ruled_codec(codec: Codec, rules: Sequence[MessageRule], dbc_name: str) -> Codec:
+    """Return the codec with the rules of bench.toml; applying them twice changes nothing.
+
+    Raises InputError if a rule names a message or signal that is not in the DBC or cannot have that
+    role.
+    """
+    messages = {message.name: message for message in codec.messages}
+    for rule in rules:
+        where = f"message {rule.name}"
+        message = messages.get(rule.name)
+        if message is None:
+            raise InputError(where, f"is not in {dbc_name}", CORRECT_MESSAGE)
+        if rule.counter is not None:
+            signal = _plain_signal(message, "counter", rule.counter)
+            modulus = rule.counter_modulus or 1 << min(signal.length, 33)
+            if signal.length > 32 or modulus > 1 << signal.length:
+                what = f"counter {signal.name} of {signal.length} bits cannot run to {modulus}"
+                raise InputError(where, what, CORRECT_MESSAGE)
+            message = replace(message, counter=CounterRule(signal.name, modulus))
+        if rule.crc is not None:
+            signal = _plain_signal(message, "crc", rule.crc)
+            if signal.length != 8 or signal.low_bit != 0:
+                what = f"checksum {signal.name} is not one whole byte"
+                raise InputError(where, what, CORRECT_MESSAGE)
+            message = replace(message, crc=signal.name, crc_rule=rule.crc_rule)
+        if rule.cycle_ms is not None:
+            message = replace(message, cycle_s=rule.cycle_ms * 1e-3)
+        messages[rule.name] = message
+    changed = tuple(messages.values())
+    return codec if changed == codec.messages else replace(codec, messages=changed)
+
+
+def _plain_signal(message: MessageLayout, key: str, name: str) -> SignalLayout:
+    """Return a signal that is an unsigned whole number in every frame."""
+    signal = _signal(message, key, name, CORRECT_MESSAGE)
+    if not signal.is_plain:
+        what = f"{name} is not a plain unsigned number"
+        raise InputError(f"message {message.name}", what, CORRECT_MESSAGE)
+    return signal
+
+
+def _signal(message: MessageLayout, key: str, name: str, advice: str) -> SignalLayout:
+    """Return the signal that a key of bench.toml names."""
+    try:
+        return message.signal(name)
+    except KeyError as error:
+        what = f"has no signal {name}, which {key} names"
+        raise InputError(f"message {message.name}", what, advice) from error
+
+
+def sensor_clocks(codec: Codec, rules: Sequence[MessageRule]) -> Mapping[str, SensorClock]:
+    """Return the time stamps of the messages that have one, by message name.
+
+    Raises InputError if a time signal is missing, is not a time, or has no wrap.
+    """
+    clocks = {}
+    for rule in rules:
+        if not rule.time_signal or rule.name not in codec.by_name:
+            continue
+        where, name = f"message {rule.name}", rule.time_signal
+        signal = _signal(codec.by_name[rule.name], "time_signal", name, CORRECT_MESSAGE)
+        unit = rule.time_unit or signal.unit
+        si = known_si(unit)
+        if si is None or si.unit != "s" or signal.is_multiplexed:
+            what = f"time signal {name} has the unit {unit!r}, not of time"
+            if si is None:
+                what = f"time signal {name} has the unknown unit {unit!r}"
+            raise InputError(where, what, "state time_unit as s, ms, us or ns")
+        if rule.time_wrap is None and signal.is_float:
+            what = f"time signal {name} is a float, whose bits set no wrap"
+            raise InputError(where, what, "state time_wrap in its unit")
+        wrap = rule.time_wrap or abs(signal.factor) * float(1 << signal.length)
+        clocks[rule.name] = SensorClock(f"{rule.name}.{name}", si.factor, wrap)
+    return clocks
+
+
+def timed_messages(codec: Codec, rules: Sequence[MessageRule]) -> frozenset[str]:
+    """Return the messages that carry the time of their samples as a counter or time stamp."""
+    counted = {m.name for m in codec.messages if m.counter is not None and m.cycle_s is not None}
+    return frozenset(counted | sensor_clocks(codec, rules).keys())
+
+
+def check_sets(codec: Codec, rules: Sequence[MessageRule], sets: Sequence[SampleSet]) -> None:
+    """Check that the messages of every set can be bound.
+
+    Raises InputError if a message or the binding signal is missing, a message is in two sets, or
+    the signal is neither a counter nor a time stamp.
+    """
+    messages = codec.by_name
+    clocks = sensor_clocks(codec, rules)
+    set_of: dict[str, str] = {}
+    for sample_set in sets:
+        where = f"sample set {sample_set.name}"
+        carrier, signal = sample_set.carrier
+        for name in (*sample_set.messages, carrier):
+            if name not in messages:
+                raise InputError(where, f"the DBC has no message {name}", _CORRECT_SET)
+        for name in sample_set.messages:
+            if name in set_of:
+                raise InputError(where, f"{name} is also in {set_of[name]}", _CORRECT_SET)
+            set_of[name] = sample_set.name
+        _signal(messages[carrier], "bound_by", signal, _CORRECT_SET)
+        counter = messages[carrier].counter
+        is_time = carrier in clocks and clocks[carrier].signal == f"{carrier}.{signal}"
+        if not is_time and (counter is None or counter.signal != signal):
+            what = f"{carrier}.{signal} is neither the counter nor the time_signal of its message"
+            raise InputError(where, what, f"state it in [[message]] name = {carrier!r}")
+        if not is_time and messages[carrier].cycle_s is None:
+            what = f"{carrier} has no cycle time, and a counter alone gives no time"
+            raise InputError(where, what, f"state cycle_ms in [[message]] name = {carrier!r}")

@@ -25,7 +25,7 @@ from dbc.units import G_M_S2, known_si, to_si
 from dbc.words import counted, plural
 
 from ..bench.config import Bench
-from ..bench.message_rules import SampleSet
+from ..bench.sensors import SampleSet
 from ..channels import ON_BODY, Channel, Quantity, sensor_of, sensor_of_signal
 from ..runs import SampleGroup
 from ..samples.converter import is_fine, is_stuck

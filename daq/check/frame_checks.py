@@ -16,7 +16,7 @@ from dbc.layout import CRC_RULES, MessageLayout, covered
 from dbc.words import counted, plural
 
 from ..bench.config import BusConfig
-from ..bench.message_rules import CORRECT_MESSAGE
+from ..bench.sensors import CORRECT_MESSAGE
 from ..bus.source import wire_bits
 from ..channels import Quantity
 from ..samples import converter as health

@@ -17,7 +17,7 @@ from dbc.frames import FrameBatch
 
 from ..bench.campaign import Step
 from ..bench.config import Bench
-from ..bench.message_rules import timed_messages
+from ..bench.sensors import timed_messages
 from ..control.messages import Lane, Live
 from ..runlog import RunLog
 from ..runs import Losses, RunStatus

@@ -17,7 +17,7 @@ from dbc.units import SiUnit, known_si
 
 from ..bench.campaign import Method
 from ..bench.config import Bench
-from ..bench.message_rules import SampleSet, SensorClock, sensor_clocks
+from ..bench.sensors import SampleSet, SensorClock, sensor_clocks
 from ..bench.toml_file import channel_line
 from ..channels import LARGEST, SI_UNITS, Channel, Quantity, signal_of
 from ..errors import InputError
@@ -438,7 +438,7 @@ def _set_group(
     """Align the messages of a set: row k is sample k, whichever of its frames came."""
     carrier, signal = sample_set.carrier
     times = _clock_times(keeping.messages[carrier], decoded, keeping, t0_ns)
-    assert times is not None  # ensured by message_rules.check_sets
+    assert times is not None  # ensured by bench.sensors.check_sets
     good, clock = times
     fresh = clock.step > 0
     carrier_rows, number = good[fresh], np.cumsum(clock.step)[fresh]

@@ -17,18 +17,14 @@ from ..bench.campaign import Method, Step
 from ..bench.config import Bench
 from ..bumps import BUMPS
 from ..bus.source import HopLosses
-from ..channels import Channel
 from ..check.pushes import ORDER
 from ..control.messages import Phase, Status
 from ..errors import BusError
 from ..runs import BASELINE, Excitation, RunStatus
-from ..samples.mapping import trigger_channels
 from ..vehicle import Corner
-from .car import SimulatedCar, true_reading
+from .car import SimulatedCar
 from .ecu import Act, Rig, rig_of
-from .engine import Array
 from .motion import (
-    GRAVITY_M_S2,
     PUSHED_S,
     Bump,
     Moving,
@@ -56,26 +52,21 @@ PUSHES_S = len(ORDER) * (PUSH_S + PAUSE_S)
 """Duration of a push on each corner, s."""
 _MARGIN_S = 0.2
 """Margin at the end of an act, s, because an act ends with the piece that is being sampled."""
-_LOOK_S = 1e-3
-"""Step at which a motion is searched for its largest reading, s."""
+_AGAIN_S = 0.84
+"""Time between the two bumps of a double bump, s."""
+_LOST_S = (0.3, 0.42)
+"""Begin and end of the time after a bump in which frames are lost, s: more frames than the few that
+are harmless, and shorter than the silence of a sensor that stopped."""
+_UNPLUG_S, _UNPLUGGED_S = 0.5, 3.0
+"""Time after a bump at which the adapter is unplugged, s, and for how long, s of the host."""
 
 
 class Fault(StrEnum):
-    """Kinds of spoilt runs."""
+    """Kinds of spoilt runs: one of the motion, one of the frames, one of the plug."""
 
     DOUBLE_BUMP = "double-bump"
-    OVERLOAD = "overload"
-    """A sensor saturates at half of its true reading."""
-    FROZEN = "frozen"
-    """A sensor shows one value during the bump."""
     LOST_FRAMES = "lost-frames"
-    """For a short time no frame arrives."""
-    WEAK = "weak"
-    """The bump only just triggers."""
-    WRONG_MODE = "wrong-mode"
-    """Another kind of bump than the one that is due."""
     UNPLUG = "unplug"
-    """The adapter is unplugged for 3 s of the host's time."""
 
 
 class Acts:
@@ -84,7 +75,7 @@ class Acts:
     def __init__(self, bench: Bench, rig: Rig) -> None:
         self._bench, self._rig = bench, rig
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="simulated car")
-        self._bumps: dict[tuple[str, Excitation, Fault | None], Future[Act]] = {}
+        self._bumps: dict[tuple[str, Excitation, bool], Future[Act]] = {}
 
     def close(self) -> None:
         """Cancel the computations that have not begun."""
@@ -100,65 +91,35 @@ class Acts:
         push = pushed(self._rig.plants[mass_state], corner, PUSH_N, PUSH_S)
         return self._rig.act(push, PUSH_S, PUSH_S)
 
-    def prepare(self, step: Step, fault: Fault | None) -> Future[Act]:
-        """Begin to compute a bump, if this has not been done, and return its future."""
-        kind = (step.mass_state, step.excitation, fault)
+    def prepare(self, step: Step, twice: bool) -> Future[Act]:
+        """Begin to compute a bump, or a double bump, unless this is done, and return its future."""
+        kind = (step.mass_state, step.excitation, twice)
         if kind not in self._bumps:
-            self._bumps[kind] = self._pool.submit(self._made, *kind)
+            self._bumps[kind] = self._pool.submit(self._bump, *kind)
         return self._bumps[kind]
 
-    def _made(self, mass_state: str, excitation: Excitation, fault: Fault | None) -> Act:
-        """Compute a bump with a fault of the motion or of a sensor."""
-        if fault is Fault.WRONG_MODE:
-            mixed_up = {Excitation.BOUNCE: Excitation.PITCH, Excitation.ROLL: Excitation.BOUNCE}
-            excitation = mixed_up.get(excitation, Excitation.ROLL)
-        again_s = 0.84 if fault is Fault.DOUBLE_BUMP else 0.0
-        act = self._bump(mass_state, excitation, 1.0, again_s)
-        triggers = trigger_channels(self._bench.channels, self._bench.campaign.method)
-        if fault is Fault.WEAK:
-            peak = max(float(np.max(np.abs(self._moved(act, c)))) for c in triggers)
-            # 1.4 times the trigger's level is above it in spite of noise, and below a good bump.
-            height_share = 1.4 * self._bench.trigger.level / peak
-            return self._bump(mass_state, excitation, height_share)
-        if fault is Fault.OVERLOAD:  # the strongest sensor, at half of its free motion
-            free = round((LEAD_S + self._bench.campaign.bump_s + 0.01) / _LOOK_S)  # an index
-            top, name = max((float(self._moved(act, c)[free:].max()), c.name) for c in triggers)
-            return replace(act, limits={name: GRAVITY_M_S2 + top / 2})
-        if fault is Fault.FROZEN:  # a limit of 0 leaves one value
-            name = [c.name for c in self._bench.channels if c.corner is not None][-1]
-            return replace(act, limits={name: 0.0})
-        return act
-
-    def _bump(
-        self, mass_state: str, kind: Excitation, height_share: float, again_s: float = 0.0
-    ) -> Act:
-        """Return a bump of a share of the campaign's height; two, rolled over, if `again_s` > 0."""
-        plant = self._rig.plants[mass_state]
-        height_m = height_share * self._bench.campaign.bump_height_m
-        method, lead_s = self._bench.campaign.method, LEAD_S
-        length_s = LEAD_S + SWING_S + again_s
+    def _bump(self, mass_state: str, kind: Excitation, twice: bool) -> Act:
+        """Return a bump as the campaign makes it; a double bump is always rolled over."""
+        plant, campaign = self._rig.plants[mass_state], self._bench.campaign
+        length_s, lead_s = LEAD_S + SWING_S, LEAD_S
         motion: Moving
-        if method is Method.ROLL_OVER or again_s:
-            bump = Bump(kind, height_m, LEAD_S, self._bench.campaign.bump_s)
-            motion = drive(plant, bump, length_s + _MARGIN_S)
-            if again_s:
-                again = replace(bump, start_s=bump.start_s + again_s)
-                state = motion.states(np.array([again.start_s]))
-                motion = Spliced(motion, drive(plant, again, length_s + _MARGIN_S, state))
-        elif method is Method.PUSH and BUMPS[kind].hand is not None:
+        if campaign.method is Method.ROLL_OVER or twice:
+            length_s += _AGAIN_S if twice else 0.0
+            bump = Bump(kind, campaign.bump_height_m, LEAD_S, campaign.bump_s)
+            first = drive(plant, bump, length_s + _MARGIN_S)
+            motion = first
+            if twice:
+                again = replace(bump, start_s=bump.start_s + _AGAIN_S)
+                state = first.states(np.array([again.start_s]))
+                motion = Spliced(first, drive(plant, again, length_s + _MARGIN_S, state))
+        elif campaign.method is Method.PUSH and BUMPS[kind].hand is not None:
             length_s += PUSHED_S
-            motion = pushed_down(plant, kind, height_m, LEAD_S, length_s + _MARGIN_S)
+            motion = pushed_down(plant, kind, campaign.bump_height_m, LEAD_S, length_s + _MARGIN_S)
         else:  # it is on the blocks before they are removed
             lead_s += self._bench.trigger.pre_s
             length_s += self._bench.trigger.pre_s
-            motion = dropped(plant, kind, height_m, lead_s, length_s + _MARGIN_S)
+            motion = dropped(plant, kind, campaign.bump_height_m, lead_s, length_s + _MARGIN_S)
         return self._rig.act(motion, length_s + _MARGIN_S, length_s, lead_s)
-
-    def _moved(self, act: Act, channel: Channel) -> Array:
-        """Return the reading of an accelerometer in an act without gravity, every millisecond."""
-        sensor = self._rig.drawn.sensors[channel.name]
-        motion = act.motion.at(np.arange(0.0, LEAD_S + 1.0, _LOOK_S))
-        return true_reading(channel, sensor, self._rig.installation, motion) - GRAVITY_M_S2
 
 
 def push_frames(
@@ -223,7 +184,7 @@ class SimulatedBench:
         self._bumps = 0
         self._judged = -1  # runs that the recorder had judged at the last bump
         self._again_s = 0.0  # earliest time of a bump without a new verdict
-        self._gap_s = (np.inf, np.inf)  # begin and end of the time without frames
+        self._lost_s = (np.inf, np.inf)  # begin and end of the time without frames
         self._unplug_s = np.inf
         self._plugged_s = 0.0  # from which the adapter is there again
         self._asked: deque[Corner] = deque()  # pushes
@@ -235,10 +196,6 @@ class SimulatedBench:
     def name(self) -> str:
         """The bus, for messages to the operator."""
         return "simulated bench"
-
-    def push(self, corner: Corner) -> None:
-        """Push a corner down for a second as soon as the car is at rest; from any thread."""
-        self._asked.append(corner)
 
     def other(self, number: int) -> OtherBus:
         """Return a further bus, which from now on is the only source of its frames."""
@@ -268,8 +225,8 @@ class SimulatedBench:
         stop_s = min(self._now_s(), self._done_s + self._piece_s)
         if stop_s >= self._unplug_s:
             self._unplug_s = np.inf
-            host = self._speed if np.isfinite(self._speed) else 1.0
-            self._plugged_s = stop_s + 3.0 * host
+            speed = self._speed if np.isfinite(self._speed) else 1.0
+            self._plugged_s = stop_s + _UNPLUGGED_S * speed
         span_s = (self._done_s, max(stop_s, self._done_s))
         self._done_s = span_s[1]
         batch = self._rig.frames(
@@ -278,7 +235,7 @@ class SimulatedBench:
         if not len(batch):
             return batch
         sent_s = (batch.t_ns - self._start_ns) * 1e-9
-        batch = batch.select((sent_s < self._gap_s[0]) | (sent_s >= self._gap_s[1]))
+        batch = batch.select((sent_s < self._lost_s[0]) | (sent_s >= self._lost_s[1]))
         for number, waiting in tuple(self._others.items()):
             waiting.append(batch.select(batch.bus == number))
             batch = batch.select(batch.bus != number)
@@ -314,7 +271,7 @@ class SimulatedBench:
             return
         step = status.due.step if status.due else None
         if step is not None and step.mass_state in self._rig.plants:
-            self._acts.prepare(step, self._next_fault)
+            self._acts.prepare(step, self._next_fault is Fault.DOUBLE_BUMP)
             if step.mass_state != self._mass_state:
                 self._mass_state, self._due_s = step.mass_state, np.inf
                 self._begin(self._acts.rest(step.mass_state))
@@ -322,19 +279,16 @@ class SimulatedBench:
                 self._wait_and_bump(step, status)
                 return
         self._due_s = np.inf
-        self._hear(status)
-        if self._asked:
-            self._begin(self._acts.push(self._mass_state, self._asked.popleft()))
-
-    def _hear(self, status: Status) -> None:
-        """Add the pushes that new notes ask for: the bench check marks `push FL`."""
-        heard = len(status.notes) if self._notes is None else self._notes
-        heard = heard if heard <= len(status.notes) else 0  # another recording begins at 0
-        for note in status.notes[heard:]:
+        read = len(status.notes) if self._notes is None else self._notes
+        if read > len(status.notes):  # another recording begins at 0
+            read = 0
+        for note in status.notes[read:]:  # the bench check marks `push FL`
             word, _, corner = note.text.partition(" ")
             if word == "push" and corner in set(Corner):
                 self._asked.append(Corner(corner))
         self._notes = len(status.notes)
+        if self._asked:
+            self._begin(self._acts.push(self._mass_state, self._asked.popleft()))
 
     @property
     def _next_fault(self) -> Fault | None:
@@ -353,15 +307,13 @@ class SimulatedBench:
         fault = self._next_fault
         self._due_s, self._judged = np.inf, judged
         self._bumps += 1
-        self._begin(self._acts.prepare(step, fault).result())
+        self._begin(self._acts.prepare(step, fault is Fault.DOUBLE_BUMP).result())
         bump_s = self._begun_s + self._act.bump_s
         self._again_s = bump_s + 10.0  # then it is bumped although the recorder judged no run
         if fault is Fault.LOST_FRAMES:
-            # More frames than the few that are harmless, and shorter than the silence of a sensor
-            # that stopped.
-            self._gap_s = (bump_s + 0.3, bump_s + 0.42)
+            self._lost_s = (bump_s + _LOST_S[0], bump_s + _LOST_S[1])
         elif fault is Fault.UNPLUG:
-            self._unplug_s = bump_s + 0.5
+            self._unplug_s = bump_s + _UNPLUG_S
 
     def _begin(self, act: Act) -> None:
         self._act, self._begun_s = act, self._done_s

@@ -178,21 +178,18 @@ class SimulatedCar:
                 low_pass_order=channel.low_pass_order,
                 gain=gain,
             )
-        true_loads = {state.name: _true_load(state.added, rng) for state in mass_states}
-        return Truth(self.parameters, true_loads, sensors, clocks)
-
-
-def _true_load(added: AddedMass, rng: np.random.Generator) -> AddedMass:
-    """Draw the true weights from their stated uncertainties: all masses first, then places."""
-    weights = [
-        replace(weight, mass_kg=weight.mass_kg + weight.sigma_kg * rng.standard_normal())
-        for weight in added.weights
-    ]
-    for i, weight in enumerate(weights):
-        if isinstance(weight, BodyWeight):
-            x_m, y_m = weight.position_sigma_m * rng.standard_normal(2)
-            weights[i] = replace(weight, x_m=weight.x_m + x_m, y_m=weight.y_m + y_m)
-    return replace(added, weights=tuple(weights))
+        loads = {}
+        for state in mass_states:
+            weights = [
+                replace(weight, mass_kg=weight.mass_kg + weight.sigma_kg * rng.standard_normal())
+                for weight in state.added.weights
+            ]
+            for i, weight in enumerate(weights):
+                if isinstance(weight, BodyWeight):
+                    x_m, y_m = weight.position_sigma_m * rng.standard_normal(2)
+                    weights[i] = replace(weight, x_m=weight.x_m + x_m, y_m=weight.y_m + y_m)
+            loads[state.name] = replace(state.added, weights=tuple(weights))
+        return Truth(self.parameters, loads, sensors, clocks)
 
 
 _FINE_S = 1e-4
@@ -216,17 +213,12 @@ def install(unloaded: Plant) -> Installation:
     return Installation(unloaded, static_pose(unloaded))
 
 
-def _yaw_rate(tilt: Array) -> Array:
-    """Return zero: a car that bounces on the spot does not turn."""
-    return np.zeros(tilt.shape[1])
-
-
 _SPARE: dict[str, tuple[Quantity, Callable[[Array], Array]]] = {
     # Nose down turns x towards the ground, so that gravity pulls the proof mass forward; left side
     # up turns y away from the ground.
     "IMU_Accel.acc_x": (Quantity.BODY_ACCELERATION, lambda tilt: -GRAVITY_M_S2 * tilt[1]),
     "IMU_Accel.acc_y": (Quantity.BODY_ACCELERATION, lambda tilt: GRAVITY_M_S2 * tilt[2]),
-    "IMU_Rate.rate_z": (Quantity.PITCH_RATE, _yaw_rate),
+    "IMU_Rate.rate_z": (Quantity.PITCH_RATE, lambda tilt: 0.0 * tilt[0]),  # it does not turn
 }
 """Signals of the shipped IMU that the method does not use: the kind of sensor, for its errors, and
 the reading from the pose relative to the design pose."""
@@ -276,7 +268,7 @@ def true_reading(
         case Quantity.SUSPENSION_TRAVEL:
             value = moved[wheel] - corner_motion(car.plant, moved)[wheel - 3]
         case Quantity.UNUSED:
-            _, reading = _SPARE.get(channel.signal, (None, _yaw_rate))
+            _, reading = _SPARE.get(channel.signal, _SPARE["IMU_Rate.rate_z"])
             value = reading(moved)
     return np.asarray(value, dtype=np.float64)
 
@@ -326,8 +318,7 @@ def measured(
 ) -> Array:
     """Return true readings with bias, white noise, saturation and gain of their sensor, SI, (n,).
 
-    The noise is that of the digitising, after any low-pass; the arguments are those of
-    `signal_values`.
+    The noise is that of the digitising, after any low-pass.
     """
     noisy = reading + sensor.bias + noise.of(kind(channel)) * rng.standard_normal(len(reading))
     return np.asarray(sensor.gain * np.clip(noisy, -sensor.limit, sensor.limit))
@@ -341,13 +332,10 @@ def signal_values(
     reading: Array,
     rng: np.random.Generator,
 ) -> Array:
-    """Convert true readings to the values that the sensor puts into its frames.
+    """Return the values, (n,), that a sensor puts into its frames for true readings, (n,) SI.
 
-    `channel`: sign, scale and tare: the recorder computes ``sign * scale * SI(signal) - tare``.
-    `signal`: unit and range of the signal.  `sensor`: its bias and its other errors.  `noise`:
-    standard deviation of the white noise.  `reading`, (n,) float64: from `true_reading` or
-    `low_passed`.  Returns (n,) float64: in the DBC's unit, limited to what the signal's bits can
-    express, as a sensor saturates.  Raises InputError if the signal's unit does not measure the
+    They undo what the recorder computes from sign, scale, tare and unit, and saturate at what the
+    signal's bits can express.  Raises InputError if the signal's unit does not measure the
     channel's quantity.
     """
     value = measured(channel, sensor, noise, reading, rng) + channel.tare

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from heapq import heappop, heappush
 
 import numpy as np
@@ -71,9 +71,7 @@ class Act:
     bump_s: float
     """Time of the bump, s."""
     low_passed: Mapping[str, tuple[Array, Array]]
-    """Outputs of the sensors with a low-pass, on the motion's time (`sensors.low_passed`)."""
-    limits: Mapping[str, float] = field(default_factory=dict)
-    """Limits at which sensors saturate, SI, if other than their true ones."""
+    """Outputs of the sensors with a low-pass, on the motion's time (`car.low_passed`)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,38 +131,25 @@ class Rig:
     ) -> Burst:
         """Sample, encode and release the frames of one message; arguments as for `frames`."""
         counter, tick_s = sender.ticks(*span_s)
-        readings = self._readings(sender, act, tick_s - begun_s)
+        motion_by_delay: dict[float, Kinematics] = {}  # sensors of one delay show one motion
         values = {}
         for channel in sender.channels:
             sensor = self.drawn.sensors[channel.name]
-            sensor = replace(sensor, limit=act.limits.get(channel.name, sensor.limit))
+            shown_s = tick_s - begun_s - sensor.delay_s
+            if channel.name in act.low_passed:
+                reading = np.interp(shown_s, *act.low_passed[channel.name])
+            else:
+                if sensor.delay_s not in motion_by_delay:
+                    motion_by_delay[sensor.delay_s] = act.motion.at(shown_s)
+                motion = motion_by_delay[sensor.delay_s]
+                reading = true_reading(channel, sensor, self.installation, motion)
             signal = sender.message.signal(signal_of(channel.signal))
-            values[signal.name] = signal_values(
-                channel, signal, sensor, self.car.noise, readings[channel.name], rng
-            )
+            noise = self.car.noise
+            values[signal.name] = signal_values(channel, signal, sensor, noise, reading, rng)
         payload = self.codec.encode(sender.message.name, values, counter)
         # At most half a cycle, because frames of one message must not overtake each other.
         jitter_s = np.minimum(rng.exponential(self.car.jitter_s, len(tick_s)), sender.cycle_s / 2)
         return Burst(sender.message, tick_s + jitter_s, payload)
-
-    def _readings(self, sender: Sender, act: Act, tick_s: Array) -> dict[str, Array]:
-        """Return the true readings of a message's channels, (n,) SI, by channel.
-
-        `tick_s`, (n,): times since the beginning of the act, s.
-        """
-        motion_by_delay: dict[float, Kinematics] = {}  # sensors of one delay show one motion
-        readings = {}
-        for channel in sender.channels:
-            sensor = self.drawn.sensors[channel.name]
-            shown_s = tick_s - sensor.delay_s
-            if channel.name in act.low_passed:
-                readings[channel.name] = np.interp(shown_s, *act.low_passed[channel.name])
-                continue
-            if sensor.delay_s not in motion_by_delay:
-                motion_by_delay[sensor.delay_s] = act.motion.at(shown_s)
-            motion = motion_by_delay[sensor.delay_s]
-            readings[channel.name] = true_reading(channel, sensor, self.installation, motion)
-        return readings
 
 
 def campaign_frames(

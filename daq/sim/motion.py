@@ -110,19 +110,12 @@ def inertia_forces(
 
 
 def _gravity(corners: NDArray[np.void], p: VehicleParameters, added: AddedMass) -> Array:
-    """Return gravity on each degree of freedom, (7, 1): N, and N m about the baseline CG."""
-    force = np.zeros((7, 1))
-    force[0] = -p.m_s * GRAVITY_M_S2
-    force[3:] = -corners["wheel_kg"][:, None] * GRAVITY_M_S2
-    for weight in added.weights:
-        pull = -weight.mass_kg * GRAVITY_M_S2
-        if isinstance(weight, BodyWeight):
-            force[0] += pull
-            force[1] -= (weight.x_m + p.a) * pull
-            force[2] += (weight.y_m - cg_left_m(corners)) * pull
-        else:
-            force[3 + weight.corner.position] += pull
-    return force
+    """Return gravity on each degree of freedom, (7, 1): N, and N m about the baseline CG.
+
+    It is what the masses would resist if everything accelerated upwards at 1 g.
+    """
+    up_m_s2 = GRAVITY_M_S2 * np.array([[1.0], [0.0], [0.0], [1.0], [1.0], [1.0], [1.0]])
+    return inertia_forces(corners, p, AddedMass(added.weights), up_m_s2)
 
 
 def cg_left_m(corners: NDArray[np.void]) -> float:

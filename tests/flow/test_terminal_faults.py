@@ -1,7 +1,6 @@
 """Faults of the demo at the operator's terminal: named in plain words, and the way on.
 
-One of the motion, one of the frames and one of the plug; `test_bench_source` has all six at the
-recorder.
+One of the motion, one of the frames and one of the plug.
 """
 
 from __future__ import annotations

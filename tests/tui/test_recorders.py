@@ -171,7 +171,7 @@ def test_a_terminal_s_demonstration_waits_for_orders_and_ends_with_it(
         assert run([*words, *mistake]) == 2
         assert mistake[0] in capsys.readouterr().err
     assert recorded.calls == 0
-    assert run([*words, "--fault", "weak"]) == 0
+    assert run([*words, "--fault", "unplug"]) == 0
     assert recorded.lives == (False, True, False, True)
     assert recorded.traffic.bench.origin is Origin.SIMULATED
     recorded.traffic.close()

@@ -124,7 +124,7 @@ def test_the_terminal_starts_the_recorder_that_was_asked_for(
     bus = ["--interface", "udp_multicast", "--channel", "239.74.163.9"]
     for words in (
         ["b.toml", *bus],
-        ["b.toml", "--demo", "--fault", "weak", "--speed", "3"],
+        ["b.toml", "--demo", "--fault", "unplug", "--speed", "3"],
         ["--replay", "car.h5", "--speed", "2"],
     ):
         assert run(["tui", *words]) == 0
@@ -132,7 +132,7 @@ def test_the_terminal_starts_the_recorder_that_was_asked_for(
         feed._start_recorder()
     assert started == [
         (Path(), "b.toml", "--idle", *bus),
-        (Path("bumpbench-demo"), "b.toml", "--idle", "--demo", "--speed", "3", "--fault", "weak"),
+        (Path("bumpbench-demo"), "b.toml", "--idle", "--demo", "--speed", "3", "--fault", "unplug"),
         (Path("bumpbench-replay"), "--replay", "car.h5", "--speed", "2"),
     ]
     assert run(["tui", "b.toml", *bus]) == 0

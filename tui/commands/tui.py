@@ -30,10 +30,7 @@ def tui(
     ] = False,
     fault: Annotated[
         str | None,
-        typer.Option(
-            help="Fault of --demo: double-bump, overload, frozen, lost-frames, weak, wrong-mode, "
-            "unplug."
-        ),
+        typer.Option(help="Fault of --demo: double-bump, lost-frames, unplug."),
     ] = None,
     speed: Annotated[
         float,

@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from daq.bench.config import BusConfig, bench_codec, load_bench
-from daq.bench.message_rules import SampleSet, SensorClock
+from daq.bench.sensors import SampleSet, SensorClock
 from daq.channels import Channel, Quantity
 from daq.check.check import CheckReport, check_bench
 from daq.check.frame_checks import check_buses, check_messages, frame_table, mixed_messages

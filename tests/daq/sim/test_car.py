@@ -199,11 +199,11 @@ def test_dampers_have_their_slopes_knees_and_tables() -> None:
 
 @pytest.mark.parametrize("excitation", list(Excitation))
 def test_free_decay_is_the_matrix_exponential(excitation: Excitation) -> None:
-    motion = drive(load_car(P, WEIGHTS), bump(excitation), 3.7)
+    motion = drive(load_car(P, WEIGHTS), bump(excitation), 2.2)
     rest = motion.at(np.array([0.0]))
     assert np.abs(rest.acceleration).max() < 1e-9
     system = physical_model(P).with_mass(delta_mass(WEIGHTS, P.a).real).A
-    t = np.array([0.7, 0.713, 0.9, 1.5, 3.7])
+    t = np.array([0.7, 0.713, 0.9, 1.5, 2.2])
     k = motion.at(t)
     state = np.vstack([k.pose - rest.pose, k.velocity])
     for i, elapsed in enumerate(t - 0.7):
@@ -221,10 +221,10 @@ def test_the_motion_hardly_depends_on_the_step(
     car: Imperfections, height_m: float, most_m_s2: float
 ) -> None:
     """The quietest sensor's noise is 0.03 m/s2; kinks of the forces cost an order of accuracy."""
-    plant, t_s = load_car(P, WEIGHTS, car), np.linspace(0.4, 1.5, 2000)
+    plant, t_s = load_car(P, WEIGHTS, car), np.linspace(0.4, 0.9, 1000)
     used, fine = (
-        drive(plant, bump(Excitation.WARP, height_m), 1.6, step_s=step_s).at(t_s)
-        for step_s in (5e-5, 6.25e-6)
+        drive(plant, bump(Excitation.WARP, height_m), 1.0, step_s=step_s).at(t_s)
+        for step_s in (5e-5, 1.25e-5)
     )
     np.testing.assert_allclose(used.acceleration, fine.acceleration, atol=most_m_s2)
     np.testing.assert_allclose(used.pose, fine.pose, atol=1e-6)
@@ -279,16 +279,16 @@ def test_the_energy_lost_is_what_dampers_tyres_and_friction_take(
 def test_without_dampers_energy_is_kept() -> None:
     # Low enough that no tyre leaves the ground, where the energy of the tyre would need its clamp.
     plant = load_car(replace(P, c_sf=0.0, c_sr=0.0), WEIGHTS)
-    motion = drive(plant, bump(Excitation.ROLL, 0.01), 3.7)
-    energy = stored(motion, NONE, np.linspace(0.7, 3.7, 3001))
+    motion = drive(plant, bump(Excitation.ROLL, 0.01), 2.0)
+    energy = stored(motion, NONE, np.linspace(0.7, 2.0, 1301))
     assert np.ptp(energy) < 1e-8 * (energy[0] - stored(motion, NONE, np.array([0.0]))[0])
 
 
 def test_a_90_mm_bump_lifts_the_rear_wheels_and_a_50_mm_bump_does_not() -> None:
-    plant, t = load_car(P, AddedMass()), np.linspace(0.5, 2.0, 15001)
+    plant, t = load_car(P, AddedMass()), np.linspace(0.5, 1.2, 3501)
 
     def tyres(excitation: Excitation, height_m: float) -> Array:
-        motion = drive(plant, bump(excitation, height_m), 2.0)
+        motion = drive(plant, bump(excitation, height_m), 1.2)
         k = motion.at(t)
         return contact(plant, k.pose, k.velocity, motion.bump.road(t)[0]).tyre_n
 

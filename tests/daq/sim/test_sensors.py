@@ -185,8 +185,7 @@ def test_weights_are_drawn_about_what_the_scales_showed() -> None:
     state = replace(bench.mass_states[1], added=AddedMass(weights))
     bench = replace(bench, mass_states=(bench.mass_states[0], state))
     drawn = [
-        SimulatedCar().draw(bench.channels, bench.mass_states, seed).mass_states["added"]
-        for seed in range(300)
+        SimulatedCar().draw((), bench.mass_states, seed).mass_states["added"] for seed in range(300)
     ]
     assert np.std([d.weights[0].mass_kg for d in drawn]) == pytest.approx(0.3, rel=0.15)
     places = np.array([(w.x_m, w.y_m) for d in drawn if isinstance(w := d.weights[0], BodyWeight)])
@@ -197,8 +196,8 @@ def test_weights_are_drawn_about_what_the_scales_showed() -> None:
 # What is drawn for a simulated bench has the spread that the bench states -----------------------
 
 
-MANY = 3000
-"""Draws: the standard deviation of so many is 1.3 % uncertain."""
+MANY = 1000
+"""Draws: the standard deviation of so many is 2.2 % uncertain."""
 
 
 def many(**facts: Any) -> list[Channel]:
@@ -268,7 +267,7 @@ def test_no_sensor_foresees() -> None:
 
 
 STEP_S = 1e-4
-QUIET = RealCar(noise=SILENT, bias=SILENT, jitter_s=0.0, lead_s=0.6, tail_s=1.0)
+QUIET = RealCar(noise=SILENT, bias=SILENT, jitter_s=0.0, lead_s=0.3, tail_s=0.6)
 HUB = "HUB_Front.acc_fl"
 
 
@@ -291,7 +290,8 @@ def drawn(bench: Bench, car: SimulatedCar, seed: int) -> Truth:
 
 def frames(codec: Codec, car: SimulatedCar, signal: str) -> NDArray[np.float64]:
     shipped = load_bench(None)
-    exact = tuple(replace(channel, gain_sigma=0.0) for channel in shipped.channels)
+    hubs = [channel for channel in shipped.channels if channel.signal.startswith("HUB_Front")]
+    exact = tuple(replace(channel, gain_sigma=0.0) for channel in hubs)
     campaign = Campaign((Excitation.ROLL,), 1, ("baseline",), bump_height_m=0.05)
     bench = replace(shipped, channels=exact, campaign=campaign)
     (batch,) = campaign_frames(bench, codec, car, 3, 1_700_000_000_000_000_000)

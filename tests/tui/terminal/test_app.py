@@ -323,7 +323,7 @@ async def test_no_screen_hides_that_nothing_is_measured(
     [
         (["--demo", "--replay", "x.h5"], "cannot be combined"),
         (["--demo", "--fault", "nonsense"], "is not a fault"),
-        (["--fault", "weak"], "works on simulated runs only"),
+        (["--fault", "unplug"], "works on simulated runs only"),
         (["BENCH"], "bench.toml"),
         (["--demo", "BENCH"], "bench.toml"),
         (["--web", "BENCH"], "bench.toml"),
