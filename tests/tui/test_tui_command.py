@@ -21,8 +21,8 @@ from daq.errors import InputError
 from tui.browser import server
 from tui.cli import run
 from tui.commands.tui import wanted_setup
+from tui.display.link import Served
 from tui.terminal.feed import RecorderFeed
-from tui.terminal.words import DisplayLink
 
 from ..daq.a_status import a_status
 
@@ -38,7 +38,7 @@ class Opened:
         self.attached: list[Path] = []
         self.ran = 0
         self.return_code: int | None = None
-        self.link: DisplayLink | None = None
+        self.served: Served | None = None
 
     def __call__(self, *arguments: Any, **options: Any) -> Opened:
         self.apps.append((arguments, options))
@@ -50,10 +50,10 @@ class Opened:
         self.ran += 1
 
     @contextmanager
-    def beside(self, *arguments: Any) -> Iterator[DisplayLink | None]:
+    def beside(self, *arguments: Any) -> Iterator[Served | None]:
         """Serve no display."""
         self.displays.append(arguments)
-        yield self.link
+        yield self.served
 
 
 @pytest.fixture
@@ -65,7 +65,7 @@ def opened(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Opened:
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
     monkeypatch.setattr(RecorderFeed, "attach", lambda feed: made.attached.append(feed._folder))
     monkeypatch.setattr("tui.terminal.app.BenchApp", made)
-    monkeypatch.setattr("tui.display.link.display_beside_terminal", made.beside)
+    monkeypatch.setattr("tui.display.link.display_beside", made.beside)
     return made
 
 
@@ -88,7 +88,7 @@ def test_the_terminal_has_what_its_options_say(opened: Opened) -> None:
     words = ["--glyphs", "ascii", "--theme", "bench-light", "--auto", "--operator", "MK"]
     shown = ["--display", "lan", "--display-control"]
     opened.return_code = 3
-    opened.link = DisplayLink(("display: open x",), ())
+    opened.served = Served("x", "127.0.0.1", "")
     assert run(["tui", *words, *shown, "--out", "day"]) == 3
     ((feed, folder, glyphs, name, theme, auto), options) = opened.apps[0]
     assert (folder, glyphs.name, name) == (Path("day"), "ascii", "MK")
@@ -96,7 +96,7 @@ def test_the_terminal_has_what_its_options_say(opened: Opened) -> None:
     assert options["wanted"] == Setup(Origin.REAL)
     assert (feed._folder, feed._name) == (Path("day"), "MK")
     assert opened.displays == [(Path("day"), "lan", "MK", True)]
-    assert options["display"] is opened.link
+    assert options["display"].lines == ("display: open x",)
 
 
 def test_who_is_not_named_is_the_user_to_the_recorder_and_asked_on_the_screen(

@@ -3,8 +3,7 @@
 Any program and any user of this machine can reach a port of 127.0.0.1, and any page in a browser
 can send requests to it.  The link has a random token in its path, which neither of them knows.  In
 addition, a request must name this server as its host, and come from this server's own page: a
-foreign name that is made to point at 127.0.0.1 reads nothing.  A connection that has not yet shown
-the token is one of at most `MOST_UNPROVEN`, and is closed after `PROOF_S`.
+foreign name that is made to point at 127.0.0.1 reads nothing.
 """
 
 from __future__ import annotations
@@ -24,10 +23,6 @@ from aiohttp import hdrs, web
 
 from dbc import InputError
 
-MOST_UNPROVEN = 64
-"""Most connections without the token at a time: one more closes the oldest."""
-PROOF_S = 5.0
-"""Time within which a connection must show the token, s."""
 _HEADERS = {
     "Cache-Control": "no-store",
     "Referrer-Policy": "no-referrer",
@@ -67,7 +62,6 @@ class Guard:
         port = listening.getsockname()[1]
         self._host = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
         self._token = secrets.token_urlsafe(32)
-        self._unproven: dict[asyncio.BaseTransport | None, asyncio.TimerHandle] = {}
         self.origin = f"http://{self._host}"
         """Scheme, host and port of the server."""
         self.prefix = f"/{self._token}"
@@ -94,58 +88,31 @@ class Guard:
             shutdown_timeout=0.5,
         )
         await runner.setup()
-        assert runner.server is not None
-        door = asyncio.create_task(self._admit(runner.server))
         try:
+            await web.SockSite(runner, self._listening).start()
             yield
         finally:
-            door.cancel()
-            self._listening.close()
             await runner.cleanup()
-
-    async def _admit(self, server: web.Server) -> None:
-        """Accept connections one by one, so that between two of them others are served."""
-        loop = asyncio.get_running_loop()
-        self._listening.setblocking(False)
-        while True:
-            try:
-                connection, _ = await loop.sock_accept(self._listening)
-                transport, _ = await loop.connect_accepted_socket(server, connection)
-            except OSError:  # it has gone again, or this process has no descriptor left
-                await asyncio.sleep(0.1)
-                continue
-            if len(self._unproven) >= MOST_UNPROVEN:
-                self._dismiss(next(iter(self._unproven)))
-            self._unproven[transport] = loop.call_later(PROOF_S, self._dismiss, transport)
-
-    def _dismiss(self, connection: asyncio.BaseTransport | None) -> None:
-        self._unproven.pop(connection).cancel()
-        if isinstance(connection, asyncio.WriteTransport):
-            connection.abort()
 
     @web.middleware
     async def _check(self, request: web.Request, handler: _Handler) -> web.StreamResponse:
-        if refusal := self._refusal(request):
-            refused = web.Response(status=403, text=f"refused: {refusal}\n")
-            refused.force_close()
-            return refused
-        if known := self._unproven.pop(request.transport, None):
-            known.cancel()
-        return await handler(request)
-
-    def _refusal(self, request: web.Request) -> str:
-        """Return why a request is refused; empty if it is not."""
+        """Answer a request that has token, host and origin of this server; refuse others."""
         token = request.path.removeprefix("/").partition("/")[0]
         origin = request.headers.get(hdrs.ORIGIN)
         is_socket = request.headers.get(hdrs.UPGRADE, "").lower() == "websocket"
+        refusal = ""
         if request.headers.getall(hdrs.HOST, []) != [self._host]:
-            return "this address leads elsewhere"
+            refusal = "this address leads elsewhere"
         # A browser names the origin of every socket, but not of a page that is opened.
-        if origin != self.origin and (is_socket or origin is not None):
-            return "this is for pages of this server only"
-        if not secrets.compare_digest(token.encode(errors="replace"), self._token.encode()):
-            return "open the link that was printed when this server was started"
-        return ""
+        elif origin != self.origin and (is_socket or origin is not None):
+            refusal = "this is for pages of this server only"
+        elif not secrets.compare_digest(token.encode(errors="replace"), self._token.encode()):
+            refusal = "open the link that was printed when this server was started"
+        if not refusal:
+            return await handler(request)
+        refused = web.Response(status=403, text=f"refused: {refusal}\n")
+        refused.force_close()
+        return refused
 
 
 async def _add_headers(_: web.Request, response: web.StreamResponse) -> None:

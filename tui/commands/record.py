@@ -58,7 +58,7 @@ def record(
     """
     from daq.control.address import lone_recorder
 
-    from ..display.link import display_beside_recorder
+    from ..display.link import display_beside
     from ..output import progress
     from ..recorders.daemon import Lifetime, record_campaign
     from ..recorders.lines import print_outcome
@@ -76,10 +76,12 @@ def record(
     lifetime = Lifetime(not idle, keep_on, replay is not None, demo or replay is not None)
     with (
         lone_recorder(out),
-        display_beside_recorder(out, display, control),
+        display_beside(out, display, "display", control) as served,
         Log(log) as lines,
         progress("record") as stage,
     ):
+        if served is not None:
+            served.write()
         last = record_campaign(traffic, out, lifetime, lines, stage)
     if keep_on:
         return ExitCode.DATA_LOST if last.disk.held_frames else ExitCode.OK
@@ -161,8 +163,7 @@ def display(
         end()
 
     def announce(served: Served, end: Callable[[], object]) -> None:
-        for line in served.lines(sys.stderr.isatty()):
-            sys.stderr.write(f"{line}\n")
+        served.write()
         if json:  # a program started it, which says the rest
             sys.stdout.write(dumps(asdict(served)) + "\n")
             sys.stdout.flush()

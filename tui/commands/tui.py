@@ -67,11 +67,11 @@ def tui(
     from daq import InputError
 
     from ..bench import shared_bench
-    from ..display.link import display_beside_terminal
+    from ..display.link import display_beside
     from ..recorders.process import Process, start_recorder
     from ..terminal.app import BenchApp
     from ..terminal.feed import RecorderFeed
-    from ..terminal.words import choose_glyphs
+    from ..terminal.words import DisplayLink, choose_glyphs
 
     if demo and replay:
         raise InputError("--demo", "cannot be combined with --replay", "leave one out")
@@ -110,7 +110,8 @@ def tui(
     name = operator or known_operator(folder, demo)
     feed = RecorderFeed(folder, name or os.environ.get("USER", ""), start)
     chosen = choose_glyphs(glyphs, os.environ, sys.stdout.encoding or "")
-    with display_beside_terminal(folder, display, name, control) as link:
+    with display_beside(folder, display, name, control) as served:
+        link = None if served is None else DisplayLink(served.lines, served.code)
         app = BenchApp(feed, folder, chosen, name, theme, auto, wanted=wanted, display=link)
         feed.attach()  # after all checks of the command
         app.run()

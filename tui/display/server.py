@@ -23,7 +23,7 @@ from daq.control.messages import Hello
 
 from ..browser.server import Guard
 from ..terminal.feed import Feed, RecorderFeed
-from .follow import Follower, Hub
+from .follow import Follower
 from .link import Served, listen_on
 from .view import order_of
 
@@ -37,12 +37,6 @@ LOCKED_S = 60.0
 """Time for which no number is accepted then, s."""
 _COOKIE = "bumpbench_control"
 _FILES = Path(__file__).with_name("page")
-_TYPES = {
-    ".html": "text/html",
-    ".css": "text/css",
-    ".js": "text/javascript",
-    ".svg": "image/svg+xml",
-}
 _POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
     "img-src 'self'; manifest-src 'none'; base-uri 'none'; form-action 'none'; "
@@ -137,8 +131,7 @@ class DisplayServer:
         self._guard, self._feed, self._name, self._control = guard, feed, name, control
         self.secret = control.secret if control else ""
         """Number that gives control; empty for a display without control."""
-        self._hub = Hub()
-        self._follower = Follower(feed, folder, self._hub)
+        self._follower = Follower(feed, folder)
         self._orders = asyncio.Lock()
 
     async def serve(self, ended: asyncio.Event, listening: Callable[[], object]) -> None:
@@ -148,24 +141,23 @@ class DisplayServer:
         pages.router.add_get("/events", self._events)
         pages.router.add_post("/control", self._grant)
         pages.router.add_post("/order", self._order)
-        for path in sorted(_FILES.iterdir()):
-            url = "/" if path.name == "index.html" else f"/{path.name}"
-            pages.router.add_get(url, _file(path))
+        pages.router.add_get("/", _index)
+        pages.router.add_static("/", _FILES)
         async with self._guard.serving(pages, 1_000):
             try:
                 self._follower.start()
                 listening()
                 await ended.wait()
             finally:
-                self._hub.close()
+                self._follower.close()
                 await asyncio.to_thread(self._feed.stop)
 
     async def _events(self, request: web.Request) -> web.StreamResponse:
-        if self._hub.pages >= MOST_PAGES:
+        if self._follower.pages >= MOST_PAGES:
             return web.Response(status=503, text=f"{MOST_PAGES} displays are connected\n")
         stream = web.StreamResponse(headers={"Content-Type": "text/event-stream"})
         role = {"control": self._control is not None, "granted": self._granted(request)}
-        async with aclosing(self._hub.messages()) as messages:
+        async with aclosing(self._follower.messages()) as messages:
             with suppress(ConnectionResetError, TimeoutError):  # the page has gone
                 await stream.prepare(request)
                 await stream.write(b"event: role\ndata: %s\n\n" % json.dumps(role).encode())
@@ -224,13 +216,8 @@ async def _body(request: web.Request) -> dict[str, Any] | None:
     return document if isinstance(document, dict) else None
 
 
-def _file(path: Path) -> Any:
-    text, kind = path.read_text("utf-8"), _TYPES[path.suffix]
-
-    async def send(_: web.Request) -> web.Response:
-        return web.Response(text=text, content_type=kind)
-
-    return send
+async def _index(_: web.Request) -> web.FileResponse:
+    return web.FileResponse(_FILES / "index.html")
 
 
 def _refused(code: int, text: str) -> web.Response:

@@ -1,25 +1,36 @@
-"""The server of the display: who is admitted, what is sent, what a flood costs."""
+"""The server of the display: who is admitted, what is sent, how it is started and ended."""
 
 from __future__ import annotations
 
 import asyncio
+import io
 import json
+import os
 import re
+import signal
 import socket
-import time
-from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import AbstractAsyncContextManager, asynccontextmanager, suppress
-from dataclasses import dataclass
+import sys
+import urllib.error
+import urllib.request
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import aiohttp
 import pytest
 
-from daq.control.messages import Arm, Hello, Order, Phase, Reject
-from tui.browser.server import MOST_UNPROVEN, Guard, listen, terminal_pages
-from tui.display.follow import Hub
-from tui.display.server import Control, DisplayServer
+from daq.control.exchange import OrderRefusedError
+from daq.control.messages import Arm, AskBench, Hello, Order, Phase, Reject, Reply
+from daq.errors import InputError
+from tui.browser.server import Guard, listen, terminal_pages
+from tui.cli import run
+from tui.display import server
+from tui.display.follow import Follower
+from tui.display.link import Served, display_beside, listen_on
+from tui.display.server import MOST_PAGES, Control, DisplayServer, run_display
+from tui.terminal.feed import Lost, Role
 
 from ..terminal.fake_recorder import FakeRecorder
 
@@ -90,15 +101,8 @@ def test_a_page_is_sent_what_is_and_what_changes(tmp_path: Path) -> None:
                     break
             assert first["role"] == {"control": False, "granted": False}
             assert first["view"]["vehicle"] == "Ford Granada"
-            assert first["curves"]["curves"] == []
             page.recorder.turn(Phase.ARMED)
             await until(page, "view", lambda view: view["headline"]["word"] == ["BUMP", "NOW"])
-            page.recorder.bump()
-            page.recorder.judge()
-            for _ in range(3):  # a picture is drawn with every third message
-                page.recorder.post(page.recorder.live())
-            curves = await until(page, "curves", lambda curves: bool(curves["curves"]))
-            assert curves["run"] == "baseline_bounce_1"
             assert await page.post("order", button="next") == (
                 403,
                 "enter the number that is shown at the terminal",
@@ -215,30 +219,30 @@ def test_orders_of_no_page_of_ours_are_refused(tmp_path: Path) -> None:
     assert not [order for order in _with_control(tmp_path, act) if isinstance(order, Arm)]
 
 
-def test_a_page_that_does_not_read_misses_states_and_delays_no_other() -> None:
+def test_a_page_that_does_not_read_misses_states_and_delays_no_other(tmp_path: Path) -> None:
     async def act() -> None:
-        hub = Hub()
-        hub.post("view", b"0")
-        slow, quick = hub.messages(), hub.messages()
+        recorder = FakeRecorder()
+        follower = Follower(recorder, tmp_path)
+        follower.start()
+        slow, quick = follower.messages(), follower.messages()
         for reader in (slow, quick):
-            assert await anext(reader) == b"event: view\ndata: 0\n\n"
-        assert hub.pages == 2
-        for number in range(1, 1000):
-            hub.post("view", b"%d" % number)
-            assert await anext(quick) == b"event: view\ndata: %d\n\n" % number
-        assert await anext(slow) == b"event: view\ndata: 999\n\n", "the newest alone"
-        hub.post("view", b"999")
-        assert await anext(quick) == b"event: beat\ndata: \n\n", "nothing new within a second"
-        hub.close()
-        for reader in (slow, quick):
-            with pytest.raises(StopAsyncIteration):
-                await anext(reader)
-        assert hub.pages == 0
+            assert b"waiting for the recorder" in await anext(reader)
+        assert follower.pages == 2
+        for number in range(100):
+            follower.take(replace(recorder.status, vehicle=f"T{number}"))
+            assert b'"T%d"' % number in await anext(quick)
+        assert b'"T99"' in await anext(slow), "the newest alone"
+        await asyncio.sleep(0)
+        follower.take(replace(recorder.status, vehicle="T99"))
+        while (message := await anext(quick)).startswith(b"event: view"):
+            assert b'"T99"' in message, "with the sketch, once bench.toml has come"
+        assert message == b"event: beat\ndata: \n\n", "nothing new within a second"
+        follower.close()
+        with pytest.raises(StopAsyncIteration):
+            await anext(quick)
+        assert follower.pages == 1
 
     asyncio.run(act())
-
-
-# Many pages, and pages that do not read -----------------------------------------------------------
 
 
 MALFORMED = (
@@ -270,52 +274,318 @@ async def page_of_display(folder: Path) -> AsyncIterator[Guard]:
 
 
 @pytest.mark.parametrize("served", [page_of_display, terminal])
-def test_eight_hundred_connections_without_the_token_delay_and_end_nothing(
+def test_malformed_requests_without_the_token_end_nothing_and_write_nothing(
     served: Callable[[Path], AbstractAsyncContextManager[Guard]],
     tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
     capfd: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.setattr("tui.browser.server.PROOF_S", 1.0)
-
     async def act() -> None:
         async with served(tmp_path) as guard:
-            loop, host = asyncio.get_running_loop(), guard.origin.removeprefix("http://")
+            host = guard.origin.removeprefix("http://")
             address, port = host.split(":")
-            strangers: list[socket.socket] = []
-            answered_s: list[float] = []
-            descriptors = len(list(Path("/proc/self/fd").iterdir()))
-            for n in range(800):
-                stranger = socket.socket()
-                stranger.setblocking(False)
-                await loop.sock_connect(stranger, (address, int(port)))
-                said = MALFORMED[n % len(MALFORMED)].replace(b"{host}", host.encode())
-                with suppress(OSError):  # closed already
-                    await loop.sock_sendall(stranger, said.replace(b"{other}", b"/" + b"A" * 43))
+            strangers = []
+            for request in 5 * MALFORMED:
+                _, stranger = await asyncio.open_connection(address, int(port))
+                said = request.replace(b"{host}", host.encode())
+                stranger.write(said.replace(b"{other}", b"/" + b"A" * 43))
                 strangers.append(stranger)
-                if len(strangers) > 300:  # this process has both ends
-                    strangers.pop(0).close()
-                if n % 200 == 199:
-                    began_s = time.monotonic()
-                    async with (
-                        aiohttp.ClientSession() as http,
-                        http.get(guard.link) as answer,
-                    ):
-                        assert answer.status == 200
-                    answered_s.append(time.monotonic() - began_s)
-            assert max(answered_s) < 1.0
-            for stranger in strangers:
-                stranger.close()
-            strangers = [socket.create_connection((address, int(port))) for _ in range(100)]
-            await asyncio.sleep(0.1)
-            assert len(list(Path("/proc/self/fd").iterdir())) <= descriptors + 100 + MOST_UNPROVEN
-            for stranger in strangers:  # each is closed by the server, the last after its time
-                stranger.setblocking(False)
-                with suppress(ConnectionResetError):
-                    assert await loop.sock_recv(stranger, 1000) == b""
-                stranger.close()
             async with aiohttp.ClientSession() as http, http.get(guard.link) as answer:
                 assert answer.status == 200
+            for stranger in strangers:
+                stranger.close()
 
     asyncio.run(act())
     assert capfd.readouterr() == ("", "")
+
+
+# How it is started and ended ----------------------------------------------------------------------
+
+
+LINK = "http://192.0.2.7:8010/Zm9vYmFyYmF6Zm9vYmFyYmF6Zm9vYmFyYmF6Zm9vYmF/"
+
+
+def test_beside_another_program_it_is_served_whoever_asks_until_that_ends(
+    tmp_path: Path,
+) -> None:
+    with display_beside(tmp_path, "here", "MK", control=True) as display:
+        assert display is not None
+        assert display.code == (), "this machine's browsers need no camera"
+        link = display.lines[0].removeprefix("display: open ")
+        assert display.lines[1].startswith("control: type ")
+        host, _, port = link.split("/")[2].partition(":")
+        for _ in range(100):  # its messages about them are not read
+            with socket.create_connection((host, int(port))) as stranger:
+                stranger.sendall(
+                    b"OPTIONS * HTTP/1.1\r\nHost: %s:%s\r\n\r\n\0" % (host.encode(), port.encode())
+                )
+        with urllib.request.urlopen(link, timeout=10.0) as answer:
+            assert answer.status == 200
+    with pytest.raises(urllib.error.URLError):
+        urllib.request.urlopen(link)
+
+
+def test_one_that_cannot_be_served_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with display_beside(tmp_path, None, "MK", control=False) as display:
+        assert display is None
+    for folder, host, said in (
+        (tmp_path, None, "needs a display"),
+        (tmp_path, "0.0.0.0", "every address"),
+        (tmp_path, "::", "every address"),
+        (tmp_path, "192.0.2.7", r"cannot listen on 192\.0\.2\.7"),
+        (tmp_path / "nosuch", "here", r"nosuch: does not exist .*start it alone"),
+    ):
+        with (
+            pytest.raises(InputError, match=said),
+            display_beside(folder, host, "MK", control=True),
+        ):
+            pass
+    monkeypatch.setitem(sys.modules, "tui.browser.server", None)
+    monkeypatch.delitem(sys.modules, "tui.display.server")
+    with (
+        pytest.raises(InputError, match=r"--display: aiohttp is not installed"),
+        display_beside(tmp_path, "here", "MK", control=False),
+    ):
+        pass
+    assert run(["display", str(tmp_path)]) == 2
+    assert "display: aiohttp is not installed (install bumpbench[web])" in capsys.readouterr().err
+
+
+def test_a_link_into_the_network_comes_with_a_warning_and_a_code() -> None:
+    served = Served(LINK, "192.0.2.7", "493217")
+    assert served.lines[0] == f"display: open {LINK}"
+    assert served.lines[1].startswith("warning: ")
+    assert "493 217" in served.lines[2]
+    for host in ("127.0.0.1", "::1", "localhost"):
+        here = Served(LINK, host, "")
+        assert (here.lines, here.code) == ((f"display: open {LINK}",), ())
+    assert len(served.code) <= 20
+    assert len(served.code[0]) <= 40
+    corner = "█▀▀▀▀▀█"  # the first two rows of a finder, behind a margin of two
+    assert served.code[1][2:9] == served.code[1][-9:-2] == corner
+
+
+class Pages:
+    """A server of pages that only waits for its end."""
+
+    made: list[tuple[Any, ...]]
+    does: Callable[[], None] | None
+
+    def __init__(self, guard: Any, feed: Any, folder: Path, name: str, control: Any) -> None:
+        self.secret = control.secret if control else ""
+        Pages.made.append((guard, feed, folder, name, control))
+
+    async def serve(self, ended: asyncio.Event, listening: Callable[[], object]) -> None:
+        """Wait."""
+        listening()
+        if Pages.does is not None:
+            Pages.does()
+        await asyncio.wait_for(ended.wait(), 20.0)
+
+
+@pytest.fixture
+def pages(monkeypatch: pytest.MonkeyPatch) -> Iterator[type[Pages]]:
+    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
+    monkeypatch.setattr(Pages, "made", [], raising=False)
+    monkeypatch.setattr(Pages, "does", None, raising=False)
+    monkeypatch.setattr(server, "DisplayServer", Pages)
+    yield Pages
+    for guard, *_ in Pages.made:
+        guard._listening.close()
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+def test_only_a_fault_of_its_own_ends_a_display(
+    tmp_path: Path, pages: type[Pages], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails() -> None:
+        asyncio.get_running_loop().call_soon(lambda: [].pop())
+
+    def says() -> None:
+        loop = asyncio.get_running_loop()
+        loop.call_exception_handler({"message": "too many open files", "socket": 3})
+        loop.call_exception_handler({"message": "odd"})
+
+    for does, error, words in ((fails, IndexError, "pop"), (says, RuntimeError, "odd")):
+        monkeypatch.setattr(Pages, "does", staticmethod(does))
+        with pytest.raises(error, match=words):
+            run_display(tmp_path, "here", "MK", False, lambda *_: None)
+
+
+@pytest.mark.parametrize("recorder", [False, True])
+def test_the_command_writes_link_and_number_and_whether_a_recorder_runs(
+    recorder: bool,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    asked: list[tuple[Any, ...]] = []
+    served = Served("http://127.0.0.1:8010/token/", "127.0.0.1", "493217")
+
+    def serve(folder: Path, host: str, name: str, control: bool, announce: Any) -> None:
+        asked.append((folder, host, name, control))
+        announce(served, lambda: None)
+
+    monkeypatch.setattr(server, "run_display", serve)
+    monkeypatch.setattr("daq.control.address.is_running", lambda _: recorder)
+    monkeypatch.setattr("getpass.getuser", lambda: "somebody")
+    monkeypatch.setattr("sys.stdin", io.StringIO())
+    assert run(["display", str(tmp_path)]) == 0
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0] == f"display: open {served.link}"
+    assert lines[1].startswith("control: type 493 217")
+    waits = f"bumpbench: {tmp_path}: no recorder runs there; the page waits for one"
+    assert [line.startswith(waits) for line in lines[2:-1]] == [True] * (not recorder)
+    assert lines[-1] == "bumpbench: the display has ended; the recorder goes on"
+    words = ["--host", "lan", "--control", "--operator", "MK", "--json"]
+    assert run(["display", str(tmp_path), *words]) == 0
+    assert json.loads(capsys.readouterr().out)["link"] == served.link
+    assert asked == [(tmp_path, "here", "somebody", False), (tmp_path, "lan", "MK", True)]
+
+
+def test_wrong_numbers_are_forgotten_after_a_minute_one_by_one() -> None:
+    control = Control()
+    control.secret = "493217"
+    for second in (0.0, 10.0, 20.0, 30.0, 40.0):
+        assert "not the number" in control.grant("000000", second)[1]
+    assert control.grant("493217", 59.9) == ("", "too many wrong numbers: wait a minute")
+    key, refusal = control.grant("493 217", 60.0)
+    assert (control.holds(key), refusal) == (True, "")
+    assert "not the number" in control.grant("493218", 60.0)[1]
+    assert "wait a minute" in control.grant("493217", 69.9)[1]
+
+
+def test_a_page_too_many_is_refused(tmp_path: Path) -> None:
+    async def act() -> None:
+        async with display(tmp_path) as page:
+            place = f"{page.guard.link}events"
+            streams = [await page.http.get(place) for _ in range(MOST_PAGES)]
+            assert [stream.status for stream in streams] == [200] * 32
+            async with page.http.get(place) as refused:
+                assert refused.status == 503
+                assert "32 displays" in await refused.text()
+            for stream in streams:
+                stream.close()
+
+    asyncio.run(act())
+
+
+def test_an_order_that_the_recorder_refuses_is_said_on_the_page(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def act() -> None:
+        async with display(tmp_path, Control()) as page:
+            assert page.control is not None
+            await page.post("control", number=page.control.secret)
+            while page.recorder.orders == []:
+                await asyncio.sleep(0)
+            ask = page.recorder.ask
+
+            async def refusing(order: Order) -> Reply:
+                if isinstance(order, Arm):
+                    raise OrderRefusedError("the disk is full")
+                return await ask(order)
+
+            monkeypatch.setattr(page.recorder, "ask", refusing)
+            assert await page.post("order", button="next") == (409, "the disk is full")
+
+    asyncio.run(act())
+
+
+class Refusing(FakeRecorder):
+    """A recorder that refuses at first to send its bench."""
+
+    async def ask(self, order: Order) -> Reply:
+        """Refuse once."""
+        if isinstance(order, AskBench) and not self.orders:
+            self.orders.append(order)
+            raise OrderRefusedError("not now")
+        return await super().ask(order)
+
+
+def test_a_bench_that_was_refused_is_asked_for_again(tmp_path: Path) -> None:
+    async def act() -> None:
+        recorder = Refusing()
+        follower = Follower(recorder, tmp_path)
+
+        async def shown() -> Any:
+            for _ in range(9):
+                await asyncio.sleep(0)
+            message = await anext(follower.messages())
+            return json.loads(message.partition(b"data: ")[2])
+
+        assert follower.status is None
+        follower.start()
+        page = await shown()
+        assert (page["vehicle"], page["sketch"]) == ("Ford Granada", None)
+        recorder.publish()
+        assert (await shown())["sketch"] is not None
+        recorder.publish()
+        follower.take(Role(True))
+        assert (await shown())["sketch"] is not None
+        assert recorder.orders == [AskBench(), AskBench()], "once for each bench"
+        recorder.post(Lost("it has ended", "see its log"))
+        assert (await shown())["headline"]["kind"] == "lost"
+        assert follower.status is None
+
+    asyncio.run(act())
+
+
+def test_the_usual_port_is_taken_if_it_is_free() -> None:
+    here = f"127.{1 + os.getpid() % 250}.0.2"  # of this machine, and nothing else listens there
+    (address, taken), (_, other) = listen_on(here), listen_on(here)
+    with taken, other:
+        assert (address, taken.getsockname()[1]) == (here, 8010)
+        assert other.getsockname()[1] not in (0, 8010)
+
+
+def test_the_address_in_the_network_is_that_of_the_way_to_others(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def unreachable(*_: object) -> NoReturn:
+        raise OSError(101, "Network is unreachable")
+
+    probed: list[object] = []
+    listened: list[tuple[str, int]] = []
+    monkeypatch.setattr("tui.browser.server.listen", lambda *place: listened.append(place))
+    monkeypatch.setattr(socket.socket, "connect", lambda _, place: probed.append(place))
+    monkeypatch.setattr(socket.socket, "getsockname", lambda _: ("192.168.1.5", 40000))
+    assert listen_on("lan")[0] == "192.168.1.5"
+    assert (listened, probed) == ([("192.168.1.5", 8010)], [("192.0.2.1", 9)])
+    monkeypatch.setattr(socket.socket, "connect", unreachable)
+    with pytest.raises(InputError, match="no network is connected"):
+        listen_on("lan")
+
+
+class Ended(io.StringIO):
+    """Standard error that interrupts the display as soon as its link is there."""
+
+    def write(self, text: str) -> int:
+        if "display: open" in text:
+            signal.raise_signal(signal.SIGTERM)
+        return super().write(text)
+
+
+@pytest.fixture
+def _signals() -> Iterator[None]:
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.getsignal(number) for number in numbers]
+    yield
+    for number, handler in zip(numbers, before, strict=True):
+        signal.signal(number, handler)
+
+
+@pytest.mark.usefixtures("_signals")
+def test_a_display_is_served_until_it_is_ended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said = Ended()
+    monkeypatch.setattr(sys, "stderr", said)
+    assert run(["display", str(tmp_path), "--control", "--operator", "MK"]) == 0
+    lines = said.getvalue().splitlines()
+    assert lines[0].startswith("display: open http://127.0.0.1:")
+    assert lines[1].startswith("control: type ")
+    assert "no recorder runs there" in lines[2]
+    assert lines[3] == "bumpbench: the display has ended; the recorder goes on"

@@ -1,7 +1,7 @@
 // Connects to the display's server, shows what it sends, and sends what the buttons order.
 
 import { announce, isAudible, isMuted, setMuted, unlock } from "./sound.js";
-import { drawCurves, drawProgress, drawSketch } from "./pictures.js";
+import { drawProgress, drawSketch } from "./pictures.js";
 import { drawWord } from "./word.js";
 import { keepAwake, keepAwakeAfterTouch } from "./awake.js";
 
@@ -89,7 +89,6 @@ function show() {
     text("mark", view.mark);
     text("title", view.title);
     text("instruction", view.instruction || "Nothing to bump now.");
-    document.body.classList.toggle("idle", !view.instruction);
     $("instruction").hidden = view.instruction === view.headline.why && view.instruction !== "";
     showAlarm(view.alarm, view.overload);
     drawIfChanged("sketch", view.sketch, () => drawSketch(view.sketch, view.instruction));
@@ -119,11 +118,10 @@ function open() {
     heard = performance.now();
     lineLost = false;
     take(event.data ? JSON.parse(event.data) : null);
-    if (name !== "curves") show();
+    show();
   });
   on("role", (data) => { role = data; });
   on("view", (data) => { view = data; });
-  on("curves", drawCurves);
   on("beat", () => {});
 }
 
@@ -275,7 +273,6 @@ $("tap").hidden = false;
 let dark = false;
 try { dark = localStorage.getItem("bumpbench-dark") === "yes"; } catch { /* not remembered */ }
 showSound();
-drawCurves({ run: "", curves: [] });
 keepAwake();
 open();
 setDark(dark);

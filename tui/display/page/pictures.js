@@ -1,8 +1,7 @@
-// The sketch of the bump, the progress of the campaign and the curves of the last run.
+// The sketch of the bump and the progress of the campaign.
 
 const SVG = "http://www.w3.org/2000/svg";
 const WHEELS = [[48, 60], [152, 60], [48, 166], [152, 166]]; // front left, front right, rear left, rear right
-const STEPS = 1000; // as in follow.py
 const MOST_DOTS = 5;
 
 function shape(name, attributes) {
@@ -74,32 +73,4 @@ function count(row) {
   made.append(`${row.accepted}/${row.planned}`);
   if (row.due) made.setAttribute("aria-current", "step");
   return made;
-}
-
-export function drawCurves(curves) {
-  const title = document.getElementById("last-title");
-  const name = curves.run.replaceAll("_", " ");
-  title.textContent = name ? `Last run: ${name}` : "Last run";
-  const box = document.getElementById("curves");
-  const axis = document.getElementById("axis");
-  if (!curves.curves.length) {
-    box.replaceChildren(cell("p", "The curves of the next run appear here."));
-    axis.textContent = "";
-    return;
-  }
-  const count = curves.curves[0].points.length;
-  const zero = -curves.first_s / curves.step_s;
-  box.replaceChildren(...curves.curves.map((curve) => {
-    const svg = shape("svg", { viewBox: `0 ${-STEPS} ${count} ${2 * STEPS}`, preserveAspectRatio: "none", role: "img",
-                               "aria-label": `${curve.label}, at most ${curve.peak} ${curve.unit}` });
-    svg.append(shape("line", { x1: 0, y1: 0, x2: count, y2: 0 }), shape("line", { x1: zero, y1: -STEPS, x2: zero, y2: STEPS }));
-    let piece = [];
-    const close = () => { if (piece.length > 1) svg.append(shape("polyline", { points: piece.join(" ") })); piece = []; };
-    curve.points.forEach((value, x) => { if (value === null) close(); else piece.push(`${x},${-value}`); });
-    close();
-    const line = document.createElement("div");
-    line.append(cell("span", curve.label), svg, cell("span", `${curve.peak} ${curve.unit.replace(/s2$/, "s²")}`));
-    return line;
-  }));
-  axis.textContent = `${curves.first_s.toFixed(1)} to ${(curves.first_s + count * curves.step_s).toFixed(1)} s after the bump`;
 }
