@@ -30,19 +30,12 @@ def shared_bench(path: Path | None, interface: str | None, channel: str | None) 
 
 def log_and_bench(log: Path, bench: Path | None) -> tuple[Path, Path | None]:
     """Return a log and a bench.toml that were named in either order."""
-    if bench is not None and not _is_log(log) and _is_log(bench):
+    if bench is not None and is_log(bench) and not is_log(log):
         return bench, log
     return log, bench
 
 
-def bench_and_log(bench: Path | None, log: Path | None) -> tuple[Path | None, Path | None]:
-    """Return a bench.toml and a log that were named in either order; either may be left out."""
-    if bench is None or not _is_log(bench) or (log is not None and _is_log(log)):
-        return bench, log
-    return log, bench
-
-
-def _is_log(path: Path) -> bool:
+def is_log(path: Path) -> bool:
     """Return whether a file is a log, not a bench.toml: it has another suffix, and is not TOML."""
     from daq.bench.toml_file import holds_toml
 
@@ -65,18 +58,6 @@ def reachable(bench: Bench, where: str) -> Bench:
             " --interface udp_multicast --channel 239.74.163.2",
         )
     return bench
-
-
-def bench_with_dbc(path: Path | None, dbc: Path | None) -> Bench:
-    """Return the bench with another DBC instead of its own.
-
-    `path`: bench.toml; the shipped one if None.  `dbc`: the other DBC; the bench's own if None.
-    Raises InputError if a file is bad.
-    """
-    from daq.bench.config import load_bench, with_database
-
-    bench = load_bench(path)
-    return with_database(bench, dbc) if dbc else bench
 
 
 def bus_numbers(bench: Bench, names: Sequence[str]) -> frozenset[int]:

@@ -5,21 +5,27 @@ Nothing large is imported here or at the top of a command's file, so that `--hel
 
 from __future__ import annotations
 
+import errno
 import gc
+import os
+import signal
 import sys
+import threading
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
+from typer.main import get_command
 
 from .commands.batch import batch
 from .commands.check import check
 from .commands.decode import decode
 from .commands.demo import demo, notebook
 from .commands.identify import compare, identify
-from .commands.identify import report as write_report
+from .commands.identify import report as report_command
 from .commands.import_ import import_
 from .commands.plan import plan
 from .commands.record import display, record, recover, status
@@ -27,13 +33,12 @@ from .commands.session_files import export, inspect, redecode, validate
 from .commands.simulate import replay, simulate
 from .commands.study import study
 from .commands.tui import tui
-from .diagnostics import ExitCode, say
-from .invocation import invoke
+from .diagnostics import ExitCode, report, report_usage, say
 
 GROUPS: dict[str, tuple[Callable[..., object], ...]] = {
     "To begin with": (demo, simulate, notebook),
     "At the bench": (plan, check, tui, record, display, status, recover),
-    "At the desk": (identify, write_report, compare, batch),
+    "At the desk": (identify, report_command, compare, batch),
     "Files": (inspect, validate, import_, export, redecode, decode, replay),
 }
 """Commands by their user, in the order of `--help`; `study` comes last."""
@@ -63,7 +68,7 @@ app = typer.Typer(
 )
 
 
-def _say_version(wanted: bool) -> None:
+def _print_version(wanted: bool) -> None:
     if wanted:
         from importlib.metadata import version
 
@@ -75,7 +80,9 @@ def _say_version(wanted: bool) -> None:
 def _bumpbench(
     _version: Annotated[
         bool,
-        typer.Option("--version", callback=_say_version, is_eager=True, help="Print the version."),
+        typer.Option(
+            "--version", callback=_print_version, is_eager=True, help="Print the version."
+        ),
     ] = False,
 ) -> None:
     """Bump tests over CAN: every physical parameter of a 7-DOF vehicle, with intervals."""
@@ -100,6 +107,61 @@ def main() -> None:
     sys.exit(code)
 
 
-def run(arguments: list[str]) -> int:
+def run(arguments: list[str], commands: typer.Typer = app) -> int:
     """Run one command, given the words after `bumpbench` in a shell; return the exit code."""
-    return invoke(arguments, app)
+    try:
+        with _ended_by_sigterm():
+            parse = get_command(commands)
+            code: Any = parse(arguments, standalone_mode=False, prog_name="bumpbench")
+            sys.stdout.flush()
+    except typer.exceptions.TyperException as error:
+        message = error.format_message()
+        if message.startswith("Usage:"):  # help, requested by giving no argument
+            sys.stdout.write(f"{message}\n")
+            return ExitCode.OK
+        context = getattr(error, "ctx", None)
+        return report_usage(message, context.command_path if context else "bumpbench")
+    except (KeyboardInterrupt, typer.Abort):
+        return ExitCode.INTERRUPTED
+    except (BrokenPipeError, SystemExit) as error:  # the parser turns the first into the second
+        if isinstance(error, SystemExit) and not isinstance(error.__context__, BrokenPipeError):
+            raise
+        _discard_output()  # its reader has gone, so the command may end
+        return ExitCode.OK
+    except Exception as error:
+        from dbc import BumpbenchError, InputError  # this loads NumPy, which --help does not need
+
+        if isinstance(error, BumpbenchError):
+            return report(error)
+        if not isinstance(error, OSError):
+            raise
+        reason = error.strerror or str(error)
+        if error.filename is not None:  # a path that cannot even be checked for existence
+            where = os.fsdecode(error.filename)
+            return report(InputError(where, reason, "name another path, or get access to it"))
+        if error.errno != errno.ENOSPC:
+            raise
+        _discard_output()
+        return report(InputError("stdout", reason, "make room, or write to another place"))
+    return int(code or ExitCode.OK)
+
+
+@contextmanager
+def _ended_by_sigterm() -> Iterator[None]:
+    """Turn SIGTERM in the body into an exception, as Ctrl-C is one, so that nothing is half done.
+
+    The exit code is that of a process that the signal ends.
+    """
+    if threading.current_thread() is not threading.main_thread():  # only that handles signals
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _discard_output() -> None:
+    """Lead stdout to the null device, so that Python can flush it at its end."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

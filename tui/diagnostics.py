@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import sys
 from collections.abc import Collection, Sequence
 from enum import IntEnum
@@ -17,10 +16,6 @@ PAGES = (".html", ".htm")
 SHEETS = (".pdf",)
 """Endings of printed reports."""
 _NAMED = 5
-_NO_CHOICE = re.compile(r"'([^']*)' is not one of (.*)")
-_CHOICE = re.compile(r"'([^']*)'")
-_NEAR = re.compile(r" \(Possible options: (.*)\)")
-_UNREAD = re.compile(r", unable to parse string as an? \w+")
 
 
 class ExitCode(IntEnum):
@@ -57,10 +52,12 @@ def say_left_out(codec: Codec) -> None:
 
 def unknown_value(option: str, given: str, noun: str, choices: Sequence[str]) -> InputError:
     """Return the error of an unknown value of an option, with the nearest known one."""
+    from difflib import get_close_matches
+
     from dbc import InputError
 
-    near = _nearest(given, choices)
-    advice = f"did you mean {near}? There are" if near else "there are"
+    near = get_close_matches(given.lower(), choices, 1)
+    advice = f"did you mean {near[0]}? There are" if near else "there are"
     return InputError(option, f"{given!r} is not a {noun}", f"{advice} {', '.join(choices)}")
 
 
@@ -98,13 +95,6 @@ def require_place(path: Path, force: bool) -> None:
             raise InputError(str(path), "stays as it was", "name another file, or use --force")
 
 
-def _nearest(given: str, choices: Sequence[str]) -> str:
-    """Return the choice that looks most like a word; empty if none does."""
-    from difflib import get_close_matches
-
-    return next(iter(get_close_matches(given.lower(), choices, 1)), "")
-
-
 def report(error: BumpbenchError) -> ExitCode:
     """Write an error as one line and return its exit code."""
     from daq import BusError
@@ -121,11 +111,5 @@ def report_usage(message: str, command: str) -> ExitCode:
     from dbc.errors import printable
 
     plain = " ".join(message.split()).replace("Value error, ", "")  # a library's word for a mistake
-    plain = _UNREAD.sub("", plain).replace("Input should be", "must be")
-    if named := _NEAR.search(plain):
-        plain = _NEAR.sub(f". Did you mean {named[1].replace(', ', ' or ')}?", plain)
-    if refused := _NO_CHOICE.search(plain):
-        near = _nearest(refused[1], _CHOICE.findall(refused[2]))
-        plain += f" Did you mean {near}?" if near else ""
     say(f"error: {printable(plain)} ({command} --help lists what there is)")
     return ExitCode.BAD_INPUT

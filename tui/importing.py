@@ -61,15 +61,14 @@ def import_logs(
     buses whose frames are read; empty: all.  `apart`: each log is one run.  Raises InputError if no
     run is in them.
     """
-    n_buses = len(bench.buses)
     parts = _parts(bench, codec, sources, buses, stage, apart)
     if apart:
         for part, source in zip(parts, sources, strict=True):
-            _require_a_bump([part], [source], n_buses)
+            _require_a_bump([part], [source], len(bench.buses))
         pairs = zip(parts, steps, strict=True)
         parts = [labelled([part], [step], 0)[0] for part, step in pairs]
     else:
-        _require_a_bump(parts, sources, n_buses)
+        _require_a_bump(parts, sources, len(bench.buses))
         parts = list(labelled(parts, steps, skip))
     stage(1.0, "reading the logs' hashes")
     facts = [
@@ -87,16 +86,14 @@ def import_logs(
     about = {"software": _software(), "origin": str((origins or [Origin.REAL])[0])}
     about |= {f"source_{n}": dumps(fact) for n, fact in enumerate(facts, start=1)}
     session = session_from_parts(bench, codec, parts, about)
-    _require_a_run(session.runs)
     bumps = sum(event.code.endswith("bump") for part in parts for event in part.events)
     remarks = [f"{s.name}: {text}" for s in sources for text in s.remarks]
     remarks += [f"{s.name} is not whole: {s.loss.text}" for s in sources if s.loss.any]
     lacking = {s.format.name: s.format.lacks for s in sources if s.format.lacks}
     remarks += [f"{name} does not hold {lacks}" for name, lacks in lacking.items()]
-    remarks += _left_out_remarks(bumps, len(session.runs), len(steps))
+    remarks += _remarks(session, bumps, len(steps))
     if session.runs[0].t0_ns < 631_152_000_000_000_000:  # 1990: CAN is not older
         remarks.append("the log has no date: its times count from its own start")
-    remarks += _sign_remarks(session)
     if mixed := mixed_messages(codec.messages, session.runs[0].frames):
         names = ", ".join(mixed[:4])
         remarks.append(
@@ -142,10 +139,8 @@ def import_channels(
             if 0 <= place < len(steps):
                 runs.append(bump_run(known, samples, steps[place], bump))
         bumps += len(onsets)
-    _require_a_run(runs)
     session = session_from_columns(known, samples.channels, runs, about)
-    remarks = _left_out_remarks(bumps, len(runs), 0 if known.runs else len(steps))
-    remarks += [*_sign_remarks(session), *unread]
+    remarks = [*_remarks(session, bumps, 0 if known.runs else len(steps)), *unread]
     return Imported(session, bumps, {}, remarks, bool(unread))
 
 
@@ -185,23 +180,16 @@ def _require_a_bump(parts: Sequence[LogPart], sources: Sequence[Log], n_buses: i
     """Raise InputError for logs without a bump, with the reason if it is known."""
     if any(part.bumps for part in parts):
         return
-    where = ", ".join(source.name for source in sources)
     n_frames = sum(source.frames for source in sources)
     n_unknown = sum(part.unknown_id for part in parts)
+    reason = f"no bump in {counted(n_frames, 'frame')}, {n_unknown} of them not in the DBC"
+    advice = "a bump needs rest before it; see [trigger] level and rest_s in bench.toml"
     if not parts or n_unknown == n_frames:
         reason = f"none of its {counted(n_frames, 'frame')} is in the DBC"
         advice = "name the DBC of that bus with --dbc, or another --bus"
         if n_buses > 1:
             advice = "the sensors' buses must be those of the log, counted from 0"
-        raise InputError(where, reason, advice)
-    reason = f"no bump in {counted(n_frames, 'frame')}, {n_unknown} of them not in the DBC"
-    advice = "a bump needs rest before it; see [trigger] level and rest_s in bench.toml"
-    raise InputError(where, reason, advice)
-
-
-def _require_a_run(runs: Sequence[Run]) -> None:
-    if not runs:
-        raise InputError("import", "no bump is left to be a run", "correct --skip or --runs")
+    raise InputError(", ".join(source.name for source in sources), reason, advice)
 
 
 def _software() -> str:
@@ -213,17 +201,19 @@ def _file_facts(path: Path) -> dict[str, str | int]:
     return {"name": path.name, "bytes": path.stat().st_size, "sha256": file_sha256(path)}
 
 
-def _left_out_remarks(bumps: int, runs: int, planned: int) -> list[str]:
-    """Return remarks on bumps that are not runs, and on planned runs without a bump."""
+def _remarks(session: Session, bumps: int, planned: int) -> list[str]:
+    """Return remarks on bumps that are not runs, runs without a bump, and wrong signs.
+
+    Raises InputError if no bump is a run.
+    """
+    runs = len(session.runs)
+    if not runs:
+        raise InputError("import", "no bump is left to be a run", "correct --skip or --runs")
     remarks = []
     if bumps > runs:
         were = plural(bumps - runs, "was", "were")
         remarks.append(f"{bumps - runs} of {bumps} bumps {were} left out (see --runs and --skip)")
     if runs < planned:
         remarks.append(f"{runs} of {planned} planned runs {plural(runs, 'was', 'were')} found")
-    return remarks
-
-
-def _sign_remarks(session: Session) -> list[str]:
-    """Return remarks on the channels of imported runs whose sign is wrong, with advice."""
-    return [f"{f.text} ({f.advice})" for f in opposed_signs(session.runs, session.channels)]
+    signs = opposed_signs(session.runs, session.channels)
+    return [*remarks, *(f"{sign.text} ({sign.advice})" for sign in signs)]

@@ -46,12 +46,7 @@ def print_line(text: str = "") -> None:
 
 def print_item(text: str) -> None:
     """Write an item of a list; on a terminal it is folded between words."""
-    import textwrap
-
-    lines = [f"  - {_visible(text)}"]
-    if sys.stdout.isatty():
-        lines = textwrap.wrap(lines[0], console().width, subsequent_indent="    ")
-    for line in lines:
+    for line in _folded(f"  - {_visible(text)}", console().width, "    "):
         print_line(line)
 
 
@@ -61,21 +56,23 @@ def print_labelled(rows: Sequence[tuple[str, str]]) -> None:
     It is in the left half of the width, two columns after the longest label for which that is so;
     after a longer one, the text is in the next line.  On a terminal a text is folded between words.
     """
-    import textwrap
-
-    from rich.cells import cell_len, set_cell_size
-
-    width, folds = console().width, sys.stdout.isatty()
+    width = console().width
     labels = [_visible(label) for label, _ in rows]
-    widths = [cell_len(label) + 2 for label in labels]
-    column = max((each for each in widths if each <= width // 2), default=2)
-    for label, label_width, (_, text) in zip(labels, widths, rows, strict=True):
-        if label_width > column:
+    column = max((len(label) + 2 for label in labels if len(label) + 2 <= width // 2), default=2)
+    for label, (_, text) in zip(labels, rows, strict=True):
+        if len(label) + 2 > column:
             print_line(label)
             label = ""
-        for line in textwrap.wrap(_visible(text), width - column) if folds else [_visible(text)]:
-            print_line(set_cell_size(label, column) + line)
+        for line in _folded(_visible(text), width - column):
+            print_line(f"{label:<{column}}{line}")
             label = ""
+
+
+def _folded(text: str, width: int, indent: str = "") -> list[str]:
+    """Return the lines of a text on a terminal, folded between words; elsewhere the text."""
+    import textwrap
+
+    return textwrap.wrap(text, width, subsequent_indent=indent) if sys.stdout.isatty() else [text]
 
 
 def session_document(path: Path, session: Session) -> dict[str, Any]:
@@ -137,18 +134,18 @@ class Stage(Protocol):
 
 @contextmanager
 def progress(title: str) -> Iterator[Stage]:
-    """Show a bar on stderr while something takes time; silent where stderr is not a terminal."""
+    """Show a bar with the remaining time on stderr; silent where stderr is not a terminal."""
     if not sys.stderr.isatty():
         yield lambda done, text="": None
         return
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
     bar = Progress(
         TextColumn("{task.description:<12}", markup=False),
         BarColumn(bar_width=28),
         TextColumn("{task.fields[text]}", markup=False),
-        TimeElapsedColumn(),
+        TimeRemainingColumn(elapsed_when_finished=True),
         console=Console(stderr=True),
     )
     with bar:

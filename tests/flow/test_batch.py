@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import os
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +14,6 @@ from identify.batch import session_row
 from tests.tui.batches import paper_session, progress_that, refused_session, write_all
 from tui import output
 from tui.cli import run
-from tui.jobs import executors
 
 from .dask_cluster import cluster
 
@@ -78,18 +75,9 @@ def test_a_scheduler_without_workers_is_refused(
     assert "no workers" in capsys.readouterr().err
 
 
-def test_a_cluster_of_the_same_version_does_the_work(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_a_cluster_does_the_work(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     write_all(tmp_path / "s", refused_session, 1)
     words = ["batch", str(tmp_path / "s"), "--out", str(tmp_path / "t.csv"), "--scheduler"]
     with cluster(tmp_path, workers=1) as (address, _):
         assert run([*words, address, "--json"]) == 1
         assert json.loads(capsys.readouterr().out)["verdicts"] == {"refused": 1}
-        mine, true = os.getpid(), version("bumpbench")
-        other = "0.0.1"
-        monkeypatch.setattr(executors, "version", lambda _: other if os.getpid() == mine else true)
-        assert run([*words, address, "--force"]) == 2
-    error = capsys.readouterr().err
-    assert "here is 0.0.1 (install one version everywhere)" in error
-    assert error.count("\n") == 1

@@ -96,27 +96,6 @@ def test_foreign_text_in_a_table_is_no_formula(
         assert _table(out)[0]["reasons"] == "-1e-3"
 
 
-def test_parquet_says_what_csv_says(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    write_all(tmp_path / "s", refused_session, 2)
-    for name in ("t.csv", "t.parquet"):
-        done = _batch(capsys, str(tmp_path / "s"), "--out", str(tmp_path / name))
-        assert done["done_now"] == 2
-    again = _batch(capsys, str(tmp_path / "s"), "--out", str(tmp_path / "t.parquet"))
-    assert (again["sessions"], again["done_now"]) == (2, 0)
-    for row, csv_row in zip(_parquet(tmp_path), _table(tmp_path / "t.csv"), strict=True):
-        assert row.keys() == csv_row.keys()
-        for key in row.keys() - {"seconds"}:
-            text, cell = csv_row[key], row[key]
-            assert float(text) == cell if isinstance(cell, float) else text == (cell or "")
-
-
-def _parquet(folder: Path) -> list[dict[str, Any]]:
-    from pyarrow import parquet
-
-    rows: list[dict[str, Any]] = parquet.read_table(folder / "t.parquet").to_pylist()
-    return rows
-
-
 def test_rows_of_another_version_are_made_again(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
@@ -168,27 +147,6 @@ def test_a_table_of_something_else_is_left_alone(
     assert (tmp_path / "t.csv").read_text() == "my,notes\n1,2\n"
     _batch(capsys, str(file), "--out", str(tmp_path / "t.csv"), "--force")
     assert len(_table(tmp_path / "t.csv")) == 1
-
-
-def test_a_link_that_leads_nowhere_is_one_session_that_fails(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    write_all(tmp_path / "s", refused_session, 1)
-    (tmp_path / "s" / "gone.h5").symlink_to(tmp_path / "nowhere")
-    done = _batch(capsys, str(tmp_path / "s"), "--out", str(tmp_path / "t.csv"))
-    assert done["verdicts"] == {"refused": 1, "failed": 1}
-
-
-def test_a_missing_library_is_named_with_its_extra(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    import sys
-
-    (tmp_path / "car.h5").touch()
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setitem(sys.modules, "distributed", None)
-    assert run(["batch", "car.h5", "--scheduler", "tcp://127.0.0.1:8786"]) == 2
-    assert "bumpbench[cluster]" in capsys.readouterr().err
 
 
 # The page -----------------------------------------------------------------------------------------

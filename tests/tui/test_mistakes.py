@@ -75,12 +75,12 @@ MISTAKES = {
     "recrod": "(bumpbench --help lists what there is)",
     "--no": "--no",
     "identify": "bumpbench identify --help",
-    "demo --seed x": "'--seed': must be a valid integer",
+    "demo --seed x": "'--seed': Input should be a valid integer",
     "demo --seed -3": "--seed",
-    "tui --demoo": ": --demoo. Did you mean --demo? (bumpbench tui --help lists what there is)",
-    "tui --speed fast": "'--speed': must be a valid number (bumpbench tui --help lists what",
+    "tui --demoo": ": --demoo (Possible options: --demo) (bumpbench tui --help lists",
+    "tui --speed fast": "'--speed': Input should be a valid number",
     "tui --demo --fault double-bum": "did you mean double-bump?",
-    "export car.h5 --format mf5": "Did you mean mf4?",
+    "export car.h5 --format mf5": "is not one of 'mf4', 'mat'",
     "study tabel2": "(bumpbench study --help lists what there is)",
     # files
     "identify absent.h5": "error: absent.h5: no such file (name a session file that",
@@ -135,7 +135,7 @@ MISTAKES = {
     "batch no/such/*.h5": "no/such/*.h5",
     "batch figure.svg": "no session file",
     "batch": "files",
-    "batch car.h5 --out table.xlsx": ".parquet",
+    "batch car.h5 --out table.xlsx": "end its name in .csv",
     "batch car.h5 --out car.h5/t.csv": "car.h5: is not a folder",
     "batch car.h5 --workers 0": "--workers",
     "batch car.h5 --workers 2 --scheduler tcp://127.0.0.1:1": "--scheduler",
@@ -156,7 +156,7 @@ MISTAKES = {
     "study table3 --rate-hz 100": "16 Hz",
     "study fig2 --figure /dev/null/x.svg": "name another folder",
     "study fig2 --figure figure.svg": "is a directory",
-    "study fig3 --figure picture.png": "SVG",
+    "study fig3 --figure picture.png": "end its name in .svg",
     "study fig9 --rate-hz nan": "nan Hz",
     "study noise --cases bounce,wrap": "wrap",
     "study noise --cases ,": "cases",
@@ -200,7 +200,7 @@ def test_a_folder_that_may_not_be_entered(
 
     monkeypatch.setattr(Path, "is_dir", denied)
     line = said(["recover", str(tmp_path / "private" / "today")])
-    assert "private/today: access is denied" in line
+    assert "private/today: Permission denied" in line
 
 
 DBC: dict[str, bytes] = {
@@ -312,3 +312,68 @@ def test_a_fifo_is_named_and_never_opened(
     reader = os.open(fifo, os.O_RDONLY | os.O_NONBLOCK)
     writer.join()
     os.close(reader)
+
+
+# Files that are there -----------------------------------------------------------------------------
+
+
+@pytest.fixture
+def workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return the working directory, with a session, a log and its bench."""
+    monkeypatch.chdir(tmp_path)
+    daq.write_session(tmp_path / "car.h5", small_session())
+    (tmp_path / "bench.toml").write_text(BENCH)
+    write_log(tmp_path / "all.log", bumps(small_codec(), 4))
+    assert run(["import", "all.log", "bench.toml", "--out", "imported.h5"]) == 0
+    return tmp_path
+
+
+WRITERS = [
+    ("session.h5", ["import", "all.log", "bench.toml"], 0),
+    ("again.h5", ["redecode", "imported.h5", "bench.toml", "--out", "again.h5"], 0),
+    ("imported_redecoded.h5", ["redecode", "imported.h5", "bench.toml"], 0),
+    ("car.mat", ["export", "car.h5", "--format", "mat"], 0),
+    ("bump_test.ipynb", ["notebook"], 0),
+    ("new.toml", ["check", "bench.toml", "--propose", "new.toml"], 0),
+    ("rows.csv", ["batch", "car.h5", "--workers", "1", "--out", "rows.csv"], 1),
+]
+
+
+@pytest.mark.parametrize(("name", "words", "code"), WRITERS)
+def test_an_existing_file_is_replaced_after_a_word_alone(
+    workplace: Path, name: str, words: list[str], code: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (there := workplace / name).write_text("measured by hand")
+    capsys.readouterr()
+    assert run(words) == 2
+    out, err = capsys.readouterr()
+    option = "--propose" if name == "new.toml" else "--out"
+    advice = f"name another file with {option}, or use --force"
+    assert (out, err) == ("", f"bumpbench: error: {name}: exists already ({advice})\n")
+    assert there.read_text() == "measured by hand"
+    assert run([*words, "--force"]) == code
+    assert there.read_bytes() != b"measured by hand"
+
+
+@pytest.mark.parametrize(
+    ("words", "target"),
+    [
+        (["import", "all.log", "bench.toml", "--out", "all.log"], "all.log"),
+        (["import", "--run", "baseline:roll:all.log", "--out", "all.log"], "all.log"),
+        (["redecode", "imported.h5", "bench.toml", "--out", "imported.h5"], "imported.h5"),
+        (["redecode", "imported.h5", "bench.toml", "--out", "bench.toml"], "bench.toml"),
+        (["export", "car.h5", "--format", "mat", "--out", "car.h5"], "car.h5"),
+        (["check", "bench.toml", "--propose", "bench.toml"], "bench.toml"),
+        (["check", "bench.toml", "all.log", "--propose", "all.log"], "all.log"),
+    ],
+)
+def test_no_word_lets_a_command_replace_what_it_reads(
+    workplace: Path, words: list[str], target: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = (workplace / target).read_bytes()
+    capsys.readouterr()
+    assert run([*words, "--force"]) == 2
+    err = capsys.readouterr().err
+    assert err.startswith(f"bumpbench: error: {target}: is read here (name another file with --")
+    assert err.count("\n") == 1
+    assert (workplace / target).read_bytes() == before

@@ -29,7 +29,7 @@ from identify.plan import Advice, NextStep, Plan
 from identify.plan.outlook import Outlook
 from tui.cli import run
 from tui.jobs import planning
-from tui.jobs.planning import GAIN, Gain, expected_gain, of_session, planned, sensors
+from tui.jobs.planning import GAIN, Gain, expected_gain, expected_vehicle, planned
 
 PAPER_MASS = np.diag([130.0, 250.0, 40.0, 4.0, 4.0, 5.0, 5.0])
 
@@ -191,10 +191,10 @@ def test_a_car_with_friction_is_planned_as_a_linear_one(
     answer = Identification(Judgement((), 1.0), {}, parameters=known, forces=forces)
     monkeypatch.setattr("identify.identify", lambda _: answer)
     held = daq.session_from_arrays([])
-    expected = of_session(tmp_path / "car.h5", held)
-    assert expected.vehicle[0] == 1380.0
-    assert expected.whose.startswith("the vehicle identified from")
-    assert expected.whose.endswith("without its friction and its damper curves")
+    vehicle, whose = expected_vehicle(tmp_path / "car.h5", held)
+    assert vehicle[0] == 1380.0
+    assert whose.startswith("the vehicle identified from")
+    assert whose.endswith("without its friction and its damper curves")
 
 
 # What the planner's answer looks like: on stdout, as a document, and as ---------------------------
@@ -352,18 +352,14 @@ def test_a_bench_is_planned_as_it_will_be_recorded() -> None:
 
 
 def test_sensors_have_the_rate_that_is_named_or_that_of_the_dbc() -> None:
-    rates = {sensor.channel.name: sensor.rate_hz for sensor in sensors(BENCH, None)}
-    assert rates["body_acc_z"] == 500.0
-    assert rates["hub_acc_fl"] == 1000.0
-    assert {sensor.rate_hz for sensor in sensors(BENCH, 250.0)} == {250.0}
-    text = BENCH.dbc_text.replace('BA_ "GenMsgCycleTime"', 'BA_ "GenMsgOther"')
-    silent = replace(BENCH, dbc_text=text)
-    unstated = {sensor.rate_hz for sensor in sensors(silent, None)}
-    assert unstated in ({200.0}, set(rates.values()))
-    assert Path(BENCH.dbc_name).name
+    def rates(rate_hz: float | None) -> dict[str, float]:
+        plan = planned(BENCH, FORD_GRANADA.to_array(), rate_hz, 0.05)
+        return {sensor.channel.name: sensor.rate_hz for sensor in plan.sensors}
 
+    assert rates(None)["body_acc_z"] == 500.0
+    assert rates(None)["hub_acc_fl"] == 1000.0
+    assert set(rates(250.0).values()) == {250.0}
 
-# The planner's process of the terminal ------------------------------------------------------------
 
 # The planner's process ----------------------------------------------------------------------------
 

@@ -106,7 +106,7 @@ def test_two_recordings_make_two_sessions_and_no_single_file(
     one = journal_of_runs(tmp_path / "a", 40_000)
     journal_of_runs(tmp_path / "a", 20_000, recording="cd" * 16)
     assert run(["recover", str(tmp_path / "a"), "--out", str(tmp_path / "s.h5")]) == 2
-    assert "2 recordings for one file" in capsys.readouterr().err
+    assert "would be the session of two recordings" in capsys.readouterr().err
     assert run(["recover", str(tmp_path / "a"), "--out", str(tmp_path), "--json"]) == 0
     sessions = json.loads(capsys.readouterr().out)["sessions"]
     assert [session["frames_recorded"] for session in sessions] == [40_000, 20_000]

@@ -169,15 +169,8 @@ ENTRY = SessionEntry(
 )  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("size", "text"),
-    [
-        (0, "0 B"), (1023, "1023 B"), (1024, "1.0 kB"), (1536, "1.5 kB"), (1_048_575, "1024.0 kB"),
-        (1_048_576, "1.0 MB"), (1_073_741_824, "1.0 GB"), (5_368_709_120_000, "5000.0 GB"),
-    ],
-)  # fmt: skip
-def test_sizes_are_for_people(size: int, text: str) -> None:
-    assert size_text(size) == text
+def test_sizes_are_for_people() -> None:
+    assert [size_text(n) for n in (0, 1536, 2_500_000)] == ["0.0 kB", "1.5 kB", "2.5 MB"]
 
 
 def test_what_the_recorder_is_at_is_open() -> None:

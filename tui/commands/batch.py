@@ -7,9 +7,6 @@ from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
-from hashlib import file_digest
-from importlib.util import find_spec
 from pathlib import Path
 from time import monotonic, perf_counter
 from typing import TYPE_CHECKING, Annotated
@@ -51,7 +48,7 @@ def batch(
             "and see the files under the same paths; start them with --nthreads 1.",
         ),
     ] = None,
-    out: Annotated[Path, typer.Option(help="Table to write: *.csv or *.parquet.")] = Path(
+    out: Annotated[Path, typer.Option(help="Table to write (*.csv).")] = Path(
         "bumpbench-batch.csv"
     ),
     page: Annotated[
@@ -71,33 +68,40 @@ def batch(
     """
     import os
 
+    from daq.files import make_room
     from dbc import InputError, counted
 
     from ..jobs.executors import as_finished
     from ..output import print_item, print_json, print_line, progress
 
     if scheduler is not None and workers is not None:
-        raise InputError(
-            "--workers", "a cluster has its own workers", "leave it out with --scheduler"
-        )
-    _check_outputs(out, page)
-    sessions = session_files(files)
+        advice = "leave it out with --scheduler"
+        raise InputError("--workers", "a cluster has its own workers", advice)
+    require_ending(out, "table", (".csv",))
+    if page is not None:
+        require_ending(page, "page", PAGES)
+    for path in (out, page) if page is not None else (out,):  # before hours of computing
+        if path.is_dir():
+            raise InputError(str(path), "is a directory", "name a file")
+        make_room(path)
     began_s = written_s = monotonic()
-    rows = _rows_so_far(out, replace=force)
-    jobs = {job.sha256 or job.file: job for job in map(_job_of, sessions)}  # a copy counts once
+    rows = {} if force else _rows_so_far(out)
+    jobs = {}  # file of each session, by the hash of its content: a copy counts once
+    for file in session_files(files):
+        jobs[_sha256(file) or file] = file
     done_keys = {  # a failure may be due to the machine
         key
         for key, row in rows.items()
         if row["verdict"] != _FAILED and row["software"] == _software()
     }
-    open_jobs = [job for key, job in jobs.items() if key not in done_keys]
+    open_jobs = [job for job in jobs.items() if job[0] not in done_keys]
     done = len(jobs) - len(open_jobs)
     work = as_finished(row_of, open_jobs, workers or os.cpu_count() or 1, scheduler)
     try:
         with progress("batch") as stage:
-            for job, future in work:
-                rows = {k: r for k, r in rows.items() if r["file"] != job.file}
-                rows[job.sha256 or job.file] = _row_from(job, future)
+            for (key, file), future in work:
+                rows = {k: r for k, r in rows.items() if r["file"] != file}
+                rows[key] = _row_from(key, file, future)
                 done += 1
                 stage(done / len(jobs), f"{done} of {len(jobs)}")
                 if monotonic() - written_s > 20.0:  # s: what a kill can cost
@@ -119,15 +123,14 @@ def batch(
         if row["verdict"] in ("refused", _FAILED)
     ]
     written = {"out": str(out), **({} if page is None else {"page": str(page)})}
-    summary = {"sessions": len(jobs), "done_now": len(open_jobs), "verdicts": verdicts, "bad": bad}
     if json:
-        print_json({**summary, **written, "seconds": seconds})
+        counts = {"sessions": len(jobs), "done_now": len(open_jobs)}
+        print_json({**counts, "verdicts": verdicts, "bad": bad, **written, "seconds": seconds})
         return ExitCode.ANSWER_IS_NO if bad else ExitCode.OK
-    counts = ", ".join(f"{count} {verdict}" for verdict, count in sorted(verdicts.items()))
-    print_line(f"{counted(len(jobs), 'session')}: {counts or 'none'}")
-    print_line(
-        f"{len(open_jobs)} of them done now in {seconds:.1f} s: {', '.join(written.values())}"
-    )
+    words = ", ".join(f"{count} {verdict}" for verdict, count in sorted(verdicts.items()))
+    print_line(f"{counted(len(jobs), 'session')}: {words or 'none'}")
+    paths = ", ".join(written.values())
+    print_line(f"{len(open_jobs)} of them done now in {seconds:.1f} s: {paths}")
     for row in bad[:_SHOWN]:
         print_item(f"{row['verdict']}: {row['file']}: {row['reasons']}")
     if len(bad) > _SHOWN:
@@ -136,27 +139,27 @@ def batch(
 
 
 def session_files(names: Sequence[str]) -> list[str]:
-    """Return the named session files, each once, as absolute paths.
+    """Return the named session files, each once, as absolute paths, as a cluster needs them.
 
     `names`: files, folders (every .h5 in them and below), patterns such as ``2026-*/*.h5``.  Raises
     InputError if a name matches no file.
     """
     from dbc import InputError
 
+    advice = "name session files, folders or patterns"
     named: dict[str, None] = {}
     for name in names:
         path = Path(name)
         if path.is_dir():
             files = sorted(path.rglob("*.h5"))
         elif path.exists() or not set(name) & set("*?["):
-            files = [path]
+            files = [path] if path.exists() else []
         else:
             files = sorted(Path(path.anchor or ".").glob(str(path.relative_to(path.anchor))))
-        # A link that leads nowhere is a session that fails, not one that hides the others.
-        files = [file for file in files if file.is_file() or not file.exists()]
-        if not files or (files == [path] and not path.exists()):
+        files = [file for file in files if not file.is_dir()]
+        if not files:
             reason = "holds no session file (*.h5)" if path.is_dir() else "no such file"
-            raise InputError(name, reason, "name session files, folders or patterns")
+            raise InputError(name, reason, advice)
         named |= dict.fromkeys(str(file.absolute()) for file in files)
     return list(named)
 
@@ -164,57 +167,53 @@ def session_files(names: Sequence[str]) -> list[str]:
 # One session --------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class _Job:
-    file: str
-    """Absolute path, as a cluster's workers have other working directories."""
-    sha256: str
-    """Hash of the content; empty if it cannot be read: the row says why."""
+def _sha256(file: str) -> str:
+    """Return the hash of the content of a file; empty if it cannot be read: its row says why."""
+    from daq.files import file_sha256
 
-
-def _job_of(file: str) -> _Job:
     try:
-        with Path(file).open("rb") as stream:
-            return _Job(file, file_digest(stream, "sha256").hexdigest())
+        return file_sha256(Path(file))
     except OSError:
-        return _Job(file, "")
+        return ""
 
 
-def row_of(job: _Job) -> Row:
-    """Read and identify a session, and return its row; any error becomes its reason."""
+def row_of(job: tuple[str, str]) -> Row:
+    """Read and identify a session (its key and its file), and return its row.
+
+    Any error becomes the reason of a row that failed.
+    """
     from traceback import extract_tb
 
     from daq import read_session
     from dbc import BumpbenchError
     from identify.batch import session_row
 
-    began_s = perf_counter()
+    (key, file), began_s = job, perf_counter()
     try:
-        row = session_row(read_session(Path(job.file)))
+        row = session_row(read_session(Path(file)))
     except BumpbenchError as error:
-        row = _failed(str(error).removeprefix(f"{job.file}: "))  # the row names the file
+        row = _failed(str(error).removeprefix(f"{file}: "))  # the row names the file
     except Exception as error:  # one strange session of thousands must not stop the others
         last = extract_tb(error.__traceback__)[-1]
         where = f"{Path(last.filename).name}:{last.lineno}"
         row = _failed(f"{type(error).__name__} in {where}: {error}")
-    return _with_provenance(job, row, perf_counter() - began_s)
+    return _with_provenance(key, file, row, perf_counter() - began_s)
 
 
-def _row_from(job: _Job, future: Future[Row]) -> Row:
+def _row_from(key: str, file: str, future: Future[Row]) -> Row:
     """Return the row that a worker made, or one that says why it made none."""
     from dbc import InputError
 
     if future.cancelled():
-        raise InputError(
-            "--scheduler", "the cluster has gone", "the same command continues from here"
-        )
+        advice = "the same command continues from here"
+        raise InputError("--scheduler", "the cluster has gone", advice)
     error = future.exception()
     if error is None:
         return future.result()
     reason = f"its worker failed: {type(error).__name__}: {error}"
     if isinstance(error, BrokenProcessPool):
         reason = "its worker process died, most likely for want of memory"
-    return _with_provenance(job, _failed(reason), 0.0)
+    return _with_provenance(key, file, _failed(reason), 0.0)
 
 
 def _failed(reason: str) -> Row:
@@ -223,14 +222,13 @@ def _failed(reason: str) -> Row:
     return {"verdict": _FAILED, "reasons": printable(reason, 800)}
 
 
-def _with_provenance(job: _Job, row: Row, seconds: float) -> Row:
+def _with_provenance(key: str, file: str, row: Row, seconds: float) -> Row:
     import numpy as np
     import scipy
 
     return {
-        # A table holds UTF-8 only, which the name of a file need not be.
-        "file": job.file.encode("utf-8", "backslashreplace").decode(),
-        "sha256": job.sha256,
+        "file": file,
+        "sha256": "" if key == file else key,
         **row,
         "seconds": round(seconds, 3),
         "software": _software(),
@@ -247,45 +245,21 @@ def _software() -> str:
 # The table ----------------------------------------------------------------------------------------
 
 
-def _check_outputs(out: Path, page: Path | None) -> None:
-    """Refuse files that could not be written, before hours of computing; make their folders."""
-    from daq.files import make_room
-    from dbc import InputError
+def _rows_so_far(out: Path) -> dict[str, Row]:
+    """Return the rows of a table by the hash of their session; numbers stay text.
 
-    require_ending(out, "table", (".csv", ".parquet"))
-    if out.suffix.lower() == ".parquet" and find_spec("pyarrow") is None:
-        reason = "Parquet needs pyarrow, which is not installed"
-        raise InputError(str(out), reason, "install bumpbench[data]")
-    if page is not None:
-        require_ending(page, "page", PAGES)
-    for path in (out, page):
-        if path is not None:
-            if path.is_dir():
-                raise InputError(str(path), "is a directory", "name a file")
-            make_room(path)
-
-
-def _rows_so_far(out: Path, *, replace: bool) -> dict[str, Row]:
-    """Return the rows of a table by the hash of their session; the numbers of a CSV stay text.
-
-    Raises InputError if the file is there and is not the table of a batch, unless `replace`.
+    Raises InputError if the file is there and is not the table of a batch.
     """
     from daq.files import refuse_existing
 
-    if replace or not out.exists():
+    if not out.exists():
         return {}
-    rows: list[Row] = []
     try:
-        if out.suffix.lower() == ".csv":
-            with out.open(newline="", encoding="utf-8") as stream:
-                table = csv.DictReader(stream)
-                rows = [dict(row) for row in table]
-            if "sha256" not in (table.fieldnames or ()):
-                raise KeyError("sha256")
-        else:
-            from pyarrow import parquet
-
-            rows = parquet.read_table(out).to_pylist()
+        with out.open(newline="", encoding="utf-8") as stream:
+            table = csv.DictReader(stream)
+            rows: list[Row] = [dict(row) for row in table]
+        if "sha256" not in (table.fieldnames or ()):
+            raise KeyError("sha256")
         return {str(row["sha256"] or row["file"]): row for row in rows if row["software"]}
     except (OSError, ValueError, KeyError, csv.Error):
         refuse_existing(out, replace=False)
@@ -297,7 +271,7 @@ def _write(out: Path, page: Path | None, rows: dict[str, Row]) -> None:
 
     Raises InputError if one cannot be written.
     """
-    from daq.files import replaced
+    from daq.files import rewritten
     from dbc import InputError, csv_text
 
     from ..jobs.batch_page import page_of
@@ -306,29 +280,20 @@ def _write(out: Path, page: Path | None, rows: dict[str, Row]) -> None:
     columns = [name for name in names if name not in _LAST] + [n for n in _LAST if n in names]
     path = out
     try:
-        with replaced([out]) as (part,):
-            if out.suffix.lower() == ".csv":
-                with part.open("w", encoding="utf-8", newline="") as stream:
-                    writer = csv.DictWriter(stream, columns, restval="", lineterminator="\n")
-                    writer.writeheader()
-                    for row in rows.values():
-                        cells = (
-                            (n, csv_text(v) if isinstance(v, str) else v) for n, v in row.items()
-                        )
-                        writer.writerow(dict(cells))
-            else:
-                import pyarrow as pa
-                from pyarrow import parquet
-
-                table = list(rows.values())
-                text = {n for row in table for n, cell in row.items() if isinstance(cell, str)}
-                fields = [(n, pa.string() if n in text else pa.float64()) for n in columns]
-                parquet.write_table(pa.Table.from_pylist(table, pa.schema(fields)), part)
+        with (
+            rewritten(out) as part,  # the name of a file need not be UTF-8, but a table is
+            part.open("w", encoding="utf-8", errors="backslashreplace", newline="") as stream,
+        ):
+            writer = csv.DictWriter(stream, columns, restval="", lineterminator="\n")
+            writer.writeheader()
+            for row in rows.values():
+                cells = {n: csv_text(v) if isinstance(v, str) else v for n, v in row.items()}
+                writer.writerow(cells)
         if page is not None:
             path = page
-            with replaced([page]) as (part,):
-                part.write_text(page_of(columns, list(rows.values()), page.parent), "utf-8")
+            text = page_of(columns, list(rows.values()), page.parent)
+            with rewritten(page) as part:
+                part.write_text(text, "utf-8", "backslashreplace")
     except OSError as error:
-        raise InputError(
-            str(path), error.strerror or "cannot be written", "make room, and run the same command"
-        ) from None
+        reason = error.strerror or "cannot be written"
+        raise InputError(str(path), reason, "make room, and run the same command") from None

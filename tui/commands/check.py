@@ -73,28 +73,39 @@ def check(
 
     Reads the live bus for some seconds, or the beginning of a log.
     """
-    if layouts:
-        return _list_layouts(json)
     from datetime import date
 
     from daq import InputError
     from daq.bench.config import bench_codec, load_bench, on_bus, parse_bench
+    from daq.bench.sensors import ready_map, ready_map_names
     from daq.check.check import check_bench, part_of
     from daq.files import refuse_existing
     from dbc import Severity
 
-    from ..bench import bench_and_log, bus_numbers, reachable, shared_bench, with_sensors
+    from ..bench import bus_numbers, is_log, log_and_bench, reachable, shared_bench, with_sensors
+    from ..output import print_json, print_labelled
     from ..proposal import TrafficSource, propose_bench, read_frames
 
-    bench, log = bench_and_log(bench, log)
+    if layouts:
+        titles = {name: ready_map(name).title for name in ready_map_names()}
+        if json:
+            print_json({"layouts": titles})
+        else:
+            print_labelled(list(titles.items()))
+        return ExitCode.OK
+    if bench is not None and log is None and is_log(bench):
+        bench, log = None, bench
+    elif log is not None:
+        log, bench = log_and_bench(log, bench)
     if propose is None:
-        if layout and len(layout) > 1:
-            raise InputError("--layout", "is named twice", "name one, or propose with --propose")
-        for option, value in (("--push", push), ("--bitrate", bitrate)):
+        for option, value, reason in (
+            ("--layout", len(layout or []) > 1, "is named twice"),
+            ("--push", push, "is for --propose"),
+            ("--bitrate", bitrate, "is for --propose"),
+            ("--dbc", dbc, "is for --propose"),
+        ):
             if value:
-                raise InputError(option, "is for --propose", "leave it out")
-        if dbc:
-            raise InputError("--dbc", "is for --propose", "name the DBC in bench.toml as dbc")
+                raise InputError(option, reason, "leave it out, or propose with --propose")
     if layout and bench is not None:
         raise InputError("--layout", "and a bench.toml exclude each other", "name one of them")
     frames = None
@@ -155,16 +166,3 @@ def _print(report: CheckReport, json: bool) -> None:
     by_word = [f"{severities.count(severity)} {word}" for severity, word in WORDS.items()]
     frames = counted(report.frames, "frame")
     print_line(f"{WORDS[report.verdict]}: {', '.join(by_word)}; {frames}")
-
-
-def _list_layouts(json: bool) -> int:
-    from daq.bench.sensors import ready_map, ready_map_names
-
-    from ..output import print_json, print_labelled
-
-    maps = {name: ready_map(name).title for name in ready_map_names()}
-    if json:
-        print_json({"layouts": maps})
-    else:
-        print_labelled(list(maps.items()))
-    return ExitCode.OK

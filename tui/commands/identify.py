@@ -114,8 +114,8 @@ def compare(
     from daq.files import write_named
     from identify.compare import compare as compared
 
-    from ..jobs.reporting import comparison_lines, identified, labels_of
-    from ..output import print_json, print_line, progress
+    from ..jobs.reporting import identified, labels_of
+    from ..output import print_json, progress
 
     if len(sessions) < 2:
         raise typer.BadParameter("name two sessions or more")
@@ -134,7 +134,8 @@ def compare(
     if json:
         print_json(comparison.document())
     else:
-        for line in comparison_lines(comparison):
-            print_line(line)
+        from ..result import print_comparison
+
+        print_comparison(comparison)
     refused = "refused" in comparison.verdicts
     return ExitCode.ANSWER_IS_NO if refused else ExitCode.OK

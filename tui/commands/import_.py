@@ -53,12 +53,12 @@ def import_(
 
     from daq import InputError, write_session
     from daq.bench.channel_map import load_channel_map
-    from daq.bench.config import bench_codec
+    from daq.bench.config import bench_codec, load_bench, with_database
     from daq.files import refuse_existing
     from daq.formats.log import read_log, read_logs
     from daq.session.from_frames import numbered, parse_runs, with_steps
 
-    from ..bench import bench_with_dbc, bus_numbers, with_sensors
+    from ..bench import bus_numbers, with_sensors
     from ..diagnostics import say_left_out
     from ..importing import import_channels, import_logs
     from ..output import print_session, progress
@@ -102,7 +102,9 @@ def import_(
             known = replace(known, bench=with_steps(known.bench, steps))
             imported = import_channels(known, files, steps, skip, bool(labels), stage)
         else:
-            bench = bench_with_dbc(config, dbc)
+            bench = load_bench(config)
+            if dbc is not None:
+                bench = with_database(bench, dbc)
             numbers = bus_numbers(bench, bus or [])
             on_buses = numbers if len(bench.buses) > 1 else frozenset[int]()
             bench = with_sensors(bench, sensor or [], on_buses)

@@ -12,8 +12,6 @@ from ..diagnostics import ExitCode
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from daq import Session
-    from daq.bench.config import Bench
     from identify.plan import Advice, NextStep, Outlook, Plan
 
 
@@ -48,10 +46,13 @@ def plan(
     json: Annotated[bool, typer.Option("--json", help="Print the plan as JSON.")] = False,
 ) -> int:
     """Predict how precisely a campaign will determine each parameter, and what to do next."""
+    from dataclasses import asdict
+
     import daq
+    from daq.bench.config import load_bench, parse_bench
     from identify.plan import KnownRuns, advise, compare_campaigns
 
-    from ..jobs.planning import of_session, planned, typical
+    from ..jobs.planning import expected_vehicle, planned
     from ..output import print_json, progress
 
     if bench is not None and session is None and bench.suffix.lower() in (".h5", ".hdf5"):
@@ -59,87 +60,61 @@ def plan(
     with progress("plan") as stage:
         stage(0.05, "reading")
         recorded = None if session is None else daq.read_session(session)
-        described = _bench(bench, session, recorded)
-        stage(0.1, "expecting the vehicle")
-        if session is not None and recorded is not None:
-            expected = of_session(session, recorded)
+        stored = recorded.provenance if recorded is not None else {}
+        if bench is None and session is not None and "bench_toml" in stored:
+            where = f"bench.toml in {session}"
+            described = parse_bench(stored["bench_toml"], where, session.parent, stored.get("dbc"))
         else:
-            expected = typical()
+            described = load_bench(bench)
+        stage(0.1, "expecting the vehicle")
+        vehicle, whose = expected_vehicle(session, recorded)
         high_m = described.campaign.bump_height_m if bump_mm is None else bump_mm * 1e-3
-        campaign = planned(described, expected.vehicle, rate, high_m)
+        campaign = planned(described, vehicle, rate, high_m)
         known = KnownRuns()
         advice = advise(campaign, lambda done, text: stage(0.2 + 0.5 * done, text), known)
         others = compare_campaigns(
             campaign, lambda done, text: stage(0.7 + 0.3 * done, text), known
         )
-    if json:
-        print_json(_document(campaign, advice, others, expected.whose))
-    else:
-        _print(campaign, advice, others, expected.whose)
-    return ExitCode.ANSWER_IS_NO if advice.outlook.undetermined else ExitCode.OK
-
-
-def _bench(path: Path | None, file: Path | None, session: Session | None) -> Bench:
-    """Return the named bench, else that of the session in a file, else the shipped one."""
-    from daq.bench.config import load_bench, parse_bench
-
-    if path is not None or file is None or session is None:
-        return load_bench(path)
-    stored = session.provenance
-    if "bench_toml" not in stored:
-        return load_bench(None)
-    where = f"bench.toml in {file}"
-    return parse_bench(stored["bench_toml"], where, file.parent, stored.get("dbc"))
-
-
-def _document(
-    planned: Plan, advice: Advice, others: tuple[NextStep, ...], whose: str
-) -> dict[str, Any]:
-    from dataclasses import asdict
-
     now = advice.outlook
-    return {
-        "vehicle": whose,
-        "bump_mm": planned.bump.height_m * 1e3,
-        "decay_s": planned.decay_s,
-        "sensors": [
-            {"name": s.channel.name, "noise": s.noise, "unit": s.channel.unit, "rate_hz": s.rate_hz}
-            for s in planned.sensors
-        ],
-        "runs": [
-            {"mass_state": r.mass_state, "excitation": r.excitation, "repeats": r.repeats}
-            for r in planned.runs
-        ],
-        "parameters": {
-            name: {**asdict(e), "relative_interval": now.relative.get(name)}
-            for name, e in now.parameters.items()
-        },
-        "worst": now.worst,
-        "mean": now.mean,
-        "undetermined": list(now.undetermined),
-        "reasons": list(now.reasons),
-        "remedies": list(advice.remedies),
-        "next_steps": [
-            {
-                "action": step.action,
-                "worst_before": now.worst,
-                "worst": step.outlook.worst,
-                "mean_before": now.mean,
-                "mean": step.outlook.mean,
-                "undetermined": list(step.outlook.undetermined),
-            }
-            for step in advice.steps
-        ],
-        "campaigns": [
-            {
-                "campaign": other.action,
-                "worst": other.outlook.worst,
-                "mean": other.outlook.mean,
-                "undetermined": list(other.outlook.undetermined),
-            }
-            for other in others
-        ],
-    }
+    if not json:
+        _print(campaign, advice, others, whose)
+        return ExitCode.ANSWER_IS_NO if now.undetermined else ExitCode.OK
+    print_json(
+        {
+            "vehicle": whose,
+            "bump_mm": campaign.bump.height_m * 1e3,
+            "decay_s": campaign.decay_s,
+            "sensors": [
+                {"name": s.channel.name, "noise": s.noise, "unit": s.channel.unit}
+                | {"rate_hz": s.rate_hz}
+                for s in campaign.sensors
+            ],
+            "runs": [
+                {"mass_state": r.mass_state, "excitation": r.excitation, "repeats": r.repeats}
+                for r in campaign.runs
+            ],
+            "parameters": {
+                name: {**asdict(e), "relative_interval": now.relative.get(name)}
+                for name, e in now.parameters.items()
+            },
+            **_precision(now),
+            "reasons": list(now.reasons),
+            "remedies": list(advice.remedies),
+            "next_steps": [
+                {"action": step.action, "worst_before": now.worst, "mean_before": now.mean}
+                | _precision(step.outlook)
+                for step in advice.steps
+            ],
+            "campaigns": [{"campaign": o.action, **_precision(o.outlook)} for o in others],
+        }
+    )
+    return ExitCode.ANSWER_IS_NO if now.undetermined else ExitCode.OK
+
+
+def _precision(outlook: Outlook) -> dict[str, Any]:
+    """Return the largest and the mean interval, and what is not determined, for JSON."""
+    names = list(outlook.undetermined)
+    return {"worst": outlook.worst, "mean": outlook.mean, "undetermined": names}
 
 
 def _print(planned: Plan, advice: Advice, others: tuple[NextStep, ...], whose: str) -> None:
@@ -193,14 +168,15 @@ def _print_outlooks(title: str, heading: str, rows: Sequence[tuple[str, Outlook]
     """Print what each choice would give; the last column only if one leaves a parameter open."""
     from ..output import print_table
 
-    width = 4 if any(outlook.undetermined for _, outlook in rows) else 3
-    columns = [heading, "worst", "mean", "not determined"]
-    cells = []
-    for name, outlook in rows:
-        if outlook.undetermined:
-            cells.append([name, "", "", str(len(outlook.undetermined))])
-        else:
-            cells.append(
-                [name, f"± {outlook.worst * 100:.2f} %", f"± {outlook.mean * 100:.2f} %", ""]
-            )
-    print_table(title, columns[:width], [row[:width] for row in cells])
+    columns = [heading, "worst", "mean"]
+    cells = [
+        [name, "", ""]
+        if outlook.undetermined
+        else [name, f"± {outlook.worst * 100:.2f} %", f"± {outlook.mean * 100:.2f} %"]
+        for name, outlook in rows
+    ]
+    if any(outlook.undetermined for _, outlook in rows):
+        columns.append("not determined")
+        for row, (_, outlook) in zip(cells, rows, strict=True):
+            row.append(str(len(outlook.undetermined) or ""))
+    print_table(title, columns, cells)

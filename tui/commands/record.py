@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -22,8 +22,6 @@ from ..options import (
 )
 
 if TYPE_CHECKING:
-    from daq.journal.reader import RecordingInfo
-
     from ..display.link import Served
 
 
@@ -100,24 +98,24 @@ def status(
     from ..output import print_json, print_line
     from ..recorders.lines import status_lines
 
-    status_now, why = None, "the recorder has only just started"
+    why = "the recorder has only just started"
     try:
         client = Client(control_address(folder), "status", control=False, attends=False)
         try:
             status_now = client.ask(AskStatus()).status
         finally:
             client.close()
+        if status_now is not None:
+            if json:
+                print_json(STATUS.dump_python(status_now, mode="json"))
+            else:
+                for line in status_lines(status_now):
+                    print_line(line)
+            return ExitCode.OK
     except RecorderGoneError as error:
         why = error.what
     except OrderRefusedError as error:
         why = str(error)
-    if status_now is not None:
-        if json:
-            print_json(STATUS.dump_python(status_now, mode="json"))
-        else:
-            for line in status_lines(status_now):
-                print_line(line)
-        return ExitCode.OK
     why = unreachable_words(folder) or (why if folder.exists() else "there is no such folder")
     if json:
         print_json({"folder": str(folder), "running": False, "error": why})
@@ -193,17 +191,41 @@ def recover(
     json: JsonSummary = False,
 ) -> int:
     """Build the session file of each recording from its journal, and list exactly what is lost."""
-    from daq.journal.reader import recordings_of
+    from daq import InputError
+    from daq.journal.reader import recordings_of, segments_in
     from daq.session.build import derive
 
     from ..output import print_json, print_session, session_document
 
-    recordings = recordings_of(_segments(journal))
+    advice = "name the recorder's folder"
+    segments: list[Path] = []
+    for path in journal:
+        # What Bumpbench 0.1 has recorded is refused in its own words.
+        inside = (
+            segments_in(path) or segments_in(path / "journal") or path.glob("**/journal_*.mcap")
+        )
+        paths = list(inside) if path.is_dir() else [path] if path.exists() else []
+        if not paths:
+            reason = "has no journal_*.bbj" if path.is_dir() else "there is no such file or folder"
+            raise InputError(str(path), reason, advice)
+        segments += paths
+    recordings = recordings_of(segments)
     # A recording without a run gives an empty session: that is intended only if it is the only one.
     wanted = [info for info in recordings if info.bumps] or list(recordings)
+    targets = [out] if out is not None else []
+    if out is None or out.is_dir():
+        targets = []
+        for info in wanted:
+            first = info.segments[0]
+            folder = first.parent.parent if first.parent.name == "journal" else first.parent
+            targets.append((out or folder) / info.session_name)
+    if len(set(targets)) < len(wanted):
+        reason = "would be the session of two recordings"
+        advice = "name a folder, or recover them one by one, with another --out"
+        raise InputError(str(targets[0]), reason, advice)
     documents: list[dict[str, Any]] = []
     code = ExitCode.OK
-    for info, target in zip(wanted, _targets(wanted, out), strict=True):
+    for info, target in zip(wanted, targets, strict=True):
         derived = derive(info.segments, target, replacing=force)
         account = {"recording": info.head.recording, "frames_recorded": info.frames}
         if json:
@@ -217,49 +239,3 @@ def recover(
     if json:
         print_json(documents[0] if len(documents) == 1 else {"sessions": documents})
     return code
-
-
-def _segments(paths: Sequence[Path]) -> tuple[Path, ...]:
-    """Return the named segments, and those in named folders."""
-    from daq import InputError
-    from daq.journal.reader import segments_in
-
-    advice = "name the recorder's folder"
-    segments: list[Path] = []
-    for path in paths:
-        if not path.is_dir():
-            if not path.exists():
-                raise InputError(str(path), "there is no such file or folder", advice)
-            segments.append(path)
-            continue
-        inside = segments_in(path) or segments_in(path / "journal")
-        # What Bumpbench 0.1 has recorded is refused in its own words.
-        inside = inside or tuple(path.glob("**/journal_*.mcap"))
-        if not inside:
-            raise InputError(str(path), "has no journal_*.bbj", advice)
-        segments += inside
-    return tuple(segments)
-
-
-def _targets(recordings: Sequence[RecordingInfo], out: Path | None) -> list[Path]:
-    """Return a session file for each recording.
-
-    `out`: the file or folder that was named; None for the folder above that of the journal.
-    """
-    from daq import InputError
-
-    if out is not None and not out.is_dir():
-        if len(recordings) == 1:
-            return [out]
-        reason = f"there are {len(recordings)} recordings for one file"
-        raise InputError(str(out), reason, "name a folder that is there, or segments of one")
-    targets = []
-    for info in recordings:
-        first = info.segments[0]
-        folder = first.parent.parent if first.parent.name == "journal" else first.parent
-        targets.append((out or folder) / info.session_name)
-    for target in targets:
-        if targets.count(target) > 1:
-            reason = "would be the session of two recordings"
-            raise InputError(str(target), reason, "recover them one by one, with another --out")
-    return targets

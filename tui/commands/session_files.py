@@ -13,8 +13,7 @@ from ..diagnostics import ExitCode, report, say
 from ..options import Buses, Force, JsonSummary, Sensors, SessionFile
 
 if TYPE_CHECKING:
-    from daq import BodyWeight, Channel, HubWeight, Session
-    from daq.bench.config import Bench
+    from daq import Channel, Session
 
 
 def inspect(
@@ -24,13 +23,30 @@ def inspect(
     """Show the contents of a session: runs, verdicts, losses, channels, vehicle, provenance."""
     from daq import read_session
 
-    from ..output import print_json
+    from ..output import print_json, session_document
 
     loaded = read_session(session)
-    if json:
-        print_json(_document(session, loaded))
-    else:
+    if not json:
         _print_contents(session, loaded)
+        return
+    vehicle = loaded.vehicle
+    print_json(
+        session_document(session, loaded)
+        | {
+            "geometry": asdict(vehicle.geometry) if vehicle.geometry else None,
+            "structure": asdict(vehicle.structure),
+            "facts": [asdict(fact) for fact in vehicle.facts],
+            "channels": [asdict(channel) for channel in loaded.channels],
+            "mass_states": {
+                state.name: {
+                    "weights": [asdict(weight) for weight in state.added.weights],
+                    "delta_mass": state.added.matrix.tolist(),
+                }
+                for state in loaded.mass_states
+            },
+            "provenance": _provenance(loaded.provenance),
+        }
+    )
 
 
 def validate(
@@ -133,8 +149,7 @@ def export(
 def _part(session: Session, sensors: Sequence[str], buses: Sequence[str]) -> Session:
     """Return the channels and frames of some sensors and buses; of all if these are empty.
 
-    Raises InputError if the session has no such sensor or bus, or neither channel nor frame of
-    them.
+    Raises InputError if the session has no such sensor or bus, or nothing of them.
     """
     from daq import InputError, session_part
     from daq.bench.config import parse_bench
@@ -147,19 +162,22 @@ def _part(session: Session, sensors: Sequence[str], buses: Sequence[str]) -> Ses
     about = session.provenance
     bench = parse_bench(about.get("bench_toml", ""), "bench.toml", Path(), about.get("dbc"))
     numbers = bus_numbers(bench, buses)
-    recorded = {int(number) for run in session.runs for number in set(run.frames.bus.tolist())}
-    if recorded and not numbers & recorded and all(name.isdecimal() for name in buses):
-        advice = f"its frames are of {', '.join(map(str, sorted(recorded)))}"
-        raise InputError(f"--bus {', '.join(buses)}", "has no frame in the session", advice)
+    if len(bench.buses) > 1 and bench.sensors:
+        known = {
+            sensor_of_signal(channel.signal)
+            for channel in session_part(session, sensors, ()).channels
+        }
+        on_buses = {sensor.name for sensor in bench.sensors if sensor.bus in numbers} & known
+        if not on_buses:
+            reason = f"has no channel of {', '.join(sensors) or 'a sensor'}"
+            raise InputError(f"--bus {', '.join(buses)}", reason, "name another bus or sensor")
+        sensors = sorted(on_buses)
     part = session_part(session, sensors, numbers)
-    if len(bench.buses) == 1 or not bench.sensors:
-        return part
-    of_buses = {sensor.name for sensor in bench.sensors if sensor.bus in numbers}
-    of_buses &= {sensor_of_signal(channel.signal) for channel in part.channels}
-    if not of_buses:
-        reason = f"has no channel of {', '.join(sensors) or 'a sensor'}"
-        raise InputError(f"--bus {', '.join(buses)}", reason, "name another bus or sensor")
-    return session_part(part, of_buses, ())
+    if not any(len(run.frames) for run in part.runs):
+        numbers_text = ", ".join(map(str, sorted(set(session.frames.bus.tolist()))))
+        advice = f"its frames are of {numbers_text}"
+        raise InputError(f"--bus {', '.join(buses)}", "has no frame in the session", advice)
+    return part
 
 
 def redecode(
@@ -175,10 +193,14 @@ def redecode(
     json: JsonSummary = False,
 ) -> int:
     """Decode the raw frames of a session again, into a new session."""
+    from dataclasses import replace
+
     from daq import InputError, write_session
+    from daq.bench.config import load_bench, parse_bench, with_database
     from daq.files import file_sha256, refuse_existing
     from daq.session import read_changed_session
     from daq.session.from_frames import redecoded
+    from dbc import shipped_dbc
 
     from ..output import print_session
 
@@ -188,65 +210,33 @@ def redecode(
     target = out or session.parent / f"{session.stem}_redecoded.h5"
     inputs = [path for path in (session, bench, dbc) if path is not None]
     refuse_existing(target, replace=force, inputs=inputs)
+    where = str(session)
     old, changed = read_changed_session(session)
-    if changed and bench is None:
+    about = old.provenance
+    if bench is not None:
+        corrected = load_bench(bench)
+        if corrected.dbc_text == shipped_dbc() and "dbc" in about:
+            # It names no DBC: the DBC of the session was right.
+            name = f"DBC in {where}"
+            corrected = replace(corrected, dbc_text=about["dbc"], dbc_name=name)
+    elif changed:
         reason = f"{changed[0]} was changed or damaged after the file was written"
-        raise InputError(str(session), reason, "name the right bench.toml after the session")
-    corrected = _corrected(old, str(session), dbc, bench)
-    about = {"redecoded_from_sha256": file_sha256(session)}
-    new = redecoded(old, corrected, str(session), about)
+        raise InputError(where, reason, "name the right bench.toml after the session")
+    elif "bench_toml" not in about:
+        raise InputError(where, "holds no bench.toml", "name one after the session")
+    else:
+        described = f"bench.toml in {where}"
+        corrected = parse_bench(about["bench_toml"], described, Path(), about.get("dbc", ""))
+    if dbc is not None:
+        corrected = with_database(corrected, dbc)
+    new = redecoded(old, corrected, where, {"redecoded_from_sha256": file_sha256(session)})
     write_session(target, new)
     print_session(target, new, json)
     lost = any(run.losses.measured for run in new.runs)
     return ExitCode.DATA_LOST if lost else ExitCode.OK
 
 
-def _corrected(old: Session, where: str, dbc: Path | None, config: Path | None) -> Bench:
-    """Return the bench of the session, with what was corrected."""
-    from dataclasses import replace
-
-    from daq import InputError
-    from daq.bench.config import parse_bench, with_database
-    from dbc import shipped_dbc
-
-    from ..bench import bench_with_dbc
-
-    if config:
-        bench = bench_with_dbc(config, dbc)
-        if dbc is None and bench.dbc_text == shipped_dbc() and "dbc" in old.provenance:
-            # It names no DBC: the DBC of the session was right.
-            return replace(bench, dbc_text=old.provenance["dbc"], dbc_name=f"DBC in {where}")
-        return bench
-    if "bench_toml" not in old.provenance:
-        raise InputError(where, "holds no bench.toml", "name one after the session")
-    assert dbc is not None  # one of the two is named
-    text = old.provenance["bench_toml"]
-    recorded = old.provenance.get("dbc", "")
-    return with_database(parse_bench(text, f"bench.toml in {where}", Path(), recorded), dbc)
-
-
 # What inspect shows -------------------------------------------------------------------------------
-
-
-def _document(path: Path, session: Session) -> dict[str, Any]:
-    """Return a session as a JSON document: runs, channels, vehicle, loads, provenance."""
-    from ..output import session_document
-
-    vehicle = session.vehicle
-    return session_document(path, session) | {
-        "geometry": asdict(vehicle.geometry) if vehicle.geometry else None,
-        "structure": asdict(vehicle.structure),
-        "facts": [asdict(fact) for fact in vehicle.facts],
-        "channels": [asdict(channel) for channel in session.channels],
-        "mass_states": {
-            state.name: {
-                "weights": [asdict(weight) for weight in state.added.weights],
-                "delta_mass": state.added.matrix.tolist(),
-            }
-            for state in session.mass_states
-        },
-        "provenance": _provenance(session.provenance),
-    }
 
 
 def _provenance(provenance: Mapping[str, str]) -> dict[str, str]:
@@ -260,6 +250,7 @@ def _provenance(provenance: Mapping[str, str]) -> dict[str, str]:
 
 def _print_contents(path: Path, session: Session) -> None:
     """Write a session as tables."""
+    from daq import HubWeight
     from daq.sessions import notes_of, overrides_of
 
     from ..output import print_line, print_session, print_table
@@ -267,14 +258,31 @@ def _print_contents(path: Path, session: Session) -> None:
     print_session(path, session, json=False)
     print_line()
     rows = [
-        [c.name, str(c.quantity), c.unit, _place(c), c.signal, _sensor_words(c)]
+        [c.name, str(c.quantity), c.unit, _place(c), c.signal, _deviations(c)]
         for c in session.channels
     ]
     print_table("Channels", ["channel", "quantity", "unit", "place", "signal", "sensor"], rows)
-    print_line()
-    if rows := _known_beforehand(session):
-        print_table("Known beforehand", ["what", "value", ""], rows)
+    vehicle = session.vehicle
+    rows = (
+        [[name, f"{x:g} m", ""] for name, x in asdict(vehicle.geometry).items()]
+        if vehicle.geometry
+        else []
+    )
+    rows += [[fact.quantity, f"{fact.value:g}", f"± {fact.sigma:g}"] for fact in vehicle.facts]
+    rows += [["model has", name, ""] for name, on in asdict(vehicle.structure).items() if on]
+    for state in session.mass_states:
+        for weight in state.added.weights:
+            if isinstance(weight, HubWeight):
+                place = f"at hub {weight.corner}"
+            else:
+                place = f"at x {weight.x_m:g} y {weight.y_m:g} m"
+            sigma = f"± {weight.sigma_kg:g}" if weight.sigma_kg else ""
+            rows.append([f"in {state.name}", f"{weight.mass_kg:g} kg {place}", sigma])
+        if state.added.matrix.any():
+            rows.append([f"in {state.name}", "a mass matrix", ""])
+    if rows:
         print_line()
+        print_table("Known beforehand", ["what", "value", ""], rows)
     shown = _provenance(session.provenance)
     if "verdicts" in shown:
         shown["verdicts"] = "findings of each run: --json shows them"
@@ -282,22 +290,8 @@ def _print_contents(path: Path, session: Session) -> None:
     rows += [["note", text] for text in notes_of(session.provenance)]
     rows += [["warning overridden", text] for text in overrides_of(session.provenance)]
     if rows:
+        print_line()
         print_table("Provenance", ["what", "value"], rows)
-
-
-def _known_beforehand(session: Session) -> list[list[str]]:
-    """Return name, value and uncertainty of what was known of the car before the identification."""
-    vehicle = session.vehicle
-    rows = []
-    if vehicle.geometry is not None:
-        rows += [[name, f"{x:g} m", ""] for name, x in asdict(vehicle.geometry).items()]
-    rows += [[fact.quantity, f"{fact.value:g}", f"± {fact.sigma:g}"] for fact in vehicle.facts]
-    rows += [["model has", name, ""] for name, on in asdict(vehicle.structure).items() if on]
-    for state in session.mass_states:
-        rows += [[f"in {state.name}", *_weight(weight)] for weight in state.added.weights]
-        if state.added.matrix.any():
-            rows.append([f"in {state.name}", "a mass matrix", ""])
-    return rows
 
 
 def _place(channel: Channel) -> str:
@@ -306,35 +300,17 @@ def _place(channel: Channel) -> str:
     if channel.at_cg:
         return "CG"
     if channel.quantity.startswith("body"):
-        sigma = f" ± {channel.position_sigma_m:g}" if channel.position_sigma_m else ""
-        return f"x {channel.x_m:g} y {channel.y_m:g}{sigma} m"
+        return f"x {channel.x_m:g} y {channel.y_m:g} m"
     return "body" if channel.quantity != "unused" else ""
 
 
-def _sensor_words(channel: Channel) -> str:
+def _deviations(channel: Channel) -> str:
     """Return the properties that distinguish a sensor from an ideal one, as text."""
-    parts = []
-    if channel.sign * channel.gain != 1.0:
-        parts.append(f"times {channel.sign * channel.gain:g}")
-    if channel.scale_sigma:
-        parts.append(f"± {channel.scale_sigma * 100:.2g} %")
-    if channel.tare:
-        parts.append(f"tare {channel.tare:g}")
-    if channel.delay_s:
-        parts.append(f"{channel.delay_s * 1e3:g} ms late")
-    if channel.low_pass_hz:
-        parts.append(f"low-pass {channel.low_pass_hz:g} Hz")
-    return ", ".join(parts)
-
-
-def _weight(weight: BodyWeight | HubWeight) -> list[str]:
-    """Return mass and place of a weight, and the uncertainty of the mass, as text."""
-    from daq import HubWeight
-
-    if isinstance(weight, HubWeight):
-        place = f"at hub {weight.corner}"
-    else:
-        place = f"at x {weight.x_m:g} y {weight.y_m:g} m"
-        if weight.position_sigma_m:
-            place += f" ± {weight.position_sigma_m:g}"
-    return [f"{weight.mass_kg:g} kg {place}", f"± {weight.sigma_kg:g}" if weight.sigma_kg else ""]
+    words = {
+        f"times {channel.sign * channel.gain:g}": channel.sign * channel.gain != 1.0,
+        f"± {channel.scale_sigma * 100:.2g} %": channel.scale_sigma,
+        f"tare {channel.tare:g}": channel.tare,
+        f"{channel.delay_s * 1e3:g} ms late": channel.delay_s,
+        f"low-pass {channel.low_pass_hz or 0.0:g} Hz": channel.low_pass_hz,
+    }
+    return ", ".join(text for text, applies in words.items() if applies)

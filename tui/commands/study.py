@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from ..diagnostics import require_ending
 from ..options import JsonResult
 
 if TYPE_CHECKING:
@@ -76,39 +77,32 @@ def table3(
     _deliver(table3_study(campaign, attempts), json, figure)
 
 
-@study.command()
-def fig2(json: JsonResult = False, figure: FigureFile = None) -> None:
-    """Shift the modes by 2 to 14 % of added mass."""
-    from identify.study import fig2_study
+_FIGURES = {
+    "fig2": "Shift the modes by 2 to 14 % of added mass.",
+    "fig3": "Mistake dm_s by -5 to 5 %.",
+    "fig4": "Mistake dI_yy by -5 to 5 %.",
+    "fig5": "Mistake dI_xx by -5 to 5 %.",
+    "fig6": "Mistake dm_uf by -5 to 5 %.",
+    "fig7": "Mistake dm_ur by -5 to 5 %.",
+    "fig8": "Mistake a, b, t_f or t_r by -5 to 5 %.",
+}
 
-    _check_figure_file(figure)
-    _deliver(fig2_study(), json, figure)
 
-
-def _mass_error_command(name: str) -> Callable[..., None]:
-    """Return the command of one of Figs. 3 to 7, `fig3` to `fig7`."""
+def _figure_command(name: str) -> Callable[..., None]:
+    """Return the command of one of the paper's figures without noise."""
 
     def command(json: JsonResult = False, figure: FigureFile = None) -> None:
-        from identify.study import mass_error_study
+        from identify.study import fig2_study, fig8_study, mass_error_study
 
         _check_figure_file(figure)
-        _deliver(mass_error_study(name), json, figure)
+        studies = {"fig2": fig2_study, "fig8": fig8_study}
+        _deliver(studies.get(name, partial(mass_error_study, name))(), json, figure)
 
     return command
 
 
-for number, quantity in enumerate(("dm_s", "dI_yy", "dI_xx", "dm_uf", "dm_ur"), start=3):
-    mistake = f"Mistake {quantity} by -5 to 5 %."
-    study.command(f"fig{number}", help=mistake)(_mass_error_command(f"fig{number}"))
-
-
-@study.command()
-def fig8(json: JsonResult = False, figure: FigureFile = None) -> None:
-    """Mistake a, b, t_f or t_r by -5 to 5 %."""
-    from identify.study import fig8_study
-
-    _check_figure_file(figure)
-    _deliver(fig8_study(), json, figure)
+for name, summary in _FIGURES.items():
+    study.command(name, help=summary)(_figure_command(name))
 
 
 @study.command()
@@ -191,16 +185,12 @@ def _check_figure_file(path: Path | None) -> None:
 
     Raises InputError if it does not end in .svg, or cannot be written.
     """
-    from daq.files import make_room
-    from dbc import InputError
+    from daq.files import make_room, refuse_existing
 
-    if path is None:
-        return
-    if path.suffix.lower() != ".svg":
-        raise InputError(str(path), "a figure is drawn as SVG only", "name the file *.svg")
-    if path.is_dir():
-        raise InputError(str(path), "is a directory", "name a file")
-    make_room(path)
+    if path is not None:
+        require_ending(path, "figure", (".svg",))
+        refuse_existing(path, replace=True, option="--figure")  # a folder
+        make_room(path)
 
 
 def _deliver(result: Study, json: bool, figure: Path | None) -> None:

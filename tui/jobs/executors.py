@@ -12,7 +12,6 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
-from importlib.metadata import version
 from itertools import islice
 from multiprocessing import active_children, get_all_start_methods, get_context, parent_process
 from multiprocessing.connection import wait as wait_for
@@ -25,7 +24,6 @@ if TYPE_CHECKING:
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-_CONNECT_S = 4.0
 _HELPERS = 2
 """Number of helpers: one works while the parent works, both while the parent waits."""
 
@@ -47,10 +45,12 @@ def as_finished(
     """
     remaining = iter(items)
     cut_off: list[Item] = []  # by the death of a worker process
-    with _crew(workers, scheduler) as (executor, most_in_flight):
+    crew = processes(workers) if scheduler is None else _cluster(scheduler)
+    with crew as executor:
+        n_workers = workers if scheduler is None else sum(executor.client.nthreads().values())
         running: dict[Future[Result], Item] = {}
         while not cut_off:
-            for item in islice(remaining, most_in_flight - len(running)):
+            for item in islice(remaining, 2 * n_workers - len(running)):
                 try:
                     running[executor.submit(function, item)] = item
                 except BrokenProcessPool:
@@ -100,7 +100,7 @@ def map_items(
 
 
 @contextmanager
-def processes(workers: int, modules: Sequence[str] = ("identify",)) -> Iterator[Executor]:
+def processes(workers: int, modules: Sequence[str] = ("identify",)) -> Iterator[Any]:
     """Yield processes of this machine that share loaded modules; after an error they end at once.
 
     Ctrl-C reaches only the parent, which then ends them; they end, too, when it is killed.  Raises
@@ -113,7 +113,7 @@ def processes(workers: int, modules: Sequence[str] = ("identify",)) -> Iterator[
     context: Any = get_context(method)
     if method == "forkserver":
         context.set_forkserver_preload(list(modules))
-    pool = ProcessPoolExecutor(workers, context, _prepare_process)
+    pool = ProcessPoolExecutor(workers, context, _end_with_parent)
     try:
         yield pool
     except BaseException as error:
@@ -127,7 +127,7 @@ def processes(workers: int, modules: Sequence[str] = ("identify",)) -> Iterator[
         pool.shutdown(cancel_futures=True)
 
 
-def _prepare_process() -> None:
+def _end_with_parent() -> None:
     """Leave Ctrl-C to the parent, and end with it: a worker would wait for work for ever."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = parent_process()
@@ -167,44 +167,29 @@ def helpers(modules: Sequence[str]) -> Iterator[Executor]:
 
 
 @contextmanager
-def _crew(workers: int, scheduler: str | None) -> Iterator[tuple[Executor, int]]:
-    """Yield processes, or the workers of a cluster, and how many items may be in flight."""
-    if scheduler is None:
-        with processes(workers) as pool:
-            yield pool, 2 * workers
-        return
+def _cluster(scheduler: str) -> Iterator[Any]:
+    """Yield the workers of a Dask cluster as an executor."""
     from dbc import InputError
 
     try:
-        import distributed
+        from distributed import Client
     except ImportError:
         reason = "needs Dask, which is not installed"
         raise InputError("--scheduler", reason, "install bumpbench[cluster]") from None
     for name in ("distributed", "tornado", "asyncio"):  # what matters arrives as an exception
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
-    connect: Any = distributed.Client  # typed in part only
+    connect: Any = Client  # typed in part only
     try:
-        client = connect(scheduler, timeout=_CONNECT_S, set_as_default=False)
+        client = connect(scheduler, timeout=4.0, set_as_default=False)
     except (OSError, ValueError) as error:
         reason = f"no Dask scheduler answers: {error}"
         advice = "start one with: dask scheduler"
         raise InputError(f"--scheduler {scheduler}", reason, advice) from None
     try:
-        with suppress(TimeoutError):
-            client.wait_for_workers(1, timeout=_CONNECT_S)
-        dask_workers = client.scheduler_info()["workers"].values()
-        n_threads = sum(int(worker["nthreads"]) for worker in dask_workers)
-        if not n_threads:
+        if not client.nthreads():
             advice = f"start some with: dask worker {scheduler}"
             raise InputError(scheduler, "the scheduler has no workers", advice)
-        # A function of the standard library: a worker without Bumpbench could not find ours.
-        versions = client.run(version, "bumpbench", on_error="return")
-        for address, answer in versions.items():  # a version, or an error
-            if answer != version("bumpbench"):
-                theirs = f"bumpbench {answer}" if isinstance(answer, str) else "no bumpbench"
-                reason = f"worker {address} has {theirs}, here is {version('bumpbench')}"
-                raise InputError(scheduler, reason, "install one version everywhere")
-        yield client.get_executor(pure=False), 2 * n_threads
+        yield client.get_executor(pure=False)
     except (OSError, TimeoutError, RuntimeError):
         advice = "start it, and run this again"
         raise InputError(scheduler, "the scheduler has gone", advice) from None

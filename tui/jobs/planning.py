@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from daq import Session
     from daq.bench.config import Bench
-    from identify.plan import Plan, Sensor
+    from identify.plan import Plan
 
 
 def planned(
@@ -34,18 +34,26 @@ def planned(
     rate_hz: float | None,
     bump_height_m: float,
 ) -> Plan:
-    """Return the campaign of a bench as a plan.
+    """Return the campaign of a bench as a plan, its sensors with the usual noise of their kind.
 
     `bench`: sensors, weights, campaign, and the known facts of the vehicle.  `vehicle`, (15,) or
     (28,) float64: parameters that are expected.  `rate_hz`: samples a second; None: the rates of
     the DBC.
     """
+    from daq import Quantity
+    from daq.bench.config import bench_codec
+    from daq.samples.mapping import mapped_channels
     from identify.model.response import Bump
-    from identify.plan import Plan, Runs
+    from identify.plan import Plan, Runs, sensor
 
     return Plan(
         vehicle=vehicle,
-        sensors=sensors(bench, rate_hz),
+        sensors=tuple(
+            # 5 ms where neither the DBC nor the command line has a rate.
+            sensor(mapped.channel.placed(), rate_hz or 1.0 / (mapped.message.cycle_s or 0.005))
+            for mapped in mapped_channels(bench, bench_codec(bench))
+            if mapped.channel.quantity is not Quantity.UNUSED
+        ),
         mass_states=tuple(state.weighed() for state in bench.mass_states),
         runs=tuple(
             Runs(state, excitation, bench.campaign.repeats)
@@ -61,56 +69,30 @@ def planned(
     )
 
 
-def sensors(bench: Bench, rate_hz: float | None) -> tuple[Sensor, ...]:
-    """Return the sensors of a bench, with the usual noise of their kind."""
-    from daq import Quantity
-    from daq.bench.config import bench_codec
-    from daq.samples.mapping import mapped_channels
-    from identify.plan import sensor
+def expected_vehicle(path: Path | None, session: Session | None) -> tuple[NDArray[np.float64], str]:
+    """Return the parameters of the car that a campaign is planned for, (28,), and their source.
 
-    return tuple(
-        # 5 ms where neither the DBC nor the command line has a rate.
-        sensor(mapped.channel.placed(), rate_hz or 1.0 / (mapped.message.cycle_s or 0.005))
-        for mapped in mapped_channels(bench, bench_codec(bench))
-        if mapped.channel.quantity is not Quantity.UNUSED
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class ExpectedCar:
-    """The car that a campaign is planned for."""
-
-    vehicle: NDArray[np.float64]
-    """Parameters, (28,)."""
-    whose: str
-    """Source of the parameters, in words."""
-
-
-def of_session(path: Path, session: Session) -> ExpectedCar:
-    """Return the car identified from a session; the typical one where that fails."""
+    They are those identified from a session, which is read from `path`; without one, and where
+    that fails, those of the paper's car.
+    """
+    from daq import FORD_GRANADA
     from identify import Verdict, identify
     from identify.plan import full_vector, vague
 
-    result = identify(session)
-    if not result.parameters or result.quality.verdict is Verdict.REFUSED:
-        return typical(f"the identification of {path} is refused")
-    if undetermined := vague(result.parameters):
-        return typical(f"{path} does not determine {', '.join(undetermined)}")
-    whose = f"the vehicle identified from {path}"
-    if result.forces:
-        whose += ", without its friction and its damper curves"
-    values = {name: estimate.value for name, estimate in result.parameters.items()}
-    return ExpectedCar(full_vector(values), whose)
-
-
-def typical(why: str = "") -> ExpectedCar:
-    """Return the paper's car, and why it replaces another."""
-    from daq import FORD_GRANADA
-    from identify.plan import full_vector
-
-    whose = "the Ford Granada of the paper, as a typical car"
+    why = ""
+    if session is not None:
+        result = identify(session)
+        undetermined = vague(result.parameters)
+        if not result.parameters or result.quality.verdict is Verdict.REFUSED:
+            why = f": the identification of {path} is refused"
+        elif undetermined:
+            why = f": {path} does not determine {', '.join(undetermined)}"
+        else:
+            curved = ", without its friction and its damper curves" if result.forces else ""
+            values = {name: estimate.value for name, estimate in result.parameters.items()}
+            return full_vector(values), f"the vehicle identified from {path}{curved}"
     values = dict(zip(FORD_GRANADA.__dataclass_fields__, FORD_GRANADA.to_array(), strict=True))
-    return ExpectedCar(full_vector(values), f"{whose}: {why}" if why else whose)
+    return full_vector(values), f"the Ford Granada of the paper, as a typical car{why}"
 
 
 # Gain by the weights on the car -------------------------------------------------------------------

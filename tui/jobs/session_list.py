@@ -130,10 +130,5 @@ def with_open(entry: SessionEntry, recording: str) -> SessionEntry:
 
 
 def size_text(n_bytes: int) -> str:
-    """Return a size as text with a unit."""
-    size = float(n_bytes)
-    for unit in ("B", "kB", "MB"):
-        if size < 1024.0:
-            return f"{size:.0f} {unit}" if unit == "B" else f"{size:.1f} {unit}"
-        size /= 1024.0
-    return f"{size:.1f} GB"
+    """Return the size of a file as text with a unit."""
+    return f"{n_bytes / 1e3:.1f} kB" if n_bytes < 1e6 else f"{n_bytes / 1e6:.1f} MB"

@@ -16,10 +16,9 @@ import sys
 from collections.abc import AsyncGenerator, Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from threading import Event, Thread
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, Any
 
 from dbc import BumpbenchError
 from dbc.errors import printable
@@ -120,8 +119,6 @@ class Trouble:
 
 
 Line = Progress | Item | Done | Trouble
-
-
 Send = Callable[[Line], None]
 
 START = "from tui.jobs.worker import main; main()"
@@ -153,10 +150,27 @@ async def lines_of(
         yield Trouble(where, reason, "end other programs, and try again")
         return
     lines: asyncio.Queue[Line] = asyncio.Queue()
+    loop = asyncio.get_running_loop()
+
+    def listen() -> None:
+        """Send the task; pass on each line, last that the process has ended; close its pipes."""
+        with suppress(RuntimeError, OSError), child:  # the loop is closed, or it has ended
+            assert child.stdin is not None
+            assert child.stdout is not None
+            with suppress(OSError, EOFError, pickle.UnpicklingError):  # it has ended
+                pickle.dump((task, where), child.stdin)
+                child.stdin.flush()
+                while True:
+                    loop.call_soon_threadsafe(lines.put_nowait, pickle.load(child.stdout))
+            code = child.wait()
+            how = f"by signal {-code}" if code < 0 else f"with code {code}"
+            reason = f"the work was ended from outside ({how})"
+            trouble = Trouble(where, reason, "the recording is untouched: start it again")
+            loop.call_soon_threadsafe(lines.put_nowait, trouble)
+
     # A thread is used instead of the loop's own subprocess, which must be awaited to its end, and
     # which a screen that is closed twice in a row leaves with open pipes.
-    arguments = (child, (task, where), lines, asyncio.get_running_loop())
-    Thread(target=_listen, args=arguments, name="worker", daemon=True).start()
+    Thread(target=listen, name="worker", daemon=True).start()
 
     async def send_stop(stop: asyncio.Event) -> None:
         await stop.wait()
@@ -182,32 +196,11 @@ async def lines_of(
                 child.kill()
 
 
-def _listen(
-    child: subprocess.Popen[bytes],
-    task: tuple[Task, str],
-    lines: asyncio.Queue[Line],
-    loop: asyncio.AbstractEventLoop,
-) -> None:
-    """Send the task; pass on each line of the process, last that it has ended; close its pipes.
-
-    `task`: with the subject of an error that names none itself.  `lines`: belongs to `loop`.
-    """
-    with suppress(RuntimeError, OSError), child:  # the loop is closed, or it has ended
-        assert child.stdin is not None
-        assert child.stdout is not None
-        with suppress(OSError, EOFError, pickle.UnpicklingError):  # it has ended
-            pickle.dump(task, child.stdin)
-            child.stdin.flush()
-            while True:
-                loop.call_soon_threadsafe(lines.put_nowait, pickle.load(child.stdout))
-        code = child.wait()
-        how = f"by signal {-code}" if code < 0 else f"with code {code}"
-        reason = f"the work was ended from outside ({how})"
-        trouble = Trouble(task[1], reason, "the recording is untouched: start it again")
-        loop.call_soon_threadsafe(lines.put_nowait, trouble)
-
-
 # The worker's end ---------------------------------------------------------------------------------
+
+
+_stopped = Event()
+"""Set once the terminal takes the answer so far."""
 
 
 def main() -> None:
@@ -217,9 +210,17 @@ def main() -> None:
         with suppress(OSError, AttributeError):
             os.nice(10)  # the recorder has priority
         task, where = pickle.load(sys.stdin.buffer)
-        Thread(target=_watch_stdin, daemon=True).start()
-        send = partial(_write, out)
-        advice = "report this; the recording is untouched"
+
+        def watch_stdin() -> None:
+            while os.read(0, 4096):
+                _stopped.set()
+            os._exit(1)  # the terminal has ended
+
+        def send(line: Line) -> None:
+            pickle.dump(line, out)
+            out.flush()
+
+        Thread(target=watch_stdin, daemon=True).start()
         try:
             send(Done(_WORK[type(task)](task, send)))
         except BumpbenchError as error:
@@ -227,23 +228,8 @@ def main() -> None:
         except MemoryError:
             send(Trouble(where, "needs more memory than there is", "end other programs"))
         except Exception as error:
-            send(Trouble(where, printable(f"{type(error).__name__}: {error}"), advice))
-
-
-_stopped = Event()
-"""Set once the terminal takes the answer so far."""
-
-
-def _watch_stdin() -> None:
-    """Note that the terminal stops the work; end with the terminal."""
-    while os.read(0, 4096):
-        _stopped.set()
-    os._exit(1)
-
-
-def _write(out: BinaryIO, line: Line) -> None:
-    pickle.dump(line, out)
-    out.flush()
+            reason = printable(f"{type(error).__name__}: {error}")
+            send(Trouble(where, reason, "report this; the recording is untouched"))
 
 
 def _identify(task: IdentifyTask, send: Send) -> Outcome:

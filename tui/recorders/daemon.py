@@ -10,11 +10,8 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Iterator
 from concurrent.futures import Future
-from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -95,7 +92,7 @@ def record_campaign(
     server = Server(recorder.submit, control_address(folder), setup_of(traffic.bench))
     systemd = Systemd()
     try:
-        with _signals(lifetime.end) as signals:
+        with _Signals(lifetime.end) as signals:
             return _Daemon(recorder, server, systemd, traffic, lifetime, log).run(signals, stage)
     finally:
         server.close()
@@ -106,30 +103,38 @@ def _opened_at_once(bench: Bench, open_source: OpenSource) -> OpenSource:
     """Open the buses of a bench, so that a campaign does not begin without any bus.
 
     The first call of the result for a bus returns the source opened here, later calls open it
-    again.  Raises BusError if none can be opened, with the reason of the first.
+    again.  Raises BusError if none can be opened, with the reason of the last.
     """
     from daq import BusError
 
     opened: dict[int, FrameSource] = {}
-    errors: list[BusError] = []
     for number, bus in enumerate(bench.buses):
         try:
             opened[number] = open_source(bus, number)
-        except BusError as error:
-            errors.append(error)
-    if not opened:
-        raise errors[0]
+        except BusError:
+            if not opened and number == len(bench.buses) - 1:
+                raise
     return lambda bus, number: opened.pop(number, None) or open_source(bus, number)
 
 
 class _Signals:
-    """Signals received from the operating system."""
+    """Signals received from the operating system while the block runs."""
 
     def __init__(self, end: threading.Event) -> None:
         self.end, self.reload = end, threading.Event()
         self._asked_s = time.monotonic()
 
+    def __enter__(self) -> _Signals:
+        numbers = [signal.SIGTERM, signal.SIGINT, *([] if _RELOAD is None else [_RELOAD])]
+        self._before = {number: signal.signal(number, self.take) for number in numbers}
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
     def take(self, number: int, _frame: object) -> None:
+        """Reload with SIGHUP; end with others, with a second one at once."""
         if number == _RELOAD:
             self.reload.set()
             return
@@ -140,18 +145,6 @@ class _Signals:
         if not self.end.is_set():
             self._asked_s = now_s
         self.end.set()
-
-
-@contextmanager
-def _signals(end: threading.Event) -> Iterator[_Signals]:
-    signals = _Signals(end)
-    numbers = [signal.SIGTERM, signal.SIGINT, *([] if _RELOAD is None else [_RELOAD])]
-    before = {number: signal.signal(number, signals.take) for number in numbers}
-    try:
-        yield signals
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 class _Daemon:
@@ -183,15 +176,15 @@ class _Daemon:
         self._reported: Status | None = None
         self._reported_s = 0.0
         """Monotonic time of the last report to systemd, s."""
-        self._writer = threading.Thread(target=self._write, name="writer", daemon=True)
 
     def run(self, signals: _Signals, stage: Stage) -> Status:
         """Loop until the recorder has ended; return its last status."""
         from daq.alarms.watch import with_not_recording
 
-        self._writer.start()
-        while self._writer.is_alive():
-            self._writer.join(0.1)
+        writer = threading.Thread(target=self._write, name="writer", daemon=True)
+        writer.start()
+        while writer.is_alive():
+            writer.join(0.1)
             attended = self._lifetime.attended and not signals.end.is_set()
             if attended and self._server.alone_s() > 10.0:
                 self._log.line("the last terminal has gone, and a demonstration ends with it")
@@ -276,6 +269,7 @@ class _Daemon:
     def _reload(self) -> None:
         """Reload bench.toml if it is valid; else keep the one in force."""
         from daq import BumpbenchError
+        from daq.control.messages import setup_of
 
         self._systemd.reloading()
         try:
@@ -283,17 +277,15 @@ class _Daemon:
         except BumpbenchError as error:
             self._log.line(f"reload: {error}; the bench.toml in force stays")
             return
-        answer = self._recorder.reload(bench)
-        answer.add_done_callback(partial(self._reloaded, bench))
 
-    def _reloaded(self, bench: Bench, answer: Future[Reply]) -> None:
-        from daq.control.messages import setup_of
+        def reloaded(answer: Future[Reply]) -> None:
+            if answer.cancelled() or (error := answer.exception()) is None:
+                self._server.setup = setup_of(bench)
+                self._log.line("reload: bench.toml reloaded")
+            else:
+                self._log.line(f"reload: {error}; the bench.toml in force stays")
 
-        error = None if answer.cancelled() else answer.exception()
-        if error is None:
-            self._server.setup = setup_of(bench)
-        text = f"{error}; the bench.toml in force stays" if error else "bench.toml reloaded"
-        self._log.line(f"reload: {text}")
+        self._recorder.reload(bench).add_done_callback(reloaded)
 
     def _report(self, status: Status) -> None:
         """Report a status to systemd and the log."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import os
-import re
 import sys
 import threading
 import time
@@ -15,31 +14,27 @@ from queue import Full, Queue
 
 BURST = 5
 """Largest number of lines with one key in a minute; further lines are only counted."""
-_BEGINNING = re.compile(rb"([\d:.TZ-]{24} )?bumpbench: |Traceback \(most recent call last\):")
-"""First bytes of a log; the stamp is absent in stderr of a recorder of a terminal."""
 
 
 def require_log(path: Path) -> None:
-    """Raise InputError if a file to log to, or the `*.1` that it will replace, is not a log.
+    """Raise InputError if a file to log to is there and is not a log of bumpbench.
 
-    A log, and what a recorder wrote to stderr, is recognized by its first bytes; an empty file is
-    taken for one.
+    A log, and what a recorder wrote to stderr, is recognized by its first line.
     """
     from daq import InputError
 
-    for file in (path, path.with_name(f"{path.name}.1")):
-        try:
-            if not file.exists():
-                continue
-            if file.is_symlink() or not file.is_file():  # a link may lead anywhere
-                raise OSError("is not an ordinary file")
-            with file.open("rb") as stream:
-                first = stream.read(40)
-            if first and not _BEGINNING.match(first):
-                raise OSError("is there already and is not a log of bumpbench")
-        except OSError as error:
-            reason = error.strerror or str(error)
-            raise InputError(str(file), reason, "name another file for the log") from error
+    advice = "name another file for the log"
+    try:
+        if not path.exists():
+            return
+        if not path.is_file():
+            raise InputError(str(path), "is not an ordinary file", advice)
+        with path.open("rb") as stream:
+            first = stream.readline(200)
+    except OSError as error:
+        raise InputError(str(path), error.strerror or str(error), advice) from error
+    if first and b"bumpbench: " not in first and not first.startswith(b"Traceback "):
+        raise InputError(str(path), "is there already and is not a log of bumpbench", advice)
 
 
 class Log:
@@ -58,7 +53,7 @@ class Log:
         self._waiting: Queue[logging.LogRecord] = Queue(1000)
         self._listener = QueueListener(self._waiting, self._writer)
         self._periods: dict[str, tuple[float, int]] = {}
-        """Beginning of the present period of each key, s, and number of its lines since."""
+        """Beginning of the present minute of each key, s, and number of its lines since."""
         self._lock = threading.Lock()
 
     def __enter__(self) -> Log:
@@ -79,18 +74,16 @@ class Log:
         logging.captureWarnings(False)
         logging.raiseExceptions = True
         threading.excepthook = self._hook
-        stopping = threading.Thread(target=self._stop, daemon=True)
+
+        def stop() -> None:
+            with suppress(Full):
+                self._listener.stop()
+
+        stopping = threading.Thread(target=stop, daemon=True)
         stopping.start()
         stopping.join(0.5)  # s; with a full pipe it may not end
         if not stopping.is_alive():
             self._writer.close()
-
-    def _stop(self) -> None:
-        while True:
-            try:
-                return self._listener.stop()
-            except Full:
-                time.sleep(0.01)
 
     def line(self, text: str, key: str = "") -> None:
         """Write a line; the number of lines with the same key is limited, except the empty one."""
@@ -104,13 +97,10 @@ class Log:
                     text = f"{text} (and {count - BURST} more of these)"
                 began_s, count = now_s, 0
             if key:
-                if len(self._periods) > 1000:
-                    self._periods.clear()
                 self._periods[key] = began_s, count + 1
             if count >= BURST:
                 return
-        text = printable(text, 600)
-        record = logging.LogRecord("bumpbench", logging.WARNING, "", 0, text, None, None)
+        record = logging.makeLogRecord({"msg": printable(text, 600)})
         with suppress(Full):
             self._waiting.put_nowait(record)
 

@@ -46,23 +46,16 @@ def start_recorder(folder: Path, *words: str) -> Process:
 
 
 def failure(process: Process, folder: Path) -> str:
-    """Return why a started recorder has failed, in words; empty while it runs or after its end."""
+    """Return why a started recorder has failed: the last line of its log; empty if it has not."""
     code = process.poll()
     if not code:
         return ""
     if code < 0:
         return f"the recorder was ended by {signal.Signals(-code).name}"
-    return f"the recorder ended: {_last_line(folder / LOG)}"
-
-
-def _last_line(log: Path) -> str:
-    """Return the last line of a recorder's log; it says why the recorder ended."""
     try:
-        text = log.read_text("utf-8", "replace")
+        lines = (folder / LOG).read_text("utf-8", "replace").split("\n")
     except OSError:
-        return "no log"
-    lines = [line for line in text.split("\n") if line.strip()]
-    if not lines:
-        return "its log is empty"
-    stamp, _, line = lines[-1].partition("bumpbench: ")
-    return (line or stamp).removeprefix("error: ")
+        return "the recorder ended: no log"
+    last = next((line for line in reversed(lines) if line.strip()), "its log is empty")
+    reason = last.rpartition("bumpbench: ")[2].removeprefix("error: ")
+    return f"the recorder ended: {reason}"

@@ -26,7 +26,6 @@ from identify.report.evidence import (
 from identify.report.page import Gallery, MovingCars, figure_of, svg_of
 from identify.report.parameters import damper_section, mode_text, modes_section, parameter_section
 from identify.words import damper_rows, element_answer
-from tui.jobs.reporting import comparison_lines
 from tui.terminal.screens.results import damper_lines
 
 from .made import drawn, estimated, picture, tables, texts
@@ -386,7 +385,6 @@ def test_compare_names_the_friction_that_changed() -> None:
     assert friction.std == pytest.approx(2.0**0.5)
     assert by_name["front damper +0.20 m/s"].std == pytest.approx(10.0 * 2.0**0.5)
     assert not any(d.significant for name, d in by_name.items() if name != "rear friction")
-    assert [len(line) for line in comparison_lines(two) if len(line) > 80] == []
     linear = replace(first, forces=None)
     assert compare(["new", "linear"], [first, linear]).forces == ()
 
