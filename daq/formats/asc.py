@@ -30,7 +30,6 @@ from .reader import (
     spaced_bytes,
 )
 
-LACKS = "the payload of error frames"
 _FD_LENGTHS: list[int] = FD_LENGTHS.tolist()
 _HEAD = re.compile(
     rb"//|date\s|base\s|(no )?internal events|begin\s+triggerblock|end\s+triggerblock|"

@@ -18,7 +18,6 @@ from dbc.words import counted
 
 from .reader import LATEST_NS, LONGEST_NS, LogLoss, possible_frames
 
-LACKS = "the direction of error frames"
 BLOCK_BYTES = 1 << 19
 MAX_OBJECT_BYTES = 1 << 24
 _FILE = struct.Struct("<4sL8BQQLL8H8H")

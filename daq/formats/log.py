@@ -18,8 +18,11 @@ from ..bus.source import HopLosses
 from ..errors import InputError
 from ..journal.format import MAGIC
 from ..journal.reader import JournalReader
-from . import asc, blf, can_csv, candump, mf4, trc
+from .asc import AscParser
+from .blf import read_blf
+from .mf4 import read_mf4
 from .reader import LineParser, LogLoss, file_head, head_of, parsed, read_lines
+from .text_logs import CandumpParser, CsvParser, TrcParser
 
 RESTART_NS = 1_000_000_000
 """Time, ns, by which stamps go back where a clock began anew, and not where a frame came late."""
@@ -44,14 +47,16 @@ class LogFormat:
     """Usual suffix of its files."""
 
 
-BLF = LogFormat("BLF", blf.LACKS, ".blf")
-MF4 = LogFormat("MF4", mf4.LACKS, ".mf4")
+BLF = LogFormat("BLF", "the direction of error frames", ".blf")
+MF4 = LogFormat("MF4", "", ".mf4")
 JOURNAL = LogFormat("journal", "", ".bbj")
 _PARSERS: dict[LogFormat, Callable[[], LineParser]] = {
-    LogFormat("candump", candump.LACKS, ".log"): candump.CandumpParser,
-    LogFormat("ASC", asc.LACKS, ".asc"): asc.AscParser,
-    LogFormat("CSV of python-can", can_csv.LACKS, ".csv"): can_csv.CsvParser,
-    LogFormat("TRC", trc.LACKS, ".trc"): trc.TrcParser,
+    LogFormat("candump", "", ".log"): CandumpParser,
+    LogFormat("ASC", "the payload of error frames", ".asc"): AscParser,
+    LogFormat(
+        "CSV of python-can", "CAN FD (with its bits BRS and ESI), bus and direction", ".csv"
+    ): CsvParser,
+    LogFormat("TRC", "the payload of error frames", ".trc"): TrcParser,
 }
 """Maker of the parser of each text format."""
 NAMES = "BLF, ASC, TRC, candump -L, CSV of python-can, MF4, journal"
@@ -193,9 +198,9 @@ class Log:
         with self.paths[0].open("rb") as file:
             self._position = file.tell
             if self.format is MF4:
-                yield from mf4.read_mf4(file, self.name, self._loss)
+                yield from read_mf4(file, self.name, self._loss)
             elif self.format is BLF:
-                yield from blf.read_blf(file, self.name, self._bytes, self._loss)
+                yield from read_blf(file, self.name, self._bytes, self._loss)
             else:
                 yield from read_lines(file, self.name, _PARSERS[self.format](), self._loss)
             self._position = lambda: self._bytes

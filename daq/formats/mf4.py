@@ -22,7 +22,6 @@ from dbc.words import counted
 from ..errors import optional
 from .reader import LATEST_NS, LONGEST_NS, LogLoss, possible_frames
 
-LACKS = ""
 _KINDS = {
     "CAN_DataFrame": np.uint16(0),
     "CAN_RemoteFrame": np.uint16(FrameFlag.REMOTE),

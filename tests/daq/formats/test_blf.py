@@ -195,6 +195,7 @@ CHAINS = {
     "8 bytes between": (CLASSIC + bytes(8) + CLASSIC, 2, 8),
     "an object in a payload": (_object(1, _classic() + CLASSIC) + CLASSIC, 2, 0),
     "a byte less than whole": (CLASSIC + CLASSIC[:-1], 1, 47),
+    "of no bytes": (_object(1, _classic(), size=0) * 9 + CLASSIC, 1, 9 * 48),
     "impossibly short": (_object(1, _classic(), size=31) + CLASSIC, 1, 48),
     "impossibly long": (_object(5, b"", size=(1 << 24) + 1) + CLASSIC, 1, 32),
     "after a gap": (CLASSIC + bytes(9) + CLASSIC + bytes(10) + CLASSIC + CLASSIC[:20], 3, 39),
@@ -219,6 +220,7 @@ CONTAINERS = {
         0,
         10,
     ),
+    "a bomb": (_container(bytes(99), packed=zlib.compress(bytes(1 << 20))), 0, 101),
     "a torn checksum": (_container(CLASSIC, packed=zlib.compress(CLASSIC)[:-1]), 1, 1),
     "no zlib": (_container(CLASSIC, packed=bytes(10)), 0, 48),
     "in two": (_container(CLASSIC[:20]) + _container(CLASSIC[20:]), 1, 0),
@@ -265,11 +267,15 @@ def test_what_is_no_blf_is_refused(raw: bytes, what: str) -> None:
         _read(raw)
 
 
-def test_16_mib_without_an_object_are_refused_and_behind_one_are_passed_over() -> None:
-    nothing = _container(bytes(1 << 23))
-    assert _read(_file(nothing * 2))[1].bytes_cut == 1 << 24
+def test_much_without_an_object_is_refused_and_behind_one_is_passed_over(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("daq.formats.blf.MAX_OBJECT_BYTES", 1 << 16)
+    monkeypatch.setattr("daq.formats.blf.BLOCK_BYTES", 1 << 11)
+    nothing = _container(bytes(1 << 15))
+    assert _read(_file(nothing * 2))[1].bytes_cut == 1 << 16
     with pytest.raises(InputError, match="no object"):
-        _read(_file(nothing * 2 + _container(bytes(1 << 19))))
+        _read(_file(nothing * 2 + _container(bytes(1 << 11))))
     frames, loss = _read(_file(_container(CLASSIC) + nothing * 2 + _container(CLASSIC)))
     assert frames == [SEEN] * 2
-    assert loss.bytes_cut == 1 << 24
+    assert loss.bytes_cut == 1 << 16

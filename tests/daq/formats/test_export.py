@@ -17,7 +17,7 @@ from dbc.frames import FrameFlag
 
 from ..small_session import mixed_frames, small_run, small_session
 
-FRAMES = mixed_frames(2000)
+FRAMES = mixed_frames(300)
 ERROR = (FRAMES.flags & FrameFlag.ERROR) != 0
 
 

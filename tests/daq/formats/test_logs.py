@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import struct
-import zlib
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
@@ -23,7 +21,7 @@ from dbc import FrameBatch
 from ..crash_frames import block
 from .mixed import START_S, Frame, batch_of, frames_in, message, mixed
 
-FRAMES = mixed(2000)
+FRAMES = mixed(640)
 FD_CODES = {length: code for code, length in enumerate([*range(9), 12, 16, 20, 24, 32, 48, 64])}
 
 
@@ -117,15 +115,12 @@ def read_all(path: Path) -> tuple[Log, FrameBatch]:
 def test_every_kind_of_frame_is_kept(tmp_path: Path, case: str) -> None:
     suffix, write, held = CASES[case]
     path = tmp_path / f"mixed{suffix}"
-    frames = FRAMES[:400] if suffix == ".mf4" else FRAMES  # its writer takes 0.1 ms a frame
-    write(path, frames)
+    write(path, FRAMES)
     log, batch = read_all(path)
     assert not log.loss.any, log.loss.text
     assert log.hops == HopLosses()
-    assert log.frames == len(frames)
-    found = frames_in(batch)
-    for got, sent in zip(found, frames, strict=True):
-        assert got == held(sent)
+    assert log.frames == len(FRAMES)
+    assert frames_in(batch) == [held(sent) for sent in FRAMES]
 
 
 @pytest.mark.parametrize("suffix", [".blf", ".asc", ".log", ".csv", ".trc"])
@@ -150,16 +145,14 @@ def read_frames(path: Path) -> tuple[Log, list[Frame]]:
     return log, frames_in(FrameBatch.concatenate(list(log)))
 
 
-def test_every_frame_of_an_unfinished_mf4_is_kept_whatever_the_file_is_called(
-    tmp_path: Path,
-) -> None:
+def test_every_frame_of_an_unfinished_mf4_is_kept_whatever_its_name(tmp_path: Path) -> None:
     path = tmp_path / "a.mf4"
-    write_with_python_can(path, FRAMES[:800])
+    write_with_python_can(path, FRAMES)
     raw = path.read_bytes().replace(b"MDF     ", b"UnFinMF ", 1)
     path = path.rename(tmp_path / "a.dat")
     path.write_bytes(raw)
     log, found = read_frames(path)
-    assert found == FRAMES[:800]
+    assert found == FRAMES
     assert not log.loss.any, log.loss.text
     assert log.share == 1.0
 
@@ -238,26 +231,7 @@ def test_an_mf4_without_the_kind_of_identifiers_has_29_bits_where_11_do_not_do(
 
 
 TEXTS = (".asc", ".log", ".csv", ".trc")
-PLAIN = [f for f in mixed(12_000) if not (f.fd or f.remote or f.error)]
-
-
-def _container(data: bytes, claimed: int | None = None, packed: bytes | None = None) -> bytes:
-    packed = zlib.compress(data) if packed is None else packed
-    size = 32 + len(packed)
-    head = struct.pack("<4sHHLL", b"LOBJ", 16, 1, size, 10)
-    about = struct.pack("<H6xL4x", 2, len(data) if claimed is None else claimed)
-    return head + about + packed + bytes(size % 4)
-
-
-def _object(size: int = 48, can_id: int = 0x123, stamp_ns: int = 0) -> bytes:
-    head = struct.pack("<4sHHLLLHHQ", b"LOBJ", 32, 1, size, 1, 2, 0, 0, stamp_ns)
-    return head + struct.pack("<HBBL8s", 1, 0, 8, can_id, b"12345678")
-
-
-def _blf(path: Path, *containers: bytes) -> Path:
-    header = struct.pack("<4sL8BQQLL8H8H", b"LOGG", 144, *[0] * 28)
-    path.write_bytes(header.ljust(144, b"\0") + b"".join(containers))
-    return path
+PLAIN = [f for f in mixed(2400) if not (f.fd or f.remote or f.error)]
 
 
 def _read(path: Path) -> tuple[list[Frame], str]:
@@ -266,12 +240,15 @@ def _read(path: Path) -> tuple[list[Frame], str]:
 
 
 @pytest.mark.parametrize("suffix", TEXTS)
-def test_a_text_log_cut_off_gives_every_whole_line(tmp_path: Path, suffix: str) -> None:
+def test_a_text_log_cut_off_gives_every_whole_line(
+    tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("daq.formats.reader.BLOCK_BYTES", 1 << 12)
     path = tmp_path / f"a{suffix}"
     write_with_python_can(path, PLAIN)
     frames = _read(path)[0]
     raw = path.read_bytes()
-    path.write_bytes(raw[: len(raw) * 2 // 3])
+    path.write_bytes(raw[: raw.index(b"\n", len(raw) * 2 // 3) - 4])
     found, lost = _read(path)
     assert 0.6 * len(frames) < len(found) < 0.7 * len(frames)
     assert found == frames[: len(found)]
@@ -290,26 +267,6 @@ def test_a_blf_cut_off_gives_every_whole_object(tmp_path: Path) -> None:
     assert "bytes that its header states" in lost
 
 
-def test_a_damaged_container_takes_nothing_else_with_it(tmp_path: Path) -> None:
-    # Objects 2 and 5 lie across the ends of containers; the middle one is lost, and what was
-    # begun before it must not go on after it.
-    data = b"".join(_object(can_id=n, stamp_ns=n * 1000) for n in range(7))
-    pieces = [data[:120], data[120:270], data[270:]]
-    broken = bytearray(zlib.compress(pieces[1]))
-    broken[-1] ^= 1  # only the checksum knows
-    path = _blf(
-        tmp_path / "a.blf",
-        _container(pieces[0]),
-        _container(pieces[1], packed=bytes(broken)),
-        _container(pieces[2]),
-    )
-    found, lost = _read(path)
-    assert [frame.can_id for frame in found] == [0, 1, 6]
-    assert "cannot be unpacked" in lost
-    whole = _blf(tmp_path / "b.blf", *map(_container, pieces))
-    assert [frame.can_id for frame in _read(whole)[0]] == list(range(7))
-
-
 HOSTILE = {
     "empty": (".blf", b"", "is empty"),
     "text as BLF": (".blf", b"hello\n" * 100, "no line of a known log"),
@@ -318,31 +275,11 @@ HOSTILE = {
     "MF4 of nothing": (".mf4", b"MDF     4.10    " + bytes(100), "cannot be read"),
     "text as journal": (".bbj", b"hello\n" * 100, "no line of a known log"),
     "no log": (".xyz", b"hello", "no line of a known log"),
-    **{f"noise {s}": (s, bytes(range(256)) * 4000, "no line of a known log") for s in TEXTS},
-    **{
-        f"prose {s}": (s, b"It was a dark night.\n" * 9000, "no line of a known log") for s in TEXTS
-    },
-    **{f"one line {s}": (s, b"a" * 1_000_000, "no line of a known log") for s in TEXTS},
+    **{f"noise {s}": (s, bytes(range(256)) * 300, "no line of a known log") for s in TEXTS},
+    **{f"prose {s}": (s, b"It was a dark night.\n" * 40, "no line of a known log") for s in TEXTS},
+    "zeros": (".log", bytes(100), "begins with no line"),
+    **{f"one line {s}": (s, b"a" * 70_000, "no line of a known log") for s in TEXTS},
 }
-
-
-def test_claims_of_a_blf_are_not_believed(tmp_path: Path) -> None:
-    path = tmp_path / "a.blf"
-    good, more = (
-        _container(b"".join(_object(stamp_ns=first + n) for n in range(3))) for first in (1, 10)
-    )
-    claims = {
-        "container of 1 GB": _container(_object(stamp_ns=9), claimed=1 << 30),
-        "object of 1 GB": _container(_object(1 << 30) + _object(stamp_ns=9)),
-        "object of no bytes": _container(_object(0) * 100 + _object(stamp_ns=9)),
-        "bomb": _container(bytes(1000), packed=zlib.compress(bytes(1 << 24))),
-    }
-    for name, container in claims.items():
-        found, lost = _read(_blf(path, good, container, more))
-        assert len(found) in (6, 7), name
-        assert lost, name
-    with pytest.raises(InputError, match="has no object"):
-        list(read_log(_blf(path, *[_container(bytes(1 << 23))] * 4)))
 
 
 @pytest.mark.parametrize("suffix", TEXTS)
@@ -414,35 +351,14 @@ def test_the_format_of_a_text_log(tmp_path: Path, name: str) -> None:
         detect(path)
 
 
-BINARIES = {
-    "BLF": b"LOGG",
-    "MF4": b"MDF     ",
-    "unfinished MF4": b"UnFinMF ",
-    "journal": b"\xb5BUMP\r\n\x01",
-}
+BINARIES = {"BLF": b"LOGG", "MF4": b"MDF     ", "journal": b"\xb5BUMP\r\n\x01"}
 
 
 @pytest.mark.parametrize("name", BINARIES)
 def test_the_format_of_a_binary_log(tmp_path: Path, name: str) -> None:
     path = tmp_path / "a.txt"
-    raw = BINARIES[name] + bytes(100)
-    path.write_bytes(raw)
-    assert detect(path).name.split()[0] == name.removeprefix("unfinished ").split()[0]
-
-
-@pytest.mark.parametrize(
-    ("content", "what"),
-    [
-        (b"", "is empty"),
-        (bytes(100), "begins with no line"),
-        (b"(" + b"1" * 65_534, "begins with no line"),
-    ],
-)
-def test_what_is_no_log(tmp_path: Path, content: bytes, what: str) -> None:
-    path = tmp_path / "a.log"
-    path.write_bytes(content)
-    with pytest.raises(InputError, match=what):
-        detect(path)
+    path.write_bytes(BINARIES[name] + bytes(100))
+    assert detect(path).name == name
 
 
 def test_segments_of_a_journal_that_follow_each_other_are_one_log(tmp_path: Path) -> None:
@@ -475,16 +391,19 @@ def test_what_is_no_file(tmp_path: Path) -> None:
         list(Log([unreadable], BLF))
 
 
-def test_frames_and_the_share_that_was_read_are_counted(tmp_path: Path) -> None:
+def test_frames_and_the_share_that_was_read_are_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("daq.formats.reader.BLOCK_BYTES", 1 << 12)
     path = tmp_path / "a.log"
-    path.write_text("".join(f"(1.{n:06d}) can0 123#01\n" for n in range(50_000)))
+    path.write_text("".join(f"(1.{n:06d}) can0 123#01\n" for n in range(500)))
     log = Log([path])
     assert (log.share, log.frames) == (0.0, 0)
     seen = [(log.share, log.frames) for _ in log]
-    assert seen[0][1] < 50_000
+    assert seen[0][1] < 500
     assert 0.0 < seen[0][0] < 1.0
     assert [share for share, _ in seen] == sorted(share for share, _ in seen)
-    assert (log.share, log.frames) == (1.0, 50_000)
+    assert (log.share, log.frames) == (1.0, 500)
 
 
 def test_a_log_without_a_frame_is_refused(tmp_path: Path) -> None:

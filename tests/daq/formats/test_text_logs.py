@@ -10,10 +10,8 @@ import pytest
 
 from daq.errors import InputError
 from daq.formats.asc import AscParser, asc_date_ns
-from daq.formats.can_csv import CsvParser
-from daq.formats.candump import CandumpParser
 from daq.formats.reader import LineParser, LogLoss, parsed, read_lines
-from daq.formats.trc import TrcParser
+from daq.formats.text_logs import CandumpParser, CsvParser, TrcParser
 
 from .mixed import shown
 
@@ -389,26 +387,33 @@ def test_a_last_line_without_an_end(tail: bytes, frames: int, garbled: int, cut:
     assert (found, loss.garbled, loss.bytes_cut) == (frames, garbled, cut)
 
 
+@pytest.fixture
+def small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("daq.formats.reader.BLOCK_BYTES", 1 << 11)
+
+
+@pytest.mark.usefixtures("small_blocks")
 def test_the_first_line_that_is_no_frame_is_named_by_its_number() -> None:
     _, loss = _read(LINE + b"\n" + LINE + b"no frame\nnor this\n")
     assert loss.garbled == 2
     assert "line 4 is not a frame: 'no frame'" in loss.text
-    many = LINE * 20_000  # more than one block
+    many = LINE * 200  # more than one block
     _, loss = _read(many + b"no frame\n" + LINE)
-    assert "line 20001 is not a frame" in loss.text
+    assert "line 201 is not a frame" in loss.text
     _, loss = _read(many + b"(2.5) can0 123#")
-    assert "line 20001 has no end" in loss.text
+    assert "line 201 has no end" in loss.text
 
 
+@pytest.mark.usefixtures("small_blocks")
 def test_zeros_after_a_power_cut_are_counted_with_the_line_that_they_cut() -> None:
     with pytest.raises(InputError, match="no line of a known log"):
         _read(b"nothing\n" + b"to see\n")
     for raw, frames, garbled, cut in (
-        (LINE * 20_000 + bytes(100), 20_000, 0, 100),
-        (LINE + bytes(100_000) + LINE, 2, 0, 100_000),
+        (LINE * 200 + bytes(100), 200, 0, 100),
+        (LINE + bytes(1000) + LINE, 2, 0, 1000),
         (bytes(7) + LINE, 1, 0, 7),
         (LINE + b"(2.5) can0 123#01" + bytes(30) + LINE, 2, 1, 30),
-        (LINE * 12_000 + b"(2.5) can0 1" + bytes(600_000) + LINE, 12_001, 1, 600_000),
+        (LINE * 120 + b"(2.5) can0 1" + bytes(6000) + LINE, 121, 1, 6000),
     ):
         found, loss = _read(raw)
         assert (found, loss.garbled, loss.bytes_cut) == (frames, garbled, cut)
