@@ -97,6 +97,15 @@ def describe_error_frame(can_id: int, data: bytes) -> ErrorFrame:
         controller = 0  # the byte then has another meaning
     changed = classes & (ErrorClass.CONTROLLER | ErrorClass.BUS_OFF)
     is_counted = ErrorClass.COUNTERS in classes or bool(changed and (tx or rx))
+    state = next((state for bits, state in _STATES.items() if controller & bits), None)
+    if ErrorClass.BUS_OFF in classes:
+        state = ControllerState.BUS_OFF
+    elif state is None and ErrorClass.RESTARTED in classes:
+        state = ControllerState.ACTIVE
+    elif state is None and is_counted:  # the limits of ISO 11898-1
+        worst = max(tx, rx)
+        limits = {96: ControllerState.ACTIVE, 128: ControllerState.WARNING}
+        state = next((s for limit, s in limits.items() if worst < limit), ControllerState.PASSIVE)
     details = ", ".join(words for bit, words in _CONTROLLER.items() if controller & bit)
     parts = [words for error_class, words in _CLASSES.items() if error_class in classes]
     if details:
@@ -105,28 +114,12 @@ def describe_error_frame(can_id: int, data: bytes) -> ErrorFrame:
         parts.append(f"{tx} transmit and {counted(rx, 'receive error')} counted")
     return ErrorFrame(
         classes,
-        _state(classes, controller, max(tx, rx) if is_counted else None),
+        state,
         tx if is_counted else None,
         rx if is_counted else None,
         bool(controller & _RX_OVERFLOW),
         ", ".join(parts) or "unknown error",
     )
-
-
-def _state(classes: ErrorClass, controller: int, errors: int | None) -> ControllerState | None:
-    """Return the state by class, else by controller byte, else by the larger error counter."""
-    if ErrorClass.BUS_OFF in classes:
-        return ControllerState.BUS_OFF
-    for bits, state in _STATES.items():
-        if controller & bits:
-            return state
-    if ErrorClass.RESTARTED in classes:
-        return ControllerState.ACTIVE
-    if errors is None:
-        return None
-    if errors < 96:  # the limits of ISO 11898-1
-        return ControllerState.ACTIVE
-    return ControllerState.WARNING if errors < 128 else ControllerState.PASSIVE
 
 
 def error_frames_of(frames: FrameBatch) -> list[ErrorFrame]:

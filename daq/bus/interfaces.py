@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import socket
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -25,22 +24,8 @@ from dbc.frames import LENGTH_ALLOWED, FrameBatch, FrameFlag
 from ..bench.config import BusConfig
 from ..errors import BusError
 from .slcan import open_slcan
-from .socketcan import (
-    RECEIVE_BUFFER_BYTES,
-    SocketDrops,
-    enlarge_buffer,
-    keep_to_own_group,
-    open_socketcan,
-    socket_of,
-)
-from .source import (
-    BLOCK_FRAMES,
-    GATHER_S,
-    LONG_GATHER_S,
-    STEADY_CLOCK,
-    FrameSource,
-    HopLosses,
-)
+from .socketcan import SocketDrops, enlarge_buffer, keep_to_own_group, open_socketcan, socket_of
+from .source import BLOCK_FRAMES, GATHER_S, STEADY_CLOCK, FrameSource, HopLosses
 
 # Converts python-can's messages to the columns of a block -----------------------------------------
 
@@ -102,15 +87,12 @@ def messages_of(frames: FrameBatch, start_ns: int = 0) -> Iterator[can.Message]:
 
 # Opens the interfaces -----------------------------------------------------------------------------
 
-_GATHERS_S = dict.fromkeys(("ixxat", "kvaser", "pcan", "vector", "virtual"), GATHER_S)
-_GATHERS_S |= dict.fromkeys(("socketcan", "udp_multicast"), LONG_GATHER_S)
-"""Time, s, for which frames may gather in interfaces that stamp them and have a long queue."""
-_WALL_CLOCK_STAMPS = frozenset(
-    {"udp_multicast", "socketcan", "iscan", "neousys", "robotell", "seeedstudio"}
-)
+_STAMPED = {"ixxat", "kvaser", "pcan", "vector", "virtual", "socketcan", "udp_multicast"}
+"""Interfaces that stamp frames and have a long queue, in which they may gather."""
+_STAMPED_BY_WALL_CLOCK = {
+    "udp_multicast", "socketcan", "iscan", "neousys", "robotell", "seeedstudio"
+}  # fmt: skip
 """Interfaces whose frames are stamped by the host's wall clock."""
-_NAMED_BY_DIGITS = frozenset({"usb2can"})
-"""Interfaces of vendors whose channel may be digits and is no number."""
 _OPTIONS: dict[str, dict[str, Any]] = {
     # The simulated car has its own clock; real time would make a fast replay meaningless.
     "virtual": {"preserve_timestamps": True},
@@ -124,23 +106,6 @@ _ADVICE = {
     "udp_multicast": "channel is a multicast group, like 239.74.163.2",
 }
 
-_DRIVERS = {
-    "canalystii": "the Python package canalystii",
-    "cantact": "the Python package cantact",
-    "gs_usb": "the Python package gs_usb, and libusb",
-    "ixxat": "IXXAT VCI, for Windows",
-    "kvaser": "Kvaser CANlib",
-    "neousys": "Neousys WDT_DIO",
-    "neovi": "the Python package python-ics, of Intrepid",
-    "nican": "NI-CAN, for Windows",
-    "nixnet": "NI-XNET, for Windows",
-    "pcan": "PEAK PCAN-Basic",
-    "systec": "SYS TEC USB-CANmodul, for Windows",
-    "usb2can": "8devices USB2CAN, for Windows",
-    "vector": "Vector XL Driver Library, for Windows",
-}
-"""Driver that an interface needs beside python-can."""
-
 # python-can logs every vendor library that is not installed.
 logging.getLogger("can").addHandler(logging.NullHandler())
 
@@ -150,19 +115,14 @@ def open_source(config: BusConfig, bus: int) -> FrameSource:
 
     Raises BusError if there is no such interface or it cannot be opened, for any reason.
     """
-    if config.interface == "slcan":  # python-can reads byte by byte: too slow for a full bus
-        with _backend_errors(config):
+    with _backend_errors(config):
+        if config.interface == "slcan":  # python-can reads byte by byte: too slow for a full bus
             return open_slcan(config.channel, config.bitrate, bus)
-    if config.interface == "socketcan" and sys.platform == "linux" and sys.maxsize > 1 << 32:
-        with _backend_errors(config):
+        if config.interface == "socketcan" and sys.platform == "linux" and sys.maxsize > 1 << 32:
             return open_socketcan(config.channel, bus)
     opened = open_bus(config)
-    gather_s = _GATHERS_S.get(config.interface, 0.0)
-    if gather_s == LONG_GATHER_S:
-        with contextlib.suppress(Exception), socket_of(opened.fileno) as sock:
-            if sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) // 2 < RECEIVE_BUFFER_BYTES:
-                gather_s = GATHER_S
-    if config.interface in _WALL_CLOCK_STAMPS:
+    gather_s = GATHER_S if config.interface in _STAMPED else 0.0
+    if config.interface in _STAMPED_BY_WALL_CLOCK:
         on_axis = STEADY_CLOCK.from_wall
         return PythonCanSource(opened, _name(config), bus, gather_s, time.time_ns, on_axis)
     return PythonCanSource(opened, _name(config), bus, gather_s)
@@ -171,7 +131,7 @@ def open_source(config: BusConfig, bus: int) -> FrameSource:
 def open_bus(config: BusConfig) -> can.BusABC:
     """Open a bus for sending; raises BusError as `open_source`."""
     channel: str | int | None = config.channel or None  # None: the interface's own first channel
-    if config.channel.isdecimal() and config.interface not in _NAMED_BY_DIGITS:
+    if config.channel.isdecimal() and config.interface != "usb2can":  # its digits are a name
         channel = int(config.channel)
     with _backend_errors(config):
         bus = can.Bus(
@@ -217,9 +177,8 @@ def _backend_errors(config: BusConfig) -> Iterator[None]:
             reason = "its driver does not load"
         elif isinstance(error, TypeError) and not config.channel:
             reason = "no channel is named"
-        advice = _ADVICE.get(config.interface, "check [bus] in bench.toml, cable and driver")
-        if driver := _DRIVERS.get(config.interface):
-            advice = f"check channel and cable, and that its driver is installed: {driver}"
+        vendors = "check channel and cable, and that the driver of its vendor is installed"
+        advice = _ADVICE.get(config.interface, vendors)
         advice = advice.format(channel=config.channel, bitrate=config.bitrate)
         raise BusError(_name(config), f"cannot be opened: {reason}", advice) from error
 
@@ -331,11 +290,10 @@ def _is_fault(error: BaseException) -> bool:
     A fault has an error of the operating system as its cause, or no other cause than the backend
     itself; unreadable input has the exception of a parser as its cause.
     """
-    chain = [error]
-    while (before := chain[-1].__cause__ or chain[-1].__context__) is not None:
-        if before in chain:  # a driver that raises the same exception object repeatedly
-            break
-        chain.append(before)
-    if any(isinstance(each, OSError) for each in chain):
-        return True
-    return isinstance(error, can.CanError) and len(chain) == 1
+    chain: list[BaseException] = []
+    cause: BaseException | None = error
+    while cause is not None and cause not in chain:  # a driver may raise one object repeatedly
+        chain.append(cause)
+        cause = cause.__cause__ or cause.__context__
+    is_of_backend = isinstance(error, can.CanError) and len(chain) == 1
+    return is_of_backend or any(isinstance(each, OSError) for each in chain)

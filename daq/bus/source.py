@@ -194,21 +194,15 @@ class SteadyClock:
                 self._before = self._before[1:]
             offset_ns, zero_ns = self._offset_ns, self._zero_ns
             offsets = (offset_ns, *(before for _, before in self._before))
-        if len(offsets) > 1:
-            return _monotonic_stamps(wall_ns, offsets, monotonic_ns) + zero_ns
-        return wall_ns if offset_ns == zero_ns else wall_ns - (offset_ns - zero_ns)
-
-
-def _monotonic_stamps(
-    wall_ns: NDArray[np.int64], offsets: tuple[int, ...], now_ns: int
-) -> NDArray[np.int64]:
-    """Return stamps of the wall clock, (n,), as monotonic times: the latest not after `now_ns`."""
-    candidates_ns = wall_ns[:, None] - np.array(offsets, np.int64)  # (n, offsets)
-    age_ns = now_ns - candidates_ns
-    # Largest lead of a stamp over the present time, ns: the two clocks cannot be read at the same
-    # instant.
-    age_ns = np.where(age_ns >= -5_000_000, age_ns, np.iinfo(np.int64).max)
-    return np.take_along_axis(candidates_ns, age_ns.argmin(axis=1)[:, None], axis=1)[:, 0]
+        if len(offsets) == 1:
+            return wall_ns if offset_ns == zero_ns else wall_ns - (offset_ns - zero_ns)
+        # Each stamp was made with the offset that gives the latest monotonic time not after now,
+        # give or take 5 ms: the two clocks cannot be read at the same instant.
+        candidates_ns = wall_ns[:, None] - np.array(offsets, np.int64)  # (n, offsets)
+        age_ns = monotonic_ns - candidates_ns
+        age_ns = np.where(age_ns >= -5_000_000, age_ns, np.iinfo(np.int64).max)
+        likely = age_ns.argmin(axis=1)[:, None]
+        return np.take_along_axis(candidates_ns, likely, axis=1)[:, 0] + zero_ns
 
 
 STEADY_CLOCK = SteadyClock()
@@ -276,14 +270,10 @@ class Link:
             except BaseException as error:  # drivers raise anything, even SystemExit
                 self._fail(error)
         now_s = self._clock()
+        may_be_lost = self._had_frames and self.config.interface not in _REPORTS_LOSS
         if len(frames):
             self._had_frames, self._alive_s, self._pause_s = True, now_s, BACK_OFF_S[0]
-        elif (
-            self._source is not None
-            and self._had_frames
-            and self.config.interface not in _REPORTS_LOSS
-            and now_s - self._alive_s >= SILENT_S
-        ):
+        elif may_be_lost and now_s - self._alive_s >= SILENT_S:
             self._alive_s = now_s
             self._drop()
         down = not len(frames) and getattr(self._source, "interface_down", False)

@@ -234,9 +234,6 @@ def test_junk_and_other_groups_on_the_same_port_do_not_disturb() -> None:
         ("nonsense", "can0", "no interface 'nonsense'.*virtual"),
         ("", "can0", "no interface ''"),
         ("socketcan", "nosuchcan0", "cannot be opened.*ip link set nosuchcan0 up type can bitrate"),
-        ("kvaser", "0", "cannot be opened: "),
-        ("pcan", "PCAN_USBBUS1", "cannot be opened: "),
-        ("gs_usb", "0", "cannot be opened: .*usb"),
         ("slcan", "/dev/nosuchtty", r"cannot be opened: .*No such file.*ttyACM0"),
         ("slcan", "/dev/null@fast", "cannot be opened: "),
         ("slcan", "", "cannot be opened: "),
@@ -382,7 +379,7 @@ def test_an_interface_that_is_not_there_is_one_line_that_names_what_it_needs(
     assert text.startswith(f"{interface} {channel}".rstrip() + ": cannot be opened: ")
     assert "\n" not in text
     of_a_vendor = interface in {"ixxat", "kvaser", "neousys", "pcan", "vector"}
-    assert not of_a_vendor or "that its driver is installed: " in text
+    assert not of_a_vendor or "the driver of its vendor" in text
     assert "missing 1 required" not in text
     assert "is not defined" not in text
 
@@ -466,19 +463,8 @@ def test_bus_off_is_bus_off_whatever_the_counters_say() -> None:
     assert of(0x240, "0000000000000000")[0] is ControllerState.BUS_OFF
     assert of(0x044, "0010000000000000")[0] is ControllerState.BUS_OFF
     assert of(0x100)[0] is ControllerState.ACTIVE
-
-
-@pytest.mark.parametrize(
-    ("can_id", "data", "text"),
-    [
-        (0x088, "0000041A", "protocol violated, bus error"),
-        (0x028, "00000019", "protocol violated, no node acknowledges"),
-        (0x000, "", "unknown error"),
-        (0x400, "", "unknown error"),
-    ],
-)
-def test_details_are_given_in_words(can_id: int, data: str, text: str) -> None:
-    assert of(can_id, data)[1].startswith(text)
+    assert of(0x088, "0000041A")[1] == "protocol violated, bus error"
+    assert of(0x000)[1] == of(0x400)[1] == "unknown error"
 
 
 # The time of a frame on the wire, in bits counted by hand -----------------------------------------
@@ -521,7 +507,7 @@ def test_older_drivers_send_counters_with_a_change_of_state_and_no_class_for_the
     assert describe_error_frame(0x088, bytes.fromhex("0000000000000102")).tx_errors is None
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(st.integers(0, 0xFFFFFFFF), st.binary(max_size=64))
 def test_whatever_comes_is_one_printable_line(can_id: int, data: bytes) -> None:
     said = describe_error_frame(can_id, data)
