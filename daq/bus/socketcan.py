@@ -17,7 +17,7 @@ import select
 import socket
 import struct
 import sys
-import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
@@ -272,8 +272,8 @@ class SocketCanSource:
     """An open CAN_RAW socket read in blocks, with the bus number `index`.
 
     For some milliseconds after the first socket with stamps was opened, the kernel stamps frames
-    only when they are read.  It may be closed while another thread is reading; `read` then returns
-    at once. `steady_clock`: converts the kernel's stamps, and stamps frames that have none.
+    only when they are read.  `steady_clock`: converts the kernel's stamps, and stamps frames that
+    have none.
     """
 
     def __init__(
@@ -291,13 +291,9 @@ class SocketCanSource:
             with contextlib.suppress(OSError):
                 sock.setsockopt(socket.SOL_SOCKET, option, 1)
         self._buffers = FrameBuffers(BLOCK_FRAMES)
-        self._reading, self._closing = threading.Lock(), threading.Lock()
-        self._wake = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
-        self._arrival, self._halt = select.poll(), select.poll()
+        self._arrival = select.poll()
         self._arrival.register(sock, select.POLLIN)
-        for poll in (self._arrival, self._halt):
-            poll.register(self._wake, select.POLLIN)
-        self._closed = self._more = self._down = self._older = False
+        self._more = self._down = self._older = False
         self._fault: OSError | None = None
         self._losses = HopLosses()
         self._drop_counter = 0
@@ -307,24 +303,20 @@ class SocketCanSource:
 
         An interface that is taken down raises no error: the socket receives again once it is up.
         """
-        with self._reading:
-            if self._closed:
-                raise BusError(self.name, "has been closed", "open it again")
-            if not (self._more or self._fault) and self._arrival.poll(
-                math.ceil(max(timeout_s, 0.0) * 1e3)
-            ):
-                self._halt.poll(self._gather_s * 1e3)  # others join the first
-            count = self._receive()
-            self._more = count == BLOCK_FRAMES
-            older, self._older = self._older, self._older and self._more
-            if count:
-                return self._batch(count, older)
-            self._count_drops(drop_counter(self._socket))
-            if self._fault:
-                problem = f"has gone: {self._fault.strerror}"
-                advice = "check plug and power, then start again"
-                raise BusError(self.name, problem, advice) from self._fault
-            return FrameBatch.empty()
+        wait_ms = math.ceil(max(timeout_s, 0.0) * 1e3)
+        if not (self._more or self._fault) and self._arrival.poll(wait_ms):
+            time.sleep(self._gather_s)  # others join the first
+        count = self._receive()
+        self._more = count == BLOCK_FRAMES
+        older, self._older = self._older, self._older and self._more
+        if count:
+            return self._batch(count, older)
+        self._count_drops(drop_counter(self._socket))
+        if self._fault:
+            problem = f"has gone: {self._fault.strerror}"
+            advice = "check plug and power, then start again"
+            raise BusError(self.name, problem, advice) from self._fault
+        return FrameBatch.empty()
 
     def losses(self) -> HopLosses:
         """Return the losses; frames lost within the adapter are reported by error frames."""
@@ -336,14 +328,8 @@ class SocketCanSource:
         return self._down
 
     def close(self) -> None:
-        """Wake a thread that is reading and close the socket."""
-        if not self._closing.acquire(blocking=False):
-            return
-        os.eventfd_write(self._wake, 1)
-        with self._reading:
-            self._closed = True
-            self._socket.close()
-            os.close(self._wake)
+        """Close the socket."""
+        self._socket.close()
 
     def _receive(self) -> int:
         """Fill the buffers and return the number of datagrams.
@@ -410,7 +396,6 @@ def open_socketcan(channel: str, bus: int) -> SocketCanSource:
         with contextlib.suppress(OSError):  # a kernel that has no CAN FD
             sock.setsockopt(_SOL_CAN_RAW, _FD_FRAMES, 1)
         source = SocketCanSource(sock, name, bus)  # before `bind`, so that every frame is stamped
-        undo.callback(source.close)
         sock.bind((channel,))
         undo.pop_all()
     return source

@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import os
 import socket
-import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -280,20 +279,6 @@ def test_silence_is_waited_for_in_the_kernel(faulty: Feed) -> None:
         assert len(faulty.read(0.1)) == 0
     assert time.monotonic() - began_s >= 0.3
     assert FaultyBuffers.calls == 3
-
-
-def test_closing_wakes_a_thread_that_is_reading(feed: Feed) -> None:
-    got: list[int] = []
-    reader = threading.Thread(target=lambda: got.append(len(feed.read(60.0))), daemon=True)
-    reader.start()
-    while not feed.source._reading.locked():
-        assert reader.is_alive()
-    feed.source.close()
-    reader.join(10.0)
-    assert got == [0]
-    with pytest.raises(BusError, match="closed"):
-        feed.read()
-    assert feed.receiving.fileno() == -1
 
 
 class CanSocket(socket.socket):
