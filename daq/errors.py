@@ -1,11 +1,11 @@
-"""Defines the errors of the acquisition; see `dbc.errors` for their form."""
+"""Defines the errors of the acquisition; see `dbc.words` for their form."""
 
 from __future__ import annotations
 
 from importlib import import_module
 from types import ModuleType
 
-from dbc.errors import BumpbenchError, InputError, printable
+from dbc.words import BumpbenchError, InputError, printable
 
 __all__ = ["BumpbenchError", "BusError", "FolderLockedError", "InputError", "optional", "printable"]
 

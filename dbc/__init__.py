@@ -2,12 +2,11 @@
 
 from .codec import UNUSABLE, Codec, DecodeCounts, Decoded, Quality, Samples
 from .database import load_codec, parse_codec, read_dbc, shipped_dbc
-from .errors import BumpbenchError, InputError
 from .finding import Finding, Severity
 from .frames import FrameBatch, FrameFlag
 from .layout import CounterRule, MessageLayout, SignalLayout
 from .units import SiUnit, to_si
-from .words import counted, csv_text, plural, seconds_text
+from .words import BumpbenchError, InputError, counted, csv_text, plural, seconds_text
 
 __all__ = [
     "UNUSABLE",

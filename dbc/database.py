@@ -16,10 +16,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .codec import Codec
-from .errors import InputError
 from .finding import Severity
 from .layout import CRC_RULES, CounterRule, MessageLayout, SignalLayout
 from .repair import EXTENDED, RepairedText
+from .words import InputError
 
 if TYPE_CHECKING:
     from cantools.database.can import Message, Signal

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum
 
-from .errors import printable
+from .words import printable
 
 
 class Severity(IntEnum):

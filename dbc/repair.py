@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import re
 
-from .errors import InputError
 from .finding import Finding, Severity
+from .words import InputError
 
 EXTENDED = 1 << 31
 """Bit of an identifier in a DBC that marks 29 bits."""

@@ -6,7 +6,7 @@ import math
 from contextlib import suppress
 from dataclasses import dataclass
 
-from .errors import InputError
+from .words import InputError
 
 G_M_S2 = 9.80665
 """Standard gravity, exact by definition (CGPM 1901)."""

@@ -15,7 +15,7 @@ import numpy as np
 
 from daq.channels import AT_CORNER, ON_BODY
 from daq.vehicle import BodyWeight, FactQuantity
-from dbc.errors import InputError
+from dbc.words import InputError
 
 from .change import Change, change_of
 from .fit.grey_box import weight_sigmas

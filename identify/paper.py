@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.vehicle import DOF, MassState, VehicleGeometry, VehicleParameters
-from dbc.errors import InputError
+from dbc.words import InputError
 
 from .model.matrices import N_DOF, PhysicalModel, delta_mass, matrices, with_geometry
 from .modes.modal_model import ModalModel, displacement_shapes

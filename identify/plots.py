@@ -9,7 +9,7 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-from dbc.errors import InputError
+from dbc.words import InputError
 
 from .modes.state_variable_method import StabilisationDiagram
 from .report.cars import still_cars

@@ -108,7 +108,7 @@ def report(error: BumpbenchError) -> ExitCode:
 
 def report_usage(message: str, command: str) -> ExitCode:
     """Write a mistake in the command line itself as one line; `command`: whose help is named."""
-    from dbc.errors import printable
+    from dbc.words import printable
 
     plain = " ".join(message.split()).replace("Value error, ", "")  # a library's word for a mistake
     say(f"error: {printable(plain)} ({command} --help lists what there is)")

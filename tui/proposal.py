@@ -25,7 +25,7 @@ from daq.check.pushes import ORDER, spoken
 from daq.files import write_named
 from daq.formats.log import read_log
 from dbc import FrameBatch, read_dbc
-from dbc.errors import printable
+from dbc.words import printable
 
 from . import output
 from .bench import reachable

@@ -15,11 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dbc.codec import Decoded
-from dbc.errors import printable
 from dbc.frames import FrameBatch
 from dbc.layout import MessageLayout, SignalLayout
 from dbc.units import known_si
-from dbc.words import counted
+from dbc.words import counted, printable
 
 from ..bench.config import BusConfig
 from ..bench.sensors import PREFIX, Database, Sensor, sensor_map, sensors_codec

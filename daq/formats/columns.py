@@ -17,9 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dbc.errors import printable
 from dbc.units import known_si
-from dbc.words import counted
+from dbc.words import counted, printable
 
 from ..errors import InputError, optional
 from ..samples.mapping import Column, Columns

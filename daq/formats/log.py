@@ -9,9 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from dbc.errors import printable
 from dbc.frames import FrameBatch, read_only
-from dbc.words import counted, plural
+from dbc.words import counted, plural, printable
 
 from ..bench.campaign import Origin
 from ..bus.source import HopLosses

@@ -15,9 +15,8 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from dbc.errors import InputError, printable
 from dbc.frames import FD_LENGTHS, FrameBatch, FrameFlag
-from dbc.words import counted
+from dbc.words import InputError, counted, printable
 
 from ..errors import optional
 from .reader import LATEST_NS, LONGEST_NS, LogLoss, possible_frames

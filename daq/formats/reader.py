@@ -13,9 +13,8 @@ from typing import BinaryIO, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from dbc.errors import InputError, printable
 from dbc.frames import FrameBatch, FrameFlag
-from dbc.words import counted
+from dbc.words import InputError, counted, printable
 
 LATEST_NS = 4_102_444_800 * 10**9
 """The year 2100, ns since 1970: a later stamp is not in the unit of the format."""

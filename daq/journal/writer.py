@@ -19,9 +19,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Self
 
-from dbc.errors import BumpbenchError
 from dbc.frames import FrameBatch
-from dbc.words import counted
+from dbc.words import BumpbenchError, counted
 
 from ..bench.config import RecorderConfig
 from ..bus.source import HopLosses

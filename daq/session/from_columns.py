@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dbc.codec import Quality
-from dbc.errors import printable
 from dbc.units import to_si
-from dbc.words import counted
+from dbc.words import counted, printable
 
 from ..bench.campaign import Step
 from ..bench.channel_map import ChannelMap, Clock, GivenRun

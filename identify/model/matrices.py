@@ -21,8 +21,8 @@ from daq.vehicle import (
     VehicleParameters,
     parameter_names,
 )
-from dbc.errors import InputError
 from dbc.frames import read_only
+from dbc.words import InputError
 
 N_DOF = 7
 COMPLEX_STEP = 1e-30

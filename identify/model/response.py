@@ -14,8 +14,8 @@ from scipy.linalg import expm
 
 from daq.bumps import BUMPS
 from daq.runs import Excitation
-from dbc.errors import InputError
 from dbc.frames import freeze_arrays
+from dbc.words import InputError
 
 from .matrices import N_DOF, PhysicalModel
 

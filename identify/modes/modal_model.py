@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from daq.channels import TIME_DERIVATIVE, Channel
 from daq.documents import html_table
 from daq.vehicle import DOF, VehicleGeometry
-from dbc.errors import InputError
 from dbc.frames import freeze_arrays, read_only
+from dbc.words import InputError
 
 from ..model.exponentials import low_pass_of
 from ..model.matrices import N_DOF, motion_row

@@ -19,9 +19,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dbc.errors import InputError
 from dbc.frames import freeze_arrays
-from dbc.words import counted
+from dbc.words import InputError, counted
 
 from .modal_model import ModalModel, mac
 

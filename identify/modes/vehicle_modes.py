@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.channels import AT_CORNER, ON_BODY, Channel, Quantity
-from dbc.errors import InputError
 from dbc.frames import freeze_arrays
+from dbc.words import InputError
 
 from ..decays.decay import FreeDecay, Record, Recording, onset_s
 from ..model.chi_squared import exceeded_by_chance

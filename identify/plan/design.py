@@ -22,8 +22,8 @@ from daq.vehicle import (
     Structure,
     VehicleGeometry,
 )
-from dbc.errors import InputError
 from dbc.frames import read_only
+from dbc.words import InputError
 
 from ..model.matrices import FULL_NAMES, SYMMETRIC
 from ..model.response import Bump

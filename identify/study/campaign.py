@@ -28,8 +28,7 @@ from daq.vehicle import (
     Vehicle,
     VehicleGeometry,
 )
-from dbc.errors import InputError
-from dbc.words import counted
+from dbc.words import InputError, counted
 
 from ..decays.decay import ChannelGroup, Record, Recording
 from ..fit.estimation import estimate, generic_vehicles

@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 from daq.channels import paper_channels
 from daq.runs import Excitation
 from daq.vehicle import FORD_GRANADA, PARAMETER_NAMES, VehicleGeometry, VehicleParameters
-from dbc.errors import InputError
-from dbc.words import counted
+from dbc.words import InputError, counted
 
 from ..model.matrices import N_DOF, PhysicalModel, delta_mass, physical_model
 from ..model.response import exact_response, wilson_response

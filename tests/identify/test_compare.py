@@ -22,8 +22,8 @@ from daq.vehicle import (
     Structure,
     VehicleGeometry,
 )
-from dbc.errors import InputError
 from dbc.finding import Finding, Severity
+from dbc.words import InputError
 from identify import Estimate, Identification, Judgement
 from identify.change import with_common_structure
 from identify.compare import Difference, Trend, compare, stated_unlike

@@ -11,7 +11,7 @@ from scipy.special import chdtrc, chdtri
 
 from daq.runs import Excitation
 from daq.vehicle import FORD_GRANADA, AddedMass, BodyWeight, Corner, Fact, FactQuantity, HubWeight
-from dbc.errors import InputError
+from dbc.words import InputError
 from identify.model.chi_squared import chance_of_more, exceeded_by_chance
 from identify.model.exponentials import LowPass, Spectrum, series_of, spectrum, waves_of
 from identify.model.facts import (

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import optimize
 
 from daq.vehicle import FORD_GRANADA, AddedMass, BodyWeight, Corner, HubWeight, VehicleGeometry
-from dbc.errors import InputError
+from dbc.words import InputError
 from identify.model.matrices import PhysicalModel, delta_mass, physical_model
 from identify.modes.modal_model import ModalModel, modes_of
 from identify.paper import (

@@ -12,7 +12,7 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
-from dbc.errors import InputError
+from dbc.words import InputError
 from identify import Identification, ModalModel, StabilisationDiagram, identify, plots
 from identify.numbers import half_width_percent
 from tests.tui.batches import paper_session, refused_session

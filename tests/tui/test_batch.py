@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dbc.errors import InputError
+from dbc.words import InputError
 from tui import output
 from tui.cli import run
 from tui.jobs.batch_page import outliers, page_of

@@ -217,7 +217,7 @@ def _row_from(key: str, file: str, future: Future[Row]) -> Row:
 
 
 def _failed(reason: str) -> Row:
-    from dbc.errors import printable
+    from dbc.words import printable
 
     return {"verdict": _FAILED, "reasons": printable(reason, 800)}
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 from daq.documents import json_in_html
-from dbc.errors import printable
+from dbc.words import printable
 from identify.batch import Cell, Row
 
 if TYPE_CHECKING:

@@ -21,7 +21,7 @@ from threading import Event, Thread
 from typing import TYPE_CHECKING, Any
 
 from dbc import BumpbenchError
-from dbc.errors import printable
+from dbc.words import printable
 
 if TYPE_CHECKING:
     from identify import Identification
@@ -106,7 +106,7 @@ class Done:
 
 @dataclass(frozen=True, slots=True)
 class Trouble:
-    """There is no answer: the place, what is wrong, what to do; as `dbc.errors.BumpbenchError`."""
+    """There is no answer: the place, what is wrong, what to do; as `dbc.words.BumpbenchError`."""
 
     where: str
     what: str

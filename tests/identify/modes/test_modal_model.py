@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from daq.channels import Channel, Quantity
 from daq.vehicle import FORD_GRANADA, Corner, VehicleGeometry
-from dbc.errors import InputError
+from dbc.words import InputError
 from identify.model.matrices import physical_model
 from identify.modes.modal_model import (
     MODE_NAMES,

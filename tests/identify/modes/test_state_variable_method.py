@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from daq.runs import Excitation
 from daq.vehicle import FORD_GRANADA
-from dbc.errors import InputError
+from dbc.words import InputError
 from identify.model.matrices import PhysicalModel, physical_model
 from identify.model.response import Bump, exact_response, wilson_response
 from identify.modes import state_variable_method as module

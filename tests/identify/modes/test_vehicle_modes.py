@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from daq.channels import TIME_DERIVATIVE, Channel, Quantity, paper_channels
 from daq.runs import Excitation
 from daq.vehicle import FORD_GRANADA, Corner
-from dbc.errors import InputError
+from dbc.words import InputError
 from identify.decays.decay import ChannelGroup, FreeDecay, Record, Recording
 from identify.model.matrices import PhysicalModel, physical_model
 from identify.model.response import Bump, Response, exact_response

@@ -24,7 +24,7 @@ from daq.vehicle import (
     MassState,
     Structure,
 )
-from dbc.errors import InputError
+from dbc.words import InputError
 from identify.model.matrices import matrices, physical_model, state_matrix
 from identify.model.response import Bump, exact_response
 from identify.plan import Advice, Plan, Runs, Sensor, advise, outlook, sensors_of

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from daq.runs import Excitation
 from daq.vehicle import FORD_GRANADA, PARAMETER_NAMES
-from dbc.errors import InputError
+from dbc.words import InputError
 from identify.decays.decay import Record
 from identify.model.matrices import physical_model
 from identify.model.response import Bump, exact_response

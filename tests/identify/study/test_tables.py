@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from daq import session_from_arrays
 from daq.runs import Excitation
 from daq.vehicle import DOF, FORD_GRANADA
-from dbc.errors import InputError
+from dbc.words import InputError
 from identify import identify
 from identify.fit.estimation import estimate, generic_vehicles
 from identify.fit.grey_box import GreyBox
