@@ -102,7 +102,7 @@ def whole_frames(session: Session, path: Path) -> FrameBatch:
         # after it: 2 s.
         span = (int(runs.t_ns.min()) - 2_000_000_000, int(runs.t_ns.max()) + 2_000_000_000)
         for recording in recordings(path.parent / "journal"):
-            _, (whole,) = read_windows(recording.segments, [span])
+            _, (whole,) = read_windows(recording, [span])
             if len(whole) >= len(runs):
                 return whole
     problem = "cannot be replayed alone: it has the runs, but not the frames between them"

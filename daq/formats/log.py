@@ -16,7 +16,7 @@ from ..bench.campaign import Origin
 from ..bus.source import HopLosses
 from ..errors import InputError
 from ..journal.format import MAGIC
-from ..journal.reader import JournalReader
+from ..journal.reader import JournalReader, recording_of
 from .asc import AscParser
 from .blf import read_blf
 from .mf4 import read_mf4
@@ -65,7 +65,6 @@ _MAGIC = {
     b"MDF     ": MF4,
     b"UnFinMF ": MF4,
     MAGIC: JOURNAL,
-    b"\x89MCAP0\r\n": JOURNAL,  # of Bumpbench 0.1, which its reader refuses in its own words
 }
 
 
@@ -131,7 +130,7 @@ class Log:
         self._position: Callable[[], int] = int
         self._loss = LogLoss()
         self._hops = HopLosses()
-        self._journal = JournalReader(self.paths) if self.format is JOURNAL else None
+        self._journal = JournalReader(recording_of(self.paths)) if self.format is JOURNAL else None
         self._last_ns: int | None = None
         self._first: tuple[int, int, bytes] | None = None
         self._shift_ns = 0
@@ -158,8 +157,7 @@ class Log:
         if self._journal is None:
             return self._loss
         lost = self._journal.lost
-        blocks = lost.blocks_corrupt + lost.blocks_missing
-        return LogLoss(blocks, lost.bytes_cut, notes=list(lost.notes))
+        return LogLoss(lost.blocks_missing, lost.bytes_cut, notes=list(lost.notes))
 
     @property
     def hops(self) -> HopLosses:

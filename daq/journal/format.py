@@ -27,7 +27,6 @@ from dbc.frames import FrameBatch
 
 from ..bench.campaign import Origin
 from ..bus.source import HopLosses
-from ..errors import InputError
 from ..files import open_regular
 from ..runs import Event
 
@@ -143,13 +142,10 @@ class Summary:
     events: tuple[tuple[int, Event], ...] = ()
 
 
-def pack_head(head: JournalHead) -> bytes:
-    """Return the content of a block of kind HEAD."""
-    return json.dumps(asdict(head)).encode()
-
-
-def pack_end(head: JournalHead, summary: Summary) -> bytes:
-    """Return the content of a block of kind END."""
+def pack_head(head: JournalHead, summary: Summary | None = None) -> bytes:
+    """Return the content of a block of kind HEAD or, with a summary, END."""
+    if summary is None:
+        return json.dumps(asdict(head)).encode()
     events = [[number, *astuple(event)] for number, event in summary.events]
     return json.dumps({**asdict(head), "summary": {**asdict(summary), "events": events}}).encode()
 
@@ -299,7 +295,6 @@ _READ_BYTES = 1 << 20
 """Number of bytes read at once: more is not faster."""
 _END_BYTES = (1 << 16, 1 << 24)
 """Numbers of bytes at the end of a file in which its last block is searched, the likely first."""
-_MCAP = b"\x89MCAP0\r\n"
 
 
 class Damage(NamedTuple):
@@ -319,8 +314,8 @@ class SegmentFile:
     """An open segment; a context manager that closes it.
 
     `size`: when it was opened, bytes; later data are not read.  `fault`: why the disk could not
-    read a part of it; empty if it could.  Raises InputError if it is not a regular file, cannot be
-    opened, or has no block.
+    read a part of it; empty if it could.  Raises InputError if it is not a regular file or cannot
+    be opened.
     """
 
     def __init__(self, path: Path) -> None:
@@ -330,17 +325,12 @@ class SegmentFile:
         self.size = os.fstat(self._fd).st_size
         self.fault = ""
         self._piece, self._from = b"", 0  # bytes of the file, and their offset
-        if self._next_magic(0) == self.size > 0:
-            old = self._bytes(0, len(_MCAP)) == _MCAP
-            self.close()
-            if old:
-                problem = "this journal was written by Bumpbench 0.1"
-                raise InputError(str(path), problem, "recover it with that release")
-            raise InputError(str(path), "is not a journal", ADVICE)
 
-    def first(self) -> Block | None:
-        """Return the first whole block; None if there is none."""
-        return next((block for block in self.blocks() if isinstance(block, Block)), None)
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        os.close(self._fd)
 
     def end(self) -> Block | None:
         """Return the last block of a sealed segment; None if it has no proper end."""
@@ -368,16 +358,6 @@ class SegmentFile:
             yield block
         if whole < self.size:
             yield self._damage(whole, self.size)
-
-    def close(self) -> None:
-        """Close the file."""
-        os.close(self._fd)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def _block(self, offset: int) -> Block | None:
         header = self._bytes(offset, HEADER.size)

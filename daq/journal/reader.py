@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import groupby, pairwise
@@ -52,14 +52,13 @@ _NOTES = 20
 class JournalLoss:
     """The parts of a journal that are missing.
 
-    `bytes_cut`: bytes at the ends of segments that are no complete block.  `blocks_corrupt`: places
-    between blocks that are damaged.  `blocks_missing`: blocks, in addition, that are missing.
-    `frames_dropped`: frames that the recorder itself reported as lost: disk and memory were full,
-    or a file was deleted while it was written.  `notes`: the losses in words, with their files.
+    `bytes_cut`: bytes at the ends of segments that are no complete block.  `blocks_missing`: blocks
+    between others that are damaged or absent.  `frames_dropped`: frames that the recorder itself
+    reported as lost: disk and memory were full, or a file was deleted while it was written.
+    `notes`: the losses in words, with their files.
     """
 
     bytes_cut: int = 0
-    blocks_corrupt: int = 0
     blocks_missing: int = 0
     frames_dropped: int = 0
     notes: tuple[str, ...] = ()
@@ -67,9 +66,7 @@ class JournalLoss:
     @property
     def any(self) -> bool:
         """True if any written data are missing."""
-        return bool(
-            self.bytes_cut or self.blocks_corrupt or self.blocks_missing or self.frames_dropped
-        )
+        return bool(self.bytes_cut or self.blocks_missing or self.frames_dropped)
 
     @property
     def text(self) -> str:
@@ -111,6 +108,7 @@ class RecordingInfo:
     `head`: its clocks are those of the first segment.  `segments`: in order.  `next_number`: of the
     next block.  `frames`: number of frames recorded.  `first_ns`, `last_ns`: earliest and latest
     time stamp, ns; 0 without frames.  `events`: all of them; the run log is a fold over them.
+    `unreadable`: those of its segments that cannot be read, each with the reason.
     """
 
     head: JournalHead
@@ -120,6 +118,7 @@ class RecordingInfo:
     first_ns: int
     last_ns: int
     events: tuple[Event, ...]
+    unreadable: tuple[tuple[Path, str], ...] = ()
 
     @property
     def ended(self) -> bool:
@@ -171,46 +170,49 @@ class SegmentInfo:
     blocks: tuple[tuple[int, int], ...] = ()
 
 
-def scan(path: Path) -> SegmentInfo | None:
-    """Return the content of a segment, None if no block of it is whole.
+def scan(path: Path) -> SegmentInfo:
+    """Return the content of a segment.
 
     A segment with its proper end has a summary, which makes this fast at any size.
 
-    Raises InputError as `SegmentFile`.
+    Raises InputError as `SegmentFile`, or if no block is whole.
     """
     with SegmentFile(path) as file:
         if (end := file.end()) is not None:
             stated, summary = unpack_head(end.content)
             assert summary is not None
             return SegmentInfo(path, end.recording, end.writer, stated, summary)
-        first = file.first()
-        if first is None:
-            return None
+        first: Block | None = None
         head: JournalHead | None = None
-        number: int | None = None
-        stop, frames, first_ns, last_ns = first.number, 0, 0, 0
+        numbers: list[int] = []
         events: list[tuple[int, Event]] = []
-        blocks: list[tuple[int, int]] = []
+        sizes: list[tuple[int, int]] = []
+        spans_ns: list[int] = []
         for block in file.blocks():
             if isinstance(block, Damage):
                 continue
+            first = first or block
             if block.kind == Kind.HEAD:
-                head = unpack_head(block.content)[0]
-            if block.kind not in (Kind.FRAMES, Kind.EVENTS) or block.number < stop:
-                continue
-            number = block.number if number is None else number
-            stop = block.number + 1
-            if block.kind == Kind.EVENTS:
+                head, _ = unpack_head(block.content)
+            elif block.kind == Kind.EVENTS:
+                numbers.append(block.number)
                 events += ((block.number, event) for event in unpack_events(block.content))
-            elif (stored := unpack_frames(block.content)).size:
-                frames += stored.size
-                blocks.append((block.number, stored.size))
-                earliest_ns = int(stored.t_ns.min())
-                first_ns = min(first_ns or earliest_ns, earliest_ns)
-                last_ns = max(last_ns, int(stored.t_ns.max()))
-        number = stop if number is None else number
-        summary = Summary(number, stop, frames, first_ns, last_ns, tuple(events))
-        return SegmentInfo(path, first.recording, first.writer, head, summary, tuple(blocks))
+            elif block.kind == Kind.FRAMES:
+                numbers.append(block.number)
+                if (stored := unpack_frames(block.content)).size:
+                    sizes.append((block.number, stored.size))
+                    spans_ns += (int(stored.t_ns.min()), int(stored.t_ns.max()))
+    if first is None:
+        raise InputError(str(path), "has no whole block of a journal", ADVICE)
+    summary = Summary(
+        numbers[0] if numbers else first.number,
+        numbers[-1] + 1 if numbers else first.number,
+        sum(frames for _, frames in sizes),
+        min(spans_ns, default=0),
+        max(spans_ns, default=0),
+        tuple(events),
+    )
+    return SegmentInfo(path, first.recording, first.writer, head, summary, tuple(sizes))
 
 
 def segments_in(folder: Path) -> tuple[Path, ...]:
@@ -231,12 +233,8 @@ def seal_left_open(folder: Path) -> None:
 
 
 def next_segment(folder: Path) -> int:
-    """Return the number of the next segment.
-
-    Segments of Bumpbench 0.1 count: their sessions have the same names.
-    """
-    paths = (*segments_in(folder), *folder.glob("journal_*.mcap"), *folder.glob("open_*.mcap"))
-    return 1 + max(map(segment_number, paths), default=0)
+    """Return the number of the next segment."""
+    return 1 + max(map(segment_number, segments_in(folder)), default=0)
 
 
 def recordings(folder: Path) -> tuple[RecordingInfo, ...]:
@@ -250,33 +248,47 @@ def recordings_of(segments: Sequence[Path]) -> tuple[RecordingInfo, ...]:
     A file that cannot be read, or whose recording has no head, is the last of the recording before
     it, so that a reader counts what is lost with it.  Raises InputError if none can be read.
     """
-    infos: list[SegmentInfo] = []
-    refused: list[InputError] = []
+    groups: dict[str, list[SegmentInfo]] = {}
+    unreadable: dict[Path, InputError] = {}
     for path in sorted(segments, key=segment_number):
         try:
-            infos += [one] if (one := scan(path)) else []
+            info = scan(path)
+            groups.setdefault(info.recording, []).append(info)
         except InputError as error:
-            refused.append(error)
-    groups: dict[str, list[SegmentInfo]] = {}
-    for info in infos:
-        groups.setdefault(info.recording, []).append(info)
-    states = [state for group in groups.values() if (state := _state(group))]
+            unreadable[path] = error
+    states: list[RecordingInfo] = []
+    for group in groups.values():
+        if state := _state(group):
+            states.append(state)
+        else:
+            problem = "has lost every copy of its bench.toml and DBC"
+            advice = "name all segments of its recording"
+            paths = [info.path for info in group]
+            unreadable |= {path: InputError(str(path), problem, advice) for path in paths}
     if not states:
-        where = ", ".join(str(path) for path in segments) or "journal"
-        if infos:
-            refused = [no_head(infos[0].path)]
-        raise refused[0] if refused else InputError(where, "holds no recording", ADVICE)
-    for path in set(segments).difference(*(state.segments for state in states)):
-        firsts = [segment_number(each.segments[0]) for each in states]
+        nothing = InputError("journal", "holds no recording", ADVICE)
+        raise next(iter(unreadable.values()), nothing)
+    for path, refusal in unreadable.items():
+        firsts = [segment_number(state.segments[0]) for state in states]
         k = max(0, sum(number < segment_number(path) for number in firsts) - 1)
-        states[k] = replace(states[k], segments=(*states[k].segments, path))
+        states[k] = replace(
+            states[k],
+            segments=(*states[k].segments, path),
+            unreadable=(*states[k].unreadable, (path, refusal.what)),
+        )
     return tuple(states)
 
 
-def no_head(path: Path) -> InputError:
-    """Return the error of a recording of which no segment has a head."""
-    problem = "has lost every copy of its bench.toml and DBC"
-    return InputError(str(path), problem, "name all segments of its recording")
+def recording_of(segments: Sequence[Path]) -> RecordingInfo:
+    """Return the recording of these segments; as `recordings_of`.
+
+    Raises InputError also if they belong to several recordings.
+    """
+    one, *others = recordings_of(segments)
+    if others:
+        problem = f"belongs to another recording than {one.segments[0].name}"
+        raise InputError(str(others[0].segments[0]), problem, "read one recording at a time")
+    return one
 
 
 def last_recording(folder: Path) -> RecordingInfo | None:
@@ -295,8 +307,7 @@ def _newest_first(folder: Path) -> Iterator[RecordingInfo]:
     def readable() -> Iterator[SegmentInfo]:
         for path in reversed(segments_in(folder)):
             with suppress(InputError, OSError):  # from another program, or deleted meanwhile
-                if info := scan(path):
-                    yield info
+                yield scan(path)
 
     for _, group in groupby(readable(), key=lambda info: info.recording):
         if state := _state(list(group)[::-1]):
@@ -317,6 +328,12 @@ def _state(infos: Sequence[SegmentInfo]) -> RecordingInfo | None:
         for number, frames in info.blocks
         if number >= after.summary.first
     )
+    events: list[Event] = []
+    stop = 0
+    for info in infos:
+        fresh = [(number, event) for number, event in info.summary.events if number >= stop]
+        events += (event for _, event in fresh)
+        stop = max((number + 1 for number, _ in fresh), default=stop)
     return RecordingInfo(
         replace(head, wall_ns=infos[0].writer),
         tuple(info.path for info in infos),
@@ -324,18 +341,8 @@ def _state(infos: Sequence[SegmentInfo]) -> RecordingInfo | None:
         sum(info.summary.frames for info in infos) - twice,
         stamped[0].first_ns if stamped else 0,
         max(info.summary.last_ns for info in infos),
-        tuple(_events(infos)),
+        tuple(events),
     )
-
-
-def _events(infos: Iterable[SegmentInfo]) -> Iterator[Event]:
-    """Yield each event once: events of a block whose sync failed are also in the next segment."""
-    stop = 0
-    for info in infos:
-        for number, block in groupby(info.summary.events, key=lambda numbered: numbered[0]):
-            if number >= stop:
-                yield from (event for _, event in block)
-                stop = number + 1
 
 
 # Reads the blocks ---------------------------------------------------------------------------------
@@ -351,22 +358,21 @@ _ALWAYS = (-(2**63), 2**63 - 1)
 def read_journal(paths: Sequence[Path]) -> JournalContents:
     """Read all segments of a recording.
 
-    `paths`: as for `JournalReader`.  Raises InputError as `JournalReader`.
+    `paths`: in any order.  Raises InputError as `recording_of`.
     """
-    contents, (frames,) = read_windows(paths, [_ALWAYS])
+    contents, (frames,) = read_windows(recording_of(paths), [_ALWAYS])
     return replace(contents, frames=frames)
 
 
 def read_windows(
-    paths: Sequence[Path], windows: Sequence[tuple[int, int]]
+    recording: RecordingInfo, windows: Sequence[tuple[int, int]]
 ) -> tuple[JournalContents, tuple[FrameBatch, ...]]:
-    """Read the frames in windows of time, which may overlap, from segments of a recording.
+    """Read the frames of a recording in windows of time, which may overlap.
 
     `windows`: start <= t < stop, ns; memory grows with them, not with the recording.  Returns all
-    else that is in the segments, and the frames of each window.  Raises InputError as
-    `JournalReader`.
+    else that is in the segments, and the frames of each window.
     """
-    reader = JournalReader(paths)
+    reader = JournalReader(recording)
     pieces: list[list[FrameBatch]] = [[] for _ in windows]
     events: list[Event] = []
     rows: list[tuple[int, ...]] = []  # of `HopCounts`
@@ -392,7 +398,7 @@ def read_windows(
     table = np.array(rows, np.int64).reshape(-1, 5)
     hops = HopCounts(table[:, 0], table[:, 1:])
     none = FrameBatch.empty()
-    contents = JournalContents(reader.head, none, tuple(events), hops, reader.lost)
+    contents = JournalContents(recording.head, none, tuple(events), hops, reader.lost)
     joined = []
     while pieces:  # joined one after another, so that not all of them are in memory twice
         joined.append(FrameBatch.concatenate(pieces.pop(0)))
@@ -402,58 +408,18 @@ def read_windows(
 class JournalReader:
     """Iterates once over the blocks of a recording; `lost` is exact after that.
 
-    `paths`: the segments of one recording, in any order, also of several processes.  `head`: that
-    of the recording.  Raises InputError if files belong to different recordings, or if none can be
-    read and has a head.
+    `head`: that of the recording.
     """
 
-    def __init__(self, paths: Sequence[Path]) -> None:
+    def __init__(self, recording: RecordingInfo) -> None:
+        self.head, self._recording = recording.head, recording
         self._lost: list[JournalLoss] = []
-        self._open: list[JournalLoss] = []  # losses that the next block may cancel
+        self._damage: list[JournalLoss] = []  # since the last block: the next one may cancel it
         self._missing: list[tuple[str, int, int]] = []  # file, first block, block after the last
         self._gaps: dict[tuple[str, Gap], None] = {}
-        firsts: dict[Path, Block] = {}
-        refused: list[InputError] = []
-        for path in paths:
-            try:
-                with SegmentFile(path) as file:
-                    first = file.first()
-                    if first is not None:
-                        firsts[path] = first
-                        continue
-                    size, why = file.size, "has no whole block"
-            except InputError as error:
-                refused.append(error)
-                size, why = path.stat().st_size if path.is_file() else 0, error.what
-            self._lost.append(JournalLoss(bytes_cut=size, notes=(f"{path.name}: {why}",)))
-        if not firsts:
-            where = ", ".join(str(path) for path in paths) or "journal"
-            raise refused[0] if refused else InputError(where, "holds no recording", ADVICE)
-        self._sort(firsts)
-
-    def _sort(self, firsts: dict[Path, Block]) -> None:
-        """Find the head, and the order of the segments, from the first block of each."""
-        heads: dict[Path, JournalHead] = {}
-        for path, block in firsts.items():
-            if block.kind == Kind.HEAD:
-                heads[path] = unpack_head(block.content)[0]
-            elif (info := scan(path)) and info.head:  # only its beginning is damaged
-                heads[path] = info.head
-        if not heads:
-            raise no_head(next(iter(firsts)))
-        (one, head), *others = heads.items()
-        for path, other in others:
-            if other.recording != head.recording:
-                problem = f"belongs to another recording than {one.name}"
-                raise InputError(str(path), problem, "read one recording at a time")
-        for path in [path for path in firsts if firsts[path].recording != head.recording]:
-            note = f"{path.name}: has lost every copy of its bench.toml and DBC"
-            self._lost.append(JournalLoss(bytes_cut=path.stat().st_size, notes=(note,)))
-            del firsts[path]
-        self._paths = sorted(firsts, key=lambda p: (firsts[p].number, segment_number(p)))
-        self._writers = {path: block.writer for path, block in firsts.items()}
-        earliest = next(heads[path] for path in self._paths if path in heads)
-        self.head = replace(earliest, wall_ns=self._writers[self._paths[0]])
+        for path, reason in recording.unreadable:
+            size = path.stat().st_size if path.is_file() else 0
+            self._lost.append(JournalLoss(bytes_cut=size, notes=(f"{path.name}: {reason}",)))
 
     @property
     def lost(self) -> JournalLoss:
@@ -475,30 +441,31 @@ class JournalReader:
             lost.append(JournalLoss(frames_dropped=dropped, notes=(note,)))
         return JournalLoss(
             sum(each.bytes_cut for each in lost),
-            sum(each.blocks_corrupt for each in lost),
             sum(each.blocks_missing for each in lost),
             sum(each.frames_dropped for each in lost),
             tuple(note for each in lost for note in each.notes),
         )
 
     def __iter__(self) -> Iterator[JournalBlock]:
-        expected, writer = 0, self._writers[self._paths[0]]
+        expected, writer = 0, self.head.wall_ns
         losses = before = HopLosses()
-        for path in self._paths:
-            if self._writers[path] != writer:  # another process, which repeats no block
-                self._settle()
-                before, writer = losses, self._writers[path]
+        unreadable = dict(self._recording.unreadable)
+        for path in self._recording.segments:
+            if path in unreadable:
+                continue
             for block in self._blocks(path):
+                if block.writer != writer:  # another process, which repeats no block
+                    self._settle()
+                    before, writer = losses, block.writer
                 if block.number < expected:
                     continue  # written twice: the first time its fdatasync failed
-                if block.kind == Kind.END and block.number == expected:  # only heads are damaged
-                    self._open = [lost for lost in self._open if lost.bytes_cut]
-                elif block.number == expected:
-                    self._open.clear()  # the block that was cut off before is this one
-                else:
-                    corrupt = sum(lost.blocks_corrupt for lost in self._open)
-                    self._missing.append((path.name, expected + corrupt, block.number))
+                if block.number > expected:
+                    self._missing.append((path.name, expected, block.number))
                     self._settle()
+                elif block.kind == Kind.END:  # only heads are damaged
+                    self._damage = [lost for lost in self._damage if lost.bytes_cut]
+                else:
+                    self._damage.clear()  # the block that was cut off before is this one
                 expected = block.number + (block.kind != Kind.END)
                 if block.kind == Kind.FRAMES:
                     stored = unpack_frames(block.content)
@@ -507,7 +474,8 @@ class JournalReader:
                 elif block.kind == Kind.EVENTS:
                     events = unpack_events(block.content)
                     for event in events:
-                        if (gap := parse_gap(event)) and gap.recording == self.head.recording:
+                        gap = parse_gap(event)
+                        if gap and gap.recording == self.head.recording:
                             # Reported again before the segment with this event was deleted:
                             # counts once.
                             self._gaps[event.code, gap] = None
@@ -523,13 +491,13 @@ class JournalReader:
                         yield block
                     continue
                 span = f"{path.name}: {counted(block.bytes, 'byte')} from byte {block.offset}"
-                if not block.at_end:
-                    self._open.append(JournalLoss(blocks_corrupt=1, notes=(f"{span} are damaged",)))
+                if not block.at_end:  # the numbers of the blocks around it show what is lost
+                    self._damage.append(JournalLoss(notes=(f"{span} are damaged",)))
                 elif block.kind not in (Kind.HEAD, Kind.END):  # nothing is lost with those
                     note = f"{span} {file.fault or 'are no whole block'}"
-                    self._open.append(JournalLoss(bytes_cut=block.bytes, notes=(note,)))
+                    self._damage.append(JournalLoss(bytes_cut=block.bytes, notes=(note,)))
 
     def _settle(self) -> None:
-        """Count the losses that no later block has cancelled."""
-        self._lost += self._open
-        self._open.clear()
+        """Count the damage that no later block has cancelled."""
+        self._lost += self._damage
+        self._damage.clear()

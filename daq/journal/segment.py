@@ -1,4 +1,4 @@
-"""Writes one file of the journal, each write synced, and watches its disk.
+"""Writes one file of the journal, each write synced, and holds blocks that the disk refuses.
 
 After `Segment.write` has returned, neither a kill nor a power cut loses the blocks.  After the
 first write error a file is not touched again: a repeated write in the same file leaves holes in
@@ -9,15 +9,13 @@ from __future__ import annotations
 
 import errno
 import os
-import shutil
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from io import FileIO
 from pathlib import Path
 
-from ..bench.config import RecorderConfig
 from ..files import sync_data, sync_folder
 from ..runs import Event
 from .format import (
@@ -27,7 +25,6 @@ from .format import (
     Kind,
     Summary,
     pack_block,
-    pack_end,
     pack_head,
     sealed_path,
 )
@@ -42,10 +39,6 @@ class SyncedFile(FileIO):
     def sync(self) -> None:
         """Return when all data written are on the disk."""
         sync_data(self.fileno())
-
-    def stat(self) -> os.stat_result:
-        """Return the state of the open file."""
-        return os.fstat(self.fileno())
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +73,7 @@ class Segment:
         self._head = head
         self._blocks = 0
         self._events: list[tuple[int, Event]] = []
+        self._state = os.fstat(file.fileno())
         try:
             self._write(self._packed(Kind.HEAD, pack_head(head), number))
             file.sync()
@@ -92,6 +86,14 @@ class Segment:
     def is_empty(self) -> bool:
         """True if it has no block on the disk."""
         return not self._blocks
+
+    @property
+    def is_in_place(self) -> bool:
+        """False if another process removed or replaced the file."""
+        try:
+            return os.path.samestat(self.path.stat(), self._state)
+        except OSError as error:
+            return error.errno not in (errno.ENOENT, errno.ENOTDIR)
 
     def write(self, blocks: Sequence[Pending]) -> None:
         """Write blocks through to the disk.
@@ -124,7 +126,7 @@ class Segment:
 
         Raises OSError if the end is not on the disk; the file is closed, and all blocks are in it.
         """
-        content = pack_end(self._head, replace(self.summary, events=tuple(self._events)))
+        content = pack_head(self._head, replace(self.summary, events=tuple(self._events)))
         try:
             self._write(self._packed(Kind.END, content, self.summary.stop))
             self.file.sync()
@@ -133,23 +135,19 @@ class Segment:
 
     def abandon(self) -> None:
         """Close the file as it is; delete it if nothing in it was reported as written."""
-        if not self.is_empty:
-            self._close_as_sealed()
-            return
-        self.release()
-        with suppress(OSError):
-            self.path.unlink()
-
-    def release(self) -> None:
-        """Only close the file, because its name now belongs to another file."""
-        with suppress(OSError):
-            self.file.close()
+        if self.is_empty and self.is_in_place:
+            with suppress(OSError):
+                self.path.unlink()
+        self._close_as_sealed()
 
     def _close_as_sealed(self) -> None:
-        self.release()
+        in_place = self.is_in_place
+        with suppress(OSError):
+            self.file.close()
         self._events.clear()
-        with suppress(OSError):  # the next recorder will rename it
-            self.path = self.path.rename(sealed_path(self.path))
+        if in_place:
+            with suppress(OSError):  # the next recorder will rename it
+                self.path = self.path.rename(sealed_path(self.path))
 
     def _packed(self, kind: Kind, content: bytes, number: int) -> bytes:
         return pack_block(Block(kind, number, self._head.wall_ns, self._head.recording, content))
@@ -162,81 +160,6 @@ class Segment:
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
             self.size += written
             view = view[written:]
-
-
-# Checks about once per second the free space on the disk and that the open file still exists ------
-
-
-@dataclass(frozen=True, slots=True)
-class Room:
-    """Space on a disk, bytes."""
-
-    free: int
-    total: int
-
-
-def room_on(folder: Path) -> Room:
-    """Return the space on the disk of a folder.
-
-    Raises OSError if the folder does not exist.
-    """
-    usage = shutil.disk_usage(folder)
-    return Room(usage.free, usage.total)
-
-
-class DiskWatch:
-    """Watches the disk of a journal: its space, and that folder and open file still exist.
-
-    `room`: last measured space.  `stopped`: True while there is too little space to record.
-    """
-
-    def __init__(self, folder: Path, room_on: Callable[[Path], Room]) -> None:
-        self.room = Room(0, 0)
-        self.stopped = False
-        self._folder = folder
-        self._room_on = room_on
-        self._place: tuple[int, int] | None = None
-
-    def settle(self) -> None:
-        """Take the folder that now has the name as the folder of the journal."""
-        self._place = _place(self._folder)
-
-    def measure(self, limits: RecorderConfig) -> None:
-        """Measure the space, and decide whether recording must stop.
-
-        Raises OSError if the folder does not exist.
-        """
-        self.room = self._room_on(self._folder)
-        # Free space, as a multiple of the reserve, from which a stopped recording continues: more
-        # than that at which it stops, so that it does not stop again at once.
-        reserves = 1.05 if self.stopped else 1.0
-        self.stopped = self.room.free < reserves * limits.reserve_bytes
-
-    def taken_text(self, segment: Segment | None) -> str:
-        """Return what another process did to folder or open segment, in words; empty if nothing."""
-        if _place(self._folder) != self._place:
-            return f"folder {self._folder.name} was removed or its disk was unmounted"
-        if segment is None:
-            return ""
-        name, named = segment.path.name, _place(segment.path)
-        try:
-            opened = segment.file.stat()
-        except OSError as error:
-            return f"{name} cannot be checked: {error.strerror or error}"
-        if named is None:
-            return f"{name} was deleted"
-        if opened.st_nlink == 0 or named != (opened.st_dev, opened.st_ino):
-            return f"{name} was replaced by another file"
-        return f"{name} was truncated" if opened.st_size < segment.size else ""
-
-
-def _place(path: Path) -> tuple[int, int] | None:
-    """Return the identity of a file or folder, disk and number; None if it is gone."""
-    try:
-        state = path.stat()
-    except OSError:
-        return None
-    return state.st_dev, state.st_ino
 
 
 # Holds blocks in memory while the disk refuses them, and counts frames without room ---------------

@@ -13,11 +13,12 @@ from __future__ import annotations
 
 import errno
 import logging
+import shutil
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Self
+from typing import NamedTuple, Self
 
 from dbc.frames import FrameBatch
 from dbc.words import BumpbenchError, counted
@@ -46,15 +47,7 @@ from .format import (
     segment_number,
 )
 from .reader import RecordingInfo, SegmentInfo, next_segment, scan, segments_in
-from .segment import (
-    Backlog,
-    DiskWatch,
-    Pending,
-    Room,
-    Segment,
-    SyncedFile,
-    room_on,
-)
+from .segment import Backlog, Pending, Segment, SyncedFile
 
 CHECK_S = 1.0
 """Time, s, between two checks of the disk, each with another attempt to write to it."""
@@ -70,6 +63,19 @@ _log = logging.getLogger("recorder")
 
 class JournalError(BumpbenchError, OSError):
     """The journal cannot be written to its folder at all."""
+
+
+class Room(NamedTuple):
+    """Space on a disk, bytes."""
+
+    free: int
+    total: int
+
+
+def room_on(folder: Path) -> Room:
+    """Return the space on the disk of a folder; raises OSError if the folder does not exist."""
+    usage = shutil.disk_usage(folder)
+    return Room(usage.free, usage.total)
 
 
 class JournalWriter:
@@ -96,7 +102,7 @@ class JournalWriter:
         room: Callable[[Path], Room] = room_on,
     ) -> None:
         self._folder, self.limits = folder, limits
-        self._create = create
+        self._create, self._room_on = create, room
         first = next_segment(folder) if resume is None else resume.head.first_segment
         self._adopt(replace(head, first_segment=first))
         if resume is not None:
@@ -107,31 +113,27 @@ class JournalWriter:
         self._now_s: float | None = None
         self._checked_s = self._opened_s = self._warned_s = 0.0
         self._failed = self._warning = self._retention_warning = ""
-        self._disk = DiskWatch(folder, room)
+        self._room, self._full = Room(0, 0), False
         self._sizes: dict[Path, int] = {}
         """Sizes of the segments in the folder except the open one, bytes."""
         self._infos: dict[Path, SegmentInfo | None] = {}
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            self._disk.settle()
-            self._disk.measure(limits)
+            self._measure()
             for path in segments_in(folder):
                 if is_regular(path):
                     self._sizes[path] = path.stat().st_size
                 else:
                     _log.warning("%s: is not a regular file and is ignored (move it away)", path)
-            if not self._disk.stopped:
+            if not self._full:
                 self._segment = self._new_segment()
         except OSError as error:
-            if error.errno not in _TRANSIENT:
-                raise JournalError(
-                    str(folder),
-                    f"cannot write the journal: {error.strerror or error}",
-                    "choose another folder",
-                ) from error
+            if error.errno not in (errno.ENOSPC, errno.EIO, errno.EDQUOT):
+                what = f"cannot write the journal: {_reason(error)}"
+                raise JournalError(str(folder), what, "choose another folder") from error
             self._failed = _reason(error)
             # It may work a second later, before anyone reads the status.
-            self._warning = f"the first file could not be written: {self._failed}"
+            self._warn(f"the first file could not be written: {self._failed}")
 
     def begin(self, head: JournalHead) -> bool:
         """End the recording and begin the next one; return whether this was possible.
@@ -179,8 +181,6 @@ class JournalWriter:
         if monotonic_s - self._checked_s >= CHECK_S:
             self._checked_s = monotonic_s
             self._check_disk()
-            if self._segment is None and not self._disk.stopped:
-                self._open_next()
             self._drain()
             self._make_room()
         self._rotate()
@@ -190,7 +190,7 @@ class JournalWriter:
         """State of the journal and its disk at the last check."""
         since_s = self._backlog.since_s()
         return DiskStatus(
-            free_bytes=self._disk.room.free,
+            free_bytes=self._room.free,
             journal_bytes=self._sealed_bytes + self._size,
             recorded_frames=self._recorded,
             lag_s=0.0 if since_s is None else (self._now_s or 0.0) - since_s,
@@ -198,7 +198,7 @@ class JournalWriter:
             failed=self._failed,
             dropped_frames=self._backlog.dropped,
             warning="; ".join(text for text in (self._warning, self._retention_warning) if text),
-            total_bytes=self._disk.room.total,
+            total_bytes=self._room.total,
         )
 
     @property
@@ -208,8 +208,6 @@ class JournalWriter:
 
     def flush(self) -> bool:
         """Write the blocks that wait in memory; return whether all are on the disk."""
-        if self._segment is None and not self._disk.stopped:
-            self._open_next()
         self._drain()
         return self._segment is not None and not len(self._backlog)
 
@@ -276,16 +274,16 @@ class JournalWriter:
 
     def _drain(self) -> None:
         """Write waiting blocks until the disk refuses one."""
-        if self._disk.stopped:
+        if self._full or (self._segment is None and not self._open_next()):
             return
-        while len(self._backlog) and self._segment is not None:
+        while len(self._backlog):
             # Size up to which waiting blocks are synced together, bytes.
             blocks = self._backlog.first(4_000_000)
             if not self._store(blocks):
                 return
             self._backlog.remove(len(blocks))
             self._rotate()
-        if not len(self._backlog) and (gap := self._backlog.take_gap()):
+        if gap := self._backlog.take_gap():
             self.append_events([gap_event(DISK_GAP, self._t_ns, gap)])
 
     # -- segments -------------------------------------------------------------------------------
@@ -296,7 +294,6 @@ class JournalWriter:
 
     def _new_segment(self) -> Segment:
         self._folder.mkdir(parents=True, exist_ok=True)
-        self._disk.settle()
         number = next_segment(self._folder)
         path = open_path(self._folder, number)
         waiting = self._backlog.first(0)
@@ -343,43 +340,55 @@ class JournalWriter:
 
     # -- the disk -------------------------------------------------------------------------------
 
+    def _measure(self) -> None:
+        """Measure the free space, and decide whether recording must stop.
+
+        Raises OSError if the folder does not exist.
+        """
+        self._room = self._room_on(self._folder)
+        # Free space, as a multiple of the reserve, from which a stopped recording continues: more
+        # than that at which it stops, so that it does not stop again at once.
+        reserves = 1.05 if self._full else 1.0
+        self._full = self._room.free < reserves * self.limits.reserve_bytes
+
     def _check_disk(self) -> None:
-        """Measure the free space, and check that folder and file still exist."""
+        """Check that the files of the recording exist, and the free space."""
         # Time, s, for which a warning on a failed or removed file is shown.
         if self._warning and (self._now_s or 0.0) - self._warned_s > 60.0:
             self._warning = ""
-        self._check_file()
-        was_stopped = self._disk.stopped
+        newest = self._segment or (self.written[-1] if self.written else None)
+        if newest is not None and not newest.is_in_place:
+            self._replace_removed(newest.path.name)
+        was_full = self._full
         try:
-            self._disk.measure(self.limits)
+            self._measure()
         except OSError as error:
             self._failed = _reason(error)
             return
-        if self._disk.stopped:
-            if not was_stopped:
+        if self._full:
+            if not was_full:
                 self._seal()
             reserve = self.limits.reserve_bytes / 1e6
             self._failed = f"the disk is full except for the reserve of {reserve:.0f} MB"
 
-    def _check_file(self) -> None:
-        """Report and replace a file that was removed."""
-        segment = self._segment
-        text = self._disk.taken_text(segment)
-        if not text:
-            return
-        replaced = segment if "replaced" in text else None
-        self._leave(Segment.release)
-        gone = [one for one in self.written if one is replaced or not one.path.is_file()]
+    def _replace_removed(self, name: str) -> None:
+        """Report the files that another process removed, the newest of them `name`; open a new one.
+
+        A removed folder or an unmounted disk takes all files with it.
+        """
+        self._leave(Segment.abandon)
+        removed = [segment for segment in self.written if not segment.is_in_place]
         gaps = []
-        for one in gone:
-            self.written.remove(one)
-            self._sizes.pop(one.path, None)
-            lost = one.summary
-            gap = Gap(self.head.recording, lost.first, lost.stop, lost.frames, one.path.name)
+        for segment in removed:
+            self.written.remove(segment)
+            self._sizes.pop(segment.path, None)
+            lost = segment.summary
+            gap = Gap(self.head.recording, lost.first, lost.stop, lost.frames, segment.path.name)
             gaps.append(gap_event(FILE_GONE, self._t_ns, gap))
-        frames = sum(one.summary.frames for one in gone)
+        frames = sum(segment.summary.frames for segment in removed)
         self._recorded -= frames
-        self._warn(f"{text}: {counted(frames, 'recorded frame is', 'recorded frames are')} lost")
+        count = counted(frames, "recorded frame is", "recorded frames are")
+        self._warn(f"{name} was removed or replaced: {count} lost")
         if self._open_next() and gaps:
             self.append_events(gaps)
 
@@ -399,8 +408,8 @@ class JournalWriter:
         """
         reserve = self.limits.reserve_bytes
         excess = self._sealed_bytes + self._size - self.limits.keep_bytes
-        if self._disk.room.free < 2 * reserve:
-            excess = max(excess, 2 * reserve - self._disk.room.free)
+        if self._room.free < 2 * reserve:
+            excess = max(excess, 2 * reserve - self._room.free)
         self._retention_warning = ""
         deleted = 0
         for path in sorted(self._sizes, key=segment_number):

@@ -30,7 +30,7 @@ from ..bench.config import Bench, bench_codec, parse_bench
 from ..channels import Quantity
 from ..errors import BumpbenchError, InputError, printable
 from ..journal.format import JournalHead
-from ..journal.reader import HopCounts, read_windows, recordings_of
+from ..journal.reader import HopCounts, read_windows, recording_of
 from ..runlog import Code, LoggedRun, RunLog, finding_record, fold
 from ..runs import Event, Run, RunStatus, SampleGroup
 from ..samples import converter as health
@@ -240,14 +240,14 @@ def derive(segments: Sequence[Path], target: Path, *, replacing: bool = True) ->
         what = f"cannot be written: {os.strerror(errno.ENOENT)}"
         raise InputError(str(target), what, "check the folder; the journal still holds everything")
     with _only_builder(target.parent):
-        recording = recordings_of(segments)[0]  # the reader refuses a second one
+        recording = recording_of(segments)
         run_log = fold(recording.events)
         text = run_log.bench_text or recording.head.bench_text
         dbc_text = recording.head.dbc_text
         bench = parse_bench(text, "bench.toml in the journal", Path(), dbc_text)
         check_runs(bench, recording.events, run_log)
         windows = [bench.trigger.window_ns(run.t_ns) for run in run_log.runs]
-        contents, frames = read_windows(segments, windows)
+        contents, frames = read_windows(recording, windows)
         loss = contents.lost.text if contents.lost.any else ""
         about = journal_provenance(recording.head, run_log, frames, loss)
         about |= {"dbc": dbc_text, "bench_toml": text}

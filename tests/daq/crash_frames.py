@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 from daq.bench.config import BusConfig, RecorderConfig
 from daq.bus.source import HopLosses
 from daq.journal.format import JournalHead
-from daq.journal.reader import JournalReader, read_journal, segments_in
-from daq.journal.segment import Room, SyncedFile
-from daq.journal.writer import JournalWriter
+from daq.journal.reader import JournalReader, read_journal, recording_of, segments_in
+from daq.journal.segment import SyncedFile
+from daq.journal.writer import JournalWriter, Room
 from daq.runs import Event
 from daq.session.build import derive
 from dbc.frames import FrameBatch
@@ -317,7 +317,7 @@ def rates(folder: Path, frames: int) -> tuple[float, float]:
     """Return how fast a journal is verified and derived, frames/s."""
     segments = journal_of_runs(folder, frames)
     began_s = time.monotonic()
-    reader = JournalReader(segments)
+    reader = JournalReader(recording_of(segments))
     count = sum(len(block.frames) for block in reader)
     verified_s = time.monotonic() - began_s
     assert count == frames

@@ -82,22 +82,16 @@ def test_a_segment_whose_first_bytes_are_overwritten_is_read(
     assert [one["label"] for one in reported["runs"]] == LABELS
 
 
-@pytest.mark.parametrize(
-    ("start", "why"),
-    [
-        (b"\xa5" * 80_000, "is not a journal"),
-        (b"\xb5BUMP\r\n\x01" * 10_000, "has no whole block"),
-    ],
-)
+@pytest.mark.parametrize("start", [b"\xa5" * 80_000, b"\xb5BUMP\r\n\x01" * 10_000])
 def test_a_segment_that_cannot_be_read_is_a_counted_loss(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], start: bytes, why: str
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], start: bytes
 ) -> None:
     journal_of_runs(tmp_path / "journal", 40_000)
     *_, last = segments_in(tmp_path / "journal")
     last.write_bytes(start)
     assert run(["recover", str(tmp_path), "--json"]) == 3
     loss = json.loads(capsys.readouterr().out)["loss"]
-    assert f"{last.name}: {why}" in loss
+    assert f"{last.name}: has no whole block" in loss
 
 
 def test_two_recordings_make_two_sessions_and_no_single_file(

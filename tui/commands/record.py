@@ -200,10 +200,7 @@ def recover(
     advice = "name the recorder's folder"
     segments: list[Path] = []
     for path in journal:
-        # What Bumpbench 0.1 has recorded is refused in its own words.
-        inside = (
-            segments_in(path) or segments_in(path / "journal") or path.glob("**/journal_*.mcap")
-        )
+        inside = segments_in(path) or segments_in(path / "journal")
         paths = list(inside) if path.is_dir() else [path] if path.exists() else []
         if not paths:
             reason = "has no journal_*.bbj" if path.is_dir() else "there is no such file or folder"

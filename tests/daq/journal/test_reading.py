@@ -16,12 +16,12 @@ from daq.journal.format import HEADER, MAGIC, Gap, SegmentFile, gap_event
 from daq.journal.reader import (
     HopCounts,
     JournalLoss,
-    JournalReader,
     last_campaign,
     last_recording,
     next_segment,
     read_journal,
     read_windows,
+    recording_of,
     recordings,
     recordings_of,
     scan,
@@ -81,7 +81,7 @@ def test_windows_of_time_may_overlap_and_be_empty(tmp_path: Path) -> None:
     path, _ = segment(tmp_path, 5)
     t_ns = block(0, 500).t_ns
     windows = [(int(t_ns[90]), int(t_ns[310])), (int(t_ns[300]), int(t_ns[301])), (0, 5)]
-    contents, pieces = read_windows([path], windows)
+    contents, pieces = read_windows(recording_of([path]), windows)
     assert [numbers(piece).tolist() for piece in pieces] == [list(range(90, 310)), [300], []]
     assert len(contents.frames) == 0
 
@@ -153,10 +153,8 @@ def test_a_bit_changed_anywhere_costs_at_most_its_block_and_is_counted(tmp_path:
         assert contents.lost.any == bool(gone), at
         assert gone in ([], [block_of])
         assert np.all(np.diff(read) > 0)
-        assert (contents.lost.blocks_corrupt, contents.lost.blocks_missing) == (len(gone), 0)
-        info = scan(path)
-        assert info is not None
-        assert info.summary.stop == 12
+        assert contents.lost.blocks_missing == len(gone)
+        assert scan(path).summary.stop == 12
         harmless += not gone
     assert 0 < harmless < 200
 
@@ -174,9 +172,8 @@ def test_a_beginning_of_zeros_costs_no_other_block(
     contents = read_journal([path])
     assert contents.head == HEAD
     assert numbers(contents.frames).tolist() == list(range(100 * gone, 3000))
-    lost = contents.lost
-    assert lost.blocks_corrupt + lost.blocks_missing == gone
-    assert (path.name in lost.text) == bool(gone)
+    assert contents.lost.blocks_missing == gone
+    assert (path.name in contents.lost.text) == bool(gone)
 
 
 def test_a_segment_without_any_head_is_read_with_that_of_another(tmp_path: Path) -> None:
@@ -211,7 +208,7 @@ def test_a_hole_costs_the_blocks_in_it_alone(tmp_path: Path) -> None:
     path.write_bytes(data)
     contents = read_journal([path])
     assert numbers(contents.frames).tolist() == [*range(300), *range(600, 2000)]
-    assert (contents.lost.blocks_corrupt, contents.lost.blocks_missing) == (1, 2)
+    assert contents.lost.blocks_missing == 3
     assert f"from byte {edges[3]} are damaged" in contents.lost.text
 
 
@@ -240,7 +237,6 @@ def test_an_end_torn_anywhere_costs_no_block(tmp_path: Path) -> None:
         path.write_bytes(whole[:stop])
         assert not read_journal([path]).lost.any, stop
         info = scan(path)
-        assert info is not None
         assert (bool(info.blocks), info.summary.frames) == (True, 300)
 
 
@@ -293,22 +289,20 @@ def test_the_first_twenty_notes_are_given_and_the_others_counted() -> None:
 
 
 @pytest.mark.parametrize(
-    ("content", "says"),
+    "content",
     [
-        (b"not a journal at all", "is not a journal"),
-        (bytes(100), "is not a journal"),
-        (b"", "holds no recording"),
-        (MAGIC + bytes(100), "holds no recording"),
-        (b"\x89MCAP0\r\n" + bytes(100), "this journal was written by Bumpbench 0.1.*that release"),
+        b"not a journal at all",
+        b"",
+        MAGIC + bytes(100),
     ],
 )
 def test_a_file_that_is_no_journal_is_refused_alone_and_a_loss_beside_a_segment(
-    tmp_path: Path, content: bytes, says: str
+    tmp_path: Path, content: bytes
 ) -> None:
     path, _ = segment(tmp_path)
     other = tmp_path / "journal_0002.bbj"
     other.write_bytes(content)
-    with pytest.raises(InputError, match=says):
+    with pytest.raises(InputError, match="no whole block"):
         read_journal([other])
     (info,) = recordings_of(segments_in(tmp_path))
     assert info.segments == (path, other)
@@ -333,7 +327,7 @@ def test_files_of_two_recordings_are_not_mixed(tmp_path: Path) -> None:
         one.append(block(0, 1), HopLosses())
         two.append(block(0, 1), HopLosses())
     with pytest.raises(InputError, match="another recording"):
-        JournalReader([*one.paths, *two.paths])
+        read_journal([*one.paths, *two.paths])
 
 
 # Recordings in a folder: names of segments, one after another, and deleted to make room -----------
@@ -409,9 +403,7 @@ def test_a_segment_with_a_failed_write_never_changes_again_either(tmp_path: Path
     for k in range(20):
         writer.append(block(10 * k, 10), HopLosses())
     assert names(tmp_path) == ["journal_0001.bbj", "open_0002.bbj"]
-    first = scan(tmp_path / "journal_0001.bbj")
-    assert first is not None
-    assert first.blocks
+    assert scan(tmp_path / "journal_0001.bbj").blocks
     writer.close()
 
 
@@ -435,10 +427,9 @@ def test_segments_are_numbered_on_and_never_overwritten(tmp_path: Path) -> None:
     assert next_segment(tmp_path) == 1
     (tmp_path / "journal_0007.bbj").write_bytes(b"precious")
     (tmp_path / "journal_old.bbj").write_bytes(b"")
-    (tmp_path / "journal_0041.mcap").touch()  # of Bumpbench 0.1, with its session_0041.h5
     with JournalWriter(tmp_path, HEAD, SMALL_LIMITS) as journal:
         journal.append(block(0, 1), HopLosses())
-        assert [path.name for path in journal.paths] == ["open_0042.bbj"]
+        assert [path.name for path in journal.paths] == ["open_0008.bbj"]
     assert (tmp_path / "journal_0007.bbj").read_bytes() == b"precious"
 
 
@@ -456,11 +447,9 @@ def test_a_sealed_segment_states_what_walking_through_it_finds(tmp_path: Path) -
     for path in record(tmp_path):
         whole = path.read_bytes()
         summarised = scan(path)
-        assert summarised is not None
         assert not summarised.blocks
         path.write_bytes(whole[:-1])  # without its proper end it is walked through
         walked = scan(path)
-        assert walked is not None
         assert walked.blocks
         assert replace(walked, blocks=()) == summarised
         path.write_bytes(whole)
