@@ -106,8 +106,12 @@ def write_session(path: Path | str, session: Session) -> None:
         raise InputError(str(path), what, advice) from error
 
 
-def _check_names(session: Session) -> None:
-    """Raise InputError for names that HDF5 would split into groups or truncate."""
+def _content(session: Session) -> Content:
+    """Return the content of a session's file.
+
+    Raises InputError for names that HDF5 would split into groups or truncate, and for those that
+    have another meaning in the file.
+    """
     groups = {group.name for run in session.runs for group in run.groups}
     channels = {channel.name for channel in session.channels}
     states = {state.name for state in session.mass_states}
@@ -120,11 +124,6 @@ def _check_names(session: Session) -> None:
     if taken:
         what = f"name {min(taken)!r} has another meaning in a session file"
         raise InputError("session", what, "choose another name")
-
-
-def _content(session: Session) -> Content:
-    """Return the content of a session's file; raises InputError for impossible names."""
-    _check_names(session)
     root: dict[str, Attribute] = {
         "Conventions": "CF-1.10",
         "NX_class": "NXroot",
@@ -241,12 +240,15 @@ def _table(
     attributes: Mapping[str, Attribute] | None = None,
 ) -> Content:
     """Return a group with rows as one dataset per column."""
-    arrays = {
-        name: np.array(
-            [_text(row[name], dtype) if dtype[0] == "S" else row[name] for row in rows], dtype
-        )
-        for name, dtype in columns.items()
-    }
+    arrays = {}
+    for name, dtype in columns.items():
+        cells = [row[name] for row in rows]
+        if dtype[0] == "S":
+            cells = [str(cell).encode("utf-8", "surrogateescape") for cell in cells]
+            if too_long := [cell for cell in cells if len(cell) > int(dtype[1:])]:
+                what = f"{too_long[0].decode(errors='replace')!r} is longer than {dtype[1:]} bytes"
+                raise InputError("session", what, "shorten that text")
+        arrays[name] = np.array(cells, dtype)
     group = {path: Item(attributes or {})}
     return group | _along(path, (dimension,), (len(rows),), arrays)
 
@@ -269,14 +271,6 @@ def _along(
     return counts | arrays
 
 
-def _text(value: object, dtype: str) -> bytes:
-    raw = str(value).encode("utf-8", "surrogateescape")
-    if len(raw) > int(dtype[1:]):
-        what = f"{value!r} is longer than {dtype[1:]} bytes"
-        raise InputError("session", what, "shorten that text")
-    return raw
-
-
 _OF_THE_BENCH = ("/session", "/channels", "/mass_states")
 """Parts of a session that are made again from a bench.toml when it is decoded again."""
 _Kind = TypeVar("_Kind", str, int, float)
@@ -288,28 +282,24 @@ def read_session(path: Path | str) -> Session:
     Raises InputError if the file does not exist, is not a session, has a newer schema, is
     damaged, or was changed after it was written.
     """
-    return _read(path, ())[0]
+    return read_changed_session(path, ())[0]
 
 
-def read_changed_session(path: Path | str) -> tuple[Session, tuple[str, ...]]:
+def read_changed_session(
+    path: Path | str, may_change: Collection[str] = _OF_THE_BENCH
+) -> tuple[Session, tuple[str, ...]]:
     """Return a session, and the parts of it that were changed although a bench.toml states them.
 
     For a reader that replaces sensors, weights and vehicle by those of a bench.toml.  Raises
-    InputError as `read_session` if anything else was changed.
+    InputError as `read_session` if anything but `may_change` was changed.
     """
-    return _read(path, _OF_THE_BENCH)
-
-
-def _read(path: Path | str, may_change: Collection[str]) -> tuple[Session, tuple[str, ...]]:
-    """Return a session and its changed parts; raises InputError if another part was changed."""
     content = read_content(path)
     changed = changed_parts(content)
     for part in changed:
         if part not in may_change:
             what = f"{part} was changed or damaged after the file was written"
-            or_else = "take a copy"
-            if part in _OF_THE_BENCH:
-                or_else = "with redecode from a right bench.toml"
+            redecoded = part in _OF_THE_BENCH
+            or_else = "with redecode from a right bench.toml" if redecoded else "take a copy"
             advice = f"build it again with bumpbench recover, or {or_else}"
             raise InputError(str(path), what, advice)
     return session_of(content, str(path)), changed
@@ -322,43 +312,38 @@ def session_of(content: Content, where: str) -> Session:
     itself.
     """
     try:
-        return _session(content)
+        about = _attributes(content, "/session")
+        provenance = {
+            name.removeprefix("provenance_"): str(value)
+            for name, value in about.items()
+            if name.startswith("provenance_")
+        }
+        for path in content:
+            folder, _, name = path.rpartition("/")
+            if folder == "/config":
+                raw = _values(content, path, "u1")
+                provenance[name] = raw.tobytes().decode("utf-8", "surrogateescape")
+        states = [f"/mass_states/{name}" for name in groups_in(content, "/mass_states")]
+        states.sort(key=lambda path: _attribute(content, path, "order", int))
+        rows = _rows(content, "/channels", CHANNEL_COLUMNS, {"name", "quantity", "unit"})
+        for row in rows:
+            row["corner"] = row.get("corner") or None
+            row["at_cg"] = bool(row.get("at_cg"))
+        channels = tuple(Channel(**row) for row in rows)
+        runs = tuple(_read_run(content, f"/runs/{name}") for name in groups_in(content, "/runs"))
+        measured = {name for run in runs for group in run.groups for name in group.values}
+        if unknown := measured - {channel.name for channel in channels}:
+            raise SchemaError("/channels", f"does not describe {min(unknown)}")
+        return Session(
+            vehicle=_vehicle(content),
+            channels=channels,
+            mass_states=tuple(_read_mass_state(content, path) for path in states),
+            runs=runs,
+            provenance=provenance,
+        )
     except (ValueError, TypeError, LookupError, OverflowError) as error:
         what = f"is damaged: {str(error) or type(error).__name__}"
         raise InputError(where, what, DAMAGED_ADVICE) from error
-
-
-def _session(content: Content) -> Session:
-    about = _attributes(content, "/session")
-    provenance = {
-        name.removeprefix("provenance_"): str(value)
-        for name, value in about.items()
-        if name.startswith("provenance_")
-    }
-    for path in content:
-        folder, _, name = path.rpartition("/")
-        if folder == "/config":
-            raw = _values(content, path, "u1")
-            provenance[name] = raw.tobytes().decode("utf-8", "surrogateescape")
-    states = [f"/mass_states/{name}" for name in groups_in(content, "/mass_states")]
-    states.sort(key=lambda path: _attribute(content, path, "order", int))
-    rows = _rows(content, "/channels", CHANNEL_COLUMNS, {"name", "quantity", "unit"})
-    for row in rows:
-        row["corner"] = row.get("corner") or None
-        row["at_cg"] = bool(row.get("at_cg"))
-    channels = tuple(Channel(**row) for row in rows)
-    runs = tuple(_read_run(content, f"/runs/{name}") for name in groups_in(content, "/runs"))
-    measured = {name for run in runs for group in run.groups for name in group.values}
-    unknown = measured - {channel.name for channel in channels}
-    if unknown:
-        raise SchemaError("/channels", f"does not describe {min(unknown)}")
-    return Session(
-        vehicle=_vehicle(content),
-        channels=channels,
-        mass_states=tuple(_read_mass_state(content, path) for path in states),
-        runs=runs,
-        provenance=provenance,
-    )
 
 
 def _vehicle(content: Content) -> Vehicle:
@@ -403,6 +388,19 @@ def _read_run(content: Content, path: str) -> Run:
         field.name: _attribute(content, path, f"lost_{field.name}", int, 0)
         for field in fields(Losses)
     }
+    groups = []
+    for name in _lines(content, path, "sample_groups"):
+        place = f"{path}/{name}"
+        channels = _lines(content, place, "channels")
+        groups.append(
+            SampleGroup(
+                name=name,
+                time_s=_values(content, f"{place}/time", "f8"),
+                t_ns=_values(content, f"{place}/t_ns", "i8"),
+                values={each: _values(content, f"{place}/{each}", "f8") for each in channels},
+                quality=_values(content, f"{place}/quality", "u1"),
+            )
+        )
     buses = [name for name in groups_in(content, path) if name.startswith(RAW_PREFIX)]
     frames = FrameBatch.concatenate([_frames(content, f"{path}/{name}") for name in buses])
     events = _rows(content, f"{path}/events", EVENT_COLUMNS, set(EVENT_COLUMNS))
@@ -412,26 +410,12 @@ def _read_run(content: Content, path: str) -> Run:
         repeat=_attribute(content, path, "repeat", int),
         t0_ns=_attribute(content, path, "t0_ns", int),
         bump_s=_attribute(content, path, "bump_s", float),
-        groups=tuple(
-            _read_samples(content, path, n) for n in _lines(content, path, "sample_groups")
-        ),
+        groups=tuple(groups),
         status=RunStatus(_attribute(content, path, "status", str)),
         reasons=_lines(content, path, "reasons"),
         losses=Losses(**losses),
         events=tuple(Event(**row) for row in events),
         frames=frames.by_time() if len(buses) > 1 else frames,
-    )
-
-
-def _read_samples(content: Content, run: str, name: str) -> SampleGroup:
-    path = f"{run}/{name}"
-    channels = _lines(content, path, "channels")
-    return SampleGroup(
-        name=name,
-        time_s=_values(content, f"{path}/time", "f8"),
-        t_ns=_values(content, f"{path}/t_ns", "i8"),
-        values={channel: _values(content, f"{path}/{channel}", "f8") for channel in channels},
-        quality=_values(content, f"{path}/quality", "u1"),
     )
 
 

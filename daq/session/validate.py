@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict
 from hashlib import sha256
-from math import isfinite
 from pathlib import Path
 
 import numpy as np
 
 from dbc.codec import UNUSABLE
 from dbc.finding import Finding, Severity
-from dbc.frames import FrameBatch, FrameFlag
 from dbc.words import counted
 
-from ..channels import SI_UNITS, Channel, Quantity
+from ..channels import Channel, Quantity
 from ..errors import InputError, printable
-from ..runs import Run, RunStatus, SampleGroup
+from ..runs import SampleGroup
 from ..sessions import Session
 from .content import session_of
 from .hdf5 import Content, SchemaError, changed_parts, has_checksums, read_content
@@ -89,10 +86,20 @@ def _unchanged(content: Content) -> Iterator[Finding]:
 
 def check_session(session: Session) -> Iterator[Finding]:
     """Yield findings on contradictions and implausible values in a session."""
-    yield from _vehicle(session)
-    yield from _channels(session)
+    for state in session.mass_states:
+        matrix, where = state.added.matrix, f"/mass_states/{state.name}"
+        # Also not a number: that is no difference below any limit.
+        if not np.all(np.abs(matrix - matrix.T) <= 1e-9 * np.abs(matrix).max()):
+            yield _error(where, "delta_mass is not finite and symmetric")
+    names = [channel.name for channel in session.channels]
+    for name in sorted({name for name in names if names.count(name) > 1}):
+        yield _error("/channels", f"{name} occurs in it twice")
+    for channel in session.channels:
+        if abs(channel.sign) != 1.0:
+            yield _error(f"/channels {channel.name}", f"has sign {channel.sign}")
     labels: set[str] = set()
     states = {state.name for state in session.mass_states}
+    channels = {channel.name: channel for channel in session.channels}
     for number, run in enumerate(session.runs, start=1):
         where = f"/runs/r{number:03d}_{run.label}"
         if run.label in labels:
@@ -100,64 +107,18 @@ def check_session(session: Session) -> Iterator[Finding]:
         labels.add(run.label)
         if run.mass_state not in states:
             yield _error(where, f"mass state {run.mass_state} is not described")
-        yield from _run(run, where, session)
+        if run.is_accepted and not any(len(group.time_s) for group in run.groups):
+            yield _error(where, "is accepted but has no sample")
+        for group in run.groups:
+            yield from _samples(group, f"{where}/{group.name}", channels)
     if not session.runs:
         yield _warning("/runs", "there is no run")
 
 
-def _vehicle(session: Session) -> Iterator[Finding]:
-    for fact in session.vehicle.facts:
-        if not isfinite(fact.value) or not isfinite(fact.sigma):
-            yield _error("/session/facts", f"{fact.quantity} is {fact.value} ± {fact.sigma}")
-    for state in session.mass_states:
-        where = f"/mass_states/{state.name}"
-        matrix = state.added.matrix
-        if not np.all(np.isfinite(matrix)):
-            yield _error(where, "delta_mass is not finite")
-        elif np.any(np.abs(matrix - matrix.T) > 1e-9 * np.abs(matrix).max(initial=0.0)):
-            yield _error(where, "delta_mass is not symmetric")
-        for weight in state.added.weights:
-            numbers = [n for n in asdict(weight).values() if isinstance(n, float)]
-            if weight.mass_kg <= 0.0 or not np.all(np.isfinite(numbers)):
-                yield _warning(where, f"a weight of {weight.mass_kg} ± {weight.sigma_kg} kg")
-
-
-def _channels(session: Session) -> Iterator[Finding]:
-    names = [channel.name for channel in session.channels]
-    for name in sorted({name for name in names if names.count(name) > 1}):
-        yield _error("/channels", f"{name} occurs in it twice")
-    for channel in session.channels:
-        where = f"/channels {channel.name}"
-        unit = SI_UNITS.get(channel.quantity, channel.unit)
-        if channel.unit != unit:
-            yield _error(where, f"{channel.quantity} is in {channel.unit or 'no unit'}, not {unit}")
-        if abs(channel.sign) != 1.0:
-            yield _error(where, f"has sign {channel.sign}")
-
-
-def _run(run: Run, where: str, session: Session) -> Iterator[Finding]:
-    if run.t0_ns < 946_684_800 * 10**9 and len(run.frames):
-        yield _warning(where, "began before the year 2000: the bus's clock was not set")
-    if run.is_accepted and not any(len(g.time_s) for g in run.groups):
-        yield _error(where, "is accepted but has no sample")
-    if run.status is RunStatus.REJECTED and not run.reasons:
-        yield _warning(where, "is rejected without a reason")
-    channels = {channel.name: channel for channel in session.channels}
-    for group in run.groups:
-        yield from _samples(group, f"{where}/{group.name}", run, channels)
-    yield from _frames(run.frames, where)
-
-
-def _samples(
-    group: SampleGroup, where: str, run: Run, channels: dict[str, Channel]
-) -> Iterator[Finding]:
-    time_s = group.time_s
-    if not np.all(np.isfinite(time_s)) or np.any(np.diff(time_s) <= 0):
+def _samples(group: SampleGroup, where: str, channels: dict[str, Channel]) -> Iterator[Finding]:
+    """Yield findings on the times and values of a group."""
+    if not np.all(np.isfinite(group.time_s)) or np.any(np.diff(group.time_s) <= 0):
         yield _error(where, "time is not increasing")
-    elif len(time_s) and run.t0_ns and group.t_ns.any():
-        apart_s = np.abs((group.t_ns - run.t0_ns) * 1e-9 - time_s).max()
-        if apart_s > 0.5:
-            yield _warning(where, f"time and t_ns are up to {apart_s:.3g} s apart")
     usable = (group.quality & UNUSABLE) == 0
     for name, values in group.values.items():
         if endless := int(np.isinf(values).sum()):
@@ -166,22 +127,9 @@ def _samples(
         if len(values) and np.isnan(values).all():
             yield _warning(f"{where}/{name}", "has no value in this run")
         largest = np.abs(values[np.isfinite(values)]).max(initial=0.0)
-        limit = _LARGEST.get(channels[name].quantity, np.inf)
-        if largest > limit:
+        if largest > _LARGEST.get(channels[name].quantity, np.inf):
             text = f"reaches {largest:.3g} {channels[name].unit}: wrong scale or unit?"
             yield _warning(f"{where}/{name}", text)
     columns = list(group.values.values())
-    if columns and len(time_s) and not np.any(usable & np.any(np.isfinite(columns), axis=0)):
+    if columns and len(usable) and not np.any(usable & np.any(np.isfinite(columns), axis=0)):
         yield _warning(where, "has no usable sample")
-
-
-def _frames(frames: FrameBatch, where: str) -> Iterator[Finding]:
-    extended = frames.flags & (FrameFlag.EXTENDED | FrameFlag.ERROR) != 0
-    if np.any(frames.can_id >= np.where(extended, 1 << 29, 1 << 11)):
-        yield _error(where, "a raw frame has an identifier that no frame can have")
-    if np.any(frames.length > frames.data.shape[1]):
-        yield _error(where, "a raw frame is longer than its data")
-    for bus in np.unique(frames.bus):
-        back = np.diff(frames.t_ns[frames.bus == bus]) < 0
-        if np.any(back):
-            yield _warning(where, f"the time stamps of bus {bus} go back {back.sum()} times")

@@ -9,14 +9,11 @@ which blocks wait for the disk.
 from __future__ import annotations
 
 import ctypes
-import multiprocessing
 import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
-from dataclasses import dataclass
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -53,62 +50,19 @@ def main(arguments: list[str]) -> int:
     return run(command)
 
 
-# Runs the parts of the crash campaigns side by side, each in a process of its own ---------------
-
-
-_PARENT_DEATH = 1
-"""`PR_SET_PDEATHSIG` of prctl(2)."""
-
-
 def die_with_parent() -> None:
     """End this process as soon as the one that started it has ended; on Linux only."""
     if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(_PARENT_DEATH, signal.SIGKILL)
+        ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
         if os.getppid() == 1:  # it ended while this process was starting
             sys.exit(1)
-
-
-@dataclass(frozen=True, slots=True)
-class Done:
-    """Holds the results of the parts of a campaign, and their time."""
-
-    results: tuple[Any, ...]
-    failed: str
-    """Why one of them failed; empty if none did."""
-    seconds: float
-    """Wall time of all parts, s; more than have passed where they ran side by side."""
 
 
 Part = Callable[[], Any]
 
 
-class Jobs:
-    """Processes for parts of campaigns; a context manager that ends them."""
-
-    def __init__(self, count: int) -> None:
-        spawned = multiprocessing.get_context(
-            "spawn"
-        )  # threads and locks of this process stay here
-        self._pool = ProcessPoolExecutor(count, spawned, die_with_parent)
-
-    def __enter__(self) -> Jobs:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._pool.shutdown(cancel_futures=True)
-
-    def begin(self, parts: Sequence[Part]) -> list[Future[tuple[Any, str, float]]]:
-        """Queue the parts of a campaign."""
-        return [self._pool.submit(partial(_timed, part)) for part in parts]
-
-
-def done(begun: Sequence[Future[tuple[Any, str, float]]]) -> Done:
-    """Wait for the parts of a campaign and return what they have returned, in order."""
-    results, failed, seconds = zip(*(part.result() for part in begun), strict=True)
-    return Done(results, "; ".join(filter(None, failed)), sum(seconds))
-
-
-def _timed(part: Part) -> tuple[Any, str, float]:
+def timed(part: Part) -> tuple[Any, str, float]:
+    """Return the result of a part of a campaign, why it failed (empty if not), and its time, s."""
     began_s, result, failed = time.monotonic(), None, ""
     try:
         result = part()

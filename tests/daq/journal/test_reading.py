@@ -128,7 +128,7 @@ def test_another_process_goes_on_with_its_own_counts(tmp_path: Path) -> None:
 def test_a_tail_torn_at_any_byte_costs_that_block_alone(tmp_path: Path) -> None:
     path, (*_, before, end) = segment(tmp_path, 2)
     whole = path.read_bytes()
-    for size in [*range(before, before + 2 * HEADER.size), *range(before, end, 31), end - 1]:
+    for size in [*range(before, before + HEADER.size + 2), *range(before, end, 131), end - 1]:
         path.write_bytes(whole[:size])
         contents = read_journal([path])
         assert same(contents.frames, block(0, 100))
@@ -142,7 +142,7 @@ def test_a_bit_changed_anywhere_costs_at_most_its_block_and_is_counted(tmp_path:
     whole = path.read_bytes()
     rng = np.random.default_rng(41)
     harmless = 0
-    for at in [*range(20), *rng.integers(0, len(whole), 300).tolist()]:
+    for at in [*range(0, 56, 5), *rng.integers(0, len(whole), 90).tolist()]:
         changed = bytearray(whole)
         changed[at] ^= 1 << int(rng.integers(8))
         path.write_bytes(changed)
@@ -156,7 +156,7 @@ def test_a_bit_changed_anywhere_costs_at_most_its_block_and_is_counted(tmp_path:
         assert contents.lost.blocks_missing == len(gone)
         assert scan(path).summary.stop == 12
         harmless += not gone
-    assert 0 < harmless < 200
+    assert 0 < harmless < 60
 
 
 @pytest.mark.parametrize("zeros", [40, 3000, 25_000])
@@ -201,24 +201,20 @@ def test_a_segment_without_any_head_is_read_with_that_of_another(tmp_path: Path)
     assert (lost.bytes_cut, info.frames) == (len(bytes(second) + data[second:end]), 7)
 
 
-def test_a_hole_costs_the_blocks_in_it_alone(tmp_path: Path) -> None:
-    path, edges = segment(tmp_path, 20)
-    data = bytearray(path.read_bytes())
-    data[edges[3] + 5 : edges[6] - 7] = bytes(edges[6] - edges[3] - 12)
-    path.write_bytes(data)
+@pytest.mark.parametrize("killed", [True, False])
+def test_a_hole_and_blocks_cut_out_cost_those_blocks_alone(tmp_path: Path, killed: bool) -> None:
+    path, edges = segment(tmp_path, 20, killed=killed)
+    whole = path.read_bytes()
+    hole = bytes(edges[6] - edges[3] - 12)
+    path.write_bytes(whole[: edges[3] + 5] + hole + whole[edges[6] - 7 :])
     contents = read_journal([path])
     assert numbers(contents.frames).tolist() == [*range(300), *range(600, 2000)]
     assert contents.lost.blocks_missing == 3
     assert f"from byte {edges[3]} are damaged" in contents.lost.text
-
-
-def test_blocks_before_a_sound_end_are_missed(tmp_path: Path) -> None:
-    path, edges = segment(tmp_path, 5, killed=False)
-    data = path.read_bytes()
-    path.write_bytes(data[: edges[3]] + data[edges[5] :])
+    path.write_bytes(whole[: edges[3]] + whole[edges[6] :])
     contents = read_journal([path])
-    assert numbers(contents.frames).tolist() == list(range(300))
-    assert contents.lost.blocks_missing == 2
+    assert numbers(contents.frames).tolist() == [*range(300), *range(600, 2000)]
+    assert contents.lost.blocks_missing == 3
 
 
 def test_magic_numbers_that_begin_no_block_are_passed_over(tmp_path: Path) -> None:
@@ -233,7 +229,7 @@ def test_magic_numbers_that_begin_no_block_are_passed_over(tmp_path: Path) -> No
 def test_an_end_torn_anywhere_costs_no_block(tmp_path: Path) -> None:
     path, edges = segment(tmp_path, 3, killed=False)
     whole = path.read_bytes()
-    for stop in range(edges[-1] + HEADER.size, len(whole), 7):
+    for stop in range(edges[-1] + HEADER.size, len(whole), 29):
         path.write_bytes(whole[:stop])
         assert not read_journal([path]).lost.any, stop
         info = scan(path)
@@ -376,26 +372,21 @@ def test_the_open_segment_is_the_only_one_of_its_name(tmp_path: Path) -> None:
     assert numbers(read_journal(listed).frames).tolist() == list(range(1200))
 
 
-@pytest.mark.parametrize(("size", "files"), [(9_000.0, 2), (12_000.0, 1)])
-def test_a_segment_ends_at_its_size(tmp_path: Path, size: float, files: int) -> None:
-    limits = RecorderConfig(segment_bytes=size, reserve_bytes=0.0)
+def test_a_segment_ends_at_its_size_or_age_but_not_without_blocks(tmp_path: Path) -> None:
+    limits = RecorderConfig(segment_bytes=12_000.0, reserve_bytes=0.0)
     with JournalWriter(tmp_path, HEAD, limits, QuickFile) as writer:
-        writer.append(block(0, 400), HopLosses())  # 9.6 kB and the head
-        writer.maintain(0.0)
-        assert len(segments_in(tmp_path)) == files
-
-
-def test_a_segment_ends_at_its_age_but_not_without_blocks(tmp_path: Path) -> None:
-    with JournalWriter(tmp_path, HEAD, RecorderConfig(reserve_bytes=0.0), QuickFile) as writer:
-        writer.maintain(0.0)
-        writer.maintain(10_000.0)  # silent
-        writer.append(block(0, 1), HopLosses())
-        writer.maintain(10_001.0)
-        writer.append(block(1, 1), HopLosses())
-        writer.maintain(10_900.9)
-        assert len(segments_in(tmp_path)) == 2
-        writer.maintain(10_901.0)
-        assert len(segments_in(tmp_path)) == 3
+        for now_s, frames, files in (
+            (0.0, 0, 1),
+            (10_000.0, 0, 1),  # silent
+            (10_001.0, 1, 2),
+            (10_900.9, 400, 2),  # 9.6 kB and the head
+            (10_901.0, 0, 3),
+            (10_902.0, 500, 4),
+        ):
+            if frames:
+                writer.append(block(0, frames), HopLosses())
+            writer.maintain(now_s)
+            assert len(segments_in(tmp_path)) == files, now_s
 
 
 def test_a_segment_with_a_failed_write_never_changes_again_either(tmp_path: Path) -> None:
@@ -453,26 +444,6 @@ def test_a_sealed_segment_states_what_walking_through_it_finds(tmp_path: Path) -
         assert walked.blocks
         assert replace(walked, blocks=()) == summarised
         path.write_bytes(whole)
-
-
-def test_to_go_on_no_block_of_a_sealed_segment_is_read(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    *_, last = paths = record(tmp_path)
-    last.write_bytes(last.read_bytes()[:-100])  # the recorder was killed
-    walked: list[Path] = []
-    really = SegmentFile.blocks
-
-    def blocks(file: SegmentFile) -> object:
-        walked.append(file.path)
-        return really(file)
-
-    monkeypatch.setattr(SegmentFile, "blocks", blocks)
-    tail = last_recording(tmp_path)
-    assert tail is not None
-    assert (tail.segments, tail.frames, tail.ended) == (paths, 3000, False)
-    assert tail.events == (BUMP, NOTE)
-    assert set(walked) == {last}
 
 
 def test_one_recording_ends_and_the_next_begins(tmp_path: Path) -> None:
