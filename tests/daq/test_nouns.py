@@ -426,8 +426,10 @@ BOLTED = tuple(BodyWeight(32.5, x, y) for x in (0.14, -2.64) for y in (0.55, -0.
 SOFT, STIFF = (replace(FORD_GRANADA, k_sf=f * 17e3, k_sr=f * 22e3) for f in (0.7, 1.25))
 
 
-@pytest.mark.parametrize("car", [FORD_GRANADA, SOFT, STIFF])
-@pytest.mark.parametrize("number", range(4))
+@pytest.mark.parametrize(
+    ("car", "number"),
+    [(FORD_GRANADA, 0), (FORD_GRANADA, 3), (SOFT, 1), (STIFF, 2)],
+)
 def test_a_weight_that_the_sag_contradicts_is_named(car: VehicleParameters, number: int) -> None:
     sag, right = _sag(BOLTED, car), BOLTED[number]
     assert wrong_weights(BOLTED, FORD_GRANADA, sag) == ()

@@ -260,12 +260,12 @@ def test_a_late_first_or_last_frame_does_not_tilt_the_clock(place: int) -> None:
 def test_the_ticks_of_jitter_beyond_a_cycle_are_found_or_the_arrival_is_kept() -> None:
     rng = np.random.default_rng(3)
     found = []
-    for _ in range(60):
+    for _ in range(20):
         late_s = np.minimum(rng.exponential(0.3 * CYCLE_S, 700), 1.5 * CYCLE_S)
         error = errors(late_s)
         if np.std(error) < 0.2:
             found.append(np.max(np.abs(error)))
-    assert len(found) > 50
+    assert len(found) > 16
     assert max(found) < 0.1
 
 
@@ -288,7 +288,7 @@ def test_a_faster_clock_of_which_each_tenth_frame_is_missing_is_none(missing: in
     """Frames of other sensors in the way make most gaps shorter than the cycle, and some longer."""
     beat = np.resize([0.08, 0.045, 0.1, 0.02, 0.14], 700)
     kept = np.arange(700) != missing
-    for seed in range(60):
+    for seed in range(20):
         rng = np.random.default_rng(seed)
         tick_s = 0.0013 + CYCLE_S * np.arange(700)
         arrival_s = tick_s + CYCLE_S * (beat + rng.exponential(0.012, 700))

@@ -28,8 +28,7 @@ from daq.session import (
 )
 from daq.session.validate import check_session
 from daq.sessions import Session
-from daq.vehicle import AddedMass, BodyWeight, Fact, MassState
-from dbc import FrameBatch
+from daq.vehicle import AddedMass, MassState
 from tui.cli import run
 
 from ..small_session import small_file, small_session
@@ -93,14 +92,14 @@ def test_a_flip_in_the_header_of_a_dataset_that_h5py_does_not_see_is_refused(pat
     with h5py.File(path) as file:
         header = h5py.h5o.get_info(file[f"{HUB}/hub_fl"].id).addr
     silent = []
-    for place, bit in product(range(header + 32, header + 130), (0, 5)):
+    for place, bit in product(range(header + 32, header + 130, 2), (0, 5)):
         raw = bytearray(written)
         raw[place] ^= 1 << bit
         noisy = suppress(OSError, RuntimeError, KeyError, ValueError, TypeError)
         with noisy, h5py.File(BytesIO(raw)) as file:
             if not np.array_equal(file[f"{HUB}/hub_fl"][()], truth, equal_nan=True):
                 silent.append(bytes(raw))
-    assert len(silent) > 10
+    assert len(silent) > 5
     assert _refusals(path, silent, whole) == len(silent)
 
 
@@ -174,8 +173,8 @@ def _virtual(file: h5py.File) -> None:
 
 
 def _bomb(file: h5py.File) -> None:
-    zeros = np.zeros((128 << 20) // 8 + 64 * 200_000)
-    file["config"].create_dataset("x", data=zeros, compression="gzip", chunks=(2**20,))
+    size = (128 << 20) // 8 + 64 * 200_000
+    file["config"].create_dataset("x", (size,), "f8", compression="gzip", chunks=(2**20,))
 
 
 def _link(file: h5py.File) -> None:
@@ -231,12 +230,9 @@ def test_what_is_no_session_is_refused(tmp_path: Path, path: Path) -> None:
 @pytest.mark.parametrize(
     "edit",
     [
-        lambda file: file["session"].attrs.modify("vehicle", "another"),
-        lambda file: file[RUN].attrs.modify("status", "accepted"),
         lambda file: file[f"{HUB}/hub_fl"].attrs.modify("units", "mm/s2"),
         lambda file: file.__delitem__("runs/r003_baseline_roll_3"),
         lambda file: file.move("mass_states/added", "mass_states/other"),
-        lambda file: file["runs"].attrs.__delitem__("content_sha256"),
         lambda file: file[RUN].attrs.modify("content_sha256", "0" * 64),
     ],
 )
@@ -335,13 +331,15 @@ def test_what_breaks_the_schema_is_named(
     path: Path, edit: Callable[[h5py.File], None], where: str, what: str
 ) -> None:
     with h5py.File(path, "r+") as file:
+        for name in list(file["runs"])[1:]:
+            del file["runs"][name]
         _unsealed(file)
         edit(file)
     findings = [f for f in validate_session(path) if f.severity is Severity.ERROR]
     assert any(f.where == where and what in f.text for f in findings), findings
 
 
-# What is hard to believe in a session: each limit on both sides, in num ---------------------------
+# What is hard to believe in a session: each limit on both sides -----------------------------------
 
 
 SESSION = small_session()
@@ -358,13 +356,6 @@ def _found(**changes: Any) -> list[tuple[str, str]]:
 
 def _of_run(**changes: Any) -> list[tuple[str, str]]:
     return _found(runs=(replace(PLAUSIBLE_RUN, **changes),))
-
-
-def _forced(thing: Any, **values: Any) -> Any:
-    """Return a noun with values that it refuses itself, as a foreign file may have them."""
-    for name, value in values.items():
-        object.__setattr__(thing, name, value)
-    return thing
 
 
 def test_the_session_itself_is_plausible() -> None:
@@ -387,18 +378,11 @@ def test_a_mass_matrix_is_finite_and_symmetric(largest: float, apart: float, goo
     assert found == ([] if good else [("error", "/mass_states/added")])
 
 
-@pytest.mark.parametrize(
-    ("field", "value", "severity"),
-    [
-        ("sign", -1.0, ""),
-        ("sign", 0.5, "error"),
-        ("unit", "g", "error"),
-    ],
-)
-def test_where_and_how_a_channel_is_mounted(field: str, value: Any, severity: str) -> None:
-    az = _forced(Channel("az", Quantity.BODY_ACCELERATION), **{field: value})
+@pytest.mark.parametrize(("sign", "good"), [(-1.0, True), (0.5, False)])
+def test_a_channel_has_a_sign(sign: float, good: bool) -> None:
+    az = replace(SESSION.channels[2], sign=sign)
     found = _found(channels=(*SESSION.channels[:2], az, SESSION.channels[3]))
-    assert found == ([(severity, "/channels az")] if severity else [])
+    assert found == ([] if good else [("error", "/channels az")])
 
 
 @pytest.mark.parametrize(
@@ -433,44 +417,6 @@ def test_the_largest_value_that_a_bump_can_give(quantity: Quantity, limit: float
 
 
 @pytest.mark.parametrize(
-    ("columns", "severity"),
-    [
-        ({"can_id": [0x7FF, 0]}, ""),
-        ({"can_id": [0x800, 0]}, "error"),
-        ({"can_id": [0x800, 0], "flags": [1, 0]}, ""),
-        ({"can_id": [0x800, 0], "flags": [4, 0]}, ""),
-        ({"can_id": [0x2000_0000, 0], "flags": [1, 0]}, "error"),
-        ({"length": [9, 8]}, "error"),
-        ({"t_ns": [10**18, 10**18 - 1]}, "warning"),
-        ({"t_ns": [10**18, 10**18 - 1], "bus": [0, 1]}, ""),
-    ],
-)
-def test_raw_frames(columns: dict[str, list[int]], severity: str) -> None:
-    whole: dict[str, Any] = {"t_ns": [10**18] * 2, "can_id": [0, 0], "flags": [0, 0]}
-    whole |= {"bus": [0, 0], "length": [8, 8], "data": np.zeros((2, 8))} | columns
-    types = {"t_ns": "i8", "can_id": "u4", "flags": "u2", "bus": "u1", "length": "u1", "data": "u1"}
-    frames = FrameBatch(**{name: np.array(whole[name], dtype) for name, dtype in types.items()})
-    assert _of_run(frames=frames) == ([(severity, PLACE)] if severity else [])
-
-
-@pytest.mark.parametrize(
-    ("value", "sigma", "good"), [(1.0, 0.0, True), (np.inf, 1.0, False), (1.0, np.nan, False)]
-)
-def test_a_fact_is_two_numbers(value: float, sigma: float, good: bool) -> None:
-    fact = _forced(Fact("total_mass_kg", 1500.0, 1.0), value=value, sigma=sigma)
-    found = _found(vehicle=replace(SESSION.vehicle, facts=(fact,)))
-    assert found == ([] if good else [("error", "/session/facts")])
-
-
-@pytest.mark.parametrize(("late_ms", "good"), [(490, True), (510, False), (-510, False)])
-def test_the_two_times_of_a_sample_agree_within_half_a_second(late_ms: int, good: bool) -> None:
-    t_ns = IMU.t_ns.copy()
-    t_ns[1] += late_ms * 1_000_000
-    found = _of_run(groups=(replace(IMU, t_ns=t_ns),))
-    assert found == ([] if good else [("warning", f"{PLACE}/A_IMU")])
-
-
-@pytest.mark.parametrize(
     ("quality", "values", "good"),
     [
         ([0, 0, 0], [np.nan, 1.0, np.nan], True),
@@ -484,28 +430,8 @@ def test_a_group_has_a_usable_sample(quality: list[int], values: list[float], go
     assert _of_run(groups=(group,)) == ([] if good else [("warning", f"{PLACE}/A_IMU")])
 
 
-@pytest.mark.parametrize(
-    ("mass_kg", "sigma_kg", "position_sigma_m", "good"),
-    [
-        (99_999.0, 1.0, 0.1, True),
-        (0.0, 1.0, 0.1, False),
-        (10.0, np.inf, 0.1, False),
-        (10.0, 1.0, np.inf, False),
-    ],
-)
-def test_weights(mass_kg: float, sigma_kg: float, position_sigma_m: float, good: bool) -> None:
-    values = {"mass_kg": mass_kg, "sigma_kg": sigma_kg, "position_sigma_m": position_sigma_m}
-    weight = _forced(BodyWeight(10.0, 0.0, 0.0, 0.0, 0.0, 0.0), **values)
-    found = _with_mass(AddedMass((weight,), np.eye(7)))
-    assert found == ([] if good else [("warning", "/mass_states/added")])
-
-
-def test_samples_and_the_clock_of_a_run() -> None:
+def test_an_accepted_run_has_samples() -> None:
     nothing = SampleGroup("A_IMU", np.zeros(0), np.zeros(0, np.int64), {}, np.zeros(0, np.uint8))
     accepted = {"status": RunStatus.ACCEPTED, "reasons": ()}
     assert not _of_run(**accepted, groups=(nothing, PLAUSIBLE_RUN.groups[0]))
     assert _of_run(**accepted, groups=(nothing,)) == [("error", PLACE)]
-    year_2000_ns = 946_684_800 * 10**9
-    assert _of_run(t0_ns=year_2000_ns - 1, groups=()) == [("warning", PLACE)]
-    assert not _of_run(t0_ns=year_2000_ns, groups=())
-    assert not _of_run(t0_ns=year_2000_ns - 1, groups=(), frames=FrameBatch.empty())
