@@ -11,110 +11,96 @@ from numpy.typing import NDArray
 from daq.vehicle import DOF, MassState, VehicleGeometry, VehicleParameters
 from dbc.words import InputError
 
-from .model.matrices import N_DOF, PhysicalModel, delta_mass, matrices, with_geometry
+from .model.matrices import N_DOF, PhysicalModel, delta_mass, matrices
 from .modes.modal_model import ModalModel, displacement_shapes
 from .modes.vehicle_modes import SensedModes
 
-# Follows the paper's order of estimation: from M, C and K to parameters in three linear steps -----
+Floats = NDArray[np.float64]
+
+# The paper's order of estimation: from M, C and K to parameters in three linear steps ------------
 #
-# Masses are the diagonal of M.  Stiffnesses and damping come from those elements of K and C that
-# hold nothing else, by least squares; then the geometry comes from the elements of K that are
-# linear in it (paper, section 4.1).  With its Wilson-theta simulation this gives all of the
-# paper's Table 2 to 0.02 percentage points; `physical.nearest_vehicle` uses every element at once.
-
-STIFFNESS = slice(5, 9)
-DAMPING = slice(9, 11)
-"""`STIFFNESS`, `DAMPING`: positions among the 15 parameters."""
-_GEOMETRY = slice(11, 15)
+# With its Wilson-theta simulation this gives all of the paper's Table 2 to 0.02 percentage points;
+# `nearest_vehicle` uses every element at once.
 
 
-def sequential_vehicle(model: PhysicalModel) -> VehicleParameters:
-    """Return the 15 parameters in the order of the paper.
+def sequential_vehicle(
+    model: PhysicalModel, geometry: VehicleGeometry | None = None
+) -> VehicleParameters:
+    """Return the 15 parameters in the order of the paper (section 4.1).
 
-    `model`: M, C and K as identified (Eqs. 30-33).
+    Masses are the diagonal of M.  Stiffnesses and damping come from those elements of K and C that
+    hold nothing else, by least squares; then the lengths come from the elements of K that are
+    linear in them.  If the lengths are measured, all elements of K and C are used, each with the
+    same weight: this gives the paper's Fig. 8, elements scaled to equal size do not.
+
+    `model`: M, C and K as identified (Eqs. 30-33).  `geometry`: the four lengths if they are
+    measured.
     """
-    theta = np.ones(15)
-    masses = np.diag(model.M)
+    masses, theta = np.diag(model.M), np.ones(15)
     theta[:5] = (*masses[:3], masses[3:5].mean(), masses[5:].mean())
-    theta[STIFFNESS] = linear_parameters(theta, STIFFNESS, 2, _without_geometry(), model.K)
-    theta[DAMPING] = linear_parameters(theta, DAMPING, 1, _without_geometry(), model.C)
-    theta[_GEOMETRY] = linear_parameters(theta, _GEOMETRY, 2, _linear_in_geometry(), model.K)
-    return VehicleParameters(*(float(value) for value in theta))
+    stiffness, damping, lengths = slice(5, 9), slice(9, 11), slice(11, 15)
+    if geometry is None:
+        used = np.eye(N_DOF, dtype=bool)  # elements without a length
+        used[0, 3:] = used[3:, 0] = True
+        used[1, 1] = used[2, 2] = False
+    else:
+        used = np.ones((N_DOF, N_DOF), dtype=bool)
+        theta[lengths] = (geometry.a, geometry.b, geometry.t_f, geometry.t_r)
+    theta[stiffness] = _linear_parameters(theta, stiffness, 2, used, model.K)
+    theta[damping] = _linear_parameters(theta, damping, 1, used, model.C)
+    if geometry is None:
+        linear = np.zeros((N_DOF, N_DOF), dtype=bool)
+        linear[1:3, 3:] = linear[1:3, 0] = True
+        theta[lengths] = _linear_parameters(theta, lengths, 2, linear | linear.T, model.K)
+    return VehicleParameters(*theta.tolist())
 
 
-def _without_geometry() -> NDArray[np.bool_]:
-    """Return which elements of K and C hold no length, (7, 7)."""
-    mask = np.eye(N_DOF, dtype=bool)
-    mask[0, 3:] = mask[3:, 0] = True
-    mask[1, 1] = mask[2, 2] = False
-    return mask
+def _linear_parameters(
+    theta: Floats, unknown: slice, which: int, used: NDArray[np.bool_], matrix: Floats
+) -> Floats:
+    """Return the unknown parameters, which enter the used elements linearly, by least squares.
 
-
-def _linear_in_geometry() -> NDArray[np.bool_]:
-    """Return which elements of K are linear in the lengths, (7, 7)."""
-    mask = np.zeros((N_DOF, N_DOF), dtype=bool)
-    mask[1:3, 3:] = mask[1:3, 0] = True
-    return mask | mask.T
-
-
-def linear_parameters(
-    theta: NDArray[np.float64],
-    unknown: slice,
-    which: int,
-    mask: NDArray[np.bool_],
-    identified: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """Return the unknown parameters, which enter the masked elements linearly, by least squares.
-
-    `theta`, (15,) float64: the other parameters.  `which`: 1 for C, 2 for K, as `matrices` returns
-    them.  `mask`, (7, 7) bool: the elements used.  `identified`, (7, 7) float64: the matrix found.
+    `theta`, (15,): the other parameters.  `which`: 1 for C, 2 for K, as `matrices` returns them.
+    `used`, (7, 7): mask of elements of the identified `matrix`, (7, 7).
     """
-    n = len(theta[unknown])
-    base = theta.copy()
-    base[unknown] = 0.0
-    constant = matrices(base)[which].real[mask]
+    trial = theta.copy()
+    trial[unknown] = 0.0
+    constant = matrices(trial)[which].real[used]
     columns = []
-    for unit in np.eye(n):
-        base[unknown] = unit
-        columns.append(matrices(base)[which].real[mask] - constant)
-    found = np.linalg.lstsq(np.array(columns).T, identified[mask] - constant)[0]
-    return np.asarray(found, dtype=np.float64)
+    for unit in np.eye(len(theta[unknown])):
+        trial[unknown] = unit
+        columns.append(matrices(trial)[which].real[used] - constant)
+    return np.asarray(np.linalg.lstsq(np.array(columns).T, matrix[used] - constant)[0])
 
 
 # Least squares of a few unknowns (Levenberg and Marquardt) ----------------------------------------
 #
 # `scipy.optimize` has it too, but would take longer to import than a session takes to be fitted.
 
-_MAX_STEPS = 100
-"""Ten usually suffice; a fit that needs more wanders among matrices that belong to no vehicle."""
-_SAME = 1e-12
-"""Change of the unknowns, relative to their size, below which a step is the last."""
-_LEAST_SQUARES_DAMPING = 1e-6
-
-_Real = NDArray[np.float64]
-
 
 def least_squares(
-    residuals: Callable[[_Real], _Real], jacobian: Callable[[_Real], _Real], start: _Real
-) -> _Real | None:
+    residuals: Callable[[Floats], Floats], jacobian: Callable[[Floats], Floats], start: Floats
+) -> Floats | None:
     """Return the unknowns, (p,), of the least sum of squares near a start; None if none is found.
+
+    Ten steps usually suffice; a fit that needs a hundred wanders among matrices that belong to no
+    vehicle.
 
     `residuals`: of (p,), (n,).  `jacobian`: their derivatives, (n, p).
     """
-    here, left, slopes, damping = start, residuals(start), jacobian(start), _LEAST_SQUARES_DAMPING
-    for _ in range(_MAX_STEPS):
-        size = np.linalg.norm(slopes, axis=0)
-        held = np.vstack([slopes, np.diag(np.sqrt(damping) * size)])
-        step = -np.linalg.lstsq(held, np.concatenate([left, np.zeros(len(here))]))[0]
-        trial = residuals(here + step)
-        small = np.linalg.norm(step) <= _SAME * np.linalg.norm(here)
-        if trial @ trial <= left @ left:
-            here, left, damping = here + step, trial, damping / 10.0
-            slopes = jacobian(here)
+    unknowns, misfit, slopes, damping = start, residuals(start), jacobian(start), 1e-6
+    for _ in range(100):
+        damped = np.vstack([slopes, np.diag(np.sqrt(damping) * np.linalg.norm(slopes, axis=0))])
+        step = -np.linalg.lstsq(damped, np.concatenate([misfit, np.zeros(len(unknowns))]))[0]
+        trial = residuals(unknowns + step)
+        settled = np.linalg.norm(step) <= 1e-12 * np.linalg.norm(unknowns)
+        if trial @ trial <= misfit @ misfit:
+            unknowns, misfit, damping = unknowns + step, trial, damping / 10.0
+            slopes = jacobian(unknowns)
         else:
             damping *= 10.0
-        if small:
-            return here
+        if settled:
+            return unknowns
     return None
 
 
@@ -123,39 +109,21 @@ def least_squares(
 # The modes of one mass state give M^-1 K and M^-1 C; those of a second one, heavier by a known
 # delta-M, give the scale that the first leaves open.
 
-_MASS_ADVICE = "add weights to the body at three places or more and to each of the four hubs"
-_SINGULAR = 1e-9
-_N_GEOMETRY = 4
-_LEAST_SHARE = 1e-3
-"""Least diagonal element, as a share of the largest, by which a row is scaled; noise may make one
-vanish, and its row would then have an unlimited weight."""
-
 
 @dataclass(frozen=True, slots=True)
 class ClosedForm:
     """Result of the paper's equations."""
 
-    model: PhysicalModel
-    """M, C and K of Eqs. 30, 31 and 33, every element as it comes out."""
     parameters: VehicleParameters
-    """The symmetric vehicle whose matrices come nearest."""
-    damping: Mapping[str, NDArray[np.float64]]
-    """C by each of the three ways (`damping_matrices`), each shape (7, 7); `model` has the
-    first."""
-
-    def corner_damping(self) -> dict[str, dict[str, float]]:
-        """Return c_sf and c_sr by each way to C, read from the heave row as the paper does."""
-        return {
-            way: {"c_sf": float(-C[0, 3:5].mean()), "c_sr": float(-C[0, 5:7].mean())}
-            for way, C in self.damping.items()
-        }
+    """The symmetric vehicle whose matrices come nearest to M, C and K of Eqs. 30, 31 and 33."""
+    damping: Mapping[str, Mapping[str, float]]
+    """c_sf and c_sr, read from the heave row of C as the paper does, by each way to C: `baseline`
+    (Eq. 31), `added` (Eq. 32), and their `mean`, the least-squares solution of Eqs. 27 and 29 for
+    known masses.  Without noise all are equal."""
 
 
 def identify_parameters(
-    baseline: ModalModel,
-    added: ModalModel,
-    delta_M: NDArray[np.float64],
-    geometry: VehicleGeometry | None,
+    baseline: ModalModel, added: ModalModel, delta_M: Floats, geometry: VehicleGeometry | None
 ) -> ClosedForm:
     """Identify a vehicle from its modes without and with added mass.
 
@@ -167,11 +135,16 @@ def identify_parameters(
     """
     A, A_added = state_matrix_of(baseline), state_matrix_of(added)
     model = physical_matrices(A, A_added, delta_M)
-    damping = damping_matrices(A, A_added, delta_M, model.M)
-    return ClosedForm(model, nearest_vehicle(model, geometry), damping)
+    C_added = -(model.M + delta_M) @ A_added[N_DOF:, N_DOF:]
+    ways = {"baseline": model.C, "added": C_added, "mean": (model.C + C_added) / 2.0}
+    damping = {
+        way: {"c_sf": float(-C[0, 3:5].mean()), "c_sr": float(-C[0, 5:].mean())}
+        for way, C in ways.items()
+    }
+    return ClosedForm(nearest_vehicle(model, geometry), damping)
 
 
-def state_matrix_of(modal: ModalModel) -> NDArray[np.float64]:
+def state_matrix_of(modal: ModalModel) -> Floats:
     """Return the state matrix (2n, 2n) of n modes with displacement shapes (n, n) (Eq. 22).
 
     Raises InputError if the number of modes is not n, or the shapes are not independent.
@@ -196,9 +169,7 @@ def state_matrix_of(modal: ModalModel) -> NDArray[np.float64]:
     return np.asarray(np.linalg.solve(vectors.T, (vectors * poles).T).T.real)
 
 
-def physical_matrices(
-    A: NDArray[np.float64], A_added: NDArray[np.float64], delta_M: NDArray[np.float64]
-) -> PhysicalModel:
+def physical_matrices(A: Floats, A_added: Floats, delta_M: Floats) -> PhysicalModel:
     """Return M, C and K from the state matrices of two mass states (Eqs. 30, 31, 33).
 
     `A` and `A_added`, (2n, 2n): without and with the added mass `delta_M`, (n, n).  Raises
@@ -206,27 +177,13 @@ def physical_matrices(
     """
     n = len(delta_M)
     if bare := massless_motions(delta_M):
-        raise InputError("added mass", f"no mass moves with {', '.join(bare)}", _MASS_ADVICE)
+        where = "to the body at three places or more and to each of the four hubs"
+        raise InputError(
+            "added mass", f"no mass moves with {', '.join(bare)}", f"add weights {where}"
+        )
     A21, A22, A21_added = A[n:, :n], A[n:, n:], A_added[n:, :n]
     M = delta_M @ np.linalg.solve((A21 - A21_added).T, A21_added.T).T
     return PhysicalModel(M, -M @ A22, -M @ A21)
-
-
-def damping_matrices(
-    A: NDArray[np.float64],
-    A_added: NDArray[np.float64],
-    delta_M: NDArray[np.float64],
-    M: NDArray[np.float64],
-) -> dict[str, NDArray[np.float64]]:
-    """Return C, (n, n), from the baseline (Eq. 31), from the added state (Eq. 32), and their mean.
-
-    Without noise they are equal.  The mean is the least-squares solution of Eqs. 27 and 29 for
-    known masses, `M` of Eq. 30.
-    """
-    n = len(M)
-    baseline = -M @ A[n:, n:]
-    added = -(M + delta_M) @ A_added[n:, n:]
-    return {"baseline": baseline, "added": added, "mean": (baseline + added) / 2.0}
 
 
 def nearest_vehicle(model: PhysicalModel, geometry: VehicleGeometry | None) -> VehicleParameters:
@@ -243,76 +200,48 @@ def nearest_vehicle(model: PhysicalModel, geometry: VehicleGeometry | None) -> V
     identified = (model.M, model.C, model.K)
     if not all(np.all(np.isfinite(matrix)) for matrix in identified):
         raise InputError("closed form", "the matrices are not finite", "check the modes")
-    weights = tuple(_equalising(matrix) for matrix in identified)
-    start = _start(model, geometry)
-    free = len(start) - (0 if geometry is None else _N_GEOMETRY)
-    size = np.abs(start[:free])
+    weights = []
+    for matrix in identified:
+        diagonal = np.abs(np.diag(matrix))
+        # Noise may make an element vanish, and its row would then have an unlimited weight.
+        root = np.sqrt(np.maximum(diagonal, 1e-3 * diagonal.max()))
+        weights.append(1.0 / np.outer(root, root))
+    start = sequential_vehicle(model, geometry).to_array()
+    n_free = 15 if geometry is None else 11
+    size = np.abs(start[:n_free])
 
     def elements(scaled: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        rest = np.broadcast_to(start[free:], (*scaled.shape[:-1], len(start) - free))
-        theta = np.concatenate([scaled * size, rest], axis=-1)
-        parts = zip(weights, matrices(theta), strict=True)
-        flat = [(weight * matrix).reshape(*scaled.shape[:-1], -1) for weight, matrix in parts]
-        return np.concatenate(flat, axis=-1)
+        given = np.broadcast_to(start[n_free:], (*scaled.shape[:-1], 15 - n_free))
+        theta = np.concatenate([scaled * size, given], axis=-1)
+        weighted = [w * matrix for w, matrix in zip(weights, matrices(theta), strict=True)]
+        return np.stack(weighted, axis=-3).reshape(*scaled.shape[:-1], -1)
 
-    target = np.concatenate(
-        [(weight * matrix).ravel() for weight, matrix in zip(weights, identified, strict=True)]
+    def jacobian(scaled: Floats) -> Floats:
+        return elements(scaled + 1e-30j * np.eye(n_free)).imag.T / 1e-30
+
+    target = np.array([w * matrix for w, matrix in zip(weights, identified, strict=True)]).ravel()
+    nearest = least_squares(
+        lambda scaled: elements(scaled.astype(complex)).real - target,
+        jacobian,
+        start[:n_free] / size,
     )
-
-    def jacobian(scaled: NDArray[np.float64]) -> NDArray[np.float64]:
-        return elements(scaled + 1e-30j * np.eye(free)).imag.T / 1e-30
-
-    found = least_squares(
-        lambda scaled: elements(scaled.astype(complex)).real - target, jacobian, start[:free] / size
-    )
-    if found is None or np.any(found * size <= 0.0):
+    if nearest is None or np.any(nearest <= 0.0):
         raise InputError(
             "closed form",
             "no vehicle with positive parameters has nearly the matrices of these modes",
             "it needs a signal some 60 dB over the noise; the likelihood does not",
         )
-    theta = np.concatenate([found * size, start[free:]])
-    return VehicleParameters(*(float(value) for value in theta))
+    return VehicleParameters(*(nearest * size).tolist(), *start[n_free:].tolist())
 
 
-def _start(model: PhysicalModel, geometry: VehicleGeometry | None) -> NDArray[np.float64]:
-    """Read each parameter from the elements that show it by itself, as the paper does."""
-    M, C, K = np.diag(model.M), model.C, model.K
-    front, rear = slice(3, 5), slice(5, 7)
-    k_s = np.array([-K[0, front].mean(), -K[0, rear].mean()])
-    c_s = np.array([-C[0, front].mean(), -C[0, rear].mean()])
-    k_t = np.array([np.diag(K)[front].mean(), np.diag(K)[rear].mean()]) - k_s
-    lengths = (
-        K[1, front].mean(),
-        -K[1, rear].mean(),
-        (K[2, 4] - K[2, 3]) / 2,
-        (K[2, 6] - K[2, 5]) / 2,
-    ) / np.array([k_s[0], k_s[1], k_s[0], k_s[1]])
-    inertia = [*M[:3], M[front].mean(), M[rear].mean()]
-    theta = np.concatenate([inertia, k_s, k_t, c_s, lengths])
-    if geometry is None:
-        return theta
-    return with_geometry(VehicleParameters(*theta), geometry).to_array()
-
-
-def _equalising(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the factor of each element that makes the diagonal one, (n, n)."""
-    diagonal = np.abs(np.diag(matrix))
-    root = np.sqrt(np.maximum(diagonal, _LEAST_SHARE * diagonal.max()))
-    return np.asarray(1.0 / np.outer(root, root))
-
-
-def massless_motions(delta_M: NDArray[np.float64]) -> tuple[str, ...]:
-    """Return the degrees of freedom in which an added mass, (n, n), leaves some motion massless."""
+def massless_motions(delta_M: Floats) -> tuple[str, ...]:
+    """Return the degrees of freedom in which an added mass, (7, 7), leaves some motion massless."""
     size = np.sqrt(np.abs(np.diag(delta_M)))
     size = np.where(size > 0.0, size, 1.0)
     _, strength, directions = np.linalg.svd(delta_M / np.outer(size, size))
-    massless = directions[strength < _SINGULAR]
-    if len(massless) == 0:
-        return ()
-    idle = np.max(np.abs(massless / size), axis=0) > _SINGULAR
-    names = DOF if len(delta_M) == N_DOF else tuple(f"x{i + 1}" for i in range(len(delta_M)))
-    return tuple(name for name, bare in zip(names, idle, strict=True) if bare)
+    massless = directions[strength < 1e-9] / size
+    bare = np.max(np.abs(massless), axis=0, initial=0.0) > 1e-9
+    return tuple(name for name, massless in zip(DOF, bare, strict=True) if massless)
 
 
 # The closed form ----------------------------------------------------------------------------------

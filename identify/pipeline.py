@@ -129,8 +129,8 @@ def identify(
         chain = _closed_form(sensed, states, result.geometry, session.vehicle.geometry)
     except InputError as error:
         return replace(result, closed_form_reason=str(error))
-    damping = chain.corner_damping()
-    return replace(result, closed_form=asdict(chain.parameters), closed_form_damping=damping)
+    chain_parameters = asdict(chain.parameters)
+    return replace(result, closed_form=chain_parameters, closed_form_damping=chain.damping)
 
 
 def identify_parameters(

@@ -18,14 +18,12 @@ from numpy.typing import NDArray
 
 from daq.channels import TIME_DERIVATIVE, Channel, Quantity, paper_channels
 from daq.runs import ADDED, BASELINE, Excitation
-from daq.sessions import Session
 from daq.vehicle import (
     FORD_GRANADA,
     PARAMETER_NAMES,
     AddedMass,
     Corner,
     MassState,
-    Vehicle,
     VehicleGeometry,
 )
 from dbc.words import InputError, counted
@@ -38,14 +36,13 @@ from ..fit.uncertainty import COVERAGE_95, Estimate, estimates
 from ..model.matrices import delta_mass, physical_model
 from ..model.response import Bump, exact_response
 from ..modes.modal_model import sensor_rows
-from ..pipeline import grey_box
 from .result import Column, DotPanel, Dots, Study, percent, rows_of
+
+Floats = NDArray[np.float64]
 
 PAPER_ADDED_MASS = AddedMass(matrix=np.diag([130.0, 250.0, 40.0, 4.0, 4.0, 5.0, 5.0]))
 """Eq. 36."""
-
 PAPER_MASS_STATES = (MassState(BASELINE), MassState(ADDED, PAPER_ADDED_MASS))
-
 PAPER_CASES = (Excitation.BOUNCE, Excitation.PITCH, Excitation.ROLL)
 """Section 3.1."""
 
@@ -73,18 +70,19 @@ SENSOR_SETS: Mapping[str, tuple[ChannelGroup, ...]] = MappingProxyType(
         "all": (_IMU, _HUBS, _TRAVELS),
     }
 )
-"""Channels that are sampled together.  The paper's seven accelerations of the degrees of freedom;
+"""Channels that are sampled together: the paper's accelerations of the seven degrees of freedom, or
 an IMU with the accelerations of the four hubs, with the four suspension travels, or with both."""
 
 BUMP = Bump()
 RECORD_S = 3.0
-_RATES_HZ = (40.0, 20_000.0)
-_LEAST_NOISE_DB = 100.0
 
 
 @dataclass(frozen=True, slots=True)
 class Campaign:
-    """Runs of the paper's vehicle: each case in each mass state, 3 s, the bump at 0.1..0.3 s."""
+    """Runs of the paper's vehicle: each case in each mass state, 3 s, the bump at 0.1..0.3 s.
+
+    Raises InputError if a rate, a noise level or the cases cannot be studied.
+    """
 
     rate_hz: float = 200.0
     """Samples a second of every sensor, 40 (four times the wheel modes) to 20,000."""
@@ -100,32 +98,24 @@ class Campaign:
     """The four lengths as given to the identification; None leaves them to be identified."""
 
     def __post_init__(self) -> None:
-        lowest, highest = _RATES_HZ
-        if not lowest <= self.rate_hz <= highest:
-            raise InputError(
-                "rate",
-                f"{self.rate_hz:g} Hz cannot be studied",
-                f"give {lowest:g} to {highest:g} Hz",
-            )
-        if not -20.0 <= self.noise_db <= inf:
-            raise InputError(
-                "noise", f"{self.noise_db:g} dB cannot be studied", "give -20 dB or more"
-            )
+        if not 40.0 <= self.rate_hz <= 20_000.0:
+            rate = f"{self.rate_hz:g} Hz cannot be studied"
+            raise InputError("rate", rate, "give 40 to 20000 Hz")
+        if not self.noise_db >= -20.0:
+            noise = f"{self.noise_db:g} dB cannot be studied"
+            raise InputError("noise", noise, "give -20 dB or more")
         if not self.cases or len(set(self.cases)) < len(self.cases):
             raise InputError("cases", "none, or one named twice", "name each case once")
 
 
 def require_noise(campaign: Campaign) -> None:
-    """Refuse a campaign without noise, or with noise below rounding.
+    """Refuse a campaign without noise, or with noise near rounding.
 
     Raises InputError if it is above 100 dB.
     """
-    if campaign.noise_db > _LEAST_NOISE_DB:
-        raise InputError(
-            "noise",
-            f"{campaign.noise_db:g} dB leaves no noise to study",
-            f"give -20 to {_LEAST_NOISE_DB:g} dB",
-        )
+    if campaign.noise_db > 100.0:
+        noise = f"{campaign.noise_db:g} dB leaves no noise to study"
+        raise InputError("noise", noise, "give -20 to 100 dB")
 
 
 def records_of(campaign: Campaign, seed: int) -> tuple[Record, ...]:
@@ -133,12 +123,11 @@ def records_of(campaign: Campaign, seed: int) -> tuple[Record, ...]:
     rng = np.random.default_rng(seed)
     records = []
     for state in campaign.mass_states:
-        sigma = _sigma(campaign, state)
+        levels = _noise(campaign, state)
         for case in campaign.cases:
-            recordings = _clean(campaign, state, case)
             noisy = tuple(
                 Recording(r.group, r.time_s, r.values + level * rng.standard_normal(r.values.shape))
-                for r, level in zip(recordings, sigma, strict=True)
+                for r, level in zip(_without_noise(campaign, state, case), levels, strict=True)
             )
             label = f"{state.name}_{case}_1"
             records.append(Record(label, state.name, BUMP.duration_s, noisy))
@@ -147,24 +136,19 @@ def records_of(campaign: Campaign, seed: int) -> tuple[Record, ...]:
 
 def noise_levels(campaign: Campaign) -> dict[str, float]:
     """Return each channel's noise, SI, pooled over its mass states, which differ little."""
-    levels = [_sigma(campaign, state) for state in campaign.mass_states]
-    return {
-        channel.name: float(np.sqrt(np.mean([state[i][c] ** 2 for state in levels])))
-        for i, group in enumerate(campaign.groups)
-        for c, channel in enumerate(group.channels)
-    }
+    levels = [np.concatenate(_noise(campaign, state)) for state in campaign.mass_states]
+    names = [channel.name for group in campaign.groups for channel in group.channels]
+    return dict(zip(names, np.sqrt(np.mean(np.square(levels), axis=0)).tolist(), strict=True))
 
 
 def box_of(campaign: Campaign) -> GreyBox:
     """Return the structure of the problem that the campaign's records pose."""
-    channels = tuple(channel for group in campaign.groups for channel in group.channels)
-    vehicle = Vehicle("Ford Granada", campaign.geometry)
-    session = Session(vehicle, channels, campaign.mass_states, (), {})
-    return grey_box(session, records_of(campaign, 0))
+    states = tuple(state.weighed() for state in campaign.mass_states)
+    return GreyBox(campaign.groups, states, campaign.geometry)
 
 
-def _clean(campaign: Campaign, state: MassState, case: Excitation) -> list[Recording]:
-    """Return the sensors' noise-free signals in one case of one mass state."""
+def _without_noise(campaign: Campaign, state: MassState, case: Excitation) -> list[Recording]:
+    """Return what the sensors see in one case of one mass state."""
     loaded = physical_model(FORD_GRANADA).with_mass(delta_mass(state.added, FORD_GRANADA.a).real)
     run = exact_response(loaded, case, BUMP, campaign.rate_hz, RECORD_S)
     motion = run.displacement, run.velocity, run.acceleration
@@ -177,49 +161,29 @@ def _clean(campaign: Campaign, state: MassState, case: Excitation) -> list[Recor
     return recordings
 
 
-def _sigma(campaign: Campaign, state: MassState) -> list[NDArray[np.float64]]:
-    """Return the noise of each group's channels in one mass state."""
-    below = 10 ** (-campaign.noise_db / 20)
-    clean = [_clean(campaign, state, case) for case in PAPER_CASES]
+def _noise(campaign: Campaign, state: MassState) -> list[Floats]:
+    """Return the standard deviation of the noise of each group's channels in one mass state."""
+    share = 10 ** (-campaign.noise_db / 20)
+    runs = [_without_noise(campaign, state, case) for case in PAPER_CASES]
     return [
-        below * np.sqrt(np.mean([np.mean(r.values**2, axis=0) for r in runs], axis=0))
-        for runs in zip(*clean, strict=True)
+        share * np.sqrt(np.mean([np.mean(r.values**2, axis=0) for r in recordings], axis=0))
+        for recordings in zip(*runs, strict=True)
     ]
 
 
 # Monte Carlo against the bound --------------------------------------------------------------------
-
-_CHI2_LIMIT = 1.5
-_VAGUE_PERCENT = 25.0
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
     """One campaign identified."""
 
-    errors_percent: NDArray[np.float64]
-    stds_percent: NDArray[np.float64]
+    errors_percent: Floats
+    stds_percent: Floats
     """`errors_percent`, `stds_percent`: error and stated standard deviation in per cent of the true
     value, shape (15,); both are zero for a length that was given."""
-    chi2_per_n: float
-    """Goodness of fit; 1 if the model holds."""
-    converged: bool
-    """True if the fit settled."""
-
-    @property
-    def lost(self) -> bool:
-        """True if the campaign gave no usable result."""
-        return not self.converged or self.misfit or self.vague
-
-    @property
-    def misfit(self) -> bool:
-        """True if the fit leaves more than noise."""
-        return not self.chi2_per_n <= _CHI2_LIMIT
-
-    @property
-    def vague(self) -> bool:
-        """True if some parameter is not determined."""
-        return not bool(np.all(self.stds_percent <= _VAGUE_PERCENT))
+    lost: bool
+    """True if the fit did not settle, leaves more than noise, or leaves a parameter open."""
 
 
 def outcome(campaign: Campaign, seed: int) -> Outcome:
@@ -227,16 +191,13 @@ def outcome(campaign: Campaign, seed: int) -> Outcome:
     box = box_of(campaign)
     estimation = estimate(box, records_of(campaign, seed), generic_vehicles())
     identified = estimates(box, estimation.fit)
-    known = FORD_GRANADA.to_array()
-    return Outcome(
-        errors_percent=percent([identified[name].value for name in PARAMETER_NAMES], known),
-        stds_percent=_stds_percent(identified),
-        chi2_per_n=estimation.chi2_per_n,
-        converged=estimation.fit.converged,
-    )
+    values = [identified[name].value for name in PARAMETER_NAMES]
+    stds = _stds_percent(identified)
+    usable = estimation.fit.converged and estimation.chi2_per_n <= 1.5 and np.all(stds <= 25.0)
+    return Outcome(percent(values, FORD_GRANADA.to_array()), stds, lost=not usable)
 
 
-def bound_percent(campaign: Campaign) -> NDArray[np.float64]:
+def bound_percent(campaign: Campaign) -> Floats:
     """Return the Cramer-Rao bound, (15,): no unbiased estimate has a smaller standard deviation.
 
     In per cent; infinite where the campaign does not determine a parameter, zero for a length
@@ -254,34 +215,48 @@ def bound_percent(campaign: Campaign) -> NDArray[np.float64]:
     return np.where(bound < 1e6, bound, inf)
 
 
-def _stds_percent(parameters: dict[str, Estimate]) -> NDArray[np.float64]:
+def _stds_percent(parameters: dict[str, Estimate]) -> Floats:
     stds = np.array([parameters[name].std for name in PARAMETER_NAMES])
     return np.asarray(100.0 * stds / FORD_GRANADA.to_array())
 
 
-def noise_study(
-    campaign: Campaign, bound: NDArray[np.float64], outcomes: Sequence[Outcome]
-) -> Study:
-    """Return the statistics of many campaigns.
-
-    `bound`, (15,) float64: as `bound_percent` has it.
-    """
+def noise_study(campaign: Campaign, bound: Floats, outcomes: Sequence[Outcome]) -> Study:
+    """Return the statistics of many campaigns; `bound`, (15,): as `bound_percent` has it."""
     from scipy.stats import binom
 
     names = PARAMETER_NAMES if campaign.geometry is None else PARAMETER_NAMES[:11]
-    n = len(names)
-    kept = [o for o in outcomes if not o.lost]
-    rms, stated, covered = np.full((3, n), np.nan)
-    if kept:
-        errors = np.array([outcome.errors_percent[:n] for outcome in kept])
-        stds = np.array([outcome.stds_percent[:n] for outcome in kept])
+    n, bound = len(names), bound[: len(names)]
+    used = [one for one in outcomes if not one.lost]
+    rms = stated = covered = np.full(n, np.nan)
+    low, high = 0.0, 100.0
+    if used:
+        errors = np.array([one.errors_percent[:n] for one in used])
+        stds = np.array([one.stds_percent[:n] for one in used])
         rms, stated = (np.sqrt(np.mean(each**2, axis=0)) for each in (errors, stds))
         covered = 100.0 * np.mean(np.abs(errors) <= COVERAGE_95 * stds, axis=0)
-    cells = np.array([rms, stated, bound[:n], rms / bound[:n], covered]).T
-    # Range of coverage of 95 % intervals in 99 of 100 studies of as many campaigns.
-    interval = binom.interval(0.99, len(kept), 0.95) if kept else (0, 1)
-    low, high = (100.0 * float(limit) / max(len(kept), 1) for limit in interval)
-    likely = low, high
+        # Range of the coverage of 95 % intervals in 99 of 100 studies of as many campaigns.
+        low, high = (100.0 * float(x) / len(used) for x in binom.interval(0.99, len(used), 0.95))
+    ratio = rms / bound
+    notes = [
+        f"lost: {len(outcomes) - len(used)} of {len(outcomes)} (not converged, chi2/n above 1.5, or"
+        " a standard deviation above 25 %)"
+    ]
+    if undetermined := [name for name, limit in zip(names, bound, strict=True) if limit == inf]:
+        cases = "take bounce, pitch and roll"
+        notes.append(f"these cases do not determine {', '.join(undetermined)}: {cases}")
+    if used:
+        notes += [
+            f"rms error {rms.max():.3f} % at most; {ratio.min():.3f} .. {ratio.max():.3f} times"
+            f" the bound, {sqrt(np.mean(ratio**2)):.3f} in the mean square",
+            f"95 % intervals hold the truth in {covered.mean():.1f} % of all cases; for one"
+            f" parameter, {low:.0f} .. {high:.0f} % may be chance",
+        ]
+    deviations = (
+        Dots("Cramér-Rao bound", bound, 0),
+        Dots("stated", stated, 3),
+        Dots("rms error", rms, 2),
+    )
+    coverage = (Dots("coverage", covered, 2),)
     return Study(
         title=f"Noise study: {counted(len(outcomes), 'campaign')} at {campaign.noise_db:g} dB,"
         f" {campaign.rate_hz:g} Hz, {', '.join(campaign.cases)}",
@@ -293,54 +268,23 @@ def noise_study(
             Column("ratio", "error / bound", ".3f"),
             Column("coverage_percent", "coverage %", ".1f"),
         ),
-        rows=rows_of(names, cells),
-        notes=(
-            f"lost: {len(outcomes) - len(kept)} of {len(outcomes)}"
-            f" (not converged {sum(not o.converged for o in outcomes)},"
-            f" chi2/n above {_CHI2_LIMIT:g} {sum(o.misfit for o in outcomes)},"
-            f" a standard deviation above {_VAGUE_PERCENT:g} % {sum(o.vague for o in outcomes)})",
-            *_remarks(names, cells, likely),
-        ),
+        rows=rows_of(names, rms, stated, bound, ratio, covered),
+        notes=tuple(notes),
         panels=(
             (
                 DotPanel(
                     f"Error at {campaign.noise_db:g} dB, {campaign.rate_hz:g} Hz",
                     "relative standard deviation / %",
                     names,
-                    (
-                        Dots("Cramér-Rao bound", bound[:n], 0),
-                        Dots("stated", stated, 3),
-                        Dots("rms error", rms, 2),
-                    ),
+                    deviations,
                 ),
                 DotPanel(
                     "95 % intervals that hold the truth",
                     "share of the campaigns / %",
                     names,
-                    (Dots("coverage", covered, 2),),
-                    expected=likely,
+                    coverage,
+                    expected=(low, high),
                 ),
             ),
         ),
     )
-
-
-def _remarks(
-    names: Sequence[str], cells: NDArray[np.float64], likely: tuple[float, float]
-) -> list[str]:
-    """Sum up the table; `cells` has a row for each parameter."""
-    rms, _, bound, ratio, covered = cells.T
-    remarks = []
-    open_ = [name for name, limit in zip(names, bound, strict=True) if limit == inf]
-    if open_:
-        remarks.append(
-            f"these cases do not determine {', '.join(open_)}: take bounce, pitch and roll"
-        )
-    if not np.isnan(rms).any():
-        remarks += [
-            f"rms error {rms.max():.3f} % at most; {ratio.min():.3f} .. {ratio.max():.3f} times"
-            f" the bound, {sqrt(np.mean(ratio**2)):.3f} in the mean square",
-            f"95 % intervals hold the truth in {covered.mean():.1f} % of all cases; for one"
-            f" parameter, {likely[0]:.0f} .. {likely[1]:.0f} % may be chance",
-        ]
-    return remarks

@@ -9,9 +9,8 @@ the records as they are.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import inf
-from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
@@ -19,22 +18,15 @@ from numpy.typing import NDArray
 
 from daq.channels import paper_channels
 from daq.runs import Excitation
-from daq.vehicle import FORD_GRANADA, PARAMETER_NAMES, VehicleGeometry, VehicleParameters
+from daq.vehicle import FORD_GRANADA, PARAMETER_NAMES
 from dbc.words import InputError, counted
 
-from ..model.matrices import N_DOF, PhysicalModel, delta_mass, physical_model
+from ..model.matrices import N_DOF, delta_mass, physical_model
 from ..model.response import exact_response, wilson_response
 from ..modes.modal_model import ModalModel, displacement_shapes, modes_of, pair_modes
 from ..modes.mode_selection import identify_modes
 from ..modes.state_variable_method import Delays, delay_space, poles_of_rank
-from ..paper import (
-    DAMPING,
-    STIFFNESS,
-    linear_parameters,
-    physical_matrices,
-    sequential_vehicle,
-    state_matrix_of,
-)
+from ..paper import physical_matrices, sequential_vehicle, state_matrix_of
 from .campaign import (
     BUMP,
     PAPER_ADDED_MASS,
@@ -45,8 +37,13 @@ from .campaign import (
     records_of,
     require_noise,
 )
-from .result import Column, Curve, CurvePanel, DotPanel, Dots, Study, percent, rows_of
+from .result import Cell, Column, Curve, CurvePanel, DotPanel, Dots, Study, percent, rows_of
 
+Floats = NDArray[np.float64]
+
+KNOWN = FORD_GRANADA.to_array()
+_VEHICLE = physical_model(FORD_GRANADA)
+_DELTA_M = delta_mass(PAPER_ADDED_MASS, FORD_GRANADA.a).real
 _TABLE2_PERCENT = np.array(
     [
         *(-0.011, -0.011, -0.023, 0.093, 0.095),
@@ -54,9 +51,8 @@ _TABLE2_PERCENT = np.array(
         *(-0.141, -0.130, -0.205, -0.161),
     ]
 )
-"""Error of each parameter without noise.  The values printed next to them have a misprint (a =
-1.282 m instead of 1.248 m) and are rounded for t_f and t_r; so the errors are the reliable
-figures."""
+"""Error of each parameter without noise, as printed.  The values printed next to them have a
+misprint (a = 1.282 m instead of 1.248 m) and are rounded for t_f and t_r."""
 _TABLE3_PERCENT = np.array(
     [
         *(-2.307, 3.536, -2.918, 1.928, -2.379),
@@ -65,40 +61,30 @@ _TABLE3_PERCENT = np.array(
 )
 """Error of each parameter with 30 dB of noise, a 16 Hz low-pass and the geometry measured."""
 
-ResponseName = Literal["exact", "wilson"]
-_RATE_HZ = 1000.0
 
-_TABLE2_NOTES: Mapping[ResponseName, tuple[str, ...]] = {
-    "exact": (
-        "The chain itself is exact; the paper's errors are those of its simulation: see"
-        " --response wilson.",
-    ),
-    "wilson": (
-        "The Wilson-theta method (theta 1.4, 1 ms) makes the errors that the paper prints: all"
-        " five inertias to the last digit, the rest to 0.022 percentage points.",
-        "The paper's table has a = 1.282 m next to -0.141 %: a misprint for 1.248 m.",
-    ),
-}
-
-
-def table2_study(response: ResponseName) -> Study:
-    """Identify the paper's vehicle from its accelerations, in the paper's order of estimation.
-
-    The Wilson-theta method (theta 1.4, 1 ms) is what the paper used, and its error is the error
-    that the paper's table shows.
-    """
+def table2_study(response: Literal["exact", "wilson"]) -> Study:
+    """Identify the paper's vehicle from its accelerations, in the paper's order of estimation."""
     respond = exact_response if response == "exact" else wilson_response
-    vehicle = physical_model(FORD_GRANADA)
-    delta_M = delta_mass(PAPER_ADDED_MASS, FORD_GRANADA.a).real
-    states: list[NDArray[np.float64]] = []
-    for model in (vehicle, vehicle.with_mass(delta_M)):
-        runs = [respond(model, case, BUMP, _RATE_HZ, RECORD_S) for case in PAPER_CASES]
-        decays = [r.acceleration[r.time_s > BUMP.end_s - 0.5 / _RATE_HZ] for r in runs]
-        states.append(_state_matrix(identify_modes(decays, _RATE_HZ)))
+    rate_hz = 1000.0
+    states = []
+    for model in (_VEHICLE, _VEHICLE.with_mass(_DELTA_M)):
+        runs = [respond(model, case, BUMP, rate_hz, RECORD_S) for case in PAPER_CASES]
+        decays = [run.acceleration[run.time_s > BUMP.end_s - 0.5 / rate_hz] for run in runs]
+        states.append(_state_matrix(identify_modes(decays, rate_hz)))
     light, heavy = states
-    values = sequential_vehicle(physical_matrices(light, heavy, delta_M)).to_array()
-    known = FORD_GRANADA.to_array()
-    errors = percent(values, known)
+    values = sequential_vehicle(physical_matrices(light, heavy, _DELTA_M)).to_array()
+    errors = percent(values, KNOWN)
+    notes = {
+        "exact": (
+            "The chain itself is exact; the paper's errors are those of its simulation: see"
+            " --response wilson.",
+        ),
+        "wilson": (
+            "The Wilson-theta method (theta 1.4, 1 ms) makes the errors that the paper prints: all"
+            " five inertias to the last digit, the rest to 0.022 percentage points.",
+            "The paper's table has a = 1.282 m next to -0.141 %: a misprint for 1.248 m.",
+        ),
+    }
     series = (
         Dots("paper, printed", _TABLE2_PERCENT, 0),
         Dots(f"found here, {response} response", errors, 2),
@@ -112,54 +98,50 @@ def table2_study(response: ResponseName) -> Study:
             Column("error_percent", "error %", "+z.3g"),
             Column("paper_percent", "paper %", "+z.3f"),
         ),
-        rows=rows_of(PARAMETER_NAMES, known, values, errors, _TABLE2_PERCENT),
-        notes=_TABLE2_NOTES[response],
+        rows=rows_of(PARAMETER_NAMES, KNOWN, values, errors, _TABLE2_PERCENT),
+        notes=notes[response],
         panels=((DotPanel("Noise-free identification", "error / %", PARAMETER_NAMES, series),),),
     )
 
 
-def _state_matrix(sensed: ModalModel) -> NDArray[np.float64]:
+def _state_matrix(sensed: ModalModel) -> Floats:
     """Return A from the modes that the paper's seven accelerations show."""
     return state_matrix_of(displacement_shapes(sensed, paper_channels(), FORD_GRANADA.geometry))
 
 
 # Table 3 -----------------------------------------------------------------------------------------
 
-_N = len(_TABLE3_PERCENT)
 PASS_HZ = 16.0
 """Section 4.3."""
-
-_MEMORY_S = 0.05
-"""Length of the filter; the paper does not state it.  A filtered free decay is still a free decay,
-but only where the whole memory lies in it, and the wheels lose three fifths of their motion in 50
-ms."""
-_STOP_HZ = 60.0
-"""Start of the stop band, Hz: with so short a memory, 35 dB down from here, and little above 30
-Hz."""
+_N = len(_TABLE3_PERCENT)
+_ROUTES = {
+    "chain_filtered": f"chain, {PASS_HZ:g} Hz",
+    "chain_unfiltered": "chain, unfiltered",
+    "likelihood": "likelihood",
+}
 
 
-def taps(rate_hz: float) -> NDArray[np.float64]:
+def taps(rate_hz: float) -> Floats:
     """Return the filter for samples at `rate_hz`, (n,), n odd and symmetric.
 
-    Raises
-    ------
-    InputError
-        If the rate leaves no room for a stop band.
+    Its length, which the paper does not state, is 50 ms: a filtered free decay is a free decay only
+    where the whole memory lies in it, and the wheels lose three fifths of their motion in that
+    time.  So short a filter is 35 dB down from 60 Hz, and little above 30 Hz.
+
+    Raises InputError if the rate leaves no room for a stop band.
     """
     from scipy.signal import firls
 
-    if rate_hz <= 2.0 * _STOP_HZ:
-        raise InputError(
-            "rate",
-            f"{rate_hz:g} Hz leaves no room for a {PASS_HZ:g} Hz low-pass",
-            f"give more than {2.0 * _STOP_HZ:g} Hz",
-        )
-    n = 2 * round(_MEMORY_S * rate_hz / 2.0) + 1
-    bands = (0.0, PASS_HZ, _STOP_HZ, rate_hz / 2.0)
+    stop_hz = 60.0
+    if rate_hz <= 2.0 * stop_hz:
+        rate = f"{rate_hz:g} Hz leaves no room for a {PASS_HZ:g} Hz low-pass"
+        raise InputError("rate", rate, f"give more than {2.0 * stop_hz:g} Hz")
+    bands = (0.0, PASS_HZ, stop_hz, rate_hz / 2.0)
+    n = 2 * round(0.05 * rate_hz / 2.0) + 1
     return np.asarray(firls(n, bands, (1.0, 1.0, 0.0, 0.0), fs=rate_hz), dtype=np.float64)
 
 
-def filtered(values: NDArray[np.float64], rate_hz: float) -> NDArray[np.float64]:
+def filtered(values: Floats, rate_hz: float) -> Floats:
     """Return the filtered samples, (n - n_taps + 1, n_channels).
 
     There is a result only where the whole memory is filled; the first belongs to the middle of the
@@ -180,83 +162,72 @@ def table3_campaign(rate_hz: float, noise_db: float) -> Campaign:
     return Campaign(rate_hz=rate_hz, noise_db=noise_db, geometry=FORD_GRANADA.geometry)
 
 
-@dataclass(frozen=True, slots=True)
-class Attempt:
-    """One noisy campaign identified in three ways."""
+def attempt(campaign: Campaign, seed: int) -> dict[str, Floats]:
+    """Identify the campaign that `seed` draws by the paper's chain and by maximum likelihood.
 
-    filtered: NDArray[np.float64]
-    unfiltered: NDArray[np.float64]
-    """`filtered`, `unfiltered`: errors of the paper's chain, %, with and without the low-pass,
-    shape (11,); NaN if the chain has no answer."""
-    likelihood: NDArray[np.float64]
-    """Errors of the maximum-likelihood estimate, %, shape (11,); NaN if it is refused."""
-
-
-def attempt(campaign: Campaign, seed: int) -> Attempt:
-    """Identify the campaign that `seed` draws by the paper's chain and by maximum likelihood."""
-    rate_hz, records = campaign.rate_hz, records_of(campaign, seed)
-    raw: dict[str, list[NDArray[np.float64]]] = {}
-    for record in records:
+    Returns the errors, (11,) %, of `chain_filtered` and `chain_unfiltered`, with and without the
+    low-pass, and of the `likelihood`; NaN where there is no answer.
+    """
+    rate_hz = campaign.rate_hz
+    raw: dict[str, list[Floats]] = {}
+    for record in records_of(campaign, seed):
         (recording,) = record.recordings
         decay = recording.values[recording.time_s > BUMP.end_s - 0.5 / rate_hz]
         # What follows after 1.5 s is mostly noise.
         raw.setdefault(record.mass_state, []).append(decay[: round(1.5 * rate_hz)])
-    low = {name: [filtered(decay, rate_hz) for decay in decays] for name, decays in raw.items()}
+    low = [[filtered(decay, rate_hz) for decay in decays] for decays in raw.values()]
     best = outcome(campaign, seed)
-    return Attempt(
-        filtered=_chain(low.values(), rate_hz),
-        unfiltered=_chain(raw.values(), rate_hz),
-        likelihood=np.full(_N, np.nan) if best.lost else best.errors_percent[:_N],
-    )
+    return {
+        "chain_filtered": _chain_errors(low, rate_hz),
+        "chain_unfiltered": _chain_errors(raw.values(), rate_hz),
+        "likelihood": np.full(_N, np.nan) if best.lost else best.errors_percent[:_N],
+    }
 
 
-def _chain(states: Iterable[Sequence[NDArray[np.float64]]], rate_hz: float) -> NDArray[np.float64]:
-    """Return the errors of the paper's chain, (11,) %, from the decays of both mass states."""
+def _chain_errors(states: Iterable[Sequence[Floats]], rate_hz: float) -> Floats:
+    """Return the errors of the paper's chain, (11,) %, from the decays of both mass states.
+
+    The modes are those of the State Variable Method of known order (Eqs. 14-21).
+    """
+    matrices = []
     try:
-        light, heavy = (_state_matrix(_modes(decays, rate_hz)) for decays in states)
+        for decays in states:
+            size = np.sqrt(np.mean(np.concatenate(list(decays)) ** 2, axis=0))
+            # Steps of 10 ms over 0.3 s: of 8, 15 and 30 steps the most robust.
+            delays = Delays(30, max(1, round(0.01 * rate_hz)))
+            space = delay_space([decay / size for decay in decays], rate_hz, delays)
+            poles, shapes = poles_of_rank(space, 2 * N_DOF)
+            vibrating = poles.imag > 0.0
+            modes = ModalModel(poles[vibrating], (shapes * size[:, None])[:, vibrating])
+            matrices.append(_state_matrix(modes))
+        light, heavy = matrices
         model = physical_matrices(light, heavy, PAPER_ADDED_MASS.matrix)
-        vehicle = vehicle_of_geometry(model, FORD_GRANADA.geometry)
+        vehicle = sequential_vehicle(model, FORD_GRANADA.geometry)
     except (InputError, np.linalg.LinAlgError):
         return np.full(_N, np.nan)
-    return percent(vehicle.to_array(), FORD_GRANADA.to_array())[:_N]
+    return percent(vehicle.to_array(), KNOWN)[:_N]
 
 
-def _modes(decays: Sequence[NDArray[np.float64]], rate_hz: float) -> ModalModel:
-    """Return the modes by the State Variable Method of known order (Eqs. 14-21)."""
-    size = np.sqrt(np.mean(np.concatenate(list(decays)) ** 2, axis=0))
-    # Steps of 10 ms over 0.3 s: of 8, 15 and 30 steps the most robust.
-    delays = Delays(30, max(1, round(0.01 * rate_hz)))
-    space = delay_space([decay / size for decay in decays], rate_hz, delays)
-    poles, shapes = poles_of_rank(space, 2 * N_DOF)
-    modes = poles.imag > 0.0
-    return ModalModel(poles[modes], (shapes * size[:, None])[:, modes])
-
-
-def table3_study(campaign: Campaign, attempts: Sequence[Attempt]) -> Study:
+def table3_study(campaign: Campaign, attempts: Sequence[Mapping[str, Floats]]) -> Study:
     """Return the table of many attempts next to the paper's single one.
 
     `campaign`: as made by `table3_campaign`.
     """
     names, printed = PARAMETER_NAMES[:_N], np.abs(_TABLE3_PERCENT)
-    routes = {
-        "chain_filtered": (f"chain, {PASS_HZ:g} Hz", [a.filtered for a in attempts]),
-        "chain_unfiltered": ("chain, unfiltered", [a.unfiltered for a in attempts]),
-        "likelihood": ("likelihood", [a.likelihood for a in attempts]),
-    }
     columns = [Column("parameter", "parameter"), Column("paper_percent", "paper", ".3f")]
     cells, series, notes = [printed], [Dots("paper, printed", printed, 0)], []
-    for hue, (key, (label, errors)) in enumerate(routes.items(), start=1):
-        size = np.abs(np.array(errors))
+    for hue, (route, label) in enumerate(_ROUTES.items(), start=1):
+        size = np.abs(np.array([errors[route] for errors in attempts]))
         answered = size[~np.isnan(size).any(axis=1)]
         median = worst = np.full(_N, np.nan)
         if len(answered):
             median, worst = np.median(answered, axis=0), answered.max(axis=0)
-        columns.append(Column(f"{key}_median_percent", f"{label}: median", ".3g"))
-        columns.append(Column(f"{key}_worst_percent", "worst", ".3g"))
+        columns.append(Column(f"{route}_median_percent", f"{label}: median", ".3g"))
+        columns.append(Column(f"{route}_worst_percent", "worst", ".3g"))
         cells += [median, worst]
         series.append(Dots(label, median, hue, worst))
-        of = counted(len(size), "campaign")
-        notes.append(f"{label}: no answer in {len(size) - len(answered)} of {of}.")
+        missing = len(size) - len(answered)
+        notes.append(f"{label}: no answer in {missing} of {counted(len(size), 'campaign')}.")
     panel = DotPanel(
         f"Errors at {campaign.noise_db:g} dB, geometry measured",
         "size of the error / %: median, and line to the worst",
@@ -281,70 +252,27 @@ def table3_study(campaign: Campaign, attempts: Sequence[Attempt]) -> Study:
     )
 
 
-# Geometry that is measured (the paper's sections 4.2 and 4.3) -------------------------------------
-
-
-def vehicle_of_geometry(model: PhysicalModel, geometry: VehicleGeometry) -> VehicleParameters:
-    """Return the parameters of a vehicle whose four lengths are measured.
-
-    Masses are the diagonal of M, whatever the lengths.  Stiffnesses and damping enter K and C
-    linearly and follow from all their elements by least squares, each element with the same weight:
-    this reproduces the paper's Fig. 8; with elements scaled to equal size the figure differs.
-    """
-    theta = np.ones(15)
-    theta[-4:] = (geometry.a, geometry.b, geometry.t_f, geometry.t_r)
-    masses = np.diag(model.M)
-    theta[:5] = (*masses[:3], masses[3:5].mean(), masses[5:].mean())
-    every = np.ones((N_DOF, N_DOF), dtype=bool)
-    theta[STIFFNESS] = linear_parameters(theta, STIFFNESS, 2, every, model.K)
-    theta[DAMPING] = linear_parameters(theta, DAMPING, 1, every, model.C)
-    return VehicleParameters(*(float(value) for value in theta))
-
-
 # Figures 2 to 9 -----------------------------------------------------------------------------------
 
-ERRORS_PERCENT = tuple(float(e) for e in range(-5, 6))
+_ERRORS_PERCENT = np.arange(-5.0, 6.0)
 """Errors on the abscissa of Figs. 3 to 8, %."""
+_DYNAMIC = slice(5, 11)
+"""Springs and dampers among the parameters."""
 
-_ADDED_PERCENT = tuple(float(share) for share in range(2, 15, 2))
-_DYNAMIC = PARAMETER_NAMES[5:11]
-
-
-_ONE_AXIS = (
-    "Paper: no dynamic parameter moves, only {0}, from 2.4 to -2.6 %. Ours: +2.5 to -2.5 %; with"
-    " the errors that its Wilson-theta simulation makes anyway (Table 2: {1} %) that is {2} %."
-)
-_WHEELS = (
-    "Paper: all parameters move, by 5.6 % at most, the tyres' more than the suspension's. Ours: {0}"
-    " moves most, by {1} % ({2} % if e were counted as a share of what is stated, not of what is on"
-    " board)."
-)
-MASS_ERRORS: Mapping[str, tuple[str, tuple[int, ...], str]] = MappingProxyType(
-    {
-        "fig3": (
-            "dm_s",
-            (0,),
-            "Paper: k_sf, k_sr, c_sf and c_sr fall from about 4 to -4 %, the geometry rises"
-            " from about -5 to 5 %, the tyres hardly move. Ours: 3.6 to 4.4 % at the ends,"
-            " a -4.8 to 5.2 %, the other lengths less, tyres below 0.5 %.",
-        ),
-        "fig4": ("dI_yy", (1,), _ONE_AXIS.format("a and b", "a -0.141, b -0.130", "2.4 to -2.6")),
-        "fig5": (
-            "dI_xx",
-            (2,),
-            _ONE_AXIS.format("t_f and t_r", "t_f -0.205, t_r -0.161", "2.3 to -2.7"),
-        ),
-        "fig6": ("dm_uf", (3, 4), _WHEELS.format("k_tf", "5.3", "5.6")),
-        "fig7": ("dm_ur", (5, 6), _WHEELS.format("k_tr", "5.4", "5.7")),
-    }
-)
+MASS_ERRORS: Mapping[str, tuple[str, tuple[int, ...], str]] = {
+    "fig3": (
+        "dm_s",
+        (0,),
+        "Paper: k_sf, k_sr, c_sf and c_sr fall from about 4 to -4 %, the geometry rises from about"
+        " -5 to 5 %, the tyres hardly move.",
+    ),
+    "fig4": ("dI_yy", (1,), "Paper: only a and b move, from 2.4 to -2.6 %."),
+    "fig5": ("dI_xx", (2,), "Paper: only t_f and t_r move, from 2.4 to -2.6 %."),
+    "fig6": ("dm_uf", (3, 4), "Paper: all move by 5.6 % at most, the tyres' most."),
+    "fig7": ("dm_ur", (5, 6), "Paper: all move by 5.6 % at most, the tyres' most."),
+}
 """Name of each figure's wrong added inertia, its positions on the diagonal of the added mass, and
-values that the paper reads off its figure, and ours."""
-_CONVENTION = (
-    "Error e: the identification is given (1 - e) times what is on board. Row i of M, C and K is"
-    " then (1 - e) times its true self, so K is no longer symmetric and least squares settles"
-    " between its two halves."
-)
+what the paper reads off its figure."""
 
 
 def fig2_study() -> Study:
@@ -353,46 +281,41 @@ def fig2_study() -> Study:
     The added mass is that share of M itself, so that an undamped frequency would fall as
     ``1 / sqrt(1 + share)``; dampers make some modes fall more and some less.
     """
-    vehicle = physical_model(FORD_GRANADA)
-    before = modes_of(vehicle.A)
-    frequency, damping = [], []
-    for share in _ADDED_PERCENT:
-        after = modes_of(vehicle.with_mass(share / 100.0 * vehicle.M).A)
+    shares = np.arange(2.0, 15.0, 2.0)
+    before = modes_of(_VEHICLE.A)
+    changes = []  # of frequency and damping ratio, (2, 7) for each share
+    for share in shares / 100.0:
+        after = modes_of(_VEHICLE.with_mass(share * _VEHICLE.M).A)
         partner = pair_modes(before, after).added  # wheel modes change places at 12 %
-        frequency.append(percent(after.frequencies_hz[partner], before.frequencies_hz))
-        damping.append(percent(after.damping_ratios[partner], before.damping_ratios))
-    by_mode = np.array(frequency).T
-    columns = (
-        Column("mode", "mode", "d"),
-        Column("frequency_hz", "f / Hz", ".3f"),
-        *(Column(f"at_{share:g}_percent", f"{share:g} %") for share in _ADDED_PERCENT),
-    )
+        frequency = percent(after.frequencies_hz[partner], before.frequencies_hz)
+        changes.append((frequency, percent(after.damping_ratios[partner], before.damping_ratios)))
+    by_mode = np.transpose(changes)  # (7, 2, n_shares)
+    panels = [
+        CurvePanel(
+            f"{title} of modes 1 to 7",
+            "added mass / % of M",
+            "change / %",
+            tuple(
+                Curve(str(i + 1), shares, change, hue=1 if i < 3 else 2)
+                for i, change in enumerate(by_mode[:, which])
+            ),
+        )
+        for which, title in enumerate(("Natural frequency", "Damping ratio"))
+    ]
     return Study(
         title="Fig. 2, change of the modal frequencies in % by added mass in % of M",
-        columns=columns,
-        rows=rows_of(range(1, 8), before.frequencies_hz, by_mode),
+        columns=(
+            Column("mode", "mode", "d"),
+            Column("frequency_hz", "f / Hz", ".3f"),
+            *(Column(f"at_{share:g}_percent", f"{share:g} %") for share in shares),
+        ),
+        rows=rows_of(range(1, 8), before.frequencies_hz, by_mode[:, 0]),
         notes=(
-            "Paper: -0.98 % at 2 % of mass to -6.8 % at 14 %. Ours: frequencies"
-            f" {by_mode[:, 0].min():.2f} .. {by_mode[:, 0].max():.2f} % and"
-            f" {by_mode[:, -1].min():.2f} .. {by_mode[:, -1].max():.2f} %; the damping ratios,"
-            f" which fall alike, reach {np.min(damping[-1]):.2f} %.",
+            "Paper: -0.98 % at 2 % of mass to -6.8 % at 14 %.",
             "Frequency is |lambda| / 2 pi. Modes are paired by shape: from 12 % on 4 and 5 swap.",
         ),
-        panels=(
-            (
-                _by_share("Natural frequency of modes 1 to 7", by_mode),
-                _by_share("Damping ratio of modes 1 to 7", np.array(damping).T),
-            ),
-        ),
+        panels=(tuple(panels),),
     )
-
-
-def _by_share(title: str, change: NDArray[np.float64]) -> CurvePanel:
-    curves = tuple(
-        Curve(str(i + 1), np.array(_ADDED_PERCENT), row, hue=1 if i < 3 else 2)
-        for i, row in enumerate(change)
-    )
-    return CurvePanel(title, "added mass / % of M", "change / %", curves)
 
 
 def mass_error_study(figure: str) -> Study:
@@ -403,22 +326,14 @@ def mass_error_study(figure: str) -> Study:
 
     `figure`: a key of `MASS_ERRORS`.
     """
-    quantity, dofs, says = MASS_ERRORS[figure]
-    vehicle = physical_model(FORD_GRANADA)
-    on_board = delta_mass(PAPER_ADDED_MASS, FORD_GRANADA.a).real
-    light, heavy = (
-        state_matrix_of(modes_of(model.A)) for model in (vehicle, vehicle.with_mass(on_board))
-    )
+    quantity, dofs, paper = MASS_ERRORS[figure]
+    light, heavy = _VEHICLE.A, _VEHICLE.with_mass(_DELTA_M).A
     identified = []
-    for error in ERRORS_PERCENT:
-        stated = on_board.copy()
+    for error in _ERRORS_PERCENT:
+        stated = _DELTA_M.copy()
         stated[dofs, dofs] *= 1.0 - error / 100.0
-        parameters = sequential_vehicle(physical_matrices(light, heavy, stated))
-        identified.append(parameters.to_array())
-    errors = percent(np.array(identified), FORD_GRANADA.to_array())
-    by_name = dict(zip(PARAMETER_NAMES, errors.T, strict=True))
-    middle = len(ERRORS_PERCENT) // 2
-    slopes = (errors[middle + 1] - errors[middle - 1]) / 2.0
+        identified.append(sequential_vehicle(physical_matrices(light, heavy, stated)).to_array())
+    errors = percent(np.array(identified), KNOWN)  # (11, 15)
     return Study(
         title=f"Fig. {figure.removeprefix('fig')}, identified parameters by an error in {quantity}",
         columns=(
@@ -427,32 +342,32 @@ def mass_error_study(figure: str) -> Study:
             Column("at_plus_5_percent", "error at +5 %"),
             Column("slope", "slope % / %", "+z.3f"),
         ),
-        rows=rows_of(PARAMETER_NAMES, errors[0], errors[-1], slopes),
-        notes=(says, _CONVENTION),
+        rows=rows_of(PARAMETER_NAMES, errors[0], errors[-1], (errors[6] - errors[4]) / 2.0),
+        notes=(
+            paper,
+            "Error e: the identification is given (1 - e) times what is on board. Row i of M, C and"
+            " K is then (1 - e) times its true self, so K is no longer symmetric and least squares"
+            " settles between its two halves.",
+        ),
         panels=(
             (
-                _error_panel("Dynamic parameters", quantity, by_name, _DYNAMIC),
-                _error_panel("Structural parameters", quantity, by_name, PARAMETER_NAMES[11:]),
+                _error_panel("Dynamic parameters", quantity, errors, _DYNAMIC),
+                _error_panel("Structural parameters", quantity, errors, slice(11, 15)),
             ),
         ),
     )
 
 
-def _error_panel(
-    title: str, quantity: str, by_name: Mapping[str, NDArray[np.float64]], names: tuple[str, ...]
-) -> CurvePanel:
+def _error_panel(title: str, quantity: str, errors: Floats, shown: slice) -> CurvePanel:
     """Return a diagram of the errors of some parameters over the error of the stated quantity.
 
     Front and rear parameters of a kind share a colour; the rear one is dashed.
     """
     curves = tuple(
-        Curve(name, np.array(ERRORS_PERCENT), by_name[name], hue=1 + i // 2, dashed=i % 2 == 1)
-        for i, name in enumerate(names)
+        Curve(name, _ERRORS_PERCENT, row, hue=1 + i // 2, dashed=i % 2 == 1)
+        for i, (name, row) in enumerate(zip(PARAMETER_NAMES[shown], errors.T[shown], strict=True))
     )
     return CurvePanel(title, f"error of {quantity} / %", "error of the parameter / %", curves)
-
-
-_LENGTHS = ("a", "b", "t_f", "t_r")
 
 
 def fig8_study() -> Study:
@@ -461,45 +376,32 @@ def fig8_study() -> Study:
     M, C and K are exact, as the chain gives them without noise, and do not depend on the geometry;
     only the parameters that are computed from C and K do.
     """
-    model, geometry = physical_model(FORD_GRANADA), FORD_GRANADA.geometry
-    tables = {}  # errors of the dynamic parameters, each (n_errors, 6)
-    for length in _LENGTHS:
-        true = getattr(geometry, length)
-        stated = [replace(geometry, **{length: true * (1 - e / 100)}) for e in ERRORS_PERCENT]
-        identified = [vehicle_of_geometry(model, lengths).to_array() for lengths in stated]
-        tables[length] = percent(np.array(identified), FORD_GRANADA.to_array())[:, 5:11]
-    columns = [
-        Column(f"{length}_at_{word}_5_percent", f"{length} {sign}5 %")
-        for length in _LENGTHS
-        for word, sign in (("minus", "-"), ("plus", "+"))
-    ]
-    ends = np.concatenate([table[[0, -1]] for table in tables.values()]).T
-    panels = [
-        _error_panel(
-            f"Error in {length}", length, dict(zip(_DYNAMIC, table.T, strict=True)), _DYNAMIC
-        )
-        for length, table in tables.items()
-    ]
+    geometry = FORD_GRANADA.geometry
+    columns, cells, panels = [], [], []
+    for length in ("a", "b", "t_f", "t_r"):
+        identified = []
+        for error in _ERRORS_PERCENT:
+            stated = getattr(geometry, length) * (1.0 - float(error) / 100.0)
+            vehicle = sequential_vehicle(_VEHICLE, replace(geometry, **{length: stated}))
+            identified.append(vehicle.to_array())
+        errors = percent(np.array(identified), KNOWN)
+        columns.append(Column(f"{length}_at_minus_5_percent", f"{length} -5 %"))
+        columns.append(Column(f"{length}_at_plus_5_percent", f"{length} +5 %"))
+        cells += [errors[0, _DYNAMIC], errors[-1, _DYNAMIC]]
+        panels.append(_error_panel(f"Error in {length}", length, errors, _DYNAMIC))
     return Study(
         title="Fig. 8, errors in % of the dynamic parameters by an error of -5 or 5 % in a length",
         columns=(Column("parameter", "parameter"), *columns),
-        rows=rows_of(_DYNAMIC, ends),
+        rows=rows_of(PARAMETER_NAMES[_DYNAMIC], *cells),
         notes=(
             "Paper: a moves k_sf and c_sf from about -4.8 to 4.7 %, b moves k_sr and c_sr from"
-            " -5.8 to 5.9 %. Ours: -4.7 to 4.7 and -4.5 to 4.5 %; -5.6 to 5.8 and -5.4 to 5.6 %.",
-            "Paper, t_f on k_sf and c_sf: -0.74 to 4 %, a misprint for 0.4 %. Ours: -0.60 to 0.51"
-            " and -0.57 to 0.49 %.",
-            "Paper, t_r: -0.48 to 0.25 % and, c_sf, -0.35 to 0.15 %. Ours: k_sr -0.40 to 0.34 and"
-            " c_sf -0.25 to 0.25 %, which with the error of the paper's simulation (Table 2: k_sr"
-            " -0.08, c_sf -0.10 %) is -0.48 to 0.26 and -0.35 to 0.15 %.",
+            " -5.8 to 5.9 %, t_f moves k_sf and c_sf from -0.74 to 4 %, a misprint for 0.4 %; t_r:"
+            " -0.48 to 0.25 % and, c_sf, -0.35 to 0.15 %, with the error of its simulation.",
             "Error e: the identification is given (1 - e) times the true length. C and K are fitted"
             " in all elements, each with the same weight. m_s, I_yy, I_xx, m_uf, m_ur do not move.",
         ),
         panels=(tuple(panels[:2]), tuple(panels[2:])),
     )
-
-
-_SHOWN = {"z_s": "Body, vertical (z_s)", "z_uA": "Front left hub (z_uA)"}
 
 
 def fig9_study(rate_hz: float, noise_db: float, seed: int) -> Study:
@@ -516,27 +418,34 @@ def fig9_study(rate_hz: float, noise_db: float, seed: int) -> Study:
     half = len(taps(rate_hz)) // 2
     time, time_low = noisy.time_s, noisy.time_s[half : len(noisy.time_s) - half]
     decay, decay_low = time > BUMP.end_s, time_low > BUMP.end_s + half / rate_hz
-    rows, panels = [], []
-    for name, title in _SHOWN.items():
+    rows: list[tuple[Cell, ...]] = []
+    panels = []
+    for name, title in {"z_s": "Body, vertical (z_s)", "z_uA": "Front left hub (z_uA)"}.items():
         c = [channel.name for channel in noisy.group.channels].index(name)
-        before, after = noisy.values[:, c] - clean.values[:, c], low[:, c] - clean_low[:, c]
+        signal, signal_low = clean.values[:, c], clean_low[:, c]
+        noise, noise_low = noisy.values[:, c] - signal, low[:, c] - signal_low
         rows.append(
             (
                 name,
-                _rms(clean.values[:, c]),
-                _rms(before),
-                _rms(after),
-                _db(clean.values[decay, c], before[decay]),
-                _db(clean_low[decay_low, c], after[decay_low]),
+                *(_rms(values) for values in (signal, noise, noise_low)),
+                20.0 * float(np.log10(_rms(signal[decay]) / _rms(noise[decay]))),
+                20.0 * float(np.log10(_rms(signal_low[decay_low]) / _rms(noise_low[decay_low]))),
             )
         )
-        signals = {"noisy": (time, noisy.values[:, c]), "filtered": (time_low, low[:, c])}
+        curves = ("noisy", time, noisy.values[:, c], 0), ("filtered", time_low, low[:, c], 2)
+        parts = [
+            tuple(
+                Curve(label, t[shown], values[shown], hue)
+                for label, t, values, hue in curves
+                for shown in [(t >= from_s) & (t <= to_s)]
+            )
+            for from_s, to_s in ((0.0, 1.2), (0.5, 0.8))
+        ]
+        words = "acceleration / (m/s²)"
         panels.append(
             (
-                _panel(title, "acceleration / (m/s²)", signals, (0.0, 1.2)),
-                _panel(
-                    "The same, enlarged", "acceleration / (m/s²), enlarged", signals, (0.5, 0.8)
-                ),
+                CurvePanel(title, "time / s", words, parts[0]),
+                CurvePanel("The same, enlarged", "time / s", f"{words}, enlarged", parts[1]),
             )
         )
     return Study(
@@ -561,23 +470,5 @@ def fig9_study(rate_hz: float, noise_db: float, seed: int) -> Study:
     )
 
 
-def _panel(
-    title: str,
-    y_label: str,
-    signals: Mapping[str, tuple[NDArray[np.float64], NDArray[np.float64]]],
-    span_s: tuple[float, float],
-) -> CurvePanel:
-    """Return a diagram of signals, each (time, values), within a span of time."""
-    curves = []
-    for hue, (name, (time_s, values)) in zip((0, 2), signals.items(), strict=True):
-        shown = (time_s >= span_s[0]) & (time_s <= span_s[1])
-        curves.append(Curve(name, time_s[shown], values[shown], hue))
-    return CurvePanel(title, "time / s", y_label, tuple(curves))
-
-
-def _rms(values: NDArray[np.float64]) -> float:
+def _rms(values: Floats) -> float:
     return float(np.sqrt(np.mean(values**2)))
-
-
-def _db(signal: NDArray[np.float64], noise: NDArray[np.float64]) -> float:
-    return 20.0 * float(np.log10(_rms(signal) / _rms(noise)))

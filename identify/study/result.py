@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_MARKS = ("|", "o", "o", "D", "s")
-_SPREAD = 0.5
-"""Share of the distance between two items over which the series of one item are spread."""
+Cell = str | float
+Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,8 +31,8 @@ class Curve:
     """A line in a diagram through the points (x, y), each (n,); `hue` indexes the palette."""
 
     label: str
-    x: NDArray[np.float64]
-    y: NDArray[np.float64]
+    x: Floats
+    y: Floats
     hue: int = 0
     dashed: bool = False
 
@@ -53,9 +52,9 @@ class Dots:
     """One value for each item of a list, (n,), NaN for none; `reach` ends a line from each."""
 
     label: str
-    values: NDArray[np.float64]
+    values: Floats
     hue: int
-    reach: NDArray[np.float64] | None = None
+    reach: Floats | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,10 +70,6 @@ class DotPanel:
     """Range in which the values should lie."""
 
 
-Panel = CurvePanel | DotPanel
-Cell = str | float
-
-
 @dataclass(frozen=True, slots=True)
 class Study:
     """A table of rows under columns (NaN where there is no value), notes, and rows of diagrams."""
@@ -83,25 +78,16 @@ class Study:
     columns: tuple[Column, ...]
     rows: tuple[tuple[Cell, ...], ...]
     notes: tuple[str, ...]
-    panels: tuple[tuple[Panel, ...], ...]
-
-    def numbers(self, key: str) -> dict[str, float]:
-        """Return the numbers of a column by the first cell of their rows."""
-        place = [column.key for column in self.columns].index(key)
-        return {str(row[0]): float(row[place]) for row in self.rows}
+    panels: tuple[tuple[CurvePanel | DotPanel, ...], ...]
 
 
-def rows_of(
-    names: Sequence[str | int], *columns: NDArray[np.float64]
-) -> tuple[tuple[Cell, ...], ...]:
+def rows_of(names: Sequence[str | int], *columns: Floats) -> tuple[tuple[Cell, ...], ...]:
     """Return the rows of a table from its first column and the others, each (n,) or (n, k)."""
     cells = np.column_stack(columns).tolist()
     return tuple((name, *row) for name, row in zip(names, cells, strict=True))
 
 
-def percent(
-    values: Sequence[float] | NDArray[np.float64], known: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def percent(values: Sequence[float] | Floats, known: Floats) -> Floats:
     """Return the errors of values in per cent of the true ones, (..., n)."""
     return np.asarray(100.0 * (np.asarray(values) / known - 1.0), dtype=np.float64)
 
@@ -126,74 +112,62 @@ def svg(study: Study) -> str:
         figure = Figure(figsize=(9.0, sum(heights)), layout=spaced)
         rows = figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
         for row, panels in zip(rows, study.panels, strict=True):
-            labels = {panel.y_label for panel in panels if isinstance(panel, CurvePanel)}
-            axes = row.subplots(1, len(panels), squeeze=False, sharey=len(labels) == 1)[0]
-            for place, panel in zip(axes, panels, strict=True):
+            alike = len({p.y_label for p in panels if isinstance(p, CurvePanel)}) == 1
+            every = row.subplots(1, len(panels), squeeze=False, sharey=alike)[0]
+            for axes, panel in zip(every, panels, strict=True):
+                axes.set_xlabel(panel.x_label)
                 if isinstance(panel, CurvePanel):
-                    _draw_curves(place, panel)
+                    _draw_curves(axes, panel)
                 else:
-                    _draw_dots(place, panel)
+                    _draw_dots(axes, panel)
         text = StringIO()
         figure.savefig(text, format="svg", metadata={"Title": study.title, "Date": None})
     return text.getvalue()
 
 
 def _draw_curves(axes: Axes, panel: CurvePanel) -> None:
-    from ..report.page import PALETTE, zero_line
+    from ..report.page import FAINT, PALETTE
 
-    zero_line(axes)
     axes.set_title(panel.title)
-    axes.set_xlabel(panel.x_label)
     axes.set_ylabel(panel.y_label)
     axes.tick_params(axis="y", labelleft=True)  # to one scale, and legible by itself
+    axes.axhline(0.0, color=FAINT, linewidth=0.8, zorder=0)
     for curve in panel.curves:
-        axes.plot(
-            curve.x,
-            curve.y,
-            color=PALETTE[curve.hue],
-            linewidth=0.9 if len(curve.x) > 100 else 1.6,  # a signal is drawn thin
-            linestyle=(0, (4, 2)) if curve.dashed else "-",
-            label=curve.label,
-        )
+        width = 0.9 if len(curve.x) > 100 else 1.6  # a signal is drawn thin
+        style = "--" if curve.dashed else "-"
+        axes.plot(curve.x, curve.y, style, color=PALETTE[curve.hue], lw=width, label=curve.label)
     axes.margins(x=0.0, y=0.06)
     axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, handlelength=1.4)
 
 
 def _draw_dots(axes: Axes, panel: DotPanel) -> None:
-    from matplotlib.ticker import FuncFormatter
-
     from ..report.page import FAINT, PALETTE
 
     n = len(panel.items)
-    axes.set_title(panel.title, pad=24.0)
-    axes.set_xlabel(panel.x_label)
+    axes.set_title(panel.title, pad=24.0)  # the legend is below it
     axes.set_yticks(range(n), panel.items)
     axes.set_ylim(n - 0.4, -0.6)
-    axes.tick_params(axis="y", length=0.0)
-    axes.hlines(range(n), 0.0, 1.0, FAINT, transform=axes.get_yaxis_transform(), lw=0.6, zorder=0)
+    axes.grid(axis="y", color=FAINT, lw=0.6)
+    axes.set_axisbelow(True)
     if panel.logarithmic:
         axes.set_xscale("log")
-        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    if panel.expected is not None:
-        axes.axvspan(*panel.expected, color=FAINT, alpha=0.6, lw=0.0, label="within chance")
-    whiskers = any(series.reach is not None for series in panel.series)
-    offsets = np.linspace(-_SPREAD, _SPREAD, len(panel.series)) / 2.0 * whiskers
-    for series, offset in zip(panel.series, offsets, strict=True):
-        place, colour, mark = np.arange(n) + offset, PALETTE[series.hue], _MARKS[series.hue]
-        if series.reach is not None:
-            axes.hlines(place, series.values, series.reach, colour, lw=1.4, alpha=0.5)
-        axes.plot(
-            series.values,
-            place,
-            mark,
-            color=colour,
-            markersize=11.0 if mark == "|" else 4.5,
-            markeredgewidth=2.0 if mark == "|" else 0.0,
-            label=series.label,
-            zorder=3,
-        )
-    if not panel.logarithmic and panel.expected is None:
-        low, high = axes.get_xlim()
-        axes.set_xlim(min(low, 0.0), max(high, 0.0))
+        axes.xaxis.set_major_formatter("{x:g}")
+    elif panel.expected is None:
         axes.axvline(0.0, color=FAINT, linewidth=0.8, zorder=0)
+    else:
+        axes.axvspan(*panel.expected, color=FAINT, alpha=0.6, lw=0.0, label="within chance")
+    with_lines = any(series.reach is not None for series in panel.series)
+    for i, series in enumerate(panel.series):
+        # Series with lines lie below each other within half of an item's height.
+        aside = i / (len(panel.series) - 1.0) / 2.0 - 0.25 if with_lines else 0.0
+        places, colour = np.arange(n) + aside, PALETTE[series.hue]
+        if series.reach is not None:
+            axes.hlines(places, series.values, series.reach, colour, lw=1.4, alpha=0.5)
+        mark, size, edge = "|ooDs"[series.hue], 4.5, 0.0
+        if mark == "|":  # of what the others are compared with
+            size, edge = 11.0, 2.0
+        axes.plot(
+            series.values, places, mark, color=colour, ms=size, mew=edge, label=series.label,
+            zorder=3,
+        )  # fmt: skip
     axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, frameon=False)

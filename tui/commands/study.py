@@ -15,7 +15,7 @@ from ..diagnostics import require_ending
 from ..options import JsonResult
 
 if TYPE_CHECKING:
-    from identify.study import Study
+    from identify.study.result import Study
 
 study = typer.Typer(
     help="Reproduce the paper's tables and figures; measure accuracy by Monte Carlo.",
@@ -43,7 +43,7 @@ def table2(
     figure: FigureFile = None,
 ) -> None:
     """Identify all parameters from noise-free simulated runs."""
-    from identify.study import table2_study
+    from identify.study.paper import table2_study
 
     from ..output import progress
 
@@ -64,7 +64,7 @@ def table3(
     figure: FigureFile = None,
 ) -> None:
     """Compare the paper's chain with maximum likelihood at 30 dB."""
-    from identify.study import attempt, table3_campaign, table3_study
+    from identify.study.paper import attempt, table3_campaign, table3_study
 
     from ..jobs.executors import map_items
     from ..output import progress
@@ -92,7 +92,7 @@ def _figure_command(name: str) -> Callable[..., None]:
     """Return the command of one of the paper's figures without noise."""
 
     def command(json: JsonResult = False, figure: FigureFile = None) -> None:
-        from identify.study import fig2_study, fig8_study, mass_error_study
+        from identify.study.paper import fig2_study, fig8_study, mass_error_study
 
         _check_figure_file(figure)
         studies = {"fig2": fig2_study, "fig8": fig8_study}
@@ -114,7 +114,7 @@ def fig9(
     figure: FigureFile = None,
 ) -> None:
     """Show the noisy signal and what a 16 Hz FIR low-pass leaves of it."""
-    from identify.study import fig9_study
+    from identify.study.paper import fig9_study
 
     _check_figure_file(figure)
     _deliver(fig9_study(rate_hz, noise_db, seed), json, figure)
@@ -147,7 +147,7 @@ def noise(
     """Compare noisy campaigns with the Cramer-Rao bound."""
     from daq import FORD_GRANADA, Excitation
     from dbc import InputError
-    from identify.study import (
+    from identify.study.campaign import (
         PAPER_MASS_STATES,
         SENSOR_SETS,
         Campaign,
@@ -226,6 +226,6 @@ def _deliver(result: Study, json: bool, figure: Path | None) -> None:
             print_item(note)
     if figure is not None:
         from daq.files import write_named
-        from identify.study import svg
+        from identify.study.result import svg
 
         write_named(figure, svg(result).encode())
