@@ -13,14 +13,10 @@ from dbc.words import InputError
 
 from .modes.state_variable_method import StabilisationDiagram
 from .report.cars import still_cars
-from .report.decays import decay_picture, decay_traces
-from .report.evidence import correlation_picture
-from .report.page import figure_of, look
+from .report.evidence import correlation_picture, decay_pictures
+from .report.page import LOOK, figure_of
 from .report.parameters import damper_picture, intervals_picture, moving_cars, stabilisation_picture
 from .result import Identification
-
-_ACROSS = 2
-_TITLE_IN = 0.22
 
 
 def decays(result: Identification) -> Figure:
@@ -30,16 +26,14 @@ def decays(result: Identification) -> Figure:
     """
     estimation = _fitted(result).estimation
     assert estimation is not None  # there is a fit
-    pictures = [decay_picture(run) for run in decay_traces(estimation)]
-    width, height = pictures[0].width_in, pictures[0].height_in
-    down = -(-len(pictures) // _ACROSS)
-    with matplotlib.rc_context(look()):
-        figure = Figure(figsize=(_ACROSS * width, down * (height + _TITLE_IN)))
-        parts = figure.subfigures(
-            2 * down, _ACROSS, squeeze=False, height_ratios=down * [_TITLE_IN, height]
-        )
+    pictures = list(decay_pictures(estimation))
+    title_in, height_in, down = 0.22, pictures[0].height_in, -(-len(pictures) // 2)
+    with matplotlib.rc_context(dict(LOOK)):
+        figure = Figure(figsize=(2 * pictures[0].width_in, down * (height_in + title_in)))
+        heights = down * [title_in, height_in]
+        parts = figure.subfigures(2 * down, 2, squeeze=False, height_ratios=heights)
         for number, picture in enumerate(pictures):
-            row, column = divmod(number, _ACROSS)
+            row, column = divmod(number, 2)
             parts[2 * row, column].text(0.13, 0.1, picture.title, parse_math=False)
             picture.draw(parts[2 * row + 1, column])
     return figure

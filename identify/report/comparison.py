@@ -38,7 +38,6 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-_LEAST_CHANCE = 1e-9
 METHOD = (
     "What changed is found by one joint fit of all sessions: every parameter, and every element "
     "that all of them have, is common to them unless the data ask for a difference; of all small "
@@ -53,24 +52,23 @@ METHOD = (
 
 def comparison_sections(comparison: Comparison) -> tuple[Section, ...]:
     """Return the differences and the trends."""
-    labels = comparison.labels
-    note = "" if set(comparison.verdicts) == {"ok"} else NOT_OK
+    labels, verdicts = comparison.labels, comparison.verdicts
     sessions = tuple(
-        (f"{i}", *pair)
-        for i, pair in enumerate(zip(labels, comparison.verdicts, strict=True), start=1)
+        (str(i), label, verdict)
+        for i, (label, verdict) in enumerate(zip(labels, verdicts, strict=True), start=1)
     )
+    note = "" if set(verdicts) == {"ok"} else NOT_OK
     blocks: list[Block] = [Table("Sessions", ("#", "session", "verdict"), sessions, note)]
     if comparison.change is not None:
         blocks.append(change_table(comparison.change))
-    for title, texts in (
-        ("Stated differently: is it one car, with its sensors in their places?", comparison.unlike),
-        ("Stated alike in all sessions: errors in common", comparison.common),
-    ):
+    for title, heading, texts, cell in (
+        ("Stated differently: is it one car, with its sensors in their places?", "what",
+         comparison.unlike, ""),
+        ("Stated alike in all sessions: errors in common", "what", comparison.common, ""),
+        ("Not compared: a session does not determine it", "", comparison.open, NOT_DETERMINED),
+    ):  # fmt: skip
         if texts:
-            blocks.append(Table(title, ("what", ""), tuple((text, "") for text in texts)))
-    if comparison.open:
-        names = tuple((name, NOT_DETERMINED) for name in comparison.open)
-        blocks.append(Table("Not compared: a session does not determine it", ("", ""), names))
+            blocks.append(Table(title, (heading, ""), tuple((text, cell) for text in texts)))
     for which, label in enumerate(labels[1:]):
         if comparison.parameters:
             blocks.append(differences_picture(comparison, which))
@@ -80,55 +78,51 @@ def comparison_sections(comparison: Comparison) -> tuple[Section, ...]:
             ("Modes", comparison.modes),
         ):
             if rows:
-                blocks.append(_differences(f"{title}: {label} minus {labels[0]}", rows, which))
-    sections = [Section("differences", "Differences", METHOD, tuple(blocks))]
-    if len(labels) > 2:
-        sections.append(_trends(comparison))
-    return tuple(sections)
+                title = f"{title}: {label} minus {labels[0]}"
+                blocks.append(_differences_table(title, rows, which))
+    differences = Section("differences", "Differences", METHOD, tuple(blocks))
+    return (differences, _trends(comparison)) if len(labels) > 2 else (differences,)
 
 
-def _differences(title: str, rows: Sequence[Compared], which: int) -> Table:
+def _differences_table(title: str, rows: Sequence[Compared], which: int) -> Table:
     columns = ("", "#first", "#this", "#difference", "#±", "#z", "at 95 %", "unit")
-    texts = []
-    for row in rows:
-        first, this, d = row.estimates[0], row.estimates[which + 1], row.differences[which]
-        texts.append(
-            (
-                row.name,
-                value_text(first),
-                value_text(this),
-                signed(d.value, d.half),
-                half_width(0.0, d.half),
-                f"{d.z:+.2f}",
-                "✓ differs" if d.significant else "· within chance",
-                unit_text(first.unit),
-            )
+    texts = tuple(
+        (
+            row.name,
+            value_text(row.estimates[0]),
+            value_text(row.estimates[which + 1]),
+            signed(d.value, d.half),
+            half_width(0.0, d.half),
+            f"{d.z:+.2f}",
+            "✓ differs" if d.significant else "· within chance",
+            unit_text(row.estimates[0].unit),
         )
-    return Table(title, columns, tuple(texts))
+        for row in rows
+        for d in [row.differences[which]]
+    )
+    return Table(title, columns, texts)
 
 
 def differences_picture(comparison: Comparison, which: int) -> Picture:
     """Return each difference of a session with its interval; significant ones by another mark."""
-    names = tuple(row.name for row in comparison.parameters)
-    percent, half, significant = np.array(
-        [
-            (
-                d.value / abs(row.estimates[0].value) * 100.0,
-                d.half / abs(row.estimates[0].value) * 100.0,
-                d.significant,
-            )
-            for row in comparison.parameters
-            for d in [row.differences[which]]
-        ]
-    ).T
+    rows = comparison.parameters
+    differences = [row.differences[which] for row in rows]
+    size = np.array([abs(row.estimates[0].value) for row in rows]) / 100.0
+    draw = partial(
+        _draw_differences,
+        tuple(row.name for row in rows),
+        np.array([d.value for d in differences]) / size,
+        np.array([d.half for d in differences]) / size,
+        np.array([d.significant for d in differences]),
+    )
     return Picture(
         f"differences_{which + 1}",
         f"{comparison.labels[which + 1]} minus {comparison.labels[0]}",
         "Bars: 95 % interval of each difference by itself. Diamonds differ significantly, circles "
         "do not.",
         WIDTH_IN,
-        lines_height_in(len(names), 2),
-        partial(_draw_differences, names, percent, half, significant.astype(bool)),
+        lines_height_in(len(rows), 2),
+        draw,
     )
 
 
@@ -141,7 +135,7 @@ def _draw_differences(
 ) -> None:
     """Draw differences, (n,), with their intervals, one row each."""
     rows, low, high = np.arange(len(names)), percent - half_percent, percent + half_percent
-    (axes,) = line_axes(figure, len(names), (0.09,))
+    (axes,) = line_axes(figure, names, (0.09,))
     axes.hlines(rows, low, high, PALETTE[1], lw=4.0, alpha=0.35)
     for chosen, mark, hue, label in (
         (significant, "D", 2, "differs"),
@@ -149,33 +143,30 @@ def _draw_differences(
     ):
         axes.plot(percent[chosen], rows[chosen], mark, ms=4.5, color=PALETTE[hue], label=label)
     axes.axvline(0.0, color=INK, lw=0.8)
-    axes.set_yticks(rows, names)
     axes.set_xlim(*about_zero(np.concatenate([low, high]), 1.1))
     axes.set_xlabel("difference, % of the first session's value")
     shared_legend(figure)
 
 
 def _trends(comparison: Comparison) -> Section:
-    rows: list[tuple[str, ...]] = []
-    pictures: list[Picture] = []
-    for row in comparison.quantities:
-        t = row.trend
-        if t is None:
-            continue
-        unit = unit_text(row.estimates[0].unit)
-        rows.append(
-            (
-                row.name,
-                plus_minus(t.slope, t.half),
-                unit,
-                "✓ drifts" if t.drifts else "· none",
-                f"{t.chi2:.1f} / {t.freedom}",
-                "✓ varies" if t.varies else "· constant",
-            )
+    trends = [(row, row.trend) for row in comparison.quantities if row.trend is not None]
+    rows = tuple(
+        (
+            row.name,
+            plus_minus(trend.slope, trend.half),
+            unit_text(row.estimates[0].unit),
+            "✓ drifts" if trend.drifts else "· none",
+            f"{trend.chi2:.1f} / {trend.freedom}",
+            "✓ varies" if trend.varies else "· constant",
         )
-        if len(pictures) < 24:  # the parameters come first
-            draw = partial(_draw_trend, row.estimates, t, unit)
-            pictures.append(Picture(f"trend_{len(pictures)}", row.name, "", HALF_IN, 1.7, draw))
+        for row, trend in trends
+    )
+    pictures = tuple(
+        Picture(
+            f"trend_{i}", row.name, "", HALF_IN, 1.7, partial(_draw_trend, row.estimates, trend)
+        )
+        for i, (row, trend) in enumerate(trends[:24])  # the parameters come first
+    )
     columns = ("", "#per session", "unit", "slope at 95 %", "#chi2 / n", "constancy at 95 %")
     caption = "Bars: 95 % intervals. Line: weighted trend."
     return Section(
@@ -184,27 +175,25 @@ def _trends(comparison: Comparison) -> Section:
         "Value against session in the order given: a weighted straight line, and how badly one "
         "constant value fits (chi2). Equal steps from session to session are assumed.",
         (
-            Table("Slopes and constancy", columns, tuple(rows)),
-            Gallery("Values in order", caption, tuple(pictures)),
+            Table("Slopes and constancy", columns, rows),
+            Gallery("Values in order", caption, pictures),
         ),
     )
 
 
-def _draw_trend(estimates: Sequence[Estimate], trend: Trend, unit: str, figure: FigureBase) -> None:
+def _draw_trend(estimates: Sequence[Estimate], trend: Trend, figure: FigureBase) -> None:
     """Draw a quantity over the sessions with its weighted line."""
     axes = figure.add_axes((0.2, 0.2, 0.77, 0.74))
     values = np.array([e.value for e in estimates])
     half = np.array([(e.high - e.low) / 2.0 for e in estimates])
     order = np.arange(1, len(values) + 1)
     axes.errorbar(order, values, yerr=half, fmt="o", ms=3.5, color=PALETTE[1], lw=1.0, capsize=2.0)
-    weight = half**-2.0
-    middle = float(weight @ order / weight.sum())
-    level = float(weight @ values / weight.sum())
+    middle, level = np.average([order, values], axis=1, weights=half**-2.0)
     axes.plot(order, level + trend.slope * (order - middle), color=PALETTE[2], lw=1.0)
     axes.ticklabel_format(useOffset=False)
     axes.set_xticks(order[:: max(len(order) // 8, 1)])
     axes.set_xlabel("session", labelpad=1.0)
-    axes.set_ylabel(unit)
+    axes.set_ylabel(unit_text(estimates[0].unit))
     axes.margins(x=0.08)
 
 
@@ -216,12 +205,12 @@ def headline_of(comparison: Comparison) -> str:
         for row in rows
         if (row.trend and row.trend.words) or any(d.significant for d in row.differences)
     )
-    unchanged = change is not None and change.outcome == "nothing" and not change.apart
-    if unchanged and not names:
-        return f"Nothing differs beyond chance: neither by the joint fit, nor any of {len(rows)}."
-    each = f"Each by itself, none of {len(rows)} quantities differs beyond chance."
     if names:
         each = f"Each by itself, at 95 % among all {len(rows)} quantities, these differ: {names}."
+    elif change is not None and change.outcome == "nothing" and not change.apart:
+        return f"Nothing differs beyond chance: neither by the joint fit, nor any of {len(rows)}."
+    else:
+        each = f"Each by itself, none of {len(rows)} quantities differs beyond chance."
     return f"{change.sentence} {each}" if change is not None else each
 
 
@@ -253,10 +242,7 @@ def change_table(change: Change) -> Table:
         for number, (e, share) in enumerate(zip(one.changes, one.shares, strict=True), start=2):
             half = e.high - e.value
             _, low, high = rounded(e.value, e.low, e.high)
-            percent = ""
-            if not isnan(share):
-                relative = half / abs(e.value) if e.value else 0.0
-                percent = f"{signed(100.0 * share, 100.0 * relative * abs(share))} %"
+            half_share = abs(half / e.value * share) if e.value else 0.0
             rows.append(
                 (
                     name if len(one.changes) == 1 else f"{name}, session {number}",
@@ -265,7 +251,7 @@ def change_table(change: Change) -> Table:
                     low,
                     high,
                     unit_text(e.unit),
-                    percent,
+                    "" if isnan(share) else f"{signed(100.0 * share, 100.0 * half_share)} %",
                     _chance_text(one.p),
                 )
             )
@@ -275,4 +261,4 @@ def change_table(change: Change) -> Table:
 
 def _chance_text(p: float) -> str:
     """Write a chance; one that is too small to matter is written as a bound."""
-    return f"{p:.2g}" if p >= _LEAST_CHANCE else f"below {_LEAST_CHANCE:g}"
+    return f"{p:.2g}" if p >= 1e-9 else "below 1e-09"

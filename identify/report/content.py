@@ -11,7 +11,7 @@ import numpy as np
 from daq.channels import Channel, Quantity
 from daq.samples.trigger import BUMP
 from daq.sessions import Session, notes_of, overrides_of
-from daq.vehicle import BodyWeight, MassState
+from daq.vehicle import BodyWeight, HubWeight
 from dbc.finding import Finding, Severity
 from dbc.words import counted
 
@@ -21,42 +21,58 @@ from ..numbers import number
 from ..result import Identification, software_sha256
 from ..trust.finding import Verdict
 from ..words import HEADLINE, parameter_words, plain, unit_text, with_unit
-from .decays import decay_section
 from .evidence import (
     CrossChecks,
     closed_form_section,
     correlation_section,
+    decay_section,
     information_section,
     prediction_section,
 )
 from .page import REFUSED, Block, Report, Section, Source, Table
 from .parameters import damper_section, modes_section, parameter_section
 
-_ROUTINE = (BUMP, "run_end")
 _UNSTATED = "not stated"
 
 
 def vehicle_section(session: Session, estimation: Estimation) -> Section:
     """Return structure, facts, stated uncertainties and added weights."""
-    vehicle = session.vehicle
-    beyond = [
-        plain(name)
-        for name in ("anti_roll_bars", "tyre_damping", "cg_offset")
-        if getattr(vehicle.structure, name)
-    ]
+    vehicle, structure = session.vehicle, session.vehicle.structure
+    names = ("anti_roll_bars", "tyre_damping", "cg_offset")
+    beyond = [plain(name) for name in names if getattr(structure, name)]
     model = (
-        ("sides", "left and right alike" if vehicle.structure.symmetric else "each for itself"),
+        ("sides", "left and right alike" if structure.symmetric else "each for itself"),
         ("beyond the 15 parameters", ", ".join(beyond) or "nothing"),
         ("lengths a, b, t_f, t_r", "identified" if vehicle.geometry is None else "given"),
         ("facts", str(len(vehicle.facts)) if vehicle.facts else "none"),
         ("mass states", ", ".join(state.name for state in session.mass_states)),
     )
     blocks: list[Block] = [Table("Model of the vehicle", ("", ""), model)]
-    if estimation.box.facts:
-        blocks.append(_facts(estimation))
-    blocks += [_weights(state) for state in session.mass_states if state.added.weights]
+    if facts := estimation.box.facts:
+        misfits, _ = estimation.engine.fact_misfits(estimation.fit.eta)
+        rows = tuple(
+            (
+                plain(fact.quantity),
+                number(fact.value),
+                number(fact.sigma),
+                number(fact.value - misfit * fact.sigma),
+                f"{misfit:+.2f}",
+            )
+            for fact, misfit in zip(facts, misfits.tolist(), strict=True)
+        )
+        columns: tuple[str, ...] = (
+            "fact", "#stated", "#uncertainty", "#identified", "#stated less identified, sigma",
+        )  # fmt: skip
+        note = "All in SI units. A misfit beyond 3 sigma means that scales and decays disagree."
+        blocks.append(Table("Facts: scales and tape measure", columns, rows, note))
+    columns = ("on", "#x, m", "#y, m", "#above CG, m", "#place ±, m", "#mass, kg", "#mass ±, kg")
+    for state in session.mass_states:
+        if state.added.weights:
+            title = f"Weights of mass state {state.name}"
+            note = "Positions from the middle of the front axle: x forward, y to the left."
+            blocks.append(Table(title, columns, tuple(map(_weight_row, state.added.weights)), note))
     if estimation.box.corrections:
-        blocks.append(_corrections(estimation))
+        blocks.append(_corrections_table(estimation))
     return Section(
         "vehicle",
         "Vehicle, facts and model",
@@ -66,66 +82,30 @@ def vehicle_section(session: Session, estimation: Estimation) -> Section:
     )
 
 
-def _facts(estimation: Estimation) -> Table:
-    misfits, _ = estimation.engine.fact_misfits(estimation.fit.eta)
-    return Table(
-        "Facts: scales and tape measure",
-        ("fact", "#stated", "#uncertainty", "#identified", "#stated less identified, sigma"),
-        tuple(
-            (
-                plain(fact.quantity),
-                number(fact.value),
-                number(fact.sigma),
-                number(fact.value - misfit * fact.sigma),
-                f"{misfit:+.2f}",
-            )
-            for fact, misfit in zip(estimation.box.facts, misfits.tolist(), strict=True)
-        ),
-        "All in SI units. A misfit beyond 3 sigma means that scales and decays disagree.",
-    )
+def _weight_row(weight: BodyWeight | HubWeight) -> tuple[str, ...]:
+    place: tuple[str, ...] = ("", "", "", "")
+    if isinstance(weight, BodyWeight):
+        sizes_m = (weight.x_m, weight.y_m, weight.height_m, weight.position_sigma_m)
+        place = tuple(f"{size_m:.3f}" for size_m in sizes_m)
+    where = "body" if isinstance(weight, BodyWeight) else f"hub {weight.corner}"
+    return where, *place, number(weight.mass_kg), f"{weight.sigma_kg:.3g}"
 
 
-def _weights(state: MassState) -> Table:
-    rows = []
-    for weight in state.added.weights:
-        place = (
-            (f"hub {weight.corner}", "", "", "", "")
-            if not isinstance(weight, BodyWeight)
-            else (
-                "body",
-                f"{weight.x_m:.3f}",
-                f"{weight.y_m:.3f}",
-                f"{weight.height_m:.3f}",
-                f"{weight.position_sigma_m:.3f}",
-            )
-        )
-        rows.append((*place, number(weight.mass_kg), f"{weight.sigma_kg:.3g}"))
-    return Table(
-        f"Weights of mass state {state.name}",
-        ("on", "#x, m", "#y, m", "#above CG, m", "#place ±, m", "#mass, kg", "#mass ±, kg"),
-        tuple(rows),
-        "Positions from the middle of the front axle: x forward, y to the left.",
-    )
-
-
-def _corrections(estimation: Estimation) -> Table:
+def _corrections_table(estimation: Estimation) -> Table:
+    """Return what the decays say of the stated uncertainties, each in a unit of its size."""
     box, fit = estimation.box, estimation.fit
-    first = len(box.parameters)
-    pulls = box.pulls(fit.eta)
-    std = np.sqrt(np.diag(fit.covariance))[first:]
+    n = len(box.parameters)
+    stated, fitted = box.prior_sigma[n:].tolist(), fit.eta[n:].tolist()
+    stds = np.sqrt(np.diag(fit.covariance))[n:].tolist()
     rows = []
-    for i, name in enumerate(box.corrections):
-        factor, unit = _unit_of(name)
-        rows.append(
-            (
-                name,
-                f"{float(box.prior_sigma[first + i]) * factor:.3g}",
-                f"{float(fit.eta[first + i]) * factor:+.3f}",
-                f"{float(std[i]) * factor:.3f}",
-                unit,
-                f"{pulls[i]:+.2f}",
-            )
+    for name, sigma, value, std, pull in zip(
+        box.corrections, stated, fitted, stds, box.pulls(fit.eta), strict=False
+    ):
+        factor, unit = {"delay": (1e3, "ms"), "gain": (100.0, "%"), "weight": (1.0, "kg")}.get(
+            name.partition(" ")[0], (1e3, "mm")
         )
+        sizes = (f"{sigma * factor:.3g}", f"{value * factor:+.3f}", f"{std * factor:.3f}")
+        rows.append((name, *sizes, unit, f"{pull:+.2f}"))
     return Table(
         "Stated uncertainties: what the decays say of them",
         ("what", "#stated sigma", "#found off by", "#± sigma", "unit", "#pull, sigma"),
@@ -135,24 +115,16 @@ def _corrections(estimation: Estimation) -> Table:
     )
 
 
-def _unit_of(name: str) -> tuple[float, str]:
-    """Return the unit of a correction, and its factor from SI."""
-    if name.startswith("delay"):
-        return 1e3, "ms"
-    if name.startswith("gain"):
-        return 100.0, "%"
-    return (1.0, "kg") if name.startswith("weight") else (1e3, "mm")
-
-
 # Runs, and where the numbers come from ------------------------------------------------------------
 
 
 def run_section(session: Session, result: Identification) -> Section:
     """Return every run with its verdict, losses and notes."""
-    fitted: dict[str, tuple[float, float]] = {}
+    fitted: dict[str, tuple[str, str]] = {}
     if result.estimation is not None:
-        pairs = zip(result.estimation.records, result.estimation.decays, strict=True)
-        fitted = {d.label: (d.start_s, record.end_s - d.start_s) for record, d in pairs}
+        for record, decay in zip(result.estimation.records, result.estimation.decays, strict=True):
+            length_s = record.end_s - decay.start_s
+            fitted[decay.label] = (f"{decay.start_s:.3f}", f"{length_s:.3f}")
     runs, notes = [], []
     for run in session.runs:
         window = fitted.get(run.label) if run.is_accepted else None
@@ -161,8 +133,7 @@ def run_section(session: Session, result: Identification) -> Section:
             (
                 run.label,
                 "✓ accepted" if run.is_accepted else "✕ rejected",
-                *(f"{seconds:.3f}" for seconds in window or ()),
-                *(("", "") if window is None else ()),
+                *(window or ("", "")),
                 f"{len(run.frames.t_ns):,}",
                 ", ".join(lost) or "none",
                 "; ".join(run.reasons),
@@ -171,23 +142,22 @@ def run_section(session: Session, result: Identification) -> Section:
         notes += [
             (run.label, f"{(e.t_ns - run.t0_ns) * 1e-9:.3f}", plain(e.code), e.text)
             for e in run.events
-            if e.code not in _ROUTINE
+            if e.code not in (BUMP, "run_end")
         ]
-    blocks: list[Block] = []
-    if runs:
-        columns: tuple[str, ...] = (
-            "run", "status", "#decay from, s", "#length, s", "#frames", "losses", "reasons",
-        )  # fmt: skip
-        blocks.append(Table("Runs of the session", columns, tuple(runs)))
-    if notes:
-        columns = ("run", "#at, s", "what", "words")
-        title = "Notes, faults and decisions during the runs"
-        blocks.append(Table(title, columns, tuple(notes)))
+    columns = ("run", "status", "#decay from, s", "#length, s", "#frames", "losses", "reasons")
+    tables = (
+        Table("Runs of the session", columns, tuple(runs)),
+        Table(
+            "Notes, faults and decisions during the runs",
+            ("run", "#at, s", "what", "words"),
+            tuple(notes),
+        ),
+    )
     return Section(
         "runs",
         "Runs",
         "Everything that was recorded. Only accepted runs are used; none is ever deleted.",
-        tuple(blocks),
+        tuple(table for table in tables if table.rows),
     )
 
 
@@ -206,10 +176,12 @@ def provenance_section(session: Session, result: Identification, source: Source)
     trace += [("warning overridden", text) for text in overrides_of(session.provenance)]
     if database := session.provenance.get("dbc"):
         trace.append(("sha256 of the DBC", hashlib.sha256(database.encode()).hexdigest()))
-    blocks: list[Block] = [Table("Trace", ("", ""), tuple(trace))]
     columns = ("channel", "measures", "where", "#scale", "#delay, ms", "#noise", "unit", "signal")
     rows = tuple(_channel_row(c, result.noise.get(c.name)) for c in session.channels)
-    blocks.append(Table("Channels", columns, rows))
+    blocks: list[Block] = [
+        Table("Trace", ("", ""), tuple(trace)),
+        Table("Channels", columns, rows),
+    ]
     if settings := session.provenance.get("bench_toml"):
         blocks.append(Table("Settings of the recording: bench.toml", ("",), ((settings,),)))
     return Section(
@@ -239,16 +211,14 @@ def _channel_row(c: Channel, noise: float | None) -> tuple[str, ...]:
 # Certificate --------------------------------------------------------------------------------------
 
 
-_DATA = {"real": "measured", "origin not stated": "origin not stated"}
-
-
 def certificate_section(session: Session, result: Identification, source: Source) -> Section:
     """Return the data to cite a result by: session, software, persons, sensors, overrides."""
     stated, verdict = result.provenance, result.quality.verdict
     origin = stated.get("origin", "origin not stated")
+    data = {"real": "measured", "origin not stated": origin}.get(origin, f"{origin}, not measured")
     citation = (
         ("vehicle", session.vehicle.name),
-        ("data", _DATA.get(origin, f"{origin}, not measured")),
+        ("data", data),
         ("verdict", f"{verdict}: {HEADLINE[verdict]}"),
         ("recorded", stated.get("created", "")),
         ("session", stated.get("uuid", "")),
@@ -260,40 +230,34 @@ def certificate_section(session: Session, result: Identification, source: Source
         ("report issued", source.issued),
     )
     signed = (("operator", source.operator, "", ""), ("approved by", source.approver, "", ""))
-    blocks: list[Block] = [
-        Table("Result", ("", ""), tuple((name, text or _UNSTATED) for name, text in citation)),
-        Table("Signed", ("", "name", "date", "signature"), signed),
-    ]
-    waived = []
-    for text in overrides_of(session.provenance):
-        subject, _, why = text.partition(": ")
-        waived.append(("warning overridden", subject, why))
+    overridden = [text.partition(": ") for text in overrides_of(session.provenance)]
+    waived = [("warning overridden", subject, why) for subject, _, why in overridden]
     waived += [
         ("run not used", run.label, "; ".join(run.reasons))
         for run in session.runs
         if not run.is_accepted
     ]
+    sensors = tuple(
+        (
+            c.name,
+            plain(c.quantity),
+            c.signal,
+            c.serial_number or _UNSTATED,
+            c.calibrated or _UNSTATED,
+        )
+        for c in session.used_channels
+    )
+    blocks: list[Block] = [
+        Table("Result", ("", ""), tuple((name, text or _UNSTATED) for name, text in citation)),
+        Table("Signed", ("", "name", "date", "signature"), signed),
+    ]
     if waived:
         title = "What was overridden, and why"
         note = "Warnings that were overridden, and runs that were decided by hand or refused."
         blocks.append(Table(title, ("", "what", "why"), tuple(waived), note))
-    blocks.append(
-        Table(
-            "Sensors",
-            ("channel", "measures", "signal", "serial number", "calibrated"),
-            tuple(
-                (
-                    c.name,
-                    plain(c.quantity),
-                    c.signal,
-                    c.serial_number or _UNSTATED,
-                    c.calibrated or _UNSTATED,
-                )
-                for c in session.used_channels
-            ),
-            "Serial number and day of calibration are those of bench.toml.",
-        )
-    )
+    columns = ("channel", "measures", "signal", "serial number", "calibrated")
+    note = "Serial number and day of calibration are those of bench.toml."
+    blocks.append(Table("Sensors", columns, sensors, note))
     return Section(
         "certificate",
         "Certificate",
@@ -305,15 +269,6 @@ def certificate_section(session: Session, result: Identification, source: Source
 
 # The report ---------------------------------------------------------------------------------------
 
-_ASKED_FIRST = (
-    ("total mass", "derived", "total_mass"),
-    ("CG behind front axle", "parameters", "a"),
-    ("front axle load", "derived", "front_axle_load"),
-    ("rear axle load", "derived", "rear_axle_load"),
-    ("pitch inertia", "parameters", "I_yy"),
-    ("roll inertia", "parameters", "I_xx"),
-)
-
 
 def report_of(
     session: Session, result: Identification, checks: CrossChecks, source: Source
@@ -322,23 +277,22 @@ def report_of(
 
     `checks` are those of the result's estimation, empty if there is none.
     """
-    session = usable_session(session)
-    refused = result.quality.verdict is Verdict.REFUSED
+    session, estimation = usable_session(session), result.estimation
     sections: list[Section] = []
-    if result.estimation is not None:
-        numbers = [
+    if estimation is not None:
+        sections = [
             parameter_section(result),
             *([damper_section(result.forces)] if result.forces else []),
             modes_section(result, checks.diagrams),
-            decay_section(result.estimation),
+            decay_section(estimation),
             prediction_section(checks.predictions),
             information_section(result),
             correlation_section(result),
             closed_form_section(result),
         ]
-        sections = [section.marked() if refused else section for section in numbers]
-        place = 2 if result.forces else 1
-        sections.insert(place, vehicle_section(session, result.estimation))
+        if result.quality.verdict is Verdict.REFUSED:
+            sections = [section.marked() for section in sections]
+        sections.insert(2 if result.forces else 1, vehicle_section(session, estimation))
     sections += [
         certificate_section(session, result, source),
         run_section(session, result),
@@ -369,12 +323,15 @@ def title_of(session: Session) -> str:
 def _highlights(result: Identification) -> tuple[tuple[str, str], ...]:
     """Return what an engineer asks for first, marked if the session is refused."""
     mark = f" ({REFUSED})" if result.quality.verdict is Verdict.REFUSED else ""
-    tiles = []
-    for words, part, name in _ASKED_FIRST:
-        e = getattr(result, part).get(name)
-        if e is not None:
-            tiles.append((words + mark, with_unit(e)))
-    return tuple(tiles)
+    asked = {
+        "total mass": result.derived.get("total_mass"),
+        "CG behind front axle": result.parameters.get("a"),
+        "front axle load": result.derived.get("front_axle_load"),
+        "rear axle load": result.derived.get("rear_axle_load"),
+        "pitch inertia": result.parameters.get("I_yy"),
+        "roll inertia": result.parameters.get("I_xx"),
+    }
+    return tuple((words + mark, with_unit(e)) for words, e in asked.items() if e is not None)
 
 
 def _support(session: Session, result: Identification, checks: CrossChecks) -> str:

@@ -1,8 +1,8 @@
-"""Sections that support the numbers: runs left out, noise, correlation, the paper's chain."""
+"""Sections that support the numbers: decays, runs left out, noise, correlation, closed form."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING
@@ -10,9 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.channels import Quantity
 from dbc.words import counted
 
+from ..decays.decay import FreeDecay, Record, onset_s
 from ..fit.estimation import Estimation
+from ..fit.likelihood import Residuals
 from ..fit.uncertainty import Prediction, leave_one_out
 from ..modes.state_variable_method import StabilisationDiagram
 from ..modes.vehicle_modes import vehicle_diagram
@@ -22,10 +25,12 @@ from ..trust.plausibility import SNR_LIMIT_DB
 from ..words import half_percent, parameter_words, unit_text
 from .page import (
     FAINT,
+    HALF_IN,
     INK,
     PALETTE,
     WIDTH_IN,
     Block,
+    Gallery,
     Picture,
     Section,
     Table,
@@ -44,6 +49,156 @@ Floats = NDArray[np.float64]
 Texts = tuple[str, ...]
 
 _HEAD_IN, _ROW_IN = 0.25, 0.215
+"""Height of the names over the columns of a matrix and of its rows, inches."""
+
+
+# Measured against fitted, one small figure a run --------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Trace:
+    """A channel measured and fitted, each thinned so that no spike is lost."""
+
+    title: str
+    """Its name and the unit of its values."""
+    measured: Floats
+    fitted: Floats
+    residual: Floats
+    """Time within the run, s, over the value, shape (2, n); the residual in units of the noise."""
+
+
+def decay_section(estimation: Estimation) -> Section:
+    """Return every run with its fit."""
+    pictures = tuple(decay_pictures(estimation))
+    gallery = Gallery(
+        "Each run: a channel of the body and one of a wheel, with what the fit leaves",
+        "Grey: measured. Colour: fitted. The free decay that is fitted has a blue ground; it "
+        "begins at the solid line, the motion at the dashed one. Below each, measured less fitted "
+        "in units of the sensor's noise: noise alone stays within the grey band 95 % of the time, "
+        "and has no shape. The channels shown are those that stand out most from their noise.",
+        pictures,
+    )
+    blocks: tuple[Block, ...] = (gallery,) if pictures else ()
+    lead = "The free decay of every run as measured and as the identified vehicle makes it."
+    return Section("decays", "Measured and fitted decays", lead, blocks)
+
+
+def decay_pictures(estimation: Estimation) -> Iterator[Picture]:
+    """Yield a picture of each run: some channels, and beneath each what the fit leaves."""
+    runs = zip(estimation.records, estimation.decays, estimation.residuals, strict=True)
+    for record, decay, residuals in runs:
+        motion_s = onset_s(record)
+        from_s = record.start_s
+        if motion_s is not None:
+            from_s = max(motion_s - 0.1, from_s)
+        traces = _traces(estimation.noise, record, decay, residuals, from_s)
+        draw = partial(_draw_decay, traces, (from_s, record.end_s), decay.start_s, motion_s)
+        yield Picture(f"decay_{decay.label}", decay.label, "", HALF_IN, 2.75, draw)
+
+
+def _traces(
+    noise: Mapping[str, float],
+    record: Record,
+    decay: FreeDecay,
+    residuals: Residuals,
+    from_s: float,
+) -> tuple[Trace, ...]:
+    """Return the channel of the body and that of the wheels that stand out most from their noise.
+
+    Of the wheels, accelerations come before travels.
+    """
+    strongest: dict[str, tuple[float, Trace]] = {}
+    for recording in decay.recordings:
+        whole = record.whole(recording)
+        shown = whole.time_s >= from_s
+        time_s = recording.time_s + decay.start_s
+        for c, channel in enumerate(recording.group.channels):
+            residual = residuals.values[channel.name]
+            fitted = recording.values[:, c] - residual
+            strength = float(np.std(fitted)) / noise[channel.name]
+            place = "body" if channel.corner is None else "travel"
+            if channel.quantity in (Quantity.HUB_ACCELERATION, Quantity.HUB_DISPLACEMENT):
+                place = "hub"
+            if place not in strongest or strength > strongest[place][0]:
+                trace = Trace(
+                    f"{channel.name}, {unit_text(channel.unit)}",
+                    envelope(whole.time_s[shown], whole.values[shown, c]),
+                    envelope(time_s, fitted),
+                    envelope(time_s, residual / noise[channel.name]),
+                )
+                strongest[place] = (strength, trace)
+    if "hub" in strongest:
+        strongest.pop("travel", None)
+    return tuple(trace for _, trace in strongest.values())
+
+
+def _draw_decay(
+    traces: tuple[Trace, ...],
+    span_s: tuple[float, float],
+    decay_start_s: float,
+    motion_s: float | None,
+    figure: FigureBase,
+) -> None:
+    """Draw each trace over a span of the run, and beneath it its residual.
+
+    `motion_s`: when motion begins, None if the record begins in motion.
+    """
+    from matplotlib.ticker import MaxNLocator
+
+    heights = [part for _ in traces for part in (3.0, 1.15)]
+    grid = figure.add_gridspec(
+        len(heights), 1, height_ratios=heights, left=0.13, right=0.985, top=0.985, bottom=0.115,
+        hspace=0.13,
+    )  # fmt: skip
+    shared = None
+    for i, trace in enumerate(traces):
+        hue = PALETTE[1 + i]
+        top = figure.add_subplot(grid[2 * i], sharex=shared)
+        shared = shared or top
+        under = figure.add_subplot(grid[2 * i + 1], sharex=shared)
+        for axes in (top, under):
+            axes.axvspan(decay_start_s, span_s[1], color="#eef4f9", lw=0.0, zorder=0)
+            axes.tick_params(labelsize=7.0, length=2.5, labelbottom=False)
+        top.plot(*trace.measured, color="#9a9a9a", lw=1.5, solid_joinstyle="round")
+        top.plot(*trace.fitted, color=hue, lw=0.85)
+        top.axvline(decay_start_s, color=INK, lw=0.7)
+        if motion_s is not None:
+            top.axvline(motion_s, color=INK, lw=0.7, ls=(0, (2, 2)))
+        top.text(
+            0.99, 0.95, trace.title, transform=top.transAxes, ha="right", va="top", fontsize=7.5,
+            color=hue, parse_math=False,
+        )  # fmt: skip
+        top.yaxis.set_major_locator(MaxNLocator(4))
+        under.axhspan(-2.0, 2.0, color=FAINT, alpha=0.6, lw=0.0, zorder=0.5)
+        under.plot(*trace.residual, color=hue, lw=0.5)
+        # Six standard deviations of the noise, or more if the largest residual exceeds them.
+        reach = max(6.0, float(np.max(np.abs(trace.residual[1]), initial=0.0)) * 1.05)
+        under.set_ylim(-reach, reach)
+        under.yaxis.set_major_locator(MaxNLocator(3))
+        under.set_ylabel("sigma", fontsize=6.5)
+        if trace is traces[-1]:
+            under.tick_params(labelbottom=True)
+            under.set_xlabel("time in the run, s", fontsize=7.5, labelpad=1.5)
+            under.set_xlim(*span_s)
+
+
+def envelope(time_s: Floats, values: Floats, stretches: int = 260) -> Floats:
+    """Keep the lowest and highest point of each stretch, so that no spike is hidden.
+
+    `time_s` and `values`, (n,): the curve; one of no more than two points in each stretch is kept
+    as it is.  Returns times over values, (2, m), m <= max(2 stretches, n).
+    """
+    n = len(values)
+    if n <= 2 * stretches:
+        return np.stack([time_s, values])
+    kept: list[int] = []
+    for part in np.array_split(np.arange(n), stretches):
+        extremes = {part[np.argmin(values[part])], part[np.argmax(values[part])]}
+        kept += sorted(extremes)
+    return np.stack([time_s[kept], values[kept]])
+
+
+# Checks beside the fit ----------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,30 +234,24 @@ def information_section(result: Identification) -> Section:
     if result.quality.snr_db:
         blocks.append(snr_picture(result))
     if result.drivers:
-        sources = dict.fromkeys(s for shares in result.drivers.values() for s in shares)
-        runs = [label for label in by_run if label in sources]
-        order = (*runs, *(s for s in sources if s not in runs))
-        drivers = {
-            name: {} if name in result.undetermined else shares
-            for name, shares in result.drivers.items()
+        shares = {
+            source: {
+                name: f"{row[source] * 100:.1f}"
+                for name, row in result.drivers.items()
+                if source in row and name not in result.undetermined
+            }
+            for source in dict.fromkeys(s for row in result.drivers.values() for s in row)
         }
-        blocks.append(
-            _grid(
-                "Share of each parameter's precision, %",
-                "run or fact",
-                tuple(drivers),
-                {
-                    source: {
-                        name: f"{shares[source] * 100:.1f}"
-                        for name, shares in drivers.items()
-                        if source in shares
-                    }
-                    for source in order
-                },
-                "Columns add up to 100 %: if a run had 1 % more information, the variance would "
-                "fall by its share of 1 %.",
-            )
+        runs = [label for label in by_run if label in shares]
+        note = (
+            "Columns add up to 100 %: if a run had 1 % more information, the variance would fall "
+            "by its share of 1 %."
         )
+        ordered = {
+            source: shares[source] for source in (*runs, *(s for s in shares if s not in runs))
+        }
+        title = "Share of each parameter's precision, %"
+        blocks.append(_grid(title, "run or fact", tuple(result.drivers), ordered, note))
     if by_run:
         channels = tuple(dict.fromkeys(c for row in by_run.values() for c in row))
         texts = {run: {c: f"{x:.3f}" for c, x in row.items()} for run, row in by_run.items()}
@@ -119,7 +268,7 @@ def information_section(result: Identification) -> Section:
 def _grid(
     title: str, corner: str, columns: Texts, rows: Mapping[str, Mapping[str, str]], note: str
 ) -> Table:
-    """Return a table with a number for each row and column that has one."""
+    """Return a table with a text for each row and column that has one."""
     cells = tuple((name, *(row.get(c, "") for c in columns)) for name, row in rows.items())
     return Table(title, (corner, *(f"#{name}" for name in columns)), cells, note)
 
@@ -128,17 +277,16 @@ def snr_picture(result: Identification) -> Picture:
     """Return the energy of each mode in each run; a column is a mode, whatever its rank."""
     states = {r.label: r.mass_state for r in result.estimation.records} if result.estimation else {}
     first = next(iter(result.modal))
-    modes = result.mode_names[first]
-    runs = tuple(result.quality.snr_db)
+    modes, runs = result.mode_names[first], tuple(result.quality.snr_db)
     decibel = np.full((len(runs), len(modes)), np.nan)
-    for row, label in enumerate(runs):
+    for row, label in zip(decibel, runs, strict=True):
         pairs = result.pairings.get(states.get(label, first))
-        places = dict(enumerate(range(len(modes))))
+        columns = {i: i for i in range(len(modes))}
         if pairs is not None:
-            places = dict(zip(pairs.added.tolist(), pairs.baseline.tolist(), strict=True))
-        for j, value in enumerate(result.quality.snr_db[label]):
-            if j in places:
-                decibel[row, places[j]] = value
+            columns = dict(zip(pairs.added.tolist(), pairs.baseline.tolist(), strict=True))
+        for rank, value in enumerate(result.quality.snr_db[label]):
+            if rank in columns:
+                row[columns[rank]] = value
     return Picture(
         "snr",
         "Energy of each mode over the noise, dB",
@@ -154,13 +302,10 @@ def snr_picture(result: Identification) -> Picture:
 def _draw_snr(runs: Texts, modes: Texts, decibel: Floats, figure: FigureBase) -> None:
     axes = figure.add_axes((0.19, 0.0, 0.8, 1.0 - 2.0 * _HEAD_IN / height_in(figure)))
     top = max(float(np.nanmax(decibel, initial=SNR_LIMIT_DB)), 2.0 * SNR_LIMIT_DB)
-    _heat(axes, decibel, top, lambda v: f"{v:z.0f}")
-    _label(axes, runs, [name.replace(" wheels ", " wheels\n") for name in modes])
+    columns = [name.replace(" wheels ", " wheels\n") for name in modes]
+    _draw_numbers(axes, decibel, top, lambda v: f"{v:z.0f}", runs, columns)
     for i, j in np.argwhere(decibel < SNR_LIMIT_DB):
         axes.plot([j - 0.42], [i], "v", ms=3.0, color=PALETTE[2])
-
-
-# Correlation --------------------------------------------------------------------------------------
 
 
 def correlation_section(result: Identification) -> Section:
@@ -187,11 +332,17 @@ def correlation_picture(result: Identification) -> Picture:
 def _draw_correlation(names: Texts, matrix: Floats, figure: FigureBase) -> None:
     axes = figure.add_axes((0.07, 0.0, 0.92, 1.0 - _HEAD_IN / height_in(figure)))
     values = np.where(np.eye(len(names), dtype=bool), np.nan, matrix)
-    _heat(axes, values, 1.0, lambda r: f"{r:+.2f}".replace("0.", "."))
-    _label(axes, names, names)
+    _draw_numbers(axes, values, 1.0, lambda r: f"{r:+.2f}".replace("0.", "."), names, names)
 
 
-def _heat(axes: Axes, values: Floats, largest: float, text: Callable[[float], str]) -> None:
+def _draw_numbers(
+    axes: Axes,
+    values: Floats,
+    largest: float,
+    text: Callable[[float], str],
+    rows: Sequence[str],
+    columns: Sequence[str],
+) -> None:
     """Write the numbers of a matrix, each on a cell whose opacity is its share of `largest`.
 
     Values above zero are blue, below zero orange.
@@ -199,7 +350,6 @@ def _heat(axes: Axes, values: Floats, largest: float, text: Callable[[float], st
     from matplotlib.colors import to_rgba
     from matplotlib.patches import Rectangle
 
-    n, m = values.shape
     for i, j in np.argwhere(np.isfinite(values)):
         value = float(values[i, j])
         hue = PALETTE[1] if value > 0.0 else PALETTE[2]
@@ -208,11 +358,8 @@ def _heat(axes: Axes, values: Floats, largest: float, text: Callable[[float], st
         corner = (j - 0.485, i - 0.485)
         axes.add_patch(Rectangle(corner, 0.97, 0.97, fc=to_rgba(hue, opacity), ec="none"))
         axes.text(j, i, text(value), ha="center", va="center", fontsize=7.0, color=INK)
-    axes.set_xlim(-0.5, m - 0.5)
-    axes.set_ylim(n - 0.5, -0.5)
-
-
-def _label(axes: Axes, rows: Sequence[str], columns: Sequence[str]) -> None:
+    axes.set_xlim(-0.5, len(columns) - 0.5)
+    axes.set_ylim(len(rows) - 0.5, -0.5)
     axes.set_yticks(range(len(rows)), rows, parse_math=False)
     axes.set_xticks(range(len(columns)), columns, fontsize=8.0)
     axes.xaxis.tick_top()
@@ -231,15 +378,29 @@ def closed_form_section(result: Identification) -> Section:
         "The paper's chain (Eqs. 22-33) needs no start values and no iteration, but uses less of "
         "the data. It is compared with the likelihood as a check by another method."
     )
-    chain = result.closed_form
-    known = {name: e for name, e in result.parameters.items() if e.determined and name in chain}
-    if not known:
+    compared = {
+        name: (value, e)
+        for name, value in result.closed_form.items()
+        if (e := result.parameters.get(name)) is not None and e.determined
+    }
+    if not compared:
         reason = result.closed_form_reason or "the decays determine none of its parameters"
         lead += f" It has no answer for this session: {reason}."
         return Section("closed_form", title, lead, ())
-    names = tuple(name for name in chain if name in known)
-    percent = np.array([(chain[name] / known[name].value - 1.0) * 100.0 for name in names])
-    halves = np.array([half_percent(known[name]) for name in names])
+    percent = np.array([(value / e.value - 1.0) * 100.0 for value, e in compared.values()])
+    halves = np.array([half_percent(e) for _, e in compared.values()])
+    rows = tuple(
+        (
+            name,
+            parameter_words(name),
+            number(value),
+            number(e.value),
+            f"{difference:+.2f} %",
+            unit_text(e.unit),
+        )
+        for (name, (value, e)), difference in zip(compared.items(), percent, strict=True)
+    )
+    columns = ("", "parameter", "#closed form", "#likelihood", "#difference", "unit")
     blocks: list[Block] = [
         Picture(
             "closed_form",
@@ -247,43 +408,30 @@ def closed_form_section(result: Identification) -> Section:
             "A diamond outside the blue bar is an error of the closed form where the verdict is "
             "good: it is the less precise of the two.",
             WIDTH_IN,
-            lines_height_in(len(names), 2),
-            partial(_draw_closed_form, names, halves, percent),
+            lines_height_in(len(compared), 2),
+            partial(_draw_closed_form, tuple(compared), halves, percent),
         ),
-        Table(
-            "Both in numbers",
-            ("", "parameter", "#closed form", "#likelihood", "#difference", "unit"),
-            tuple(
-                (
-                    name,
-                    parameter_words(name),
-                    number(chain[name]),
-                    number(known[name].value),
-                    f"{apart:+.2f} %",
-                    unit_text(known[name].unit),
-                )
-                for name, apart in zip(names, percent, strict=True)
-            ),
-        ),
+        Table("Both in numbers", columns, rows),
     ]
-    ways = tuple(
-        (way, number(c["c_sf"]), number(c["c_sr"]))
-        for way, c in result.closed_form_damping.items()
-        if {"c_sf", "c_sr"} <= set(c)
-    )
-    if ways:
+    if ways := result.closed_form_damping:
         heading = "Its damping by each way to the damping matrix, N s/m"
-        blocks.append(Table(heading, ("way", "#c_sf", "#c_sr"), ways))
+        texts = tuple((way, number(c["c_sf"]), number(c["c_sr"])) for way, c in ways.items())
+        blocks.append(Table(heading, ("way", "#c_sf", "#c_sr"), texts))
     return Section("closed_form", title, lead, tuple(blocks))
 
 
 def _draw_closed_form(names: Texts, halves: Floats, percent: Floats, figure: FigureBase) -> None:
-    n = len(names)
-    (axes,) = line_axes(figure, n, (0.075,))
+    (axes,) = line_axes(figure, names, (0.075,))
     interval_bars(axes, halves)
-    axes.plot(percent, range(n), "D", ms=5.0, color=PALETTE[2], label="closed form (paper's chain)")
+    axes.plot(
+        percent,
+        range(len(names)),
+        "D",
+        ms=5.0,
+        color=PALETTE[2],
+        label="closed form (paper's chain)",
+    )
     axes.plot([], [], "s", ms=8.0, color=PALETTE[1], alpha=0.45, label="likelihood, 95 % interval")
-    axes.set_yticks(range(n), names)
     axes.set_xlim(*about_zero(np.concatenate([percent, halves]), 1.1))
     axes.set_xlabel("difference from the likelihood's estimate, %")
     shared_legend(figure)
@@ -318,11 +466,11 @@ def prediction_section(predictions: tuple[Prediction, ...]) -> Section:
     )
     rows = []
     for p in predictions:
-        tail: Texts = ("", "", "the others do not determine all parameters", "", "")
+        cells: Texts = ("", "", "the others do not determine all parameters", "", "")
         if np.isfinite(p.predicted):
             state = "✓ at noise level" if p.at_noise else "✕ not predicted"
-            tail = (number(p.predicted), number(p.limit), state, p.parameter, f"{p.moved:+.2f}")
-        rows.append((p.label, number(p.fitted), *tail))
+            cells = (number(p.predicted), number(p.limit), state, p.parameter, f"{p.moved:+.2f}")
+        rows.append((p.label, number(p.fitted), *cells))
     table = Table(
         "chi2/n of each run",
         ("run", "#fitted", "#predicted", "#limit", "", "moves most", "#by sigma"),
@@ -334,23 +482,20 @@ def prediction_section(predictions: tuple[Prediction, ...]) -> Section:
 
 
 def _draw_predictions(predictions: tuple[Prediction, ...], figure: FigureBase) -> None:
-    n = len(predictions)
     fitted, predicted, limit = np.array([(p.fitted, p.predicted, p.limit) for p in predictions]).T
-    (axes,) = line_axes(figure, n, (0.19,))
-    place = np.arange(n)
+    (axes,) = line_axes(figure, [p.label for p in predictions], (0.19,))
+    places = np.arange(len(predictions))
     limit = np.where(np.isfinite(limit), limit, 1.0)
-    axes.barh(place, limit - 1.0, 0.8, left=1.0, color=FAINT, alpha=0.7, label="noise level")
-    axes.hlines(place, fitted, predicted, PALETTE[2], lw=1.4, alpha=0.6)
-    axes.plot(fitted, place, "o", ms=5.0, mfc="white", color=PALETTE[1], label="fitted")
-    axes.plot(predicted, place, "D", ms=4.5, color=PALETTE[2], label="predicted, left out")
+    axes.barh(places, limit - 1.0, 0.8, left=1.0, color=FAINT, alpha=0.7, label="noise level")
+    axes.hlines(places, fitted, predicted, PALETTE[2], lw=1.4, alpha=0.6)
+    axes.plot(fitted, places, "o", ms=5.0, mfc="white", color=PALETTE[1], label="fitted")
+    axes.plot(predicted, places, "D", ms=4.5, color=PALETTE[2], label="predicted, left out")
     axes.axvline(1.0, color=INK, lw=0.8)
-    axes.set_yticks(place, [p.label for p in predictions])
-    everything = np.concatenate([fitted, predicted, limit])
-    high = float(np.nanmax(everything))
+    low, high = (float(f([fitted, predicted, limit])) for f in (np.nanmin, np.nanmax))
     if high > 3.0:
         axes.set_xscale("log")
         axes.set_xlim(0.8, high * 1.3)
     else:
-        axes.set_xlim(min(0.9, float(np.nanmin(everything)) - 0.02), max(1.1, high + 0.02))
+        axes.set_xlim(min(0.9, low - 0.02), max(1.1, high + 0.02))
     axes.set_xlabel("chi2/n of the run's residuals; 1 = noise alone")
     shared_legend(figure)

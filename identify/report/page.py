@@ -34,13 +34,12 @@ class Table:
     """Rows of texts under a header."""
 
     title: str
-    """Title of the table."""
     columns: tuple[str, ...]
     """Headings; one that begins with ``#`` is of numbers, which are aligned to the right."""
     rows: tuple[tuple[str, ...], ...]
     """Rows; each is as long as `columns`."""
     note: str = ""
-    """LoggedNote below the table."""
+    """Text below the table."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,13 +73,15 @@ class Shape:
 
     title: str
     numbers: str
-    """`title`, `numbers`: its name; its frequency and damping as text."""
+    """Its frequency and damping as text."""
     frequency_hz: float
-    """Frequency of the mode, Hz."""
     motion: NDArray[np.complex128]
     """Displacements of `daq.vehicle.DOF`, turned so that most of it is real, m, shape (7,)."""
     geometry: VehicleGeometry
-    """Geometry of the vehicle."""
+
+    def displacement(self, phase: float) -> NDArray[np.float64]:
+        """Return the displacements, (7,) m, at a phase of the motion, rad; damping is left out."""
+        return np.asarray((self.motion * np.exp(1j * phase)).real)
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,9 +152,7 @@ class Report:
     """The report of one session, ready to be typeset as HTML or PDF."""
 
     vehicle: str
-    """Name of the vehicle."""
     source: Source
-    """File and programs that the numbers come from."""
     result: Identification
     """The identification; its document goes into the page."""
     highlights: tuple[tuple[str, str], ...]
@@ -165,7 +164,6 @@ class Report:
     findings: tuple[Finding, ...]
     """Findings of the identification, the worst first, then those on the sensors."""
     sections: tuple[Section, ...]
-    """In order."""
 
     @property
     def pictures(self) -> Iterator[Picture]:
@@ -185,10 +183,9 @@ FAINT = "#d9d9d9"
 WIDTH_IN = 7.4
 """Width of a page of A4 between its margins, inches."""
 HALF_IN = 3.62
-_ROW_IN = 0.195
-_HEAD_IN, _FOOT_IN = 0.32, 0.62
-_LEGEND_IN = 0.17
+_HEAD_IN, _ROW_IN = 0.32, 0.195
 _ACROSS = 5
+"""Entries of a legend side by side."""
 
 SETTINGS: Mapping[Any, Any] = MappingProxyType(
     {
@@ -209,12 +206,9 @@ SETTINGS: Mapping[Any, Any] = MappingProxyType(
         "svg.hashsalt": "bumpbench",  # so that the same study gives the same bytes
     }
 )
-"""Settings of matplotlib, also for the figures of the studies."""
-
-
-def look() -> dict[Any, Any]:
-    """Return matplotlib's settings for the figures of a report."""
-    return {**SETTINGS, "font.size": 8.0, "axes.titlesize": 8.5}
+"""Settings of matplotlib for the figures of the studies."""
+LOOK: Mapping[Any, Any] = MappingProxyType({**SETTINGS, "font.size": 8.0, "axes.titlesize": 8.5})
+"""The same for the figures of a report."""
 
 
 def figure_of(picture: Picture) -> Figure:
@@ -222,7 +216,7 @@ def figure_of(picture: Picture) -> Figure:
     import matplotlib
     from matplotlib.figure import Figure
 
-    with matplotlib.rc_context(look()):
+    with matplotlib.rc_context(dict(LOOK)):
         figure = Figure(figsize=(picture.width_in, picture.height_in))
         picture.draw(figure)
     return figure
@@ -234,21 +228,16 @@ def svg_of(picture: Picture) -> str:
 
     text = StringIO()
     figure = figure_of(picture)
-    with matplotlib.rc_context(look()):
+    with matplotlib.rc_context(dict(LOOK)):
         figure.savefig(text, format="svg", metadata={"Title": picture.title, "Date": None})
     return text.getvalue()
 
 
 def png_of(picture: Picture) -> bytes:
-    """Draw a PNG file."""
+    """Return a picture as a PNG file."""
     data = BytesIO()
     figure_of(picture).savefig(data, format="png", dpi=200, metadata={"Software": None})
     return data.getvalue()
-
-
-def zero_line(axes: Axes) -> None:
-    """Mark zero without competing with the data."""
-    axes.axhline(0.0, color=FAINT, linewidth=0.8, zorder=0)
 
 
 def height_in(figure: FigureBase) -> float:
@@ -259,20 +248,22 @@ def height_in(figure: FigureBase) -> float:
 
 def lines_height_in(rows: int, legend: int) -> float:
     """Return the height of lines of text over a legend with a number of entries, inches."""
-    return _HEAD_IN + _FOOT_IN + _LEGEND_IN * -(-legend // _ACROSS) + _ROW_IN * rows
+    return _HEAD_IN + 0.62 + 0.17 * -(-legend // _ACROSS) + _ROW_IN * rows
 
 
-def line_axes(figure: FigureBase, n: int, left: Sequence[float]) -> list[Axes]:
-    """Return axes side by side with n lines of text in each, without a layout engine."""
-    height = height_in(figure)
+def line_axes(figure: FigureBase, names: Sequence[str], left: Sequence[float]) -> list[Axes]:
+    """Return axes side by side with a line for each name, without a layout engine.
+
+    The names stand left of the first axes.
+    """
+    n, height = len(names), height_in(figure)
     ends = (*[start - 0.05 for start in left[1:]], 0.97)  # half of the last tick's label beyond
-    axes = []
+    axes: list[Axes] = []
     for start, end in zip(left, ends, strict=True):
-        top = 1.0 - _HEAD_IN / height
-        part = figure.add_axes(
-            (start, top - _ROW_IN * n / height, end - start, _ROW_IN * n / height)
-        )
+        share = _ROW_IN * n / height
+        part = figure.add_axes((start, 1.0 - _HEAD_IN / height - share, end - start, share))
         part.set_ylim(n - 0.5, -0.5)
+        part.set_yticks(range(n), names if not axes else [""] * n)
         part.tick_params(axis="y", length=0.0)
         part.spines["left"].set_visible(False)
         axes.append(part)

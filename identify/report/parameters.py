@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..fit.uncertainty import Estimate, ModeEstimate
-from ..modes.modal_model import ModalModel
 from ..modes.state_variable_method import StabilisationDiagram
 from ..numbers import (
     LARGEST_PERCENT,
@@ -132,16 +131,19 @@ def _estimates(
 def intervals_picture(result: Identification) -> Picture:
     """Return the relative interval of each parameter, and the sources of its precision."""
     known = {name: e for name, e in result.parameters.items() if e.determined and e.std and e.value}
-    shares = {name: by_kind(result.drivers.get(name, {})) for name in known}
-    largest: dict[str, float] = {}
-    for row in shares.values():
-        for kind, share in row.items():
-            largest[kind] = max(largest.get(kind, 0.0), share)
+    shares = [by_kind(result.drivers.get(name, {})) for name in known]
     # A source whose share is smaller for every parameter is not drawn.
-    kinds = {kind for kind, most in largest.items() if most > 0.005}
+    kinds = {kind for row in shares for kind, share in row.items() if share > 0.005}
     # In the order of the runs; sources that are not runs come last.
     runs = dict.fromkeys(run.rpartition("_")[0] for run in result.quality.chi2_by_run)
     order = (*(kind for kind in runs if kind in kinds), *sorted(kinds - set(runs)))
+    draw = partial(
+        _draw_intervals,
+        tuple(known),
+        np.array([half_percent(e) for e in known.values()]),
+        tuple(plain(kind) for kind in order),
+        np.array([[row.get(kind, 0.0) for kind in order] for row in shares]),
+    )
     return Picture(
         "intervals",
         "How well each parameter is known, and what that rests on",
@@ -150,13 +152,7 @@ def intervals_picture(result: Identification) -> Picture:
         "that one kind of run decides: repeat that one.",
         WIDTH_IN,
         lines_height_in(len(known), len(order)),
-        partial(
-            _draw_intervals,
-            tuple(known),
-            np.array([half_percent(e) for e in known.values()]),
-            tuple(plain(kind) for kind in order),
-            np.array([[row.get(kind, 0.0) for kind in order] for row in shares.values()]),
-        ),
+        draw,
     )
 
 
@@ -167,12 +163,11 @@ def _draw_intervals(
     shares: Floats,
     figure: FigureBase,
 ) -> None:
-    n = len(names)
-    left, right = line_axes(figure, n, (0.075, 0.5))
+    """Draw the intervals, (n,) %, beside the shares of kinds of sources, (n, n_kinds)."""
+    left, right = line_axes(figure, names, (0.075, 0.5))
     # A bar of 2,000 %, of a value near zero, would make all others invisible.
     shown = np.where(half_percents <= LARGEST_PERCENT, half_percents, np.nan)
     interval_bars(left, shown)
-    left.set_yticks(range(n), names)
     for i, half in enumerate(half_percents):
         text = half_width_percent(100.0, 100.0 - half, 100.0 + half)
         text = f" ±{text}" if text else " may be zero"
@@ -180,14 +175,14 @@ def _draw_intervals(
     left.set_xlim(*about_zero(shown, 1.6))
     left.set_xlabel("95 % interval about the estimate, %")
     left.set_title("How well each is known")
-    start = np.zeros(n)
+    ends = np.cumsum(shares * 100.0, axis=1)
     for i, kind in enumerate(kinds):
-        width = shares[:, i] * 100.0
-        colour = _SOURCES[i % len(_SOURCES)]
-        right.barh(range(n), width, 0.62, left=start, color=colour, label=kind, ec="white", lw=0.5)
-        start += width
+        width, colour = shares[:, i] * 100.0, _SOURCES[i % len(_SOURCES)]
+        right.barh(
+            range(len(names)), width, 0.62, left=ends[:, i] - width, color=colour, label=kind,
+            ec="white", lw=0.5,
+        )  # fmt: skip
     right.set_xlim(0.0, 100.0)
-    right.set_yticks(range(n), [""] * n)
     right.set_xlabel("share of its precision, %")
     right.set_title("What it rests on")
     shared_legend(figure)
@@ -274,20 +269,17 @@ def damper_picture(forces: Forces) -> Picture:
 def _draw_dampers(forces: Forces, figure: FigureBase) -> None:
     """Draw one curve for each axle, side by side on the same scale."""
     n = len(forces.axles)
-    first = None
     dampers = [one.damper for one in forces.axles]
     speeds = np.concatenate([damper.speed_m_s for damper in dampers])
     forces_n = np.concatenate([np.ravel((*d.band_n, d.force_n, d.total_n)) for d in dampers])
-    for i, one in enumerate(forces.axles):
-        speed = one.damper.speed_m_s
-        left = 0.1 + i * 0.9 / n
-        axes = figure.add_axes((left, 0.19, 0.9 / n - 0.07, 0.7), sharey=first)
-        first = first or axes
-        axes.axhline(0.0, color=FAINT, linewidth=0.8, zorder=0)
-        axes.axvline(0.0, color=FAINT, linewidth=0.8, zorder=0)
-        axes.fill_between(speed, *one.damper.band_n, color=PALETTE[1], alpha=0.25, lw=0)
-        axes.plot(speed, one.damper.force_n, color=PALETTE[1], lw=1.4, label="damper, 95 % band")
-        axes.plot(speed, one.damper.total_n, "--", color=PALETTE[2], lw=1.0, label="with friction")
+    for i, (one, damper) in enumerate(zip(forces.axles, dampers, strict=True)):
+        axes = figure.add_axes((0.1 + i * 0.9 / n, 0.19, 0.9 / n - 0.07, 0.7))
+        for line in (axes.axhline, axes.axvline):
+            line(0.0, color=FAINT, linewidth=0.8, zorder=0)
+        speed = damper.speed_m_s
+        axes.fill_between(speed, *damper.band_n, color=PALETTE[1], alpha=0.25, lw=0)
+        axes.plot(speed, damper.force_n, color=PALETTE[1], lw=1.4, label="damper, 95 % band")
+        axes.plot(speed, damper.total_n, "--", color=PALETTE[2], lw=1.0, label="with friction")
         axes.set_title(one.axle)
         axes.set_xlim(*about_zero(speeds, 1.05))
         axes.set_ylim(*about_zero(forces_n, 1.05))
@@ -302,15 +294,19 @@ def _draw_dampers(forces: Forces, figure: FigureBase) -> None:
 
 def modes_section(result: Identification, diagrams: Mapping[str, StabilisationDiagram]) -> Section:
     """Return the modes of every mass state."""
-    blocks: list[Block] = [_table(result, state) for state in result.modal]
+    blocks: list[Block] = [_modes_table(result, state) for state in result.modal]
     blocks += [moving_cars(result, state) for state in result.modal]
-    if diagrams:
-        pictures = []
-        for state in result.modal:
-            if state in diagrams:
-                modes_hz = np.array([mode.frequency.value for mode in result.modes[state]])
-                key, title = f"stabilisation_{state}", f"Mass state {state}"
-                pictures.append(stabilisation_picture(key, title, diagrams[state], modes_hz))
+    pictures = [
+        stabilisation_picture(
+            f"stabilisation_{state}",
+            f"Mass state {state}",
+            diagrams[state],
+            np.array([mode.frequency.value for mode in result.modes[state]]),
+        )
+        for state in result.modal
+        if state in diagrams
+    ]
+    if pictures:
         blocks.append(
             Gallery(
                 "Stabilisation: which poles recur when the rank is raised",
@@ -320,7 +316,19 @@ def modes_section(result: Identification, diagrams: Mapping[str, StabilisationDi
                 tuple(pictures),
             )
         )
-    blocks += [_sensed(state, model) for state, model in result.sensed.items()]
+    for state, model in result.sensed.items():
+        columns = (
+            (model.frequencies_hz, model.frequency_std_hz),
+            (model.damping_ratios, model.damping_ratio_std),
+        )
+        rows = []
+        for i in range(len(model)):
+            texts = [with_half(float(v[i]), float(std[i])).partition(" ± ") for v, std in columns]
+            rows.append((f"{i + 1}", *(part for text in texts for part in text[::2])))
+        title = f"Mass state {state} without a model of the car: State Variable Method"
+        headings = ("#", "#Hz", "#sigma", "#damping ratio", "#sigma")
+        note = "Found in the decays alone; sigma is the standard deviation."
+        blocks.append(Table(title, headings, tuple(rows), note))
     return Section(
         "modes",
         "Modes of vibration",
@@ -330,57 +338,29 @@ def modes_section(result: Identification, diagrams: Mapping[str, StabilisationDi
     )
 
 
-def _table(result: Identification, state: str) -> Table:
+def _modes_table(result: Identification, state: str) -> Table:
+    """Return the modes of a mass state, each with its rank in the first state."""
     first = next(iter(result.modal))
-    partner: dict[int, int] = {}
-    note = ""
-    if state in result.pairings:
-        pairs = result.pairings[state]
-        partner = dict(zip(pairs.added.tolist(), pairs.baseline.tolist(), strict=True))
-        if pairs.swapped:
-            swaps = ", ".join(f"{i + 1} and {j + 1}" for i, j in pairs.swapped)
-            note = (
-                f"Modes {swaps} of state {first} change their order in state {state}: "
-                "they are paired by shape (MAC), not by frequency."
-            )
+    pairs, note = result.pairings.get(state), ""
+    partner = dict(zip(pairs.added.tolist(), pairs.baseline.tolist(), strict=True)) if pairs else {}
+    if pairs and pairs.swapped:
+        swaps = ", ".join(f"{i + 1} and {j + 1}" for i, j in pairs.swapped)
+        note = (
+            f"Modes {swaps} of state {first} change their order in state {state}: "
+            "they are paired by shape (MAC), not by frequency."
+        )
     rows = []
     named = zip(result.mode_names[state], result.modes[state], strict=True)
     for i, (name, mode) in enumerate(named):
-        texts = (estimate_texts(e)[:3] for e in (mode.frequency, mode.damping_ratio))
-        paired = ((f"{partner[i] + 1}" if i in partner else ""),) if partner else ()
-        rows.append((f"{i + 1}", name, *paired, *(text for three in texts for text in three)))
-    partners = (f"#in {first}",) if partner else ()
+        rank = (f"{partner[i] + 1}" if i in partner else "",) if partner else ()
+        texts = (*estimate_texts(mode.frequency)[:3], *estimate_texts(mode.damping_ratio)[:3])
+        rows.append((f"{i + 1}", name, *rank, *texts))
+    in_first = (f"#in {first}",) if partner else ()
     return Table(
         f"Modes in mass state {state}",
-        ("#", "mode", *partners, "#Hz", "#from", "#to", "#damping ratio", "#from", "#to"),
+        ("#", "mode", *in_first, "#Hz", "#from", "#to", "#damping ratio", "#from", "#to"),
         tuple(rows),
         note,
-    )
-
-
-def mode_text(mode: ModeEstimate) -> str:
-    """Write frequency and damping ratio of a mode in a few characters."""
-    hz, ratio = mode.frequency, mode.damping_ratio
-    if not (hz.determined and ratio.determined):
-        return NOT_DETERMINED
-    percent, *_ = rounded(*(100.0 * end for end in (ratio.value, ratio.low, ratio.high)))
-    return f"{value_text(hz)} Hz, {percent} %"
-
-
-def _sensed(state: str, model: ModalModel) -> Table:
-    columns = (
-        (model.frequencies_hz, model.frequency_std_hz),
-        (model.damping_ratios, model.damping_ratio_std),
-    )
-    rows = []
-    for i in range(len(model)):
-        texts = [with_half(float(v[i]), float(std[i])).partition(" ± ") for v, std in columns]
-        rows.append((f"{i + 1}", *(part for text in texts for part in text[::2])))
-    return Table(
-        f"Mass state {state} without a model of the car: State Variable Method",
-        ("#", "#Hz", "#sigma", "#damping ratio", "#sigma"),
-        tuple(rows),
-        "Found in the decays alone; sigma is the standard deviation.",
     )
 
 
@@ -394,14 +374,23 @@ def moving_cars(result: Identification, state: str) -> MovingCars:
         f"Mode shapes in mass state {state}",
         "Enlarged, slowed down, and without their decay. Grey: the car at rest.",
         tuple(
-            shape_of(f"{i} {name}", mode_text(mode), mode.frequency.value, shape, result.geometry)
+            shape_of(f"{i} {name}", _mode_text(mode), mode.frequency.value, shape, result.geometry)
             for i, (name, mode, shape) in enumerate(modes, start=1)
         ),
     )
 
 
+def _mode_text(mode: ModeEstimate) -> str:
+    """Write frequency and damping ratio of a mode in a few characters."""
+    hz, ratio = mode.frequency, mode.damping_ratio
+    if not (hz.determined and ratio.determined):
+        return NOT_DETERMINED
+    percent, *_ = rounded(*(100.0 * end for end in (ratio.value, ratio.low, ratio.high)))
+    return f"{value_text(hz)} Hz, {percent} %"
+
+
 def stabilisation_picture(
-    key: str, title: str, diagram: StabilisationDiagram, modes_hz: NDArray[np.float64]
+    key: str, title: str, diagram: StabilisationDiagram, modes_hz: Floats
 ) -> Picture:
     """Return frequency across and rank upwards, with lines at the modes, (m,) Hz."""
     draw = partial(_draw_stabilisation, diagram, modes_hz)
@@ -409,33 +398,31 @@ def stabilisation_picture(
 
 
 def _draw_stabilisation(
-    diagram: StabilisationDiagram, modes_hz: NDArray[np.float64], figure: FigureBase
+    diagram: StabilisationDiagram, modes_hz: Floats, figure: FigureBase
 ) -> None:
     hz, rank = np.abs(diagram.poles) / (2.0 * np.pi), diagram.rank
+    low, high = 0.6 * float(modes_hz.min(initial=1.0)), 1.35 * float(modes_hz.max(initial=1.0))
     axes = figure.add_axes((0.125, 0.155, 0.86, 0.75))
-    for mode in modes_hz:
-        axes.axvline(float(mode), color=PALETTE[2], lw=0.8, alpha=0.7)
-    top = 1.35 * float(modes_hz.max(initial=1.0))
-    shown = (diagram.poles.imag > 0.0) & (hz < top)
-    loose, stable = shown & ~diagram.stable, shown & diagram.stable
-    axes.plot(hz[loose], rank[loose], "x", ms=2.6, mew=0.5, color="#a8a8a8")
-    axes.plot(hz[stable], rank[stable], "o", ms=2.4, mew=0, color=PALETTE[1])
+    for mode in modes_hz.tolist():
+        axes.axvline(mode, color=PALETTE[2], lw=0.8, alpha=0.7)
+    vibrating = (diagram.poles.imag > 0.0) & (hz < high)
+    for chosen, mark, colour, label in (
+        (diagram.stable, "o", PALETTE[1], "recurs"),
+        (~diagram.stable, "x", "#a8a8a8", "does not"),
+    ):
+        shown = vibrating & chosen
+        axes.plot(hz[shown], rank[shown], mark, ms=2.5, mew=0.5, color=colour, label=label)
+    axes.plot([], [], lw=1.0, color=PALETTE[2], label="identified mode")
     axes.set_xscale("log")
-    low = 0.6 * float(modes_hz.min(initial=1.0))
-    axes.set_xlim(low, top)
-    ticks = [t for t in (0.5, 1, 2, 3, 5, 7, 10, 15, 20, 30) if low <= t <= top]
+    axes.set_xlim(low, high)
+    ticks = [t for t in (0.5, 1, 2, 3, 5, 7, 10, 15, 20, 30) if low <= t <= high]
     axes.set_xticks(ticks, [f"{t:g}" for t in ticks])
     axes.set_xticks([], minor=True)
     axes.set_ylim(0.0, float(np.max(rank, initial=1)) + 1.0)
     axes.set_xlabel("frequency, Hz")
     axes.set_ylabel("rank")
     axes.grid(axis="y", color=FAINT, lw=0.4)
-    handles = [
-        axes.plot([], [], "o", ms=4.0, mew=0, color=PALETTE[1], label="recurs")[0],
-        axes.plot([], [], "x", ms=4.0, color="#a8a8a8", label="does not")[0],
-        axes.plot([], [], "-", lw=1.0, color=PALETTE[2], label="identified mode")[0],
-    ]
     figure.legend(
-        handles=handles, loc="upper right", ncols=3, frameon=False, fontsize=7.0, handlelength=1.2,
-        borderaxespad=0.1, columnspacing=1.2,
+        loc="upper right", ncols=3, frameon=False, fontsize=7.0, handlelength=1.2,
+        borderaxespad=0.1, columnspacing=1.2, markerscale=1.6,
     )  # fmt: skip

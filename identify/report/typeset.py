@@ -202,47 +202,40 @@ def _content(report: Report, folder: Path) -> dict[str, Any]:
 
 
 def _part(block: Block, folder: Path) -> dict[str, Any]:
+    """Return a block for `report.typ`; a table of one column is a file, shown as it is."""
     match block:
-        case Table():
-            return _table(block)
+        case Table(title=title, columns=columns, rows=rows) if len(columns) == 1:
+            text = "\n".join(row[0] for row in rows)
+            return {"kind": "listing", "title": title, "text": text}
+        case Table(title=title, columns=columns, rows=rows, note=note):
+            headings = [
+                {
+                    "name": name if name == "#" else name.removeprefix("#"),
+                    "right": name.startswith("#"),
+                    "blank": bool(name) and not any(row[i] for row in rows),  # to be signed
+                }
+                for i, name in enumerate(columns)
+            ]
+            return {
+                "kind": "table", "title": title, "columns": headings, "rows": rows, "note": note,
+            }  # fmt: skip
         case Picture():
-            return _pictures(block.title, block.caption, [block], folder)
+            pictures: tuple[Picture, ...] = (block,)
         case Gallery():
-            return _pictures(block.title, block.caption, block.pictures, folder)
+            pictures = block.pictures
         case MovingCars():
-            still = still_cars(block)
-            return _pictures(still.title, still.caption, [still], folder)
-
-
-def _table(table: Table) -> dict[str, Any]:
-    if len(table.columns) == 1:  # a file, shown as it is
-        text = "\n".join(row[0] for row in table.rows)
-        return {"kind": "listing", "title": table.title, "text": text}
-    columns = [
-        {
-            "name": name if name == "#" else name.removeprefix("#"),
-            "right": name.startswith("#"),
-            "blank": bool(name) and not any(row[i] for row in table.rows),  # to be signed
-        }
-        for i, name in enumerate(table.columns)
-    ]
-    return {
-        "kind": "table",
-        "title": table.title,
-        "columns": columns,
-        "rows": table.rows,
-        "note": table.note,
-    }
-
-
-def _pictures(
-    title: str, caption: str, pictures: Iterable[Picture], folder: Path
-) -> dict[str, Any]:
+            block = still_cars(block)
+            pictures = (block,)
     shown = []
     for picture in pictures:
-        file = f"{picture.key}.svg"
-        (folder / file).write_text(svg_of(picture), "utf-8")
-        subtitle = "" if picture.title == title else picture.title
-        alt = f"{title}: {subtitle}" if subtitle else title
-        shown.append({"file": file, "title": subtitle, "alt": alt, "width_in": picture.width_in})
-    return {"kind": "pictures", "title": title, "caption": caption, "pictures": shown}
+        (folder / f"{picture.key}.svg").write_text(svg_of(picture), "utf-8")
+        subtitle = "" if picture is block else picture.title
+        shown.append(
+            {
+                "file": f"{picture.key}.svg",
+                "title": subtitle,
+                "alt": f"{block.title}: {subtitle}" if subtitle else block.title,
+                "width_in": picture.width_in,
+            }
+        )
+    return {"kind": "pictures", "title": block.title, "caption": block.caption, "pictures": shown}

@@ -19,7 +19,7 @@ from ..output import Stage
 from .executors import helpers, map_items
 
 if TYPE_CHECKING:
-    from identify.report import Report
+    from identify.report.page import Report
 
 
 def write_report(
@@ -41,16 +41,10 @@ def write_report(
     import daq
     from identify import identify
     from identify.fit.estimation import Estimation
-    from identify.report import (
-        CrossChecks,
-        Source,
-        cross_checks,
-        decay_section,
-        drawings,
-        html_of,
-        pdf_of,
-        report_of,
-    )
+    from identify.report.content import report_of
+    from identify.report.evidence import CrossChecks, cross_checks, decay_pictures
+    from identify.report.page import Source
+    from identify.report.typeset import drawings, html_of, pdf_of
 
     recorded = daq.read_session(session)
     require_ending(html, "page", PAGES)
@@ -58,13 +52,13 @@ def write_report(
     if pdf is not None:
         require_ending(pdf, "printed report", SHEETS)
         make_room(pdf)
-    with helpers(("identify.report", "matplotlib.backends.backend_svg")) as pool:
+    with helpers(("identify.report.typeset", "matplotlib.backends.backend_svg")) as pool:
         begun = {}  # drawings, by the key of their picture
         checks = CrossChecks()
 
         def fitted(estimation: Estimation) -> None:
             nonlocal checks
-            begun.update(drawings(decay_section(estimation).pictures, pool))
+            begun.update(drawings(decay_pictures(estimation), pool))
             checks = cross_checks(estimation)
 
         result = identify(recorded, lambda done, text: stage(0.6 * done, text), pool, fitted)
@@ -90,7 +84,8 @@ def write_report(
 
 def write_figures(report: Report, folder: Path, kind: str) -> list[Path]:
     """Write each picture of a report as `svg` or `png`, moving cars as stills; return the files."""
-    from identify.report import MovingCars, png_of, still_cars, svg_of
+    from identify.report.cars import still_cars
+    from identify.report.page import MovingCars, png_of, svg_of
 
     pictures = list(report.pictures)
     for section in report.sections:

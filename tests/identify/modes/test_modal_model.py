@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from xml.etree import ElementTree
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -309,3 +311,18 @@ def test_the_strongest_copy_has_the_most_energy_in_all_runs_together(
     poles = np.array([100j - damping[0], 100.1j - damping[1]])
     shapes = np.column_stack([SHAPE, SHAPE]) * np.array(size, dtype=complex)
     assert originals(poles, shapes, np.array(runs, dtype=complex)).tolist() == [strongest]
+
+
+def test_a_notebook_shows_modes_with_deviations_where_known_and_the_angle_of_what_moves() -> None:
+    """Poles of |3 + 4i| and |6 + 8i|; an entry of 1e-9 of the largest has no angle."""
+    poles = np.array([-6 + 8j, -3 + 4j])
+    shapes = np.array([[1.0, 0.9e-9j], [-0.25j, complex(0.5, -0.0)], [2e-9j, 1.0]])
+    model = ModalModel(poles, shapes, np.array([0.123, 0.0456]), np.array([np.nan, 0.002]))
+    page = ElementTree.fromstring(f"<div>{model._repr_html_()}</div>")
+    rows = [[cell.text for cell in row] for row in page.iter("tr")]
+    assert rows[0] == [
+        "mode", "frequency, Hz", "std", "damping ratio", "std", "entry 1", "entry 2", "entry 3",
+    ]  # fmt: skip
+    slow = ["1", "0.7958", "0.046", "0.6000", "0.002", "0.00 ∠ 0°", "0.50 ∠ 0°", "1.00 ∠ 0°"]
+    fast = ["2", "1.5915", "0.12", "0.6000", None, "1.00 ∠ 0°", "0.25 ∠ -90°", "0.00 ∠ 90°"]
+    assert rows[1:] == [slow, fast]

@@ -12,8 +12,9 @@ from identify import Identification, identify
 from identify.decays.usable import usable
 from identify.fit.estimation import Estimation, estimate
 from identify.pipeline import grey_box
-from identify.report import CrossChecks, Report, Source, cross_checks, report_of
-from identify.report.page import Picture, Section, Table
+from identify.report.content import report_of
+from identify.report.evidence import CrossChecks, cross_checks
+from identify.report.page import Picture, Report, Section, Source, Table
 
 from ..stress import stress_session
 
