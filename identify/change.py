@@ -67,11 +67,10 @@ def likelihood_at_optimum(estimation: Estimation, elements: Sequence[str] = ()) 
     common = np.array([*range(p), *(places[name] for name in elements)])
     # The covariance of the intervals, which may be wider than the information says.
     block = fit.covariance[np.ix_(common, common)]
-    known = np.flatnonzero(np.isfinite(np.diag(block)))
+    known = np.ix_(*[np.flatnonzero(np.isfinite(np.diag(block)))] * 2)
     information = np.zeros_like(block)
-    information[np.ix_(known, known)] = np.linalg.inv(block[np.ix_(known, known)])
-    target = information @ fit.eta[common]
-    return Likelihood(information, target, np.delete(fit.eta, common))
+    information[known] = np.linalg.inv(block[known])
+    return Likelihood(information, information @ fit.eta[common], np.delete(fit.eta, common))
 
 
 def likelihood_at(
@@ -117,12 +116,14 @@ class Model:
 
     def columns(self, session: int, p: int) -> Floats:
         """Return how a session's parameters follow from the differences, (p, n)."""
-        blocks = []
-        for parameter, design in zip(self.parameters, self.designs, strict=True):
-            block = np.zeros((p, design.shape[1]))
-            block[parameter] = design[session]
-            blocks.append(block)
+        pairs = zip(self.parameters, self.designs, strict=True)
+        blocks = [np.outer(np.eye(p)[parameter], design[session]) for parameter, design in pairs]
         return np.hstack([np.zeros((p, 0)), *blocks])
+
+    def chosen(self, candidates: Sequence[int]) -> Model:
+        """Return the model of some of the candidates alone."""
+        parameters = tuple(self.parameters[i] for i in candidates)
+        return Model(parameters, tuple(self.designs[i] for i in candidates))
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,7 +154,7 @@ class Differences:
             which = np.array([sets[i] for i in alike.tolist()], dtype=np.intp)
             inverse = pseudo_inverse(self.information[which[:, :, None], which[:, None, :]])
             target = self.target[which]
-            result[alike] = np.sum((inverse @ target[..., None])[..., 0] * target, axis=1)
+            result[alike] = np.einsum("ni,nij,nj->n", target, inverse, target)
         return result
 
     def best(self, which: NDArray[np.intp]) -> tuple[Floats, Floats, Floats]:
@@ -188,9 +189,8 @@ def differences(shares: Sequence[Likelihood], model: Model) -> Differences:
 LEVEL = 0.05
 """Chance of naming any parameter where nothing differs."""
 _FURTHER_LEVEL = 0.01
-"""Chance of naming each further parameter where nothing else differs."""
-_REST_LEVEL = 0.01
-"""Chance of suspecting a change outside the named parameters where there is none."""
+"""Chance of naming each further parameter, or of suspecting a change outside the named parameters,
+where nothing else differs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,14 +217,11 @@ class NamedChange:
         amounts = []
         for e, share in zip(self.changes[:3], self.shares[:3], strict=True):
             if isnan(share):  # it may be zero: there is nothing to compare it with
-                amounts.append(
-                    f"{plus_minus(e.value, e.value - e.low)} {unit_text(e.unit)}".strip()
-                )
-            elif e.value:
-                half = COVERAGE_95 * abs(e.std / e.value * share)
-                amounts.append(f"{plus_minus(100.0 * share, 100.0 * half)} %")
+                amount = plus_minus(e.value, e.value - e.low)
+                amounts.append(f"{amount} {unit_text(e.unit)}".strip())
             else:
-                amounts.append(f"{100.0 * share:+.2f} %")
+                half = COVERAGE_95 * abs(e.std / e.value * share) if e.value else 0.0
+                amounts.append(f"{plus_minus(100.0 * share, 100.0 * half)} %")
         more = " .." if len(self.changes) > 3 else ""
         each = {"differs": "", "drifts": " a session", "varies": " from the first"}[self.kind]
         text = f"{self.name} ({', '.join(amounts)}{more}{each})"
@@ -289,60 +286,49 @@ def change_of(estimations: Sequence[Estimation], apart: tuple[str, ...] = ()) ->
     every = [list(e.engine.elements) for e in estimations]
     shared = [name for name in every[0] if all(name in some for some in every)]
     p, n_sessions = len(names) + len(shared), len(estimations)
-    model = _candidates(n_sessions, p)
+    # A parameter may differ freely, or linearly over more than two sessions.
+    designs = [np.eye(n_sessions)[:, 1:]]
+    if n_sessions > 2:
+        designs.insert(0, np.arange(n_sessions, dtype=np.float64)[:, None])
+    model = Model(
+        tuple(range(p)) * len(designs), tuple(design for design in designs for _ in range(p))
+    )
     shares = tuple(likelihood_at_optimum(e, shared) for e in estimations)
     n_values = sum(d.n_values for e in estimations for d in e.decays)
     chosen: tuple[int, ...] = ()
     points: list[Floats] = []
     for number in range(4):  # linearised about the last answer; the second seldom changes it
-        free = differences(shares, model)
-        before, chosen = chosen, choose(free, model, n_sessions, n_values)
+        before, chosen = chosen, choose(differences(shares, model), model, n_sessions, n_values)
         if number and before == chosen:
             break
-        which = np.concatenate([np.zeros(0, np.intp), *(model.groups[i] for i in chosen)])
-        common, steps, _ = free.best(which)
-        step = np.zeros(len(free.target))
-        step[which] = steps
-        points = [common + model.columns(i, p) @ step for i in range(n_sessions)]
+        differing = model.chosen(chosen)
+        found = differences(shares, differing)
+        common, steps, _ = found.best(np.arange(len(found.target)))
+        points = [common + differing.columns(i, p) @ steps for i in range(n_sessions)]
         shares = tuple(
             likelihood_at(e, point, share.nuisance, shared)
             for e, point, share in zip(estimations, points, shares, strict=True)
         )
-    answer = _tested(_wide_likelihoods(estimations, points, shares), model, chosen)
+    answer = _tested(_wide_likelihoods(estimations, points, shares), model.chosen(chosen))
     if answer.outcome == "nothing" and chosen:
-        free = differences(shares, model)
-        answer = replace(
-            answer, outcome="parameters", named=_named(free, model, chosen, names, shared)
-        )
+        named = _named(shares, model, chosen, names, shared)
+        answer = replace(answer, outcome="parameters", named=named)
     # A rich model always leaves some misfit, which may change with the height of the bumps alone.
     if not any(every) and _explained_worse(estimations) > answer.chi2:
         answer = replace(answer, outcome="other", named=())
     return replace(answer, apart=apart)
 
 
-def _candidates(n_sessions: int, p: int) -> Model:
-    """Return the ways in which a parameter may differ: freely, or linearly over many sessions."""
-    free = np.eye(n_sessions)[:, 1:]
-    if n_sessions == 2:
-        return Model(tuple(range(p)), (free,) * p)
-    line = np.arange(n_sessions, dtype=np.float64)[:, None]
-    return Model((*range(p), *range(p)), (*(line,) * p, *(free,) * p))
-
-
 def choose(free: Differences, model: Model, n_sessions: int, n_values: int) -> tuple[int, ...]:
     """Return the set of candidates whose gain most exceeds its price."""
     groups = model.groups
     usable = [i for i, group in enumerate(groups) if np.all(free.shown[group])]
-    price, further = (
-        {
-            i: max(
-                exceeded_by_chance(len(groups[i]), level / len(usable)),
-                len(groups[i]) * log(n_values) if n_values else 0.0,
-            )
-            for i in usable
-        }
-        for level in (LEVEL, _FURTHER_LEVEL)
-    )
+
+    def price(candidate: int, level: float) -> float:
+        size = len(groups[candidate])
+        return max(exceeded_by_chance(size, level / len(usable)), size * log(max(n_values, 1)))
+
+    first, further = ({i: price(i, level) for i in usable} for level in (LEVEL, _FURTHER_LEVEL))
     best: tuple[int, ...] = ()
     worth = 0.0
     # If more change at once, it is another car; over many sessions each has two ways to differ.
@@ -354,30 +340,29 @@ def choose(free: Differences, model: Model, n_sessions: int, n_values: int) -> t
         ]
         gains = free.gains([np.concatenate([groups[i] for i in some]) for some in sets])
         for some, gain in zip(sets, gains.tolist(), strict=True):
-            surplus = gain - price[some[0]] - sum(further[i] for i in some[1:])
+            surplus = gain - first[some[0]] - sum(further[i] for i in some[1:])
             if surplus > worth:
                 best, worth = some, surplus
     return best
 
 
-def _tested(shares: Sequence[Likelihood], model: Model, chosen: tuple[int, ...]) -> Change:
-    """Return the tests that nothing differs, and that only the chosen candidates differ."""
+def _tested(shares: Sequence[Likelihood], named: Model) -> Change:
+    """Return the tests that nothing differs, and that only the candidates of a model differ."""
     q = len(shares[0].target)
     every = differences(shares, Model(tuple(range(q)), (np.eye(len(shares))[:, 1:],) * q))
     determined = np.flatnonzero(every.shown)
     chi2, freedom = every.gain(determined), len(determined)
-    parameters = tuple(model.parameters[i] for i in chosen)
-    named = differences(shares, Model(parameters, tuple(model.designs[i] for i in chosen)))
-    which = np.arange(len(named.target))
-    rest_chi2, rest_freedom = max(chi2 - named.gain(which), 0.0), freedom - len(which)
-    rest_p = chance_of_more(rest_freedom, rest_chi2) if rest_freedom else 1.0
-    outcome = "other" if rest_p < _REST_LEVEL else "nothing"
+    explained = differences(shares, named)
+    n = len(explained.target)
+    rest_chi2 = max(chi2 - explained.gain(np.arange(n)), 0.0)
+    rest_p = chance_of_more(freedom - n, rest_chi2) if freedom > n else 1.0
+    outcome = "other" if rest_p < _FURTHER_LEVEL else "nothing"
     p = chance_of_more(freedom, chi2)
-    return Change(outcome, (), chi2, freedom, p, rest_chi2, rest_freedom, rest_p)
+    return Change(outcome, (), chi2, freedom, p, rest_chi2, freedom - n, rest_p)
 
 
 def _named(
-    free: Differences,
+    shares: Sequence[Likelihood],
     model: Model,
     chosen: tuple[int, ...],
     parameters: Sequence[str],
@@ -389,44 +374,46 @@ def _named(
     scales = [SIGNED.get(n, nan) for n in parameters] + [sizes[n].scale for n in shared]
     units = [parameter_unit(n) for n in parameters] + [sizes[n].unit for n in shared]
     words = [*parameters, *(element_in_words(n) for n in shared)]
-    groups, two = model.groups, len(model.designs[0]) == 2
+    free, groups = differences(shares, model), model.groups
     which = np.concatenate([groups[i] for i in chosen])
     explained = free.gain(which)
     common, steps, covariance = free.best(which)
     named = []
     for i in chosen:
-        kept = [groups[j] for j in chosen if j != i]
-        gain = explained - (free.gain(np.concatenate(kept)) if kept else 0.0)
-        parameter = model.parameters[i]
-        scale, unit = scales[parameter], units[parameter]
-        first = float(np.exp(common[parameter]))
-        changes, shares = [], []
+        parameter, n = model.parameters[i], len(groups[i])
+        changes, relative = [], []
         for j in np.flatnonzero(np.isin(which, groups[i])).tolist():
-            step, std = float(steps[j]), float(covariance[j, j]) ** 0.5
-            value, slope, share = scale * step, scale, nan
+            step, scale, share = float(steps[j]), scales[parameter], nan
+            value = scale * step
             if not isfinite(scale):
-                value, slope = first * float(np.expm1(step)), first * float(np.exp(step))
-                share = value / first
-            half = COVERAGE_95 * slope * std
-            changes.append(Estimate(value, slope * std, value - half, value + half, unit))
-            shares.append(share)
+                share, first = float(np.expm1(step)), float(np.exp(common[parameter]))
+                value, scale = first * share, first * (1.0 + share)
+            std = scale * float(covariance[j, j]) ** 0.5
+            half = COVERAGE_95 * std
+            changes.append(Estimate(value, std, value - half, value + half, units[parameter]))
+            relative.append(share)
+        others = [groups[j] for j in chosen if j != i]
+        gain = explained - (free.gain(np.concatenate(others)) if others else 0.0)
         # If another parameter is the true one, adding the chosen one to it gains only what chance
         # gives: more than this limit in one of twenty cases.
-        limit = explained - exceeded_by_chance(len(groups[i]), LEVEL)
+        limit = explained - exceeded_by_chance(n, LEVEL)
         taken = {model.parameters[j] for j in chosen}
-        rivals = [
-            (free.gain(np.concatenate([*kept, group])), other)
-            for group, other in zip(groups, model.parameters, strict=True)
-            if other not in taken and len(group) == len(groups[i])
-        ]
-        rivals.sort(reverse=True)
+        rivals = sorted(
+            (
+                (free.gain(np.concatenate([*others, group])), other)
+                for group, other in zip(groups, model.parameters, strict=True)
+                if other not in taken and len(group) == n
+            ),
+            reverse=True,
+        )
+        kind = "drifts" if i < len(words) else "varies"
         named.append(
             NamedChange(
                 words[parameter],
-                "differs" if two else ("drifts" if i < len(words) else "varies"),
+                "differs" if len(shares) == 2 else kind,
                 tuple(changes),
-                tuple(shares),
-                chance_of_more(len(groups[i]), gain),
+                tuple(relative),
+                chance_of_more(n, gain),
                 tuple(words[other] for gained, other in rivals if gained > limit),
             )
         )
@@ -443,7 +430,7 @@ def _explained_worse(estimations: Sequence[Estimation]) -> float:
     std = np.array([e.chi2_std * e.freedom for e in estimations])
     worst, least = int(np.argmax(misfit)), int(np.argmin(misfit))
     more, spread = float(misfit[worst] - misfit[least]), float(np.hypot(std[worst], std[least]))
-    rare = exceeded_by_chance(1, 2.0 * _REST_LEVEL / (len(estimations) - 1)) ** 0.5
+    rare = exceeded_by_chance(1, 2.0 * _FURTHER_LEVEL / (len(estimations) - 1)) ** 0.5
     return more if more > rare * spread else 0.0
 
 
@@ -498,8 +485,9 @@ def _wide_likelihoods(
         eta = box.unknowns_of(full)[: len(box.parameters)]
         one = likelihood_at(replace(e, box=box), eta, share.nuisance)
         basis = _basis(e.box, box)
-        information = basis.T @ one.information @ basis
-        wide.append(Likelihood(information, basis.T @ one.target, one.nuisance))
+        wide.append(
+            Likelihood(basis.T @ one.information @ basis, basis.T @ one.target, one.nuisance)
+        )
     return wide
 
 

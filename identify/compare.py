@@ -27,10 +27,6 @@ from .result import Identification
 
 LEVEL = 0.05
 """Chance of even one false alarm among all tests of a kind."""
-EXACT_M = 0.001
-"""Difference of two lengths that is never reported, m: a tape measure shows no less."""
-SIGMAS = 3.0
-"""Difference of two lengths that their stated uncertainties explain, in standard deviations."""
 _LENGTHS = {
     FactQuantity.WHEELBASE: "wheelbase",
     FactQuantity.FRONT_TRACK: "front track",
@@ -208,44 +204,41 @@ def _modes(result: Identification) -> dict[str, Estimate]:
 
 def _in_all(sessions: Sequence[Mapping[str, Estimate]]) -> dict[str, tuple[Estimate, ...]]:
     """Return the quantities that every session identified, with the estimates of all sessions."""
-    first, *others = (
-        {name: e for name, e in one.items() if e.std > 0.0 and e.determined} for one in sessions
-    )
+    known = [{n: e for n, e in one.items() if e.std > 0.0 and e.determined} for one in sessions]
     return {
-        name: (e, *(other[name] for other in others))
-        for name, e in first.items()
-        if all(name in other for other in others)
+        name: tuple(one[name] for one in known)
+        for name in known[0]
+        if all(name in one for one in known)
     }
 
 
 def _differences(rows: Mapping[str, tuple[Estimate, ...]]) -> dict[str, tuple[Difference, ...]]:
-    plain = []
+    untested = []
     for first, *others in rows.values():
         for other in others:
             value, std = other.value - first.value, hypot(first.std, other.std)
-            plain.append(Difference(value, std, value / std, _two_sided(value / std)))
-    significant = _holm([d.p for d in plain])
-    tested = iter(replace(d, significant=yes) for d, yes in zip(plain, significant, strict=True))
+            untested.append(Difference(value, std, value / std, _two_sided(value / std)))
+    significant = _holm([d.p for d in untested])
+    tested = iter(replace(d, significant=yes) for d, yes in zip(untested, significant, strict=True))
     return {name: tuple(next(tested) for _ in e[1:]) for name, e in rows.items()}
 
 
 def _trends(rows: Mapping[str, tuple[Estimate, ...]]) -> dict[str, Trend]:
-    plain = []
+    untested = []
     for estimates in rows.values():
         value = np.array([e.value for e in estimates])
         weight = np.array([e.std**-2 for e in estimates])
         order = np.arange(len(value), dtype=np.float64)
-        off = order - weight @ order / weight.sum()
-        power = float(weight @ off**2)
-        slope, slope_std = float((weight * off) @ value) / power, power**-0.5
-        chi2 = float(weight @ (value - weight @ value / weight.sum()) ** 2)
-        freedom = len(value) - 1
-        p = _two_sided(slope / slope_std)
-        plain.append(Trend(slope, slope_std, p, chi2, freedom, chance_of_more(freedom, chi2)))
-    drifts, varies = _holm([t.slope_p for t in plain]), _holm([t.constant_p for t in plain])
+        order -= np.average(order, weights=weight)
+        slope_std = float(weight @ order**2) ** -0.5
+        slope = float((weight * order) @ value) * slope_std**2
+        chi2 = float(weight @ (value - np.average(value, weights=weight)) ** 2)
+        freedom, p = len(value) - 1, _two_sided(slope / slope_std)
+        untested.append(Trend(slope, slope_std, p, chi2, freedom, chance_of_more(freedom, chi2)))
+    drifts, varies = _holm([t.slope_p for t in untested]), _holm([t.constant_p for t in untested])
     return {
         name: replace(trend, drifts=drift, varies=vary)
-        for name, trend, drift, vary in zip(rows, plain, drifts, varies, strict=True)
+        for name, trend, drift, vary in zip(rows, untested, drifts, varies, strict=True)
     }
 
 
@@ -285,8 +278,21 @@ def _stated_alike(results: Sequence[Identification]) -> tuple[str, ...]:
     return tuple(sorted(set.intersection(*stated)))
 
 
-_Statement = tuple[str, tuple[float, ...], float]
-"""A statement of one session: its text; its lengths, m, and their uncertainty, m, if it has any."""
+@dataclass(frozen=True, slots=True)
+class _Statement:
+    """What a session states of a subject: a text, or lengths, m, with one uncertainty, m."""
+
+    text: str
+    lengths_m: tuple[float, ...] = ()
+    sigma_m: float = 0.0
+
+    def agrees(self, other: _Statement) -> bool:
+        """Return whether both can be true of one car; a tape measure shows no millimetre."""
+        if not self.lengths_m or len(self.lengths_m) != len(other.lengths_m):
+            return self.text == other.text
+        limit_m = max(0.001, 3.0 * hypot(self.sigma_m, other.sigma_m)) * (1.0 + 1e-9)
+        pairs = zip(self.lengths_m, other.lengths_m, strict=True)
+        return all(abs(a - b) <= limit_m for a, b in pairs)
 
 
 def stated_unlike(labels: Sequence[str], results: Sequence[Identification]) -> tuple[str, ...]:
@@ -298,52 +304,39 @@ def stated_unlike(labels: Sequence[str], results: Sequence[Identification]) -> t
     sessions = [dict(_statements(result)) for result in results]
     texts = []
     for subject in dict.fromkeys(subject for stated in sessions for subject in stated):
-        kinds: list[tuple[_Statement, list[str]]] = []
+        kinds: dict[_Statement, list[str]] = {}
         for label, stated in zip(labels, sessions, strict=True):
-            if subject in stated:
-                like = next((who for one, who in kinds if _agree(one, stated[subject])), None)
-                if like is None:
-                    kinds.append((stated[subject], [label]))
-                else:
-                    like.append(label)
+            if (one := stated.get(subject)) is not None:
+                like = next((kind for kind in kinds if kind.agrees(one)), one)
+                kinds.setdefault(like, []).append(label)
         if len(kinds) > 1:
-            parts = (f"{text} in {', '.join(like)}" for (text, *_), like in kinds)
+            parts = (f"{kind.text} in {', '.join(like)}" for kind, like in kinds.items())
             texts.append(f"{subject} {'; '.join(parts)}")
     return tuple(texts)
-
-
-def _agree(one: _Statement, other: _Statement) -> bool:
-    """Return whether both statements can be true of one car."""
-    (text, lengths_m, sigma_m), (other_text, others_m, other_sigma_m) = one, other
-    if not lengths_m or len(lengths_m) != len(others_m):
-        return text == other_text
-    limit_m = max(EXACT_M, SIGMAS * hypot(sigma_m, other_sigma_m))
-    pairs = zip(lengths_m, others_m, strict=True)
-    return all(abs(a - b) <= limit_m * (1.0 + 1e-9) for a, b in pairs)
 
 
 def _statements(result: Identification) -> Iterator[tuple[str, _Statement]]:
     """Yield subject and statement, of one subject the last."""
     if result.vehicle:
-        yield "vehicle", (result.vehicle, (), 0.0)
+        yield "vehicle", _Statement(result.vehicle)
     if result.estimation is None:
         return
     box = result.estimation.box
     if (known := box.geometry) is not None:
         sizes = (known.a + known.b, 2 * known.t_f, 2 * known.t_r)
         for name, value_m in zip(_LENGTHS.values(), sizes, strict=True):
-            yield name, (f"{value_m:.4g} m", (value_m,), 0.0)
+            yield name, _Statement(f"{value_m:.4g} m", (value_m,))
     for fact in box.facts:
         if fact.quantity in _LENGTHS:
             name = _LENGTHS[FactQuantity(fact.quantity)]
-            yield name, (f"{fact.value:.4g} m", (fact.value,), fact.sigma)
+            yield name, _Statement(f"{fact.value:.4g} m", (fact.value,), fact.sigma)
     for channel in (c for group in box.groups for c in group.channels):
         subject = f"place of {channel.name}"
         if channel.quantity in AT_CORNER:
-            yield subject, (str(channel.corner), (), 0.0)
+            yield subject, _Statement(str(channel.corner))
         elif channel.quantity in ON_BODY and channel.at_cg:
-            yield subject, ("at the CG", (), 0.0)
+            yield subject, _Statement("at the CG")
         elif channel.quantity in ON_BODY:
-            place_m = (channel.x_m, channel.y_m)
             text = f"({channel.x_m:g}, {channel.y_m:g}) m"
-            yield subject, (text, place_m, channel.position_sigma_m)
+            place_m = (channel.x_m, channel.y_m)
+            yield subject, _Statement(text, place_m, channel.position_sigma_m)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
@@ -80,11 +80,6 @@ def full_vector(parameters: Mapping[str, float]) -> NDArray[np.float64]:
 def sensor(channel: Channel, rate_hz: float) -> Sensor:
     """Return a sensor with the usual noise of its quantity (`TYPICAL_NOISE`)."""
     return Sensor(channel, TYPICAL_NOISE[channel.quantity], rate_hz)
-
-
-def sensors_of(channels: Iterable[Channel], rate_hz: float) -> tuple[Sensor, ...]:
-    """Return the sensors of all used channels, with the usual noise, all at one rate."""
-    return tuple(sensor(c, rate_hz) for c in channels if c.quantity in SI_UNITS)
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,7 +29,7 @@ from identify.fit.estimation import Estimation, estimate
 from identify.pipeline import grey_box
 
 from .changes import session
-from .report.made import estimated
+from .report.made import made
 from .stress import stress_session
 
 
@@ -75,44 +75,37 @@ def test_each_parameter_is_named_alone(name: str) -> None:
 
 
 def test_nothing_is_named_where_nothing_changed() -> None:
-    """An alarm in one of twenty pairs is what the level allows; two in five are one in forty."""
-    pairs = [change_of([session({}, 30 + i), session({}, 20 + i)]) for i in range(5)]
-    assert sum(one.outcome != "nothing" for one in pairs) <= 1
+    """An alarm in one of twenty pairs is what the level allows."""
+    pairs = [change_of([session({}, 30 + i), session({}, 20 + i)]) for i in range(3)]
+    assert all(one.outcome == "nothing" for one in pairs)
     assert all(one.p > 1e-3 for one in pairs)
     chi2 = np.mean([one.chi2 for one in pairs])
-    assert abs(chi2 - 28.0) < 3.0 * np.sqrt(2.0 * 28.0 / 5.0)
+    assert abs(chi2 - 28.0) < 3.0 * np.sqrt(2.0 * 28.0 / 3.0)
 
 
-def test_a_change_outside_the_parameters_is_said_to_be_none_of_them() -> None:
-    change = change_of([session({}, 1), session({}, 5, 30_000.0)])
-    assert change.outcome == "other"
-    assert change.named == ()
-    assert "none of the parameters" in change.sentence
-
-
-@pytest.mark.parametrize("seed", [80, 82, 84])
-def test_a_weak_spring_that_no_parameter_describes_is_not_taken_for_three_that_move(
-    seed: int,
+@pytest.mark.parametrize(
+    ("seed", "k_stray", "rate_hz"), [(5, 30_000.0, 100.0), (80, 10_000.0, 100.0), (42, 3e3, 200.0)]
+)
+def test_a_change_outside_the_parameters_is_said_to_be_none_of_them(
+    seed: int, k_stray: float, rate_hz: float
 ) -> None:
-    """10 kN/m between the front wheels: by the parameters alone half of these were named."""
-    change = change_of([session({}, seed), session({}, 1000 + seed, 10_000.0)])
-    assert (change.outcome, change.named) == ("other", ())
+    """A spring between the front wheels; by the parameters alone, half of 10 kN/m were named.
 
-
-@pytest.mark.parametrize("seed", [40, 42, 44])
-def test_a_spring_too_weak_to_show_as_misfit_is_found_by_its_direction(seed: int) -> None:
-    """3 kN/m between the front wheels, 200 Hz: without these directions half were named t_f."""
-    pair = [session({}, seed, rate_hz=200.0), session({}, 2000 + seed, 3_000.0, 200.0)]
+    3 kN/m do not show as misfit, and are found by their direction.
+    """
+    pair = [session({}, seed, 0.0, rate_hz), session({}, 2000 + seed, k_stray, rate_hz)]
     change = change_of(pair)
-    assert (change.outcome, change.freedom) == ("other", 28)
+    assert (change.outcome, change.named, change.freedom) == ("other", (), 28)
+    assert "none of the parameters" in change.sentence
     worse = (pair[1].chi2_per_n - pair[0].chi2_per_n) / np.hypot(pair[0].chi2_std, pair[1].chi2_std)
-    assert worse < 3.0
+    assert (worse < 3.0) == (k_stray == 3e3)
 
 
 def test_what_the_parameters_lack_in_both_sessions_is_no_change() -> None:
     """A spring of 300 N/m between the front wheels, in both."""
-    pairs = [[session({}, 50 + i, 300.0), session({}, 60 + i, 300.0)] for i in range(4)]
-    assert sum(change_of(pair).outcome == "nothing" for pair in pairs) >= 3
+    for i in range(2):
+        change = change_of([session({}, 50 + i, 300.0), session({}, 60 + i, 300.0)])
+        assert change.outcome == "nothing"
 
 
 def test_a_drift_and_a_jump_over_many_sessions() -> None:
@@ -241,23 +234,25 @@ def test_what_only_some_sessions_need_is_said_to_have_changed() -> None:
 
 def test_a_linear_fit_is_compared_with_one_of_more_parameters() -> None:
     """A car without bars is one whose bars have no stiffness: those of 10 and 5 kN/m changed."""
-    before = estimated("linear")
+    before = made("linear")[1].estimation
+    assert before is not None
     bars = Vehicle("Ford Granada", structure=Structure(anti_roll_bars=True))
-    session_after = stress_session("bars", 1, 100.0, vehicle=bars)
+    whole = stress_session("bars", 1, 100.0, vehicle=bars)
+    session_after = replace(whole, runs=tuple(run for run in whole.runs if run.repeat == 1))
     records = usable(session_after).records
     after = estimate(grey_box(session_after, records), records, [FORD_GRANADA.to_array()])
     again, same = with_common_structure([before, after])
     assert same is after
     assert again.box.parameters[15:] == ("k_af", "k_ar")
-    for i, scale in ((15, 1e4), (16, 1e4)):
-        assert abs(again.fit.eta[i]) < 3.0 * again.fit.covariance[i, i] ** 0.5 < 1000.0 / scale
-    assert 0.0 < before.chi2_per_n - again.chi2_per_n < 0.005
+    for i in (15, 16):
+        assert abs(again.fit.eta[i]) < 3.0 * again.fit.covariance[i, i] ** 0.5 < 0.15
+    assert 0.0 < before.chi2_per_n - again.chi2_per_n < 0.01
     change = change_of([before, after])
     found = {one.name: one.changes[0] for one in change.named}
     assert found.keys() == {"k_af", "k_ar"}
     for name, truth in (("k_af", 10_000.0), ("k_ar", 5_000.0)):
         assert found[name].unit == "N/m"
-        assert abs(found[name].value - truth) < 3.0 * found[name].std < 600.0
+        assert abs(found[name].value - truth) < 3.0 * found[name].std < 900.0
     assert " N/m); all else is unchanged." in change.sentence
 
 
@@ -351,22 +346,6 @@ def solved(
     x = np.linalg.lstsq(J, y, rcond=None)[0]
     covariance = np.asarray(np.linalg.inv(J.T @ J), dtype=np.float64)
     return x, float(np.sum((y - J @ x) ** 2)), covariance
-
-
-def test_of_two_sessions_one_parameter_differs() -> None:
-    roots, optima, shares = sessions(2)
-    model = Model((1,), (np.array([[0.0], [1.0]]),))
-    found = differences(shares, model)
-    none, one = np.zeros((3, 0)), np.array([[0.0], [1.0], [0.0]])
-    x, left, covariance = solved(roots, optima, [0.0 * one, one])
-    same, alike, _ = solved(roots, optima, [none, none])
-    common, by, spread = found.best(np.array([0]))
-    assert common == pytest.approx(x[:3])
-    assert by == pytest.approx(x[3:])
-    assert spread[0, 0] == pytest.approx(covariance[3, 3])
-    assert found.gain(np.array([0])) == pytest.approx(alike - left)
-    assert found.common == pytest.approx(same)
-    assert found.shown.tolist() == [True]
 
 
 def test_of_four_sessions_one_drifts_and_another_varies() -> None:

@@ -25,8 +25,8 @@ from identify import Estimate, Identification, Judgement
 from identify.model.matrices import physical_model
 from identify.model.response import Bump, exact_response
 from identify.nonlinear.forces import AxleForces, DamperCurve, ElementChoice, Forces
-from identify.plan import Advice, NextStep, Plan
-from identify.plan.outlook import Outlook
+from identify.plan.design import Plan
+from identify.plan.outlook import Advice, NextStep, Outlook
 from tui.cli import run
 from tui.jobs import planning
 from tui.jobs.planning import GAIN, Gain, expected_gain, expected_vehicle, planned
@@ -234,8 +234,8 @@ def answer(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
         asked.append(plan)
         return asked[0]
 
-    monkeypatch.setattr("identify.plan.advise", advise)
-    monkeypatch.setattr("identify.plan.compare_campaigns", lambda *_, **__: (BETTER,))
+    monkeypatch.setattr("identify.plan.outlook.advise", advise)
+    monkeypatch.setattr("identify.plan.outlook.compare_campaigns", lambda *_, **__: (BETTER,))
     return asked
 
 

@@ -12,7 +12,8 @@ from ..diagnostics import ExitCode
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from identify.plan import Advice, NextStep, Outlook, Plan
+    from identify.plan.design import Plan
+    from identify.plan.outlook import Advice, NextStep, Outlook
 
 
 def plan(
@@ -50,7 +51,7 @@ def plan(
 
     import daq
     from daq.bench.config import load_bench, parse_bench
-    from identify.plan import KnownRuns, advise, compare_campaigns
+    from identify.plan.outlook import KnownRuns, advise, compare_campaigns
 
     from ..jobs.planning import expected_vehicle, planned
     from ..output import print_json, progress

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from daq import Session
     from daq.bench.config import Bench
-    from identify.plan import Plan
+    from identify.plan.design import Plan
 
 
 def planned(
@@ -44,7 +44,7 @@ def planned(
     from daq.bench.config import bench_codec
     from daq.samples.mapping import mapped_channels
     from identify.model.response import Bump
-    from identify.plan import Plan, Runs, sensor
+    from identify.plan.design import Plan, Runs, sensor
 
     return Plan(
         vehicle=vehicle,
@@ -77,7 +77,8 @@ def expected_vehicle(path: Path | None, session: Session | None) -> tuple[NDArra
     """
     from daq import FORD_GRANADA
     from identify import Verdict, identify
-    from identify.plan import full_vector, vague
+    from identify.plan.design import full_vector
+    from identify.plan.outlook import vague
 
     why = ""
     if session is not None:
@@ -153,7 +154,7 @@ def expected_gain(bench: Bench) -> Gain:
     from identify import mode_names
     from identify.model.matrices import SYMMETRIC, loaded_model
     from identify.modes.modal_model import MODE_NAMES, modes_of
-    from identify.plan import advise
+    from identify.plan.outlook import advise
 
     car = expected_car(bench.vehicle)
     before: dict[str, float] = {}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -26,12 +26,11 @@ from daq.vehicle import (
 from identify.fit.grey_box import GreyBox
 from identify.fit.uncertainty import Estimate
 from identify.model.response import Bump
-from identify.plan import KnownRuns, Plan, Runs, sensors_of
-from identify.plan.design import campaigns, candidates
-from identify.plan.outlook import Fisher, Outlook, expected, vague
+from identify.plan.design import Plan, Runs, Sensor, campaigns, candidates, sensor
+from identify.plan.outlook import Fisher, KnownRuns, Outlook, expected, vague
 
-from ..nonlinear.truth import BASELINE as BARE_STATE
-from ..nonlinear.truth import granada
+from .nonlinear.truth import BASELINE as BARE_STATE
+from .nonlinear.truth import granada
 
 BARE = MassState(BASELINE)
 A, B = FORD_GRANADA.a, FORD_GRANADA.b
@@ -41,6 +40,10 @@ IMU = (
     Channel("p", Quantity.PITCH_RATE),
     Channel("r", Quantity.ROLL_RATE),
 )
+
+
+def sensors_of(channels: Iterable[Channel], rate_hz: float) -> tuple[Sensor, ...]:
+    return tuple(sensor(channel, rate_hz) for channel in channels)
 
 
 def plan(*states: MassState, runs: tuple[Runs, ...] = (), **others: Any) -> Plan:
@@ -76,23 +79,17 @@ def test_one_run_of_each_kind_is_offered_in_each_state() -> None:
 
 
 @pytest.mark.parametrize(
-    ("now_m", "heights"),
-    [
-        (
-            0.01,
-            {"a bump of 20 mm instead of 10 mm": 0.02, "a bump of 50 mm instead of 10 mm": 0.05},
-        ),
-        (0.025, {"a bump of 50 mm instead of 25 mm": 0.05}),
-        (0.04, {"a bump of 50 mm instead of 40 mm": 0.05}),
-        (0.05, {}),
-        (0.06, {}),
-    ],
+    ("now_m", "heights_m"),
+    [(0.01, [0.02, 0.05]), (0.025, [0.05]), (0.04, [0.05]), (0.05, []), (0.06, [])],
 )
 def test_a_bump_of_twice_the_height_and_the_highest_are_offered(
-    now_m: float, heights: dict[str, float]
+    now_m: float, heights_m: list[float]
 ) -> None:
     found = {a: p for a, p in offered(plan(bump=Bump(now_m, 0.2))).items() if "bump of" in a}
-    assert {action: one.bump.height_m for action, one in found.items()} == heights
+    assert {action: one.bump.height_m for action, one in found.items()} == {
+        f"a bump of {height * 1e3:g} mm instead of {now_m * 1e3:g} mm": height
+        for height in heights_m
+    }
     assert all(one.bump.duration_s == 0.2 for one in found.values())
 
 
@@ -188,39 +185,29 @@ def test_weights_on_the_floor_are_offered_where_the_body_has_none(state: MassSta
 
 TOTAL, FRONT, REAR = FactQuantity.TOTAL_MASS, FactQuantity.FRONT_AXLE, FactQuantity.REAR_AXLE
 CORNERS = (FactQuantity.CORNER_FL, FactQuantity.CORNER_FR, FactQuantity.CORNER_RL)
+VEHICLE = ("weigh the vehicle to 1 kg", [TOTAL])
+EACH_AXLE = ("weigh each axle to 1 kg", [FRONT, REAR])
 
 
 @pytest.mark.parametrize(
     ("known", "offers"),
     [
-        ((), [("weigh the vehicle to 1 kg", [TOTAL]), ("weigh each axle to 1 kg", [FRONT, REAR])]),
-        ((TOTAL,), [("weigh each axle to 1 kg", [FRONT, REAR])]),
-        (
-            (FRONT,),
-            [("weigh the vehicle to 1 kg", [TOTAL]), ("weigh each axle to 1 kg", [FRONT, REAR])],
-        ),
+        ((), [VEHICLE, EACH_AXLE]),
+        ((TOTAL,), [EACH_AXLE]),
+        ((FRONT,), [VEHICLE, EACH_AXLE]),
         ((FRONT, REAR), []),
         ((TOTAL, REAR), []),
         ((*CORNERS, FactQuantity.CORNER_RR), []),
-        (
-            CORNERS,
-            [("weigh the vehicle to 1 kg", [TOTAL]), ("weigh each axle to 1 kg", [FRONT, REAR])],
-        ),
+        (CORNERS, [VEHICLE, EACH_AXLE]),
     ],
 )
 def test_scales_are_offered_until_both_axles_are_known(
     known: tuple[FactQuantity, ...], offers: list[tuple[str, list[FactQuantity]]]
 ) -> None:
     given = plan(facts=tuple(Fact(quantity, 1.0, 2.0) for quantity in known))
-    found = [
-        (a, [f.quantity for f in p.facts[len(known) :]])
-        for a, p in offered(given).items()
-        if a.startswith("weigh ")
-    ]
-    assert found == offers
-    for action, after in offered(given).items():
-        if action.startswith("weigh "):
-            assert all(fact.sigma == 1.0 for fact in after.facts[len(known) :])
+    found = {a: p.facts[len(known) :] for a, p in offered(given).items() if a.startswith("weigh ")}
+    assert [(a, [f.quantity for f in facts]) for a, facts in found.items()] == offers
+    assert all(fact.sigma == 1.0 for facts in found.values() for fact in facts)
 
 
 def test_a_tape_is_offered_for_the_lengths_that_are_not_known() -> None:

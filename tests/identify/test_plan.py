@@ -11,12 +11,11 @@ import pytest
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from daq.channels import SI_UNITS, Channel, Quantity, paper_channels
+from daq.channels import Channel, Quantity, paper_channels
 from daq.runs import ADDED, BASELINE, Excitation
 from daq.vehicle import (
     FORD_GRANADA,
     AddedMass,
-    BodyWeight,
     Corner,
     Fact,
     FactQuantity,
@@ -27,27 +26,24 @@ from daq.vehicle import (
 from dbc.words import InputError
 from identify.model.matrices import matrices, physical_model, state_matrix
 from identify.model.response import Bump, exact_response
-from identify.plan import Advice, Plan, Runs, Sensor, advise, outlook, sensors_of
-from identify.plan.design import candidates
+from identify.plan.design import Plan, Runs, Sensor, candidates, sensor
+from identify.plan.outlook import advise, outlook
 
 TRUTH = FORD_GRANADA.to_array()
 PAPER_MASS = np.diag([130.0, 250.0, 40.0, 4.0, 4.0, 5.0, 5.0])
 STATES = (MassState(BASELINE), MassState(ADDED, AddedMass(matrix=PAPER_MASS)))
 CASES = (Excitation.BOUNCE, Excitation.PITCH, Excitation.ROLL)
-CORNERS = tuple(Corner)
-LEFT = (Corner.FRONT_LEFT, Corner.REAR_LEFT)
-PLACES = {
-    Corner.FRONT_LEFT: (0.0, 0.74),
-    Corner.FRONT_RIGHT: (0.0, -0.74),
-    Corner.REAR_LEFT: (-2.76, 0.74),
-    Corner.REAR_RIGHT: (-2.76, -0.74),
-}
 TAPE = tuple(
     Fact(q, 1.0, 1e-4)
     for q in (FactQuantity.WHEELBASE, FactQuantity.FRONT_TRACK, FactQuantity.REAR_TRACK)
 )
 SCALES = (Fact(FactQuantity.TOTAL_MASS, 1700.0, 1.0),)
-AXLES = (*SCALES, Fact(FactQuantity.FRONT_AXLE, 850.0, 1.0))
+IMU_HUBS = (
+    Channel("az", Quantity.BODY_ACCELERATION, "m/s2", x_m=-1.05),
+    Channel("pitch", Quantity.PITCH_RATE, "rad/s"),
+    Channel("roll", Quantity.ROLL_RATE, "rad/s"),
+    *(Channel(f"hub_{c}", Quantity.HUB_ACCELERATION, "m/s2", corner=c) for c in Corner),
+)
 
 
 def _runs(
@@ -76,32 +72,9 @@ def _paper_plan(rate_hz: float = 200.0, cases: tuple[Excitation, ...] = CASES) -
     return Plan(TRUTH, sensors, STATES, _runs(cases), Bump(), 2.7)
 
 
-def _channels(
-    imu: bool = True,
-    hubs: tuple[Corner, ...] = (),
-    travels: tuple[Corner, ...] = (),
-    body: tuple[Corner, ...] = (),
-) -> tuple[Channel, ...]:
-    kinds = [("hub", Quantity.HUB_ACCELERATION, c) for c in hubs]
-    kinds += [("travel", Quantity.SUSPENSION_TRAVEL, c) for c in travels]
-    at_wheels = [Channel(f"{n}_{c}", q, SI_UNITS[q], corner=c) for n, q, c in kinds]
-    on_body = [
-        Channel(f"body_{c}", Quantity.BODY_ACCELERATION, "m/s2", x_m=PLACES[c][0], y_m=PLACES[c][1])
-        for c in body
-    ]
-    inertial = [
-        Channel("az", Quantity.BODY_ACCELERATION, "m/s2", x_m=-1.05),
-        Channel("pitch", Quantity.PITCH_RATE, "rad/s"),
-        Channel("roll", Quantity.ROLL_RATE, "rad/s"),
-    ]
-    return (*(inertial if imu else []), *on_body, *at_wheels)
-
-
-IMU_HUBS = _channels(hubs=CORNERS)
-
-
 def _bench_plan(channels: tuple[Channel, ...] = IMU_HUBS, facts: tuple[Fact, ...] = TAPE) -> Plan:
-    return Plan(TRUTH, sensors_of(channels, 200.0), STATES, _runs(), decay_s=2.7, facts=facts)
+    sensors = tuple(sensor(channel, 200.0) for channel in channels)
+    return Plan(TRUTH, sensors, STATES, _runs(), decay_s=2.7, facts=facts)
 
 
 def _percent(plan: Plan) -> NDArray[np.float64]:
@@ -114,20 +87,13 @@ def _worst(plan: Plan) -> float:
     return float(_percent(plan).max())
 
 
-def _loaded(*weights: BodyWeight | HubWeight) -> tuple[MassState, ...]:
-    return (MassState(BASELINE), MassState(ADDED, AddedMass(weights)))
-
-
 def test_the_bound_of_the_papers_campaign() -> None:
     published = "0.64 0.74 0.82 0.76 0.71 0.77 0.68 0.73 0.67 0.73 0.67 0.52 0.34 1.14 0.84"
     expected = [float(figure) for figure in published.split()]
     np.testing.assert_allclose(_percent(_paper_plan()), expected, rtol=0.02)
 
 
-@pytest.mark.parametrize(
-    ("rate_hz", "three", "with_warp"),
-    [(100, 1.58, 1.03), (200, 1.14, 0.75), (500, 0.73, 0.48), (1000, 0.52, 0.34)],
-)
+@pytest.mark.parametrize(("rate_hz", "three", "with_warp"), [(100, 1.58, 1.03), (500, 0.73, 0.48)])
 def test_rate_and_warp(rate_hz: float, three: float, with_warp: float) -> None:
     assert _worst(_paper_plan(rate_hz)) == pytest.approx(three, rel=0.02)
     warped = _paper_plan(rate_hz, (*CASES, Excitation.WARP))
@@ -195,13 +161,15 @@ def test_brute_force() -> None:
 
 def test_weights_of_uncertain_mass_and_sensors_of_uncertain_place_cost() -> None:
     exact = _bench_plan()
-    hubs = [HubWeight(5.0, c) for c in CORNERS]
-    sure = replace(exact, mass_states=_loaded(*hubs))
-    unsure = replace(exact, mass_states=_loaded(*(replace(w, sigma_kg=0.1) for w in hubs)))
-    assert _worst(unsure) > 1.05 * _worst(sure)
-    az = exact.sensors[0]
+
+    def with_weights(sigma_kg: float) -> Plan:
+        weights = tuple(HubWeight(5.0, corner, sigma_kg) for corner in Corner)
+        return replace(exact, mass_states=(STATES[0], MassState(ADDED, AddedMass(weights))))
+
+    assert _worst(with_weights(0.1)) > 1.05 * _worst(with_weights(0.0))
+    az, *others = exact.sensors
     vague = replace(az, channel=replace(az.channel, position_sigma_m=0.05))
-    assert _worst(replace(exact, sensors=(vague, *exact.sensors[1:]))) > 1.001 * _worst(exact)
+    assert _worst(replace(exact, sensors=(vague, *others))) > 1.001 * _worst(exact)
 
 
 def test_bounce_and_pitch_leave_the_roll_undetermined() -> None:
@@ -233,27 +201,26 @@ def test_without_added_mass_and_scales_there_is_no_scale() -> None:
     assert "weigh the vehicle to 1 kg" in actions
 
 
-def _gains(advice: Advice) -> list[float]:
-    return [step.outlook.worst * step.outlook.mean for step in advice.steps]
-
-
 def test_steps_are_what_their_plans_will_show_sorted_and_few() -> None:
     plan = replace(_bench_plan(facts=()), bump=Bump(0.02))
     advice = advise(plan)
     assert 6 <= len(advice.steps) <= 12
-    assert _gains(advice) == sorted(_gains(advice))
+    worth = [step.outlook.worst * step.outlook.mean for step in advice.steps]
+    assert worth == sorted(worth)
+    assert worth[-1] < advice.outlook.worst * advice.outlook.mean
     assert "a bump of 40 mm instead of 20 mm" in [step.action for step in advice.steps]
     # What is reused from plan to plan is the same as what is computed for each.
     by_action = {c.action: c.plan for c in candidates(plan)}
-    for step in advice.steps:
+    for step in advice.steps[:3]:
         alone = outlook(by_action[step.action])
         assert step.outlook.worst == pytest.approx(alone.worst, rel=1e-9)
-        assert alone.worst * alone.mean < advice.outlook.worst * advice.outlook.mean
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
+        ({"rate_hz": 1.0}, "1 samples a second"),
+        ({"noise": 0.0}, "noise"),
         ({"sensors": ()}, "no sensor"),
         ({"runs": (Runs("laden", Excitation.ROLL),)}, "laden"),
         ({"bump": Bump(0.0)}, "0 mm"),
@@ -263,12 +230,6 @@ def test_steps_are_what_their_plans_will_show_sorted_and_few() -> None:
     ],
 )
 def test_plans_that_are_none(change: dict[str, Any], message: str) -> None:
+    plan = _bench_plan()
     with pytest.raises(InputError, match=message):
-        replace(_bench_plan(), **change)
-
-
-def test_sensors_that_are_none() -> None:
-    with pytest.raises(InputError, match="1 samples a second"):
-        sensors_of(IMU_HUBS, 1.0)
-    with pytest.raises(InputError, match="noise"):
-        Sensor(IMU_HUBS[0], 0.0, 200.0)
+        replace(plan.sensors[0] if {"rate_hz", "noise"} & change.keys() else plan, **change)
