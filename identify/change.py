@@ -53,50 +53,39 @@ class Likelihood:
         freeze_arrays(self, "information", "target", "nuisance")
 
 
-def likelihood_at_optimum(estimation: Estimation, elements: Sequence[str] = ()) -> Likelihood:
-    """Return the likelihood of a session about its own optimum.
+def likelihood_of(
+    estimation: Estimation, elements: Sequence[str] = (), about: tuple[Floats, Floats] | None = None
+) -> Likelihood:
+    """Return the likelihood of a session.
 
     The common unknowns are the parameters and, for a car that is not linear, the named `elements`.
+
+    `about`: common unknowns, (p,), and the others, (q,), about which it is a quadratic.  It is
+    about the session's own optimum without them, for a nonlinear fit, and for one stored without
+    its decays.
     """
     fit, p = estimation.fit, len(estimation.box.parameters)
-    if estimation.nonlinear is None:
-        whole = np.sum(list(fit.information.values()), axis=0)
-        information, _, _ = _profiled(whole, np.zeros(len(fit.eta)), p)
-        return Likelihood(information, information @ fit.eta[:p], fit.eta[p:])
-    places = estimation.nonlinear.elements
-    common = np.array([*range(p), *(places[name] for name in elements)])
-    # The covariance of the intervals, which may be wider than the information says.
-    block = fit.covariance[np.ix_(common, common)]
-    known = np.ix_(*[np.flatnonzero(np.isfinite(np.diag(block)))] * 2)
-    information = np.zeros_like(block)
-    information[known] = np.linalg.inv(block[known])
-    return Likelihood(information, information @ fit.eta[common], np.delete(fit.eta, common))
-
-
-def likelihood_at(
-    estimation: Estimation, point: Floats, nuisance: Floats, elements: Sequence[str] = ()
-) -> Likelihood:
-    """Return the likelihood of a session about a point, (p,), and its other unknowns, (q,).
-
-    For a nonlinear fit, or one stored without its decays, it is the likelihood about the session's
-    own optimum.
-    """
-    if estimation.nonlinear is not None or not estimation.decays:
-        return likelihood_at_optimum(estimation, elements)
-    eta = np.concatenate([point, nuisance])
-    blocks = estimation.engine.normal_blocks(estimation.decays, estimation.sigma, eta).values()
-    whole = np.sum([block.information for block in blocks], axis=0)
-    gradient = np.sum([block.gradient for block in blocks], axis=0)
-    information, gradient, step = _profiled(whole, gradient, len(point))
-    return Likelihood(information, information @ point + gradient, nuisance + step)
-
-
-def _profiled(whole: Floats, gradient: Floats, p: int) -> tuple[Floats, Floats, Floats]:
-    """Return information and gradient of the first p unknowns, and the step of the others."""
+    if estimation.nonlinear is not None:
+        places = estimation.nonlinear.elements
+        common = np.array([*range(p), *(places[name] for name in elements)])
+        # The covariance of the intervals, which may be wider than the information says.
+        block = fit.covariance[np.ix_(common, common)]
+        known = np.ix_(*[np.flatnonzero(np.isfinite(np.diag(block)))] * 2)
+        information = np.zeros_like(block)
+        information[known] = np.linalg.inv(block[known])
+        return Likelihood(information, information @ fit.eta[common], np.delete(fit.eta, common))
+    eta, gradient = fit.eta, np.zeros(len(fit.eta))
+    whole = np.sum(list(fit.information.values()), axis=0)
+    if about is not None and estimation.decays:
+        eta = np.concatenate(about)
+        blocks = estimation.engine.normal_blocks(estimation.decays, estimation.sigma, eta).values()
+        whole = np.sum([block.information for block in blocks], axis=0)
+        gradient = np.sum([block.gradient for block in blocks], axis=0)
     inverse = pseudo_inverse(whole[p:, p:])
     across = whole[:p, p:] @ inverse
-    step = inverse @ gradient[p:]
-    return whole[:p, :p] - across @ whole[p:, :p], gradient[:p] - across @ gradient[p:], step
+    information = whole[:p, :p] - across @ whole[p:, :p]
+    target = information @ eta[:p] + gradient[:p] - across @ gradient[p:]
+    return Likelihood(information, target, eta[p:] + inverse @ gradient[p:])
 
 
 @dataclass(frozen=True, slots=True)
@@ -293,7 +282,7 @@ def change_of(estimations: Sequence[Estimation], apart: tuple[str, ...] = ()) ->
     model = Model(
         tuple(range(p)) * len(designs), tuple(design for design in designs for _ in range(p))
     )
-    shares = tuple(likelihood_at_optimum(e, shared) for e in estimations)
+    shares = tuple(likelihood_of(e, shared) for e in estimations)
     n_values = sum(d.n_values for e in estimations for d in e.decays)
     chosen: tuple[int, ...] = ()
     points: list[Floats] = []
@@ -306,7 +295,7 @@ def change_of(estimations: Sequence[Estimation], apart: tuple[str, ...] = ()) ->
         common, steps, _ = found.best(np.arange(len(found.target)))
         points = [common + differing.columns(i, p) @ steps for i in range(n_sessions)]
         shares = tuple(
-            likelihood_at(e, point, share.nuisance, shared)
+            likelihood_of(e, shared, (point, share.nuisance))
             for e, point, share in zip(estimations, points, shares, strict=True)
         )
     answer = _tested(_wide_likelihoods(estimations, points, shares), model.chosen(chosen))
@@ -483,7 +472,7 @@ def _wide_likelihoods(
         box = e.box.with_structure(RICHEST)
         full = e.box.full(np.concatenate([point, share.nuisance]).astype(complex)).real
         eta = box.unknowns_of(full)[: len(box.parameters)]
-        one = likelihood_at(replace(e, box=box), eta, share.nuisance)
+        one = likelihood_of(replace(e, box=box), (), (eta, share.nuisance))
         basis = _basis(e.box, box)
         wide.append(
             Likelihood(basis.T @ one.information @ basis, basis.T @ one.target, one.nuisance)

@@ -20,8 +20,7 @@ from identify.change import (
     change_of,
     choose,
     differences,
-    likelihood_at,
-    likelihood_at_optimum,
+    likelihood_of,
     with_common_structure,
 )
 from identify.decays.usable import usable
@@ -128,7 +127,7 @@ def test_sessions_of_other_parameters_are_not_compared() -> None:
 
 def test_a_difference_is_that_of_generalised_least_squares() -> None:
     """All parameters free: the difference of two full fits; one alone: weighted by both errors."""
-    shares = tuple(likelihood_at_optimum(session({}, seed)) for seed in (1, 4))
+    shares = tuple(likelihood_of(session({}, seed)) for seed in (1, 4))
     free = Model(tuple(range(15)), (np.array([[0.0], [1.0]]),) * 15)
     found = differences(shares, free)
     fits = [session({}, seed).fit for seed in (1, 4)]
@@ -142,7 +141,7 @@ def test_a_difference_is_that_of_generalised_least_squares() -> None:
 
 def test_a_share_about_another_point_says_the_same() -> None:
     one = session({}, 1)
-    near, far = likelihood_at_optimum(one), likelihood_at(one, one.fit.eta + 0.002, np.zeros(0))
+    near, far = likelihood_of(one), likelihood_of(one, (), (one.fit.eta + 0.002, np.zeros(0)))
     assert far.information == pytest.approx(
         near.information, rel=0.02, abs=1e-3 * np.max(near.information)
     )

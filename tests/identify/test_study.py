@@ -89,11 +89,11 @@ def test_wilson_theta_makes_the_errors_that_the_paper_prints() -> None:
 
 
 def test_the_chain_is_exact_without_noise_and_lost_at_30_db_where_the_likelihood_holds() -> None:
-    clean = attempt(table3_campaign(500.0, inf), 0)
+    clean = attempt(table3_campaign(250.0, inf), 0)
     for route, limit in (("chain_unfiltered", 1e-5), ("chain_filtered", 1e-4)):
         assert np.max(np.abs(clean[route])) < limit
     assert np.max(np.abs(clean["likelihood"])) < 1e-3
-    noisy = attempt(table3_campaign(500.0, 30.0), 1)
+    noisy = attempt(table3_campaign(250.0, 30.0), 1)
     assert np.max(np.abs(noisy["likelihood"])) < 1.5
     for route in ("chain_unfiltered", "chain_filtered"):
         assert not np.max(np.abs(noisy[route])) < 10.0
