@@ -47,7 +47,6 @@ class Campaign:
         Excitation.PITCH,
         Excitation.ROLL,
     )
-    """The kinds of bump."""
     repeats: Annotated[int, Field(ge=1, le=100)] = 2
     """Number of runs of each kind of bump in each mass state."""
     mass_states: tuple[str, ...] = (BASELINE, ADDED)
@@ -56,7 +55,6 @@ class Campaign:
     bump_s: Annotated[float, Field(gt=0, le=10)] = 0.2
     """Duration of the bump, s."""
     method: Method = Method.ROLL_OVER
-    """The method of bumping."""
     bump_height_m: Annotated[
         float,
         Field(gt=0, le=200, alias="bump_height_mm"),

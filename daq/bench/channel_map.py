@@ -95,14 +95,11 @@ class ChannelMapFile(DescribedCar):
 
 @dataclass(frozen=True, slots=True)
 class GivenRun:
-    """A run cut at given times."""
+    """A run cut at given times, s, in the file's own time."""
 
     step: Step
-    """Its step in the campaign."""
     start_s: float
-    """Its beginning, s, in the file's own time."""
     stop_s: float
-    """Its end, s."""
 
 
 @dataclass(frozen=True, slots=True)

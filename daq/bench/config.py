@@ -356,35 +356,21 @@ def load_bench(path: Path | None) -> Bench:
     """
     if path is None:
         return parse_bench(default_bench_text(), "bench.toml (shipped)", Path())
-    where = str(path)
-    bench = parse_bench(toml_text(path, "name a bench.toml"), where, path.parent)
-    # Mistakes that `parse_bench` accepts, because files in older recordings have them.
-    kinds = bench.campaign.excitations
-    if len(set(kinds)) < len(kinds):
-        what = "campaign.excitations names a kind of bump twice"
-        raise InputError(where, what, "name each once; repeats states how often")
-    # Not the other parameters: bars and tyre damping may be 0, the offset of the CG negative.
-    positive = (*FactQuantity, *parameter_names(Structure(bench.vehicle.structure.symmetric)))
-    for fact in bench.vehicle.facts:
-        if fact.value <= 0.0 and fact.quantity in positive:
-            what = f"fact {fact.quantity}: is {fact.value:g}"
-            raise InputError(where, what, "state a value above 0")
-    return bench
+    return parse_bench(toml_text(path, "name a bench.toml"), str(path), path.parent)
 
 
 def parse_bench(text: str, where: str, folder: Path, dbc_text: str | None = None) -> Bench:
     """Check the text of a bench.toml and resolve what it names.
 
-    `text`: TOML.  `where`: its name, for error messages.  `folder`: where a relative DBC path
-    starts.  `dbc_text`: the DBC, if it is known already (in a journal); else it is read from the
-    path in the file.  Raises InputError as `load_bench`.
+    `where`: the name of the text, for error messages.  `folder`: where a relative DBC path starts.
+    `dbc_text`: the DBC, if it is known already (in a journal); else it is read from the path in the
+    file.  Raises InputError as `load_bench`.
     """
     document = toml_tables(text, where)
     stated = validated(document, text, where, BenchFile)
     places: dict[str, Place] = {} if stated.sensor else {stated.dbc: ("dbc",)}
-    for position, sensor in enumerate(stated.sensor):
-        key = "layout" if sensor.layout else "dbc"
-        places.setdefault(sensor.database, ("sensor", position, key))
+    for i, sensor in enumerate(stated.sensor):
+        places.setdefault(sensor.database, ("sensor", i, "layout" if sensor.layout else "dbc"))
     databases = read_databases(places, text, where, folder if dbc_text is None else None)
     if dbc_text is None:
         dbc_text = stored_text(databases)
@@ -420,7 +406,8 @@ def parse_bench(text: str, where: str, folder: Path, dbc_text: str | None = None
 def bench_of(table: DescribedCar, text: str, where: str) -> Bench:
     """Return the bench that checked tables describe, without buses and databases.
 
-    Raises InputError if two channels have the same name or a fact has an unknown quantity.
+    Raises InputError if two channels have the same name, the campaign names a kind of bump twice,
+    or a fact has an unknown quantity or an impossible value.
     """
     require_unique("channel", [each.name for each in table.channel], where)
     geometry, decided = table.vehicle.geometry, dict(table.vehicle.structure)
@@ -429,10 +416,16 @@ def bench_of(table: DescribedCar, text: str, where: str) -> Bench:
         *(decided.get(name, False) for name in ("anti_roll_bars", "tyre_damping", "cg_offset")),
     )
     known = (*FactQuantity, *parameter_names(structure))
+    # Not the others: bars and tyre damping may be 0, the offset of the CG negative.
+    positive = (*FactQuantity, *parameter_names(Structure(structure.symmetric)))
     for fact in table.fact:
         if fact.quantity not in known:
             what = f"fact {fact.quantity}: is not a quantity of this vehicle"
             raise InputError(where, what, f"use one of {', '.join(known)}")
+        if fact.value <= 0.0 and fact.quantity in positive:
+            what = f"fact {fact.quantity}: is {fact.value:g}"
+            raise InputError(where, what, "state a value above 0")
+    require_unique("kind of bump", table.campaign.excitations, where)
     lengths = VehicleGeometry(*geometry.model_dump().values()) if geometry else None
     weights = AddedMass(tuple(weight.weight() for weight in table.weight))
     return Bench(

@@ -25,7 +25,7 @@ from dbc.words import counted, plural, printable
 
 from ..bench.config import Bench
 from ..bench.sensors import SampleSet
-from ..channels import ON_BODY, Channel, Quantity, sensor_of, sensor_of_signal
+from ..channels import ON_BODY, Channel, Quantity, message_of, sensor_of_signal
 from ..runs import SampleGroup
 from ..samples.converter import is_fine, is_stuck
 from ..samples.mapping import (
@@ -99,23 +99,18 @@ def part_of(
     report: CheckReport, bench: Bench, sensors: Collection[str], buses: Collection[int]
 ) -> CheckReport:
     """Return the lines of a report on some sensors and some buses; empty: all."""
-    if not sensors and not buses:
-        return report
     wanted = {
         s.name
         for s in bench.sensors
         if (not buses or s.bus in buses) and (not sensors or s.name in sensors)
     }
-    channels = {c.name for c in bench.channels if sensor_of_signal(c.signal) in wanted}
-    labels = {bus.label for i, bus in enumerate(bench.buses) if not buses or i in buses}
-
-    def is_wanted(line: Finding) -> bool:
-        kind, _, name = line.subject.partition(" ")
-        if kind == "message":
-            return sensor_of(name) in wanted
-        return name in channels if kind == "channel" else kind != "bus" or name in {*labels, ""}
-
-    return replace(report, lines=tuple(filter(is_wanted, report.lines)))
+    subjects = {f"bus {bus.label}" for i, bus in enumerate(bench.buses) if not buses or i in buses}
+    for channel in bench.channels:
+        if sensor_of_signal(channel.signal) in wanted:
+            subjects |= {f"message {message_of(channel.signal)}", f"channel {channel.name}"}
+    kinds = ("bus ", "message ", "channel ")
+    lines = [x for x in report.lines if x.subject in subjects or not x.subject.startswith(kinds)]
+    return replace(report, lines=tuple(lines)) if sensors or buses else report
 
 
 def _without_pauses(frames: FrameBatch) -> tuple[FrameBatch, list[Finding]]:
@@ -145,14 +140,15 @@ def _set_line(sample_set: SampleSet, group: SampleGroup) -> Finding:
     n = len(group.time_s)
     missing = int(np.sum(np.isnan(np.array(list(group.values.values()))).any(axis=0)))
     rate_hz = (n - 1) / float(group.time_s[-1] - group.time_s[0]) if n > 1 else 0.0
-    verdict, text, advice = OK, f"{n} samples at {rate_hz:.1f} Hz", ""
+    severity, text, advice = OK, f"{n} samples at {rate_hz:.1f} Hz", ""
     if missing > 0.01 * n + 2:  # the first and the last set may be incomplete
-        verdict = FAIL if missing > n / 2 else WARN
+        severity = FAIL if missing > n / 2 else WARN
         text = f"{missing} of {n} samples {plural(missing, 'lacks', 'lack')} a frame"
         advice = f"are {', '.join(sample_set.messages)} sent at one rate, in one burst?"
     figures = {"samples": n, "incomplete": missing, "rate_hz": rate_hz}
-    subject = f"sample set {group.name}"
-    return Finding("sample_set", verdict, text, subject, advice, figures=figures)
+    return Finding(
+        "sample_set", severity, text, f"sample set {group.name}", advice, figures=figures
+    )
 
 
 # The channels: the readings of the sensors while the car stands still -----------------------------
@@ -222,9 +218,9 @@ def check_channel(
     faults = list(_calibration_faults(channel, calibration_days, today))
     samples = decoded.samples.get(channel.signal)
     if samples is None or not len(samples.t_ns):
-        verdict = WARN if channel.quantity is Quantity.UNUSED else FAIL
+        severity = WARN if channel.quantity is Quantity.UNUSED else FAIL
         text, advice = f"no sample of {channel.signal}", f"see message {mapped.message.name}"
-        return findings(subject, [*faults, ("no_sample", verdict, text, advice)])
+        return findings(subject, [*faults, ("no_sample", severity, text, advice)])
     value = mapped.values(samples)
     finite = np.isfinite(value)
     faults += _validity_faults(mapped, samples, value)
@@ -357,19 +353,6 @@ def _rest_faults(mapped: MappedChannel, rest: _Rest) -> Iterator[Fault]:
         yield "tare", WARN, f"{text} instead of 0", advice
 
 
-_SCALES = (
-    (1 / G_M_S2, "g"),
-    (G_M_S2, "m/s2"),
-    (1e-3, ""),
-    (1e3, ""),
-    (1e-3 / G_M_S2, ""),
-    (1e-3 * G_M_S2, ""),
-    (1e3 / G_M_S2, ""),
-    (1e3 * G_M_S2, "mm/s2"),
-)
-"""Factors by which wrong units change gravity, with the unit that each factor would prove."""
-
-
 def _gravity(mapped: MappedChannel, rest: _Rest, n: int, axes: Mapping[str, float]) -> Fault:
     """Judge unit, axis and sign of an acceleration by gravity.
 
@@ -386,11 +369,15 @@ def _gravity(mapped: MappedChannel, rest: _Rest, n: int, axes: Mapping[str, floa
     # Next to no reading is gravity in a wrong unit only if no noise explains it.
     # No accelerometer for cars has less noise than 2 mm/s2.
     is_sure = rest.noise < 2e-3 and abs(rest.level + channel.tare) > 5 * rest.noise / n**0.5
-    for factor, unit in _SCALES:
+    # Factors by which wrong units change gravity, some with the unit that the factor proves.
+    scales = {1 / G_M_S2: "g", G_M_S2: "m/s2", 1e3 * G_M_S2: "mm/s2"}
+    for factor in (*scales, 1e-3, 1e3, 1e-3 / G_M_S2, 1e-3 * G_M_S2, 1e3 / G_M_S2):
         fits = abs(abs(share) / factor - 1) < 0.08
         if fits and (is_sure or abs(share) >= _NONE_G):
             turn = f" and {flip}" if share < 0 else ""
-            setting = f'signal_unit = "{unit}"' if unit else f"gain = {channel.gain / factor:.6g}"
+            setting = f"gain = {channel.gain / factor:.6g}"
+            if factor in scales:
+                setting = f'signal_unit = "{scales[factor]}"'
             text = f"{reading}: {factor:.4g} times gravity, so its unit is wrong"
             return "gravity", FAIL, text, f"state {setting}{turn}"
     for name, axis_g in axes.items():
@@ -402,9 +389,9 @@ def _gravity(mapped: MappedChannel, rest: _Rest, n: int, axes: Mapping[str, floa
         return "gravity", OK, "no gravity (AC-coupled, or tared in the sensor)", ""
     tilt = math.degrees(math.acos(min(abs(share), 1.0)))
     angle = f", tilted by {tilt:.0f} degrees" if tilt else ""
-    verdict = FAIL if abs(abs(share) - 1) > 0.3 else WARN
+    severity = FAIL if abs(abs(share) - 1) > 0.3 else WARN
     text, advice = f"{reading}{angle}, or its scale is wrong", "mount it upright, or correct gain"
-    return "gravity", verdict, text, advice
+    return "gravity", severity, text, advice
 
 
 def _other_axes(

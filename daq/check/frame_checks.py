@@ -79,6 +79,12 @@ class Arrivals:
         interval_s = np.diff(self.t_ns) * 1e-9
         return float(np.quantile(np.abs(interval_s - np.median(interval_s)), 0.99))
 
+    def is_like(self, message: MessageLayout) -> bool:
+        """Return whether the frames have the length of a message, and its rate if it has one."""
+        cycle_s = message.cycle_s
+        has_rate = cycle_s is None or abs(self.rate_hz * cycle_s - 1) < RATE_FAIL
+        return has_rate and self.usual_length == message.length
+
     def __str__(self) -> str:
         return f"{self.can_id:#x}" + ("x" if self.is_extended else "")
 
@@ -175,24 +181,22 @@ def check_buses(
         text = counted(error_frames, "error frame")
         lines.append(Finding("error_frames", WARN, text, "bus", advice))
     if table.unknown:
-        lines.append(_unknown_line(messages, table.unknown))
+        unknown = table.unknown
+        shown = ", ".join(f"{a} ({a.rate_hz:.0f} Hz)" for a in unknown[:6])
+        more = f" and {len(unknown) - 6} more" if len(unknown) > 6 else ""
+        are = counted(len(unknown), "identifier is", "identifiers are")
+        advice = "foreign devices, or the DBC of another bus"
+        by_id = {m.can_id: m for m in messages}
+        for a in unknown:
+            twin = by_id.get(a.can_id)
+            if twin is not None and twin.is_extended != a.is_extended:
+                here, there = (29, 11) if a.is_extended else (11, 29)
+                words = f"comes with {here} bits; the DBC has {twin.name} with {there}"
+                advice = f"{a.can_id:#x} {words}"
+        text = f"{are} not in the DBC: {shown}{more}"
+        figures = {"unknown": len(unknown)}
+        lines.append(Finding("unknown_id", WARN, text, "bus", advice, figures=figures))
     return lines
-
-
-def _unknown_line(messages: Sequence[MessageLayout], unknown: Sequence[Arrivals]) -> Finding:
-    shown = ", ".join(f"{a} ({a.rate_hz:.0f} Hz)" for a in unknown[:6])
-    more = f" and {len(unknown) - 6} more" if len(unknown) > 6 else ""
-    are = counted(len(unknown), "identifier is", "identifiers are")
-    advice = "foreign devices, or the DBC of another bus"
-    by_id = {m.can_id: m for m in messages}
-    for a in unknown:
-        twin = by_id.get(a.can_id)
-        if twin is not None and twin.is_extended != a.is_extended:
-            here, there = (29, 11) if a.is_extended else (11, 29)
-            advice = f"{a.can_id:#x} comes with {here} bits; the DBC has {twin.name} with {there}"
-    figures = {"unknown": len(unknown)}
-    text = f"{are} not in the DBC: {shown}{more}"
-    return Finding("unknown_id", WARN, text, "bus", advice, figures=figures)
 
 
 # The messages -------------------------------------------------------------------------------------
@@ -211,7 +215,12 @@ def check_messages(
         message, arrivals = keeping.messages[name], table.known.get(name)
         fault = FAIL if name in used else WARN
         if arrivals is None:
-            text, advice = _absent(message, table.unknown)
+            width = " with 29 bits" if message.is_extended else ""
+            text = f"no frame with identifier {message.can_id:#x}{width}"
+            advice = "is the sensor on, set to this identifier, and set to send?"
+            alike = [str(a) for a in table.unknown if a.is_like(message)]
+            if alike:
+                advice += f" {', '.join(alike[:3])} has its length and rate"
             lines.append(Finding("absent", fault, text, f"message {name}", advice))
             continue
         counter = counters.get(name)
@@ -234,21 +243,6 @@ def check_messages(
         figures = {"rate_hz": rate_hz, "jitter_s": arrivals.jitter_s, "frames": received}
         lines += findings(f"message {name}", faults, figures)
     return lines
-
-
-def _absent(message: MessageLayout, unknown: Sequence[Arrivals]) -> tuple[str, str]:
-    """Return what is missing, and advice that names the received frames that are alike."""
-    width = " with 29 bits" if message.is_extended else ""
-    advice = "is the sensor on, set to this identifier, and set to send?"
-    alike = [
-        str(a)
-        for a in unknown
-        if a.usual_length == message.length
-        and (message.cycle_s is None or abs(a.rate_hz * message.cycle_s - 1) < RATE_FAIL)
-    ]
-    if alike:
-        advice += f" {', '.join(alike[:3])} has its length and rate"
-    return f"no frame with identifier {message.can_id:#x}{width}", advice
 
 
 def _rate_faults(
@@ -350,8 +344,8 @@ def _clock_faults(
     stamp, t_ns = samples.value[samples.usable], samples.t_ns[samples.usable]
     if len(t_ns) < 10 or t_ns[-1] <= t_ns[0]:
         return
-    gaps = np.diff(stamp) % clock.wrap
-    rate = float(np.sum(gaps)) * clock.factor / (float(t_ns[-1] - t_ns[0]) * 1e-9)
+    passed_s = float(np.sum(np.diff(stamp) % clock.wrap)) * clock.factor
+    rate = passed_s / (float(t_ns[-1] - t_ns[0]) * 1e-9)
     text = f"{clock.signal} runs {rate:.4g} times as fast as the bus's clock"
     if abs(rate - 1) > 0.2:
         yield "clock", FAIL, text, f"correct time_unit or time_wrap; {CORRECT_MESSAGE}"

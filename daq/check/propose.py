@@ -7,9 +7,12 @@ uncertain guesses are marked ASK, and both are returned as questions.
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import PurePath
 from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,18 +21,23 @@ from dbc.codec import Decoded
 from dbc.frames import FrameBatch
 from dbc.layout import MessageLayout, SignalLayout
 from dbc.units import known_si
-from dbc.words import counted, printable
+from dbc.words import counted, plural, printable
 
 from ..bench.config import BusConfig
-from ..bench.sensors import PREFIX, Database, Sensor, sensor_map, sensors_codec
+from ..bench.sensors import (
+    PREFIX,
+    Database,
+    Sensor,
+    database_codec,
+    sensor_map,
+    sensors_codec,
+)
 from ..channels import AT_CORNER, ON_BODY, Quantity, sensor_of, signal_of
-from .find_sensors import FoundSensor, find_sensors
 from .frame_checks import RATE_FAIL, Arrivals, fitting_rules, frame_table
 from .guess import (
     FEWEST,
     OPEN,
     Answers,
-    Candidate,
     Guess,
     Question,
     candidate,
@@ -37,7 +45,7 @@ from .guess import (
     plain_name,
     words,
 )
-from .pushes import Pushes, find_pushes
+from .pushes import find_pushes
 
 NO_ANSWERS: Answers = MappingProxyType({})
 ASK = "# ASK: "
@@ -55,7 +63,7 @@ class Proposal:
 
     @property
     def questions(self) -> tuple[str, ...]:
-        """Return the questions, one line each."""
+        """The questions, one line each."""
         return tuple(question.line for question in self.asked)
 
 
@@ -78,14 +86,13 @@ def propose_sensors(
     bus.
     """
     frames = frames if frames is not None and len(frames) else None
-    sensors, absent = find_sensors(databases, frames)
-    unsure = {s.sensor.name: s.question for s in sensors if not s.surely}
-    said = {name: answers.get(question) for name, question in unsure.items()}
-    sensors = [
-        s._replace(surely=True, why="yours, by your answer") if said.get(s.sensor.name) else s
-        for s in sensors
-        if said.get(s.sensor.name) is not False
-    ]
+    present, missing = find_sensors(databases, frames)
+    sensors = []
+    for each in present:
+        answer = None if each.surely else answers.get(each.question)
+        if answer is not False:
+            known = each._replace(surely=True, why="yours, by your answer")
+            sensors.append(known if answer else each)
     n_buses = max(len(buses), *(each.sensor.bus + 1 for each in sensors), 1)
     one = len(databases) == 1 and len(sensors) == 1 and n_buses == 1
     is_list = not (one and sensors[0].sensor.id_offset == 0)
@@ -93,16 +100,26 @@ def propose_sensors(
     if not is_list:
         plain = tuple(replace(m, name=signal_of(m.name)) for m in codec.messages)
         codec = replace(codec, messages=plain)
-    missing, messages = [*absent], list(codec.messages)
-    arrivals: Mapping[str, Arrivals] | None = None
+    messages = list(codec.messages)
+    arrivals: Mapping[str, Arrivals] = {}
     decoded: Decoded | None = None
     if frames is not None:
         arrivals, decoded = frame_table(messages, frames).known, codec.decode(frames)
         missing += [m.name for m in messages if m.name not in arrivals]
         messages = [m for m in messages if m.name in arrivals]
-    candidates = _candidates(messages, decoded)
-    found_pushes, questions = _pushed(codec.decode(pushes), candidates) if pushes else (None, [])
-    guesses = guess_channels(candidates, found_pushes)
+    signals = [(f"{m.name}.{s.name}", s) for m in messages for s in m.signals]
+    found = [candidate(full, signal, _usable(decoded, full)[1]) for full, signal in signals]
+    candidates = [each for each in found if each is not None]
+    questions: list[Question] = []
+    moved = None
+    if pushes is not None and len(pushes):
+        traces = {k: (s.t_ns, s.value) for k, s in codec.decode(pushes).samples.items()}
+        moved, number = find_pushes(traces, [each.full for each in candidates if each.shows_push])
+        if moved is None:
+            were = counted(number, "push was", "pushes were")
+            line = f"{were} found instead of one on each of four corners: repeat them"
+            questions.append(Question(line))
+    guesses = guess_channels(candidates, moved)
     ready = {
         table["name"]
         for each in sensors
@@ -119,7 +136,7 @@ def propose_sensors(
                 channels += tables.lines(full, guesses[full], sensor)
         rule = []
         if not (is_list and message.name in ready):
-            came = None if arrivals is None else arrivals[message.name]
+            came = arrivals.get(message.name)
             rule = message_rule(message, came, decoded, is_used=bool(channels))
         if channels or rule:
             lines += ["", f"# {printable(message.name)}", *rule, *channels]
@@ -127,16 +144,6 @@ def propose_sensors(
         lines += ["", f"# Not on the bus: {printable(', '.join(missing), 400)}"]
     questions += [each.question for each in sensors if not each.surely]
     return Proposal("\n".join(lines) + "\n", tuple(questions))
-
-
-def _candidates(messages: Sequence[MessageLayout], decoded: Decoded | None) -> list[Candidate]:
-    candidates = []
-    for message in messages:
-        for signal in message.signals:
-            full = f"{message.name}.{signal.name}"
-            one = candidate(full, signal, _usable(decoded, full)[1])
-            candidates += [one] if one is not None else []
-    return candidates
 
 
 def _usable(decoded: Decoded | None, full: str) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
@@ -148,16 +155,116 @@ def _usable(decoded: Decoded | None, full: str) -> tuple[NDArray[np.int64], NDAr
     return samples.t_ns[usable], samples.value[usable]
 
 
-def _pushed(
-    decoded: Decoded, candidates: Sequence[Candidate]
-) -> tuple[Pushes | None, list[Question]]:
-    traces = {name: (s.t_ns, s.value) for name, s in decoded.samples.items()}
-    pushes, number = find_pushes(traces, [each.full for each in candidates if each.shows_push])
-    if pushes is not None:
-        return pushes, []
-    were = counted(number, "push was", "pushes were")
-    line = f"{were} found instead of one on each of four corners: repeat them"
-    return None, [Question(line)]
+# The sensors on each bus --------------------------------------------------------------------------
+#
+# A database whose identifiers come on two buses describes two sensors.  Unknown identifiers near
+# those of a database, with the same length and rate, are further devices of the same kind: CANopen
+# nodes, or a maker's offset.
+
+Key = tuple[int, int, bool]
+"""Bus, identifier and width of frames."""
+
+
+class FoundSensor(NamedTuple):
+    """A device that a database describes."""
+
+    sensor: Sensor
+    """Name, database, bus and identifiers of the device."""
+    why: str
+    """The reasons for the proposal."""
+    surely: bool
+    """False if the user should be asked."""
+
+    @property
+    def question(self) -> Question:
+        """The question whether it is one of this bench."""
+        return Question(f"sensor {self.sensor.name}: {self.why}", "y or n")
+
+
+def find_sensors(
+    databases: Sequence[Database], frames: FrameBatch | None
+) -> tuple[list[FoundSensor], list[str]]:
+    """Return the sensors, and the names of the databases without any traffic.
+
+    `frames`: None if there was no traffic: each database is then one sensor on the first bus.
+    Raises InputError if a database cannot be used.
+    """
+    codecs = {each.name: database_codec(each.text, each.name) for each in databases}
+    if frames is None:
+        why = "no traffic: on the first bus"
+        return _named([FoundSensor(Sensor("", name), why, True) for name in codecs]), []
+    traffic = {(a.buses[0], a.can_id, a.is_extended): a for a in frame_table((), frames).unknown}
+
+    def received(name: str, bus: int, offset: int = 0) -> set[Key]:
+        """Return the received messages of a database on a bus, with an offset of identifiers."""
+        messages = codecs[name].messages
+        return {(bus, m.can_id + offset, m.is_extended) for m in messages} & traffic.keys()
+
+    claimed: set[Key] = set()
+    present: list[FoundSensor] = []
+    for name in codecs:
+        for bus in sorted({key[0] for key in traffic}):
+            if keys := received(name, bus):
+                claimed |= keys
+                why = f"{len(keys)} of its messages {plural(len(keys), 'comes', 'come')} there"
+                present.append(FoundSensor(Sensor("", name, bus), why, True))
+    for name, codec in codecs.items():
+        for bus, offset in _offsets(codec.messages, traffic, claimed):
+            keys = received(name, bus, offset)
+            if keys and not keys & claimed:
+                claimed |= keys
+                ids = ", ".join(f"{key[1]:#x}" for key in sorted(keys))
+                why = f"is {ids} yours, of this kind? Length and rate are as in its messages"
+                present.append(FoundSensor(Sensor("", name, bus, offset), why, False))
+    seen = {each.sensor.database for each in present}
+    return _named(present), [name for name in codecs if name not in seen]
+
+
+def _offsets(
+    messages: Sequence[MessageLayout], traffic: Mapping[Key, Arrivals], claimed: set[Key]
+) -> list[tuple[int, int]]:
+    """Return bus and identifier offset of further devices, those with the most messages first."""
+    rates = {(can_id, is_extended): a.rate_hz for (_, can_id, is_extended), a in traffic.items()}
+    votes: Counter[tuple[int, int]] = Counter()
+    for key, arrivals in traffic.items():
+        if key in claimed or len(arrivals.t_ns) < 10:
+            continue
+        bus, can_id, is_extended = key
+        for m in messages:
+            offset = can_id - m.can_id
+            alike = (is_extended, arrivals.usual_length) == (m.is_extended, m.length)
+            if not alike or not 0 < abs(offset) <= 0x7F:  # the number of CANopen nodes
+                continue
+            stated = 1 / m.cycle_s if m.cycle_s else None
+            rate = rates.get((m.can_id, m.is_extended), stated)
+            if rate is None:  # CANopen nodes have the same function code
+                alike = not is_extended and can_id >> 7 == m.can_id >> 7
+            else:
+                alike = abs(arrivals.rate_hz - rate) <= 0.1 * rate
+            if alike:
+                votes[bus, offset] += 1
+    return sorted(votes, key=lambda key: (-votes[key], abs(key[1]), key))
+
+
+def _named(present: Sequence[FoundSensor]) -> list[FoundSensor]:
+    """Give each device the name of its database, with a number if several have that name."""
+    order = list(dict.fromkeys(each.sensor.database for each in present))
+    devices = sorted(
+        present,
+        key=lambda p: (order.index(p.sensor.database), p.sensor.bus, p.sensor.id_offset),
+    )
+    files = [PurePath(each.sensor.database.removeprefix(PREFIX)) for each in devices]
+    stems = [plain_name(file.stem.lower(), "sensor")[:24] for file in files]
+    numbers: Counter[str] = Counter()
+    named = []
+    for each, stem in zip(devices, stems, strict=True):
+        numbers[stem] += 1
+        name = stem if stems.count(stem) == 1 else f"{stem}_{numbers[stem]}"
+        named.append(each._replace(sensor=replace(each.sensor, name=name)))
+    return named
+
+
+# The tables of bench.toml -------------------------------------------------------------------------
 
 
 def _head(
@@ -174,33 +281,28 @@ def _head(
     if not sensors:
         lines.append(f"dbc = {json.dumps(databases[0].name)}")
     for number in range(n_buses):
-        lines += ["", "[bus]" if n_buses == 1 else "[[bus]]"]
         known = number < len(buses)
         bus = buses[number] if known else BusConfig("socketcan", f"can{number}", 500_000)
         mark = "" if known else "  # FILL IN"
         lines += [
+            "",
+            "[bus]" if n_buses == 1 else "[[bus]]",
             f"interface = {json.dumps(bus.interface)}{mark}",
             f"channel = {json.dumps(bus.channel)}{mark}",
             f"bitrate = {bus.bitrate}{mark}",
         ]
     for sensor, why, surely in sensors:
-        mark = "# " if surely else ASK
-        lines += ["", "[[sensor]]", *_sensor(sensor)]
-        lines[-1] += f"  {mark}{printable(why, 200)}"
+        key = "layout" if sensor.database.startswith(PREFIX) else "dbc"
+        lines += [
+            "",
+            "[[sensor]]",
+            f"name = {json.dumps(sensor.name)}",
+            f"{key} = {json.dumps(sensor.database.removeprefix(PREFIX))}",
+            *([f"id_offset = {sensor.id_offset}"] if sensor.id_offset else []),
+            f"bus = {sensor.bus}  {'# ' if surely else ASK}{printable(why, 200)}",
+        ]
     return [*lines, *_REST]
 
-
-def _sensor(sensor: Sensor) -> list[str]:
-    key = "layout" if sensor.database.startswith(PREFIX) else "dbc"
-    return [
-        f"name = {json.dumps(sensor.name)}",
-        f"{key} = {json.dumps(sensor.database.removeprefix(PREFIX))}",
-        *([f"id_offset = {sensor.id_offset}"] if sensor.id_offset else []),
-        f"bus = {sensor.bus}",
-    ]
-
-
-# The tables of bench.toml -------------------------------------------------------------------------
 
 _REST = """
 [vehicle]
@@ -244,14 +346,18 @@ class _ChannelTables:
 
     def lines(self, full: str, guess: Guess, sensor: str) -> list[str]:
         """Return the table of a signal; `full`: its name with that of its message."""
-        name = self._unique(full, sensor)
+        message, _, signal = full.rpartition(".")
+        plain = plain_name(signal, "signal")
+        tried = [f"{sensor}_{plain}" if sensor else plain, f"{message.replace('.', '_')}_{plain}"]
+        tried += [f"{plain[:55]}_{number}" for number in range(2, 1000)]
+        name = next(t[:60] for t in tried if t[:60] not in self._used and t[0].isalpha())
+        self._used.add(name)
         subject = f"channel {name}"
         if guess.of_device:
             subject = f"sensor {sensor}" if sensor else "the IMU"
         question = Question(f"{subject}: {guess.ask}", "" if guess.ask in OPEN else "y")
-        if question in self._answers:
-            guess = replace(guess, ask="")
-        if guess.ask and question not in self._questions:
+        ask = "" if question in self._answers else guess.ask
+        if ask and question not in self._questions:
             self._questions.append(question)
         lines = [
             "",
@@ -260,8 +366,8 @@ class _ChannelTables:
             f"signal = {json.dumps(full)}",
             f'quantity = "{guess.quantity}"  # {printable(guess.why, 200)}',
         ]
-        if guess.ask:
-            lines.append(f"{ASK}{printable(guess.ask, 200)}")
+        if ask:
+            lines.append(f"{ASK}{printable(ask, 200)}")
         if guess.unit:
             lines.append(f'signal_unit = "{guess.unit}"  # none is stated')
         if guess.quantity in AT_CORNER:
@@ -277,9 +383,8 @@ class _ChannelTables:
                 "position_sigma_m = 0.5  # FILL IN: how well you measured it",
             ]
         if guess.quantity is not Quantity.UNUSED:
-            about = "of its scale: see its data sheet or calibration"
             lines += [
-                f"gain_sigma = 0.01  # {about}",
+                "gain_sigma = 0.01  # of its scale: see its data sheet or calibration",
                 "delay_s = 0.0005  # of a frame on the bus; add the delay from the data sheet",
                 "delay_sigma_s = 0.0003",
             ]
@@ -288,16 +393,6 @@ class _ChannelTables:
         if guess.quantity is Quantity.SUSPENSION_TRAVEL and not guess.is_proven:
             lines.append("# sign = -1  # FILL IN if it reads less in compression")
         return lines
-
-    def _unique(self, full: str, sensor: str) -> str:
-        """Return a channel name: letters, digits and underscores, not used before."""
-        message, _, signal = full.rpartition(".")
-        name = plain_name(signal, "signal")
-        tried = [f"{sensor}_{name}" if sensor else name, f"{message.replace('.', '_')}_{name}"]
-        tried += [f"{name[:55]}_{number}" for number in range(2, 1000)]
-        chosen = next(t[:60] for t in tried if t[:60] not in self._used and t[0].isalpha())
-        self._used.add(chosen)
-        return chosen
 
 
 # The rules that bench.toml adds to a message: cycle, counter, checksum, time stamp ----------------
@@ -314,14 +409,25 @@ def message_rule(
     lines = []
     rate_hz = came.rate_hz if came is not None and len(came.t_ns) >= FEWEST else 0.0
     measured = f"cycle_ms = {1e3 / rate_hz:.4g}  # measured {rate_hz:.1f} Hz" if rate_hz else ""
-    if message.cycle_s is None:
-        absent = "# cycle_ms = 10  # FILL IN: not in the DBC, and there was no traffic"
-        lines += [absent] if came is None else [measured] if measured else []
-    elif is_used and measured and abs(rate_hz * message.cycle_s - 1) > RATE_FAIL:
-        lines.append(f"{measured}, not the {1 / message.cycle_s:.1f} Hz of its database")
-    for rule in (_counter, _checksum, _time):
-        settings = (rule(message, signal, came, decoded) for signal in message.signals)
-        lines += next(filter(None, settings), [])
+    if message.cycle_s is not None:
+        if is_used and rate_hz and abs(rate_hz * message.cycle_s - 1) > RATE_FAIL:
+            lines.append(f"{measured}, not the {1 / message.cycle_s:.1f} Hz of its database")
+    elif came is None:
+        lines.append("# cycle_ms = 10  # FILL IN: not in the DBC, and there was no traffic")
+    elif measured:
+        lines.append(measured)
+    counter: list[str] = []
+    checksum: list[str] = []
+    time: list[str] = []
+    for signal in message.signals:  # the first of each kind
+        said = words(signal.name)
+        t_ns, value = _usable(decoded, f"{message.name}.{signal.name}")
+        counter = counter or _counter(signal, said, came, value)
+        checksum = checksum or _checksum(signal, said, came, message.length)
+        time = time or _time(signal, said, came, t_ns, value)
+    lines += [] if message.counter else counter
+    lines += [] if message.crc else checksum
+    lines += time
     head = ["[[message]]", f"name = {json.dumps(message.name)}"]
     if all(line.startswith("#") for line in lines):
         # A line that is uncommented later needs the header of its table.
@@ -330,18 +436,15 @@ def message_rule(
 
 
 def _counter(
-    message: MessageLayout, signal: SignalLayout, came: Arrivals | None, decoded: Decoded | None
+    signal: SignalLayout, said: set[str], came: Arrivals | None, value: NDArray[np.float64]
 ) -> list[str]:
-    is_number = signal.is_plain and 2 <= signal.length <= 32
-    if message.counter is not None or not (
-        is_number
-        and words(signal.name) & words("counter cnt count alive rolling msgcnt seq sequence mc rc")
-    ):
+    """Return the lines on a counter, by its name (`said`) and, with traffic, by its steps."""
+    counter_words = words("counter cnt count alive rolling msgcnt seq sequence mc rc")
+    if not (signal.is_plain and 2 <= signal.length <= 32 and said & counter_words):
         return []
     name = json.dumps(signal.name)
     if came is None:
         return [f"# counter = {name}  # by its name; true?"]
-    _, value = _usable(decoded, f"{message.name}.{signal.name}")
     if len(value) < FEWEST:
         return []
     step = np.diff(value)
@@ -355,32 +458,35 @@ def _counter(
 
 
 def _checksum(
-    message: MessageLayout, signal: SignalLayout, came: Arrivals | None, decoded: Decoded | None
+    signal: SignalLayout, said: set[str], came: Arrivals | None, length: int
 ) -> list[str]:
+    """Return the lines on a checksum, by its name (`said`) and the rule that all frames pass."""
     is_byte = signal.length == 8 and signal.low_bit == 0 and signal.is_plain
-    if message.crc is not None or not (
-        is_byte and words(signal.name) & words("crc crc8 checksum chk chksum cs")
-    ):
+    if not (is_byte and said & words("crc crc8 checksum chk chksum cs")):
         return []
     name = json.dumps(signal.name)
-    rules = fitting_rules(came, signal.first_byte, message.length) if came is not None else []
+    rules = fitting_rules(came, signal.first_byte, length) if came is not None else []
     if not rules:
         return [f"# crc = {name}  # which rule? give crc_rule"]
     return [f"crc = {name}", f'crc_rule = "{rules[0]}"  # matches all frames']
 
 
 def _time(
-    message: MessageLayout, signal: SignalLayout, came: Arrivals | None, decoded: Decoded | None
+    signal: SignalLayout,
+    said: set[str],
+    came: Arrivals | None,
+    t_ns: NDArray[np.int64],
+    value: NDArray[np.float64],
 ) -> list[str]:
+    """Return the lines on a time stamp, by its name (`said`), its unit and its rate."""
     known = known_si(signal.unit)
     if known is None or known.unit != "s" or signal.is_multiplexed:
         return []
-    if not words(signal.name) & words("time timestamp stamp millitime sampletime tow"):
+    if not said & words("time timestamp stamp millitime sampletime tow"):
         return []
     name = json.dumps(signal.name)
     if came is None or signal.is_float:
         return [f"# time_signal = {name}  # by its name and unit; true?"]
-    t_ns, value = _usable(decoded, f"{message.name}.{signal.name}")
     if len(value) < FEWEST or t_ns[-1] <= t_ns[0]:
         return []
     wrap = abs(signal.factor) * float(1 << signal.length)

@@ -71,7 +71,7 @@ def opposed_signs(runs: Sequence[Run], channels: Sequence[Channel]) -> tuple[Fin
     every wheel has one, with the first rate of their kind, in the runs that show that motion.  A
     channel without a channel for comparison, or without such a run, is not judged.
     """
-    spectra = [each for run in runs if (each := _spectra(run)) is not None]
+    spectra = [spectra for run in runs for spectra in _spectra(run)]
     travels = {c.corner: c.name for c in channels if c.quantity is Quantity.SUSPENSION_TRAVEL}
     hubs = {c.corner: c.name for c in channels if c.quantity is Quantity.HUB_ACCELERATION}
     against = []
@@ -125,16 +125,14 @@ def _finding(names: Sequence[str], whom: str, advice: str) -> tuple[Finding, ...
     return (Finding("opposed_sign", Severity.ERROR, text, subject, advice),)
 
 
-def _spectra(run: Run) -> _Spectra | None:
-    """Return the spectra of the channels of a run; None if they have no time in common."""
+def _spectra(run: Run) -> list[_Spectra]:
+    """Return the spectra of the channels of a run; none if they have no second in common."""
     known = [(g, v) for g in run.groups for v in g.values if np.isfinite(g.values[v]).sum() > 1]
-    if not known:
-        return None
-    start_s = max(float(group.time_s[0]) for group, _ in known)
-    end_s = min(float(group.time_s[-1]) for group, _ in known)
+    start_s = max((float(group.time_s[0]) for group, _ in known), default=0.0)
+    end_s = min((float(group.time_s[-1]) for group, _ in known), default=0.0)
     n = int((end_s - start_s) * _RATE_HZ)
     if n < _RATE_HZ:
-        return None
+        return []
     time_s = start_s + np.arange(n) / _RATE_HZ
     of = {}
     for group, name in known:
@@ -142,7 +140,7 @@ def _spectra(run: Run) -> _Spectra | None:
         good = np.isfinite(value)
         even = np.interp(time_s, group.time_s[good], value[good])
         of[name] = np.asarray(np.fft.rfft(even - even.mean(), 2 * n), np.complex128)
-    return _Spectra(np.asarray(np.fft.rfftfreq(2 * n, 1 / _RATE_HZ), np.float64), of)
+    return [_Spectra(np.asarray(np.fft.rfftfreq(2 * n, 1 / _RATE_HZ), np.float64), of)]
 
 
 def _is_opposed(

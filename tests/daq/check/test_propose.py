@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 from daq.bench.config import Bench, bench_codec, parse_bench
 from daq.bench.sensors import Database
 from daq.channels import Quantity
-from daq.check.find_sensors import find_sensors
 from daq.check.frame_checks import Arrivals
-from daq.check.propose import message_rule, propose_sensors
+from daq.check.propose import find_sensors, message_rule, propose_sensors
 from daq.vehicle import Corner
 from dbc import parse_codec
 from dbc.codec import DecodeCounts, Decoded, Samples
@@ -247,4 +246,4 @@ def test_an_identifier_near_by_with_like_frames_is_a_further_device(
     frames = sent(np.arange(float(n)) * period_s, can_id, length=length)
     sensors, absent = find_sensors((pot(cycle),), frames)
     assert [(s.sensor.id_offset, s.surely) for s in sensors] == [(can_id - 385, False)] * found
-    assert absent == () if found else ("pot.dbc",)
+    assert absent == ([] if found else ["pot.dbc"])
