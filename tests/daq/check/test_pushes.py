@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.integrate import solve_ivp
 
 from daq.bench.config import default_bench_text, parse_bench
 from daq.channels import Channel, Quantity
@@ -27,10 +25,9 @@ from daq.check.pushes import (
     pushed_corner,
     shows_push,
 )
-from daq.sim.motion import corner_motion, static_pose
+from daq.sim.car import SensorTruth, install, true_reading
+from daq.sim.motion import load_car, pushed
 from daq.vehicle import FORD_GRANADA, AddedMass, Corner
-
-from ...simulated.elements import forces, load_car
 
 BIN_S = 0.02
 REST_S, LONG_S = 4.0, 9.0
@@ -38,64 +35,22 @@ CHANNELS = parse_bench(default_bench_text(), "bench.toml", Path(), "").channels
 NOISE = {"m": 2e-4, "rad/s": 2e-3, "m/s2": 0.1}
 Array = NDArray[np.float64]
 FL, FR, RL, RR = Corner
+PLANT = load_car(FORD_GRANADA, AddedMass())
+INSTALLATION = install(PLANT)
 
 
 @cache
-def _pushed(corner: Corner) -> tuple[Array, Array]:
-    """Push a corner down with 400 N for half a second: time, and [pose, velocity, acceleration]."""
-    plant = load_car(FORD_GRANADA, AddedMass())
-    x, y = (plant.corners[axis][corner.position] for axis in ("x_m", "y_m"))
-    still = np.zeros((4, 1))
-
-    def hand(t_s: float) -> Array:
-        u = (t_s - REST_S) / 0.5
-        push = -400.0 * np.sin(np.pi * u) ** 2 if 0.0 < u < 1.0 else 0.0
-        return np.array([[push], [-x * push], [y * push], [0.0], [0.0], [0.0], [0.0]])
-
-    def acceleration(t_s: float, state: Array) -> Array:
-        both = state.reshape(2, 7, 1)
-        total = forces(plant, both[0], both[1], still) + hand(t_s)
-        return np.asarray((plant.mobility @ total)[:, 0])
-
-    rest = static_pose(plant)[:, 0]
-    time = np.arange(0.0, LONG_S, 0.002)
-    solution = solve_ivp(
-        lambda t, s: np.concatenate([s[7:], acceleration(t, s)]),
-        (0.0, LONG_S), np.concatenate([rest, np.zeros(7)]), t_eval=time, max_step=0.02,
-    ).y  # fmt: skip
-    moved = np.array([acceleration(t, s) for t, s in zip(time, solution.T, strict=True)]).T
-    return time, np.stack([solution[:7] - rest[:, None], solution[7:], moved])
-
-
-def _signal(channel: Channel, motion: Array, plant_corner: int | None) -> Array:
-    pose, velocity, acceleration = motion
-    match channel.quantity:
-        case Quantity.SUSPENSION_TRAVEL:
-            plant = load_car(FORD_GRANADA, AddedMass())
-            return np.asarray((pose[3:] - corner_motion(plant, pose[:3]))[plant_corner])
-        case Quantity.HUB_ACCELERATION:
-            assert plant_corner is not None
-            return np.asarray(acceleration[3 + plant_corner]) + 9.81
-        case Quantity.PITCH_RATE:
-            return np.asarray(velocity[1])
-        case Quantity.ROLL_RATE:
-            return np.asarray(velocity[2])
-        case Quantity.BODY_ACCELERATION:
-            x = channel.x_m + FORD_GRANADA.a
-            return np.asarray(acceleration[0] - x * acceleration[1] + channel.y_m * acceleration[2])
-    return np.zeros(motion.shape[-1])
-
-
-def _lanes(corner: Corner, channels: tuple[Channel, ...]) -> dict[str, tuple[Array, Array]]:
+def _lanes(corner: Corner) -> dict[str, tuple[Array, Array]]:
+    """Return the channels of the shipped bench while a corner is pushed after `REST_S`."""
     rng = np.random.default_rng(7)
-    time, motion = _pushed(corner)
-    per_bin = round(BIN_S / 0.002)
+    time_s = np.arange(0.0, LONG_S, 0.002)
+    motion = pushed(PLANT, corner, 400.0, 1.2).at(time_s - REST_S)
+    truth = SensorTruth(x_m=-1.05, y_m=0.12, delay_s=0.0, bias=0.0)
     lanes = {}
-    for channel in channels:
-        place = channel.corner.position if channel.corner else None
-        value = channel.sign * _signal(channel, motion, place)
-        value = value + rng.normal(0.0, NOISE[channel.unit or "m/s2"], len(time))
-        table = value.reshape(-1, per_bin)
+    for channel in CHANNELS:
+        value = true_reading(channel, truth, INSTALLATION, motion)
+        value = value + rng.normal(0.0, NOISE[channel.unit or "m/s2"], len(time_s))
+        table = value.reshape(-1, round(BIN_S / 0.002))
         lanes[channel.name] = (table.min(axis=1), table.max(axis=1))
     return lanes
 
@@ -113,65 +68,55 @@ def _only(*quantities: Quantity) -> tuple[Channel, ...]:
 
 
 @pytest.mark.parametrize("corner", Corner)
-def test_a_push_on_the_right_corner_passes(corner: Corner) -> None:
-    result = _judge(corner, _lanes(corner, CHANNELS))
+def test_a_push_on_the_right_corner_passes_and_a_wrong_sign_is_named(corner: Corner) -> None:
+    lanes = _lanes(corner)
+    result = _judge(corner, lanes)
     assert (result.done, result.passed, result.inverted) == (True, True, ())
     assert f"travel_{corner.lower()} moved +" in result.text
-    gyros = _only(Quantity.PITCH_RATE, Quantity.ROLL_RATE)
-    assert _judge(corner, _lanes(corner, gyros), gyros).passed
-
-
-@pytest.mark.parametrize("corner", Corner)
-@pytest.mark.parametrize("name", ["travel", "pitch_rate", "roll_rate"])
-def test_a_wrong_sign_is_named(corner: Corner, name: str) -> None:
-    name = f"travel_{corner.lower()}" if name == "travel" else name
-    wrong = tuple(replace(c, sign=-1.0) if c.name == name else c for c in CHANNELS)
-    result = _judge(corner, _lanes(corner, wrong))
-    assert (result.done, result.passed) == (True, False)
-    assert result.inverted == (name,)
-    assert name in result.text
-    assert "I inverts" in result.advice
+    assert _judge(corner, lanes, _only(Quantity.PITCH_RATE, Quantity.ROLL_RATE)).passed
+    for name in (f"travel_{corner.lower()}", "pitch_rate", "roll_rate"):
+        low, high = lanes[name]
+        result = _judge(corner, lanes | {name: (-high, -low)})
+        assert (result.done, result.passed) == (True, False)
+        assert result.inverted == (name,)
+        assert name in result.text
+        assert "I inverts" in result.advice
 
 
 def test_swapped_plugs_are_named() -> None:
-    lanes = _lanes(Corner.FRONT_LEFT, CHANNELS)
-    lanes["travel_fl"], lanes["travel_fr"] = lanes["travel_fr"], lanes["travel_fl"]
-    result = _judge(Corner.FRONT_LEFT, lanes)
+    lanes = _lanes(FL)
+    swapped = {"travel_fl": lanes["travel_fr"], "travel_fr": lanes["travel_fl"]}
+    result = _judge(FL, lanes | swapped)
     assert (result.done, result.passed) == (True, False)
     assert result.text == "FR moved: travel_fl and travel_fr are swapped"
     assert "swap their plugs" in result.advice
 
 
 def test_gyros_tell_a_push_on_another_corner_from_swapped_plugs() -> None:
-    result = _judge(Corner.FRONT_LEFT, _lanes(Corner.REAR_RIGHT, CHANNELS))
+    result = _judge(FL, _lanes(RR))
     assert not result.passed
     assert "the front LEFT was not pushed" in result.text
-    travels = _only(Quantity.SUSPENSION_TRAVEL)
-    result = _judge(Corner.FRONT_LEFT, _lanes(Corner.REAR_RIGHT, travels), travels)
+    result = _judge(FL, _lanes(RR), _only(Quantity.SUSPENSION_TRAVEL))
     assert "another corner was pushed" in result.advice
 
 
 def test_a_dead_sensor_is_named() -> None:
-    lanes = _lanes(Corner.REAR_LEFT, CHANNELS)
-    lanes["travel_rl"] = lanes["body_acc_x"]
-    travels = [f"travel_{c.lower()}" for c in Corner]
-    dead = {name: lane for name, lane in lanes.items() if name not in travels}
+    dead = {name: lane for name, lane in _lanes(RL).items() if "travel" not in name}
     dead["travel_rl"] = (np.zeros(450), np.full(450, 1e-4))
-    result = _judge(Corner.REAR_LEFT, dead)
+    result = _judge(RL, dead)
     assert (result.done, result.passed) == (True, False)
     assert result.text == "travel_rl did not move"
 
 
 def test_nothing_is_said_before_the_push_is_over() -> None:
-    lanes = _lanes(Corner.FRONT_LEFT, CHANNELS)
     said = []
-    for stop_s in (3.0, 4.4, LONG_S):
+    for stop_s in (3.0, 4.8, LONG_S):
         stop = round(stop_s / BIN_S)
-        part = {name: (low[:stop], high[:stop]) for name, (low, high) in lanes.items()}
-        result = _judge(Corner.FRONT_LEFT, part)
+        part = {name: (low[:stop], high[:stop]) for name, (low, high) in _lanes(FL).items()}
+        result = _judge(FL, part)
         said.append((result.done, result.text.split(" ")[0]))
     assert said == [(False, "push"), (False, "moving:"), (True, "travel_fl")]
-    assert not _judge(Corner.FRONT_LEFT, {}).done
+    assert not _judge(FL, {}).done
 
 
 def test_a_bench_of_accelerometers_alone_cannot_tell() -> None:
