@@ -216,17 +216,8 @@ class Structure:
 RICHEST = Structure(symmetric=False, anti_roll_bars=True, tyre_damping=True, cg_offset=True)
 """Structure with every parameter that the model can have."""
 _CORNER_KINDS = ("m_u", "k_s", "k_t", "c_s")
-_UNITS = {
-    "m": "kg",
-    "I": "kg m2",
-    "k": "N/m",
-    "c": "N s/m",
-    "F": "N",
-    "a": "m",
-    "b": "m",
-    "t": "m",
-    "y": "m",
-}
+_UNITS = {"m": "kg", "I": "kg m2", "k": "N/m", "c": "N s/m", "F": "N"}
+"""Units of parameters by their first letter; all others are lengths, in m."""
 
 
 def parameter_names(structure: Structure) -> tuple[str, ...]:
@@ -250,7 +241,7 @@ def parameter_names(structure: Structure) -> tuple[str, ...]:
 
 def parameter_unit(name: str) -> str:
     """Return the SI unit of a parameter."""
-    return _UNITS[name[0]]
+    return _UNITS.get(name[0], "m")
 
 
 class FactQuantity(StrEnum):

@@ -321,13 +321,10 @@ class Bench:
     campaign: Campaign
     trigger: TriggerConfig
     message_rules: tuple[MessageRule, ...] = ()
-    """Properties of messages that the DBC does not state."""
     sample_sets: tuple[SampleSet, ...] = ()
-    """Messages that carry one sample together."""
     calibration_days: int = 365
     """Age of a calibration from which the check warns, days."""
     recorder: RecorderConfig = RecorderConfig()
-    """Limits of the recorder."""
     sensors: tuple[Sensor, ...] = ()
     """The sensors; empty on a bench with one DBC for every bus."""
     origin: Origin = Origin.REAL

@@ -44,7 +44,6 @@ class ReadyMap:
     """A sensor's layout as its public documents state it."""
 
     title: str
-    """Name of the sensor."""
     dbc_text: str
     bench_text: str
     """`[[message]]`, `[[sample_set]]` and `[[channel]]` tables that fit the DBC."""

@@ -49,7 +49,6 @@ class CheckReport:
     seconds: float
     """Time from the first frame to the last, s."""
     frames: int
-    """Number of frames."""
     lines: tuple[Finding, ...]
     """Lines on buses, messages, sample sets and channels, in this order."""
 

@@ -48,7 +48,6 @@ class Arrivals:
     """The data frames of one identifier on one bus, or of one message."""
 
     can_id: int
-    """The identifier."""
     is_extended: bool
     """True for 29 bits, false for 11."""
     t_ns: NDArray[np.int64]
@@ -56,7 +55,6 @@ class Arrivals:
     length: NDArray[np.uint8]
     """Number of bytes received, shape (n,)."""
     data: NDArray[np.uint8]
-    """Payloads."""
     buses: tuple[int, ...]
     """Numbers of the buses on which they came."""
 
@@ -98,9 +96,7 @@ class FrameTable:
     unknown: tuple[Arrivals, ...]
     """Identifiers that are not in the DBC, the most frequent first."""
     end_ns: int
-    """Time stamp of the last frame, ns."""
     seconds: float
-    """Time between first and last frame, s."""
     bits: Mapping[int, float]
     """Estimated number of bits on the wire of each bus."""
     frames: Mapping[int, int]

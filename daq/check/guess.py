@@ -120,13 +120,11 @@ class Guess:
     """A guess at what a signal measures."""
 
     quantity: Quantity
-    """Guessed quantity."""
-    corner: Corner | None
-    """Guessed wheel."""
-    sign: int
-    """Sign, -1 if gravity shows that the sensor is upside down."""
     why: str
     """Reasons for the guess."""
+    corner: Corner | None = None
+    sign: int = 1
+    """-1 if gravity shows that the sensor is upside down, or pushes that it is turned."""
     ask: str = ""
     """Question to the user about an uncertain guess; empty if it is certain."""
     of_device: bool = False
@@ -162,7 +160,6 @@ class Candidate:
     unit: str
     """Unit, or the probable one if none is stated."""
     is_stated: bool
-    """True if the unit is stated."""
     corner: Corner | None
     """Wheel that a name states."""
     corner_source: str
@@ -315,14 +312,14 @@ def _acceleration(s: Candidate) -> Guess:
             why = f"{unit}, {reading}: not vertical"
             if is_vertical:
                 why = f"{unit}; named like a vertical one, but {reading} at rest"
-            return Guess(Quantity.UNUSED, None, 1, why)
+            return Guess(Quantity.UNUSED, why)
         sign, proof = (-1 if s.gravity_g < 0 else 1), f"{reading} at rest: vertical"
     elif not is_vertical:
-        return Guess(Quantity.UNUSED, None, 1, f"{unit}, not vertical by its name")
+        return Guess(Quantity.UNUSED, f"{unit}, not vertical by its name")
     if s.corner is None or s.is_on_body:
-        return Guess(Quantity.BODY_ACCELERATION, None, sign, f"{unit}, {proof}")
+        return Guess(Quantity.BODY_ACCELERATION, f"{unit}, {proof}", sign=sign)
     why = f"{unit}, {proof}, corner by its {s.corner_source}"
-    return Guess(Quantity.HUB_ACCELERATION, s.corner, sign, why)
+    return Guess(Quantity.HUB_ACCELERATION, why, s.corner, sign)
 
 
 def _turn(s: Candidate) -> Guess:
@@ -334,12 +331,12 @@ def _turn(s: Candidate) -> Guess:
         for turn in (_PITCH, _ROLL):
             if said & turn.words:
                 why = f"{unit}, {turn.name} by its {place}; {turn.sense}"
-                return Guess(turn.quantity(s.kind), None, 1, why)
+                return Guess(turn.quantity(s.kind), why)
     for turn in (_PITCH, _ROLL):
         if s.axis == turn.axis:
             why = f"{unit}, about {turn.axis} by its name; {turn.sense}"
-            return Guess(turn.quantity(s.kind), None, 1, why)
-    return Guess(Quantity.UNUSED, None, 1, f"{unit}, neither pitch nor roll by its name")
+            return Guess(turn.quantity(s.kind), why)
+    return Guess(Quantity.UNUSED, f"{unit}, neither pitch nor roll by its name")
 
 
 def _length(s: Candidate) -> Guess | None:
@@ -350,11 +347,10 @@ def _length(s: Candidate) -> Guess | None:
         return None
     if s.corner is not None:
         why = f"unit {s.unit}, corner by its {s.corner_source}"
-        return Guess(Quantity.SUSPENSION_TRAVEL, s.corner, 1, why)
+        return Guess(Quantity.SUSPENSION_TRAVEL, why, s.corner)
     if not words(s.name) & _TRAVEL:
         return None
-    why = f"unit {s.unit}, a travel by its name"
-    return Guess(Quantity.UNUSED, None, 1, why, _WHERE)
+    return Guess(Quantity.UNUSED, f"unit {s.unit}, a travel by its name", ask=_WHERE)
 
 
 # The sensors of one device, from gravity and pushes -----------------------------------------------
@@ -373,12 +369,12 @@ def _by_mounting(group: Sequence[Candidate], pushes: Pushes | None) -> dict[str,
             for corner, angle in pushes.turns(s.full).items():
                 turns[corner][axis] = angle
     how = mounting(gravity, turns)
-    guesses = {}
     vertical, sign = axis_of(how.up) if how else ("", 1)
+    guesses = {}
     for axis, s in accelerations.items():
         unit = "" if s.is_stated else s.unit
         why = f"reads {gravity[axis]:+.2f} g at rest"
-        guess = Guess(Quantity.UNUSED, None, 1, f"{why}: not vertical", unit=unit)
+        guess = Guess(Quantity.UNUSED, f"{why}: not vertical", unit=unit)
         if how is None:
             levels = ", ".join(f"{gravity[a]:+.2f}" for a in AXES)
             ask = f"no axis is vertical: it reads {levels} g"
@@ -386,10 +382,10 @@ def _by_mounting(group: Sequence[Candidate], pushes: Pushes | None) -> dict[str,
         elif axis == vertical:
             is_on_hub = s.corner is not None and not s.is_on_body
             quantity = Quantity.HUB_ACCELERATION if is_on_hub else Quantity.BODY_ACCELERATION
-            place = s.corner if is_on_hub else None
             ask = f"mounted {how.tilt_deg:.0f} degrees off the vertical?"
             ask = ask if how.tilt_deg > 5.0 else ""
-            guess = Guess(quantity, place, sign, f"{why}: vertical", ask, True, unit)
+            wheel = s.corner if is_on_hub else None
+            guess = Guess(quantity, f"{why}: vertical", wheel, sign, ask, True, unit)
         guesses[s.full] = guess
     if how is None or len(rates) < 2:
         return guesses
@@ -399,18 +395,16 @@ def _by_mounting(group: Sequence[Candidate], pushes: Pushes | None) -> dict[str,
         unit = "" if s.is_stated else s.unit
         if axis == vertical:
             why = f"about {axis}, the vertical axis of its sensor: yaw"
-            guesses[s.full] = Guess(Quantity.UNUSED, None, 1, why, unit=unit)
+            guesses[s.full] = Guess(Quantity.UNUSED, why, unit=unit)
             continue
         turn, direction = (_ROLL, how.forward) if axis == ahead else (_PITCH, how.left)
         why = f"about {axis}; {ahead} is {proof} for the axis along the car; {turn.sense}"
         ask = f"is it {unit}?" if unit else ""
         if not how.surely_forward:
             ask = f"does the sensor's {'+' if sense > 0 else '-'}{ahead} axis point forward?"
-            if pushes is not None:
-                ask += "  The pushes did not show it."
+            ask += "  The pushes did not show it." if pushes is not None else ""
         quantity, sign = turn.quantity(s.kind), axis_of(direction)[1]
-        proven = how.surely_forward
-        guesses[s.full] = Guess(quantity, None, sign, why, ask, True, unit, is_proven=proven)
+        guesses[s.full] = Guess(quantity, why, None, sign, ask, True, unit, how.surely_forward)
     return guesses
 
 
@@ -435,7 +429,7 @@ def _on_hubs(
         if corner and no_gravity and s.full in gravity and (s.axis == "z" or is_single):
             why = f"reads {gravity[s.full]:+.2f} g at rest; vertical and {corner} by name"
             ask = "it reads no gravity: is it AC-coupled, and does it point up?"
-            hubs[s.full] = Guess(Quantity.HUB_ACCELERATION, corner, 1, why, ask, unit=guess.unit)
+            hubs[s.full] = Guess(Quantity.HUB_ACCELERATION, why, corner, 1, ask, unit=guess.unit)
         is_certain = guess.quantity is Quantity.BODY_ACCELERATION and not guess.ask
         if is_certain and (s.axis is None or not turns):
             hubs[s.full] = replace(guess, ask=_WHICH_HUB, of_device=False)
@@ -459,14 +453,13 @@ def _travels(
         if guess.corner not in (None, corner):
             ask = f"its name says {guess.corner}: are plugs swapped?"
         why, kind = f"moved most by the push on {corner}", Quantity.SUSPENSION_TRAVEL
-        travels[name] = Guess(kind, corner, sign, why, ask, unit=guess.unit, is_proven=True)
+        travels[name] = Guess(kind, why, corner, sign, ask, unit=guess.unit, is_proven=True)
     unplaced = [s for s in lengths if guesses[s.full].corner is None]
     if len(unplaced) == len(ORDER) and not any(g.is_proven for g in travels.values()):
         for s, corner in zip(unplaced, ORDER, strict=True):
             ask = "its corner is guessed from the order of sensors: push the car there to check it"
             why = f"unit {s.unit}, a travel by its name"
-            guess = Guess(Quantity.SUSPENSION_TRAVEL, corner, 1, why, ask)
-            travels[s.full] = guess
+            travels[s.full] = Guess(Quantity.SUSPENSION_TRAVEL, why, corner, 1, ask)
     for s in lengths:
         guess = travels[s.full]
         if guess.quantity is Quantity.SUSPENSION_TRAVEL and s.level is not None:

@@ -59,7 +59,6 @@ class Proposal:
     text: str
     """TOML with comments."""
     asked: tuple[Question, ...]
-    """Questions about uncertain guesses."""
 
     @property
     def questions(self) -> tuple[str, ...]:

@@ -39,7 +39,6 @@ class PushResult:
     """The result of a push on one corner."""
 
     corner: Corner
-    """The corner that should be pushed."""
     done: bool
     """True once the push is over."""
     passed: bool
@@ -131,6 +130,7 @@ def _deviation(channel: Channel, lane: Envelope | None) -> tuple[NDArray[np.floa
 
 
 def _judged(corner: Corner, moves: Sequence[_Move], channels: Sequence[Channel]) -> PushResult:
+    """Judge a push that is over, by the channels that moved."""
     travels = [m for m in moves if m.channel.quantity is Quantity.SUSPENSION_TRAVEL]
     most = max(travels, key=lambda m: m.size, default=None)
     due = next(
@@ -141,7 +141,21 @@ def _judged(corner: Corner, moves: Sequence[_Move], channels: Sequence[Channel])
         text, advice = f"{due.name} did not move", "check its plug and its rod, then push again"
         return PushResult(corner, True, False, text, advice)
     if due is not None and most is not None and most.channel.corner is not corner:
-        return _elsewhere(corner, due, most.channel, moves)
+        # The gyroscopes tell a swapped plug from a push on another corner.
+        moved = most.channel
+        pitch = next((m.first for m in moves if m.channel.quantity is Quantity.PITCH_RATE), 0)
+        roll = next((m.first for m in moves if m.channel.quantity is Quantity.ROLL_RATE), 0)
+        lowest = next((c for c in Corner if (c.front, c.side) == (pitch > 0, -roll)), None)
+        push_it = f"push the {spoken(corner)}"
+        if pitch and roll and lowest is moved.corner:
+            text = f"{moved.corner} moved, and the car tilted that way: "
+            text += f"the {spoken(corner)} was not pushed"
+            return PushResult(corner, True, False, text, push_it)
+        text = f"{moved.corner} moved: {due.name} and {moved.name} are swapped"
+        advice = "swap their plugs, or their signals in bench.toml"
+        if not (pitch and roll):
+            advice += f"; or another corner was pushed: press R and {push_it}"
+        return PushResult(corner, True, False, text, advice)
     wrong = [m.channel.name for m in moves if _expected(corner, m.channel) == -m.first]
     if wrong:
         text = f"{', '.join(wrong)} moved the wrong way"
@@ -152,23 +166,6 @@ def _judged(corner: Corner, moves: Sequence[_Move], channels: Sequence[Channel])
     if shown.channel.unit == "m":
         size = f"{shown.first * shown.size * 1e3:+.0f} mm"
     return PushResult(corner, True, True, f"{shown.channel.name} moved {size}, sign right")
-
-
-def _elsewhere(corner: Corner, due: Channel, moved: Channel, moves: Sequence[_Move]) -> PushResult:
-    """Distinguish a swapped plug from a push on another corner, if the gyroscopes show it."""
-    pitch = next((m.first for m in moves if m.channel.quantity is Quantity.PITCH_RATE), 0)
-    roll = next((m.first for m in moves if m.channel.quantity is Quantity.ROLL_RATE), 0)
-    # The corner that the car tilted towards.
-    lowest = next((c for c in Corner if (c.front, c.side) == (pitch > 0, -roll)), None)
-    text = f"{moved.corner} moved"
-    if pitch and roll and lowest is moved.corner:
-        text += f", and the car tilted that way: the {spoken(corner)} was not pushed"
-        return PushResult(corner, True, False, text, f"push the {spoken(corner)}")
-    text += f": {due.name} and {moved.name} are swapped"
-    advice = "swap their plugs, or their signals in bench.toml"
-    if not (pitch and roll):
-        advice += f"; or another corner was pushed: press R and push the {spoken(corner)}"
-    return PushResult(corner, True, False, text, advice)
 
 
 def _expected(corner: Corner, channel: Channel) -> int | None:

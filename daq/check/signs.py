@@ -40,7 +40,6 @@ class _Spectra:
     """Spectra of the channels of a run, on one grid of times."""
 
     hz: NDArray[np.float64]
-    """Frequencies, shape (m,)."""
     of: Mapping[str, Spectrum]
     """Spectra by name of the channel, shape (m,)."""
 

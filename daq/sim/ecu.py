@@ -35,13 +35,10 @@ class Sender:
     """A message of the bench, the channels in it, and the clock that samples them."""
 
     message: MessageLayout
-    """The message that is sent."""
     cycle_s: float
     """Its cycle time as stated in the DBC, s."""
     clock: ClockTruth
-    """Phase and rate error of its clock."""
     channels: tuple[Channel, ...]
-    """Its signals that are channels."""
 
     def ticks(self, start_s: float, end_s: float) -> tuple[int, NDArray[np.float64]]:
         """Return the number of the first tick in start_s..end_s, and the times of all its ticks."""
@@ -65,7 +62,6 @@ class Act:
     """One motion of the car with its duration; its time begins at 0."""
 
     motion: Moving
-    """The motion."""
     length_s: float
     """Time after which the car is at rest, s."""
     bump_s: float
@@ -80,12 +76,9 @@ class Rig:
 
     bench: Bench
     codec: Codec
-    """The bench's DBC."""
     car: SimulatedCar
     drawn: Truth
-    """The true values drawn for the car."""
     installation: Installation
-    """The installation of the sensors."""
     senders: tuple[Sender, ...]
     """The messages with their channels and clocks."""
     plants: Mapping[str, Plant]

@@ -188,7 +188,6 @@ class Bump:
     excitation: Excitation
     """Kind of bump (`daq.bumps.BUMPS`)."""
     height_m: float
-    """Height of the bump, m."""
     start_s: float
     """Time at which the wheels meet the bump, s."""
     duration_s: float
@@ -247,7 +246,6 @@ class Motion:
     plant: Plant
     """The car that moves."""
     bump: Bump
-    """The bump."""
     start: Array
     """(22, 1) State before the bump."""
     spans: tuple[_Span, _Span]
@@ -279,7 +277,6 @@ class Spliced:
     """A motion that goes on as another one from the beginning of that one's bump."""
 
     first: Moving
-    """The motion before."""
     second: Motion
     """The motion from the beginning of its bump, on the same axis of time."""
 
