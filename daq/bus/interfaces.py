@@ -24,7 +24,7 @@ from dbc.frames import LENGTH_ALLOWED, FrameBatch, FrameFlag
 from ..bench.config import BusConfig
 from ..errors import BusError
 from .slcan import open_slcan
-from .socketcan import SocketDrops, enlarge_buffer, keep_to_own_group, open_socketcan, socket_of
+from .socketcan import drop_counter, enlarge_buffer, keep_to_own_group, open_socketcan, socket_of
 from .source import BLOCK_FRAMES, GATHER_S, STEADY_CLOCK, FrameSource, HopLosses
 
 # Converts python-can's messages to the columns of a block -----------------------------------------
@@ -213,7 +213,7 @@ class PythonCanSource:
         self.name = name
         self._bus, self._index, self._gather_s = bus, index, gather_s
         self._now_ns, self._on_axis = now_ns, on_axis
-        self._drops = SocketDrops(bus.fileno)
+        self._drops_before, self._dropped = self._drop_counter(), 0
         self._garbled = self._restamped = self._garbled_in_a_row = 0
 
     def read(self, timeout_s: float) -> FrameBatch:
@@ -249,13 +249,22 @@ class PythonCanSource:
 
     def losses(self) -> HopLosses:
         """Return the losses; for a socket the kernel's, because python-can reports none."""
-        return HopLosses(self._drops.count(), self._garbled, self._restamped)
+        counter = self._drop_counter()
+        if counter is not None and self._drops_before is not None:
+            self._dropped = (counter - self._drops_before) % (1 << 32)
+        return HopLosses(self._dropped, self._garbled, self._restamped)
 
     def close(self) -> None:
         """Shut the bus down."""
-        self._drops.count()  # the last count that can be read
+        self.losses()  # the last count that can be read
         with contextlib.suppress(Exception):  # some backends cannot close a lost device
             self._bus.shutdown()
+
+    def _drop_counter(self) -> int | None:
+        """Return the kernel's counter of dropped datagrams; None if the bus is no open socket."""
+        with contextlib.suppress(Exception), socket_of(self._bus.fileno) as sock:
+            return drop_counter(sock)
+        return None
 
     def _batch(self, received: list[tuple[can.Message, int]]) -> FrameBatch:
         """Return the messages that are frames, stamped on arrival where they have no stamp."""

@@ -235,34 +235,12 @@ def drop_counter(sock: socket.socket) -> int | None:
 
 @contextmanager
 def socket_of(fileno: Callable[[], int]) -> Iterator[socket.socket]:
-    """Lend the socket of a bus; raises any exception if it has none."""
+    """Lend the socket of a bus whose descriptor `fileno` returns; raises what it raises."""
     sock = socket.socket(fileno=fileno())
     try:
         yield sock
     finally:
         sock.detach()  # the descriptor belongs to the bus
-
-
-class SocketDrops:
-    """Counts the drops of one socket since construction; 0 if the system does not count them.
-
-    `fileno`: returns the descriptor of the socket; may raise any exception if there is none.
-    """
-
-    def __init__(self, fileno: Callable[[], int]) -> None:
-        self._fileno = fileno
-        self._before: int | None = None
-        self._last = 0
-        with suppress(Exception), socket_of(fileno) as sock:
-            self._before = drop_counter(sock)
-
-    def count(self) -> int:
-        """Return the number of datagrams dropped; of a closed socket, the last known number."""
-        if self._before is not None:
-            with suppress(Exception), socket_of(self._fileno) as sock:
-                if (now := drop_counter(sock)) is not None:
-                    self._last = (now - self._before) % (1 << 32)
-        return self._last
 
 
 # The source ---------------------------------------------------------------------------------------

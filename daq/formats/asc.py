@@ -46,6 +46,7 @@ _EVENT = re.compile(
 )
 """Lines with a time that are no frame of a CAN bus: statistics, events, variables, other buses."""
 _DIRECTIONS = {b"rx": 0, b"tx": SENT}
+_CLASSIC = (b"d", b"D", b"r", b"R")
 
 
 class AscParser:
@@ -69,7 +70,7 @@ class AscParser:
 
     def _parsed(self, line: bytes) -> Record | int:
         """Return what `__call__` does; raises ValueError or IndexError for an unreadable line."""
-        # Fields of the short form: bus, identifier, direction, d, DLC, payload.
+        # Fields of the short form: bus, identifier, direction, d or r, DLC, payload.
         time, *fields = line.split(None, 6)
         try:
             t_ns = nanoseconds(time)
@@ -80,24 +81,14 @@ class AscParser:
         if self._is_relative:
             t_ns = self._last_ns = self._last_ns + t_ns
         t_ns += self._start_ns
-        if len(fields) >= 5 and (short := _short_form(*fields[:5], self._base)) is not None:
-            can_id, flags, bus, length = short
-            payload = fields[5] if len(fields) > 5 else b""
-            return t_ns, can_id, flags, bus, length, spaced_bytes(payload, length, self._base)
-        return self._rarer(line, t_ns)
-
-    def _rarer(self, line: bytes, t_ns: int) -> Record | int:
-        """Return the frame in a line of another form, 0 for an event; raises ValueError."""
-        tokens = line.split()
-        kind = tokens[1].lower()
+        kind = fields[0]
         if kind.isdigit() and len(kind) <= 3:
-            if tokens[2].lower() == b"errorframe":
+            if fields[1].lower() == b"errorframe":
                 return t_ns, 0, ERROR, _bus(kind), 0, b""
-            is_frame = len(tokens) >= 5 and tokens[3].lower() in _DIRECTIONS
-            if is_frame and tokens[4].lower() in (b"d", b"r"):
-                return self._classic(tokens, t_ns)
-        elif kind == b"canfd" and len(tokens) >= 5 and tokens[3].lower() in _DIRECTIONS:
-            return self._long(tokens, t_ns)
+            if len(fields) >= 4 and fields[2].lower() in _DIRECTIONS and fields[3] in _CLASSIC:
+                return self._classic(fields, t_ns)
+        elif kind.lower() == b"canfd" and len(fields) >= 4 and fields[2].lower() in _DIRECTIONS:
+            return self._long(line.split(), t_ns)
         if not _EVENT.match(line.split(None, 1)[1]):
             raise ValueError(line)
         return 0
@@ -118,29 +109,29 @@ class AscParser:
             raise ValueError(line)
         return 0
 
-    def _classic(self, tokens: Sequence[bytes], t_ns: int) -> Record:
+    def _classic(self, fields: Sequence[bytes], t_ns: int) -> Record:
         """Return the frame of the short form, data or remote."""
-        can_id, flags = _identifier(tokens[2], self._base)
-        flags |= _DIRECTIONS[tokens[3].lower()]
-        bus = _bus(tokens[1])
-        if tokens[4] in b"rR":  # before version 8.5 a remote frame had no DLC
-            stated = tokens[5] if len(tokens) > 5 and len(tokens[5]) < 3 else b"0"
-            return t_ns, can_id, flags | REMOTE, bus, min(number(stated, self._base), 8), b""
-        dlc = number(tokens[5], self._base)
+        channel, identifier, direction, kind, *stated = fields
+        can_id, flags = _identifier(identifier, self._base)
+        flags |= _DIRECTIONS[direction.lower()]
+        bus = _bus(channel)
+        if kind in b"rR":  # before version 8.5 a remote frame had no DLC
+            request = stated[0] if stated and len(stated[0]) < 3 else b"0"
+            return t_ns, can_id, flags | REMOTE, bus, min(number(request, self._base), 8), b""
+        dlc, text = number(stated[0], self._base), stated[1] if len(stated) > 1 else b""
         length = min(dlc, 8)
         if dlc > 8:
             # A DLC of 9 to 15 means 8 bytes.  Some loggers write FD frames in this form, with a
             # length; others with a DLC in decimal, whatever the base.
             pattern = rb"[0-9A-Fa-f]{1,2}" if self._base == 16 else rb"\d{1,3}"
-            follow = len(list(takewhile(lambda t: re.fullmatch(pattern, t), tokens[6:])))
-            code = int(tokens[5]) if tokens[5].isdigit() else 99
+            follow = len(list(takewhile(lambda t: re.fullmatch(pattern, t), text.split())))
+            code = int(stated[0]) if stated[0].isdigit() else 99
             coded = code < len(_FD_LENGTHS) and follow == _FD_LENGTHS[code]
             if coded or dlc in _FD_LENGTHS[10:]:
                 length, flags = _FD_LENGTHS[code] if coded else dlc, flags | FD
             elif dlc > 15:
-                raise ValueError(tokens)
-        data = spaced_bytes(b" ".join(tokens[6:]), length, self._base)
-        return t_ns, can_id, flags, bus, length, data
+                raise ValueError(fields)
+        return t_ns, can_id, flags, bus, length, spaced_bytes(text, length, self._base)
 
     def _long(self, tokens: Sequence[bytes], t_ns: int) -> Record:
         """Return the frame of the long form: FD, sometimes also classic and error frames."""
@@ -167,24 +158,6 @@ class AscParser:
 
 
 @lru_cache(4096)
-def _short_form(
-    bus: bytes, identifier: bytes, direction: bytes, kind: bytes, dlc: bytes, base: int
-) -> tuple[int, int, int, int] | None:
-    """Return identifier, flags, bus and length of a classic data frame; None if it is another.
-
-    The arguments are the fields of the line; their combinations recur, so the results are kept.
-    """
-    if not (bus.isdigit() and len(bus) <= 3 and kind in (b"d", b"D") and len(dlc) <= 2):
-        return None
-    try:
-        can_id, flags = _identifier(identifier, base)
-        length = number(dlc, base)
-        sent = _DIRECTIONS[direction.lower()]
-    except (ValueError, KeyError):
-        return None
-    return (can_id, flags | sent, _bus(bus), length) if length <= 8 else None
-
-
 def _identifier(text: bytes, base: int) -> tuple[int, int]:
     """Return an identifier and its flags; a final x marks 29 bits."""
     if text[-1:] in b"xX":
@@ -192,6 +165,7 @@ def _identifier(text: bytes, base: int) -> tuple[int, int]:
     return number(text, base), 0
 
 
+@lru_cache(256)
 def _bus(channel: bytes) -> int:
     """Return a bus from 0; Vector counts from 1."""
     return min(max(number(channel, 10) - 1, 0), 255)

@@ -101,7 +101,14 @@ def read_columns(path: Path, names: Sequence[str]) -> Columns:
     `names`: in full, or from a slash to the end; empty for all columns of numbers.  Raises
     InputError if the file cannot be read, or does not have exactly one column of a name.
     """
-    where = str(path)
+    where, head = str(path), file_head(path, 16, f"name a file of channels: {NAMES}")
+    if head.startswith(b"UnFinMF "):
+        what = "was not finished by its logger"
+        raise InputError(where, what, "finish it with the logger's tool, or import its bus log")
+    if head.startswith((b"MATLAB 7.3", b"\x89HDF")):
+        raise InputError(where, "is HDF5, not a table", "save a MAT with -v7, or a Parquet table")
+    readers = {b"PAR1": _read_parquet, b"MDF     ": _read_mdf, b"MATLAB 5.0": _read_matlab}
+    read = next((read for magic, read in readers.items() if head.startswith(magic)), _read_csv)
     wanted: dict[str, Heading] = {}  # by the name under which a column is returned
 
     def choose(headings: Sequence[Heading]) -> Sequence[Heading]:
@@ -118,7 +125,7 @@ def read_columns(path: Path, names: Sequence[str]) -> Columns:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            table = _reader(path)(path, choose)
+            table = read(path, choose)
     except InputError:
         raise
     except Exception as error:  # libraries raise many kinds of errors on a damaged file
@@ -137,29 +144,20 @@ def read_columns(path: Path, names: Sequence[str]) -> Columns:
     return Columns(where, table.start_ns, columns, table.times_s, unread)
 
 
-def _reader(path: Path) -> Callable[[Path, Choose], Table]:
-    """Return what reads a file; raises InputError if it is missing, empty or of no known kind."""
-    where, head = str(path), file_head(path, 16, f"name a file of channels: {NAMES}")
-    if head.startswith(b"UnFinMF "):
-        what = "was not finished by its logger"
-        raise InputError(where, what, "finish it with the logger's tool, or import its bus log")
-    if head.startswith((b"MATLAB 7.3", b"\x89HDF")):
-        raise InputError(where, "is HDF5, not a table", "save a MAT with -v7, or a Parquet table")
-    readers = {b"PAR1": _read_parquet, b"MDF     ": _read_mdf, b"MATLAB 5.0": _read_matlab}
-    return next((reader for magic, reader in readers.items() if head.startswith(magic)), _read_csv)
-
-
 def _read_parquet(path: Path, choose: Choose) -> Table:
     """Return columns of a Parquet table, all on one clock; times of day are in ns."""
     pa = optional("pyarrow", "data")
     kinds = (pa.types.is_timestamp, pa.types.is_floating, pa.types.is_integer)
     with optional("pyarrow.parquet", "data").ParquetFile(path) as file:
         rows = file.metadata.num_rows
-        headings = [
-            Heading(field.name, _parquet_unit(pa, field), "table", rows)
-            for field in file.schema_arrow
-            if any(is_kind(field.type) for is_kind in kinds)
-        ]
+        headings = []
+        for column in file.schema_arrow:
+            if any(is_kind(column.type) for is_kind in kinds):
+                about = column.metadata or {}
+                stated = [about[key] for key in (b"unit", b"units", b"Unit") if key in about]
+                unit = stated[0].decode("utf-8", "replace") if stated else ""
+                unit = "ns" if pa.types.is_timestamp(column.type) else unit
+                headings.append(Heading(column.name, unit, "table", rows))
         chosen = choose(headings)
         table = file.read(columns=[each.name for each in chosen], use_threads=False)
     values = {}
@@ -172,15 +170,6 @@ def _read_parquet(path: Path, choose: Choose) -> Table:
             column = column.cast(pa.float64())  # only floats have NaN; float16 has too few digits
         values[each.name] = np.asarray(column.to_numpy(zero_copy_only=False))
     return Table(values)
-
-
-def _parquet_unit(pa: Any, field: Any) -> str:
-    """Return the unit of a column: ns for times of day, else that in its metadata, "" for none."""
-    if pa.types.is_timestamp(field.type):
-        return "ns"
-    about = field.metadata or {}
-    keys = [key for key in (b"unit", b"units", b"Unit") if key in about]
-    return about[keys[0]].decode("utf-8", "replace") if keys else ""
 
 
 def _read_mdf(path: Path, choose: Choose) -> Table:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Collection, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from enum import StrEnum
@@ -153,15 +152,10 @@ def write_mat(session: Session, path: Path) -> tuple[str, ...]:
     run has ``mass_state``, ``excitation``, ``repeat``, ``status``, ``reasons``, ``t0_ns`` and
     ``bump_s``.  ``vehicle`` and ``channels`` describe the measured quantities and their places.
 
-    Returns notes on the contents of the session that the format cannot hold.  Raises InputError if
-    the session is too large for such a file.
+    Returns notes on the contents of the session that the format cannot hold.
     """
     from scipy.io import savemat
 
-    size = sum(g.time_s.nbytes * (3 + len(g.values)) for run in session.runs for g in run.groups)
-    if size >= 1 << 31:
-        what = f"has {size} bytes of samples, and MATLAB v5 holds 2 GB"
-        raise InputError("session", what, "choose runs with --run, or another format")
     vehicle: dict[str, Any] = {"name": session.vehicle.name}
     if session.vehicle.geometry is not None:
         vehicle |= {f"{name}_m": v for name, v in asdict(session.vehicle.geometry).items()}
@@ -353,39 +347,22 @@ def export_session(
     missing.
     """
     try:
-        if form is ExportFormat.CSV:
-            groups = csv_groups(session, path)
-            with _written_whole(list(groups), force) as parts:
-                for part, group in zip(parts, groups.values(), strict=True):
-                    write_csv(group, session.units, part, style or CsvStyle())
-            return Exported(tuple(groups), frames_left_out(session))
-        with _written_whole([path], force) as (part,):
-            notes = _WRITERS[form](session, part)
-        return Exported((path,), notes)
+        groups = csv_groups(session, path) if form is ExportFormat.CSV else {}
+        targets = list(groups) or [path]
+        for target in targets:
+            refuse_existing(target, replace=force)
+        for target in targets:
+            make_room(target)
+        with replaced(targets) as parts:
+            for part, group in zip(parts, groups.values(), strict=False):
+                write_csv(group, session.units, part, style or CsvStyle())
+            notes = frames_left_out(session) if groups else _WRITERS[form](session, parts[0])
+        return Exported(tuple(targets), notes)
     except InputError:
         raise
     except Exception as error:  # libraries raise many kinds of errors
-        what = f"cannot be written: {str(error) or type(error).__name__}"
-        advice = "check the session with bumpbench validate"
+        reason, advice = str(error), "check the session with bumpbench validate"
+        if isinstance(error, OSError):
+            reason, advice = error.strerror or reason, "check folder, rights and free space"
+        what = f"cannot be written: {reason or type(error).__name__}"
         raise InputError(str(path), what, advice) from error
-
-
-@contextmanager
-def _written_whole(targets: Sequence[Path], force: bool) -> Iterator[list[Path]]:
-    """Write files under temporary names; move them to their targets when all are complete.
-
-    `targets`: final paths.  `force`: True if existing files may be replaced.  Yields the paths to
-    write to: same folder, same suffix.  Raises InputError if a target exists already, or cannot be
-    written.
-    """
-    for target in targets:
-        refuse_existing(target, replace=force)
-    for target in targets:
-        make_room(target)
-    try:
-        with replaced(targets) as parts:
-            yield parts
-    except OSError as error:
-        what = f"cannot be written: {error.strerror or error}"
-        advice = "check folder, rights and free space"
-        raise InputError(str(targets[0]), what, advice) from error

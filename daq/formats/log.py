@@ -42,20 +42,16 @@ class LogFormat:
     """Name, for people."""
     lacks: str
     """Parts of a frame that it cannot hold; empty if it holds everything."""
-    suffix: str
-    """Usual suffix of its files."""
 
 
-BLF = LogFormat("BLF", "the direction of error frames", ".blf")
-MF4 = LogFormat("MF4", "", ".mf4")
-JOURNAL = LogFormat("journal", "", ".bbj")
+BLF = LogFormat("BLF", "the direction of error frames")
+MF4 = LogFormat("MF4", "")
+JOURNAL = LogFormat("journal", "")
 _PARSERS: dict[LogFormat, Callable[[], LineParser]] = {
-    LogFormat("candump", "", ".log"): CandumpParser,
-    LogFormat("ASC", "the payload of error frames", ".asc"): AscParser,
-    LogFormat(
-        "CSV of python-can", "CAN FD (with its bits BRS and ESI), bus and direction", ".csv"
-    ): CsvParser,
-    LogFormat("TRC", "the payload of error frames", ".trc"): TrcParser,
+    LogFormat("candump", ""): CandumpParser,
+    LogFormat("ASC", "the payload of error frames"): AscParser,
+    LogFormat("CSV of python-can", "CAN FD (BRS, ESI), bus and direction"): CsvParser,
+    LogFormat("TRC", "the payload of error frames"): TrcParser,
 }
 """Maker of the parser of each text format."""
 NAMES = "BLF, ASC, TRC, candump -L, CSV of python-can, MF4, journal"
@@ -69,41 +65,28 @@ _MAGIC = {
 
 
 def detect(path: Path) -> LogFormat:
-    """Return the format of a log by its content; its suffix decides between equal candidates.
+    """Return the format of a log by its content.
 
-    Raises InputError if the file is missing, empty or not a known log.
+    A text log has the format that reads most of its first lines, and at least half of them; a
+    header decides between formats that read as many.  Raises InputError if the file is missing,
+    empty or not a known log.
     """
     head = file_head(path, HEAD_BYTES, f"name a log: {NAMES}")
     for magic, form in _MAGIC.items():
         if head.startswith(magic):
             return form
-    lines = head_of(head)
-    text_format = _text_format(lines, path.suffix.lower())
-    if text_format is None:
-        first = next((line for line in lines.splitlines() if line.strip()), b"")
-        shown = printable(first.strip().decode("ascii", "backslashreplace"), 40)
-        raise InputError(
-            str(path), f"begins with no line of a known log: {shown!r}", f"use {NAMES}"
-        )
-    return text_format
-
-
-def _text_format(lines: bytes, suffix: str) -> LogFormat | None:
-    """Return the format that reads most of the first lines; None if none reads half of them.
-
-    A header decides between formats that read as many frames, and the suffix after that.
-    """
-    best, most = None, 0.0
-    for form, made in _PARSERS.items():
-        parser = made()
+    lines, best, most = head_of(head), None, 0.0
+    for form, make_parser in _PARSERS.items():
+        parser = make_parser()
         read = parsed(lines, parser)
         score = len(read.frames) + (0.5 if parser.has_header else 0.0)
-        if len(read.bad) > score:
-            continue
-        if score > 0 and suffix == form.suffix:
-            score += 0.25
-        if score > most:
+        if score > most and len(read.bad) <= score:
             best, most = form, score
+    if best is None:
+        first = next((line for line in lines.splitlines() if line.strip()), b"")
+        shown = printable(first.strip().decode("ascii", "backslashreplace"), 40)
+        what = f"begins with no line of a known log: {shown!r}"
+        raise InputError(str(path), what, f"use {NAMES}")
     return best
 
 

@@ -329,7 +329,6 @@ HEADS: dict[str, tuple[str, str, str]] = {
     "ASC": ("a.txt", ASC, "ASC"),
     "TRC": ("a.txt", TRC, "TRC"),
     "as much of both": ("a.txt", TRC + ASC, "ASC"),
-    "as much of both, by name": ("a.trc", TRC + ASC, "TRC"),
     "more of one than the name says": ("a.trc", TRC + ASC * 2, "ASC"),
     "more than half of it is none": ("a.txt", TRC + "some more words\n" * 2, ""),
     "a head alone": ("a.txt", ";$FILEVERSION=1.0\n", "TRC"),
