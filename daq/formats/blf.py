@@ -192,11 +192,6 @@ def find_objects(data: bytes, loss: LogLoss) -> tuple[NDArray[np.intp], int]:
         marks = marks[text[marks + place] == letter]
     size = _records(text, marks, _HEADER)["size"].astype(np.int64)
     ends = marks + size
-    # Mostly all marks are objects that follow each other.
-    if len(marks) and marks[0] < _GAP and ends[-1] <= len(data) < ends[-1] + MAX_OBJECT_BYTES:
-        gaps = marks[1:] - ends[:-1]  # the padding
-        if size.min() >= header and np.all((gaps >= 0) & (gaps < _GAP)):
-            return marks, int(ends[-1])
     is_object = ((size >= header) & (size <= MAX_OBJECT_BYTES)).tolist()
     following = np.searchsorted(marks, ends).tolist()  # first mark after each object
     begins, stops, chain = marks.tolist(), ends.tolist(), list[int]()
