@@ -81,7 +81,7 @@ _LOG = np.nan
 _ROWS: tuple[tuple[Any, ...], ...] = (
     # kind, reported name, unit, scale, rest, low, high, prior, reach
     ("F_c", "friction", "N", 50.0, 0.0, -100.0, 1000.0),
-    ("d_c", "pre_sliding_length", "m", _LOG, 0.5e-3, 0.05e-3, 5e-3, 1.0),
+    ("d_c", "pre_sliding_length", "m", _LOG, 0.5e-3, 0.01e-3, 5e-3, 1.0),
     ("r_c", "static_surplus", "1", 1.0, 0.0, -0.5, 2.0, 0.5),
     ("v_c", "stribeck_speed", "m/s", _LOG, 0.01, 1e-3, 0.1, 0.7),
     ("dF_c", "friction_left_right", "N", 50.0, 0.0, -300.0, 300.0),
