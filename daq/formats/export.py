@@ -20,7 +20,7 @@ from ..errors import InputError, optional, printable
 from ..files import make_room, refuse_existing, replaced
 from ..runs import Run, SampleGroup
 from ..sessions import Session
-from .export_frames import frames_left_out, write_asc, write_blf, write_candump, write_mf4
+from .export_frames import frames_left_out, write_asc, write_blf, write_candump
 
 
 class ExportFormat(StrEnum):
@@ -142,6 +142,36 @@ def write_parquet(session: Session, path: Path) -> tuple[str, ...]:
     schema = pa.schema(fields, metadata=table.schema.metadata)
     parquet = optional("pyarrow.parquet", "data")
     parquet.write_table(table.cast(schema), path, compression="zstd")
+    return frames_left_out(session)
+
+
+def write_mf4(session: Session, path: Path) -> tuple[str, ...]:
+    """Write an MDF 4.10 file with a channel group ``run/group`` per run and sample clock.
+
+    All times count from the whole second in which the session begins, which the header states.  A
+    group has the flags of `dbc.codec.Quality` as `quality`, and `time_s` and `t_ns` as in the
+    session.  Returns notes on the contents of the session that the format cannot hold.
+    """
+    asammdf = optional("asammdf", "mf4")
+    start_s = min((run.t0_ns for run in session.runs), default=0) // 1_000_000_000
+    units = {"time_s": "s", "t_ns": "ns", **session.units}
+    with asammdf.MDF(version="4.10") as mdf:
+        mdf.header.start_time = datetime.fromtimestamp(start_s, UTC)
+        mdf.header.comment = f"bumpbench session of {session.vehicle.name}"
+        for run in session.runs:
+            for group in run.groups:
+                columns: dict[str, NDArray[Any]] = {**group.values, "quality": group.quality}
+                columns |= {"time_s": group.time_s, "t_ns": group.t_ns}
+                about = {
+                    "timestamps": group.time_s + (run.t0_ns - start_s * 1_000_000_000) * 1e-9,
+                    "comment": f"{run.label} ({run.status})",
+                }
+                signals = [
+                    asammdf.Signal(np.array(values), name=name, unit=units.get(name, ""), **about)
+                    for name, values in columns.items()
+                ]
+                mdf.append(signals, acq_name=f"{run.label}/{group.name}", common_timebase=True)
+        mdf.save(path, overwrite=True, compression=1)
     return frames_left_out(session)
 
 

@@ -130,7 +130,7 @@ class Log:
             return self._journal.head.origin
         with self.paths[0].open("rb") as file:
             head = file.read(512)
-        # An exported ASC, BLF or MF4 says so, or the interface in a line of candump.
+        # An exported ASC or BLF says so, or the interface in a line of candump.
         stated = re.search(rb"(?:origin: |\) )(simulated|replayed)", head)
         return Origin(stated[1].decode()) if stated else Origin.REAL
 

@@ -109,12 +109,6 @@ def test_candump(tmp_path: Path) -> None:
     assert not export_session(small_session(whole), tmp_path / "b.log", ExportFormat.CANDUMP).notes
 
 
-def test_mf4(tmp_path: Path) -> None:
-    messages = _messages(FRAMES, tmp_path / "car.mf4", ExportFormat.MF4)
-    _is_kept(replace(FRAMES, bus=FRAMES.bus + 1), messages)  # MDF counts buses from 1
-    assert_allclose(_times_s(messages), FRAMES.t_ns * 1e-9, rtol=0, atol=2.4e-7)
-
-
 def test_frames_of_overlapping_runs_are_written_once(tmp_path: Path) -> None:
     session = small_session()
     first = small_run(1, FRAMES.select(slice(0, 150)))
