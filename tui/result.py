@@ -57,7 +57,7 @@ def print_identification(result: Identification, truth: Mapping[str, float]) -> 
         _print_modes(result)
         print_line()
         if result.forces:
-            _print_forces(result.forces)
+            print_forces(result.forces)
             print_line()
     quality = result.quality
     fit = f"   chi2/n {quality.chi2_per_n:.3f}" if isfinite(quality.chi2_per_n) else ""
@@ -99,7 +99,7 @@ def _print_estimates(
     print_table(title, [*columns, "mostly from"] if rests_on else columns, rows)
 
 
-def _print_forces(forces: Forces) -> None:
+def print_forces(forces: Forces) -> None:
     """Write force elements of both axles, forces at some speeds, and the other elements tried."""
     rows = [
         [f"{one.axle} {plain(name)}", value_text(e), _interval(e), e.unit.removeprefix("1")]

@@ -315,11 +315,6 @@ def test_the_terminals_outlook_is_that_of_the_weights_that_are_on_the_bench(
     gain = expected_gain(BENCH)
     assert (gain.worst, gain.mean, gain.widest) == (0.0055, 0.0025, "m_s")
     assert gain.remedies == ("weigh each axle to 1 kg",)
-    assert [shift.mode for shift in gain.shifts] == ["bounce", "pitch", "roll"]
-    assert all(shift.after_hz < shift.before_hz for shift in gain.shifts)
-    assert gain.shifts[0].share == pytest.approx(
-        gain.shifts[0].after_hz / gain.shifts[0].before_hz - 1.0
-    )
     answer[0] = Advice(replace(LOST, relative={}), (BETTER,) * 3, ())
     gain = expected_gain(BENCH)
     assert (gain.worst, gain.mean, gain.widest) == (None, None, "")

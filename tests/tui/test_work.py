@@ -19,7 +19,6 @@ import pytest
 
 import daq
 from daq import write_session
-from tui.jobs.planning import measured_spread
 from tui.jobs.session_list import (
     EntryState,
     SessionEntry,
@@ -239,14 +238,3 @@ def test_a_journal_without_a_whole_head_is_no_recording(tmp_path: Path) -> None:
     (tmp_path / "journal").mkdir()
     (tmp_path / "journal" / "journal_0001.bbj").write_bytes(b"no journal at all")
     assert list(sessions_in(tmp_path)) == []
-
-
-@pytest.mark.parametrize(
-    ("repeats", "spread"),
-    [([], None), ([1.0, 2.0], None), ([1.0, 1.0, 1.0], 0.0), ([1.0, 2.0, 3.0], 0.5),
-     ([4.0, 5.0, 6.0], 0.2), ([9.0, 11.0, 9.0, 11.0], 0.11547005383792516)],
-)  # fmt: skip
-def test_a_spread_is_that_of_three_repeats_or_more(
-    repeats: list[float], spread: float | None
-) -> None:
-    assert measured_spread(repeats) == (None if spread is None else pytest.approx(spread))

@@ -18,7 +18,7 @@ from daq import InputError
 from daq.control.exchange import OrderRefusedError
 from daq.control.messages import AskBench, Status
 
-from ..terminal.feed import Feed, Lost, News
+from ..terminal.feed import Lost, News, RecorderFeed
 from .view import view
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ class Follower:
     `folder`: folder of the recorder; paths in bench.toml are relative to it.
     """
 
-    def __init__(self, feed: Feed, folder: Path) -> None:
+    def __init__(self, feed: RecorderFeed, folder: Path) -> None:
         self._feed, self._folder = feed, folder
         self._last: Status | None = None
         self._lost: Lost | None = None

@@ -22,7 +22,7 @@ from daq.control.exchange import OrderRefusedError
 from daq.control.messages import Hello
 
 from ..browser.server import Guard
-from ..terminal.feed import Feed, RecorderFeed
+from ..terminal.feed import RecorderFeed
 from .follow import Follower
 from .link import Served, listen_on
 from .view import order_of
@@ -126,7 +126,7 @@ class DisplayServer:
     """
 
     def __init__(
-        self, guard: Guard, feed: Feed, folder: Path, name: str, control: Control | None
+        self, guard: Guard, feed: RecorderFeed, folder: Path, name: str, control: Control | None
     ) -> None:
         self._guard, self._feed, self._name, self._control = guard, feed, name, control
         self.secret = control.secret if control else ""

@@ -9,15 +9,13 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from statistics import fmean, stdev
 from typing import TYPE_CHECKING
 
 from pydantic import TypeAdapter
 
-from daq import BumpbenchError, Excitation
+from daq import BumpbenchError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -98,33 +96,11 @@ def expected_vehicle(path: Path | None, session: Session | None) -> tuple[NDArra
 
 # Gain by the weights on the car -------------------------------------------------------------------
 
-WANTED_SPREADS = 3.0
-"""Least shift of a frequency by the weights, in units of its spread from run to run."""
-USUAL_SPREAD = 0.005
-"""Assumed relative spread of a frequency that was not measured yet; typical of repeated bumps."""
-BODY_MODES = (Excitation.BOUNCE, Excitation.PITCH, Excitation.ROLL)
-
-
-@dataclass(frozen=True, slots=True)
-class Shift:
-    """A body mode without and with the weights, Hz."""
-
-    mode: str
-    before_hz: float
-    after_hz: float
-
-    @property
-    def share(self) -> float:
-        """Change of the frequency, as a share of the frequency."""
-        return self.after_hz / self.before_hz - 1.0
-
 
 @dataclass(frozen=True, slots=True)
 class Gain:
     """Precision that a campaign with these weights is expected to reach."""
 
-    shifts: tuple[Shift, ...] = ()
-    """Bounce, pitch and roll of the body."""
     worst: float | None = None
     mean: float | None = None
     """Largest and mean half 95 % interval as a share of the value; None if nothing is
@@ -149,29 +125,14 @@ def expected_gain(bench: Bench) -> Gain:
     """Return the precision expected from the campaign of a bench, on a car like its vehicle."""
     import numpy as np
 
-    from daq import AddedMass
     from daq.loading import expected_car
-    from identify import mode_names
-    from identify.model.matrices import SYMMETRIC, loaded_model
-    from identify.modes.modal_model import MODE_NAMES, modes_of
     from identify.plan.outlook import advise
 
     car = expected_car(bench.vehicle)
-    before: dict[str, float] = {}
-    after: dict[str, float] = {}
-    for hz, added in ((before, AddedMass()), (after, bench.mass_states[1].added)):
-        modes = modes_of(loaded_model(SYMMETRIC @ car.to_array(), added).A)
-        names = mode_names(modes, car.geometry)
-        hz.update(zip(names, modes.frequencies_hz.tolist(), strict=True))
     advice = advise(planned(bench, car.to_array(), None, bench.campaign.bump_height_m))
     now = advice.outlook
     finite = np.isfinite(now.worst)
     return Gain(
-        shifts=tuple(
-            Shift(excitation, before[name], after[name])
-            for excitation, name in zip(BODY_MODES, MODE_NAMES, strict=False)
-            if name in before and name in after
-        ),
         worst=now.worst if finite else None,
         mean=now.mean if finite else None,
         widest=max(now.relative, key=lambda name: now.relative[name]) if now.relative else "",
@@ -179,13 +140,6 @@ def expected_gain(bench: Bench) -> Gain:
         reasons=now.reasons,
         remedies=advice.remedies or tuple(step.action for step in advice.steps[:2]),
     )
-
-
-def measured_spread(frequencies_hz: Sequence[float]) -> float | None:
-    """Return the scatter of repeats as a share of their mean; None for fewer than three."""
-    if len(frequencies_hz) < 3:
-        return None
-    return stdev(frequencies_hz) / fmean(frequencies_hz)
 
 
 def main() -> int:

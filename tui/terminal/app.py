@@ -5,20 +5,19 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import deque
-from collections.abc import Callable, Coroutine, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from textual import work
 from textual.app import SystemCommand
 from textual.binding import Binding, BindingType
-from textual.dom import DOMNode
 from textual.filter import LineFilter
 from textual.message import Message
 from textual.screen import ModalScreen, Screen
-from textual.worker import WorkType
 
 from daq import InputError
 from daq.control import messages
@@ -42,8 +41,8 @@ from daq.errors import printable
 from ..diagnostics import unknown_value
 from .campaign import SCREEN_OF, BenchStep, in_run, progress, waits_unarmed
 from .device import THEMES, KeyboardApp, PlainAscii
-from .feed import Feed, Lanes, Lost, News, Role
-from .widgets import ChoiceScreen, HelpScreen, Question, TextScreen
+from .feed import Lanes, Lost, News, RecorderFeed, Role
+from .widgets import Confirm, HelpScreen, LinkScreen, Question
 from .words import Glyphs, Signal, signal_of
 
 if TYPE_CHECKING:
@@ -95,20 +94,6 @@ class RecorderLost(Message):
     """The recorder does not answer; `app.lost` says what to do."""
 
 
-def begin(
-    node: DOMNode,
-    work: Callable[[], Coroutine[Any, Any, None]],
-    group: str = "default",
-    exclusive: bool = False,
-) -> None:
-    """Start work of a screen; `exclusive`: end the earlier work of the group.
-
-    The coroutine is created when the work begins, so it is not created for work that ends before.
-    """
-    made: WorkType[None] = work
-    node.run_worker(made, group=group, exclusive=exclusive)
-
-
 def _screen(name: str) -> Screen[Any]:
     """Return a new screen; its module is imported only now, to open the first screen at once."""
     module = import_module(f".screens.{_MODULES.get(name, name)}", __package__)
@@ -148,7 +133,7 @@ class BenchApp(KeyboardApp):
 
     def __init__(
         self,
-        feed: Feed,
+        feed: RecorderFeed,
         folder: Path,
         glyphs: Glyphs,
         operator: str,
@@ -299,10 +284,11 @@ class BenchApp(KeyboardApp):
         """Fetch the samples from before this terminal's start, and the bench, if they are new."""
         if self._history_of != status.recording:
             self._history_of = status.recording
-            begin(self, self._fetch_history, group="history", exclusive=True)
+            self._fetch_history()
         if before is None or before.bench_crc32 != status.bench_crc32 or self.bench is None:
-            begin(self, self._fetch_bench, group="bench", exclusive=True)
+            self._fetch_bench()
 
+    @work(group="history", exclusive=True)
     async def _fetch_history(self) -> None:
         with suppress(OrderRefusedError):
             reply = await self.feed.ask(AskHistory(HISTORY_S))
@@ -310,6 +296,7 @@ class BenchApp(KeyboardApp):
                 self.lanes.add(reply.live)
                 self._publish(LiveArrived())
 
+    @work(group="bench", exclusive=True)
     async def _fetch_bench(self) -> None:
         from daq.bench.config import parse_bench
 
@@ -321,34 +308,18 @@ class BenchApp(KeyboardApp):
                 self._publish(StatusArrived(self.status))
 
     def _compare_setup(self, running: Setup) -> None:
-        """Ask once if the running recorder has another setup than the wanted one."""
-        if self._asks_setup or self._wanted is None:
+        """Ask once whether to attach to a recorder of another setup than the wanted one."""
+        if self._wanted is None or not (texts := differences(running, self._wanted)):
             return
-        if not (texts := differences(running, self._wanted)):
-            return
-        self._asks_setup = True
-        options = [("attach", "attach to it: it goes on as it is")]
-        if self._role.in_control:
-            options += [
-                ("replace", "end its recording, and begin a new one as asked for"),
-                ("end", "end its recording and the recorder"),
-            ]
-        title = f"Another recorder runs here: {'; '.join(texts)}."
-        self.push_screen(ChoiceScreen(printable(title, 400), options), self._settle_setup)
+        self._wanted, self._asks_setup = None, True
 
-    async def _settle_setup(self, choice: str | None) -> None:
-        """Carry out the answer; without one nothing is changed and the terminal ends."""
-        if choice in ("replace", "end"):
-            await self.ask(Stop())  # refused if nothing is being recorded
-            if await self.ask(ShutDown()) is None:
-                self._asks_setup = False  # the reason is shown, and the question is asked again
-                return
-        if choice in ("attach", "replace"):
-            self._wanted, self._asks_setup = None, False
-        if choice == "replace":
-            await self.action_restart_recorder()
-        elif choice != "attach":
-            self.exit()
+        def answered(attach: bool | None) -> None:
+            self._asks_setup = False
+            if not attach:
+                self.exit()
+
+        words = printable(f"Another recorder runs here: {'; '.join(texts)}.", 400)
+        self.push_screen(Confirm(words, "attach to it as it is", "leave it"), answered)
 
     def _ring(self, signal: Signal | None) -> None:
         """Ring the bell in the rhythm of a signal, unless it is muted."""
@@ -443,12 +414,7 @@ class BenchApp(KeyboardApp):
     def action_display(self) -> None:
         """Show how to open the display at the bench."""
         if self.display_link is not None:
-            self.push_screen(
-                TextScreen(
-                    "Display", "\n\n".join(self.display_link.lines).split("\n"),
-                    self.display_link.code,
-                )
-            )  # fmt: skip
+            self.push_screen(LinkScreen(self.display_link))
 
     def action_help(self) -> None:
         """Show the help of the screen in front; of the screen below if a dialog has none."""

@@ -189,37 +189,33 @@ class NextAction:
     """Step to go to instead of an order."""
 
 
-_LOOKS_ON = NextAction("C = take control")
-
-
 def next_action(status: Status | None, in_control: bool = True) -> NextAction:
     """Return the next action; for a viewer, to take control before an order."""
-    action = _next_action(status)
-    return action if in_control or action.order is None else _LOOKS_ON
-
-
-def _next_action(status: Status | None) -> NextAction:
     if status is None or status.phase in BUSY:
         return NextAction()
     due = progress(status).due
+    go_on = NextAction(f"SPACE = step {due.title}", step=due)
     more = status.due is not None and status.due.accepted >= status.due.planned
-    if not more and due not in _WITH_BUMPS and status.phase not in (Phase.PAUSED, Phase.REJECTED):
-        return NextAction(f"SPACE = step {due.title}", step=due)
-    arm = Arm(mass_state=changed_weights(status))
+    judged_or_paused = status.phase in (Phase.PAUSED, Phase.REJECTED)
+    if not more and due not in _WITH_BUMPS and not judged_or_paused:
+        return go_on
     match status.phase:
         case Phase.PAUSED:
-            return NextAction("SPACE = go on", arm)
+            words = "SPACE = go on"
         case Phase.REJECTED:
-            return NextAction("SPACE = again", arm)
-        case Phase.ACCEPTED if status.countdown_s is not None:
-            return NextAction("SPACE = now", arm)
-        case Phase.ACCEPTED:  # the boards must be moved: IDLE follows, and shows how
-            return NextAction()
-    if status.due is None:
-        return NextAction(f"SPACE = step {due.title}", step=due)
-    if more:
-        return NextAction(f"SPACE = one more {status.due.step.excitation.words}", arm)
-    return NextAction("SPACE starts", arm)
+            words = "SPACE = again"
+        case Phase.ACCEPTED if status.countdown_s is None:
+            return NextAction()  # the boards must be moved: IDLE follows, and shows how
+        case Phase.ACCEPTED:
+            words = "SPACE = now"
+        case _ if status.due is None:
+            return go_on
+        case _:
+            kind = status.due.step.excitation.words
+            words = f"SPACE = one more {kind}" if more else "SPACE starts"
+    if not in_control:
+        return NextAction("C = take control")
+    return NextAction(words, Arm(mass_state=changed_weights(status)))
 
 
 def changed_weights(status: Status | None) -> str:
@@ -260,8 +256,3 @@ def write_draft(path: Path, values: Mapping[str, Any]) -> str:
     except OSError as error:
         return f"draft {path.name} cannot be written: {error.strerror or error}"
     return ""
-
-
-def remove_draft(path: Path) -> None:
-    """Remove the draft, if there is one."""
-    path.unlink(missing_ok=True)

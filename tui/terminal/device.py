@@ -202,16 +202,12 @@ class PlainAscii(LineFilter):
 @lru_cache(4096)
 def _plain(text: str) -> str:
     """Return ASCII in as many columns; a character of no width or of two has none like it."""
-    cells = ((character, cell_len(character)) for character in text.replace(" ± ", "+/-"))
-    return "".join(_similar(character) if width == 1 else "?" * width for character, width in cells)
-
-
-def _similar(character: str) -> str:
-    if character.isascii():
-        return character
-    if character in _SIMILAR:
-        return _SIMILAR[character]
-    if "BOX DRAWINGS" in name(character, ""):
-        return "+"
-    first = normalize("NFKD", character)[:1]
-    return first if first.isascii() else "?"
+    plain = []
+    for character in text.replace(" ± ", "+/-"):
+        similar = character if character.isascii() else _SIMILAR.get(character, "")
+        if not similar and "BOX DRAWINGS" in name(character, ""):
+            similar = "+"
+        similar = similar or normalize("NFKD", character)[0]
+        columns = cell_len(character)
+        plain.append(similar if columns == 1 and similar.isascii() else "?" * columns)
+    return "".join(plain)

@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,28 +73,6 @@ class Role:
 News = Status | Live | Lost | Role | Setup
 
 
-class Feed(Protocol):
-    """News and orders of a recorder."""
-
-    def start(self, post: Callable[[News], None]) -> None:
-        """Begin to post news, from any thread, until `stop`."""
-
-    async def ask(self, order: Order) -> Reply:
-        """Send an order and return the answer.
-
-        Raises OrderRefusedError if the recorder refuses or is gone.
-        """
-
-    def take_over(self) -> None:
-        """Ask for control, also if another terminal has it."""
-
-    def restart(self) -> None:
-        """Start a recorder as soon as the previous one has ended."""
-
-    def stop(self) -> None:
-        """End."""
-
-
 class RecorderFeed:
     """The recorder of a folder, over `daq.control.client`; it may end and start again.
 
@@ -130,13 +108,16 @@ class RecorderFeed:
             self._recorder = self._start_recorder()
 
     def start(self, post: Callable[[News], None]) -> None:
-        """Begin to post news."""
+        """Begin to post news, from a thread, until `stop`."""
         self._post, self._started_s = post, time.monotonic()
         self._thread = threading.Thread(target=self._listen, args=(post,), name="news", daemon=True)
         self._thread.start()
 
     async def ask(self, order: Order) -> Reply:
-        """Send an order in a thread and return the answer."""
+        """Send an order in a thread and return the answer.
+
+        Raises OrderRefusedError if the recorder refuses or is gone.
+        """
         return await asyncio.to_thread(self._ask, order)
 
     def take_over(self) -> None:
@@ -226,12 +207,9 @@ class RecorderFeed:
 
     def _is_starting(self) -> bool:
         """Return True while a recorder that was started may take longer to answer."""
-        if self._failure():
-            return False
-        age_s = time.monotonic() - self._started_s
         begun = self._recorder is not None and self._recorder.poll() is None
-        begun = begun or is_locked(self._folder)
-        return age_s <= BIRTH_S or (age_s <= SLOW_BIRTH_S and begun)
+        most_s = SLOW_BIRTH_S if begun or is_locked(self._folder) else BIRTH_S
+        return not self._failure() and time.monotonic() - self._started_s <= most_s
 
     def _connect(self) -> tuple[Client, Role]:
         """Return a connection: in control if control is free or requested, else looking on."""
@@ -282,11 +260,6 @@ class Lanes:
         self._low: dict[str, NDArray[np.float64]] = {}
         self._high: dict[str, NDArray[np.float64]] = {}
         self.clear()
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """Names of the channels received so far."""
-        return tuple(self._low)
 
     @property
     def end_ns(self) -> int:
@@ -384,15 +357,14 @@ class Window:
     trigger: float | None
 
 
-def lane_specs(bench: Bench | None, lanes: Lanes, page: int, room: int) -> list[LaneSpec]:
+def lane_specs(bench: Bench | None, page: int, room: int) -> list[LaneSpec]:
     """Return the lanes to draw: those of the body, then of each quantity at the wheels.
 
-    `bench`: None while it is not known: then the channels are drawn as the recorder sends them.
-    `page`: number of the first group to show, modulo their number; further groups follow if they
-    fit completely.  `room`: largest number of lanes.
+    `bench`: None while it is not known; then there are none.  `page`: number of the first group,
+    modulo their number; further groups follow if they fit completely.  `room`: most lanes.
     """
     if bench is None:
-        return [LaneSpec(name, name[:10], "", 1.0, 0.5, name) for name in lanes.channels[:room]]
+        return []
     used = [c for c in bench.channels if c.quantity is not Quantity.UNUSED]
     groups: dict[str, list[Channel]] = {}
     for channel in sorted(used, key=lambda c: c.quantity in AT_CORNER):
@@ -409,12 +381,11 @@ def lane_specs(bench: Bench | None, lanes: Lanes, page: int, room: int) -> list[
 
 def _spec(channel: Channel, chosen: list[Channel]) -> LaneSpec:
     unit, factor = _SHOWN.get(channel.unit, (channel.unit, 1.0))
-    words = _SHORT.get(channel.quantity, "")
-    place = f"{words} {channel.corner}" if channel.corner else words
+    place = f"{_SHORT.get(channel.quantity, '')} {channel.corner or ''}".strip()
     same = [c for c in chosen if (c.quantity, c.corner) == (channel.quantity, channel.corner)]
     label = place if len(same) == 1 and place else channel.name
-    least = _LEAST[channel.unit] * factor
     scale = str(channel.quantity) if channel.corner else channel.name
+    least = _LEAST[channel.unit] * factor
     return LaneSpec(channel.name, label[:10], unit, factor, least, scale)
 
 

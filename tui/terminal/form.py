@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
+from textual import on
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
@@ -225,21 +226,16 @@ class Form(VerticalScroll, can_focus=False):
         names = (name for name, place in self._inputs.items() if place in around)
         return self._fields.get(next(names, ""))
 
-    def on_input_changed(self, event: Input.Changed) -> None:
-        """Post the form's own message."""
-        event.stop()
-        self.post_message(self.Changed())
-
-    def on_select_changed(self, event: Select.Changed) -> None:
+    @on(Input.Changed)
+    @on(Select.Changed)
+    @on(Checkbox.Changed)
+    def _announce(self, event: Input.Changed | Select.Changed | Checkbox.Changed) -> None:
         """Post the form's own message, but not for the value that a choice begins with."""
         event.stop()
-        if self._chosen[event.select] != event.value:
+        if isinstance(event, Select.Changed):
+            if self._chosen[event.select] == event.value:
+                return
             self._chosen[event.select] = str(event.value)
-            self.post_message(self.Changed())
-
-    def on_checkbox_changed(self, event: Checkbox.Changed) -> None:
-        """Post the form's own message."""
-        event.stop()
         self.post_message(self.Changed())
 
     def on_input_submitted(self, event: Input.Submitted) -> None:

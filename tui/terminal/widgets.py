@@ -16,13 +16,13 @@ from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.content import Content
 from textual.dom import DOMNode
 from textual.screen import ModalScreen, Screen
-from textual.widgets import DataTable, Digits, Input, Markdown, OptionList, Static
+from textual.widgets import DataTable, Digits, Input, Markdown, Static
 
 from daq.alarms.texts import EXPLAINED
 from daq.errors import printable
 from daq.verdict import WORDS
 
-from .words import Banner, Glyphs
+from .words import Banner, DisplayLink, Glyphs
 
 Cell = str | Text
 SPACE_INK = "bold $accent"
@@ -153,55 +153,23 @@ class Line(Input):
         return "".join(c for c in value if c.isprintable())
 
 
-class ChoiceScreen(ModalScreen[str | None]):
-    """Returns the chosen entry; None after Esc.
-
-    `options`, sequence of (str, str): returned value, and text for the operator.
-    """
-
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("escape", "dismiss(None)", "Cancel"),
-        Binding("space", "choose", "Choose"),
-    ]
-
-    def __init__(self, title: str, options: Sequence[tuple[str, str]]) -> None:
-        super().__init__()
-        self._title, self._options = title, tuple(options)
-
-    def compose(self) -> ComposeResult:
-        """Compose the list."""
-        with Vertical(classes="box dialog"):
-            yield Static(self._title, markup=False)
-            yield OptionList(*(Content(words) for _, words in self._options), compact=True)
-            yield Static("Enter = choose   Esc = cancel", markup=False)
-
-    def action_choose(self) -> None:
-        """Choose the marked entry."""
-        self.query_one(OptionList).action_select()
-
-    def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
-        """Return the chosen entry."""
-        self.dismiss(self._options[event.option_index][0])
-
-
-class TextScreen(ModalScreen[None]):
-    """Plain text, nothing of which is markup, beside a code for cameras."""
+class LinkScreen(ModalScreen[None]):
+    """The link of the display: in words, and as a code for cameras."""
 
     BINDINGS: ClassVar[list[BindingType]] = [Binding("escape,space,enter", "dismiss", "Close")]
 
-    def __init__(self, title: str, lines: Sequence[str], code: Sequence[str] = ()) -> None:
+    def __init__(self, link: DisplayLink) -> None:
         super().__init__()
-        self._title, self._lines, self._code = title, tuple(lines), tuple(code)
+        self._link = link
 
     def compose(self) -> ComposeResult:
-        """Compose the text."""
+        """Compose words and code."""
         with Horizontal(classes="box dialog") as box:
-            box.border_title = self._title
-            box.border_subtitle = "Esc closes"
-            if self._code:
-                yield Static("\n".join(self._code), id="code", markup=False)
+            box.border_title, box.border_subtitle = "Display", "Esc closes"
+            if self._link.code:
+                yield Static("\n".join(self._link.code), id="code", markup=False)
             with VerticalScroll(can_focus=True):
-                yield Static("\n".join(self._lines), id="text", markup=False)
+                yield Static("\n\n".join(self._link.lines), id="text", markup=False)
 
 
 class Question(ModalScreen[str | None]):
@@ -257,11 +225,6 @@ class Confirm(ModalScreen[bool | None]):
 
 # Help -------------------------------------------------------------------------------------------
 
-SCREEN_PAGES = (
-    "vehicle", "check", "home", "run", "masses", "identify", "results", "report", "sessions",
-)  # fmt: skip
-_NONE = "# Help\n\nThere is no page for this. F1 on another screen shows its help.\n"
-
 
 def page_of(name: str) -> str:
     """Return a page of help as Markdown.
@@ -269,24 +232,19 @@ def page_of(name: str) -> str:
     `name`: a screen, or the code of a finding (the reason of a rejected run) or of an alarm.  The
     words of the latter are those of the recorder's own tables, so that they cannot differ.
     """
-    pages = []
     page = files("tui.terminal") / "help" / f"{name}.md"
     text = page.read_text("utf-8") if page.is_file() else ""
-    if name in SCREEN_PAGES:
-        return text
+    parts = [text] if text and name not in WORDS and name not in EXPLAINED else []
     if name in WORDS:
-        words = WORDS[name]
-        kept = "Nothing is lost: a rejected run is kept and can be taken back.\n"
-        pages.append(_explained(f"Rejected: {words.title}", words.meaning, text, words.advice))
-        pages.append(kept)
+        reason = WORDS[name]
+        parts += [f"# Rejected: {reason.title}", _sentence(reason.meaning), text]
+        parts += [f"**What to do:** {_sentence(reason.advice)}"]
+        parts += ["Nothing is lost: a rejected run is kept and can be taken back."]
     if name in EXPLAINED:
         alarm = EXPLAINED[name]
-        pages.append(_explained(f"Alarm: {alarm.title}", alarm.meaning, "", alarm.advice))
-    return "\n".join(pages) or _NONE
-
-
-def _explained(title: str, meaning: str, sketch: str, advice: str) -> str:
-    return f"# {title}\n\n{_sentence(meaning)}\n\n{sketch}\n**What to do:** {_sentence(advice)}\n"
+        parts += [f"# Alarm: {alarm.title}", _sentence(alarm.meaning)]
+        parts += [f"**What to do:** {_sentence(alarm.advice)}"]
+    return "\n\n".join(parts or ["# Help", "F1 on another screen shows its help."])
 
 
 def _sentence(text: str) -> str:
@@ -321,16 +279,16 @@ class HelpScreen(ModalScreen[None]):
         self.dismiss()
 
 
-def _rank(node: DOMNode) -> int:
-    return 0 if isinstance(node, Screen) else 1 if isinstance(node, App) else 2
-
-
 def keys_of(screen: Screen[object]) -> list[str]:
     """Return the keys of a screen, hidden ones included, with their actions: its own first."""
+
+    def rank(node: DOMNode) -> int:
+        return 0 if isinstance(node, Screen) else 1 if isinstance(node, App) else 2
+
     actions: dict[str, str] = {}
     bindings = screen.active_bindings.values()
-    for _, binding, enabled, _ in sorted(bindings, key=lambda key: _rank(key[0])):
+    for _, binding, enabled, _ in sorted(bindings, key=lambda key: rank(key[0])):
         words = binding.tooltip or binding.description
         if enabled and words and words not in actions.values():
             actions[screen.app.get_key_display(binding)] = words
-    return ["Keys of this screen", "", *(f"  {key:<12} {what}" for key, what in actions.items())]
+    return ["Keys of this screen", "", *(f"  {key:<12} {words}" for key, words in actions.items())]

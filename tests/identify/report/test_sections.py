@@ -26,7 +26,7 @@ from identify.report.evidence import (
 from identify.report.page import Gallery, MovingCars, figure_of, svg_of
 from identify.report.parameters import damper_section, modes_section, parameter_section
 from identify.words import damper_rows, element_answer
-from tui.terminal.screens.results import damper_lines
+from tui.terminal.screens.results import forces_text
 
 from .made import drawn, estimated, made, picture, tables, texts
 
@@ -387,7 +387,9 @@ def test_compare_names_the_friction_that_changed() -> None:
 
 
 def test_the_terminal_shows_it_within_its_frame_of_80_columns() -> None:
-    lines = list(damper_lines(nonlinear()))
+    forces = nonlinear().forces
+    assert forces is not None
+    lines = forces_text(forces).splitlines()
     assert [line for line in lines if len(line) > 78] == []
     (at_02,) = (line.split() for line in lines if line.startswith(" +0.20"))
     assert at_02[:7] == ["+0.20", "300", "±", "20", "350", "±", "39"]

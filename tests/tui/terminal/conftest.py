@@ -191,11 +191,7 @@ def _same_everywhere(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture(autouse=True)
 def _no_outlook(monkeypatch: pytest.MonkeyPatch) -> None:
     """Start no planner in a process of its own whenever the masses are on the screen."""
-
-    async def compute(screen: MassesScreen, text: str) -> None:
-        """Leave the outlook open."""
-
-    monkeypatch.setattr(MassesScreen, "_compute", compute)
+    monkeypatch.setattr(MassesScreen, "_compute", lambda screen, text: None)
 
 
 @pytest.fixture

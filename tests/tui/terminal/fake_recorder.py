@@ -53,7 +53,7 @@ from daq.control.messages import (
 from daq.runlog import Code, RunLog, advance, entry, next_step, verdict_entry
 from daq.runs import Event, Excitation, Losses, RunStatus
 from dbc.finding import Finding, Severity
-from tui.terminal.feed import News, Role
+from tui.terminal.feed import News, RecorderFeed, Role
 
 WALL_NS = 1_795_267_320_000_000_000  # 2026-11-21 13:22 UTC
 BIN_S = 0.02
@@ -80,8 +80,8 @@ def _parsed(text: str) -> Bench:
     return parse_bench(text, "bench.toml", Path(), dbc_text="")
 
 
-class FakeRecorder:
-    """A `tui.terminal.feed.Feed` whose recorder is turned by the test.
+class FakeRecorder(RecorderFeed):
+    """A feed whose recorder is turned by the test.
 
     Parameters
     ----------

@@ -199,7 +199,6 @@ async def pressed(pilot: Pilot[None], *keys: str) -> str:
     """Press keys and return what is on the screen then."""
     await pilot.press(*keys)
     await pilot.pause()
-    await pilot.pause()  # what the first drawing has asked for
     assert isinstance(pilot.app, BenchApp)
     return seen(pilot.app)
 

@@ -10,23 +10,26 @@ from pathlib import Path
 import pytest
 from textual.widgets import Input, Static
 
+from daq.alarms.texts import EXPLAINED
 from daq.bench.campaign import Origin
 from daq.control import address
-from daq.control.messages import Arm, Hello, Setup, ShutDown, Stop
+from daq.control.messages import Alarm, Arm, Hello, Phase, Setup, ShutDown, Stop
 from daq.errors import InputError
 from tui.cli import run
 from tui.commands.tui import check_fault
 from tui.diagnostics import ExitCode
 from tui.display.link import Served
 from tui.terminal.app import BenchApp
-from tui.terminal.feed import Lost, News, Role
+from tui.terminal.feed import STARTING, Lost, News, Role
 from tui.terminal.form import Form
+from tui.terminal.screens.bumping import HomeScreen, RunScreen
 from tui.terminal.widgets import HelpScreen
-from tui.terminal.words import DisplayLink, choose_glyphs
+from tui.terminal.words import DisplayLink, Signal, choose_glyphs
 
 from .conftest import screen_text
-from .fake_recorder import FakeRecorder
-from .operated import Make, commands, pressed, seen
+from .fake_recorder import DOUBLE_BUMP, FakeRecorder
+from .operated import Make, commands, pressed, seen, until
+from .test_words import alarmed
 
 SIZES = (
     (80, 24, "-narrow", "-low"),
@@ -175,19 +178,10 @@ async def test_what_is_typed_before_the_first_status_stays_where_it_was_meant(
         assert not [order for order in recorder.orders if isinstance(order, Arm)]
 
 
-class Starting(FakeRecorder):
-    """A recorder that has not sent a status yet."""
-
-    def start(self, post: Callable[[News], None]) -> None:
-        """Say who is in control, and no more."""
-        self._post = post
-        post(Role(True))
-
-
 async def test_before_the_first_status_a_lost_recorder_has_its_key(
     make_app: Callable[..., BenchApp],
 ) -> None:
-    recorder = Starting()
+    recorder = SlowRecorder()
     app = make_app(recorder)
     assert app.bench_text == ""
     async with app.run_test(size=(80, 24)) as pilot:
@@ -207,7 +201,7 @@ async def test_before_the_first_status_a_lost_recorder_has_its_key(
 
 
 RUNNING = Setup(Origin.SIMULATED, "Granada", 1, 2, ("virtual demo",))
-MENU = "attach to it: it goes on as it is"
+MENU = "SPACE = attach to it as it is"
 
 
 def _app(recorder: FakeRecorder, folder: Path, wanted: Setup | None) -> BenchApp:
@@ -215,60 +209,27 @@ def _app(recorder: FakeRecorder, folder: Path, wanted: Setup | None) -> BenchApp
     return BenchApp(recorder, folder, glyphs, "MK", wanted=wanted)
 
 
-async def _answered(recorder: FakeRecorder, folder: Path, *keys: str) -> tuple[BenchApp, str, str]:
-    """Return the app, what it asks, and what it shows after the keys."""
-    app = _app(recorder, folder, Setup(Origin.REAL))
-    shown: list[str] = []
-
-    async with app.run_test(size=(100, 30)) as pilot:
-        await pilot.pause()
-        shown.append(screen_text(app))
-        await pilot.press(*keys)
-        await pilot.pause()
-        if app.is_running and app.screen_stack:
-            recorder.publish()
-            await pilot.pause()
-            shown.append(screen_text(app))
-    return app, shown[0], shown[-1]
-
-
-def _recorder() -> FakeRecorder:
+@pytest.mark.parametrize(("key", "attached"), [("space", True), ("escape", False)])
+async def test_another_recorder_is_attached_to_or_left_as_the_operator_says(
+    tmp_path: Path, key: str, attached: bool
+) -> None:
     recorder = FakeRecorder()
     recorder.setup = RUNNING
     recorder.changes["origin"] = Origin.SIMULATED
-    return recorder
-
-
-async def test_it_is_attached_to_when_the_operator_says_so(tmp_path: Path) -> None:
-    recorder = _recorder()
-    app, asked, then = await _answered(recorder, tmp_path, "enter")
-    assert "it records a simulated car, not a real bus" in " ".join(asked.replace("│", " ").split())
-    assert MENU in asked
-    assert MENU not in then
-    assert "SIMULATED" in then.splitlines()[0]
-    assert app.return_code in (None, 0)
+    app = _app(recorder, tmp_path, Setup(Origin.REAL))
+    async with app.run_test(size=(100, 30)) as pilot:
+        await pilot.pause()
+        asked = " ".join(screen_text(app).replace("│", " ").split())
+        assert "it records a simulated car, not a real bus" in asked
+        await pilot.press(key)
+        await pilot.pause()
+        assert app.is_running is attached
+        if attached:
+            recorder.publish()
+            await pilot.pause()
+            assert MENU not in screen_text(app)
+            assert app.screen is app.get_screen("vehicle")
     assert not {Stop(), ShutDown()} & set(recorder.orders)
-
-
-async def test_a_new_recording_ends_the_old_one_first(tmp_path: Path) -> None:
-    recorder = _recorder()
-    _, _, then = await _answered(recorder, tmp_path, "down", "enter")
-    assert [o for o in recorder.orders if isinstance(o, Stop | ShutDown)] == [Stop(), ShutDown()]
-    assert recorder.restarts == 1
-    assert MENU not in then
-
-
-@pytest.mark.parametrize(
-    ("keys", "ended"), [(("down", "down", "enter"), True), (("escape",), False)]
-)
-async def test_the_terminal_ends_with_the_recorder_or_leaves_it(
-    tmp_path: Path, keys: tuple[str, ...], ended: bool
-) -> None:
-    recorder = _recorder()
-    app, *_ = await _answered(recorder, tmp_path, *keys)
-    assert not app.is_running
-    assert (ShutDown() in recorder.orders) is ended
-    assert recorder.restarts == 0
 
 
 SAME = replace(RUNNING, origin=Origin.REAL)
@@ -298,24 +259,6 @@ async def test_what_differs_is_named_and_what_was_not_asked_for_is_not(
         shown = " ".join(screen_text(app).replace("│", " ").split())
         assert (MENU in shown) is bool(words)
         assert words in shown
-
-
-@pytest.mark.parametrize(("width", "origin"), [(80, Origin.SIMULATED), (140, Origin.REPLAYED)])
-async def test_no_screen_hides_that_nothing_is_measured(
-    make_app: Callable[..., BenchApp], width: int, origin: Origin
-) -> None:
-    recorder = FakeRecorder()
-    recorder.changes["origin"] = origin
-    app = make_app(recorder)
-
-    async with app.run_test(size=(width, 30)) as pilot:
-        await pilot.pause()
-        for name in app.SCREENS:
-            await app.open(name)
-            await pilot.pause()
-            recorder.publish()
-            await pilot.pause()
-            assert f" {origin.upper()} " in screen_text(app).splitlines()[0], name
 
 
 @pytest.mark.parametrize(
@@ -366,3 +309,153 @@ async def test_the_terminal_shows_link_and_code(make_app: Callable[..., BenchApp
         assert "display: link" in commands(app)
         app.display_link = None
         assert "display: link" not in commands(app)
+
+
+SMALL = (80, 24)
+
+
+def bench() -> FakeRecorder:
+    """Return a recorder before its first bump."""
+    recorder = FakeRecorder()
+    recorder.mark("vehicle", "check")
+    return recorder
+
+
+async def test_the_step_bar_is_of_what_the_screen_shows(make_app: Make) -> None:
+    recorder = bench()
+    recorder.finish("baseline")
+    recorder.mark("masses")
+    app = make_app(recorder)
+    async with app.run_test(size=SMALL) as pilot:
+        await pilot.pause()
+        await pilot.press("3")  # its bumps are done: home shows those with weights
+        assert "Added" in screen_text(app).splitlines()[3]
+        assert "[5 Added]" in screen_text(app).splitlines()[1]
+        await pilot.press("4")
+        assert "[4 Masses]" in screen_text(app).splitlines()[1]
+        await pilot.press("s")
+        assert "[" not in screen_text(app).splitlines()[1]
+
+
+@pytest.mark.parametrize("in_control", [True, False])
+async def test_home_gives_way_to_a_run_that_somebody_else_has_armed(
+    make_app: Make, in_control: bool
+) -> None:
+    recorder = FakeRecorder(in_control=in_control)
+    recorder.mark("vehicle", "check")
+    app = make_app(recorder)
+    async with app.run_test(size=SMALL) as pilot:
+        await pilot.pause()
+        assert isinstance(app.screen, HomeScreen)
+        recorder.turn(Phase.ARMED)
+        await until(pilot, lambda: isinstance(app.screen, RunScreen))
+        assert "ARMED" in screen_text(app)
+
+
+async def test_who_goes_back_to_the_check_during_a_pause_stays_there(make_app: Make) -> None:
+    recorder = FakeRecorder()
+    recorder.mark("vehicle", "check")
+    app = make_app(recorder)
+    async with app.run_test(size=SMALL) as pilot:
+        await pilot.pause()
+        recorder.turn(Phase.ARMED)
+        await until(pilot, lambda: isinstance(app.screen, RunScreen))
+        await pilot.press("escape")
+        await until(pilot, lambda: app.status is not None and app.status.phase is Phase.PAUSED)
+        await pilot.press("2")
+        await pilot.pause()
+        assert app.screen is app.get_screen("check")
+        recorder.publish()
+        await pilot.pause()
+        assert app.screen is app.get_screen("check")
+
+
+async def test_the_advice_of_the_gravest_alarm_is_never_cut(make_app: Make) -> None:
+    status = alarmed("bus_full")
+    long = Alarm("bus_full", "can0 at the front", "frames " * 14, EXPLAINED["bus_full"].advice, 0)
+    recorder = FakeRecorder()
+    recorder.changes = {"alarms": (long, *status.alarms)}
+    recorder.mark("vehicle", "check")
+    app = make_app(recorder)
+    async with app.run_test(size=SMALL) as pilot:
+        await pilot.pause()
+        text = " ".join(screen_text(app).replace("│", " ").split())
+        assert "STOP BUS OVERLOADED can0 at the front" in text
+        assert text.count("or raise the bit rate") == 2  # in the next action, and below
+        assert "and 1 more" in text
+
+
+async def test_a_lost_recorder_is_the_only_cause_and_x_the_only_order(make_app: Make) -> None:
+    recorder = FakeRecorder()
+    recorder.mark("vehicle", "check")
+    recorder.bump()
+    recorder.judge(DOUBLE_BUMP)
+    recorder.changes = {"alarms": alarmed("stale").alarms, "sensors_alive": 3}
+    app = make_app(recorder)
+    async with app.run_test(size=SMALL) as pilot:
+        await pilot.pause()
+        assert "STALE" in screen_text(app)
+        app.push_screen(HelpScreen("run"))
+        await pilot.pause()
+        recorder.post(Lost("the recorder has ended", "all up to then is on the disk"))
+        await pilot.pause()
+        assert not isinstance(app.screen, HelpScreen)
+        lines = screen_text(app).splitlines()
+        assert lines[0].startswith(" RECORDER LOST: X = start it again")
+        assert "STALE" not in "\n".join(lines)
+        assert "X Start recorder" in lines[-1]
+        assert not any(word in lines[-1] for word in ("Bksp", "Undo", "SPACE", "Esc"))
+
+
+async def test_the_bell_rings_in_the_rhythm_of_the_event_unless_it_is_muted(
+    make_app: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert len({signal.value for signal in Signal}) == len(Signal)
+    recorder = FakeRecorder()
+    recorder.mark("vehicle", "check")
+    app = make_app(recorder)
+    rung: list[float] = []
+    async with app.run_test(size=SMALL) as pilot:
+        await pilot.pause()
+        monkeypatch.setattr(app, "bell", lambda: rung.append(0.0))
+        monkeypatch.setattr(app, "set_timer", lambda at_s, _: rung.append(at_s))
+        recorder.turn(Phase.ARMED)
+        await pilot.pause()
+        recorder.bump()
+        recorder.judge(DOUBLE_BUMP)
+        await pilot.pause()
+        recorder.post(Lost("the recorder has ended", "restart"))
+        recorder.post(Lost("the recorder has ended", "restart"))
+        await pilot.pause()
+        assert rung == [*Signal.ARMED.value, *Signal.REJECTED.value, *Signal.LOST.value]
+        recorder.publish()
+        app.action_sound()
+        await pilot.pause()
+        assert "muted" in screen_text(app)
+        recorder.post(Lost("the recorder has ended", "restart"))
+        await pilot.pause()
+        assert len(rung) == 10
+
+
+@pytest.mark.parametrize("name", ["vehicle", "run", "results"])
+async def test_a_lost_recorder_has_its_key_on_every_screen(make_app: Make, name: str) -> None:
+    recorder = FakeRecorder()
+    recorder.mark("vehicle", "check")
+    app = make_app(recorder)
+    async with app.run_test(size=SMALL) as pilot:
+        await pilot.pause()
+        await app.open(name)
+        if name == "vehicle":
+            await pilot.press("tab", "x", "escape")  # in a field it is a letter
+        recorder.post(Lost("the recorder has ended", "restart"))
+        await pilot.pause()
+        assert screen_text(app).startswith(" RECORDER LOST: X = start it again (in a field Esc")
+        await until(pilot, lambda: "X Start recorder" in screen_text(app).splitlines()[-1])
+        assert recorder.restarts == 0
+        await pilot.press("x")
+        await app.workers.wait_for_complete()
+        assert recorder.restarts == 1
+        recorder.post(STARTING)
+        await pilot.pause()
+        assert screen_text(app).startswith(" STARTING")
+        await until(pilot, lambda: "X Start recorder" not in screen_text(app))

@@ -13,7 +13,6 @@ from daq.bench.campaign import Method
 from daq.bench.config import default_bench_text, load_bench, parse_bench
 from daq.bench.edit import with_campaign
 from daq.control.messages import Configure, Mark, OverrideWarning
-from daq.loading import loading
 from daq.runs import Excitation
 from daq.vehicle import (
     FORD_GRANADA,
@@ -24,9 +23,9 @@ from daq.vehicle import (
     Structure,
     VehicleGeometry,
 )
-from tui.jobs.planning import Gain, Shift, measured_spread
+from tui.jobs.planning import Gain
 from tui.terminal.app import BenchApp
-from tui.terminal.campaign import read_draft, remove_draft, write_draft
+from tui.terminal.campaign import read_draft, write_draft
 from tui.terminal.form import Field, FieldError, Form
 from tui.terminal.screens.masses import MassesScreen
 from tui.terminal.screens.vehicle import (
@@ -37,14 +36,12 @@ from tui.terminal.screens.vehicle import (
 from tui.terminal.screens.weights import (
     Entry,
     WeightScreen,
-    axle_loads_with,
-    baseline_hz,
+    baseline_bounce_hz,
     check_inventory,
     check_weight,
     entries_of,
     entry_values,
     gain_line,
-    shift_line,
     sketch,
 )
 
@@ -240,9 +237,6 @@ def test_a_draft_is_whole_or_absent(tmp_path: Path) -> None:
     path.write_text('{"name": "T')
     assert read_draft(path) == {}
     assert "No such file" in write_draft(tmp_path / "gone" / "draft.json", {})
-    remove_draft(path)
-    remove_draft(path)
-    assert read_draft(path) == {}
 
 
 FIELDS = (
@@ -283,19 +277,14 @@ async def test_a_form_is_filled_marked_and_sent() -> None:
         assert labels == ["Car", " Name ", " Kind ", " Bars ", "!Mass, kg ", " ± "]
 
 
-GAIN = Gain(
-    (Shift("bounce", 1.05, 1.00), Shift("pitch", 1.31, 1.25), Shift("roll", 1.65, 1.64)),
-    0.0073,
-    0.0055,
-    "m_ur",
-)
+GAIN = Gain(0.0073, 0.0055, "m_ur")
 OUTLOOK = MassesScreen._compute
 """As it is; other tests have none."""
 
 
 @pytest.fixture
 def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    async def compute(self: MassesScreen, text: str) -> None:
+    def compute(self: MassesScreen, text: str) -> None:
         self._gain = GAIN
         self._show_outlook()
 
@@ -315,7 +304,7 @@ async def test_the_masses_look_as_before(make_app: Make, snapshot: Callable[...,
     async with app.run_test(size=(100, 30)) as pilot:
         await reach(pilot, MassesScreen)
         await until(pilot, lambda: "m_ur" in screen_text(app))
-        await pilot.press("b", "down")
+        await pilot.press("space")
         await pilot.pause()
         await at_every_size(pilot, snapshot, "masses")
 
@@ -329,7 +318,7 @@ async def test_the_outlook_comes_from_a_process_of_its_own(
     async with app.run_test(size=(80, 24)) as pilot:
         await reach(pilot, MassesScreen)
         assert "computing" in screen_text(app)
-        await until(pilot, lambda: "bounce 1.05 -> 1.00 Hz" in screen_text(app))
+        await until(pilot, lambda: "in the mean" in screen_text(app))
 
 
 def weighed() -> FakeRecorder:
@@ -339,7 +328,7 @@ def weighed() -> FakeRecorder:
     return recorder
 
 
-async def test_a_weight_is_added_edited_taken_off_and_put_back(make_app: Make) -> None:
+async def test_a_weight_is_added_edited_and_taken_off(make_app: Make) -> None:
     recorder = weighed()
     app = make_app(recorder)
     async with app.run_test(size=(80, 24)) as pilot:
@@ -359,16 +348,8 @@ async def test_a_weight_is_added_edited_taken_off_and_put_back(make_app: Make) -
         assert f"Weight {count + 1}" in seen(app)
         await pressed(pilot, "tab", "ctrl+u", *"13", "ctrl+s")
         assert screen._weights[count].mass_kg == 13.0
-        await pressed(pilot, "b")
         assert "13.00" in seen(app)
-        assert screen._entries[count].bolted
-        await pressed(pilot, "b")
-        assert not screen._entries[count].bolted
         await pressed(pilot, "delete")
-        assert len(screen._weights) == count
-        await pressed(pilot, "u")
-        assert len(screen._weights) == count + 1
-        await pressed(pilot, *["u"] * 20)
         assert len(screen._weights) == count
         await pressed(pilot, *["delete"] * (count + 2))
         assert screen._weights == ()
@@ -376,7 +357,7 @@ async def test_a_weight_is_added_edited_taken_off_and_put_back(make_app: Make) -
         assert "there is no weight" in seen(app)
         assert not screen.ready
         assert not screen.acts
-        await pressed(pilot, "e", "b")
+        await pressed(pilot, "e")
         assert front(app) is screen
         await screen.action_next()
         await pilot.pause()
@@ -466,21 +447,13 @@ def test_a_draft_of_the_weights_is_read_back() -> None:
 
 
 def test_the_sketch_shows_each_weight_where_it_is() -> None:
-    load = loading([entry.weight for entry in ENTRIES], FORD_GRANADA)
-    lines = sketch(ENTRIES, FORD_GRANADA, load, wide=False)
+    lines = sketch(ENTRIES, FORD_GRANADA, wide=False)
     at = {c: (r, line.index(c)) for r, line in enumerate(lines) for c in "12" if c in line}
     assert at["1"][0] < at["2"][0]  # the front is at the top
     assert at["1"][1] < at["2"][1]  # left is left
     assert lines[1].startswith("   3+")  # on the front left hub
     assert "RR" in lines[-1]
-    total_kg, (front_kg, rear_kg) = axle_loads_with(load, FORD_GRANADA)
-    drawing = "\n".join(sketch(ENTRIES, FORD_GRANADA, load, wide=True))
-    for text in (
-        f"axle {front_kg:.0f} kg",
-        f"axle {rear_kg:.0f} kg",
-        f"car alone {total_kg:.0f} kg",
-    ):
-        assert text in drawing
+    assert "1 20 kg" in "\n".join(sketch(ENTRIES, FORD_GRANADA, wide=True))
 
 
 def test_the_outlook_says_what_stays_unknown() -> None:
@@ -492,18 +465,7 @@ def test_the_outlook_says_what_stays_unknown() -> None:
     assert "no outlook: oh" in gain_line(Gain(error="oh"))[1]
 
 
-def test_a_shift_of_three_spreads_is_enough_and_a_weaker_one_says_what_to_add() -> None:
-    shift = Shift("pitch", 1.0, 1.25)
-    assert shift_line(shift, 0.0625) == ("pitch  1.00 -> 1.25 Hz +25.0%  4x spread: good", "")
-    assert shift_line(Shift("pitch", 1.0, 1.1875), 0.0625)[1] == ""
-    weak = shift_line(Shift("pitch", 1.0, 1.18), 0.0625)
-    assert weak[1] == "WEAK 3x, want 3x: more kg at an end of the car"
-    assert shift_line(Shift("roll", 1.0, 1.016), None)[0].endswith("3x usual spread: good")
-    assert shift_line(Shift("roll", 1.0, 1.014), None)[1].endswith("more kg at the sides")
-    assert shift_line(Shift("bounce", 1.0, 1.0), 0.0)[1].endswith("more kg on the body")
-
-
-def test_the_spread_is_that_of_the_accepted_baseline_runs() -> None:
+def test_the_bounce_is_that_of_the_accepted_baseline_runs() -> None:
     text = with_campaign(default_bench_text(), (Excitation.BOUNCE,), 3, Method.DROP, 0.04, 3.0)
     recorder = FakeRecorder(text)
     for hertz in (1.40, 1.41, 1.42):
@@ -511,10 +473,8 @@ def test_the_spread_is_that_of_the_accepted_baseline_runs() -> None:
         recorder.judge(DOUBLE_BUMP, replace(GOOD, code="motion", unit="Hz", value=9.0))
         recorder.bump()
         recorder.judge(GOOD, replace(GOOD, code="motion", unit="Hz", value=hertz))
-    assert baseline_hz(recorder.status, "bounce") == [1.40, 1.41, 1.42]
-    assert baseline_hz(recorder.status, "pitch") == baseline_hz(None, "bounce") == []
-    assert measured_spread([1.40, 1.41, 1.42]) == pytest.approx(0.01 / 1.41)
-    assert measured_spread([1.40, 1.41]) is None
+    assert baseline_bounce_hz(recorder.status) == [1.40, 1.41, 1.42]
+    assert baseline_bounce_hz(None) == []
 
 
 @pytest.mark.usefixtures("_quick")
@@ -522,7 +482,7 @@ async def test_weights_survive_a_crash_and_esc_discards_what_is_typed(make_app: 
     app = make_app(_loaded())
     async with app.run_test(size=(80, 24)) as pilot:
         await reach(pilot, MassesScreen)
-        await pilot.press("b", "a", *"M-9", "enter", *"2x", "ctrl+s")
+        await pilot.press("space", "a", *"M-9", "enter", *"2x", "ctrl+s")
         await pilot.pause()
         assert "Mass: '2x' is not a number (limit: 0.1 to 500 kg)" in seen(app)
         await pilot.press("escape", "a")

@@ -339,7 +339,7 @@ async def test_the_zero_is_measured_for_five_seconds_and_a_later_one_waits(make_
         assert isinstance(screen, CheckScreen)
         for left in (5, 4, 3, 2, 1):
             if left == 5:
-                await pressed(pilot, "z")
+                await pressed(pilot, *["down"] * 20, "r")
             else:
                 await screen._tick()
                 await pilot.pause()
@@ -348,9 +348,13 @@ async def test_the_zero_is_measured_for_five_seconds_and_a_later_one_waits(make_
         await pilot.pause()
         assert recorder.orders[-1] == AskCheck(5.0)
         assert "travel_fl +3.5 mm" in seen(app)
-        assert "Z takes this as zero" in await pressed(pilot, *["down"] * 20)
+        for corner in Corner:
+            await recorder.ask(OverrideWarning(f"push {corner}", "no room"))
+        recorder.publish()
+        await pilot.pause()
+        assert "SPACE = take this as zero" in seen(app)
         recorder.check = check_items()
-        await pressed(pilot, "z")
+        await pressed(pilot, "space")
         assert "listening" in seen(app), "what was read before is void"
         asked = len(orders_of(recorder, AskCheck))
         for _ in range(3):

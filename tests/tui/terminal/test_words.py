@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 
+from daq.alarms.texts import EXPLAINED
 from daq.bench.config import Bench
 from daq.control.messages import (
     Alarm,
@@ -14,9 +15,11 @@ from daq.control.messages import (
     Status,
 )
 from daq.runs import Excitation
+from tui.display.view import headline
 from tui.terminal.campaign import (
     BenchStep,
     bump_step,
+    first_obstacle,
     frames_stand_still,
     in_run,
     next_action,
@@ -421,3 +424,59 @@ def test_runs_have_the_newest_on_top(recorder: FakeRecorder) -> None:
         "+ baseline bounce 1  good: the car swings at 1.15 Hz; taken by MK: a door"
     ]
     assert runs(replace(recorder.status, runs=())) == ["no runs yet"]
+
+
+def alarmed(code: str, phase: Phase = Phase.ARMED, alive: int = 4) -> Status:
+    recorder = FakeRecorder()
+    recorder.mark("vehicle", "check")
+    recorder.phase = phase
+    alarm = Alarm(code, "can0", "what was seen", EXPLAINED[code].advice, WALL_NS - 10 * S)
+    recorder.changes = {"alarms": (alarm,), "sensors_alive": alive}
+    return recorder.status
+
+
+@pytest.mark.parametrize(
+    ("code", "alive", "name", "advice"),
+    [
+        ("disconnected", 0, "BUS DISCONNECTED", "Check plug and power of the adapter."),
+        ("bus_silent", 0, "BUS SILENT", "Check cable, power of the sensors and bit rate."),
+        ("stale", 3, "SENSOR SILENT", "Check plug and power of this sensor."),
+        ("bus_full", 4, "BUS OVERLOADED", "Take other devices off this bus"),
+        ("counter_gap", 4, "FRAMES MISSING", "Check the load of the bus"),
+        ("journal_failed", 4, "THE DISK REFUSES", "Make room on the disk"),
+        ("not_recording", 4, "NOT RECORDING", "See the other alarms"),
+    ],
+)
+@pytest.mark.parametrize("phase", [Phase.IDLE, Phase.WAITING, Phase.ARMED, Phase.PAUSED])
+def test_the_first_line_is_the_cause_and_the_next_its_advice(
+    code: str, alive: int, name: str, advice: str, phase: Phase
+) -> None:
+    status = alarmed(code, phase, alive)
+    shown = banner(status, None, next_action(status), ASCII)
+    assert (shown.word, shown.title) == ("STOP", f"{name}  can0")
+    assert shown.first.startswith(advice)
+    assert shown.second == "what was seen"
+    page = headline(status)
+    assert (page.word, page.why) == (("STOP",), f"{name}  can0")
+    assert page.advice.startswith(advice)
+
+
+def test_a_run_and_its_verdict_are_shown_before() -> None:
+    for phase in (Phase.TRIGGERED, Phase.DECAY):
+        assert obstacle(alarmed("stale", phase, alive=3)) is None
+    for phase in (Phase.ACCEPTED, Phase.REJECTED):
+        assert first_obstacle(alarmed("stale", phase, alive=3)) is None
+        assert obstacle(alarmed("stale", phase, alive=3)) is not None
+    assert first_obstacle(alarmed("disconnected", Phase.ACCEPTED, alive=0)) is not None
+
+
+def test_without_frames_no_countdown_is_shown() -> None:
+    recorder = FakeRecorder()
+    recorder.bump()
+    recorder.judge(DOUBLE_BUMP)
+    status = recorder.status
+    assert "in 3 s" in banner(status, None, next_action(status), ASCII).title
+    recorder.changes = {"sensors_alive": 0}
+    still = banner(recorder.status, None, next_action(recorder.status), ASCII)
+    assert (still.digits, "in 3 s" in still.title) == ("", False)
+    assert headline(recorder.status).digits == ""

@@ -32,9 +32,7 @@ from tui.terminal.campaign import BenchStep, progress
 from tui.terminal.screens import results
 from tui.terminal.screens.results import (
     SessionsScreen,
-    finding_lines,
     findings_lines,
-    mark,
     parameter_rows,
     verdict_lines,
 )
@@ -42,7 +40,6 @@ from tui.terminal.screens.work import (
     OUTDATED,
     IdentifyScreen,
     ReportScreen,
-    open_identify,
 )
 from tui.terminal.widgets import Table
 from tui.terminal.words import choose_glyphs
@@ -163,11 +160,11 @@ async def test_a_result_is_kept_until_its_file_changes(
 
     async with playing(app, SMALL) as pilot:
         for _ in range(2):
-            await open_identify(app, str(path))
+            (await app.open("identify")).begin(str(path))
             await until(pilot, lambda: front(app) is results_of(app))
             assert len(worker.tasks) == 1
         path.write_text("another")
-        await open_identify(app, str(path))
+        (await app.open("identify")).begin(str(path))
         await until(pilot, lambda: len(worker.tasks) == 2 and front(app) is results_of(app))
         assert results_of(app).step_shown is identify_of(app).step_shown is None, "of the past"
         await app.open("identify")
@@ -388,7 +385,6 @@ async def test_trouble_of_the_list_is_shown(
 
 
 BRAILLE = choose_glyphs("braille", {}, "utf-8")
-BLOCKS = choose_glyphs("blocks", {}, "utf-8")
 ASCII = choose_glyphs("ascii", {}, "utf-8")
 
 
@@ -418,11 +414,12 @@ async def test_x_rejects_the_chosen_run_and_builds_again(make_app: Make) -> None
     app = make_app(recorder)
     async with showing(app, (140, 40), outcome()) as pilot:
         assert "choose the run first" in await pressed(pilot, "x")
-        await pressed(pilot, "p", "down", "down", "x")
+        await pressed(pilot, "tab", "tab", "down", "down", "x")
         rejects = [o for o in recorder.orders if isinstance(o, Reject)]
         assert [r.label for r in rejects] == ["baseline_pitch_1"]
         assert isinstance(recorder.orders[-1], Build)
         assert app.screen is app.get_screen("identify")
+        recorder.publish(session=recorder.built(PATH))
         await app.open("results")  # the same key takes it back
         await pressed(pilot, "x")
         accepts = [o for o in recorder.orders if isinstance(o, Accept)]
@@ -447,7 +444,7 @@ _CURVES: Any = "curves of a damper"
 async def test_a_car_with_damper_curves_has_a_page_of_them(
     make_app: Make, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(results, "damper_lines", lambda _: ["Force of one corner", "+0.20 300"])
+    monkeypatch.setattr(results, "forces_text", lambda _: "Force of one corner\n+0.20 300")
     curved = replace(outcome(), result=replace(outcome().result, forces=_CURVES))
     app = make_app(measured())
     async with showing(app, SMALL, curved) as pilot:
@@ -474,10 +471,9 @@ async def test_pages_scroll_and_an_earlier_session_is_only_read(make_app: Make) 
         for key, row in (("down", 2), ("down", 4), ("up", 2)):
             await pressed(pilot, key)
             assert table.scroll_y == row
-        await pressed(pilot, "p", "down", "down", "up")
+        await pressed(pilot, "tab", "down", "down", "up")
         assert results_of(app).query_one("#runs-table", Table).cursor_row == 1
-        assert "95 % interval" in await pressed(pilot, "p")
-        assert "the runs of an earlier session stay" in await pressed(pilot, "p", "x")
+        assert "the runs of an earlier session stay" in await pressed(pilot, "x")
         assert not [o for o in recorder.orders if isinstance(o, Reject | Build)]
 
 
@@ -521,19 +517,7 @@ def test_a_verdict_says_its_gravest_reasons_and_how_many_lines_are_hidden() -> N
     assert len(verdict_lines(made, ASCII, 120, 4)) == 4
     assert verdict_lines(made, ASCII, 120, 4)[-1] == "  ... 2 more lines: Tab to Findings"
     notes = judged(outcome(), replace(quality, findings=(note,)))
-    assert verdict_lines(notes, ASCII, 120, 5)[1:] == ["- note: began late"]
-    assert verdict_lines(notes, BLOCKS, 120, 5)[1:] == ["· note: began late"]
-
-
-def test_findings_are_marked_and_folded() -> None:
-    words = ("ok", "accepted", "doubtful", "refused", "left out")
-    assert "".join(mark(word, ASCII) for word in words) == "++!xx"
-    assert finding_lines("refused", "no accepted run", ASCII, 80) == ["x REFUSED: no accepted run"]
-    assert finding_lines("doubtful", "aaaa bbbb cccc", BRAILLE, 16) == [
-        "! DOUBT: aaaa",
-        "    bbbb cccc",
-    ]
-    assert finding_lines("odd", "text", ASCII, 80) == ["x odd: text"]
+    assert verdict_lines(notes, ASCII, 120, 5)[1:] == ["+ note: began late"]
 
 
 def test_the_page_of_findings_has_its_three_parts() -> None:

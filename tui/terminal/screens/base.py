@@ -9,7 +9,7 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.content import Content
 from textual.screen import Screen
-from textual.widgets import Footer, Input, TextArea
+from textual.widgets import Footer
 
 from daq.bench.campaign import Origin
 from daq.control.messages import BusState
@@ -56,7 +56,7 @@ class BenchScreen(Screen[None]):
     @property
     def ready(self) -> bool:
         """True while `--auto` may press SPACE."""
-        return True
+        return self.acts
 
     @property
     def step_shown(self) -> BenchStep | None:
@@ -120,24 +120,11 @@ class BenchScreen(Screen[None]):
         """Fit the screen into its new size."""
         self.call_after_refresh(self._show)
 
-    def on_descendant_focus(self) -> None:
-        """Say how to start a lost recorder where X would be typed into the field."""
-        self._show_lost()
-
-    def on_descendant_blur(self) -> None:
-        """Say that X is a key again."""
-        self._show_lost()
-
-    def _show_lost(self) -> None:
-        if self.bench_app.lost is not None:
-            self.call_after_refresh(self._show)
-
     def _show(self) -> None:
         if not self.is_mounted or not self.query("#steps"):
             return
         status, (width, height) = self.bench_app.status, self.app.size
-        typing = isinstance(self.focused, (Input, TextArea))
-        self.query_one("#top", Words).say(top_line(self.bench_app, width, typing))
+        self.query_one("#top", Words).say(top_line(self.bench_app, width))
         steps = step_line(status, self.step_shown, self.bench_app.glyphs.good)
         if width < _ENOUGH[0] or height < _ENOUGH[1]:
             words = f" {width}x{height} is too small: make it 80x24, or the font smaller"
@@ -150,6 +137,30 @@ class BenchScreen(Screen[None]):
         if enabled != self._enabled:
             self._enabled = enabled
             self.refresh_bindings()
+
+
+class SessionScreen(BenchScreen):
+    """A screen on a session file: that of the present recording, or an earlier one."""
+
+    session = ""
+    """The session file; empty while there is none."""
+
+    @property
+    def is_of_recording(self) -> bool:
+        """True if the session file is that of the present recording."""
+        status = self.bench_app.status
+        return status is not None and status.own_session == self.session
+
+    @property
+    def outdated(self) -> bool:
+        """True if the recording has changed since its session file was built."""
+        status = self.bench_app.status
+        return status is not None and self.is_of_recording and status.outdated
+
+    @property
+    def step_shown(self) -> BenchStep | None:
+        """The step of this screen; None for an earlier session."""
+        return self.STEP if not self.session or self.is_of_recording else None
 
 
 def step_line(status: Status | None, here: BenchStep | None, good: str) -> Content:
@@ -171,14 +182,11 @@ def step_line(status: Status | None, here: BenchStep | None, good: str) -> Conte
     return Content.assemble(*parts)
 
 
-def top_line(app: BenchApp, width: int, typing: bool) -> Content:
-    """Return vehicle, day and operator; bus, losses, sensors and disk; the overload lamps.
-
-    `typing`: a field has the cursor, which takes an X as text.
-    """
+def top_line(app: BenchApp, width: int) -> Content:
+    """Return vehicle, day and operator; bus, losses, sensors and disk; the overload lamps."""
     status, glyphs, lost = app.status, app.glyphs, app.lost
     if lost is not None:
-        first = f"RECORDER LOST: {'Esc, then ' if typing else ''}X = start it again"
+        first = "RECORDER LOST: X = start it again (in a field Esc, then X)"
         if lost.starting:
             first = "STARTING"
         return Content.styled(f" {first}  {printable(lost.text)}", "bold reverse")

@@ -17,6 +17,7 @@ from daq.control.messages import (
     Accept,
     Acknowledge,
     Choose,
+    Order,
     Pause,
     Phase,
     Redo,
@@ -48,12 +49,6 @@ from .base import BenchScreen
 
 if TYPE_CHECKING:
     from daq.bench.config import Bench
-
-
-_SHOWN = 200
-"""Largest number of runs that are shown: the newest."""
-_ALARM_ROWS, _ROWS_EACH = 4, 2
-"""Rows of all alarms, and of each but the gravest, whose advice is shown completely."""
 
 
 def next_text(
@@ -107,14 +102,25 @@ def tally_rows(status: Status, glyphs: Glyphs) -> list[list[Cell]]:
         is_due = due_kind == (tally.mass_state, tally.excitation)
         kind = f"{glyphs.now if is_due else ' '} {tally.mass_state} {tally.excitation.words}"
         more = f" +{accepted - planned}" if accepted > planned else ""
-        rejected = f"{tally.rejected} rejected: {_reasons(status, tally)}" if tally.rejected else ""
+        motions = [
+            finding.value
+            for run in _of_kind(status, tally, RunStatus.ACCEPTED)
+            for finding in run.findings
+            if finding.code == "motion" and finding.value > 0
+        ]
+        scatter = f" ± {stdev(motions):.2f}" if len(motions) > 1 else ""
+        reasons = dict.fromkeys(
+            reason_words(run.failed.code) if run.failed else "by hand"
+            for run in _of_kind(status, tally, RunStatus.REJECTED)
+        )
+        rejected = f"{tally.rejected} rejected: {printable(', '.join(reasons), 60)}"
         rows.append(
             [
                 Text(kind, "bold" if is_due else "", no_wrap=True),
                 glyphs.bar(accepted, planned),
                 right(f"{min(accepted, planned)}/{planned}{more}"),
-                right(_frequency(status, tally)),
-                rejected,
+                right(f"{fmean(motions):.2f}{scatter} Hz" if motions else ""),
+                rejected if tally.rejected else "",
             ]
         )
     return rows
@@ -125,29 +131,13 @@ def _of_kind(status: Status, tally: Tally, state: RunStatus) -> list[LoggedRun]:
     return [run for run in status.runs if (run.mass_state, run.excitation, run.status) == kind]
 
 
-def _frequency(status: Status, tally: Tally) -> str:
-    """Return the mean frequency of the accepted runs of a kind, with its scatter."""
-    runs = _of_kind(status, tally, RunStatus.ACCEPTED)
-    values = [f.value for run in runs for f in run.findings if f.code == "motion" and f.value > 0]
-    if not values:
-        return ""
-    scatter = f" ± {stdev(values):.2f}" if len(values) > 1 else ""
-    return f"{fmean(values):.2f}{scatter} Hz"
-
-
-def _reasons(status: Status, tally: Tally) -> str:
-    runs = _of_kind(status, tally, RunStatus.REJECTED)
-    words = [reason_words(run.failed.code) if run.failed else "by hand" for run in runs]
-    return printable(", ".join(dict.fromkeys(words)), 60)
-
-
 def runs_text(status: Status, glyphs: Glyphs, figures: bool) -> Content:
     """Return the runs, the newest first, in words, with the reasons of rejected ones.
 
     `figures`: add the measured figures of accepted runs.
     """
     lines = []
-    for run in reversed(status.runs[-_SHOWN:]):
+    for run in reversed(status.runs):
         name = f"{run.mass_state} {run.excitation.words} {run.repeat}"
         if run.status is RunStatus.OPEN:
             lines.append(Content.styled(f"{glyphs.now} {name}  running", "bold"))
@@ -165,35 +155,37 @@ def runs_text(status: Status, glyphs: Glyphs, figures: bool) -> Content:
 
 
 def alarms_text(status: Status, glyphs: Glyphs, width: int) -> Content:
-    """Return the alarms with their advice, which comes last and is never cut; empty without any."""
-    alarms = [
-        (
-            f"{glyphs.warn} {printable(reason_words(alarm.code).upper(), 40)}",
-            f"{printable(f'{alarm.subject}: ' if alarm.subject else '', 40)}"
-            f"{printable(alarm.text, 120)}: {printable(alarm.advice, 120)}",
-        )
-        for alarm in status.alarms
-    ]
+    """Return the alarms with their advice, the gravest first, in four rows; empty without any."""
+    alarms = []
+    for a in status.alarms:
+        name = f"{glyphs.warn} {printable(reason_words(a.code).upper(), 40)}"
+        about = printable(f"{a.subject}: " if a.subject else "", 40)
+        alarms.append((name, f"{about}{printable(a.text, 120)}: {printable(a.advice, 120)}"))
     if status.overloaded:
         names = printable(", ".join(status.overloaded), 120)
         text = f"{names} touched the end of the range: A puts the lamp out"
         alarms.append((f"{glyphs.overload} OVERLOAD", text))
     rows: list[Content] = []
-    for i, (head, text) in enumerate(alarms):
-        first, *others = wrap(f"{head} {text}", width, subsequent_indent="  ")
-        lines = [Content.assemble((head, "bold $error"), first.removeprefix(head))]
-        most = _ROWS_EACH if i else _ALARM_ROWS - 1
-        lines += map(Content, others[: most - 1])
-        after = len(alarms) - i - 1
-        most_rows = _ALARM_ROWS - 1 if after else _ALARM_ROWS  # the last one says `and 2 more`
-        if len(rows) + len(lines) > most_rows:
-            rows.append(Content(f"{glyphs.warn} and {after + 1} more"))
+    for i, (name, text) in enumerate(alarms):
+        first, *others = wrap(f"{name} {text}", width, subsequent_indent="  ")
+        lines = [Content.assemble((name, "bold $error"), first.removeprefix(name))]
+        lines += map(Content, others[: 1 if i else 2])
+        n_after = len(alarms) - i - 1
+        if len(rows) + len(lines) > (3 if n_after else 4):  # the last row counts the others
+            rows.append(Content(f"{glyphs.warn} and {n_after + 1} more"))
             break
         rows += lines
     return Content("\n").join(rows)
 
 
 AT_EASE = (Phase.IDLE, Phase.COMPLETE)
+_ORDERS: dict[str, tuple[Order, str]] = {
+    "reject": (Reject(), ""),
+    "undo": (Undo(), "undone; R = redo"),
+    "redo": (Redo(), "redone; U = undo"),
+    "lamp off": (Acknowledge(), ""),
+}
+"""The orders of keys that need nothing else, and what is said when one is carried out."""
 
 
 class BumpingScreen(BenchScreen):
@@ -201,14 +193,14 @@ class BumpingScreen(BenchScreen):
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding(
-            "backspace,pageup", "reject", "Reject", key_display="Bksp",
+            "backspace,pageup", "order('reject')", "Reject", key_display="Bksp",
             tooltip="Reject the run in progress, or the last one",
         ),
-        Binding("u", "undo", "Undo", tooltip="Undo the last verdict"),
-        Binding("r", "redo", "Redo", tooltip="Redo what was undone"),
+        Binding("u", "order('undo')", "Undo", tooltip="Undo the last verdict"),
+        Binding("r", "order('redo')", "Redo", tooltip="Redo what was undone"),
         Binding("t", "take_back", "Take back",
                 tooltip="Accept the last rejected run, with a reason"),
-        Binding("a", "acknowledge", "Lamp off", tooltip="Acknowledge the overload lamps"),
+        Binding("a", "order('lamp off')", "Lamp off", tooltip="Acknowledge the overload lamps"),
         Binding("escape", "pause", "Pause", tooltip="Pause; home if nothing is armed"),
         Binding("v", "view", "View", tooltip="Another view: body or wheels, figures of the runs"),
         Binding("m", "more", "More", tooltip="More of the kind that is marked; up and down mark"),
@@ -254,19 +246,13 @@ class BumpingScreen(BenchScreen):
             return super().check_action(action, parameters)
         if status is None or self.bench_app.lost is not None:
             return action in ("view", "choose")
-        match action:
-            case "undo":
-                return bool(status.undo)
-            case "redo":
-                return bool(status.redo)
-            case "reject":
-                return bool(status.runs)
-            case "take_back":
-                return self._rejected is not None
-            case "acknowledge":
-                return bool(status.overloaded)
-            case "more":
-                return status.phase in (*AT_EASE, Phase.PAUSED)
+        if action == "order":
+            changeable = {"undo": status.undo, "redo": status.redo, "reject": status.runs}
+            return bool((changeable | {"lamp off": status.overloaded})[str(parameters[0])])
+        if action == "take_back":
+            return self._rejected is not None
+        if action == "more":
+            return status.phase in (*AT_EASE, Phase.PAUSED)
         return super().check_action(action, parameters)
 
     def _show(self) -> None:
@@ -309,7 +295,7 @@ class BumpingScreen(BenchScreen):
         chart, app = self.query_one(LaneChart), self.bench_app
         if not chart.display or not chart.size.height:
             return
-        specs = lane_specs(app.bench, app.lanes, self._page, chart.room)
+        specs = lane_specs(app.bench, self._page, chart.room)
         overloaded = app.status.overloaded if app.status else ()
         chart.show(app.lanes, specs, window(app.status, app.lanes), overloaded)
 
@@ -321,30 +307,21 @@ class BumpingScreen(BenchScreen):
         if action.step is not None:
             await app.go_to(action.step)
         elif action.order is not None and question and self._change != app.answered:
-            dialog = Confirm(question, "yes, start", "no, not yet")
-            self.app.push_screen(dialog, self._weights_are_right)
+
+            async def answered(yes: bool | None) -> None:
+                if yes:
+                    app.answered = self._change
+                    await self.action_next()
+
+            app.push_screen(Confirm(question, "yes, start", "no, not yet"), answered)
         elif action.order is not None and await app.ask(action.order) is not None:
             await app.open("run")
 
-    async def _weights_are_right(self, yes: bool | None) -> None:
-        """Arm after the operator has checked the weights."""
-        if yes:
-            self.bench_app.answered = self._change
-            await self.action_next()
-
-    async def action_reject(self) -> None:
-        """Reject the run in progress, or the last one."""
-        await self.bench_app.ask(Reject())
-
-    async def action_undo(self) -> None:
-        """Undo the last verdict."""
-        if await self.bench_app.ask(Undo()) is not None:
-            self.bench_app.inform("undone; R = redo")
-
-    async def action_redo(self) -> None:
-        """Redo the last undo."""
-        if await self.bench_app.ask(Redo()) is not None:
-            self.bench_app.inform("redone; U = undo")
+    async def action_order(self, name: str) -> None:
+        """Send an order on the last verdict, or put the overload lamps out."""
+        order, done = _ORDERS[name]
+        if await self.bench_app.ask(order) is not None and done:
+            self.bench_app.inform(done)
 
     async def action_pause(self) -> None:
         """Pause; go home if nothing is armed."""
@@ -353,10 +330,6 @@ class BumpingScreen(BenchScreen):
             await self.bench_app.open("home")
         elif await self.bench_app.ask(Pause()) is not None and status.phase in RUNNING:
             self.bench_app.inform("pauses after this run")
-
-    async def action_acknowledge(self) -> None:
-        """Acknowledge the overload lamps."""
-        await self.bench_app.ask(Acknowledge())
 
     async def action_more(self) -> None:
         """Bump the chosen kind next, also beyond the planned number."""

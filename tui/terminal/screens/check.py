@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import ClassVar
 
 from rich.text import Text
@@ -59,27 +60,25 @@ def recorder_rows(status: Status) -> tuple[CheckRow, ...]:
     """Return the lines on buses, disk and clock."""
     rows = []
     for bus in status.buses:
-        text = f"load {bus.load:.0%}, {bus.frames_per_s:.0f} frames/s, error frames"
-        text += f" {bus.error_frames}"
-        if bus.tx_errors is not None:
-            text += f", TEC {bus.tx_errors}, REC {bus.rx_errors}"
-        state, advice = OK, ""
+        load = f"load {bus.load:.0%}, {bus.frames_per_s:.0f} frames/s"
+        text = f"{load}, error frames {bus.error_frames}"
         if bus.state is not BusState.OK:
-            state, text = FAIL, f"{bus.state.value}: {text}"
             advice = "check power, plugs, termination and bit rate"
+            rows.append(CheckRow(FAIL, f"bus {bus.name}", f"{bus.state.value}: {text}", advice))
         elif bus.error_frames or bus.load > _HEAVY_LOAD:
-            state, advice = WARN, "check termination (60 ohm) and plugs, or lower the rates"
-        rows.append(CheckRow(state, f"bus {bus.name}", text, advice))
-    free = status.disk.free_bytes
-    state = FAIL if status.disk.failed or free < _LEAST_BYTES else OK
-    state = WARN if state == OK and free < _LITTLE_BYTES else state
-    text = status.disk.failed or f"{free / 1e9:.1f} GB free, {status.disk.lag_s:.1f} s behind"
+            advice = "check termination (60 ohm) and plugs, or lower the rates"
+            rows.append(CheckRow(WARN, f"bus {bus.name}", text, advice))
+        else:
+            rows.append(CheckRow(OK, f"bus {bus.name}", text))
+    disk, free = status.disk, status.disk.free_bytes
+    state = FAIL if disk.failed or free < _LEAST_BYTES else WARN if free < _LITTLE_BYTES else OK
+    text = disk.failed or f"{free / 1e9:.1f} GB free, {disk.lag_s:.1f} s behind"
     rows.append(CheckRow(state, "disk", text, "" if state == OK else "make room, or a new disk"))
-    steps = [alarm for alarm in status.alarms if alarm.code == "clock_step"]
-    text = steps[0].text if steps else "runs evenly"
-    advice = steps[0].advice if steps else ""
-    rows.append(CheckRow(WARN if steps else OK, "clock", text, advice))
-    return tuple(rows)
+    clock = CheckRow(OK, "clock", "runs evenly")
+    for alarm in status.alarms:
+        if alarm.code == "clock_step":
+            clock = CheckRow(WARN, "clock", alarm.text, alarm.advice)
+    return (*rows, clock)
 
 
 def push_rows(
@@ -155,10 +154,6 @@ _ASK_AGAIN_S = 15.0
 """Seconds of the recording without a push after which it is asked for again, twice as many each
 time."""
 _ZERO = "zero"
-_PUSH = "SPACE = push the corners"
-_HANDS_OFF = "SPACE = zero: hands off the car"
-_TARE = "SPACE = take this as zero"
-_ON = "SPACE = the bench is fit: go on to step 3 Baseline"
 
 
 class CheckScreen(BenchScreen):
@@ -172,7 +167,6 @@ class CheckScreen(BenchScreen):
         Binding(
             "i", "invert", "Invert", tooltip="Invert the sign of the channel of the marked FAIL"
         ),
-        Binding("z", "zero", "Zero", tooltip="Take the levels at rest as zero"),
         Binding("s", "skip", "Skip", tooltip="Skip the marked corner, with a reason"),
         Binding("down", "mark(1)", "Down", show=False, tooltip="Mark the next line"),
         Binding("up", "mark(-1)", "Up", show=False, tooltip="Mark the line before"),
@@ -205,14 +199,9 @@ class CheckScreen(BenchScreen):
         self.set_interval(AGAIN_S, self._tick)
 
     @property
-    def ready(self) -> bool:
-        """True while SPACE would go on without an answer by the operator."""
-        return self._due in (_PUSH, _HANDS_OFF, _TARE, _ON)
-
-    @property
     def acts(self) -> bool:
         """True while SPACE does something: not while the car is pushed or must be at rest."""
-        return self._due.startswith("SPACE")
+        return self._next[1] is not None
 
     def show_status(self, status: Status) -> None:
         """Show the lines."""
@@ -303,7 +292,7 @@ class CheckScreen(BenchScreen):
         if not offsets:
             return CheckRow(OK, _ZERO, "travels and rates read zero at rest")
         text = ", ".join(offsets.values())
-        advice = "Z takes this as zero, the car at ride height (goes to the report)"
+        advice = "the zero of the car at ride height (goes to the report)"
         return CheckRow(NOW, _ZERO, text, advice)
 
     def _explain(self) -> None:
@@ -315,31 +304,35 @@ class CheckScreen(BenchScreen):
         if self._corner is not None:  # the line on SPACE says what its row says
             words = [self._acknowledged, "" if self._acknowledged else "S skips it, with a reason"]
         lines = [Content(printable(text, 300)) for text in words if text]
-        box.say(Content("\n").join([Content.styled(self._due, SPACE_INK), *lines]))
+        box.say(Content("\n").join([Content.styled(self._next[0], SPACE_INK), *lines]))
 
     @property
-    def _due(self) -> str:
-        """Text on the action of SPACE now; it begins with SPACE only if there is one."""
+    def _next(self) -> tuple[str, Callable[[], Awaitable[None]] | None]:
+        """What SPACE does now, in words and as an action; without one, what is awaited."""
+        app, corner = self.bench_app, self._corner
         if self.lost_words:
-            return self.lost_words
-        if self._corner is not None:
-            words = push_words(self._corner, self._pushed.get(self._corner))
-            return f"{words[:1].upper()}{words[1:]}, {self._left_s:.0f} s left"
+            return self.lost_words, None
+        if corner is not None:
+            words = push_words(corner, self._pushed.get(corner))
+            waited_s = (app.lanes.end - self._begin_bin) * app.lanes.bin_s
+            left_s = max(0.0, self._ask_again_s - waited_s)
+            return f"{words[:1].upper()}{words[1:]}, {left_s:.0f} s left", None
         if self._hands_off_s:
-            return "Hands off the car."
+            return "Hands off the car.", None
         if not self._items:
-            return "Listening to the sensors."
+            return "Listening to the sensors.", None
         if blocked := sum(row.blocks for row in self._rows):
-            return f"{blocked} FAIL: correct {'it' if blocked == 1 else 'them'}, then SPACE goes on"
-        if self._next_corner() is not None:
-            return _PUSH
+            correct = f"correct {'it' if blocked == 1 else 'them'}"
+            return f"{blocked} FAIL: {correct}, then SPACE goes on", None
+        if (following := self._next_corner()) is not None:
+            return "SPACE = push the corners", partial(self._begin_push, following)
         if not self._zeroed:
-            return _HANDS_OFF
+            return "SPACE = zero: hands off the car", self._measure_zero
         if self._offsets():
-            return _TARE
+            return "SPACE = take this as zero", self._take_zero
         if asks := sum(row.asks for row in self._rows):
-            return f"SPACE = override {asks} WARN"
-        return _ON
+            return f"SPACE = override {asks} WARN", self._override_first
+        return "SPACE = the bench is fit: go on to step 3 Baseline", self._end_step
 
     def action_mark(self, by: int) -> None:
         """Mark another line."""
@@ -362,22 +355,22 @@ class CheckScreen(BenchScreen):
 
     async def action_next(self) -> None:
         """Do the first open one of these: push test, zero, warnings, next step."""
-        app, due = self.bench_app, self._due
-        corner = self._next_corner()
-        if due == _PUSH and corner is not None:
-            await self._begin_push(corner)
-        elif due == _HANDS_OFF:
-            self._begin_zero()
-        elif due == _TARE:
-            await self.action_zero()
-        elif due == _ON:
-            if await app.ask(Mark(BenchStep.CHECK.mark)) is not None:
-                if failure := write_draft(app.folder / REST, rest_levels(self._items)):
-                    app.warn(failure)
-                await app.go_to(BenchStep.BASELINE)
-        elif asks := next((row for row in self._rows if row.asks), None):
-            self._mark_row(asks.subject)
-            self.action_override()
+        _, act = self._next
+        if act is not None:
+            await act()
+
+    async def _override_first(self) -> None:
+        """Ask for the reason to override the first warning."""
+        self._mark_row(next(row.subject for row in self._rows if row.asks))
+        self.action_override()
+
+    async def _end_step(self) -> None:
+        """Mark the step as done, keep the levels at rest, and go on to the baseline."""
+        app = self.bench_app
+        if await app.ask(Mark(BenchStep.CHECK.mark)) is not None:
+            if failure := write_draft(app.folder / REST, rest_levels(self._items)):
+                app.warn(failure)
+            await app.go_to(BenchStep.BASELINE)
 
     async def action_again(self) -> None:
         """Repeat the marked check: push that corner again, measure zero again, or check again."""
@@ -386,7 +379,7 @@ class CheckScreen(BenchScreen):
         if again := self._corner or corner:
             await self._begin_push(again)
         elif row is not None and row.subject == _ZERO:
-            self._begin_zero()
+            await self._measure_zero()
         else:
             await self._ask(WINDOW_S)
 
@@ -472,12 +465,6 @@ class CheckScreen(BenchScreen):
         else:
             self._show_rows()
 
-    @property
-    def _left_s(self) -> float:
-        """Seconds of the recording after which the push that is due is asked for again."""
-        lanes = self.bench_app.lanes
-        return max(0.0, self._ask_again_s - (lanes.end - self._begin_bin) * lanes.bin_s)
-
     async def _go_on(self, acknowledged: str = "") -> None:
         """Acknowledge a push; ask for the next corner if it was right, else stop."""
         corner, self._corner = self._corner, None
@@ -508,7 +495,7 @@ class CheckScreen(BenchScreen):
             if corner is not None:
                 await self._begin_push(corner)
 
-    def _begin_zero(self) -> None:
+    async def _measure_zero(self) -> None:
         self._hands_off_s, self._zeroed = HANDS_OFF_S, False
         self._show_rows()
         self._mark_row(_ZERO)
@@ -517,11 +504,8 @@ class CheckScreen(BenchScreen):
         bench = self.bench_app.bench
         return zero_offsets(self._items, bench.channels) if bench and self._zeroed else {}
 
-    async def action_zero(self) -> None:
-        """Set the zero of travels and rates to their levels at rest; measure these first."""
-        if not self._zeroed:
-            self._begin_zero()
-            return
+    async def _take_zero(self) -> None:
+        """Set the zero of travels and rates to their levels at rest."""
         bench, offsets, levels = self.bench_app.bench, self._offsets(), rest_levels(self._items)
         tares = {
             c.name: (None, round(c.tare + levels[c.name], 7))

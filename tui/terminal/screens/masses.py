@@ -12,19 +12,19 @@ from functools import partial
 from subprocess import DEVNULL, PIPE
 from typing import ClassVar
 
+from textual import work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal
 from textual.content import Content
 
-from daq import Excitation, InputError, VehicleParameters
+from daq import InputError, VehicleParameters
 from daq.bench.edit import with_weights
 from daq.control.messages import AskCheck, Configure, Mark, Note, OverrideWarning, Status
 from daq.loading import expected_car, loading
 
-from ...jobs.planning import GAIN, Gain, measured_spread
-from ..app import begin
-from ..campaign import BenchStep, read_draft, remove_draft, write_draft
+from ...jobs.planning import GAIN, Gain
+from ..campaign import BenchStep, read_draft, write_draft
 from ..widgets import SPACE_INK, Table, Words
 from .base import WIDE, BenchScreen
 from .check import REST, rest_levels
@@ -36,7 +36,7 @@ from .weights import (
     Weight,
     WeightScreen,
     axle_loads_with,
-    baseline_hz,
+    baseline_bounce_hz,
     check_inventory,
     check_weight,
     contradiction,
@@ -44,7 +44,6 @@ from .weights import (
     entries_of,
     entry_values,
     gain_line,
-    shift_line,
     sketch,
     weight_cells,
     weight_of,
@@ -66,9 +65,7 @@ class MassesScreen(BenchScreen):
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("a", "add", "Add", tooltip="Add a weight"),
         Binding("e,enter", "edit", "Edit", key_display="E", tooltip="Edit the marked weight"),
-        Binding("b", "bolt", "Bolted", tooltip="Mark the weight as bolted, or as not bolted"),
         Binding("delete", "remove", "Remove", key_display="Del", tooltip="Remove the weight"),
-        Binding("u", "undo", "Undo", tooltip="Undo the last change of the weights"),
         Binding("o", "override", "Override", tooltip="Go on in spite of the sag, with a reason"),
         Binding("down", "mark(1)", "Down", show=False, tooltip="Mark the next weight"),
         Binding("up", "mark(-1)", "Up", show=False, tooltip="Mark the weight before"),
@@ -78,7 +75,6 @@ class MassesScreen(BenchScreen):
         super().__init__()
         self._filled = False
         self._entries: tuple[Entry, ...] = ()
-        self._before: list[tuple[Entry, ...]] = []
         self._gain: Gain | None = None
         self._asked_text = ""
         self._contradicted = ""
@@ -92,21 +88,15 @@ class MassesScreen(BenchScreen):
         yield Words("outlook", "box", "Outlook")
 
     @property
-    def ready(self) -> bool:
-        """True while SPACE would go on."""
-        return self._filled and not self._error and not self._contradicted
-
-    @property
     def acts(self) -> bool:
         """True while SPACE does something: not while an entry is wrong or no recorder answers."""
-        return self.ready and not self.lost_words
+        fits = self._filled and not self._error and not self._contradicted
+        return fits and not self.lost_words
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Show only the keys that do something now."""
-        if action in ("edit", "bolt", "remove"):
+        if action in ("edit", "remove"):
             return bool(self._entries)
-        if action == "undo":
-            return bool(self._before)
         if action == "override":
             return bool(self._contradicted)
         return super().check_action(action, parameters)
@@ -148,7 +138,7 @@ class MassesScreen(BenchScreen):
     def _show_all(self) -> None:
         glyphs, car = self.bench_app.glyphs, self._car
         wide = self.app.size.width >= WIDE
-        drawing = sketch(self._entries, car, loading(self._weights, car), wide)
+        drawing = sketch(self._entries, car, wide)
         self.query_one("#car", Words).say(Content("\n".join(drawing)))
         rows = [
             weight_cells(row, entry, glyphs.good, glyphs.bad)
@@ -158,22 +148,13 @@ class MassesScreen(BenchScreen):
         self._show_outlook()
 
     def _show_outlook(self) -> None:
-        app, car = self.bench_app, self._car
-        assert app.bench is not None
+        glyphs, car = self.bench_app.glyphs, self._car
         load = loading(self._weights, car)
         total, (front, rear) = axle_loads_with(load, car)
         lines = [self._next_line(), Content(f"Effect    {effect_line(load)}")]
-        if self._gain is None:
-            lines.append(Content(f"Expected  {app.glyphs.now} computing"))
-        else:
-            expected = [
-                shift_line(shift, measured_spread(baseline_hz(app.status, shift.mode)))
-                for shift in self._gain.shifts
-            ]
-            for i, (text, weak) in enumerate([*expected, gain_line(self._gain)]):
-                warning = f"  {app.glyphs.warn} {weak}" if weak else ""
-                head = "" if i else "Expected"
-                lines.append(Content.assemble(f"{head:<10}{text}", (warning, "bold $warning")))
+        text, weak = gain_line(self._gain) if self._gain else (f"{glyphs.now} computing", "")
+        warning = f"{glyphs.warn} {weak}" if weak else ""
+        lines.append(Content.assemble(f"Expected  {text}", (warning, "bold $warning")))
         alone = f"(the car alone {total:.0f} kg)"
         lines.append(Content(f"Axles     front {front:.0f} kg, rear {rear:.0f} kg {alone}"))
         self.query_one("#outlook", Words).say(Content("\n").join(lines))
@@ -205,23 +186,16 @@ class MassesScreen(BenchScreen):
 
     # Changing -----------------------------------------------------------------------------------
 
-    def _change(self, entries: tuple[Entry, ...]) -> None:
-        self._before.append(self._entries)
-        self._set(entries)
-
-    def _set(self, entries: tuple[Entry, ...]) -> None:
-        self._entries = entries
+    def _change(self, row: int, *new: Entry) -> None:
+        """Put an entry in place of one, or after the last; without a new one, remove it."""
+        self._entries = (*self._entries[:row], *new, *self._entries[row + 1 :])
         self._contradicted = ""  # the sag is compared again when SPACE goes on
         self._predict()
         self._show_all()
         self.refresh_bindings()
-        failure = write_draft(self.bench_app.folder / DRAFT, {"entries": entry_values(entries)})
-        if failure:
+        stored = {"entries": entry_values(self._entries)}
+        if failure := write_draft(self.bench_app.folder / DRAFT, stored):
             self.bench_app.warn(failure)
-
-    def _set_bolted(self, row: int, bolted: bool) -> None:
-        entry = replace(self._entries[row], bolted=bolted)
-        self._change((*self._entries[:row], entry, *self._entries[row + 1 :]))
 
     def action_add(self) -> None:
         """Add a weight."""
@@ -238,26 +212,15 @@ class MassesScreen(BenchScreen):
 
         def done(typed: Typed | None) -> None:
             if typed is not None:
-                entry = Entry(weight_of(typed), typed["serial"].strip())
-                self._change((*self._entries[:row], entry, *self._entries[row + 1 :]))
+                self._change(row, Entry(weight_of(typed), typed["serial"].strip()))
                 self._choose(row)
 
         check = partial(check_weight, wheelbase_m=car.a + car.b, half_track_m=max(car.t_f, car.t_r))
         self.app.push_screen(WeightScreen(title, values, check), done)
 
     def action_remove(self) -> None:
-        """Remove the marked weight; U puts it back."""
-        row = self.query_one(Table).cursor_row
-        self._change((*self._entries[:row], *self._entries[row + 1 :]))
-
-    def action_undo(self) -> None:
-        """Undo the last change."""
-        self._set(self._before.pop())
-
-    def action_bolt(self) -> None:
-        """Mark the weight as bolted, or as not bolted."""
-        row = self.query_one(Table).cursor_row
-        self._set_bolted(row, not self._entries[row].bolted)
+        """Remove the marked weight."""
+        self._change(self.query_one(Table).cursor_row)
 
     # The outlook --------------------------------------------------------------------------------
 
@@ -270,8 +233,9 @@ class MassesScreen(BenchScreen):
             return
         if text != self._asked_text or self._gain is None:
             self._asked_text, self._gain = text, None
-            begin(self, partial(self._compute, text), group="gain", exclusive=True)
+            self._compute(text)
 
+    @work(group="gain", exclusive=True)
     async def _compute(self, text: str) -> None:
         await asyncio.sleep(_QUIET_S)
         question = json.dumps({"bench": text, "folder": str(self.bench_app.folder)})
@@ -296,7 +260,7 @@ class MassesScreen(BenchScreen):
         elif loose and self.query_one(Table).cursor_row != loose[0]:
             self._choose(loose[0])
         elif loose:
-            self._set_bolted(loose[0], bolted=True)
+            self._change(loose[0], replace(self._entries[loose[0]], bolted=True))
             if len(loose) > 1:
                 self._choose(loose[1])
         else:
@@ -313,8 +277,8 @@ class MassesScreen(BenchScreen):
         if reply is None or app.bench is None or app.status is None:
             return
         rest = {k: v for k, v in read_draft(app.folder / REST).items() if isinstance(v, float)}
-        bounce_hz = baseline_hz(app.status, Excitation.BOUNCE)
-        words = contradiction(app.bench, self._weights, rest, rest_levels(reply.check), bounce_hz)
+        levels, bounce_hz = rest_levels(reply.check), baseline_bounce_hz(app.status)
+        words = contradiction(app.bench, self._weights, rest, levels, bounce_hz)
         overridden = any(words in override.reason for override in app.status.overrides)
         self._contradicted = "" if overridden else words
         self._show_outlook()
@@ -347,5 +311,5 @@ class MassesScreen(BenchScreen):
             return
         if await app.ask(Mark(BenchStep.MASSES.mark)) is None:
             return
-        remove_draft(app.folder / DRAFT)
+        (app.folder / DRAFT).unlink(missing_ok=True)
         await app.go_to(BenchStep.ADDED)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import aclosing
+from contextlib import aclosing, redirect_stdout
+from io import StringIO
 from math import isfinite
 from pathlib import Path
 from textwrap import wrap
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
+from textual import work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import VerticalScroll
@@ -19,18 +20,15 @@ from daq.control.messages import Accept, Mark, Reject, Status
 from daq.errors import printable
 from daq.runs import RunStatus
 from dbc import counted
+from dbc.finding import Finding
 from identify import Identification, Verdict
 from identify.numbers import half_width, largest_share
 from identify.words import (
     HEADLINE,
     MEANING,
-    damper_columns,
-    damper_rows,
-    element_answer,
     ends_text,
     half_text,
     parameter_words,
-    plain,
     survival_lines,
     unit_text,
     value_text,
@@ -38,14 +36,16 @@ from identify.words import (
 
 from ...jobs.session_list import EntryState, SessionEntry, with_open
 from ...jobs.worker import Item, ListTask, Outcome, Task, Trouble, lines_of
-from ..app import begin
 from ..campaign import BenchStep, is_marked, progress
 from ..widgets import SPACE_INK, Cell, Table, Words, right
 from ..words import Glyphs
-from .base import BenchScreen
-from .work import OUTDATED, open_build, open_identify, open_report
+from .base import BenchScreen, SessionScreen
+from .work import OUTDATED
 
-_SEVERITY = {"refused": "REFUSED", "doubtful": "DOUBT", "ok": "note"}
+if TYPE_CHECKING:
+    from identify.nonlinear.forces import Forces
+
+_SEVERITY = {Verdict.REFUSED: "REFUSED", Verdict.DOUBTFUL: "DOUBT", Verdict.OK: "note"}
 
 
 def mark(verdict: str, glyphs: Glyphs) -> str:
@@ -64,11 +64,10 @@ def verdict_lines(outcome: Outcome, glyphs: Glyphs, width: int, most: int) -> li
     tail = f"{outcome.used} of {counted(len(outcome.runs), 'run')} used{fit}"
     one_line = f"{head}   {tail}"
     lines = [one_line] if len(one_line) <= width else [head, f"  {tail}"]
-    findings = [(Verdict.of(finding.severity), finding.text) for finding in quality.findings]
-    grave = [(severity, text) for severity, text in findings if severity is not Verdict.OK]
-    for severity, text in grave or findings:
-        lines += finding_lines(severity, text, glyphs, width)
-    if not findings:
+    grave = [f for f in quality.findings if Verdict.of(f.severity) is not Verdict.OK]
+    for finding in grave or quality.findings:
+        lines += finding_lines(finding, glyphs, width)
+    if not quality.findings:
         lines += wrap(MEANING[verdict], width - 2, initial_indent="  ", subsequent_indent="  ")
     if len(lines) > most:
         more = counted(len(lines) - most + 1, "more line")
@@ -76,13 +75,11 @@ def verdict_lines(outcome: Outcome, glyphs: Glyphs, width: int, most: int) -> li
     return lines
 
 
-def finding_lines(severity: str, text: str, glyphs: Glyphs, width: int) -> list[str]:
+def finding_lines(finding: Finding, glyphs: Glyphs, width: int) -> list[str]:
     """Return one finding, folded."""
-    symbol = mark(severity, glyphs)
-    if severity == "ok":  # a note
-        symbol = "-" if glyphs.name == "ascii" else "·"
-    head = f"{symbol} {_SEVERITY.get(severity, severity)}: "
-    return wrap(head + printable(text, 1000), width, subsequent_indent="    ")
+    severity = Verdict.of(finding.severity)
+    head = f"{mark(severity, glyphs)} {_SEVERITY[severity]}: "
+    return wrap(head + printable(finding.text, 1000), width, subsequent_indent="    ")
 
 
 def findings_lines(outcome: Outcome, glyphs: Glyphs, width: int) -> list[str]:
@@ -90,18 +87,18 @@ def findings_lines(outcome: Outcome, glyphs: Glyphs, width: int) -> list[str]:
     quality = outcome.result.quality
     lines = [*wrap(MEANING[quality.verdict], width), ""]
     for finding in quality.findings:
-        lines += finding_lines(Verdict.of(finding.severity), finding.text, glyphs, width)
+        lines += finding_lines(finding, glyphs, width)
     if not quality.findings:
         lines.append(f"{glyphs.good} nothing was found that speaks against the result")
-    if survival := survival_lines(quality):
-        lines += ["", "Which parameters can be used:"]
-        for text in survival:
-            lines += wrap(f"  {printable(text, 700)}", width, subsequent_indent="    ")
-    lines += ["", "Warnings of the bench check that a person overrode:"]
-    if not outcome.overrides:
-        lines.append("  none")
-    for text in outcome.overrides:
-        lines += wrap(f"{glyphs.warn} {printable(text, 700)}", width, subsequent_indent="    ")
+    overridden = [f"{glyphs.warn} {text}" for text in outcome.overrides] or ["  none"]
+    survival = [f"  {text}" for text in survival_lines(quality)]
+    for title, texts in (
+        ("Which parameters can be used:", survival),
+        ("Warnings of the bench check that a person overrode:", overridden),
+    ):
+        lines += ["", title] if texts else []
+        for text in texts:
+            lines += wrap(printable(text, 700), width, subsequent_indent="    ")
     return lines
 
 
@@ -149,46 +146,29 @@ def run_rows(outcome: Outcome, glyphs: Glyphs) -> list[list[Cell]]:
     return rows
 
 
-def damper_lines(result: Identification) -> Iterator[str]:
-    """Yield force at speeds, elements, remarks, and which elements were tried; none if linear."""
-    forces = result.forces
-    if forces is None:
-        return
-    yield "Force of one corner at the wheel, N ± half of the 95 % interval"
-    yield "over its speed, compression positive; on the right of each with friction"
-    yield f"{'m/s':>6}" + "".join(f"{name:>18}" for name in damper_columns(forces))
-    for speed, *texts in damper_rows(forces):
-        yield f"{speed:>6}" + "".join(f"{text:>18}" for text in texts)
-    yield ""
-    yield f"{'element of one corner':<30}{'value':>14} {'':<6}{'95 % interval':>26}"
-    for one in forces.axles:
-        for name, e in one.values.items():
-            unit = unit_text(e.unit) if e.determined else ""
-            head = f"{one.axle} {plain(name)}"
-            yield f"{head:<30}{value_text(e):>14} {unit:<6}{ends_text(e):>26}"
-    for one in forces.axles:
-        yield from (f"  {one.axle} {note}" for note in one.notes)
-    yield ""
-    yield "Elements that were tried"
-    for tried in forces.choices:
-        yield f"  {plain(tried.name):<30}{element_answer(tried)}"
+def forces_text(forces: Forces) -> str:
+    """Return damper curves and force elements as `bumpbench identify` prints them."""
+    from ...result import print_forces  # with what prints a table
+
+    with redirect_stdout(StringIO()) as printed:
+        print_forces(forces)
+    return printed.getvalue()
 
 
 _PAGES = ("Parameters", "Modes", "Runs", "Findings", "Dampers")
 _WIDE = 100
 """Least number of columns for shares, and what a parameter rests on."""
 _VERDICT_LINES, _VERDICT_LINES_TALL = 3, 8
-_REASON = "excluded at the results"
 
 
-class ResultsScreen(BenchScreen):
+class ResultsScreen(SessionScreen):
     """Shows the results of one session; Tab chooses the page."""
 
     HELP_PAGE: ClassVar[str] = "results"
+    STEP: ClassVar[BenchStep] = BenchStep.IDENTIFY
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("tab", "page(1)", "Page", tooltip="Next page"),
         Binding("shift+tab", "page(-1)", "Page back", show=False),
-        Binding("p", "runs", "Runs", tooltip="Show the runs"),
         Binding("down", "move(1)", "Next run, or scroll", show=False),
         Binding("up", "move(-1)", "Run before, or scroll back", show=False),
         Binding("x", "start_recorder", "Start recorder"),
@@ -199,8 +179,6 @@ class ResultsScreen(BenchScreen):
     def __init__(self) -> None:
         super().__init__()
         self.outcome: Outcome | None = None
-        self._recording = ""
-        """The recording of the outcome; empty for an earlier session."""
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Let X start a recorder that is lost, and exclude a run otherwise."""
@@ -214,7 +192,7 @@ class ResultsScreen(BenchScreen):
         yield Words("space")
         with TabbedContent(id="pages"):
             for title in _PAGES:
-                page = title.replace(" ", "").lower()
+                page = title.lower()
                 with TabPane(title, id=page):
                     if page in ("findings", "dampers"):
                         with VerticalScroll(can_focus=False):
@@ -227,19 +205,9 @@ class ResultsScreen(BenchScreen):
         self.query_one(Tabs).can_focus = False
         self._fill()
 
-    @property
-    def step_shown(self) -> BenchStep | None:
-        """Step 6; None for an earlier session."""
-        return BenchStep.IDENTIFY if self._is_current(self.bench_app.status) else None
-
     def show_status(self, status: Status) -> None:
         """Show whether the recording has changed since."""
         self._draw()
-
-    @property
-    def _outdated(self) -> bool:
-        status = self.bench_app.status
-        return status is not None and self._is_current(status) and status.outdated
 
     @property
     def ready(self) -> bool:
@@ -248,23 +216,20 @@ class ResultsScreen(BenchScreen):
 
     def show_outcome(self, outcome: Outcome) -> None:
         """Show an identification."""
-        self.outcome = outcome
-        status = self.bench_app.status
-        is_of_recording = status is not None and status.own_session == outcome.session
-        self._recording = status.recording if status is not None and is_of_recording else ""
+        self.outcome, self.session = outcome, outcome.session
         self._fill()
 
     # Keys ---------------------------------------------------------------------------------------
 
     async def action_next(self) -> None:
         """Go on to the report of this session."""
-        if self.outcome is None or self._outdated:
+        if self.outcome is None or self.outdated:
             await self.bench_app.go_to(BenchStep.IDENTIFY)
             return
         status, step = self.bench_app.status, BenchStep.IDENTIFY
-        if status is not None and self._is_current(status) and not is_marked(status, step):
+        if status is not None and self.is_of_recording and not is_marked(status, step):
             await self.bench_app.ask(Mark(step.mark))
-        await open_report(self.bench_app, self.outcome.session)
+        (await self.bench_app.open("report")).show_session(self.session)
 
     async def action_back(self) -> None:
         """Go back to the identify screen."""
@@ -273,15 +238,7 @@ class ResultsScreen(BenchScreen):
     def action_page(self, step: int) -> None:
         """Show the next page."""
         tabs = self.query_one(Tabs)
-        if step > 0:
-            tabs.action_next_tab()
-        else:
-            tabs.action_previous_tab()
-
-    def action_runs(self) -> None:
-        """Show the runs, or the parameters again."""
-        pages = self.query_one(TabbedContent)
-        pages.active = "parameters" if pages.active == "runs" else "runs"
+        tabs.action_next_tab() if step > 0 else tabs.action_previous_tab()
 
     def action_move(self, step: int) -> None:
         """Move between the runs where they are shown; else scroll."""
@@ -299,24 +256,21 @@ class ResultsScreen(BenchScreen):
         if outcome is None or not outcome.runs:
             return
         if self.query_one(TabbedContent).active != "runs":
-            self.bench_app.warn("choose the run first: P shows the runs, X then excludes one")
+            self.bench_app.warn("choose the run first: Tab shows the runs, X then excludes one")
             return
         label = outcome.runs[self.query_one("#runs-table", Table).cursor_row].label
-        runs = status.runs if status is not None and self._is_current(status) else ()
+        runs = status.runs if status is not None and self.is_of_recording else ()
         run = next((run for run in runs if run.label == label), None)
         if run is None:
             self.bench_app.warn("the runs of an earlier session stay as they are")
             return
         accepted = run.status is RunStatus.ACCEPTED
-        order = Reject(label, _REASON) if accepted else Accept(label, "taken back at the results")
+        reason = "changed at the results"
+        order = Reject(label, reason) if accepted else Accept(label, reason)
         if await self.bench_app.ask(order) is not None:
-            await open_build(self.bench_app)
+            await (await self.bench_app.open("identify")).build()
 
     # Inside -------------------------------------------------------------------------------------
-
-    def _is_current(self, status: Status | None) -> bool:
-        """Return True if the outcome belongs to the present recording."""
-        return status is not None and status.recording == self._recording
 
     def _fill(self) -> None:
         """Show an outcome from its first page."""
@@ -325,16 +279,15 @@ class ResultsScreen(BenchScreen):
             return
         pages = self.query_one(TabbedContent)
         result = outcome.result
-        if result.forces:
-            pages.show_tab("dampers")
-        else:
-            pages.hide_tab("dampers")
         pages.active = "parameters" if result.parameters else "findings"
         glyphs = self.bench_app.glyphs
         heads = ("mass state", "mode", "Hz", "± 95 %", "damping ratio", "± 95 %")
         self.query_one("#modes-table", Table).show(heads, mode_rows(result))
         self.query_one("#runs-table", Table).show([""] * 3, run_rows(outcome, glyphs))
-        self.query_one("#dampers-text", Words).say(Content("\n".join(damper_lines(result))))
+        pages.hide_tab("dampers")
+        if result.forces:
+            pages.show_tab("dampers")
+            self.query_one("#dampers-text", Words).say(Content(forces_text(result.forces)))
         self._draw()
 
     def _draw(self) -> None:
@@ -346,12 +299,12 @@ class ResultsScreen(BenchScreen):
             return
         glyphs, (width, height) = self.bench_app.glyphs, self.app.size
         most = _VERDICT_LINES if height < 36 else _VERDICT_LINES_TALL
-        lines = [f"{glyphs.warn} {OUTDATED}"] if self._outdated else []
+        lines = [f"{glyphs.warn} {OUTDATED}"] if self.outdated else []
         lines += verdict_lines(outcome, glyphs, width - 2, most - len(lines))
         verdict = self.query_one("#verdict", Words)
         verdict.say(Content("\n".join(lines)))
         verdict.set_classes(str(outcome.result.quality.verdict))
-        step = BenchStep.IDENTIFY if self._outdated else BenchStep.REPORT
+        step = BenchStep.IDENTIFY if self.outdated else BenchStep.REPORT
         name = printable(Path(outcome.session).name, 60)
         words = f"step {step.title}" if self.step_shown is not None else f"report of {name}"
         space.say(Content.styled(f"SPACE = {words}", SPACE_INK))
@@ -389,7 +342,7 @@ class SessionsScreen(BenchScreen):
         """Read the folder anew."""
         super().on_screen_resume()
         self.query_one(Table).focus()
-        begin(self, self._read, group="list", exclusive=True)
+        self._read()
 
     @property
     def acts(self) -> bool:
@@ -416,18 +369,17 @@ class SessionsScreen(BenchScreen):
         if entry.state is EntryState.OPEN:
             await self.bench_app.go_to(progress(self.bench_app.status).due)
         elif entry.state is EntryState.CUT_OFF:
-            self.bench_app.warn(
-                "this recording was cut off: start the recorder in this folder to go on with it, "
-                "or make its session file with bumpbench recover"
-            )
+            self.bench_app.warn("this recording was cut off: F1 says how to go on with it")
         elif self._is_file(entry):
-            await open_identify(self.bench_app, entry.path)
+            (await self.bench_app.open("identify")).begin(entry.path)
 
     async def action_report(self) -> None:
         """Write the report of a session."""
         entry = self._chosen
         if entry is not None and self._is_file(entry):
-            await open_report(self.bench_app, entry.path, write=True)
+            report = await self.bench_app.open("report")
+            report.show_session(entry.path)
+            report.begin()
 
     def on_data_table_row_highlighted(self, _: Table.RowHighlighted) -> None:
         """Show where the marked session is."""
@@ -437,6 +389,7 @@ class SessionsScreen(BenchScreen):
         """Open the session on Enter."""
         await self.action_next()
 
+    @work(group="list", exclusive=True)
     async def _read(self) -> None:
         entries: list[SessionEntry] = []
         self._reading, self._trouble = True, ""
@@ -476,20 +429,19 @@ class SessionsScreen(BenchScreen):
         marks = {
             EntryState.OPEN: glyphs.bus,
             EntryState.CUT_OFF: glyphs.warn,
-            EntryState.READY: " ",
             EntryState.REPORTED: glyphs.good,
             EntryState.DAMAGED: glyphs.bad,
         }
         rows: list[list[Cell]] = []
         for entry in self._entries:  # its texts may come from a foreign file
             known = bool(entry.vehicle or entry.recording)
+            counts = (entry.accepted + entry.rejected, entry.rejected)
             rows.append(
                 [
                     printable(entry.date, 16),
                     printable(entry.vehicle or entry.name, 28),
-                    f"{marks[entry.state]} {entry.state}",
-                    right(str(entry.accepted + entry.rejected) if known else ""),
-                    right(str(entry.rejected) if known else ""),
+                    f"{marks.get(entry.state, ' ')} {entry.state}",
+                    *(right(str(count) if known else "") for count in counts),
                     printable(entry.note, 160),
                 ]
             )
@@ -498,10 +450,8 @@ class SessionsScreen(BenchScreen):
 
     def _about(self) -> None:
         entry = self._chosen
-        words = self._trouble or ("reading the folder ..." if self._reading else "")
-        if not words and entry is None:
-            words = "no session here yet"
-        elif not words and entry is not None:
-            place = printable(entry.path or str(Path(entry.folder) / "journal"), 400)
-            words = f"{place}\n{printable(entry.note, 300)}"
-        self.query_one("#about", Words).say(Content(words))
+        words = "reading the folder ..." if self._reading else "no session here yet"
+        if entry is not None:
+            words = printable(entry.path or str(Path(entry.folder) / "journal"), 400)
+            words = f"{words}\n{printable(entry.note, 300)}"
+        self.query_one("#about", Words).say(Content(self._trouble or words))

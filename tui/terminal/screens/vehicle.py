@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import asyncio
+import math
 import os
 from collections.abc import Iterator, Mapping
 from typing import ClassVar
 
+from textual import work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.content import Content
-from textual.timer import Timer
 
 from daq import Corner, Excitation, InputError, VehicleParameters
 from daq.bench.campaign import Method
@@ -18,7 +20,7 @@ from daq.control.messages import Configure, Hello, Mark, Note, Status
 from daq.loading import expected_car
 from daq.vehicle import Fact, FactQuantity, Structure, VehicleGeometry
 
-from ..campaign import VEHICLE_FORM, BenchStep, read_draft, remove_draft, write_draft
+from ..campaign import VEHICLE_FORM, BenchStep, read_draft, write_draft
 from ..form import NO, YES, Field, FieldError, Form, Values, check_fields, number, stated
 from ..widgets import SPACE_INK, Words
 from ..words import LARGE, drawn_car
@@ -112,40 +114,34 @@ def check_vehicle(values: Values, bench: Bench) -> tuple[FieldError, ...]:
         if not values.get(f"{quantity}.sigma", "").strip():
             field = _BY_NAME[f"{quantity}.sigma"]
             errors.append(field.error("a measured value needs the uncertainty that goes with it"))
-    errors += _mass_errors(measured)
-    if bench.vehicle.geometry is not None:
-        errors += _length_errors(measured, bench.vehicle.geometry)
+    errors += _misfits(measured, bench.vehicle.geometry)
     if not any(values.get(f"bump.{e}") == YES for e in Excitation):
         reason = "no kind of bump is chosen: nothing would be bumped"
         errors.append(_BY_NAME["bump.bounce"].error(reason, "at least one kind"))
     return tuple(errors)
 
 
-def _mass_errors(measured: Mapping[FactQuantity, float]) -> Iterator[FieldError]:
-    """Yield the errors of masses, kg, that do not fit together."""
-    total = measured.get(FactQuantity.TOTAL_MASS)
-    if total is None:
-        return
+def _misfits(
+    measured: Mapping[FactQuantity, float], geometry: VehicleGeometry | None
+) -> Iterator[FieldError]:
+    """Yield the errors of masses, kg, and lengths, m, that do not fit together."""
+    total = measured.get(FactQuantity.TOTAL_MASS, math.inf)
     axles = (FactQuantity.FRONT_AXLE, FactQuantity.REAR_AXLE)
     loads = {axle: measured[axle] for axle in axles if axle in measured}
     both = sum(loads.values())
-    if len(loads) == 2 and abs(both - total) > 0.01 * total:
+    if len(loads) == 2 and 0.01 * total < abs(both - total) < math.inf:
         reason = f"the axles carry {both:g} kg together, the total is {total:g} kg"
         yield _BY_NAME[FactQuantity.TOTAL_MASS].error(reason, "axles and total within 1 %")
     for axle, load in loads.items():
         if load >= total:
             reason = f"{load:g} kg on one axle of a car of {total:g} kg"
             yield _BY_NAME[axle].error(reason, "less than the total mass")
-
-
-def _length_errors(
-    measured: Mapping[FactQuantity, float], stated_geometry: VehicleGeometry
-) -> Iterator[FieldError]:
-    """Yield the errors of lengths, m, that differ from those of bench.toml."""
+    if geometry is None:
+        return
     lengths = {
-        FactQuantity.WHEELBASE: stated_geometry.a + stated_geometry.b,
-        FactQuantity.FRONT_TRACK: 2.0 * stated_geometry.t_f,
-        FactQuantity.REAR_TRACK: 2.0 * stated_geometry.t_r,
+        FactQuantity.WHEELBASE: geometry.a + geometry.b,
+        FactQuantity.FRONT_TRACK: 2.0 * geometry.t_f,
+        FactQuantity.REAR_TRACK: 2.0 * geometry.t_r,
     }
     for quantity, length in lengths.items():
         if quantity in measured and abs(measured[quantity] - length) > 0.02 * length:
@@ -247,7 +243,7 @@ class VehicleScreen(BenchScreen):
         self._filled = False
         self._noted = ""
         self._typed: dict[str, str] = {}
-        self._writing: Timer | None = None
+        """What is typed and not stored yet."""
 
     def compose_body(self) -> ComposeResult:
         """Compose the form, and a box for help on the field."""
@@ -294,23 +290,21 @@ class VehicleScreen(BenchScreen):
         if self.query_one(Form).current is not None:
             self.set_focus(None)
         elif self.bench_app.bench is not None:
-            self._stop_writing()
-            remove_draft(self.bench_app.folder / DRAFT)
+            self._typed = {}
+            (self.bench_app.folder / DRAFT).unlink(missing_ok=True)
             self._fill(self.bench_app.bench, {})
             self.bench_app.inform("the form is as the bench has it")
         self._advise()
 
     def on_descendant_focus(self) -> None:
         """Show help on the field."""
-        super().on_descendant_focus()
         self._advise()
 
     def on_form_changed(self, _: Form.Changed) -> None:
         """Keep the text, valid or not, for a terminal that ends now."""
         self._advise()
-        self._stop_writing()
         self._typed = self.query_one(Form).values
-        self._writing = self.set_timer(DRAFT_S, self._keep_draft)
+        self._keep_soon()
 
     async def on_form_submitted(self, _: Form.Submitted) -> None:
         """Apply the form on Enter in the last field."""
@@ -318,18 +312,16 @@ class VehicleScreen(BenchScreen):
 
     def on_unmount(self) -> None:
         """Store the draft when the terminal is closed."""
-        if self._writing is not None:
-            self._keep_draft()
+        self._keep_draft()
 
-    def _stop_writing(self) -> None:
-        if self._writing is not None:
-            self._writing.stop()
-            self._writing = None
+    @work(group="draft", exclusive=True)
+    async def _keep_soon(self) -> None:
+        await asyncio.sleep(DRAFT_S)
+        self._keep_draft()
 
     def _keep_draft(self) -> None:
-        self._writing = None
-        failure = write_draft(self.bench_app.folder / DRAFT, self._typed)
-        if failure:
+        typed, self._typed = self._typed, {}
+        if typed and (failure := write_draft(self.bench_app.folder / DRAFT, typed)):
             self.bench_app.warn(failure)
 
     # Checking -----------------------------------------------------------------------------------
@@ -397,8 +389,8 @@ class VehicleScreen(BenchScreen):
             self._noted = notes
         if await app.ask(Mark(BenchStep.VEHICLE.mark)) is None:
             return
-        self._stop_writing()
+        self._typed = {}
         write_draft(app.folder / VEHICLE_FORM, values)
-        remove_draft(app.folder / DRAFT)
+        (app.folder / DRAFT).unlink(missing_ok=True)
         self.set_focus(None)
         await app.go_to(BenchStep.CHECK)

@@ -15,14 +15,14 @@ from textual.content import Content
 from textual.screen import ModalScreen
 from textual.widgets import Static
 
-from daq import BASELINE, BodyWeight, Corner, HubWeight, Quantity, VehicleParameters
+from daq import BASELINE, BodyWeight, Corner, Excitation, HubWeight, Quantity, VehicleParameters
 from daq.bench.config import Bench
 from daq.control.messages import Status
 from daq.errors import printable
 from daq.loading import Loading, expected_car, wrong_weights
 from daq.runs import RunStatus
 
-from ...jobs.planning import USUAL_SPREAD, WANTED_SPREADS, Gain, Shift
+from ...jobs.planning import Gain
 from ..form import Field, FieldError, Form, Values, check_fields, number, stated
 from ..widgets import Cell, Words, right
 from ..words import LARGE, SMALL, drawn_car
@@ -169,10 +169,8 @@ _SUNK_M = 0.5e-3
 """Least sag, m, that distinguishes weights on the car from weights beside it."""
 
 
-def sketch(
-    entries: Sequence[Entry], car: VehicleParameters, load: Loading, wide: bool
-) -> list[str]:
-    """Draw the car from above with the numbers of the weights on it; `wide`: large, with loads."""
+def sketch(entries: Sequence[Entry], car: VehicleParameters, wide: bool) -> list[str]:
+    """Draw the car from above with the numbers of the weights on it; `wide`: large, with masses."""
     on_hub: dict[Corner, list[str]] = {corner: [] for corner in Corner}
     marks = [(-car.a, 0.0, "+")]  # the centre of gravity; x counts from the front axle
     for label, entry in enumerate(entries, 1):
@@ -185,11 +183,7 @@ def sketch(
     # Four columns beside each corner: the last numbers, or FL, FR, RL, RR without a weight.
     wheels = {corner: ",".join(on_hub[corner])[-4:] or str(corner) for corner in Corner}
     wheelbase_m, track_m = car.a + car.b, 2.0 * max(car.t_f, car.t_r)
-    if not wide:
-        return drawn_car(wheelbase_m, track_m, marks, wheels, SMALL)
-    total_kg, (front_kg, rear_kg) = axle_loads_with(load, car)
-    beside = (f"axle {front_kg:.0f} kg", f"car alone {total_kg:.0f} kg", f"axle {rear_kg:.0f} kg")
-    return drawn_car(wheelbase_m, track_m, marks, wheels, LARGE, beside)
+    return drawn_car(wheelbase_m, track_m, marks, wheels, LARGE if wide else SMALL)
 
 
 def effect_line(load: Loading) -> str:
@@ -198,27 +192,6 @@ def effect_line(load: Loading) -> str:
         f"body {load.body_kg:+.4g}, hubs {load.hub_kg:+.4g} kg, CG {load.x_shift_m * 1e3:+.0f}"
         f" {load.y_shift_m * 1e3:+.0f} mm, Ixx {load.I_xx:+.0f} Iyy {load.I_yy:+.0f} kg m²"
     )
-
-
-_LEAST_SPREAD = 1e-5
-"""Least relative spread: repeats that are equal to every digit have none, and it is a divisor."""
-_SHIFTED_BY = {"bounce": "on the body", "pitch": "at an end of the car", "roll": "at the sides"}
-"""Place of the weights that shift the frequency of each body mode."""
-
-
-def shift_line(shift: Shift, spread: float | None) -> tuple[str, str]:
-    """Return the shift of a frequency as a multiple of its spread, and advice if it is weak.
-
-    `spread`: relative, from run to run, as measured; None: the usual one.
-    """
-    kind = "usual spread" if spread is None else "spread"
-    relative_spread = USUAL_SPREAD if spread is None else max(spread, _LEAST_SPREAD)
-    spreads = abs(shift.share) / relative_spread
-    text = f"{shift.mode:<6} {shift.before_hz:.2f} -> {shift.after_hz:.2f} Hz {shift.share:+6.1%}"
-    if spreads >= WANTED_SPREADS:
-        return f"{text}  {spreads:.0f}x {kind}: good", ""
-    remedy = f"more kg {_SHIFTED_BY[shift.mode]}"
-    return text, f"WEAK {spreads:.0f}x, want {WANTED_SPREADS:.0f}x: {remedy}"
 
 
 def gain_line(gain: Gain) -> tuple[str, str]:
@@ -240,12 +213,12 @@ def axle_loads_with(load: Loading, car: VehicleParameters) -> tuple[float, tuple
     return car.m_s + 2 * (car.m_uf + car.m_ur), (front, rear)
 
 
-def baseline_hz(status: Status | None, excitation: str) -> list[float]:
-    """Return a frequency, Hz, in each accepted baseline run."""
+def baseline_bounce_hz(status: Status | None) -> list[float]:
+    """Return the frequency of the bounce, Hz, in each accepted baseline run."""
     return [
         finding.value
         for run in (status.runs if status else ())
-        if run.mass_state == BASELINE and run.excitation == excitation
+        if run.mass_state == BASELINE and run.excitation is Excitation.BOUNCE
         if run.status is RunStatus.ACCEPTED
         for finding in run.findings
         if finding.unit == "Hz"

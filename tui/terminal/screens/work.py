@@ -6,11 +6,11 @@ import asyncio
 from abc import abstractmethod
 from contextlib import aclosing
 from enum import StrEnum
-from functools import partial
 from pathlib import Path
 from time import monotonic
 from typing import Any, ClassVar
 
+from textual import work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Vertical
@@ -33,30 +33,11 @@ from ...jobs.worker import (
     Trouble,
     lines_of,
 )
-from ..app import BenchApp, begin
 from ..campaign import BenchStep, is_marked
 from ..widgets import SPACE_INK, Words
-from .base import BenchScreen
+from .base import SessionScreen
 
 OUTDATED = "runs, weights or vehicle have changed since the session file was built"
-
-
-async def open_build(app: BenchApp) -> None:
-    """Show the identify screen, build the recording's session file and identify it."""
-    await (await app.open("identify")).build()
-
-
-async def open_identify(app: BenchApp, session: str) -> None:
-    """Show the identify screen and identify a session file."""
-    (await app.open("identify")).begin(session)
-
-
-async def open_report(app: BenchApp, session: str, write: bool = False) -> None:
-    """Show the report screen of a session file; write the report at once if asked."""
-    report = await app.open("report")
-    report.show_session(session)
-    if write:
-        report.begin()
 
 
 class Stage(StrEnum):
@@ -78,16 +59,12 @@ _AT_ONCE_S = 2.0
 """Seconds of work without words on its time: most work is done in them."""
 
 
-class WorkScreen(BenchScreen):
+class WorkScreen(SessionScreen):
     """Shows the progress of a worker, and the action of SPACE before and after."""
-
-    TITLE_OF_BOX: ClassVar[str]
 
     def __init__(self) -> None:
         super().__init__()
         self.stage = Stage.IDLE
-        self.session = ""
-        """The session file of the work."""
         self._parts: dict[str, None] = {}
         """The parts that were begun, in order."""
         self.trouble: Trouble | None = None
@@ -102,22 +79,10 @@ class WorkScreen(BenchScreen):
     def compose_body(self) -> ComposeResult:
         """Compose the box."""
         with Vertical(id="work", classes="box") as box:
-            box.border_title = self.TITLE_OF_BOX
+            box.border_title = type(self).__name__.removesuffix("Screen")
             yield Words("due")
             yield ProgressBar(total=1.0, show_eta=False)
             yield Words("state")
-
-    @property
-    def is_of_recording(self) -> bool:
-        """True if the session file is that of the present recording."""
-        status = self.bench_app.status
-        return status is not None and status.own_session == self.session
-
-    @property
-    def outdated(self) -> bool:
-        """True if the recording has changed since its session file was built."""
-        status = self.bench_app.status
-        return status is not None and self.is_of_recording and status.outdated
 
     def show_status(self, status: Status) -> None:
         """Show the present state."""
@@ -177,7 +142,14 @@ class WorkScreen(BenchScreen):
             *done, now = [*self._parts][-_SHOWN:] or [""]
             lines = [f"  {glyphs.good} {printable(text)}" for text in done]
             lines += [f"  {glyphs.now} {printable(now)}"]
-            next_words = f"{self.stop_words}; nothing is lost{self._time_words()}"
+            now_s, time_words = monotonic(), ""
+            if (taken_s := now_s - self._begun_s) >= _AT_ONCE_S:
+                time_words = f"   {taken_s:.0f} s so far"
+            if time_words and self._end_s is not None:
+                remaining_s = self._end_s - now_s
+                soon = f"about {remaining_s:.0f} s left" if remaining_s > 0.0 else "soon done"
+                time_words = f"{time_words}, {soon}"
+            next_words = f"{self.stop_words}; nothing is lost{time_words}"
         self.query_one("#due", Words).say(Content.styled(f"{glyphs.now} {next_words}", SPACE_INK))
         texts = [*lines, "", *self.about()] if lines else self.about()
         self.query_one("#state", Words).say(Content("\n".join(["", *texts])))
@@ -186,17 +158,6 @@ class WorkScreen(BenchScreen):
     def stop_words(self) -> str:
         """The keys that end the work."""
         return "Esc stops it"
-
-    def _time_words(self) -> str:
-        """Return the seconds that the work has taken and still takes; empty in the first ones."""
-        now_s = monotonic()
-        if now_s - self._begun_s < _AT_ONCE_S:
-            return ""
-        words = f"   {now_s - self._begun_s:.0f} s so far"
-        if self._end_s is None:
-            return words
-        left_s = self._end_s - now_s
-        return f"{words}, about {left_s:.0f} s left" if left_s > 0.0 else f"{words}, soon done"
 
     @abstractmethod
     def about(self) -> list[str]:
@@ -211,7 +172,7 @@ class IdentifyScreen(WorkScreen):
     """Builds the session file, identifies it in a worker, and shows the results."""
 
     HELP_PAGE: ClassVar[str] = "identify"
-    TITLE_OF_BOX: ClassVar[str] = "Identify"
+    STEP: ClassVar[BenchStep] = BenchStep.IDENTIFY
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("t", "take", "Take so far", tooltip="Take the answer so far, without elements"),
         Binding("escape", "cancel", "Back"),
@@ -223,11 +184,6 @@ class IdentifyScreen(WorkScreen):
         self._identified = ("", 0)
         """Session file of the outcome, and time of its last change, ns."""
         self._asked_ns = 0
-
-    @property
-    def step_shown(self) -> BenchStep | None:
-        """Step 6; None while an earlier session is identified."""
-        return BenchStep.IDENTIFY if not self.session or self.is_of_recording else None
 
     @property
     def acts(self) -> bool:
@@ -308,8 +264,9 @@ class IdentifyScreen(WorkScreen):
         parts = self._parts if self.stage is Stage.BUILDING else {}
         self.restart(Stage.WORKING, path)
         self._parts |= parts
-        begin(self, partial(self._identify, path), exclusive=True)
+        self._identify(path)
 
+    @work(exclusive=True)
     async def _identify(self, path: str) -> None:
         place = Path(path)
         key = (path, place.stat().st_mtime_ns if place.exists() else 0)
@@ -358,7 +315,7 @@ class ReportScreen(WorkScreen):
     """Writes the report of a session in a worker."""
 
     HELP_PAGE: ClassVar[str] = "report"
-    TITLE_OF_BOX: ClassVar[str] = "Report"
+    STEP: ClassVar[BenchStep] = BenchStep.REPORT
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("r", "again", "Write again", tooltip="Write the report again"),
         Binding("w", "new_vehicle", "Next vehicle", tooltip="Begin the next vehicle's recording"),
@@ -368,11 +325,6 @@ class ReportScreen(WorkScreen):
     def __init__(self) -> None:
         super().__init__()
         self._written: dict[str, Any] = {}
-
-    @property
-    def step_shown(self) -> BenchStep | None:
-        """Step 7; None for an earlier session."""
-        return BenchStep.REPORT if not self.session or self.is_of_recording else None
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Show R only after a report was written or failed."""
@@ -425,8 +377,9 @@ class ReportScreen(WorkScreen):
     def begin(self) -> None:
         """Write the report in a worker."""
         self.restart(Stage.WORKING, self.session)
-        begin(self, self._write, exclusive=True)
+        self._write()
 
+    @work(exclusive=True)
     async def _write(self) -> None:
         html = report_of(Path(self.session))
         task = ReportTask(self.session, str(html), str(html.with_suffix(".pdf")))
