@@ -391,13 +391,10 @@ def test_the_terminal_shows_it_within_its_frame_of_80_columns() -> None:
     assert forces is not None
     lines = forces_text(forces).splitlines()
     assert [line for line in lines if len(line) > 78] == []
-    (at_02,) = (line.split() for line in lines if line.startswith(" +0.20"))
+    (at_02,) = (line.split() for line in lines if line.startswith("+0.20"))
     assert at_02[:7] == ["+0.20", "300", "±", "20", "350", "±", "39"]
     assert any(line.startswith("front friction") and "48.0 .. 52.0" in line for line in lines)
-    assert lines[-2:] == [
-        "  friction                      there",
-        "  bump stops                    not needed",
-    ]
+    assert lines[-2:] == ["elements there: friction", "elements not needed: bump stops"]
 
 
 def test_the_section_shows_curves_elements_and_what_was_tried() -> None:
