@@ -4,8 +4,10 @@ The rooms have the rest: `daq.bench.config` reads a bench, `daq.formats.log` a l
 `daq.recorder.recorder` records.
 """
 
+from dbc.words import BumpbenchError, InputError
+
+from .bus.source import BusError
 from .channels import Channel, Quantity, paper_channels
-from .errors import BumpbenchError, BusError, InputError
 from .runs import (
     ADDED,
     BASELINE,

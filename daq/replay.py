@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dbc import FrameBatch, FrameFlag
+from dbc.words import InputError
 
-from .bus.source import BLOCK_FRAMES, GATHER_S, HopLosses
-from .errors import BusError, InputError
+from .bus.source import BLOCK_FRAMES, GATHER_S, BusError, HopLosses
 from .journal.reader import read_windows, recordings
 from .sessions import Session
 

@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from dbc.codec import Quality
 from dbc.frames import FrameBatch
+from dbc.words import InputError
 
 from .channels import Channel, Quantity, paper_channels, sensor_of_signal
-from .errors import InputError
 from .runs import ADDED, BASELINE, Excitation, Run, RunStatus, SampleGroup
 from .vehicle import AddedMass, BodyWeight, HubWeight, MassState, Vehicle
 

@@ -98,7 +98,7 @@ def require_place(path: Path, force: bool) -> None:
 def report(error: BumpbenchError) -> ExitCode:
     """Write an error as one line and return its exit code."""
     from daq import BusError
-    from daq.errors import FolderLockedError
+    from daq.control.address import FolderLockedError
 
     say(f"error: {error}")
     if isinstance(error, FolderLockedError):

@@ -15,8 +15,9 @@ from typing import Annotated
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
+from dbc.words import InputError
+
 from ..channels import Channel
-from ..errors import InputError
 from ..runs import Excitation
 from .campaign import Step
 from .config import Bench, DescribedCar, as_a_person_states_it, bench_of, with_day

@@ -18,9 +18,9 @@ from typing import Annotated
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from dbc import Codec, read_dbc
+from dbc.words import InputError
 
 from ..channels import Channel, Quantity, message_of
-from ..errors import InputError
 from ..runs import ADDED, BASELINE
 from ..vehicle import (
     ELEMENTS,

@@ -13,7 +13,8 @@ from typing import Any
 import tomlkit
 from tomlkit.items import AoT, Comment
 
-from ..errors import InputError
+from dbc.words import InputError
+
 from ..runs import Excitation
 from ..vehicle import BodyWeight, Fact, HubWeight, Structure
 from .campaign import Method

@@ -23,8 +23,8 @@ from dbc import Codec, parse_codec, read_dbc, shipped_dbc
 from dbc.finding import Finding, Severity
 from dbc.layout import CRC_RULES, CounterRule, MessageLayout, SignalLayout
 from dbc.units import known_si
+from dbc.words import InputError
 
-from ..errors import InputError
 from .toml_file import Place, Table, line_of
 
 PREFIX = "layout:"

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from ..errors import InputError
+from dbc.words import InputError
 
 MAX_CONFIG_BYTES = 1_000_000
 """Largest size of a bench.toml or channel map, bytes."""

@@ -22,10 +22,9 @@ from numpy.typing import NDArray
 from dbc.frames import LENGTH_ALLOWED, FrameBatch, FrameFlag
 
 from ..bench.config import BusConfig
-from ..errors import BusError
 from .slcan import open_slcan
 from .socketcan import drop_counter, enlarge_buffer, keep_to_own_group, open_socketcan, socket_of
-from .source import BLOCK_FRAMES, GATHER_S, STEADY_CLOCK, FrameSource, HopLosses
+from .source import BLOCK_FRAMES, GATHER_S, STEADY_CLOCK, BusError, FrameSource, HopLosses
 
 # Converts python-can's messages to the columns of a block -----------------------------------------
 

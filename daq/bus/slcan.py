@@ -19,8 +19,7 @@ import numpy as np
 
 from dbc.frames import FD_LENGTHS, FrameBatch, FrameFlag
 
-from ..errors import BusError
-from .source import BLOCK_FRAMES, GATHER_S, STEADY_CLOCK, HopLosses
+from .source import BLOCK_FRAMES, GATHER_S, STEADY_CLOCK, BusError, HopLosses
 
 BITRATE_CODES = {
     10_000: "S0",

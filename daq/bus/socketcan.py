@@ -28,12 +28,12 @@ from numpy.typing import NDArray
 
 from dbc.frames import LENGTH_ALLOWED, FrameBatch, FrameFlag
 
-from ..errors import BusError
 from .source import (
     BLOCK_FRAMES,
     GATHER_S,
     LONG_GATHER_S,
     STEADY_CLOCK,
+    BusError,
     HopLosses,
     SteadyClock,
 )

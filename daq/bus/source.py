@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dbc.frames import FrameBatch, FrameFlag
+from dbc.words import BumpbenchError
 
 from ..bench.config import BusConfig
-from ..errors import BusError
 from ..runs import Losses
 
 BLOCK_FRAMES = 2048
@@ -30,6 +30,10 @@ by all frames in it, and each frame still has its own time of arrival."""
 LONG_GATHER_S = 0.06
 """Time, s, as `GATHER_S`, for interfaces where the kernel stamps and holds the frames in a buffer
 of our size: a block of a full bus then has 540 frames."""
+
+
+class BusError(BumpbenchError, OSError):
+    """A CAN bus that cannot be opened or was lost."""
 
 
 class HopLosses(NamedTuple):

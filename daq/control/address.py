@@ -18,7 +18,8 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
-from ..errors import FolderLockedError, InputError
+from dbc.words import BumpbenchError, InputError
+
 from ..files import write_text
 
 MAX_PATH_BYTES = 100
@@ -26,6 +27,10 @@ MAX_PATH_BYTES = 100
 _DIRECTORY = "RUNTIME_DIRECTORY"
 _SERVICE = Path("/run/bumpbench")
 """Directory that systemd makes for the unit; only root can make a directory there."""
+
+
+class FolderLockedError(BumpbenchError):
+    """Another recorder writes to this folder."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,7 +24,8 @@ from uuid import uuid4
 import zmq
 from pydantic import TypeAdapter, ValidationError
 
-from ..errors import BumpbenchError, InputError, printable
+from dbc.words import BumpbenchError, InputError, printable
+
 from .address import Address, is_running, make_private
 from .messages import (
     LIVE,

@@ -18,12 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dbc.units import known_si
-from dbc.words import counted, printable
+from dbc.words import InputError, counted, printable
 
-from ..errors import InputError, optional
 from ..samples.mapping import Column, Columns
 from .mf4 import open_mdf
-from .reader import file_head
+from .reader import file_head, optional
 
 MAX_VALUES = 1 << 26
 """Largest number of values that are read from one file: 15 channels of 1 kHz for 75 minutes, half a

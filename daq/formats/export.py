@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dbc.words import counted, csv_text, plural
+from dbc.words import InputError, counted, csv_text, plural, printable
 
 from ..channels import ON_BODY, TIME_DERIVATIVE, Channel, Quantity
-from ..errors import InputError, optional, printable
 from ..files import make_room, refuse_existing, replaced
 from ..runs import Run, SampleGroup
 from ..sessions import Session
 from .export_frames import frames_left_out, write_asc, write_blf, write_candump
+from .reader import optional
 
 
 class ExportFormat(StrEnum):

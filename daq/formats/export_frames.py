@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dbc.frames import FrameBatch, FrameFlag
-from dbc.words import counted
+from dbc.words import InputError, counted
 
 from ..bench.campaign import Origin
-from ..errors import InputError
 from ..sessions import Session
 
 _NS_PER_MS, _NS_PER_US = 1_000_000, 1000

@@ -10,11 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from dbc.frames import FrameBatch, read_only
-from dbc.words import counted, plural, printable
+from dbc.words import InputError, counted, plural, printable
 
 from ..bench.campaign import Origin
 from ..bus.source import HopLosses
-from ..errors import InputError
 from ..journal.format import MAGIC
 from ..journal.reader import JournalReader, recording_of
 from .asc import AscParser

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from dbc.frames import FD_LENGTHS, FrameBatch, FrameFlag
 from dbc.words import InputError, counted, printable
 
-from ..errors import optional
-from .reader import LATEST_NS, LONGEST_NS, LogLoss, possible_frames
+from .reader import LATEST_NS, LONGEST_NS, LogLoss, optional, possible_frames
 
 _KINDS = {
     "CAN_DataFrame": np.uint16(0),

@@ -1,4 +1,4 @@
-"""Reads the lines of text logs forwards, with an account of what is lost."""
+"""Reads the lines of text logs forwards, with an account of what is lost; finds extra libraries."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ from binascii import unhexlify
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
+from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import BinaryIO, Protocol
 
 import numpy as np
@@ -20,6 +22,18 @@ LATEST_NS = 4_102_444_800 * 10**9
 """The year 2100, ns since 1970: a later stamp is not in the unit of the format."""
 LONGEST_NS = 10**18
 """Longest time since the start of a log, ns: 31 years.  A longer one is a date."""
+
+
+def optional(module: str, extra: str) -> ModuleType:
+    """Return a library of one of the extras of pyproject.toml, which only some formats need.
+
+    Raises InputError if it is not installed.
+    """
+    try:
+        return import_module(module)
+    except ImportError as error:
+        problem = f"needs {module.split('.')[0]}, which is not installed"
+        raise InputError("this format", problem, f"pip install 'bumpbench[{extra}]'") from error
 
 
 @dataclass(slots=True)

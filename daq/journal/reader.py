@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dbc.frames import FrameBatch, freeze_arrays
-from dbc.words import counted, plural
+from dbc.words import InputError, counted, plural
 
 from ..bus.source import HopLosses
-from ..errors import InputError
 from ..files import is_regular
 from ..runlog import Code
 from ..runs import Event

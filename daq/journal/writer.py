@@ -21,12 +21,11 @@ from pathlib import Path
 from typing import NamedTuple, Self
 
 from dbc.frames import FrameBatch
-from dbc.words import BumpbenchError, counted
+from dbc.words import BumpbenchError, InputError, counted
 
 from ..bench.config import RecorderConfig
 from ..bus.source import HopLosses
 from ..control.messages import DiskStatus
-from ..errors import InputError
 from ..files import is_regular
 from ..runlog import Code
 from ..runs import Event

@@ -13,10 +13,11 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from dbc.words import BumpbenchError, printable
+
 from ..bench.config import Bench, parse_bench
 from ..bus.source import Now
 from ..control.messages import SessionState, SessionStatus
-from ..errors import BumpbenchError, printable
 from ..journal.format import JournalHead
 from ..journal.reader import RecordingInfo, last_campaign, last_recording
 from ..journal.segment import Segment

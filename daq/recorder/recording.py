@@ -16,6 +16,7 @@ from dbc import Codec
 from dbc.codec import Decoded
 from dbc.finding import Finding, Severity
 from dbc.frames import FrameBatch
+from dbc.words import printable
 
 from ..alarms.watch import Cycle, Watch
 from ..bench.config import Bench, bench_codec
@@ -35,7 +36,6 @@ from ..control.messages import (
     StorageStatus,
     Tally,
 )
-from ..errors import printable
 from ..runlog import Change, Code, RunLog, advance, parse_label, verdict_entry
 from ..runs import Event, Losses
 from ..samples import converter as health

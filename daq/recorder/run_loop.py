@@ -14,6 +14,7 @@ from datetime import date
 from pathlib import Path
 
 from dbc.frames import FrameBatch
+from dbc.words import InputError, printable
 
 from ..bench.campaign import Step, instruction
 from ..bench.config import Bench, bench_codec, parse_bench
@@ -37,7 +38,6 @@ from ..control.messages import (
     Undo,
     Until,
 )
-from ..errors import InputError, printable
 from ..runlog import Code, LoggedRun, RunLog, entry, next_step, weights_change
 from ..runs import BASELINE, Event, Excitation, RunStatus
 from ..samples.mapping import bench_mapping

@@ -14,13 +14,13 @@ from dbc import Codec
 from dbc.codec import Decoded, Quality, Samples
 from dbc.layout import MessageLayout, SignalLayout
 from dbc.units import SiUnit, known_si
+from dbc.words import InputError
 
 from ..bench.campaign import Method
 from ..bench.config import Bench
 from ..bench.sensors import SampleSet, SensorClock, sensor_clocks
 from ..bench.toml_file import channel_line
 from ..channels import LARGEST, SI_UNITS, Channel, Quantity, signal_of
-from ..errors import InputError
 from ..runs import SampleGroup
 from .clock import SensorTimes, arrival_times, even_times, sensor_times, stamped_times
 

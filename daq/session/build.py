@@ -25,10 +25,10 @@ import numpy as np
 
 from dbc import Codec
 from dbc.frames import FrameBatch
+from dbc.words import BumpbenchError, InputError, printable
 
 from ..bench.config import Bench, bench_codec, parse_bench
 from ..channels import Quantity
-from ..errors import BumpbenchError, InputError, printable
 from ..journal.format import JournalHead
 from ..journal.reader import HopCounts, read_windows, recording_of
 from ..runlog import Code, LoggedRun, RunLog, finding_record, fold

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dbc.frames import FrameBatch
+from dbc.words import InputError
 
 from ..channels import Channel
-from ..errors import InputError
 from ..files import make_room, write_bytes
 from ..runs import Event, Excitation, Losses, Run, RunStatus, SampleGroup
 from ..sessions import Session

@@ -15,12 +15,11 @@ from numpy.typing import NDArray
 
 from dbc.codec import Quality
 from dbc.units import to_si
-from dbc.words import counted, printable
+from dbc.words import InputError, counted, printable
 
 from ..bench.campaign import Step
 from ..bench.channel_map import ChannelMap, Clock, GivenRun
 from ..channels import Channel, Quantity
-from ..errors import InputError
 from ..runs import Event, Run, RunStatus, SampleGroup
 from ..samples import trigger
 from ..samples.mapping import (

@@ -19,11 +19,11 @@ import numpy as np
 
 from dbc import Codec
 from dbc.frames import FrameBatch
+from dbc.words import BumpbenchError, InputError
 
 from ..bench.campaign import Step
 from ..bench.config import Bench, bench_codec, parse_bench
 from ..bus.source import HopLosses
-from ..errors import BumpbenchError, InputError
 from ..journal.reader import HopCounts
 from ..runs import Event, Excitation, RunStatus
 from ..samples import trigger

@@ -15,7 +15,8 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
+from dbc.words import InputError
+
 from ..sessions import notes_of
 
 SCHEMA = "bumpbench-session"

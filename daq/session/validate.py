@@ -10,10 +10,9 @@ import numpy as np
 
 from dbc.codec import UNUSABLE
 from dbc.finding import Finding, Severity
-from dbc.words import counted
+from dbc.words import InputError, counted, printable
 
 from ..channels import Channel, Quantity
-from ..errors import InputError, printable
 from ..runs import SampleGroup
 from ..sessions import Session
 from .content import session_of

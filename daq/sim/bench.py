@@ -16,10 +16,9 @@ from dbc import Codec, FrameBatch
 from ..bench.campaign import Method, Step
 from ..bench.config import Bench
 from ..bumps import BUMPS
-from ..bus.source import HopLosses
+from ..bus.source import BusError, HopLosses
 from ..check.pushes import ORDER
 from ..control.messages import Phase, Status
-from ..errors import BusError
 from ..runs import BASELINE, Excitation, RunStatus
 from ..vehicle import Corner
 from .car import SimulatedCar

@@ -16,9 +16,9 @@ import numpy as np
 
 from dbc.layout import SignalLayout
 from dbc.units import to_si
+from dbc.words import InputError
 
 from ..channels import ON_BODY, SI_UNITS, Channel, Quantity, message_of
-from ..errors import InputError
 from ..vehicle import FORD_GRANADA, AddedMass, BodyWeight, MassState, VehicleParameters
 from .engine import Array, Plant
 from .motion import (

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dbc import Codec, FrameBatch, FrameFlag, MessageLayout
+from dbc.words import InputError
 
 from ..bench.campaign import Step
 from ..bench.config import Bench, BusConfig
 from ..channels import Channel, message_of, signal_of
-from ..errors import InputError
 from ..runs import BASELINE
 from .car import (
     ClockTruth,

@@ -15,8 +15,7 @@ import can
 
 from daq.bench.config import BusConfig
 from daq.bus.interfaces import PythonCanSource
-from daq.bus.source import FrameSource
-from daq.errors import BusError
+from daq.bus.source import BusError, FrameSource
 
 
 @contextmanager

@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 
 from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
-from daq.errors import InputError
 from daq.journal.format import FILE_GONE
 from daq.journal.reader import last_recording, read_journal, segments_in
 from daq.journal.segment import SyncedFile
 from daq.journal.writer import JournalWriter, Room, room_on
 from daq.runs import Event
+from dbc.words import InputError
 
 from .crash_frames import (
     BLOCK_FRAMES,

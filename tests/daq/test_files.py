@@ -12,7 +12,6 @@ from pathlib import Path
 
 import pytest
 
-from daq.errors import InputError
 from daq.files import (
     make_room,
     open_regular,
@@ -21,6 +20,7 @@ from daq.files import (
     write_bytes,
     write_text,
 )
+from dbc.words import InputError
 
 
 def test_a_file_is_replaced_and_nothing_else_is_left(tmp_path: Path) -> None:

@@ -23,10 +23,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daq.errors import InputError
 from daq.formats.columns import read_columns
 from daq.formats.log import read_log
 from daq.session import write_session
+from dbc.words import InputError
 from tui.cli import run
 
 from .formats.channel_files import WRITERS, Tables

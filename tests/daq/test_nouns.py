@@ -16,7 +16,6 @@ from numpy.typing import ArrayLike
 
 from daq.bumps import kinds_of
 from daq.channels import Channel, Quantity
-from daq.errors import InputError
 from daq.loading import expected_car, loading, wrong_weights
 from daq.runlog import LoggedNote, Override
 from daq.runs import Excitation, RunStatus, SampleGroup, Silence, longest_gap_s, longest_silence
@@ -40,6 +39,7 @@ from daq.vehicle import (
     parameter_names,
     parameter_unit,
 )
+from dbc.words import InputError
 
 from ..simulated.elements import contact, load_car
 from .small_session import small_session

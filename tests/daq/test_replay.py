@@ -11,13 +11,13 @@ import pytest
 
 from daq import replay as room
 from daq.bench.config import RecorderConfig
-from daq.bus.source import HopLosses
-from daq.errors import BusError, InputError
+from daq.bus.source import BusError, HopLosses
 from daq.journal.format import JournalHead
 from daq.journal.writer import JournalWriter
 from daq.replay import RecordedSource, play, whole_frames
 from daq.sessions import Session
 from dbc import FrameBatch, FrameFlag
+from dbc.words import InputError
 
 from .formats.mixed import batch_of, mixed
 from .small_session import small_session

@@ -10,9 +10,9 @@ import pytest
 
 from daq import read_session
 from daq.control.messages import SessionState
-from daq.errors import InputError
 from daq.replay import whole_frames
 from daq.runs import RunStatus
+from dbc.words import InputError
 from tui.recorders.process import start_recorder
 from tui.terminal.app import BenchApp
 from tui.terminal.campaign import BenchStep, progress

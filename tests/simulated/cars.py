@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from daq.errors import InputError
 from daq.sim.engine import Array
 from daq.vehicle import FORD_GRANADA, VehicleParameters
+from dbc.words import InputError
 
 from .elements import (
     ALIKE,

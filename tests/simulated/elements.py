@@ -11,12 +11,12 @@ from math import inf
 import numpy as np
 
 from daq.channels import Channel
-from daq.errors import InputError
 from daq.sim.car import SensorTruth, SimulatedCar, Truth
 from daq.sim.engine import Array, Plant, balances
 from daq.sim.motion import load_car as load_linear_car
 from daq.sim.motion import per_axle, states_of
 from daq.vehicle import AddedMass, Corner, MassState, VehicleParameters
+from dbc.words import InputError
 
 PerCorner = tuple[float, float, float, float]
 """A value for each corner, in the order of `daq.vehicle.Corner`."""

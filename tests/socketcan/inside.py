@@ -15,7 +15,7 @@ import numpy as np
 
 from daq.bus.error_frames import ControllerState, describe_error_frame
 from daq.bus.socketcan import SocketCanSource, open_socketcan
-from daq.errors import BusError
+from daq.bus.source import BusError
 from dbc.frames import FrameBatch, FrameFlag
 
 HOUR_NS = 3600 * 10**9

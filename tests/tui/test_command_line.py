@@ -14,7 +14,9 @@ from typer.core import TyperGroup
 from typer.main import get_command
 
 from daq import write_session
-from daq.errors import BusError, FolderLockedError, InputError
+from daq.bus.source import BusError
+from daq.control.address import FolderLockedError
+from dbc.words import InputError
 from tui.cli import app, run
 
 from ..daq.small_session import small_session

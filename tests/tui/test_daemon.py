@@ -26,8 +26,8 @@ from daq.control.messages import (
     Until,
     setup_of,
 )
-from daq.errors import InputError
 from daq.recorder.recorder import Publish
+from dbc.words import InputError
 from tui.recorders.daemon import Lifetime, _Daemon, _Signals
 from tui.recorders.log import Log
 from tui.recorders.traffic import Traffic

@@ -25,9 +25,9 @@ from daq.control.messages import (
     StorageStatus,
     Tally,
 )
-from daq.errors import InputError
 from daq.runlog import LoggedRun
 from daq.runs import Excitation, Losses, RunStatus
+from dbc.words import InputError
 from tui.cli import run
 from tui.recorders.lines import farewell, news, progress_words, status_lines
 from tui.recorders.log import BURST, Log

@@ -15,14 +15,14 @@ import pytest
 from daq import write_session
 from daq.bench.campaign import Origin
 from daq.bench.config import Bench, RecorderConfig, default_bench_text, parse_bench
-from daq.bus.source import HopLosses
+from daq.bus.source import BusError, HopLosses
 from daq.control.messages import Alarm, Phase, SessionState, SessionStatus, Status
-from daq.errors import BusError, InputError
 from daq.journal.format import JournalHead
 from daq.journal.writer import JournalWriter
 from daq.runs import Losses, RunStatus
 from dbc import shipped_dbc
 from dbc.finding import Finding, Severity
+from dbc.words import InputError
 from identify import Judgement
 from tui.cli import run
 from tui.commands.demo import begun_anew, next_commands

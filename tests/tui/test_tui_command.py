@@ -17,7 +17,7 @@ from daq.bench.campaign import Origin
 from daq.bench.config import default_bench_text
 from daq.control.exchange import OrderRefusedError, RecorderGoneError
 from daq.control.messages import AskStatus, Order, Reply, Setup, Status
-from daq.errors import InputError
+from dbc.words import InputError
 from tui.browser import server
 from tui.cli import run
 from tui.commands.tui import wanted_setup

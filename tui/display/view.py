@@ -13,8 +13,8 @@ from daq import BASELINE, Excitation
 from daq.bench.campaign import Method, Origin
 from daq.bumps import BUMPS
 from daq.control.messages import Arm, Order, Pause, Phase, Reject, Status
-from daq.errors import printable
 from daq.runs import RunStatus
+from dbc.words import printable
 
 from ..terminal.campaign import (
     BUSY,

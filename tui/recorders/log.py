@@ -87,7 +87,7 @@ class Log:
 
     def line(self, text: str, key: str = "") -> None:
         """Write a line; the number of lines with the same key is limited, except the empty one."""
-        from daq.errors import printable
+        from dbc.words import printable
 
         now_s = time.monotonic()
         with self._lock:

@@ -36,7 +36,7 @@ from daq.control.messages import (
     Stop,
     differences,
 )
-from daq.errors import printable
+from dbc.words import printable
 
 from ..diagnostics import unknown_value
 from .campaign import SCREEN_OF, BenchStep, in_run, progress, waits_unarmed

@@ -11,8 +11,8 @@ from typing import Any
 
 from daq import ADDED, BASELINE
 from daq.control.messages import Alarm, Arm, Order, Phase, Status
-from daq.errors import printable
 from daq.files import write_text
+from dbc.words import printable
 
 
 class BenchStep(IntEnum):

@@ -19,8 +19,8 @@ from textual.screen import ModalScreen, Screen
 from textual.widgets import DataTable, Digits, Input, Markdown, Static
 
 from daq.alarms.texts import EXPLAINED
-from daq.errors import printable
 from daq.verdict import WORDS
+from dbc.words import printable
 
 from .words import Banner, DisplayLink, Glyphs
 

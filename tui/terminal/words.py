@@ -9,9 +9,9 @@ from enum import Enum
 
 from daq import Corner
 from daq.control.messages import Phase, Status
-from daq.errors import printable
 from daq.runlog import LoggedRun
 from daq.runs import RunStatus
+from dbc.words import printable
 
 from .campaign import NextAction, cause_words, first_obstacle, frames_stand_still
 from .feed import Lost

@@ -10,11 +10,11 @@ import pytest
 from daq.bench.campaign import Method
 from daq.bench.channel_map import load_channel_map
 from daq.bench.config import Bench, bench_codec, load_bench, parse_bench
-from daq.errors import InputError
 from daq.runs import Excitation
 from daq.samples.mapping import map_channels
 from daq.vehicle import Structure
 from dbc.frames import FrameBatch
+from dbc.words import InputError
 
 DBC = """VERSION ""
 BU_: A B

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from daq.bench.campaign import Method
 from daq.bench.config import Bench, default_bench_text, parse_bench
 from daq.bench.edit import with_campaign, with_channel, with_facts, with_vehicle, with_weights
-from daq.errors import InputError
 from daq.runs import Excitation
 from daq.vehicle import BodyWeight, Corner, Fact, HubWeight, Structure
+from dbc.words import InputError
 
 SHIPPED = default_bench_text()
 WRITTEN = """# Bench of hall 3, ask Erna.

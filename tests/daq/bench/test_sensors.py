@@ -26,13 +26,13 @@ from daq.bench.config import (
 from daq.bench.edit import with_channel
 from daq.bench.sensors import Database, stored_databases, stored_text
 from daq.check.check import check_bench
-from daq.errors import InputError
 from daq.runs import Excitation, SampleGroup
 from daq.samples.mapping import bench_mapping, map_channels, sample_groups, timekeeping
 from dbc import Samples
 from dbc.codec import Quality
 from dbc.finding import Severity
 from dbc.frames import FrameBatch
+from dbc.words import InputError
 
 from ..sensor_bench import (
     DATABASES,

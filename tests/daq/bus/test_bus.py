@@ -26,8 +26,7 @@ from daq.bus.interfaces import (
     open_source,
 )
 from daq.bus.socketcan import enlarge_buffer, keep_to_own_group
-from daq.bus.source import FrameSource, wire_bits
-from daq.errors import BusError
+from daq.bus.source import BusError, FrameSource, wire_bits
 from dbc.frames import FrameBatch, FrameFlag
 
 from ...multicast import own_group

@@ -13,8 +13,7 @@ import pytest
 
 from daq.bench.config import BusConfig
 from daq.bus.socketcan import SocketCanSource
-from daq.bus.source import FrameSource, HopLosses, Link, SteadyClock
-from daq.errors import BusError
+from daq.bus.source import BusError, FrameSource, HopLosses, Link, SteadyClock
 from dbc import FrameBatch
 
 from ..small_campaign import blocks, bumps, small_codec

@@ -18,7 +18,7 @@ from daq.bus.slcan import (
     open_slcan,
     parse_slcan,
 )
-from daq.errors import BusError
+from daq.bus.source import BusError
 from dbc.frames import FrameBatch, FrameFlag
 
 from ..adapters import pty_pair

@@ -20,8 +20,7 @@ from daq.bench.config import BusConfig
 from daq.bus import socketcan
 from daq.bus.interfaces import open_bus, open_source
 from daq.bus.socketcan import FrameBuffers, SocketCanSource, frame_columns
-from daq.bus.source import BLOCK_FRAMES, SteadyClock
-from daq.errors import BusError
+from daq.bus.source import BLOCK_FRAMES, BusError, SteadyClock
 from dbc.frames import FrameBatch, FrameFlag
 
 from ...multicast import own_group

@@ -20,13 +20,19 @@ import pytest
 
 from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
-from daq.control.address import control_address, is_locked, lone_recorder, unreachable_words
+from daq.control.address import (
+    FolderLockedError,
+    control_address,
+    is_locked,
+    lone_recorder,
+    unreachable_words,
+)
 from daq.control.exchange import Server
 from daq.control.messages import Order, Reply
 from daq.control.monitoring import Heartbeats, Systemd, standstill, status_line
-from daq.errors import FolderLockedError, InputError
 from daq.files import write_text
 from daq.journal.writer import JournalWriter
+from dbc.words import InputError
 
 from ..a_status import a_status
 from ..crash_frames import HEAD, block

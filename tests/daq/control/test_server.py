@@ -53,7 +53,7 @@ from daq.control.messages import (
     Status,
     setup_of,
 )
-from daq.errors import InputError
+from dbc.words import InputError
 
 from ..a_status import a_status
 from ..small_campaign import small_bench

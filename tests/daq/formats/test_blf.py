@@ -11,10 +11,10 @@ import zlib
 
 import pytest
 
-from daq.errors import InputError
 from daq.formats.blf import read_blf
 from daq.formats.reader import LogLoss
 from dbc import FrameBatch
+from dbc.words import InputError
 
 from .mixed import shown
 

@@ -14,7 +14,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.io import savemat
 
 from daq.channels import Channel, Quantity
-from daq.errors import InputError
 from daq.formats import columns
 from daq.formats.columns import read_columns
 from daq.runs import Excitation, Losses, Run, RunStatus, SampleGroup
@@ -22,6 +21,7 @@ from daq.session.from_columns import bump_run, bumps_in, recording
 from daq.sessions import Session
 from daq.vehicle import Corner, MassState, Vehicle
 from dbc.frames import FrameBatch
+from dbc.words import InputError
 
 from .channel_files import WRITERS, again, mapped
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from daq.errors import InputError
 from daq.formats.export import ExportFormat, export_session
 from daq.sessions import Session
 from dbc import FrameBatch
 from dbc.frames import FrameFlag
+from dbc.words import InputError
 
 from ..small_session import mixed_frames, small_run, small_session
 

@@ -11,12 +11,12 @@ import pytest
 
 from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
-from daq.errors import InputError
 from daq.formats.columns import read_columns
 from daq.formats.log import BLF, Log, detect, read_log, read_logs
 from daq.journal.format import JournalHead
 from daq.journal.writer import JournalWriter
 from dbc import FrameBatch
+from dbc.words import InputError
 
 from ..crash_frames import block
 from .mixed import START_S, Frame, batch_of, frames_in, message, mixed

@@ -8,10 +8,10 @@ from datetime import datetime
 
 import pytest
 
-from daq.errors import InputError
 from daq.formats.asc import AscParser, asc_date_ns
 from daq.formats.reader import LineParser, LogLoss, parsed, read_lines
 from daq.formats.text_logs import CandumpParser, CsvParser, TrcParser
+from dbc.words import InputError
 
 from .mixed import shown
 

@@ -11,7 +11,6 @@ import pytest
 
 from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
-from daq.errors import InputError
 from daq.journal.format import HEADER, MAGIC, Gap, SegmentFile, gap_event
 from daq.journal.reader import (
     HopCounts,
@@ -31,6 +30,7 @@ from daq.journal.reader import (
 from daq.journal.writer import JournalWriter
 from daq.runs import Event
 from dbc.frames import FrameBatch
+from dbc.words import InputError
 
 from ..crash_frames import HEAD, START_NS, FailingDisk, QuickFile, block, numbers
 

@@ -13,7 +13,7 @@ import pytest
 
 from daq import read_session
 from daq.bench.config import Bench, BusConfig, parse_bench
-from daq.bus.source import FrameSource, HopLosses, Now
+from daq.bus.source import BusError, FrameSource, HopLosses, Now
 from daq.control.messages import (
     Arm,
     AskBench,
@@ -34,7 +34,6 @@ from daq.control.messages import (
     Until,
 )
 from daq.control.monitoring import standstill
-from daq.errors import BusError, InputError
 from daq.journal.reader import last_recording, recordings
 from daq.journal.segment import SyncedFile
 from daq.journal.writer import JournalError
@@ -45,6 +44,7 @@ from daq.recorder.run_loop import OrderError
 from daq.runs import Event
 from dbc import Codec, FrameBatch
 from dbc.finding import Severity
+from dbc.words import InputError
 
 from ..recorder_run import (
     CAN0,

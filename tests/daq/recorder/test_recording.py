@@ -15,7 +15,6 @@ from daq.bench.config import Bench
 from daq.bus.source import HopLosses, Now
 from daq.channels import Quantity
 from daq.control.messages import Arm, Pause, Phase, Until
-from daq.errors import InputError
 from daq.journal.format import JournalHead
 from daq.journal.reader import last_recording, read_journal, segments_in
 from daq.journal.writer import JournalError, JournalWriter
@@ -27,6 +26,7 @@ from daq.runs import Event, Losses, RunStatus
 from daq.session import read_session
 from daq.session.build import derive
 from dbc import Codec, FrameBatch, FrameFlag
+from dbc.words import InputError
 from identify.report.content import title_of
 
 from ..crash_frames import QuickFile

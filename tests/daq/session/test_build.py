@@ -19,7 +19,6 @@ from daq.bench.campaign import Campaign
 from daq.bench.config import Bench
 from daq.bus.source import HopLosses
 from daq.channels import Channel, Quantity
-from daq.errors import InputError
 from daq.journal.format import JournalHead
 from daq.journal.reader import HopCounts
 from daq.journal.writer import JournalWriter
@@ -33,6 +32,7 @@ from daq.sim.ecu import bench_senders, campaign_frames, frame_time_ns
 from daq.vehicle import Corner
 from dbc import UNUSABLE, Codec, FrameBatch, Quality
 from dbc.finding import Finding, Severity
+from dbc.words import InputError
 
 from ..small_campaign import PERIOD_S, START_NS, blocks, bumps, small_bench, small_codec
 

@@ -17,7 +17,6 @@ import numpy as np
 import pytest
 
 from daq.channels import Channel, Quantity
-from daq.errors import InputError
 from daq.runs import RunStatus, SampleGroup
 from daq.session import (
     Severity,
@@ -29,6 +28,7 @@ from daq.session import (
 from daq.session.validate import check_session
 from daq.sessions import Session
 from daq.vehicle import AddedMass, MassState
+from dbc.words import InputError
 from tui.cli import run
 
 from ..small_session import small_file, small_session

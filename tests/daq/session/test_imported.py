@@ -20,7 +20,6 @@ from daq.bench.config import Bench, bench_codec, parse_bench
 from daq.bench.sensors import stored_databases
 from daq.bus.source import HopLosses
 from daq.check.check import check_bench
-from daq.errors import InputError
 from daq.journal.format import JournalHead
 from daq.journal.reader import HopCounts
 from daq.journal.writer import JournalWriter
@@ -44,6 +43,7 @@ from daq.sim.car import SimulatedCar
 from daq.sim.ecu import campaign_frames
 from dbc import FrameBatch, Severity
 from dbc.units import G_M_S2
+from dbc.words import InputError
 
 from ..sensor_bench import IMU, sensor_bench
 from ..small_campaign import START_NS, blocks, bumps, small_bench, small_codec

@@ -17,13 +17,13 @@ import pytest
 from numpy.testing import assert_array_equal
 
 import daq.session
-from daq.errors import InputError
 from daq.runs import Event, RunStatus
 from daq.session import glances, read_session, write_session
 from daq.session.hdf5 import Glance
 from daq.sessions import Session
 from daq.vehicle import MassState
 from dbc import FrameBatch
+from dbc.words import InputError
 
 from ..small_session import small_file, small_session
 

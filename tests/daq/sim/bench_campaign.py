@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from daq.bench.config import Bench, bench_codec
-from daq.bus.source import HopLosses, Now
+from daq.bus.source import BusError, HopLosses, Now
 from daq.control.messages import (
     Arm,
     DiskStatus,
@@ -16,7 +16,6 @@ from daq.control.messages import (
     StorageStatus,
     Until,
 )
-from daq.errors import BusError
 from daq.recorder.recording import Recording
 from daq.runs import Event
 from daq.sim.bench import Fault, SimulatedBench

@@ -13,10 +13,9 @@ import pytest
 
 from daq.bench.campaign import Campaign, Method, Step
 from daq.bench.config import Bench, bench_codec, load_bench
-from daq.bus.source import Now
+from daq.bus.source import BusError, Now
 from daq.check.propose import propose_sensors
 from daq.control.messages import Due, Phase, Status
-from daq.errors import BusError, InputError
 from daq.recorder.recording import Recording
 from daq.runlog import LoggedNote
 from daq.runs import BASELINE, Excitation, RunStatus
@@ -26,6 +25,7 @@ from daq.sim.car import NOISE, SimulatedCar, Spread
 from daq.sim.ecu import campaign_frames, frame_time_ns, priority, transmit
 from daq.vehicle import AddedMass, BodyWeight, Corner
 from dbc import Codec, DecodeCounts, FrameBatch, parse_codec, shipped_dbc
+from dbc.words import InputError
 
 from ..wild_bench import DATABASES, NODES, wild_bench
 from .bench_campaign import Kept, record

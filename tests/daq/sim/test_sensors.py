@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from daq.bench.campaign import Campaign
 from daq.bench.config import Bench, load_bench
 from daq.channels import Channel, Quantity
-from daq.errors import InputError
 from daq.runs import Excitation
 from daq.sim.car import (
     NOISE,
@@ -30,6 +29,7 @@ from daq.sim.ecu import campaign_frames
 from daq.sim.motion import GRAVITY_M_S2, Kinematics, static_pose
 from daq.vehicle import FORD_GRANADA, AddedMass, BodyWeight, Corner
 from dbc import Codec, parse_codec, shipped_dbc
+from dbc.words import InputError
 
 from ...simulated.elements import RealCar, SensorFault, load_car
 

@@ -23,7 +23,7 @@ import pytest
 
 from daq.control.exchange import OrderRefusedError
 from daq.control.messages import Arm, AskBench, Hello, Order, Phase, Reject, Reply
-from daq.errors import InputError
+from dbc.words import InputError
 from tui.browser.server import Guard, listen, terminal_pages
 from tui.cli import run
 from tui.display import server

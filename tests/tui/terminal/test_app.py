@@ -14,7 +14,7 @@ from daq.alarms.texts import EXPLAINED
 from daq.bench.campaign import Origin
 from daq.control import address
 from daq.control.messages import Alarm, Arm, Hello, Phase, Setup, ShutDown, Stop
-from daq.errors import InputError
+from dbc.words import InputError
 from tui.cli import run
 from tui.commands.tui import check_fault
 from tui.diagnostics import ExitCode

@@ -13,7 +13,7 @@ from textual.widgets import Footer
 
 from daq.bench.campaign import Origin
 from daq.control.messages import BusState
-from daq.errors import printable
+from dbc.words import printable
 
 from ..app import BenchApp, RecorderLost, StatusArrived
 from ..campaign import BenchStep, progress

@@ -26,9 +26,9 @@ from daq.control.messages import (
     Tally,
     Undo,
 )
-from daq.errors import printable
 from daq.runlog import LoggedRun
 from daq.runs import RunStatus
+from dbc.words import printable
 
 from ..campaign import (
     RUNNING,

@@ -18,9 +18,9 @@ from textual.widgets import Static
 from daq import BASELINE, BodyWeight, Corner, Excitation, HubWeight, Quantity, VehicleParameters
 from daq.bench.config import Bench
 from daq.control.messages import Status
-from daq.errors import printable
 from daq.loading import Loading, expected_car, wrong_weights
 from daq.runs import RunStatus
+from dbc.words import printable
 
 from ...jobs.planning import Gain
 from ..form import Field, FieldError, Form, Values, check_fields, number, stated

@@ -18,9 +18,9 @@ from textual.content import Content
 from textual.widgets import ProgressBar
 
 from daq.control.messages import Build, Mark, SessionState, Start, Status
-from daq.errors import printable
 from daq.runs import RunStatus
 from dbc import counted
+from dbc.words import printable
 
 from ...jobs.session_list import report_of, size_text
 from ...jobs.worker import (
