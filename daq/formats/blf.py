@@ -22,7 +22,6 @@ MAX_OBJECT_BYTES = 1 << 24
 _FILE = struct.Struct("<4sL8BQQLL8H8H")
 _OBJECT = struct.Struct("<4sHHLL")
 _CONTAINER = struct.Struct("<H6xL4x")
-_IS_CONTAINER, _PLAIN, _ZLIB = 10, 0, 2
 _ADVICE = "check what it is; its suffix may be wrong"
 _GAP = 8
 """Limit of the padding after an object, bytes: it is shorter."""
@@ -43,39 +42,41 @@ _HEADER = _layout(
     32, version=("<u2", 6), size=("<u4", 8), kind=("<u4", 12), unit=("<u4", 16), stamp=("<u8", 24)
 )
 _CLASSIC = _layout(16, bus=("<u2", 0), flags=("u1", 2), dlc=("u1", 3), can_id=("<u4", 4))
-_ERROR_EXT = _layout(32, bus=("<u2", 0), dlc=("u1", 10), can_id=("<u4", 16))
-_ERROR = _layout(4, bus=("<u2", 0))
-_FD_ERROR_64 = _layout(4, bus=("u1", 0))
-_FD = _layout(
-    84,
-    bus=("<u2", 0),
-    flags=("u1", 2),
-    dlc=("u1", 3),
-    can_id=("<u4", 4),
-    fd=("u1", 13),
-    valid=("u1", 14),
-)
-_FD_64 = _layout(
-    40,
-    bus=("u1", 0),
-    dlc=("u1", 1),
-    valid=("u1", 2),
-    can_id=("<u4", 4),
-    flags=("<u4", 12),
-    sent=("u1", 34),
-    extra=("u1", 35),
-)
 _KINDS = {
     1: (_CLASSIC, 8),
     86: (_CLASSIC, 8),
-    2: (_ERROR, 0),
-    73: (_ERROR_EXT, 24),
-    100: (_FD, 20),
-    101: (_FD_64, 40),
-    104: (_FD_ERROR_64, 0),
+    2: (_layout(4, bus=("<u2", 0)), 0),  # error frame; with data, and of CAN FD
+    73: (_layout(32, bus=("<u2", 0), dlc=("u1", 10), can_id=("<u4", 16)), 24),
+    104: (_layout(4, bus=("u1", 0)), 0),
+    100: (  # CAN FD
+        _layout(
+            84,
+            bus=("<u2", 0),
+            flags=("u1", 2),
+            dlc=("u1", 3),
+            can_id=("<u4", 4),
+            fd=("u1", 13),
+            valid=("u1", 14),
+        ),
+        20,
+    ),
+    101: (  # CAN FD with as many bytes of data as it states
+        _layout(
+            40,
+            bus=("u1", 0),
+            dlc=("u1", 1),
+            valid=("u1", 2),
+            can_id=("<u4", 4),
+            flags=("<u4", 12),
+            sent=("u1", 34),
+            extra=("u1", 35),
+        ),
+        40,
+    ),
 }
 """Layout of the objects that are frames, and where their payload begins, by type."""
-_LOST_EVENTS, _LOST = 126, _layout(16, count=("<u4", 12))
+_LOST = _layout(16, count=("<u4", 12))
+"""Layout of the object that states lost events, of type 126."""
 
 
 def read_blf(file: BinaryIO, where: str, size: int, loss: LogLoss) -> Iterator[FrameBatch]:
@@ -136,7 +137,7 @@ def _pieces(file: BinaryIO, file_bytes: int, loss: LogLoss) -> Iterator[tuple[by
             return
         body = file.read(size - _OBJECT.size)
         padding = file.read(size % 4)
-        if kind == _IS_CONTAINER:
+        if kind == 10:  # a container
             yield _unpacked(body, size - _OBJECT.size, loss)
         else:
             yield head + body + padding, True
@@ -152,9 +153,9 @@ def _unpacked(body: bytes, size: int, loss: LogLoss) -> tuple[bytes, bool]:
         return b"", False
     method, claimed = _CONTAINER.unpack_from(body)
     packed = body[_CONTAINER.size :]
-    if method == _PLAIN:
+    if method == 0:  # not packed
         return packed, len(body) == size
-    if method != _ZLIB or claimed > MAX_OBJECT_BYTES:
+    if method != 2 or claimed > MAX_OBJECT_BYTES:
         what = f"a container is packed in an unknown way ({method}, {claimed})"
         loss.add(what, bytes_cut=len(packed))
         return b"", False
@@ -258,7 +259,7 @@ def frames_of(data: bytes, places: NDArray[np.intp], start_ns: int, loss: LogLos
         lengths = length.astype(np.uint8)
         batches.append(FrameBatch(t_ns[rows], can_id, flags, bus, lengths, payload))
         orders.append(rows)
-    lost = np.flatnonzero((head["kind"] == _LOST_EVENTS) & (room >= _LOST.itemsize))
+    lost = np.flatnonzero((head["kind"] == 126) & (room >= _LOST.itemsize))
     for row in lost.tolist():
         count = int(_records(text, begin[row : row + 1], _LOST)["count"][0])
         when = np.datetime64(int(t_ns[row]), "ns")

@@ -14,7 +14,7 @@ from dbc.words import InputError, counted
 from ..bench.campaign import Origin
 from ..sessions import Session
 
-_NS_PER_MS, _NS_PER_US = 1_000_000, 1000
+_NS_PER_MS = 1_000_000
 
 
 def session_frames(session: Session) -> FrameBatch:
@@ -114,7 +114,7 @@ def _unlike_real(session: Session) -> str:
 
 
 def _lost_in_text(frames: FrameBatch, name: str) -> tuple[str, ...]:
-    notes = [f"{name} rounds times to 1 µs"] if (frames.t_ns % _NS_PER_US).any() else []
+    notes = [f"{name} rounds times to 1 µs"] if (frames.t_ns % 1000).any() else []
     errors = int(_has(frames, FrameFlag.ERROR).sum())
     if errors:
         notes.append(f"{name} keeps only the times of {counted(errors, 'error frame')}")

@@ -29,8 +29,6 @@ PAUSE_NS = 10_000_000_000
 other: enough for the trigger to wait for rest again."""
 MOST_PARTS = 50
 """Largest number of parts: two clocks whose frames are mixed are no parts."""
-HEAD_BYTES = 1 << 16
-"""Number of bytes by which a format is detected: the head of a text log is shorter."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +68,7 @@ def detect(path: Path) -> LogFormat:
     header decides between formats that read as many.  Raises InputError if the file is missing,
     empty or not a known log.
     """
-    head = file_head(path, HEAD_BYTES, f"name a log: {NAMES}")
+    head = file_head(path, 1 << 16, f"name a log: {NAMES}")  # that of a text log is shorter
     for magic, form in _MAGIC.items():
         if head.startswith(magic):
             return form

@@ -34,7 +34,6 @@ _FRAME = re.compile(
 """Time, interface, identifier, FD bits (``##1``: BRS, ``##2``: ESI), request or payload,
 direction.  A classic frame of 8 bytes may be followed by the raw DLC of the wire: ``123#..._E``."""
 _ERROR_BIT = 0x2000_0000
-_OPEN, _CLOSE = b"()"
 
 
 class CandumpParser:
@@ -48,7 +47,7 @@ class CandumpParser:
             stamp, interface, frame, *more = line.split()
             identifier, mark, digits = frame.partition(b"#")
             data = unhexlify(digits)
-            if mark and stamp[0] == _OPEN and stamp[-1] == _CLOSE:
+            if mark and stamp[:1] == b"(" and stamp[-1:] == b")":
                 can_id, flags = _identifier(identifier)
                 flags |= SENT if more and more[0] in (b"T", b"t") else 0
                 t_ns = nanoseconds(stamp[1:-1])
