@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dbc.finding import Finding, Severity
 from dbc.units import G_M_S2
+from dbc.words import Finding, Severity
 
 from .vehicle import (
     FORD_GRANADA,

@@ -15,7 +15,7 @@ from typing import Annotated, Any, NamedTuple
 
 from pydantic import PlainSerializer, PlainValidator
 
-from dbc.finding import Finding, Severity
+from dbc.words import Finding, Severity
 
 from .bench.campaign import Campaign, Step
 from .runs import Event, Excitation, RunStatus

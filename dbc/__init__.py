@@ -2,11 +2,19 @@
 
 from .codec import UNUSABLE, Codec, DecodeCounts, Decoded, Quality, Samples
 from .database import load_codec, parse_codec, read_dbc, shipped_dbc
-from .finding import Finding, Severity
 from .frames import FrameBatch, FrameFlag
 from .layout import CounterRule, MessageLayout, SignalLayout
 from .units import SiUnit, to_si
-from .words import BumpbenchError, InputError, counted, csv_text, plural, seconds_text
+from .words import (
+    BumpbenchError,
+    Finding,
+    InputError,
+    Severity,
+    counted,
+    csv_text,
+    plural,
+    seconds_text,
+)
 
 __all__ = [
     "UNUSABLE",

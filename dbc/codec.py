@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .finding import Finding
 from .frames import FrameBatch, FrameFlag, read_only
 from .layout import CRC_RULES, MessageLayout, SignalLayout, covered
+from .words import Finding
 
 
 class Quality(IntFlag):

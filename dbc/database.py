@@ -16,10 +16,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .codec import Codec
-from .finding import Severity
 from .layout import CRC_RULES, CounterRule, MessageLayout, SignalLayout
 from .repair import EXTENDED, RepairedText
-from .words import InputError
+from .words import InputError, Severity
 
 if TYPE_CHECKING:
     from cantools.database.can import Message, Signal

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import re
 
-from .finding import Finding, Severity
-from .words import InputError
+from .words import Finding, InputError, Severity
 
 EXTENDED = 1 << 31
 """Bit of an identifier in a DBC that marks 29 bits."""

@@ -1,6 +1,6 @@
 """From runs to physical parameters with confidence intervals.  Pure computation."""
 
-from dbc.finding import Finding, Severity
+from dbc.words import Finding, Severity
 
 from .decays.usable import usable_session
 from .fit.uncertainty import Estimate

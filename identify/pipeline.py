@@ -15,8 +15,7 @@ import numpy as np
 from daq.check.signs import opposed_signs
 from daq.sessions import Session
 from daq.vehicle import MassState, VehicleGeometry
-from dbc.finding import Finding, Severity
-from dbc.words import InputError, counted
+from dbc.words import Finding, InputError, Severity, counted
 
 from .decays.decay import FreeDecay, Record
 from .decays.usable import usable

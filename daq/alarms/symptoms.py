@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 
 from dbc import Codec
 from dbc.codec import UNUSABLE, Decoded, Quality, Samples
-from dbc.finding import Finding
 from dbc.frames import FrameBatch, FrameFlag
 from dbc.layout import MessageLayout
-from dbc.words import counted
+from dbc.words import Finding, counted
 
 from ..bus.error_frames import ControllerState, ErrorClass, ErrorFrame, error_frames_of
 from ..bus.source import HopLosses, LinkFacts

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from dbc.finding import Finding, Severity
+from dbc.words import Finding, Severity
 
 Key = tuple[str, str]
 """Code and subject of an alarm."""

@@ -14,9 +14,8 @@ from types import MappingProxyType
 
 from dbc import Codec
 from dbc.codec import Decoded
-from dbc.finding import Finding
 from dbc.frames import FrameBatch
-from dbc.words import counted
+from dbc.words import Finding, counted
 
 from ..bench.config import RecorderConfig
 from ..bus.source import HopLosses, LinkFacts, Now, wire_bits

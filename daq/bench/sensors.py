@@ -20,10 +20,9 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, Field, model_validator
 
 from dbc import Codec, parse_codec, read_dbc, shipped_dbc
-from dbc.finding import Finding, Severity
 from dbc.layout import CRC_RULES, CounterRule, MessageLayout, SignalLayout
 from dbc.units import known_si
-from dbc.words import InputError
+from dbc.words import Finding, InputError, Severity
 
 from .toml_file import Place, Table, line_of
 

@@ -17,11 +17,10 @@ from numpy.typing import NDArray
 
 from dbc import Codec
 from dbc.codec import Decoded, Quality, Samples
-from dbc.finding import Finding, Severity
 from dbc.frames import FrameBatch
 from dbc.layout import MessageLayout
 from dbc.units import G_M_S2, known_si, to_si
-from dbc.words import counted, plural, printable
+from dbc.words import Finding, Severity, counted, plural, printable
 
 from ..bench.config import Bench
 from ..bench.sensors import SampleSet

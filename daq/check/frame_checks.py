@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 
 from dbc import Codec
 from dbc.codec import Decoded, Quality
-from dbc.finding import Finding, Severity
 from dbc.frames import FrameBatch, FrameFlag
 from dbc.layout import CRC_RULES, MessageLayout, covered
-from dbc.words import counted, plural
+from dbc.words import Finding, Severity, counted, plural
 
 from ..bench.config import BusConfig
 from ..bench.sensors import CORRECT_MESSAGE

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dbc.finding import Finding, Severity
+from dbc.words import Finding, Severity
 
 from ..channels import Channel, Quantity
 from ..runs import Run

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import ConfigDict, Field, TypeAdapter
 
-from dbc.finding import Finding
+from dbc.words import Finding
 
 from ..bench.campaign import Origin, Step
 from ..runlog import LoggedNote, LoggedRun, Override

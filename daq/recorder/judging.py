@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dbc import Codec
-from dbc.finding import Finding, Severity
 from dbc.frames import FrameBatch
+from dbc.words import Finding, Severity
 
 from ..bench.campaign import Step
 from ..bench.config import Bench

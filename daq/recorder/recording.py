@@ -14,9 +14,8 @@ from typing import Protocol, TypeVar
 
 from dbc import Codec
 from dbc.codec import Decoded
-from dbc.finding import Finding, Severity
 from dbc.frames import FrameBatch
-from dbc.words import printable
+from dbc.words import Finding, Severity, printable
 
 from ..alarms.watch import Cycle, Watch
 from ..bench.config import Bench, bench_codec

@@ -69,8 +69,8 @@ and attributes never change their meaning.  Files are complete or absent: writte
 name, synced and renamed.  Raw frames are never changed or deleted.
 """
 
-from dbc.finding import Finding as Finding
-from dbc.finding import Severity as Severity
+from dbc.words import Finding as Finding
+from dbc.words import Severity as Severity
 
 from .content import read_changed_session as read_changed_session
 from .content import read_session as read_session

@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from dbc.codec import UNUSABLE
-from dbc.finding import Finding, Severity
-from dbc.words import InputError, counted, printable
+from dbc.words import Finding, InputError, Severity, counted, printable
 
 from ..channels import Channel, Quantity
 from ..runs import SampleGroup

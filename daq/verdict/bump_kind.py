@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dbc.finding import Finding
+from dbc.words import Finding
 
 from ..bench.campaign import Method
 from ..bench.config import Bench

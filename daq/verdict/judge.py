@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from dbc.finding import Finding
+from dbc.words import Finding
 
 from ..bench.campaign import Step
 from ..bench.config import Bench

@@ -8,9 +8,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from dbc.finding import Finding
 from dbc.frames import read_only
-from dbc.words import counted
+from dbc.words import Finding, counted
 
 from ..bench.campaign import Method
 from ..bench.config import Bench

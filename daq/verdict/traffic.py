@@ -8,8 +8,7 @@ from math import nan
 import numpy as np
 from numpy.typing import NDArray
 
-from dbc.finding import Finding
-from dbc.words import counted, plural
+from dbc.words import Finding, counted, plural
 
 from ..bench.config import Bench
 from ..channels import Channel, Quantity, message_of

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from dbc.finding import Finding, Severity
+from dbc.words import Finding, Severity
 
 
 class Words(NamedTuple):

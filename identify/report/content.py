@@ -12,8 +12,7 @@ from daq.channels import Channel, Quantity
 from daq.samples.trigger import BUMP
 from daq.sessions import Session, notes_of, overrides_of
 from daq.vehicle import BodyWeight, HubWeight
-from dbc.finding import Finding, Severity
-from dbc.words import counted
+from dbc.words import Finding, Severity, counted
 
 from ..decays.usable import usable_session
 from ..fit.estimation import Estimation

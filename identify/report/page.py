@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.vehicle import VehicleGeometry
-from dbc.finding import Finding
+from dbc.words import Finding
 
 from ..result import Identification
 

@@ -14,8 +14,7 @@ import numpy as np
 from daq.channels import Channel, Quantity
 from daq.runs import longest_gap_s
 from daq.vehicle import Corner, Fact, MassState
-from dbc.finding import Finding
-from dbc.words import counted
+from dbc.words import Finding, counted
 
 from ..decays.decay import FreeDecay, Record, decay_start_s, onset_s
 from ..fit.estimation import Estimation, generic_vehicles, later_may_hold

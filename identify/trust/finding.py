@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from math import inf, nan
 
-from dbc.finding import Finding, Severity
+from dbc.words import Finding, Severity
 
 from ..fit.grey_box import SIGNED
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from daq.loading import WEIGHT_SAG
 from daq.sessions import Session
-from dbc.finding import Finding, Severity
+from dbc.words import Finding, Severity
 
 from ..fit.estimation import Estimation
 from ..fit.grey_box import SIGNED

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from daq.bumps import BUMPS
 from daq.runs import Excitation
 from daq.vehicle import Corner, VehicleGeometry, parameter_unit
-from dbc.finding import Finding, Severity
 from dbc.units import G_M_S2
+from dbc.words import Finding, Severity
 
 from ..decays.decay import FreeDecay, onset_s
 from ..fit.estimation import Estimation, linearised_at

@@ -13,8 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dbc.finding import Finding, Severity
-from dbc.words import counted
+from dbc.words import Finding, Severity, counted
 
 from ..decays.decay import coarse_steps, onset_s
 from ..fit.estimation import Estimation, linearised_at

@@ -20,8 +20,7 @@ from daq.samples.converter import FROZEN_S, flat_tops
 from daq.sessions import Session
 from daq.vehicle import parameter_names, parameter_unit
 from dbc.codec import Quality
-from dbc.finding import Finding, Severity
-from dbc.words import counted
+from dbc.words import Finding, Severity, counted
 
 from ..decays.decay import GUARD_S, Record, decay_start_s
 from ..decays.usable import Usable, frozen

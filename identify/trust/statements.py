@@ -19,7 +19,7 @@ from daq.channels import Quantity
 from daq.loading import expected_car, wrong_weights
 from daq.sessions import Session
 from daq.vehicle import BodyWeight, Corner, FactQuantity, HubWeight, MassState
-from dbc.finding import Finding, Severity
+from dbc.words import Finding, Severity
 
 from ..decays.decay import Record, rest_levels
 from ..fit.estimation import Estimation, generic_vehicles

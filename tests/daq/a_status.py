@@ -15,7 +15,7 @@ from daq.control.messages import (
     Status,
 )
 from daq.runs import Losses
-from dbc.finding import Finding, Severity
+from dbc.words import Finding, Severity
 
 
 def a_status(t_ns: int = 0, alarms: tuple[Alarm, ...] = ()) -> Status:

@@ -22,7 +22,7 @@ from daq.runlog import (
     verdict_entry,
 )
 from daq.runs import Event, Excitation, RunStatus
-from dbc.finding import Finding, Severity
+from dbc.words import Finding, Severity
 
 from .a_status import a_status
 

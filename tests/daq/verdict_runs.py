@@ -24,7 +24,7 @@ from daq.sim.car import NOISE, SensorTruth, install, measured, true_reading
 from daq.sim.motion import Bump, Kinematics, Moving, Spliced, drive
 from daq.vehicle import FORD_GRANADA
 from daq.verdict import RunMeasure, RunWindow, judge
-from dbc.finding import Finding
+from dbc.words import Finding
 
 from ..simulated.elements import NONE, Friction, Imperfections, load_car
 

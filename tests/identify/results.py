@@ -7,7 +7,7 @@ from math import inf
 
 import numpy as np
 
-from dbc.finding import Finding, Severity
+from dbc.words import Finding, Severity
 from identify import Estimate, Identification, Judgement, ModalModel, PhysicalModel
 from identify.fit.uncertainty import Correlation, ModeEstimate
 from identify.modes.modal_model import Pairing

@@ -23,8 +23,7 @@ from daq.vehicle import (
     Structure,
     VehicleGeometry,
 )
-from dbc.finding import Finding, Severity
-from dbc.words import InputError
+from dbc.words import Finding, InputError, Severity
 from identify import Estimate, Identification, Judgement
 from identify.change import with_common_structure
 from identify.compare import Difference, Trend, compare, stated_unlike

@@ -21,8 +21,7 @@ from daq.journal.format import JournalHead
 from daq.journal.writer import JournalWriter
 from daq.runs import Losses, RunStatus
 from dbc import shipped_dbc
-from dbc.finding import Finding, Severity
-from dbc.words import InputError
+from dbc.words import Finding, InputError, Severity
 from identify import Judgement
 from tui.cli import run
 from tui.commands.demo import begun_anew, next_commands

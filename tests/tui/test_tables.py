@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from dbc.finding import Severity
+from dbc.words import Severity
 from identify import Estimate, Identification
 from identify.change import Change
 from identify.compare import Compared, Comparison, Difference, Trend

@@ -30,9 +30,8 @@ from daq.runs import Excitation, SampleGroup
 from daq.samples.mapping import bench_mapping, map_channels, sample_groups, timekeeping
 from dbc import Samples
 from dbc.codec import Quality
-from dbc.finding import Severity
 from dbc.frames import FrameBatch
-from dbc.words import InputError
+from dbc.words import InputError, Severity
 
 from ..sensor_bench import (
     DATABASES,

@@ -23,7 +23,7 @@ from daq.sim.car import SimulatedCar
 from daq.sim.ecu import campaign_frames
 from daq.vehicle import Corner
 from dbc import FrameBatch, FrameFlag
-from dbc.finding import Finding, Severity
+from dbc.words import Finding, Severity
 
 from ...flow.coverage import simulated_session
 from ..sensor_bench import START_NS

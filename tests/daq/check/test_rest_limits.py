@@ -16,7 +16,7 @@ from daq.samples.mapping import map_channels
 from daq.vehicle import Corner
 from dbc import parse_codec
 from dbc.codec import DecodeCounts, Decoded, Quality, Samples
-from dbc.finding import Finding, Severity
+from dbc.words import Finding, Severity
 
 Array = NDArray[np.float64]
 TODAY = date(2026, 6, 1)

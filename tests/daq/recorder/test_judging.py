@@ -16,7 +16,7 @@ from daq.runlog import LoggedRun, RunLog
 from daq.runs import BASELINE, Excitation, Losses, RunStatus
 from daq.verdict import RunMeasure, RunWindow
 from dbc import Codec, FrameBatch
-from dbc.finding import Finding, Severity
+from dbc.words import Finding, Severity
 
 from ..crash_frames import block
 

@@ -43,8 +43,7 @@ from daq.recorder.recorder import Recorder
 from daq.recorder.run_loop import OrderError
 from daq.runs import Event
 from dbc import Codec, FrameBatch
-from dbc.finding import Severity
-from dbc.words import InputError
+from dbc.words import InputError, Severity
 
 from ..recorder_run import (
     CAN0,

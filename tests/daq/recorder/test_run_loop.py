@@ -54,7 +54,7 @@ from daq.runlog import (
 )
 from daq.runs import ADDED, BASELINE, Event, Excitation, RunStatus
 from dbc import Codec
-from dbc.finding import Finding, Severity
+from dbc.words import Finding, Severity
 
 from ..recorder_run import LINK, armed, feed, now, status_of, step
 from ..small_campaign import blocks, bumps, small_bench

@@ -31,8 +31,7 @@ from daq.sim.car import SimulatedCar
 from daq.sim.ecu import bench_senders, campaign_frames, frame_time_ns
 from daq.vehicle import Corner
 from dbc import UNUSABLE, Codec, FrameBatch, Quality
-from dbc.finding import Finding, Severity
-from dbc.words import InputError
+from dbc.words import Finding, InputError, Severity
 
 from ..small_campaign import PERIOD_S, START_NS, blocks, bumps, small_bench, small_codec
 

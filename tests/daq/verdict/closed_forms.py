@@ -13,7 +13,7 @@ from daq.channels import Channel, Quantity
 from daq.vehicle import Corner
 from daq.verdict import RunWindow
 from daq.verdict.window import Trace, traces
-from dbc.finding import Finding
+from dbc.words import Finding
 
 Array = NDArray[np.float64]
 BUMP_NS = 1_800_000_000_000_000_000

@@ -25,7 +25,7 @@ from daq.verdict.motion import (
     waves,
 )
 from daq.verdict.window import traces
-from dbc.finding import Finding
+from dbc.words import Finding
 
 from .closed_forms import (
     BEFORE,

@@ -12,7 +12,7 @@ from daq.channels import Channel
 from daq.runs import Losses
 from daq.verdict.traffic import frozen, lost_frames, overload, stale
 from daq.verdict.window import traces
-from dbc.finding import Finding
+from dbc.words import Finding
 
 from .closed_forms import (
     BODY,

@@ -13,7 +13,7 @@ from daq.channels import Channel, Quantity
 from daq.runs import ADDED, BASELINE, Excitation
 from daq.sessions import Session
 from daq.vehicle import FORD_GRANADA, Fact, Structure, Vehicle, VehicleGeometry
-from dbc.finding import Severity
+from dbc.words import Severity
 from identify.decays.decay import ChannelGroup, Record
 from identify.decays.usable import usable
 from identify.fit.estimation import Estimation, estimate, generic_vehicles

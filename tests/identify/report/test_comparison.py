@@ -7,7 +7,7 @@ from math import nan
 
 import pytest
 
-from dbc.finding import Finding, Severity
+from dbc.words import Finding, Severity
 from identify import Estimate, Identification, Judgement
 from identify.change import Change, NamedChange
 from identify.compare import Comparison, compare

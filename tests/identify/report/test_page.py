@@ -23,8 +23,7 @@ from daq import session_from_arrays
 from daq.documents import strict
 from daq.runs import RunStatus
 from daq.vehicle import FORD_GRANADA, Vehicle
-from dbc.finding import Finding, Severity
-from dbc.words import InputError
+from dbc.words import Finding, InputError, Severity
 from identify import Estimate, Identification, Judgement, StabilisationDiagram, Verdict, plots
 from identify.fit.uncertainty import Prediction
 from identify.numbers import half_width_percent

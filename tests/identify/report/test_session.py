@@ -26,8 +26,8 @@ from daq.vehicle import (
     Structure,
     Vehicle,
 )
-from dbc.finding import Finding, Severity
 from dbc.frames import FrameBatch
+from dbc.words import Finding, Severity
 from identify import Identification, Judgement
 from identify.decays.decay import ChannelGroup, Record, Recording
 from identify.fit.estimation import Estimation

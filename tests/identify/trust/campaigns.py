@@ -8,7 +8,7 @@ from functools import cache
 
 from daq.runs import Run, SampleGroup
 from daq.sessions import Session
-from dbc.finding import Finding, Severity
+from dbc.words import Finding, Severity
 from identify.decays.usable import usable
 from identify.fit.estimation import Estimation, estimate, generic_vehicles
 from identify.pipeline import grey_box

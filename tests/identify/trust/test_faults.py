@@ -12,7 +12,7 @@ import pytest
 from daq.runs import Run, SampleGroup
 from daq.sessions import Session
 from daq.vehicle import FORD_GRANADA
-from dbc.finding import Severity
+from dbc.words import Severity
 from identify.decays.usable import usable
 from identify.fit.estimation import Estimation, estimate, first_estimate, generic_vehicles
 from identify.pipeline import grey_box, identify_parameters

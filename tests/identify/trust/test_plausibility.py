@@ -13,7 +13,7 @@ from daq.runs import ADDED, BASELINE, Excitation
 from daq.sim.engine import Plant
 from daq.sim.motion import GRAVITY_M_S2, Bump, drive, static_pose
 from daq.vehicle import FORD_GRANADA, AddedMass, BodyWeight, Corner, HubWeight, Structure, Vehicle
-from dbc.finding import Finding, Severity
+from dbc.words import Finding, Severity
 from identify.decays.decay import FreeDecay
 from identify.fit.estimation import Estimation
 from identify.fit.varpro import evaluate, linear_part

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from daq.vehicle import AddedMass, BodyWeight
-from dbc.finding import Severity
+from dbc.words import Severity
 from identify.decays.decay import Record, Recording, with_channels
 from identify.fit.estimation import Estimation
 from identify.fit.grey_box import GreyBox

@@ -14,7 +14,7 @@ from daq.runs import ADDED, BASELINE, Losses, RunStatus, SampleGroup
 from daq.sessions import Session
 from daq.vehicle import AddedMass, BodyWeight, Corner, Fact, HubWeight, MassState, Vehicle
 from dbc.codec import Quality
-from dbc.finding import Finding, Severity
+from dbc.words import Finding, Severity
 from identify import identify, identify_parameters, usable_session
 from identify.decays.decay import GUARD_S, decay_start_s, record_of
 from identify.decays.usable import usable

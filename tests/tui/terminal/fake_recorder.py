@@ -52,7 +52,7 @@ from daq.control.messages import (
 )
 from daq.runlog import Code, RunLog, advance, entry, next_step, verdict_entry
 from daq.runs import Event, Excitation, Losses, RunStatus
-from dbc.finding import Finding, Severity
+from dbc.words import Finding, Severity
 from tui.terminal.feed import News, RecorderFeed, Role
 
 WALL_NS = 1_795_267_320_000_000_000  # 2026-11-21 13:22 UTC

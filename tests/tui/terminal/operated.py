@@ -18,7 +18,7 @@ from textual.widget import Widget
 from daq.bench.config import Bench
 from daq.check.check import WORDS
 from daq.vehicle import Corner
-from dbc.finding import Finding, Severity
+from dbc.words import Finding, Severity
 from identify import Estimate, Identification, Judgement, PhysicalModel
 from identify.fit.uncertainty import ModeEstimate
 from identify.trust.finding import Loss, Survival

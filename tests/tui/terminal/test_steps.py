@@ -13,7 +13,7 @@ from textual.widgets import Input
 
 from daq.control.messages import AskCheck, Configure, Hello, Lane, Live, Mark, Note, OverrideWarning
 from daq.vehicle import Corner
-from dbc.finding import Finding
+from dbc.words import Finding
 from tui.terminal.app import BenchApp
 from tui.terminal.feed import STARTING, Lost
 from tui.terminal.form import Form

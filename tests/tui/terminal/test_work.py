@@ -24,7 +24,7 @@ from daq.control.messages import (
 )
 from daq.runs import RunStatus
 from daq.vehicle import FORD_GRANADA
-from dbc.finding import Finding, Severity
+from dbc.words import Finding, Severity
 from tui.jobs.session_list import EntryState, SessionEntry
 from tui.jobs.worker import IdentifyTask, Line, ListTask, Outcome, ReportTask, Task, Trouble
 from tui.terminal.app import BenchApp

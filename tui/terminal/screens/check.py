@@ -18,8 +18,7 @@ from daq.bench.edit import with_channel
 from daq.check.check import WORDS
 from daq.check.pushes import ORDER, PushResult, judge_push, shows_push, spoken
 from daq.control.messages import AskCheck, BusState, Configure, Mark, OverrideWarning, Phase, Status
-from dbc.finding import Finding
-from dbc.words import printable
+from dbc.words import Finding, printable
 
 from ..campaign import BenchStep, write_draft
 from ..feed import RING_S

@@ -19,8 +19,7 @@ from textual.widgets import TabbedContent, TabPane, Tabs
 from daq.control.messages import Accept, Mark, Reject, Status
 from daq.runs import RunStatus
 from dbc import counted
-from dbc.finding import Finding
-from dbc.words import printable
+from dbc.words import Finding, printable
 from identify import Identification, Verdict
 from identify.numbers import half_width, largest_share
 from identify.words import (
