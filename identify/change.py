@@ -70,7 +70,8 @@ def likelihood_of(
         common = np.array([*range(p), *(places[name] for name in elements)])
         # The covariance of the intervals, which may be wider than the information says.
         block = fit.covariance[np.ix_(common, common)]
-        known = np.ix_(*[np.flatnonzero(np.isfinite(np.diag(block)))] * 2)
+        determined = np.flatnonzero(np.isfinite(np.diag(block)))
+        known = np.ix_(determined, determined)
         information = np.zeros_like(block)
         information[known] = np.linalg.inv(block[known])
         return Likelihood(information, information @ fit.eta[common], np.delete(fit.eta, common))

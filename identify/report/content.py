@@ -96,13 +96,13 @@ def _corrections_table(estimation: Estimation) -> Table:
     n = len(box.parameters)
     stated, fitted = box.prior_sigma[n:].tolist(), fit.eta[n:].tolist()
     stds = np.sqrt(np.diag(fit.covariance))[n:].tolist()
+    # Factor from SI, and unit; places are in mm.
+    units = {"delay": (1e3, "ms"), "gain": (100.0, "%"), "weight": (1.0, "kg")}
     rows = []
     for name, sigma, value, std, pull in zip(
         box.corrections, stated, fitted, stds, box.pulls(fit.eta), strict=False
     ):
-        factor, unit = {"delay": (1e3, "ms"), "gain": (100.0, "%"), "weight": (1.0, "kg")}.get(
-            name.partition(" ")[0], (1e3, "mm")
-        )
+        factor, unit = units.get(name.partition(" ")[0], (1e3, "mm"))
         sizes = (f"{sigma * factor:.3g}", f"{value * factor:+.3f}", f"{std * factor:.3f}")
         rows.append((name, *sizes, unit, f"{pull:+.2f}"))
     return Table(

@@ -164,7 +164,7 @@ def _draw_dots(axes: Axes, panel: DotPanel) -> None:
         if series.reach is not None:
             axes.hlines(places, series.values, series.reach, colour, lw=1.4, alpha=0.5)
         mark, size, edge = "|ooDs"[series.hue], 4.5, 0.0
-        if mark == "|":  # of what the others are compared with
+        if series.hue == 0:  # what the others are compared with: a tick
             size, edge = 11.0, 2.0
         axes.plot(
             series.values, places, mark, color=colour, ms=size, mew=edge, label=series.label,

@@ -26,7 +26,7 @@ from daq.vehicle import (
 from dbc.words import Finding, InputError, Severity
 from identify import Estimate, Identification, Judgement
 from identify.change import with_common_structure
-from identify.compare import Difference, Trend, compare, stated_unlike
+from identify.compare import compare, stated_unlike
 from identify.fit.estimation import Estimation
 from identify.nonlinear.forces import ElementChoice, Forces
 
@@ -47,6 +47,7 @@ def test_a_difference_has_the_spread_of_both() -> None:
     )
     (d,) = two.parameters[0].differences
     assert (d.value, d.std, d.z) == (5.0, 5.0, 1.0)
+    assert d.half == pytest.approx(9.8, rel=1e-4)
     assert d.p == pytest.approx(0.317310507863)  # of the normal distribution
     assert two.parameters[0].trend is None
 
@@ -90,6 +91,7 @@ def test_a_trend_is_the_weighted_line() -> None:
         assert trend is not None
         assert trend.slope == pytest.approx(fit[0])
         assert trend.slope_std == pytest.approx(sqrt(covariance[0, 0]))
+        assert trend.half == pytest.approx(1.96 * trend.slope_std, rel=1e-4)
         assert trend.slope_p == pytest.approx(erfc(abs(fit[0]) / sqrt(2 * covariance[0, 0])))
         mean = np.average(values[:, j], weights=std[:, j] ** -2)
         assert trend.chi2 == pytest.approx(np.sum(((values[:, j] - mean) / std[:, j]) ** 2))
@@ -122,12 +124,6 @@ def test_a_session_without_parameters_is_named() -> None:
         compare(["a", "b"], [_result([1.0] * 4, [1.0] * 4), refused])
     with pytest.raises(InputError, match="one session"):
         compare(["a"], [_result([1.0] * 4, [1.0] * 4)])
-
-
-def test_half_of_a_95_percent_interval_is_1_96_deviations() -> None:
-    assert Difference(1.0, 0.5, 2.0, 0.05, False).half == pytest.approx(0.98, rel=1e-4)
-    trend = Trend(1.0, 0.25, 0.05, 3.0, 2, 0.2, False, False)
-    assert trend.half == pytest.approx(0.49, rel=1e-4)
 
 
 # One structure for all, and what all of them state alike ------------------------------------------
@@ -193,11 +189,7 @@ def test_facts_and_weights_that_all_state_alike_are_named() -> None:
     heavier = stated(replace(TOTAL, value=1701.0), weights=(HUB, replace(BODY, y_m=-0.5)))
     assert common(first, heavier) == ("weight 1 of state added = 5 ± 0.01 kg",)
     assert common(first, heavier, stated()) == ()
-
-
-def test_a_session_without_a_fit_states_nothing() -> None:
-    first = stated(TOTAL)
-    bare = replace(first, estimation=None)
+    bare = replace(first, estimation=None)  # a session without a fit states nothing
     assert common(first, bare) == ()
     assert compare(["a", "b"], [first, bare]).change is None
 
@@ -254,6 +246,8 @@ def unlike(*results: Identification) -> tuple[str, ...]:
 def test_two_vehicles_are_named_with_the_sessions_of_each() -> None:
     assert unlike(telling(), telling("Polo"), telling()) == ("vehicle Golf in a, c; Polo in b",)
     assert unlike(telling(), telling(""), telling()) == (), "a name that is not stated is no other"
+    refused = Identification(Judgement((), 1.0), {}, vehicle="Polo")  # has its name alone
+    assert unlike(telling(channels=(ON_BODY,)), refused) == ("vehicle Golf in a; Polo in b",)
 
 
 @pytest.mark.parametrize(
@@ -304,8 +298,3 @@ def test_sensors_have_their_places_where_places_count() -> None:
     )
     vague = Channel("acc", Quantity.BODY_ACCELERATION, x_m=1.3, y_m=0.4, position_sigma_m=0.04)
     assert unlike(one, telling(channels=(vague,))) == ()
-
-
-def test_a_session_without_a_fit_has_its_name_alone() -> None:
-    refused = Identification(Judgement((), 1.0), {}, vehicle="Polo")
-    assert unlike(telling(channels=(ON_BODY,)), refused) == ("vehicle Golf in a; Polo in b",)

@@ -8,7 +8,7 @@ from typing import Any
 
 from daq.sessions import Session
 from daq.vehicle import FORD_GRANADA
-from identify import Identification, identify
+from identify import Identification, identify, identify_parameters
 from identify.decays.usable import usable
 from identify.fit.estimation import Estimation, estimate
 from identify.pipeline import grey_box
@@ -23,10 +23,20 @@ HOSTILE = "</script><script>alert(1)</script> $\\frac{1 & <b>"
 
 
 @cache
-def made(name: str) -> tuple[Session, Identification]:
+def recorded(name: str) -> Session:
+    """Return one run of each kind of a session of the stress list."""
     whole = stress_session(name, 1, 100.0)
-    session = replace(whole, runs=tuple(run for run in whole.runs if run.repeat == 1))
-    return session, identify(session)
+    return replace(whole, runs=tuple(run for run in whole.runs if run.repeat == 1))
+
+
+@cache
+def made(name: str) -> tuple[Session, Identification]:
+    return recorded(name), identify(recorded(name))
+
+
+@cache
+def without_modes(name: str) -> tuple[Session, Identification]:
+    return recorded(name), identify_parameters(recorded(name))
 
 
 @cache
@@ -39,7 +49,7 @@ def reported(name: str) -> Report:
 @cache
 def estimated(name: str) -> Estimation:
     """Return the fit alone, begun at the truth."""
-    session = stress_session(name, 1, 100.0)
+    session = recorded(name)
     records = usable(session).records
     return estimate(grey_box(session, records), records, [FORD_GRANADA.to_array()])
 

@@ -25,7 +25,7 @@ from identify.report.evidence import (
 )
 from identify.report.page import Gallery, MovingCars, figure_of, svg_of
 from identify.report.parameters import damper_section, modes_section, parameter_section
-from identify.words import damper_rows, element_answer
+from identify.words import damper_rows
 from tui.terminal.screens.results import forces_text
 
 from .made import drawn, estimated, made, picture, tables, texts
@@ -156,29 +156,19 @@ def test_poles_are_drawn_at_their_frequency_and_real_ones_at_zero() -> None:
     assert np.asarray(stable.get_xydata()).tolist() == [[pytest.approx(5.0), 4.0]]
 
 
-def test_the_energy_of_a_mode_stands_under_the_first_states_name_of_it() -> None:
-    """No fit says in which state a run was: it counts as one of the first."""
-    made = result()
-    shown = picture(information_section(made), "snr")
-    runs, modes, decibel = drawn(shown)
+def test_the_energy_of_a_mode_stands_in_one_column_whatever_its_rank() -> None:
+    """In state added the second mode is the first of state baseline; a third has no partner."""
+    shown = picture(information_section(result()), "snr")
+    runs, modes, decibel = drawn(shown)  # no fit says in which state a run was: the first
     assert runs == ("added_roll_1", "baseline_roll_1")
     assert modes == ("body bounce", "front wheels in phase")
     assert decibel.tolist() == [[11.0, 22.0], [33.0, 44.0]]
     assert "A triangle marks less than 20 dB" in shown.caption
-
-
-def test_a_mode_that_changed_its_rank_stays_in_its_column() -> None:
-    """In state added the second mode is the first of state baseline; a third has no partner."""
     states = {"added_roll_1": "added", "baseline_roll_1": "baseline"}
     records = [SimpleNamespace(label=label, mass_state=state) for label, state in states.items()]
     estimation: Any = SimpleNamespace(records=records)
-    made = replace(
-        result(),
-        quality=Judgement(
-            (), 1.0, snr_db={"added_roll_1": (11, 22, 99), "baseline_roll_1": (33, 44)}
-        ),
-        estimation=estimation,
-    )
+    snr_db = {"added_roll_1": (11, 22, 99), "baseline_roll_1": (33, 44)}
+    made = replace(result(), quality=Judgement((), 1.0, snr_db=snr_db), estimation=estimation)
     *_, decibel = drawn(picture(information_section(made), "snr"))
     assert decibel.tolist() == [[22.0, 11.0], [33.0, 44.0]]
     lonely = Pairing(np.array([1]), np.array([0]), ONES[:1], ONES[:1], ())
@@ -227,17 +217,14 @@ def test_the_runs_stand_in_their_order_and_facts_after_them() -> None:
     ]
 
 
-def test_where_nothing_is_known_of_the_runs_nothing_is_shown() -> None:
-    empty = Identification(Judgement((), 1.0), {})
-    for section in (information_section, correlation_section, parameter_section):
-        assert section(empty).blocks == ()
-
-
 def test_the_correlation_is_that_of_the_result() -> None:
     shown = picture(correlation_section(stated()), "correlation")
     names, matrix = drawn(shown)
     assert names == ("m_s", "k_sf")
     assert matrix.tolist() == [[1.0, 0.5], [0.5, 1.0]]
+    empty = Identification(Judgement((), 1.0), {})
+    for section in (information_section, correlation_section, parameter_section):
+        assert section(empty).blocks == ()
     assert svg_of(shown) == svg_of(shown), "the same figure has the same bytes"
     assert ">+.50<" in svg_of(shown)
 
@@ -342,9 +329,13 @@ def _axle(axle: str, c: float) -> AxleForces:
 
 
 def nonlinear() -> Identification:
-    kept = ElementChoice("friction", 120.0, 20.0, True, False, {})
-    dropped = ElementChoice("bump_stops", 3.0, 40.0, False, False, {})
-    forces = Forces((_axle("front", 1500.0), _axle("rear", 2000.0)), (kept, dropped))
+    choices = (
+        ElementChoice("friction", 120.0, 20.0, True, False, {}),
+        ElementChoice("bump_stops", 3.0, 40.0, False, False, {}),
+        ElementChoice("mounts", 3.0, 40.0, True, True, {}),
+        ElementChoice("tyre_damping", 3.0, 40.0, False, True, {}),
+    )
+    forces = Forces((_axle("front", 1500.0), _axle("rear", 2000.0)), choices)
     return Identification(Judgement((), 1.0), {}, forces=forces)
 
 
@@ -386,17 +377,6 @@ def test_compare_names_the_friction_that_changed() -> None:
     assert compare(["new", "linear"], [first, linear]).forces == ()
 
 
-def test_the_terminal_shows_it_within_its_frame_of_80_columns() -> None:
-    forces = nonlinear().forces
-    assert forces is not None
-    lines = forces_text(forces).splitlines()
-    assert [line for line in lines if len(line) > 78] == []
-    (at_02,) = (line.split() for line in lines if line.startswith("+0.20"))
-    assert at_02[:7] == ["+0.20", "300", "±", "20", "350", "±", "39"]
-    assert any(line.startswith("front friction") and "48.0 .. 52.0" in line for line in lines)
-    assert lines[-2:] == ["elements there: friction", "elements not needed: bump stops"]
-
-
 def test_the_section_shows_curves_elements_and_what_was_tried() -> None:
     forces = nonlinear().forces
     assert forces is not None
@@ -410,21 +390,20 @@ def test_the_section_shows_curves_elements_and_what_was_tried() -> None:
     assert texts(tables(section)["Elements that were tried"]) == [
         ["friction", "120.00", "20.000", "there"],
         ["bump stops", "3.0000", "40.000", "not needed"],
+        ["mounts", "3.0000", "40.000", "stated"],
+        ["tyre damping", "3.0000", "40.000", "excluded"],
     ]
 
 
-@pytest.mark.parametrize(
-    ("kept", "forced", "answer"),
-    [
-        (True, False, "there"),
-        (False, False, "not needed"),
-        (True, True, "stated"),
-        (False, True, "excluded"),
-    ],
-)
-def test_what_became_of_an_element_is_said_in_a_word(kept: bool, forced: bool, answer: str) -> None:
-    choice = ElementChoice("friction", 120.0, 20.0, kept, forced, {})
-    assert element_answer(choice) == answer
+def test_the_terminal_shows_forces_within_its_frame_of_80_columns() -> None:
+    forces = nonlinear().forces
+    assert forces is not None
+    lines = forces_text(forces).splitlines()
+    assert [line for line in lines if len(line) > 78] == []
+    (at_02,) = (line.split() for line in lines if line.startswith("+0.20"))
+    assert at_02[:7] == ["+0.20", "300", "±", "20", "350", "±", "39"]
+    assert any(line.startswith("front friction") and "48.0 .. 52.0" in line for line in lines)
+    assert {"elements there: friction", "elements not needed: bump stops"} <= set(lines)
 
 
 def test_a_speed_that_one_axle_did_not_reach_is_empty_there() -> None:
@@ -465,5 +444,5 @@ def test_a_car_with_friction_does_not_and_one_step_is_what_a_fit_without_the_run
     (left,) = residuals(e.box, (decay,), e.sigma, without.eta)
     squares = sum(float(v @ v) / e.noise[name] ** 2 for name, v in left.values.items())
     assert predictions[0].label == decay.label
-    assert predictions[0].predicted == pytest.approx(squares / sum(left.freedom.values()), rel=0.01)
+    assert predictions[0].predicted == pytest.approx(squares / sum(left.freedom.values()), rel=0.02)
     assert predictions[0].predicted > predictions[0].fitted
