@@ -36,7 +36,7 @@ from ..fit.varpro import (
 from ..model.facts import CORNERS
 from ..model.matrices import loaded_model
 from ..model.response import Bump, exact_response
-from .design import Candidate, Plan, Runs, campaigns, candidates
+from .design import Candidate, Plan, campaigns, candidates
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,28 +59,26 @@ class KnownRuns:
 
     def fisher(self, plan: Plan) -> Fisher:
         """Return the information of all runs of a plan, its facts and stated uncertainties."""
-        rates, groups = _channel_groups(plan)
-        box = GreyBox(groups, plan.mass_states, plan.geometry, plan.structure, plan.facts)
+        rates = _channel_groups(plan)
+        box = GreyBox(tuple(rates), plan.mass_states, plan.geometry, plan.structure, plan.facts)
         eta = box.unknowns_of(plan.vehicle)
         sigma = {s.channel.name: s.noise for s in plan.sensors}
         common = _common(plan)
         total = np.sum([s.information for s in normal_blocks(box, (), sigma, eta).values()], axis=0)
-        per_state: defaultdict[str, list[Runs]] = defaultdict(list)
-        for runs in plan.runs:
-            per_state[runs.mass_state].append(runs)
         for state in plan.mass_states:
             evaluated: Evaluated | None = None
-            for runs in per_state[state.name]:
+            for runs in plan.runs:
+                if runs.mass_state != state.name:
+                    continue
                 added = state.added
                 key = (common, state.name, added.weights, added.matrix.tobytes(), runs.excitation)
                 if key not in self._known:
                     evaluated = evaluated or evaluate(box, eta, state.name, sigma)
-                    start = _start(evaluated, eta, state, runs.excitation, plan.bump.duration_s)
-                    decay = _decay(evaluated, start, state.name, rates, plan.decay_s)
+                    decay = _planned_decay(plan, state, runs.excitation, rates, evaluated, eta)
                     points = {decay.mass_state: evaluated}
-                    seen = products_of(points, [decay], laid_out([decay]))
-                    ((one, _),) = blocks_of(points, [decay], seen)
-                    self._known[key] = one.information
+                    products = products_of(points, [decay], laid_out([decay]))
+                    ((block, _),) = blocks_of(points, [decay], products)
+                    self._known[key] = block.information
                 total = total + plan.height_m(runs) ** 2 * runs.repeats * self._known[key]
         return Fisher(box, eta, total)
 
@@ -104,44 +102,39 @@ def _common(plan: Plan) -> tuple[Any, ...]:
     )
 
 
-def _channel_groups(plan: Plan) -> tuple[dict[ChannelGroup, float], tuple[ChannelGroup, ...]]:
-    """Return the channel groups, as a session would have them, and the rate of each."""
+def _channel_groups(plan: Plan) -> dict[ChannelGroup, float]:
+    """Return the channel groups, as a session would have them, with the rate of each, Hz."""
     groups: defaultdict[tuple[Any, ...], list[Channel]] = defaultdict(list)
     for sensor in plan.sensors:
         c = sensor.channel
         alike = (c.delay_s, c.delay_sigma_s, c.low_pass_hz, c.low_pass_order)
         groups[(c.signal.rpartition(".")[0], sensor.rate_hz, *alike)].append(c)
-    rates = {ChannelGroup(key[0], tuple(cs)): key[1] for key, cs in groups.items()}
-    return rates, tuple(rates)
+    return {ChannelGroup(key[0], tuple(channels)): key[1] for key, channels in groups.items()}
 
 
-def _start(
-    at: Evaluated, eta: NDArray[np.float64], state: MassState, excitation: Excitation, bump_s: float
-) -> NDArray[np.float64]:
-    """Return the state, (14,), of the vehicle after a bump of 1 m."""
+def _planned_decay(
+    plan: Plan,
+    state: MassState,
+    excitation: Excitation,
+    rates: Mapping[ChannelGroup, float],
+    at: Evaluated,
+    eta: NDArray[np.float64],
+) -> FreeDecay:
+    """Return the free decay after a bump of 1 m, without noise, as the sensors sample it."""
+    bump_s = plan.bump.duration_s
     model = loaded_model(at.box.full(eta.astype(complex)).real, state.added)
     run = exact_response(model, excitation, Bump(1.0, 0.0, bump_s), 1.0 / bump_s, bump_s)
-    return np.concatenate([run.displacement[-1], run.velocity[-1]])
-
-
-def _decay(
-    at: Evaluated,
-    start: NDArray[np.float64],
-    mass_state: str,
-    rates: dict[ChannelGroup, float],
-    decay_s: float,
-) -> FreeDecay:
-    """Return the free decay from a state, without noise, as the sensors sample it."""
+    start = np.concatenate([run.displacement[-1], run.velocity[-1]])
     empty = []
-    for group, rate in rates.items():
-        time = np.arange(int(decay_s * rate)) / rate
-        empty.append(Recording(group, time, np.zeros((len(time), len(group.channels)))))
-    silent = FreeDecay("planned", mass_state, 0.0, tuple(empty))
+    for group, rate_hz in rates.items():
+        time_s = np.arange(int(plan.decay_s * rate_hz)) / rate_hz
+        empty.append(Recording(group, time_s, np.zeros((len(time_s), len(group.channels)))))
+    silent = FreeDecay("planned", state.name, 0.0, tuple(empty))
     filled = tuple(
         Recording(r.group, r.time_s, at.basis(r) @ (stack[..., : len(start)] @ start).T)
         for r, stack in zip(empty, linear_coefficients(at, silent), strict=True)
     )
-    return FreeDecay("planned", mass_state, 0.0, filled)
+    return FreeDecay("planned", state.name, 0.0, filled)
 
 
 # The outlook --------------------------------------------------------------------------------------

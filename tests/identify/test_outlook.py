@@ -376,8 +376,9 @@ BASE = Plan(
     FORD_GRANADA.to_array(),
     sensors_of(SENSORS, 100.0),
     states(),
-    tuple(Runs(state, kind) for state in (BASELINE, ADDED) for kind in Excitation),
+    tuple(Runs(state, kind) for state in (BASELINE, ADDED) for kind in (PITCH, ROLL)),
     Bump(0.05, 0.1, 0.2),
+    1.0,
 )
 CHANGES: dict[str, Callable[[Plan], Plan]] = {
     "vehicle": lambda p: replace(p, vehicle=1.1 * FORD_GRANADA.to_array()),
