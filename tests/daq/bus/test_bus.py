@@ -19,7 +19,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daq.bench.config import BusConfig
-from daq.bus.error_frames import ControllerState, ErrorClass, describe_error_frame
+from daq.bus.error_frames import ControllerState, describe_error_frame
 from daq.bus.interfaces import (
     PythonCanSource,
     open_bus,
@@ -385,85 +385,71 @@ def test_an_interface_that_is_not_there_is_one_line_that_names_what_it_needs(
 
 # The numbers are those of linux/can/error.h -------------------------------------------------------
 
-ERROR_FLAG = 0x20000000
+ACTIVE, WARNING = ControllerState.ACTIVE, ControllerState.WARNING
+PASSIVE, OFF = ControllerState.PASSIVE, ControllerState.BUS_OFF
+ERRORS: list[tuple[int, str, ControllerState | None, tuple[int, int] | None, bool, str]] = [
+    # Identifier and payload; state, counters, overrun and text.
+    (0x001, "", None, None, False, "sending timed out"),
+    (0x002, "", None, None, False, "arbitration lost"),
+    (0x004, "", None, None, False, "controller"),
+    (0x008, "", None, None, False, "protocol violated"),
+    (0x010, "", None, None, False, "transceiver"),
+    (0x020, "", None, None, False, "no node acknowledges"),
+    (0x040, "", OFF, None, False, "bus-off"),
+    (0x080, "", None, None, False, "bus error"),
+    (0x100, "", ACTIVE, None, False, "controller restarted"),
+    (0x088, "0000041A", None, None, False, "protocol violated, bus error"),
+    (0x000, "", None, None, False, "unknown error"),
+    (0x400, "", None, None, False, "unknown error"),
+    # The byte of the controller.
+    (0x004, "0001", None, None, True, "controller (receive buffer overflow)"),
+    (0x004, "0002", None, None, False, "controller (transmit buffer overflow)"),
+    (0x004, "0004", WARNING, None, False, "controller (many receive errors)"),
+    (0x004, "0008", WARNING, None, False, "controller (many transmit errors)"),
+    (0x004, "0010", PASSIVE, None, False, "controller (passive by receive errors)"),
+    (0x004, "0020", PASSIVE, None, False, "controller (passive by transmit errors)"),
+    (0x004, "0040", ACTIVE, None, False, "controller (error-active again)"),
+    (0x004, "0018", PASSIVE, None, False, "many transmit errors, passive by receive errors"),
+    (0x004, "000D", WARNING, None, True, "receive buffer overflow, many receive errors"),
+    (
+        0x080,
+        "0021",
+        None,
+        None,
+        False,
+        "bus error",
+    ),  # in other classes the byte means another thing
+    (0x044, "0010", OFF, None, False, "bus-off"),
+    # Counters, where the frame says so, or from older drivers with a change of state.
+    (0x200, "0000000000000000", ACTIVE, (0, 0), False, "0 transmit and 0 receive errors counted"),
+    (0x200, "0000000000005F5F", ACTIVE, (95, 95), False, "95 transmit and 95 receive errors"),
+    (0x200, "0000000000006000", WARNING, (96, 0), False, "96 transmit and 0 receive errors"),
+    (0x200, "000000000000007F", WARNING, (0, 127), False, "0 transmit and 127 receive errors"),
+    (0x200, "0000000000008000", PASSIVE, (128, 0), False, "128 transmit and 0 receive errors"),
+    (0x200, "00000000000000FF", PASSIVE, (0, 255), False, "0 transmit and 255 receive errors"),
+    (0x240, "0000000000000000", OFF, (0, 0), False, "bus-off"),
+    (0x004, "0008000000006000", WARNING, (96, 0), False, "many transmit errors"),
+    (0x088, "0000000000000102", None, None, False, "bus error"),  # there they are the driver's
+]
 
 
-def of(can_id: int, data: str = "") -> tuple[ControllerState | None, str]:
-    said = describe_error_frame(can_id, bytes.fromhex(data))
-    return said.state, said.text
-
-
-@pytest.mark.parametrize(
-    ("can_id", "bit", "text"),
-    [
-        (0x001, ErrorClass.TX_TIMEOUT, "sending timed out"),
-        (0x002, ErrorClass.LOST_ARBITRATION, "arbitration lost"),
-        (0x004, ErrorClass.CONTROLLER, "controller"),
-        (0x008, ErrorClass.PROTOCOL, "protocol violated"),
-        (0x010, ErrorClass.TRANSCEIVER, "transceiver"),
-        (0x020, ErrorClass.NO_ACK, "no node acknowledges"),
-        (0x040, ErrorClass.BUS_OFF, "bus-off"),
-        (0x080, ErrorClass.BUS_ERROR, "bus error"),
-        (0x100, ErrorClass.RESTARTED, "controller restarted"),
-    ],
-)
-def test_each_class_has_its_bit_and_its_word(can_id: int, bit: ErrorClass, text: str) -> None:
-    for flagged in (can_id, can_id | ERROR_FLAG):
-        said = describe_error_frame(flagged, bytes(8))
-        assert said.classes == bit
-        assert said.text == text
-        assert (said.tx_errors, said.rx_errors, said.overrun) == (None, None, False)
-
-
-@pytest.mark.parametrize(
-    ("data_1", "state", "overrun", "text"),
-    [
-        (0x00, None, False, "controller"),
-        (0x01, None, True, "receive buffer overflow"),
-        (0x02, None, False, "transmit buffer overflow"),
-        (0x04, ControllerState.WARNING, False, "many receive errors"),
-        (0x08, ControllerState.WARNING, False, "many transmit errors"),
-        (0x10, ControllerState.PASSIVE, False, "passive by receive errors"),
-        (0x20, ControllerState.PASSIVE, False, "passive by transmit errors"),
-        (0x40, ControllerState.ACTIVE, False, "error-active again"),
-        (0x3C, ControllerState.PASSIVE, False, "passive by transmit errors"),
-        (0x0D, ControllerState.WARNING, True, "receive buffer overflow"),
-    ],
-)
-def test_the_controller_byte_shows_state_and_overrun(
-    data_1: int, state: ControllerState | None, overrun: bool, text: str
+@pytest.mark.parametrize(("can_id", "data", "state", "counters", "overrun", "text"), ERRORS)
+@pytest.mark.parametrize("flag", [0, 0x2000_0000])
+def test_an_error_frame_says_what_the_kernel_means(
+    can_id: int,
+    data: str,
+    state: ControllerState | None,
+    counters: tuple[int, int] | None,
+    overrun: bool,
+    text: str,
+    flag: int,
 ) -> None:
-    said = describe_error_frame(0x004, bytes([0, data_1, 0, 0, 0, 0, 0, 0]))
+    said = describe_error_frame(can_id | flag, bytes.fromhex(data))
     assert said.state is state
+    assert (said.tx_errors, said.rx_errors) == (counters or (None, None))
     assert said.overrun is overrun
     assert text in said.text
-
-
-@pytest.mark.parametrize(
-    ("tx", "rx", "state"),
-    [
-        (0, 0, ControllerState.ACTIVE),
-        (95, 95, ControllerState.ACTIVE),
-        (96, 0, ControllerState.WARNING),
-        (0, 127, ControllerState.WARNING),
-        (128, 0, ControllerState.PASSIVE),
-        (0, 255, ControllerState.PASSIVE),
-    ],
-)
-def test_counters_are_read_where_the_frame_says_so_and_show_the_state(
-    tx: int, rx: int, state: ControllerState
-) -> None:
-    said = describe_error_frame(0x200, bytes([0, 0, 0, 0, 0, 0, tx, rx]))
-    assert (said.tx_errors, said.rx_errors, said.state) == (tx, rx, state)
-    assert said.text == f"{tx} transmit and {rx} receive errors counted"
-
-
-def test_bus_off_is_bus_off_whatever_the_counters_say() -> None:
-    assert of(0x240, "0000000000000000")[0] is ControllerState.BUS_OFF
-    assert of(0x044, "0010000000000000")[0] is ControllerState.BUS_OFF
-    assert of(0x100)[0] is ControllerState.ACTIVE
-    assert of(0x088, "0000041A")[1] == "protocol violated, bus error"
-    assert of(0x000)[1] == of(0x400)[1] == "unknown error"
+    assert int(said.classes) == can_id & 0x3FF
 
 
 # The time of a frame on the wire, in bits counted by hand -----------------------------------------
@@ -490,20 +476,6 @@ def test_bits_of_a_frame_with_one_stuff_bit_in_thirty(flags: int, length: int, b
         np.array([length, 8], np.uint8), np.zeros((2, 64), np.uint8),
     )  # fmt: skip
     assert wire_bits(frames) == pytest.approx([bits * 31 / 30, 111 * 31 / 30])
-
-
-def test_the_controller_byte_means_nothing_in_frames_of_other_classes() -> None:
-    said = describe_error_frame(0x080, bytes.fromhex("0021000000000000"))
-    assert said.state is None
-    assert not said.overrun
-
-
-def test_older_drivers_send_counters_with_a_change_of_state_and_no_class_for_them() -> None:
-    said = describe_error_frame(0x004, bytes.fromhex("0008000000006000"))
-    assert (said.tx_errors, said.rx_errors) == (0x60, 0)
-    assert said.state is ControllerState.WARNING
-    # data[6..7] of a bus error belong to the driver
-    assert describe_error_frame(0x088, bytes.fromhex("0000000000000102")).tx_errors is None
 
 
 @settings(max_examples=20, deadline=None)
