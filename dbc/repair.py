@@ -52,16 +52,25 @@ class RepairedText:
         self._about: list[tuple[int, str]] = []
         """Identifier of the message that each line is about, -1 if it is about none, and name of
         the signal; in a `BO_` of the message."""
-        can_id = -1
-        for kind, line in zip(self._kinds, self._lines, strict=True):
+        stated = map(int, re.findall(r"^\s*BO_\s+(\d{1,19})\b", plain, re.MULTILINE))
+        unmarked = {can_id for can_id in stated if 1 << 11 <= can_id < 1 << 29}
+        message_id = -1
+        for place, (kind, line) in enumerate(zip(self._kinds, self._lines, strict=True)):
+            can_id, name = message_id, ""
             if kind == "SG_":
-                signal = _SIGNAL.match(line)
-                self._about.append((can_id, signal[1] if signal else ""))
-                continue
-            about = _ABOUT.match(line)
-            self._about.append((int(about[1]), about[2] or "") if about else (-1, ""))
-            can_id = self._about[-1][0] if kind == "BO_" else can_id
-        self._mark_identifiers()
+                name = signal[1] if (signal := _SIGNAL.match(line)) else ""
+            elif about := _ABOUT.match(line):
+                can_id, name = int(about[1]), about[2] or ""
+                if can_id in unmarked:  # only a frame of 29 bits can have it
+                    can_id |= EXTENDED
+                    self._lines[place] = f"{line[: about.start(1)]}{can_id}{line[about.end(1) :]}"
+                    if kind == "BO_":
+                        text = "is marked as 11-bit, but its identifier is longer: it is read as"
+                        self.report(place + 1, f"message {name}", f"{text} 29-bit", _ODD)
+            else:
+                can_id = -1
+            self._about.append((can_id, name))
+            message_id = can_id if kind == "BO_" else message_id
         for place in range(len(self._lines)):
             self._check(place)
 
@@ -141,21 +150,6 @@ class RepairedText:
                 text = "is left out: it names no signal"
                 self.report(place + 1, f"{kind} {can_id} {name}", text, _ODD)
         return bool(strays)
-
-    def _mark_identifiers(self) -> None:
-        """Mark identifiers of more than 11 bits: only a frame of 29 bits can have them."""
-        unmarked = set()
-        for place, (can_id, name) in enumerate(self._about):
-            if self._kinds[place] == "BO_" and 1 << 11 <= can_id < 1 << 29:
-                unmarked.add(can_id)
-                text = "is marked as 11-bit, but its identifier is longer: it is read as 29-bit"
-                self.report(place + 1, f"message {name}", text, _ODD)
-        for place, (can_id, name) in enumerate(self._about):
-            if can_id in unmarked:
-                self._about[place] = (can_id | EXTENDED, name)
-                if self._kinds[place] != "SG_":
-                    marked, line = str(can_id | EXTENDED), self._lines[place]
-                    self._lines[place] = re.sub(rf"\b{can_id}\b", marked, line, count=1)
 
     def _check(self, place: int) -> None:
         """Leave out a line with numbers beyond any payload: cantools would build what they say."""
