@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, replace
-from functools import partial
 from math import log, nan
 from time import process_time
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from daq.check.signs import opposed_signs
 from daq.sessions import Session
 from daq.vehicle import MassState, VehicleGeometry
 from dbc.words import Finding, InputError, Severity, counted
@@ -40,18 +38,16 @@ from .modes.modal_model import mode_names, modes_of, pair_modes
 from .modes.vehicle_modes import SensedModes, sensed_modes
 from .paper import ClosedForm, closed_form
 from .result import Identification
-from .trust.faults import fault_of_bench, swapped_or_late
+from .trust.faults import Causes, faults_of_bench, swapped_or_late
 from .trust.finding import Judgement
 from .trust.hypotheses import rank_causes
 from .trust.judge import judge
 from .trust.plausibility import missing_runs, undetermined, with_widest_intervals
 from .trust.residuals import CHI2_LIMIT, some_runs_are_wrong
 from .trust.samples import shortcomings, unused_findings
-from .trust.statements import contradicted_by_sag, mistyped_weight
+from .trust.statements import mistyped_weight
 
 if TYPE_CHECKING:
-    from concurrent.futures import Executor
-
     from .nonlinear.real_car import RealCar
 
 Progress = Callable[[float, str], None]
@@ -78,7 +74,6 @@ def _ignore(*_: object) -> None:
 def identify(
     session: Session,
     progress: Progress = _ignore,
-    executor: Executor | None = None,
     fitted: Callable[[Estimation], None] = _ignore,
     stop: Callable[[], object] = _ignore,
 ) -> Identification:
@@ -94,8 +89,6 @@ def identify(
         Accepted runs in two mass states, or in one with scales among the facts.
     progress : callable, optional
         Called as the work goes on.
-    executor : concurrent.futures.Executor, optional
-        Finds the sensed modes while the result is judged; the numbers are the same.
     fitted : callable, optional
         Called with the fit as soon as there is one, for callers that need nothing else to begin.
     stop : callable, optional
@@ -107,21 +100,16 @@ def identify(
     Identification
         With verdict `refused` and reasons where the data do not support a result.
     """
-    begun: dict[str, Callable[[], SensedModes | None]] = {}
-
-    def begin(estimation: Estimation, refused: bool) -> None:
-        # The modes of a car with friction change as it comes to rest: it has no fixed modes.
-        if estimation.nonlinear is None and not refused:
-            for name, pairs in _decays_by_state(estimation).items():
-                work = partial(_sensed, pairs)
-                begun[name] = executor.submit(work).result if executor else work
-        fitted(estimation)
-
-    result = _parameters(session, progress, begin, stop)
+    result = identify_parameters(session, progress, fitted, stop)
     if result.estimation is None:
         return result
     progress(0.8, "modes")
-    sensed = {name: modes for name, find in begun.items() if (modes := find()) is not None}
+    sensed: dict[str, SensedModes] = {}
+    # The modes of a car with friction change as it comes to rest: it has no fixed modes.
+    linear = result.estimation.nonlinear is None
+    for name, pairs in _decays_by_state(result.estimation).items() if linear else ():
+        with suppress(InputError):  # too short, no common channel: the likelihood needs neither
+            sensed[name] = sensed_modes(*zip(*pairs, strict=True))
     states = [state for state in session.mass_states if state.name in result.modal]
     result = replace(result, sensed={name: modes.model for name, modes in sensed.items()})
     try:
@@ -136,6 +124,7 @@ def identify_parameters(
     session: Session,
     progress: Progress = _ignore,
     fitted: Callable[[Estimation], None] = _ignore,
+    stop: Callable[[], object] = _ignore,
 ) -> Identification:
     """Identify by maximum likelihood alone, without the State Variable Method: half the time.
 
@@ -143,67 +132,35 @@ def identify_parameters(
     vehicles.  Arguments and result are those of `identify`; `sensed` and the closed form stay
     empty.
     """
-    return _parameters(session, progress, lambda estimation, _: fitted(estimation))
-
-
-def _parameters(
-    session: Session,
-    progress: Progress,
-    fitted: Callable[[Estimation, bool], None],
-    stop: Callable[[], object] = _ignore,
-) -> Identification:
-    """Identify by maximum likelihood.
-
-    `fitted`: receives the fit, and whether a wrong sensor, weight or clock refuses it.  `stop`: as
-    that of `identify`.
-    """
     used = usable(session)
     unused = tuple(unused_findings(session, used))
     session, records = used.session, used.records
     missing = shortcomings(records, session, unused)
     if missing:
         return Identification(Judgement(missing, nan), session.provenance)
-    began_s = process_time()
     progress(0.1, "fitting")
-    box = grey_box(session, records)
-    vehicles = generic_vehicles()
-    estimation = first_estimate(box, records, vehicles)
-    forces = None
-    # Faults that refuse the fit, the surest first.  Sag refuses one that holds, too.
-    signs = () if estimation.holds else opposed_signs(session.accepted, session.channels)
-    sag = () if signs else contradicted_by_sag(session, records)
-    wrong = None
-    if not (estimation.holds or signs or sag):
-        wrong = fault_of_bench(estimation)
-    if not (estimation.holds or signs or sag or wrong):  # else no car explains the decays
-        linear = estimation
+    began_s, vehicles = process_time(), generic_vehicles()
+    linear = estimation = first_estimate(grey_box(session, records), records, vehicles)
+    causes, forces = faults_of_bench(session, records, linear), None
+    if not (linear.holds or causes.findings):  # else no car explains the decays
         if later_may_hold(linear, vehicles):
             progress(0.5, "fitting again")
             estimation = later_estimate(linear, vehicles)
-        wrong = None if estimation.holds else swapped_or_late(linear)
-        share = 1.0 if estimation.holds or wrong else share_of_faults(linear)
-        wrong = mistyped_weight(linear) if share < 1.0 else wrong
-        if not (estimation.holds or wrong):
-
-            def log_stage(stage: str) -> None:
-                left_s = max(_LONGEST_S - process_time() + began_s, 0.0)
-                done = 0.7 - 0.5 * left_s / _LONGEST_S
-                progress(done, f"{stage}; at most {left_s:.0f} s left")
-                if stop():
-                    raise _StoppedError
-
+        if not estimation.holds:
+            causes = swapped_or_late(linear)
+    if not (estimation.holds or causes.findings) and (share := share_of_faults(linear)) < 1.0:
+        causes = Causes.of(mistyped_weight(linear))
+        if not causes.findings:
+            real = None
             try:
-                log_stage(f"so far: {_likely_words(linear)}")
-                most_s = max(_LONGEST_S - _JUDGING_S - process_time() + began_s, _LEAST_S)
-                real = explained_by_elements(session, linear, share, log_stage, most_s)
+                real = _with_elements(session, linear, share, began_s, progress, stop)
             except _StoppedError:
                 unused = (*unused, Finding("stopped", Severity.WARNING, _STOPPED))
-                real = None
             if real:
-                estimation, forces, box = real.estimation, real.forces, real.estimation.box
+                estimation, forces = real.estimation, real.forces
     estimation = with_widest_intervals(estimation)
-    fit = estimation.fit
-    fitted(estimation, bool(signs or sag or wrong))
+    box, fit = estimation.box, estimation.fit
+    fitted(estimation)
     full = estimation.full
     present = {record.mass_state for record in records}
     states = [state for state in session.mass_states if state.name in present]
@@ -213,7 +170,7 @@ def _parameters(
     geometry = VehicleGeometry(*(float(length) for length in full[Full.A : Full.T_R + 1]))
     progress(0.7, "judging")
     return Identification(
-        quality=judge(session, estimation, (*signs, *sag), unused, wrong),
+        quality=judge(session, estimation, unused, causes),
         provenance=session.provenance,
         vehicle=session.vehicle.name,
         parameters=estimates(box, fit),
@@ -235,13 +192,6 @@ def _parameters(
 
 class _StoppedError(Exception):
     """The caller takes the linear fit as the answer."""
-
-
-def _likely_words(linear: Estimation) -> str:
-    """Return the body's mass and the springs of a linear fit that does not hold, in words."""
-    mass_kg, front, rear = linear.full[[Full.M_S, Full.K_S, Full.K_S + 2]]
-    springs = f"springs {front * 1e-3:.1f} and {rear * 1e-3:.1f} kN/m"
-    return f"body {mass_kg:,.0f} kg, {springs}, chi2/n {linear.chi2_per_n:.2f}"
 
 
 def grey_box(session: Session, records: Sequence[Record]) -> GreyBox:
@@ -275,12 +225,13 @@ def share_of_faults(linear: Estimation) -> float:
     return 1.0 if 1.0 + excess * (1.0 - share) <= linear.chi2_limit else share
 
 
-def explained_by_elements(
+def _with_elements(
     session: Session,
     linear: Estimation,
     share: float,
-    log_line: Callable[[str], None],
-    most_s: float,
+    began_s: float,
+    progress: Progress,
+    stop: Callable[[], object],
 ) -> RealCar | None:
     """Return the fit with nonlinear elements where it explains the decays; None where not.
 
@@ -289,17 +240,27 @@ def explained_by_elements(
 
     `session`: with the elements that `[vehicle.structure]` forces or forbids.  `linear`: a linear
     fit that does not hold, nor does one from a later start.  `share`: of its misfit that faults of
-    the bench explain (`share_of_faults`).  `log_line`: receives each stage of the fit.  `most_s`:
-    processor time of the search, s.
+    the bench explain (`share_of_faults`).  `began_s`: processor time at which the identification
+    began, s.  Raises _StoppedError where `stop` asks for it.
     """
-    if share >= 1.0:
-        return None
     from .nonlinear.real_car import real_car  # with Numba: a third of a second to import
 
-    real = real_car(linear, generic_vehicles(), session.vehicle.elements, log_line, most_s)
+    def log_stage(stage: str) -> None:
+        left_s = max(_LONGEST_S - process_time() + began_s, 0.0)
+        progress(0.7 - 0.5 * left_s / _LONGEST_S, f"{stage}; at most {left_s:.0f} s left")
+        if stop():
+            raise _StoppedError
+
+    mass_kg, front, rear = linear.full[[Full.M_S, Full.K_S, Full.K_S + 2]]
+    log_stage(
+        f"so far: body {mass_kg:,.0f} kg, springs {front * 1e-3:.1f} and {rear * 1e-3:.1f} kN/m, "
+        f"chi2/n {linear.chi2_per_n:.2f}"
+    )
+    most_s = max(_LONGEST_S - _JUDGING_S - process_time() + began_s, _LEAST_S)
+    real = real_car(linear, generic_vehicles(), session.vehicle.elements, log_stage, most_s)
     if real is None or not real.estimation.chi2_per_n <= CHI2_LIMIT:
         return None
-    n = sum(sum(residuals.freedom.values()) for residuals in linear.residuals)
+    n = linear.freedom
     unexplained = max(linear.chi2_per_n - 1.0, 0.0) * (1.0 - share)
     price = sum(choice.threshold for choice in real.forces.choices if choice.kept)
     by_elements = max(real.estimation.chi2_per_n - 1.0, 0.0) * n + price
@@ -322,14 +283,6 @@ def _decays_by_state(estimation: Estimation) -> dict[str, list[tuple[Record, Fre
         pair = replace(record, recordings=before), replace(decay, recordings=after)
         of_state.setdefault(record.mass_state, []).append(pair)
     return of_state
-
-
-def _sensed(pairs: Sequence[tuple[Record, FreeDecay]]) -> SensedModes | None:
-    """Return the modes of a mass state by the State Variable Method, None if there are none."""
-    with suppress(InputError):  # too short, no common channel: the likelihood needs neither
-        records, decays = zip(*pairs, strict=True)
-        return sensed_modes(records, decays)
-    return None
 
 
 def _closed_form(

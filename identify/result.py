@@ -208,7 +208,7 @@ class Identification:
         }  # fmt: skip
 
     def _repr_html_(self) -> str:
-        """Return verdict, findings, parameters, forces and modes as HTML for a notebook."""
+        """Return verdict, findings and parameters as HTML for a notebook."""
         quality = self.quality
         fit = f"; chi2/n {quality.chi2_per_n:.3f}" if isfinite(quality.chi2_per_n) else ""
         parts = [html_line(f"Verdict: {quality.verdict}{fit}")]
@@ -216,23 +216,12 @@ class Identification:
             rows = [[f.text, str(Verdict.of(f.severity))] for f in quality.findings]
             parts.append(html_table("Findings", ["finding", "severity"], rows))
         if self.parameters:
-            parts.append(_html_estimates("Parameters", "parameter", self.parameters))
-        for one in self.forces.axles if self.forces else ():
-            from .nonlinear.forces import forces_at_speeds
-
-            known = {name.replace("_", " "): e for name, e in one.values.items()}
-            for at in forces_at_speeds(one.damper):
-                known[f"damper force at {at.speed_m_s:+.2f} m/s"] = at.damper
-                known[f"with friction at {at.speed_m_s:+.2f} m/s"] = at.total
-            parts.append(_html_estimates(f"Forces, {one.axle}", "force of one corner", known))
-        for state, modes in self.modes.items():
             rows = [
-                [name, *(text(e) for e in (mode.frequency, mode.damping_ratio)
-                         for text in (value_text, ends_text))]
-                for name, mode in zip(self.mode_names[state], modes, strict=True)
-            ]  # fmt: skip
-            columns = ["mode", "frequency, Hz", "95 % interval", "damping ratio", "95 % interval"]
-            parts.append(html_table(f"Modes, {state}", columns, rows))
+                [name, value_text(e), ends_text(e) if e.std else "given", unit_text(e.unit)]
+                for name, e in self.parameters.items()
+            ]
+            columns = ["parameter", "estimate", "95 % interval", "unit"]
+            parts.append(html_table("Parameters", columns, rows))
         return "".join(parts)
 
 
@@ -328,11 +317,3 @@ def _forces_entry(forces: Forces) -> dict[str, Any]:
         for choice in forces.choices
     ]
     return {"law": forces.law, "axles": axles, "elements": tried}
-
-
-def _html_estimates(title: str, what: str, estimates: Mapping[str, Estimate]) -> str:
-    rows = [
-        [name, value_text(e), ends_text(e) if e.std else "given", unit_text(e.unit)]
-        for name, e in estimates.items()
-    ]
-    return html_table(title, [what, "estimate", "95 % interval", "unit"], rows)

@@ -6,25 +6,35 @@ explain most of the misfit.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from daq.channels import Channel, Quantity
+from daq.check.signs import opposed_signs
+from daq.loading import WEIGHT_SAG
 from daq.runs import longest_gap_s
+from daq.sessions import Session
 from daq.vehicle import Corner, Fact, MassState
 from dbc.words import Finding, counted
 
 from ..decays.decay import FreeDecay, Record, decay_start_s, onset_s
-from ..fit.estimation import Estimation, generic_vehicles, later_may_hold
+from ..fit.estimation import Estimation, generic_vehicles
 from ..fit.likelihood import HOLD, residuals
 from ..model.facts import SCALED
 from .finding import MOST, Cause, listed
-from .hypotheses import LATE_ADVICE, ROTATIONS, rank_causes
+from .hypotheses import LATE_ADVICE, ROTATIONS, kind_of_sensor, rank_causes
 from .refit import AS_STATED, Refit, Trial, compared, parameters_as_start, ranked, refit
-from .residuals import some_runs_are_wrong
-from .statements import scale_facts, shift_without_scales, wrong_weight
+from .residuals import moves_without, repeat_findings, some_runs_are_wrong
+from .statements import (
+    ONE_WEIGHT,
+    contradicted_by_sag,
+    contradictions,
+    scale_facts,
+    shift_without_scales,
+    wrong_weight,
+)
 
 _AHEAD = 0.95
 """Share of a sensor's explanation that an effect of the vehicle must reach to be preferred."""
@@ -57,11 +67,9 @@ _MARGIN_S, _FEWEST_AT_REST = 0.005, 20
 """Time before the onset that does not count as rest, s, and least number of samples at rest."""
 _LB_KG = 0.45359237
 _ALONE_STEPS = 30
-_DRIFT_ROUNDS = 2
 _DRIFT_SIGMAS = 6.0
 """Size of a drift, in standard deviations by the noise and by the scatter of the runs, from which
 it is none by chance."""
-_TINY = 1e-300
 
 _FL, _FR, _RL, _RR = Corner
 _EXCHANGES: dict[str, dict[Corner, Corner]] = {
@@ -82,66 +90,93 @@ class Causes:
     """Findings on what is named."""
     tried: tuple[Cause, ...] = ()
     """Every cause that stands out of the noise."""
-    linear: bool = True
-    """False if a named cause is that the car is not linear."""
+
+    @classmethod
+    def of(cls, cause: Cause | None) -> Causes:
+        """Return one cause that is named, or none."""
+        return cls((cause.finding,), (cause,)) if cause else cls()
 
 
-def fault_of_bench(estimation: Estimation) -> Cause | None:
-    """Return the fault of the bench that explains most of a misfit, the surest first; else None.
+def faults_of_bench(session: Session, records: Sequence[Record], estimation: Estimation) -> Causes:
+    """Return the fault of the bench that explains a misfit, the surest first.
 
-    Where one run is odd, no fault of all runs is sought.  `estimation`: a fit that does not hold.
+    Sag may contradict the weights of a fit that holds, too.  Where one run is odd, no fault of all
+    runs is sought.
     """
-    for sought in (clock_jump, struck_again, drift):
-        if cause := sought(estimation):
-            return cause
-    if some_runs_are_wrong(estimation):
-        return None
-    return wrong_weight(estimation) or wrong_channel(estimation)
+    signs = () if estimation.holds else opposed_signs(session.accepted, session.channels)
+    if stated_wrong := signs or contradicted_by_sag(session, records):
+        return Causes(tuple(map(_as_cause, stated_wrong)))
+    for search in (clock_jump, second_bump, drift, wrong_weight, wrong_channel):
+        if estimation.holds or (search is wrong_weight and some_runs_are_wrong(estimation)):
+            break
+        if cause := search(estimation):
+            return Causes.of(cause)
+    return Causes()
 
 
-def swapped_or_late(estimation: Estimation) -> Cause | None:
-    """Return swapped labels, a lateness or a low-pass that explains a misfit; None if none does.
+def _as_cause(finding: Finding) -> Finding:
+    fault = ONE_WEIGHT if finding.code == WEIGHT_SAG else "wrong signs"
+    return replace(finding, text=f"likely cause: {fault}, {finding.text}: {finding.advice}")
+
+
+def swapped_or_late(estimation: Estimation) -> Causes:
+    """Return swapped labels, a lateness or a low-pass that explains nearly all of a misfit, if any.
 
     A bump that lasts longer than stated looks like a low-pass: ask only where no later start holds.
-    Hubs of front and rear take up to 84 % of what the elements of a real car do, if exchanged: a
-    swap must explain nearly all.  `estimation`: a fit that does not hold.
+    Hubs of front and rear take up to 84 % of what the elements of a real car do, if exchanged.
+
+    `estimation`: a fit that does not hold.
     """
     if some_runs_are_wrong(estimation):
-        return None
+        return Causes()
     swap = swapped_labels(estimation)
-    return swap if swap and swap.explained > _CLEARS else late_or_slow(estimation)
+    cause = swap if swap and swap.explained > _CLEARS else wrong_sensors(estimation)[-1]
+    return Causes.of(cause) if cause.explained > _CLEARS else Causes()
 
 
-def causes_of(estimation: Estimation, suspects: Sequence[Cause]) -> Causes:
-    """Name the likely cause of a misfit, or an effect that matters although there is no misfit.
+def likely_causes(estimation: Estimation) -> Causes:
+    """Return what may cause a misfit, or an effect that matters although there is none.
 
-    `suspects`: its causes as `rank_causes` has them.
+    An outlying run comes first, because it imitates other causes; a dependence on amplitude last.
+    """
+    scored = rank_causes(estimation)
+    repeats = repeat_findings(estimation, scored[0].strength)
+    for odd in (finding for finding in repeats if finding.code == "odd_run"):
+        share = 1.0 - (odd.value - 1.0) / max(estimation.chi2_per_n - 1.0, 1e-9)
+        moved = moves_without(estimation, odd.subject.split(", "))
+        return Causes(repeats, (Cause(f"run {odd.subject}", explained=share, moved=moved),))
+    worst = next(iter(contradictions(estimation)), None) if estimation.holds else None
+    if worst and worst.of_place:  # a gain, or a bar, would explain a part of it
+        scored = tuple(s for s in scored if s.gain > worst.sigmas**2)
+    named, tried = _likeliest(estimation, [cause for cause in scored if cause.strength > 1.0])
+    findings = (named.finding,) if named else ()
+    return Causes(findings if named and not named.nonlinear else (*findings, *repeats), tried)
+
+
+def _likeliest(
+    estimation: Estimation, scored: Sequence[Cause]
+) -> tuple[Cause | None, tuple[Cause, ...]]:
+    """Return the cause to be named, if any, and all that were tried.
+
+    `scored`: causes beyond chance, the strongest first.
     """
     holds = estimation.holds
-    best = [replace(c, explained=0.0) if holds else c for c in suspects if c.strength > 1.0]
-    scales = "scales off by a common factor"  # if the weights are right that disagree with them
-    tried = [
-        *best,
-        *(
-            replace(c, name=scales, moved=shift_without_scales(estimation))
-            for c in best
-            if c.kind == "weights"
-        ),
-    ]
-    swap = swapped_labels(estimation) if best and holds else None  # else: `swapped_or_late`
-    if swap is not None:
-        return Causes((swap.finding,), (*tried, swap))
+    best = [replace(c, explained=0.0) if holds else c for c in scored]
+    tried = list(best)
+    for cause in (c for c in best if c.kind == "weights"):  # or these are right, and the scales off
+        moved = shift_without_scales(estimation)
+        tried.append(replace(cause, name="scales off by a common factor", moved=moved))
     if not best:
-        return Causes()
-    named = first = _with_advice(estimation, best[0])
-    if not holds and first.explained < _CLEARS:
+        return None, ()
+    if holds and (swap := swapped_labels(estimation)):  # else: `swapped_or_late`
+        return swap, (*tried, swap)
+    named = _with_advice(estimation, best[0])
+    if not holds and named.explained < _CLEARS:
         sensors = wrong_sensors(estimation, [c.subject for c in best if c.kind == "gain"])
         tried += sensors
-        ahead = [c for c in sensors if c.explained * _AHEAD > first.explained]
-        named = ahead[-1] if ahead else first
-    if not holds and named.explained <= MOST:
-        return Causes((), tuple(tried))
-    return Causes((named.finding,), tuple(tried), not named.nonlinear)
+        ahead = [c for c in sensors if c.explained * _AHEAD > named.explained]
+        named = ahead[-1] if ahead else named
+    return (named if holds or named.explained > MOST else None), tuple(tried)
 
 
 def _with_advice(estimation: Estimation, cause: Cause) -> Cause:
@@ -167,8 +202,6 @@ def swapped_labels(estimation: Estimation) -> Cause | None:
     """Return the swapped labels that explain a misfit; None if there are none.
 
     No swap has more unknowns than the fit as stated, so the costs are compared directly.
-
-    `estimation`: a fit that does not hold.
     """
     tried = ranked(estimation, _swaps(estimation))
     if not tried:
@@ -213,7 +246,7 @@ def _swaps(estimation: Estimation) -> Iterator[Trial]:
         yield Trial("added weights in lb", "state the weights in kg", state=of_weights)
 
 
-def _swapped(name: str, other: dict[str, Channel]) -> Trial:
+def _swapped(name: str, other: Mapping[str, Channel]) -> Trial:
     def carries(c: Channel) -> Channel:
         """Return a channel's samples described as those of the other; their clock stays."""
         if c.name not in other:
@@ -237,8 +270,6 @@ def wrong_channel(estimation: Estimation) -> Cause | None:
 
     A generic car is fitted without each channel in turn.  Without the wrong one the model explains
     all others, and the prediction shows by how much that one is off.
-
-    `estimation`: a fit that does not hold.
     """
     names = [c.name for group in estimation.box.groups for c in group.channels]
     if len(names) < _FEWEST:
@@ -259,7 +290,7 @@ def _without(name: str) -> Trial:
 
 
 def gain_of(estimation: Estimation, name: str, before: Refit | None = None) -> Cause:
-    """Compare one channel with the prediction by all others."""
+    """Return the gain of one channel by the prediction of all others."""
     before = before or refit(estimation)
     others = refit(estimation, _without(name), before.fit.eta)
     return _of_gain(before, others, name, _gain(estimation, before, others, name))
@@ -269,17 +300,16 @@ def _gain(estimation: Estimation, before: Refit, others: Refit, name: str) -> fl
     """Return the motion that a channel shows, as a multiple of what all others predict."""
     eta = parameters_as_start(before.box, others.box, others.fit.eta)
     noise = {**estimation.noise, name: 1e3 * estimation.noise[name]}
+    each = residuals(before.box, before.decays, noise, eta)
     predicted, measured = 0.0, 0.0
-    for decay, one in zip(
-        before.decays, residuals(before.box, before.decays, noise, eta), strict=True
-    ):
+    for decay, one in zip(before.decays, each, strict=True):
         for r in decay.recordings:
-            for c, channel in enumerate(r.group.channels):
+            for channel, values in zip(r.group.channels, r.values.T, strict=True):
                 if channel.name == name:
-                    model = r.values[:, c] - one.values[name]
+                    model = values - one.values[name]
                     model = model - model.mean()
                     predicted += float(model @ model)
-                    measured += float(model @ r.values[:, c])
+                    measured += float(model @ values)
     return measured / predicted if predicted > 0.0 else float("nan")
 
 
@@ -293,16 +323,7 @@ def _of_gain(before: Refit, others: Refit, name: str, gain: float) -> Cause:
     return compared(before, others, Cause(f"gain of {name}", advice, sizes))
 
 
-def late_or_slow(estimation: Estimation) -> Cause | None:
-    """Return the lateness or low-pass that explains nearly all of a misfit, None if none does.
-
-    `estimation`: a fit that does not hold.
-    """
-    best = wrong_sensors(estimation, ())[-1]
-    return best if best.explained > _CLEARS else None
-
-
-def wrong_sensors(estimation: Estimation, suspected: Sequence[str]) -> list[Cause]:
+def wrong_sensors(estimation: Estimation, suspected: Sequence[str] = ()) -> list[Cause]:
     """Return what a faulty sensor would explain, the best last.
 
     `estimation`: a fit that does not hold.  `suspected`: channels whose gain is suspected, the most
@@ -314,11 +335,24 @@ def wrong_sensors(estimation: Estimation, suspected: Sequence[str]) -> list[Caus
     if causes and causes[0].explained >= _ALONE:
         return causes
     kinds: dict[str, set[str]] = {}
+    """Names of the channels of each kind of sensors."""
     for channel in (c for group in before.box.groups for c in group.channels):
-        kinds.setdefault(_kind(channel), set()).add(channel.name)
-    if len(kinds) > 1 and "body sensors" in kinds:
-        causes.append(_late(estimation, before))
-    causes += [_late_alone(estimation, before), _slow(estimation, before, kinds)]
+        kinds.setdefault(kind_of_sensor(channel), set()).add(channel.name)
+    every = set().union(*kinds.values())
+    body = kinds.get("body sensors", set())
+    if body and len(kinds) > 1:
+        causes.append(_late(estimation, before, kinds, every - body))
+    scored = next(cause for cause in rank_causes(estimation) if cause.kind == "late")
+    suspect = {
+        c.name
+        for group in before.box.groups
+        for c in group.channels
+        if scored.subject in (group.name, kind_of_sensor(c))
+    }
+    if every - suspect:
+        parts = {scored.subject: suspect, f"all but {scored.subject}": every - suspect}
+        causes.append(_late(estimation, before, parts, suspect))
+    causes.append(_slow(estimation, before, {**kinds, "all sensors": every}))
 
     def remaining(cause: Cause) -> float:
         factor = _CHOICE if cause.name == "low-pass" else 1.0
@@ -327,77 +361,52 @@ def wrong_sensors(estimation: Estimation, suspected: Sequence[str]) -> list[Caus
     return sorted(causes, key=remaining, reverse=True)
 
 
-def _late_alone(estimation: Estimation, before: Refit) -> Cause:
-    """Return the lateness of the group, or of the kind of sensors, that is suspected most."""
-    late = next(cause for cause in rank_causes(estimation) if cause.kind == "late")
-    names = {
-        c.name
-        for group in estimation.box.groups
-        for c in group.channels
-        if late.subject in (group.name, "hub sensors" if c.corner else "body sensors")
-    }
+def _late(
+    estimation: Estimation,
+    before: Refit,
+    parts: Mapping[str, Collection[str]],
+    loose: Collection[str],
+) -> Cause:
+    """Return the lateness of parts of the channels against the earliest part.
 
-    def loose(c: Channel) -> Channel:
-        return replace(c, delay_sigma_s=_LATE_SIGMA_S) if c.name in names else c
+    `loose`: the channels whose delays are unknown in the fit.
+    """
 
-    after = refit(estimation, Trial(late.name, channel=loose), before.fit.eta)
-    groups = zip(after.box.delays_s(after.fit.eta).tolist(), after.box.groups, strict=True)
-    late_ms = [1e3 * delay_s for delay_s, g in groups if g.channels[0].name in names]
-    sizes = f"{float(np.mean(late_ms)):#.2g} ms against the others"
-    return compared(before, after, replace(late, sizes=sizes))
+    def of_unknown_delay(c: Channel) -> Channel:
+        return replace(c, delay_sigma_s=_LATE_SIGMA_S) if c.name in loose else c
 
-
-def _kind(channel: Channel) -> str:
-    if channel.corner is None:
-        return "body sensors"
-    return "hub sensors" if channel.quantity is Quantity.HUB_ACCELERATION else "travel sensors"
-
-
-def _late(estimation: Estimation, before: Refit) -> Cause:
-    """Return the lateness of the kinds of sensors."""
-
-    def loose(c: Channel) -> Channel:
-        return replace(c, delay_sigma_s=_LATE_SIGMA_S) if c.corner is not None else c
-
-    after = refit(estimation, Trial("late", channel=loose), before.fit.eta)
-    delays: dict[str, list[float]] = {}
-    for delay, group in zip(
+    after = refit(estimation, Trial("late", channel=of_unknown_delay), before.fit.eta)
+    delays_s: dict[str, list[float]] = {}
+    for delay_s, group in zip(
         after.box.delays_s(after.fit.eta).tolist(), after.box.groups, strict=True
     ):
-        delays.setdefault(_kind(group.channels[0]), []).append(delay)
-    late_ms = {kind: 1e3 * float(np.mean(of)) for kind, of in delays.items()}
+        part = next(name for name, names in parts.items() if group.channels[0].name in names)
+        delays_s.setdefault(part, []).append(delay_s)
+    late_ms = {part: 1e3 * float(np.mean(of)) for part, of in delays_s.items()}
     # The fit determines differences only, and no sensor shows a motion before it happens.
     early = min(late_ms.values())
     most = max(late_ms.values()) - early
-    late_ms = {k: ms - early for k, ms in late_ms.items() if ms - early > _ALIKE * most}
-    each = [f"{kind} {late:#.2g} ms" for kind, late in late_ms.items()]
-    sizes = ", ".join(each) if len(each) > 1 else f"{max(late_ms.values()):#.2g} ms"
+    late_ms = {part: ms - early for part, ms in late_ms.items() if ms - early >= _ALIKE * most}
+    each = [f"{part} {late:#.2g} ms" for part, late in late_ms.items()]
+    sizes = ", ".join(each) if len(each) > 1 else f"{most:#.2g} ms"
     return compared(before, after, Cause(f"{' and '.join(late_ms)} late", LATE_ADVICE, sizes))
 
 
-def _slow(estimation: Estimation, before: Refit, kinds: dict[str, set[str]]) -> Cause:
-    """Return the low-pass that explains most: on the body, at the wheels, or on all sensors."""
-    body = kinds.get("body sensors", set())
-    every = set().union(*kinds.values())
-    places = {"body sensors": body, "sensors at the wheels": every - body, "all sensors": every}
+def _slow(estimation: Estimation, before: Refit, places: Mapping[str, Collection[str]]) -> Cause:
+    """Return the low-pass that explains most, on the channels of one of some places."""
 
     def filtered(place: str, hz: float) -> Trial:
         def slow(c: Channel) -> Channel:
             return replace(c, low_pass_hz=hz) if c.name in places[place] else c
 
-        return Trial(f"near {hz:.0f} Hz on {place}", channel=slow)
+        return Trial(f"near {hz:.0f} Hz on {place}", place, channel=slow)
 
-    coarse = {
-        one.name: (place, hz, one)
-        for place, members in places.items()
-        if members
-        for hz in _COARSE_HZ
-        for one in [filtered(place, hz)]
-    }
-    tried = ranked(estimation, (one for *_, one in coarse.values()), before.fit.eta)
-    place, near_hz, _ = coarse[tried[0][1].name]
-    fine = [filtered(place, hz) for hz in _FINE_HZ if 0.4 < hz / near_hz < 2.5]
-    tried += ranked(estimation, fine, tried[0][0].fit.eta)
+    coarse = (filtered(place, hz) for place in places for hz in _COARSE_HZ)
+    tried = ranked(estimation, coarse, before.fit.eta)
+    rough, near = tried[0]
+    near_hz = float(near.name.split()[1])
+    fine = [filtered(near.advice, hz) for hz in _FINE_HZ if 0.4 < hz / near_hz < 2.5]
+    tried += ranked(estimation, fine, rough.fit.eta)
     rough, best = min(tried, key=lambda one: one[0].fit.cost)
     after = refit(estimation, best, rough.fit.eta)
     advice = "state low_pass_hz of these channels from the data sheet, or switch the filter off"
@@ -412,10 +421,7 @@ def clock_jump(estimation: Estimation) -> Cause | None:
 
     A gap alone is harmless: the model knows when each sample was taken.  But where a clock jumped,
     the samples after it have wrong times, and no model explains both sides, or this group and the
-    others.  Where all clocks jump soon after the bump, the samples after it fit among themselves;
-    if those from a start between the bump and the gap fit, too, the bump was longer.
-
-    `estimation`: a fit that does not hold.
+    others.  Up to the jump the decays must fit.
     """
     gaps: list[dict[str, tuple[float, float]]] = []
     """Of each run: begin in the run and length, s, of the largest gap of each group with one."""
@@ -430,68 +436,53 @@ def clock_jump(estimation: Estimation) -> Cause | None:
     jumping = sum(map(bool, gaps))
     if 2 * jumping <= len(gaps):
         return None
-    ends_s = [{name: begin_s for name, (begin_s, _) in of_run.items()} for of_run in gaps]
-    cut = _cut(estimation, ends_s)
-    is_before = any(decay.recordings for decay in cut)
-    if not is_before:
-        cut = [
-            record.decay(max([decay.start_s, *(begin + length for begin, length in gap.values())]))
-            for record, decay, gap in zip(estimation.records, estimation.decays, gaps, strict=True)
-        ]
-        if later_may_hold(estimation, generic_vehicles()):
-            return None
-    names = dict.fromkeys(name for gap in gaps for name in gap)
+    names = dict.fromkeys(name for of_run in gaps for name in of_run)
     everywhere = len(names) == len(estimation.box.groups)
-    length_s = float(np.median([length for gap in gaps for _, length in gap.values()]))
+    length_s = float(np.median([length for of_run in gaps for _, length in of_run.values()]))
     sizes = (
         f"{'all sensors' if everywhere else listed(names)} by about {length_s:.2g} s in "
-        f"{jumping} of {counted(len(gaps), 'run')}; "
-        f"{'up to' if is_before else 'from'} there the decays fit"
+        f"{jumping} of {counted(len(gaps), 'run')}; up to there the decays fit"
     )
     advice = "correct the times of the samples after the gap, or record again"
-    return _if_explained_by(estimation, cut, Cause("clocks that jump", advice, sizes, certain=True))
+    begins_s = [{name: begin_s for name, (begin_s, _) in of_run.items()} for of_run in gaps]
+    cause = Cause("clocks that jump", advice, sizes, certain=True)
+    return _if_explained_by(estimation, _cut(estimation, begins_s), cause)
 
 
-def struck_again(estimation: Estimation) -> Cause | None:
+def second_bump(estimation: Estimation) -> Cause | None:
     """Return the second bump of most runs, None if there are none, by the rule of the bench.
 
     Free wheels only decay.  Up to the second bump the decays must fit.
-
-    `estimation`: a fit that does not hold.
     """
     from daq.verdict.motion import STRUCK_GUARD_S, STRUCK_S, STRUCK_SHARE, second_strike
     from daq.verdict.window import Trace  # both with the bench, which is slow to import
 
-    times_s: list[dict[str, float]] = []
+    begins_s: list[dict[str, float]] = []
     names: list[str] = []
     for record in estimation.records:
         onset, of_run = onset_s(record), {}
-        strikes = []
+        guard_s = (record.bump_s if np.isfinite(record.bump_s) else _BUMP_S) + STRUCK_GUARD_S
+        strikes = [(0.0, 0.0, "")]
         for r in record.recordings:
-            if onset is None:
-                break
             for channel, column in zip(r.group.channels, r.values.T, strict=True):
-                if channel.quantity is Quantity.HUB_ACCELERATION:
-                    value = column - column[r.time_s < onset].mean()
-                    trace = Trace(
-                        channel, r.time_s - onset, value, estimation.noise[channel.name], 0.0, 0.0
-                    )
-                    bump_s = record.bump_s if np.isfinite(record.bump_s) else _BUMP_S
-                    strikes.append((*second_strike(trace, bump_s + STRUCK_GUARD_S), channel.name))
-        share, after_s, name = max(strikes, default=(0.0, 0.0, ""))
+                if onset is not None and channel.quantity is Quantity.HUB_ACCELERATION:
+                    value, noise = column - column[r.time_s < onset].mean(), estimation.noise
+                    trace = Trace(channel, r.time_s - onset, value, noise[channel.name], 0.0, 0.0)
+                    strikes.append((*second_strike(trace, guard_s), channel.name))
+        share, after_s, name = max(strikes)
         if share > STRUCK_SHARE and onset is not None:
             of_run = {r.group.name: onset + after_s - STRUCK_S for r in record.recordings}
             names.append(f"{name} in {record.label} at +{after_s:.2f} s")
-        times_s.append(of_run)
-    if 2 * len(names) <= len(times_s):
+        begins_s.append(of_run)
+    if 2 * len(names) <= len(begins_s):
         return None
-    sizes = f"in {len(names)} of {counted(len(times_s), 'run')}: {listed(names)}"
+    sizes = f"in {len(names)} of {counted(len(begins_s), 'run')}: {listed(names)}"
     advice = "drive over one bump, and let the car come to rest"
     cause = Cause("a second bump", advice, sizes, certain=True)
-    return _if_explained_by(estimation, _cut(estimation, times_s), cause)
+    return _if_explained_by(estimation, _cut(estimation, begins_s), cause)
 
 
-def _cut(estimation: Estimation, ends_s: Sequence[dict[str, float]]) -> list[FreeDecay]:
+def _cut(estimation: Estimation, ends_s: Sequence[Mapping[str, float]]) -> list[FreeDecay]:
     """Return the decays up to a time, s in the run, of each group that has one."""
     cut = []
     for decay, of_run in zip(estimation.decays, ends_s, strict=True):
@@ -521,30 +512,12 @@ def _if_explained_by(
 
 
 def drift(estimation: Estimation) -> Cause | None:
-    """Return the channels whose level drifts at rest if that explains a misfit; None if not.
-
-    `estimation`: a fit that does not hold.
-    """
-    records = estimation.records
-    drifts: dict[str, float] = {}
-    """Slope of each channel that drifts, SI a second."""
-    for _ in range(_DRIFT_ROUNDS):  # a drift is taken for the onset of motion
+    """Return the channels whose level drifts at rest if that explains a misfit; None if not."""
+    records, drifts = estimation.records, dict[str, float]()
+    for _ in range(2):  # in the first round, a drift is taken for the onset of motion
         for name, slope in _slopes_at_rest(records).items():
             drifts[name] = drifts.get(name, 0.0) + slope
-        slopes = [
-            [np.array([drifts.get(c.name, 0.0) for c in r.group.channels]) for r in one.recordings]
-            for one in estimation.records
-        ]
-        records = tuple(
-            replace(
-                record,
-                recordings=tuple(
-                    replace(r, values=r.values - np.multiply.outer(r.time_s, slope))
-                    for r, slope in zip(record.recordings, of_run, strict=True)
-                ),
-            )
-            for record, of_run in zip(estimation.records, slopes, strict=True)
-        )
+        records = tuple(_without_drifts(record, drifts) for record in estimation.records)
     if not drifts:
         return None
     units = {c.name: c.unit for group in estimation.box.groups for c in group.channels}
@@ -557,7 +530,7 @@ def drift(estimation: Estimation) -> Cause | None:
 def _slopes_at_rest(records: Sequence[Record]) -> dict[str, float]:
     """Return the slope before the bumps of each channel that drifts there, SI a second."""
     slopes: dict[str, list[tuple[float, float]]] = {}
-    """Of each channel: slope and its variance in each run."""
+    """Of each channel: slope and its variance by the noise, in each run."""
     for record in records:
         onset = onset_s(record)
         if onset is None:
@@ -571,12 +544,19 @@ def _slopes_at_rest(records: Sequence[Record]) -> dict[str, float]:
                 slope = float(t @ column) / float(t @ t)
                 scatter = column - column.mean() - slope * t
                 variance = float(scatter @ scatter) / (len(t) - 2) / float(t @ t)
-                slopes.setdefault(channel.name, []).append((slope, max(variance, _TINY)))
+                slopes.setdefault(channel.name, []).append((slope, variance))
     drifts = {}
     for name, of_runs in slopes.items():
         slope, variance = np.array(of_runs).T
-        mean = float(np.average(slope, weights=1.0 / variance))
-        spread = max(1.0, float(np.mean((slope - mean) ** 2 / variance)) ** 0.5)
-        if abs(mean) > _DRIFT_SIGMAS * spread / float(np.sum(1.0 / variance)) ** 0.5:
-            drifts[name] = mean
+        sigma = np.sqrt(max(float(np.var(slope)), float(np.mean(variance))) / len(slope))
+        if abs(slope.mean()) > _DRIFT_SIGMAS * sigma:
+            drifts[name] = float(slope.mean())
     return drifts
+
+
+def _without_drifts(record: Record, drifts: Mapping[str, float]) -> Record:
+    recordings = []
+    for r in record.recordings:
+        slopes = np.array([drifts.get(channel.name, 0.0) for channel in r.group.channels])
+        recordings.append(replace(r, values=r.values - np.multiply.outer(r.time_s, slopes)))
+    return replace(record, recordings=tuple(recordings))

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.channels import TIME_DERIVATIVE, Quantity
+from daq.channels import TIME_DERIVATIVE, Channel, Quantity
 from daq.vehicle import RICHEST, parameter_unit
 
 from ..decays.decay import ChannelGroup, FreeDecay
@@ -110,6 +110,13 @@ class _Effect:
     @property
     def cause(self) -> str:
         return TABLE[self.kind].name.format(self.label)
+
+
+def kind_of_sensor(channel: Channel) -> str:
+    """Return the kind of sensors that a channel belongs to, in words."""
+    if channel.corner is None:
+        return "body sensors"
+    return "hub sensors" if channel.quantity is Quantity.HUB_ACCELERATION else "travel sensors"
 
 
 def rank_causes(estimation: Estimation) -> tuple[Cause, ...]:
@@ -211,7 +218,7 @@ def _missing_parts(box: GreyBox, rich: GreyBox) -> Iterator[_Effect]:
 
 
 def _sensor_faults(groups: Sequence[ChannelGroup]) -> Iterator[_Effect]:
-    """Yield lateness of each group and of all hubs at once, gain of each channel, turn of each IMU.
+    """Yield lateness of each group and kind of sensors, gain of each channel, turn of each IMU.
 
     A turn about z is positive to the left, as seen from above: pitch and roll then show a part of
     each other.
@@ -221,8 +228,7 @@ def _sensor_faults(groups: Sequence[ChannelGroup]) -> Iterator[_Effect]:
     turns: dict[str, dict[tuple[str, str], float]] = {}
     for group in groups:
         late[group.name] += [c.name for c in group.channels]
-        kind = "hub sensors" if group.channels[0].corner else "body sensors"
-        kinds.setdefault(kind, {})[group.name] = None
+        kinds.setdefault(kind_of_sensor(group.channels[0]), {})[group.name] = None
         of = {c.quantity: c.name for c in group.channels}
         for a, b in ROTATIONS:
             if a in of and b in of:

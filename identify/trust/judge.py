@@ -14,37 +14,26 @@ from math import inf, isfinite, nan
 
 import numpy as np
 
-from daq.loading import WEIGHT_SAG
 from daq.sessions import Session
 from dbc.words import Finding, Severity
 
 from ..fit.estimation import Estimation
 from ..fit.grey_box import SIGNED
 from ..fit.uncertainty import determined
-from .faults import Causes, causes_of
+from .faults import Causes, likely_causes
 from .finding import MOST, Cause, Judgement, Loss, Survival
-from .hypotheses import TABLE, rank_causes
 from .plausibility import (
     excitation_findings,
-    lift_off_findings,
     mode_snr_db,
     parameter_findings,
     undetermined,
 )
-from .residuals import (
-    CHI2_LIMIT,
-    chi2_by_run,
-    misfit_findings,
-    moves_without,
-    repeat_findings,
-    whiteness_findings,
-)
+from .residuals import CHI2_LIMIT, chi2_by_run, misfit_findings, whiteness_findings
 from .samples import sample_findings
-from .statements import ONE_WEIGHT, contradicted_shift, contradictions, unseen_findings
+from .statements import contradicted_shift, contradictions, unseen_findings
 
 _RIVAL = 0.5
 """Share of the best cause's explanation above which another cause may be the true one."""
-
 _UNEXPLAINED = "no cause that was tried explains the misfit"
 _UNEXPLAINED_TEXT = (
     "the misfit is not explained: half of it or more is due to none of wrong signs, units and "
@@ -52,69 +41,59 @@ _UNEXPLAINED_TEXT = (
     "second bumps, wrong weights, odd runs, a turned IMU, unequal sides, friction and dampers: "
     "look at the runs with the largest chi2/n"
 )
-_MOST = 3.0
+_LARGEST_LOG = 3.0
 """Change of a logarithm beyond which its size has no meaning: a factor of twenty."""
 
 
 def judge(
     session: Session,
     estimation: Estimation,
-    signs: Sequence[Finding] = (),
     unused: Sequence[Finding] = (),
-    wrong: Cause | None = None,
+    causes: Causes | None = None,
 ) -> Judgement:
     """Judge an estimation by all gates.
 
     For a nonlinear fit, no cause is sought that only a linear model lacks: its elements are in the
     fit.
 
-    `signs`: channels whose sign is wrong (`daq.check.opposed_signs`), or weights that the sag
-    contradicts (`contradicted_by_sag`), the cause if there are any.  `unused`: what was left out
-    (`unused_findings`).  `wrong`: the channel, weight or clocks that are the cause, if any are.
+    `unused`: what was left out (`unused_findings`).  `causes`: the fault of the bench that was
+    found before, if any.
     """
     linear, holds = estimation.nonlinear is None, estimation.holds
     sure = not undetermined(estimation)
     snr_db = mode_snr_db(estimation)
-    causes = Causes(tuple(map(_as_cause, signs)))
-    if wrong:
-        causes = Causes((wrong.finding,), (wrong,))
-    elif linear and not signs and (sure or not holds):
-        causes = _causes(estimation)
+    causes = causes or Causes()
+    if linear and not causes.findings and (sure or not holds):
+        causes = likely_causes(estimation)
     # A named cause may be the reason why stated values disagree with the runs.
     codes = {finding.code for finding in causes.findings} - {"amplitude"}
-    unexplained = linear and not (holds or signs or causes.findings)
-    explained = bool(codes) and (not holds or TABLE["weights"].name.replace(" ", "_") in codes)
+    explained = bool(codes) and (not holds or "added_weights_off_by_a_common_factor" in codes)
     misfit = tuple(f for f in misfit_findings(estimation) if sure or f.code != "convergence")
     # What causes a misfit is as grave as the misfit, and comes first.
     grave = max((f.severity for f in misfit if f.code == "chi2"), default=Severity.NOTE)
-    named = tuple(
+    named = [
         f if holds or f.code == "amplitude" else replace(f, severity=max(f.severity, grave))
         for f in causes.findings
-    )
+    ]
+    if linear and not (holds or named):
+        named.append(Finding("unexplained", Severity.WARNING, _UNEXPLAINED_TEXT))
+    of_parameters = parameter_findings(estimation)
     findings = [
         *unused,
-        *(() if holds else named),  # what to do before what is wrong
-        *((Finding("unexplained", Severity.WARNING, _UNEXPLAINED_TEXT),) if unexplained else ()),
+        *([] if holds else named),  # what to do before what is wrong
         *misfit,
-        *(
-            f
-            for f in parameter_findings(estimation)
-            if not (explained and f.code == "contradiction")
-        ),
+        *(f for f in of_parameters if not (explained and f.code == "contradiction")),
         *(unseen_findings(estimation.box, session.mass_states) if sure else ()),
         *sample_findings(session, estimation.records),
         *excitation_findings(estimation, snr_db),
-        *(named if holds else ()),
+        *(named if holds else []),
+        *(whiteness_findings(estimation) if sure and holds else ()),
     ]
-    if sure and holds:
-        findings += whiteness_findings(estimation)
-        findings += lift_off_findings(estimation) if linear else ()
     rivals = [replace(c, explained=inf) if holds else c for c in causes.tried]
     contradicted = contradictions(estimation) if sure and not explained else ()
     if contradicted:  # one cause; without a misfit, all compete
         name = "; ".join(one.name for one in contradicted)
-        shift = contradicted_shift(estimation, contradicted).tolist()
-        moved = dict(zip(estimation.box.parameters, shift, strict=True))
+        moved = contradicted_shift(estimation, contradicted)
         rivals.append(Cause(name, explained=inf, moved=moved))
     return Judgement(
         tuple(findings),
@@ -123,30 +102,6 @@ def judge(
         snr_db,
         survival(estimation, rivals),
     )
-
-
-def _as_cause(finding: Finding) -> Finding:
-    fault = ONE_WEIGHT if finding.code == WEIGHT_SAG else "wrong signs"
-    text = f"likely cause: {fault}, {finding.text}: {finding.advice}"
-    return replace(finding, text=text)
-
-
-def _causes(estimation: Estimation) -> Causes:
-    """Report an outlying run first, because it imitates other causes; amplitude last."""
-    ranked = rank_causes(estimation)
-    repeats = repeat_findings(estimation, ranked[0].strength)
-    for odd in (finding for finding in repeats if finding.code == "odd_run"):
-        excess = max(estimation.chi2_per_n - 1.0, 1e-9)
-        moved = moves_without(estimation, odd.subject.split(", "))
-        share = 1.0 - (odd.value - 1.0) / excess
-        return Causes(repeats, (Cause(f"run {odd.subject}", explained=share, moved=moved),))
-    worst = next(iter(contradictions(estimation)), None) if estimation.holds else None
-    if worst and worst.of_place:  # a gain, or a bar, would explain a part of it
-        ranked = tuple(s for s in ranked if s.gain > worst.sigmas**2)
-    causes = causes_of(estimation, ranked)
-    if causes.findings and causes.linear:
-        return causes
-    return replace(causes, findings=(*causes.findings, *repeats))
 
 
 def survival(estimation: Estimation, causes: Sequence[Cause]) -> Survival:
@@ -176,6 +131,6 @@ def survival(estimation: Estimation, causes: Sequence[Cause]) -> Survival:
         # Two causes may be one shift in two words: rounding must not choose which of them is named.
         worst = max(rivals, key=lambda h: float(f"{abs(h.moved[name]):.6g}"), default=None)
         if name not in lost and worst is not None and abs(worst.moved[name]) > within:
-            by = float(np.expm1(np.clip(worst.moved[name], -_MOST, _MOST)))
+            by = float(np.expm1(np.clip(worst.moved[name], -_LARGEST_LOG, _LARGEST_LOG)))
             lost[name] = Loss(worst.name, nan if name in SIGNED else by)
     return Survival(tuple(name for name in box.names if name not in lost), lost)

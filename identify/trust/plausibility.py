@@ -6,25 +6,21 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daq.bumps import BUMPS
-from daq.runs import Excitation
-from daq.vehicle import Corner, VehicleGeometry, parameter_unit
-from dbc.units import G_M_S2
+from daq.vehicle import VehicleGeometry, parameter_unit
 from dbc.words import Finding, Severity
 
-from ..decays.decay import FreeDecay, onset_s
 from ..fit.estimation import Estimation, linearised_at
 from ..fit.grey_box import SIGNED
 from ..fit.likelihood import covariance_of, normal_blocks
 from ..fit.uncertainty import COVERAGE_95, estimates
-from ..fit.varpro import Evaluated, LinearPart, over_two, pseudo_inverse
+from ..fit.varpro import LinearPart
+from ..model.exponentials import Spectrum
 from ..model.facts import derived_quantities, whole_vehicle_indices
-from ..model.matrices import N_DOF, Full, PhysicalModel, loaded_model
+from ..model.matrices import N_DOF, Full, loaded_model
 from ..modes.modal_model import mode_names, modes_of
 from ..numbers import half_width_percent
-from .finding import listed
 from .statements import contradiction_findings
 
 _WIDE_SHARE = 0.025
@@ -147,7 +143,7 @@ def missing_runs(estimation: Estimation) -> str:
 def _implausible(estimation: Estimation) -> Iterator[Finding]:
     full = estimation.full.astype(complex)
     values = derived_quantities(full)
-    odd = []
+    odd, solid = [], []
     for name, (low, high) in _PLAUSIBLE.items():
         quantity, unit = values[name]
         value, of = float(quantity.real), "" if unit == "1" else f" {unit}"
@@ -158,23 +154,17 @@ def _implausible(estimation: Estimation) -> Iterator[Finding]:
         value = float(whole[name].real)
         if not low * (1.0 - _MARGIN) < value < high * (1.0 + _MARGIN):
             odd.append(f"{name} {value:.3g} (204 measured vehicles: {low:g} .. {high:g})")
-    negative = {
-        name: e
-        for name, e in estimates(estimation.box, estimation.fit).items()
-        if name in SIGNED and e.value < -BELOW_SIGMAS * e.std
-    }
-    solid = []
-    for name, e in negative.items():
-        axle = 2 * name.endswith("r")
-        if name.startswith("c_t"):
-            odd.append(f"{name} {e.value:.3g} {e.unit} below zero")
+    for name, e in estimates(estimation.box, estimation.fit).items():
+        if name not in SIGNED or e.value >= -BELOW_SIGMAS * e.std:
+            continue
+        axle = Full.K_S + 2 * name.endswith("r")
         # In roll an axle has the stiffness of its springs and twice that of its bar.
-        elif name.startswith("k_a") and e.value < -0.5 * float(
-            full[7 + axle : 9 + axle].real.mean()
-        ):
-            odd.append(f"{name} {e.value:.3g} N/m leaves the axle no stiffness in roll")
-        elif name.startswith("k_a"):
+        if name.startswith("k_a") and e.value >= -0.5 * float(full[axle : axle + 2].real.mean()):
             solid.append(f"{name} {e.value:,.0f} N/m")
+        elif name.startswith("k_a"):
+            odd.append(f"{name} {e.value:.3g} N/m leaves the axle no stiffness in roll")
+        elif name.startswith("c_t"):
+            odd.append(f"{name} {e.value:.3g} {e.unit} below zero")
     if odd:
         text = f"not a usual vehicle: {'; '.join(odd)}: check weights, units and positions"
         yield Finding("implausible", Severity.WARNING, text)
@@ -186,25 +176,13 @@ def _implausible(estimation: Estimation) -> Iterator[Finding]:
         yield Finding("solid_axle", Severity.NOTE, text)
 
 
-# The fitted motion: how far each mode stands out of the noise, and wheels in the air --------------
+# How far each mode stands out of the noise -------------------------------------------------------
 
 SNR_LIMIT_DB = 20.0
 """A decaying wave whose energy is E times the noise shows its frequency to ``2 zeta / sqrt(E)``.
 At 20 dB and a damping ratio of 0.25 that is 5 %: as much as the added masses shift a frequency,
 from which all inertias follow."""
-_AS_GOOD = 0.5  # of the strongest drive of a mode (6 dB); the more familiar run is preferred
 _FLOOR = 1e-3  # of the noise; -30 dB stands for nothing
-PULL_LIMIT = 0.1
-"""Share of the static load that a tyre may seem to pull.  The start of the decay lies up to one
-sample before the first that is fitted, and in that time a landing tyre gains as much."""
-LANDING_LIMIT = 0.2
-"""Share of the static load below which a tyre has just landed, for the same reason."""
-LATE_S = 0.005
-"""Delay after the stated end of the bump, s, above which a decay was not free before its start."""
-_SURE = 3.0  # standard deviations
-_STEP_S = 1e-3  # in which tyre loads are looked at
-_LONGEST_S = 1.0  # wheels that have not lifted by then will not
-_TYRES = slice(Full.K_T, Full.K_T + 4)  # their stiffnesses among the full parameters
 
 
 def mode_snr_db(estimation: Estimation) -> dict[str, tuple[float, ...]]:
@@ -218,38 +196,22 @@ def mode_snr_db(estimation: Estimation) -> dict[str, tuple[float, ...]]:
     """
     model = linearised_at(estimation)
     return {
-        decay.label: _snr_db_of_run(model.points[decay.mass_state], decay, linear)
+        decay.label: _snr_db_of_run(model.points[decay.mass_state].modes, linear)
         for decay, linear in zip(estimation.decays, model.linear, strict=True)
     }
 
 
-def _snr_db_of_run(point: Evaluated, decay: FreeDecay, linear: LinearPart) -> tuple[float, ...]:
+def _snr_db_of_run(modes: Spectrum, linear: LinearPart) -> tuple[float, ...]:
     """Return the energy of each mode in one run over the noise, dB, by frequency."""
-    size = len(linear.solution)
-    normal = np.zeros((size, size))
-    for recording, product, stack in zip(
-        decay.recordings, linear.products, linear.coefficients, strict=True
-    ):
-        weighted = stack * point.weights(recording.group)[:, None, None]
-        normal += over_two(weighted, product.gram @ stack)
-    modes = point.modes
+    state = linear.solution[: 2 * N_DOF]
+    covariance = linear.normal_inverse[: 2 * N_DOF, : 2 * N_DOF]
     upper = np.flatnonzero(modes.poles.imag > 0.0)
-    upper = upper[np.argsort(np.abs(modes.poles[upper]), kind="stable")]
-    # To real and imaginary parts of the modal state; the channels' own unknowns stay as they are.
-    T = np.eye(size)
-    T[: 2 * N_DOF, : 2 * N_DOF] = modes.V.real
-    T[: 2 * N_DOF, upper] = 2.0 * modes.V[:, upper].real
-    T[: 2 * N_DOF, upper + 1] = -2.0 * modes.V[:, upper].imag
-    normal = T.T @ normal @ T
-    modal_state = modes.W @ linear.solution[: 2 * N_DOF]
     snr_db = []
-    for k in upper.tolist():
-        others = np.delete(np.arange(size), [k, k + 1])
-        mixed = normal[k : k + 2, others]
-        inverse = pseudo_inverse(normal[np.ix_(others, others)])
-        alone = normal[k : k + 2, k : k + 2] - mixed @ inverse @ mixed.T
-        parts = np.array([modal_state[k].real, modal_state[k].imag])
-        snr_db.append(10.0 * float(np.log10(max(parts @ alone @ parts, _FLOOR))))
+    for k in upper[np.argsort(np.abs(modes.poles[upper]), kind="stable")].tolist():
+        rows = np.array([modes.W[k].real, modes.W[k].imag])  # from the state to the mode's share
+        share = rows @ state
+        energy = float(share @ np.linalg.pinv(rows @ covariance @ rows.T, hermitian=True) @ share)
+        snr_db.append(10.0 * float(np.log10(max(energy, _FLOOR))))
     return tuple(snr_db)
 
 
@@ -267,112 +229,25 @@ def excitation_findings(
         if not rows:
             continue
         total_db = 10.0 * np.log10(np.sum(10.0 ** (np.array(rows) / 10.0), axis=0))
-        model = loaded_model(full, state.added)
-        modes = modes_of(model.A)
-        names = mode_names(modes, geometry)
-        advised: dict[Excitation, list[str]] = {}
-        for k in np.flatnonzero(total_db < SNR_LIMIT_DB).tolist():
-            frequency = abs(modes.poles[k]) / (2.0 * np.pi)
-            text = f"mode {k + 1} ({names[k]}, {frequency:.2f} Hz) with {total_db[k]:.0f} dB"
-            advised.setdefault(best_run(model, modes.poles[k], full[_TYRES]), []).append(text)
-        for run, texts in advised.items():
+        modes = modes_of(loaded_model(full, state.added).A)
+        weak: dict[str, list[str]] = {}
+        """Modes that are not excited, by the kind of run that excites them."""
+        for k, name in enumerate(mode_names(modes, geometry)):
+            if total_db[k] < SNR_LIMIT_DB:
+                frequency_hz = abs(modes.poles[k]) / (2.0 * np.pi)
+                text = f"mode {k + 1} ({name}, {frequency_hz:.2f} Hz) with {total_db[k]:.0f} dB"
+                weak.setdefault(_exciting_run(name), []).append(text)
+        for run, texts in weak.items():
             text = (
                 f"hardly excited in state {state.name}: {', '.join(texts)} in all its runs "
                 f"together (limit {SNR_LIMIT_DB:.0f} dB); what depends on them is not known: "
-                f"record a {run.words} run in state {state.name}, or one with a higher bump"
+                f"record a {run} run in state {state.name}, or one with a higher bump"
             )
             yield Finding("excitation", Severity.WARNING, text)
 
 
-def best_run(model: PhysicalModel, pole: complex, tyre_n_m: NDArray[np.float64]) -> Excitation:
-    """Return the kind of run that drives a mode, by the road's force on its left eigenvector.
-
-    The first kind that drives it at least `_AS_GOOD` as much as the best.  `pole`, rad/s: of the
-    mode.  `tyre_n_m`, (4,): stiffness of each tyre.
-    """
-    poles, right = np.linalg.eig(model.A)
-    left_vector = np.linalg.inv(right)[int(np.argmin(np.abs(poles - pole)))]
-    drive = {}
-    for run, bump in BUMPS.items():
-        force = np.concatenate([np.zeros(3), tyre_n_m * np.array(bump.shares)])
-        drive[run] = abs(left_vector[N_DOF:] @ np.linalg.solve(model.M, force))
-    strongest = max(drive.values())
-    return next(run for run in Excitation if drive[run] >= _AS_GOOD * strongest)
-
-
-def lift_off_findings(estimation: Estimation) -> Iterator[Finding]:
-    """Yield a finding on the wheels that leave the road over the bump and land during the decay.
-
-    A tyre would have to pull, or has only the load of a late landing.
-
-    `estimation`: the fit; tyre loads follow from its parameters and the fitted initial state of
-    each run.
-    """
-    full, model = estimation.full, linearised_at(estimation)
-    tyres, states = full[_TYRES], {state.name: state for state in estimation.box.mass_states}
-    # Least load, load at rest, N, delay of the decay's start after the bump, s, wheel and run.
-    flying: list[tuple[float, float, float, str]] = []
-    for record, decay, linear in zip(
-        estimation.records, estimation.decays, model.linear, strict=True
-    ):
-        static = static_loads_n(loaded_model(full, states[decay.mass_state].added), tyres)
-        least, sigma = least_loads_n(model.points[decay.mass_state], decay, linear, static, tyres)
-        onset = onset_s(record)
-        delay_s = np.nan if onset is None else decay.start_s - (onset + record.bump_s)
-        limit = (LANDING_LIMIT if delay_s > LATE_S else -PULL_LIMIT) * static
-        flying += [
-            (float(least[i]), float(static[i]), delay_s, f"wheel {corner} in {decay.label}")
-            for i, corner in enumerate(Corner)
-            if least[i] < limit[i] - _SURE * sigma[i]
-        ]
-    if not flying:
-        return
-    load_n, static_n, *_ = min(flying)
-    longest_s = float(np.nanmax([delay_s for *_, delay_s, _ in flying] + [0.0]))
-    waited = ""
-    if longest_s > LATE_S:
-        waited = f", {longest_s * 1e3:.0f} ms after the bump at the latest"
-    places = listed(place for *_, place in sorted(flying))
-    text = (
-        f"wheels lift off the road: least tyre load in the fitted decay {load_n:.0f} N (at rest "
-        f"{static_n:.0f} N): {places}; the linear model holds only once they are down{waited}, "
-        "when their motion has died away in part: use a lower bump"
-    )
-    yield Finding("lift_off", Severity.WARNING, text)
-
-
-def static_loads_n(model: PhysicalModel, tyre_n_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the load under each wheel at rest on a flat road, (4,) N.
-
-    Gravity acts as if everything were accelerated upwards by g, so its forces are a column of the
-    mass matrix, added weights included; the springs distribute them.
-    """
-    heave = np.concatenate([[1.0, 0.0, 0.0], np.ones(4)])
-    sag = np.linalg.solve(model.K, G_M_S2 * (model.M @ heave))
-    return np.asarray(tyre_n_m * sag[3:])
-
-
-def least_loads_n(
-    point: Evaluated,
-    decay: FreeDecay,
-    linear: LinearPart,
-    static_n: NDArray[np.float64],
-    tyre_n_m: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the least load of each wheel and its standard deviation by the noise, (4,) N each.
-
-    `static_n`, `tyre_n_m`, (4,): load at rest, and stiffness, of each tyre.
-    """
-    last_s = max(float(r.time_s[-1]) for r in decay.recordings)
-    time_s = np.arange(0.0, min(last_s, _LONGEST_S), _STEP_S)
-    modes = point.modes
-    state = linear.solution[: 2 * N_DOF]
-    wave = np.exp(np.multiply.outer(time_s, modes.poles))
-    wheels = slice(3, N_DOF)
-    heave_m = ((wave * (modes.W @ state)) @ modes.V[wheels].T).real
-    load_n = static_n - tyre_n_m * heave_m
-    lowest = load_n.argmin(axis=0)
-    # Change of each wheel's lowest load by the initial state, but for its sign.
-    slopes = tyre_n_m[:, None] * ((modes.V[wheels] * wave[lowest]) @ modes.W).real
-    covariance = linear.normal_inverse[: 2 * N_DOF, : 2 * N_DOF]
-    return load_n.min(axis=0), np.sqrt(np.einsum("ij,jk,ik->i", slopes, covariance, slopes))
+def _exciting_run(mode_name: str) -> str:
+    """Return the kind of run that excites a mode of this name."""
+    if "roll" in mode_name or "antisym" in mode_name:
+        return "roll"
+    return "pitch" if "pitch" in mode_name else "bounce"

@@ -89,9 +89,8 @@ def refit(
             decays.append(replace(changed, mass_state=trial.mass_state(changed.mass_state)))
     groups = dict.fromkeys(r.group for decay in decays for r in decay.recordings)
     old = estimation.box
-    states = tuple(map(trial.state, old.mass_states))
-    facts = tuple(map(trial.fact, old.facts))
-    box = GreyBox(tuple(groups), states, old.geometry, old.structure, facts)
+    states, facts = map(trial.state, old.mass_states), map(trial.fact, old.facts)
+    box = GreyBox(tuple(groups), tuple(states), old.geometry, old.structure, tuple(facts))
     start = parameters_as_start(box, old, estimation.fit.eta if near is None else near)
     done = fit(box, tuple(decays), estimation.noise, start, _TOLERANCE, steps, hold)
     return Refit(box, tuple(decays), done)

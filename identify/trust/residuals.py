@@ -24,13 +24,6 @@ from .finding import listed
 CHI2_LIMIT = 1.5
 """Beyond this a result is refused: every row of the stress list that costs more than a third of a
 parameter lies there."""
-_MODEL = ("the linear 7-DOF model", "the model with friction, damper curves, stops and mounts")
-_UNSETTLED = (
-    "check units, signs and positions of the channels",
-    "its numbers may be away from the optimum; add runs, or forbid in [vehicle.structure] the "
-    "elements that the car does not have",
-)
-_INTERVALS = ("the intervals do not hold", "the intervals are widened by the unexplained rest")
 _LATE_S = 0.015
 """Delay, s, of a decay's start after the stated end of the bump that onset and guard cannot
 explain."""
@@ -64,18 +57,21 @@ def chi2_by_run(estimation: Estimation) -> dict[str, dict[str, float]]:
 def misfit_findings(estimation: Estimation) -> Iterator[Finding]:
     """Judge convergence, chi2/n, the noise at rest, and where the decays start."""
     nonlinear = estimation.nonlinear is not None
+    forbid = "forbid in [vehicle.structure] the elements that the car does not have"
     if estimation.unreached:
         text = (
             f"the search ended for want of time, not finished: {listed(estimation.unreached)}; "
-            "its numbers may be away from the optimum: forbid in [vehicle.structure] the elements "
-            "that the car does not have"
+            f"its numbers may be away from the optimum: {forbid}"
         )
         yield Finding("convergence", Severity.WARNING, text)
     elif not estimation.fit.converged:
+        advice = "check units, signs and positions of the channels"
+        if nonlinear:
+            advice = f"its numbers may be away from the optimum; add runs, or {forbid}"
         steps = counted(estimation.fit.iterations, "iteration")
-        text = f"the fit did not converge in {steps}: {_UNSETTLED[nonlinear]}"
         # The nonlinear fit ends near its optimum even if it has not converged.
-        yield Finding("convergence", Severity.WARNING if nonlinear else Severity.ERROR, text)
+        severity = Severity.WARNING if nonlinear else Severity.ERROR
+        yield Finding("convergence", severity, f"the fit did not converge in {steps}: {advice}")
     if not estimation.holds:
         worst_chi2, channel, run = max(
             (chi2, name, label)
@@ -84,34 +80,28 @@ def misfit_findings(estimation: Estimation) -> Iterator[Finding]:
         )
         # A chi2/n of NaN is refused, too.
         refused = not estimation.chi2_per_n <= max(CHI2_LIMIT, estimation.chi2_limit)
+        model, intervals = "the linear 7-DOF model", "the intervals do not hold"
+        if nonlinear:
+            model = "the model with friction, damper curves, stops and mounts"
+            if not refused:
+                intervals = "the intervals are widened by the unexplained rest"
         text = (
-            f"{_MODEL[nonlinear]} does not explain the decays: chi2/n = "
-            f"{estimation.chi2_per_n:.3f} (limit {estimation.chi2_limit:.3f}, refused above "
-            f"{CHI2_LIMIT}), worst {channel} in {run} with {worst_chi2:.2f}: "
-            f"{_INTERVALS[nonlinear and not refused]}"
+            f"{model} does not explain the decays: chi2/n = {estimation.chi2_per_n:.3f} (limit "
+            f"{estimation.chi2_limit:.3f}, refused above {CHI2_LIMIT}), worst {channel} in {run} "
+            f"with {worst_chi2:.2f}: {intervals}"
         )
         yield Finding("chi2", Severity.ERROR if refused else Severity.WARNING, text)
-    yield from _noise_findings(estimation)
-    yield from _start_findings(estimation)
-
-
-def _noise_findings(estimation: Estimation) -> Iterator[Finding]:
-    """Name a noise that was not measured at rest, or only to the step of a coarse sensor."""
     if not estimation.rest:
         text = "no quiet stretch before the bumps: the noise is taken from the residuals"
         yield Finding("noise", Severity.NOTE, text)
     elif coarse := coarse_steps(estimation.records):
         units = {c.name: c.unit for group in estimation.box.groups for c in group.channels}
-        which = listed(f"{name} ({step:.2g} {units[name]})" for name, step in coarse.items())
+        steps = listed(f"{name} ({step:.2g} {units[name]})" for name, step in coarse.items())
         text = (
-            f"coarse sensors, whose steps hide the noise at rest: {which}; their noise is taken as "
+            f"coarse sensors, whose steps hide the noise at rest: {steps}; their noise is taken as "
             "step/sqrt(12): a smaller range of the sensor narrows the intervals"
         )
         yield Finding("coarse_sensors", Severity.NOTE, text)
-
-
-def _start_findings(estimation: Estimation) -> Iterator[Finding]:
-    """Name decays that the model explains only from late after the bump."""
     since_bump_s = {}  # from the stated end of the bump to the decay's start, by run
     for record, decay in zip(estimation.records, estimation.decays, strict=True):
         onset = onset_s(record)
@@ -125,12 +115,9 @@ def _start_findings(estimation: Estimation) -> Iterator[Finding]:
             "wheels does not fit; check bump_s, the hub sensors, and that no wheel lifted"
         )
         yield Finding("late_start", Severity.WARNING, text)
-    elif estimation.later_s and not since_bump_s:
-        text = (
-            f"the decays were found to start {estimation.later_s * 1e3:.0f} ms into the records: "
-            "begin a record at rest before the bump"
-        )
-        yield Finding("late_start", Severity.NOTE, text)
+
+
+# Whiteness ----------------------------------------------------------------------------------------
 
 
 class _Stretch(NamedTuple):
@@ -139,6 +126,7 @@ class _Stretch(NamedTuple):
     Of a part of the samples, the number of constants is their share: no whole number.
     """
 
+    channel: str
     time_s: NDArray[np.float64]
     values: NDArray[np.float64]
     constants: float
@@ -156,22 +144,17 @@ class _Correlation(NamedTuple):
         return float((self.r - other.r) / np.sqrt(spread))
 
 
+_WHITE = _Correlation(0.0, np.inf)
+
+
 def whiteness_findings(estimation: Estimation) -> Iterator[Finding]:
     """Compare the lag-1 autocorrelation of the residuals with that of the channel at rest.
 
     All runs are pooled; a gap in the sampling makes no pair.
     """
-    before_bump = _correlations(_noise_before_motion(estimation), estimation.noise)
-    yield from _coloured_noise(before_bump)
-    yield from _unexplained_motion(estimation, before_bump)
-
-
-_WHITE = _Correlation(0.0, np.inf)
-
-
-def _coloured_noise(before_bump: Mapping[str, _Correlation]) -> Iterator[Finding]:
-    """Name the channels whose noise is coloured before any motion."""
-    coloured = {name: one for name, one in before_bump.items() if one.z(_WHITE) > Z_LIMIT}
+    noise = estimation.noise
+    at_rest = _correlations(_noise_before_motion(estimation), noise)
+    coloured = {name: one for name, one in at_rest.items() if one.z(_WHITE) > Z_LIMIT}
     if coloured:
         names = sorted(coloured, key=lambda name: -coloured[name].r)
         worst = coloured[names[0]]
@@ -185,40 +168,31 @@ def _coloured_noise(before_bump: Mapping[str, _Correlation]) -> Iterator[Finding
             f"{NARROW_LIMIT}): look for hum or a running engine, and state the sensor's low-pass "
             "if it has one",
         )
-
-
-def _unexplained_motion(
-    estimation: Estimation, before_bump: Mapping[str, _Correlation]
-) -> Iterator[Finding]:
-    """Name the channels whose residuals are more coloured than their noise before the bump."""
     excess: dict[str, tuple[float, float, str]] = {}  # largest z of a channel, its r, its window
     windows = {f"the first {EARLY_S:g} s of the decays": EARLY_S, "the decays": np.inf}
     for window, end_s in windows.items():
-        residuals = _residuals_until(estimation, end_s)
-        for name, one in _correlations(residuals, estimation.noise).items():
-            z = one.z(before_bump.get(name, _WHITE))
-            if z > Z_LIMIT and (name not in excess or z > excess[name][0]):
+        for name, one in _correlations(_residuals_until(estimation, end_s), noise).items():
+            z = one.z(at_rest.get(name, _WHITE))
+            if z > max(Z_LIMIT, excess.get(name, (0.0,))[0]):
                 excess[name] = (z, one.r, window)
     if excess:
         names = sorted(excess, key=lambda name: -excess[name][0])
         z, r, window = excess[names[0]]
-        if names[0] in before_bump:
-            compared = f"but {before_bump[names[0]].r:.2f} at rest"
-            meaning = "the model leaves motion unexplained"
-        else:
-            compared = "and there is no rest to compare with"
-            meaning = "the model leaves motion unexplained, or the noise is coloured"
+        compared, meaning = "and there is no rest to compare with", ", or the noise is coloured"
+        if names[0] in at_rest:
+            compared, meaning = f"but {at_rest[names[0]].r:.2f} at rest", ""
         yield Finding(
             "whiteness",
             Severity.WARNING,
             f"the residuals are not white, worst {names[0]} in {window} with a correlation of "
             f"{r:.2f} from sample to sample {compared} (z {z:.1f}, limit {Z_LIMIT}): "
-            f"{listed(names)}; {meaning}, so errors may exceed the intervals: check delay, "
-            "low-pass, gain and place of these sensors, friction and dampers",
+            f"{listed(names)}; the model leaves motion unexplained{meaning}, so errors may exceed "
+            "the intervals: check delay, low-pass, gain and place of these sensors, friction and "
+            "dampers",
         )
 
 
-def _residuals_until(estimation: Estimation, end_s: float) -> Iterator[tuple[str, _Stretch]]:
+def _residuals_until(estimation: Estimation, end_s: float) -> Iterator[_Stretch]:
     """Yield the residuals of each channel before `end_s`, s since the decay's start.
 
     Initial state and offset are fitted to the whole decay.  By approximation each sample bears the
@@ -227,14 +201,13 @@ def _residuals_until(estimation: Estimation, end_s: float) -> Iterator[tuple[str
     for decay, residuals in zip(estimation.decays, estimation.residuals, strict=True):
         for recording in decay.recordings:
             kept = recording.time_s < end_s
-            kept_share = float(np.mean(kept))
             for name in (channel.name for channel in recording.group.channels):
                 values = residuals.values[name]
-                constants = len(values) - residuals.freedom[name]
-                yield name, _Stretch(recording.time_s[kept], values[kept], constants * kept_share)
+                constants = (len(values) - residuals.freedom[name]) * float(np.mean(kept))
+                yield _Stretch(name, recording.time_s[kept], values[kept], constants)
 
 
-def _noise_before_motion(estimation: Estimation) -> Iterator[tuple[str, _Stretch]]:
+def _noise_before_motion(estimation: Estimation) -> Iterator[_Stretch]:
     """Yield the samples of each channel before the motion begins, less their mean."""
     for record in estimation.records:
         onset = onset_s(record)
@@ -243,25 +216,24 @@ def _noise_before_motion(estimation: Estimation) -> Iterator[tuple[str, _Stretch
         for recording in record.recordings:
             quiet = recording.time_s < onset - _MARGIN_S
             values = recording.values[quiet]
-            if len(values) < _FEWEST_AT_REST:
-                continue
-            columns = (values - values.mean(axis=0)).T
-            for channel, column in zip(recording.group.channels, columns, strict=True):
-                # The one constant is the mean.
-                yield channel.name, _Stretch(recording.time_s[quiet], column, 1.0)
+            if len(values) >= _FEWEST_AT_REST:
+                columns = (values - values.mean(axis=0)).T
+                for channel, column in zip(recording.group.channels, columns, strict=True):
+                    # The one constant is the mean.
+                    yield _Stretch(channel.name, recording.time_s[quiet], column, 1.0)
 
 
 def _correlations(
-    stretches: Iterator[tuple[str, _Stretch]], noise: Mapping[str, float]
+    stretches: Iterator[_Stretch], noise: Mapping[str, float]
 ) -> dict[str, _Correlation]:
     """Return the correlation of the channels that have samples and noise enough to be judged.
 
-    `stretches`: each with the name of its channel; those of one channel are pooled.
+    The stretches of one channel are pooled.
     """
     pooled: dict[str, list[_Stretch]] = {}
-    for name, stretch in stretches:
+    for stretch in stretches:
         if len(stretch.time_s) > 1:
-            pooled.setdefault(name, []).append(stretch)
+            pooled.setdefault(stretch.channel, []).append(stretch)
     result = {}
     for name, parts in pooled.items():
         products, squares, n_pairs = 0.0, 0.0, 0
@@ -302,14 +274,18 @@ class Pull(NamedTuple):
     change: float
     """Relative change of that parameter that the part asks for, the others kept."""
 
+    @property
+    def in_words(self) -> str:
+        """The parameter and the change that is asked for."""
+        return f"({self.parameter} {self.change * 100:+.0f} %)"
+
 
 def repeat_findings(estimation: Estimation, rival: float) -> tuple[Finding, ...]:
-    """Name runs that disagree with the others, and a dependence on amplitude.
+    """Name runs that disagree with the others, else a dependence on amplitude.
 
     `rival`: strength of the likeliest cause that all runs share: it may also make runs disagree.
     """
-    odd = _odd_runs(estimation, rival)
-    return (odd,) if odd else tuple(_amplitude(estimation))
+    return tuple(_odd_runs(estimation, rival)) or tuple(_amplitude(estimation))
 
 
 def some_runs_are_wrong(estimation: Estimation) -> bool:
@@ -325,20 +301,20 @@ def _hardest(estimation: Estimation) -> tuple[tuple[str, ...], Pull]:
 
     They are one run, or those of a mass state from some repeat on: its weights were changed.
     """
+
+    def repeat(label: str) -> int:
+        number = label.rpartition("_")[2]
+        return int(number) if number.isdecimal() else 0
+
     blocks = linearised_at(estimation).blocks
     suspected: list[tuple[str, ...]] = [(decay.label,) for decay in estimation.decays]
     for state in dict.fromkeys(decay.mass_state for decay in estimation.decays):
         labels = [d.label for d in estimation.decays if d.mass_state == state]
-        for first in sorted(set(map(_repeat, labels)))[1:]:
-            later = tuple(label for label in labels if _repeat(label) >= first)
+        for first in sorted(set(map(repeat, labels)))[1:]:
+            later = tuple(label for label in labels if repeat(label) >= first)
             suspected += [later] if len(later) > 1 else []
     pulls = {odd: pull_of(estimation, [blocks[label] for label in odd]) for odd in suspected}
     return max(pulls.items(), key=lambda item: item[1].strength)
-
-
-def _repeat(label: str) -> int:
-    number = label.rpartition("_")[2]
-    return int(number) if number.isdecimal() else 0
 
 
 def pull_of(estimation: Estimation, parts: Iterable[NormalBlock]) -> Pull:
@@ -359,30 +335,29 @@ def pull_of(estimation: Estimation, parts: Iterable[NormalBlock]) -> Pull:
     return Pull(square / float(chance), names[worst], float(g[worst] / diagonal[worst]))
 
 
-def _odd_runs(estimation: Estimation, rival: float) -> Finding | None:
-    """Return a finding if the fit holds without the runs that disagree most."""
+def _odd_runs(estimation: Estimation, rival: float) -> Iterator[Finding]:
+    """Yield a finding if the fit holds without the runs that disagree most."""
     labels, pull = _hardest(estimation)
     odd = pull.strength > max(1.0, rival) and abs(pull.change) > _MATTERS
     if len(estimation.decays) < 3 or (estimation.holds and not odd):
-        return None
+        return
     every, without = _mean_square(estimation), _mean_square(estimation, labels)
     if not estimation.holds and without > 1.0 + 0.5 * (every - 1.0):
-        return None
+        return
     names = ", ".join(labels)
-    size = f"({pull.parameter} {pull.change * 100:+.0f} %)"
     better = f"chi2/n is {without:.3f} instead of {every:.3f}"
+    text = (
+        f"run {names} disagrees with the others {pull.in_words}: without it {better}; reject it "
+        "and repeat it, or look for what changed (a second bump, a warm damper, a loose weight)"
+    )
     if len(labels) > 1:  # and which of them are wrong is not known
         text = (
-            f"runs {names} disagree with the others {size}: without them {better}; other weights "
-            "were on the car: give these runs a mass state of their own, or reject those with the "
-            "wrong weights"
+            f"runs {names} disagree with the others {pull.in_words}: without them {better}; other "
+            "weights were on the car: give these runs a mass state of their own, or reject those "
+            "with the wrong weights"
         )
-        return Finding("odd_run", Severity.ERROR, text, subject=names, value=without)
-    text = (
-        f"run {names} disagrees with the others {size}: without it {better}; reject it and repeat "
-        "it, or look for what changed (a second bump, a warm damper, a loose weight)"
-    )
-    return Finding("odd_run", Severity.WARNING, text, subject=names, value=without)
+    severity = Severity.ERROR if len(labels) > 1 else Severity.WARNING
+    yield Finding("odd_run", severity, text, subject=names, value=without)
 
 
 def _mean_square(estimation: Estimation, without: Collection[str] = ()) -> float:
@@ -422,8 +397,7 @@ def _amplitude(estimation: Estimation) -> Iterator[Finding]:
     pull = pull_of(estimation, [blocks[d.label] for d in late])
     if pull.strength > 1.0 and abs(pull.change) >= _MATTERS:
         text = (
-            "the small motion after 0.4 s asks for other parameters "
-            f"({pull.parameter} {pull.change * 100:+.0f} %): the vehicle is not linear; look for "
-            "friction, or compare bumps of two heights"
+            f"the small motion after 0.4 s asks for other parameters {pull.in_words}: the vehicle "
+            "is not linear; look for friction, or compare bumps of two heights"
         )
         yield Finding("amplitude", Severity.WARNING, text)

@@ -47,14 +47,7 @@ def sample_findings(session: Session, records: Sequence[Record]) -> Iterator[Fin
     runs = session.accepted
     starts_s = {record.label: decay_start_s(record) - GUARD_S for record in records}
     yield from _timing(runs, records)
-    groups = [(f"{g.name} in {run.label}", g) for run in runs for g in run.groups]
-    backwards = [place for place, g in groups if (np.diff(g.time_s) <= 0.0).any()]
-    if backwards:
-        yield _warning(
-            "time_order",
-            f"sample times do not increase: {listed(backwards)}; samples then have wrong times: "
-            "sort them, remove doubles, or record again",
-        )
+    groups = [(f"{g.name} in {run.label}", run, g) for run in runs for g in run.groups]
     missing = [
         f"{c.name} in {run.label}"
         for c in session.used_channels
@@ -101,14 +94,12 @@ def sample_findings(session: Session, records: Sequence[Record]) -> Iterator[Fin
             "true motion is larger: use a lower bump or a sensor with a wider range",
         )
     used = {c.name for c in session.used_channels}
-    outside = [
-        (int(flagged.sum()), f"{group.name} in {run.label}")
-        for run in runs
-        for group in run.groups
-        if run.label in starts_s and used & set(group.values)
-        for flagged in [(group.quality & Quality.OUT_OF_RANGE) != 0]
-        if (group.time_s[flagged] >= starts_s[run.label]).any()
-    ]
+    outside = []
+    for place, run, group in groups:
+        flagged = (group.quality & Quality.OUT_OF_RANGE) != 0
+        in_decay = (group.time_s[flagged] >= starts_s.get(run.label, np.inf)).any()
+        if in_decay and used & set(group.values):
+            outside.append((int(flagged.sum()), place))
     if outside:
         yield _warning(
             "out_of_range",
@@ -141,50 +132,45 @@ class _Sampling(NamedTuple):
     infinite."""
 
 
-def _samplings(runs: Iterable[Run], records: Sequence[Record]) -> list[_Sampling]:
-    """Return the sampling of each recording with more than two samples."""
+def _samplings(runs: Iterable[Run], records: Sequence[Record]) -> Iterator[_Sampling]:
+    """Yield the sampling of each recording with more than two samples."""
     run_of = {run.label: run for run in runs}
     periods: dict[tuple[str, ...], list[float]] = {}
     parts = []
     for record in records:
-        run, start = run_of[record.label], decay_start_s(record)
         for recording in record.recordings:
-            time = recording.time_s - start
+            time = recording.time_s - decay_start_s(record)
             # The sample before the decay too: a gap may begin on the bump.
             time = time[max(int(np.searchsorted(time, 0.0)) - 1, 0) :]
             if len(time) > 2:
                 names = tuple(channel.name for channel in recording.group.channels)
                 periods.setdefault(names, []).append(float(np.median(np.diff(time))))
-                parts.append((run, recording.group, names, time))
-    result = []
+                parts.append((run_of[record.label], recording.group, names, time))
     for run, channels, names, time in parts:
         group = next(g for g in run.groups if g.name == channels.name)
         lacking = [n for n in names if not np.isfinite(group.values[n]).all()]
         source = listed(lacking) if 0 < len(lacking) < len(names) else group.name
         arrival_s = (group.t_ns - run.t0_ns) * 1e-9
         by_arrival = len(run.frames) > 0 and np.mean(group.time_s == arrival_s) > _MOSTLY
-        sigma_s = channels.delay_sigma_s if by_arrival else np.inf
         period_s = float(np.median(periods[names]))
         intervals_s = np.diff(time)
         steps = np.maximum(np.rint(intervals_s / period_s), 1.0)
         jitter_s = float(np.std(intervals_s - steps * period_s) / np.sqrt(2.0))
         lost = float(np.sum(steps - 1.0)) if jitter_s < _EVEN * period_s else 0.0
-        sampling = _Sampling(
+        yield _Sampling(
             source,
             f"{source} in {run.label}",
             float(intervals_s[time[:-1] < WHEEL_MOTION_S].max(initial=0.0)),
             longest_gap_s(period_s),
             jitter_s,
             lost / (lost + len(time)),
-            sigma_s,
+            channels.delay_sigma_s if by_arrival else np.inf,
         )
-        result.append(sampling)
-    return result
 
 
 def _timing(runs: Iterable[Run], records: Sequence[Record]) -> Iterator[Finding]:
     """Yield findings on gaps, lost samples and times of arrival."""
-    samplings = _samplings(runs, records)
+    samplings = list(_samplings(runs, records))
     bad = sorted((s for s in samplings if s.gap_s > s.limit_s), key=lambda s: -s.gap_s)
     if bad:
         yield _warning(
@@ -195,21 +181,19 @@ def _timing(runs: Iterable[Run], records: Sequence[Record]) -> Iterator[Finding]
             "them",
         )
     poor = sorted((s for s in samplings if s.lost_share > 0.0), key=lambda s: -s.lost_share)
-    bad = [s for s in poor if s.lost_share > LOST_SHARE]
-    if bad:
-        yield _warning(
-            "lost_samples",
-            f"{bad[0].lost_share:.0%} of the samples are missing (limit {LOST_SHARE:.0%}): "
-            f"{listed(s.place for s in bad)}; if they are lost when the vehicle moves most, the "
-            "result is biased: check bus load, cable and plugs and repeat these runs",
-        )
-    elif poor:
+    if poor:
+        bad = [s for s in poor if s.lost_share > LOST_SHARE]
+        advice = "they cost their information and nothing else"
+        if bad:
+            advice = (
+                "if they are lost when the vehicle moves most, the result is biased: check bus "
+                "load, cable and plugs and repeat these runs"
+            )
         text = (
-            f"up to {100 * poor[0].lost_share:.2g}% of the samples are missing (limit "
-            f"{LOST_SHARE:.0%}): {listed(s.place for s in poor)}; they cost their information and "
-            "nothing else"
+            f"up to {100 * poor[0].lost_share:.2g} % of the samples are missing (limit "
+            f"{LOST_SHARE:.0%}): {listed(s.place for s in bad or poor)}; {advice}"
         )
-        yield Finding("lost_samples", Severity.NOTE, text)
+        yield Finding("lost_samples", Severity.WARNING if bad else Severity.NOTE, text)
     late = [s for s in samplings if s.jitter_s > max(JITTER_S, s.arrival_sigma_s)]
     if late:
         worst_s = max(s.jitter_s for s in late)
@@ -238,43 +222,42 @@ def shortcomings(
 
     `unused`: what cannot be used (`unused_findings`), then the reason why something is missing.
     """
+    lacking = [Finding(code, Severity.ERROR, text) for code, text in _lacking(records, session)]
+    reasons = [replace(finding, severity=Severity.ERROR) for finding in unused]
+    return (*reasons, *lacking) if lacking else ()
+
+
+def _lacking(records: Sequence[Record], session: Session) -> Iterator[tuple[str, str]]:
+    """Yield code and text of what is missing for a fit."""
     names = [record.label for record in records]
     twice = [name for name in dict.fromkeys(names) if names.count(name) > 1]
+    channels = {c for record in records for r in record.recordings for c in r.group.channels}
     if twice:
-        text = f"two accepted runs are named {listed(twice)}: number the repeats"
-        return (Finding("run_names", Severity.ERROR, text),)
-    if records:
-        texts = [
-            *(("channels", text) for text in _channels(records)),
-            *(("rate", text) for text in _rates(records)),
-            *(("units", text) for text in _units(records)),
-            *(("mass_states", text) for text in _no_known_mass(records, session)),
-        ]
+        yield "run_names", f"two accepted runs are named {listed(twice)}: number the repeats"
+    elif records:
+        if all(c.quantity is Quantity.UNUSED for c in channels):
+            yield "channels", "no channel that the model knows: map the sensors to quantities"
+        elif len({c.name for c in channels}) == 1:
+            yield (
+                "channels",
+                f"one channel only ({channels.pop().name}): it cannot separate body from wheels; "
+                "record an IMU on the body and an accelerometer on each hub",
+            )
+        yield from (("rate", text) for text in _rates(records))
+        yield from (("units", text) for text in _units(records))
+        yield from (("mass_states", text) for text in _no_known_mass(records, session))
     elif session.accepted:
-        text = "no accepted run has a sample: check the sensors, or the map of the channels"
-        texts = [("no_runs", text)]
-    elif session.runs and not unused:
+        yield (
+            "no_runs",
+            "no accepted run has a sample: check the sensors, or the map of the channels",
+        )
+    elif session.runs:
         first = session.runs[0]
         why = "; ".join(first.reasons) or "by hand"
         text = f"no accepted run; all {len(session.runs)} are rejected, {first.label}: {why}"
-        texts = [("no_runs", text)]
+        yield "no_runs", text
     else:
-        text = "no accepted run: record bounce, pitch and roll in both mass states"
-        texts = [("no_runs", text)]
-    lacking = (Finding(code, Severity.ERROR, text) for code, text in texts)
-    return (*(replace(f, severity=Severity.ERROR) for f in unused), *lacking) if texts else ()
-
-
-def _channels(records: Sequence[Record]) -> Iterator[str]:
-    channels = [c for r in records for q in r.recordings for c in q.group.channels]
-    names = {c.name for c in channels}
-    if all(c.quantity is Quantity.UNUSED for c in channels):
-        yield "no channel that the model knows: map the sensors to quantities"
-    elif len(names) == 1:
-        yield (
-            f"one channel only ({names.pop()}): it cannot separate body from wheels; record an IMU "
-            "on the body and an accelerometer on each hub"
-        )
+        yield "no_runs", "no accepted run: record bounce, pitch and roll in both mass states"
 
 
 def _rates(records: Sequence[Record]) -> Iterator[str]:
@@ -341,50 +324,50 @@ def unused_findings(session: Session, used: Usable) -> Iterator[Finding]:
     for before, run in zip(session.runs, used.session.runs, strict=True):
         if run.status != before.status:
             reasons.setdefault("; ".join(run.reasons), []).append(run.label)
+    left_out = "; ".join(f"{listed(labels)}: {why}" for why, labels in reasons.items())
     channels = zip(session.channels, used.session.channels, strict=True)
-    items_of = {
-        "absurd_values": [
-            f"{one.channel} in {one.run} ({one.count}: {one.value:g} {units[one.channel]})"
-            for one in used.absurd
-        ],
-        "spikes": [
-            f"{one.channel} in {one.run} at {one.time_s:.3f} s "
-            f"({one.value:.4g} {units[one.channel]})"
-            for one in used.spikes
-        ],
-        "left_out": [f"{listed(labels)}: {why}" for why, labels in reasons.items()],
-        "dead_channels": [was.name for was, now in channels if was.quantity != now.quantity],
-        "silent_channels": list(used.silent),
-    }
-    for code, (fault, advice) in _UNUSED.items():
-        if items := items_of[code]:
-            listing = "; ".join(items) if code == "left_out" else listed(items)
-            yield Finding(code, Severity.NOTE, f"{fault}: {listing}; {advice}")
-
-
-_UNUSED = {
-    "absurd_values": (
-        "values that no sensor shows",
-        "they are taken as missing: check byte order, scale and unit of the signal in the DBC, and "
-        "the sensor",
-    ),
-    "spikes": (
-        "samples that stand out from those on both sides",
-        "they are taken as missing: check supply and plug of the sensor, and the frames at these "
-        "times",
-    ),
-    "left_out": (
-        "not used",
-        "check plugs, clock and cut of the runs, and repeat them; where a sensor was off on "
-        "purpose, set its channels to unused",
-    ),
-    "dead_channels": (
-        "never moves in any run",
-        "the runs are fitted by the other channels: repair the sensor or map it as unused",
-    ),
-    "silent_channels": (
-        "silent for a part of most runs",
-        "these runs are fitted by what came: check sensor and plug",
-    ),
-}
-"""Fault and advice in the finding on each kind of what is left out, by its code."""
+    table = (
+        (
+            "absurd_values",
+            "values that no sensor shows",
+            listed(
+                f"{one.channel} in {one.run} ({one.count}: {one.value:g} {units[one.channel]})"
+                for one in used.absurd
+            ),
+            "they are taken as missing: check byte order, scale and unit of the signal in the DBC, "
+            "and the sensor",
+        ),
+        (
+            "spikes",
+            "samples that stand out from those on both sides",
+            listed(
+                f"{one.channel} in {one.run} at {one.time_s:.3f} s "
+                f"({one.value:.4g} {units[one.channel]})"
+                for one in used.spikes
+            ),
+            "they are taken as missing: check supply and plug of the sensor, and the frames at "
+            "these times",
+        ),
+        (
+            "left_out",
+            "not used",
+            left_out,
+            "check plugs, clock and cut of the runs, and repeat them; where a sensor was off on "
+            "purpose, set its channels to unused",
+        ),
+        (
+            "dead_channels",
+            "never moves in any run",
+            listed(was.name for was, now in channels if was.quantity != now.quantity),
+            "the runs are fitted by the other channels: repair the sensor or map it as unused",
+        ),
+        (
+            "silent_channels",
+            "silent for a part of most runs",
+            listed(used.silent),
+            "these runs are fitted by what came: check sensor and plug",
+        ),
+    )
+    for code, fault, places, advice in table:
+        if places:
+            yield Finding(code, Severity.NOTE, f"{fault}: {places}; {advice}")

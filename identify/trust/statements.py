@@ -11,12 +11,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import hypot
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from daq.channels import Quantity
-from daq.loading import expected_car, wrong_weights
+from daq.loading import Weight, expected_car, wrong_weights
 from daq.sessions import Session
 from daq.vehicle import BodyWeight, Corner, FactQuantity, HubWeight, MassState
 from dbc.words import Finding, Severity
@@ -25,7 +26,7 @@ from ..decays.decay import Record, rest_levels
 from ..fit.estimation import Estimation, generic_vehicles
 from ..fit.grey_box import SIGNED, GreyBox
 from ..fit.likelihood import HOLD
-from .finding import Cause, listed
+from .finding import MOST, Cause, listed
 from .refit import AS_STATED, Refit, Trial, compared, ranked, refit, with_first_repeats
 
 Array = NDArray[np.float64]
@@ -43,7 +44,6 @@ _REFUSED_SHIFT = 0.1
 """Relative change of a parameter by contradicted statements above which the result is refused."""
 _ALIKE = 0.95
 """Correlation of two tests above which the runs do not show which statement is wrong."""
-ALL_WEIGHTS = "all weights by a common factor"
 
 
 def scale_facts(box: GreyBox) -> tuple[str, ...]:
@@ -66,8 +66,7 @@ def unseen_findings(box: GreyBox, mass_states: Sequence[MassState]) -> Iterator[
             "check"
         )
         yield Finding("scale", Severity.NOTE, text)
-    channels = [channel for group in box.groups for channel in group.channels]
-    exact = [channel.name for channel in channels if not channel.scale_sigma]
+    exact = [c.name for group in box.groups for c in group.channels if not c.scale_sigma]
     if exact:
         text = (
             f"no gain_sigma is stated for {listed(exact)}: a sensor that shows 1 % too much can "
@@ -107,15 +106,53 @@ class Contradiction:
         return self.name.startswith(("x of ", "y of "))
 
 
+class _Stated:
+    """What is stated, against a fit: facts, then places, delays, gains and weights."""
+
+    def __init__(self, estimation: Estimation) -> None:
+        box, eta = estimation.box, estimation.fit.eta
+        of_facts, slopes = estimation.engine.fact_misfits(eta)
+        n, pulls = len(box.parameters), box.pulls(eta)
+        rows = np.zeros((len(pulls), len(eta)))  # elements may follow the unknowns of the grey box
+        place = np.arange(len(pulls))
+        rows[place, n + place] = 1.0 / box.prior_sigma[n + place]
+        self.rows = np.vstack([slopes, rows])
+        """Slopes in their sigmas, (n_stated, P)."""
+        self.misfits = np.concatenate([of_facts, -pulls])
+        """Misfits in their sigmas, (n_stated,)."""
+        covariance = estimation.fit.covariance
+        self.covariance = np.where(np.isfinite(covariance), covariance, 0.0)
+        """Covariance of the unknowns, zero for those that were not released."""
+        self.redundancy = np.eye(len(self.rows)) - self.rows @ self.covariance @ self.rows.T
+        """Covariance of the misfits, (n_stated, n_stated)."""
+        self.signed = [name in SIGNED for name in box.parameters]
+
+    def sizes(self, wrong: Sequence[Contradiction]) -> Array:
+        """Return the multiple of each direction by which what is stated is off, (n_wrong,)."""
+        D = np.array([one.direction for one in wrong]).T
+        return np.linalg.solve(D.T @ self.redundancy @ D, D.T @ self.misfits)
+
+    def shift(self, wrong: Sequence[Contradiction]) -> Array:
+        """Return the change of each parameter without the contradicted statements, (n,).
+
+        It is relative to the value, with its sign; zero for parameters that may be zero.
+        """
+        off = np.array([one.direction for one in wrong]).T @ self.sizes(wrong)
+        moved = -self.covariance[: len(self.signed)] @ (self.rows.T @ off)
+        moved[self.signed] = 0.0
+        return np.asarray(moved)
+
+
 def contradiction_findings(estimation: Estimation) -> Iterator[Finding]:
     """Yield a finding on the statements that the runs contradict."""
     wrong = contradictions(estimation)
     if not wrong:
         return
-    moved = float(np.max(np.abs(contradicted_shift(estimation, wrong))))
+    stated = _Stated(estimation)
+    moved = float(np.max(np.abs(stated.shift(wrong))))
     corrections = dict(zip(estimation.box.corrections, estimation.box.stated, strict=True))
     named = []
-    for one, size in zip(wrong, _sizes(estimation, wrong).tolist(), strict=True):
+    for one, size in zip(wrong, stated.sizes(wrong).tolist(), strict=True):
         which = corrections.get(one.name)
         words = f", {which.in_words(-size * which.sigma)}" if which else ""
         named.append(f"{one.name} by {one.sigmas:.1f} sigma{words}")
@@ -132,10 +169,10 @@ def contradictions(estimation: Estimation) -> tuple[Contradiction, ...]:
 
     Where the residuals exceed the noise, a misfit counts in units of the residuals.
     """
-    rows, misfits = _stated(estimation)
-    misfits = misfits / (1.0 if estimation.holds else np.sqrt(max(1.0, estimation.chi2_per_n)))
-    Q = _redundancy(estimation, rows)
-    names, D = suspects(estimation.box)
+    stated = _Stated(estimation)
+    unit = 1.0 if estimation.holds else np.sqrt(max(1.0, estimation.chi2_per_n))
+    misfits, Q = stated.misfits / unit, stated.redundancy
+    names, D = _suspects(estimation.box)
     first = np.einsum("ik,ij,jk->k", D, Q, D)
     scale = np.maximum(np.einsum("ik,ik->k", D, D), 1e-300)
     wrong: list[Contradiction] = []
@@ -157,7 +194,7 @@ def contradictions(estimation: Estimation) -> tuple[Contradiction, ...]:
     return tuple(wrong)
 
 
-def suspects(box: GreyBox) -> tuple[tuple[str, ...], Array]:
+def _suspects(box: GreyBox) -> tuple[tuple[str, ...], Array]:
     """Return the suspects: each statement alone, and all weights together, (n_stated, k)."""
     labels = [f"{fact.quantity} = {fact.value:g} ± {fact.sigma:g}" for fact in box.facts]
     names = [*labels, *box.corrections]
@@ -169,65 +206,28 @@ def suspects(box: GreyBox) -> tuple[tuple[str, ...], Array]:
                 together[place] = weight.mass_kg / weight.sigma_kg
     # Without a fact nothing else fixes the scale: the second-order effect of gravity is too weak.
     if np.count_nonzero(together) > 1 and scale_facts(box):
-        return (*names, ALL_WEIGHTS), np.column_stack([np.eye(len(names)), together])
+        return (*names, "all weights by a common factor"), np.column_stack(
+            [np.eye(len(names)), together]
+        )
     return tuple(names), np.eye(len(names))
 
 
-def contradicted_shift(estimation: Estimation, wrong: Sequence[Contradiction]) -> Array:
-    """Return the change of each parameter without the contradicted statements, (n,).
-
-    It is relative to the value, with its sign; zero for parameters that may be zero.
-    """
-    rows, _ = _stated(estimation)
-    off = np.array([one.direction for one in wrong]).T @ _sizes(estimation, wrong)
-    names = estimation.box.parameters
-    moved = -_covariance(estimation)[: len(names)] @ (rows.T @ off)
-    moved[[name in SIGNED for name in names]] = 0.0
-    return np.asarray(moved)
+def contradicted_shift(estimation: Estimation, wrong: Sequence[Contradiction]) -> dict[str, float]:
+    """Return the relative change of each parameter without the contradicted statements."""
+    return dict(
+        zip(estimation.box.parameters, _Stated(estimation).shift(wrong).tolist(), strict=True)
+    )
 
 
 def shift_without_scales(estimation: Estimation) -> dict[str, float]:
-    """Return the change of each parameter if the stated loads and springs are off by one factor.
-
-    It is that of `contradicted_shift`, by the name of the parameter.
-    """
+    """Return the change of each parameter if the stated loads and springs are off by one factor."""
     box, scaled = estimation.box, scale_facts(estimation.box)
     loads = [f.value / f.sigma if f.quantity in scaled else 0.0 for f in box.facts]
     direction = np.concatenate([loads, np.zeros(len(box.corrections))])
-    moved = contradicted_shift(estimation, (Contradiction("", 0.0, direction),))
-    return dict(zip(box.parameters, moved.tolist(), strict=True))
+    return contradicted_shift(estimation, (Contradiction("", 0.0, direction),))
 
 
-def _sizes(estimation: Estimation, wrong: Sequence[Contradiction]) -> Array:
-    """Return the multiple of each direction by which what is stated is off, (n_found,)."""
-    rows, misfits = _stated(estimation)
-    D = np.array([one.direction for one in wrong]).T
-    return np.linalg.solve(D.T @ _redundancy(estimation, rows) @ D, D.T @ misfits)
-
-
-def _covariance(estimation: Estimation) -> Array:
-    """Return the covariance of the unknowns, zero for those that were not released."""
-    covariance = estimation.fit.covariance
-    return np.where(np.isfinite(covariance), covariance, 0.0)
-
-
-def _redundancy(estimation: Estimation, rows: Array) -> Array:
-    """Return the covariance of the misfits of what is stated, (n_stated, n_stated)."""
-    return np.asarray(np.eye(len(rows)) - rows @ _covariance(estimation) @ rows.T)
-
-
-def _stated(estimation: Estimation) -> tuple[Array, Array]:
-    """Return slopes, (n_stated, P), and misfits of facts and stated values, in their sigmas."""
-    box, eta = estimation.box, estimation.fit.eta
-    misfits, slopes = estimation.engine.fact_misfits(eta)
-    n, pulls = len(box.parameters), box.pulls(eta)
-    stated = np.zeros((len(pulls), len(eta)))  # elements may follow the unknowns of the grey box
-    place = np.arange(len(pulls))
-    stated[place, n + place] = 1.0 / box.prior_sigma[n + place]
-    return np.vstack([slopes, stated]), np.concatenate([misfits, -pulls])
-
-
-# Finds one added weight whose stated mass or place is grossly wrong -------------------------------
+# One added weight whose stated mass or place is grossly wrong -------------------------------------
 
 ONE_WEIGHT = "an added weight is wrong"
 _FACTORS = (0.1, 0.5, 2.0, 10.0)
@@ -254,8 +254,6 @@ _KNOWN, _UNKNOWN = 0.4, 1.0
 """Spread of the logarithm of springs over cars of known and of unknown weight."""
 _ADVICE = "weigh it again, and measure its place from the middle of the front axle"
 
-Weight = BodyWeight | HubWeight
-
 
 def contradicted_by_sag(session: Session, records: Sequence[Record]) -> tuple[Finding, ...]:
     """Return the weights that the travels at rest contradict (`daq.loading.wrong_weights`).
@@ -267,22 +265,22 @@ def contradicted_by_sag(session: Session, records: Sequence[Record]) -> tuple[Fi
         for c in session.used_channels
         if c.quantity is Quantity.SUSPENSION_TRAVEL and c.corner is not None
     }
-    levels: dict[str, dict[Corner, list[float]]] = {}
+    levels_m: dict[str, dict[Corner, list[float]]] = {}
     for record in records:
-        of_state = levels.setdefault(record.mass_state, {})
+        of_state = levels_m.setdefault(record.mass_state, {})
         for name, level_m in rest_levels(record).items():
             if name in corners:
                 of_state.setdefault(corners[name], []).append(level_m)
-    mean_m = {s: {c: float(np.mean(m)) for c, m in of.items()} for s, of in levels.items()}
-    scatter_m = [float(np.std(m)) for of in levels.values() for m in of.values()]
+    mean_m = {s: {c: float(np.mean(m)) for c, m in of.items()} for s, of in levels_m.items()}
+    scatter_m = [float(np.std(m)) for of in levels_m.values() for m in of.values()]
     plain = [s for s in session.mass_states if s.name in mean_m and not s.added.matrix.any()]
     empty_m = next((mean_m[s.name] for s in plain if not s.added.weights), {})
     facts = {fact.quantity for fact in session.vehicle.facts}
-    axles = {FactQuantity.FRONT_AXLE, FactQuantity.REAR_AXLE}
-    known = FactQuantity.TOTAL_MASS in facts or axles <= facts
+    known = FactQuantity.TOTAL_MASS in facts or (
+        {FactQuantity.FRONT_AXLE, FactQuantity.REAR_AXLE} <= facts
+    )
     for state in (s for s in plain if s.added.weights):
-        after_m = mean_m[state.name]
-        sag_m = {c: after_m[c] - empty_m[c] for c in Corner if c in after_m and c in empty_m}
+        sag_m = {c: m - empty_m[c] for c, m in mean_m[state.name].items() if c in empty_m}
         if max(map(abs, sag_m.values()), default=0.0) < _SUNK_M:
             continue
         findings = wrong_weights(
@@ -297,8 +295,7 @@ def contradicted_by_sag(session: Session, records: Sequence[Record]) -> tuple[Fi
     return ()
 
 
-@dataclass(frozen=True, slots=True)
-class _Change:
+class _Change(NamedTuple):
     """One weight as it may have been."""
 
     state: str
@@ -339,21 +336,21 @@ class _Change:
         n, w = len(after.box.parameters), self.weight
         off = dict(zip(after.box.corrections, after.fit.eta[n:].tolist(), strict=False))
         if self.is_mass:
-            return replace(self, weight=replace(w, mass_kg=w.mass_kg + off[self.name]))
+            return self._replace(weight=replace(w, mass_kg=w.mass_kg + off[self.name]))
         if isinstance(w, BodyWeight):
             x_m, y_m = w.x_m + off[f"x of {self.name}"], w.y_m + off[f"y of {self.name}"]
-            return replace(self, weight=replace(w, x_m=x_m, y_m=y_m))
+            return self._replace(weight=replace(w, x_m=x_m, y_m=y_m))
         return self
 
     @property
     def is_gross(self) -> bool:
         """True if it differs by more than corrections are meant for."""
-        was, now, far = self.stated, self.weight, False
+        was, now = self.stated, self.weight
+        if self.is_mass:
+            return not _LEAST < now.mass_kg / was.mass_kg < _MOST
         if isinstance(was, BodyWeight) and isinstance(now, BodyWeight):
-            far = hypot(was.x_m - now.x_m, was.y_m - now.y_m) > _FAR_M
-        elif isinstance(was, HubWeight) and isinstance(now, HubWeight):
-            far = was.corner is not now.corner
-        return far or not _LEAST < now.mass_kg / was.mass_kg < _MOST
+            return hypot(was.x_m - now.x_m, was.y_m - now.y_m) > _FAR_M
+        return True
 
     @property
     def in_words(self) -> str:
@@ -370,8 +367,7 @@ class _Change:
         return f"{self.name}: stated {described(self.stated)}, the runs show {shown}"
 
 
-@dataclass(frozen=True, slots=True)
-class _Few:
+class _Few(NamedTuple):
     """One run of each kind, enough to compare weights."""
 
     runs: Estimation
@@ -399,9 +395,8 @@ def wrong_weight(estimation: Estimation) -> Cause | None:
     likely = [change for one, change in tried if one.excess <= allowed] or [best]
     sizes = ", or ".join(change.in_words for change in likely)
     cause = compared(before, after, Cause(ONE_WEIGHT, _ADVICE, sizes, certain=True))
-    if after.excess - allowed > (1.0 - _EXPLAINS) * before.excess or cause.explained < 0.5:
-        return None  # a cause explains most of the misfit
-    return cause if best.is_gross else None
+    remains = after.excess - allowed > (1.0 - _EXPLAINS) * before.excess
+    return None if remains or cause.explained <= MOST or not best.is_gross else cause
 
 
 def mistyped_weight(estimation: Estimation) -> Cause | None:
@@ -422,8 +417,7 @@ def mistyped_weight(estimation: Estimation) -> Cause | None:
     for after, change in _fitted_changes(few):
         factor = change.weight.mass_kg / change.stated.mass_kg
         restored = abs(after.excess - few.unloaded.excess) <= _REMAINS * surplus
-        typed = 0.0 < factor < 1.0 / _TYPING or factor > _TYPING
-        if change.is_mass and restored and typed:
+        if change.is_mass and restored and (0.0 < factor < 1.0 / _TYPING or factor > _TYPING):
             cause = Cause(ONE_WEIGHT, _ADVICE, change.in_words, certain=True)
             return compared(few.stated, after, cause)
     return None

@@ -344,7 +344,7 @@ FAULTS: dict[str, Fault] = {
     ),
     "body 8 ms late": Fault(late(0.008, "a"), "refused", ("az late (8.0 ms",), first=True),
     "IMU turned by 8 deg": Fault(
-        turned(8.0), "refused", ("likely cause: IMU turned about z",), first=True
+        turned(8.0), "refused", ("likely cause: IMU turned about z (az 8.",), first=True
     ),
     "clocks jump by 0.1 s": Fault(jumped(), "refused", ("clocks that jump (all sensors",)),
     "one clock jumps": Fault(jumped("az"), "refused", ("clocks that jump (az",), first=True),

@@ -6,7 +6,7 @@ The motion is that of `daq.sim.motion`, which is built of forces and shares noth
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from daq.bench.config import load_bench
 from daq.channels import Channel, message_of
-from daq.runs import ADDED, BASELINE, Excitation
+from daq.runs import ADDED, BASELINE, Excitation, Run, SampleGroup
 from daq.sessions import ArrayRun, Session, session_from_arrays
 from daq.sim.car import (
     NOISE,
@@ -31,6 +31,10 @@ from daq.sim.car import (
 from daq.sim.engine import Plant
 from daq.sim.motion import GRAVITY_M_S2, Bump, Motion, drive
 from daq.vehicle import FORD_GRANADA, AddedMass, BodyWeight, Corner, Vehicle
+from dbc.words import Finding, Severity
+from identify.decays.usable import usable
+from identify.fit.estimation import Estimation, estimate, generic_vehicles
+from identify.pipeline import grey_box
 
 from ..simulated.elements import NONE, Friction, Imperfections, SensorFault, load_car, spoilt
 
@@ -334,3 +338,67 @@ def _reading(
         span_s = (float(seen_s[0]), float(seen_s[-1]))
         return np.interp(seen_s, *low_passed(channel, sensor, _installation(car), motion, span_s))
     return true_reading(channel, sensor, _installation(car), motion.at(seen_s))
+
+
+# Fits of them, and how to spoil one ---------------------------------------------------------------
+
+TWICE = {"second_bump", "hot_damper", "gain"}
+"""Where one run is unlike its repeat, and a gain of 2 % on one hub."""
+
+
+@cache
+def campaign(name: str, seed: int) -> Session:
+    return stress_session(name, seed)
+
+
+@cache
+def estimated(name: str, seed: int) -> Estimation:
+    return fitted(campaign(name, seed))
+
+
+@cache
+def short_campaign(name: str, seed: int) -> Session:
+    """Return the campaign with one run of each kind, where that shows what is wrong."""
+    return campaign(name, seed) if name in TWICE else stress_session(name, seed, repeats=1)
+
+
+@cache
+def shortly_estimated(name: str, seed: int) -> Estimation:
+    return fitted(short_campaign(name, seed))
+
+
+def fitted(session: Session) -> Estimation:
+    records = usable(session).records
+    return estimate(grey_box(session, records), records, generic_vehicles())
+
+
+def with_group(
+    session: Session, label: str, channel: str, change: Callable[[SampleGroup], SampleGroup]
+) -> Session:
+    """Change the sample group that holds a channel, in the runs whose label begins so."""
+    return with_runs(
+        session,
+        lambda run: (
+            replace(run, groups=tuple(change(g) if channel in g.values else g for g in run.groups))
+            if run.label.startswith(label)
+            else run
+        ),
+    )
+
+
+def with_runs(session: Session, change: Callable[[Run], Run]) -> Session:
+    return replace(session, runs=tuple(change(run) for run in session.runs))
+
+
+def by_gate(findings: Iterable[Finding]) -> dict[str, Finding]:
+    """Return the findings by gate; no gate says two things in these tests."""
+    gates: dict[str, Finding] = {}
+    for finding in findings:
+        assert finding.code not in gates
+        assert "\n" not in finding.text
+        gates[finding.code] = finding
+    return gates
+
+
+def doubtful(findings: Iterable[Finding]) -> list[str]:
+    return [finding.code for finding in findings if finding.severity is not Severity.NOTE]

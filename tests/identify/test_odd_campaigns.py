@@ -18,10 +18,12 @@ from .stress import stress_session
 
 _LIKE_ANOTHER = (
     "a weight at half its mass", "a weight on the other side", "a weight before the car",
-    "a hub's weight ten times heavier", "hubs of two corners swapped", "values of 1e300",
-    "times begin at -10 s", "hubs only", "no noise", "a travel upside down", "pitch runs only",
+    "a hub's weight ten times heavier", "a hub's weight on another hub", "hubs 5 ms late",
+    "hubs of two corners swapped", "values of 1e300", "times begin at -10 s", "hubs only",
+    "no noise", "a travel upside down", "pitch runs only", "a second bump in one run",
+    "travels drift by 1 mm/s", "one infinite value",
 )  # fmt: skip
-"""Found by the same rule as another one."""
+"""Found by the same rule as another one, here or in the list of stresses."""
 
 
 @pytest.mark.parametrize(

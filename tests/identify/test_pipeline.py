@@ -4,6 +4,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,10 +13,12 @@ from numpy.typing import NDArray
 
 from daq import Session, session_from_arrays
 from daq.runs import ADDED, BASELINE
+from daq.sessions import ArrayRun
 from daq.vehicle import DOF, FORD_GRANADA, Fact, Vehicle, VehicleGeometry
 from identify import Identification, Verdict, identify, pipeline
 from identify.fit.estimation import Estimation, first_estimate
-from identify.nonlinear.real_car import RealCar
+from identify.nonlinear import real_car
+from identify.trust.faults import Causes
 
 from .bumps import PAPER_DELTA_MASS, TRUTH, paper_records
 
@@ -95,39 +98,33 @@ def test_one_kind_of_bump_is_refused_with_what_it_does_not_show() -> None:
     assert "I_xx" in result.quality.reasons[0]
 
 
-@pytest.mark.parametrize("missing", [BASELINE, ADDED])
-def test_a_missing_mass_state_is_refused(missing: str) -> None:
-    session = _session(30.0)
-    runs = [
+def _runs_in(state: str, session: Session) -> list[ArrayRun]:
+    return [
         (
             run.mass_state,
             str(run.excitation),
             {n: (run.groups[0].time_s, v) for n, v in run.groups[0].values.items()},
         )
         for run in session.runs
-        if run.mass_state != missing
+        if run.mass_state == state
     ]
+
+
+@pytest.mark.parametrize(("state", "missing"), [(ADDED, "baseline"), (BASELINE, "added mass")])
+def test_a_missing_mass_state_is_refused(state: str, missing: str) -> None:
+    runs = _runs_in(state, _session(30.0))
     result = identify(session_from_arrays(runs, delta_mass=PAPER_DELTA_MASS))
     assert result.quality.verdict is Verdict.REFUSED
     assert len(result.parameters) == 0
-    assert ("baseline" if missing == BASELINE else "added mass") in result.quality.reasons[0]
+    assert missing in result.quality.reasons[0]
 
 
 def test_a_weighed_car_without_weights_has_parameters_and_no_closed_form() -> None:
-    whole = _session(60.0)
-    runs = [
-        (
-            run.mass_state,
-            str(run.excitation),
-            {n: (run.groups[0].time_s, v) for n, v in run.groups[0].values.items()},
-        )
-        for run in whole.runs
-        if run.mass_state == BASELINE
-    ]
     # 1380 + 2 (40.5 + 45.4) kg, and the front's share of the body by the levers 1.51 / 2.76.
     front_kg = 1380.0 * 1.51 / 2.76 + 2.0 * 40.5
     weighed = (Fact("total_mass_kg", 1551.8, 1.0), Fact("front_axle_kg", front_kg, 1.0))
-    result = identify(session_from_arrays(runs, vehicle=Vehicle("Granada", facts=weighed)))
+    vehicle = Vehicle("Granada", facts=weighed)
+    result = identify(session_from_arrays(_runs_in(BASELINE, _session(60.0)), vehicle=vehicle))
     assert np.max(np.abs(_errors(result))) < 0.02
     assert result.closed_form == {}
     assert "1 mass state " in result.closed_form_reason
@@ -155,75 +152,61 @@ def test_a_linear_fit_loads_no_kernel_of_the_nonlinear_one() -> None:
     subprocess.run([sys.executable, "-c", _LATER], cwd=root, check=True)
 
 
-def test_the_progress_says_what_is_done_and_how_far_the_work_is(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """The fit of noise-free arrays, called one that does not hold but may from later on."""
+@pytest.fixture
+def unexplained(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
+    """Let the first fit of noise-free arrays be one that neither holds nor has a fault."""
 
-    def unexplained(*arguments: Any) -> Estimation:
+    def first(*arguments: Any) -> Estimation:
         return replace(first_estimate(*arguments), chi2_per_n=9.0)
 
-    def later(first: Estimation, _: object) -> Estimation:
-        return replace(first, chi2_per_n=1.0)
+    monkeypatch.setattr(pipeline, "first_estimate", first)
+    monkeypatch.setattr(pipeline, "faults_of_bench", lambda *_: Causes())
+    monkeypatch.setattr(pipeline, "swapped_or_late", lambda _: Causes())
+    monkeypatch.setattr(pipeline, "share_of_faults", lambda _: 0.0)
+    monkeypatch.setattr(pipeline, "mistyped_weight", lambda _: None)
+    monkeypatch.setattr(pipeline, "later_may_hold", lambda *_: False)
+    return monkeypatch
 
-    monkeypatch.setattr(pipeline, "first_estimate", unexplained)
-    monkeypatch.setattr(pipeline, "opposed_signs", lambda *_: ())
-    monkeypatch.setattr(pipeline, "fault_of_bench", lambda _: None)
-    monkeypatch.setattr(pipeline, "swapped_or_late", lambda _: None)
-    monkeypatch.setattr(pipeline, "later_may_hold", lambda *_: True)
-    monkeypatch.setattr(pipeline, "later_estimate", later)
+
+def test_the_progress_says_what_is_done_and_how_far_the_work_is(
+    unexplained: pytest.MonkeyPatch,
+) -> None:
+    unexplained.setattr(pipeline, "later_may_hold", lambda *_: True)
+    unexplained.setattr(pipeline, "later_estimate", lambda one, _: replace(one, chi2_per_n=1.0))
     stages: list[tuple[float, str]] = []
-    found = identify(_session(np.inf, bump_s=0.2), lambda *stage: stages.append(stage))
-    assert found.estimation is not None
-    assert found.estimation.chi2_per_n == 1.0
+    result = identify(_session(np.inf, bump_s=0.2), lambda *stage: stages.append(stage))
+    assert result.quality.chi2_per_n == 1.0
     assert stages == [(0.1, "fitting"), (0.5, "fitting again"), (0.7, "judging"), (0.8, "modes")]
 
 
-@pytest.mark.parametrize(("may_hold", "later_chi2"), [(True, 1.7), (False, None)])
+@pytest.mark.parametrize("later_chi2", [1.7, None])
 def test_elements_are_sought_with_the_beginnings_where_no_later_start_holds(
-    monkeypatch: pytest.MonkeyPatch, may_hold: bool, later_chi2: float | None
+    unexplained: pytest.MonkeyPatch, later_chi2: float | None
 ) -> None:
     """A BMW that rolled over 20 mm was refused: a later start promised to hold, and did not."""
     asked: list[float] = []
-    forces: Any = object()
-
-    def unexplained(*arguments: Any) -> Estimation:
-        return replace(first_estimate(*arguments), chi2_per_n=9.0)
+    forces: Any = SimpleNamespace(choices=())
 
     def later(first: Estimation, _: object) -> Estimation:
         assert later_chi2 is not None
         return replace(first, chi2_per_n=later_chi2)
 
-    def explained(_: object, linear: Estimation, *__: object) -> RealCar:
+    def fitted_car(linear: Estimation, *_: object) -> real_car.RealCar:
         asked.append(linear.chi2_per_n)
-        return RealCar(replace(linear, chi2_per_n=1.01), forces)
+        return real_car.RealCar(replace(linear, chi2_per_n=1.01), forces)
 
-    monkeypatch.setattr(pipeline, "first_estimate", unexplained)
-    monkeypatch.setattr(pipeline, "opposed_signs", lambda *_: ())
-    monkeypatch.setattr(pipeline, "fault_of_bench", lambda _: None)
-    monkeypatch.setattr(pipeline, "swapped_or_late", lambda _: None)
-    monkeypatch.setattr(pipeline, "later_may_hold", lambda *_: may_hold)
-    monkeypatch.setattr(pipeline, "later_estimate", later)
-    monkeypatch.setattr(pipeline, "share_of_faults", lambda _: 0.0)
-    monkeypatch.setattr(pipeline, "mistyped_weight", lambda _: None)
-    monkeypatch.setattr(pipeline, "explained_by_elements", explained)
-    found = identify(_session(np.inf, bump_s=0.2))
+    unexplained.setattr(pipeline, "later_may_hold", lambda *_: later_chi2 is not None)
+    unexplained.setattr(pipeline, "later_estimate", later)
+    unexplained.setattr(real_car, "real_car", fitted_car)
+    result = identify(_session(np.inf, bump_s=0.2))
     assert asked == [9.0]
-    assert found.estimation is not None
-    assert found.estimation.chi2_per_n == 1.01
-    assert found.forces is forces
+    assert result.quality.chi2_per_n == 1.01
+    assert result.forces is forces
 
 
 def test_who_stops_the_search_for_elements_gets_the_linear_fit(
-    monkeypatch: pytest.MonkeyPatch,
+    unexplained: pytest.MonkeyPatch,
 ) -> None:
-    def unexplained(*arguments: Any) -> Estimation:
-        return replace(first_estimate(*arguments), chi2_per_n=9.0)
-
-    monkeypatch.setattr(pipeline, "first_estimate", unexplained)
-    for name in ("opposed_signs", "fault_of_bench", "mistyped_weight", "later_may_hold"):
-        monkeypatch.setattr(pipeline, name, lambda *_: ())
-    monkeypatch.setattr(pipeline, "share_of_faults", lambda _: 0.0)
     said: list[str] = []
     result = identify(
         _session(np.inf, bump_s=0.2), lambda _, text: said.append(text), stop=lambda: True

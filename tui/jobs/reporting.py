@@ -61,7 +61,7 @@ def write_report(
             begun.update(drawings(decay_pictures(estimation), pool))
             checks = cross_checks(estimation)
 
-        result = identify(recorded, lambda done, text: stage(0.6 * done, text), pool, fitted)
+        result = identify(recorded, lambda done, text: stage(0.6 * done, text), fitted)
         stage(0.6, "gathering")
         libraries = {name: version(name) for name in ("numpy", "scipy", "h5py", "matplotlib")}
         today = datetime.now(UTC).date().isoformat()

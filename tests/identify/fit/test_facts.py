@@ -31,8 +31,7 @@ from identify.trust.samples import shortcomings
 from ...flow.coverage import simulated_session
 from ...simulated.elements import RealCar, SensorFault, true_parameters
 from ..bumps import GROUP, MASS_STATES, TRUTH, noise_of, paper_records
-from ..stress import BODY, HUBS, stress_session, true_value
-from ..trust.campaigns import doubtful
+from ..stress import BODY, HUBS, doubtful, stress_session, true_value
 
 CAR = FORD_GRANADA
 WHEELBASE_M = CAR.a + CAR.b

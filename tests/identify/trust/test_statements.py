@@ -35,8 +35,7 @@ from identify.trust.statements import contradictions, unseen_findings
 from tests.simulated.campaign import Fitting, Plan, PlannedBump, channels, simulate
 
 from ...flow.coverage import simulated_session
-from ..stress import stress_session
-from .campaigns import by_gate, estimated, fitted
+from ..stress import by_gate, estimated, fitted, stress_session
 
 CAR = FORD_GRANADA
 AXLES_KG = (
@@ -76,17 +75,13 @@ def test_the_scale_rests_on_weights_unless_a_load_or_spring_is_stated() -> None:
         assert "scale" in codes(_with_facts(linear, Fact(quantity, 1.0, 0.1)).box)
 
 
-@pytest.mark.parametrize("sigma_kg", [0.0, 0.1])
-def test_weights_that_are_all_ten_per_cent_off_are_named_where_scales_are_there(
-    sigma_kg: float,
-) -> None:
+def test_weights_that_are_all_ten_per_cent_off_are_named_where_scales_are_there() -> None:
     front, rear = AXLES_KG
     facts = (Fact("front_axle_kg", front, 2.0), Fact("rear_axle_kg", rear, 2.0))
-    session = _session(facts, 1.1, sigma_kg)
+    session = _session(facts, 1.1, 0.1)
     result = fitted(session)
-    if sigma_kg:
-        (wrong,) = contradictions(result)
-        assert "all weights by a common factor" in wrong.name
+    (wrong,) = contradictions(result)
+    assert "all weights by a common factor" in wrong.name
     quality = judge(session, result)
     named = by_gate(quality.findings)
     assert "scale" not in named
@@ -164,8 +159,6 @@ CARS = {
 STATED_M = (-1.0, 0.1)
 OFF_M = (0.05, -0.1, 0.15, -0.2, 0.3)
 EVERY = [(car, axis, off_m) for car in CARS for axis in "xy" for off_m in OFF_M]
-
-
 Weights = tuple[BodyWeight | HubWeight, ...]
 Change = Callable[[Weights, np.random.Generator], Weights]
 
@@ -229,9 +222,8 @@ def assert_right(result: Identification, car: VehicleParameters) -> None:
         assert abs(found.value - value) < 4.0 * found.std, name
 
 
-@pytest.mark.parametrize("case", EVERY[3::14], ids=str)
-def test_a_wrong_place_is_named_and_an_unknown_one_is_found(case: tuple[str, str, float]) -> None:
-    assert checked(*case)
+def test_a_wrong_place_is_named_and_an_unknown_one_is_found() -> None:
+    assert checked("kei", "y", 0.15)
 
 
 @pytest.mark.long
@@ -239,6 +231,7 @@ def test_of_forty_wrong_places_thirty_six_are_named_and_none_spoils_an_ok() -> N
     assert sum(checked(*case) for case in EVERY) >= 36
 
 
+@pytest.mark.long
 def test_a_place_that_is_right_is_no_cause_and_costs_no_precision() -> None:
     """Exact to a tenth of a millimetre, by tape, or anywhere near the CG."""
     granada = CARS["granada"]
@@ -282,16 +275,22 @@ def of_weights(car: str, seed: int, change: Change) -> Identification:
     return identify_parameters(stated(session, 1e-3))
 
 
-@pytest.mark.parametrize("car", ["suv"])
+LONG = [pytest.mark.long]
+
+
 @pytest.mark.parametrize(
     "change",
-    [further(0, 0.1), further(2, 0.1), further(None, 0.03), further(0, 0.0, 1.03)],
-    ids=["one 0.1 m off", "one behind 0.1 m off", "all 30 mm off", "one 3 % heavy"],
+    [
+        pytest.param(further(0, 0.1), id="one 0.1 m off"),
+        pytest.param(further(2, 0.1), id="one behind 0.1 m off", marks=LONG),
+        pytest.param(further(None, 0.03), id="all 30 mm off", marks=LONG),
+        pytest.param(further(0, 0.0, 1.03), id="one 3 % heavy", marks=LONG),
+    ],
 )
-def test_weights_that_are_off_are_within_the_intervals_or_named(car: str, change: Change) -> None:
-    result = of_weights(car, 1, change)
+def test_weights_that_are_off_are_within_the_intervals_or_named(change: Change) -> None:
+    result = of_weights("suv", 1, change)
     if result.quality.verdict is Verdict.OK:
-        assert_right(result, CARS[car])
+        assert_right(result, CARS["suv"])
     else:
         assert "of weight 1 of state added" in result.quality.reasons[0]
 

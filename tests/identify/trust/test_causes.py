@@ -9,30 +9,46 @@ from math import inf, isnan
 import numpy as np
 import pytest
 
-from identify.fit.estimation import Estimation, estimate, generic_vehicles
+from daq.runs import SampleGroup
+from daq.sessions import Session
+from daq.vehicle import FORD_GRANADA
+from identify.decays.usable import usable
+from identify.fit.estimation import Estimation, estimate, first_estimate, generic_vehicles
 from identify.fit.grey_box import GreyBox
 from identify.fit.uncertainty import estimates
+from identify.pipeline import grey_box, identify_parameters
 from identify.study.campaign import PAPER_MASS_STATES, SENSOR_SETS, Campaign, records_of
+from identify.trust.faults import swapped_labels, wrong_channel, wrong_sensors
 from identify.trust.finding import Cause, Verdict
 from identify.trust.hypotheses import rank_causes
 from identify.trust.judge import judge, survival
-
-from ..stress import HUBS, STRESSES, stress_session, true_value
-from .campaigns import (
+from tests.identify import stress
+from tests.identify.stress import (
+    HUBS,
+    STRESSES,
+    TRAVELS,
+    Stress,
+    by_gate,
     campaign,
     doubtful,
     estimated,
     fitted,
     short_campaign,
     shortly_estimated,
+    stress_session,
+    true_value,
+    with_group,
+    with_runs,
 )
+
+from ...simulated.elements import SensorFault
 
 BOX = GreyBox(SENSOR_SETS["paper"], PAPER_MASS_STATES, None)
 
 
 def _cause(result: Estimation, name: str) -> Cause:
-    (found,) = [cause for cause in rank_causes(result) if cause.name == name]
-    return found
+    (cause,) = [cause for cause in rank_causes(result) if cause.name == name]
+    return cause
 
 
 def _sizes(cause: Cause) -> list[tuple[float, float]]:
@@ -44,37 +60,35 @@ def _sizes(cause: Cause) -> list[tuple[float, float]]:
 def test_nothing_is_held_against_a_car_that_is_as_modelled() -> None:
     result = estimated("linear", 1)
     assert not doubtful(judge(campaign("linear", 1), result).findings)
-    assert rank_causes(result)[0].strength < 0.9
-
-
-def test_no_false_alarm_and_sizes_that_are_noise() -> None:
+    assert swapped_labels(result) is None
     deviates = []
-    for seed in range(6):
+    for seed in range(3):
         result = estimate(BOX, records_of(Campaign(), seed), generic_vehicles())
         causes = rank_causes(result)
         assert causes[0].strength < 1.0
         assert [c.strength for c in causes] == sorted((c.strength for c in causes), reverse=True)
         deviates += [1.96 * size / half for cause in causes for size, half in _sizes(cause)[:1]]
     # The surest part of each cause is listed first, so that the spread is a little above one.
-    assert len(deviates) > 60
-    assert 0.85 < np.sqrt(np.mean(np.square(deviates))) < 1.35
+    assert len(deviates) > 30
+    assert 0.8 < np.sqrt(np.mean(np.square(deviates))) < 1.4
 
 
-def test_a_gain_is_sized() -> None:
-    (fault,) = STRESSES["gain"].faults
-    for seed in (1, 2):
-        ((size, half),) = _sizes(_cause(estimated("gain", seed), f"gain of {fault.channel}"))
-        assert abs(size - 2.0) < 1.5 * half
-        assert half < 1.2
+def test_gains_and_tyre_damping_are_sized() -> None:
+    ((size, half),) = _sizes(_cause(estimated("gain", 1), "gain of hub_acc_fl"))
+    assert abs(size - 2.0) < 1.5 * half < 1.8
+    tyres = _cause(estimated("tyre_damping", 1), "tyre damping")
+    assert len(_sizes(tyres)) == 2
+    assert all(abs(size - 150.0) < 2.0 * half < 160.0 for size, half in _sizes(tyres))
+    assert tyres.strength > 1.0
 
 
 def test_lateness_is_sized_and_its_shift_is_that_of_a_refit() -> None:
     result = estimated("hubs_late_1ms", 1)
-    found = _cause(result, "hub sensors late")
-    ((late_ms, half),) = _sizes(found)
+    late = _cause(result, "hub sensors late")
+    ((late_ms, half),) = _sizes(late)
     assert late_ms == pytest.approx(1.0, abs=2.0 * half)
     assert half < 0.1
-    assert found.strength > 10.0
+    assert late.strength > 10.0
 
     session = campaign("hubs_late_1ms", 1)
     free = replace(
@@ -88,8 +102,8 @@ def test_lateness_is_sized_and_its_shift_is_that_of_a_refit() -> None:
     moved = refit.fit.eta[:n] - result.fit.eta[:n]
     std = np.sqrt(np.diag(refit.fit.covariance)[:n])
     assert np.max(np.abs(moved) / std) > 3.0
-    np.testing.assert_allclose(list(found.moved.values()), moved, atol=0.5 * float(std.max()))
-    shift, shifted = found.shift
+    np.testing.assert_allclose(list(late.moved.values()), moved, atol=0.5 * float(std.max()))
+    shift, shifted = late.shift
     assert shift == pytest.approx(np.max(np.abs(moved)), rel=0.1)
     assert shifted == result.box.parameters[int(np.argmax(np.abs(moved)))]
 
@@ -102,14 +116,6 @@ def test_tyre_damping_is_named_at_a_hundred_samples_a_second_too() -> None:
     quality = judge(session, result)
     assert quality.verdict is not Verdict.OK
     assert "tyre_damping" in doubtful(quality.findings)
-
-
-def test_tyre_damping_is_sized() -> None:
-    found = _cause(estimated("tyre_damping", 1), "tyre damping")
-    sizes = _sizes(found)
-    assert len(sizes) == 2
-    assert all(abs(size - 150.0) < 2.0 * half < 160.0 for size, half in sizes)
-    assert found.strength > 1.0
 
 
 CAUSES = {
@@ -129,7 +135,7 @@ CAUSES = {
     "polarity": "gain",
     "unit": "gain",
     "saturation": "saturation",
-    "lift_off_high": "lift_off",
+    "lift_off_high": "late_start",
     "early_20ms": "late_start",
     "second_bump": "odd_run",
     "hot_damper": "odd_run",
@@ -148,12 +154,8 @@ TEXTS = {
     "no_roll": "I_xx",
 }
 """What the finding must say of it."""
-LONG = {
-    "friction", "damper", "tyre_damping", "hubs_late_5ms", "polarity", "unit", "lift_off",
-    "second_bump", "sides", "cg_offset", "low_pass", "early", "saturation", "lift_off_high",
-    "early_20ms", "gain", "no_roll", "bars",
-}  # fmt: skip
-"""Stresses whose milder or like form stands beside them, or that a test of its own names."""
+QUICK = {"friction_mild", "damper_mild", "hubs_late_1ms", "body_low_pass", "offset", "hot_damper"}
+"""Stresses whose like is not in another test; the others are long."""
 RIVALS = set(CAUSES.values()) - {"amplitude", "late_start", "undetermined"}
 """Gates that name a cause; a stress may set off only its own."""
 
@@ -161,7 +163,7 @@ RIVALS = set(CAUSES.values()) - {"amplitude", "late_start", "undetermined"}
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param(name, marks=[pytest.mark.long] if name in LONG else [])
+        pytest.param(name, marks=[] if name in QUICK else [pytest.mark.long])
         for name in STRESSES
         if name != "linear"
     ],
@@ -183,13 +185,68 @@ def test_each_stress_is_corrected_or_flagged_with_its_cause(name: str) -> None:
     assert RIVALS.intersection(flagged) <= {cause}
     if quality.verdict is not Verdict.OK:
         # Noise within three sigmas, and a cause that may move them by one.
-        found = estimates(result.box, result.fit)
+        known = estimates(result.box, result.fit)
         for p in quality.survival.surviving:
-            assert abs(found[p].value - true_value(name, p)) < 4.0 * found[p].std, p
+            assert abs(known[p].value - true_value(name, p)) < 4.0 * known[p].std, p
         assert set(quality.survival.surviving) | set(quality.survival.lost) == set(values)
 
 
-# Which parameters of a result that is not ok survive: each limit from b ---------------------------
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["friction", "hubs_late_5ms", "hot_damper", "tyre_damping"])
+def test_what_is_no_swap_is_not_taken_for_one(name: str) -> None:
+    assert swapped_labels(shortly_estimated(name, 1)) is None
+
+
+@pytest.mark.parametrize(("factor", "wrong"), [(0.75, False), (1.5, True)])
+def test_a_factor_near_one_is_a_matter_of_calibration(factor: float, wrong: bool) -> None:
+    """Which the score test finds and sizes; the limits are 0.7 and 1.4."""
+
+    def scaled(group: SampleGroup) -> SampleGroup:
+        values = {**group.values, "hub_acc_fl": factor * group.values["hub_acc_fl"]}
+        return replace(group, values=values)
+
+    session = with_group(short_campaign("linear", 1), "", "hub_acc_fl", scaled)
+    records = usable(session).records
+    fit = first_estimate(grey_box(session, records), records, generic_vehicles())
+    cause = wrong_channel(fit)
+    assert (cause is not None) is wrong
+    if cause is not None:
+        assert cause.name == "gain of hub_acc_fl"
+        assert cause.explained == pytest.approx(1.0, abs=0.02)
+
+
+def test_the_kinds_that_are_late_are_named_with_their_lateness(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    late = Stress("8 ms late", faults=tuple(SensorFault(c, late_s=0.008) for c in HUBS + TRAVELS))
+    monkeypatch.setattr(stress, "STRESSES", {"late": late})
+    session = stress_session("late", 1, 100.0, travels=True, repeats=1)
+    records = usable(session).records
+    fit = estimate(grey_box(session, records), records, [FORD_GRANADA.to_array()])
+    cause = next(c for c in wrong_sensors(fit) if c.name.startswith("hub sensors and"))
+    assert cause.name == "hub sensors and travel sensors late"
+    for size in cause.sizes.split(", "):
+        assert 7.6 < float(size.removesuffix(" ms").split()[-1]) < 8.4
+
+
+def test_a_lost_piece_is_no_jump() -> None:
+    def lossy(group: SampleGroup) -> SampleGroup:
+        kept = (group.time_s <= 2.0) | (group.time_s > 2.1)  # the decays begin at about 1.1 s
+        values = {name: column[kept] for name, column in group.values.items()}
+        quality, t_ns = group.quality[kept], group.t_ns[kept]
+        return replace(group, time_s=group.time_s[kept], t_ns=t_ns, quality=quality, values=values)
+
+    def of_run(session: Session) -> Session:
+        return with_runs(session, lambda run: replace(run, groups=tuple(map(lossy, run.groups))))
+
+    result = identify_parameters(of_run(short_campaign("linear", 1)))
+    assert "clocks_that_jump" not in by_gate(result.quality.findings)
+    assert result.quality.verdict == "ok"
+    m_s = result.parameters["m_s"]
+    assert abs(m_s.value - FORD_GRANADA.m_s) < 3.0 * m_s.std
+
+
+# Which parameters of a result that is not ok survive: each limit from both sides ------------------
 
 
 @pytest.fixture(scope="module")
@@ -198,75 +255,60 @@ def linear() -> Estimation:
 
 
 def _moves(
-    estimation: Estimation, sigmas: float, explained: float = inf, name: str = "k_sf"
+    estimation: Estimation, sigmas: float, explained: float = inf, name: str = "hub sensors late"
 ) -> Cause:
+    """Return a cause that moves k_sf by so many standard deviations."""
     names = estimation.box.parameters
-    std = float(np.sqrt(estimation.fit.covariance[names.index(name), names.index(name)]))
-    moved = dict.fromkeys(names, 0.0) | {name: sigmas * std}
-    return Cause("hub sensors late", explained=explained, moved=moved)
-
-
-def test_what_no_cause_moves_survives(linear: Estimation) -> None:
-    found = survival(linear, ())
-    assert found.surviving == linear.box.names
-    assert not found.lost
+    i = names.index("k_sf")
+    moved = dict.fromkeys(names, 0.0)
+    moved["k_sf"] = sigmas * float(np.sqrt(estimation.fit.covariance[i, i]))
+    return Cause(name, explained=explained, moved=moved)
 
 
 def test_a_parameter_is_lost_to_what_moves_it_by_its_standard_deviation(
     linear: Estimation,
 ) -> None:
+    assert survival(linear, ()).surviving == linear.box.names
     for sigmas in (0.98, 1.0, -1.0):
         assert not survival(linear, [_moves(linear, sigmas)]).lost
-    found = survival(linear, [_moves(linear, -1.02), _moves(linear, 0.5)])
-    assert list(found.lost) == ["k_sf"]
-    assert found.lost["k_sf"].cause == "hub sensors late"
-    assert found.lost["k_sf"].shift < 0.0
-    assert "k_sf" not in found.surviving
-    assert len(found.surviving) == 14
+    divided = survival(linear, [_moves(linear, -1.02), _moves(linear, 0.5)])
+    assert list(divided.lost) == ["k_sf"]
+    assert divided.lost["k_sf"].cause == "hub sensors late"
+    assert divided.lost["k_sf"].shift < 0.0
+    assert len(divided.surviving) == 14
+    far = Cause("swap", explained=inf, moved=dict.fromkeys(linear.box.parameters, 50.0))
+    assert survival(linear, [far]).lost["m_s"].shift == pytest.approx(np.exp(3.0) - 1.0)
 
 
 def test_of_causes_that_move_a_parameter_alike_the_first_is_named_whatever_the_rounding(
     linear: Estimation,
 ) -> None:
     first = _moves(linear, 3.0)
-    for more in (0.0, 1e-13, -1e-13):
-        second = replace(_moves(linear, 3.0 * (1.0 + more)), name="body sensors early")
-        assert survival(linear, [first, second]).lost["k_sf"].cause == "hub sensors late"
-    second = replace(_moves(linear, 3.001), name="body sensors early")
-    assert survival(linear, [first, second]).lost["k_sf"].cause == "body sensors early"
+    for sigmas, name in (
+        (3.0, "hub sensors late"),
+        (3.0 * (1.0 + 1e-13), "hub sensors late"),
+        (3.001, "body sensors early"),
+    ):
+        second = _moves(linear, sigmas, name="body sensors early")
+        assert survival(linear, [first, second]).lost["k_sf"].cause == name
 
 
-def test_nothing_survives_where_no_cause_explains_half(linear: Estimation) -> None:
+def test_what_survives_a_misfit_is_what_its_causes_explain(linear: Estimation) -> None:
     broken = replace(linear, chi2_per_n=1.4)
-    for explained in (0.51, 0.52):
-        assert len(survival(broken, [_moves(linear, 3.0, explained)]).surviving) == 14
-    found = survival(broken, [_moves(linear, 3.0, 0.5)])
-    assert found.surviving == ()
-    assert set(found.lost) == set(linear.box.names)
-    assert "no cause that was tried explains" in found.lost["m_s"].cause
-    assert isnan(found.lost["m_s"].shift)
-    assert survival(broken, []).surviving == ()
-    assert survival(broken, [_moves(linear, 0.0, inf)]).surviving == ()  # competes for no misfit
-
-
-def test_nothing_survives_where_the_best_cause_leaves_more_than_a_result_may(
-    linear: Estimation,
-) -> None:
-    broken = replace(linear, chi2_per_n=3.0)  # 1 + 2 (1 - 0.75) = 1.5
-    assert survival(broken, [_moves(linear, 3.0, 0.74)]).surviving == ()
-    for explained in (0.75, 0.76):
-        assert len(survival(broken, [_moves(linear, 3.0, explained)]).surviving) == 14
-
-
-def test_a_cause_that_explains_half_as_much_as_the_best_may_be_the_true_one(
-    linear: Estimation,
-) -> None:
-    broken = replace(linear, chi2_per_n=1.4)
+    for explained, surviving in ((0.51, 14), (0.5, 0), (inf, 0)):  # inf competes for no misfit
+        cause = _moves(linear, 3.0, explained)
+        assert len(survival(broken, [cause]).surviving) == surviving
+    lost = survival(broken, []).lost
+    assert set(lost) == set(linear.box.names)
+    assert "no cause that was tried explains" in lost["m_s"].cause
+    assert isnan(lost["m_s"].shift)
+    for explained, surviving in ((0.74, 0), (0.75, 14)):  # of chi2/n 3, a quarter leaves 1.5
+        result = survival(replace(linear, chi2_per_n=3.0), [_moves(linear, 3.0, explained)])
+        assert len(result.surviving) == surviving
     best = _moves(linear, 0.0, 0.9)
-    assert survival(broken, [best, _moves(linear, 9.0, 0.44)]).surviving == linear.box.names
-    for explained in (0.45, 0.46):
+    for explained, names in ((0.44, []), (0.45, ["k_sf"])):  # half as much as the best
         rival = _moves(linear, 9.0, explained)
-        assert list(survival(broken, [best, rival]).lost) == ["k_sf"]
+        assert list(survival(broken, [best, rival]).lost) == names
 
 
 def test_what_is_not_determined_is_lost_and_a_fit_astray_loses_all(linear: Estimation) -> None:
@@ -284,10 +326,3 @@ def test_what_is_not_determined_is_lost_and_a_fit_astray_loses_all(linear: Estim
     assert survival(replace(nonlinear, chi2_per_n=1.3), ()).surviving == ()
     settled = replace(linear, nonlinear=linear.engine, chi2_per_n=1.3)
     assert survival(settled, ()).surviving == linear.box.names
-
-
-def test_the_size_of_a_factor_beyond_twenty_is_not_reported(linear: Estimation) -> None:
-    far = Cause(
-        "mass states swapped", explained=inf, moved=dict.fromkeys(linear.box.parameters, 50.0)
-    )
-    assert survival(linear, [far]).lost["m_s"].shift == pytest.approx(np.exp(3.0) - 1.0)
