@@ -292,8 +292,8 @@ def change_of(estimations: Sequence[Estimation], apart: tuple[str, ...] = ()) ->
         if number and before == chosen:
             break
         differing = model.chosen(chosen)
-        found = differences(shares, differing)
-        common, steps, _ = found.best(np.arange(len(found.target)))
+        joint = differences(shares, differing)
+        common, steps, _ = joint.best(np.arange(len(joint.target)))
         points = [common + differing.columns(i, p) @ steps for i in range(n_sessions)]
         shares = tuple(
             likelihood_of(e, shared, (point, share.nuisance))

@@ -55,8 +55,8 @@ def dampers(result: Identification) -> Figure:
     """
     forces = _fitted(result).forces
     if forces is None:
-        what = "there is no damper curve: the linear model explains the decays"
-        raise InputError("plot", what, "take c_sf and c_sr, or bump higher")
+        reason = "there is no damper curve: the linear model explains the decays"
+        raise InputError("plot", reason, "take c_sf and c_sr, or bump higher")
     return figure_of(damper_picture(forces))
 
 
@@ -93,6 +93,6 @@ def stabilisation(diagram: StabilisationDiagram) -> Figure:
 
 def _fitted(result: Identification) -> Identification:
     if not result.parameters:
-        what = "; ".join(result.quality.reasons) or "refused"
-        raise InputError("plot", f"there is no fit: {what}", "identify a complete session")
+        reason = "; ".join(result.quality.reasons) or "refused"
+        raise InputError("plot", f"there is no fit: {reason}", "identify a complete session")
     return result

@@ -117,12 +117,12 @@ def _planned_decay(
     state: MassState,
     excitation: Excitation,
     rates: Mapping[ChannelGroup, float],
-    at: Evaluated,
+    evaluated: Evaluated,
     eta: NDArray[np.float64],
 ) -> FreeDecay:
     """Return the free decay after a bump of 1 m, without noise, as the sensors sample it."""
     bump_s = plan.bump.duration_s
-    model = loaded_model(at.box.full(eta.astype(complex)).real, state.added)
+    model = loaded_model(evaluated.box.full(eta.astype(complex)).real, state.added)
     run = exact_response(model, excitation, Bump(1.0, 0.0, bump_s), 1.0 / bump_s, bump_s)
     start = np.concatenate([run.displacement[-1], run.velocity[-1]])
     empty = []
@@ -131,8 +131,8 @@ def _planned_decay(
         empty.append(Recording(group, time_s, np.zeros((len(time_s), len(group.channels)))))
     silent = FreeDecay("planned", state.name, 0.0, tuple(empty))
     filled = tuple(
-        Recording(r.group, r.time_s, at.basis(r) @ (stack[..., : len(start)] @ start).T)
-        for r, stack in zip(empty, linear_coefficients(at, silent), strict=True)
+        Recording(r.group, r.time_s, evaluated.basis(r) @ (stack[..., : len(start)] @ start).T)
+        for r, stack in zip(empty, linear_coefficients(evaluated, silent), strict=True)
     )
     return FreeDecay("planned", state.name, 0.0, filled)
 
