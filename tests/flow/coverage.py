@@ -22,7 +22,7 @@ from daq.sim.ecu import campaign_frames
 from dbc import FrameBatch, parse_codec
 from identify.pipeline import identify_parameters
 from identify.trust.finding import Judgement, Verdict
-from tests.simulated.cars import GRANADA, named_car
+from tests.simulated.elements import named_car
 
 START_NS = 1_760_000_000_000_000_000
 CAR = SimulatedCar()
@@ -72,9 +72,9 @@ def outcome(bench: Bench, seed: int, car: SimulatedCar = CAR) -> Outcome:
     )
 
 
-def main(campaigns: int, name: str = GRANADA) -> None:
+def main(campaigns: int, name: str = "granada") -> None:
     """Print what so many campaigns with a named car give."""
-    bench, car = load_bench(None), named_car(name).simulated()
+    bench, car = load_bench(None), named_car(name)
     outcomes = [outcome(bench, seed, car) for seed in range(campaigns)]
     names = outcomes[0].names
     errors = np.array([o.errors for o in outcomes])

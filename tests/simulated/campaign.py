@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Mapping
 from dataclasses import astuple, dataclass, field
-from math import inf, sqrt
+from math import sqrt
 from types import MappingProxyType
 from typing import Any
 
@@ -16,7 +17,6 @@ from daq.sessions import Session
 from daq.sim.car import (
     NOISE,
     Installation,
-    SensorTruth,
     SimulatedCar,
     Spread,
     Truth,
@@ -25,11 +25,10 @@ from daq.sim.car import (
     measured,
     true_reading,
 )
-from daq.sim.engine import Array, Plant
+from daq.sim.engine import Plant
 from daq.sim.motion import (
     GRAVITY_M_S2,
     Bump,
-    Kinematics,
     Motion,
     Moving,
     drive,
@@ -166,9 +165,6 @@ class Plan:
     """Recorded rest before the bump, s."""
     decay_s: float = 2.2
     """Recorded time after the bump, s."""
-    from_decay: bool = False
-    """True if records begin with the free decay: the first sample of each sensor is after the bump.
-    Else they begin at rest."""
     stuck: float = 0.0
     """Largest load that the friction of each corner carries before a bump, as a share of its
     friction."""
@@ -190,46 +186,36 @@ def simulate(car: SimulatedCar, plan: Plan, seed: int) -> Simulated:
     """Simulate a campaign.
 
     `car`: the simulated car; its bump height, lead and tail are not used.  `plan`: runs, sensors
-    and weights.  `seed`: determines every draw and all noise.  Raises ValueError if the weights
-    would tip the car over, or a bump names no mass state of the plan.  Raises InputError if a fault
-    is declared for no channel of the plan, or two for the same one.
+    and weights.  `seed`: determines every draw and all noise.
     """
     drawn = car.draw(plan.channels, plan.mass_states, seed)
     plants = {name: car.plant(added) for name, added in drawn.mass_states.items()}
     motions = _driven(plants, plan, np.random.default_rng([seed, 3]))
-    return Simulated(recorded(car, plan, drawn, motions, seed), drawn, tuple(motions))
-
-
-def recorded(
-    car: SimulatedCar, plan: Plan, drawn: Truth, motions: Sequence[Moving], seed: int
-) -> Session:
-    """Record given motions, one per run of the plan, with the drawn sensors and clocks."""
     installation = install(car.plant(AddedMass()))
-    repeats: dict[tuple[str, Excitation], int] = {}
+    repeats: Counter[tuple[str, Excitation]] = Counter()
     runs = []
     for number, (bump, motion) in enumerate(zip(plan.bumps, motions, strict=True)):
         kind = (bump.mass_state, bump.excitation)
-        repeats[kind] = repeats.get(kind, 0) + 1
+        repeats[kind] += 1
         rng = np.random.default_rng([seed, 1, number])
         groups = _sampled(plan, car, drawn, installation, motion, rng)
-        runs.append(_run(bump, repeats[kind], plan.bump_s, groups))
+        status = RunStatus.ACCEPTED
+        runs.append(Run(*kind, repeats[kind], 0, plan.bump_s, groups, status))
     source = {"source": "simulation"}
-    return Session(plan.vehicle, plan.channels, plan.mass_states, tuple(runs), source)
+    session = Session(plan.vehicle, plan.channels, plan.mass_states, tuple(runs), source)
+    return Simulated(session, drawn, tuple(motions))
 
 
 def _driven(plants: Mapping[str, Plant], plan: Plan, rng: np.random.Generator) -> list[Motion]:
     """Return the motion of each run; time counts from the first sample at rest."""
-    unknown = [bump.mass_state for bump in plan.bumps if bump.mass_state not in plants]
-    if unknown:
-        raise ValueError(f"there is no mass state {unknown[0]}")
-    run_by_run = [plants[bump.mass_state] for bump in plan.bumps]
-    stuck = plan.stuck * rng.uniform(-1.0, 1.0, (len(run_by_run), 4, 1))
-    starts = [standing(plant, share) for plant, share in zip(run_by_run, stuck, strict=True)]
-    roads = [Bump(b.excitation, b.height_m, plan.rest_s, plan.bump_s) for b in plan.bumps]
+    stuck = plan.stuck * rng.uniform(-1.0, 1.0, (len(plan.bumps), 4, 1))
     end_s = plan.rest_s + plan.bump_s + plan.decay_s
-    given: Sequence[Array | None] = starts or [None] * len(roads)
-    cars = zip(run_by_run, roads, given, strict=True)
-    return [drive(plant, road, end_s, start) for plant, road, start in cars]
+    motions = []
+    for bump, share in zip(plan.bumps, stuck, strict=True):
+        plant = plants[bump.mass_state]
+        road = Bump(bump.excitation, bump.height_m, plan.rest_s, plan.bump_s)
+        motions.append(drive(plant, road, end_s, standing(plant, share)))
+    return motions
 
 
 def _sampled(
@@ -242,7 +228,6 @@ def _sampled(
 ) -> tuple[SampleGroup, ...]:
     """Return the readings of the sensors in a run."""
     length_s = plan.rest_s + plan.bump_s + plan.decay_s
-    off_s = plan.rest_s + plan.bump_s if plan.from_decay else -inf
     latest_s = max(sensor.delay_s for sensor in drawn.sensors.values())
     fine_s = np.arange(-latest_s - FINE_S, length_s, FINE_S)
     seen = motion.at(fine_s)
@@ -255,43 +240,18 @@ def _sampled(
         period_s = (1.0 + clock.error) / plan.rates_hz.get(name, 200.0)
         ticks = np.arange(round(length_s / period_s), dtype=np.float64)
         tick_s = (ticks + clock.phase) * period_s
-        late_s = max(drawn.sensors[channel.name].delay_s for channel in channels)
-        tick_s = tick_s[(tick_s > off_s + late_s) & (tick_s < length_s)]
+        tick_s = tick_s[tick_s < length_s]
         values = {}
         for channel in channels:
             sensor = drawn.sensors[channel.name]
-            reading = _reading(channel, sensor, installation, fine_s, seen, tick_s)
+            fine = true_reading(channel, sensor, installation, seen)
+            if sensor.low_pass_hz:
+                fine = low_pass(fine, FINE_S, sensor.low_pass_hz, sensor.low_pass_order)
+            reading = np.interp(tick_s - sensor.delay_s, fine_s, fine)
             values[channel.name] = measured(channel, sensor, car.noise, reading, rng)
         t_ns = np.rint(tick_s * 1e9).astype(np.int64)
         result.append(SampleGroup(name, tick_s, t_ns, values, np.zeros(len(tick_s), np.uint8)))
     return tuple(result)
-
-
-def _reading(
-    channel: Channel,
-    sensor: SensorTruth,
-    installation: Installation,
-    fine_s: Array,
-    seen: Kinematics,
-    tick_s: Array,
-) -> Array:
-    """Return the readings of a sensor without noise at its sample times."""
-    reading = true_reading(channel, sensor, installation, seen)
-    if sensor.low_pass_hz:
-        reading = low_pass(reading, FINE_S, sensor.low_pass_hz, sensor.low_pass_order)
-    return np.interp(tick_s - sensor.delay_s, fine_s, reading)
-
-
-def _run(bump: PlannedBump, repeat: int, bump_s: float, groups: Sequence[SampleGroup]) -> Run:
-    return Run(
-        mass_state=bump.mass_state,
-        excitation=bump.excitation,
-        repeat=repeat,
-        t0_ns=0,
-        bump_s=bump_s,
-        groups=tuple(groups),
-        status=RunStatus.ACCEPTED,
-    )
 
 
 # Draws the bench of a car of the fleet: sensors with stated errors, weights, runs, scales -------

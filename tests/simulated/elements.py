@@ -1,12 +1,18 @@
-"""Force elements of simulated cars beyond the 15 parameters, and faults of their sensors."""
+"""Force elements of simulated cars beyond the 15 parameters, and faults of their sensors.
+
+`cars.toml` lists real cars by name, with sources: parameter sets from public data.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import tomllib
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
 from math import inf
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -15,8 +21,7 @@ from daq.sim.car import SensorTruth, SimulatedCar, Truth
 from daq.sim.engine import Array, Plant, balances
 from daq.sim.motion import load_car as load_linear_car
 from daq.sim.motion import per_axle, states_of
-from daq.vehicle import AddedMass, Corner, MassState, VehicleParameters
-from dbc.words import InputError
+from daq.vehicle import FORD_GRANADA, AddedMass, Corner, MassState, VehicleParameters
 
 PerCorner = tuple[float, float, float, float]
 """A value for each corner, in the order of `daq.vehicle.Corner`."""
@@ -341,28 +346,10 @@ class RealCar(SimulatedCar):
     def draw(
         self, channels: Sequence[Channel], mass_states: Sequence[MassState], seed: int
     ) -> Truth:
-        """Draw as `SimulatedCar.draw`; raises InputError if a fault does not fit one channel."""
-        faults = _faults_by_channel(channels, self.faults)
+        """Draw as `SimulatedCar.draw`, then spoil the sensors that have a fault."""
         drawn = SimulatedCar.draw(self, channels, mass_states, seed)
-        wrong = {name: spoilt(drawn.sensors[name], fault) for name, fault in faults.items()}
+        wrong = {f.channel: spoilt(drawn.sensors[f.channel], f) for f in self.faults}
         return replace(drawn, sensors={**drawn.sensors, **wrong})
-
-
-def _faults_by_channel(
-    channels: Sequence[Channel], faults: Sequence[SensorFault]
-) -> dict[str, SensorFault]:
-    """Return the fault of each faulty channel; raises as `draw`."""
-    names = [channel.name for channel in channels]
-    by_channel: dict[str, SensorFault] = {}
-    for fault in faults:
-        if fault.channel not in names:
-            what = f"no channel {fault.channel!r} for this fault"
-            raise InputError("simulated car", what, f"channels are {', '.join(names)}")
-        if fault.channel in by_channel:
-            what = f"channel {fault.channel} has two faults"
-            raise InputError("simulated car", what, "state them as one")
-        by_channel[fault.channel] = fault
-    return by_channel
 
 
 def spoilt(sensor: SensorTruth, fault: SensorFault) -> SensorTruth:
@@ -380,6 +367,55 @@ def spoilt(sensor: SensorTruth, fault: SensorFault) -> SensorTruth:
         low_pass_order=fault.low_pass_order if has_low_pass else sensor.low_pass_order,
         gain=sensor.gain * fault.gain,
         limit=fault.limit,
+    )
+
+
+def named_car(name: str) -> RealCar:
+    """Return a car of `cars.toml`, or the paper's, `granada`, which is linear."""
+    if name == "granada":
+        return RealCar(FORD_GRANADA)
+    text = Path(__file__).with_name("cars.toml").read_text("utf-8")
+    entries = {entry["name"]: entry for entry in tomllib.loads(text)["car"]}
+    entry = entries[name]
+    described = {**entries[entry["like"]], **entry} if "like" in entry else entry
+    published = VehicleParameters(**described["parameters"])
+    front = _curve(described, "front", published.c_sf)
+    rear = _curve(described, "rear", published.c_sr)
+    # c_s is the secant of the damper curve of an axle without wear.
+    parameters = replace(published, c_sf=front.secant_ns_m, c_sr=rear.secant_ns_m)
+    return RealCar(parameters, imperfections=_imperfections(described, front, rear))
+
+
+def _curve(entry: Mapping[str, Any], axle: str, c_s: float) -> DamperCurve:
+    """Return a damper: a printed table, a shape that is scaled to c_s, or a straight line."""
+    if table := entry.get(f"table_{axle}"):
+        return DamperCurve(Branch.table(table["compression"]), Branch.table(table["rebound"]))
+    if shape := entry.get(f"damper_{axle}"):
+        return DamperCurve(Branch(*shape["compression"]), Branch(*shape["rebound"])).scaled(c_s)
+    return DamperCurve.straight(c_s, c_s)
+
+
+def _imperfections(
+    entry: Mapping[str, Any], front: DamperCurve, rear: DamperCurve
+) -> Imperfections:
+    def axles(key: str, absent: float) -> PerAxle:
+        at_front, at_rear = entry.get(key, (absent, absent))
+        return at_front, at_rear
+
+    bars = axles("bars_n_m", 0.0)
+    fl, fr, rl, rr = entry.get("damper_factors", ALIKE)
+    return Imperfections(
+        friction=Friction(*axles("friction_n", 0.0)),
+        damper_front=front,
+        damper_rear=rear,
+        mount_n_m=axles("mounts_n_m", inf),
+        quadratic_n_m2=axles("quadratic_n_m2", 0.0),
+        stop_gap_m=axles("stop_gap_m", inf),
+        stop_n_m=axles("stop_n_m", 0.0),
+        bar_front_n_m=bars[0],
+        bar_rear_n_m=bars[1],
+        tyre_progression_per_m=axles("tyre_progression_per_m", 0.0),
+        damper=(fl, fr, rl, rr),
     )
 
 

@@ -20,7 +20,6 @@ from daq.sim.motion import GRAVITY_M_S2, corner_motion
 from daq.vehicle import AddedMass, VehicleParameters
 
 from .campaign import HUBS, IMU, MESSAGES, Plan, Simulated, facts_of, fitted_plan, simulate, spread
-from .cars import nonlinear_sizes, with_axles
 from .elements import (
     Branch,
     DamperCurve,
@@ -31,6 +30,7 @@ from .elements import (
     RealCar,
     half_differences,
     load_car,
+    means,
 )
 
 Facts = Mapping[str, Any]
@@ -253,3 +253,32 @@ def _met_stops(fleet_car: FleetCar, simulated: Simulated) -> tuple[bool, bool]:
         u = pose[3:] - corner_motion(motion.plant, pose) - bare.column("ride_m")
         met |= (u > bare.column("stop_gap_m")).any(axis=1)
     return bool(met[:2].any()), bool(met[2:].any())
+
+
+def with_axles(kinds: Mapping[str, PerAxle]) -> dict[str, float]:
+    """Return sizes by kind with the axle at the end of each name."""
+    return {
+        f"{kind}{axle}": size
+        for kind, both in kinds.items()
+        for axle, size in zip("fr", both, strict=True)
+    }
+
+
+def nonlinear_sizes(i: Imperfections) -> dict[str, dict[str, PerAxle]]:
+    """Return the sizes of all nonlinear elements except damper curves, SI, by element and kind.
+
+    Kinds are the beginnings of the names under which an identification reports them, such as `F_c`.
+    """
+    friction: PerAxle = (i.friction.front_n, i.friction.rear_n)
+    split = half_differences(i.friction.sides)
+    split_c, mean_c = half_differences(i.damper), means(i.damper)
+    return {
+        "friction": {"F_c": friction},
+        "static_friction": {"r_c": (i.friction.static_ratio - 1.0,) * 2},
+        "damper_mounts": {"s_m": (1.0 / i.mount_n_m[0], 1.0 / i.mount_n_m[1])},
+        "progressive_springs": {"k_2": i.quadratic_n_m2, "k_3": i.cubic_n_m3},
+        "bump_stops": {"k_b": i.stop_n_m},
+        "progressive_tyres": {"b_t": i.tyre_progression_per_m},
+        "friction_left_right": {"dF_c": (friction[0] * split[0], friction[1] * split[1])},
+        "dampers_left_right": {"s_c": (split_c[0] / mean_c[0], split_c[1] / mean_c[1])},
+    }

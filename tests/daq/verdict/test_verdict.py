@@ -17,7 +17,7 @@ from daq.samples.trigger import TriggerState, advance
 from daq.sim.motion import PUSHED_S, Moving, dropped, pushed_down
 from daq.vehicle import FORD_GRANADA, AddedMass
 from daq.verdict import WORDS, RunMeasure, RunWindow, judge, peak_left
-from tests.simulated.cars import named_car
+from tests.simulated.elements import named_car
 
 from ...flow.coverage import simulated_session
 from ...simulated.elements import load_car
@@ -269,7 +269,7 @@ def test_runs_of_a_car_with_leaf_springs_are_accepted_although_friction_holds_it
     bench = load_bench(None)
     rolls = replace(bench.campaign, excitations=(Excitation.ROLL,))
     bench = replace(bench, campaign=rolls)
-    session = simulated_session(bench, 1, named_car("cherokee").simulated())
+    session = simulated_session(bench, 1, named_car("cherokee"))
     held = []
     accepted: dict[Step, list[RunMeasure]] = {}
     for run in session.runs:

@@ -24,7 +24,7 @@ from identify.nonlinear.path import POLISH, ROUGH, USUAL, InitialState
 from identify.nonlinear.problem import Problem, point, run_of
 from identify.nonlinear.release import positions
 from identify.pipeline import identify, identify_parameters
-from tests.simulated.cars import named_car
+from tests.simulated.elements import named_car
 from tests.simulated.fleet import fleet_car
 
 from ...flow.coverage import simulated_session
@@ -254,7 +254,7 @@ def test_a_stop_that_two_runs_touch_by_3_mm_is_found() -> None:
     """
     text = default_bench_text().replace('["bounce", "pitch", "roll"]', '["bounce", "roll"]')
     bench = parse_bench(text.replace("repeats = 2", "repeats = 1"), "bench.toml", Path())
-    found = identify_parameters(simulated_session(bench, 1, named_car("escort").simulated()))
+    found = identify_parameters(simulated_session(bench, 1, named_car("escort")))
     assert "whiteness" not in {finding.code for finding in found.quality.findings}
     assert found.forces is not None
     for axle, gap_m, most_m in zip(found.forces.axles, (0.03, 0.04), (0.5e-3, 1.2e-3), strict=True):
