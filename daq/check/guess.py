@@ -69,8 +69,10 @@ def corner_by_name(name: str, message: str) -> tuple[Corner, str] | None:
         "end of the name": {name.lower()[-2:]},
         "message": words(message),
     }
-    for place, said in places.items():
-        stated = [c for c, groups in _CORNERS.items() if any(group <= said for group in groups)]
+    for place, name_words in places.items():
+        stated = [
+            c for c, groups in _CORNERS.items() if any(group <= name_words for group in groups)
+        ]
         if len(stated) == 1:
             return stated[0], place
     return None
@@ -81,12 +83,12 @@ def kind_by_name(name: str, message: str) -> str | None:
 
     A length is only a travel at a corner.
     """
-    said = words(name)
-    if said & {"gyro", "gyr", "rate", "omega", "angular", "drehrate"}:
+    name_words = words(name)
+    if name_words & {"gyro", "gyr", "rate", "omega", "angular", "drehrate"}:
         return "rad/s"
-    if said & {"acc", "accel", "acceleration", "beschleunigung"}:
+    if name_words & {"acc", "accel", "acceleration", "beschleunigung"}:
         return "m/s2"
-    is_travel = said & _SUSPENSION and not (said | words(message)) & _NO_TRAVEL
+    is_travel = name_words & _SUSPENSION and not (name_words | words(message)) & _NO_TRAVEL
     return "m" if is_travel and corner_by_name(name, "") else None
 
 
@@ -184,14 +186,14 @@ class Candidate:
     @property
     def is_on_body(self) -> bool:
         """True if a name says that the sensor is on the body."""
-        said = words(f"{self.name} {message_of(self.full)}")
-        return bool(said & {"body", "chassis", "sprung", "cg", "aufbau", "imu"})
+        name_words = words(f"{self.name} {message_of(self.full)}")
+        return bool(name_words & {"body", "chassis", "sprung", "cg", "aufbau", "imu"})
 
     @property
     def axis(self) -> str | None:
         """Axis of the sensor that the name states: x, y or z."""
-        said, last = words(self.name), self.name[-1:].lower()
-        stated = [axis for axis, known in _AXES.items() if said & known]
+        name_words, last = words(self.name), self.name[-1:].lower()
+        stated = [axis for axis, known in _AXES.items() if name_words & known]
         if len(stated) == 1:
             return stated[0]
         return last if last in _AXES else None
@@ -325,11 +327,11 @@ def _acceleration(s: Candidate) -> Guess:
 def _turn(s: Candidate) -> Guess:
     unit = f"unit {s.unit}"
     for text, place in ((s.name, "name"), (message_of(s.full), "message")):
-        said = words(text)
-        if said & {"yaw", "gier"}:
+        name_words = words(text)
+        if name_words & {"yaw", "gier"}:
             break
         for turn in (_PITCH, _ROLL):
-            if said & turn.words:
+            if name_words & turn.words:
                 why = f"{unit}, {turn.name} by its {place}; {turn.sense}"
                 return Guess(turn.quantity(s.kind), why)
     for turn in (_PITCH, _ROLL):

@@ -33,7 +33,7 @@ from ..bench.sensors import (
     sensors_codec,
 )
 from ..channels import AT_CORNER, ON_BODY, Quantity, sensor_of, signal_of
-from .frame_checks import RATE_FAIL, Arrivals, fitting_rules, frame_table
+from .frame_checks import RATE_FAIL, Arrivals, clock_rate, fitting_rules, frame_table
 from .guess import (
     FEWEST,
     OPEN,
@@ -100,15 +100,15 @@ def propose_sensors(
         plain = tuple(replace(m, name=signal_of(m.name)) for m in codec.messages)
         codec = replace(codec, messages=plain)
     messages = list(codec.messages)
-    arrivals: Mapping[str, Arrivals] = {}
+    received: Mapping[str, Arrivals] = {}
     decoded: Decoded | None = None
     if frames is not None:
-        arrivals, decoded = frame_table(messages, frames).known, codec.decode(frames)
-        missing += [m.name for m in messages if m.name not in arrivals]
-        messages = [m for m in messages if m.name in arrivals]
+        received, decoded = frame_table(messages, frames).known, codec.decode(frames)
+        missing += [m.name for m in messages if m.name not in received]
+        messages = [m for m in messages if m.name in received]
     signals = [(f"{m.name}.{s.name}", s) for m in messages for s in m.signals]
-    found = [candidate(full, signal, _usable(decoded, full)[1]) for full, signal in signals]
-    candidates = [each for each in found if each is not None]
+    measured = (candidate(full, signal, _usable(decoded, full)[1]) for full, signal in signals)
+    candidates = [each for each in measured if each is not None]
     questions: list[Question] = []
     moved = None
     if pushes is not None and len(pushes):
@@ -135,8 +135,8 @@ def propose_sensors(
                 channels += tables.lines(full, guesses[full], sensor)
         rule = []
         if not (is_list and message.name in ready):
-            came = arrivals.get(message.name)
-            rule = message_rule(message, came, decoded, is_used=bool(channels))
+            arrivals = received.get(message.name)
+            rule = message_rule(message, arrivals, decoded, is_used=bool(channels))
         if channels or rule:
             lines += ["", f"# {printable(message.name)}", *rule, *channels]
     if missing:
@@ -398,20 +398,20 @@ class _ChannelTables:
 
 
 def message_rule(
-    message: MessageLayout, came: Arrivals | None, decoded: Decoded | None, *, is_used: bool
+    message: MessageLayout, arrivals: Arrivals | None, decoded: Decoded | None, *, is_used: bool
 ) -> list[str]:
     """Return a `[[message]]` table if the DBC is incomplete, or states a wrong cycle.
 
-    `came` and `decoded`: its frames and all samples; None without traffic.  `is_used`: True if the
-    message has a channel; only then its cycle is checked.
+    `arrivals` and `decoded`: its frames and all samples; None without traffic.  `is_used`: True if
+    the message has a channel; only then its cycle is checked.
     """
     lines = []
-    rate_hz = came.rate_hz if came is not None and len(came.t_ns) >= FEWEST else 0.0
+    rate_hz = arrivals.rate_hz if arrivals is not None and len(arrivals.t_ns) >= FEWEST else 0.0
     measured = f"cycle_ms = {1e3 / rate_hz:.4g}  # measured {rate_hz:.1f} Hz" if rate_hz else ""
     if message.cycle_s is not None:
         if is_used and rate_hz and abs(rate_hz * message.cycle_s - 1) > RATE_FAIL:
             lines.append(f"{measured}, not the {1 / message.cycle_s:.1f} Hz of its database")
-    elif came is None:
+    elif arrivals is None:
         lines.append("# cycle_ms = 10  # FILL IN: not in the DBC, and there was no traffic")
     elif measured:
         lines.append(measured)
@@ -419,11 +419,11 @@ def message_rule(
     checksum: list[str] = []
     time: list[str] = []
     for signal in message.signals:  # the first of each kind
-        said = words(signal.name)
+        name_words = words(signal.name)
         t_ns, value = _usable(decoded, f"{message.name}.{signal.name}")
-        counter = counter or _counter(signal, said, came, value)
-        checksum = checksum or _checksum(signal, said, came, message.length)
-        time = time or _time(signal, said, came, t_ns, value)
+        counter = counter or _counter(signal, name_words, arrivals, value)
+        checksum = checksum or _checksum(signal, name_words, arrivals, message.length)
+        time = time or _time(signal, name_words, arrivals, t_ns, value)
     lines += [] if message.counter else counter
     lines += [] if message.crc else checksum
     lines += time
@@ -435,14 +435,17 @@ def message_rule(
 
 
 def _counter(
-    signal: SignalLayout, said: set[str], came: Arrivals | None, value: NDArray[np.float64]
+    signal: SignalLayout,
+    name_words: set[str],
+    arrivals: Arrivals | None,
+    value: NDArray[np.float64],
 ) -> list[str]:
-    """Return the lines on a counter, by its name (`said`) and, with traffic, by its steps."""
+    """Return the lines on a counter, by its name and, with traffic, by its steps."""
     counter_words = words("counter cnt count alive rolling msgcnt seq sequence mc rc")
-    if not (signal.is_plain and 2 <= signal.length <= 32 and said & counter_words):
+    if not (signal.is_plain and 2 <= signal.length <= 32 and name_words & counter_words):
         return []
     name = json.dumps(signal.name)
-    if came is None:
+    if arrivals is None:
         return [f"# counter = {name}  # by its name; true?"]
     if len(value) < FEWEST:
         return []
@@ -457,14 +460,14 @@ def _counter(
 
 
 def _checksum(
-    signal: SignalLayout, said: set[str], came: Arrivals | None, length: int
+    signal: SignalLayout, name_words: set[str], arrivals: Arrivals | None, length: int
 ) -> list[str]:
-    """Return the lines on a checksum, by its name (`said`) and the rule that all frames pass."""
+    """Return the lines on a checksum, by its name and the rule that all frames pass."""
     is_byte = signal.length == 8 and signal.low_bit == 0 and signal.is_plain
-    if not (is_byte and said & words("crc crc8 checksum chk chksum cs")):
+    if not (is_byte and name_words & words("crc crc8 checksum chk chksum cs")):
         return []
     name = json.dumps(signal.name)
-    rules = fitting_rules(came, signal.first_byte, length) if came is not None else []
+    rules = fitting_rules(arrivals, signal.first_byte, length) if arrivals is not None else []
     if not rules:
         return [f"# crc = {name}  # which rule? give crc_rule"]
     return [f"crc = {name}", f'crc_rule = "{rules[0]}"  # matches all frames']
@@ -472,24 +475,24 @@ def _checksum(
 
 def _time(
     signal: SignalLayout,
-    said: set[str],
-    came: Arrivals | None,
+    name_words: set[str],
+    arrivals: Arrivals | None,
     t_ns: NDArray[np.int64],
     value: NDArray[np.float64],
 ) -> list[str]:
-    """Return the lines on a time stamp, by its name (`said`), its unit and its rate."""
+    """Return the lines on a time stamp, by its name, its unit and its rate."""
     known = known_si(signal.unit)
     if known is None or known.unit != "s" or signal.is_multiplexed:
         return []
-    if not said & words("time timestamp stamp millitime sampletime tow"):
+    if not name_words & words("time timestamp stamp millitime sampletime tow"):
         return []
     name = json.dumps(signal.name)
-    if came is None or signal.is_float:
+    if arrivals is None or signal.is_float:
         return [f"# time_signal = {name}  # by its name and unit; true?"]
-    if len(value) < FEWEST or t_ns[-1] <= t_ns[0]:
-        return []
     wrap = abs(signal.factor) * float(1 << signal.length)
-    rate = float(np.sum(np.diff(value) % wrap)) * known.factor / (np.ptp(t_ns) * 1e-9)
+    rate = clock_rate(value, t_ns, known.factor, wrap) if len(value) >= FEWEST else None
+    if rate is None:
+        return []
     if abs(rate - 1) > 0.05:
         slow = f"runs {rate:.3g} times as fast as the bus's clock: no time_signal as it is"
         return [f"# {name} {slow}"]

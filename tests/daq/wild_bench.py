@@ -7,17 +7,13 @@ on its side; an IMU and hub sensors of another; four nodes of CANopen that one d
 from __future__ import annotations
 
 from functools import cache
+from itertools import takewhile
 from pathlib import Path
-
-import numpy as np
 
 from daq.bench.config import Bench, bench_codec, parse_bench
 from daq.bench.sensors import Database, stored_text
-from daq.check.pushes import ORDER
-from daq.runs import BASELINE
-from daq.sim.bench import Acts
+from daq.sim.bench import push_frames
 from daq.sim.car import SimulatedCar
-from daq.sim.ecu import rig_of
 from dbc import FrameBatch
 
 from .sensor_bench import START_NS
@@ -49,18 +45,8 @@ def wild_bench() -> Bench:
 def rest_and_pushes() -> tuple[FrameBatch, FrameBatch]:
     """Return three seconds of rest, and a push on each corner with rest before each."""
     bench = wild_bench()
-    rig = rig_of(bench, bench_codec(bench), SimulatedCar(), 3)
-    acts = Acts(bench, rig)
-    plan = [(acts.rest(BASELINE), 4.0)]
-    for corner in ORDER:
-        plan += [(acts.push(BASELINE, corner), 1.2), (acts.rest(BASELINE), 1.0)]
-    acts.close()
-    rng = np.random.default_rng(5)
-    free_ns, begun_s, batches = [START_NS] * 2, 0.0, []
-    for act, length_s in plan:
-        span_s = (begun_s, begun_s + length_s)
-        batches.append(rig.frames(act, begun_s, span_s, rng, START_NS, free_ns))
-        begun_s = span_s[1]
-    frames = FrameBatch.concatenate(batches)
+    end_ns = START_NS + 15_000_000_000
+    blocks = push_frames(bench, bench_codec(bench), SimulatedCar(), 3, START_NS, 4.0)
+    frames = FrameBatch.concatenate(list(takewhile(lambda b: int(b.t_ns[0]) < end_ns, blocks)))
     cut_ns = START_NS + 3_000_000_000
     return frames.select(frames.t_ns < cut_ns), frames.select(frames.t_ns >= cut_ns)
