@@ -65,10 +65,6 @@ AT_CORNER = frozenset(
     {Quantity.HUB_ACCELERATION, Quantity.SUSPENSION_TRAVEL, Quantity.HUB_DISPLACEMENT}
 )
 
-_NEAR_CG_M = 0.2
-"""Standard uncertainty of a place that is called the CG, m: its own place is not known."""
-
-
 # Limits hold for what a person writes: a larger value is in the wrong unit.
 _PlaceM = Annotated[float, Interval(ge=-20, le=20)]
 
@@ -149,11 +145,12 @@ class Channel:
     def placed(self) -> Channel:
         """Return the channel with an uncertainty of its place: no place on a body is exact.
 
-        Where none is stated it is that of a tape measure, or of the CG.
+        Where none is stated it is that of a tape measure, or 0.2 m at the CG, whose own place is
+        not known.
         """
         if self.position_sigma_m or self.quantity not in ON_BODY:
             return self
-        return replace(self, position_sigma_m=_NEAR_CG_M if self.at_cg else BY_TAPE_M)
+        return replace(self, position_sigma_m=0.2 if self.at_cg else BY_TAPE_M)
 
     @property
     def scale(self) -> float:

@@ -215,7 +215,6 @@ class Structure:
 
 RICHEST = Structure(symmetric=False, anti_roll_bars=True, tyre_damping=True, cg_offset=True)
 """Structure with every parameter that the model can have."""
-_CORNER_KINDS = ("m_u", "k_s", "k_t", "c_s")
 _UNITS = {"m": "kg", "I": "kg m2", "k": "N/m", "c": "N s/m", "F": "N"}
 """Units of parameters by their first letter; all others are lengths, in m."""
 
@@ -228,7 +227,12 @@ def parameter_names(structure: Structure) -> tuple[str, ...]:
     off the middle ``y_s`` (positive to the left).
     """
     sides = ("",) if structure.symmetric else ("l", "r")
-    corner = [f"{kind}{axle}{side}" for kind in _CORNER_KINDS for axle in "fr" for side in sides]
+    corner = [
+        f"{kind}{axle}{side}"
+        for kind in ("m_u", "k_s", "k_t", "c_s")
+        for axle in "fr"
+        for side in sides
+    ]
     names = ["m_s", "I_yy", "I_xx", *corner, "a", "b", "t_f", "t_r"]
     if structure.anti_roll_bars:
         names += ["k_af", "k_ar"]

@@ -25,9 +25,6 @@ WHERE = "bench.toml"
 Weight = BodyWeight | HubWeight
 _Row = Mapping[str, Any]
 
-_OPTIONAL = {"sigma_kg": 0.0, "height_m": 0.0, "position_sigma_m": 0.0}
-"""Keys of a weight that are left out where they have these values."""
-
 
 def with_vehicle(text: str, name: str, structure: Structure) -> str:
     """Return the text with another name of the vehicle and another structure of its model."""
@@ -111,7 +108,9 @@ def with_campaign(
 
 
 def _without_defaults(row: _Row) -> dict[str, Any]:
-    return {key: value for key, value in row.items() if _OPTIONAL.get(key) != value}
+    """Return a row without the keys of a weight that may be left out where they are 0."""
+    optional = ("sigma_kg", "height_m", "position_sigma_m")
+    return {key: value for key, value in row.items() if key not in optional or value != 0.0}
 
 
 # Tables within the document -----------------------------------------------------------------------

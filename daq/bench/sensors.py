@@ -30,7 +30,6 @@ PREFIX = "layout:"
 """Prefix of `dbc` in bench.toml that names a ready map instead of a file."""
 CORRECT_MESSAGE = "correct that [[message]] in bench.toml"
 _CORRECT_SET = "correct that [[sample_set]] in bench.toml"
-_CORRECT_SENSOR = "correct that [[sensor]] in bench.toml"
 
 
 # Ready maps: a DBC and a part of bench.toml for each of some common sensors ----------------------
@@ -230,7 +229,7 @@ def sensors_codec(
         texts = [each.text for each in databases if only or each.name == sensor.database]
         if not texts:
             what = f"the database {sensor.database} is missing"
-            raise InputError(f"sensor {sensor.name}", what, _CORRECT_SENSOR)
+            raise InputError(f"sensor {sensor.name}", what, "correct that [[sensor]] in bench.toml")
         codec = database_codec(texts[0], sensor.database)
         left_out |= dict.fromkeys(codec.left_out)
         notes |= dict.fromkeys(codec.notes)

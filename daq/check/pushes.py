@@ -83,11 +83,19 @@ def judge_push(
     have been pushed; a motion that goes on there does not count either.  `bin_s`: width of a bin,
     s.
     """
-    deviations = {
-        c: deviation
-        for c in channels
-        if c.quantity in _LEAST and (deviation := _deviation(c, lanes.get(c.name))) is not None
-    }
+    deviations = {}  # from rest, and the least that is a movement
+    for channel in channels:
+        if channel.quantity not in _LEAST or channel.name not in lanes:
+            continue
+        low, high = lanes[channel.name]
+        middle = (low + high) / 2.0
+        known = middle[np.isfinite(middle)]
+        if len(known):
+            level = float(np.median(known))
+            # A push changes no median; 1.48 makes a standard deviation of normal noise of it.
+            noise = 1.48 * float(np.median(np.abs(known - level)))
+            least = max(_LEAST[channel.quantity], 6.0 * noise)
+            deviations[channel] = np.nan_to_num(middle - level), least
     asked = PushResult(corner, False, False, f"push DOWN at the {spoken(corner)}, let go")
     moving = PushResult(corner, False, False, "moving: let it come to rest")
     if not deviations:
@@ -113,20 +121,6 @@ def judge_push(
     if quiet_s < _SETTLED_S and moving_s < 5.0:
         return moving
     return _judged(corner, moves, channels)
-
-
-def _deviation(channel: Channel, lane: Envelope | None) -> tuple[NDArray[np.float64], float] | None:
-    """Return the deviation of a channel from rest, and the limit for a movement."""
-    if lane is None:
-        return None
-    middle = (lane[0] + lane[1]) / 2.0
-    known = middle[np.isfinite(middle)]
-    if not len(known):
-        return None
-    level = float(np.median(known))
-    # A push does not change a median; 1.48 makes a standard deviation of normal noise from it.
-    noise = 1.48 * float(np.median(np.abs(known - level)))
-    return np.nan_to_num(middle - level), max(_LEAST[channel.quantity], 6.0 * noise)
 
 
 def _judged(corner: Corner, moves: Sequence[_Move], channels: Sequence[Channel]) -> PushResult:

@@ -56,8 +56,6 @@ _AGAIN_S = 0.84
 _LOST_S = (0.3, 0.42)
 """Begin and end of the time after a bump in which frames are lost, s: more frames than the few that
 are harmless, and shorter than the silence of a sensor that stopped."""
-_UNPLUG_S, _UNPLUGGED_S = 0.5, 3.0
-"""Time after a bump at which the adapter is unplugged, s, and for how long, s of the host."""
 
 
 class Fault(StrEnum):
@@ -225,7 +223,7 @@ class SimulatedBench:
         if stop_s >= self._unplug_s:
             self._unplug_s = np.inf
             speed = self._speed if np.isfinite(self._speed) else 1.0
-            self._plugged_s = stop_s + _UNPLUGGED_S * speed
+            self._plugged_s = stop_s + 3.0 * speed  # 3 s of the host
         span_s = (self._done_s, max(stop_s, self._done_s))
         self._done_s = span_s[1]
         batch = self._rig.frames(
@@ -312,7 +310,7 @@ class SimulatedBench:
         if fault is Fault.LOST_FRAMES:
             self._lost_s = (bump_s + _LOST_S[0], bump_s + _LOST_S[1])
         elif fault is Fault.UNPLUG:
-            self._unplug_s = bump_s + _UNPLUG_S
+            self._unplug_s = bump_s + 0.5
 
     def _begin(self, act: Act) -> None:
         self._act, self._begun_s = act, self._done_s

@@ -211,14 +211,12 @@ class Bump:
         return np.where(is_on, height_m, 0.0), np.where(is_on, speed_m_s, 0.0)
 
 
-@dataclass(frozen=True, slots=True)
-class Kinematics:
+class Kinematics(NamedTuple):
     """The motion at chosen instants, each (7, n) in the order `daq.vehicle.DOF`."""
 
     pose: Array
     """Pose, counted from free springs (`engine`), m and rad."""
     velocity: Array
-    """Rate of change of the pose."""
     acceleration: Array
     """Rate of change of the velocity, from the balance of forces."""
 
@@ -284,11 +282,7 @@ class Spliced:
         """Return the motion at the times `t_s`, (n,) ascending, s."""
         split = int(np.searchsorted(t_s, self.second.bump.start_s, side="right"))
         before, after = self.first.at(t_s[:split]), self.second.at(t_s[split:])
-        return Kinematics(
-            np.hstack([before.pose, after.pose]),
-            np.hstack([before.velocity, after.velocity]),
-            np.hstack([before.acceleration, after.acceleration]),
-        )
+        return Kinematics(*map(np.hstack, zip(before, after, strict=True)))
 
 
 def standing(plant: Plant, stuck: Array | None = None) -> Array:

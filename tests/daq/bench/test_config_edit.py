@@ -131,7 +131,7 @@ _WEIGHTS = st.lists(
 )
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(first=_WEIGHTS, second=_WEIGHTS, tare=st.floats(-1e9, 1e9))
 def test_any_number_goes_through_to_the_last_bit(
     first: list[Any], second: list[Any], tare: float
