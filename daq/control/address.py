@@ -1,4 +1,4 @@
-"""Gives a folder its one recorder: a lock, and two sockets in a directory of a single user.
+"""Gives a folder its one recorder: a lock, and a socket in a directory of a single user.
 
 A directory is used only if it certainly belongs to this user: made by this user, not a symbolic
 link, and not writable by others.  No directory has a fixed name in the system's folder for
@@ -12,7 +12,6 @@ import socket
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 
@@ -33,27 +32,12 @@ class FolderLockedError(BumpbenchError):
     """Another recorder writes to this folder."""
 
 
-@dataclass(frozen=True, slots=True)
-class Address:
-    """Endpoints of one recorder."""
+def control_address(folder: Path) -> Path:
+    """Return the socket of the recorder of a folder; the future one if none runs.
 
-    control: str
-    """``ipc://`` endpoint of requests and replies."""
-    news: str
-    """``ipc://`` endpoint of published messages."""
-
-    @property
-    def paths(self) -> tuple[Path, Path]:
-        """The files of the two sockets."""
-        return Path(self.control.removeprefix("ipc://")), Path(self.news.removeprefix("ipc://"))
-
-
-def control_address(folder: Path) -> Address:
-    """Return the address of the recorder of a folder; the future address if none runs.
-
-    The sockets are in systemd's `RUNTIME_DIRECTORY` if it is set; else in the run-time directory of
-    the user (`XDG_RUNTIME_DIR`), or below the home directory if there is none.  A client looks for
-    those of the service first.
+    It is in systemd's `RUNTIME_DIRECTORY` if that is set, else below the home directory: it has to
+    outlive the login from which the recorder was started.  A client looks for that of the service
+    first.
 
     Raises InputError if the directory cannot be used: it cannot be made, belongs to another user,
     can be written by others, or its path is too long; or if the name of the folder is not UTF-8.
@@ -63,37 +47,29 @@ def control_address(folder: Path) -> Address:
         raise InputError("this system", why, "run the recorder on Linux or macOS")
     folder = folder.resolve()
     try:
-        name = sha256(str(folder).encode()).hexdigest()[:16]
+        name = sha256(str(folder).encode()).hexdigest()[:16] + ".socket"
     except UnicodeEncodeError as error:
         raise InputError(str(folder), "has a name that is not UTF-8", "rename it") from error
-    owners = {os.getuid(), _owner(folder)}  # /var/lib/bumpbench is a link
-    service = _address(_SERVICE, name)
-    if _fault(_SERVICE, owners) == "" and is_running(service):
-        return service
-    named = os.environ.get(_DIRECTORY, "").split(":")[0]
-    user = Path(os.environ.get("XDG_RUNTIME_DIR") or f"/run/user/{os.getuid()}")
+    owners = {os.getuid()}
+    with suppress(OSError):
+        owners.add(folder.stat().st_uid)
+    if _fault(_SERVICE, owners) == "" and is_running(_SERVICE / name):
+        return _SERVICE / name
     state = Path(os.environ.get("XDG_STATE_HOME") or "~/.local/state").expanduser()
-    if named:
-        place = Path(named)
-    elif _owner(user) == os.getuid():
-        place = user / "bumpbench"
-    else:
-        place = state / "bumpbench" / "run"
-    with suppress(OSError):  # a failure is reported by the next line
-        place.parent.mkdir(parents=True, exist_ok=True)
+    named = os.environ.get(_DIRECTORY, "").split(":")[0]
+    place = Path(named) if named else state / "bumpbench" / "run"
     make_private(place)
-    address = _address(place, name)
-    if len(os.fsencode(address.paths[0])) > MAX_PATH_BYTES:
+    if len(os.fsencode(place / name)) > MAX_PATH_BYTES:
         advice = f"set {_DIRECTORY} to a shorter path"
         raise InputError(str(place), "is too long for the path of a socket", advice)
-    return address
+    return place / name
 
 
-def is_running(address: Address) -> bool:
+def is_running(address: Path) -> bool:
     """Return whether a recorder listens at an address."""
     with socket.socket(socket.AF_UNIX) as probe, suppress(OSError):
         probe.settimeout(1.0)
-        probe.connect(str(address.paths[0]))
+        probe.connect(str(address))
         return True
     return False
 
@@ -104,6 +80,7 @@ def make_private(directory: Path) -> None:
     Raises InputError if that is not possible.
     """
     try:
+        directory.parent.mkdir(parents=True, exist_ok=True)
         directory.mkdir(mode=0o700, exist_ok=True)
         if fault := _fault(directory, {os.getuid()}):
             advice = f"set {_DIRECTORY} to a directory of your own"
@@ -114,28 +91,15 @@ def make_private(directory: Path) -> None:
         raise InputError(str(directory), why, f"set {_DIRECTORY} to another directory") from error
 
 
-def _address(place: Path, name: str) -> Address:
-    return Address(f"ipc://{place / name}.control", f"ipc://{place / name}.news")
-
-
 def _fault(directory: Path, owners: set[int]) -> str:
     """Return why a directory may belong to another user; empty if it does not."""
     try:
-        mode = directory.lstat().st_mode
+        status = directory.lstat()
     except OSError as error:
         return error.strerror or str(error)
-    if _owner(directory) not in owners:
+    if not stat.S_ISDIR(status.st_mode) or status.st_uid not in owners:
         return "belongs to another user"
-    return "can be written by others" if mode & 0o022 else ""
-
-
-def _owner(path: Path) -> int:
-    """Return the number of the user who owns a directory; -1 if it does not exist or is a link."""
-    with suppress(OSError):
-        status = path.lstat()
-        if stat.S_ISDIR(status.st_mode):
-            return status.st_uid
-    return -1
+    return "can be written by others" if status.st_mode & 0o022 else ""
 
 
 # Allows one recorder for each folder, by a lock that is released when its process dies ------------

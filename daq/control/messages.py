@@ -22,9 +22,8 @@ from ..runs import Excitation, Losses
 if TYPE_CHECKING:
     from ..bench.config import Bench
 
-PROTOCOL = 5
+PROTOCOL = 6
 """Version of the messages, increased when an older client could misread them."""
-STATUS_TOPIC, LIVE_TOPIC = b"status", b"live"
 _WHEN_USED = ConfigDict(defer_build=True)
 """Builds validators at the first message, so that they do not delay the first screen."""
 

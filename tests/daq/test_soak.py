@@ -24,7 +24,6 @@ import pytest
 
 from daq.bench.config import Bench, bench_codec, load_bench, parse_bench
 from daq.bus.source import HopLosses
-from daq.control.address import Address
 from daq.control.exchange import Client, Server
 from daq.control.messages import (
     Accept,
@@ -200,7 +199,7 @@ class Soak(AbstractContextManager["Soak"]):
         self._engine = Recorder(
             bench, folder, lambda *_: self.bench, software="soak", pieces=pieces
         )
-        address = Address(f"ipc://{folder}/control", f"ipc://{folder}/news")
+        address = folder / "socket"
         self._server = Server(self._engine.submit, address)
         self._stop = threading.Event()
         self._writer = threading.Thread(target=self._record)

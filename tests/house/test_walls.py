@@ -20,7 +20,6 @@ RESERVED = {
     "serial": ("daq/bus/slcan",),
     "cantools": ("dbc/",),
     "h5py": ("daq/session", "daq/formats/"),
-    "zmq": ("daq/control/exchange.py",),
     "tomlkit": ("daq/bench/edit.py",),
     "filelock": ("daq/control/address.py",),
     "sdnotify": ("daq/control/monitoring.py",),

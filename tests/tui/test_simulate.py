@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from daq.bench.config import bench_codec, load_bench
+from daq.control.exchange import RecorderGoneError
 from daq.control.messages import Due, Phase, Status
 from daq.runlog import LoggedNote
 from dbc import FrameBatch
@@ -152,16 +153,19 @@ def test_the_simulated_car_is_bumped_again_when_the_recorder_rejects(
     class Recorder:
         first_status = None
 
-        def __init__(self, *_: object, **__: object) -> None: ...
+        def __init__(self, *_: object, **__: object) -> None:
+            if late:
+                raise late.pop()
 
         def news(self, _: float) -> Status | None:
+            if not news:
+                raise RecorderGoneError("here", "the recorder has ended", "start one")
             return news.pop(0)
 
         def close(self) -> None: ...
 
-    answers = [False] * 5 + [True] * (len(script) - 1)
+    late = [RecorderGoneError("here", "no recorder is running there", "start one")] * 5
     monkeypatch.setattr("daq.control.exchange.Client", Recorder)
-    monkeypatch.setattr("daq.control.address.is_running", lambda _: bool(answers and answers.pop()))
     no_wait = SimpleNamespace(monotonic=time.monotonic, sleep=lambda _: None)
     monkeypatch.setattr("daq.replay.time", no_wait)
     said(capsys, "simulate", str(bench), *UDP[:-1], "--recorder", str(tmp_path), code=0)

@@ -247,22 +247,22 @@ class _RecorderStatus:
 
     def __call__(self) -> Status | None:
         """Return the newest status; None before the recorder answers."""
-        from daq.control.address import is_running
         from daq.control.exchange import Client, RecorderGoneError
         from daq.control.messages import Status
 
-        running = is_running(self._address)
-        if self._client is None and running:
+        if self._client is None:
             with suppress(RecorderGoneError):
                 self._client = Client(self._address, "simulated car", control=False)
                 self._status = self._client.first_status
         if self._client is None:
             self._stage(0.0, self._waits)
             return None
-        self.ended = not running
-        while (news := self._client.news(0.0)) is not None:
-            if isinstance(news, Status):
-                self._status = news
+        try:
+            while (news := self._client.news(0.0)) is not None:
+                if isinstance(news, Status):
+                    self._status = news
+        except RecorderGoneError:
+            self.ended = True
         if (status := self._status) is not None:
             done = sum(tally.accepted for tally in status.tallies)
             planned = sum(tally.planned for tally in status.tallies)

@@ -228,12 +228,13 @@ class RecorderFeed:
         silent_s, in_control = 0.0, client.in_control
         begun_s, waits_for_control = time.monotonic(), self._control and not in_control
         while not self._stop.is_set() and not self._reconnect.is_set():
-            news = client.news(SLICE_S)
+            try:
+                news = client.news(SLICE_S)
+            except RecorderGoneError:
+                return "the recorder has ended"
             silent_s = silent_s + SLICE_S if news is None else 0.0
             if news is not None:
                 post(news)
-            elif not is_running(control_address(self._folder)):
-                return "the recorder has ended"
             elif silent_s >= SILENT_S:
                 return f"the recorder has been silent for {SILENT_S:g} s"
             if in_control and not client.in_control:

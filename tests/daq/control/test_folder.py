@@ -155,53 +155,42 @@ def test_the_directory_is_private_and_ones_own(
 
 
 @pytest.fixture
-def places(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Path, Path]:
-    """Directories of a user without settings of systemd: for run-time files, and for state."""
-    user, state = tmp_path / "u", tmp_path / "s"
-    user.mkdir(mode=0o700)
+def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return the directory of a user without settings of systemd."""
+    state = tmp_path / "s"
     monkeypatch.delenv("RUNTIME_DIRECTORY")
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(user))
     monkeypatch.setenv("XDG_STATE_HOME", str(state))
     monkeypatch.setattr("daq.control.address.MAX_PATH_BYTES", 200)
     monkeypatch.setattr("daq.control.address._SERVICE", tmp_path / "service")
-    return user / "bumpbench", state / "bumpbench" / "run"
-
-
-def _directory(tmp_path: Path) -> Path:
-    return control_address(tmp_path).paths[0].parent
+    return state / "bumpbench" / "run"
 
 
 def test_the_directory_is_that_of_the_user_and_never_a_shared_one(
-    tmp_path: Path, places: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, state: Path
 ) -> None:
-    user, state = places
-    assert _directory(tmp_path) == user
-    user.rmdir()
-    user.symlink_to(tmp_path)  # somebody else was faster
+    assert control_address(tmp_path).parent == state
+    assert stat.S_IMODE(state.stat().st_mode) == 0o700
+    state.rmdir()
+    state.symlink_to(tmp_path)  # somebody else was faster
     with pytest.raises(InputError, match="belongs to another user"):
         control_address(tmp_path)
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "gone"))  # after the last logout
-    assert _directory(tmp_path) == state
-    assert stat.S_IMODE(state.stat().st_mode) == 0o700
-    assert not (tmp_path / "gone").exists()
 
 
 @pytest.mark.parametrize(("mode", "ours"), [(0o755, True), (0o720, False), (0o702, False)])
 def test_a_directory_that_others_may_have_written_to_is_not_used(
-    tmp_path: Path, places: tuple[Path, Path], mode: int, ours: bool
+    tmp_path: Path, state: Path, mode: int, ours: bool
 ) -> None:
-    user, _ = places
-    user.mkdir()
-    user.chmod(mode)
+    state.mkdir(parents=True)
+    state.chmod(mode)
     if ours:
-        assert _directory(tmp_path) == user
+        assert control_address(tmp_path).parent == state
     else:
         with pytest.raises(InputError, match="written by others"):
             control_address(tmp_path)
 
 
 def test_the_recorder_of_the_service_is_seen_first(
-    tmp_path: Path, places: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, state: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     short = Path(tempfile.mkdtemp(prefix="bb"))
     try:

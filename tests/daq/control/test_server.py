@@ -2,32 +2,26 @@
 
 from __future__ import annotations
 
-import json
-import os
-import shutil
-import stat
+import socket
 import subprocess
 import sys
 import threading
 import time
 import zlib
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future
-from contextlib import contextmanager
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
-import zmq
 from pydantic import TypeAdapter, ValidationError
 
 from daq.bench.campaign import Origin
-from daq.control.address import Address, control_address, is_running
+from daq.control.address import control_address, is_running
 from daq.control.exchange import (
     MAX_REQUEST_BYTES,
     Client,
     OrderRefusedError,
-    Peers,
     RecorderGoneError,
     Server,
 )
@@ -59,7 +53,6 @@ from ..a_status import a_status
 from ..small_campaign import small_bench
 
 PATIENCE_S = 150.0
-NOW = b"%d" % PROTOCOL
 
 
 class Engine:
@@ -77,7 +70,7 @@ class Engine:
 
 
 @pytest.fixture
-def address(tmp_path: Path) -> Address:
+def address(tmp_path: Path) -> Path:
     return control_address(tmp_path / "today")
 
 
@@ -87,7 +80,7 @@ def engine() -> Engine:
 
 
 @pytest.fixture
-def server(engine: Engine, address: Address) -> Iterator[Server]:
+def server(engine: Engine, address: Path) -> Iterator[Server]:
     server = Server(engine.submit, address)
     yield server
     server.close()
@@ -100,25 +93,17 @@ def until(condition: Callable[[], bool]) -> None:
         time.sleep(0.01)
 
 
-def raw(address: Address, *message: bytes, client: bytes = b"c") -> tuple[bytes, bytes, Reply]:
-    """Send what need not be a request; return protocol and number of the answer, and the answer."""
-    with zmq.Context() as context, context.socket(zmq.DEALER) as socket:
-        socket.linger = 0
-        socket.identity = client
-        socket.connect(address.control)
-        socket.send_multipart(message)
-        assert socket.poll(int(PATIENCE_S * 1e3))
-        protocol, number, answer = socket.recv_multipart()
-    reply: Reply = REPLY.validate_json(answer)
-    return protocol, number, reply
+def lines_of(address: Path, *requests: bytes) -> Iterator[bytes]:
+    """Send lines that need not be requests, and yield the lines that are answered."""
+    with socket.socket(socket.AF_UNIX) as connection:
+        connection.settimeout(PATIENCE_S)
+        connection.connect(str(address))
+        connection.sendall(b"".join(request + b"\n" for request in requests))
+        with connection.makefile("rb") as lines:
+            yield from lines
 
 
-def hello(address: Address, client: str, name: str, **more: object) -> str:
-    order = json.dumps({"name": name, "control": True, **more}).encode()
-    return raw(address, NOW, b"1", b"Hello", order, client=client.encode())[2].error
-
-
-def test_orders_and_answers(server: Server, engine: Engine, address: Address) -> None:
+def test_orders_and_answers(server: Server, engine: Engine, address: Path) -> None:
     client = Client(address, "Anna", control=True)
     assert client.in_control
     reply = client.ask(Mark("boards moved"))
@@ -137,7 +122,7 @@ def test_orders_and_answers(server: Server, engine: Engine, address: Address) ->
         client.ask(Pause())
 
 
-def test_one_controller_many_viewers(server: Server, engine: Engine, address: Address) -> None:
+def test_one_controller_many_viewers(server: Server, engine: Engine, address: Path) -> None:
     anna = Client(address, "Anna", control=True)
     viewers = [Client(address, f"viewer {i}", control=False) for i in range(2)]
     live = Live(7, 0.01, (Lane("hub", (0.5, None), (1.5, None)),))
@@ -172,7 +157,10 @@ def test_one_controller_many_viewers(server: Server, engine: Engine, address: Ad
     assert engine.orders[-1] == (Arm(), "Berta")
     with pytest.raises(OrderRefusedError, match="Berta is in control"):
         anna.ask(Pause())
-    until(lambda: not anna.in_control)  # its heart has noticed, and does not fight
+    until(lambda: not anna.in_control)  # it is told, and does not fight
+    berta.ask(Hello("Bertha\x1b[2J", control=True))
+    with pytest.raises(OrderRefusedError, match=r"Bertha\\x1b\[2J is in control"):
+        anna.ask(Pause())
     berta.close()  # gives control back
     Client(address, "Clara", control=True).close()
     for client in (anna, *viewers):
@@ -180,7 +168,7 @@ def test_one_controller_many_viewers(server: Server, engine: Engine, address: Ad
 
 
 def test_control_of_a_killed_terminal_is_free_at_once(
-    server: Server, address: Address, tmp_path: Path
+    server: Server, address: Path, tmp_path: Path
 ) -> None:
     code = (
         "import sys, time; from pathlib import Path\n"
@@ -209,32 +197,25 @@ def test_control_of_a_killed_terminal_is_free_at_once(
                 time.sleep(0.01)
 
 
-def test_a_client_survives_a_restart_of_the_recorder(engine: Engine, address: Address) -> None:
-    first = Server(engine.submit, address)
+def test_the_end_of_a_recorder_ends_its_connections(engine: Engine, address: Path) -> None:
+    server = Server(engine.submit, address)
     client = Client(address, "Anna", control=True)
-    client.ask(Pause())
-    first.close()
-    assert not is_running(address)
-    assert not any(path.exists() for path in address.paths)
-    with pytest.raises(RecorderGoneError, match="no answer"):
-        client.ask(Pause(), timeout_s=0.05)
-    second = Server(engine.submit, address)
-
-    def in_control_again() -> bool:
-        try:
-            client.ask(Pause(), timeout_s=1.0)
-        except (OrderRefusedError, RecorderGoneError):
-            return False
-        return True
-
-    until(in_control_again)
+    engine.answer = lambda future: threading.Timer(0.1, future.set_result, [Reply()]).start()
+    stop = threading.Timer(0.05, server.close)
+    stop.start()
+    client.ask(Pause())  # the last answers are sent
+    stop.join()
+    with pytest.raises(RecorderGoneError, match="has ended"):
+        client.ask(Pause())
+    with pytest.raises(RecorderGoneError, match="has ended"):
+        client.news(0.0)
     client.close()
-    second.close()
+    assert not address.exists()
 
 
-def test_a_stale_socket_is_replaced(engine: Engine, address: Address) -> None:
-    for path in address.paths:
-        path.write_bytes(b"")
+def test_a_stale_socket_is_replaced(engine: Engine, address: Path) -> None:
+    with socket.socket(socket.AF_UNIX) as killed:
+        killed.bind(str(address))
     with pytest.raises(RecorderGoneError, match="no recorder is running"):
         Client(address, "Anna", control=True)
     server = Server(engine.submit, address)
@@ -243,54 +224,43 @@ def test_a_stale_socket_is_replaced(engine: Engine, address: Address) -> None:
 
 
 @pytest.mark.parametrize(
-    ("message", "said"),
+    ("line", "answer"),
     [
-        ((b"",), "protocol none is not supported"),
-        ((b'{"client": "c", "number": 9, "order": {"order": "status"}}',), "protocol none"),
-        ((b"99", b"9", b"AskStatus", b"{}"), "protocol 99 is not supported, only"),
-        ((NOW, b"9", b"Fly", b"{}"), "no order b'Fly'"),
-        ((NOW, b"9", b"Mark", b"\xff\xfe\x00"), "not an order: Mark: "),
-        ((NOW, b"9", b"Mark", b"[" * 100_000), "not an order"),
-        ((NOW, b"9", b"Mark", b"{}"), "not an order: Mark.text: Field required"),
-        ((NOW, b"9", b"Pause", b"{}"), "not in control"),
-        ((NOW, b"9", b"Mark", b" " * (MAX_REQUEST_BYTES + 1)), "the limit is"),
+        (b"", "protocol none is not supported"),
+        (b"GET / HTTP/1.1", "protocol GET is not supported"),
+        (b"99 9 AskStatus {}", "protocol 99 is not supported, only"),
+        (b"%d 9 Fly {}" % PROTOCOL, "no order b'Fly'"),
+        (b"%d 9 Mark \xff\xfe\x00" % PROTOCOL, "not an order: Mark: "),
+        (b"%d 9 Mark %s" % (PROTOCOL, b"[" * 100_000), "not an order"),
+        (b"%d 9 Mark {}" % PROTOCOL, "not an order: Mark.text: Field required"),
+        (b"%d 9 Pause {}" % PROTOCOL, "not in control"),
     ],
 )
 def test_what_is_no_request_gets_one_line(
-    server: Server, engine: Engine, address: Address, message: tuple[bytes, ...], said: str
+    server: Server, engine: Engine, address: Path, line: bytes, answer: str
 ) -> None:
-    protocol, number, reply = raw(address, *message)
-    assert said in reply.error
-    assert len(reply.error) <= 200
+    first = next(lines_of(address, line))
+    kind, protocol, number, body = first.split(b" ", 3)
+    reply: Reply = REPLY.validate_json(body)
+    assert answer in reply.error
+    assert len(reply.error) <= 400
     assert reply.error.isprintable()
-    assert number == (b"9" if len(message) == 4 else b"0")
-    assert protocol == NOW
+    assert (kind, int(protocol)) == (b"reply", PROTOCOL)
+    assert int(number) == (9 if b" 9 " in line else 0)
     assert engine.orders == []
     Client(address, "Anna", control=True).close()  # all goes on
 
 
-def test_a_flood_beyond_the_limit_ends_the_line_alone(server: Server, address: Address) -> None:
-    with zmq.Context() as context, context.socket(zmq.DEALER) as socket:
-        socket.linger = 0
-        socket.connect(address.control)
-        socket.send(b"x" * (5 * MAX_REQUEST_BYTES))
-        Client(address, "Anna", control=True).close()
-        assert socket.poll(0) == 0
-
-
-def test_ids_that_look_like_processes_are_only_looked_at(server: Server, address: Address) -> None:
-    for client in ("0-a", "-1", "99999999999999999999-a", "x"):
-        assert hello(address, client, "Anna\x1b[2J", take_over=True) == ""
-    assert "is in control" in hello(address, "y", "Berta")
-    assert "\x1b" not in hello(address, "y", "Berta")
-
-
-def give_up(answer: Future[Reply]) -> None:
-    answer.cancel()
+def test_a_line_without_an_end_ends_its_connection_alone(server: Server, address: Path) -> None:
+    with socket.socket(socket.AF_UNIX) as flood:
+        flood.connect(str(address))
+        with pytest.raises(ConnectionError):
+            flood.sendall(b"x" * 5 * MAX_REQUEST_BYTES)
+    Client(address, "Anna", control=True).close()
 
 
 def test_a_late_answer_is_not_that_to_the_next_question(
-    server: Server, engine: Engine, address: Address
+    server: Server, engine: Engine, address: Path
 ) -> None:
     asked: list[Future[Reply]] = []
     engine.answer = asked.append
@@ -301,32 +271,19 @@ def test_a_late_answer_is_not_that_to_the_next_question(
     asked[-1].set_result(Reply())
     engine.answer = lambda future: future.set_result(Reply(bench_text="x = 1"))
     assert client.ask(AskBench()).bench_text == "x = 1"
-    engine.answer = give_up
-    with pytest.raises(OrderRefusedError, match="is ending"):
-        client.ask(Pause())
     client.close()
 
 
 def test_a_client_that_never_reads_delays_no_other(
-    server: Server, engine: Engine, address: Address
+    server: Server, engine: Engine, address: Path
 ) -> None:
     """R15: neither statuses that are not fetched nor replies that are not read are kept."""
-    with (
-        zmq.Context() as context,
-        context.socket(zmq.SUB) as news,
-        context.socket(zmq.DEALER) as orders,
-    ):
-        for socket, end in ((news, address.news), (orders, address.control)):
-            socket.linger = 0
-            socket.rcvhwm = 1
-            socket.connect(end)
-        news.subscribe(b"")
+    with socket.socket(socket.AF_UNIX) as deaf:
+        deaf.connect(str(address))
+        deaf.sendall(b'%d 1 Hello {"name": "deaf"}\n' % PROTOCOL)
         viewer = Client(address, "viewer", control=False)
-        while not isinstance(viewer.news(0.05), Status):
-            server.publish(a_status(), None)
         engine.answer = lambda future: future.set_result(Reply(bench_text="x" * 100_000))
-        for _ in range(200):  # 20 MB of replies that are not read
-            orders.send_multipart([NOW, b"1", b"AskBench", b"{}"])
+        deaf.sendall(b"%d 1 AskBench {}\n" % PROTOCOL * 200)  # 20 MB of replies that are not read
         longest_s = 0.0
         live = Live(0, 0.01, (Lane("hub", (0.5,) * 1000, (1.5,) * 1000),))
         for i in range(3_000):
@@ -346,9 +303,7 @@ def test_a_client_that_never_reads_delays_no_other(
         viewer.close()
 
 
-def test_a_client_learns_what_the_recorder_was_started_with(
-    server: Server, address: Address
-) -> None:
+def test_a_client_learns_what_the_recorder_was_started_with(server: Server, address: Path) -> None:
     bench = small_bench()
     server.setup = setup_of(replace(bench, origin=Origin.SIMULATED))
     client = Client(address, "Anna", control=False)
@@ -362,11 +317,12 @@ def test_a_client_learns_what_the_recorder_was_started_with(
 
 
 def test_the_server_knows_for_how_long_no_client_has_been_there(
-    server: Server, address: Address, monkeypatch: pytest.MonkeyPatch
+    server: Server, address: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     begun_s = time.monotonic()
 
     def alone_at(later_s: float) -> float:
+        """Return it at a time after the first minute or within it."""
         with monkeypatch.context() as patch:
             patch.setattr("daq.control.exchange.time.monotonic", lambda: begun_s + later_s)
             return server.alone_s()
@@ -374,95 +330,27 @@ def test_the_server_knows_for_how_long_no_client_has_been_there(
     assert alone_at(59.0) == 0.0
     assert alone_at(70.0) == pytest.approx(10.0, abs=2.0)
     client = Client(address, "Anna", control=False)
-
-    def seen() -> bool:
-        server.publish(a_status(1), None)
-        return alone_at(70.0) > 20.0  # counted from now on, not from the first minute's end
-
-    until(seen)
+    assert alone_at(70.0) == 0.0
     client.close()
+    until(lambda: alone_at(70.0) > 0.0)
+    assert alone_at(70.0) > 60.0  # counted from now on, not from the first minute's end
+    asks_once = Client(address, "status", control=False, attends=False)
+    assert alone_at(70.0) > 60.0
+    asks_once.close()
 
 
-def test_whether_a_client_is_there_is_known(
-    server: Server, address: Address, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_whether_a_client_is_there_is_known(server: Server, address: Path) -> None:
     """A recorder that no client watches looks at its frames less often."""
-    monkeypatch.setattr("daq.control.exchange.LEASE_S", 0.5)
     assert not server.has_clients()
     viewer = Client(address, "viewer", control=False)
     assert server.has_clients()  # at once, not only with the next status
     server.publish(a_status(1), None)
     until(lambda: viewer.ask(AskStatus()).status == replace(a_status(1), viewers=1))
     viewer.close()
-
-    def is_alone() -> bool:
-        server.publish(a_status(2), None)
-        return not server.has_clients()
-
-    until(is_alone)
+    until(lambda: not server.has_clients())
 
 
-@pytest.mark.parametrize("folder_too", [False, True])
-def test_sockets_that_were_deleted_are_bound_again(
-    tmp_path: Path, server: Server, address: Address, folder_too: bool
-) -> None:
-    client = Client(address, "Anna", control=True)
-    if folder_too:
-        shutil.rmtree(address.paths[0].parent)
-    else:
-        for path in address.paths:
-            path.unlink()
-    assert not is_running(address)
-    until(lambda: is_running(address))
-    second = Client(address, "Bert", control=False)
-    server.publish(a_status(7), None)
-    assert second.ask(AskStatus()).status is not None
-    assert client.ask(AskStatus()).status is not None  # its connection never broke
-    assert stat.S_IMODE(address.paths[0].parent.stat().st_mode) == 0o700
-    second.close()
-    client.close()
-
-
-# Clients: who is in control, the limits of orders, and a recorder of another version --------------
-
-ALIVE = f"{os.getpid()}-a"
-
-
-def ended_process() -> str:
-    """Return the id of a client whose process has ended."""
-    process = subprocess.Popen([sys.executable, "-c", ""])
-    process.wait()
-    return f"{process.pid}-b"
-
-
-@pytest.mark.parametrize(("silent_s", "name"), [(5.0, "Ann"), (5.1, "")])
-def test_a_controller_is_gone_after_five_silent_seconds(silent_s: float, name: str) -> None:
-    peers = Peers()
-    peers.seen(ALIVE, 100.0)
-    assert peers.hello(ALIVE, Hello("Ann", True), 100.0) == ""
-    assert peers.controller(100.0 + silent_s) == name
-    assert peers.in_control(ALIVE)
-
-
-@pytest.mark.parametrize(("silent_s", "name"), [(1.0, "Ann"), (1.1, "")])
-def test_a_dead_controller_is_gone_after_one_second(silent_s: float, name: str) -> None:
-    peers, client = Peers(), ended_process()
-    peers.seen(client, 100.0)
-    assert peers.hello(client, Hello("Ann", True), 100.0) == ""
-    assert peers.controller(100.0 + silent_s) == name
-
-
-def test_viewers_are_those_heard_of_within_five_seconds() -> None:
-    peers = Peers()
-    for client, t_s in ((ALIVE, 100.0), ("x-1", 100.0), ("x-2", 102.0)):
-        peers.seen(client, t_s)
-        peers.hello(client, Hello(client, client == ALIVE), t_s)
-    assert peers.viewers(105.0) == 2
-    assert peers.viewers(105.1) == 1
-    peers.seen("x-2", 105.1)
-    assert peers.name("x-1") == "x-1"  # forgotten
-    assert peers.viewers(107.1) == 1
-
+# The limits of orders, and a recorder of another version ------------------------------------------
 
 LIMITS: tuple[tuple[type, str, object, object], ...] = (
     (AskHistory, "seconds", 60, 60.1),
@@ -495,78 +383,40 @@ def test_an_order_holds_no_more_than_it_may(
         adapter.validate_python(whole | {field: refused})
 
 
-def test_a_client_that_asks_once_is_no_viewer() -> None:
-    """`bumpbench status`, repeated by a script, must not keep a demonstration alive."""
-    peers = Peers()
-    for client, attends in (("x-1", False), ("x-2", True)):
-        peers.seen(client, 100.0)
-        peers.hello(client, Hello(client, attends=attends), 100.0)
-    assert peers.viewers(100.0) == 1
-
-
-# A client before a recorder of another version ---------------------------------------------------
-
-Answer = Callable[[bytes], list[bytes]]
-
-
-@contextmanager
-def recorder(address: Address, answer: Answer) -> Iterator[None]:
-    """Answer all requests as stated."""
-    context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
-    requests = context.socket(zmq.ROUTER)
-    requests.linger = 0
-    requests.bind(address.control)
-    closing = threading.Event()
-
-    def run() -> None:
-        while not closing.is_set():
-            if requests.poll(20):
-                client, _, number, *_ = requests.recv_multipart()
-                requests.send_multipart([client, *answer(number)])
-
-    thread = threading.Thread(target=run)
-    thread.start()
-    try:
-        yield
-    finally:
-        closing.set()
-        thread.join()
-        requests.close()
-        context.term()
-
-
-OLD = b'{"number": 0, "error": "not a request", "protocol": 3}'
-
-
 @pytest.mark.parametrize(
     ("answer", "why"),
     [
-        (lambda _: [OLD], "of another version"),  # one before the present form of requests
-        (lambda n: [NOW, n, b"\xff"], "of another version"),
-        (lambda n: [NOW, n, b'{"setup": 1}'], "of another version"),
-        (lambda n: [b"99", n, b"{}"], f"protocol 99, not {PROTOCOL}"),
+        (b"status", "no answer"),
+        (b"reply", "of another version"),
+        (b"reply %d 1 \xff" % PROTOCOL, "of another version"),
+        (b'reply %d 1 {"setup": 1}' % PROTOCOL, "of another version"),
+        (b"reply 99 1 {}", f"protocol 99, not {PROTOCOL}"),
     ],
 )
 def test_a_recorder_of_another_version_is_named_as_one(
-    address: Address, answer: Answer, why: str
+    address: Path, monkeypatch: pytest.MonkeyPatch, answer: bytes, why: str
 ) -> None:
-    with recorder(address, answer), pytest.raises(RecorderGoneError, match=why):
-        Client(address, "Anna", control=True)
+    monkeypatch.setattr(Client.ask, "__defaults__", (0.5,))
+    with socket.socket(socket.AF_UNIX) as listener:
+        listener.bind(str(address))
+        listener.listen()
+        with ThreadPoolExecutor(1) as recorder:
+            accepted = recorder.submit(lambda: listener.accept()[0])
+            accepted.add_done_callback(lambda _: accepted.result().sendall(answer + b"\n"))
+            with pytest.raises(RecorderGoneError, match=why):
+                Client(address, "Anna", control=True)
+            accepted.result().close()
 
 
 def no_answer(order: Order, by: str) -> Future[Reply]:
     return Future()
 
 
-@pytest.mark.parametrize("which", [0, 1])
-def test_a_recorder_that_cannot_listen_says_where_and_leaves_nothing_behind(
-    address: Address, which: int
-) -> None:
-    taken = address.paths[which]
-    taken.mkdir()
+def test_a_recorder_that_cannot_listen_says_where(address: Path) -> None:
+    address.mkdir()
     with pytest.raises(InputError, match="cannot listen") as caught:
         Server(no_answer, address)
-    assert str(address.paths[0]) in str(caught.value)
+    assert str(address) in str(caught.value)
     assert not is_running(address)
-    taken.rmdir()
+    address.rmdir()
     Server(no_answer, address).close()
