@@ -7,9 +7,10 @@ The log is made from the events of the journal by `daq.runlog`.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from itertools import takewhile
 from math import isfinite
 from typing import Annotated, Any, NamedTuple
 
@@ -19,6 +20,9 @@ from dbc.words import Finding, Severity
 
 from .bench.campaign import Campaign, Step
 from .runs import Event, Excitation, RunStatus
+
+LIKE_REJECTS = 3
+"""Consecutive runs rejected for the same reason after which a person has to look for the cause."""
 
 # Converts a finding to the form of journals, session files and status messages, and back ----------
 
@@ -191,6 +195,15 @@ class RunLog:
         """Return the number of accepted runs of one mass state and excitation."""
         kind = self.of(mass_state, excitation)
         return sum(run.status is RunStatus.ACCEPTED for run in kind)
+
+
+def like_rejects(runs: Sequence[LoggedRun]) -> int:
+    """Return how many runs in a row, up to the last, the recorder has rejected for one reason."""
+    codes = [
+        run.failed.code if run.failed and run.reasons and not run.by else ""
+        for run in reversed(runs)
+    ]
+    return sum(1 for _ in takewhile(lambda code: code == codes[0] != "", codes))
 
 
 def weights_change(log: RunLog, step: Step) -> bool:

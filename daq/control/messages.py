@@ -440,7 +440,6 @@ class ShutDown:
 class Until(StrEnum):
     """Extent of an order to arm."""
 
-    RUN = "run"
     EXCITATION = "excitation"
     """Until the repeats of this excitation are accepted; then a person moves the boards."""
     COMPLETE = "complete"

@@ -6,9 +6,9 @@ import json
 import logging
 import subprocess
 import sys
-import time
 import uuid
 from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,12 +24,6 @@ from ..journal.segment import Segment
 from ..runlog import fold
 from ..session.build import DONE, DONE_WITH_LOSS
 from .recording import Recording
-
-OWN_BENCH = (
-    "the resumed recording continues with its own bench.toml, not with the one in the file: reload "
-    "to use that, or start a new recording"
-)
-NOT_RESUMED = "the last recording was not ended and cannot be resumed ({}): a new one is begun"
 
 _log = logging.getLogger("recorder")
 
@@ -96,7 +90,10 @@ def resumable(journal: Path, bench: Bench) -> tuple[RecordingInfo, Bench] | str:
             return tail, bench
         else:
             recorded = parse_bench(text, "bench.toml in the journal", Path(), bench.dbc_text)
-            _log.warning(OWN_BENCH)
+            _log.warning(
+                "the resumed recording continues with its own bench.toml, not with the one in the "
+                "file: reload to use that, or start a new recording"
+            )
             return tail, replace(
                 recorded,
                 buses=bench.buses,
@@ -106,8 +103,9 @@ def resumable(journal: Path, bench: Bench) -> tuple[RecordingInfo, Bench] | str:
             )
     except (BumpbenchError, OSError) as error:  # the old recording is not changed
         why = error
-    _log.warning("%s", NOT_RESUMED.format(why))
-    return NOT_RESUMED.format(why)
+    text = f"the last recording was not ended and cannot be resumed ({why}): a new one is begun"
+    _log.warning("%s", text)
+    return text
 
 
 def unfinished(journal: Path) -> tuple[Path, RecordingInfo] | None:
@@ -124,90 +122,76 @@ def unfinished(journal: Path) -> tuple[Path, RecordingInfo] | None:
     return None if done else (session, tail)
 
 
-# Builds session files, each in a process that is started and polled -------------------------------
-
-
-@dataclass(frozen=True, slots=True)
-class _Job:
-    target: Path
-    segments: tuple[Path, ...]
-    building: SessionStatus
+# Builds session files, each in a process ----------------------------------------------------------
 
 
 class Derivation:
     """Builds session files, one after another; HDF5 never runs within the recorder."""
 
     def __init__(self) -> None:
-        self._jobs: list[_Job] = []  # the first one has the process
-        self._process: subprocess.Popen[bytes] | None = None
-        self._deadline_s: float  # of the process, since it was started
         self.status = SessionStatus()
+        """State of the session file that was ordered last."""
+        self._builder = ThreadPoolExecutor(1, "derivation")
+        self._jobs: dict[Path, Future[None]] = {}
+        self._process: subprocess.Popen[bytes] | None = None
+        self._is_closed = False
 
     def begin(self, target: Path, segments: Sequence[Path], recording: str, revision: int) -> None:
         """Start building the session file of a recording; never raises.
 
         `recording`: its identity.  `revision`: present revision of its run log.
         """
-        self.status = SessionStatus(SessionState.BUILDING, str(target), "", recording, revision)
-        running = self._jobs[:1] if self._process is not None else []
-        # A waiting job for the same file is superseded: the new one has all runs.
-        waiting = [job for job in self._jobs[len(running) :] if job.target != target]
-        self._jobs = [*running, *waiting, _Job(target, tuple(segments), self.status)]
-        self.poll()
-
-    def poll(self) -> None:
-        """Handle processes that have ended or hang; to be called with every block."""
-        if self._process is not None:
-            if self._process.poll() is not None:
-                self._finish(self._process)
-            elif time.monotonic() > self._deadline_s:
-                self._process.kill()  # if it waits for a hung disk it may end later
-                self._report(SessionState.FAILED, "it took too long and was ended: check the disk")
-        while self._process is None and self._jobs:
-            self._start(self._jobs[0])
+        building = SessionStatus(SessionState.BUILDING, str(target), "", recording, revision)
+        if target in self._jobs:
+            self._jobs[target].cancel()  # if it waits: the new one has all runs
+        self.status = building
+        self._jobs[target] = self._builder.submit(self._build, building, tuple(segments))
 
     def close(self) -> None:
         """End the process; a session file is complete or absent, and can be built again later."""
-        del self._jobs[1:]
-        if self._process is not None:
-            self._process.terminate()
-            with suppress(subprocess.TimeoutExpired):
-                self._process.wait(1.0)  # then it is killed
-            if self._process.poll() is None:
-                self._process.kill()
-                self._process.wait()
-            self._finish(self._process)
+        self._is_closed = True
+        self._builder.shutdown(wait=False, cancel_futures=True)
+        process = self._process
+        if process is not None and process.poll() is None:
+            process.terminate()
+            try:
+                process.wait(1.0)
+            except subprocess.TimeoutExpired:
+                process.kill()
+        self._builder.shutdown()
 
-    def _start(self, job: _Job) -> None:
-        # Building a session file takes seconds; after an hour it counts as hung.
-        self._deadline_s = time.monotonic() + 3600.0
-        builder = [sys.executable, "-m", "daq.session.build"]
+    def _build(self, building: SessionStatus, segments: Sequence[Path]) -> None:
+        state, text = self._outcome(building.path, segments)
+        if self.status is building:  # else the next one is being built
+            self.status = replace(building, state=state, text=text)
+
+    def _outcome(self, target: str, segments: Sequence[Path]) -> tuple[SessionState, str]:
+        """Build a session file; return its state, and the reason of a failure or the losses."""
         try:
-            self._process = subprocess.Popen(
-                [*builder, str(job.target), *map(str, job.segments)],
+            process = subprocess.Popen(
+                [sys.executable, "-m", "daq.session.build", target, *map(str, segments)],
                 stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE,  # its output fits a pipe: read at the end
+                stdout=subprocess.PIPE,
                 stderr=subprocess.STDOUT,
                 process_group=0,  # not affected by Ctrl-C at the terminal
             )
         except OSError as error:
-            self._report(SessionState.FAILED, error.strerror or str(error))
-            del self._jobs[0]
-
-    def _finish(self, process: subprocess.Popen[bytes]) -> None:
-        lines = process.communicate()[0].decode("utf-8", "replace").splitlines()
+            return SessionState.FAILED, error.strerror or str(error)
+        self._process = process
+        if self._is_closed:
+            process.terminate()
+        try:
+            # Building a session file takes seconds; after an hour it counts as hung.
+            output, _ = process.communicate(timeout=3600.0)
+        except subprocess.TimeoutExpired:
+            process.kill()  # if it waits for a hung disk it may end later
+            return SessionState.FAILED, "it took too long and was ended: check the disk"
+        lines = output.decode("utf-8", "replace").splitlines()
         last, text = lines[-1] if lines else "", ""
         with suppress(ValueError, AttributeError):  # its JSON line has an error, or losses
             result = json.loads(last)
             text = printable(str(result.get("error") or result.get("loss") or ""), 400)
         if process.returncode in (DONE, DONE_WITH_LOSS):
-            self._report(SessionState.READY, text)
-        elif time.monotonic() <= self._deadline_s:  # else it is reported already
-            failure = printable(f"ended with code {process.returncode}: {last}")
-            self._report(SessionState.FAILED, text or failure)
-        self._process = None
-        del self._jobs[0]
-
-    def _report(self, state: SessionState, text: str) -> None:
-        if len(self._jobs) == 1:  # else the next one is being built
-            self.status = replace(self._jobs[0].building, state=state, text=text)
+            return SessionState.READY, text
+        failure = printable(f"ended with code {process.returncode}: {last}")
+        return SessionState.FAILED, text or failure

@@ -12,8 +12,10 @@ import logging
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from queue import Empty, SimpleQueue
 
 from dbc.frames import FrameBatch
 from dbc.words import counted, plural
@@ -46,7 +48,7 @@ from ..samples.mapping import bench_mapping
 from .campaigns import Derivation, OpenRecording, new_head, resumable, unfinished
 from .readers import PieceQueue, Readers, StorageWatch
 from .recording import FaultBarrier, Recording
-from .run_loop import OrderError, OrderQueue, answer_check, configured
+from .run_loop import OrderError, answer_check, configured
 
 BLOCK_S = 0.1
 """Time between two blocks of the journal, s; a power cut loses the frames since the last one."""
@@ -89,7 +91,9 @@ class Recorder:
         self._pieces = pieces or PieceQueue()
         self._storage = StorageWatch()
         self._readers = Readers(self._pieces, self._storage)
-        self._orders = OrderQueue()
+        self._orders: SimpleQueue[tuple[Order | Bench, str, Future[Reply]]] = SimpleQueue()
+        self._order_came = threading.Event()
+        self._takes_orders = True
         self._checks = ThreadPoolExecutor(1, "check")
         self._barrier = FaultBarrier()
         self._derivation = Derivation()
@@ -108,11 +112,27 @@ class Recorder:
 
         The future fails with `OrderError` if the order is refused.
         """
-        return self._orders.put(order, by)
+        return self._queue(order, by)
 
     def reload(self, bench: Bench) -> Future[Reply]:
         """Queue a change to a checked bench with, unlike `Configure`, its buses and DBC."""
-        return self._orders.put(bench, "reload")
+        return self._queue(bench, "reload")
+
+    def _queue(self, order: Order | Bench, by: str) -> Future[Reply]:
+        answer: Future[Reply] = Future()
+        self._orders.put((order, by, answer))
+        self._order_came.set()
+        if not self._takes_orders:  # it has ended: nobody else takes it
+            self._refuse_orders()
+        return answer
+
+    def _refuse_orders(self) -> None:
+        self._takes_orders = False
+        with suppress(Empty):
+            while True:
+                _, _, answer = self._orders.get_nowait()
+                if answer.set_running_or_notify_cancel():
+                    answer.set_exception(OrderError("the recorder is ending"))
 
     def heartbeats(self) -> Heartbeats:
         """Return the heartbeats of all threads."""
@@ -142,7 +162,7 @@ class Recorder:
             finally:
                 self._finish(publish)
         finally:
-            self._orders.close()
+            self._refuse_orders()
             self._derivation.close()
             self._checks.shutdown(wait=False, cancel_futures=True)
 
@@ -151,22 +171,29 @@ class Recorder:
     def _cycle(self, publish: Publish, is_watched: bool) -> None:
         """Wait for the next block and store it; at every look, execute orders and publish."""
         if not self._pieces.status.blocks or self._next_s > self._clock().monotonic_s:
-            self._orders.arrived.wait(max(self._next_s - self._clock().monotonic_s, 0.0))
-        self._orders.arrived.clear()
+            self._order_came.wait(max(self._next_s - self._clock().monotonic_s, 0.0))
+        self._order_came.clear()
         self._next_s = max(self._next_s + BLOCK_S, self._clock().monotonic_s)
         # Half a block early, because the cycles are not exactly equidistant.
         # Time between two looks at the frames without a client, s: a look costs three times as much
         # as a block, and a bump or an alarm has the time stamps of the frames in any case.
         is_due = self._clock().monotonic_s - self._looked_s >= 0.3 - BLOCK_S / 2
-        if not (is_watched or is_due or self._orders.are_waiting):
+        if not (is_watched or is_due or not self._orders.empty()):
             self._store()
             return
         self._look()
-        while (pending := self._orders.take()) is not None:
-            self._carry_out(*pending)
+        while not self._orders.empty():  # this thread alone takes them
+            order, by, answer = self._orders.get_nowait()
+            if not answer.set_running_or_notify_cancel():
+                continue
+            try:
+                reply = self._answer(order, by, answer)
+                if reply is not None:
+                    answer.set_result(reply)
+            except Exception as error:  # any exception is reported; the recording continues
+                answer.set_exception(error)
         if self._build_s is not None and self._clock().monotonic_s >= self._build_s:
             self._build(self._opened)
-        self._derivation.poll()
         self._publish(publish)
 
     def _look(self, links: Sequence[LinkFacts] | None = None) -> bool:
@@ -218,15 +245,6 @@ class Recorder:
             storage=self._storage.status(now.monotonic_s),
             begun=self._begun,
         )
-
-    def _carry_out(self, order: Order | Bench, by: str, answer: Future[Reply]) -> None:
-        try:
-            reply = self._answer(order, by, answer)
-        except Exception as error:  # any exception is reported; the recording continues
-            answer.set_exception(error)
-            return
-        if reply is not None:
-            answer.set_result(reply)
 
     def _answer(self, order: Order | Bench, by: str, answer: Future[Reply]) -> Reply | None:
         """Execute an order; return None if the answer comes later."""
@@ -377,7 +395,7 @@ class Recorder:
         self._look(links)
 
     def _finish(self, publish: Publish) -> None:
-        self._orders.close()
+        self._refuse_orders()
         self._stop_readers()
         self._writer.close(ended=not self._opened.campaign)
         if waiting := self._writer.status.held_frames:
@@ -385,5 +403,4 @@ class Recorder:
             _log.error(
                 "%s in memory, and the disk did not take %s", were, plural(waiting, "it", "them")
             )
-        self._derivation.poll()
         self._publish(publish)

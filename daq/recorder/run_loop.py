@@ -6,8 +6,6 @@ are in the run log; the loop has only its phase and the extent of the last order
 
 from __future__ import annotations
 
-import threading
-from collections import deque
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from datetime import date
@@ -38,12 +36,18 @@ from ..control.messages import (
     Undo,
     Until,
 )
-from ..runlog import Code, LoggedRun, RunLog, entry, next_step, weights_change
+from ..runlog import (
+    LIKE_REJECTS,
+    Code,
+    LoggedRun,
+    RunLog,
+    entry,
+    like_rejects,
+    next_step,
+    weights_change,
+)
 from ..runs import BASELINE, Event, Excitation, RunStatus
 from ..samples.mapping import bench_mapping
-
-LIKE_REJECTS = 3
-"""Consecutive runs rejected for the same reason after which the loop stops for a person."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,11 +146,11 @@ class RunLoop:
     def judge(self, now: Surroundings) -> None:
         """Continue after the verdict on the run that was being recorded."""
         self._enter(self._verdict(now), now.t_ns)
-        if self._until is not Until.COMPLETE:
-            code = _like_rejects(now.run_log.runs[self._runs_before :])
-            if code:
-                self._enter(Phase.IDLE, now.t_ns)
-                self._until, self.halted = None, code
+        runs = now.run_log.runs[self._runs_before :]
+        if self._until is not Until.COMPLETE and like_rejects(runs) >= LIKE_REJECTS:
+            failed = runs[-1].failed
+            self._enter(Phase.IDLE, now.t_ns)
+            self._until, self.halted = None, failed.code if failed else ""
 
     def decide(self, now: Surroundings) -> None:
         """Continue after a person's verdict, or after undoing or redoing one.
@@ -180,9 +184,6 @@ class RunLoop:
             self._enter(Phase.COMPLETE, now.t_ns)
         elif self._until is None:
             self._enter(Phase.PAUSED, now.t_ns)
-        elif self._until is Until.RUN:
-            self._until = None
-            self._enter(Phase.IDLE, now.t_ns)
         else:
             self._enter(Phase.WAITING, now.t_ns)
             self._stop_before_other_kind(now)
@@ -199,18 +200,6 @@ class RunLoop:
 
     def _enter(self, phase: Phase, t_ns: int) -> None:
         self.phase, self.since_ns = phase, t_ns
-
-
-def _like_rejects(runs: tuple[LoggedRun, ...]) -> str:
-    """Return the code for which the last three runs were all rejected; empty if there is none."""
-    last = runs[-LIKE_REJECTS:]
-    codes = {
-        run.failed.code
-        if run.status is RunStatus.REJECTED and not run.by and run.failed is not None
-        else ""
-        for run in last
-    }
-    return codes.pop() if len(last) == LIKE_REJECTS and len(codes) == 1 else ""
 
 
 # Counts the runs of a campaign --------------------------------------------------------------------
@@ -249,54 +238,6 @@ class OrderError(Exception):
     """An order that cannot be carried out now; the text is one line for a person."""
 
 
-Pending = tuple[Order | Bench, str, Future[Reply]]
-"""An order, or a bench to continue with; the name of the person; and the future of the answer."""
-
-
-class OrderQueue:
-    """A queue of orders for the recorder's writer; `put` may be called from any thread.
-
-    `arrived`: set when an order was put in, to wake the thread that takes them.
-    """
-
-    def __init__(self) -> None:
-        self.arrived = threading.Event()
-        self._orders: deque[Pending] = deque()
-        self._lock = threading.Lock()
-        self._closed = False
-
-    def put(self, order: Order | Bench, by: str) -> Future[Reply]:
-        """Append an order; the future fails with `OrderError` if the queue is closed."""
-        answer: Future[Reply] = Future()
-        with self._lock:
-            if self._closed:
-                answer.set_exception(OrderError("the recorder is ending"))
-            else:
-                self._orders.append((order, by, answer))
-        self.arrived.set()
-        return answer
-
-    @property
-    def are_waiting(self) -> bool:
-        """True if there are waiting orders."""
-        return bool(self._orders)
-
-    def take(self) -> Pending | None:
-        """Remove and return the oldest order that was not cancelled; None if there is none."""
-        while self._orders:
-            pending = self._orders.popleft()
-            if pending[2].set_running_or_notify_cancel():
-                return pending
-        return None
-
-    def close(self) -> None:
-        """Cancel the orders that wait, and refuse further ones."""
-        with self._lock:
-            self._closed = True
-        while self._orders:
-            self._orders.popleft()[2].cancel()
-
-
 def order_event(
     order: Order,
     by: str,
@@ -312,7 +253,16 @@ def order_event(
     """
     match order:
         case Arm():
-            _check_arm(order, due, run_log)
+            if due is None:
+                raise OrderError("the campaign is complete: choose a run first")
+            is_seen = order.mass_state == due.mass_state or order.until is Until.COMPLETE
+            if weights_change(run_log, due) and not is_seen:
+                weights = "weights off" if due.mass_state == BASELINE else "weights on"
+                state = printable(due.mass_state, 40)
+                raise OrderError(
+                    f"{weights}? the next run is of the car in state {state}: look at the car, "
+                    f'then arm with "mass_state": "{state}"'
+                )
             return Event(t_ns, "arm", text=f"{order.until} {by}")
         case Pause():
             return Event(t_ns, "pause", text=by)
@@ -358,19 +308,6 @@ def order_event(
         case Configure():
             return Event(t_ns, Code.BENCH, text=order.bench_text)
     return None
-
-
-def _check_arm(order: Arm, due: Step | None, run_log: RunLog) -> None:
-    """Check that a run is due, and that the sender has seen which weights are on the car."""
-    if due is None:
-        raise OrderError("the campaign is complete: choose a run first")
-    weights, answered = due.mass_state, order.mass_state == due.mass_state
-    if weights_change(run_log, due) and not answered and order.until is not Until.COMPLETE:
-        asked = "weights off" if weights == BASELINE else "weights on"
-        raise OrderError(
-            f"{asked}? the next run is of the car in state {printable(weights, 40)}: look at the "
-            f'car, then arm with "mass_state": "{printable(weights, 40)}"'
-        )
 
 
 def _clean(text: str) -> str:

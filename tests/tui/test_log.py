@@ -27,7 +27,7 @@ from daq.control.messages import (
 )
 from daq.runlog import LoggedRun
 from daq.runs import Excitation, Losses, RunStatus
-from dbc.words import InputError
+from dbc.words import Finding, InputError, Severity
 from tui.cli import run
 from tui.recorders.lines import farewell, news, progress_words, status_lines
 from tui.recorders.log import BURST, Log
@@ -235,6 +235,20 @@ def test_each_verdict_is_logged_once() -> None:
     ]
     assert said(after, replace(after, runs=(*after.runs,))) == []
     assert said(None, after) == [said(None, a_status())[0]]
+
+
+def test_the_third_rejection_in_a_row_for_one_reason_names_the_cause_to_look_for() -> None:
+    weak = Finding("too_weak", Severity.ERROR, "peak 4 m/s2", advice="use a higher bump")
+    rejected = replace(RUN, status=RunStatus.REJECTED, findings=(weak,))
+    runs = tuple(replace(rejected, label=f"baseline_roll_{n}") for n in (1, 2, 3, 4))
+    before = replace(a_status(), runs=runs[:1])
+    lines = [text for text, _ in news(before, replace(before, runs=runs))]
+    why = "rejected: peak 4 m/s2"
+    assert lines == [
+        f"baseline_roll_2 {why}",
+        f"baseline_roll_3 {why} (3 in a row for this reason: use a higher bump)",
+        f"baseline_roll_4 {why} (4 in a row for this reason: use a higher bump)",
+    ]
 
 
 def test_a_session_file_that_failed_is_logged_once() -> None:

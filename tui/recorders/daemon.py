@@ -279,7 +279,7 @@ class _Daemon:
             return
 
         def reloaded(answer: Future[Reply]) -> None:
-            if answer.cancelled() or (error := answer.exception()) is None:
+            if (error := answer.exception()) is None:
                 self._server.setup = setup_of(bench)
                 self._log.line("reload: bench.toml reloaded")
             else:

@@ -24,6 +24,8 @@ RECOVER_STORED = "make room, then `bumpbench recover` builds the session of thos
 
 def news(before: Status | None, status: Status) -> Iterator[tuple[str, str]]:
     """Yield the log lines of a change of status, each with the key that limits its repetition."""
+    from daq.runlog import LIKE_REJECTS, like_rejects
+
     if before is None:
         origin = "" if status.origin == "real" else f" ({status.origin})"
         yield f"recording {status.vehicle}{origin} into {status.folder}", ""
@@ -43,6 +45,9 @@ def news(before: Status | None, status: Status) -> Iterator[tuple[str, str]]:
         for run in status.runs:
             if judged.get(run.label) != run.status:
                 reasons = f": {'; '.join(run.reasons)}" if run.reasons else ""
+                in_a_row = like_rejects(status.runs[: status.runs.index(run) + 1])
+                if run.failed and in_a_row >= LIKE_REJECTS:
+                    reasons += f" ({in_a_row} in a row for this reason: {run.failed.advice})"
                 yield f"{run.label} {run.status}{reasons}", ""
     session = status.session
     if session.state == "failed" and (before is None or before.session != session):

@@ -33,7 +33,7 @@ def built_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
         def poll(self) -> int:
             return self.returncode
 
-        def communicate(self) -> tuple[bytes, None]:
+        def communicate(self, timeout: float) -> tuple[bytes, None]:
             return self.output, None
 
     monkeypatch.setattr("daq.recorder.campaigns.subprocess.Popen", Built)

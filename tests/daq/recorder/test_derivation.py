@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import io
-import itertools
 import json
 import subprocess
+import time
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 
@@ -33,7 +32,7 @@ from daq.session.build import BAD_INPUT, DONE, main
 from dbc import Codec
 
 from ..crash_frames import journal_of_runs
-from ..recorder_run import ENDED, Running, Script, sources
+from ..recorder_run import ENDED, PATIENCE_S, Running, Script, sources
 from ..recorder_run import quick as quick
 from ..small_campaign import blocks, bumps
 
@@ -65,148 +64,106 @@ def test_a_reason_names_its_file_once(tmp_path: Path) -> None:
     assert json.loads(said.getvalue())["error"].startswith(f"{foreign}: ")
 
 
-# How a process that builds a session file ends, by processes that are none ------------------------
+# How a process that builds a session file ends, by shell scripts in its place ---------------------
 
 BUILDING, READY, FAILED = SessionState.BUILDING, SessionState.READY, SessionState.FAILED
 
 
-class Process:
-    """A process that ends when the test says so, or when it is killed."""
-
-    made: list[Process]
-
-    def __init__(self, command: list[str], **options: object) -> None:
-        self.command, self.options = command, options
-        self.returncode: int | None = None
-        self.output = b""
-        self.ends_on_request = True
-        self.asked: list[str] = []
-        self.waited_s: list[float | None] = []
-        self.made.append(self)
-
-    def poll(self) -> int | None:
-        return self.returncode
-
-    def terminate(self) -> None:
-        self.asked.append("end")
-        if self.ends_on_request:
-            self.returncode = -15
-
-    def kill(self) -> None:
-        self.asked.append("kill")
-
-    def wait(self, timeout: float | None = None) -> None:
-        self.waited_s.append(timeout)
-        if "kill" in self.asked:
-            self.returncode = -9
-        elif self.returncode is None:
-            raise subprocess.TimeoutExpired("x", timeout or 0.0)
-
-    def communicate(self) -> tuple[bytes, None]:
-        return self.output, None
-
-
 @pytest.fixture
-def made(monkeypatch: pytest.MonkeyPatch) -> list[Process]:
-    Process.made = []
-    monkeypatch.setattr("daq.recorder.campaigns.subprocess.Popen", Process)
-    return Process.made
+def builder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return the script that is executed in place of the builder; it has no commands yet."""
+    script = tmp_path / "builder"
+    script.write_text("#!/bin/sh\n")
+    script.chmod(0o700)
+    monkeypatch.setattr("sys.executable", str(script))
+    return script
+
+
+def outcome(derivation: Derivation) -> SessionStatus:
+    deadline_s = time.monotonic() + PATIENCE_S
+    while derivation.status.state is BUILDING:
+        assert time.monotonic() < deadline_s
+        time.sleep(0.002)
+    return derivation.status
 
 
 @pytest.mark.parametrize(
     ("code", "output", "state", "text"),
     [
-        (0, b'{"loss": ""}\n', READY, ""),
-        (0, b"", READY, ""),
-        (0, b'{"loss": null}\n', READY, ""),
-        (3, b'a warning\n{"loss": "12 frames"}\n', READY, "12 frames"),
-        (1, b'{"error": "no room", "loss": "x"}\n', FAILED, "no room"),
-        (1, b"Traceback\nKilled\n", FAILED, "ended with code 1: Killed"),
-        (2, b"[1]", FAILED, "ended with code 2: [1]"),
-        (-9, b"", FAILED, "ended with code -9: "),
-        (1, b"\xff\x07", FAILED, "ended with code 1: \ufffd\\x07"),
+        (0, '{"loss": ""}', READY, ""),
+        (0, "", READY, ""),
+        (0, '{"loss": null}', READY, ""),
+        (3, 'a warning\\n{"loss": "12 frames"}', READY, "12 frames"),
+        (1, '{"error": "no room", "loss": "x"}', FAILED, "no room"),
+        (1, "Traceback\\nKilled", FAILED, "ended with code 1: Killed"),
+        (2, "[1]", FAILED, "ended with code 2: [1]"),
+        (1, "\\377\\007", FAILED, "ended with code 1: \ufffd\\x07"),
     ],
 )
 def test_the_end_of_a_process_is_the_state_of_the_session_file(
-    made: list[Process], code: int, output: bytes, state: SessionState, text: str
+    builder: Path, code: int, output: str, state: SessionState, text: str
 ) -> None:
+    builder.write_text(f"#!/bin/sh\necho $* > $0.words\nprintf '{output}'\nexit {code}\n")
     derivation = Derivation()
     derivation.begin(Path("a.h5"), [Path("s1"), Path("s2")], "one", 4)
-    (process,) = made
-    assert process.command[1:] == ["-m", "daq.session.build", "a.h5", "s1", "s2"]
-    assert process.options["stdin"] == subprocess.DEVNULL
-    assert process.options["process_group"] == 0
-    assert derivation.status == SessionStatus(BUILDING, "a.h5", "", "one", 4)
-    process.returncode, process.output = code, output
-    derivation.poll()
-    assert derivation.status == SessionStatus(state, "a.h5", text, "one", 4)
-    derivation.poll()
-    assert len(made) == 1
+    assert outcome(derivation) == SessionStatus(state, "a.h5", text, "one", 4)
+    derivation.close()
+    words = builder.with_suffix(".words").read_text()
+    assert words == "-m daq.session.build a.h5 s1 s2\n"
 
 
 def test_of_one_file_only_the_last_order_waits_and_the_status_is_of_the_last_file(
-    made: list[Process],
+    builder: Path,
 ) -> None:
+    builder.write_text(
+        "#!/bin/sh\nwhile test ! -e $0.go; do sleep 0.01; done; echo $3 >> $0.built\n"
+    )
     derivation = Derivation()
     for target, revision in (("a.h5", 1), ("b.h5", 2), ("c.h5", 3), ("b.h5", 4)):
         derivation.begin(Path(target), [], "one", revision)
-    assert len(made) == 1
-    for _ in range(3):
-        made[-1].returncode = 0
-        derivation.poll()
-        expected = READY if made[-1].returncode == 0 else BUILDING
-        assert derivation.status == SessionStatus(expected, "b.h5", "", "one", 4)
-    assert [process.command[3] for process in made] == ["a.h5", "c.h5", "b.h5"]
+        assert derivation.status == SessionStatus(BUILDING, target, "", "one", revision)
+    builder.with_suffix(".go").touch()
+    assert outcome(derivation) == SessionStatus(READY, "b.h5", "", "one", 4)
+    assert builder.with_suffix(".built").read_text().split() == ["a.h5", "c.h5", "b.h5"]
+    derivation.close()
 
 
-@pytest.mark.parametrize(
-    ("obeys", "asked", "code"), [(True, ["end"], -15), (False, ["end", "kill"], -9)]
-)
+@pytest.mark.parametrize(("trap", "code"), [("", -15), ("trap '' TERM; ", -9)])
 def test_a_process_that_does_not_end_when_asked_is_killed(
-    made: list[Process], obeys: bool, asked: list[str], code: int
+    builder: Path, trap: str, code: int
 ) -> None:
+    builder.write_text(f"#!/bin/sh\n{trap}touch $0.began; while :; do sleep 0.05; done\n")
     derivation = Derivation()
     derivation.begin(Path("a.h5"), [], "one", 1)
-    derivation.begin(Path("b.h5"), [], "one", 1)
-    made[0].ends_on_request = obeys
+    while not builder.with_suffix(".began").exists():
+        time.sleep(0.002)
     derivation.close()
-    assert made[0].asked == asked
-    assert made[0].waited_s[0] == 1.0
-    assert derivation.status.text == f"ended with code {code}: "
-    derivation.poll()
     derivation.close()
-    assert len(made) == 1
+    assert derivation.status == SessionStatus(FAILED, "a.h5", f"ended with code {code}: ", "one", 1)
 
 
-def test_a_process_that_cannot_be_started_is_a_failure_of_its_file_alone(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+def test_a_process_that_cannot_be_started_or_hangs_is_a_failure_of_its_file_alone(
+    builder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("sys.executable", str(tmp_path / "absent"))
     derivation = Derivation()
-    for target in ("a.h5", "b.h5"):
-        derivation.begin(Path(target), [], "one", 1)
-        text = "No such file or directory"
-        assert derivation.status == SessionStatus(FAILED, target, text, "one", 1)
-    derivation.close()
+    with monkeypatch.context() as patch:
+        patch.setattr("sys.executable", str(builder.with_suffix(".absent")))
+        derivation.begin(Path("a.h5"), [], "one", 1)
+        assert outcome(derivation).text == "No such file or directory"
+    with monkeypatch.context() as patch:
 
+        def hang(process: subprocess.Popen[bytes], timeout: float) -> None:
+            process.wait()
+            assert process.stdout
+            process.stdout.close()
+            raise subprocess.TimeoutExpired("x", timeout)
 
-@pytest.mark.parametrize(("waited_s", "asked"), [(3600.0, []), (3600.001, ["kill"])])
-def test_a_process_has_an_hour(
-    made: list[Process], monkeypatch: pytest.MonkeyPatch, waited_s: float, asked: list[str]
-) -> None:
-    clock = itertools.chain([0.0], itertools.repeat(waited_s))
-    monkeypatch.setattr("daq.recorder.campaigns.time", SimpleNamespace(monotonic=clock.__next__))
-    derivation = Derivation()
-    derivation.begin(Path("a.h5"), [], "one", 1)
-    derivation.poll()
-    assert made[0].asked == asked
-    assert derivation.status.state is (FAILED if asked else BUILDING)
-    if asked:
-        assert derivation.status.text == "it took too long and was ended: check the disk"
+        patch.setattr("daq.recorder.campaigns.subprocess.Popen.communicate", hang)
         derivation.begin(Path("b.h5"), [], "one", 2)
-        made[0].returncode = -9
-        derivation.poll()  # the next one has its turn
-        assert derivation.status == SessionStatus(BUILDING, "b.h5", "", "one", 2)
+        assert outcome(derivation).text == "it took too long and was ended: check the disk"
+    derivation.begin(Path("c.h5"), [], "one", 3)
+    assert outcome(derivation) == SessionStatus(READY, "c.h5", "", "one", 3)
+    derivation.close()
 
 
 # The revision of the run log shows whether the session file is that of the recording --------------

@@ -59,7 +59,6 @@ from ..recorder_run import (
     two,
 )
 from ..small_campaign import LABELS, PLANNED, START_NS, blocks, bumps, codes
-from .test_derivation import Process
 
 __all__ = ["quick", "two"]
 
@@ -409,28 +408,14 @@ def test_a_session_file_is_built_three_tenths_of_a_second_after_the_end_of_a_run
     assert ended_s[0] - judged_s == 0.375  # the first cycle of an eighth of a second after 0.3 s
 
 
-def test_an_order_to_a_recorder_that_cannot_begin_is_cancelled(
-    quick: Bench, tmp_path: Path
-) -> None:
+def test_an_order_to_a_recorder_that_cannot_begin_is_refused(quick: Bench, tmp_path: Path) -> None:
     (tmp_path / "journal").write_text("a file where the folder has to be")
     paced = Paced(quick, tmp_path, [], [], watched=False)
     answer = paced.recorder.submit(Arm(Until.COMPLETE), "Ann")
     with pytest.raises(JournalError):
         paced.run()
-    assert answer.cancelled()
-
-
-def test_a_session_file_that_is_ready_at_the_end_is_said_to_be(
-    quick: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    Process.made = []
-    monkeypatch.setattr("daq.recorder.campaigns.subprocess.Popen", Process)
-    paced = Paced(quick, tmp_path, [], [0.1], watched=False)
-    paced.recorder.submit(Build(), "Ann")
-    paced.at_end = lambda: setattr(Process.made[0], "returncode", 0)
-    paced.run()
-    states = [status.session.state for _, status in paced.shown]
-    assert states == [SessionState.BUILDING, SessionState.READY]
+    assert isinstance(answer.exception(), OrderError)
+    assert isinstance(paced.recorder.submit(Arm(), "Ann").exception(), OrderError)
 
 
 @pytest.mark.parametrize(
@@ -445,8 +430,8 @@ def test_a_new_bench_toml_begins_a_campaign_only_between_campaigns(
     name: str,
     recordings_made: int,
 ) -> None:
-    Process.made = []
-    monkeypatch.setattr("daq.recorder.campaigns.subprocess.Popen", Process)
+    built: list[Path] = []
+    monkeypatch.setattr(Derivation, "begin", lambda _, target, *__: built.append(target))
     text = quick.text.replace('name = "Ford Granada"', f'name = "{name}"')
     paced = Paced(quick, tmp_path, [], [], watched=False)
     if stopped:
@@ -457,4 +442,4 @@ def test_a_new_bench_toml_begins_a_campaign_only_between_campaigns(
     assert len(found) == recordings_made
     assert paced.shown[-1][1].vehicle == name
     assert bool(paced.shown[-1][1].recording) is (recordings_made != 2)
-    assert len(Process.made) == stopped  # the session file of the campaign that was ended
+    assert len(built) == stopped  # the session file of the campaign that was ended

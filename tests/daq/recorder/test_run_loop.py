@@ -165,14 +165,6 @@ def test_an_excitation_is_armed_until_its_repeats_are_accepted() -> None:
     assert bench.run().phase == Phase.COMPLETE
 
 
-@pytest.mark.parametrize("codes", [(), ("too_weak",)])
-def test_one_run_is_one_run(codes: tuple[str, ...]) -> None:
-    bench = LoopBench().arm(Until.RUN)
-    bench.bump()
-    assert bench.end(*codes).phase == (Phase.REJECTED if codes else Phase.ACCEPTED)
-    assert bench.turn(3.0).phase == Phase.IDLE
-
-
 def test_until_complete_goes_on_whatever_is_rejected() -> None:
     bench = LoopBench().arm(Until.COMPLETE)
     for _ in range(5):
@@ -235,7 +227,6 @@ def test_a_run_rejected_while_it_is_recorded_stays_rejected() -> None:
 @pytest.mark.parametrize(
     ("until", "seconds"),
     [
-        (Until.RUN, [None, None, None]),
         (Until.EXCITATION, [3.0, None, 3.0]),
         (Until.COMPLETE, [3.0, 3.0, 3.0]),
     ],
@@ -466,7 +457,7 @@ def test_weights_that_change_are_asked_for_when_the_run_is_armed() -> None:
     loaded = Step(ADDED, Excitation.BOUNCE, 1)
     armed(Arm(), first, RunLog())
     armed(Arm(), replace(first, repeat=2), done)
-    for order in (Arm(), Arm(Until.RUN, "baseline")):
+    for order in (Arm(), Arm(mass_state="baseline")):
         with pytest.raises(OrderError, match=r'weights on[?].* arm with "mass_state": "added"'):
             armed(order, loaded, done)
     armed(Arm(mass_state="added"), loaded, done)

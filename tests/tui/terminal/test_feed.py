@@ -157,6 +157,7 @@ class Scripted:
     """News; a text is that control was lost with it."""
     looks: ClassVar[list[float]] = []
     refuses: ClassVar[int] = 0
+    ends: ClassVar[bool] = False
     again: ClassVar[threading.Event] = threading.Event()
     """Set by the second connection."""
     first_status = None
@@ -183,6 +184,8 @@ class Scripted:
     def news(self, timeout_s: float) -> Status | None:
         """Bring the next news."""
         Scripted.looks.append(timeout_s)
+        if Scripted.ends and not Scripted.script:
+            raise RecorderGoneError("here", "the recorder has ended", "start one")
         found = Scripted.script.pop(0) if Scripted.script else None
         if isinstance(found, str):
             self.in_control = False
@@ -245,7 +248,7 @@ def test_a_recorder_without_news_for_two_seconds_is_lost(
 def test_a_recorder_that_has_ended_is_lost_at_once(
     tmp_path: Path, client: type[Scripted], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(feed, "is_running", lambda _: False)
+    monkeypatch.setattr(Scripted, "ends", True)
     client.script += [STATUS]
     *_, last = posts(tmp_path, lost)
     assert last == Lost("the recorder has ended", "all frames up to then are on the disk")
