@@ -50,8 +50,8 @@ __all__ = ["quick"]
 
 NUMBERED_ID = 0x7A0
 """A message that no DBC has; its payload is the sender's number of the frame."""
-HOUR_FRAMES = 7_200
-"""An hour at 2 frames/s."""
+HOUR_FRAMES = 1_200
+"""An hour at a frame each 3 s."""
 
 
 def numbered(first: int, count: int, t_ns: int, step_ns: int) -> FrameBatch:
@@ -82,7 +82,7 @@ class Sender:
         with self._lock:
             frames = replace(self._bumps, t_ns=self._bumps.t_ns - START_NS + self._t_ns)
             self._t_ns = int(frames.t_ns[-1]) + 1_000_000
-            hour = numbered(self.sent, HOUR_FRAMES, self._t_ns, 500_000_000)
+            hour = numbered(self.sent, HOUR_FRAMES, self._t_ns, 3_000_000_000)
             self._t_ns = int(hour.t_ns[-1]) + 1_000_000
             self.sent += HOUR_FRAMES
             self.bumped += len(frames)
