@@ -24,7 +24,6 @@ from daq.runs import Event, Losses, RunStatus
 from daq.session import read_session
 from daq.session.build import derive
 from dbc import Codec, FrameBatch, FrameFlag
-from dbc.words import InputError
 from identify.report.content import title_of
 
 from ..crash_frames import QuickFile
