@@ -212,8 +212,7 @@ class PythonCanSource:
         self.name = name
         self._bus, self._index, self._gather_s = bus, index, gather_s
         self._now_ns, self._on_axis = now_ns, on_axis
-        self._drops_before, self._dropped = self._drop_counter(), 0
-        self._garbled = self._restamped = self._garbled_in_a_row = 0
+        self._dropped = self._garbled = self._restamped = self._garbled_in_a_row = 0
 
     def read(self, timeout_s: float) -> FrameBatch:
         """Return a block of at most `BLOCK_FRAMES` frames; see `FrameSource`."""
@@ -248,9 +247,8 @@ class PythonCanSource:
 
     def losses(self) -> HopLosses:
         """Return the losses; for a socket the kernel's, because python-can reports none."""
-        counter = self._drop_counter()
-        if counter is not None and self._drops_before is not None:
-            self._dropped = (counter - self._drops_before) % (1 << 32)
+        with contextlib.suppress(Exception), socket_of(self._bus.fileno) as sock:
+            self._dropped = drop_counter(sock) or self._dropped
         return HopLosses(self._dropped, self._garbled, self._restamped)
 
     def close(self) -> None:
@@ -258,12 +256,6 @@ class PythonCanSource:
         self.losses()  # the last count that can be read
         with contextlib.suppress(Exception):  # some backends cannot close a lost device
             self._bus.shutdown()
-
-    def _drop_counter(self) -> int | None:
-        """Return the kernel's counter of dropped datagrams; None if the bus is no open socket."""
-        with contextlib.suppress(Exception), socket_of(self._bus.fileno) as sock:
-            return drop_counter(sock)
-        return None
 
     def _batch(self, received: list[tuple[can.Message, int]]) -> FrameBatch:
         """Return the messages that are frames, stamped on arrival where they have no stamp."""

@@ -30,6 +30,7 @@ def signal(line: str, tail: str = "") -> str:
     return f"{HEAD}BO_ 300 Bad: 8 A\n SG_ {line} B\n{N}{tail}"
 
 
+COUNTERS = 'BA_DEF_ SG_ "SignalRole" ENUM "value","counter";\n'
 # A text with a fault in message Bad or signal Bad.s, and what is said on which line.
 LEFT_OUT = {
     "syntax": (signal('s : 0|16@1- (0.5;0) [0|0] "g"'), "12: Bad.s is not valid DBC"),
@@ -90,6 +91,17 @@ LEFT_OUT = {
         ),
         "has s, which has the unknown SignalRole crc16",
     ),
+    "long counter": (
+        signal('s : 0|33@1+ (1,0) [0|0] ""', f'{COUNTERS}BA_ "SignalRole" SG_ 300 s 1;\n'),
+        "has s, which has the SignalRole counter and is not one plain unsigned number",
+    ),
+    "two counters": (
+        signal(
+            's : 0|8@1+ (1,0) [0|0] "" B\n SG_ u : 8|8@1+ (1,0) [0|0] ""',
+            f'{COUNTERS}BA_ "SignalRole" SG_ 300 s 1;\nBA_ "SignalRole" SG_ 300 u 1;\n',
+        ),
+        "has two signals with one SignalRole: s, u",
+    ),
     "head": (signal('s : 0|8@1- (1,0) [0|0] ""').replace("300 Bad:", "300 Bad"), "11: message Bad"),
     "no head": (signal('s : 0|8@1- (1,0) [0|0] ""').replace("BO_ 300", "XO_ 300"), "11: message ?"),
 }
@@ -110,7 +122,7 @@ def test_what_cannot_be_decoded_costs_itself_only(case: str) -> None:
 
 # A text that is repaired, and what is said.
 REPAIRED = {
-    "11 bits": (f"{HEAD}{M}{N}".replace("256", "123456"), "it is read as 29-bit"),
+    "11 bits": (f"{HEAD}{M}{N}".replace("256", "2048"), "it is read as 29-bit"),
     "table of none": (f'{HEAD}{M}{N}VAL_ 256 q 1 "a";\nVAL_ 9 s 1 "a";\n', "names no signal"),
     "comment": (
         f'{HEAD}{M}{N}CM_ BO_ 256 "no end;\nVAL_ 257 s 255 "invalid";\nCM_ "x";\n',
