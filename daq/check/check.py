@@ -60,10 +60,9 @@ class CheckReport:
 def check_bench(bench: Bench, codec: Codec, frames: FrameBatch, today: date) -> CheckReport:
     """Check a bench at rest.
 
-    `codec`: its DBC (`config.bench_codec`).  `frames`: a few seconds of traffic while the car
-    stands still, in order of arrival.  If the traffic has pauses, only the longest stretch between
-    pauses is checked.  `today`: for the age of calibrations.  Raises InputError if a channel does
-    not fit the DBC.
+    `frames`: a few seconds of traffic while the car stands still, in order of arrival; if it has
+    pauses, only the longest stretch between pauses is checked.  `today`: for the age of
+    calibrations.  Raises InputError if a channel does not fit the DBC.
     """
     mapped = mapped_channels(bench, codec)
     if not len(frames):

@@ -285,14 +285,10 @@ def transmit(
     duration_ns: NDArray[np.int64],
     free_ns: int,
 ) -> NDArray[np.int64]:
-    """Send frames over a bus that carries one at a time.
+    """Return when each frame, (n,), has been received over a bus that carries one at a time.
 
-    Whenever the bus is free, the waiting frame of the lowest rank is sent.
-
-    `release_ns`, (n,) int64: time at which each frame is ready to be sent.  `rank`, (n,) int64: its
-    rank in arbitration; equal ranks are sent in order of release.  `duration_ns`, (n,) int64: time
-    for which it occupies the bus.  `free_ns`: time until which the bus is busy.  Returns (n,)
-    int64: time at which each frame has been received, at the end of its transmission.
+    Whenever the bus is free, the waiting frame of the lowest rank is sent; equal ranks are sent in
+    order of release.  `free_ns`: time until which the bus is busy.
     """
     n = len(release_ns)
     order = np.argsort(release_ns, kind="stable")  # the lists below are in order of release
