@@ -60,18 +60,6 @@ def test_a_channel_that_is_twice_as_loud_in_one_run_is_pointed_at(linear: Estima
     assert "worst roll_rate in added_pitch_1" in finding.text
 
 
-@pytest.mark.parametrize(
-    ("chi2", "severity"),
-    [(1.2, Severity.WARNING), (1.6, Severity.ERROR), (nan, Severity.ERROR)],
-)
-def test_the_further_from_one_the_worse(
-    linear: Estimation, chi2: float, severity: Severity
-) -> None:
-    (finding,) = misfit_findings(replace(linear, chi2_per_n=chi2))
-    assert finding.code == "chi2"
-    assert finding.severity is severity
-
-
 def test_a_fit_that_did_not_converge_is_refused_and_a_nonlinear_one_doubtful(
     linear: Estimation,
 ) -> None:
@@ -106,17 +94,22 @@ def test_a_bump_that_lasts_longer_than_stated_shows_in_the_start() -> None:
 
 @pytest.mark.parametrize(
     ("chi2", "severity", "words"),
-    [(1.4, Severity.WARNING, "are widened"), (1.6, Severity.ERROR, "do not hold")],
+    [
+        (1.4, Severity.WARNING, "are widened"),
+        (1.6, Severity.ERROR, "do not hold"),
+        (nan, Severity.ERROR, "do not hold"),
+    ],
 )
-def test_intervals_of_a_nonlinear_fit_are_widened_by_what_is_left(
+def test_the_further_from_one_the_worse_and_a_nonlinear_fit_has_wider_intervals(
     linear: Estimation, chi2: float, severity: Severity, words: str
 ) -> None:
+    (of_linear,) = misfit_findings(replace(linear, chi2_per_n=chi2))
+    assert (of_linear.code, of_linear.severity) == ("chi2", severity)
+    assert "do not hold" in of_linear.text
     (finding,) = misfit_findings(replace(linear, chi2_per_n=chi2, nonlinear=linear.engine))
     assert (finding.code, finding.severity) == ("chi2", severity)
     assert words in finding.text
     assert "with friction" in finding.text
-    (of_linear,) = misfit_findings(replace(linear, chi2_per_n=chi2))
-    assert "do not hold" in of_linear.text
 
 
 Array = NDArray[np.float64]
@@ -166,12 +159,9 @@ def coloured(r: float, seed: int) -> Callable[[Array], Array]:
     return change
 
 
-def test_white_noise_has_no_finding() -> None:
-    assert not list(whiteness_findings(estimated("linear", 1)))
-
-
 def test_a_misfit_that_chi2_hardly_shows_is_doubtful() -> None:
     """Hubs that are 1 ms late bend the fit of the body, and chi2/n is 1.04."""
+    assert not list(whiteness_findings(estimated("linear", 1)))
     estimation = estimated("hubs_late_1ms", 1)
     assert estimation.chi2_per_n < 1.1
     (finding,) = whiteness_findings(estimation)
