@@ -52,7 +52,7 @@ def refuse_existing(
 
 def write_bytes(path: Path, data: bytes | memoryview) -> None:
     """Replace a file by one that holds `data`; as `replaced`."""
-    with rewritten(path) as part:
+    with replaced([path]) as (part,):
         part.write_bytes(data)
 
 
@@ -77,13 +77,6 @@ def file_sha256(path: Path) -> str:
 def write_text(path: Path, text: str) -> None:
     """Replace a file by one that holds `text` in UTF-8; as `write_bytes`."""
     write_bytes(path, text.encode())
-
-
-@contextmanager
-def rewritten(path: Path) -> Iterator[Path]:
-    """Move one new file into place; as `replaced`."""
-    with replaced([path]) as (part,):
-        yield part
 
 
 @contextmanager
@@ -116,7 +109,8 @@ def replaced(targets: Sequence[Path]) -> Iterator[list[Path]]:
             os.close(fd)
         yield list(parts)
         for part in parts:
-            sync_file(part)
+            with part.open("r+b") as file:
+                os.fsync(file.fileno())
         for part, target in zip(parts, targets, strict=True):
             with suppress(OSError):
                 before = target.lstat()
@@ -145,12 +139,6 @@ def sync_data(fd: int) -> None:
                 fcntl.fcntl(fd, whole)
                 return
     getattr(os, "fdatasync", os.fsync)(fd)
-
-
-def sync_file(path: Path) -> None:
-    """Return when the content of a file is on the disk."""
-    with path.open("r+b") as file:
-        os.fsync(file.fileno())
 
 
 def sync_folder(folder: Path) -> None:

@@ -93,21 +93,16 @@ def notes_of(provenance: Mapping[str, str]) -> tuple[str, ...]:
     """
 
     def words(note: Mapping[str, Any]) -> str:
-        if not note["by"]:  # a mark set by the terminal, not written by a person
-            return ""
         about = f"{note['label']}: " if note["label"] else ""
-        return f"{about}{note['text']} ({note['by']})"
+        # A note without a name is a mark set by the terminal, not written by a person.
+        return f"{about}{note['text']} ({note['by']})" if note["by"] else ""
 
     return _parsed(provenance.get("notes", ""), words)
 
 
 def overrides_of(provenance: Mapping[str, str]) -> tuple[str, ...]:
-    """Return the warnings that were overridden: subject, reason and name."""
-
-    def words(override: Mapping[str, Any]) -> str:
-        return f"{override['subject']}: {override['reason']} ({override['by']})"
-
-    return _parsed(provenance.get("overrides", ""), words)
+    """Return the warnings that were overridden: subject, reason and name; as `notes_of`."""
+    return _parsed(provenance.get("overrides", ""), "{0[subject]}: {0[reason]} ({0[by]})".format)
 
 
 def _parsed(text: str, words: Callable[[Mapping[str, Any]], str]) -> tuple[str, ...]:
@@ -147,13 +142,8 @@ def session_from_arrays(
         raise InputError("channels", "two have the same name", "give each its own name")
     counts: dict[tuple[str, Excitation], int] = {}
     result = []
-    for number, entry in enumerate(runs, start=1):
+    for number, (mass_state, excitation, records) in enumerate(runs, start=1):
         where = f"run {number}"
-        items: tuple[object, ...] = entry  # the caller's, of any length
-        if len(items) != 3:
-            what = f"has {len(items)} items"
-            raise InputError(where, what, "give mass state, excitation and a dict of channels")
-        mass_state, excitation, records = entry
         if mass_state not in (BASELINE, ADDED):
             raise InputError(where, f"mass state {mass_state!r}", f"use {BASELINE} or {ADDED}")
         if excitation not in list(Excitation):
@@ -185,24 +175,19 @@ def _groups(
     where: str, records: Mapping[str, tuple[ArrayLike, ArrayLike]], known: Mapping[str, Channel]
 ) -> tuple[SampleGroup, ...]:
     """Group the channels that share their times."""
-    clocks: list[tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]] = []
+    clocks: dict[bytes, tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]] = {}
     for name, (times, samples) in records.items():
         if name not in known:
             what = f"channel {name!r} is not described"
             raise InputError(where, what, f"channels are {', '.join(known)}")
-        t_s, values = _column(where, name, times), _column(where, name, samples)
+        t_s, values = (_numbers(where, f"channel {name}: ", data) for data in (times, samples))
         if t_s.shape != values.shape or len(t_s) < 2:
             what = f"channel {name}: {t_s.shape} times for {values.shape} values"
             raise InputError(where, what, "give as many times as values, at least two")
         if not (np.isfinite(t_s).all() and (np.diff(t_s) > 0).all()):
             what = f"channel {name}: times are not increasing numbers"
             raise InputError(where, what, "sort them and remove doubles")
-        for clock_s, members in clocks:
-            if np.array_equal(clock_s, t_s):
-                members[name] = values
-                break
-        else:
-            clocks.append((t_s, {name: values}))
+        clocks.setdefault(t_s.tobytes(), (t_s, {}))[1][name] = values
     if not clocks:
         raise InputError(where, "has no channel", "give at least one")
     return tuple(
@@ -217,15 +202,16 @@ def _groups(
                 np.uint8(0),
             ),
         )
-        for t_s, members in clocks
+        for t_s, members in clocks.values()
     )
 
 
-def _column(where: str, name: str, data: ArrayLike) -> NDArray[np.float64]:
+def _numbers(where: str, subject: str, data: Any) -> NDArray[np.float64]:
+    """Return data as an array; raises InputError if they are no real numbers."""
     try:
         return np.array(data, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise InputError(where, f"channel {name}: {error}", "give real numbers") from error
+        raise InputError(where, f"{subject}{error}", "give real numbers") from error
 
 
 def _added_mass(given: AddedMassLike | None) -> AddedMass:
@@ -235,10 +221,7 @@ def _added_mass(given: AddedMassLike | None) -> AddedMass:
         return given
     if isinstance(given, Sequence) and all(isinstance(w, BodyWeight | HubWeight) for w in given):
         return AddedMass(tuple(w for w in given if isinstance(w, BodyWeight | HubWeight)))
-    try:
-        matrix = np.array(given, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError("delta_mass", str(error), "give numbers or weights") from error
+    matrix = _numbers("delta_mass", "", given)
     matrix = np.diag(matrix) if matrix.ndim == 1 else matrix
     if matrix.shape != (7, 7) or not np.isfinite(matrix).all():
         what = f"an array of shape {matrix.shape}"

@@ -97,7 +97,6 @@ def build_session(
     a channel does not fit the DBC, or a bump is of no mass state of the bench.
     """
     run_log = fold(events)
-    check_runs(bench, events, run_log)
     cut = [frames.within([bench.trigger.window_ns(run.t_ns)]) for run in run_log.runs]
     return session_of_runs(bench, codec, run_log, cut, events, hops, provenance)
 
@@ -112,6 +111,12 @@ def session_of_runs(
     provenance: dict[str, str],
 ) -> Session:
     """Return the session of the runs of a log; as `build_session`, of the frames of each run."""
+    states = [state.name for state in bench.mass_states]
+    for event in events:
+        bumped = run_log.run(event.text) if event.code == trigger.BUMP else None
+        if event.code == trigger.BUMP and (bumped is None or bumped.mass_state not in states):
+            what = f"the recording has a bump {event.text!r}, which is not a run of this bench"
+            raise InputError("bench.toml", what, "use the bench.toml of the recording")
     mapped = mapped_channels(bench, codec)
     runs: dict[int, Run] = {}
     in_time = sorted(enumerate(run_log.runs), key=lambda pair: pair[1].t_ns)
@@ -130,18 +135,6 @@ def session_of_runs(
         runs=tuple(runs[number] for number in sorted(runs)),
         provenance=provenance,
     )
-
-
-def check_runs(bench: Bench, events: Sequence[Event], run_log: RunLog) -> None:
-    """Raise InputError if a bump is of no mass state of the bench."""
-    states = [state.name for state in bench.mass_states]
-    for event in events:
-        if event.code != trigger.BUMP:
-            continue
-        run = run_log.run(event.text)
-        if run is None or run.mass_state not in states:
-            what = f"the recording has a bump {event.text!r}, which is not a run of this bench"
-            raise InputError("bench.toml", what, "use the bench.toml of the recording")
 
 
 def _run(
@@ -245,7 +238,6 @@ def derive(segments: Sequence[Path], target: Path, *, replacing: bool = True) ->
         text = run_log.bench_text or recording.head.bench_text
         dbc_text = recording.head.dbc_text
         bench = parse_bench(text, "bench.toml in the journal", Path(), dbc_text)
-        check_runs(bench, recording.events, run_log)
         windows = [bench.trigger.window_ns(run.t_ns) for run in run_log.runs]
         contents, frames = read_windows(recording, windows)
         loss = contents.lost.text if contents.lost.any else ""
@@ -317,18 +309,14 @@ def main(arguments: Sequence[str], out: TextIO) -> int:
         # Segments deleted since then to make room contained no run.
         done = derive([path for path in segments if path.exists()], target)
     except (BumpbenchError, OSError) as error:
-        out.write(json.dumps({"path": str(target), "error": _reason(error, target)}) + "\n")
+        reason = str(error)
+        if isinstance(error, BumpbenchError) and error.where == printable(str(target)):
+            reason = error.what  # the status names the file beside it
+        out.write(json.dumps({"path": str(target), "error": reason}) + "\n")
         return BAD_INPUT
     result = {"path": str(target), "loss": done.loss, "runs": len(done.session.runs)}
     out.write(json.dumps(result) + "\n")
     return DONE_WITH_LOSS if done.loss else DONE
-
-
-def _reason(error: Exception, target: Path) -> str:
-    """Return why a session file was not built; the status names the file beside it."""
-    if isinstance(error, BumpbenchError) and error.where == printable(str(target)):
-        return error.what
-    return str(error)
 
 
 if __name__ == "__main__":

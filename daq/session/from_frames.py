@@ -25,7 +25,7 @@ from ..bench.campaign import Step
 from ..bench.config import Bench, bench_codec, parse_bench
 from ..bus.source import HopLosses
 from ..journal.reader import HopCounts
-from ..runs import Event, Excitation, RunStatus
+from ..runs import Event, Excitation, Run, RunStatus
 from ..samples import trigger
 from ..samples.mapping import bench_mapping, mapped_block
 from ..samples.trigger import UNPLANNED
@@ -208,14 +208,10 @@ def session_from_parts(
         "bench_toml": bench.text,
         **provenance,
     }
-    return joined(
-        [build_session(bench, codec, part.frames, part.events, part.hops, about) for part in parts]
-    )
-
-
-def joined(sessions: Sequence[Session]) -> Session:
-    """Return the runs of several sessions of one bench as one session."""
-    return replace(sessions[0], runs=tuple(run for one in sessions for run in one.runs))
+    sessions = [
+        build_session(bench, codec, part.frames, part.events, part.hops, about) for part in parts
+    ]
+    return replace(sessions[0], runs=tuple(run for each in sessions for run in each.runs))
 
 
 def redecoded(session: Session, bench: Bench, where: str, provenance: Mapping[str, str]) -> Session:
@@ -225,18 +221,12 @@ def redecoded(session: Session, bench: Bench, where: str, provenance: Mapping[st
     decoding did not give comes from the operator and is kept.  `provenance`: entries beside DBC
     and bench.toml. Raises InputError if a run has no raw frames, or channels and DBC do not fit.
     """
-    for run in session.runs:
-        if not len(run.frames):
-            what = f"run {run.label} has no raw frames"
-            raise InputError(where, what, "name a session that was recorded or imported")
-    if not session.runs:
-        raise InputError(where, "has no run", "name a session that was recorded or imported")
-    new = _built(session, bench)
+    new = _built(session, bench, where)
     texts = session.provenance
     decoded_reasons: list[tuple[str, ...]] = [() for _ in session.runs]  # of the old decoding
     with suppress(KeyError, BumpbenchError):  # then every reason counts as the operator's
         old_bench = parse_bench(texts["bench_toml"], "bench.toml", Path(), texts["dbc"])
-        decoded_reasons = [run.reasons for run in _built(session, old_bench).runs]
+        decoded_reasons = [run.reasons for run in _built(session, old_bench, where).runs]
     runs = []
     for old, run, by_decoder in zip(session.runs, new.runs, decoded_reasons, strict=True):
         by_operator = (r for r in old.reasons if r not in by_decoder and r not in run.reasons)
@@ -251,18 +241,20 @@ def redecoded(session: Session, bench: Bench, where: str, provenance: Mapping[st
     return replace(new, runs=tuple(runs), provenance=about)
 
 
-def _built(session: Session, bench: Bench) -> Session:
+def _built(session: Session, bench: Bench, where: str) -> Session:
     """Build each run separately: their windows may overlap, and their clocks need not agree."""
+    advice = "name a session that was recorded or imported"
+    if not session.runs:
+        raise InputError(where, "has no run", advice)
     steps = [Step(run.mass_state, run.excitation, run.repeat) for run in session.runs]
     bench = with_steps(bench, steps)
     codec = bench_codec(bench)
-    built = []
+    runs: list[Run] = []
     for run in session.runs:
         bumps = [e for e in run.events if e.code == trigger.BUMP and e.text == run.label]
-        if not bumps:
-            what = f"run {run.label} does not state the time of its bump"
-            where = session.provenance.get("uuid", "session")
-            raise InputError(where, what, "record or import it again")
+        if not len(run.frames) or not bumps:
+            lacks = "raw frames" if bumps else "time of its bump"
+            raise InputError(where, f"run {run.label} has no {lacks}", advice)
         # Losses between wire and session are kept; the others are counted again.
         lost = HopLosses(
             bus_dropped=run.losses.bus_dropped,
@@ -271,5 +263,6 @@ def _built(session: Session, bench: Bench) -> Session:
         )
         end_ns = np.array([int(run.frames.t_ns.max())])
         hops = HopCounts(end_ns, np.array([lost], np.int64))
-        built.append(build_session(bench, codec, run.frames, bumps[:1], hops, {}))
-    return joined(built)
+        built = build_session(bench, codec, run.frames, bumps[:1], hops, {})
+        runs += built.runs
+    return replace(built, runs=tuple(runs))

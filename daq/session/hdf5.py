@@ -317,9 +317,8 @@ def glances(paths: Sequence[Path]) -> Iterator[Glance | InputError]:
     for path in paths:
         try:
             with _opened(path) as file:
-                about = _attributes(_group(file, "session"))
-                folder = _group(file, "runs")
-                status = [_group(folder, name).attrs.get("status") for name in folder]
+                about = _attributes(file["session"])
+                status = [run.attrs.get("status") for run in file["runs"].values()]
                 accepted = status.count("accepted")
                 yield Glance(
                     str(path),
@@ -334,13 +333,3 @@ def glances(paths: Sequence[Path]) -> Iterator[Glance | InputError]:
         except _RAISED as error:
             what = f"is damaged: {type(error).__name__}"
             yield InputError(str(path), what, DAMAGED_ADVICE)
-
-
-def _group(parent: h5py.Group, name: str) -> h5py.Group:
-    """Return a group that is in this file, because a link could lead to another file."""
-    import h5py
-
-    group = parent[name] if isinstance(parent.get(name, getlink=True), h5py.HardLink) else None
-    if not isinstance(group, h5py.Group):
-        raise ValueError(f"{name} is absent or a link")
-    return group

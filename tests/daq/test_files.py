@@ -32,25 +32,18 @@ def test_a_file_is_replaced_and_nothing_else_is_left(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_new_file_has_the_rights_that_the_process_gives(tmp_path: Path) -> None:
-    before = os.umask(0o027)
+def test_a_new_file_has_the_rights_of_the_process_and_a_replaced_one_keeps_its_own(
+    tmp_path: Path,
+) -> None:
+    path, before = tmp_path / "a", os.umask(0o027)
     try:
-        write_bytes(tmp_path / "a", b"")
-        with replaced([tmp_path / "b.csv"]) as (part,):
-            part.write_bytes(b"")
+        write_bytes(path, b"old")
+        assert path.stat().st_mode & 0o777 == 0o640
+        path.chmod(0o604)
+        write_bytes(path, b"new")
     finally:
         os.umask(before)
-    assert (tmp_path / "a").stat().st_mode & 0o777 == 0o640
-    assert (tmp_path / "b.csv").stat().st_mode & 0o777 == 0o640
-
-
-@pytest.mark.parametrize("mode", [0o640, 0o604])
-def test_a_file_that_is_replaced_keeps_its_rights(tmp_path: Path, mode: int) -> None:
-    path = tmp_path / "a"
-    write_bytes(path, b"old")
-    path.chmod(mode)
-    write_bytes(path, b"new")
-    assert path.stat().st_mode & 0o777 == mode
+    assert path.stat().st_mode & 0o777 == 0o604
 
 
 def test_data_are_synced_before_the_name_and_the_folder_after_it(
@@ -143,8 +136,10 @@ def test_two_writers_of_one_file_both_end_well(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
-def _synced_by(monkeypatch: pytest.MonkeyPatch, refused: bool = False) -> list[str]:
-    """Sync a descriptor on a system like macOS; return the calls that it made."""
+@pytest.mark.parametrize("refused", [False, True])
+def test_on_macos_the_drive_itself_is_asked_and_else_synced_as_elsewhere(
+    monkeypatch: pytest.MonkeyPatch, refused: bool
+) -> None:
     calls: list[str] = []
 
     def whole(fd: int, command: int) -> int:
@@ -158,17 +153,7 @@ def _synced_by(monkeypatch: pytest.MonkeyPatch, refused: bool = False) -> list[s
     monkeypatch.setattr(fcntl, "F_FULLFSYNC", 51, raising=False)
     monkeypatch.setattr(fcntl, "fcntl", whole)
     sync_data(0)
-    return calls
-
-
-def test_on_macos_the_drive_itself_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert _synced_by(monkeypatch) == ["fcntl 51"]
-
-
-def test_a_drive_that_cannot_be_asked_is_synced_as_elsewhere(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    assert _synced_by(monkeypatch, refused=True) == ["fcntl 51", "fsync"]
+    assert calls == (["fcntl 51", "fsync"] if refused else ["fcntl 51"])
 
 
 def test_the_folder_of_a_file_is_created_with_its_parents(tmp_path: Path) -> None:
@@ -199,15 +184,3 @@ def test_what_is_no_regular_file_is_not_opened(
     with pytest.raises(InputError, match=what) as refused:
         open_regular(tmp_path / "a", "name a file")
     assert refused.value.advice == "name a file"
-
-
-def test_a_regular_file_is_opened_for_reading(tmp_path: Path) -> None:
-    path = tmp_path / "a"
-    path.write_bytes(b"abc")
-    fd = open_regular(path, "name a file")
-    try:
-        assert os.read(fd, 9) == b"abc"
-        with pytest.raises(OSError, match="Bad file descriptor"):
-            os.write(fd, b"x")
-    finally:
-        os.close(fd)

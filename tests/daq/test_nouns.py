@@ -325,7 +325,6 @@ def test_missing_samples_are_nan() -> None:
         (("baseline", "bounce", {"phi": (T, ["a"] * 10)}), "phi"),
         (("baseline", "bounce", {"phi": (np.where(T > 0.05, np.nan, T), T)}), "phi"),
         (("baseline", "bounce", {}), "no channel"),
-        (("baseline", "bounce"), "has 2 items"),
     ],
 )
 def test_what_does_not_fit_is_named(

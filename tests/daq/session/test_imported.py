@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from datetime import date
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -19,7 +18,6 @@ from daq.bench.channel_map import ChannelMap, GivenRun, load_channel_map
 from daq.bench.config import Bench, bench_codec, parse_bench
 from daq.bench.sensors import stored_databases
 from daq.bus.source import HopLosses
-from daq.check.check import check_bench
 from daq.journal.format import JournalHead
 from daq.journal.reader import HopCounts
 from daq.journal.writer import JournalWriter
@@ -41,11 +39,11 @@ from daq.session.from_frames import (
 from daq.sessions import Session, session_part
 from daq.sim.car import SimulatedCar
 from daq.sim.ecu import campaign_frames
-from dbc import FrameBatch, Severity
+from dbc import FrameBatch
 from dbc.units import G_M_S2
 from dbc.words import InputError
 
-from ..sensor_bench import IMU, sensor_bench
+from ..sensor_bench import sensor_bench
 from ..small_campaign import START_NS, blocks, bumps, small_bench, small_codec
 
 
@@ -452,21 +450,6 @@ def test_the_same_files_give_a_session_of_the_same_name() -> None:
 # Two like IMUs on two buses, one of them upside down, through every way ---------------------------
 
 
-OLD = """
-dbc = "imu.dbc"
-[[bus]]
-interface = "virtual"
-channel = "can0"
-[[bus]]
-interface = "virtual"
-channel = "can1"
-[[channel]]
-name = "acc"
-signal = "Accel.AccZ"
-quantity = "body_acceleration"
-"""
-
-
 @cache
 def frames() -> FrameBatch:
     """Return the frames of one bounce, on both buses."""
@@ -485,23 +468,11 @@ def imported() -> Session:
     return session_from_parts(bench, codec, parts, {})
 
 
-def rest() -> FrameBatch:
-    return frames().select(frames().t_ns < START_NS + 1_200_000_000)
-
-
 def level(session: Session, channel: str) -> float:
     """Return the mean of a channel before the bump, SI."""
     run = session.runs[0]
     (group,) = (group for group in run.groups if channel in group.values)
     return float(np.mean(group.values[channel][group.time_s < run.bump_s - 0.1]))
-
-
-def test_one_dbc_for_two_buses_does_not_pass_the_check() -> None:
-    bench = parse_bench(OLD, "bench.toml", Path(), IMU)
-    report = check_bench(bench, bench_codec(bench), rest(), date(2026, 6, 1))
-    (line,) = [each for each in report.lines if each.code == "mixed_buses"]
-    assert line.severity is Severity.ERROR
-    assert line.text == "comes on the buses 0 and 1: two sensors read as one"
 
 
 def test_a_session_has_each_sensor_for_itself(tmp_path: Path) -> None:
@@ -515,14 +486,9 @@ def test_a_session_has_each_sensor_for_itself(tmp_path: Path) -> None:
         "pot_fl_TPDO1", "pot_fr_TPDO1", "pot_rl_TPDO1", "pot_rr_TPDO1",
     }  # fmt: skip
     assert len(stored_databases(session.provenance["dbc"])) == 3
-    again = redecoded(session, _bench_of(session), str(path), {})
+    again = redecoded(session, _bench(session), str(path), {})
     assert level(again, "acc_b") == level(session, "acc_b")
     np.testing.assert_array_equal(again.runs[0].frames.bus, session.runs[0].frames.bus)
-
-
-def _bench_of(session: Session) -> Bench:
-    text, databases = session.provenance["bench_toml"], session.provenance["dbc"]
-    return parse_bench(text, "bench.toml", Path("/nowhere"), databases)
 
 
 def test_a_part_of_a_session_has_the_sensors_and_buses_that_are_asked_for() -> None:

@@ -265,15 +265,3 @@ def test_each_file_has_its_outline_or_its_fault(tmp_path: Path) -> None:
     ):
         assert isinstance(fault, InputError)
         assert (fault.where, what in fault.what) == (str(path), True)
-
-
-@pytest.mark.parametrize("name", ["session", "runs", "runs/r002_baseline_roll_2"])
-@pytest.mark.parametrize("link", [h5py.SoftLink("/channels"), h5py.ExternalLink("x", "/")])
-def test_an_outline_is_read_in_this_very_file(tmp_path: Path, name: str, link: object) -> None:
-    path = _written(tmp_path / "car.h5")
-    with h5py.File(path, "r+") as file:
-        del file[name]
-        file[name] = link
-    (fault,) = glances([path])
-    assert isinstance(fault, InputError)
-    assert "is damaged" in fault.what
