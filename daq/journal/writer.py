@@ -37,7 +37,6 @@ from .format import (
     Gap,
     JournalHead,
     Kind,
-    Summary,
     gap_event,
     open_path,
     pack_events,
@@ -410,7 +409,9 @@ class JournalWriter:
         if self._room.free < 2 * reserve:
             excess = max(excess, 2 * reserve - self._room.free)
         self._retention_warning = ""
-        deleted = 0
+        if excess <= 0:
+            return
+        deleted, needed_ns = 0, list[int]()
         for path in sorted(self._sizes, key=segment_number):
             # Largest number of segments deleted in one call, which delays the writing.
             if excess <= 0 or deleted == 8:
@@ -420,7 +421,10 @@ class JournalWriter:
                 self._sizes.pop(path)  # from another program, or it does not exist
                 continue
             if info.recording == self.head.recording:
-                if self._is_near_a_run(info.summary):
+                needed_ns = needed_ns or self._needed_ns()
+                first_ns = info.summary.first_ns - REACH_NS
+                last_ns = info.summary.last_ns + REACH_NS
+                if any(first_ns <= t_ns <= last_ns for t_ns in needed_ns):
                     continue
                 self.append_events(_parting_events(info, self._t_ns))
             with suppress(OSError):
@@ -428,11 +432,22 @@ class JournalWriter:
             excess -= self._sizes.pop(path)
             self.written[:] = [segment for segment in self.written if segment.path != path]
             deleted += 1
-        if excess > 0 and self._sizes and not deleted:
+        if self._sizes and not deleted:
             self._retention_warning = (
                 f"the journal has {self._sealed_bytes / 1e9:.2f} GB and none of it may be deleted: "
                 "it holds the runs of this recording"
             )
+
+    def _needed_ns(self) -> list[int]:
+        """Return the time of the latest frame, and of each event of this recording's runs, ns."""
+        ours = (self._info(path) for path in self._sizes)
+        events = (
+            event
+            for info in ours
+            if info is not None and info.recording == self.head.recording
+            for _, event in info.summary.events
+        )
+        return [self._t_ns, *(event.t_ns for event in events if event.code in _LOG_CODES)]
 
     def _info(self, path: Path) -> SegmentInfo | None:
         """Return the content of a sealed segment; None if it cannot be read."""
@@ -442,19 +457,6 @@ class JournalWriter:
             except (InputError, OSError):
                 self._infos[path] = None
         return self._infos[path]
-
-    def _is_near_a_run(self, segment: Summary) -> bool:
-        """Return whether a run of this recording, or one that begins now, needs a segment."""
-        infos = (self._info(path) for path in self._sizes)
-        events = [
-            event
-            for info in infos
-            if info is not None and info.recording == self.head.recording
-            for _, event in info.summary.events
-        ]
-        times_ns = [self._t_ns, *(event.t_ns for event in events if event.code in _LOG_CODES)]
-        first_ns, last_ns = segment.first_ns - REACH_NS, segment.last_ns + REACH_NS
-        return any(first_ns <= t_ns <= last_ns for t_ns in times_ns)
 
 
 def _parting_events(info: SegmentInfo, t_ns: int) -> tuple[Event, ...]:
