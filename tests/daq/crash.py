@@ -34,18 +34,21 @@ from dbc.frames import FrameBatch
 from .crash_frames import journal_of_runs, kill_derive
 from .crash_process import (
     KILLS_A_FOLDER,
+    MORE_ROOM,
     PATIENCE_S,
     RATE_HZ,
     SOUND_DISK,
     Kills,
+    Part,
     RecorderProcess,
     Sender,
     cut,
+    die_with_parent,
     kills,
     numbers_of,
     recovered,
+    timed,
 )
-from .crash_recorder import MORE_ROOM, Part, die_with_parent, timed
 from .crash_writer import (
     KINDS,
     TAKINGS,

@@ -7,6 +7,7 @@ as the line takes them.  Every 16th frame is one of a hub that is bumped every 1
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import io
 import json
 import os
@@ -23,10 +24,10 @@ import tty
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,10 +36,15 @@ from daq import InputError, read_session
 from daq.control.address import control_address
 from daq.control.exchange import Client, RecorderGoneError
 from daq.control.messages import AskStatus, Status
+from daq.journal import segment as backlog
 from daq.journal.reader import JournalLoss, read_journal, segments_in
+from daq.journal.segment import SyncedFile
+from daq.recorder import recorder as engine
 from dbc.frames import FrameBatch
+from tui import cli
 from tui.commands.record import recover
 
+from .crash_frames import FailingDisk, SmallDisk
 from .small_campaign import bumps, small_bench, small_codec
 
 RATE_HZ = 16_000
@@ -210,7 +216,7 @@ _BENCH = {
 class RecorderProcess:
     """A daemon that records what a sender sends; killed at the end of a `with` if it still runs.
 
-    `folder`: of the recordings.  `disk`: kind and number for `crash_recorder`.  `held`: memory for
+    `folder`: of the recordings.  `disk`: kind and number for `main`.  `held`: memory for
     blocks that wait, bytes; empty: as it is.  `beside`: where bench.toml and log are; next to the
     folder if None.
     """
@@ -233,7 +239,7 @@ class RecorderProcess:
         self._folder = folder
         self._client: Client | None = None
         command = [
-            *(sys.executable, "-m", "tests.daq.crash_recorder", *disk),
+            *(sys.executable, "-m", "tests.daq.crash_process", *disk),
             *("record", str(bench), "--out", str(folder), "--keep-on"),
             *("--log", str(self.place / "log")),
         ]
@@ -402,7 +408,7 @@ def kill_series(folder: Path, count: int, rng: np.random.Generator, *, hot: bool
                 else:
                     recorder.wait_open()
                     deadline_s = time.monotonic() + rng.uniform(0.05, 2.0)
-                    while time.monotonic() < deadline_s:
+                    while not acknowledged or time.monotonic() < deadline_s:
                         acknowledged = max(acknowledged, recorder.status().disk.recorded_frames)
                 sent = sender.sent
             found = recovered(folder / "out", sender)
@@ -503,3 +509,61 @@ def cut(folder: Path, i: int, seed: int = 5) -> tuple[int, int] | None:
     done = cut_once(place, np.random.default_rng([seed, i]).uniform(0.5, 3.0), hot=i % 2 == 1)
     shutil.rmtree(place)
     return done
+
+
+# `bumpbench` on a disk that misbehaves: `python -m tests.daq.crash_process KIND NUMBER ...` -----
+#
+# The kinds are those of `FailingDisk`, whose operation of that number fails, and `small`: a disk
+# with room for so many bytes, until there is a file `more_room` in the working directory.  What
+# follows are the arguments of `bumpbench`.  In the environment, `HELD_BYTES` makes the memory
+# smaller in which blocks wait for the disk.
+
+
+MORE_ROOM = Path("more_room")
+_MORE_BYTES = 100_000_000
+
+
+class _Refilled(SmallDisk):
+    """A small disk that gets room when a file asks for it."""
+
+    def create(self, path: Path) -> SyncedFile:
+        if MORE_ROOM.exists():
+            self.free = _MORE_BYTES
+        return super().create(path)
+
+
+def main(arguments: list[str]) -> int:
+    """Run a command with a recorder on such a disk, and return its exit code."""
+    die_with_parent()  # a campaign that is killed leaves no recorder behind
+    kind, number, *command = arguments
+    if held := os.environ.get("HELD_BYTES"):
+        vars(backlog)["HELD_BYTES"] = int(held)
+    if kind != "sound":
+        disk = _Refilled(int(number)) if kind == "small" else FailingDisk(kind, int(number))
+        vars(engine)["Recorder"] = partial(engine.Recorder, create=disk.create)
+    return cli.run(command)
+
+
+def die_with_parent() -> None:
+    """End this process as soon as the one that started it has ended; on Linux only."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
+        if os.getppid() == 1:  # it ended while this process was starting
+            sys.exit(1)
+
+
+Part = Callable[[], Any]
+
+
+def timed(part: Part) -> tuple[Any, str, float]:
+    """Return the result of a part of a campaign, why it failed (empty if not), and its time, s."""
+    began_s, result, failed = time.monotonic(), None, ""
+    try:
+        result = part()
+    except AssertionError as error:
+        failed = str(error) or repr(error)
+    return result, failed, time.monotonic() - began_s
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -45,7 +45,7 @@ def test_a_campaign_that_is_killed_leaves_no_recorder_behind(tmp_path: Path) -> 
 
 def _recorders(folder: Path) -> list[str]:
     """Return the command lines of the recorders of a campaign in a folder."""
-    command = ["pgrep", "--full", "--list-full", f"crash_recorder.*{folder}"]
+    command = ["pgrep", "--full", "--list-full", f"crash_process.*{folder}"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     return done.stdout.splitlines()
 
