@@ -271,7 +271,7 @@ def _write(out: Path, page: Path | None, rows: dict[str, Row]) -> None:
 
     Raises InputError if one cannot be written.
     """
-    from daq.files import rewritten
+    from daq.files import replaced
     from dbc import InputError, csv_text
 
     from ..jobs.batch_page import page_of
@@ -281,7 +281,7 @@ def _write(out: Path, page: Path | None, rows: dict[str, Row]) -> None:
     path = out
     try:
         with (
-            rewritten(out) as part,  # the name of a file need not be UTF-8, but a table is
+            replaced([out]) as (part,),  # the name of a file need not be UTF-8, but a table is
             part.open("w", encoding="utf-8", errors="backslashreplace", newline="") as stream,
         ):
             writer = csv.DictWriter(stream, columns, restval="", lineterminator="\n")
@@ -292,7 +292,7 @@ def _write(out: Path, page: Path | None, rows: dict[str, Row]) -> None:
         if page is not None:
             path = page
             text = page_of(columns, list(rows.values()), page.parent)
-            with rewritten(page) as part:
+            with replaced([page]) as (part,):
                 part.write_text(text, "utf-8", "backslashreplace")
     except OSError as error:
         reason = error.strerror or "cannot be written"

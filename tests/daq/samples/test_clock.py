@@ -324,14 +324,15 @@ def stamps(arrival_s: Array) -> NDArray[np.int64]:
 @pytest.mark.parametrize("wrap_s", [0.65536, 4294.967296])
 def test_times_are_those_of_the_samples(drift: float, wrap_s: float) -> None:
     k = np.delete(np.arange(600), [100, 101, 300])
-    taken = k * SET_CYCLE_S * (1 + drift)
-    times = stamped_times((k * SET_CYCLE_S + wrap_s - 0.3) % wrap_s, wrap_s, stamps(late(taken)), 0)
+    taken: Array = k * SET_CYCLE_S * (1 + drift)
+    stamp: Array = (k * SET_CYCLE_S + wrap_s - 0.3) % wrap_s
+    times = stamped_times(stamp, wrap_s, stamps(late(taken)), 0)
     assert np.abs(times.time_s - taken).max() < 30e-6
     assert times.step[1:].tolist() == np.diff(k).tolist()
 
 
 def test_repeated_stamps_are_no_samples() -> None:
-    arrive = np.arange(150) * SET_CYCLE_S / 2
+    arrive = np.arange(150.0) * SET_CYCLE_S / 2
     taken = np.repeat(arrive[::2], 2)
     times = stamped_times(taken, 100.0, stamps(late(arrive)), 0)
     fresh = times.step > 0
@@ -340,7 +341,7 @@ def test_repeated_stamps_are_no_samples() -> None:
 
 
 def test_stamps_that_do_not_run_with_the_bus_are_not_believed() -> None:
-    taken = np.arange(200) * SET_CYCLE_S
+    taken = np.arange(200.0) * SET_CYCLE_S
     t_ns = stamps(late(taken))
     times = stamped_times(taken * 1e-3, 100.0, t_ns, 0)
     np.testing.assert_allclose(times.time_s, t_ns * 1e-9, atol=1e-9)
