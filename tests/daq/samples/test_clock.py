@@ -323,7 +323,7 @@ def stamps(arrival_s: Array) -> NDArray[np.int64]:
 @pytest.mark.parametrize("drift", [-200e-6, 0.0, 300e-6, 0.01])
 @pytest.mark.parametrize("wrap_s", [0.65536, 4294.967296])
 def test_times_are_those_of_the_samples(drift: float, wrap_s: float) -> None:
-    k = np.delete(np.arange(600), [100, 101, 300])
+    k = np.delete(np.arange(600.0), [100, 101, 300])
     taken: Array = k * SET_CYCLE_S * (1 + drift)
     stamp: Array = (k * SET_CYCLE_S + wrap_s - 0.3) % wrap_s
     times = stamped_times(stamp, wrap_s, stamps(late(taken)), 0)
