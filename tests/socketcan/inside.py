@@ -6,7 +6,6 @@ import json
 import socket
 import subprocess
 import sys
-import threading
 import time
 import traceback
 from collections.abc import Callable
@@ -31,7 +30,6 @@ def main() -> None:
         interface_deleted,
         error_frame,
         clock_step,
-        wake_up,
         two_cards,
         link_state,
         whole_recorder,
@@ -196,19 +194,6 @@ def clock_step() -> str:
     source.close()
     assert all(0 < step_ns < 10**9 for step_ns in steps_ns)
     return f"stamps go on by {steps_ns[0] / 1e9:+.3f} s and {steps_ns[1] / 1e9:+.3f} s"
-
-
-def wake_up() -> str:
-    """End a read that waits by closing."""
-    source = open_socketcan("vcan0", 0)
-    reader = threading.Thread(target=source.read, args=(60.0,), daemon=True)
-    reader.start()
-    time.sleep(0.5)
-    began_s = time.monotonic()
-    source.close()
-    reader.join(10.0)
-    assert not reader.is_alive()
-    return f"after {(time.monotonic() - began_s) * 1e3:.1f} ms"
 
 
 def two_cards() -> str:
