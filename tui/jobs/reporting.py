@@ -52,7 +52,8 @@ def write_report(
     if pdf is not None:
         require_ending(pdf, "printed report", SHEETS)
         make_room(pdf)
-    with helpers(("identify.report.typeset", "matplotlib.backends.backend_svg")) as pool:
+    modules = ("identify.report.content", "identify.report.typeset")
+    with helpers((*modules, "matplotlib.backends.backend_svg")) as pool:
         begun = {}  # drawings, by the key of their picture
         checks = CrossChecks()
 
