@@ -1,4 +1,4 @@
-"""A whole campaign at the operator's terminal, on the real recorder, by SPACE alone; its replay."""
+"""The terminal on the real recorder: a campaign by SPACE alone, its replay, and faults."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from daq import read_session
-from daq.control.messages import SessionState
+from daq.control.messages import Phase, SessionState
 from daq.replay import whole_frames
 from daq.runs import RunStatus
 from dbc.words import InputError
@@ -121,3 +121,47 @@ def test_auto_begins_by_itself(tmp_path: Path) -> None:
             terminal.until(b"]2;ACCEPTED")
         finally:
             terminal.kill()
+
+
+FAULT_SPEED = 6.0
+SAID = {
+    "double-bump": ("DOUBLE BUMP", "bump once"),
+    "lost-frames": ("LOST FRAMES", "cable and plugs"),
+    "unplug": ("BUS LOST", "plug the bus in"),
+}
+"""What the banner says, and a word of its advice."""
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        "unplug",
+        pytest.param("double-bump", marks=pytest.mark.long),
+        pytest.param("lost-frames", marks=pytest.mark.long),
+    ],
+)
+def test_a_fault_is_named_and_the_campaign_goes_on(fault: str, tmp_path: Path) -> None:
+    why, todo = SAID[fault]
+
+    async def act() -> None:
+        app = terminal_on(bench.folder)
+        async with seat(app, (140, 40)) as operator:
+
+            def is_rejected() -> bool:
+                return app.status is not None and app.status.phase is Phase.REJECTED
+
+            await operator.until(operator.sees("SPACE starts"))
+            await operator.pilot.press("space")
+            await operator.until(lambda: is_rejected() and "REJECTED" in operator.text)
+            banner = operator.text
+            assert f"{why}: " in banner
+            assert todo in banner.lower()
+            await operator.until(lambda: bool(app.status and app.status.tallies[0].accepted >= 2))
+            assert app.status is not None
+            assert app.status.runs[1].status is RunStatus.REJECTED
+            await operator.until(operator.sees("baseline bounce 2  rejected"))
+
+    with demo_bench(tmp_path, FAULT_SPEED, 3, fault) as bench:
+        bench.started()
+        bench.skip_to_bumps()
+        asyncio.run(act())

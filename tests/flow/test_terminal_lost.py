@@ -6,9 +6,7 @@ import asyncio
 import time
 from pathlib import Path
 
-from daq.control.address import control_address
-from daq.control.exchange import Client
-from daq.control.messages import Hello, Pause, Phase, Status
+from daq.control.messages import Hello, Pause, Phase
 from daq.runs import RunStatus
 from tui.terminal.feed import Lost, News, RecorderFeed, Role
 
@@ -121,19 +119,3 @@ def test_the_name_said_last_holds_after_every_connection(tmp_path: Path) -> None
             bench.wait(lambda status: status.controller == "Anna")
         finally:
             feed.stop()
-
-
-def test_a_client_beats_with_the_name_it_said_last(tmp_path: Path) -> None:
-    with demo_bench(tmp_path, 1.0) as bench:
-        bench.started()
-        client = Client(control_address(bench.folder), "somebody", control=True)
-        client.ask(Hello("Anna", control=True), PATIENCE_S)
-        names: list[str] = []
-
-        def heard(status: Status) -> bool:
-            names.append(status.controller)
-            return len(names) > 15  # three heartbeats
-
-        bench.wait(heard)
-        client.close()
-    assert set(names) == {"Anna"}

@@ -53,18 +53,6 @@ async def test_the_vehicle_form_looks_as_before(
         await at_every_size(pilot, snapshot, "vehicle")
 
 
-async def test_space_alone_takes_the_car_as_the_bench_describes_it(make_app: Make) -> None:
-    recorder = FakeRecorder()
-    app = make_app(recorder)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await reach(pilot, VehicleScreen)
-        await pilot.press("space")
-        await reach(pilot, CheckScreen)
-        await pilot.pause(0.1)
-    assert orders_of(recorder, Configure) == []
-    assert Mark("step vehicle done") in recorder.orders
-
-
 async def test_what_is_typed_goes_to_the_recorder(make_app: Make) -> None:
     recorder = FakeRecorder()
     app = make_app(recorder)
@@ -74,7 +62,6 @@ async def test_what_is_typed_goes_to_the_recorder(make_app: Make) -> None:
         await pilot.press("enter", *"1552", "ctrl+s")
         await reach(pilot, CheckScreen)
         assert app.operator == "MK2"
-        await pilot.pause(0.1)
     bench = bench_of(recorder)
     assert bench.vehicle.name == "T5 A1"
     assert [(f.quantity, f.value, f.sigma) for f in bench.vehicle.facts] == [

@@ -18,6 +18,7 @@ from daq.runs import Excitation
 from tui.display.view import headline
 from tui.terminal.campaign import (
     BenchStep,
+    NextAction,
     bump_step,
     first_obstacle,
     frames_stand_still,
@@ -194,21 +195,6 @@ def test_a_lost_recorder_says_what_went_and_what_to_press() -> None:
     assert (begins.kind, begins.word, begins.first) == ("quiet", "STARTING", "it begins")
 
 
-def test_space_gives_the_order_that_fits(recorder: FakeRecorder) -> None:
-    assert next_action(recorder.status, False).words == "C = take control"
-    recorder.turn(Phase.PAUSED)
-    assert next_action(recorder.status).words == "SPACE = go on"
-    recorder.turn(Phase.ARMED)
-    assert next_action(recorder.status, False).words == ""
-    recorder.finish("baseline")
-    step = next_action(recorder.status, False)
-    assert (step.words, step.step, step.order) == ("SPACE = step 4 Masses", BenchStep.MASSES, None)
-    recorder.mark("masses")
-    assert next_action(recorder.status).order == Arm(mass_state="added")
-    nothing = replace(recorder.status, due=None)
-    assert next_action(nothing).words == "SPACE = step 5 Added"
-
-
 def test_steps_are_reached_and_ended_by_what_the_book_says(recorder: FakeRecorder) -> None:
     assert BenchStep.CHECK.title == "2 Check"
     assert BenchStep.CHECK.mark == "step check done"
@@ -312,28 +298,32 @@ def test_what_is_signalled(
     assert signal_of(before, replace(before, phase=after, alarms=raised)) is signal
 
 
-def test_the_one_key() -> None:
+def test_space_gives_the_order_that_fits() -> None:
     recorder = FakeRecorder()
     assert next_action(None).order is None
     assert next_action(recorder.status).step is BenchStep.VEHICLE
     recorder.mark("vehicle", "check")
     assert next_action(recorder.status).order == Arm()
+    assert next_action(recorder.status, False) == NextAction("C = take control")
     for phase in (Phase.WAITING, Phase.ARMED, Phase.TRIGGERED, Phase.DECAY):
         recorder.turn(phase)
-        assert next_action(recorder.status).words == ""
+        assert next_action(recorder.status) == next_action(recorder.status, False) == NextAction()
     recorder.bump()
     recorder.judge(DOUBLE_BUMP)
     assert next_action(recorder.status).order == Arm()
     recorder.turn(Phase.PAUSED)
-    assert next_action(recorder.status).order == Arm()
+    assert next_action(recorder.status) == NextAction("SPACE = go on", Arm())
     recorder.bump()
     recorder.judge()
     assert next_action(recorder.status).order == Arm()
     # The last of its kind: the boards have to be moved before anything is armed.
-    last = replace(recorder.status, countdown_s=None)
-    assert next_action(last).order is None
+    assert next_action(replace(recorder.status, countdown_s=None)) == NextAction()
     recorder.finish("baseline")
-    assert next_action(recorder.status).step is BenchStep.MASSES
+    to_masses = NextAction("SPACE = step 4 Masses", step=BenchStep.MASSES)
+    assert next_action(recorder.status) == next_action(recorder.status, False) == to_masses
+    recorder.mark("masses")
+    assert next_action(recorder.status).order == Arm(mass_state="added")
+    assert next_action(replace(recorder.status, due=None)).words == "SPACE = step 5 Added"
 
 
 def test_more_runs_are_recorded_by_the_one_key_after_each_step() -> None:
