@@ -79,11 +79,7 @@ class NewsArrived(Message):
 
 
 class StatusArrived(Message):
-    """A new status of the recorder."""
-
-    def __init__(self, status: Status) -> None:
-        self.status = status
-        super().__init__()
+    """A new status of the recorder is in `app.status`."""
 
 
 class LiveArrived(Message):
@@ -248,7 +244,7 @@ class BenchApp(KeyboardApp):
             words = f"{status.phase.value.upper()} - {printable(status.vehicle)} - Bumpbench"
             if self._driver is not None and not self.is_headless:
                 self._driver.write(f"\x1b]2;{words}\x07")
-        self._publish(StatusArrived(status))
+        self._publish(StatusArrived())
         self.call_after_refresh(self._fetch_missing, before, status)  # the screen comes first
         if status.halted and status.halted != self._halted:
             self.push_screen(HelpScreen(status.halted))
@@ -305,7 +301,7 @@ class BenchApp(KeyboardApp):
             self.bench = parse_bench(text, "bench.toml", self.folder, dbc_text="")
             self.bench_text = text
             if self.status is not None:
-                self._publish(StatusArrived(self.status))
+                self._publish(StatusArrived())
 
     def _compare_setup(self, running: Setup) -> None:
         """Ask once whether to attach to a recorder of another setup than the wanted one."""
@@ -448,7 +444,7 @@ class BenchApp(KeyboardApp):
         """Mute the bell, or unmute it."""
         self.sound = not self.sound
         if self.status is not None:
-            self._publish(StatusArrived(self.status))
+            self._publish(StatusArrived())
 
     async def _press_next(self) -> None:
         screen: Any = self.screen if self.screen_stack else None  # none while the app closes

@@ -107,8 +107,8 @@ class LaneChart(Widget):
             labels[0] = f"{self._glyphs.overload} OVERLOAD"
         rows = []
         for label, cells, figure in zip(labels, drawn, figures, strict=True):
-            if trigger is not None:
-                cells = _marked(cells, trigger, self._glyphs.trigger)
+            if trigger is not None and cells[trigger] == " ":  # else the trace covers it
+                cells = f"{cells[:trigger]}{self._glyphs.trigger}{cells[trigger + 1 :]}"
             rows.append(f"{label[:_LABEL].ljust(_LABEL)}{self._glyphs.axis}{cells} {figure}")
         return rows
 
@@ -143,13 +143,6 @@ class LaneChart(Widget):
         if value is None or abs(median - value) * spec.factor > 0.1 * spec.least:
             self._rest_values[spec.channel] = value = median
         return value
-
-
-def _marked(cells: str, column: int, sign: str) -> str:
-    """Return a row with the sign of the trigger, unless the trace covers it."""
-    if cells[column] != " ":
-        return cells
-    return f"{cells[:column]}{sign}{cells[column + 1 :]}"
 
 
 def _digits(scale: float) -> int:

@@ -5,9 +5,11 @@ from __future__ import annotations
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, ClassVar, cast
 
+from textual import on
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.content import Content
+from textual.events import ScreenResume
 from textual.screen import Screen
 from textual.widgets import Footer
 
@@ -104,16 +106,11 @@ class BenchScreen(Screen[None]):
         """Start a recorder to replace the lost one."""
         await self.bench_app.action_restart_recorder()
 
-    def on_screen_resume(self) -> None:
-        """Show the newest status, or that there is none yet."""
-        self._show()
-
-    def on_status_arrived(self, _: StatusArrived) -> None:
-        """Show a new status."""
-        self._show()
-
-    def on_recorder_lost(self, _: RecorderLost) -> None:
-        """Show in the top line that the recorder is lost, and what to do."""
+    @on(ScreenResume)
+    @on(StatusArrived)
+    @on(RecorderLost)
+    def show_state(self) -> None:
+        """Show the newest status; or that there is none yet, or that the recorder is lost."""
         self._show()
 
     def on_resize(self) -> None:

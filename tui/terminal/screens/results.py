@@ -339,7 +339,6 @@ class SessionsScreen(BenchScreen):
 
     def on_screen_resume(self) -> None:
         """Read the folder anew."""
-        super().on_screen_resume()
         self.query_one(Table).focus()
         self._read()
 
