@@ -255,8 +255,6 @@ def test_what_differs_is_named_and_what_was_not_asked_for_is_not(wanted: Setup, 
     ("options", "words"),
     [
         (["--demo", "--replay", "x.h5"], "cannot be combined"),
-        (["--demo", "--fault", "nonsense"], "is not a fault"),
-        (["--fault", "unplug"], "works on simulated runs only"),
         (["BENCH"], "bench.toml"),
         (["--demo", "BENCH"], "bench.toml"),
         (["--web", "BENCH"], "bench.toml"),

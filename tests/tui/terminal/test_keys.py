@@ -413,7 +413,7 @@ async def test_the_commands_of_the_palette_act(make_app: Make, worker: FakeWorke
 async def test_the_run_loop_says_what_a_key_has_done(make_app: Make) -> None:
     recorder = _bench()
     app = make_app(recorder)
-    async with playing(app, (140, 40)) as pilot:
+    async with playing(app, SMALL) as pilot:
         await pressed(pilot, "pagedown")
         label = recorder.bump()
         await pilot.pause()

@@ -31,7 +31,6 @@ from tui.terminal.campaign import BenchStep, progress
 from tui.terminal.screens import results
 from tui.terminal.screens.results import (
     SessionsScreen,
-    findings_lines,
     parameter_rows,
     verdict_lines,
 )
@@ -505,21 +504,3 @@ def test_a_verdict_says_its_gravest_reasons_and_how_many_lines_are_hidden() -> N
     assert verdict_lines(made, ASCII, 120, 4)[-1] == "  ... 2 more lines: Tab to Findings"
     notes = judged(outcome(), replace(quality, findings=(note,)))
     assert verdict_lines(notes, ASCII, 120, 5)[1:] == ["+ note: began late"]
-
-
-def test_the_page_of_findings_has_its_three_parts() -> None:
-    lines = findings_lines(doubtful(), ASCII, 200)
-    assert lines[1] == ""
-    assert lines[2].startswith("! DOUBT: run baseline_bounce_2")
-    at = lines.index("Which parameters can be used:")
-    assert lines[at - 1] == ""
-    assert lines[at + 1].startswith("  usable, moved by")
-    end = lines.index("Warnings of the bench check that a person overrode:")
-    assert lines[end - 1] == ""
-    assert lines[end + 1].startswith("! noise wheel_rr")
-    assert len(lines) == end + 2
-    good = findings_lines(replace(outcome(), overrides=()), BRAILLE, 100)
-    assert good[1] == ""
-    assert good[2].startswith("✓ nothing was found")
-    assert good[-1] == "  none"
-    assert not any(line.startswith("Which parameters") for line in good)
