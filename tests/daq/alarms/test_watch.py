@@ -271,18 +271,6 @@ def test_a_clock_was_set_if_it_is_fifty_milliseconds_off(step_ms: int, seen: boo
     assert events == ()
 
 
-@pytest.mark.parametrize(("turns", "lasts"), [(44, True), (46, False)])
-def test_a_clock_that_was_set_is_shown_for_three_seconds(turns: int, lasts: bool) -> None:
-    """And, as every alarm, for one and a half seconds after that."""
-    bench = WatchedBench()
-    bench.turn(*both(bench))
-    bench.wall_step_ns = 10**9
-    bench.turn(*both(bench))
-    for _ in range(turns):
-        bench.turn(*both(bench))
-    assert bool(bench.alarm("clock_step", "")) is lasts
-
-
 @pytest.mark.parametrize(("turns", "is_dead"), [(3, False), (5, True)])
 def test_a_bus_is_dead_after_four_tenths_of_a_second(turns: int, is_dead: bool) -> None:
     bench = WatchedBench()
