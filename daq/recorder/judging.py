@@ -22,7 +22,9 @@ from ..control.messages import Lane, Live
 from ..runlog import RunLog
 from ..runs import Losses, RunStatus
 from ..samples.mapping import SampleBlock, Trace
-from ..verdict import RunMeasure, RunWindow, judge, peak_left
+from ..verdict.judge import judge
+from ..verdict.motion import peak_left
+from ..verdict.window import RunMeasure, RunWindow
 
 # Keeps frames, samples and losses of the last seconds ---------------------------------------------
 

@@ -40,7 +40,7 @@ from ..runs import Event, Losses
 from ..samples import converter as health
 from ..samples import trigger
 from ..samples.mapping import bench_mapping, mapped_block
-from ..verdict import RunMeasure
+from ..verdict.window import RunMeasure
 from ..verdict.words import finding
 from .judging import UNJUDGED, Judge, LiveRing, Recent
 from .run_loop import OrderError, RunLoop, Surroundings, configured, due_of, order_event, tallies_of

@@ -32,7 +32,7 @@ from daq.recorder import judging
 from daq.recorder.recorder import Recorder
 from daq.recorder.recording import Recording
 from daq.runs import Event
-from daq.verdict import RunMeasure
+from daq.verdict.window import RunMeasure
 from dbc import Codec, FrameBatch
 
 from .small_campaign import START_NS, codes

@@ -22,7 +22,8 @@ from daq.samples.trigger import TriggerState, advance
 from daq.sim.car import NOISE, SensorTruth, install, measured, true_reading
 from daq.sim.motion import Bump, Kinematics, Moving, Spliced, drive
 from daq.vehicle import FORD_GRANADA
-from daq.verdict import RunMeasure, RunWindow, judge
+from daq.verdict.judge import judge
+from daq.verdict.window import RunMeasure, RunWindow
 from dbc.words import Finding
 
 from ..simulated.elements import NONE, Imperfections, load_car

@@ -18,7 +18,7 @@ from typer.main import get_command
 from daq.alarms.texts import EXPLAINED
 from daq.bench.campaign import Method
 from daq.session import write_session
-from daq.verdict import WORDS
+from daq.verdict.words import WORDS
 from tui.cli import GROUPS, app, run
 
 from ..identify.stress import stress_session

@@ -19,7 +19,7 @@ from textual.screen import ModalScreen, Screen
 from textual.widgets import DataTable, Digits, Input, Markdown, Static
 
 from daq.alarms.texts import EXPLAINED
-from daq.verdict import WORDS
+from daq.verdict.words import WORDS
 from dbc.words import printable
 
 from .words import Banner, DisplayLink, Glyphs

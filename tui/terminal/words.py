@@ -207,7 +207,7 @@ def reason_words(code: str) -> str:
 
 def halted_words(code: str) -> str:
     """Return why the run loop stopped by itself."""
-    from daq.verdict import WORDS
+    from daq.verdict.words import WORDS
 
     reason = WORDS[code].title if code in WORDS else reason_words(code)
     return f"three rejects for one reason: {printable(reason, 60)}"

@@ -10,7 +10,7 @@ import pytest
 from daq.bench.config import Bench
 from daq.recorder import judging
 from daq.session.build import main
-from daq.verdict import RunMeasure
+from daq.verdict.window import RunMeasure
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ from daq.recorder import judging
 from daq.recorder.judging import Judge, LiveRing, Recent
 from daq.runlog import LoggedRun, RunLog
 from daq.runs import BASELINE, Excitation, Losses, RunStatus
-from daq.verdict import RunMeasure, RunWindow
+from daq.verdict.window import RunMeasure, RunWindow
 from dbc import Codec, FrameBatch
 from dbc.words import Finding, Severity
 

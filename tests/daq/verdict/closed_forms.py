@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from daq.bench.config import Bench, load_bench
 from daq.channels import Channel, Quantity
 from daq.vehicle import Corner
-from daq.verdict import RunWindow
-from daq.verdict.window import Trace, traces
+from daq.verdict.window import RunWindow, Trace, traces
 from dbc.words import Finding
 
 Array = NDArray[np.float64]

@@ -13,8 +13,9 @@ from daq.bumps import Wheels
 from daq.channels import Channel, Quantity
 from daq.runs import BASELINE, Excitation
 from daq.vehicle import Corner
-from daq.verdict import RunMeasure, judge
 from daq.verdict.bump_kind import Pattern, mirrored, patterns, struck, wrong_mode
+from daq.verdict.judge import judge
+from daq.verdict.window import RunMeasure
 
 from .closed_forms import T_S, Array, bench_of, run_of, seen
 

@@ -12,7 +12,7 @@ from daq.bench.campaign import Method, Step
 from daq.channels import Channel, Quantity
 from daq.runs import BASELINE, Excitation
 from daq.vehicle import Corner
-from daq.verdict import RunMeasure, judge
+from daq.verdict.judge import judge
 from daq.verdict.motion import (
     body_wave,
     double_bump,
@@ -24,7 +24,7 @@ from daq.verdict.motion import (
     too_weak,
     waves,
 )
-from daq.verdict.window import traces
+from daq.verdict.window import RunMeasure, traces
 from dbc.words import Finding
 
 from .closed_forms import (

@@ -16,7 +16,10 @@ from daq.samples.mapping import trigger_channels
 from daq.samples.trigger import TriggerState, advance
 from daq.sim.motion import PUSHED_S, Moving, dropped, pushed_down
 from daq.vehicle import FORD_GRANADA, AddedMass
-from daq.verdict import WORDS, RunMeasure, RunWindow, judge, peak_left
+from daq.verdict.judge import judge
+from daq.verdict.motion import peak_left
+from daq.verdict.window import RunMeasure, RunWindow
+from daq.verdict.words import WORDS
 from tests.simulated.elements import named_car
 
 from ...flow.coverage import simulated_session

@@ -26,7 +26,7 @@ from daq.control.messages import (
     Stop,
     Undo,
 )
-from daq.verdict import WORDS
+from daq.verdict.words import WORDS
 from tui.terminal.app import BenchApp
 from tui.terminal.campaign import BenchStep
 from tui.terminal.feed import Role
