@@ -203,28 +203,29 @@ def _filled_in(text: str) -> str:
             table = line.strip("[]")
         elif line.startswith("name = ") and "FILL IN" not in line:
             table = line.partition("= ")[2].strip('"')
-        marked = _TO_FILL_IN.fullmatch(line)  # key, value, remark
-        lines.append(_line(line, table, *marked.groups("")) if marked else line)
+        marked = _TO_FILL_IN.fullmatch(line)
+        if marked is not None:
+            key, value, remark = marked.groups("")
+            about = f"{remark}; " if remark else ""
+            question = f"{table} {key} ({about}now {value})"
+            if typed := _typed_value(key, question, is_text=value.startswith('"')):
+                line = f"{typed}  # {remark}" if remark else typed
+        lines.append(line)
     return "\n".join(lines) + "\n"
 
 
-def _line(line: str, table: str, key: str, value: str, comment: str) -> str:
-    """Return a line of a table with the typed value; unchanged if nothing was typed.
-
-    `line`: is `key` and `value`, the present one as TOML, with a `comment` or an empty one.
-    """
-    is_text = value.startswith('"')
-    about = f"{comment}; " if comment else ""
-    while typed := _typed(f"{table} {key} ({about}now {value})"):
-        new_line = f'{key} = "{typed}"' if is_text else f"{key} = {typed}"
+def _typed_value(key: str, question: str, is_text: bool) -> str:
+    """Return a line of TOML with the typed value of a key; empty if nothing was typed."""
+    while typed := _typed(question):
+        line = f'{key} = "{typed}"' if is_text else f"{key} = {typed}"
         try:
-            new_value = tomllib.loads(new_line)[key]
-        except (tomllib.TOMLDecodeError, KeyError):
-            new_value = None
-        if isinstance(new_value, str) if is_text else isinstance(new_value, int | float):
-            return f"{new_line}  # {comment}" if comment else new_line
+            value = tomllib.loads(line).get(key)
+        except tomllib.TOMLDecodeError:
+            value = None
+        if isinstance(value, str) if is_text else isinstance(value, int | float):
+            return line
         say(f"{typed!r} is not a {'text' if is_text else 'number'}")
-    return line
+    return ""
 
 
 def _typed(question: str) -> str:

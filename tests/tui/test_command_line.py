@@ -185,7 +185,7 @@ main()
 """
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["plan", "--json"]])
+@pytest.mark.parametrize("arguments", [["--help"], ["validate", "--schema"]])
 def test_a_stdout_without_room_is_named_in_one_line(arguments: list[str]) -> None:
     with Path("/dev/full").open("w", encoding="utf-8") as full:
         done = subprocess.run(

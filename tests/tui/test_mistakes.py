@@ -153,7 +153,6 @@ MISTAKES = {
     "export car.h5 --format csv --bus 7": "--bus 7: has no frame in the session",
     # study
     "study table2 --response rough": "rough",
-    "study table3 --rate-hz 100": "16 Hz",
     "study fig2 --figure /dev/null/x.svg": "name another folder",
     "study fig2 --figure figure.svg": "is a directory",
     "study fig3 --figure picture.png": "end its name in .svg",

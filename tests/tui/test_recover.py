@@ -55,7 +55,7 @@ def test_a_flipped_bit_is_harmless_or_counted_and_whole_blocks_come_out(
     session = (tmp_path / "session_0001.h5").read_bytes()
     capsys.readouterr()
     rng = np.random.default_rng(41)
-    for k in range(20):
+    for k in range(8):
         path = segments[rng.integers(len(segments))]
         content = path.read_bytes()
         changed = bytearray(content)  # every second in what a segment needs to be read

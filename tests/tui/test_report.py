@@ -3,8 +3,6 @@
 import hashlib
 import io
 import json
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,13 +10,11 @@ import pytest
 
 import daq
 from dbc import InputError
-from identify import identify_parameters
 from tui import diagnostics
 from tui.cli import run
-from tui.jobs.reporting import identified
 
 from ..identify.stress import stress_session
-from .batches import refused_session, write_all
+from .batches import refused_session
 
 
 @pytest.fixture(scope="module")
@@ -54,15 +50,6 @@ def test_report_writes_page_pdf_and_figures(
     start = text.index('id="identification">') + len('id="identification">')
     assert json.loads(text[start : text.index("</script>", start)]) == document
     assert document["source"]["file_sha256"] == hashlib.sha256(session.read_bytes()).hexdigest()
-
-
-def test_two_reports_at_once_to_one_file_both_end_well(tmp_path: Path) -> None:
-    (session,) = write_all(tmp_path / "s", refused_session, 1)
-    words = [sys.executable, "-m", "tui", "report", str(session), "--out", str(tmp_path / "r.html")]
-    both = [subprocess.Popen(words, stdout=subprocess.DEVNULL) for _ in range(2)]
-    assert [process.wait(120) for process in both] == [1, 1]
-    assert (tmp_path / "r.html").read_text("utf-8").rstrip().endswith("</html>")
-    assert set(tmp_path.iterdir()) == {session.parent, tmp_path / "r.html"}
 
 
 def test_a_report_makes_no_folder_whose_name_is_mistyped(
@@ -120,17 +107,6 @@ def test_a_session_does_not_differ_from_itself(
     assert "2 sessions compared" in page.read_text("utf-8")
 
 
-def test_compare_keeps_what_says_how_well_a_session_is_explained(session: Path) -> None:
-    """Residuals stay in the process that identifies; their number is asked of the fit."""
-    whole = identify_parameters(daq.read_session(session)).estimation
-    (result,) = identified([str(session)], lambda done, text="": None)
-    assert whole is not None
-    assert result.estimation is not None
-    assert result.estimation.freedom == whole.freedom > 1000.0
-    assert 0.0 < result.estimation.chi2_std == whole.chi2_std
-    assert not any(left.values for left in result.estimation.residuals)
-
-
 @pytest.mark.parametrize("option", ["--out", "--pdf"])
 def test_a_report_does_not_overwrite_its_session(
     session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str
@@ -149,14 +125,4 @@ def test_a_comparison_does_not_overwrite_a_session(
     held = session.read_bytes()
     assert run(["compare", str(session), str(session), "--page", str(session)]) == 2
     assert "car.h5: is not a known form of page" in capsys.readouterr().err
-    assert session.read_bytes() == held
-
-
-def test_an_export_does_not_overwrite_its_session(
-    session: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    held = session.read_bytes()
-    where = session.parent / ".." / session.parent.name / session.name
-    assert run(["export", str(session), "--format", "mat", "--out", str(where), "--force"]) == 2
-    assert "car.h5: is read here (name another file" in capsys.readouterr().err
     assert session.read_bytes() == held

@@ -96,15 +96,11 @@ def next_commands(session: Path) -> tuple[str, str, str]:
     import shutil
     import sys
 
-    program = Path(sys.executable).with_name("bumpbench")
-    if shutil.which(program.name):
-        program = Path(program.name)
-    elif program.is_relative_to(Path.cwd()):
-        program = program.relative_to(Path.cwd())
-    name, where = shlex.quote(str(program)), shlex.quote(os.fspath(session))
-    pdf = shlex.quote(os.fspath(session.with_suffix(".pdf")))
+    here = Path(sys.executable).with_name("bumpbench")
+    program = here.name if shutil.which(here.name) else os.path.relpath(here)
+    name, where = shlex.quote(program), shlex.quote(str(session))
     return (
-        f"{name} report {where} --pdf {pdf}",
+        f"{name} report {where} --pdf {shlex.quote(str(session.with_suffix('.pdf')))}",
         f"{name} plan --from {where}",
         f"{name} tui --demo --out bumpbench-tui",
     )

@@ -55,10 +55,9 @@ def sessions_in(folder: Path) -> Iterator[SessionEntry]:
     """
     from daq.session import glances
 
-    files: list[tuple[float, Path]] = []  # with the time of their last change, Unix, s
-    for path in (*folder.glob("*.h5"), *folder.glob("*/*.h5")):
-        if path.exists():  # neither deleted meanwhile, nor a broken link
-            files.append((path.stat().st_mtime, path))
+    paths = [*folder.glob("*.h5"), *folder.glob("*/*.h5")]
+    # Neither deleted meanwhile, nor a broken link; with the time of the last change, Unix, s.
+    files = [(path.stat().st_mtime, path) for path in paths if path.exists()]
     newest = sorted(files, reverse=True)[:1000]
     unfinished = _unfinished(folder, {path.name for _, path in newest})
     if unfinished is not None:

@@ -228,43 +228,38 @@ class _Daemon:
         self._server.publish(status, live)
 
     def _lead(self, status: Status, end: bool) -> None:
-        """Arm each campaign once; stop it once when it is complete or a signal (`end`) has come."""
-        from daq.control.messages import Arm, Phase, Stop, Until
+        """Arm each campaign once; stop it once when it is complete or a signal (`end`) has come.
 
-        waits = status.phase is Phase.IDLE and status.recording not in ("", self._armed)
-        if self._lifetime.arm and waits:
-            self._armed = status.recording
-            self._recorder.submit(Arm(Until.COMPLETE), BY)
-        stops_complete = self._lifetime.arm and not self._lifetime.stay
-        complete = stops_complete and status.phase is Phase.COMPLETE
-        over = complete or (end and not self._lifetime.keep_on)
-        if over and status.recording not in ("", self._ended):
-            self._ended = status.recording
-            self._ending = self._recorder.submit(Stop(), BY)
-        elif self._ending and self._ending.done():
-            self._after_stop(self._ending.exception(), status, end)
-
-    def _after_stop(self, refused: BaseException | None, status: Status, end: bool) -> None:
-        """End the recorder with the session file of a stopped recording; stop a refused one again.
-
-        A full disk refuses: if the recorder ended, the frames that wait in memory would be lost.
-        Only a signal (`end`) ends it then.
+        A stopped campaign ends the recorder once its session file is built, unless it keeps on.  A
+        full disk refuses to stop: if the recorder ended, the frames that wait in memory would be
+        lost.  It is asked again then, and only a signal ends the recorder.
         """
-        from daq.control.messages import SessionState
+        from daq.control.messages import Arm, Phase, SessionState, Stop, Until
 
-        keep_on = self._lifetime.keep_on
-        if refused is None:
-            if keep_on:
+        lifetime, recording = self._lifetime, status.recording
+        if lifetime.arm and status.phase is Phase.IDLE and recording not in ("", self._armed):
+            self._armed = recording
+            self._recorder.submit(Arm(Until.COMPLETE), BY)
+        complete = lifetime.arm and not lifetime.stay and status.phase is Phase.COMPLETE
+        over = complete or (end and not lifetime.keep_on)
+        if over and recording not in ("", self._ended):
+            self._ended = recording
+            self._ending = self._recorder.submit(Stop(), BY)
+            return
+        if self._ending is None or not self._ending.done():
+            return
+        if (refused := self._ending.exception()) is None:
+            if lifetime.keep_on:
                 self._ending = None
             elif status.session.state in (SessionState.READY, SessionState.FAILED):
                 self._stop.set()
-            return
-        self._ending = None
-        if end and not keep_on:
-            self._stop.set()
         else:
-            self._log.line(f"the campaign is complete, but {refused}", "refused end")
-            self._ended = ""
+            self._ending = None
+            if end and not lifetime.keep_on:
+                self._stop.set()
+            else:
+                self._log.line(f"the campaign is complete, but {refused}", "refused end")
+                self._ended = ""
 
     def _reload(self) -> None:
         """Reload bench.toml if it is valid; else keep the one in force."""

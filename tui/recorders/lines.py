@@ -70,15 +70,13 @@ def farewell(status: Status) -> str:
 
 def progress_words(status: Status) -> tuple[float, str]:
     """Return the progress of the campaign, as a share and in words."""
+    building = "building the session file" if status.session.state == "building" else ""
     if not status.recording:
-        building = status.session.state == "building"
-        if building:
-            return 1.0, "building the session file"
-        return 1.0, "between two campaigns, recording goes on"
+        return 1.0, building or "between two campaigns, recording goes on"
     done, planned = _progress(status)
     text = f"{done} of {counted(planned, 'run')}"
-    if status.session.state == "building" and status.due is None:
-        text = "building the session file"
+    if building and status.due is None:
+        text = building
     elif status.due:
         running = status.phase in ("triggered", "decay")
         label = status.due.step.label
