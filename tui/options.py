@@ -65,5 +65,4 @@ Operator = Annotated[
     typer.Option(metavar="NAME", help="Your name or initials, stored with every verdict."),
 ]
 
-JsonSummary = Annotated[bool, typer.Option("--json", help="Print a summary as JSON.")]
 JsonResult = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]

@@ -67,20 +67,19 @@ def read_frames(bench: Bench, log: Path | None, skip_s: float, seconds: float) -
 
 @dataclass(frozen=True, slots=True)
 class TrafficSource:
-    """Source of the traffic of a proposal."""
+    """Source of the traffic of a proposal: a log, or the bus where `log` is None.
+
+    `seconds`: duration of the rest at its beginning.  `push_s`: time after it in which the corners
+    are pushed, 0 if they are not.  `interface` of python-can, its `channel`s separated by commas,
+    and the `bitrate` of all of them, bit/s; None where the command does not state it.
+    """
 
     log: Path | None
-    """A log; None: the bus."""
     seconds: float
-    """Duration of the rest at its beginning, s."""
     push_s: float
-    """Time after the rest in which the corners are pushed, s; 0: they are not pushed."""
     interface: str | None
-    """python-can's interface."""
     channel: str | None
-    """Its channels, separated by commas."""
     bitrate: int | None
-    """Bit rate of all of them, bit/s; None: not stated."""
 
     def buses(self, known: Bench) -> tuple[BusConfig, ...]:
         """Return the buses that the command names, else like the first one of a bench."""

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..diagnostics import PAGES, ExitCode, require_ending, say
-from ..options import Force
+from ..options import Force, JsonResult
 
 if TYPE_CHECKING:
     from identify.batch import Cell
@@ -56,7 +56,7 @@ def batch(
         typer.Option(help="Also write a page over the rows: filters, trends, outliers (*.html)."),
     ] = None,
     force: Force = False,
-    json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+    json: JsonResult = False,
 ) -> int:
     """Identify many sessions: one row each, with parameters, modes, verdict and reasons.
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..diagnostics import ExitCode, say_left_out
-from ..options import BenchFile, Buses, Force, Interface, Sensors
+from ..options import BenchFile, Buses, Force, Interface, JsonResult, Sensors
 
 if TYPE_CHECKING:
     from daq.check.check import CheckReport
@@ -20,7 +20,7 @@ def check(
     seconds: Annotated[
         float, typer.Option(metavar="S", help="Seconds of traffic to check.", min=0.1, max=600)
     ] = 5.0,
-    json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
+    json: JsonResult = False,
     propose: Annotated[
         Path | None, typer.Option(help="Write a bench.toml guessed from the DBC and the traffic.")
     ] = None,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..diagnostics import ExitCode
-from ..options import Buses, Sensors
+from ..options import Buses, JsonResult, Sensors
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -32,7 +32,7 @@ def decode(
     ] = None,
     sensor: Sensors = None,
     bus: Buses = None,
-    json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON instead.")] = False,
+    json: JsonResult = False,
 ) -> int:
     """Decode a log to CSV: time_s, message, signal, value, unit.
 

@@ -109,7 +109,7 @@ def next_commands(session: Path) -> tuple[str, str, str]:
 def notebook(
     out: Annotated[Path, typer.Option(help="Notebook to write.")] = Path("bump_test.ipynb"),
     force: Force = False,
-    json: Annotated[bool, typer.Option("--json", help="Print the file as JSON.")] = False,
+    json: JsonResult = False,
 ) -> None:
     """Write a notebook that leads from arrays and session files to parameters and figures."""
     from importlib.resources import files

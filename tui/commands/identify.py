@@ -50,7 +50,7 @@ def report(
         str, typer.Option(help="Name of the person responsible for the result.")
     ] = "",
     force: Force = False,
-    json: Annotated[bool, typer.Option("--json", help="Print files and verdict as JSON.")] = False,
+    json: JsonResult = False,
 ) -> int:
     """Identify a session and write its report as one HTML page.
 

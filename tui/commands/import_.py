@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from ..diagnostics import ExitCode, say
-from ..options import Buses, Force, JsonSummary, Sensors
+from ..options import Buses, Force, JsonResult, Sensors
 
 
 def import_(
@@ -41,7 +41,7 @@ def import_(
     ] = None,
     out: Annotated[Path, typer.Option(help="Session file to write.")] = Path("session.h5"),
     force: Force = False,
-    json: JsonSummary = False,
+    json: JsonResult = False,
 ) -> int:
     """Find the bumps in logs, cut them into runs and write a session.
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..diagnostics import ExitCode
+from ..options import JsonResult
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -44,7 +45,7 @@ def plan(
             help="Samples per second; default: the rates of the DBC.",
         ),
     ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print the plan as JSON.")] = False,
+    json: JsonResult = False,
 ) -> int:
     """Predict how precisely a campaign will determine each parameter, and what to do next."""
     from dataclasses import asdict

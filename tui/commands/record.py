@@ -16,7 +16,7 @@ from ..options import (
     Force,
     Interface,
     InterfaceChannel,
-    JsonSummary,
+    JsonResult,
     Operator,
     RecorderFolder,
 )
@@ -41,7 +41,7 @@ def record(
     ] = None,
     display: DisplayAt = None,
     control: DisplayControl = False,
-    json: JsonSummary = False,
+    json: JsonResult = False,
     # The last four are for `bumpbench tui`, which starts its recorder with them.
     demo: Annotated[bool, typer.Option("--demo", hidden=True)] = False,
     fault: Annotated[str, typer.Option(hidden=True)] = "",
@@ -88,7 +88,7 @@ def record(
 
 def status(
     folder: RecorderFolder = Path(),
-    json: Annotated[bool, typer.Option("--json", help="Print the whole status as JSON.")] = False,
+    json: JsonResult = False,
 ) -> int:
     """Print the status of a folder's recorder; exit code 1 if none runs there."""
     from daq.control.address import control_address, unreachable_words
@@ -188,7 +188,7 @@ def recover(
         ),
     ] = None,
     force: Force = False,
-    json: JsonSummary = False,
+    json: JsonResult = False,
 ) -> int:
     """Build the session file of each recording from its journal, and list exactly what is lost."""
     from daq import InputError

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from ..diagnostics import ExitCode, report, say
-from ..options import Buses, Force, JsonSummary, Sensors, SessionFile
+from ..options import Buses, Force, JsonResult, Sensors, SessionFile
 
 if TYPE_CHECKING:
     from daq import Channel, Session
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 def inspect(
     session: SessionFile,
-    json: Annotated[bool, typer.Option("--json", help="Print the contents as JSON.")] = False,
+    json: JsonResult = False,
 ) -> None:
     """Show the contents of a session: runs, verdicts, losses, channels, vehicle, provenance."""
     from daq import read_session
@@ -54,7 +54,7 @@ def validate(
     schema: Annotated[
         bool, typer.Option("--schema", help="Print the schema of a session file, on one page.")
     ] = False,
-    json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
+    json: JsonResult = False,
 ) -> int:
     """Check session files: schema, hashes, completeness, plausibility."""
     import daq.session
@@ -111,7 +111,7 @@ def export(
         str | None, typer.Option(help="Decimal mark of CSV, point or comma; default: point.")
     ] = None,
     force: Force = False,
-    json: Annotated[bool, typer.Option("--json", help="Print files and notes as JSON.")] = False,
+    json: JsonResult = False,
 ) -> int:
     """Write a session as MF4, MATLAB, UFF, CSV, Parquet, BLF, ASC or candump."""
     from daq import InputError, read_session
@@ -190,7 +190,7 @@ def redecode(
         Path | None, typer.Option(help="Session file to write; default: NAME_redecoded.h5.")
     ] = None,
     force: Force = False,
-    json: JsonSummary = False,
+    json: JsonResult = False,
 ) -> int:
     """Decode the raw frames of a session again, into a new session."""
     from dataclasses import replace

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..diagnostics import ExitCode, say
-from ..options import BenchFile, Buses, Fast, Interface, InterfaceChannel, JsonSummary, Seed
+from ..options import BenchFile, Buses, Fast, Interface, InterfaceChannel, JsonResult, Seed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
@@ -51,7 +51,7 @@ def simulate(
             max=600,
         ),
     ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print the truth as JSON.")] = False,
+    json: JsonResult = False,
 ) -> None:
     """Play a campaign of the simulated car, each sensor on its bus, in real time.
 
@@ -111,7 +111,7 @@ def replay(
         typer.Option(min=0.001, max=1000, metavar="TIMES", help="Speed; 2 is twice real time."),
     ] = 1.0,
     fast: Fast = False,
-    json: JsonSummary = False,
+    json: JsonResult = False,
 ) -> int:
     """Send recorded frames on a bus, at their own times or faster; error frames are left out."""
     from daq import read_session

@@ -70,6 +70,7 @@ def tui(
     from ..display.link import display_beside
     from ..recorders.process import Process, start_recorder
     from ..terminal.app import BenchApp
+    from ..terminal.campaign import VEHICLE_FORM, read_draft
     from ..terminal.feed import RecorderFeed
     from ..terminal.words import DisplayLink, choose_glyphs
 
@@ -91,7 +92,11 @@ def tui(
             raise InputError("--web", reason, "install bumpbench[web]") from error
         serve([word for word in sys.argv[1:] if word != "--web"])  # the same command
         return ExitCode.OK
-    _require_terminal()
+    # A server draws in the browser, which is its terminal.
+    for stream in () if "TEXTUAL_DRIVER" in os.environ else ("stdin", "stdout", "stderr"):
+        if not getattr(sys, stream).isatty():
+            advice = "start it in one; `bumpbench record` and `status` need none"
+            raise InputError("bumpbench tui", f"{stream} is not a terminal", advice)
     words = [str(bench)] if bench and not replay else []
     if demo:
         words += ["--idle", "--demo", "--speed", f"{speed:g}"]
@@ -107,7 +112,9 @@ def tui(
             shared_bench(bench, interface, channel)  # names a bad file here, not in a log
         return start_recorder(folder, *words)
 
-    name = operator or known_operator(folder, demo)
+    entered = read_draft(folder / VEHICLE_FORM).get("operator")  # in the vehicle form
+    known = entered.strip() if isinstance(entered, str) else ""
+    name = operator or known or ("demo" if demo else "")  # a demo need not wait for a name
     feed = RecorderFeed(folder, name or os.environ.get("USER", ""), start)
     chosen = choose_glyphs(glyphs, os.environ, sys.stdout.encoding or "")
     with display_beside(folder, display, name, control) as served:
@@ -116,30 +123,6 @@ def tui(
         feed.attach()  # after all checks of the command
         app.run()
     return app.return_code or ExitCode.OK
-
-
-def known_operator(folder: Path, demo: bool) -> str:
-    """Return the operator of the vehicle form in this folder; else "demo" for a demo, else ""."""
-    from ..terminal.campaign import VEHICLE_FORM, read_draft
-
-    entered = read_draft(folder / VEHICLE_FORM).get("operator")
-    name = entered.strip() if isinstance(entered, str) else ""
-    return name or ("demo" if demo else "")  # a demo need not wait for a name
-
-
-def _require_terminal() -> None:
-    """Raise InputError without a terminal to draw on, before a recorder is started."""
-    import os
-    import sys
-
-    from daq import InputError
-
-    if "TEXTUAL_DRIVER" in os.environ:  # a server draws in the browser, which is its terminal
-        return
-    for name in ("stdin", "stdout", "stderr"):
-        if not getattr(sys, name).isatty():
-            advice = "start it in one; `bumpbench record` and `status` need none"
-            raise InputError("bumpbench tui", f"{name} is not a terminal", advice)
 
 
 def check_fault(folder: Path, fault: str | None) -> None:

@@ -45,9 +45,7 @@ def as_finished(
     """
     remaining = iter(items)
     cut_off: list[Item] = []  # by the death of a worker process
-    crew = processes(workers) if scheduler is None else _cluster(scheduler)
-    with crew as executor:
-        n_workers = workers if scheduler is None else sum(executor.client.nthreads().values())
+    with _crew(workers, scheduler) as (executor, n_workers):
         running: dict[Future[Result], Item] = {}
         while not cut_off:
             for item in islice(remaining, 2 * n_workers - len(running)):
@@ -100,7 +98,7 @@ def map_items(
 
 
 @contextmanager
-def processes(workers: int, modules: Sequence[str] = ("identify",)) -> Iterator[Any]:
+def processes(workers: int, modules: Sequence[str] = ("identify",)) -> Iterator[Executor]:
     """Yield processes of this machine that share loaded modules; after an error they end at once.
 
     Ctrl-C reaches only the parent, which then ends them; they end, too, when it is killed.  Raises
@@ -167,8 +165,12 @@ def helpers(modules: Sequence[str]) -> Iterator[Executor]:
 
 
 @contextmanager
-def _cluster(scheduler: str) -> Iterator[Any]:
-    """Yield the workers of a Dask cluster as an executor."""
+def _crew(workers: int, scheduler: str | None) -> Iterator[tuple[Executor, int]]:
+    """Yield processes, or the workers of a Dask cluster, as an executor, and their number."""
+    if scheduler is None:
+        with processes(workers) as pool:
+            yield pool, workers
+        return
     from dbc import InputError
 
     try:
@@ -186,10 +188,11 @@ def _cluster(scheduler: str) -> Iterator[Any]:
         advice = "start one with: dask scheduler"
         raise InputError(f"--scheduler {scheduler}", reason, advice) from None
     try:
-        if not client.nthreads():
+        n_threads = sum(client.nthreads().values())
+        if not n_threads:
             advice = f"start some with: dask worker {scheduler}"
             raise InputError(scheduler, "the scheduler has no workers", advice)
-        yield client.get_executor(pure=False)
+        yield client.get_executor(pure=False), n_threads
     except (OSError, TimeoutError, RuntimeError):
         advice = "start it, and run this again"
         raise InputError(scheduler, "the scheduler has gone", advice) from None
