@@ -188,6 +188,8 @@ def _crew(workers: int, scheduler: str | None) -> Iterator[tuple[Executor, int]]
         advice = "start one with: dask scheduler"
         raise InputError(f"--scheduler {scheduler}", reason, advice) from None
     try:
+        with suppress(TimeoutError):  # they may have been started just now
+            client.wait_for_workers(1, timeout=4.0)
         n_threads = sum(client.nthreads().values())
         if not n_threads:
             advice = f"start some with: dask worker {scheduler}"
