@@ -22,8 +22,8 @@ TESTS = (
     "tests/tui/test_mistakes.py",
     "tests/identify/report",
     "tests/identify/test_change.py",
-    "tests/tui/test_report.py",
-    "tests/tui/test_batch_outputs.py",
+    "tests/tui/test_desk.py",
+    "tests/tui/test_batch.py",
 )
 """Of each dependency at least one that uses it: the reader, the figures, the fit, the files."""
 PINNED = ("--constraint", "constraints.txt")

@@ -250,6 +250,8 @@ class _RecorderStatus:
         from daq.control.exchange import Client, RecorderGoneError
         from daq.control.messages import Status
 
+        from ..recorders.lines import progress_words
+
         if self._client is None:
             with suppress(RecorderGoneError):
                 self._client = Client(self._address, "simulated car", control=False)
@@ -263,13 +265,9 @@ class _RecorderStatus:
                     self._status = news
         except RecorderGoneError:
             self.ended = True
-        if (status := self._status) is not None:
-            done = sum(tally.accepted for tally in status.tallies)
-            planned = sum(tally.planned for tally in status.tallies)
-            due = status.due.step.label if status.due else "campaign complete"
-            text = "the recorder has ended" if self.ended else f"{due}: {status.phase}"
-            self._stage(done / max(planned, 1), text)
-        return status
+        if self._status is not None:
+            self._stage(*progress_words(self._status))
+        return self._status
 
     def close(self) -> None:
         """Disconnect from the recorder."""
