@@ -39,11 +39,9 @@ docs: .venv/test
 bench: .venv/bench
 	$(BIN)/python -m tests.benchmarks
 
-# Keys as fast as a scanner types them, into every form and through a campaign on a busy machine: 0
-# of 500 may land wrong.  About two minutes.
+# Keys as fast as a scanner types them, into every form: 0 of 500 may land wrong.
 bursts: .venv/test
 	$(BIN)/python -m tests.tui.terminal.bursts
-	$(BIN)/python -m tests.flow.burst_campaign
 
 # Do the intervals hold the truth?  Some 3 s a campaign; CAR=granada-rough, with friction: 20 s.
 coverage: .venv/test

@@ -422,28 +422,3 @@ def test_a_recorder_that_fails_ends_the_command_with_its_reason(tmp_path: Path) 
     one = made(Failing(), Log(tmp_path / "a.log"), keep_on=True)
     with pytest.raises(InputError, match="is gone"):
         one.run(_Signals(threading.Event()), lambda *_: None)
-
-
-def test_a_thread_that_hangs_is_logged_when_systemd_is_told(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    clock, notified = [100.0], list[float]()
-    monkeypatch.setattr("tui.recorders.daemon.time.monotonic", lambda: clock[0])
-
-    class Hanging:
-        def heartbeats(self) -> None:
-            """None beats."""
-
-        def notify(self, _: object, __: object, now_s: float) -> str:
-            notified.append(now_s)
-            return "the writer hangs"
-
-    path = tmp_path / "a.log"
-    with Log(path) as log:
-        one = made(Hanging(), log, keep_on=True)
-        for clock[0] in (100.0, 100.9, 101.0):
-            one._report(a_status())
-    assert notified == [100.0, 101.0]
-    text = path.read_text()
-    assert text.count("the writer hangs") == 2
-    assert text.count("recording Granada into") == 1
