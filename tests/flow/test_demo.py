@@ -105,6 +105,7 @@ def test_a_session_without_its_added_mass_is_refused_with_the_reason(
     assert document["chi2_per_n"] is None
 
 
+@pytest.mark.long
 def test_the_demo_repeats_a_run_that_the_recorder_rejects(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
