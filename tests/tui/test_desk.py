@@ -18,7 +18,7 @@ import pytest
 
 import daq
 from dbc import InputError
-from dbc.finding import Severity
+from dbc.words import Severity
 from identify import Estimate, Identification
 from identify.change import Change
 from identify.compare import Compared, Comparison, Difference, Trend
