@@ -42,6 +42,7 @@ from .crash_process import (
     Part,
     RecorderProcess,
     Sender,
+    assert_gapless,
     cut,
     die_with_parent,
     kills,
@@ -140,18 +141,21 @@ def fill(folder: Path, i: int) -> Full:
 def _ended(
     place: Path, recorder: RecorderProcess, sender: Sender, dropped: int, folder: Path | None = None
 ) -> int:
-    """End sender and recorder in order, recover, and compare; return the frames sent."""
+    """End sender and recorder, recover, and compare; return the frames stored and dropped."""
     first, stop = sender.openings[-1], sender.pause()
     kept = stop - first - dropped
-    recorder.until(lambda status: status.disk.recorded_frames == kept)
+    recorder.until(lambda status: status.disk.recorded_frames >= kept)
     recorder.end()
     found = recovered(folder or place / "out", sender)
-    assert len(found.numbers) == kept, f"{kept - len(found.numbers)} frames lost"
-    assert (found.numbers[0], found.numbers[-1]) == (first, stop - 1)
+    # A recorder on a busy machine may have opened the line anew: `first` is from then on.
+    numbers = found.numbers[found.numbers >= first]
+    assert len(numbers) == kept, f"{kept - len(numbers)} frames lost"
+    if not dropped:
+        assert_gapless(found.numbers, sender)
     lost = found.lost
     assert lost.frames_dropped == dropped, lost.text
     assert lost.blocks_missing == lost.bytes_cut == 0, lost.text
-    return stop - first
+    return len(found.numbers) + dropped
 
 
 # R17: the whole `bumpbench record` as a daemon through three campaigns, in real time ------------
