@@ -90,6 +90,7 @@ function show() {
     text("title", view.title);
     text("instruction", view.instruction || "Nothing to bump now.");
     $("instruction").hidden = view.instruction === view.headline.why && view.instruction !== "";
+    document.body.classList.toggle("idle", !view.instruction);
     showAlarm(view.alarm, view.overload);
     drawIfChanged("sketch", view.sketch, () => drawSketch(view.sketch, view.instruction));
     drawIfChanged("rows", view.rows, () => drawProgress(view));
