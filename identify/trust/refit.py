@@ -97,7 +97,10 @@ def refit(
 
 
 def ranked(
-    estimation: Estimation, trials: Iterable[Trial], near: NDArray[np.float64] | None = None
+    estimation: Estimation,
+    trials: Iterable[Trial],
+    near: NDArray[np.float64] | None = None,
+    steps: int = _RANKING_STEPS,
 ) -> list[tuple[Refit, Trial]]:
     """Return roughly fitted trials, the one of the lowest cost first.
 
@@ -106,7 +109,7 @@ def ranked(
     """
     start = estimation.box.unknowns(generic_vehicles()[0]) if near is None else near
     few = with_first_repeats(estimation)
-    fitted = [(refit(few, trial, start, HOLD, _RANKING_STEPS), trial) for trial in trials]
+    fitted = [(refit(few, trial, start, HOLD, steps), trial) for trial in trials]
     return sorted(fitted, key=lambda one: one[0].excess)
 
 

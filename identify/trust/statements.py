@@ -388,7 +388,7 @@ def wrong_weight(estimation: Estimation) -> Cause | None:
     allowed = _SPREAD * max(few.unloaded.excess, 0.0) + estimation.chi2_limit - 1.0
     if few.stated.excess <= allowed:  # the runs without weights fit no better: another cause
         return None
-    tried = _fitted_changes(few)
+    tried = _fitted_changes(few, steps=3)  # a linear car is known from the runs without weights
     rough, best = tried[0]
     before, after = refit(estimation), refit(estimation, best.trial(), rough.fit.eta)
     # Another weight may explain the runs as well: that of the same place on the other axle.
@@ -436,11 +436,14 @@ def _few(estimation: Estimation) -> _Few | None:
     return _Few(few, unloaded, refit(few, AS_STATED, unloaded.fit.eta, steps=6))
 
 
-def _fitted_changes(few: _Few) -> list[tuple[Refit, _Change]]:
-    """Return the best changes of the likeliest weights, fitted, the best first."""
+def _fitted_changes(few: _Few, steps: int = 6) -> list[tuple[Refit, _Change]]:
+    """Return the best changes of the likeliest weights, fitted, the best first.
+
+    `steps`: after which the changes are compared.
+    """
     changes = {one.trial(): one for one in _changes(few.runs.box)}
     likely: dict[str, tuple[Refit, _Change]] = {}
-    for after, trial in ranked(few.runs, changes, few.unloaded.fit.eta):
+    for after, trial in ranked(few.runs, changes, few.unloaded.fit.eta, steps):
         likely.setdefault(trial.name, (after, changes[trial]))
     fitted = []
     for rough, change in list(likely.values())[:_FITTED]:
