@@ -201,7 +201,7 @@ def nanoseconds(text: bytes) -> int:
     """
     whole, _, fraction = text.partition(b".")
     digits = whole + (fraction + b"000000000")[:9]
-    if digits.isdigit() or digits.removeprefix(b"-").isdigit():
+    if digits.removeprefix(b"-").isdigit():  # int() would take spaces, + and _
         return int(digits)
     raise ValueError(text)
 

@@ -352,7 +352,7 @@ def wrong_sensors(estimation: Estimation, suspected: Sequence[str] = ()) -> list
     if every - suspect:
         parts = {scored.subject: suspect, f"all but {scored.subject}": every - suspect}
         causes.append(_late(estimation, before, parts, suspect))
-    causes.append(_slow(estimation, before, {**kinds, "all sensors": every}))
+    causes.append(_low_pass(estimation, before, {**kinds, "all sensors": every}))
 
     def remaining(cause: Cause) -> float:
         factor = _CHOICE if cause.name == "low-pass" else 1.0
@@ -392,20 +392,25 @@ def _late(
     return compared(before, after, Cause(f"{' and '.join(late_ms)} late", LATE_ADVICE, sizes))
 
 
-def _slow(estimation: Estimation, before: Refit, places: Mapping[str, Collection[str]]) -> Cause:
-    """Return the low-pass that explains most, on the channels of one of some places."""
+def _low_pass(
+    estimation: Estimation, before: Refit, places: Mapping[str, Collection[str]]
+) -> Cause:
+    """Return the low-pass filter on the channels of one place that explains most of a misfit.
+
+    `places`: names of the channels of each place.
+    """
 
     def filtered(place: str, hz: float) -> Trial:
         def slow(c: Channel) -> Channel:
             return replace(c, low_pass_hz=hz) if c.name in places[place] else c
 
-        return Trial(f"near {hz:.0f} Hz on {place}", place, channel=slow)
+        return Trial(f"near {hz:.0f} Hz on {place}", channel=slow)
 
-    coarse = (filtered(place, hz) for place in places for hz in _COARSE_HZ)
+    coarse = {filtered(place, hz): (place, hz) for place in places for hz in _COARSE_HZ}
     tried = ranked(estimation, coarse, before.fit.eta)
     rough, near = tried[0]
-    near_hz = float(near.name.split()[1])
-    fine = [filtered(near.advice, hz) for hz in _FINE_HZ if 0.4 < hz / near_hz < 2.5]
+    place, near_hz = coarse[near]
+    fine = [filtered(place, hz) for hz in _FINE_HZ if 0.4 < hz / near_hz < 2.5]
     tried += ranked(estimation, fine, rough.fit.eta)
     rough, best = min(tried, key=lambda one: one[0].fit.cost)
     after = refit(estimation, best, rough.fit.eta)
