@@ -231,7 +231,11 @@ class _Channel:
         return Samples(samples.channel, samples.t_ns[good], value[good], quality[good])
 
     def hold(self, samples: Samples, low: float, high: float, others_move: bool) -> None:
-        """Continue the run of equal samples, or begin another one, given their extremes."""
+        """Continue the run of equal samples with those of a cycle, or begin another one.
+
+        `low`, `high`: their extremes; if these differ, only the last sample is in the run.
+        `others_move`: True if another channel of this quantity moves in the cycle.
+        """
         n, self.until_ns = len(samples.t_ns), int(samples.t_ns[-1])
         is_still = low == high
         if is_still and low == self.value and self.samples:

@@ -128,7 +128,7 @@ def open_source(config: BusConfig, bus: int) -> FrameSource:
 
 
 def open_bus(config: BusConfig) -> can.BusABC:
-    """Open a bus for sending; raises BusError as `open_source`."""
+    """Open a bus for sending, or for `open_source`; raises BusError as that does."""
     channel: str | int | None = config.channel or None  # None: the interface's own first channel
     if config.channel.isdecimal() and config.interface != "usb2can":  # its digits are a name
         channel = int(config.channel)
@@ -142,7 +142,7 @@ def open_bus(config: BusConfig) -> can.BusABC:
         )
     with contextlib.suppress(Exception), socket_of(bus.fileno) as sock:  # most are no socket
         enlarge_buffer(sock)
-        keep_to_own_group(sock)
+        keep_to_own_group(sock)  # udp_multicast: that of its channel
     return bus
 
 

@@ -441,7 +441,10 @@ def _on_hubs(
 def _travels(
     lengths: Sequence[Candidate], guesses: Mapping[str, Guess], pushes: Pushes | None
 ) -> dict[str, Guess]:
-    """Return suspension travels with corners and signs, from pushes or else the order of ids."""
+    """Return the guesses for lengths; for travels with corner, sign and tare.
+
+    Corners are those that pushes show or names state, or else follow the order of `lengths`.
+    """
     traces = pushes.traces if pushes is not None else {}
     peaks = {s.full: pushes.peaks(s.full) for s in lengths if pushes and s.full in traces}
     travels = {s.full: guesses[s.full] for s in lengths}
@@ -451,7 +454,7 @@ def _travels(
         if shown is None:
             continue
         corner, sign = shown
-        ask = "" if guess.ask == _WHERE else guess.ask
+        ask = "" if guess.ask == _WHERE else guess.ask  # the push answers where it is
         if guess.corner not in (None, corner):
             ask = f"its name says {guess.corner}: are plugs swapped?"
         why, kind = f"moved most by the push on {corner}", Quantity.SUSPENSION_TRAVEL
@@ -465,6 +468,6 @@ def _travels(
     for s in lengths:
         guess = travels[s.full]
         if guess.quantity is Quantity.SUSPENSION_TRAVEL and s.level is not None:
-            tare = guess.sign * s.level * to_si(s.unit).factor
+            tare = guess.sign * s.level * to_si(s.unit).factor  # is subtracted after the sign
             travels[s.full] = replace(guess, tare=tare)
     return travels

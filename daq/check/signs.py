@@ -146,7 +146,8 @@ def _is_opposed(
     pairs: Sequence[tuple[_Spectra, Spectrum, Spectrum]], band_hz: tuple[float, float]
 ) -> bool:
     """Return whether two signals, the same in each run, have opposite signs in a band."""
-    # A delay of 0.06 s inverts a sign at 8 Hz: a correlation must be strongest without delay.
+    # Signals of equal signs look opposed if one is late, at 8 Hz by 0.06 s; then a lag makes them
+    # agree better than they differ without one.
     lags_s = np.linspace(-0.06, 0.06, 25)
     together, size = np.zeros(len(lags_s)), np.zeros(2)
     for s, a, b in pairs:

@@ -173,11 +173,12 @@ def _mass_state(path: str, order: int, state: MassState) -> Content:
         rows.append(row)
     return {
         **_table(path, "weight", WEIGHT_COLUMNS, rows, {"order": order}),
-        **_along(path, ("row", "column"), (7, 7), {"delta_mass": state.added.matrix}),
+        **_columns(path, ("row", "column"), (7, 7), {"delta_mass": state.added.matrix}),
     }
 
 
 def _run(path: str, run: Run, channels: Sequence[Channel]) -> Content:
+    """Return the group of a run: its samples, the raw frames of each bus, and its events."""
     about: dict[str, Attribute] = {
         "NX_class": "NXentry",
         "mass_state": run.mass_state,
@@ -196,9 +197,9 @@ def _run(path: str, run: Run, channels: Sequence[Channel]) -> Content:
     for bus in np.unique(run.frames.bus):
         frames = run.frames.select(run.frames.bus == bus)
         place = f"{path}/{RAW_PREFIX}{bus}"
-        columns = {n: np.asarray(getattr(frames, n), t) for n, t in FRAME_COLUMNS.items()}
+        columns = {n: np.asarray(getattr(frames, n), dtype) for n, dtype in FRAME_COLUMNS.items()}
         content[place] = Item({"bus": int(bus)})
-        content |= _along(place, ("frame", "byte"), frames.data.shape, columns)
+        content |= _columns(place, ("frame", "byte"), frames.data.shape, columns)
     events = [asdict(event) for event in run.events]
     return content | _table(f"{path}/events", "event", EVENT_COLUMNS, events)
 
@@ -250,10 +251,10 @@ def _table(
                 raise InputError("session", what, "shorten that text")
         arrays[name] = np.array(cells, dtype)
     group = {path: Item(attributes or {})}
-    return group | _along(path, (dimension,), (len(rows),), arrays)
+    return group | _columns(path, (dimension,), (len(rows),), arrays)
 
 
-def _along(
+def _columns(
     path: str,
     dimensions: Sequence[str],
     shape: Sequence[int],

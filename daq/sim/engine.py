@@ -87,8 +87,11 @@ class Plant(NamedTuple):
 def _machine_code(function: Callable[..., Any]) -> Any:
     """Return a function as machine code, stored for the next process where a folder is writable.
 
-    All such functions are in this file, because Numba makes the code again when the file changes.
+    All such functions are in this file, because Numba makes stored code again only when the file of
+    the function changes, not when that of a function it calls does.
     """
+    # Faster: no check of each division, calls inlined, products and sums fused, zeros without sign;
+    # but not all of `fastmath`, because a bolted mount is infinitely stiff.
     compiled = njit(
         error_model="numpy", nogil=True, forceinline=True, fastmath={"contract", "nsz"}
     )(function)

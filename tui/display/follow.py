@@ -60,7 +60,7 @@ class Follower:
         return None if self._lost is not None else self._last
 
     def start(self) -> None:
-        """Begin to follow."""
+        """Show that nothing is known yet, and start the feed; its thread posts news to the loop."""
         loop = asyncio.get_running_loop()
 
         def post(news: News) -> None:

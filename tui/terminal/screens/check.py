@@ -283,6 +283,7 @@ class CheckScreen(BenchScreen):
         return [state, printable(row.subject, 40), f" {text}"]
 
     def _zero_row(self) -> CheckRow:
+        """Return the row on the zero of travels and rates: not or being measured, right or off."""
         if self._hands_off_s:
             return CheckRow(NOW, _ZERO, f"hands off the car: {self._hands_off_s:.0f} s more")
         offsets = self._offsets()
@@ -292,7 +293,7 @@ class CheckScreen(BenchScreen):
             return CheckRow(OK, _ZERO, "travels and rates read zero at rest")
         text = ", ".join(offsets.values())
         advice = "the zero of the car at ride height (goes to the report)"
-        return CheckRow(NOW, _ZERO, text, advice)
+        return CheckRow(NOW, _ZERO, text, advice)  # until SPACE takes it as zero
 
     def _explain(self) -> None:
         row, box = self._marked, self.query_one("#explained", Words)
