@@ -201,7 +201,8 @@ def nanoseconds(text: bytes) -> int:
     """
     whole, _, fraction = text.partition(b".")
     digits = whole + (fraction + b"000000000")[:9]
-    if digits.removeprefix(b"-").isdigit():  # int() would take spaces, + and _
+    # `int` would take spaces, + and _, and the zeros alone for a time.
+    if digits.removeprefix(b"-").isdigit() and text.strip(b"-."):
         return int(digits)
     raise ValueError(text)
 

@@ -380,6 +380,7 @@ def _read(raw: bytes) -> tuple[int, LogLoss]:
         (b"end of log", 2, 0, 10),
         (b"   \t", 2, 0, 0),
         (b"no frame\n(2.5) can0 123#0304", 3, 1, 0),
+        (b"() can0 123#0304\n(-.) can0 123#0304\n(.5) can0 123#0304\n", 3, 2, 0),  # no time in two
     ],
 )
 def test_a_last_line_without_an_end(tail: bytes, frames: int, garbled: int, cut: int) -> None:
