@@ -13,10 +13,10 @@ from daq.vehicle import Structure
 
 from ..decays.decay import FreeDecay, Record, decay_start_s
 from ..fit.estimation import Estimation, basin, floored, rough_noise
-from ..fit.grey_box import GreyBox
+from ..fit.grey_box import SIGNED, GreyBox
 from ..fit.likelihood import FACTS, PRIORS, Fit, Residuals
 from ..fit.varpro import NormalBlock
-from .begin import initial_states_of, is_impossible, scaled_to_vehicle
+from .begin import LENGTHS, initial_states_of, is_impossible, scaled_to_vehicle
 from .car import KNOTS, Model, elements
 from .fit import Clock, Optimum, inverse, scatter, widened
 from .forces import ElementChoice, Forces, axle_forces, element_estimates
@@ -34,6 +34,12 @@ linear start; index of the generic vehicle that replaces an impossible linear st
 tenths of a second wheels may leave the ground and stops be touched: one car of 400 kg started at
 chi2/n 1700 with wheels twice too heavy, and 0.15 s later with all but its dampers within 25 %.
 Wheels are known by little else than that time."""
+
+_LAWS_ALIKE, _LAWS_EACH, _LAWS_LENGTHS = 0.013, 0.007, 0.003
+"""Relative standard deviations by which the laws of the elements, which are not quite a car's, may
+move what decays say: of all masses, inertias, springs and dampers alike, of each of them, and of
+each length.  No residual shows it: a stop, a damper or a friction of another form leaves residuals
+as white as the noise.  Of 15 such cars 95 % of the intervals hold with it, 73 % without."""
 
 Log = Callable[[str], None]
 
@@ -149,6 +155,10 @@ def _result(
     # Two standard deviations above 1 the intervals follow the scatter of the scores.
     if chi2 - 1.0 > 2.0 * float(np.sqrt(2.0 / freedom)):
         covariance = widened(covariance, scatter(at))
+    # Scales and tape are not off with the laws: they keep what the decays say near the truth.
+    _, facts = problem.fact_terms(at.eta)
+    decays_share = inverse(best.information) @ (best.information - facts.T @ facts)
+    covariance = covariance + decays_share @ laws_covariance(model, free) @ decays_share.T
     covariance = covariance + np.outer(moved, moved)
     shown = np.union1d(np.arange(model.first), free)
     place = np.searchsorted(shown, free)
@@ -180,6 +190,20 @@ def _result(
     values = element_estimates(best, covariance)
     choices = _choices(best, covariance, chosen, chi2, freedom, decided)
     return RealCar(estimation, Forces(axle_forces(best, covariance, values), choices))
+
+
+def laws_covariance(model: Model, free: NDArray[np.intp]) -> NDArray[np.float64]:
+    """Return what the errors of the laws add to the covariance of the free unknowns, (F, F).
+
+    Parameters with a logarithm as unknown have it; bars, tyre damping and offsets may be zero.
+    """
+    alike, each = np.zeros(len(model.names)), np.zeros(len(model.names))
+    for i, name in enumerate(model.box.parameters):
+        if name in LENGTHS:
+            each[i] = _LAWS_LENGTHS * (name not in SIGNED)
+        elif name not in SIGNED:
+            alike[i], each[i] = _LAWS_ALIKE, _LAWS_EACH
+    return np.outer(alike[free], alike[free]) + np.diag(each[free] ** 2)
 
 
 def _choices(
