@@ -34,7 +34,7 @@ class RepairedText:
     def __init__(self, text: str, name: str) -> None:
         self.name = name
         self.findings: list[Finding] = []
-        """What is left out, as errors, and oddities that do no harm, as warnings."""
+        """Statements that are left out, as errors; harmless oddities, as warnings."""
         self.lost: set[tuple[int, str]] = set()
         """Identifier, as in the DBC, and name of the signals that cantools still reads, but that
         cannot be decoded; without name: the whole message."""

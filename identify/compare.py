@@ -280,7 +280,7 @@ def _stated_alike(results: Sequence[Identification]) -> tuple[str, ...]:
 
 @dataclass(frozen=True, slots=True)
 class _Statement:
-    """What a session states of a subject: a text, or lengths, m, with one uncertainty, m."""
+    """A session's statement on a subject: a text, or lengths, m, with one uncertainty, m."""
 
     text: str
     lengths_m: tuple[float, ...] = ()

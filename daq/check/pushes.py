@@ -135,7 +135,7 @@ def _judged(corner: Corner, moves: Sequence[_Move], channels: Sequence[Channel])
         text, advice = f"{due.name} did not move", "check its plug and its rod, then push again"
         return PushResult(corner, True, False, text, advice)
     if due is not None and most is not None and most.channel.corner is not corner:
-        # The gyroscopes tell a swapped plug from a push on another corner.
+        # The gyroscopes distinguish a swapped plug from a push on another corner.
         moved = most.channel
         pitch = next((m.first for m in moves if m.channel.quantity is Quantity.PITCH_RATE), 0)
         roll = next((m.first for m in moves if m.channel.quantity is Quantity.ROLL_RATE), 0)

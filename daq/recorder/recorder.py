@@ -122,7 +122,7 @@ class Recorder:
         answer: Future[Reply] = Future()
         self._orders.put((order, by, answer))
         self._order_came.set()
-        if not self._takes_orders:  # it has ended: nobody else takes it
+        if not self._takes_orders:  # it has ended and reads no orders
             self._refuse_orders()
         return answer
 

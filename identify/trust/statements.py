@@ -107,7 +107,7 @@ class Contradiction:
 
 
 class _Stated:
-    """What is stated, against a fit: facts, then places, delays, gains and weights."""
+    """Compares statements with a fit: facts, then places, delays, gains and weights."""
 
     def __init__(self, estimation: Estimation) -> None:
         box, eta = estimation.box, estimation.fit.eta

@@ -157,7 +157,7 @@ def test_one_controller_many_viewers(server: Server, engine: Engine, address: Pa
     assert engine.orders[-1] == (Arm(), "Berta")
     with pytest.raises(OrderRefusedError, match="Berta is in control"):
         anna.ask(Pause())
-    until(lambda: not anna.in_control)  # it is told, and does not fight
+    until(lambda: not anna.in_control)  # it learns of it, and does not fight
     berta.ask(Hello("Bertha\x1b[2J", control=True))
     with pytest.raises(OrderRefusedError, match=r"Bertha\\x1b\[2J is in control"):
         anna.ask(Pause())
