@@ -14,8 +14,8 @@ from dbc.words import InputError, counted, plural, printable
 
 from ..bench.campaign import Origin
 from ..bus.source import HopLosses
-from ..journal.format import MAGIC
 from ..journal.reader import JournalReader, recording_of
+from ..journal.segment import MAGIC
 from .asc import AscParser
 from .blf import read_blf
 from .mf4 import read_mf4

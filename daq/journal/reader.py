@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -12,29 +13,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dbc.frames import FrameBatch, freeze_arrays
-from dbc.words import InputError, counted, plural
+from dbc.words import InputError, counted
 
 from ..bus.source import HopLosses
 from ..files import is_regular
 from ..runlog import Code
 from ..runs import Event
-from .format import (
+from .segment import (
     ADVICE,
-    DISK_GAP,
     ENDED,
-    FILE_GONE,
     OPEN,
-    RETENTION,
     SEALED,
     Block,
-    Damage,
-    Gap,
     JournalBlock,
     JournalHead,
     Kind,
-    SegmentFile,
     Summary,
-    parse_gap,
+    last_block,
+    read_segment,
     sealed_path,
     segment_number,
     session_name,
@@ -43,6 +39,8 @@ from .format import (
     unpack_head,
 )
 
+RETENTION = "retention"
+"""Code of the event that lists the blocks of its recording that were deleted to make room."""
 _NOTES = 20
 """Largest number of notes that are given in full in one line."""
 
@@ -52,20 +50,18 @@ class JournalLoss:
     """The parts of a journal that are missing.
 
     `bytes_cut`: bytes at the ends of segments that are no complete block.  `blocks_missing`: blocks
-    between others that are damaged or absent.  `frames_dropped`: frames that the recorder itself
-    reported as lost: disk and memory were full, or a file was deleted while it was written.
-    `notes`: the losses in words, with their files.
+    between others that are damaged or absent, or found no room.  `notes`: the losses in words, with
+    their files.
     """
 
     bytes_cut: int = 0
     blocks_missing: int = 0
-    frames_dropped: int = 0
     notes: tuple[str, ...] = ()
 
     @property
     def any(self) -> bool:
         """True if any written data are missing."""
-        return bool(self.bytes_cut or self.blocks_missing or self.frames_dropped)
+        return bool(self.bytes_cut or self.blocks_missing)
 
     @property
     def text(self) -> str:
@@ -107,7 +103,6 @@ class RecordingInfo:
     `head`: its clocks are those of the first segment.  `segments`: in order.  `next_number`: of the
     next block.  `frames`: number of frames recorded.  `first_ns`, `last_ns`: earliest and latest
     time stamp, ns; 0 without frames.  `events`: all of them; the run log is a fold over them.
-    `unreadable`: those of its segments that cannot be read, each with the reason.
     """
 
     head: JournalHead
@@ -117,7 +112,6 @@ class RecordingInfo:
     first_ns: int
     last_ns: int
     events: tuple[Event, ...]
-    unreadable: tuple[tuple[Path, str], ...] = ()
 
     @property
     def ended(self) -> bool:
@@ -174,35 +168,26 @@ def scan(path: Path) -> SegmentInfo:
 
     A segment with its proper end has a summary, which makes this fast at any size.
 
-    Raises InputError as `SegmentFile`, or if no block is whole.
+    Raises InputError as `read_segment`, or if no block is whole.
     """
-    with SegmentFile(path) as file:
-        if (end := file.end()) is not None:
-            stated, summary = unpack_head(end.content)
-            assert summary is not None
-            return SegmentInfo(path, end.recording, end.writer, stated, summary)
-        first: Block | None = None
-        head: JournalHead | None = None
-        numbers: list[int] = []
-        events: list[tuple[int, Event]] = []
-        sizes: list[tuple[int, int]] = []
-        spans_ns: list[int] = []
-        for block in file.blocks():
-            if isinstance(block, Damage):
-                continue
-            first = first or block
-            if block.kind == Kind.HEAD:
-                head, _ = unpack_head(block.content)
-            elif block.kind == Kind.EVENTS:
-                numbers.append(block.number)
-                events += ((block.number, event) for event in unpack_events(block.content))
-            elif block.kind == Kind.FRAMES:
-                numbers.append(block.number)
-                if (stored := unpack_frames(block.content)).size:
-                    sizes.append((block.number, stored.size))
-                    spans_ns += (int(stored.t_ns.min()), int(stored.t_ns.max()))
-    if first is None:
+    if (end := last_block(path)) is not None:
+        stated, summary = unpack_head(end.content)
+        assert summary is not None
+        return SegmentInfo(path, end.recording, end.writer, stated, summary)
+    blocks = read_segment(path).blocks
+    if not blocks:
         raise InputError(str(path), "has no whole block of a journal", ADVICE)
+    heads, first = [unpack_head(b.content)[0] for b in blocks if b.kind == Kind.HEAD], blocks[0]
+    numbers = [b.number for b in blocks if b.kind in (Kind.EVENTS, Kind.FRAMES)]
+    events: list[tuple[int, Event]] = []
+    sizes: list[tuple[int, int]] = []
+    spans_ns: list[int] = []
+    for block in blocks:
+        if block.kind == Kind.EVENTS:
+            events += ((block.number, event) for event in unpack_events(block.content))
+        elif block.kind == Kind.FRAMES and (stored := unpack_frames(block.content)).size:
+            sizes.append((block.number, stored.size))
+            spans_ns += (int(stored.t_ns.min()), int(stored.t_ns.max()))
     summary = Summary(
         numbers[0] if numbers else first.number,
         numbers[-1] + 1 if numbers else first.number,
@@ -211,6 +196,7 @@ def scan(path: Path) -> SegmentInfo:
         max(spans_ns, default=0),
         tuple(events),
     )
+    head = heads[-1] if heads else None
     return SegmentInfo(path, first.recording, first.writer, head, summary, tuple(sizes))
 
 
@@ -267,14 +253,10 @@ def recordings_of(segments: Sequence[Path]) -> tuple[RecordingInfo, ...]:
     if not states:
         nothing = InputError("journal", "holds no recording", ADVICE)
         raise next(iter(unreadable.values()), nothing)
-    for path, refusal in unreadable.items():
+    for path in unreadable:
         firsts = [segment_number(state.segments[0]) for state in states]
         k = max(0, sum(number < segment_number(path) for number in firsts) - 1)
-        states[k] = replace(
-            states[k],
-            segments=(*states[k].segments, path),
-            unreadable=(*states[k].unreadable, (path, refusal.what)),
-        )
+        states[k] = replace(states[k], segments=(*states[k].segments, path))
     return tuple(states)
 
 
@@ -346,11 +328,6 @@ def _state(infos: Sequence[SegmentInfo]) -> RecordingInfo | None:
 
 # Reads the blocks ---------------------------------------------------------------------------------
 
-_GAP_TEXTS = {
-    DISK_GAP: "found no room on the disk or in memory",
-    FILE_GONE: "lost: the file was removed while it was written",
-    RETENTION: "between the runs deleted to make room",
-}
 _ALWAYS = (-(2**63), 2**63 - 1)
 
 
@@ -411,92 +388,89 @@ class JournalReader:
     """
 
     def __init__(self, recording: RecordingInfo) -> None:
-        self.head, self._recording = recording.head, recording
+        self.head, self._segments = recording.head, recording.segments
         self._lost: list[JournalLoss] = []
-        self._damage: list[JournalLoss] = []  # since the last block: the next one may cancel it
+        self._torn: list[JournalLoss] = []  # ends of segments: the next block may be the one cut
         self._missing: list[tuple[str, int, int]] = []  # file, first block, block after the last
-        self._gaps: dict[tuple[str, Gap], None] = {}
-        for path, reason in recording.unreadable:
-            size = path.stat().st_size if path.is_file() else 0
-            self._lost.append(JournalLoss(bytes_cut=size, notes=(f"{path.name}: {reason}",)))
+        self._deleted: set[tuple[int, int]] = set()  # first block, block after the last
 
     @property
     def lost(self) -> JournalLoss:
         """The losses found; exact once all blocks have been read."""
-        lost = [*self._lost]
-        gaps = sorted((gap for _, gap in self._gaps), key=lambda gap: gap.first)
+        lost = [*self._lost, *self._torn]
         for name, first, stop in self._missing:
             missing = stop - first
-            for gap in gaps:
-                missing -= max(0, min(stop, gap.stop) - max(first, gap.first))
-                first = max(first, gap.stop)
+            for begin, end in sorted(self._deleted):
+                missing -= max(0, min(stop, end) - max(first, begin))
+                first = max(first, end)
             if missing > 0:
                 note = f"{name}: {counted(missing, 'block')} missing before it"
                 lost.append(JournalLoss(blocks_missing=missing, notes=(note,)))
-        for code, gap in self._gaps:
-            text = f"{gap.file}: {gap.frames}" if gap.file else f"{gap.frames}"
-            dropped = 0 if code == RETENTION else gap.frames
-            note = f"{text} {plural(gap.frames, 'frame')} {_GAP_TEXTS[code]}"
-            lost.append(JournalLoss(frames_dropped=dropped, notes=(note,)))
         return JournalLoss(
             sum(each.bytes_cut for each in lost),
             sum(each.blocks_missing for each in lost),
-            sum(each.frames_dropped for each in lost),
             tuple(note for each in lost for note in each.notes),
         )
 
     def __iter__(self) -> Iterator[JournalBlock]:
         expected, writer = 0, self.head.wall_ns
         losses = before = HopLosses()
-        unreadable = dict(self._recording.unreadable)
-        for path in self._recording.segments:
-            if path in unreadable:
-                continue
+        for path in self._segments:
             for block in self._blocks(path):
-                if block.writer != writer:  # another process, which repeats no block
-                    self._settle()
+                is_of_another = block.writer != writer  # a process that repeats no block
+                if is_of_another:
                     before, writer = losses, block.writer
+                if is_of_another or block.number > expected:
+                    self._lost += self._torn
+                    self._torn.clear()
                 if block.number < expected:
                     continue  # written twice: the first time its fdatasync failed
                 if block.number > expected:
                     self._missing.append((path.name, expected, block.number))
-                    self._settle()
-                elif block.kind == Kind.END:  # only heads are damaged
-                    self._damage = [lost for lost in self._damage if lost.bytes_cut]
-                else:
-                    self._damage.clear()  # the block that was cut off before is this one
-                expected = block.number + (block.kind != Kind.END)
+                if block.kind == Kind.END:
+                    expected = block.number
+                    continue
+                self._torn.clear()  # the block that was cut off before is this one
+                expected = block.number + 1
                 if block.kind == Kind.FRAMES:
                     stored = unpack_frames(block.content)
                     losses = before.plus(stored.losses)
                     yield stored._replace(losses=losses)
-                elif block.kind == Kind.EVENTS:
+                else:
                     events = unpack_events(block.content)
                     for event in events:
-                        gap = parse_gap(event)
-                        if gap and gap.recording == self.head.recording:
-                            # Reported again before the segment with this event was deleted:
-                            # counts once.
-                            self._gaps[event.code, gap] = None
+                        self._deleted |= set(deleted_blocks(event))
                     yield JournalBlock(losses, events=events)
-        self._settle()
 
     def _blocks(self, path: Path) -> Iterator[Block]:
-        """Yield the numbered blocks of a segment, and note what is damaged."""
-        with SegmentFile(path) as file:
-            for block in file.blocks():
-                if isinstance(block, Block):
-                    if block.kind in (Kind.FRAMES, Kind.EVENTS, Kind.END):
-                        yield block
-                    continue
-                span = f"{path.name}: {counted(block.bytes, 'byte')} from byte {block.offset}"
-                if not block.at_end:  # the numbers of the blocks around it show what is lost
-                    self._damage.append(JournalLoss(notes=(f"{span} are damaged",)))
-                elif block.kind not in (Kind.HEAD, Kind.END):  # nothing is lost with those
-                    note = f"{span} {file.fault or 'are no whole block'}"
-                    self._damage.append(JournalLoss(bytes_cut=block.bytes, notes=(note,)))
+        """Yield the numbered blocks of a segment; note what else it holds."""
+        try:
+            content = read_segment(path)
+        except InputError as error:
+            size = path.stat().st_size if path.is_file() else 0
+            self._lost.append(JournalLoss(size, notes=(f"{path.name}: {error.what}",)))
+            return
+        if any(block.recording != self.head.recording for block in content.blocks):
+            note = f"{path.name}: has lost every copy of its bench.toml and DBC"
+            self._lost.append(JournalLoss(path.stat().st_size, notes=(note,)))
+            return
+        yield from (b for b in content.blocks if b.kind in (Kind.FRAMES, Kind.EVENTS, Kind.END))
+        if content.torn_bytes:
+            self._torn.append(JournalLoss(content.torn_bytes, notes=(content.torn_text,)))
 
-    def _settle(self) -> None:
-        """Count the damage that no later block has cancelled."""
-        self._lost += self._damage
-        self._damage.clear()
+
+def deleted_event(t_ns: int, blocks: Sequence[tuple[int, int]], frames: int) -> Event:
+    """Return the event on the blocks of a recording that are deleted on purpose, in `frames`."""
+    return Event(t_ns, RETENTION, frames, json.dumps({"deleted": blocks}))
+
+
+def deleted_blocks(event: Event) -> tuple[tuple[int, int], ...]:
+    """Return the spans of blocks that an event reports as deleted on purpose.
+
+    Each is the number of the first block, and of the block after the last.
+    """
+    if event.code != RETENTION:
+        return ()
+    stated = json.loads(event.text)  # until November 2026 one span, with a key for each end
+    spans = stated.get("deleted") or [(stated["first"], stated["stop"])]
+    return tuple((int(first), int(stop)) for first, stop in spans)

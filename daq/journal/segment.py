@@ -1,4 +1,10 @@
-"""Writes one file of the journal, each write synced, and holds blocks that the disk refuses.
+"""Writes and reads one segment of the journal: a file of blocks, each write synced.
+
+A journal is a sequence of segments `journal_0001.bbj`, `journal_0002.bbj`...; a segment is a
+sequence of blocks, one every 100 ms.  Each block begins with a magic number, a checksum, its kind
+and length, its running number, and the identity of its writer and its recording, so that it can be
+read whatever has become of the bytes before it.  bench.toml and DBC stand in the first block of a
+segment, in another a second later, and in the last one.
 
 After `Segment.write` has returned, neither a kill nor a power cut loses the blocks.  After the
 first write error a file is not touched again: a repeated write in the same file leaves holes in
@@ -8,26 +14,245 @@ data that were reported as written.
 from __future__ import annotations
 
 import errno
+import json
 import os
-from collections import deque
+import struct
+import uuid
+import zlib
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import asdict, astuple, dataclass, field, replace
+from enum import IntEnum
 from io import FileIO
 from pathlib import Path
+from typing import NamedTuple
 
-from ..files import sync_data, sync_folder
+import numpy as np
+from numpy.typing import NDArray
+
+from dbc.frames import FrameBatch
+from dbc.words import counted
+
+from ..bench.campaign import Origin
+from ..bus.source import HopLosses
+from ..files import open_regular, sync_data, sync_folder
 from ..runs import Event
-from .format import (
-    Block,
-    Gap,
-    JournalHead,
-    Kind,
-    Summary,
-    pack_block,
-    pack_head,
-    sealed_path,
-)
+
+# Blocks -------------------------------------------------------------------------------------------
+
+MAGIC = b"\xb5BUMP\r\n\x01"
+"""The first bytes of each block."""
+HEADER = struct.Struct("<8sIIIQQ16s")
+"""Magic, CRC-32 of all that follows it, kind, length of the content in bytes, number, writer,
+recording."""
+_CHECKED_FROM = 12
+"""Position in a block from which its checksum is calculated, bytes."""
+_FRAMES = struct.Struct("<II4Q")  # frames, payload width, HopLosses
+_FORMS = {"t_ns": "<i8", "can_id": "<u4", "flags": "<u2", "bus": "u1", "length": "u1"}
+_COLUMNS = tuple((name, np.dtype(form)) for name, form in _FORMS.items())
+_PAYLOADS = {width: np.dtype((np.uint8, width)) for width in (8, 64)}
+
+
+class Kind(IntEnum):
+    """Kinds of blocks."""
+
+    HEAD = 1
+    """The content that a segment needs to be read: a `JournalHead`."""
+    FRAMES = 2
+    EVENTS = 3
+    END = 4
+    """The head again and a summary of the segment, whose last block it is."""
+
+
+class Block(NamedTuple):  # a frozen dataclass takes four times as long to make
+    """A block whose checksum matches.
+
+    `number`: in the recording; of a head or an end that of the next block.  `writer`: the process
+    that wrote it, as `JournalHead.wall_ns`.  `recording`: its identity.  `content`: the bytes after
+    the header.
+    """
+
+    kind: int
+    number: int
+    writer: int
+    recording: str
+    content: bytes | memoryview
+
+
+def pack_block(block: Block) -> bytes:
+    """Return a block as it is stored."""
+    identity = bytes.fromhex(block.recording)
+    header = HEADER.pack(
+        MAGIC, 0, block.kind, len(block.content), block.number, block.writer, identity
+    )
+    crc = zlib.crc32(block.content, zlib.crc32(header[_CHECKED_FROM:]))
+    return b"".join((MAGIC, crc.to_bytes(4, "little"), header[_CHECKED_FROM:], block.content))
+
+
+def block_at(data: memoryview, offset: int) -> Block | None:
+    """Return the block that begins at an offset; None if none does, or a bit of it was changed."""
+    header = data[offset : offset + HEADER.size]
+    if len(header) < HEADER.size or header[: len(MAGIC)] != MAGIC:
+        return None
+    _, crc, kind, length, number, writer, identity = HEADER.unpack(header)
+    stored = data[offset : offset + HEADER.size + length]
+    if len(stored) < HEADER.size + length or zlib.crc32(stored[_CHECKED_FROM:]) != crc:
+        return None
+    return Block(kind, number, writer, identity.hex(), stored[HEADER.size :])
+
+
+# Contents of blocks -------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class JournalHead:
+    """The facts on a recording that each of its segments states.
+
+    `bench_text`, `dbc_text`: bench.toml and DBC in full.  `software`: name and version of the
+    writer.  `wall_ns`, `monotonic_ns`: the host's clocks, read together when the recording was
+    begun or resumed.  `recording`: its identity, 32 hexadecimal digits, kept when it is resumed.
+    `first_segment`: number of its first segment, which names the session file, also after that
+    segment was deleted.  `campaign`: False for a recording between two campaigns, which has no
+    runs.  `origin`: of the frames, a value of `Origin`.
+    """
+
+    bench_text: str
+    dbc_text: str
+    software: str
+    wall_ns: int
+    monotonic_ns: int
+    recording: str = field(default_factory=lambda: uuid.uuid4().hex)
+    first_segment: int = 1
+    campaign: bool = True
+    origin: str = Origin.REAL
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """The content of a segment, without its frames.
+
+    `first`, `stop`: number of its first block, and of the block after its last.  `frames`: number
+    of frames.  `first_ns`, `last_ns`: earliest and latest time stamp, ns; 0 without frames.
+    `events`: in order, each with the number of its block.
+    """
+
+    first: int
+    stop: int
+    frames: int = 0
+    first_ns: int = 0
+    last_ns: int = 0
+    events: tuple[tuple[int, Event], ...] = ()
+
+
+def pack_head(head: JournalHead, summary: Summary | None = None) -> bytes:
+    """Return the content of a block of kind HEAD or, with a summary, END."""
+    if summary is None:
+        return json.dumps(asdict(head)).encode()
+    events = [[number, *astuple(event)] for number, event in summary.events]
+    return json.dumps({**asdict(head), "summary": {**asdict(summary), "events": events}}).encode()
+
+
+def unpack_head(content: bytes | memoryview) -> tuple[JournalHead, Summary | None]:
+    """Return the head in a block of kind HEAD or END, and the summary of the latter."""
+    fields = json.loads(bytes(content))
+    summary = fields.pop("summary", None)
+    if summary is not None:
+        events = tuple((number, Event(*event)) for number, *event in summary.pop("events"))
+        summary = Summary(**summary, events=events)
+    return JournalHead(**fields), summary
+
+
+def pack_events(events: Sequence[Event]) -> bytes:
+    """Return the content of a block of kind EVENTS."""
+    return json.dumps([astuple(event) for event in events]).encode()
+
+
+def unpack_events(content: bytes | memoryview) -> tuple[Event, ...]:
+    """Return the events in a block of kind EVENTS."""
+    return tuple(Event(*fields) for fields in json.loads(bytes(content)))
+
+
+def pack_frames(frames: FrameBatch, losses: HopLosses) -> bytes:
+    """Return the content of a block of kind FRAMES; `losses`: counted up to it."""
+    return b"".join(
+        [
+            _FRAMES.pack(len(frames), frames.data.shape[1], *losses),
+            *(getattr(frames, name).astype(form).tobytes() for name, form in _COLUMNS),
+            frames.data.tobytes(),
+        ]
+    )
+
+
+class JournalBlock(NamedTuple):
+    """A block of a recording as read: `size` frames, unpacked only on access, or `events`.
+
+    `losses`: counted up to the block.  `content`: from `pack_frames`; empty if it holds events.
+    """
+
+    losses: HopLosses
+    size: int = 0
+    content: bytes | memoryview = b""
+    events: tuple[Event, ...] = ()
+
+    @property
+    def t_ns(self) -> NDArray[np.int64]:
+        """Time stamps of the frames, ns, shape (size,)."""
+        if not self.size:
+            return np.zeros(0, np.int64)
+        return np.frombuffer(self.content, "<i8", self.size, _FRAMES.size)
+
+    @property
+    def frames(self) -> FrameBatch:
+        """The frames."""
+        if not self.size:
+            return FrameBatch.empty()
+        width = _FRAMES.unpack_from(self.content)[1]
+        columns, begin = {}, _FRAMES.size
+        for name, form in (*_COLUMNS, ("data", _PAYLOADS[width])):
+            # A copy is aligned, and does not keep the whole piece of the file in memory.
+            columns[name] = np.frombuffer(self.content, form, self.size, begin).copy()
+            begin += form.itemsize * self.size
+        return FrameBatch(**columns)
+
+
+def unpack_frames(content: bytes | memoryview) -> JournalBlock:
+    """Return a block of kind FRAMES, with the losses counted by the process that wrote it."""
+    size, _, *counts = _FRAMES.unpack_from(content)
+    return JournalBlock(HopLosses(*counts), size, content)
+
+
+# Names of segments, which show which of them never change again -----------------------------------
+
+ENDED = "ended"
+"""Code of the event with which the recorder ends a recording, which will not be resumed."""
+SUFFIX = ".bbj"
+SEALED, OPEN = f"journal_*{SUFFIX}", f"open_*{SUFFIX}"
+"""Patterns of the names of segments that never change again, and of the one being written."""
+
+
+def open_path(folder: Path, number: int) -> Path:
+    """Return the path of a segment while it is written."""
+    return folder / f"open_{number:04d}{SUFFIX}"
+
+
+def sealed_path(path: Path) -> Path:
+    """Return the path of a segment after it was written; the same path if it is sealed already."""
+    number = path.name.removeprefix("open_")
+    return path if number == path.name else path.with_name(f"journal_{number}")
+
+
+def segment_number(path: Path) -> int:
+    """Return the number in a segment's name, 0 if there is none."""
+    digits = path.stem.rpartition("_")[2]
+    return int(digits) if digits.isdecimal() else 0
+
+
+def session_name(first_segment: int) -> str:
+    """Return the name of a recording's session file, from the number of its first segment."""
+    return f"session_{first_segment:04d}.h5"
+
+
+# Writes one segment -------------------------------------------------------------------------------
 
 
 class SyncedFile(FileIO):
@@ -162,69 +387,90 @@ class Segment:
             view = view[written:]
 
 
-# Holds blocks in memory while the disk refuses them, and counts frames without room ---------------
+# Reads one segment --------------------------------------------------------------------------------
 
-HELD_BYTES = 32_000_000
-"""Bytes of frames and events held in memory: a minute of four full buses."""
-_OVERHEAD_BYTES = 400
-"""Memory of a block in addition to its content, bytes."""
+ADVICE = "move it away, and name the recorder's own files journal_*.bbj"
+_READ_BYTES = 1 << 20
+"""Bytes that are given up as a whole where the disk cannot read."""
 
 
-class Backlog:
-    """A queue of blocks; the frames that do not fit are counted.
+class SegmentContent(NamedTuple):
+    """What can be read of a segment.
 
-    `frames` and `dropped`: number of frames that wait, and of frames without room.  `bytes`: size
-    of all blocks that wait.
+    `blocks`: the whole ones, in order.  `torn_bytes`, `torn_text`: number of bytes after them that
+    are no whole block, and what they are in words; 0 and empty also if they were a head or an end,
+    with which nothing is lost.
     """
 
-    def __init__(self, recording: str) -> None:
-        self.dropped = self.frames = self.bytes = 0
-        self._recording = recording
-        self._waiting: deque[tuple[Pending, float]] = deque()
-        self._gap: Gap | None = None
+    blocks: tuple[Block, ...]
+    torn_bytes: int
+    torn_text: str
 
-    def __len__(self) -> int:
-        return len(self._waiting)
 
-    def since_s(self) -> float | None:
-        """Return the time at which the oldest block was added, s; None if there is none."""
-        return self._waiting[0][1] if self._waiting else None
+def read_segment(path: Path) -> SegmentContent:
+    """Return the content of a segment as it is now; its writer may go on.
 
-    def put(self, block: Pending, now_s: float) -> None:
-        """Append a block, or count its frames as dropped."""
-        # Additional bytes for events: they are few, and runs depend on them.
-        room = HELD_BYTES if block.frames else HELD_BYTES + 4_000_000
-        # After a drop all frames are dropped until the disk takes blocks again, so that one event
-        # reports one gap.
-        if self.bytes + len(block.content) > room or (self._gap is not None and block.frames):
-            gap = self._gap or Gap(self._recording, block.number, block.number, 0)
-            # Blocks of events between them are stored; the reader ignores this.
-            self._gap = replace(gap, stop=block.number + 1, frames=gap.frames + block.frames)
-            self.dropped += block.frames
-            return
-        self._waiting.append((block, now_s))
-        self.bytes += len(block.content) + _OVERHEAD_BYTES
-        self.frames += block.frames
-
-    def first(self, size: int) -> Sequence[Pending]:
-        """Return the oldest blocks, at least one and about `size` bytes, without removing them."""
-        blocks: list[Pending] = []
-        total = 0
-        for block, _ in self._waiting:
-            total += len(block.content)
-            if blocks and total > size:
-                break
+    Raises InputError if it is not a regular file or cannot be opened.
+    """
+    data, fault = _read(path, 0)
+    view, blocks = memoryview(data), []
+    offset = end = 0  # where a block may begin, and where the last whole one ends
+    while 0 <= offset < len(data):
+        block = block_at(view, offset)
+        if block is None:
+            offset = data.find(MAGIC, offset + 1)
+        else:
+            offset = end = offset + _stored_bytes(block)
             blocks.append(block)
-        return blocks
+    torn = len(data) - end
+    is_headed = torn >= HEADER.size and data.startswith(MAGIC, end)
+    if not torn or (is_headed and HEADER.unpack_from(data, end)[2] in (Kind.HEAD, Kind.END)):
+        return SegmentContent(tuple(blocks), 0, "")
+    text = f"{path.name}: {counted(torn, 'byte')} from byte {end} {fault or 'are no whole block'}"
+    return SegmentContent(tuple(blocks), torn, text)
 
-    def remove(self, count: int) -> None:
-        """Remove the oldest blocks, which are on the disk."""
-        for _ in range(count):
-            block, _ = self._waiting.popleft()
-            self.bytes -= len(block.content) + _OVERHEAD_BYTES
-            self.frames -= block.frames
 
-    def take_gap(self) -> Gap | None:
-        """Return the gap of blocks dropped since the last call, None if there is none."""
-        gap, self._gap = self._gap, None
-        return gap
+def last_block(path: Path) -> Block | None:
+    """Return the block with which a sealed segment ends; None if it has no proper end.
+
+    Raises InputError as `read_segment`.
+    """
+    for wanted in (1 << 16, 1 << 24):  # most ends are short
+        data, _ = _read(path, wanted)
+        offset = data.rfind(MAGIC)
+        if offset >= 0:
+            block = block_at(memoryview(data), offset)
+            is_end = block is not None and block.kind == Kind.END
+            if block is None or not is_end or offset + _stored_bytes(block) != len(data):
+                return None
+            return block
+    return None
+
+
+def _read(path: Path, wanted: int) -> tuple[bytes, str]:
+    """Return the last bytes of a file, 0 for all, and why the disk failed; empty if it did not.
+
+    What the disk cannot read is zeros.
+    """
+    fault, pieces = "", []
+    # Its writer may have finished and renamed it since it was listed.
+    fd = open_regular(path if os.path.lexists(path) else sealed_path(path), ADVICE)
+    try:
+        size = os.fstat(fd).st_size
+        offset = max(size - wanted, 0) if wanted else 0
+        while offset < size:
+            piece, length = b"", min(size - offset, _READ_BYTES)
+            try:
+                os.lseek(fd, offset, os.SEEK_SET)  # Windows has no pread
+                piece = os.read(fd, length)
+            except OSError as error:
+                fault = f"cannot be read ({error.strerror or error})"
+            pieces.append(piece or bytes(length))
+            offset += len(pieces[-1])
+    finally:
+        os.close(fd)
+    return b"".join(pieces), fault
+
+
+def _stored_bytes(block: Block) -> int:
+    return HEADER.size + len(block.content)

@@ -5,8 +5,8 @@ in it: one ends and the next begins between two segments, without losing a frame
 
 A segment ends at a given size or age, and at the first write error; the block is then written to a
 new segment.  While the disk refuses everything, blocks wait in memory, and the write is repeated
-each second; frames that do not fit into the memory are counted, and an event reports them.  Only
-the constructor raises errors.
+each second; frames that do not fit into the memory, and those of a file that was removed, are
+counted in the next block.  Only the constructor raises errors.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from __future__ import annotations
 import errno
 import logging
 import shutil
+from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -29,28 +30,31 @@ from ..control.messages import DiskStatus
 from ..files import is_regular
 from ..runlog import Code
 from ..runs import Event
-from .format import (
-    DISK_GAP,
+from .reader import (
+    RecordingInfo,
+    SegmentInfo,
+    deleted_blocks,
+    deleted_event,
+    next_segment,
+    scan,
+    segments_in,
+)
+from .segment import (
     ENDED,
-    FILE_GONE,
-    RETENTION,
-    Gap,
     JournalHead,
     Kind,
-    gap_event,
+    Pending,
+    Segment,
+    Summary,
+    SyncedFile,
     open_path,
     pack_events,
     pack_frames,
-    parse_gap,
     segment_number,
 )
-from .reader import RecordingInfo, SegmentInfo, next_segment, scan, segments_in
-from .segment import Backlog, Pending, Segment, SyncedFile
 
 CHECK_S = 1.0
 """Time, s, between two checks of the disk, each with another attempt to write to it."""
-_USUAL_LIMITS = RecorderConfig()
-_TRANSIENT = (errno.ENOSPC, errno.EIO, errno.EDQUOT)
 REACH_NS = 1_200_000_000_000
 """Time before and after an event of a run whose segments are kept, ns: more than the 660 s that
 `[trigger]` of bench.toml allows for a run."""
@@ -76,6 +80,65 @@ def room_on(folder: Path) -> Room:
     return Room(usage.free, usage.total)
 
 
+# Holds blocks in memory while the disk refuses them, and counts frames without room ---------------
+
+HELD_BYTES = 32_000_000
+"""Bytes of frames and events held in memory: a minute of four full buses."""
+_OVERHEAD_BYTES = 400
+"""Memory of a block in addition to its content, bytes."""
+
+
+class Backlog:
+    """A queue of blocks; the frames that do not fit are counted.
+
+    `frames` and `dropped`: number of frames that wait, and of frames without room.  `bytes`: size
+    of all blocks that wait.
+    """
+
+    def __init__(self) -> None:
+        self.dropped = self.frames = self.bytes = 0
+        self._waiting: deque[tuple[Pending, float]] = deque()
+
+    def __len__(self) -> int:
+        return len(self._waiting)
+
+    def since_s(self) -> float | None:
+        """Return the time at which the oldest block was added, s; None if there is none."""
+        return self._waiting[0][1] if self._waiting else None
+
+    def put(self, block: Pending, now_s: float) -> None:
+        """Append a block, or count its frames as dropped."""
+        # Additional bytes for events: they are few, and runs depend on them.
+        room = HELD_BYTES if block.frames else HELD_BYTES + 4_000_000
+        if self.bytes + len(block.content) > room:
+            self.dropped += block.frames
+            return
+        self._waiting.append((block, now_s))
+        self.bytes += len(block.content) + _OVERHEAD_BYTES
+        self.frames += block.frames
+
+    def first(self, size: int) -> Sequence[Pending]:
+        """Return the oldest blocks, at least one and about `size` bytes, without removing them."""
+        blocks: list[Pending] = []
+        total = 0
+        for block, _ in self._waiting:
+            total += len(block.content)
+            if blocks and total > size:
+                break
+            blocks.append(block)
+        return blocks
+
+    def remove(self, count: int) -> None:
+        """Remove the oldest blocks, which are on the disk."""
+        for _ in range(count):
+            block, _ = self._waiting.popleft()
+            self.bytes -= len(block.content) + _OVERHEAD_BYTES
+            self.frames -= block.frames
+
+
+# The writer ---------------------------------------------------------------------------------------
+
+
 class JournalWriter:
     """Writes recordings one after another; a context manager that closes the journal.
 
@@ -94,18 +157,19 @@ class JournalWriter:
         self,
         folder: Path,
         head: JournalHead,
-        limits: RecorderConfig = _USUAL_LIMITS,
+        limits: RecorderConfig | None = None,
         create: Callable[[Path], SyncedFile] = SyncedFile,
         resume: RecordingInfo | None = None,
         room: Callable[[Path], Room] = room_on,
     ) -> None:
-        self._folder, self.limits = folder, limits
+        self._folder, self.limits = folder, limits or RecorderConfig()
         self._create, self._room_on = create, room
         first = next_segment(folder) if resume is None else resume.head.first_segment
         self._adopt(replace(head, first_segment=first))
         if resume is not None:
             self._number, self._t_ns = resume.next_number, resume.last_ns
             self._recorded = resume.frames
+            self._deleted = [span for event in resume.events for span in deleted_blocks(event)]
         self.stored_frames = 0
         self._segment: Segment | None = None
         self._now_s: float | None = None
@@ -161,7 +225,8 @@ class JournalWriter:
         first_ns = int(frames.t_ns.min()) if len(frames) else 0
         if len(frames):
             self._t_ns = max(self._t_ns, int(frames.t_ns.max()))
-        losses = losses.plus(HopLosses(queue_dropped=self._backlog.dropped))
+        self._losses = losses
+        losses = losses.plus(HopLosses(queue_dropped=self._dropped))
         content = pack_frames(frames, losses)
         self._put(Pending(self._number, Kind.FRAMES, content, self._t_ns, len(frames), first_ns))
 
@@ -194,7 +259,7 @@ class JournalWriter:
             lag_s=0.0 if since_s is None else (self._now_s or 0.0) - since_s,
             held_frames=self._backlog.frames,
             failed=self._failed,
-            dropped_frames=self._backlog.dropped,
+            dropped_frames=self._dropped,
             warning="; ".join(text for text in (self._warning, self._retention_warning) if text),
             total_bytes=self._room.total,
         )
@@ -235,9 +300,10 @@ class JournalWriter:
 
     def _adopt(self, head: JournalHead) -> None:
         self.head = head
-        self._number = self._t_ns = self._recorded = 0
-        self._backlog = Backlog(head.recording)
+        self._number = self._t_ns = self._recorded = self._removed = self._reported = 0
+        self._losses, self._backlog = HopLosses(), Backlog()
         self.written: list[Segment] = []
+        self._deleted = list[tuple[int, int]]()  # blocks, on purpose: first, and after the last
 
     # -- blocks ---------------------------------------------------------------------------------
 
@@ -281,8 +347,14 @@ class JournalWriter:
                 return
             self._backlog.remove(len(blocks))
             self._rotate()
-        if gap := self._backlog.take_gap():
-            self.append_events([gap_event(DISK_GAP, self._t_ns, gap)])
+        if self._reported != self._dropped:
+            self._reported = self._dropped
+            self.append(FrameBatch.empty(), self._losses)
+
+    @property
+    def _dropped(self) -> int:
+        """Number of frames of this recording without room, or in files that were removed."""
+        return self._backlog.dropped + self._removed
 
     # -- segments -------------------------------------------------------------------------------
 
@@ -376,19 +448,15 @@ class JournalWriter:
         """
         self._leave(Segment.abandon)
         removed = [segment for segment in self.written if not segment.is_in_place]
-        gaps = []
         for segment in removed:
             self.written.remove(segment)
             self._sizes.pop(segment.path, None)
-            lost = segment.summary
-            gap = Gap(self.head.recording, lost.first, lost.stop, lost.frames, segment.path.name)
-            gaps.append(gap_event(FILE_GONE, self._t_ns, gap))
         frames = sum(segment.summary.frames for segment in removed)
         self._recorded -= frames
+        self._removed += frames
         count = counted(frames, "recorded frame is", "recorded frames are")
         self._warn(f"{name} was removed or replaced: {count} lost")
-        if self._open_next() and gaps:
-            self.append_events(gaps)
+        self._open_next()
 
     def _warn(self, text: str) -> None:
         self._warned_s = self._now_s or 0.0
@@ -426,7 +494,7 @@ class JournalWriter:
                 last_ns = info.summary.last_ns + REACH_NS
                 if any(first_ns <= t_ns <= last_ns for t_ns in needed_ns):
                     continue
-                self.append_events(_parting_events(info, self._t_ns))
+                self._report_deleted(info.summary)
             with suppress(OSError):
                 path.unlink()
             excess -= self._sizes.pop(path)
@@ -437,6 +505,17 @@ class JournalWriter:
                 f"the journal has {self._sealed_bytes / 1e9:.2f} GB and none of it may be deleted: "
                 "it holds the runs of this recording"
             )
+
+    def _report_deleted(self, deleted: Summary) -> None:
+        """Store which blocks of this recording were deleted: else they would look like losses."""
+        spans = sorted([*self._deleted, (deleted.first, deleted.stop)])
+        self._deleted = spans[:1]
+        for first, stop in spans[1:]:
+            if first <= self._deleted[-1][1]:
+                self._deleted[-1] = self._deleted[-1][0], max(stop, self._deleted[-1][1])
+            else:
+                self._deleted.append((first, stop))
+        self.append_events([deleted_event(self._t_ns, self._deleted, deleted.frames)])
 
     def _needed_ns(self) -> list[int]:
         """Return the time of the latest frame, and of each event of this recording's runs, ns."""
@@ -457,29 +536,6 @@ class JournalWriter:
             except (InputError, OSError):
                 self._infos[path] = None
         return self._infos[path]
-
-
-def _parting_events(info: SegmentInfo, t_ns: int) -> tuple[Event, ...]:
-    """Return the events to be written before a segment of the present recording is deleted.
-
-    They report its deletion, and again the gaps that only this segment reports, because these
-    would later look like losses.
-    """
-    summary = info.summary
-    deleted = Gap(info.recording, summary.first, summary.stop, summary.frames, info.path.name)
-    events: list[Event] = []
-    for _, event in summary.events:
-        gap = parse_gap(event)
-        if gap is None:
-            continue
-        if event.code == RETENTION and gap.stop >= deleted.first >= gap.first:
-            first, stop = min(gap.first, deleted.first), max(gap.stop, deleted.stop)
-            file = f"{gap.file.partition(' ')[0]} to {deleted.file}"
-            frames = deleted.frames + gap.frames
-            deleted = replace(deleted, first=first, stop=stop, frames=frames, file=file)
-        else:
-            events.append(event)
-    return (*events, gap_event(RETENTION, t_ns, deleted))
 
 
 def _reason(error: OSError) -> str:

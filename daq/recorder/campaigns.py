@@ -18,9 +18,8 @@ from dbc.words import BumpbenchError, printable
 from ..bench.config import Bench, parse_bench
 from ..bus.source import Now
 from ..control.messages import SessionState, SessionStatus
-from ..journal.format import JournalHead
 from ..journal.reader import RecordingInfo, last_campaign, last_recording
-from ..journal.segment import Segment
+from ..journal.segment import JournalHead, Segment
 from ..runlog import fold
 from ..session.build import DONE, DONE_WITH_LOSS
 from .recording import Recording

@@ -39,9 +39,8 @@ from ..control.messages import (
     StorageStatus,
 )
 from ..control.monitoring import Heartbeats
-from ..journal.format import session_name
 from ..journal.reader import seal_left_open
-from ..journal.segment import SyncedFile
+from ..journal.segment import SyncedFile, session_name
 from ..journal.writer import JournalWriter
 from ..runlog import Code, RunLog, fold
 from ..samples.mapping import bench_mapping

@@ -29,8 +29,8 @@ from dbc.words import BumpbenchError, InputError, printable
 
 from ..bench.config import Bench, bench_codec, parse_bench
 from ..channels import Quantity
-from ..journal.format import JournalHead
 from ..journal.reader import HopCounts, read_windows, recording_of
+from ..journal.segment import JournalHead
 from ..runlog import Code, LoggedRun, RunLog, finding_record, fold
 from ..runs import Event, Run, RunStatus, SampleGroup
 from ..samples import converter as health

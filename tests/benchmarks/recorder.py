@@ -33,7 +33,7 @@ from daq.bench.config import Bench, BusConfig, bench_codec, load_bench
 from daq.bus.socketcan import SocketCanSource
 from daq.bus.source import HopLosses, LinkFacts, Now
 from daq.control.messages import Arm, DiskStatus, Live, Status, StorageStatus, Until
-from daq.journal.format import JournalHead
+from daq.journal.segment import JournalHead
 from daq.journal.writer import JournalWriter
 from daq.recorder.recorder import Recorder
 from daq.recorder.recording import Recording

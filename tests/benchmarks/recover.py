@@ -20,7 +20,7 @@ import numpy as np
 
 from daq.bench.config import Bench, RecorderConfig, bench_codec, load_bench, parse_bench
 from daq.bus.source import HopLosses
-from daq.journal.format import JournalHead
+from daq.journal.segment import JournalHead
 from daq.journal.writer import JournalWriter
 from daq.runlog import Code, verdict_entry
 from daq.runs import Event

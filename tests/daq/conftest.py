@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from daq.bench.config import Bench
-from daq.journal.format import JournalHead
+from daq.journal.segment import JournalHead
 from daq.journal.writer import JournalWriter
 from dbc import Codec
 

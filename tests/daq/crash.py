@@ -153,8 +153,9 @@ def _ended(
     if not dropped:
         assert_gapless(found.numbers, sender)
     lost = found.lost
-    assert lost.frames_dropped == dropped, lost.text
-    assert lost.blocks_missing == lost.bytes_cut == 0, lost.text
+    assert found.dropped == dropped, lost.text
+    assert (lost.blocks_missing > 0) == (dropped > 0), lost.text
+    assert lost.bytes_cut == 0, lost.text
     return len(found.numbers) + dropped
 
 

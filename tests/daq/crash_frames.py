@@ -19,9 +19,8 @@ from numpy.typing import NDArray
 
 from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
-from daq.journal.format import JournalHead
 from daq.journal.reader import read_journal
-from daq.journal.segment import SyncedFile
+from daq.journal.segment import JournalHead, SyncedFile
 from daq.journal.writer import JournalWriter, Room
 from daq.runs import Event
 from daq.session.build import derive

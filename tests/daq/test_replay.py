@@ -12,7 +12,7 @@ import pytest
 from daq import replay as room
 from daq.bench.config import RecorderConfig
 from daq.bus.source import BusError, HopLosses
-from daq.journal.format import JournalHead
+from daq.journal.segment import JournalHead
 from daq.journal.writer import JournalWriter
 from daq.replay import RecordedSource, play, whole_frames
 from daq.sessions import Session

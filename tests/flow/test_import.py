@@ -16,7 +16,7 @@ import daq
 from daq.bench.config import parse_bench
 from daq.bus.source import HopLosses, Now
 from daq.control.messages import Arm, Until
-from daq.journal.format import JournalHead
+from daq.journal.segment import JournalHead
 from daq.journal.writer import JournalWriter
 from daq.recorder.recording import Recording
 from daq.session.build import derive

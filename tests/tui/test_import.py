@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 import daq
 from daq.bench.campaign import Origin
 from daq.bus.source import HopLosses
-from daq.journal.format import JournalHead
+from daq.journal.segment import JournalHead
 from daq.journal.writer import JournalWriter
 from dbc import FrameBatch, shipped_dbc
 from tui.cli import run

@@ -16,7 +16,7 @@ import pytest
 
 import daq
 from daq.bench.config import default_bench_text, load_bench
-from daq.journal.format import JournalHead
+from daq.journal.segment import JournalHead
 from daq.journal.writer import JournalWriter
 from daq.runs import Excitation
 from daq.vehicle import DOF, FORD_GRANADA, PARAMETER_NAMES

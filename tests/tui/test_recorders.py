@@ -17,7 +17,7 @@ from daq.bench.campaign import Origin
 from daq.bench.config import Bench, RecorderConfig, default_bench_text, parse_bench
 from daq.bus.source import BusError, HopLosses
 from daq.control.messages import Alarm, Phase, SessionState, SessionStatus, Status
-from daq.journal.format import JournalHead
+from daq.journal.segment import JournalHead
 from daq.journal.writer import JournalWriter
 from daq.runs import Losses, RunStatus
 from dbc import shipped_dbc

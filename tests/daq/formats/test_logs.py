@@ -13,7 +13,7 @@ from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
 from daq.formats.columns import read_columns
 from daq.formats.log import BLF, Log, detect, read_log, read_logs
-from daq.journal.format import JournalHead
+from daq.journal.segment import JournalHead
 from daq.journal.writer import JournalWriter
 from dbc import FrameBatch
 from dbc.words import InputError

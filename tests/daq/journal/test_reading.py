@@ -11,10 +11,10 @@ import pytest
 
 from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
-from daq.journal.format import HEADER, MAGIC, Gap, SegmentFile, gap_event
 from daq.journal.reader import (
     HopCounts,
     JournalLoss,
+    deleted_event,
     last_campaign,
     last_recording,
     next_segment,
@@ -27,6 +27,7 @@ from daq.journal.reader import (
     seal_left_open,
     segments_in,
 )
+from daq.journal.segment import HEADER, MAGIC, read_segment
 from daq.journal.writer import JournalWriter
 from daq.runs import Event
 from dbc.frames import FrameBatch
@@ -210,7 +211,6 @@ def test_a_hole_and_blocks_cut_out_cost_those_blocks_alone(tmp_path: Path, kille
     contents = read_journal([path])
     assert numbers(contents.frames).tolist() == [*range(300), *range(600, 2000)]
     assert contents.lost.blocks_missing == 3
-    assert f"from byte {edges[3]} are damaged" in contents.lost.text
     path.write_bytes(whole[: edges[3]] + whole[edges[6] :])
     contents = read_journal([path])
     assert numbers(contents.frames).tolist() == [*range(300), *range(600, 2000)]
@@ -236,43 +236,42 @@ def test_an_end_torn_anywhere_costs_no_block(tmp_path: Path) -> None:
         assert (bool(info.blocks), info.summary.frames) == (True, 300)
 
 
-def test_blocks_between_two_segments_are_missing_but_for_known_gaps(tmp_path: Path) -> None:
-    def written(*blocks: int, gap: Gap | None = None) -> JournalLoss:
+def test_blocks_between_two_segments_are_missing_unless_they_were_deleted(tmp_path: Path) -> None:
+    def written(*blocks: int, event: Event | None = None) -> int:
         for path in tmp_path.iterdir():
             path.unlink()
         with JournalWriter(tmp_path, HEAD, LIMITS, QuickFile) as writer:
             for number in range(5):
                 writer.append(block(number, 1), HopLosses())
                 writer.cut()
-            if gap:
-                writer.append_events([gap_event("disk_gap", 0, gap)])
+            if event:
+                writer.append_events([event])
         kept = [path for k, path in enumerate(writer.paths) if k in blocks or k == 5]
-        return read_journal(kept).lost
+        return read_journal(kept).lost.blocks_missing
 
-    mine = HEAD.recording
-    assert written(0, 1, 2, 3, 4).blocks_missing == 0
-    assert written(0, 4).blocks_missing == 3
-    known = written(0, 4, gap=Gap(mine, 1, 3, 5))
-    assert (known.blocks_missing, known.frames_dropped) == (1, 5)
-    assert written(0, 4, gap=Gap(mine, 1, 4, 5)).blocks_missing == 0
-    assert written(0, 4, gap=Gap("c" * 32, 1, 4, 5)).blocks_missing == 3
+    assert written(0, 1, 2, 3, 4) == 0
+    assert written(0, 4) == 3
+    assert written(0, 4, event=deleted_event(0, [(1, 2), (2, 3)], 2)) == 1
+    assert written(0, 4, event=deleted_event(0, [(0, 9)], 2)) == 0
+    of_2026 = '{"recording": "", "first": 1, "stop": 4, "frames": 3, "file": ""}'
+    assert written(0, 4, event=Event(0, "retention", 3, of_2026)) == 0
 
 
 def test_a_disk_that_fails_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path, _ = segment(tmp_path)
-    really = os.read
+    path, edges = segment(tmp_path, 40)
+    really, size = os.read, path.stat().st_size
 
-    def fail(fd: int, size: int) -> bytes:
-        if os.lseek(fd, 0, os.SEEK_CUR) >= path.stat().st_size:
+    def fail(fd: int, length: int) -> bytes:
+        if os.lseek(fd, 0, os.SEEK_CUR) >= 100_000:
             raise OSError(5, "Input/output error")
-        return really(fd, min(size, 1000))
+        return really(fd, min(length, 1000))
 
-    with SegmentFile(path) as file:
-        monkeypatch.setattr("daq.journal.format.os.read", fail)
-        file.size += 100
-        *_, damage = file.blocks()
-        assert file.fault == "cannot be read (Input/output error)"
-        assert damage[1:3] == (100, True)
+    monkeypatch.setattr("daq.journal.segment.os.read", fail)
+    content = read_segment(path)
+    whole = sum(edge <= 100_000 for edge in edges) - 1
+    assert content.torn_bytes == size - edges[whole]
+    assert content.torn_text.endswith("cannot be read (Input/output error)")
+    assert numbers(read_journal([path]).frames).tolist() == list(range(100 * whole))
 
 
 def test_the_first_twenty_notes_are_given_and_the_others_counted() -> None:
@@ -533,7 +532,4 @@ def test_hours_without_a_run_go_from_the_open_recording_and_are_no_loss(tmp_path
     assert len(read) < 60 * 100
     assert read[-1] == 3_840_000 * 59 + 99
     assert not contents.lost.any
-    assert "deleted to make room" in contents.lost.text
-    # What the deleted files reported of files before them is reported still, and once.
-    assert sum(event.value for event in contents.events) == 60 * 100 - len(read)
     assert {event.code for event in contents.events} == {"retention"}

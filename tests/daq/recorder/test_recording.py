@@ -13,8 +13,8 @@ from daq.bench.campaign import Origin
 from daq.bench.config import Bench
 from daq.bus.source import HopLosses, Now
 from daq.control.messages import Arm, Pause, Phase, Until
-from daq.journal.format import JournalHead
 from daq.journal.reader import last_recording, read_journal, segments_in
+from daq.journal.segment import JournalHead
 from daq.journal.writer import JournalError, JournalWriter
 from daq.recorder import judging
 from daq.recorder.campaigns import resumable

@@ -32,9 +32,8 @@ from daq.control.messages import (
     Stop,
     Until,
 )
-from daq.journal.format import segment_number
 from daq.journal.reader import read_journal, recordings
-from daq.journal.segment import SyncedFile
+from daq.journal.segment import SyncedFile, segment_number
 from daq.runs import RunStatus
 from dbc import Codec, FrameBatch
 from tui.commands.record import recover

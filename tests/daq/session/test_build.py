@@ -19,8 +19,8 @@ from daq.bench.campaign import Campaign
 from daq.bench.config import Bench
 from daq.bus.source import HopLosses
 from daq.channels import Channel, Quantity
-from daq.journal.format import JournalHead
 from daq.journal.reader import HopCounts
+from daq.journal.segment import JournalHead
 from daq.journal.writer import JournalWriter
 from daq.runlog import Code, entry, verdict_entry
 from daq.runs import Event, Excitation, Run, RunStatus

@@ -18,8 +18,8 @@ from daq.bench.channel_map import ChannelMap, GivenRun, load_channel_map
 from daq.bench.config import Bench, bench_codec, parse_bench
 from daq.bench.sensors import stored_databases
 from daq.bus.source import HopLosses
-from daq.journal.format import JournalHead
 from daq.journal.reader import HopCounts
+from daq.journal.segment import JournalHead
 from daq.journal.writer import JournalWriter
 from daq.runs import Event, Excitation, Losses, Run, RunStatus, SampleGroup
 from daq.samples.mapping import Column, Columns
