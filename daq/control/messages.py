@@ -344,8 +344,6 @@ class Reply:
     """Error in one line; empty if the order was carried out."""
     status: Status | None = None
     """Answer to `Hello`, `AskStatus` and every order; None before the first status."""
-    live: Live | None = None
-    """Answer to `AskHistory`."""
     bench_text: str = ""
     """Answer to `AskBench`."""
     check: tuple[Finding, ...] = ()
@@ -380,13 +378,6 @@ class Hello:
 @dataclass(frozen=True, slots=True)
 class AskStatus:
     """Ask for the status."""
-
-
-@dataclass(frozen=True, slots=True)
-class AskHistory:
-    """Ask for the live samples of the last seconds, so that the lanes begin full."""
-
-    seconds: Annotated[float, Field(gt=0, le=60)] = 10.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -523,7 +514,7 @@ class Acknowledge:
     """Switch the overload lamps off."""
 
 
-Question = Hello | AskStatus | AskHistory | AskBench | AskCheck
+Question = Hello | AskStatus | AskBench | AskCheck
 """The orders that a viewer may send; all others need control."""
 Order = (
     Question | Start | Configure | Stop | Build | ShutDown | Arm | Pause | Choose

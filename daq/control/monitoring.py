@@ -80,11 +80,6 @@ class Systemd:
         self._send("\n".join(lines))
         return stalled
 
-    def reloading(self) -> None:
-        """Report that the configuration is being reloaded; the next `notify` reports the end."""
-        self._ready = False
-        self._send("RELOADING=1")
-
     def stopping(self) -> None:
         """Report that the recorder ends."""
         self._send("STOPPING=1")

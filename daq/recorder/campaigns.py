@@ -91,7 +91,7 @@ def resumable(journal: Path, bench: Bench) -> tuple[RecordingInfo, Bench] | str:
             recorded = parse_bench(text, "bench.toml in the journal", Path(), bench.dbc_text)
             _log.warning(
                 "the resumed recording continues with its own bench.toml, not with the one in the "
-                "file: reload to use that, or start a new recording"
+                "file: start a new campaign to use that"
             )
             return tail, replace(
                 recorded,

@@ -33,12 +33,9 @@ CHECK_S = 10.0
 _SLACK_NS = 1_000_000_000
 """Time for which blocks are kept in addition, and by which the stamps of two buses may differ, ns;
 if they go back further, a clock was set."""
-MOST_BYTES = 128 << 20
-"""Largest number of bytes kept, in case the stamps of a bus do not advance and no block grows
-old."""
-_BLOCK_BYTES = 4096
-"""Bytes of a block in addition to its frames and samples, about."""
-_FRAME_BYTES = 16  # in addition to the payload
+BLOCKS_PER_S = 40
+"""Largest number of blocks kept for each second, in case the stamps of a bus do not advance: usual
+are ten."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,13 +48,6 @@ class _Block:
     losses: Losses
     """All losses counted up to it."""
 
-    @property
-    def size(self) -> int:
-        """Memory of the block, bytes, about."""
-        samples = sum(t_ns.nbytes + value.nbytes for t_ns, value in self.samples.values())
-        frames = self.frames.data.nbytes + _FRAME_BYTES * len(self.frames)
-        return _BLOCK_BYTES + frames + samples
-
 
 class Recent:
     """The blocks of the last `CHECK_S`, or `kept_s` if that is longer, in order of arrival."""
@@ -65,25 +55,23 @@ class Recent:
     def __init__(self, kept_s: float) -> None:
         self.kept_s = kept_s
         self._blocks = deque([_Block(0, 0, FrameBatch.empty(), {}, Losses())])
-        self._bytes = self._blocks[0].size
 
     def add(self, frames: FrameBatch, samples: SampleBlock, losses: Losses) -> None:
-        """Add a block that has frames; drop blocks that are too old, or beyond `MOST_BYTES`."""
+        """Add a block that has frames; drop blocks that are too old, or too many."""
         first_ns, last_ns = int(frames.t_ns.min()), int(frames.t_ns.max())
         block = _Block(first_ns, last_ns, frames, samples, losses)
-        previous_ns = self._blocks[-1].last_ns
+        previous_ns, kept_s = self._blocks[-1].last_ns, max(self.kept_s, CHECK_S)
         if last_ns < previous_ns - _SLACK_NS:  # the clock was set back: all earlier blocks go
             oldest_ns = previous_ns + 1
         else:
             # Counted from the previous block, not from this one: the first block after a pause of
             # the bus may end a run from before the pause.
-            oldest_ns = previous_ns - round(max(self.kept_s, CHECK_S) * 1e9) - _SLACK_NS
-        self._blocks.append(block)
-        self._bytes += block.size
-        while len(self._blocks) > 1 and (
-            self._blocks[0].last_ns < oldest_ns or self._bytes > MOST_BYTES
+            oldest_ns = previous_ns - round(kept_s * 1e9) - _SLACK_NS
+        while self._blocks and (
+            self._blocks[0].last_ns < oldest_ns or len(self._blocks) >= BLOCKS_PER_S * kept_s
         ):
-            self._bytes -= self._blocks.popleft().size
+            self._blocks.popleft()
+        self._blocks.append(block)
 
     def frames(self, seconds: float) -> FrameBatch:
         """Return the frames of the last seconds."""
@@ -174,7 +162,7 @@ class Judge:
 # Keeps the newest samples as an envelope: lowest and highest value by channel and bin -------------
 #
 # Terminals draw it.  The bins are a ring of data time; the recorder publishes each complete bin
-# once, and sends all of them to a client that asks for the history.
+# once.
 
 BIN_S = 0.02
 """Width of a bin, s."""
@@ -182,12 +170,12 @@ LATE_S = 0.1
 """Time, s, after its end at which a bin counts as complete: buses do not deliver at the same
 time."""
 _BIN_NS = round(BIN_S * 1e9)
-# Length of the ring, s.
-_BINS = round(60.0 / BIN_S)
+# Length of the ring, s: the longest time that is published at once, after a gap in time.
+_BINS = round(10.0 / BIN_S)
 
 
 class LiveRing:
-    """The last minute of some channels, as an envelope."""
+    """The last seconds of some channels, as an envelope."""
 
     def __init__(self, channels: Sequence[str]) -> None:
         self._row = {name: row for row, name in enumerate(channels)}
@@ -222,18 +210,8 @@ class LiveRing:
         complete = self._end - math.ceil(LATE_S / BIN_S)
         if complete <= self._sent:
             return None
-        # Longest time, s, that is published at once, after a gap in time.
-        first = max(self._sent, complete - round(10.0 / BIN_S), self._first)
-        self._sent = complete
-        return self._live(first, complete)
-
-    def history(self, seconds: float) -> Live:
-        """Return the complete bins of the last seconds."""
-        complete = max(self._end - math.ceil(LATE_S / BIN_S), self._first)
-        return self._live(max(complete - round(seconds / BIN_S), self._first), complete)
-
-    def _live(self, first: int, stop: int) -> Live:
-        columns = np.arange(first, stop) % _BINS
+        first, self._sent = max(self._sent, self._first), complete
+        columns = np.arange(first, complete) % _BINS
         low, high = self._low[:, columns], self._high[:, columns]
         lanes = (Lane(name, _plain(low[row]), _plain(high[row])) for name, row in self._row.items())
         return Live(first, BIN_S, tuple(lanes))

@@ -25,7 +25,6 @@ from ..bus.source import STEADY_CLOCK, HopLosses, Link, LinkFacts, Now, OpenSour
 from ..control.messages import (
     AskBench,
     AskCheck,
-    AskHistory,
     AskStatus,
     Build,
     Hello,
@@ -90,7 +89,7 @@ class Recorder:
         self._pieces = pieces or PieceQueue()
         self._storage = StorageWatch()
         self._readers = Readers(self._pieces, self._storage)
-        self._orders: SimpleQueue[tuple[Order | Bench, str, Future[Reply]]] = SimpleQueue()
+        self._orders: SimpleQueue[tuple[Order, str, Future[Reply]]] = SimpleQueue()
         self._order_came = threading.Event()
         self._takes_orders = True
         self._checks = ThreadPoolExecutor(1, "check")
@@ -111,13 +110,6 @@ class Recorder:
 
         The future fails with `OrderError` if the order is refused.
         """
-        return self._queue(order, by)
-
-    def reload(self, bench: Bench) -> Future[Reply]:
-        """Queue a change to a checked bench with, unlike `Configure`, its buses and DBC."""
-        return self._queue(bench, "reload")
-
-    def _queue(self, order: Order | Bench, by: str) -> Future[Reply]:
         answer: Future[Reply] = Future()
         self._orders.put((order, by, answer))
         self._order_came.set()
@@ -245,14 +237,12 @@ class Recorder:
             begun=self._begun,
         )
 
-    def _answer(self, order: Order | Bench, by: str, answer: Future[Reply]) -> Reply | None:
+    def _answer(self, order: Order, by: str, answer: Future[Reply]) -> Reply | None:
         """Execute an order; return None if the answer comes later."""
         now = self._clock()
         match order:
             case Hello() | AskStatus():
                 pass
-            case AskHistory():
-                return Reply(live=self._recording.history(order.seconds))
             case AskBench():
                 return Reply(bench_text=self._recording.bench.text)
             case AskCheck():
@@ -270,8 +260,6 @@ class Recorder:
                 self._build(self._campaign())
             case ShutDown():
                 self._ended = True
-            case Bench():
-                self._reload(order, now)
             case _:
                 self._campaign().recording.carry_out(order, by, now)
                 self._writer.limits = self._recording.bench.recorder
@@ -356,27 +344,6 @@ class Recorder:
         self._build_s = None
         revision = opened.recording.run_log.revision
         self._derivation.begin(opened.session, opened.segments, opened.campaign, revision)
-
-    def _reload(self, bench: Bench, now: Now) -> None:
-        bench_mapping(bench, bench_codec(bench))
-        if self._recording.running:
-            raise OrderError(f"{self._recording.running} is being recorded: try again")
-        before = self._recording.bench
-        rewired = bench.buses != before.buses
-        if rewired:
-            self._stop_readers()
-        try:
-            if bench.dbc_text != before.dbc_text:
-                self._go_on(bench, "the DBC was changed", now, campaign=True)
-            elif not self._opened.campaign and bench.text != before.text:
-                self._go_on(bench, "a new bench.toml was read", now, campaign=True)
-            else:
-                self._recording.reconfigure(bench, now)
-            self._writer.limits = bench.recorder
-            self._bench = bench
-        finally:
-            if rewired:  # with the old bench, if the new one could not be adopted
-                self._start_readers()
 
     # Readers -----------------------------------------------------------------------------------
 

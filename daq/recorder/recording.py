@@ -35,7 +35,7 @@ from ..control.messages import (
     StorageStatus,
     Tally,
 )
-from ..runlog import Change, Code, RunLog, advance, parse_label, verdict_entry
+from ..runlog import Change, RunLog, advance, parse_label, verdict_entry
 from ..runs import Event, Losses
 from ..samples import converter as health
 from ..samples import trigger
@@ -299,11 +299,6 @@ class Recording:
             case _:
                 self._loop.decide(self._surroundings())
 
-    def reconfigure(self, bench: Bench, now: Now) -> None:
-        """Continue with a checked bench, and store its text."""
-        self.note(Code.BENCH, 0.0, bench.text, now)
-        self.adopt(bench, bench_codec(bench))
-
     def note(self, code: str, value: float, text: str, now: Now) -> None:
         """Store an event of the recorder, at the time of the latest frame."""
         self._log(Event(self._t_ns or now.wall_ns, code, value, text))
@@ -361,10 +356,6 @@ class Recording:
     def live(self) -> Live | None:
         """Return the samples that became complete since the last call."""
         return self._live.fresh()
-
-    def history(self, seconds: float) -> Live:
-        """Return the samples of the last seconds, at most sixty."""
-        return self._live.history(seconds)
 
     @property
     def _due(self) -> Due | None:

@@ -12,7 +12,7 @@ from typing import Any, cast
 
 import pytest
 
-from daq.bench.config import Bench, default_bench_text, parse_bench
+from daq.bench.config import default_bench_text, parse_bench
 from daq.control.messages import (
     Arm,
     Order,
@@ -24,7 +24,6 @@ from daq.control.messages import (
     Stop,
     StorageStatus,
     Until,
-    setup_of,
 )
 from daq.recorder.recorder import Publish
 from dbc.words import InputError
@@ -35,7 +34,7 @@ from tui.recorders.traffic import Traffic
 from ..daq.a_status import a_status
 
 BENCH = parse_bench(default_bench_text(), "bench.toml", Path(), "")
-TRAFFIC = Traffic(BENCH, cast(Any, None), lambda: BENCH)
+TRAFFIC = Traffic(BENCH, cast(Any, None))
 
 
 class Engine:
@@ -173,12 +172,9 @@ class All:
 
     def __init__(self, runs: Callable[[threading.Event, Publish, Any], None]) -> None:
         self._runs = runs
-        self.setup: object = None
         self.published: list[tuple[Status, object]] = []
         self.said: list[str] = []
         self.clients = False
-        self.answer: Future[Reply] = Future()
-        self.reloaded: list[Bench] = []
         self.stored = StorageStatus()
         self.watched: list[bool] = []
         self.looks: list[float] = []
@@ -215,15 +211,6 @@ class All:
         """Note it."""
         self.said.append("stopping")
 
-    def reloading(self) -> None:
-        """Note it."""
-        self.said.append("reloading")
-
-    def reload(self, bench: Bench) -> Future[Reply]:
-        """Take another bench."""
-        self.reloaded.append(bench)
-        return self.answer
-
     def close(self) -> None:
         """Note it."""
         self.said.append("closed")
@@ -257,10 +244,8 @@ def test_a_second_signal_ends_the_process_at_once_unless_it_is_the_same_one(
     clock[0] += after_s
     signals.take(signal.SIGTERM, None)
     assert exits == [128 + 15] * killed
-    assert not signals.reload.is_set()
     clock[0] += 9.0
     signals.take(signal.SIGHUP, None)
-    assert signals.reload.is_set()
     assert exits == [143] * killed
 
 
@@ -349,66 +334,6 @@ def test_a_writer_that_hangs_is_reported_to_clients_and_in_the_log(tmp_path: Pat
     assert news
     assert [alarm.code for alarm in news[0].alarms][-1:] == ["not_recording"]
     assert "alarm not_recording" in path.read_text()
-
-
-# Reload ------------------------------------------------------------------------------------------
-
-
-def test_a_bench_that_is_read_anew_is_taken_and_sent_to_new_clients(tmp_path: Path) -> None:
-    other = replace(BENCH, vehicle=replace(BENCH.vehicle, name="T5"))
-    all_ = All(none)
-    path = tmp_path / "a.log"
-    with Log(path) as log:
-        made(all_, log, reread=lambda: other)._reload()
-        assert all_.reloaded == [other]
-        assert all_.setup is None, "not before the recorder has it"
-        all_.answer.set_result(Reply())
-        log.line("then")
-    assert all_.said == ["reloading"]
-    assert all_.setup == setup_of(other)
-    assert "reload: bench.toml reloaded" in path.read_text()
-
-
-@pytest.mark.parametrize("refused", [True, False])
-def test_a_bench_that_cannot_be_taken_leaves_the_one_in_force(
-    refused: bool, tmp_path: Path
-) -> None:
-    all_ = All(none)
-    path = tmp_path / "a.log"
-    error = InputError("bench.toml:2", "is no table", "correct it")
-
-    def broken() -> Bench:
-        raise error
-
-    with Log(path) as log:
-        made(all_, log, reread=(lambda: BENCH) if refused else broken)._reload()
-        if refused:
-            all_.answer.set_exception(error)
-    assert len(all_.reloaded) == refused
-    assert all_.setup is None
-    assert "is no table (correct it); the bench.toml in force stays" in path.read_text()
-
-
-def test_a_hangup_reloads_once(tmp_path: Path) -> None:
-    signals = _Signals(threading.Event())
-    turns: list[int] = []
-    enough = threading.Event()
-
-    def records(_: threading.Event, publish: Publish, __: object) -> None:
-        publish(replace(a_status(), phase=Phase.IDLE), None)
-        enough.wait(20.0)
-
-    def stage(done: float, text: str = "") -> None:
-        turns.append(len(all_.reloaded))
-        if len(turns) == 3:
-            enough.set()
-
-    all_ = All(records)
-    signals.reload.set()
-    with Log(tmp_path / "a.log") as log:
-        made(all_, log).run(signals, stage)
-    assert turns[:3] == [1, 1, 1]
-    assert not signals.reload.is_set()
 
 
 def test_a_recorder_that_fails_ends_the_command_with_its_reason(tmp_path: Path) -> None:

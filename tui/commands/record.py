@@ -52,7 +52,6 @@ def record(
 
     Ends when the campaign is complete; Ctrl-C or SIGTERM ends it earlier, without loss.
     With --keep-on only a signal ends it, within seconds, and it waits for a missing bus.
-    SIGHUP reloads bench.toml.
     """
     from daq.control.address import lone_recorder
 

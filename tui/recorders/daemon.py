@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 
 BY = "record"
 """Author, in the journal, of the daemon's own orders."""
-_RELOAD: int | None = getattr(signal, "SIGHUP", None)
-"""Signal to reload the bench; Windows has no SIGHUP, so there only an order reloads it."""
+_HANGUP: int | None = getattr(signal, "SIGHUP", None)
+"""Signal of a terminal whose line is lost, which ends no recorder; Windows has none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,8 +42,7 @@ class Lifetime:
     arm: bool
     """Arm each campaign as a whole at its start; else a terminal arms."""
     keep_on: bool
-    """Go on recording after a campaign, until a signal comes; an order or a new bench.toml begins
-    the next campaign."""
+    """Go on recording after a campaign, until a signal comes; an order begins the next campaign."""
     stay: bool = False
     """Keep a complete campaign open, so that a terminal can go on to its results."""
     attended: bool = False
@@ -76,14 +75,9 @@ def record_campaign(
     say_left_out(codec)
     mapped_channels(traffic.bench, codec)  # before anything is made
 
-    def unreviewed(bench: Bench) -> Bench:
-        """Return a bench whose runs are accepted without a pause to reject them."""
-        return replace(bench, campaign=replace(bench.campaign, accept_after_s=0.0))
-
     if lifetime.arm:  # no operator reviews the runs, so the next bump may come at once
-        reread = traffic.reread
-        bench = unreviewed(traffic.bench)
-        traffic = replace(traffic, bench=bench, reread=lambda: unreviewed(reread()))
+        campaign = replace(traffic.bench.campaign, accept_after_s=0.0)
+        traffic = replace(traffic, bench=replace(traffic.bench, campaign=campaign))
     open_source = traffic.open_source
     if not lifetime.keep_on:
         open_source = _opened_at_once(traffic.bench, open_source)
@@ -121,11 +115,11 @@ class _Signals:
     """Signals received from the operating system while the block runs."""
 
     def __init__(self, end: threading.Event) -> None:
-        self.end, self.reload = end, threading.Event()
+        self.end = end
         self._asked_s = time.monotonic()
 
     def __enter__(self) -> _Signals:
-        numbers = [signal.SIGTERM, signal.SIGINT, *([] if _RELOAD is None else [_RELOAD])]
+        numbers = [signal.SIGTERM, signal.SIGINT, *([] if _HANGUP is None else [_HANGUP])]
         self._before = {number: signal.signal(number, self.take) for number in numbers}
         return self
 
@@ -134,9 +128,8 @@ class _Signals:
             signal.signal(number, handler)
 
     def take(self, number: int, _frame: object) -> None:
-        """Reload with SIGHUP; end with others, with a second one at once."""
-        if number == _RELOAD:
-            self.reload.set()
+        """End with a signal other than SIGHUP, with a second one at once."""
+        if number == _HANGUP:
             return
         now_s = time.monotonic()
         # timeout(1) signals process and group: two signals within 0.5 s count as one.
@@ -193,9 +186,6 @@ class _Daemon:
                 self._stop.set()
             if self._status is None:
                 continue
-            if signals.reload.is_set():
-                signals.reload.clear()
-                self._reload()
             self._lead(self._status, signals.end.is_set())
             # If the writer itself hangs, it publishes no alarm.
             last = self._status
@@ -260,27 +250,6 @@ class _Daemon:
             else:
                 self._log.line(f"the campaign is complete, but {refused}", "refused end")
                 self._ended = ""
-
-    def _reload(self) -> None:
-        """Reload bench.toml if it is valid; else keep the one in force."""
-        from daq import BumpbenchError
-        from daq.control.messages import setup_of
-
-        self._systemd.reloading()
-        try:
-            bench = self._traffic.reread()
-        except BumpbenchError as error:
-            self._log.line(f"reload: {error}; the bench.toml in force stays")
-            return
-
-        def reloaded(answer: Future[Reply]) -> None:
-            if (error := answer.exception()) is None:
-                self._server.setup = setup_of(bench)
-                self._log.line("reload: bench.toml reloaded")
-            else:
-                self._log.line(f"reload: {error}; the bench.toml in force stays")
-
-        self._recorder.reload(bench).add_done_callback(reloaded)
 
     def _report(self, status: Status) -> None:
         """Report a status to systemd and the log."""

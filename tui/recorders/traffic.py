@@ -24,8 +24,6 @@ class Traffic:
     bench: Bench
     open_source: OpenSource
     """Opens a bus, given its description and its number."""
-    reread: Callable[[], Bench]
-    """Reads and checks bench.toml again, for a reload."""
     follow: Callable[[Status], None] | None = None
     """Called with every status of the recorder, in the writer's thread."""
     close: Callable[[], None] = lambda: None
@@ -36,10 +34,7 @@ def bus_traffic(path: Path | None, interface: str | None, channel: str | None) -
     """Return the traffic of real buses; parameters and errors are those of `shared_bench`."""
     from daq.bus.interfaces import open_source
 
-    def read() -> Bench:
-        return shared_bench(path, interface, channel)
-
-    return Traffic(read(), open_source, read)
+    return Traffic(shared_bench(path, interface, channel), open_source)
 
 
 def simulated_traffic(path: Path | None, speed: float, fault: str, seed: int = 1) -> Traffic:
@@ -57,10 +52,7 @@ def simulated_traffic(path: Path | None, speed: float, fault: str, seed: int = 1
     if fault and fault not in set(Fault):
         raise unknown_value("--fault", fault, "fault", list(Fault))
 
-    def read() -> Bench:
-        return replace(load_bench(path), origin=Origin.SIMULATED)
-
-    bench = read()
+    bench = replace(load_bench(path), origin=Origin.SIMULATED)
     latest: list[Status] = []
     simulated = SimulatedBench(
         bench,
@@ -79,7 +71,7 @@ def simulated_traffic(path: Path | None, speed: float, fault: str, seed: int = 1
     def follow(status: Status) -> None:
         latest[:] = [status]
 
-    return Traffic(bench, open_source, read, follow, simulated.dismantle)
+    return Traffic(bench, open_source, follow, simulated.dismantle)
 
 
 def replayed_traffic(path: Path, speed: float) -> Traffic:
@@ -106,4 +98,4 @@ def replayed_traffic(path: Path, speed: float) -> Traffic:
     def open_source(_: BusConfig, number: int) -> FrameSource:
         return RecordedSource(frames, number, speed, time.time_ns())
 
-    return Traffic(bench, open_source, lambda: bench)
+    return Traffic(bench, open_source)

@@ -24,7 +24,6 @@ from daq.control import messages
 from daq.control.exchange import OrderRefusedError
 from daq.control.messages import (
     AskBench,
-    AskHistory,
     Hello,
     Live,
     Note,
@@ -55,7 +54,6 @@ RECORDER_GOES_ON = (
     ' to end the recorder, press Ctrl+P there and choose "recorder: shut down".'
 )
 """Text that a closed terminal leaves on stderr."""
-HISTORY_S = 10.0
 """Seconds of samples that a new terminal asks for: more than the chart shows."""
 AUTO_S = 0.25
 """Seconds between two checks of `--auto` for a next action."""
@@ -164,7 +162,7 @@ class BenchApp(KeyboardApp):
         self._role = Role(False)
         self._started = self._asks_setup = False
         self._wanted = wanted
-        self._halted, self._history_of = "", ""
+        self._halted = ""
 
     # News ---------------------------------------------------------------------------------------
 
@@ -211,7 +209,6 @@ class BenchApp(KeyboardApp):
                 self.lanes.add(news)
                 live = True
             elif isinstance(news, Role):
-                self._history_of = ""
                 if news.text:
                     self.warn(news.text)
             elif isinstance(news, Setup):
@@ -277,20 +274,9 @@ class BenchApp(KeyboardApp):
             self.screen.post_message(message)
 
     def _fetch_missing(self, before: Status | None, status: Status) -> None:
-        """Fetch the samples from before this terminal's start, and the bench, if they are new."""
-        if self._history_of != status.recording:
-            self._history_of = status.recording
-            self._fetch_history()
+        """Fetch the bench if it is new."""
         if before is None or before.bench_crc32 != status.bench_crc32 or self.bench is None:
             self._fetch_bench()
-
-    @work(group="history", exclusive=True)
-    async def _fetch_history(self) -> None:
-        with suppress(OrderRefusedError):
-            reply = await self.feed.ask(AskHistory(HISTORY_S))
-            if reply.live is not None:
-                self.lanes.add(reply.live)
-                self._publish(LiveArrived())
 
     @work(group="bench", exclusive=True)
     async def _fetch_bench(self) -> None:

@@ -32,7 +32,6 @@ from daq.control.messages import (
     Arm,
     AskBench,
     AskCheck,
-    AskHistory,
     AskStatus,
     Hello,
     Lane,
@@ -353,8 +352,6 @@ def test_whether_a_client_is_there_is_known(server: Server, address: Path) -> No
 # The limits of orders, and a recorder of another version ------------------------------------------
 
 LIMITS: tuple[tuple[type, str, object, object], ...] = (
-    (AskHistory, "seconds", 60, 60.1),
-    (AskHistory, "seconds", 1e-3, 0),
     (AskCheck, "seconds", 10, 10.1),
     (AskCheck, "seconds", 1e-3, 0),
     (Accept, "reason", "x" * 500, "x" * 501),

@@ -43,8 +43,6 @@ from tui.recorders.lines import status_lines
 
 from ..crash_frames import block, numbers
 from ..recorder_run import (
-    CAN0,
-    CAN1,
     ENDED,
     PATIENCE_S,
     Gated,
@@ -280,29 +278,6 @@ def test_a_recording_taken_up_never_goes_back_in_time(
         STEADY_CLOCK.begin()
 
 
-def test_a_reload_that_fails_leaves_the_buses_read(
-    quick: Bench, codec: Codec, tmp_path: Path
-) -> None:
-    disk = Disk()
-    opened: list[int] = []
-
-    def open_source(_: object, number: int) -> Script:
-        opened.append(number)
-        return Script(blocks(bumps(codec, 1), 300))
-
-    with Running(quick, tmp_path, open_source, create=disk.create) as running:
-        running.until(lambda s: s.disk.recorded_frames == 1200)
-        disk.refuses.set()
-        running.order(Mark("waits"))
-        other = replace(quick, buses=(CAN0, CAN1), dbc_text=quick.dbc_text + "\n")
-        with pytest.raises(OrderError, match="the disk refuses"):
-            running.recorder.reload(other).result(PATIENCE_S)
-        disk.refuses.clear()
-        running.until(lambda s: s.disk.recorded_frames == 2400)
-        assert [bus.name for bus in running.last.buses] == ["test can0"]
-    assert opened == [0, 0]
-
-
 def test_a_run_rejected_while_it_is_recorded_can_be_neither_configured_nor_lost(
     quick: Bench, codec: Codec, tmp_path: Path
 ) -> None:
@@ -322,8 +297,6 @@ def test_a_run_rejected_while_it_is_recorded_can_be_neither_configured_nor_lost(
         running.order(Reject())
         with pytest.raises(OrderError, match="baseline_bounce_1 is being recorded"):
             running.order(Configure(quick.text))
-        with pytest.raises(OrderError, match="baseline_bounce_1 is being recorded"):
-            running.recorder.reload(quick).result(PATIENCE_S)
         status = running.order(Undo()).status
         assert status is not None
         assert [str(run.status) for run in status.runs] == ["open"]

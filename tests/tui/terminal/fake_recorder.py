@@ -20,7 +20,6 @@ from daq.control.messages import (
     Arm,
     AskBench,
     AskCheck,
-    AskHistory,
     Build,
     BusState,
     BusStatus,
@@ -137,8 +136,6 @@ class FakeRecorder(RecorderFeed):
         if self.refuse:
             raise OrderRefusedError(self.refuse)
         match order:
-            case AskHistory():
-                return Reply(live=self.live())
             case AskBench():
                 return Reply(bench_text=self.bench_text)
             case AskCheck():

@@ -372,7 +372,7 @@ def test_history_is_rolled_and_gaps_stay_gaps() -> None:
     expected = [np.nan, 1.0, 2.0, np.nan, np.nan, 3.0, np.nan, np.nan]
     assert np.array_equal(low, expected, equal_nan=True)
     assert np.array_equal(high, expected, equal_nan=True)
-    lanes.add(_live(102, [7.0, 8.0]))  # the history that was asked for comes late
+    lanes.add(_live(102, [7.0, 8.0]))  # late
     assert lanes.window("a", 100, 6)[0][:5].tolist() == [1.0, 2.0, 7.0, 8.0, 3.0]
     assert lanes.end == 106
     assert np.isnan(lanes.window("b", 100, 4)[0]).all()
