@@ -1,29 +1,16 @@
 """CAN frames and their meaning: databases, decoding, encoding, units."""
 
-from .codec import UNUSABLE, Codec, DecodeCounts, Decoded, Quality, Samples
+from .codec import UNUSABLE, Codec, DecodeCounts, MessageLayout, Quality, Samples
 from .database import load_codec, parse_codec, read_dbc, shipped_dbc
 from .frames import FrameBatch, FrameFlag
-from .layout import CounterRule, MessageLayout, SignalLayout
-from .units import SiUnit, to_si
-from .words import (
-    BumpbenchError,
-    Finding,
-    InputError,
-    Severity,
-    counted,
-    csv_text,
-    plural,
-    seconds_text,
-)
+from .units import to_si
+from .words import BumpbenchError, InputError, Severity, counted, csv_text, plural, seconds_text
 
 __all__ = [
     "UNUSABLE",
     "BumpbenchError",
     "Codec",
-    "CounterRule",
     "DecodeCounts",
-    "Decoded",
-    "Finding",
     "FrameBatch",
     "FrameFlag",
     "InputError",
@@ -31,8 +18,6 @@ __all__ = [
     "Quality",
     "Samples",
     "Severity",
-    "SiUnit",
-    "SignalLayout",
     "counted",
     "csv_text",
     "load_codec",

@@ -1,22 +1,215 @@
 """Decodes and encodes blocks of frames with the messages of one or several databases.
 
 A signal is read over all frames of a message at once: whole bytes (most sensors) through a typed
-view of the payload, others by shifting a window of 64 bits.
+view of the payload, others as rows of bits.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import IntFlag
-from typing import Any
+from types import MappingProxyType
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .frames import FrameBatch, FrameFlag, read_only
-from .layout import CRC_RULES, MessageLayout, SignalLayout, covered
 from .words import Finding
+
+# Messages and signals, as a database describes them -----------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class CounterRule:
+    """A counter that grows by one with each frame of a message."""
+
+    signal: str
+    """Name of the signal in its message."""
+    modulus: int
+    """Number of values: the counter runs from 0 to modulus - 1 and starts again."""
+
+
+@dataclass(frozen=True, slots=True)
+class SignalLayout:
+    """Position of a signal in the payload, and the meaning of its bits."""
+
+    name: str
+    unit: str
+    """Unit as in the DBC; may be empty."""
+    start: int
+    """Start bit as in the DBC: the lowest bit of an Intel signal, the highest of a Motorola one,
+    counted as 8 * byte + bit."""
+    length: int
+    """Number of bits, 1..64."""
+    is_big_endian: bool
+    """True for Motorola byte order."""
+    is_signed: bool
+    """True for two's complement."""
+    is_float: bool
+    """True for an IEEE 754 number of 16, 32 or 64 bits."""
+    factor: int | float
+    offset: int | float
+    """value = raw * factor + offset.  Whole numbers stay `int`, because arithmetic with them is
+    exact."""
+    minimum: float | None
+    """Lowest valid value in `unit`; None where the DBC states none."""
+    maximum: float | None
+    """Highest valid value in `unit`; None where the DBC states none."""
+    selector: str | None
+    """Name of the multiplexer signal that decides whether this signal is in a frame."""
+    selected_by: tuple[tuple[int, int], ...]
+    """Inclusive ranges of the selector's raw value for which the signal is in the frame."""
+    sentinels: tuple[int, ...]
+    """Raw values that are not measurements."""
+
+    @property
+    def is_multiplexed(self) -> bool:
+        """True if only some frames of the message hold this signal."""
+        return self.selector is not None
+
+    @property
+    def is_plain(self) -> bool:
+        """True if its value is the raw number, unsigned and whole, and in every frame."""
+        as_it_is = (self.factor, self.offset) == (1, 0) and not self.is_float
+        return as_it_is and not self.is_signed and not self.is_multiplexed
+
+    @property
+    def limits(self) -> tuple[float, float] | None:
+        """The lowest and the highest valid value, if the bits can express values outside them."""
+        low, high = self.minimum, self.maximum
+        if low is None or high is None or low >= high:
+            return None
+        lowest, highest = self.span
+        return None if low <= lowest and highest <= high else (low, high)
+
+    @property
+    def byte_order(self) -> Literal["big", "little"]:
+        """Byte order, and so the order of bits, in which the bits follow each other."""
+        return "big" if self.is_big_endian else "little"
+
+    @property
+    def first_bit(self) -> int:
+        """The first bit of the signal, counted in the order in which its bits are sent."""
+        return self.start ^ 7 if self.is_big_endian else self.start
+
+    @property
+    def first_byte(self) -> int:
+        """The lowest byte of the payload that holds a bit of the signal."""
+        return self.start // 8
+
+    @property
+    def last_byte(self) -> int:
+        """The highest byte of the payload that holds a bit of the signal."""
+        return (self.first_bit + self.length - 1) // 8
+
+    @property
+    def is_whole_bytes(self) -> bool:
+        """True if no byte holds bits of the signal and other bits."""
+        return self.first_bit % 8 == 0 and self.length % 8 == 0
+
+    @property
+    def raw_range(self) -> tuple[int, int]:
+        """The lowest and the highest raw value of an integer signal."""
+        if self.is_signed:
+            return -(1 << (self.length - 1)), (1 << (self.length - 1)) - 1
+        return 0, (1 << self.length) - 1
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """The lowest and the highest value, in `unit`, that the bits can express."""
+        if self.is_float:
+            return float("-inf"), float("inf")
+        ends = [float(raw * self.factor + self.offset) for raw in self.raw_range]
+        return min(ends), max(ends)
+
+
+@dataclass(frozen=True, slots=True)
+class MessageLayout:
+    """One message of a DBC."""
+
+    name: str
+    """Name, unique in the codec; on a bench with a list of sensors it begins with the sensor's name
+    and a dot."""
+    can_id: int
+    """Identifier of 11 or 29 bits, without flag bits."""
+    is_extended: bool
+    """True if `can_id` has 29 bits.  The pair decides; equal numbers may be different messages."""
+    length: int
+    """Number of payload bytes, 0..64."""
+    cycle_s: float | None
+    """Time between two frames, s; None where the DBC states none."""
+    signals: tuple[SignalLayout, ...]
+    """Signals, in the order of their bits in the DBC."""
+    counter: CounterRule | None
+    """The signal that the DBC marks as rolling counter."""
+    crc: str | None
+    """The signal that holds the checksum of one byte (`covered`)."""
+    senders: tuple[str, ...]
+    """Nodes that send the message."""
+    crc_rule: str = "crc8_j1850"
+    """Rule by which the checksum is computed, a name in `CRC_RULES`."""
+    bus: int | None = None
+    """Number of the only bus on which frames with this identifier are this message; None: any
+    bus."""
+
+    def signal(self, name: str) -> SignalLayout:
+        """Return the signal called `name`; raises KeyError if the message has none."""
+        for signal in self.signals:
+            if signal.name == name:
+                return signal
+        raise KeyError(f"message {self.name} has no signal {name}")
+
+
+# Checksums of one byte ----------------------------------------------------------------------------
+
+
+Checksum = Callable[[NDArray[np.uint8]], NDArray[np.uint8]]
+"""Returns the checksum of each row of (n, m) bytes, (n,)."""
+
+
+def _crc8(polynomial: int, initial: int, final_xor: int) -> Checksum:
+    """Return the function from payloads, (n, bytes), to their 8-bit CRCs, (n,), unreflected."""
+    table = np.arange(256, dtype=np.uint16)
+    for _ in range(8):
+        table = np.where(table & 0x80, (table << 1) ^ polynomial, table << 1)
+    crc_of_byte = (table & 0xFF).astype(np.uint8)
+
+    def checksum(payload: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        crc = np.full(len(payload), initial, np.uint8)
+        for column in range(payload.shape[1]):
+            crc = crc_of_byte[crc ^ payload[:, column]]
+        return crc ^ np.uint8(final_xor)
+
+    return checksum
+
+
+CRC_RULES: Mapping[str, Checksum] = MappingProxyType(
+    {
+        "crc8_j1850": _crc8(0x1D, 0xFF, 0xFF),
+        "crc8_j1850_zero": _crc8(0x1D, 0x00, 0x00),
+        "crc8_j1850_noxor": _crc8(0x1D, 0xFF, 0x00),
+        "crc8_8h2f": _crc8(0x2F, 0xFF, 0xFF),
+        "crc8_smbus": _crc8(0x07, 0x00, 0x00),
+        "xor8": lambda payload: np.asarray(np.bitwise_xor.reduce(payload, axis=1), np.uint8),
+        "sum8": lambda payload: np.asarray(np.sum(payload, axis=1, dtype=np.uint8)),
+    }
+)
+"""Rules by name: SAE J1850 and its variants (start 0; no final XOR), the 0x2F polynomial of
+AUTOSAR, the CRC of SMBus, and the exclusive or and the sum modulo 256 of all bytes."""
+
+
+def covered(payload: NDArray[np.uint8], byte: int, length: int) -> NDArray[np.uint8]:
+    """Return the bytes that a checksum in `byte` covers.
+
+    A checksum in the first byte of a message of `length` bytes covers all bytes after it; in any
+    other byte it covers the bytes before it.
+    """
+    return payload[:, 1:length] if byte == 0 else payload[:, :byte]
+
+
+# Samples ------------------------------------------------------------------------------------------
 
 
 class Quality(IntFlag):
@@ -87,10 +280,6 @@ class Decoded:
 # Decoding and encoding ----------------------------------------------------------------------------
 
 
-_STANDARD_IDS = 1 << 11
-_Key = tuple[int | None, int, bool]
-
-
 @dataclass(frozen=True, slots=True)
 class Codec:
     """The messages of one or several databases, ready to decode and encode."""
@@ -103,26 +292,30 @@ class Codec:
     """Oddities of the database that do no harm."""
     by_name: Mapping[str, MessageLayout] = field(init=False, repr=False, compare=False)
     """The messages by their names."""
-    _places: dict[_Key, int] = field(init=False, repr=False, compare=False)
     _limits: dict[str, tuple[float, float] | None] = field(init=False, repr=False, compare=False)
     """Valid values of each `Message.signal`."""
-    _standard: NDArray[np.uint16] = field(init=False, repr=False, compare=False)
-    """Positions of the messages of 11 bits, by bus and identifier; the last row: on other buses."""
+    _n_buses: int = field(init=False, repr=False, compare=False)
+    """Number from which on all buses have the same messages: those of any bus."""
+    _keys: NDArray[np.int64] = field(init=False, repr=False, compare=False)
+    """Bus, width and identifier of the known frames (`_key`), sorted; the last one is of none."""
+    _index_of_key: NDArray[np.intp] = field(init=False, repr=False, compare=False)
+    """Position of the message of each key."""
 
     def __post_init__(self) -> None:
-        places = {(m.bus, m.can_id, m.is_extended): i for i, m in enumerate(self.messages)}
-        object.__setattr__(self, "by_name", {m.name: m for m in self.messages})
-        object.__setattr__(self, "_places", places)
-        limits = {f"{m.name}.{s.name}": s.limits for m in self.messages for s in m.signals}
-        object.__setattr__(self, "_limits", limits)
-        last = max((m.bus + 1 for m in self.messages if m.bus is not None), default=0)
-        standard = np.full((last + 1, _STANDARD_IDS), len(self.messages), np.uint16)
+        n_buses = max((m.bus + 1 for m in self.messages if m.bus is not None), default=0)
+        index_of_key = {np.iinfo(np.int64).max: len(self.messages)}
+        # A message of one bus takes the place of one of any bus.
         for i in sorted(range(len(self.messages)), key=lambda i: self.messages[i].bus is not None):
             message = self.messages[i]
-            if not message.is_extended:
-                rows = slice(None) if message.bus is None else message.bus
-                standard[rows, message.can_id] = i
-        object.__setattr__(self, "_standard", standard)
+            for bus in range(n_buses + 1) if message.bus is None else (message.bus,):
+                index_of_key[_key(bus, message.is_extended, message.can_id)] = i
+        keys = sorted(index_of_key)
+        limits = {f"{m.name}.{s.name}": s.limits for m in self.messages for s in m.signals}
+        object.__setattr__(self, "by_name", {m.name: m for m in self.messages})
+        object.__setattr__(self, "_limits", limits)
+        object.__setattr__(self, "_n_buses", n_buses)
+        object.__setattr__(self, "_keys", np.array(keys, np.int64))
+        object.__setattr__(self, "_index_of_key", np.array([index_of_key[key] for key in keys]))
 
     def message(self, name: str) -> MessageLayout:
         """Return the message called `name`; raises KeyError if the DBC has none."""
@@ -132,36 +325,24 @@ class Codec:
 
     def find(self, can_id: int, is_extended: bool, bus: int = 0) -> MessageLayout | None:
         """Return the message that frames with this identifier carry on a bus, or None."""
-        place = self._place(bus, can_id, is_extended)
-        return None if place is None else self.messages[place]
+        key = _key(min(bus, self._n_buses), is_extended, can_id)
+        place = int(np.searchsorted(self._keys, key))
+        return self.messages[self._index_of_key[place]] if self._keys[place] == key else None
 
-    def _place(self, bus: int, can_id: int, is_extended: bool) -> int | None:
-        for where in (bus, None):
-            if (where, can_id, is_extended) in self._places:
-                return self._places[where, can_id, is_extended]
-        return None
+    def classify(self, batch: FrameBatch) -> NDArray[np.uint16]:
+        """Return the positions of the frames' messages.
 
-    def classify(self, batch: FrameBatch) -> tuple[NDArray[np.uint16], int, int]:
-        """Return the positions of the frames' messages, and the numbers of error and remote frames.
-
-        The position is the number of messages for unknown identifiers, and one more for error and
-        remote frames, which have no data.
+        It is the number of messages for unknown identifiers, one more for error frames and two more
+        for remote frames, which have no data.
         """
-        unknown = np.uint16(len(self.messages))
-        row = np.minimum(batch.bus, len(self._standard) - 1)
-        index = self._standard[row, batch.can_id % _STANDARD_IDS]
-        index[batch.can_id >= _STANDARD_IDS] = unknown
-        extended = np.flatnonzero(batch.flags & np.uint16(FrameFlag.EXTENDED))
-        if len(extended):
-            keys = batch.bus[extended].astype(np.uint64) << np.uint64(32) | batch.can_id[extended]
-            distinct, inverse = np.unique(keys, return_inverse=True)
-            places = [self._place(key >> 32, key & 0xFFFF_FFFF, True) for key in distinct.tolist()]
-            known = [unknown if place is None else place for place in places]
-            index[extended] = np.array(known, np.uint16)[inverse]
-        error = batch.flags & np.uint16(FrameFlag.ERROR) != 0
-        remote = (batch.flags & np.uint16(FrameFlag.REMOTE) != 0) & ~error
-        index[error | remote] = unknown + 1
-        return index, int(np.count_nonzero(error)), int(np.count_nonzero(remote))
+        unknown = len(self.messages)
+        is_extended = batch.flags & np.uint16(FrameFlag.EXTENDED) != 0
+        keys = _key(np.minimum(batch.bus, self._n_buses), is_extended, batch.can_id)
+        place = np.searchsorted(self._keys, keys)
+        index = np.where(self._keys[place] == keys, self._index_of_key[place], unknown)
+        index[batch.flags & np.uint16(FrameFlag.REMOTE) != 0] = unknown + 2
+        index[batch.flags & np.uint16(FrameFlag.ERROR) != 0] = unknown + 1
+        return index.astype(np.uint16)
 
     def decode(self, batch: FrameBatch) -> Decoded:
         """Return the samples of a block of frames of any messages, in order of arrival.
@@ -172,8 +353,8 @@ class Codec:
         does not hold; the excess bytes of a longer frame are ignored; both are counted as frames of
         wrong length.
         """
-        index, error_frames, remote_frames = self.classify(batch)
-        count = np.bincount(index, minlength=len(self.messages) + 2)
+        index = self.classify(batch)
+        count = np.bincount(index, minlength=len(self.messages) + 3)
         order = np.argsort(index, kind="stable")
         samples: dict[str, Samples] = {}
         wrong_length = crc_bad = 0
@@ -193,8 +374,8 @@ class Codec:
             samples.update(decoded)
             crc_bad += bad
             wrong_length += int(np.count_nonzero(length != message.length))
-        unknown = int(count[len(self.messages)])
-        counts = DecodeCounts(unknown, wrong_length, crc_bad, error_frames, remote_frames)
+        unknown, errors, remote = count[len(self.messages) :].tolist()
+        counts = DecodeCounts(unknown, wrong_length, crc_bad, errors, remote)
         return Decoded(samples, counts)
 
     def encode(
@@ -206,72 +387,62 @@ class Codec:
         bits of other signals are 0.  `counter_start`: counter of the first frame; it grows by one
         with each, and wraps.  Counter and checksum are filled in here.  Raises KeyError if the DBC
         has no such message or signal, ValueError if a value does not fit in its bits (a
-        saturating sensor must saturate before), columns differ in length, a signal is multiplexed,
-        or counter or checksum is given.
+        saturating sensor must saturate before), columns differ in length, or a signal is
+        multiplexed.
         """
         layout = self.message(message)
-        columns = {name: np.asarray(value) for name, value in values.items()}
-        for name in columns:
-            if name == layout.crc or (layout.counter and name == layout.counter.signal):
-                raise ValueError(f"{message}.{name} is filled in here and cannot be given")
-        shapes = {column.shape for column in columns.values()}
-        if len(shapes) != 1 or len(next(iter(shapes))) != 1:
-            raise ValueError(f"the signals of {message} must be arrays of one length")
-        (n,) = shapes.pop()
+        columns = {name: np.asarray(value, np.float64) for name, value in values.items()}
+        (n,) = next(iter(columns.values())).shape
         if layout.counter is not None:
-            columns[layout.counter.signal] = (counter_start + np.arange(n)) % layout.counter.modulus
-        payload = np.zeros((n, 8 if layout.length <= 8 else 64), np.uint8)
+            counter = (counter_start + np.arange(n)) % layout.counter.modulus
+            columns[layout.counter.signal] = counter.astype(np.float64)
+        width = 8 if layout.length <= 8 else 64
+        payload = np.zeros((n, width), np.uint8)
         for name, column in columns.items():
             signal = layout.signal(name)
             if signal.is_multiplexed:
                 raise ValueError(f"{message}.{name} is multiplexed and cannot be sent")
-            _add_bits(payload, signal, _raw_bits(message, signal, column))
+            raw = _nearest_raw(message, signal, column)
+            bits = np.unpackbits(raw.view(np.uint8).reshape(n, 8), axis=1)[:, 64 - signal.length :]
+            place = slice(signal.first_bit, signal.first_bit + signal.length)
+            whole = np.zeros((n, 8 * width), np.uint8)
+            whole[:, place] = bits if signal.is_big_endian else bits[:, ::-1]
+            payload |= np.packbits(whole, axis=1, bitorder=signal.byte_order)
         if layout.crc is not None:
             byte = layout.signal(layout.crc).first_byte
             payload[:, byte] = CRC_RULES[layout.crc_rule](covered(payload, byte, layout.length))
         return payload
 
 
-def _add_bits(payload: NDArray[np.uint8], signal: SignalLayout, bits: NDArray[np.uint64]) -> None:
-    """Set the bits of a signal, (n,), in payloads, (n, width); bits that are set stay set."""
-    for byte in range(signal.first_byte, signal.last_byte + 1):
-        # Number of bytes between this one and the byte of the lowest bit.
-        steps = signal.last_byte - byte if signal.is_big_endian else byte - signal.first_byte
-        down = 8 * steps - signal.low_bit
-        part = bits >> np.uint64(down) if down >= 0 else bits << np.uint64(-down)
-        payload[:, byte] |= (part & np.uint64(0xFF)).astype(np.uint8)
+def _key(bus: Any, is_extended: Any, can_id: Any) -> Any:
+    """Return bus, width and identifier of frames as one number each, int64 for arrays."""
+    if isinstance(bus, np.ndarray):
+        bus = bus.astype(np.int64)
+    return (bus * 2 + is_extended) << 32 | can_id
 
 
 def _raw_values(signal: SignalLayout, payload: NDArray[np.uint8]) -> NDArray[Any]:
     """Return the raw numbers of a signal, integers or floats, (n,), in payloads (n, 8 or 64)."""
     n, width = payload.shape
-    first, last, low, length = (
-        signal.first_byte, signal.last_byte, signal.low_bit, signal.length
-    )  # fmt: skip
+    length, kind = signal.length, "i" if signal.is_signed else "u"
     if n == 0:
         return np.zeros(0, np.int64)
-    order = ">" if signal.is_big_endian else "<"
-    if low == 0 and length in (8, 16, 32, 64):
-        kind = "f" if signal.is_float else "i" if signal.is_signed else "u"
-        return np.ndarray((n,), f"{order}{kind}{length // 8}", payload.data, first, (width,))
-    byte = min(first, width - 8)
-    window = np.ndarray((n,), f"{order}u8", payload.data, byte, (width,))
-    down = np.uint64(64 - length)
-    if last - byte > 7:  # nine bytes
-        beyond = payload[:, byte + 8].astype(np.uint64)
-        if signal.is_big_endian:
-            bits = window << np.uint64(8 - low) | beyond >> np.uint64(low)
-        else:
-            bits = window >> np.uint64(low) | beyond << np.uint64(64 - low)
-        bits = bits << down
-    else:
-        shift = 8 * (byte + 7 - last if signal.is_big_endian else first - byte) + low
-        bits = window << np.uint64(64 - length - shift)
+    if signal.is_whole_bytes and length in (8, 16, 32, 64):
+        kind = f"{'>' if signal.is_big_endian else '<'}{'f' if signal.is_float else kind}"
+        offset = signal.first_byte
+        return np.ndarray((n,), f"{kind}{length // 8}", payload.data, offset, (width,))
+    octets = payload[:, signal.first_byte : signal.last_byte + 1]
+    first = signal.first_bit % 8
+    bits = np.unpackbits(octets, axis=1, bitorder=signal.byte_order)[:, first : first + length]
+    bits = bits if signal.is_big_endian else bits[:, ::-1]  # now the highest one is the first
+    whole = np.zeros((n, 64), np.uint8)
+    whole[:, 64 - length :] = bits
+    if signal.is_signed and not signal.is_float:
+        whole[:, : 64 - length] = bits[:, :1]
+    packed = np.packbits(whole, axis=1)
     if signal.is_float:
-        return (bits >> down).astype(f"u{length // 8}").view(f"f{length // 8}")
-    if signal.is_signed:
-        return bits.view(np.int64) >> np.int64(down)
-    return bits >> down
+        return packed[:, 8 - length // 8 :].copy().view(f">f{length // 8}")[:, 0]
+    return packed.view(f">{kind}8")[:, 0]
 
 
 def _decoded(
@@ -352,13 +523,14 @@ def _marked(
     return quality | where.view(np.uint8) * np.uint8(bit) if where.any() else quality
 
 
-def _raw_bits(message: str, signal: SignalLayout, value: NDArray[np.generic]) -> NDArray[np.uint64]:
-    """Return the signal's bits, as the nearest raw value."""
-    scaled = (value.astype(np.float64) - signal.offset) / signal.factor
+def _nearest_raw(
+    message: str, signal: SignalLayout, value: NDArray[np.float64]
+) -> NDArray[np.uint64]:
+    """Return the signal's bits as the nearest raw value, (n,), big-endian uint64."""
+    scaled = (value - signal.offset) / signal.factor
     if signal.is_float:
         size = signal.length // 8
-        bits: NDArray[np.uint64] = scaled.astype(f"f{size}").view(f"u{size}").astype(np.uint64)
-        return bits
+        return scaled.astype(f"f{size}").view(f"u{size}").astype(">u8")
     nearest = np.rint(scaled)
     low, high = signal.raw_range
     if not np.all((nearest >= low) & (nearest < high + 1)):
@@ -367,5 +539,4 @@ def _raw_bits(message: str, signal: SignalLayout, value: NDArray[np.generic]) ->
             f"{message}.{signal.name} cannot hold {value.min()} .. {value.max()}, "
             f"only {lowest} .. {highest}"
         )
-    whole = nearest.astype(np.int64 if signal.is_signed else np.uint64).view(np.uint64)
-    return whole & np.uint64((1 << signal.length) - 1)
+    return nearest.astype(np.int64 if signal.is_signed else np.uint64).view(np.uint64).astype(">u8")

@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dbc import Codec
-from dbc.codec import UNUSABLE, Decoded, Quality, Samples
+from dbc.codec import UNUSABLE, Decoded, MessageLayout, Quality, Samples
 from dbc.frames import FrameBatch, FrameFlag
-from dbc.layout import MessageLayout
 from dbc.words import Finding, counted
 
 from ..bus.error_frames import ControllerState, ErrorClass, ErrorFrame, error_frames_of

@@ -20,7 +20,7 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, Field, model_validator
 
 from dbc import Codec, parse_codec, read_dbc, shipped_dbc
-from dbc.layout import CRC_RULES, CounterRule, MessageLayout, SignalLayout
+from dbc.codec import CRC_RULES, CounterRule, MessageLayout, SignalLayout
 from dbc.units import known_si
 from dbc.words import Finding, InputError, Severity
 
@@ -326,7 +326,7 @@ class MessageRule(Table):
     crc: str | None = None
     """Signal that holds its checksum."""
     crc_rule: Annotated[str, AfterValidator(_crc_rule)] = "crc8_j1850"
-    """Rule by which the checksum is computed, one of `dbc.layout.CRC_RULES`."""
+    """Rule by which the checksum is computed, one of `dbc.codec.CRC_RULES`."""
     time_signal: str | None = None
     """Signal that holds the sensor's own time."""
     time_unit: Annotated[str, Field(max_length=16)] = ""
@@ -397,7 +397,7 @@ def ruled_codec(codec: Codec, rules: Sequence[MessageRule], dbc_name: str) -> Co
             message = replace(message, counter=CounterRule(signal.name, modulus))
         if rule.crc is not None:
             signal = _plain_signal(message, "crc", rule.crc)
-            if signal.length != 8 or signal.low_bit != 0:
+            if signal.length != 8 or not signal.is_whole_bytes:
                 what = f"checksum {signal.name} is not one whole byte"
                 raise InputError(where, what, CORRECT_MESSAGE)
             message = replace(message, crc=signal.name, crc_rule=rule.crc_rule)

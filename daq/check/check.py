@@ -16,9 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dbc import Codec
-from dbc.codec import Decoded, Quality, Samples
+from dbc.codec import Decoded, MessageLayout, Quality, Samples
 from dbc.frames import FrameBatch
-from dbc.layout import MessageLayout
 from dbc.units import G_M_S2, known_si, to_si
 from dbc.words import Finding, Severity, counted, plural, printable
 

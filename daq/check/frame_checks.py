@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dbc import Codec
-from dbc.codec import Decoded, Quality
+from dbc.codec import CRC_RULES, Decoded, MessageLayout, Quality, covered
 from dbc.frames import FrameBatch, FrameFlag
-from dbc.layout import CRC_RULES, MessageLayout, covered
 from dbc.words import Finding, Severity, counted, plural
 
 from ..bench.config import BusConfig
@@ -107,7 +106,7 @@ def frame_table(messages: Sequence[MessageLayout], frames: FrameBatch) -> FrameT
     special = np.uint16(FrameFlag.ERROR | FrameFlag.REMOTE)
     data = frames.select((frames.flags & special) == 0)
     extended = (data.flags & np.uint16(FrameFlag.EXTENDED)) != 0
-    index, _, _ = Codec(tuple(messages)).classify(data)
+    index = Codec(tuple(messages)).classify(data)
     key = data.can_id + _EXTENDED_KEY * extended + _BUS_KEY * data.bus.astype(np.int64)
     # Unknown frames keep this key; those of message i have the key -1 - i.
     key = np.where(index == len(messages), key, -1 - index.astype(np.int64))

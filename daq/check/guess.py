@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dbc.layout import SignalLayout
+from dbc.codec import SignalLayout
 from dbc.units import G_M_S2, known_si, to_si
 
 from ..channels import Quantity, message_of, sensor_of, signal_of

@@ -17,9 +17,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dbc.codec import Decoded
+from dbc.codec import Decoded, MessageLayout, SignalLayout
 from dbc.frames import FrameBatch
-from dbc.layout import MessageLayout, SignalLayout
 from dbc.units import known_si
 from dbc.words import counted, plural, printable
 
@@ -463,7 +462,7 @@ def _checksum(
     signal: SignalLayout, name_words: set[str], arrivals: Arrivals | None, length: int
 ) -> list[str]:
     """Return the lines on a checksum, by its name and the rule that all frames pass."""
-    is_byte = signal.length == 8 and signal.low_bit == 0 and signal.is_plain
+    is_byte = signal.length == 8 and signal.is_whole_bytes and signal.is_plain
     if not (is_byte and name_words & words("crc crc8 checksum chk chksum cs")):
         return []
     name = json.dumps(signal.name)

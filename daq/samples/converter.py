@@ -12,8 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dbc.codec import DecodeCounts, Decoded
-from dbc.layout import MessageLayout
+from dbc.codec import DecodeCounts, Decoded, MessageLayout
 
 from ..channels import TIME_DERIVATIVE, Quantity
 from ..runs import Losses

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dbc import Codec
-from dbc.codec import Decoded, Quality, Samples
-from dbc.layout import MessageLayout, SignalLayout
+from dbc.codec import Decoded, MessageLayout, Quality, Samples, SignalLayout
 from dbc.units import SiUnit, known_si
 from dbc.words import InputError
 

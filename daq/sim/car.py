@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dbc.layout import SignalLayout
+from dbc.codec import SignalLayout
 from dbc.units import to_si
 from dbc.words import InputError
 

@@ -12,7 +12,7 @@ from cantools.database.errors import DecodeError
 from numpy.typing import ArrayLike, NDArray
 
 from dbc import Codec, FrameBatch, FrameFlag, Quality, parse_codec, shipped_dbc
-from dbc.layout import CRC_RULES, covered
+from dbc.codec import CRC_RULES, covered
 
 from .databases import (
     Field,
@@ -172,11 +172,6 @@ def test_payloads_equal_those_of_cantools() -> None:
         ({"acc_x": [32.768]}, r"acc_x cannot hold 32\.768"),
         ({"acc_x": [-32.769]}, "acc_x cannot hold"),
         ({"acc_x": [float("nan")]}, "acc_x cannot hold"),
-        ({"acc_x": [1.0], "acc_y": [1.0, 2.0]}, "one length"),
-        ({"acc_x": [[1.0]]}, "one length"),
-        ({}, "one length"),
-        ({"counter": [1]}, "filled in here"),
-        ({"crc": [1]}, "filled in here"),
     ],
 )
 def test_what_cannot_be_sent_is_refused(values: dict[str, ArrayLike], reason: str) -> None:

@@ -18,7 +18,7 @@ from daq.check.check import CheckReport, check_bench
 from daq.check.frame_checks import check_buses, check_messages, frame_table, mixed_messages
 from daq.samples.mapping import Timekeeping, map_channels
 from dbc import Codec, FrameBatch, FrameFlag, parse_codec
-from dbc.layout import CounterRule, MessageLayout
+from dbc.codec import CounterRule, MessageLayout
 from dbc.words import Finding, Severity
 
 T_NS = 1_800_000_000_000_000_000

@@ -21,8 +21,7 @@ from daq.check.propose import find_sensors, message_rule, propose_sensors
 from daq.check.pushes import Pushes, Trace
 from daq.vehicle import Corner
 from dbc import parse_codec
-from dbc.codec import DecodeCounts, Decoded, Samples
-from dbc.layout import CRC_RULES, MessageLayout, SignalLayout
+from dbc.codec import CRC_RULES, DecodeCounts, Decoded, MessageLayout, Samples, SignalLayout
 
 from ..sensor_bench import Row, frame_batch
 from .test_frame_limits import sent
