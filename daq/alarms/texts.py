@@ -167,11 +167,6 @@ EXPLAINED = MappingProxyType(
             "check termination (60 ohm between the wires), stubs and plugs",
             "error frames",
         ),
-        "clock_step": Explanation(
-            "clock set",
-            "The host's clock was set; the recorder's waiting times do not depend on it",
-            "wait until the clock is synchronised before measuring",
-        ),
     }
 )
 """Texts for every code of `Alarm.code`, the worst first."""

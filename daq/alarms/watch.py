@@ -26,9 +26,8 @@ from ..samples.mapping import MappedChannel
 from .symptoms import DEAD, WINDOW_S, BusWatch, Sensors, Traffic
 from .texts import EXPLAINED, GRAVITY, Counts, Key, fault
 
-ALARM, ALARM_END, CLOCK_STEP = "alarm", "alarm_end", "clock_step"
-"""Codes of the events: those of alarms have the text "CODE SUBJECT: TEXT", a step of the host's
-clock its size as the value, s."""
+ALARM, ALARM_END = "alarm", "alarm_end"
+"""Codes of the events, which have the text "CODE SUBJECT: TEXT"."""
 HOLD_S = 1.5
 """Time without the symptom after which an alarm ends, s."""
 REPORT_AGAIN_S = 15.0
@@ -85,8 +84,6 @@ class Watch:
         self._open: set[Key] = set()  # whose beginning is in the journal, and not yet its end
         self._counts: deque[tuple[float, Counts]] = deque()
         self._quiet: frozenset[str] = frozenset()  # buses with channels, without a good frame now
-        self._clock_offset_ns: int | None = None
-        self._clock_step: tuple[float, float] = 0.0, float("-inf")  # its size, and when it was, s
         self._queue_dropped = self._t_ns = 0
 
     @property
@@ -140,7 +137,6 @@ class Watch:
         self._queue_dropped = cycle.hops.queue_dropped
         new = {key: count for key, count in counts.items() if count[0] > 0}
         totals = self._totals(new, now_s)
-        events = self._clock_events(cycle.now)
         expected = tuple(dict.fromkeys(m.message.name for m in mapped))  # messages with channels
         self.sensors_alive = self._traffic.alive(expected, now_s)
         self.sensors_expected = len(expected)
@@ -163,16 +159,13 @@ class Watch:
             symptoms += bus.symptoms(link, status, config.silent_s, now_s)
         symptoms += self._traffic.symptoms(codec, expected, delivers, now_s)
         symptoms += self._sensors.symptoms()
-        step_s, stepped_s = self._clock_step
-        if now_s - stepped_s <= 3.0:  # shown for 3 s
-            symptoms.append(fault("clock_step", "", f"the host's clock was set by {step_s:+.3f} s"))
         for (code, subject), (number, detail) in totals.items():
             text = f"{number} {EXPLAINED[code].counted} in the last second"
             symptoms.append(fault(code, subject, f"{text}: {detail}" if detail else text))
         present: dict[Key, Finding] = {}
         for symptom in symptoms:
             present.setdefault((symptom.code, symptom.subject), symptom)
-        return (*events, *self._keep(present, new, totals, cycle.now))
+        return tuple(self._keep(present, new, totals, cycle.now))
 
     def _advance_buses(self, cycle: Cycle, counts: Counts) -> None:
         now_s, batch, bits = cycle.now.monotonic_s, cycle.batch, wire_bits(cycle.batch)
@@ -185,17 +178,6 @@ class Watch:
             part = batch if on_bus.all() else batch.select(on_bus.nonzero()[0])
             self._watches[number].advance(link, part, bits[on_bus], now_s, counts)
         del self._watches[len(cycle.links) :]
-
-    def _clock_events(self, now: Now) -> tuple[Event, ...]:
-        offset_ns = now.wall_ns - round(now.monotonic_s * 1e9)
-        before_ns = offset_ns if self._clock_offset_ns is None else self._clock_offset_ns
-        step_s = (offset_ns - before_ns) * 1e-9
-        # Largest difference between wall clock and monotonic clock, s, that is not taken as a step.
-        if abs(step_s) <= 0.05:
-            self._clock_offset_ns = before_ns
-            return ()
-        self._clock_offset_ns, self._clock_step = offset_ns, (step_s, now.monotonic_s)
-        return (Event(self._t_ns, CLOCK_STEP, step_s, "the host's clock was set"),)
 
     def _totals(self, counts: Counts, now_s: float) -> Counts:
         """Return the counts of the last second, this cycle included."""

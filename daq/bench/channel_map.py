@@ -128,7 +128,7 @@ def load_channel_map(path: Path) -> ChannelMap:
     Raises InputError with file and key, if it cannot be read, has an unknown key or a bad value.
     """
     text, where = toml_text(path, "name a channel map"), str(path)
-    table = validated(toml_tables(text, where), text, where, ChannelMapFile)
+    table = validated(toml_tables(text, where), where, ChannelMapFile)
     names = [f.name for f in fields(Channel)]
     channels = tuple(Channel(**{n: getattr(c, n) for n in names}) for c in table.channel)
     bench = replace(bench_of(table, text, where), channels=channels)

@@ -52,7 +52,7 @@ from .sensors import (
     stored_databases,
     stored_text,
 )
-from .toml_file import Place, Table, toml_tables, toml_text, validated
+from .toml_file import Table, key_at, toml_tables, toml_text, validated
 
 # A larger value is in the wrong unit: a length in millimetres, a time in milliseconds.
 _Place = Annotated[float, Field(ge=-20, le=20)]
@@ -364,14 +364,15 @@ def parse_bench(text: str, where: str, folder: Path, dbc_text: str | None = None
     file.  Raises InputError as `load_bench`.
     """
     document = toml_tables(text, where)
-    stated = validated(document, text, where, BenchFile)
-    places: dict[str, Place] = {} if stated.sensor else {stated.dbc: ("dbc",)}
+    stated = validated(document, where, BenchFile)
+    keys = {} if stated.sensor else {stated.dbc: "dbc"}
     for i, sensor in enumerate(stated.sensor):
-        places.setdefault(sensor.database, ("sensor", i, "layout" if sensor.layout else "dbc"))
-    databases = read_databases(places, text, where, folder if dbc_text is None else None)
+        key = key_at(document, ("sensor", i, "layout" if sensor.layout else "dbc"))
+        keys.setdefault(sensor.database, key)
+    databases = read_databases(keys, where, folder if dbc_text is None else None)
     if dbc_text is None:
         dbc_text = stored_text(databases)
-    table = validated(completed(document, default_bench_text()), text, where, BenchFile)
+    table = validated(completed(document, default_bench_text()), where, BenchFile)
     bench = bench_of(table, text, where)
     for kind, tables in (
         ("sensor", table.sensor),

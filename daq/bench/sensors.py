@@ -24,7 +24,7 @@ from dbc.codec import CRC_RULES, CounterRule, MessageLayout, SignalLayout
 from dbc.units import known_si
 from dbc.words import Finding, InputError, Severity
 
-from .toml_file import Place, Table, line_of
+from .toml_file import Table
 
 PREFIX = "layout:"
 """Prefix of `dbc` in bench.toml that names a ready map instead of a file."""
@@ -131,15 +131,15 @@ class Database:
 
 
 def read_databases(
-    places: Mapping[str, Place], text: str, where: str, folder: Path | None
+    keys: Mapping[str, str], where: str, folder: Path | None
 ) -> tuple[Database, ...]:
-    """Return the databases that a bench names, `places` being where it names each.
+    """Return the databases that a bench names, `keys` being the key that names each.
 
     `folder`: where relative paths start; None reads the ready maps only.  Raises InputError, with
-    the line of bench.toml, if one cannot be read.
+    the key in bench.toml, if one cannot be read.
     """
     databases = []
-    for name, place in places.items():
+    for name, key in keys.items():
         try:
             if name.startswith(PREFIX):
                 content = ready_map(name.removeprefix(PREFIX)).dbc_text
@@ -148,10 +148,8 @@ def read_databases(
             else:
                 continue
         except InputError as error:
-            line = line_of(text, place)
-            key = ".".join(str(part) for part in place)
             what = f"{key}: {error.where}: {error.what}"
-            raise InputError(f"{where}:{line}" if line else where, what, error.advice) from error
+            raise InputError(where, what, error.advice) from error
         databases.append(Database(name, content))
     return tuple(databases)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,6 @@ from dbc.words import InputError
 from ..bench.campaign import Method
 from ..bench.config import Bench
 from ..bench.sensors import SampleSet, SensorClock, sensor_clocks
-from ..bench.toml_file import channel_line
 from ..channels import LARGEST, SI_UNITS, Channel, Quantity, signal_of
 from ..runs import SampleGroup
 from .clock import SensorTimes, arrival_times, even_times, sensor_times, stamped_times
@@ -110,8 +108,6 @@ def map_channels(
             advice = (
                 "write signal as Message.signal of the DBC, or as sensor.signal of a [[sensor]]"
             )
-            if near := get_close_matches(channel.signal, known, 1):
-                advice = f"did you mean {near[0]}?"
             raise InputError(f"signal of channel {channel.name}", problem, advice)
         message, signal = known[channel.signal]
         si = si_unit(channel, signal.unit, dbc_name)
@@ -158,17 +154,12 @@ def trigger_channels(
 def mapped_channels(bench: Bench, codec: Codec) -> tuple[MappedChannel, ...]:
     """Return the bench's channels, mapped to the signals of its DBC.
 
-    Raises InputError, with the file and line, if a channel contradicts the DBC.
+    Raises InputError, with the file, if a channel contradicts the DBC.
     """
-    mapped: list[MappedChannel] = []
-    for channel in bench.channels:
-        try:
-            mapped += map_channels([channel], codec.messages, bench.dbc_name)
-        except InputError as error:
-            line = channel_line(bench.text, channel.name)
-            where = f"{bench.where}:{line}" if line else bench.where
-            raise InputError(where, f"{error.where}: {error.what}", error.advice) from error
-    return tuple(mapped)
+    try:
+        return map_channels(bench.channels, codec.messages, bench.dbc_name)
+    except InputError as error:
+        raise InputError(bench.where, f"{error.where}: {error.what}", error.advice) from error
 
 
 def bench_mapping(bench: Bench, codec: Codec) -> tuple[tuple[MappedChannel, ...], frozenset[str]]:

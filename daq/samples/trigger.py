@@ -5,9 +5,7 @@ last slot of data time.  A *slot* is `TriggerConfig.rest_s` long and aligned to 
 the result does not depend on how the data were cut into blocks.  Only the frames give the time.
 
 The fold waits until every channel has rested for `rest_s`, is then armed, finds the onset of the
-bump, ends the run `post_s` later and waits again.  A channel that does not rest for `GIVE_UP_S`
-while another does (a broken sensor, a loose hub) is named in an event and left out until it rests,
-so that it cannot prevent arming.
+bump, ends the run `post_s` later and waits again.
 """
 
 from __future__ import annotations
@@ -25,12 +23,9 @@ from .mapping import SampleBlock
 
 BUMP = "bump"
 RUN_END = "run_end"
-RESTLESS = "trigger_restless"
 CLOCK_STEP = "clock_step"
 UNPLANNED = "unplanned_"
 """Prefix of the code of a bump, and of its end, for which no run was armed."""
-
-GIVE_UP_S = 10.0
 
 
 class TriggerPhase(StrEnum):
@@ -58,8 +53,6 @@ class ChannelRest:
     """+1 or -1 if the last sample was above or below rest by more than the level, else 0."""
     side_ns: int = 0
     """Time stamp of the last sample, ns."""
-    given_up: bool = False
-    """True if the channel is ignored in arming because it does not come to rest."""
 
     def rested(self, now_ns: int, since_ns: int, rest_ns: int) -> bool:
         """Return True if the channel has rested for `rest_ns`, counted from `since_ns` or later."""
@@ -90,8 +83,7 @@ def advance(
     channel in order of arrival, SI.  Values that are not finite are skipped; the channels may have
     different clocks and any of them may be absent.  Returns the state after the block, and events:
     `bump` at the first of two consecutive samples that leave rest on the same side; `run_end` at
-    ``t_bump + post_s`` when the data have passed it; `trigger_restless` with the name of a channel
-    that is left out; `clock_step` if the time stamps went back.
+    ``t_bump + post_s`` when the data have passed it; `clock_step` if the time stamps went back.
     """
     pieces = {
         name: (t_ns[good], value[good])
@@ -123,8 +115,7 @@ def advance(
 def not_at_rest(config: TriggerConfig, state: TriggerState) -> tuple[str, ...]:
     """Return the names of the trigger channels that now prevent arming.
 
-    `state`: from `advance`.  Returns no names in the other phases, and none of channels that are
-    left out.
+    `state`: from `advance`.  Returns no names in the other phases.
     """
     if state.phase is not TriggerPhase.WAITING or state.now_ns is None:
         return ()
@@ -132,7 +123,7 @@ def not_at_rest(config: TriggerConfig, state: TriggerState) -> tuple[str, ...]:
     return tuple(
         name
         for name, channel in state.channels.items()
-        if not channel.given_up and not channel.rested(now_ns, channel.quiet_since_ns, rest_ns)
+        if not channel.rested(now_ns, channel.quiet_since_ns, rest_ns)
     )
 
 
@@ -150,15 +141,17 @@ def _advance_slot(
         if channel.slot < slot:  # the mean of the last slot becomes the level
             level = channel.total / channel.count if channel.count else channel.level
             channels[name] = replace(channel, slot=slot, level=level, total=0.0, count=0)
-    if state.phase is TriggerPhase.WAITING:
-        state = _armed(state, channels, slot * slot_ns, slot_ns, events)
+    now_ns = slot * slot_ns
+    has_rested = all(c.rested(now_ns, state.since_ns, slot_ns) for c in channels.values())
+    if state.phase is TriggerPhase.WAITING and channels and has_rested:
+        state = replace(state, phase=TriggerPhase.ARMED, since_ns=now_ns)
     onsets = []
     for name, (t_ns, value) in part.items():
         before = channels.get(name) or ChannelRest(int(t_ns[0]), slot, float(value[0]))
         channels[name], onset_ns, size = _excursion(
             before, t_ns, value, config.level, state.since_ns
         )
-        if onset_ns is not None and not before.given_up:
+        if onset_ns is not None:
             onsets.append((onset_ns, name, size))
     latest_ns = max(int(t_ns[-1]) for t_ns, _ in part.values())
     now_ns = latest_ns if state.now_ns is None else max(state.now_ns, latest_ns)
@@ -171,26 +164,6 @@ def _advance_slot(
     if state.phase is TriggerPhase.RUNNING and now_ns >= end_ns:
         events.append(Event(end_ns, RUN_END))
         state = replace(state, phase=TriggerPhase.WAITING, since_ns=end_ns)
-    return state
-
-
-def _armed(
-    state: TriggerState,
-    channels: dict[str, ChannelRest],
-    now_ns: int,
-    rest_ns: int,
-    events: list[Event],
-) -> TriggerState:
-    """Return the state, armed if all channels have rested or are left out; update `channels`."""
-    rested = {n for n, c in channels.items() if c.rested(now_ns, state.since_ns, rest_ns)}
-    gives_up = bool(rested) and now_ns - state.since_ns > round(GIVE_UP_S * 1e9)
-    for name, channel in channels.items():
-        given_up = name not in rested and (channel.given_up or gives_up)
-        if given_up and not channel.given_up:
-            events.append(Event(now_ns, RESTLESS, text=name))
-        channels[name] = replace(channel, given_up=given_up)
-    if rested and all(name in rested or c.given_up for name, c in channels.items()):
-        return replace(state, phase=TriggerPhase.ARMED, since_ns=now_ns)
     return state
 
 

@@ -14,8 +14,8 @@ import json
 import os
 import sys
 import uuid
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -223,54 +223,30 @@ def derive(segments: Sequence[Path], target: Path, *, replacing: bool = True) ->
 
     `segments`: of one recording, in any order.  `target`: the session file; replaced if it exists.
     `replacing`: False to refuse to replace one that has more than is left in the journal, and any
-    other file.  The same segments always give the same file, byte for byte.  Waits for another
-    process that builds in the same folder.  Raises InputError if the segments cannot be read or do
-    not belong together, or the file cannot be written.
+    other file.  The same segments always give the same file, byte for byte.  Raises InputError if
+    the segments cannot be read or do not belong together, or the file cannot be written.
     """
     from .content import write_session  # imports HDF5, which the recorder must not load
 
     if not target.parent.is_dir():  # it may be a disk that is gone: none is made in its place
         what = f"cannot be written: {os.strerror(errno.ENOENT)}"
         raise InputError(str(target), what, "check the folder; the journal still holds everything")
-    with _only_builder(target.parent):
-        recording = recording_of(segments)
-        run_log = fold(recording.events)
-        text = run_log.bench_text or recording.head.bench_text
-        dbc_text = recording.head.dbc_text
-        bench = parse_bench(text, "bench.toml in the journal", Path(), dbc_text)
-        windows = [bench.trigger.window_ns(run.t_ns) for run in run_log.runs]
-        contents, frames = read_windows(recording, windows)
-        loss = contents.lost.text if contents.lost.any else ""
-        about = journal_provenance(recording.head, run_log, frames, loss)
-        about |= {"dbc": dbc_text, "bench_toml": text}
-        codec, events, hops = bench_codec(bench), recording.events, contents.hops
-        session = session_of_runs(bench, codec, run_log, frames, events, hops, about)
-        if not replacing:
-            _refuse_less(target, session)
-        write_session(target, session)
+    recording = recording_of(segments)
+    run_log = fold(recording.events)
+    text = run_log.bench_text or recording.head.bench_text
+    dbc_text = recording.head.dbc_text
+    bench = parse_bench(text, "bench.toml in the journal", Path(), dbc_text)
+    windows = [bench.trigger.window_ns(run.t_ns) for run in run_log.runs]
+    contents, frames = read_windows(recording, windows)
+    loss = contents.lost.text if contents.lost.any else ""
+    about = journal_provenance(recording.head, run_log, frames, loss)
+    about |= {"dbc": dbc_text, "bench_toml": text}
+    codec, events, hops = bench_codec(bench), recording.events, contents.hops
+    session = session_of_runs(bench, codec, run_log, frames, events, hops, about)
+    if not replacing:
+        _refuse_less(target, session)
+    write_session(target, session)
     return Derived(session, loss)
-
-
-@contextmanager
-def _only_builder(folder: Path) -> Iterator[None]:
-    """Hold the lock of a folder, which is the folder itself: it leaves no file.
-
-    A killed recorder leaves a builder that goes on to its end, and the next one must not write the
-    same file.  Windows and some network file systems cannot lock a folder.
-    """
-    try:
-        import fcntl
-
-        fd = os.open(folder, os.O_RDONLY)
-    except (ModuleNotFoundError, OSError):
-        yield
-        return
-    try:
-        with suppress(OSError):
-            fcntl.flock(fd, fcntl.LOCK_EX)
-        yield
-    finally:
-        os.close(fd)
 
 
 def _refuse_less(target: Path, new: Session) -> None:

@@ -113,7 +113,6 @@ class WatchedBench:
         self.state = Watch()
         self.events: list[tuple[float, Event]] = []
         self.turns = 0
-        self.wall_step_ns = 0
         self.links = [
             LinkFacts(name, 1_000_000, True, "", "", 0.0, 0, HopLosses()) for name in names
         ]
@@ -179,7 +178,7 @@ class WatchedBench:
         decoded = self._codec.decode(batch)
         self._health = advance(self._codec.messages, self._health, decoded)
         self.turns += 1
-        now = Now(START_NS + self.turns * 100_000_000 + self.wall_step_ns, 5000.0 + self.now_s)
+        now = Now(START_NS + self.turns * 100_000_000, 5000.0 + self.now_s)
         turn = Cycle(now, batch, decoded, self._health, self.links, self.hops, ROOMY)
         cycle = replace(turn, **facts)
         events = self.state.advance(RecorderConfig(), self._codec, self._mapped, cycle)

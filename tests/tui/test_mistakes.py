@@ -112,7 +112,7 @@ MISTAKES = {
     "check --push 3 all.log": "--push: is for --propose",
     "import all.log bench.toml strange.toml": "is named twice",
     # a bench
-    "check signal.toml other.log": "has no signal 'IMU_Accel.acc_zz' (did you mean IMU_Accel.acc_",
+    "check signal.toml other.log": "has no signal 'IMU_Accel.acc_zz' (write signal as Message",
     "record --interface socketcan": "--interface socketcan: names no channel (add --channel can0,",
     "plan signal.toml": "signal of channel body_acc_z: ",
     "check counter.toml other.log": "message IMU_Accel: has no signal nope, which counter names (",

@@ -405,5 +405,5 @@ def test_the_planner_says_what_is_wrong_with_the_bench(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     answer = gain_of("[campaign]\nrepeats = 0\n", tmp_path, monkeypatch, capsys)
-    assert answer.error.startswith("bench.toml:2")
+    assert answer.error.startswith("bench.toml: campaign.repeats")
     assert benches == []

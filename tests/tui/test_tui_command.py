@@ -137,7 +137,7 @@ def test_the_terminal_starts_the_recorder_that_was_asked_for(
     ]
     assert run(["tui", "b.toml", *bus]) == 0
     (tmp_path / "b.toml").write_text("[bus]\nspeed = 1\n")
-    with pytest.raises(InputError, match=r"b\.toml:2"):
+    with pytest.raises(InputError, match=r"b\.toml: unknown key bus\.speed"):
         opened.apps[-1][0][0]._start_recorder()
     assert len(started) == 3
 

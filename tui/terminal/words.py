@@ -70,7 +70,7 @@ def choose_glyphs(wanted: str, environment: Mapping[str, str], encoding: str) ->
     return _BRAILLE
 
 
-UNSIGNALLED = ("clock_step", "restamped")
+UNSIGNALLED = ("restamped",)
 """Alarms that need no immediate action."""
 
 

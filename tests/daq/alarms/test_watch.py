@@ -254,23 +254,6 @@ def test_an_event_has_the_time_of_the_last_frame_or_else_of_the_clock() -> None:
     assert {e.t_ns for e in events} == {START_NS + 40_000}  # the last of the other bus's frames
 
 
-@pytest.mark.parametrize(("step_ms", "seen"), [(49, False), (51, True), (-49, False), (-51, True)])
-def test_a_clock_was_set_if_it_is_fifty_milliseconds_off(step_ms: int, seen: bool) -> None:
-    bench = WatchedBench()
-    for _ in range(3):
-        bench.turn(*both(bench))
-    bench.wall_step_ns = step_ms * 1_000_000
-    events = bench.turn(*both(bench))
-    steps = [event for event in events if event.code == "clock_step"]
-    assert [event.value for event in steps] == [pytest.approx(step_ms / 1000)] * seen
-    alarm = bench.alarm("clock_step", "")
-    assert (alarm is not None) is seen
-    if alarm:
-        assert f"{step_ms / 1000:+.3f} s" in alarm.text
-    events = bench.turn(*both(bench))  # the new time is the measure from now on
-    assert events == ()
-
-
 @pytest.mark.parametrize(("turns", "is_dead"), [(3, False), (5, True)])
 def test_a_bus_is_dead_after_four_tenths_of_a_second(turns: int, is_dead: bool) -> None:
     bench = WatchedBench()
@@ -509,7 +492,7 @@ def test_a_fault_is_named_within_a_second_counted_and_over_within_five(
     assert bench.logged(ALARM_END).count(name) == 1
 
 
-ELSEWHERE = {"none_of_dbc", "clock_step", "no_value"}
+ELSEWHERE = {"none_of_dbc", "no_value"}
 """Codes whose faults are injected by the tests below."""
 
 

@@ -116,8 +116,8 @@ MISTAKES = {
     ),
     "float time": (_message("Slow", 'time_signal = "real"'), "a float, whose bits set no wrap"),
     "twice": (_message("Acc") + _message("Acc"), "message Acc occurs twice"),
-    "cycle": (_message("Acc", "cycle_ms = 0"), "message.0.cycle_ms"),
-    "unknown key": (_message("Acc", "colour = 1"), "unknown key message.0.colour"),
+    "cycle": (_message("Acc", "cycle_ms = 0"), "message.Acc.cycle_ms"),
+    "unknown key": (_message("Acc", "colour = 1"), "unknown key message.Acc.colour"),
     "set of nothing": ('[[sample_set]]\nname = "s"\nmessages = []\nbound_by = "x"\n', "messages"),
     "set message": (
         '[[sample_set]]\nname = "s"\nmessages = ["No"]\nbound_by = "Stamp.ticks"\n',
@@ -150,7 +150,7 @@ MISTAKES = {
     "calibrated when": (
         '[[channel]]\nname = "a"\nsignal = "Acc.up"\nquantity = "unused"\n'
         "calibrated = 2026-01-01T10:00:00\n",
-        "channel.0.calibrated: must be a valid string",
+        "channel.a.calibrated: must be a valid string",
     ),
     "unit of another kind": (
         '[[channel]]\nname = "a"\nsignal = "Acc.up"\nsignal_unit = "mm"\n'
@@ -174,7 +174,7 @@ def test_a_mistake_is_one_line(name: str) -> None:
     assert caught.value.advice
 
 
-# A mistake in bench.toml is named with its line and the nearest name that there is ----------------
+# A mistake in bench.toml is named with its key ----------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -182,71 +182,49 @@ def test_a_mistake_is_one_line(name: str) -> None:
     [
         (
             "[campaign]\nrepeat = 1\n",
-            "b.toml:2: unknown key campaign.repeat"
-            " (remove it or correct its name; did you mean repeats?)",
+            "b.toml: unknown key campaign.repeat (remove it or",
         ),
+        ("\n[campain]\n", "b.toml: unknown key campain (remove it or correct its name)"),
         (
-            "\n[campain]\n",
-            "b.toml:2: unknown key campain (remove it or correct its name; did you mean campaign?)",
+            "[campaign]\nexcitations = [\n 'bounce', 'pich',\n]\n",
+            "excitations.2: must be",
         ),
-        (
-            "[campaign]\nrepeats = 2\nexcitations = [\n  'bounce', 'pich',\n]\n",
-            "did you mean pitch?)",
-        ),
-        ("[campaign]\nrepeats = 'two'\n", "b.toml:2: campaign.repeats: must be a valid integer ("),
-        (
-            "\n[[weigh]]\nmass_kg = 1.0\n[[weigh]]\n",
-            "b.toml:2: unknown key weigh (remove it or correct its name; did you mean weight?)",
-        ),
-        (
-            "[[weight]]\nhub = 'FL'\nmass_kgg = 1.0\n",
-            "b.toml:3: unknown key weight.0.mass_kgg"
-            " (remove it or correct its name; did you mean mass_kg?)",
-        ),
-        ("[[weight]]\nhub = 'FL'\n", "b.toml:1: weight.0.mass_kg is missing (state it)"),
-        (
-            "[bus]\nchanel = 'can0'\n",
-            "b.toml:2: unknown key bus.0.chanel"
-            " (remove it or correct its name; did you mean channel?)",
-        ),
-        (
-            "[campaign]\nhub = 'FL'\n",  # a key of another table
-            "b.toml:2: unknown key campaign.hub (remove it: it has no meaning here)",
-        ),
+        ("[campaign]\nrepeats = 'two'\n", "b.toml: campaign.repeats: must be a valid integer ("),
+        ("[[weigh]]\nmass_kg = 1.0\n[[weigh]]\n", "b.toml: unknown key weigh ("),
+        ("[[weight]]\nhub = 'FL'\nmass_kgg = 1.0\n", "b.toml: unknown key weight.1.mass_kgg ("),
+        ("[[weight]]\nhub = 'FL'\n", "b.toml: weight.1.mass_kg is missing (state it)"),
+        ("[bus]\nchanel = 'can0'\n", "b.toml: unknown key bus.chanel ("),
         ("[bus]\nchannel =\n", "b.toml:2: is not TOML: Invalid value, column 10 (correct"),
     ],
 )
-def test_the_line_and_the_nearest_name_are_said(text: str, said: str) -> None:
+def test_the_key_of_a_mistake_is_said(text: str, said: str) -> None:
     with pytest.raises(InputError) as reported:
         parse_bench(text, "b.toml", Path())
     assert said in str(reported.value)
 
 
 @pytest.mark.parametrize(
-    ("text", "line", "said"),
+    ("text", "said"),
     [
-        ('\ndbc = "gone.dbc"', 2, "dbc: {}/gone.dbc: No such file or directory"),
-        ('dbc = "folder"', 1, "dbc: {}/folder: not a file"),
-        ('dbc = "layout:nix"', 1, "dbc: layout:nix: there is no such layout"),
+        ('\ndbc = "gone.dbc"', "dbc: {}/gone.dbc: No such file or directory"),
+        ('dbc = "folder"', "dbc: {}/folder: not a file"),
+        ('dbc = "layout:nix"', "dbc: layout:nix: there is no such layout"),
         (
             '[[sensor]]\nname = "a"\ndbc = "a.dbc"\n\n[[sensor]]\nname = "b"\ndbc = "gone.dbc"',
-            7,
-            "sensor.1.dbc: {}/gone.dbc: No such file or directory",
+            "sensor.b.dbc: {}/gone.dbc: No such file or directory",
         ),
         (
             '[[sensor]]\nname = "a"\nlayout = "nix"',
-            3,
-            "sensor.0.layout: layout:nix: there is no such layout",
+            "sensor.a.layout: layout:nix: there is no such layout",
         ),
         (
             '[[sensor]]\nname = "a"\ndbc = "layout:nix"',
-            3,
-            "sensor.0.dbc: layout:nix: there is no such layout",
+            "sensor.a.dbc: layout:nix: there is no such layout",
         ),
     ],
 )
-def test_a_file_that_the_bench_names_and_that_cannot_be_read_is_named_with_its_line(
-    tmp_path: Path, text: str, line: int, said: str
+def test_a_file_that_the_bench_names_and_that_cannot_be_read_is_named_with_its_key(
+    tmp_path: Path, text: str, said: str
 ) -> None:
     (tmp_path / "folder").mkdir()
     (tmp_path / "a.dbc").write_text('VERSION ""\n', "ascii")
@@ -254,7 +232,7 @@ def test_a_file_that_the_bench_names_and_that_cannot_be_read_is_named_with_its_l
     bench.write_text(text, "ascii")
     with pytest.raises(InputError) as caught:
         load_bench(bench)
-    assert str(caught.value).startswith(f"{bench}:{line}: {said.format(tmp_path)} (")
+    assert str(caught.value).startswith(f"{bench}: {said.format(tmp_path)} (")
 
 
 def test_the_checksum_rule_of_the_bench_decides_which_frames_count() -> None:

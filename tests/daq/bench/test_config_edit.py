@@ -147,8 +147,8 @@ def test_any_number_goes_through_to_the_last_bit(
 @pytest.mark.parametrize(
     ("edit", "named"),
     [
-        (lambda t: with_weights(t, [HubWeight(-1.0, Corner.FRONT_LEFT)]), "weight.0.mass_kg"),
-        (lambda t: with_weights(t, [BodyWeight(1.0, float("nan"), 0.0)]), "weight.0.x_m"),
+        (lambda t: with_weights(t, [HubWeight(-1.0, Corner.FRONT_LEFT)]), "weight.1.mass_kg"),
+        (lambda t: with_weights(t, [BodyWeight(1.0, float("nan"), 0.0)]), "weight.1.x_m"),
         (lambda t: with_facts(t, [Fact("colour", 1.0, 1.0)]), "colour"),
         (lambda t: with_channel(t, "nose", sign=1), "nose"),
         (lambda t: with_channel(t, "travel_fl", sign=2), "travel_fl"),
@@ -177,5 +177,5 @@ def test_what_a_bench_may_not_say_names_its_field(edit: Callable[[str], Any], na
 def test_a_value_that_is_wrong_already_is_named_and_not_replaced(
     key: str, wrong: str, edit: Callable[[str], str]
 ) -> None:
-    with pytest.raises(InputError, match=f"bench.toml:1: {key}: must be a valid list"):
+    with pytest.raises(InputError, match=f"bench.toml: {key}: must be a valid list"):
         edit(wrong)

@@ -378,7 +378,7 @@ def test_files_are_read_beside_the_bench(tmp_path: Path) -> None:
         (lambda t: t.replace('name = "imu_b"', 'name = "imu_a"', 1), "sensor imu_a occurs twice"),
         (
             lambda t: t.replace('dbc = "hubs.dbc"', ""),
-            "sensor.2: a sensor has either dbc or layout",
+            "sensor.hubs: a sensor has either dbc or layout",
         ),
         (lambda t: 'dbc = "x.dbc"\n' + t, "dbc and [[sensor]] exclude each other"),
         (lambda t: t.replace('"hubs.dbc"', '"other.dbc"'), "the database other.dbc is missing"),

@@ -118,18 +118,6 @@ def test_a_dead_channel_does_not_keep_the_bench_from_being_armed(fault: str) -> 
     assert [at for _, at in _seconds(_run(record))] == [1.5, 2.5, 5.0, 6.0]
 
 
-def test_a_restless_channel_is_named_and_left_out_until_it_rests() -> None:
-    t_ns, value = _channel(40.0, (1.5, 20.0, 36.0))
-    loose = np.where(t_ns < START_NS + 30_000_000_000, 50.0, 0.0)
-    loose = loose * np.sin(2 * np.pi * 5.0 * (t_ns - START_NS) * 1e-9)
-    events = _run({"good": (t_ns, value), "loose": (t_ns, GRAVITY + loose)})
-    restless = [event for event in events if event.code == "trigger_restless"]
-    assert [event.text for event in restless] == ["loose"]
-    # Until the bench gives the channel up after 10 s, it waits for rest, as it must.
-    bumps = [(code, at) for code, at in _seconds(events) if code != "trigger_restless"]
-    assert bumps == [("bump", 20.0), ("run_end", 21.0), ("bump", 36.0), ("run_end", 37.0)]
-
-
 def test_a_clock_that_is_set_back_starts_over_and_is_reported() -> None:
     t_ns, value = _channel(8.0, (6.0,))
     jumped = np.where(t_ns < START_NS + 3_000_000_000, t_ns, t_ns - 3_600_000_000_000)
@@ -238,18 +226,6 @@ def test_stamps_that_fall_back_by_more_than_a_second_are_a_clock_that_was_set(
         assert (after.phase, after.now_ns) == (TriggerPhase.WAITING, latest)
     else:
         assert after.phase is TriggerPhase.ARMED
-
-
-@pytest.mark.parametrize(("n", "given_up"), [(1000, False), (1020, True)])
-def test_a_channel_that_does_not_rest_for_ten_seconds_is_left_out(n: int, given_up: bool) -> None:
-    restless = hub({}, n) + np.where(np.arange(n) % 4 < 2, 5.0, -5.0)
-    block = {"hub": (times(n), hub({}, n)), "other": (times(n), restless)}
-    state, found = advance(CONFIG_OF_TRIGGER_LIMITS, TriggerState(), block)
-    assert [(event.code, event.text) for event in found] == [
-        ("trigger_restless", "other")
-    ] * given_up
-    assert state.phase is (TriggerPhase.ARMED if given_up else TriggerPhase.WAITING)
-    assert not_at_rest(CONFIG_OF_TRIGGER_LIMITS, state) == (() if given_up else ("other",))
 
 
 @pytest.mark.parametrize(("n", "armed"), [(10, False), (11, True)])

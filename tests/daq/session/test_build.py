@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
 import math
-import os
 import re
-import threading
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -390,20 +387,6 @@ def test_runs_verdicts_benches_and_late_frames_reach_the_session(campaign: Recor
     campaign.build()
     assert campaign.target.read_bytes() == built
     assert list(campaign.target.parent.glob(".*")) == []
-
-
-def test_no_other_process_builds_in_the_same_folder_meanwhile(campaign: Recorded) -> None:
-    campaign.run()
-    fd = os.open(campaign.target.parent, os.O_RDONLY)
-    fcntl.flock(fd, fcntl.LOCK_EX)
-    builder = threading.Thread(target=campaign.build)
-    builder.start()
-    builder.join(0.3)
-    assert builder.is_alive()
-    assert not campaign.target.exists()
-    os.close(fd)
-    builder.join(30.0)
-    assert campaign.target.exists()
 
 
 def test_missing_blocks_are_named_and_a_session_with_more_is_kept(campaign: Recorded) -> None:

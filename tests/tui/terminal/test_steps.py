@@ -284,7 +284,6 @@ async def test_keys_of_the_check_act_on_the_marked_line_alone(make_app: Make) ->
         assert cursor(app) == 0
         await pressed(pilot, "down", "down")
         assert cursor(app) == 2
-        assert "clock" in screen_text(app)
         assert "O overrides a line that says WARN" in await pressed(pilot, "o")
         assert "I inverts the sign of a channel whose line says FAIL" in await pressed(pilot, "i")
         assert "S skips a corner of the push test" in await pressed(pilot, "s")

@@ -229,7 +229,7 @@ def test_steps_are_reached_and_ended_by_what_the_book_says(recorder: FakeRecorde
     ("code", "seen"),
     [
         ("queue_dropped", True), ("overrun", True), ("bus_off", False), ("interface_down", False),
-        ("check_bitrate", False), ("none_of_dbc", False), ("clock_step", False),
+        ("check_bitrate", False), ("none_of_dbc", False),
     ],
 )  # fmt: skip
 def test_an_alarm_of_lost_frames_stops_after_three_seconds(
@@ -287,7 +287,7 @@ def _alarm(code: str) -> Alarm:
         (Phase.ARMED, Phase.ARMED, ("stale",), Signal.ALARM),
         (Phase.WAITING, Phase.ARMED, ("stale",), Signal.ALARM),
         (Phase.DECAY, Phase.REJECTED, ("bus_silent",), Signal.REJECTED),
-        (Phase.ARMED, Phase.ARMED, ("clock_step",), None),
+        (Phase.ARMED, Phase.ARMED, ("restamped",), None),
     ],
 )
 def test_what_is_signalled(

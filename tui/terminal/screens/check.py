@@ -73,11 +73,7 @@ def recorder_rows(status: Status) -> tuple[CheckRow, ...]:
     state = FAIL if disk.failed or free < _LEAST_BYTES else WARN if free < _LITTLE_BYTES else OK
     text = disk.failed or f"{free / 1e9:.1f} GB free, {disk.lag_s:.1f} s behind"
     rows.append(CheckRow(state, "disk", text, "" if state == OK else "make room, or a new disk"))
-    clock = CheckRow(OK, "clock", "runs evenly")
-    for alarm in status.alarms:
-        if alarm.code == "clock_step":
-            clock = CheckRow(WARN, "clock", alarm.text, alarm.advice)
-    return (*rows, clock)
+    return tuple(rows)
 
 
 def push_rows(
