@@ -19,7 +19,7 @@ from .runs import (
     SampleGroup,
 )
 from .session import read_session, validate_session, write_session
-from .sessions import Session, session_from_arrays, session_part
+from .sessions import Session, session_from_arrays
 from .vehicle import (
     FORD_GRANADA,
     AddedMass,
@@ -61,7 +61,6 @@ __all__ = [
     "paper_channels",
     "read_session",
     "session_from_arrays",
-    "session_part",
     "validate_session",
     "write_session",
 ]

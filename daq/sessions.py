@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from dbc.codec import Quality
 from dbc.frames import FrameBatch
 from dbc.words import InputError
 
-from .channels import Channel, Quantity, paper_channels, sensor_of_signal
+from .channels import Channel, Quantity, paper_channels
 from .runs import ADDED, BASELINE, Excitation, Run, RunStatus, SampleGroup
 from .vehicle import AddedMass, BodyWeight, HubWeight, MassState, Vehicle
 
@@ -58,31 +58,6 @@ class Session:
                 parts.append(run.frames.select(run.frames.t_ns > last_ns))
                 last_ns = max(last_ns, int(run.frames.t_ns.max()))
         return FrameBatch.concatenate(parts).by_time()
-
-
-def session_part(session: Session, sensors: Collection[str], buses: Collection[int]) -> Session:
-    """Return a session with the channels of some sensors and the frames of some buses.
-
-    Empty collections keep all.  Raises InputError if it has no channel of one of the sensors.
-    """
-    known = {sensor_of_signal(channel.signal) for channel in session.channels}
-    for name in sensors:
-        if not name or name not in known:
-            others = ", ".join(sorted(known - {""})) or "none: its bench has no [[sensor]]"
-            raise InputError(f"--sensor {name}", "is not in the session", f"its sensors: {others}")
-    channels = tuple(
-        c for c in session.channels if not sensors or sensor_of_signal(c.signal) in sensors
-    )
-    names = {channel.name for channel in channels}
-    runs = []
-    for run in session.runs:
-        groups = (
-            replace(group, values={n: v for n, v in group.values.items() if n in names})
-            for group in run.groups
-        )
-        kept = tuple(group for group in groups if group.values)
-        runs.append(replace(run, groups=kept, frames=run.frames.on_buses(buses)))
-    return replace(session, channels=channels, runs=tuple(runs))
 
 
 def notes_of(provenance: Mapping[str, str]) -> tuple[str, ...]:

@@ -7,8 +7,8 @@ reason and, where possible, advice.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import dataclass
 from datetime import date
 from typing import NamedTuple
 
@@ -16,14 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dbc import Codec
-from dbc.codec import Decoded, MessageLayout, Quality, Samples
+from dbc.codec import Decoded, Quality, Samples
 from dbc.frames import FrameBatch
-from dbc.units import G_M_S2, known_si, to_si
+from dbc.units import G_M_S2, to_si
 from dbc.words import Finding, Severity, counted, plural, printable
 
 from ..bench.config import Bench
 from ..bench.sensors import SampleSet
-from ..channels import ON_BODY, Channel, Quantity, message_of, sensor_of_signal
+from ..channels import ON_BODY, Channel, Quantity
 from ..runs import SampleGroup
 from ..samples.converter import is_fine, is_stuck
 from ..samples.mapping import (
@@ -87,26 +87,8 @@ def check_bench(bench: Bench, codec: Codec, frames: FrameBatch, today: date) -> 
         if mark
     ]
     for each in mapped:
-        lines += check_channel(each, keeping.messages, decoded, bench.calibration_days, today)
+        lines += check_channel(each, decoded, bench.calibration_days, today)
     return CheckReport(table.seconds, len(frames), tuple(lines))
-
-
-def part_of(
-    report: CheckReport, bench: Bench, sensors: Collection[str], buses: Collection[int]
-) -> CheckReport:
-    """Return the lines of a report on some sensors and some buses; empty: all."""
-    wanted = {
-        s.name
-        for s in bench.sensors
-        if (not buses or s.bus in buses) and (not sensors or s.name in sensors)
-    }
-    subjects = {f"bus {bus.label}" for i, bus in enumerate(bench.buses) if not buses or i in buses}
-    for channel in bench.channels:
-        if sensor_of_signal(channel.signal) in wanted:
-            subjects |= {f"message {message_of(channel.signal)}", f"channel {channel.name}"}
-    kinds = ("bus ", "message ", "channel ")
-    lines = [x for x in report.lines if x.subject in subjects or not x.subject.startswith(kinds)]
-    return replace(report, lines=tuple(lines)) if sensors or buses else report
 
 
 def _without_pauses(frames: FrameBatch) -> tuple[FrameBatch, list[Finding]]:
@@ -198,17 +180,12 @@ class _Rest:
 
 
 def check_channel(
-    mapped: MappedChannel,
-    messages: Mapping[str, MessageLayout],
-    decoded: Decoded,
-    calibration_days: int,
-    today: date,
+    mapped: MappedChannel, decoded: Decoded, calibration_days: int, today: date
 ) -> list[Finding]:
-    """Check one channel.
+    """Return a line with the reading of a channel, unless something fails; and one for each fault.
 
-    `messages`: all of the bench, by name.  `decoded`: traffic at rest.  `calibration_days` and
-    `today`: a calibration older than this number of days gives a warning.  Returns a line with the
-    reading, unless something fails; and a line for each fault.
+    `decoded`: traffic at rest.  `calibration_days` and `today`: a calibration older than this
+    number of days gives a warning.
     """
     channel, subject = mapped.channel, f"channel {mapped.channel.name}"
     faults = list(_calibration_faults(channel, calibration_days, today))
@@ -231,7 +208,7 @@ def check_channel(
     if channel.quantity is not Quantity.UNUSED and FAIL not in [fault[1] for fault in stuck]:
         faults += _rest_faults(mapped, rest)
         if channel.quantity in (Quantity.BODY_ACCELERATION, Quantity.HUB_ACCELERATION):
-            fault = _gravity(mapped, rest, len(value), _other_axes(mapped, messages, decoded))
+            fault = _gravity(mapped, rest)
             gravity = f", {fault[2]}" if fault[1] is OK else ""
             faults += [] if gravity else [fault]
         if 0 < rate_hz < 50.0:
@@ -349,11 +326,8 @@ def _rest_faults(mapped: MappedChannel, rest: _Rest) -> Iterator[Fault]:
         yield "tare", WARN, f"{text} instead of 0", advice
 
 
-def _gravity(mapped: MappedChannel, rest: _Rest, n: int, axes: Mapping[str, float]) -> Fault:
-    """Judge unit, axis and sign of an acceleration by gravity.
-
-    `n`: number of samples.  `axes`: readings of the other axes of its sensor, g.
-    """
+def _gravity(mapped: MappedChannel, rest: _Rest) -> Fault:
+    """Judge unit and sign of an acceleration by gravity."""
     channel = mapped.channel
     share = (rest.level + channel.tare) / G_M_S2
     reading = f"reads {rest.level:.4g} m/s2 at rest"
@@ -362,50 +336,18 @@ def _gravity(mapped: MappedChannel, rest: _Rest, n: int, axes: Mapping[str, floa
         return "gravity", OK, "+1 g", ""
     if abs(share + 1) < _GRAVITY_TOLERANCE:
         return "gravity", FAIL, f"{reading}: upside down", flip
-    # Next to no reading is gravity in a wrong unit only if no noise explains it.
-    # No accelerometer for cars has less noise than 2 mm/s2.
-    is_sure = rest.noise < 2e-3 and abs(rest.level + channel.tare) > 5 * rest.noise / n**0.5
-    # Factors by which wrong units change gravity, some with the unit that the factor proves.
-    scales = {1 / G_M_S2: "g", G_M_S2: "m/s2", 1e3 * G_M_S2: "mm/s2"}
-    for factor in (*scales, 1e-3, 1e3, 1e-3 / G_M_S2, 1e-3 * G_M_S2, 1e3 / G_M_S2):
-        fits = abs(abs(share) / factor - 1) < 0.08
-        if fits and (is_sure or abs(share) >= _NONE_G):
+    # Factors by which a wrong unit in the database changes gravity, with the unit that they prove.
+    units = {1 / G_M_S2: "g", G_M_S2: "m/s2", 1e3 * G_M_S2: "mm/s2"}
+    for factor, unit in units.items():
+        if abs(abs(share) / factor - 1) < 0.08:
             turn = f" and {flip}" if share < 0 else ""
-            setting = f"gain = {channel.gain / factor:.6g}"
-            if factor in scales:
-                setting = f'signal_unit = "{scales[factor]}"'
             text = f"{reading}: {factor:.4g} times gravity, so its unit is wrong"
-            return "gravity", FAIL, text, f"state {setting}{turn}"
-    for name, axis_g in axes.items():
-        if abs(share) < 0.5 and abs(abs(axis_g) - 1) < 0.1:
-            turn = "" if axis_g > 0 else " with sign = -1"
-            text = f"{reading}, but {name} {axis_g:+.2f} g: the wrong axis"
-            return "gravity", FAIL, text, f'take signal = "{name}"{turn}'
+            return "gravity", FAIL, text, f'state signal_unit = "{unit}"{turn}'
     if abs(share) < _NONE_G:
-        return "gravity", OK, "no gravity (AC-coupled, or tared in the sensor)", ""
+        text = "reads no gravity: it is AC-coupled, tared in the sensor, or not the vertical axis"
+        return "gravity", WARN, text, "take the signal of the vertical axis, if it is another one"
     tilt = math.degrees(math.acos(min(abs(share), 1.0)))
     angle = f", tilted by {tilt:.0f} degrees" if tilt else ""
     severity = FAIL if abs(abs(share) - 1) > 0.3 else WARN
     text, advice = f"{reading}{angle}, or its scale is wrong", "mount it upright, or correct gain"
     return "gravity", severity, text, advice
-
-
-def _other_axes(
-    mapped: MappedChannel, messages: Mapping[str, MessageLayout], decoded: Decoded
-) -> dict[str, float]:
-    """Return the readings of the other accelerations of the same message or sender, g."""
-    axes = {}
-    for message in messages.values():
-        if message.name != mapped.message.name and (
-            not message.senders or message.senders != mapped.message.senders
-        ):
-            continue
-        for signal in message.signals:
-            name, si = f"{message.name}.{signal.name}", known_si(signal.unit)
-            samples = decoded.samples.get(name)
-            if name == mapped.channel.signal or samples is None or signal.is_multiplexed:
-                continue
-            value = samples.value[samples.usable]
-            if si is not None and si.unit == "m/s2" and len(value):
-                axes[name] = si.factor * float(np.median(value)) / G_M_S2
-    return axes

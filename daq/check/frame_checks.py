@@ -75,12 +75,6 @@ class Arrivals:
         interval_s = np.diff(self.t_ns) * 1e-9
         return float(np.quantile(np.abs(interval_s - np.median(interval_s)), 0.99))
 
-    def is_like(self, message: MessageLayout) -> bool:
-        """Return whether the frames have the length of a message, and its rate if it has one."""
-        cycle_s = message.cycle_s
-        has_rate = cycle_s is None or abs(self.rate_hz * cycle_s - 1) < RATE_FAIL
-        return has_rate and self.usual_length == message.length
-
     def __str__(self) -> str:
         return f"{self.can_id:#x}" + ("x" if self.is_extended else "")
 
@@ -212,9 +206,6 @@ def check_messages(
             width = " with 29 bits" if message.is_extended else ""
             text = f"no frame with identifier {message.can_id:#x}{width}"
             advice = "is the sensor on, set to this identifier, and set to send?"
-            alike = [str(a) for a in table.unknown if a.is_like(message)]
-            if alike:
-                advice += f" {', '.join(alike[:3])} has its length and rate"
             lines.append(Finding("absent", fault, text, f"message {name}", advice))
             continue
         counter = counters.get(name)
@@ -342,8 +333,6 @@ def _clock_faults(
     text = f"{clock.signal} runs {rate:.4g} times as fast as the bus's clock"
     if abs(rate - 1) > 0.2:
         yield "clock", FAIL, text, f"correct time_unit or time_wrap; {CORRECT_MESSAGE}"
-    elif abs(rate - 1) > 2e-3:
-        yield "clock", WARN, text, "is the host's clock set while measuring?"
 
 
 def clock_rate(

@@ -78,20 +78,6 @@ def corner_by_name(name: str, message: str) -> tuple[Corner, str] | None:
     return None
 
 
-def kind_by_name(name: str, message: str) -> str | None:
-    """Return m/s2, rad/s or m for a signal without a unit; None if its name states no quantity.
-
-    A length is only a travel at a corner.
-    """
-    name_words = words(name)
-    if name_words & {"gyro", "gyr", "rate", "omega", "angular", "drehrate"}:
-        return "rad/s"
-    if name_words & {"acc", "accel", "acceleration", "beschleunigung"}:
-        return "m/s2"
-    is_travel = name_words & _SUSPENSION and not (name_words | words(message)) & _NO_TRAVEL
-    return "m" if is_travel and corner_by_name(name, "") else None
-
-
 # Guesses, and what is asked about them ------------------------------------------------------------
 
 
@@ -132,8 +118,6 @@ class Guess:
     of_device: bool = False
     """True if the question is about a device with several channels, and one answer counts for all
     of them."""
-    unit: str = ""
-    """Unit of the signal if the database states none."""
     is_proven: bool = False
     """True if pushes on the corners have proven corner and sign."""
     tare: float | None = None
@@ -160,8 +144,7 @@ class Candidate:
     kind: str
     """SI unit of the measured quantity."""
     unit: str
-    """Unit, or the probable one if none is stated."""
-    is_stated: bool
+    """Unit that the database states."""
     corner: Corner | None
     """Wheel that a name states."""
     corner_source: str
@@ -170,8 +153,6 @@ class Candidate:
     """Difference of its highest and lowest valid value, in its unit; None if it is not stated."""
     level: float | None
     """Value at rest, in its unit; None if it was not measured."""
-    peak: float | None
-    """Largest magnitude that was seen, in its unit."""
 
     @property
     def name(self) -> str:
@@ -218,17 +199,15 @@ def candidate(full: str, signal: SignalLayout, values: NDArray[np.float64]) -> C
     describes = words("valid validity accuracy status sta state flag error quality alive temp")
     if known is None or words(signal.name) & describes:
         return None
-    is_stated = signal.unit not in ("", "-", "none", "None", "n/a", "Unit_None")
-    kind = known.unit if is_stated else kind_by_name(signal.name, message_of(full))
-    if kind not in ("m/s2", "rad/s", "rad/s2", "m") or (not is_stated and signal.length < 8):
-        return None  # a few bits without a unit are a status
-    span = level = peak = None
+    if known.unit not in ("m/s2", "rad/s", "rad/s2", "m"):
+        return None
+    span = level = None
     if signal.minimum is not None and signal.maximum is not None:
         span = signal.maximum - signal.minimum
     if len(values) >= FEWEST:
-        level, peak = float(np.median(values)), float(np.abs(values).max())
+        level = float(np.median(values))
     corner, source = corner_by_name(signal.name, message_of(full)) or (None, "")
-    return Candidate(full, kind, signal.unit, is_stated, corner, source, span, level, peak)
+    return Candidate(full, known.unit, signal.unit, corner, source, span, level)
 
 
 def guess_channels(candidates: Iterable[Candidate], pushes: Pushes | None) -> dict[str, Guess]:
@@ -236,43 +215,20 @@ def guess_channels(candidates: Iterable[Candidate], pushes: Pushes | None) -> di
     groups: dict[tuple[str, Corner | None], list[Candidate]] = defaultdict(list)
     for each in candidates:
         groups[each.sensor, each.corner].append(each)
-    groups = _with_units(groups)
     turning = {s.sensor for g in groups.values() for s in g if s.kind in ("rad/s", "rad/s2")}
     guesses: dict[str, Guess] = {}
-    for (sensor, corner), group in groups.items():
+    for (sensor, _), group in groups.items():
         guesses |= {s.full: guess for s in group if (guess := _by_name(s)) is not None}
         guesses |= _by_mounting(group, pushes)
-        guesses |= _on_hubs(group, corner, sensor in turning, guesses)
+        for s in group:
+            # Without gyroscopes or an axis in its name it may be on a hub as well.
+            may_be_hub = not s.is_on_body and (s.axis is None or sensor not in turning)
+            guess = guesses.get(s.full)
+            is_body = guess is not None and guess.quantity is Quantity.BODY_ACCELERATION
+            if guess is not None and is_body and may_be_hub and not guess.ask:
+                guesses[s.full] = replace(guess, ask=_WHICH_HUB, of_device=False)
     lengths = [s for g in groups.values() for s in g if s.kind == "m" and s.full in guesses]
     return guesses | _travels(lengths, guesses, pushes)
-
-
-def _with_units(
-    groups: Mapping[tuple[str, Corner | None], Sequence[Candidate]],
-) -> dict[tuple[str, Corner | None], list[Candidate]]:
-    """Return the candidates with a probable unit where none is stated.
-
-    Accelerations have the unit in which they read 1 g, one alone or all of the sensor together;
-    travels that of their largest motion, as at rest one may read next to nothing in any unit.
-    """
-    open_ = [s for group in groups.values() for s in group if not s.is_stated]
-    peak = max((s.peak or 0.0 for s in open_ if s.kind == "m"), default=0.0)
-    length = "m" if 0.005 <= peak <= _FARTHEST_M else "mm"
-
-    def unit_of(s: Candidate, group: Sequence[Candidate]) -> str:
-        if s.kind != "m/s2":
-            return length if s.kind == "m" else "deg/s"
-        levels = [o.level or 0.0 for o in group if o.kind == "m/s2" and not o.is_stated]
-        sizes = abs(s.level or 0.0), float(np.linalg.norm(levels))
-        # What 1 g reads in each unit.
-        units = {"g": 1.0, "m/s2": G_M_S2, "mg": 1000.0, "mm/s2": 1000.0 * G_M_S2}
-        fits = (u for size in sizes for u, g in units.items() if abs(size / g - 1) <= NEAR_1_G)
-        return next(fits, "m/s2")
-
-    return {
-        key: [s if s.is_stated else replace(s, unit=unit_of(s, group)) for s in group]
-        for key, group in groups.items()
-    }
 
 
 # One signal, from its name ------------------------------------------------------------------------
@@ -296,12 +252,8 @@ _ROLL = _Turn("roll", {"roll", "wank"}, "x", "positive lifts the left side")
 
 
 def _by_name(s: Candidate) -> Guess | None:
-    """Return the guess from names and unit; with a question where no unit is stated."""
-    guess = {"m/s2": _acceleration, "m": _length}.get(s.kind, _turn)(s)
-    if guess is None or s.is_stated:
-        return guess
-    ask = f"no unit is stated: is it {s.unit}?"
-    return replace(guess, unit=s.unit, ask=ask)
+    """Return the guess from names and unit."""
+    return {"m/s2": _acceleration, "m": _length}.get(s.kind, _turn)(s)
 
 
 def _acceleration(s: Candidate) -> Guess:
@@ -374,9 +326,8 @@ def _by_mounting(group: Sequence[Candidate], pushes: Pushes | None) -> dict[str,
     vertical, sign = axis_of(how.up) if how else ("", 1)
     guesses = {}
     for axis, s in accelerations.items():
-        unit = "" if s.is_stated else s.unit
         why = f"reads {gravity[axis]:+.2f} g at rest"
-        guess = Guess(Quantity.UNUSED, f"{why}: not vertical", unit=unit)
+        guess = Guess(Quantity.UNUSED, f"{why}: not vertical")
         if how is None:
             levels = ", ".join(f"{gravity[a]:+.2f}" for a in AXES)
             ask = f"no axis is vertical: it reads {levels} g"
@@ -387,55 +338,26 @@ def _by_mounting(group: Sequence[Candidate], pushes: Pushes | None) -> dict[str,
             ask = f"mounted {how.tilt_deg:.0f} degrees off the vertical?"
             ask = ask if how.tilt_deg > 5.0 else ""
             wheel = s.corner if is_on_hub else None
-            guess = Guess(quantity, f"{why}: vertical", wheel, sign, ask, True, unit)
+            guess = Guess(quantity, f"{why}: vertical", wheel, sign, ask, True)
         guesses[s.full] = guess
     if how is None or len(rates) < 2:
         return guesses
     ahead, sense = axis_of(how.forward)
     proof = "proven" if how.surely_forward else "taken"
     for axis, s in rates.items():
-        unit = "" if s.is_stated else s.unit
         if axis == vertical:
             why = f"about {axis}, the vertical axis of its sensor: yaw"
-            guesses[s.full] = Guess(Quantity.UNUSED, why, unit=unit)
+            guesses[s.full] = Guess(Quantity.UNUSED, why)
             continue
         turn, direction = (_ROLL, how.forward) if axis == ahead else (_PITCH, how.left)
         why = f"about {axis}; {ahead} is {proof} for the axis along the car; {turn.sense}"
-        ask = f"is it {unit}?" if unit else ""
+        ask = ""
         if not how.surely_forward:
             ask = f"does the sensor's {'+' if sense > 0 else '-'}{ahead} axis point forward?"
             ask += "  The pushes did not show it." if pushes is not None else ""
         quantity, sign = turn.quantity(s.kind), axis_of(direction)[1]
-        guesses[s.full] = Guess(quantity, why, None, sign, ask, True, unit, how.surely_forward)
+        guesses[s.full] = Guess(quantity, why, None, sign, ask, True, how.surely_forward)
     return guesses
-
-
-def _on_hubs(
-    group: Sequence[Candidate], corner: Corner | None, turns: bool, guesses: Mapping[str, Guess]
-) -> dict[str, Guess]:
-    """Return the accelerations that may be those of hubs.
-
-    Sensors at a wheel that read gravity on no axis are AC-coupled: a single axis is taken as
-    vertical, of several axes the one with z in its name.  The user is asked about sensors without
-    gyroscopes (`turns`) whose name states no place.
-    """
-    accelerations = [s for s in group if s.kind == "m/s2"]
-    gravity = {s.full: s.gravity_g for s in accelerations if s.gravity_g is not None}
-    no_gravity = gravity and max(map(abs, gravity.values())) <= 0.1
-    hubs = {}
-    for s in accelerations:
-        guess = guesses[s.full]
-        is_single = s.axis is None and len(accelerations) == 1
-        if s.is_on_body:
-            continue
-        if corner and no_gravity and s.full in gravity and (s.axis == "z" or is_single):
-            why = f"reads {gravity[s.full]:+.2f} g at rest; vertical and {corner} by name"
-            ask = "it reads no gravity: is it AC-coupled, and does it point up?"
-            hubs[s.full] = Guess(Quantity.HUB_ACCELERATION, why, corner, 1, ask, unit=guess.unit)
-        is_certain = guess.quantity is Quantity.BODY_ACCELERATION and not guess.ask
-        if is_certain and (s.axis is None or not turns):
-            hubs[s.full] = replace(guess, ask=_WHICH_HUB, of_device=False)
-    return hubs
 
 
 def _travels(
@@ -454,11 +376,11 @@ def _travels(
         if shown is None:
             continue
         corner, sign = shown
-        ask = "" if guess.ask == _WHERE else guess.ask  # the push answers where it is
+        ask = ""
         if guess.corner not in (None, corner):
             ask = f"its name says {guess.corner}: are plugs swapped?"
         why, kind = f"moved most by the push on {corner}", Quantity.SUSPENSION_TRAVEL
-        travels[name] = Guess(kind, why, corner, sign, ask, unit=guess.unit, is_proven=True)
+        travels[name] = Guess(kind, why, corner, sign, ask, is_proven=True)
     unplaced = [s for s in lengths if guesses[s.full].corner is None]
     if len(unplaced) == len(ORDER) and not any(g.is_proven for g in travels.values()):
         for s, corner in zip(unplaced, ORDER, strict=True):

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 
 from dbc.codec import Decoded, MessageLayout, SignalLayout
 from dbc.frames import FrameBatch
-from dbc.units import known_si
 from dbc.words import counted, plural, printable
 
 from ..bench.config import BusConfig
@@ -32,7 +31,7 @@ from ..bench.sensors import (
     sensors_codec,
 )
 from ..channels import AT_CORNER, ON_BODY, Quantity, sensor_of, signal_of
-from .frame_checks import RATE_FAIL, Arrivals, clock_rate, fitting_rules, frame_table
+from .frame_checks import RATE_FAIL, Arrivals, fitting_rules, frame_table
 from .guess import (
     FEWEST,
     OPEN,
@@ -106,7 +105,7 @@ def propose_sensors(
         missing += [m.name for m in messages if m.name not in received]
         messages = [m for m in messages if m.name in received]
     signals = [(f"{m.name}.{s.name}", s) for m in messages for s in m.signals]
-    measured = (candidate(full, signal, _usable(decoded, full)[1]) for full, signal in signals)
+    measured = (candidate(full, signal, _usable(decoded, full)) for full, signal in signals)
     candidates = [each for each in measured if each is not None]
     questions: list[Question] = []
     moved = None
@@ -132,9 +131,9 @@ def propose_sensors(
             if full in guesses:
                 sensor = sensor_of(message.name) if is_list else ""
                 channels += tables.lines(full, guesses[full], sensor)
+        arrivals = received.get(message.name)
         rule = []
-        if not (is_list and message.name in ready):
-            arrivals = received.get(message.name)
+        if arrivals is not None and not (is_list and message.name in ready):
             rule = message_rule(message, arrivals, decoded, is_used=bool(channels))
         if channels or rule:
             lines += ["", f"# {printable(message.name)}", *rule, *channels]
@@ -144,13 +143,12 @@ def propose_sensors(
     return Proposal("\n".join(lines) + "\n", tuple(questions))
 
 
-def _usable(decoded: Decoded | None, full: str) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return times and values of the usable samples of a signal."""
+def _usable(decoded: Decoded | None, full: str) -> NDArray[np.float64]:
+    """Return the usable samples of a signal."""
     samples = decoded.samples.get(full) if decoded is not None else None
     if samples is None:
-        return np.zeros(0, np.int64), np.zeros(0)
-    usable = samples.usable & np.isfinite(samples.value)
-    return samples.t_ns[usable], samples.value[usable]
+        return np.zeros(0)
+    return samples.value[samples.usable & np.isfinite(samples.value)]
 
 
 # The sensors on each bus --------------------------------------------------------------------------
@@ -275,6 +273,7 @@ def _head(
     lines = [
         "# Proposed by bumpbench check.  Read it, then test it: bumpbench check FILE.",
         "# Values that cannot be guessed are marked FILL IN, uncertain guesses ASK.",
+        "# A signal without a unit in the database is not proposed: add its [[channel]].",
     ]
     if not sensors:
         lines.append(f"dbc = {json.dumps(databases[0].name)}")
@@ -366,8 +365,6 @@ class _ChannelTables:
         ]
         if ask:
             lines.append(f"{ASK}{printable(ask, 200)}")
-        if guess.unit:
-            lines.append(f'signal_unit = "{guess.unit}"  # none is stated')
         if guess.quantity in AT_CORNER:
             lines.append(f'corner = "{guess.corner}"')
         if guess.sign < 0:
@@ -393,106 +390,57 @@ class _ChannelTables:
         return lines
 
 
-# The rules that bench.toml adds to a message: cycle, counter, checksum, time stamp ----------------
+# The rules that bench.toml adds to a message: cycle, counter, checksum ----------------------------
 
 
 def message_rule(
-    message: MessageLayout, arrivals: Arrivals | None, decoded: Decoded | None, *, is_used: bool
+    message: MessageLayout, arrivals: Arrivals, decoded: Decoded | None, *, is_used: bool
 ) -> list[str]:
     """Return a `[[message]]` table if the DBC is incomplete, or states a wrong cycle.
 
-    `arrivals` and `decoded`: its frames and all samples; None without traffic.  `is_used`: True if
-    the message has a channel; only then its cycle is checked.
+    `arrivals` and `decoded`: its frames and all samples.  `is_used`: True if the message has a
+    channel; only then its cycle is checked.
     """
     lines = []
-    rate_hz = arrivals.rate_hz if arrivals is not None and len(arrivals.t_ns) >= FEWEST else 0.0
+    rate_hz = arrivals.rate_hz if len(arrivals.t_ns) >= FEWEST else 0.0
     measured = f"cycle_ms = {1e3 / rate_hz:.4g}  # measured {rate_hz:.1f} Hz" if rate_hz else ""
-    if message.cycle_s is not None:
-        if is_used and rate_hz and abs(rate_hz * message.cycle_s - 1) > RATE_FAIL:
-            lines.append(f"{measured}, not the {1 / message.cycle_s:.1f} Hz of its database")
-    elif arrivals is None:
-        lines.append("# cycle_ms = 10  # FILL IN: not in the DBC, and there was no traffic")
-    elif measured:
-        lines.append(measured)
+    if message.cycle_s is None:
+        lines += [measured] if measured else []
+    elif is_used and rate_hz and abs(rate_hz * message.cycle_s - 1) > RATE_FAIL:
+        lines.append(f"{measured}, not the {1 / message.cycle_s:.1f} Hz of its database")
     counter: list[str] = []
     checksum: list[str] = []
-    time: list[str] = []
     for signal in message.signals:  # the first of each kind
-        name_words = words(signal.name)
-        t_ns, value = _usable(decoded, f"{message.name}.{signal.name}")
-        counter = counter or _counter(signal, name_words, arrivals, value)
-        checksum = checksum or _checksum(signal, name_words, arrivals, message.length)
-        time = time or _time(signal, name_words, arrivals, t_ns, value)
+        if signal.is_plain:
+            value = _usable(decoded, f"{message.name}.{signal.name}")
+            counter = counter or _counter(signal, value)
+            checksum = checksum or _checksum(signal, arrivals, message.length)
     lines += [] if message.counter else counter
     lines += [] if message.crc else checksum
-    lines += time
-    head = ["[[message]]", f"name = {json.dumps(message.name)}"]
-    if all(line.startswith("#") for line in lines):
-        # A line that is uncommented later needs the header of its table.
-        return [f"# {line}" for line in head] + lines if lines else []
-    return [*head, *lines]
+    return ["[[message]]", f"name = {json.dumps(message.name)}", *lines] if lines else []
 
 
-def _counter(
-    signal: SignalLayout,
-    name_words: set[str],
-    arrivals: Arrivals | None,
-    value: NDArray[np.float64],
-) -> list[str]:
-    """Return the lines on a counter, by its name and, with traffic, by its steps."""
+def _counter(signal: SignalLayout, value: NDArray[np.float64]) -> list[str]:
+    """Return the lines on a counter, by the name of a signal and its steps."""
     counter_words = words("counter cnt count alive rolling msgcnt seq sequence mc rc")
-    if not (signal.is_plain and 2 <= signal.length <= 32 and name_words & counter_words):
-        return []
-    name = json.dumps(signal.name)
-    if arrivals is None:
-        return [f"# counter = {name}  # by its name; true?"]
-    if len(value) < FEWEST:
+    is_counter = 2 <= signal.length <= 32 and words(signal.name) & counter_words
+    if not is_counter or len(value) < FEWEST:
         return []
     step = np.diff(value)
     modulus = int(value.max()) + 1 if np.any(step < 0) else 1 << signal.length
     if np.mean(step % modulus == 1) < 0.9:  # of the steps are by one
         return []
-    lines = [f"counter = {name}  # counts by one"]
+    lines = [f"counter = {json.dumps(signal.name)}  # counts by one"]
     if modulus != 1 << signal.length:
         lines.append(f"counter_modulus = {modulus}  # starts again after {modulus - 1}")
     return lines
 
 
-def _checksum(
-    signal: SignalLayout, name_words: set[str], arrivals: Arrivals | None, length: int
-) -> list[str]:
-    """Return the lines on a checksum, by its name and the rule that all frames pass."""
-    is_byte = signal.length == 8 and signal.is_whole_bytes and signal.is_plain
-    if not (is_byte and name_words & words("crc crc8 checksum chk chksum cs")):
+def _checksum(signal: SignalLayout, arrivals: Arrivals, length: int) -> list[str]:
+    """Return the lines on a checksum, by the name of a signal and the rule that all frames pass."""
+    names = words("crc crc8 checksum chk chksum cs")
+    if signal.length != 8 or not signal.is_whole_bytes or not words(signal.name) & names:
         return []
-    name = json.dumps(signal.name)
-    rules = fitting_rules(arrivals, signal.first_byte, length) if arrivals is not None else []
-    if not rules:
-        return [f"# crc = {name}  # which rule? give crc_rule"]
-    return [f"crc = {name}", f'crc_rule = "{rules[0]}"  # matches all frames']
-
-
-def _time(
-    signal: SignalLayout,
-    name_words: set[str],
-    arrivals: Arrivals | None,
-    t_ns: NDArray[np.int64],
-    value: NDArray[np.float64],
-) -> list[str]:
-    """Return the lines on a time stamp, by its name, its unit and its rate."""
-    known = known_si(signal.unit)
-    if known is None or known.unit != "s" or signal.is_multiplexed:
-        return []
-    if not name_words & words("time timestamp stamp millitime sampletime tow"):
-        return []
-    name = json.dumps(signal.name)
-    if arrivals is None or signal.is_float:
-        return [f"# time_signal = {name}  # by its name and unit; true?"]
-    wrap = abs(signal.factor) * float(1 << signal.length)
-    rate = clock_rate(value, t_ns, known.factor, wrap) if len(value) >= FEWEST else None
-    if rate is None:
-        return []
-    if abs(rate - 1) > 0.05:
-        slow = f"runs {rate:.3g} times as fast as the bus's clock: no time_signal as it is"
-        return [f"# {name} {slow}"]
-    return [f"time_signal = {name}  # runs with the bus's clock"]
+    rules = fitting_rules(arrivals, signal.first_byte, length)[:1]
+    crc = f"crc = {json.dumps(signal.name)}"
+    return [line for rule in rules for line in (crc, f'crc_rule = "{rule}"  # matches all frames')]

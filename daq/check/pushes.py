@@ -21,7 +21,6 @@ ORDER = (Corner.FRONT_LEFT, Corner.FRONT_RIGHT, Corner.REAR_LEFT, Corner.REAR_RI
 """The order in which the corners are pushed."""
 _LEAST = {
     Quantity.SUSPENSION_TRAVEL: 3e-3,
-    Quantity.BODY_DISPLACEMENT: 3e-3,
     Quantity.PITCH_RATE: 0.01,
     Quantity.ROLL_RATE: 0.01,
 }
@@ -135,20 +134,10 @@ def _judged(corner: Corner, moves: Sequence[_Move], channels: Sequence[Channel])
         text, advice = f"{due.name} did not move", "check its plug and its rod, then push again"
         return PushResult(corner, True, False, text, advice)
     if due is not None and most is not None and most.channel.corner is not corner:
-        # The gyroscopes distinguish a swapped plug from a push on another corner.
         moved = most.channel
-        pitch = next((m.first for m in moves if m.channel.quantity is Quantity.PITCH_RATE), 0)
-        roll = next((m.first for m in moves if m.channel.quantity is Quantity.ROLL_RATE), 0)
-        lowest = next((c for c in Corner if (c.front, c.side) == (pitch > 0, -roll)), None)
-        push_it = f"push the {spoken(corner)}"
-        if pitch and roll and lowest is moved.corner:
-            text = f"{moved.corner} moved, and the car tilted that way: "
-            text += f"the {spoken(corner)} was not pushed"
-            return PushResult(corner, True, False, text, push_it)
-        text = f"{moved.corner} moved: {due.name} and {moved.name} are swapped"
-        advice = "swap their plugs, or their signals in bench.toml"
-        if not (pitch and roll):
-            advice += f"; or another corner was pushed: press R and {push_it}"
+        text = f"{moved.corner} moved: another corner was pushed, or {due.name} and {moved.name} "
+        text += "are swapped"
+        advice = f"press R and push the {spoken(corner)}; if it repeats, swap their plugs"
         return PushResult(corner, True, False, text, advice)
     wrong = [m.channel.name for m in moves if _expected(corner, m.channel) == -m.first]
     if wrong:
@@ -171,11 +160,7 @@ def _expected(corner: Corner, channel: Channel) -> int | None:
             return 1 if corner.front else -1
         case Quantity.ROLL_RATE:
             return -corner.side
-    # A plate on four equal springs that is pushed at (u', v') sinks by 1 + u u' + v v' at (u, v),
-    # in half lengths from its middle; those of a usual car are used.
-    u, v = 1.0 + channel.x_m / 1.4, channel.y_m / 0.75  # x counts from the front axle
-    sunk = 1.0 + u * (1 if corner.front else -1) + v * corner.side  # the middle sinks by 1
-    return -1 if channel.at_cg or sunk > 0.4 else None
+    return None
 
 
 # How a sensor is mounted, from gravity and pushes -------------------------------------------------

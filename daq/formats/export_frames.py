@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from dbc.frames import FrameBatch, FrameFlag
 from dbc.words import InputError, counted
 
-from ..bench.campaign import Origin
 from ..sessions import Session
 
 _NS_PER_MS = 1_000_000
@@ -58,10 +57,6 @@ def write_blf(session: Session, path: Path) -> tuple[str, ...]:
             writer.on_message_received(message)
         writer.start_timestamp = start_ns * 1e-9  # for the head of the file
         writer.stop_timestamp = int(frames.t_ns[-1]) * 1e-9
-    if origin := _unlike_real(session):
-        with path.open("r+b") as stream:
-            stream.seek(72)  # the reserved part of the head, which readers skip
-            stream.write(f"origin: {origin}".encode())
     n = int((_has(frames, FrameFlag.ERROR) & _has(frames, FrameFlag.TRANSMITTED)).sum())
     return (f"BLF does not store who sent {counted(n, 'error frame')}",) if n else ()
 
@@ -81,8 +76,6 @@ def write_asc(session: Session, path: Path) -> tuple[str, ...]:
         stream.truncate()
         day = f"{start:%a %b %d %H:%M:%S}.{start.microsecond // 1000:03d} {start:%Y}"
         stream.write(f"date {day}\nbase hex  timestamps absolute\ninternal events logged\n")
-        if origin := _unlike_real(session):
-            stream.write(f"// origin: {origin}\n")
         stream.write(f"Begin Triggerblock {day}\n   0.000000 Start of measurement\n")
         writer.header_written = True
         for message in messages_of(frames, start_ns):
@@ -99,18 +92,10 @@ def write_candump(session: Session, path: Path) -> tuple[str, ...]:
     frames = session_frames(session)
     with can.CanutilsLogWriter(path) as writer:
         for message in messages_of(frames, 0):
-            if origin := _unlike_real(session):  # an interface's name, as it has no comments
-                message.channel = f"{origin}{message.channel}"
             writer.on_message_received(message)
     remote = int((_has(frames, FrameFlag.REMOTE) & (frames.length > 0)).sum())
     without_length = f"candump does not store the length of {counted(remote, 'remote frame')}"
     return (*_lost_in_text(frames, "candump"), *((without_length,) if remote else ()))
-
-
-def _unlike_real(session: Session) -> str:
-    """Return the origin of a session, which `Log.origin` reads in the head of a log; "" if real."""
-    origin = session.provenance.get("origin", Origin.REAL)
-    return "" if origin == Origin.REAL else origin
 
 
 def _lost_in_text(frames: FrameBatch, name: str) -> tuple[str, ...]:

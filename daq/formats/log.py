@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -122,14 +121,8 @@ class Log:
 
     @property
     def origin(self) -> str:
-        """Origin of its frames, a value of `Origin`; real where the log does not state another."""
-        if self._journal is not None:
-            return self._journal.head.origin
-        with self.paths[0].open("rb") as file:
-            head = file.read(512)
-        # An exported ASC or BLF says so, or the interface in a line of candump.
-        stated = re.search(rb"(?:origin: |\) )(simulated|replayed)", head)
-        return Origin(stated[1].decode()) if stated else Origin.REAL
+        """Origin of its frames, a value of `Origin`; only a journal states another than real."""
+        return Origin.REAL if self._journal is None else self._journal.head.origin
 
     @property
     def loss(self) -> LogLoss:

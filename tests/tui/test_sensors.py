@@ -10,7 +10,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from scipy.io import loadmat
 
 from daq import read_session
 from daq.bench.config import bench_codec, load_bench
@@ -71,51 +70,24 @@ def test_decode_puts_databases_together(folder: Path, capsys: pytest.CaptureFixt
     assert {"imu.Accel.AccZ", "hubs.Accel.FL"} <= said["samples"].keys()
 
 
-def test_check_and_import_choose_a_sensor(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_import_chooses_sensors_or_a_bus(folder: Path, tmp_path: Path) -> None:
     log, bench = str(folder / "drive.log"), str(folder / "bench.toml")
-    rest = ["--seconds", "1.2", "--json"]
-    assert run(["check", bench, log, "--sensor", "imu_b", *rest]) == 0
-    lines = json.loads(capsys.readouterr().out)["lines"]
-    assert "message imu_b.Accel" in {line["subject"] for line in lines}
-    assert not any("imu_a" in line["subject"] for line in lines)
-    out = tmp_path / "s.h5"
-    runs = ["--run", f"baseline:bounce:{log}", "--sensor", "hubs", "--sensor", "imu_a"]
-    assert run(["import", bench, "--out", str(out), *runs]) == 0
-    capsys.readouterr()
-    assert run(["export", str(out), "--format", "csv", "--sensor", "hubs"]) == 0
-    written = capsys.readouterr().out
-    assert "hubs_Accel.csv" in written
-    assert "imu_a" not in written
-
-
-def test_import_and_export_choose_a_bus_by_name_and_number(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    log, bench = str(folder / "drive.log"), str(folder / "bench.toml")
-    whole, part = tmp_path / "s.h5", tmp_path / "part.h5"
-    runs = ["--run", f"baseline:bounce:{log}", bench]
-    assert run(["import", "--out", str(whole), *runs]) == 0
     rear = {"imu_b", "pot_fl", "pot_fr", "pot_rl", "pot_rr"}
-    sensors = {"can0": {"hubs", "imu_a"}, "1": rear, "rear": rear}
-    for name, own in sensors.items():
-        out = tmp_path / f"{name}.mat"
-        assert run(["export", str(whole), "--out", str(out), "--bus", name]) == 0
-        channels = loadmat(out, simplify_cells=True)["channels"].values()
-        assert {sensor_of_signal(channel["signal"]) for channel in channels} == own
-    assert run(["import", "--out", str(part), *runs, "--bus", "can0", "--force"]) == 0
-    session = read_session(part)
-    assert {sensor_of_signal(c.signal) for c in session.channels} == sensors["can0"]
-    assert set(session.runs[0].frames.bus.tolist()) == {0}
-    capsys.readouterr()
-    csv = ["export", str(whole), "--format", "csv", "--force"]
-    for words, reason in (
-        (["--bus", "2"], "--bus 2: is not a bus of the bench (name one of can0, rear)"),
-        (["--bus", "can0", "--sensor", "imu_b"], "--bus can0: has no channel of imu_b"),
+    for number, (words, sensors) in enumerate(
+        (
+            (["--sensor", "hubs"], {"hubs"}),
+            (["--bus", "can0"], {"hubs", "imu_a"}),
+            (["--bus", "1"], rear),
+            (["--bus", "rear"], rear),
+        )
     ):
-        assert run([*csv, *words]) == 2
-        assert reason in capsys.readouterr().err
+        out = tmp_path / f"{number}.h5"
+        runs = ["--run", f"baseline:bounce:{log}", "--out", str(out)]
+        assert run(["import", bench, *runs, *words]) == 0
+        session = read_session(out)
+        assert {sensor_of_signal(c.signal) for c in session.channels} == sensors
+        if words[0] == "--bus":
+            assert set(session.runs[0].frames.bus.tolist()) == {int(sensors == rear)}
 
 
 def test_import_says_that_two_sensors_are_read_as_one(
@@ -147,12 +119,8 @@ def test_import_says_that_two_sensors_are_read_as_one(
 def test_a_sensor_or_bus_that_is_not_there_is_one_line(
     folder: Path, words: list[str], reason: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for command in (
-        ["decode", str(folder / "drive.log"), str(folder / "bench.toml")],
-        ["check", str(folder / "bench.toml"), str(folder / "drive.log")],
-    ):
-        assert run([*command, *words]) == 2
-        assert reason in capsys.readouterr().err
+    assert run(["decode", str(folder / "drive.log"), str(folder / "bench.toml"), *words]) == 2
+    assert reason in capsys.readouterr().err
 
 
 # Questions about a proposal -----------------------------------------------------------------------

@@ -18,7 +18,6 @@ from scipy.io import loadmat
 
 import daq
 from daq import Session, read_session, write_session
-from daq.bench.sensors import Database, stored_text
 from daq.channels import Channel, Quantity
 from daq.formats.export import ExportFormat, export_session
 from daq.runs import SampleGroup
@@ -26,7 +25,6 @@ from daq.vehicle import Corner
 from dbc import InputError, shipped_dbc
 from tui.cli import run
 
-from ..daq.sensor_bench import IMU
 from ..daq.small_campaign import bumps, small_codec
 from ..daq.small_session import START_NS, small_session
 from .conftest import said
@@ -117,36 +115,6 @@ def test_inspect(capsys: pytest.CaptureFixture[str], car: str) -> None:
     assert document["provenance"]["dbc"] == "7 bytes"
 
 
-ONE_BUS = """
-[[bus]]
-interface = "virtual"
-channel = "can0"
-name = "front"
-"""
-TWO_BUSES = ONE_BUS + '[[bus]]\ninterface = "virtual"\nchannel = "can1"\n'
-SENSOR = '[[sensor]]\nname = "imu"\ndbc = "imu.dbc"\nbus = 0\n'
-
-
-@pytest.mark.parametrize(
-    ("bench", "bus"),
-    [(ONE_BUS + SENSOR, "1"), (TWO_BUSES, "can1")],
-    ids=["the number is that of the log", "no sensor names its bus"],
-)
-def test_all_channels_are_exported_where_no_bus_has_some_of_them(
-    bench: str, bus: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    session = small_session()
-    database = stored_text((Database("imu.dbc", IMU),))
-    about = {**session.provenance, "bench_toml": bench, "dbc": database}
-    write_session(tmp_path / "car.h5", replace(session, provenance=about))
-    out = tmp_path / "part.mf4"
-    words = ["export", str(tmp_path / "car.h5"), "--bus", bus, "--out", str(out)]
-    assert run(words) == 0, capsys.readouterr().err
-    names = {channel.name for channel in session.channels}
-    with asammdf.MDF(out) as mdf:
-        assert names <= mdf.channels_db.keys()
-
-
 # Formats of export, each read by its own library --------------------------------------------------
 
 
@@ -176,7 +144,6 @@ def of_group(*groups: SampleGroup) -> Session:
 
 
 def test_mf4(tmp_path: Path, car: str) -> None:
-    import asammdf
 
     assert run(["export", car, "--format", "mf4"]) == 0
     with asammdf.MDF(tmp_path / "car.mf4") as mdf:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..diagnostics import ExitCode, say_left_out
-from ..options import BenchFile, Buses, Force, Interface, JsonResult, Sensors
+from ..options import BenchFile, Force, Interface, JsonResult
 
 if TYPE_CHECKING:
     from daq.check.check import CheckReport
@@ -66,8 +66,6 @@ def check(
             max=1_000_000,
         ),
     ] = None,
-    sensor: Sensors = None,
-    bus: Buses = None,
 ) -> int:
     """Check the bench: every message and every channel, with the car at rest.
 
@@ -78,11 +76,11 @@ def check(
     from daq import InputError
     from daq.bench.config import bench_codec, load_bench, on_bus, parse_bench
     from daq.bench.sensors import ready_map, ready_map_names
-    from daq.check.check import check_bench, part_of
+    from daq.check.check import check_bench
     from daq.files import refuse_existing
     from dbc import Severity
 
-    from ..bench import bus_numbers, is_log, log_and_bench, reachable, shared_bench, with_sensors
+    from ..bench import is_log, log_and_bench, reachable, shared_bench
     from ..output import print_json, print_labelled
     from ..proposal import TrafficSource, propose_bench, read_frames
 
@@ -125,14 +123,11 @@ def check(
             described = reachable(on_bus(described, interface, channel), where)
     else:
         described = load_bench(bench) if log else shared_bench(bench, interface, channel)
-    numbers = bus_numbers(described, bus or [])
-    with_sensors(described, sensor or [], numbers)  # refuses unknown names
     codec = bench_codec(described)  # before anything is opened
     say_left_out(codec)
     if frames is None:
         frames = read_frames(described, log, 0.0, seconds)
     report = check_bench(described, codec, frames, date.today())
-    report = part_of(report, described, sensor or [], numbers)
     _print(report, json)
     return ExitCode.ANSWER_IS_NO if report.verdict is Severity.ERROR else ExitCode.OK
 

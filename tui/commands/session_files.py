@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from ..diagnostics import ExitCode, report, say
-from ..options import Buses, Force, JsonResult, Sensors, SessionFile
+from ..options import Force, JsonResult, SessionFile
 
 if TYPE_CHECKING:
     from daq import Channel, Session
@@ -102,8 +102,6 @@ def export(
     run: Annotated[
         list[str] | None, typer.Option(metavar="RUN", help="Only this run; repeatable.")
     ] = None,
-    sensor: Sensors = None,
-    bus: Buses = None,
     separator: Annotated[
         str | None, typer.Option(help="Column separator of CSV; default: comma.")
     ] = None,
@@ -132,8 +130,7 @@ def export(
     if (separator or decimal) and wanted is not ExportFormat.CSV:
         raise InputError("--separator, --decimal", f"{wanted} has neither", "use --format csv")
     style = CsvStyle(separator or ",", decimal or ".")
-    whole = read_session(session)
-    chosen = _part(chosen_runs(whole, run or []), sensor or [], bus or [])
+    chosen = chosen_runs(read_session(session), run or [])
     written = export_session(chosen, target, wanted, style=style, force=force)
     files = [str(path) for path in written.paths]
     if json:
@@ -144,40 +141,6 @@ def export(
     for note in written.notes:
         say(note)
     return ExitCode.OK
-
-
-def _part(session: Session, sensors: Sequence[str], buses: Sequence[str]) -> Session:
-    """Return the channels and frames of some sensors and buses; of all if these are empty.
-
-    Raises InputError if the session has no such sensor or bus, or nothing of them.
-    """
-    from daq import InputError, session_part
-    from daq.bench.config import parse_bench
-    from daq.channels import sensor_of_signal
-
-    from ..bench import bus_numbers
-
-    if not buses:
-        return session_part(session, sensors, ())
-    about = session.provenance
-    bench = parse_bench(about.get("bench_toml", ""), "bench.toml", Path(), about.get("dbc"))
-    numbers = bus_numbers(bench, buses)
-    if len(bench.buses) > 1 and bench.sensors:
-        known = {
-            sensor_of_signal(channel.signal)
-            for channel in session_part(session, sensors, ()).channels
-        }
-        on_buses = {sensor.name for sensor in bench.sensors if sensor.bus in numbers} & known
-        if not on_buses:
-            reason = f"has no channel of {', '.join(sensors) or 'a sensor'}"
-            raise InputError(f"--bus {', '.join(buses)}", reason, "name another bus or sensor")
-        sensors = sorted(on_buses)
-    part = session_part(session, sensors, numbers)
-    if not any(len(run.frames) for run in part.runs):
-        numbers_text = ", ".join(map(str, sorted(set(session.frames.bus.tolist()))))
-        advice = f"its frames are of {numbers_text}"
-        raise InputError(f"--bus {', '.join(buses)}", "has no frame in the session", advice)
-    return part
 
 
 def redecode(

@@ -22,7 +22,6 @@ from dbc import FrameBatch, Severity
 from ..wild_bench import (
     DATABASES,
     HUBS,
-    IMU_A,
     NODES,
     POSITIONS,
     POT,
@@ -146,18 +145,6 @@ def test_no_four_pushes_are_asked_for_again() -> None:
     first = pushes.select(pushes.t_ns < pushes.t_ns[0] + 3_000_000_000)
     proposed = propose_sensors(DATABASES, (), rest, first)
     assert proposed.questions[0].startswith("1 push was found instead of one on each")
-
-
-def test_units_that_are_not_stated_follow_from_gravity_or_are_asked() -> None:
-    bare = IMU_A.replace('"m.s-2"', '""').replace('"rad.s-1"', '""')
-    databases = (Database("imu_a.dbc", bare), *DATABASES[1:])
-    rest, pushes = rest_and_pushes()
-    proposed = propose_sensors(databases, (), rest, pushes)
-    bench = bench_of(proposed, databases)
-    units = {c.signal: c.signal_unit for c in bench.channels}
-    assert units["imu_a_2.ImuAcceleration.AccX"] == "m/s2"
-    assert units["imu_a_1.ImuRate.GyrY"] == "deg/s"
-    assert "sensor imu_a_1: is it deg/s?" in proposed.questions
 
 
 # Answers ------------------------------------------------------------------------------------------

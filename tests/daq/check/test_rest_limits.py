@@ -38,7 +38,6 @@ DBC = (
     + "".join(f"SIG_VALTYPE_ {300 + n} v : 1;\n" for n in range(4))
 )
 CODEC = parse_codec(DBC, "rest.dbc")
-MESSAGES = {m.name: m for m in CODEC.messages}
 STEP_NS = 12_500_000
 """80 Hz: eight samples in each tenth of a second."""
 KINDS = {
@@ -73,7 +72,7 @@ def checked(
     own = Samples(one.signal, np.arange(n) * step_ns, array, bits)
     decoded = Decoded({one.signal: own, **(others or {})}, DecodeCounts(0, 0, 0, 0, 0))
     (mapped,) = map_channels((one,), CODEC.messages, "rest.dbc")
-    return check_channel(mapped, MESSAGES, decoded, 365, TODAY)
+    return check_channel(mapped, decoded, 365, TODAY)
 
 
 def still(level: float, noise: float = 1e-3, n: int = 320) -> Array:
@@ -318,8 +317,8 @@ def test_a_calibration_is_valid_from_its_day_on_for_a_year(day: str, text: str) 
         (1.299, WARN, "or its scale"),
         (1.301, FAIL, "or its scale"),
         (0.061, FAIL, "tilted by 87 degrees"),
-        (0.059, OK, "no gravity"),
-        (0.0, OK, "no gravity"),
+        (0.059, WARN, "no gravity"),
+        (0.0, WARN, "no gravity"),
     ],
 )
 @pytest.mark.parametrize("quantity", [Quantity.BODY_ACCELERATION, Quantity.HUB_ACCELERATION])
@@ -341,11 +340,6 @@ def test_an_accelerometer_that_points_up_reads_gravity(
         (1.09 / G, ""),
         (0.91 / G, ""),
         (1.07 * G, 'state signal_unit = "m/s2"'),
-        (1e-3, "state gain = 1000"),
-        (1e3, "state gain = 0.001"),
-        (1e-3 / G, "state gain = 9806.65"),
-        (1e-3 * G, "state gain = 101.972"),
-        (1e3 / G, "state gain = 0.00980665"),
         (-1e3 * G, 'state signal_unit = "mm/s2" and set sign = -1'),
         (30.0, ""),
     ],
@@ -355,51 +349,3 @@ def test_gravity_in_a_wrong_unit_shows_which_it_is(share: float, setting: str) -
     (line,) = faults(checked(channel(Quantity.BODY_ACCELERATION), still(share * G, quiet)))
     assert line.severity is FAIL
     assert (line.advice if "gravity" in line.text else "") == setting
-
-
-@pytest.mark.parametrize(
-    ("noise", "n", "is_scaled"),
-    [
-        (1.9e-3, 320, True),
-        (2.1e-3, 320, False),  # as quiet as no sensor is: else it is AC-coupled
-        (1.9e-3, 100, True),  # five errors of the mean: 0.95e-3 m/s2 of 1e-3
-        (1.9e-3, 80, False),  # and 1.06e-3
-    ],
-)
-def test_a_reading_near_nothing_is_gravity_only_of_a_quiet_sensor(
-    noise: float, n: int, is_scaled: bool
-) -> None:
-    (line,) = faults(checked(channel(Quantity.BODY_ACCELERATION), still(1e-3, noise, n)))
-    assert (line.advice == "state gain = 9806.65") is is_scaled
-    assert (line.severity is OK) is not is_scaled
-
-
-def sibling(name: str, value: float, quality: int = 0) -> dict[str, Samples]:
-    t_ns = np.arange(5, dtype=np.int64)
-    values = np.array([value, value, value, -9e3, 9e3])
-    return {name: Samples(name, t_ns, values, np.full(5, quality, np.uint8))}
-
-
-@pytest.mark.parametrize(
-    ("share", "others", "advice"),
-    [
-        (0.49, sibling("IMU.x", 1.09), 'take signal = "IMU.x"'),
-        (0.49, sibling("IMU.x", 0.91), 'take signal = "IMU.x"'),
-        (-0.49, sibling("IMU.x", -1.09), 'take signal = "IMU.x" with sign = -1'),
-        (0.49, sibling("IMU.x", 1.11), ""),
-        (0.49, sibling("IMU.x", 0.89), ""),
-        (0.51, sibling("IMU.x", 1.0), ""),
-        (0.2, sibling("IMU.x", 1.0, int(Quality.CRC_BAD)), ""),
-        (0.2, sibling("IMU.z", 1.0), ""),  # of an unknown unit
-        (0.2, sibling("IMU.z", 1.0) | sibling("TWIN.u", 1.0), 'take signal = "TWIN.u"'),
-        (0.2, sibling("Z.v", 9.8), ""),  # of another sender
-        (0.2, sibling("IMU.x", 0.3) | sibling("TWIN.u", 1.0), 'take signal = "TWIN.u"'),
-        (0.01, sibling("TWIN.u", 1.0), 'take signal = "TWIN.u"'),
-    ],
-)
-def test_another_axis_of_the_sensor_that_reads_gravity_is_named(
-    share: float, others: Mapping[str, Samples], advice: str
-) -> None:
-    own = channel(Quantity.BODY_ACCELERATION, "IMU.y")
-    (line,) = faults(checked(own, still(share * G, 0.1), others=others))
-    assert (line.advice if "axis" in line.text else "") == advice

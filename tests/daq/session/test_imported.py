@@ -36,7 +36,7 @@ from daq.session.from_frames import (
     session_from_parts,
     with_steps,
 )
-from daq.sessions import Session, session_part
+from daq.sessions import Session
 from daq.sim.car import SimulatedCar
 from daq.sim.ecu import campaign_frames
 from dbc import FrameBatch
@@ -489,18 +489,6 @@ def test_a_session_has_each_sensor_for_itself(tmp_path: Path) -> None:
     again = redecoded(session, _bench(session), str(path), {})
     assert level(again, "acc_b") == level(session, "acc_b")
     np.testing.assert_array_equal(again.runs[0].frames.bus, session.runs[0].frames.bus)
-
-
-def test_a_part_of_a_session_has_the_sensors_and_buses_that_are_asked_for() -> None:
-    part = session_part(imported(), ["imu_b"], [1])
-    assert [channel.name for channel in part.channels] == ["acc_b", "pitch_b"]
-    assert {group.name for group in part.runs[0].groups} == {"imu_b_Accel", "imu_b_Rate"}
-    assert set(part.runs[0].frames.bus.tolist()) == {1}
-    whole = session_part(imported(), [], [])
-    assert whole.channels == imported().channels
-    assert len(whole.runs[0].frames) == len(imported().runs[0].frames)
-    with pytest.raises(InputError, match="its sensors: hubs, imu_a, imu_b, pot_fl"):
-        session_part(imported(), ["imu_c"], [])
 
 
 def test_a_journal_needs_nothing_else(tmp_path: Path) -> None:
