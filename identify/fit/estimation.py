@@ -77,6 +77,9 @@ class Estimation:
     """Delay after the expected start from which the decays were first fitted with success, s."""
     nonlinear: Engine | None = None
     """Engine of a nonlinear fit; None if the fit is the linear one."""
+    laws: NDArray[np.float64] | None = None
+    """Part of the covariance that no residual shows, (P, P): what the errors of the laws of a
+    nonlinear fit move; None for the linear one."""
     unreached: tuple[str, ...] = ()
     """Parts of a nonlinear search that it had no time for, in words."""
 

@@ -159,13 +159,14 @@ def _result(
     # Scales and tape are not off with the laws: they keep what the decays say near the truth.
     _, facts = problem.fact_terms(at.eta)
     decays_share = inverse(best.information) @ (best.information - facts.T @ facts)
-    covariance = covariance + decays_share @ laws_covariance(model, free) @ decays_share.T
-    covariance = covariance + np.outer(moved, moved)
+    laws = decays_share @ laws_covariance(model, free) @ decays_share.T + np.outer(moved, moved)
+    covariance = covariance + laws
     shown = np.union1d(np.arange(model.first), free)
     place = np.searchsorted(shown, free)
-    full = np.zeros((len(shown), len(shown)))
+    full, of_laws = np.zeros((2, len(shown), len(shown)))
     full[np.diag_indices(len(shown))] = np.inf
     full[np.ix_(place, place)] = covariance
+    of_laws[np.ix_(place, place)] = laws
     initials = {r.decay.label: own for r, own in zip(problem.runs, at.initials, strict=True)}
     engine = NonlinearEngine(problem, at.eta, initials, shown)
     parts = engine.parts(at)
@@ -187,6 +188,7 @@ def _result(
         residuals=left,
         chi2_per_n=chi2,
         nonlinear=engine,
+        laws=of_laws,
     )
     values = element_estimates(best, covariance)
     choices = _choices(best, covariance, chosen, chi2, freedom, decided)

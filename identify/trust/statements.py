@@ -121,9 +121,12 @@ class _Stated:
         self.misfits = np.concatenate([of_facts, -pulls])
         """Misfits in their sigmas, (n_stated,)."""
         covariance = estimation.fit.covariance
-        self.covariance = np.where(np.isfinite(covariance), covariance, 0.0)
-        """Covariance of the unknowns, zero for those that were not released."""
-        self.redundancy = np.eye(len(self.rows)) - self.rows @ self.covariance @ self.rows.T
+        laws = np.zeros_like(covariance) if estimation.laws is None else estimation.laws
+        self.covariance = np.where(np.isfinite(covariance), covariance, 0.0) - laws
+        """Covariance of the unknowns that noise and statements cause; zero for those that were not
+        released."""
+        noise = np.eye(len(self.rows)) - self.rows @ self.covariance @ self.rows.T
+        self.redundancy = noise + self.rows @ laws @ self.rows.T
         """Covariance of the misfits, (n_stated, n_stated)."""
         self.signed = [name in SIGNED for name in box.parameters]
 

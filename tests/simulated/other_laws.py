@@ -16,7 +16,16 @@ from numpy.typing import NDArray
 
 import identify
 from daq.sessions import session_from_arrays
-from daq.vehicle import AddedMass, BodyWeight, Corner, HubWeight, MassState, Vehicle
+from daq.vehicle import (
+    AddedMass,
+    BodyWeight,
+    Corner,
+    Fact,
+    FactQuantity,
+    HubWeight,
+    MassState,
+    Vehicle,
+)
 from tests.identify.nonlinear.truth import (
     BASELINE,
     BUMP_S,
@@ -49,6 +58,8 @@ class OtherCar:
     """Number, class and families of laws."""
     car: Truth
     loaded: MassState
+    facts: tuple[Fact, ...]
+    """Scales under the wheels to 1 kg, wheelbase and tracks by a tape to 4 mm."""
     seed: int
     """Seed of the noise."""
 
@@ -94,8 +105,27 @@ def other_car(number: int, seed: int = SEED) -> OtherCar:
     hubs = [HubWeight(m, corner) for m, corner in zip(wheels, Corner, strict=True)]
     stop_name = f"stop of power {stop:g}" if stop else "exponential stop"
     name = f"{number} {kind['name']}: {stop_name}, {damper} dampers, {friction}"
-    return OtherCar(
-        name, car, MassState("added", AddedMass((*weights, *hubs))), int(rng.integers(2**31))
+    loaded = MassState("added", AddedMass((*weights, *hubs)))
+    seed = int(rng.integers(2**31))
+    return OtherCar(name, car, loaded, measured_facts(car, rng), seed)
+
+
+def measured_facts(car: Truth, rng: np.random.Generator) -> tuple[Fact, ...]:
+    """Return what scales and tape show of a car that stands level: loads in kg, lengths in m."""
+    facts = []
+    for i, name in enumerate(("corner_fl_kg", "corner_fr_kg", "corner_rl_kg", "corner_rr_kg")):
+        to_other_axle, half_track = (car.b, car.t_f) if i < 2 else (car.a, car.t_r)
+        share = (0.5 + (-1) ** i * 0.5 * car.y_s / half_track) * to_other_axle / (car.a + car.b)
+        facts.append((name, car.m_s * share + car.m_u[i], 1.0))
+    lengths = {
+        "wheelbase_m": car.a + car.b,
+        "front_track_m": 2 * car.t_f,
+        "rear_track_m": 2 * car.t_r,
+    }
+    facts += [(name, length, 0.004) for name, length in lengths.items()]
+    return tuple(
+        Fact(FactQuantity(name), value + float(rng.normal(0.0, sigma)), sigma)
+        for name, value, sigma in facts
     )
 
 
@@ -138,7 +168,11 @@ def identified_other(number: int, seed: int = SEED) -> FleetCase:
     ]
     sensors = {c.name: c for r in measured[0].recordings for c in r.group.channels}
     session = session_from_arrays(
-        runs, sensors.values(), drawn.loaded.added.weights, Vehicle("other"), bump_s=BUMP_S
+        runs,
+        sensors.values(),
+        drawn.loaded.added.weights,
+        Vehicle("other", facts=drawn.facts),
+        bump_s=BUMP_S,
     )
     began_s = process_time()
     result = identify.identify_parameters(session)

@@ -122,6 +122,26 @@ def test_scales_that_show_eight_per_cent_too_much_are_not_ok() -> None:
     assert abs(lost.shift - (1.0 / 1.08 - 1.0)) < 0.015
 
 
+@pytest.mark.parametrize(("factor", "contradicts"), [(1.06, False), (1.15, True)])
+def test_a_spring_contradicts_runs_beyond_what_their_laws_may_be_off(
+    factor: float, contradicts: bool
+) -> None:
+    """The decays know each mass and spring to 0.7 %, beside their noise."""
+    facts = (
+        Fact("total_mass_kg", sum(AXLES_KG), 1.0),
+        Fact("k_sf", factor * CAR.k_sf, 0.001 * CAR.k_sf),
+    )
+    result = fitted(_session(facts, 1.0, 0.1))
+    assert contradictions(result)
+    fit, box = result.fit, result.box
+    decays = np.sum([fit.information[decay.label] for decay in result.decays], axis=0)
+    sizes = [name not in {"a", "b", "t_f", "t_r"} for name in box.parameters]
+    moved = fit.covariance @ decays @ np.diag(0.007 * np.append(sizes, 0.0 * fit.eta[len(sizes) :]))
+    laws = moved @ moved.T
+    wider = replace(fit, covariance=fit.covariance + laws)
+    assert bool(contradictions(replace(result, fit=wider, laws=laws))) is contradicts
+
+
 def test_right_weights_beside_scales_are_no_finding() -> None:
     front, rear = AXLES_KG
     facts = (Fact("front_axle_kg", front, 2.0), Fact("rear_axle_kg", rear, 2.0))
