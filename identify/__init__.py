@@ -4,7 +4,8 @@ from dbc.words import Finding, Severity
 
 from .decays.usable import usable_session
 from .fit.uncertainty import Estimate
-from .model.matrices import PhysicalModel, state_space
+from .model.matrices import PhysicalModel
+from .model.matrices import physical_model as state_space
 from .modes.modal_model import ModalModel, Mode, mac, mode_names, mpc
 from .modes.mode_selection import identify_modes
 from .modes.state_variable_method import (

@@ -22,7 +22,6 @@ from .fit.estimation import (
     first_estimate,
     generic_vehicles,
     later_estimate,
-    later_may_hold,
 )
 from .fit.grey_box import GreyBox
 from .fit.uncertainty import (
@@ -143,9 +142,8 @@ def identify_parameters(
     linear = estimation = first_estimate(grey_box(session, records), records, vehicles)
     causes, forces = faults_of_bench(session, records, linear), None
     if not (linear.holds or causes.findings):  # else no car explains the decays
-        if later_may_hold(linear, vehicles):
-            progress(0.5, "fitting again")
-            estimation = later_estimate(linear, vehicles)
+        progress(0.5, "fitting again")
+        estimation = later_estimate(linear, vehicles)
         if not estimation.holds:
             causes = swapped_or_late(linear)
     if not (estimation.holds or causes.findings) and (share := share_of_faults(linear)) < 1.0:

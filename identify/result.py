@@ -77,7 +77,7 @@ class Identification:
     """The parameters with 95 % intervals (maximum likelihood); empty if no fit was possible."""
     derived: Mapping[str, Estimate] = field(default_factory=dict)
     """Quantities that follow from them: loads, radii of gyration, damping ratios
-    (`identify.model.facts`)."""
+    (`identify.model.matrices`)."""
     motion_ratios: Mapping[str, Estimate] = field(default_factory=dict)
     """Fitted motion ratio of each travel whose ratio is stated with a sigma."""
     correlation: Correlation = field(default_factory=lambda: Correlation((), np.zeros((0, 0))))

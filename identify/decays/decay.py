@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from weakref import WeakKeyDictionary
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,8 +56,8 @@ class Recording:
         """Return every k-th sample, so that about `rate_hz` are left (all, if there are fewer)."""
         if len(self.time_s) < 2:
             return self
-        own = (len(self.time_s) - 1) / float(self.time_s[-1] - self.time_s[0])
-        step = max(1, round(own / rate_hz))
+        sampled_hz = (len(self.time_s) - 1) / float(self.time_s[-1] - self.time_s[0])
+        step = max(1, round(sampled_hz / rate_hz))
         return Recording(self.group, self.time_s[::step], self.values[::step])
 
     def calibrated(self, gains: Mapping[str, float]) -> Recording:
@@ -66,7 +66,7 @@ class Recording:
         return Recording(self.group, self.time_s, self.values / factors)
 
 
-@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Record:
     """The usable samples of the usable channels of a run.
 
@@ -189,27 +189,16 @@ _ROUNDING = 1e-12  # of a channel's largest value: scatter that rounding alone m
 _QUIET_SAMPLES = 100  # fewer do not give a noise level to 10 %
 _QUIET_MARGIN_S = 0.005  # the onset is seen a little late
 _SAME_VALUE = 1e-9  # of a channel's largest value: a smaller distance of two values is rounding
-_ONSETS: WeakKeyDictionary[Record, float | None] = WeakKeyDictionary()
-"""Onset of each record in use; computed once, because every gate asks for it."""
-_Quiet = tuple[tuple[Recording, NDArray[np.bool_]], ...]
-_QUIET: WeakKeyDictionary[Record, _Quiet] = WeakKeyDictionary()
-"""Recordings of each record in use that have samples at rest, and which samples these are."""
+_RUNS = 256
+"""Runs whose onset and rest are kept: many gates ask for them."""
 
 
+@lru_cache(maxsize=_RUNS)
 def onset_s(record: Record) -> float | None:
-    """Return the time at which the motion starts, s; None if the record starts in motion.
+    """Return the first time at which a channel leaves its level at rest, s.
 
-    `record`: a run with its time stamps as measured.
-    """
-    if record not in _ONSETS:
-        _ONSETS[record] = _detected_onset_s(record)
-    return _ONSETS[record]
-
-
-def _detected_onset_s(record: Record) -> float | None:
-    """Return the first time at which a channel leaves its level at rest, s, as `onset_s`.
-
-    None if a channel moves in the first `_REST_S`, or none leaves its level.
+    None if a channel moves in the first `_REST_S`, or none leaves its level.  `record`: a run with
+    its time stamps as measured.
     """
     onsets_s = []
     for recording in record.recordings:
@@ -268,32 +257,21 @@ def quiet_noise(records: Sequence[Record]) -> dict[str, float]:
     In SI units; at least that of rounding to the step of a coarse sensor.  Empty if a channel has
     fewer than 100 samples at rest.
     """
-    counts = quiet_counts(records)
+    counts, rests = quiet_counts(records), _rests(records)
     names = {c.name for r in records for q in r.recordings for c in q.group.channels}
     if any(counts.get(name, 0) < _QUIET_SAMPLES for name in names):
         return {}
-    squares = dict.fromkeys(counts, 0.0)  # sums of squares about the mean of each rest
-    for recording, resting in (pair for record in records for pair in _quiet(record)):
-        quiet = recording.values[resting]
-        sums = np.sum((quiet - quiet.mean(axis=0)) ** 2, axis=0)
-        for channel, total in zip(recording.group.channels, sums.tolist(), strict=True):
-            squares[channel.name] += total
-    rounding = {name: step / np.sqrt(12.0) for name, step in coarse_steps(records).items()}
+    steps = coarse_steps(records)
+    squares = {name: sum(len(v) * np.var(v) for v in each) for name, each in rests.items()}
     return {
-        name: max(float(np.sqrt(squares[name] / n)), rounding.get(name, 0.0))
+        name: max(float(np.sqrt(squares[name] / n)), steps.get(name, 0.0) / np.sqrt(12.0))
         for name, n in counts.items()
     }
 
 
 def rest_levels(record: Record) -> dict[str, float]:
     """Return each channel's mean at rest before the bump, SI; empty without a quiet stretch."""
-    return {
-        channel.name: float(level)
-        for recording, resting in _quiet(record)
-        for channel, level in zip(
-            recording.group.channels, recording.values[resting].mean(axis=0), strict=True
-        )
-    }
+    return {name: float(values.mean()) for name, values in _rest(record).items()}
 
 
 def coarse_steps(records: Sequence[Record]) -> dict[str, float]:
@@ -302,19 +280,13 @@ def coarse_steps(records: Sequence[Record]) -> dict[str, float]:
     Their values at rest are few, so that rounding hides the noise.  The step is the least distance
     of two values in the whole records.
     """
-    quiet_parts: dict[str, list[NDArray[np.float64]]] = {}
-    whole_parts: dict[str, list[NDArray[np.float64]]] = {}
-    for record in records:
-        for recording, resting in _quiet(record):
-            for channel, column in zip(recording.group.channels, recording.values.T, strict=True):
-                quiet_parts.setdefault(channel.name, []).append(column[resting])
-                whole_parts.setdefault(channel.name, []).append(column)
+    whole = by_channel(r for record in records if _rest(record) for r in record.recordings)
     steps = {}
-    for name, parts in quiet_parts.items():
+    for name, parts in _rests(records).items():
         quiet = np.sort(np.concatenate(parts))
         changes_seldom = 2 * np.count_nonzero(np.diff(quiet)) < len(quiet)
         if changes_seldom:
-            values = np.sort(np.concatenate(whole_parts[name]))
+            values = np.sort(np.concatenate(whole[name]))
             distances = np.diff(values)
             distances = distances[distances > _SAME_VALUE * np.abs(values[[0, -1]]).max()]
             if len(distances) and quiet.std() < distances.min() / 2.0:
@@ -323,25 +295,39 @@ def coarse_steps(records: Sequence[Record]) -> dict[str, float]:
 
 
 def quiet_counts(records: Sequence[Record]) -> dict[str, int]:
-    """Return the degrees of freedom of each level of `quiet_noise`."""
-    counts: dict[str, int] = {}
-    for recording, resting in (pair for record in records for pair in _quiet(record)):
-        n = int(np.count_nonzero(resting))
-        for channel in recording.group.channels:
-            counts[channel.name] = counts.get(channel.name, 0) + n - 1  # one for the mean
-    return counts
+    """Return the degrees of freedom of each level of `quiet_noise`: one a run goes for its mean."""
+    return {name: sum(len(v) - 1 for v in each) for name, each in _rests(records).items()}
 
 
-def _quiet(record: Record) -> _Quiet:
-    """Return the recordings with samples before the onset, and which samples these are."""
-    if record not in _QUIET:
-        onset = onset_s(record)
-        end_s = -np.inf if onset is None else onset - _QUIET_MARGIN_S
-        pairs = ((recording, recording.time_s < end_s) for recording in record.recordings)
-        _QUIET[record] = tuple(
-            (recording, resting) for recording, resting in pairs if resting.sum() >= _REST_SAMPLES
-        )
-    return _QUIET[record]
+def by_channel(recordings: Iterable[Recording]) -> dict[str, list[NDArray[np.float64]]]:
+    """Return the values of each channel, one array for each recording that has it."""
+    columns: defaultdict[str, list[NDArray[np.float64]]] = defaultdict(list)
+    for recording in recordings:
+        for channel, values in zip(recording.group.channels, recording.values.T, strict=True):
+            columns[channel.name].append(values)
+    return columns
+
+
+def _rests(records: Iterable[Record]) -> dict[str, list[NDArray[np.float64]]]:
+    """Return the values of each channel at rest, one array for each record that shows them."""
+    rests: defaultdict[str, list[NDArray[np.float64]]] = defaultdict(list)
+    for record in records:
+        for name, values in _rest(record).items():
+            rests[name].append(values)
+    return rests
+
+
+@lru_cache(maxsize=_RUNS)
+def _rest(record: Record) -> Mapping[str, NDArray[np.float64]]:
+    """Return the values of each channel before the onset; of a group with enough of them."""
+    onset = onset_s(record)
+    end_s = -np.inf if onset is None else onset - _QUIET_MARGIN_S
+    return {
+        channel.name: values[r.time_s < end_s]
+        for r in record.recordings
+        if np.count_nonzero(r.time_s < end_s) >= _REST_SAMPLES
+        for channel, values in zip(r.group.channels, r.values.T, strict=True)
+    }
 
 
 def difference_noise(values: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -73,40 +74,30 @@ def usable(session: Session) -> Usable:
     session, absurd, spikes = without_bad_values(session)
     session = replace(session, channels=_without_constant(session))
     used = {c.name for c in session.used_channels}
-    silences = [_silences(run, used) if run.is_accepted else {} for run in session.runs]
-    records = [
-        record_of(run, session.channels) if run.is_accepted else None for run in session.runs
-    ]
-    holds: dict[str, list[ChannelHold]] = {}
-    for hold in frozen([record for record in records if record and record.recordings]):
-        holds.setdefault(hold.run, []).append(hold)
-    shown = [name for of_run in silences for name in of_run]
-    often_silent = _silent_in_most(silences)
-    often_frozen = _faulty_in_most([one.channel for each in holds.values() for one in each], shown)
-
-    def judged(run: Run, of_run: _Silences, record: Record | None) -> Run:
-        """Return the run, rejected for the first kind of fault that it has."""
-        if record is None:  # not accepted before
-            return run
-        reasons = (
-            tuple(_back(run, used))
-            or tuple(_silent(of_run, often_silent))
-            or tuple(_frozen(holds.get(run.label, ()), often_frozen))
-            or tuple(_without_decay(record))
-        )
-        rejected = replace(run, status=RunStatus.REJECTED, reasons=(*run.reasons, *reasons))
-        return rejected if reasons else run
-
-    runs = tuple(map(judged, session.runs, silences, records))
-    accepted = [
-        (record, of_run)
-        for run, of_run, record in zip(runs, silences, records, strict=True)
-        if record is not None and run.is_accepted
-    ]
+    silences = {run.label: _silences(run, used) for run in session.accepted}
+    records = {run.label: record_of(run, session.channels) for run in session.accepted}
+    holds = frozen([record for record in records.values() if record.recordings])
+    shown = [name for of_run in silences.values() for name in of_run]
+    often_silent = _silent_in_most(silences.values())
+    often_frozen = _faulty_in_most([hold.channel for hold in holds], shown)
+    runs = []
+    for run in session.runs:
+        if run.is_accepted:
+            of_run = [h for h in holds if h.run == run.label and h.channel not in often_frozen]
+            reasons = (  # of the first kind of fault that it has
+                tuple(_back(run, used))
+                or tuple(_silent(silences[run.label], often_silent))
+                or tuple(_frozen(of_run))
+                or tuple(_without_decay(records[run.label]))
+            )
+            if reasons:
+                run = replace(run, status=RunStatus.REJECTED, reasons=(*run.reasons, *reasons))
+        runs.append(run)
+    left = [run.label for run in runs if run.is_accepted]
     return Usable(
-        replace(session, runs=runs),
-        tuple(record for record, _ in accepted if record.recordings),
-        _silent_in_most([of_run for _, of_run in accepted]),
+        replace(session, runs=tuple(runs)),
+        tuple(records[label] for label in left if records[label].recordings),
+        _silent_in_most([silences[label] for label in left]),
         absurd,
         spikes,
     )
@@ -129,7 +120,7 @@ def _without_constant(session: Session) -> tuple[Channel, ...]:
     )
 
 
-def _silent_in_most(silences: Sequence[_Silences]) -> tuple[str, ...]:
+def _silent_in_most(silences: Iterable[_Silences]) -> tuple[str, ...]:
     """Return the channels that are silent for too long in most of the runs that they show.
 
     Runs in which all channels are silent together do not count.
@@ -156,17 +147,12 @@ def _silences(run: Run, used: set[str]) -> _Silences:
         for name, values in group.values.items()
         if name in used
     }
-    # Most channels of a group share their times: equal times have one key and are looked at once.
-    key_of = {name: time_s.tobytes() for name, time_s in times_s.items() if len(time_s)}
-    if not key_of:
+    times_s = {name: time_s for name, time_s in times_s.items() if len(time_s)}
+    if not times_s:
         return {}
-    by_key = {key: times_s[name] for name, key in key_of.items()}
-    together_s = np.sort(np.concatenate(list(by_key.values())), kind="stable")
-    key_of[_ALL] = b""
-    by_key[b""] = together_s[np.diff(together_s, prepend=-np.inf) > 0.0]
+    times_s[_ALL] = together_s = np.unique(np.concatenate(list(times_s.values())))
     begin_s, end_s = float(together_s[0]), float(together_s[-1])
-    longest = {key: longest_silence(time_s, begin_s, end_s) for key, time_s in by_key.items()}
-    return {name: longest[key] for name, key in key_of.items()}
+    return {name: longest_silence(time_s, begin_s, end_s) for name, time_s in times_s.items()}
 
 
 def _back(run: Run, used: set[str]) -> Iterator[str]:
@@ -183,28 +169,23 @@ def _silent(silences: _Silences, usual: Sequence[str]) -> Iterator[str]:
     `usual`: channels that are silent in most runs.  A silence of all sensors hides those of single
     ones.
     """
-    by_span: dict[str, list[str]] = {}
+    spans: defaultdict[str, list[str]] = defaultdict(list)
+    all_silent = bool(silences) and silences[_ALL].is_stale
     for name, silence in silences.items():
-        if silence.is_stale and name not in usual:
+        if silence.is_stale and name not in usual and (name == _ALL or not all_silent):
             begin_s = max(silence.begin_s, 0.0)  # the first sample may come before 0
             span = f"from {begin_s:.2f} to {silence.end_s:.2f} s (limit {silence.limit_s:.2f} s)"
-            by_span.setdefault(span, []).append(name)
-    if silences and silences[_ALL].is_stale:
-        by_span = {span: ["all sensors"] for span, names in by_span.items() if _ALL in names}
-    for span, names in by_span.items():
+            spans[span].append(name or "all sensors")
+    for span, names in spans.items():
         yield f"{', '.join(names)} sent nothing {span}"
 
 
-def _frozen(holds: Sequence[ChannelHold], usual: Sequence[str]) -> Iterator[str]:
-    """Yield a line for each length of time for which channels held one value.
-
-    `usual`: channels that do so in most runs.
-    """
-    by_length: dict[str, list[str]] = {}
+def _frozen(holds: Sequence[ChannelHold]) -> Iterator[str]:
+    """Yield a line for each length of time for which channels held one value."""
+    lengths: defaultdict[str, list[str]] = defaultdict(list)
     for hold in holds:
-        if hold.channel not in usual:
-            by_length.setdefault(f"{hold.longest.length_s:.2f} s", []).append(hold.channel)
-    for length, names in by_length.items():
+        lengths[f"{hold.longest.length_s:.2f} s"].append(hold.channel)
+    for length, names in lengths.items():
         yield f"{', '.join(names)} held one value for {length} (limit {FROZEN_S:.2f} s)"
 
 
@@ -227,8 +208,14 @@ def frozen(records: Sequence[Record]) -> tuple[ChannelHold, ...]:
     step of its converter.  So a held value counts only where the channel changes often enough at
     rest before the bump, or, if it is constant there too, in a repeat of the run.
     """
+    # Where a stuck channel hides the onset, the decay begins as in most other runs.
+    known_s = [decay_start_s(record) for record in records if onset_s(record) is not None]
+    usual_s = float(np.median(known_s)) if known_s else -np.inf
     holds = []
-    for record, (rest_s, start_s) in zip(records, _starts_s(records), strict=True):
+    for record in records:
+        rest_s, start_s = onset_s(record), decay_start_s(record)
+        if rest_s is None:
+            rest_s = start_s = max(usual_s, record.start_s)
         kind = record.label.rpartition("_")[0]
         for recording in record.recordings:
             for channel, column in zip(recording.group.channels, recording.values.T, strict=True):
@@ -256,28 +243,8 @@ def _is_frozen(one: ChannelHold, holds: Sequence[ChannelHold]) -> bool:
     return one.longest.is_frozen(rate)
 
 
-def _starts_s(records: Sequence[Record]) -> list[tuple[float, float]]:
-    """Return the end of the rest and the start of the decay of each record, s.
-
-    Where a stuck channel hides the onset, the rest ends with the decay's start, which is the median
-    of the other runs.
-    """
-    spans = [
-        None if onset is None else (onset, decay_start_s(record))
-        for record in records
-        for onset in [onset_s(record)]
-    ]
-    known_s = [start_s for span in spans if span is not None for _, start_s in [span]]
-    usual_s = float(np.median(known_s)) if known_s else -np.inf
-    hidden_s = [max(usual_s, record.start_s) for record in records]
-    return [span or (start_s, start_s) for span, start_s in zip(spans, hidden_s, strict=True)]
-
-
 # Takes values that no motion shows out of a session: absurd ones, and spikes ----------------------
 
-_Array = NDArray[np.float64]
-_SMALLEST = 1e-100
-"""Smallest magnitude that is not taken as zero: the squares of smaller ones vanish."""
 _ROUNDING = 1e-12
 """Magnitude, SI, below which a channel shows only a simulation's rounding: it is taken as zero."""
 _LONGEST = 3
@@ -290,16 +257,10 @@ _STEPS = 6.0
 _CURVED = 6.0
 """Least height in units of the curvature on either side.  Peaks of motion that is sampled at 20 Hz
 or more do not reach it, neither those of wheels that strike the bump; of 4, some do."""
-_NEAR_S = 0.05
-_NEAR_SAMPLES = 12
+_NEAR_S, _NEAR_SAMPLES = 0.05, 12
 """Length of a side: the longer of the two."""
-_OTHERS = 10
-"""One in so many samples of a side may belong to other spikes."""
 _MOST = 0.01
 """Share of the samples above which spikes belong to the signal."""
-_GAP = 1.5
-"""Ratio of the time between the neighbours of a spike to the usual one above which samples are
-missing there: then the motion went on meanwhile."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -322,48 +283,39 @@ def without_bad_values(
 ) -> tuple[Session, tuple[BadValue, ...], tuple[BadValue, ...]]:
     """Return a session whose accepted runs miss (NaN) bad values, the absurd ones, and the spikes.
 
-    Absurd are those above `LARGEST`, infinite ones too.  Values below `_SMALLEST` become 0, and all
-    of a channel that never exceeds `_ROUNDING`.
+    Absurd are those above `LARGEST`, infinite ones too.  A channel that never exceeds `_ROUNDING`
+    in a run is zero there.
     """
     used = {c.name for c in session.used_channels}
     absurd: list[BadValue] = []
     spiked: list[BadValue] = []
-
-    def cleaned(run: Run, name: str, time_s: _Array, values: _Array) -> _Array:
-        """Return the values of one channel; the same array if none of them is bad or tiny."""
-        too_large = np.abs(values) > LARGEST  # false for NaN
-        moves = bool(np.fmax.reduce(np.abs(values), initial=0.0) > _ROUNDING)
-        tiny = (np.abs(values) < (_SMALLEST if moves else _ROUNDING)) & (values != 0.0)
-        if too_large.any():
-            first = int(np.argmax(too_large))
-            count = int(np.count_nonzero(too_large))
-            one = BadValue(name, run.label, float(time_s[first]), float(values[first]), count)
-            absurd.append(one)
-        if too_large.any() or tiny.any():
-            values = np.where(too_large, np.nan, np.where(tiny, 0.0, values))
-        finite = np.flatnonzero(np.isfinite(values))
-        for spike in spikes(time_s[finite], values[finite]):
-            first = int(finite[spike][0])
-            spiked.append(BadValue(name, run.label, float(time_s[first]), float(values[first])))
-            values = values.copy()
-            values[finite[spike]] = np.nan
-        return values
-
     runs = []
     for run in session.runs:
-        if not run.is_accepted:
-            runs.append(run)
-            continue
         groups = []
-        for group in run.groups:
-            values = {
-                name: cleaned(run, name, group.time_s, column) if name in used else column
-                for name, column in group.values.items()
-            }
-            unchanged = all(values[name] is column for name, column in group.values.items())
-            groups.append(group if unchanged else replace(group, values=values))
-        unchanged = all(new is old for new, old in zip(groups, run.groups, strict=True))
-        runs.append(run if unchanged else replace(run, groups=tuple(groups)))
+        for group in run.groups if run.is_accepted else ():
+            columns = dict(group.values)
+            for name, column in group.values.items():
+                if name not in used:
+                    continue
+                values = column.copy()
+                if np.fmax.reduce(np.abs(values), initial=0.0) <= _ROUNDING:
+                    values[np.isfinite(values)] = 0.0
+                large = np.flatnonzero(np.abs(values) > LARGEST)  # false for NaN
+                if len(large):
+                    time_s, value = float(group.time_s[large[0]]), float(values[large[0]])
+                    absurd.append(BadValue(name, run.label, time_s, value, len(large)))
+                    values[large] = np.nan
+                finite = np.flatnonzero(np.isfinite(values))
+                for spike in spikes(group.time_s[finite], values[finite]):
+                    first = finite[spike][0]
+                    time_s, value = float(group.time_s[first]), float(values[first])
+                    spiked.append(BadValue(name, run.label, time_s, value))
+                    values[finite[spike]] = np.nan
+                if not np.array_equal(values, column, equal_nan=True):
+                    columns[name] = values
+            unchanged = all(columns[name] is column for name, column in group.values.items())
+            groups.append(group if unchanged else replace(group, values=columns))
+        runs.append(replace(run, groups=tuple(groups)) if groups else run)
     return replace(session, runs=tuple(runs)), tuple(absurd), tuple(spiked)
 
 
@@ -372,66 +324,54 @@ def spikes(time_s: NDArray[np.float64], values: NDArray[np.float64]) -> list[sli
 
     `time_s`, `values`: times and values of one channel, (n,) float64, finite.
     """
-    if len(values) < 2 * _NEAR_SAMPLES:
-        return []
+    n = len(values)
     change = np.abs(np.diff(values))
-    usual_change = float(np.partition(change, len(change) // 2)[len(change) // 2])  # the median
-    least = _STEEP * usual_change
-    first = np.flatnonzero(change > least) + 1  # samples at which a spike may begin
+    if n < 2 * _NEAR_SAMPLES or not change.any():
+        return []
+    least = max(_STEEP * float(np.median(change)), _STEPS * float(change[change > 0.0].min()))
+    # Beyond its ends a record goes on as in most samples there.
+    ends = 2 * _LONGEST + 1
+    padded = np.concatenate([[np.median(values[:ends])], values, [np.median(values[-ends:])]])
+    first = np.flatnonzero(np.abs(np.diff(padded[:-1])) > least)  # where a spike may begin
     if not len(first):
         return []
-    converter_step = float(change[change > 0.0].min())
-    least = max(least, _STEPS * converter_step)
-    if change[0] > least:
-        first = np.concatenate([[0], first])
-    # Beyond its ends a record goes on as it went.
-    ends = [3.0 * values[i] - 2.0 * values[j] for i, j in ((1, 2), (-2, -3))]
-    padded = np.concatenate([ends[:1], values, ends[1:]])
-    found: list[slice] = []
-    for samples in range(_LONGEST, 0, -1):
-        begin = first[first + samples <= len(values)]
-        inside = values[begin[:, None] + np.arange(samples)]
-        sides = padded[begin[:, None] + [0, samples + 1]]
-        above = inside.min(axis=1) - sides.max(axis=1)
-        height = np.maximum(above, sides.min(axis=1) - inside.max(axis=1))
+    period_s = float(np.median(np.diff(time_s)))
+    bad = np.zeros(n, bool)
+    spikes = []
+    for length in range(_LONGEST, 0, -1):
+        begin = first[first + length <= n]
+        inside = values[begin[:, None] + np.arange(length)]
+        sides = padded[begin[:, None] + [0, length + 1]]
+        above, below = (
+            inside.min(axis=1) - sides.max(axis=1),
+            sides.min(axis=1) - inside.max(axis=1),
+        )
+        height = np.maximum(above, below)
         for b, h in zip(begin[height > least].tolist(), height[height > least], strict=True):
-            one = slice(b, b + samples)
-            if any(one.start < other.stop and other.start < one.stop for other in found):
-                continue
-            if _is_whole(time_s, one) and h > _CURVED * _curvature(time_s, values, one):
-                found.append(one)
-    # A spike beside an end misleads about how the record went on there.
-    starts, stops = {one.start for one in found}, {one.stop for one in found}
-    found = [
-        one
-        for one in found
-        if not (one.start == 0 and one.stop in starts)
-        and not (one.stop == len(values) and one.start in stops)
-    ]
-    most = max(_LONGEST, _MOST * len(values))
-    return found if sum(one.stop - one.start for one in found) <= most else []
+            before, after = max(b - 1, 0), min(b + length, n - 1)
+            # Where samples are missing beside it, the motion went on meanwhile.
+            whole = time_s[after] - time_s[before] <= 1.5 * (after - before) * period_s
+            spike = slice(b, b + length)
+            if whole and not bad[spike].any() and h > _CURVED * _curvature(time_s, values, spike):
+                bad[spike] = True
+                spikes.append(spike)
+    return spikes if np.count_nonzero(bad) <= max(_LONGEST, _MOST * n) else []
 
 
 def _curvature(time_s: NDArray[np.float64], values: NDArray[np.float64], spike: slice) -> float:
     """Return the larger curvature of the two sides, over the length of the spike."""
     width = spike.stop - spike.start + 1
-    begin, end = np.searchsorted(
-        time_s, time_s[[spike.start, spike.stop - 1]] + [-_NEAR_S, _NEAR_S]
-    )
+    near_s = time_s[[spike.start, spike.stop - 1]] + [-_NEAR_S, _NEAR_S]
+    begin, end = np.searchsorted(time_s, near_s).tolist()
     sides = (
-        values[max(min(int(begin), spike.start - _NEAR_SAMPLES), 0) : spike.start],
-        values[spike.stop : max(int(end), spike.stop + _NEAR_SAMPLES)],
+        values[max(min(begin, spike.start - _NEAR_SAMPLES), 0) : spike.start],
+        values[spike.stop : max(end, spike.stop + _NEAR_SAMPLES)],
     )
-    curved = [0.0]
-    for side in sides:
-        bend = np.abs(side[width:-width] - (side[: -2 * width] + side[2 * width :]) / 2.0)
-        if len(bend):
-            curved.append(float(np.sort(bend)[-1 - len(bend) // _OTHERS]))
-    return max(curved)
-
-
-def _is_whole(time_s: NDArray[np.float64], spike: slice) -> bool:
-    """Return True if no samples are missing between a spike and its neighbours."""
-    before, after = max(spike.start - 1, 0), min(spike.stop, len(time_s) - 1)
-    period_s = np.median(np.diff(time_s))
-    return bool(time_s[after] - time_s[before] <= _GAP * (after - before) * period_s)
+    bends = [
+        np.abs(side[width:-width] - (side[: -2 * width] + side[2 * width :]) / 2.0)
+        for side in sides
+    ]
+    # One in ten samples of a side may belong to other spikes.
+    return max(
+        (float(np.sort(bend)[-1 - len(bend) // 10]) for bend in bends if len(bend)), default=0.0
+    )

@@ -1,37 +1,47 @@
-"""Finds the optimum from records: noise levels, start values, and the start of each decay."""
+"""Finds the optimum from records: noise levels, start values, and where each free decay begins.
+
+Every sample of the first 50 ms counts: the wheels' motion has lost half its size by then.  From a
+start that is late enough the samples before it are predicted one by one, each prediction updated
+by the samples already accepted (recursive least squares).  The errors of prediction are independent
+and of known variance as long as the motion is free; the bump's last force shows sooner or later.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from weakref import WeakKeyDictionary
+from functools import lru_cache
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.channels import Quantity
+
 from ..decays.decay import (
     FreeDecay,
     Record,
+    by_channel,
     decay_start_s,
     difference_noise,
     onset_s,
     quiet_counts,
     quiet_noise,
 )
-from .decay_start import earliest_start_s
 from .grey_box import GreyBox
 from .likelihood import (
     HOLD,
     Engine,
     Fit,
     LinearEngine,
-    LinearFit,
     Linearised,
     Residuals,
     fit,
     linearised,
     residuals_of,
 )
+from .varpro import Evaluated, LinearPart, over_two, slopes
 
 _BASIN_CHI2 = 1.3
 """chi2/n below which a search has led near an optimum that holds."""
@@ -39,16 +49,11 @@ _SEARCH_RATE_HZ = 250.0  # enough to find the basin of the optimum
 _LATER_S = (0.02, 0.05)
 """Later starts, s, to try when the model does not fit from the stated end of the bump.  None is
 later: an error in the wheels' motion dies within 0.2 s, and a start after that would hide it."""
-_LATER_UNSTATED_S = (0.1, 0.2, 0.4)
-"""Later starts, s, to try where no bump is stated and a record may begin within it."""
 _SEARCH_STEPS = 40
 _FIT_STEPS = 30
-_WIDEST = 1.0
-"""Standard deviation of each unknown, the logarithm of a parameter, before any run: a factor e.
-Without it, predictions would have no covariance where runs do not determine the masses."""
 
 
-@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Estimation:
     """A fit with everything that it is based on.
 
@@ -122,21 +127,13 @@ class Estimation:
         return floored(self.rest, self.decays) if self.rest else self.sigma
 
 
-_LINEARISED: WeakKeyDictionary[Estimation, Linearised] = WeakKeyDictionary()
-"""Linear model of each estimation in use; computed once, because many gates ask for it."""
-
-
+@lru_cache(maxsize=8)  # many gates ask for it
 def linearised_at(estimation: Estimation) -> Linearised:
     """Return the linear model at the optimum, the channels weighted by their noise."""
-    if estimation not in _LINEARISED:
-        fit, noise, decays = estimation.fit, estimation.noise, estimation.decays
-        model = fit.linearised if isinstance(fit, LinearFit) else None
-        if model is None or model.decays is not decays or estimation.sigma != noise:
-            box = estimation.box
-            # The sizes of elements follow the unknowns of the box in a nonlinear fit.
-            model = linearised(box, decays, noise, fit.eta[: len(box.prior_sigma)])
-        _LINEARISED[estimation] = model
-    return _LINEARISED[estimation]
+    box = estimation.box
+    # The sizes of elements follow the unknowns of the box in a nonlinear fit.
+    eta = estimation.fit.eta[: len(box.prior_sigma)]
+    return linearised(box, estimation.decays, estimation.noise, eta)
 
 
 def estimate(
@@ -151,9 +148,7 @@ def estimate(
     ones are tried only where the earlier ones find no optimum.
     """
     first = first_estimate(box, records, starts)
-    if first.holds or not later_may_hold(first, starts):
-        return first
-    return later_estimate(first, starts)
+    return first if first.holds else later_estimate(first, starts)
 
 
 def first_estimate(
@@ -169,54 +164,34 @@ def first_estimate(
 
 
 def later_estimate(first: Estimation, starts: Sequence[NDArray[np.float64]]) -> Estimation:
-    """Return a fit from a later start if one may hold (`later_may_hold`), else the first fit."""
+    """Return the fit from the first later start from which the model holds, else the first fit.
+
+    A bump may be longer than stated; one that is not stated is taken as long enough.  A model that
+    holds from some start holds from any later one: first of all the last is tried, roughly.
+    """
     box, records, rest = first.box, first.records, first.rest
-    near, generic = first.fit.eta, box.unknowns(starts[0])
-    for later_s, start_s in _later_starts(records):
-        # With the bump's last force in the window the first search may have gone astray.
-        searches = [_search(box, records, rest, start_s, eta) for eta in (near, generic)]
-        near = min(searches, key=lambda search: search.cost).eta
-        trial = _fitted_from(box, records, rest, start_s, near)
+    # With the bump's last force in the window the first search may have gone astray.
+    begin = first.fit.eta, box.unknowns(starts[0])
+    first_s = np.array([decay_start_s(record) for record in records])
+    # The shortest decay, too, keeps half a period of the wheels, 0.05 s.
+    longest_s = min(r.end_s - s for r, s in zip(records, first_s, strict=True)) - 0.05
+    laters_s = [later_s for later_s in _LATER_S if later_s < longest_s]
+    if not (laters_s and all(np.isfinite(record.bump_s) for record in records)):
+        return first
+
+    def nearest(later_s: float) -> _Search:
+        """Return the best of the searches on the decays that begin later."""
+        searches = (_search(box, records, rest, first_s + later_s, eta) for eta in begin)
+        return min(searches, key=lambda search: search.chi2_per_n)
+
+    if nearest(laters_s[-1]).chi2_per_n >= _BASIN_CHI2:
+        return first
+    for later_s in laters_s:
+        near = nearest(later_s).eta
+        trial = _fitted_from(box, records, rest, first_s + later_s, near)
         if trial.holds:
             return settled(replace(trial, later_s=later_s))
     return first
-
-
-def later_may_hold(first: Estimation, starts: Sequence[NDArray[np.float64]]) -> bool:
-    """Return whether a later start explains nearly all, by a rough fit of the last one.
-
-    A model that holds from some start holds from any later one: if it fails from the last, it fails
-    from all.
-    """
-    laters = _later_starts(first.records)
-    if not laters:
-        return False
-    _, last_s = laters[-1]
-    n = sum(
-        record.decay(float(s)).thinned(_SEARCH_RATE_HZ).n_values
-        for record, s in zip(first.records, last_s, strict=True)
-    )
-    return any(
-        _search(first.box, first.records, first.rest, last_s, eta).cost < _BASIN_CHI2 * n
-        for eta in (first.fit.eta, first.box.unknowns(starts[0]))
-    )
-
-
-def _later_starts(records: tuple[Record, ...]) -> list[tuple[float, NDArray[np.float64]]]:
-    """Return the delays to try, s, each with the later starts of all decays, (n_records,) s."""
-    first_s = np.array([decay_start_s(record) for record in records])
-    stated = all(np.isfinite(record.bump_s) for record in records)
-    # Where rest was seen and no bump is stated, the first guess is late enough for any bump.
-    movable = np.array([stated or onset_s(record) is None for record in records])
-    if not movable.any():
-        return []
-    # The shortest decay, too, keeps half a period of the wheels, 0.05 s.
-    longest_s = min(r.end_s - s for r, s in zip(records, first_s, strict=True)) - 0.05
-    return [
-        (later_s, first_s + np.where(movable, later_s, 0.0))
-        for later_s in (_LATER_S if stated else _LATER_UNSTATED_S)
-        if later_s < longest_s
-    ]
 
 
 def basin(
@@ -237,8 +212,8 @@ def basin(
             break
         search = _search(box, records, rest, start_s, eta)
         # Two searches whose costs differ by less than 1 % have led to one optimum.
-        again = abs(search.cost / best.cost - 1.0) < 0.01
-        best = min(best, search, key=lambda one: one.cost)
+        again = abs(search.chi2_per_n / best.chi2_per_n - 1.0) < 0.01
+        best = min(best, search, key=lambda one: one.chi2_per_n)
         if again:
             break
     return best.eta
@@ -251,34 +226,29 @@ def settled(late: Estimation) -> Estimation:
     for _ in range(3):
         model = linearised_at(best)
         information = np.sum(list(best.fit.information.values()), axis=0)
-        covariance = np.linalg.inv(information + np.eye(len(information)) / _WIDEST**2)
+        # Each unknown is known to a factor e before any run: else predictions would have no
+        # covariance where runs do not determine the masses.
+        covariance = np.linalg.inv(information + np.eye(len(information)))
         starts_s = [
-            earliest_start_s(
-                model.points[d.mass_state], covariance, record, d, linear, _lower_s(record)
-            )
+            _earliest_start_s(model.points[d.mass_state], covariance, record, d, linear)
             for record, d, linear in zip(best.records, best.decays, model.linear, strict=True)
         ]
-        if starts_s == [d.start_s for d in best.decays]:
+        if best is not late and starts_s == [d.start_s for d in best.decays]:
             break
-        moved = _fitted_from(best.box, best.records, best.rest, np.array(starts_s), best.fit.eta)
+        sigma, eta = _pooled_noise(best), best.fit.eta
+        moved = _fitted_from(best.box, best.records, best.rest, np.array(starts_s), eta, sigma)
         if not moved.holds:
             break
         best = replace(moved, later_s=late.later_s)
-    return _reweighted(best)
-
-
-def _lower_s(record: Record) -> float:
-    """Return the time before which no decay can start, s: the onset of motion, if it was seen."""
-    onset = onset_s(record)
-    return record.start_s if onset is None else onset
+    return best
 
 
 @dataclass(frozen=True, slots=True)
 class _Search:
-    """Result of a search: the point (P,), its cost, whether it explains nearly all."""
+    """Result of a search: the point (P,), its misfit, whether it explains nearly all."""
 
     eta: NDArray[np.float64]
-    cost: float
+    chi2_per_n: float
     explains: bool
 
 
@@ -304,7 +274,7 @@ def _search(
     rough = fit(box, decays, sigma, eta, 0.1, _SEARCH_STEPS, HOLD)
     # In the right basin even a wrong model leaves no more than 3 % of the motion's power.
     explains = rough.cost < _BASIN_CHI2 * n + 0.03 * power
-    return _Search(rough.eta, rough.cost, explains)
+    return _Search(rough.eta, rough.cost / n, explains)
 
 
 def _fitted_from(
@@ -313,39 +283,41 @@ def _fitted_from(
     rest: dict[str, float],
     start_s: NDArray[np.float64],
     eta: NDArray[np.float64],
+    pooled: dict[str, float] | None = None,
 ) -> Estimation:
-    """Fit the decays that begin at the given times, (n_records,), from near the optimum."""
+    """Fit the decays that begin at the given times, (n_records,), from near the optimum.
+
+    `rest`: noise at rest, SI, which chi2/n is measured by.  `pooled`: noise by which the channels
+    are weighted, if another one is known.
+    """
     decays = tuple(r.decay(float(s)) for r, s in zip(records, start_s, strict=True))
-    sigma = floored(rest or rough_noise(decays), decays)
-    fine = fit(box, decays, sigma, eta, max_iterations=_FIT_STEPS)
-    residuals = residuals_of(fine.linearised, decays, sigma)
-    if not rest:
-        # In two fits the noise and the fit settle together.
-        for _ in range(2):
+    sigma = floored(pooled or rest or rough_noise(decays), decays)
+    # Without rest, noise and fit settle together in two more fits.
+    for _ in range(1 if rest else 3):
+        fine = fit(box, decays, sigma, eta, max_iterations=_FIT_STEPS)
+        eta = fine.eta
+        residuals = residuals_of(linearised(box, decays, sigma, eta), decays, sigma)
+        weights = sigma
+        if not rest:
             sigma = floored(_residual_noise(residuals), decays)
-            fine = fit(box, decays, sigma, fine.eta)
-            residuals = residuals_of(fine.linearised, decays, sigma)
-    chi2 = _chi2_per_n(box, residuals, sigma)
-    return Estimation(box, records, fine, decays, sigma, rest, residuals, chi2)
+    noise = floored(rest, decays) if rest else weights
+    chi2 = _chi2_per_n(box, residuals, noise)
+    return Estimation(box, records, fine, decays, weights, rest, residuals, chi2)
 
 
-def _reweighted(best: Estimation) -> Estimation:
-    """Pool the noise at rest, a few dozen samples perhaps, with that of the residuals."""
-    if not best.rest:
-        return best
+def _pooled_noise(best: Estimation) -> dict[str, float]:
+    """Return the noise at rest, a few dozen samples perhaps, pooled with that of the residuals.
+
+    Empty without rest.
+    """
     counts = quiet_counts(best.records)
     pooled = {}
     for name, std in best.rest.items():
         in_runs = [decay for decay in best.residuals if name in decay.values]
         squares = sum(float(decay.values[name] @ decay.values[name]) for decay in in_runs)
         freedom = sum(decay.freedom[name] for decay in in_runs)
-        total = counts[name] * std**2 + squares
-        pooled[name] = float(np.sqrt(total / (counts[name] + freedom)))
-    sigma = floored(pooled, best.decays)
-    fine = fit(best.box, best.decays, sigma, best.fit.eta)
-    residuals = residuals_of(fine.linearised, best.decays, sigma)
-    chi2 = _chi2_per_n(best.box, residuals, best.noise)
-    return replace(best, fit=fine, sigma=sigma, residuals=residuals, chi2_per_n=chi2)
+        pooled[name] = float(np.sqrt((counts[name] * std**2 + squares) / (counts[name] + freedom)))
+    return pooled
 
 
 def _chi2_per_n(box: GreyBox, residuals: Sequence[Residuals], sigma: dict[str, float]) -> float:
@@ -361,13 +333,11 @@ def _chi2_per_n(box: GreyBox, residuals: Sequence[Residuals], sigma: dict[str, f
 
 def rough_noise(decays: Sequence[FreeDecay]) -> dict[str, float]:
     """Return an upper bound of the noise from the samples themselves."""
-    largest: dict[str, float] = {}
-    for decay in decays:
-        for recording in decay.recordings:
-            noise = difference_noise(recording.values)
-            for channel, std in zip(recording.group.channels, noise.tolist(), strict=True):
-                largest[channel.name] = max(largest.get(channel.name, 0.0), std)
-    return largest
+    columns = by_channel(recording for decay in decays for recording in decay.recordings)
+    return {
+        name: max(float(difference_noise(values)) for values in each)
+        for name, each in columns.items()
+    }
 
 
 def _residual_noise(residuals: Sequence[Residuals]) -> dict[str, float]:
@@ -380,18 +350,14 @@ def _residual_noise(residuals: Sequence[Residuals]) -> dict[str, float]:
 
 
 def floored(sigma: dict[str, float], decays: Sequence[FreeDecay]) -> dict[str, float]:
-    """Keep noise levels above what rounding makes of noise-free data."""
-    mean_squares: dict[str, list[float]] = {}
-    for decay in decays:
-        for recording in decay.recordings:
-            squares = np.einsum("nc,nc->c", recording.values, recording.values)
-            means = (squares / len(recording.values)).tolist()
-            for channel, mean in zip(recording.group.channels, means, strict=True):
-                mean_squares.setdefault(channel.name, []).append(mean)
-    # Noise-free data have the noise of rounding, 1e-5 of a channel's rms.
-    floor = {name: 1e-5 * float(np.sqrt(np.mean(each))) for name, each in mean_squares.items()}
+    """Keep noise levels above what rounding makes of noise-free data, 1e-5 of a channel's rms."""
+    columns = by_channel(recording for decay in decays for recording in decay.recordings)
+    rms = {
+        name: float(np.sqrt(np.mean([values @ values / len(values) for values in each])))
+        for name, each in columns.items()
+    }
     # A channel of zeros has no noise, and zero has no inverse.
-    return {name: max(std, floor.get(name, 0.0), 1e-300) for name, std in sigma.items()}
+    return {name: max(std, 1e-5 * rms.get(name, 0.0), 1e-300) for name, std in sigma.items()}
 
 
 # The vehicles from which a search may start -------------------------------------------------------
@@ -413,3 +379,135 @@ def generic_vehicles() -> tuple[NDArray[np.float64], ...]:
     return tuple(
         _MID_SIZE_CAR * np.repeat([mass, force, 1.0], [5, 6, 4]) for mass, force in factors
     )
+
+
+# Where a free decay begins: how far back a fitted model explains a record -------------------------
+
+_WINDOWS = (1, 2, 4, 8, 16)
+"""Samples taken together; many show a small force that one does not."""
+_SHOWN_AT_ONCE_S, _SHOWN_LATE_S = 0.001, 0.01
+"""Seconds after the first sample that fails, within which the force ends: with accelerations of
+wheels, which show a force at once, and without them."""
+_SLACK_S = 1e-7
+"""Seconds by which a start comes before its first sample, so that rounding does not cut it off."""
+
+
+class _Early(NamedTuple):
+    """The samples before the start, the last one first, in units of sigma."""
+
+    time_s: NDArray[np.float64]
+    """Time from the start, s, negative, shape (n,); one entry for each value."""
+    rows: NDArray[np.float64]
+    """Slope of each value by the unknowns of the fit and the linear part of the run, shape (n,
+    n_unknown)."""
+    error: NDArray[np.float64]
+    """Measured less predicted, shape (n,)."""
+    covariance: NDArray[np.float64]
+    """Covariance of the unknowns that the predictions use, shape (n_unknown, n_unknown)."""
+
+
+def _earliest_start_s(
+    point: Evaluated,
+    covariance: NDArray[np.float64],
+    record: Record,
+    decay: FreeDecay,
+    linear: LinearPart,
+) -> float:
+    """Return the earliest start from which the samples are free decay, s.
+
+    `point`: the fitted model for the record's mass state.  `covariance`, (P, P) float64: of the
+    unknowns of the fit, finite.  `decay` and `linear`: from a start that is late enough, with its
+    linear part.
+    """
+    start_s, onset = decay.start_s, onset_s(record)
+    lower_s = record.start_s if onset is None else onset  # no decay can start before
+    # The force ends near the expected start: what is 30 ms before it is seldom looked at.
+    for first_s in dict.fromkeys((max(lower_s, start_s - 0.03), lower_s)):
+        early = _early(point, covariance, record, decay, linear, first_s)
+        instants_s, failed_s = _free_instants(early)
+        if failed_s is not None:
+            channels = [c for r in decay.recordings for c in r.group.channels]
+            at_once = any(c.quantity is Quantity.HUB_ACCELERATION for c in channels)
+            end_s = failed_s + (_SHOWN_AT_ONCE_S if at_once else _SHOWN_LATE_S)
+            instants_s = [instant for instant in instants_s if instant > end_s]
+            break
+    return start_s + min(instants_s) - _SLACK_S if instants_s else start_s
+
+
+def _early(
+    point: Evaluated,
+    covariance: NDArray[np.float64],
+    record: Record,
+    decay: FreeDecay,
+    linear: LinearPart,
+    first_s: float,
+) -> _Early:
+    """Return the samples from `first_s` to the start, and what the decay predicts of them.
+
+    Arguments are those of `_earliest_start_s`.
+    """
+    modal_state = point.modes.W @ linear.solution[: len(point.modes.poles)]
+    # Weighted products of the slopes by the linear part and by the unknowns.
+    mixed = np.zeros((len(linear.solution), len(covariance)))
+    times_s, rows, errors = [], [], []
+    for recording, product, stack in zip(
+        decay.recordings, linear.products, linear.coefficients, strict=True
+    ):
+        J = slopes(point, recording.group, modal_state)
+        weight = point.weights(recording.group)
+        over_sigma = np.sqrt(weight)[:, None]
+        mixed += over_two(stack * weight[:, None, None], product.gram[:, : J.shape[1]] @ J)
+        before = record.whole(recording).between(first_s, decay.start_s)
+        early = replace(before, time_s=before.time_s + (first_s - decay.start_s))  # below zero
+        basis = point.basis(early)
+        by_unknown, by_linear = basis[:, : J.shape[1]] @ J, basis @ stack  # (n_channels, n, ..)
+        by_both = np.concatenate([by_unknown, by_linear], axis=2) * over_sigma[..., None]
+        times_s.append(np.tile(early.time_s, len(weight)))
+        rows.append(by_both.reshape(-1, by_both.shape[2]))
+        errors.append(((early.values.T - by_linear @ linear.solution) * over_sigma).ravel())
+    time_s = np.concatenate(times_s)
+    order = np.argsort(-time_s, kind="stable")
+    # The linear part follows the unknowns, and has its own error with all of them known.
+    across = -linear.normal_inverse @ mixed @ covariance
+    of_linear = linear.normal_inverse - across @ mixed.T @ linear.normal_inverse
+    joint = np.block([[covariance, across.T], [across, of_linear]])
+    return _Early(time_s[order], np.concatenate(rows)[order], np.concatenate(errors)[order], joint)
+
+
+def _free_instants(early: _Early) -> tuple[list[float], float | None]:
+    """Return the free instants, and the first one, backwards, that is not free; None if all are."""
+    change, covariance = np.zeros(early.rows.shape[1]), early.covariance
+    accepted: list[float] = []
+    squares: list[tuple[float, int]] = []  # of the errors at each instant, and their number
+    begins = np.flatnonzero(np.diff(early.time_s, prepend=np.inf))  # first value of each instant
+    for first, end in pairwise([*begins, len(early.time_s)]):
+        rows, instant_s = early.rows[first:end], float(early.time_s[first])
+        error = early.error[first:end] - rows @ change
+        shared = rows @ covariance
+        of_error = np.eye(len(error)) + shared @ rows.T  # covariance; the noise has sigma 1
+        gain_and_error = np.linalg.solve(of_error, np.column_stack([shared, error]))
+        gain, whitened = gain_and_error[:, :-1], gain_and_error[:, -1]
+        squares.append((float(error @ whitened), len(error)))
+        if _is_forced(squares):
+            return accepted, instant_s
+        accepted.append(instant_s)
+        change = change + shared.T @ whitened
+        covariance = covariance - shared.T @ gain
+    return accepted, None
+
+
+def _is_forced(squares: Sequence[tuple[float, int]]) -> bool:
+    """Return True if any window of last instants is not free decay.
+
+    `squares`: chi2 of the errors of prediction at each instant, and how many errors it is of.
+    """
+    # Only windows that are no longer than what has been looked at.
+    for width in _WINDOWS[: 1 + int(np.log2(len(squares)))]:
+        total = sum(chi2 for chi2, _ in squares[-width:])
+        freedom = sum(n for _, n in squares[-width:])
+        # The limit of chi2 by Wilson and Hilferty (1931), at a normal deviate of 4.5: one false
+        # alarm in 300,000.
+        spread = 2.0 / (9.0 * freedom)
+        if total > freedom * (1.0 - spread + 4.5 * np.sqrt(spread)) ** 3:
+            return True
+    return False

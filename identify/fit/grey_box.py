@@ -29,14 +29,15 @@ from daq.vehicle import (
 from dbc.frames import read_only
 
 from ..decays.decay import ChannelGroup
-from ..model.facts import CORNERS, misfits_of
 from ..model.matrices import (
     COMPLEX_STEP,
+    CORNERS,
     SYMMETRIC,
     Full,
     delta_mass,
     expansion,
     full_matrices,
+    misfits_of,
     motion_row,
     state_matrix,
     stepped,

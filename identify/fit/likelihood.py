@@ -10,7 +10,7 @@ the optimum it is the Cramer-Rao bound (docs/method.md, "Maximum likelihood").
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -77,18 +77,6 @@ class Fit:
 
 
 @dataclass(frozen=True, slots=True)
-class LinearFit(Fit):
-    """The optimum of the linear model."""
-
-    linearised: Linearised
-    """The model at `eta`, its channels weighted as in the fit."""
-
-    def __reduce__(self) -> tuple[object, ...]:
-        """Pickle it as a `Fit`: the model is large, and is computed again where it is needed."""
-        return Fit, tuple(getattr(self, f.name) for f in fields(Fit))
-
-
-@dataclass(frozen=True, slots=True)
 class Residuals:
     """Residuals of one decay."""
 
@@ -108,7 +96,7 @@ def fit(
     tolerance: float = 1e-3,
     max_iterations: int = 60,
     hold: float = 0.0,
-) -> LinearFit:
+) -> Fit:
     """Find the most likely unknowns.
 
     `sigma`: standard deviation of the noise, SI.  `start`, (P,) float64: where to begin.
@@ -171,7 +159,7 @@ def fit(
             size_before = _UNKNOWN
     information = {label: part.information for label, part in model.blocks.items()}
     covariance = covariance_of(here.information)
-    return LinearFit(eta, covariance, here.cost, information, iterations, converged, model)
+    return Fit(eta, covariance, here.cost, information, iterations, converged)
 
 
 def normal_blocks(

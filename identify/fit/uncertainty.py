@@ -14,8 +14,7 @@ from dbc.frames import freeze_arrays
 
 from ..decays.decay import FreeDecay, quiet_counts
 from ..model.exponentials import spectrum
-from ..model.facts import derived_quantities
-from ..model.matrices import COMPLEX_STEP, stepped
+from ..model.matrices import COMPLEX_STEP, derived_quantities, stepped
 from .estimation import Estimation
 from .grey_box import SIGNED, GreyBox
 from .likelihood import Fit, Residuals, covariance_of
@@ -91,7 +90,7 @@ def determined(box: GreyBox, covariance: NDArray[np.float64]) -> NDArray[np.bool
 
 
 def derived_estimates(box: GreyBox, fit: Fit) -> dict[str, Estimate]:
-    """Return the quantities of `identify.model.facts` with their intervals."""
+    """Return the quantities of `identify.model.matrices` with their intervals."""
     # Each first at the optimum, then with a complex step along each unknown.
     quantities = derived_quantities(box.full(stepped(fit.eta)))
     return {

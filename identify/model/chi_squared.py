@@ -8,9 +8,6 @@ from __future__ import annotations
 from functools import cache
 from math import erfc, exp, lgamma, log, sqrt
 
-_SAME = 1e-13
-"""Relative change below which a step of Newton's method is the last."""
-
 
 @cache
 def exceeded_by_chance(freedom: int, chance: float) -> float:
@@ -21,36 +18,24 @@ def exceeded_by_chance(freedom: int, chance: float) -> float:
     rarity = -log(chance)
     # A bound from above (Laurent and Massart).  The logarithm of the tail is concave, nearly so for
     # one degree, and Newton's method comes down from there without a step too far.
-    value = freedom + 2.0 * sqrt(freedom * rarity) + 2.0 * rarity
-    while True:
-        density, tail = _density_and_tail(freedom, value)
+    value = step = freedom + 2.0 * sqrt(freedom * rarity) + 2.0 * rarity
+    while abs(step) > 1e-13 * value:
+        tail = chance_of_more(freedom, value)
+        density = exp(_log_term(freedom / 2.0 - 1.0, value / 2.0)) / 2.0
         step = (log(tail) + rarity) * tail / density
         value += step
-        if abs(step) <= _SAME * value:
-            return value
+    return value
 
 
 def chance_of_more(freedom: int, value: float) -> float:
     """Return the probability that a chi-squared variable is more than a value."""
-    if value > freedom:
-        return _density_and_tail(freedom, value)[1]
-    # Where the tail is nearly 1, the part before it is summed instead.
-    half, power, before = value / 2.0, freedom / 2.0, 0.0
-    term = exp(power * log(half) - half - lgamma(power + 1.0)) if value > 0.0 else 0.0
-    while term > _SAME * before:
-        before += term
-        power += 1.0
-        term *= half / power
-    return 1.0 - before
+    if value <= 0.0:
+        return 1.0
+    powers = [freedom / 2.0 - 1.0 - k for k in range(freedom // 2)]
+    rest = erfc(sqrt(value / 2.0)) if freedom % 2 else 0.0
+    return rest + sum(exp(_log_term(power, value / 2.0)) for power in powers)
 
 
-def _density_and_tail(freedom: int, value: float) -> tuple[float, float]:
-    """Return the probability density at a value above the mean, and the probability of more."""
-    half, power = value / 2.0, freedom / 2.0 - 1.0
-    term = exp(power * log(half) - half - lgamma(power + 1.0))
-    density, tail = term / 2.0, erfc(sqrt(half)) if freedom % 2 else 0.0
-    while power > -0.5:
-        tail += term
-        term *= power / half
-        power -= 1.0
-    return density, tail
+def _log_term(power: float, half: float) -> float:
+    """Return the logarithm of ``exp(-half) half^power / gamma(power + 1)``, a term of the tail."""
+    return power * log(half) - half - lgamma(power + 1.0)

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm
 
 from daq.bumps import BUMPS
 from daq.runs import Excitation
@@ -69,24 +68,21 @@ def exact_response(
     after = time > bump.end_s + tolerance
 
     omega = np.pi / bump.duration_s
-    road = np.zeros((2 * N_DOF + 2, 2 * N_DOF + 2))
-    road[: 2 * N_DOF, : 2 * N_DOF] = model.A
-    road[N_DOF : 2 * N_DOF, -2] = np.linalg.solve(model.M, _road_force(model, excitation))
+    n = 2 * N_DOF
+    road = np.zeros((n + 2, n + 2))
+    road[:n, :n] = model.A
+    road[N_DOF:n, -2] = np.linalg.solve(model.M, _road_force(model, excitation))
     road[-2, -1] = 1.0
     road[-1, -2] = -(omega**2)
-    foot = np.zeros(2 * N_DOF + 2)
+    foot = np.zeros(n + 2)
     foot[-1] = bump.height_m * omega
 
-    state = np.zeros((len(time), 2 * N_DOF + 2))
-    state[on_bump] = _march(road, foot, time[on_bump] - bump.start_s, rate_hz)
-    left = expm(road * bump.duration_s) @ foot
-    state[after, : 2 * N_DOF] = _march(
-        model.A, left[: 2 * N_DOF], time[after] - bump.end_s, rate_hz
-    )
+    state = np.zeros((len(time), n + 2))
+    state[on_bump] = _free(road, foot, time[on_bump] - bump.start_s)
+    (at_end,) = _free(road, foot, np.array([bump.duration_s]))
+    state[after, :n] = _free(model.A, at_end[:n], time[after] - bump.end_s)
     rate_of_change = state @ road.T
-    return Response(
-        time, state[:, :N_DOF], state[:, N_DOF : 2 * N_DOF], rate_of_change[:, N_DOF : 2 * N_DOF]
-    )
+    return Response(time, state[:, :N_DOF], state[:, N_DOF:n], rate_of_change[:, N_DOF:n])
 
 
 def wilson_response(
@@ -142,23 +138,10 @@ def _road_force(model: PhysicalModel, excitation: Excitation) -> NDArray[np.floa
     return np.concatenate([np.zeros(3), tyres[3:] * np.array(BUMPS[excitation].shares)])
 
 
-def _march(
-    A: NDArray[np.float64], start: NDArray[np.float64], time: NDArray[np.float64], rate_hz: float
+def _free(
+    A: NDArray[np.float64], start: NDArray[np.float64], time_s: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return ``expm(A t) start`` for evenly spaced times since `start`, (n, len(A)).
-
-    The block of known states is doubled until it is long enough: ten or so products of matrices
-    instead of thousands, and rounding that grows with their number only.
-    """
-    states = np.zeros((len(time), len(A)))
-    if len(time) == 0:
-        return states
-    states[0] = expm(A * time[0]) @ start
-    power = expm(A / rate_hz)
-    known = 1
-    while known < len(time):
-        more = min(known, len(time) - known)
-        states[known : known + more] = states[:more] @ power.T
-        power = power @ power
-        known += more
-    return states
+    """Return ``expm(A t) start`` at some times, (n, len(A)), by the eigenvectors of A."""
+    poles, vectors = np.linalg.eig(A)
+    amplitudes = np.linalg.solve(vectors, start.astype(complex))
+    return np.asarray((np.exp(np.multiply.outer(time_s, poles)) * amplitudes @ vectors.T).real)

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from daq.vehicle import Corner, MassState
 
 from ..fit.grey_box import GreyBox
-from ..model.facts import corner_load, misfits_of
-from ..model.matrices import COMPLEX_STEP, Full, delta_mass, stepped
+from ..model.matrices import COMPLEX_STEP, Full, corner_load, delta_mass, misfits_of, stepped
 from .laws import secant_share
 
 # The unknowns of the nonlinear elements, in addition to those of the grey box ---------------------

@@ -33,8 +33,7 @@ from ..fit.varpro import (
     products_of,
     pseudo_inverse,
 )
-from ..model.facts import CORNERS
-from ..model.matrices import loaded_model
+from ..model.matrices import CORNERS, loaded_model
 from ..model.response import Bump, exact_response
 from .design import Candidate, Plan, campaigns, candidates
 

@@ -22,7 +22,7 @@ from dbc.words import Finding, counted
 from ..decays.decay import FreeDecay, Record, decay_start_s, onset_s
 from ..fit.estimation import Estimation, generic_vehicles
 from ..fit.likelihood import HOLD, residuals
-from ..model.facts import SCALED
+from ..model.matrices import SCALED
 from .finding import MOST, Cause, listed
 from .hypotheses import LATE_ADVICE, ROTATIONS, kind_of_sensor, rank_causes
 from .refit import AS_STATED, Refit, Trial, compared, parameters_as_start, ranked, refit

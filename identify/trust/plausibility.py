@@ -17,8 +17,7 @@ from ..fit.likelihood import covariance_of, normal_blocks
 from ..fit.uncertainty import COVERAGE_95, estimates
 from ..fit.varpro import LinearPart
 from ..model.exponentials import Spectrum
-from ..model.facts import derived_quantities, whole_vehicle_indices
-from ..model.matrices import N_DOF, Full, loaded_model
+from ..model.matrices import N_DOF, Full, derived_quantities, loaded_model, whole_vehicle_indices
 from ..modes.modal_model import mode_names, modes_of
 from ..numbers import half_width_percent
 from .statements import contradiction_findings

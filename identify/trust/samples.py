@@ -24,7 +24,7 @@ from dbc.words import Finding, Severity, counted
 
 from ..decays.decay import GUARD_S, Record, decay_start_s
 from ..decays.usable import Usable, frozen
-from ..model.facts import SCALED
+from ..model.matrices import SCALED
 from .finding import listed
 
 LOST_SHARE = 0.1

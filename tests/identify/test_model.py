@@ -14,14 +14,16 @@ from daq.vehicle import FORD_GRANADA, AddedMass, BodyWeight, Corner, Fact, FactQ
 from dbc.words import InputError
 from identify.model.chi_squared import chance_of_more, exceeded_by_chance
 from identify.model.exponentials import LowPass, Spectrum, series_of, spectrum, waves_of
-from identify.model.facts import (
+from identify.model.matrices import (
     corner_load,
+    delta_mass,
     derived_quantities,
+    matrices,
     misfits_of,
+    physical_model,
     predicted,
     whole_vehicle_indices,
 )
-from identify.model.matrices import delta_mass, matrices, physical_model
 from identify.model.response import Bump, Response, exact_response, wilson_response
 
 X = np.array([1.25, 1.25, -1.51, -1.51])  # wheels from the CG: forward, and to the left

@@ -164,14 +164,13 @@ def unexplained(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
     monkeypatch.setattr(pipeline, "swapped_or_late", lambda _: Causes())
     monkeypatch.setattr(pipeline, "share_of_faults", lambda _: 0.0)
     monkeypatch.setattr(pipeline, "mistyped_weight", lambda _: None)
-    monkeypatch.setattr(pipeline, "later_may_hold", lambda *_: False)
+    monkeypatch.setattr(pipeline, "later_estimate", lambda one, _: one)
     return monkeypatch
 
 
 def test_the_progress_says_what_is_done_and_how_far_the_work_is(
     unexplained: pytest.MonkeyPatch,
 ) -> None:
-    unexplained.setattr(pipeline, "later_may_hold", lambda *_: True)
     unexplained.setattr(pipeline, "later_estimate", lambda one, _: replace(one, chi2_per_n=1.0))
     stages: list[tuple[float, str]] = []
     result = identify(_session(np.inf, bump_s=0.2), lambda *stage: stages.append(stage))
@@ -179,24 +178,18 @@ def test_the_progress_says_what_is_done_and_how_far_the_work_is(
     assert stages == [(0.1, "fitting"), (0.5, "fitting again"), (0.7, "judging"), (0.8, "modes")]
 
 
-@pytest.mark.parametrize("later_chi2", [1.7, None])
 def test_elements_are_sought_with_the_beginnings_where_no_later_start_holds(
-    unexplained: pytest.MonkeyPatch, later_chi2: float | None
+    unexplained: pytest.MonkeyPatch,
 ) -> None:
     """A BMW that rolled over 20 mm was refused: a later start promised to hold, and did not."""
     asked: list[float] = []
     forces: Any = SimpleNamespace(choices=())
 
-    def later(first: Estimation, _: object) -> Estimation:
-        assert later_chi2 is not None
-        return replace(first, chi2_per_n=later_chi2)
-
     def fitted_car(linear: Estimation, *_: object) -> real_car.RealCar:
         asked.append(linear.chi2_per_n)
         return real_car.RealCar(replace(linear, chi2_per_n=1.01), forces)
 
-    unexplained.setattr(pipeline, "later_may_hold", lambda *_: later_chi2 is not None)
-    unexplained.setattr(pipeline, "later_estimate", later)
+    unexplained.setattr(pipeline, "later_estimate", lambda one, _: replace(one, chi2_per_n=1.7))
     unexplained.setattr(real_car, "real_car", fitted_car)
     result = identify(_session(np.inf, bump_s=0.2))
     assert asked == [9.0]

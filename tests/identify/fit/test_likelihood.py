@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 from dataclasses import replace
 from functools import cache
 
@@ -35,10 +34,7 @@ from identify.fit.likelihood import (
     FACTS,
     HOLD,
     PRIORS,
-    Fit,
-    LinearFit,
     fit,
-    linearised,
     normal_blocks,
     residuals,
 )
@@ -63,24 +59,6 @@ def test_noise_free_runs_give_the_vehicle_back() -> None:
     best = fit(BOX, decays, level, BOX.unknowns(CAR))
     assert best.converged
     assert np.max(np.abs(_errors_percent(best.eta))) < 1e-5
-
-
-def test_a_pickled_fit_has_no_linear_model_and_gives_the_same_one() -> None:
-    records = paper_records(200.0, 30.0, 2)
-    decays = tuple(r.decay(START_S) for r in records)
-    sigma = noise_of(records, 200.0)
-    best = fit(BOX, decays, sigma, BOX.unknowns(CAR))
-    sent = pickle.dumps(best)
-    assert b"Linear" not in sent
-    again = pickle.loads(sent)
-    assert isinstance(again, Fit)
-    assert not isinstance(again, LinearFit)
-    for name in ("eta", "covariance", "cost", "iterations", "converged"):
-        np.testing.assert_array_equal(getattr(again, name), getattr(best, name))
-    anew = linearised(BOX, decays, sigma, again.eta)
-    for label, block in best.linearised.blocks.items():
-        np.testing.assert_array_equal(again.information[label], block.information)
-        np.testing.assert_allclose(anew.blocks[label].gradient, block.gradient, atol=1e-6)
 
 
 def test_covariance_is_the_cramer_rao_bound_by_brute_force() -> None:
@@ -321,14 +299,6 @@ def test_decays_without_a_quiet_stretch_take_the_noise_from_the_residuals() -> N
     result = estimate(BOX, records, generic_vehicles())
     assert not result.rest
     assert result.chi2_per_n == pytest.approx(1.0, abs=0.1)
-    assert np.all(np.abs(_errors_percent(result.fit.eta)) < 4 * _sigmas(result))
-
-
-def test_records_that_begin_within_the_bump() -> None:
-    # 30 ms of rest show neither the noise nor the onset; the first 0.2 s are forced motion.
-    records = [_cut(r, 0.07) for r in paper_records(200.0, 30.0, 10, bump_s=np.nan)]
-    result = estimate(BOX, records, generic_vehicles())
-    assert all(0.2299 < decay.start_s < 0.24 for decay in result.decays)
     assert np.all(np.abs(_errors_percent(result.fit.eta)) < 4 * _sigmas(result))
 
 

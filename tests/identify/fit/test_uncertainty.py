@@ -24,8 +24,7 @@ from identify.fit.uncertainty import (
     mode_estimates,
 )
 from identify.fit.varpro import NormalBlock
-from identify.model.facts import derived_quantities
-from identify.model.matrices import FULL_NAMES, SYMMETRIC, physical_model
+from identify.model.matrices import FULL_NAMES, SYMMETRIC, derived_quantities, physical_model
 
 from ..bumps import GROUP, MASS_STATES, PAPER_DELTA_MASS, TRUTH, noise_of, paper_records
 
