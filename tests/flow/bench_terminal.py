@@ -7,6 +7,7 @@ import fcntl
 import math
 import os
 import pty
+import re
 import select
 import signal
 import struct
@@ -56,7 +57,8 @@ class DemoBench:
     fault : str
         What spoils the second bump.
     bumps : str
-        The planned kinds of bump, as bench.toml writes them; all of the shipped bench if empty.
+        The planned kinds of bump, as bench.toml writes them, with one of the shipped weights; all
+        bumps and weights of the shipped bench if empty.
     """
 
     def __init__(
@@ -65,7 +67,9 @@ class DemoBench:
         self.folder = folder / "recorder"
         self.bench = folder / "bench.toml"
         text = default_bench_text().replace("repeats = 2", f"repeats = {repeats}")
-        text = text.replace(SHIPPED_BUMPS, bumps or SHIPPED_BUMPS)
+        if bumps:
+            text = text.replace(SHIPPED_BUMPS, bumps)
+            text = re.sub(r"(?s)(\[\[weight\]\].*?)\[\[weight\]\].*?(?=# The IMU)", r"\1", text)
         seen = f"accept_after_s = {SEEN_S * speed:g}"
         self.bench.write_text(text.replace("accept_after_s = 3.0", seen))
         self._speed, self._fault = speed, fault
