@@ -7,13 +7,18 @@ import shutil
 import signal
 import tempfile
 from collections.abc import Generator
+from pathlib import Path
 
 import pytest
+
+from .base_install import sitecustomize
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as in `tui`: small matrices
 # A shell starts what runs in the background with SIGINT ignored, and processes of tests inherit it.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+_PATH = [str(Path(sitecustomize.__file__).parent), os.environ.get("PYTHONPATH", "")]
+os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, _PATH))  # of the processes that tests start
 if "RUNTIME_DIRECTORY" not in os.environ:  # no sockets of tests among those of the user
     os.environ["RUNTIME_DIRECTORY"] = tempfile.mkdtemp(prefix="bumpbench-")
     atexit.register(shutil.rmtree, os.environ["RUNTIME_DIRECTORY"], ignore_errors=True)
