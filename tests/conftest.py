@@ -23,11 +23,7 @@ if "RUNTIME_DIRECTORY" not in os.environ:  # no sockets of tests among those of 
     os.environ["RUNTIME_DIRECTORY"] = tempfile.mkdtemp(prefix="bumpbench-")
     atexit.register(shutil.rmtree, os.environ["RUNTIME_DIRECTORY"], ignore_errors=True)
 
-pytest_plugins = [
-    "tests.compiled_in_shares",
-    "tests.compiled_once",
-    "tests.few_reports",
-]
+pytest_plugins = ["tests.workers"]
 
 
 @pytest.hookimpl(wrapper=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 import re
 import shlex
@@ -10,6 +11,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import matplotlib.image
+import numpy as np
 import pytest
 from typer.core import TyperGroup
 from typer.exceptions import TyperException
@@ -22,6 +25,7 @@ from daq.verdict.words import WORDS
 from tui.cli import GROUPS, app, run
 
 from ..identify.stress import stress_session
+from .pictures import DOCS, SIZES_PX, draw
 
 ROOT = Path(__file__).parents[2]
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
@@ -170,3 +174,20 @@ def test_the_bars_name_tests_that_exist() -> None:
     named = re.findall(r"tests/[a-z_/]+\.py", text)
     assert len(named) > 15
     assert [path for path in named if not (ROOT / path).is_file()] == []
+
+
+# The pictures -------------------------------------------------------------------------------------
+
+ALIKE = 0.06
+"""Mean difference of a colour, of 0 to 1, that another curve or another number may make."""
+
+
+@pytest.mark.long
+def test_the_pictures_of_the_readme_show_the_program_as_it_is(tmp_path: Path) -> None:
+    asyncio.run(draw(tmp_path))
+    for name in SIZES_PX:
+        drawn, kept = (matplotlib.image.imread(folder / name) for folder in (tmp_path, DOCS))
+        assert drawn.shape == kept.shape, name
+        assert np.mean(np.abs(drawn - kept)) < ALIKE, name
+        # A screen from elsewhere differs by more.
+        assert np.mean(np.abs(drawn[::-1] - kept)) > ALIKE, name
