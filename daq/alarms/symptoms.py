@@ -19,7 +19,7 @@ from ..bus.error_frames import ControllerState, ErrorClass, ErrorFrame, error_fr
 from ..bus.source import HopLosses, LinkFacts
 from ..channels import LARGEST, Quantity
 from ..control.messages import BusState, BusStatus
-from ..samples.converter import HealthState, is_fine, is_stuck
+from ..samples.converter import HealthState
 from ..samples.mapping import MappedChannel
 from .texts import Counts, fault
 
@@ -188,18 +188,18 @@ class BusWatch:
             yield fault("error_passive", name, text)
 
 
-# Watches each channel: without a value, at the end of its range, or frozen ------------------------
+# Watches each channel: without a value, or at the end of its range --------------------------------
 
 
 class _Channel:
-    """Range and resolution of a channel, and its current run of equal samples.
+    """Range of a channel: that of its bits, or that of the DBC if it is narrower.
 
-    The range is that of its bits, or that of the DBC if it is narrower: a 16-bit sensor that
-    measures up to 4 g stops there.
+    A 16-bit sensor that measures up to 4 g stops there.
     """
 
     def __init__(self, mapped: MappedChannel) -> None:
         signal, channel = mapped.signal, mapped.channel
+        self.name, self.signal = channel.name, channel.signal
         self.low, self.high = signal.span
         least, most = signal.minimum, signal.maximum
         if least is not None and most is not None and least < most:
@@ -207,46 +207,32 @@ class _Channel:
         self.text = f"{self.low:g} to {self.high:g} {signal.unit}".rstrip()
         if signal.length == 1:  # a switch is always at one end
             self.low, self.high = -math.inf, math.inf
-        self.gain = abs(mapped.factor * channel.scale)
-        self.largest = LARGEST / self.gain if self.gain else math.inf
+        gain = abs(mapped.factor * channel.scale)
+        self.largest = LARGEST / gain if gain else math.inf
         """Largest magnitude that any sensor shows, in the signal's unit."""
-        self.step = mapped.step
-        self.is_fine = is_fine(channel.quantity, channel.unit, mapped.step)
-        self.name, self.signal, self.quantity = channel.name, channel.signal, channel.quantity
-        self.value = math.nan
-        """The signal's value in all samples of the run, which has `samples` of them."""
-        self.samples = self.moving = 0
-        """`moving`: number of cycles within the run in which other channels moved."""
-        self.since_ns = self.until_ns = 0
 
-    def usable(self, samples: Samples, counts: Counts) -> Samples:
-        """Count faulty samples, and return the usable ones."""
-        quality, value = samples.quality, samples.value
-        usable = (quality & np.uint8(UNUSABLE)) == 0
-        shown = np.isfinite(value) & (np.abs(value) <= self.largest)
-        no_value = (quality & np.uint8(Quality.SENTINEL) != 0) | (usable & ~shown)
-        counts["no_value", self.name] = int(np.count_nonzero(no_value)), ""
-        good = np.flatnonzero(usable & shown)
-        return Samples(samples.channel, samples.t_ns[good], value[good], quality[good])
-
-    def hold(self, samples: Samples, low: float, high: float, others_move: bool) -> None:
-        """Continue the run of equal samples with those of a cycle, or begin another one.
-
-        `low`, `high`: their extremes; if these differ, only the last sample is in the run.
-        `others_move`: True if another channel of this quantity moves in the cycle.
-        """
-        n, self.until_ns = len(samples.t_ns), int(samples.t_ns[-1])
-        is_still = low == high
-        if is_still and low == self.value and self.samples:
-            self.samples, self.moving = self.samples + n, self.moving + others_move
-            return
-        self.value, self.samples = float(samples.value[-1]), n if is_still else 1
-        self.since_ns = int(samples.t_ns[0]) if is_still else self.until_ns
-        self.moving = int(is_still and others_move)
+    def count(self, samples: Samples, counts: Counts) -> None:
+        """Count the samples of a cycle without a value, and those at the end of the range."""
+        value = samples.value
+        lowest, highest = float(value.min()), float(value.max())
+        is_shown = max(-lowest, highest) <= self.largest  # False if one is not a number
+        if not is_shown or samples.quality.any():
+            usable = (samples.quality & np.uint8(UNUSABLE)) == 0
+            shown = np.isfinite(value) & (np.abs(value) <= self.largest)
+            no_value = (samples.quality & np.uint8(Quality.SENTINEL) != 0) | (usable & ~shown)
+            counts["no_value", self.name] = int(np.count_nonzero(no_value)), ""
+            value = value[usable & shown]
+            if not len(value):
+                return
+            lowest, highest = float(value.min()), float(value.max())
+        # Many unsigned signals are zero at rest.
+        if (lowest <= self.low and lowest != 0) or (highest >= self.high and highest != 0):
+            at_end = ((value <= self.low) | (value >= self.high)) & (value != 0)
+            counts["saturated", self.name] = int(np.count_nonzero(at_end)), self.text
 
 
 class Sensors:
-    """The history of all channels."""
+    """The channels of a bench, and those that were at the end of their range."""
 
     def __init__(self) -> None:
         self._mapped: Sequence[MappedChannel] = ()
@@ -261,50 +247,12 @@ class Sensors:
         if self._mapped is not mapped:
             used = [m for m in mapped if m.channel.quantity is not Quantity.UNUSED]
             self._mapped, self._channels = mapped, tuple(_Channel(m) for m in used)
-        blocks: list[tuple[_Channel, Samples, float, float]] = []  # with lowest and highest value
         for channel in self._channels:
             samples = decoded.samples.get(channel.signal) if decoded else None
-            if samples is None or not len(samples.t_ns):
-                continue
-            low, high = float(samples.value.min()), float(samples.value.max())
-            is_shown = max(-low, high) <= channel.largest  # False if one is not a number
-            if not is_shown or samples.quality.any():
-                samples = channel.usable(samples, counts)
-                if not len(samples.t_ns):
-                    channel.samples = 0
-                    continue
-                low, high = float(samples.value.min()), float(samples.value.max())
-            # Many unsigned signals are zero at rest.
-            if (low <= channel.low and low != 0) or (high >= channel.high and high != 0):
-                value = samples.value
-                at_end = ((value <= channel.low) | (value >= channel.high)) & (value != 0)
-                counts["saturated", channel.name] = int(np.count_nonzero(at_end)), channel.text
+            if samples is not None and len(samples.t_ns):
+                channel.count(samples, counts)
+            if ("saturated", channel.name) in counts:
                 self.overloaded = tuple(dict.fromkeys((*self.overloaded, channel.name)))
-            blocks.append((channel, samples, low, high))
-        for channel, samples, low, high in blocks:
-            others_move = any(
-                # Change of another channel within one cycle, in steps of the judged channel, that
-                # counts as motion.
-                (other_high - other_low) * other.gain > 20.0 * channel.step > 0
-                for other, _, other_low, other_high in blocks
-                if other is not channel and other.quantity is channel.quantity
-            )
-            channel.hold(samples, low, high, others_move)
-
-    def symptoms(self) -> Iterator[Finding]:
-        """Yield the symptoms of frozen channels."""
-        for each in self._channels:
-            if not is_stuck(each.samples):
-                continue
-            still_s = (each.until_ns - each.since_ns) * 1e-9
-            samples = counted(each.samples, "sample is", "samples in a row are")
-            text = f"{samples} {each.value:.6g}"
-            # The number of cycles in which other channels moved, and this one did not.
-            if each.moving >= 3:
-                yield fault("stuck", each.name, f"{text} while others move")
-            # Time without any change, s, after which a channel of fine resolution counts as frozen.
-            elif each.is_fine and still_s >= 0.8:
-                yield fault("stuck", each.name, f"{text}: not even noise for {still_s:.1f} s")
 
 
 # Watches each message: arrival, length, checksum; and frames that no DBC describes ----------------

@@ -136,11 +136,6 @@ EXPLAINED = MappingProxyType(
             "check the load of the bus, wiring and power of the sensor",
             "frames missing by the counter",
         ),
-        "stuck": Explanation(
-            "sensor stuck",
-            "The raw value does not change by a single bit, although it should",
-            "the sensor is frozen: switch its power off and on again",
-        ),
         "saturated": Explanation(
             "sensor overloaded",
             "The value touches the end of the sensor's range: the true peak is not known",

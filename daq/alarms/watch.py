@@ -42,7 +42,7 @@ _NOT_RECORDING_S = 3.0
 """Time, s, after which frames that arrive and are not stored raise an alarm.  The queue holds 10 s
 of four full buses, so nothing is lost by then; a busy machine or a slow disk may take a second."""
 _SHARED = frozenset(
-    ("stale", "counter_gap", "crc_bad", "wrong_length", "stuck", "saturated", "no_value")
+    ("stale", "counter_gap", "crc_bad", "wrong_length", "saturated", "no_value")
 )  # fmt: skip
 """Codes of alarms on messages and channels, which often come together."""
 
@@ -158,7 +158,6 @@ class Watch:
         for (bus, link), status in zip(pairs, self.buses, strict=True):
             symptoms += bus.symptoms(link, status, config.silent_s, now_s)
         symptoms += self._traffic.symptoms(codec, expected, delivers, now_s)
-        symptoms += self._sensors.symptoms()
         for (code, subject), (number, detail) in totals.items():
             text = f"{number} {EXPLAINED[code].counted} in the last second"
             symptoms.append(fault(code, subject, f"{text}: {detail}" if detail else text))

@@ -19,8 +19,6 @@ from filelock import FileLock, Timeout
 
 from dbc.words import BumpbenchError, InputError
 
-from ..files import write_text
-
 MAX_PATH_BYTES = 100
 """Longest path of a Unix socket, bytes: the kernel truncates it at 108 without an error."""
 _DIRECTORY = "RUNTIME_DIRECTORY"
@@ -104,9 +102,7 @@ def _fault(directory: Path, owners: set[int]) -> str:
 
 # Allows one recorder for each folder, by a lock that is released when its process dies ------------
 
-_LOCK, _HOLDER = "recorder.lock", "recorder.pid"
-"""Lock file, and file with the number of the process: some versions of filelock empty the lock
-file."""
+_LOCK = "recorder.lock"
 
 
 @contextmanager
@@ -125,35 +121,26 @@ def group_readable() -> Iterator[None]:
 def lone_recorder(folder: Path) -> Iterator[None]:
     """Hold the lock of a folder, which is created if it does not exist.
 
-    A new folder in which nothing else was made is removed at the end: of a recorder that finds no
-    bus, nothing is left.  Meanwhile files and folders are made as by `group_readable`.
+    Meanwhile files and folders are made as by `group_readable`.
 
-    Raises FolderLockedError, with the number of the process, if another process holds the lock.
-    Raises InputError if the folder cannot be written to.
+    Raises FolderLockedError if another process holds the lock, and InputError if the folder cannot
+    be written to.
     """
-    lock, is_new = FileLock(folder / _LOCK, timeout=0), not folder.exists()
+    lock = FileLock(folder / _LOCK, timeout=0)
     with group_readable():
         try:
             folder.mkdir(parents=True, exist_ok=True)
             lock.acquire()
         except Timeout as error:
-            why = f"another recorder ({_holder(folder)}) writes there"
+            why = "another recorder writes there"
             advice = "watch it with `bumpbench tui`, or name another folder"
             raise FolderLockedError(str(folder), why, advice) from error
         except OSError as error:
             why = error.strerror or str(error)
             raise InputError(str(folder), why, "name another folder") from error
         try:
-            with suppress(OSError):  # the journal reports a full disk
-                write_text(folder / _HOLDER, f"{os.getpid()}\n")
             yield
         finally:
-            with suppress(OSError):
-                (folder / _HOLDER).unlink()
-            with suppress(OSError):
-                if is_new and [each.name for each in folder.iterdir()] == [_LOCK]:
-                    (folder / _LOCK).unlink()
-                    folder.rmdir()
             lock.release()
 
 
@@ -178,11 +165,4 @@ def unreachable_words(folder: Path) -> str:
         return f"its recorder cannot be reached: {error.strerror}"
     if not is_locked(folder):
         return ""
-    return f"a recorder ({_holder(folder)}) writes there, but does not answer here"
-
-
-def _holder(folder: Path) -> str:
-    try:
-        return f"pid {int((folder / _HOLDER).read_text('ascii')[:20])}"
-    except (OSError, ValueError):
-        return "pid unknown"
+    return "a recorder writes there, but does not answer here"

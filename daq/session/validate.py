@@ -11,24 +11,10 @@ import numpy as np
 from dbc.codec import UNUSABLE
 from dbc.words import Finding, InputError, Severity, counted, printable
 
-from ..channels import Channel, Quantity
 from ..runs import SampleGroup
 from ..sessions import Session
 from .content import session_of
 from .hdf5 import Content, SchemaError, changed_parts, has_checksums, read_content
-
-_LARGEST = {
-    Quantity.BODY_ACCELERATION: 1e3,
-    Quantity.HUB_ACCELERATION: 1e4,
-    Quantity.PITCH_ACCELERATION: 1e3,
-    Quantity.ROLL_ACCELERATION: 1e3,
-    Quantity.PITCH_RATE: 50.0,
-    Quantity.ROLL_RATE: 50.0,
-    Quantity.SUSPENSION_TRAVEL: 2.0,
-    Quantity.BODY_DISPLACEMENT: 5.0,
-    Quantity.HUB_DISPLACEMENT: 5.0,
-}
-"""Values, SI, that no bump test reaches: a larger value has the wrong unit or scale."""
 
 
 def validate_session(path: Path | str) -> tuple[Finding, ...]:
@@ -97,7 +83,6 @@ def check_session(session: Session) -> Iterator[Finding]:
             yield _error(f"/channels {channel.name}", f"has sign {channel.sign}")
     labels: set[str] = set()
     states = {state.name for state in session.mass_states}
-    channels = {channel.name: channel for channel in session.channels}
     for number, run in enumerate(session.runs, start=1):
         where = f"/runs/r{number:03d}_{run.label}"
         if run.label in labels:
@@ -108,12 +93,12 @@ def check_session(session: Session) -> Iterator[Finding]:
         if run.is_accepted and not any(len(group.time_s) for group in run.groups):
             yield _error(where, "is accepted but has no sample")
         for group in run.groups:
-            yield from _samples(group, f"{where}/{group.name}", channels)
+            yield from _samples(group, f"{where}/{group.name}")
     if not session.runs:
         yield _warning("/runs", "there is no run")
 
 
-def _samples(group: SampleGroup, where: str, channels: dict[str, Channel]) -> Iterator[Finding]:
+def _samples(group: SampleGroup, where: str) -> Iterator[Finding]:
     """Yield findings on the times and values of a group."""
     if not np.all(np.isfinite(group.time_s)) or np.any(np.diff(group.time_s) <= 0):
         yield _error(where, "time is not increasing")
@@ -124,10 +109,6 @@ def _samples(group: SampleGroup, where: str, channels: dict[str, Channel]) -> It
             yield _error(f"{where}/{name}", what)
         if len(values) and np.isnan(values).all():
             yield _warning(f"{where}/{name}", "has no value in this run")
-        largest = np.abs(values[np.isfinite(values)]).max(initial=0.0)
-        if largest > _LARGEST.get(channels[name].quantity, np.inf):
-            text = f"reaches {largest:.3g} {channels[name].unit}: wrong scale or unit?"
-            yield _warning(f"{where}/{name}", text)
     columns = list(group.values.values())
     if columns and len(usable) and not np.any(usable & np.any(np.isfinite(columns), axis=0)):
         yield _warning(where, "has no usable sample")

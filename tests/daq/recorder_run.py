@@ -28,7 +28,7 @@ from daq.control.messages import (
 )
 from daq.journal.reader import JournalContents, read_journal, recordings
 from daq.journal.writer import JournalWriter
-from daq.recorder import judging
+from daq.recorder import recording as judging
 from daq.recorder.recorder import Recorder
 from daq.recorder.recording import Recording
 from daq.runs import Event

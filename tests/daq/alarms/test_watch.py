@@ -402,15 +402,6 @@ def saturated(bench: WatchedBench, k: int) -> object:
     return bench.turn(saturating(bench), foreign(bench))
 
 
-def frozen_at_rest(bench: WatchedBench, k: int) -> object:
-    return bench.turn(bench.healthy(values={FINE.signal: 0.25}), foreign(bench))
-
-
-def frozen_in_motion(bench: WatchedBench, k: int) -> object:
-    moving = bench.healthy(values={COARSE.signal: 0.0}, motion=4.0 if k > 1 else 0.0)
-    return bench.turn(moving, foreign(bench))
-
-
 def facts(**given: object) -> FaultyTurn:
     return lambda bench, _: bench.turn(*both(bench), **given)
 
@@ -420,8 +411,6 @@ def queue_drops(bench: WatchedBench, k: int) -> object:
     return bench.turn(*both(bench))
 
 
-FINE = next(m.channel for m in MAPPED if m.channel.quantity is Quantity.BODY_ACCELERATION)
-COARSE = next(m.channel for m in MAPPED if m.channel.quantity is Quantity.SUSPENSION_TRAVEL)
 CTRL, OFF, PROT = ErrorClass.CONTROLLER, ErrorClass.BUS_OFF, ErrorClass.PROTOCOL
 PASSIVE_BYTES = bytes([0, 0x10, 0, 0, 0, 0, 3, 130])
 OVERFLOW_BYTES = bytes([0, 0x01])
@@ -443,8 +432,6 @@ FAULTS: list[tuple[str, str, FaultyTurn, int]] = [
     ("crc_bad", "HUB_Front", flipped_bit, 2),
     ("counter_gap", "HUB_Rear", lost_frames, 3),
     ("saturated", "", saturated, 4),
-    ("stuck", FINE.name, frozen_at_rest, 0),
-    ("stuck", COARSE.name, frozen_in_motion, 0),
     ("queue_dropped", "", queue_drops, 7),
     ("disk_low", "", facts(disk=replace(ROOMY, free_bytes=500_000_000)), 0),
     ("journal_warning", "", facts(disk=replace(ROOMY, warning="a file was deleted")), 0),

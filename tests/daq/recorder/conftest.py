@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from daq.bench.config import Bench
-from daq.recorder import judging
+from daq.recorder import recording as judging
 from daq.session.build import main
 from daq.verdict.window import RunMeasure
 
@@ -36,4 +36,4 @@ def built_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
         def communicate(self, timeout: float) -> tuple[bytes, None]:
             return self.output, None
 
-    monkeypatch.setattr("daq.recorder.campaigns.subprocess.Popen", Built)
+    monkeypatch.setattr("daq.recorder.recorder.subprocess.Popen", Built)

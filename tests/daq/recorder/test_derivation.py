@@ -25,7 +25,7 @@ from daq.control.messages import (
     Until,
 )
 from daq.journal.reader import segments_in
-from daq.recorder.campaigns import Derivation
+from daq.recorder.recorder import Derivation
 from daq.runlog import Code, fold
 from daq.runs import Event
 from daq.session.build import BAD_INPUT, DONE, main
@@ -158,7 +158,7 @@ def test_a_process_that_cannot_be_started_or_hangs_is_a_failure_of_its_file_alon
             process.stdout.close()
             raise subprocess.TimeoutExpired("x", timeout)
 
-        patch.setattr("daq.recorder.campaigns.subprocess.Popen.communicate", hang)
+        patch.setattr("daq.recorder.recorder.subprocess.Popen.communicate", hang)
         derivation.begin(Path("b.h5"), [], "one", 2)
         assert outcome(derivation).text == "it took too long and was ended: check the disk"
     derivation.begin(Path("c.h5"), [], "one", 3)

@@ -10,8 +10,8 @@ import pytest
 
 from daq.bench.campaign import Step
 from daq.bench.config import Bench
-from daq.recorder import judging
-from daq.recorder.judging import Judge, LiveRing, Recent
+from daq.recorder import recording as judging
+from daq.recorder.recording import Judge, LiveRing, Recent
 from daq.runlog import LoggedRun, RunLog
 from daq.runs import BASELINE, Excitation, Losses, RunStatus
 from daq.verdict.window import RunMeasure, RunWindow
@@ -157,8 +157,8 @@ def test_a_sensor_at_its_end_counts_from_the_bump_on(
     bench: Bench, codec: Codec, seen: Seen, at_ns: int, counts: bool
 ) -> None:
     judge = fed(bench, codec)
-    judge.saw_saturated(BUMP_NS - S, ["hub", "other"])
-    judge.saw_saturated(at_ns, ["hub"])
+    judge.saturated |= {"hub": BUMP_NS - S, "other": BUMP_NS - S}
+    judge.saturated |= {"hub": at_ns}
     judge.verdict(STEP, BUMP_NS, RunLog())
     assert seen.window.saturated == ("hub",) * counts
 

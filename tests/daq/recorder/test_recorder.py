@@ -34,9 +34,8 @@ from daq.control.messages import (
 from daq.control.monitoring import standstill
 from daq.journal.segment import SyncedFile
 from daq.journal.writer import JournalError
-from daq.recorder.campaigns import Derivation
 from daq.recorder.readers import PieceQueue
-from daq.recorder.recorder import Recorder
+from daq.recorder.recorder import Derivation, Recorder
 from daq.recorder.run_loop import OrderError
 from daq.runs import Event
 from dbc import Codec, FrameBatch

@@ -35,7 +35,7 @@ from daq.control.messages import (
 )
 from daq.journal.reader import last_recording, read_journal, recordings, scan, segments_in
 from daq.journal.segment import SyncedFile
-from daq.recorder.campaigns import Derivation
+from daq.recorder.recorder import Derivation
 from daq.recorder.run_loop import OrderError
 from daq.session import read_session
 from dbc import Codec, FrameBatch

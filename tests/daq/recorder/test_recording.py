@@ -16,8 +16,8 @@ from daq.control.messages import Arm, Pause, Phase, Until
 from daq.journal.reader import last_recording, read_journal, segments_in
 from daq.journal.segment import JournalHead
 from daq.journal.writer import JournalError, JournalWriter
-from daq.recorder import judging
-from daq.recorder.campaigns import resumable
+from daq.recorder import recording as judging
+from daq.recorder.recorder import resumable
 from daq.recorder.recording import FaultBarrier, Recording
 from daq.runlog import fold
 from daq.runs import Event, Losses, RunStatus

@@ -16,7 +16,6 @@ import h5py
 import numpy as np
 import pytest
 
-from daq.channels import Channel, Quantity
 from daq.runs import RunStatus, SampleGroup
 from daq.session import (
     Severity,
@@ -392,28 +391,6 @@ def test_a_channel_has_a_sign(sign: float, good: bool) -> None:
 def test_time_increases(time_s: list[float], good: bool) -> None:
     found = _of_run(groups=(replace(IMU, time_s=np.array(time_s)),))
     assert found == ([] if good else [("error", f"{PLACE}/A_IMU")])
-
-
-@pytest.mark.parametrize(
-    ("quantity", "limit"),
-    [
-        (Quantity.BODY_ACCELERATION, 1e3),
-        (Quantity.HUB_ACCELERATION, 1e4),
-        (Quantity.PITCH_ACCELERATION, 1e3),
-        (Quantity.ROLL_RATE, 50.0),
-        (Quantity.SUSPENSION_TRAVEL, 2.0),
-        (Quantity.BODY_DISPLACEMENT, 5.0),
-        (Quantity.UNUSED, np.inf),
-    ],
-)
-def test_the_largest_value_that_a_bump_can_give(quantity: Quantity, limit: float) -> None:
-    has_corner = quantity in (Quantity.HUB_ACCELERATION, Quantity.SUSPENSION_TRAVEL)
-    corner: dict[str, Any] = {"corner": "FL"} if has_corner else {}
-    channels = (*SESSION.channels, Channel("x", quantity, **corner))
-    for value, good in ((min(limit, 1e300), True), (-1.01 * min(limit, 1e300), limit > 1e300)):
-        group = replace(IMU, values={"x": np.array([0.0, value, np.nan])})
-        found = _found(channels=channels, runs=(replace(PLAUSIBLE_RUN, groups=(group,)),))
-        assert found == ([] if good else [("warning", f"{PLACE}/A_IMU/x")])
 
 
 @pytest.mark.parametrize(

@@ -77,7 +77,7 @@ def test_a_recorder_that_cannot_be_reached_is_not_said_to_be_absent(tmp_path: Pa
     assert listener._lost(gone) == Lost("no recorder is running there", "start one")
     with FileLock(tmp_path / "recorder.lock"):
         said = listener._lost(gone)
-    assert said.text == "a recorder (pid unknown) writes there, but does not answer here"
+    assert said.text == "a recorder writes there, but does not answer here"
     assert "another HOME" in said.advice
 
 
