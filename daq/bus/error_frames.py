@@ -33,12 +33,11 @@ class ControllerState(StrEnum):
     """Error state of a controller, by its error counters."""
 
     ACTIVE = "error-active"
-    WARNING = "error-warning"
     PASSIVE = "error-passive"
     BUS_OFF = "bus-off"
 
 
-_CLASSES = {
+_TEXTS = {
     ErrorClass.TX_TIMEOUT: "sending timed out",
     ErrorClass.LOST_ARBITRATION: "arbitration lost",
     ErrorClass.CONTROLLER: "controller",
@@ -49,21 +48,8 @@ _CLASSES = {
     ErrorClass.BUS_ERROR: "bus error",
     ErrorClass.RESTARTED: "controller restarted",
 }
-_RX_OVERFLOW = 0x01
-_CONTROLLER = {
-    _RX_OVERFLOW: "receive buffer overflow",
-    0x02: "transmit buffer overflow",
-    0x04: "many receive errors",
-    0x08: "many transmit errors",
-    0x10: "passive by receive errors",
-    0x20: "passive by transmit errors",
-    0x40: "error-active again",
-}
-_STATES = {  # by bits of the controller byte, the most severe first: a byte may have several
-    0x30: ControllerState.PASSIVE,
-    0x0C: ControllerState.WARNING,
-    0x40: ControllerState.ACTIVE,
-}
+_RX_OVERFLOW, _TX_OVERFLOW, _WARNINGS, _PASSIVE, _ACTIVE = 0x01, 0x02, 0x0C, 0x30, 0x40
+"""Bits of the controller's byte."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,19 +83,18 @@ def describe_error_frame(can_id: int, data: bytes) -> ErrorFrame:
         controller = 0  # the byte then has another meaning
     changed = classes & (ErrorClass.CONTROLLER | ErrorClass.BUS_OFF)
     is_counted = ErrorClass.COUNTERS in classes or bool(changed and (tx or rx))
-    state = next((state for bits, state in _STATES.items() if controller & bits), None)
+    state = None
     if ErrorClass.BUS_OFF in classes:
         state = ControllerState.BUS_OFF
-    elif state is None and ErrorClass.RESTARTED in classes:
+    elif controller & _PASSIVE:
+        state = ControllerState.PASSIVE
+    elif controller & (_WARNINGS | _ACTIVE) or ErrorClass.RESTARTED in classes:
         state = ControllerState.ACTIVE
-    elif state is None and is_counted:  # the limits of ISO 11898-1
-        worst = max(tx, rx)
-        limits = {96: ControllerState.ACTIVE, 128: ControllerState.WARNING}
-        state = next((s for limit, s in limits.items() if worst < limit), ControllerState.PASSIVE)
-    details = ", ".join(words for bit, words in _CONTROLLER.items() if controller & bit)
-    parts = [words for error_class, words in _CLASSES.items() if error_class in classes]
-    if details:
-        parts[parts.index("controller")] += f" ({details})"
+    elif is_counted:  # the limit of ISO 11898-1
+        state = ControllerState.PASSIVE if max(tx, rx) >= 128 else ControllerState.ACTIVE
+    parts = [text for error_class, text in _TEXTS.items() if error_class in classes]
+    parts += ["receive buffer overflow"] if controller & _RX_OVERFLOW else []
+    parts += ["transmit buffer overflow"] if controller & _TX_OVERFLOW else []
     if is_counted:
         parts.append(f"{tx} transmit and {counted(rx, 'receive error')} counted")
     return ErrorFrame(

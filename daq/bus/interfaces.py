@@ -11,7 +11,6 @@ import logging
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from difflib import get_close_matches
 from operator import index
 from typing import Any
 
@@ -162,10 +161,8 @@ def _backend_errors(config: BusConfig) -> Iterator[None]:
     """Convert any exception of a backend on opening to a BusError, whose text is one line."""
     known = sorted({*can.VALID_INTERFACES, "slcan"})
     if config.interface not in known:
-        near = get_close_matches(config.interface, known, 1)
-        advice = f"did you mean {near[0]}? There are " if near else "name one of "
         problem = f"python-can has no interface {config.interface!r}"
-        raise BusError(_name(config), problem, advice + ", ".join(known))
+        raise BusError(_name(config), problem, f"name one of {', '.join(known)}")
     try:
         yield
     except BusError:

@@ -174,10 +174,21 @@ class SteadyClock:
         and a time must not occur twice within a recording.
         """
         with self._lock:
-            monotonic_ns = self._monotonic_ns()
-            self._offset_ns = self._wall_ns() - monotonic_ns
+            monotonic_ns, self._offset_ns = self._clocks()
             self._zero_ns = max(self._offset_ns, not_before_ns - monotonic_ns)
             self._before: tuple[tuple[int, int], ...] = ()  # end, monotonic, and earlier offset
+
+    def _clocks(self) -> tuple[int, int]:
+        """Return the monotonic time, and how far the wall clock is ahead of it, ns.
+
+        On a busy machine this thread may have to wait between the two: then they are read again.
+        """
+        for _ in range(100):
+            monotonic_ns = self._monotonic_ns()
+            offset_ns = self._wall_ns() - monotonic_ns
+            if self._monotonic_ns() - monotonic_ns < STEP_NS // 2:
+                break
+        return monotonic_ns, offset_ns
 
     def now_ns(self) -> int:
         """Return the time now, ns since 1970."""
@@ -188,8 +199,7 @@ class SteadyClock:
 
         Stamps from before and after the wall clock was set may be mixed.
         """
-        monotonic_ns = self._monotonic_ns()
-        offset_ns = self._wall_ns() - monotonic_ns
+        monotonic_ns, offset_ns = self._clocks()
         with self._lock:
             if abs(offset_ns - self._offset_ns) > STEP_NS:
                 self._before = (*self._before, (monotonic_ns, self._offset_ns))

@@ -9,7 +9,6 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import redirect_stdout
 from dataclasses import dataclass, field
-from difflib import get_close_matches
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -24,10 +23,6 @@ from ..samples.mapping import Column, Columns
 from .mf4 import open_mdf
 from .reader import file_head, optional
 
-MAX_VALUES = 1 << 26
-"""Largest number of values that are read from one file: 15 channels of 1 kHz for 75 minutes, half a
-gigabyte."""
-
 
 @dataclass(frozen=True, slots=True)
 class Heading:
@@ -39,8 +34,6 @@ class Heading:
     """Unit as stated in the file."""
     clock: str
     """Name of its clock; columns of one clock share their times."""
-    samples: int = 0
-    """Number of values, if it is known before reading."""
 
 
 Choose = Callable[[Sequence[Heading]], Sequence[Heading]]
@@ -74,20 +67,8 @@ def named(headings: Sequence[Heading], wanted: str, where: str) -> Heading:
     if same:
         full = printable(", ".join(each.name for each in same[:4]), 300)
         raise InputError(where, f"has {len(same)} columns {shown!r}", f"write one of {full}")
-    names = [each.name for each in headings]
-    ends = {name.rpartition("/")[2]: name for name in reversed(names)}
-    near = get_close_matches(wanted, [*names, *ends], 4, 0.5)
-    advice = ", ".join(dict.fromkeys(ends.get(name, name) for name in near) or names[:4])
-    raise InputError(
-        where, f"has no column {shown!r}", f"it has, among {len(names)}: {printable(advice, 300)}"
-    )
-
-
-def bounded(values: int, where: str) -> None:
-    """Raise InputError if there are more values than are read at once."""
-    if values > MAX_VALUES:
-        what = f"has {values} values in these channels, more than {MAX_VALUES}"
-        raise InputError(where, what, "cut it into files of one part of the campaign each")
+    names = printable(", ".join(each.name for each in headings), 300)
+    raise InputError(where, f"has no column {shown!r}", f"it has {names}")
 
 
 NAMES = "CSV, MF4, MAT, Parquet"
@@ -117,9 +98,7 @@ def read_columns(path: Path, names: Sequence[str]) -> Columns:
         if names:
             wanted.clear()
             wanted.update({name: named(headings, name, where) for name in names})
-        chosen = list(dict.fromkeys(wanted.values()))
-        bounded(sum(each.samples for each in chosen), where)
-        return chosen
+        return list(dict.fromkeys(wanted.values()))
 
     try:
         with warnings.catch_warnings():
@@ -148,7 +127,6 @@ def _read_parquet(path: Path, choose: Choose) -> Table:
     pa = optional("pyarrow", "data")
     kinds = (pa.types.is_timestamp, pa.types.is_floating, pa.types.is_integer)
     with optional("pyarrow.parquet", "data").ParquetFile(path) as file:
-        rows = file.metadata.num_rows
         headings = []
         for column in file.schema_arrow:
             if any(is_kind(column.type) for is_kind in kinds):
@@ -156,7 +134,7 @@ def _read_parquet(path: Path, choose: Choose) -> Table:
                 stated = [about[key] for key in (b"unit", b"units", b"Unit") if key in about]
                 unit = stated[0].decode("utf-8", "replace") if stated else ""
                 unit = "ns" if pa.types.is_timestamp(column.type) else unit
-                headings.append(Heading(column.name, unit, "table", rows))
+                headings.append(Heading(column.name, unit, "table"))
         chosen = choose(headings)
         table = file.read(columns=[each.name for each in chosen], use_threads=False)
     values = {}
@@ -191,7 +169,7 @@ def _read_mdf(path: Path, choose: Choose) -> Table:
                 places[full] = number, index
                 rule = getattr(channel, "conversion", None)
                 unit = str(channel.unit or getattr(rule, "unit", "") or "")
-                headings.append(Heading(full, unit, clock, int(about.cycles_nr)))
+                headings.append(Heading(full, unit, clock))
         chosen = choose(headings)
         values = {}
         for each in chosen:
@@ -224,8 +202,7 @@ def _read_matlab(path: Path, choose: Choose) -> Table:
         if not name.startswith("__"):
             _collect(name, value, arrays, 0)
     headings = [
-        Heading(name, _matlab_unit(name, variables), name.rpartition("/")[0], len(values))
-        for name, values in arrays.items()
+        Heading(name, _matlab_unit(name, variables), name.rpartition("/")[0]) for name in arrays
     ]
     return Table({each.name: arrays[each.name] for each in choose(headings)})
 
@@ -375,7 +352,6 @@ def _read_csv(path: Path, choose: Choose) -> Table:
             index_col=False,
             low_memory=False,
         )
-    bounded(len(table) * len(wanted), str(path))
     left_out = [int(line) for each in skipped for line in _SKIPPED.findall(str(each.message))]
     stop = first + len(table) + len(left_out)
     # The index of a row is the number of its line, from 1.

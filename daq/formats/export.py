@@ -107,11 +107,11 @@ def write_csv(group: SampleGroup, units: dict[str, str], path: Path, style: CsvS
 def write_parquet(session: Session, path: Path) -> tuple[str, ...]:
     """Write one table: `run group status time_s t_ns quality`, then a column for each channel, SI.
 
-    A channel is null in the rows of other groups.  Each field has its unit in the metadata `unit`;
-    pandas reads the units in ``DataFrame.attrs["units"]``.  Returns notes on the contents of the
-    session that the format cannot hold.
+    A channel is null in the rows of other groups.  pandas reads the units in
+    ``DataFrame.attrs["units"]``.  Returns notes on the contents of the session that the format
+    cannot hold.
     """
-    pandas, pa = optional("pandas", "data"), optional("pyarrow", "data")
+    pandas = optional("pandas", "data")
     tables = [
         pandas.DataFrame(
             {
@@ -134,14 +134,7 @@ def write_parquet(session: Session, path: Path) -> tuple[str, ...]:
     frame = frame.astype(dict.fromkeys(fixed[:3], "category") | dict.fromkeys(names, "f8"))
     units = {"time_s": "s", "t_ns": "ns", **session.units}
     frame.attrs = {"units": units, "vehicle": session.vehicle.name}
-    table = pa.Table.from_pandas(frame, preserve_index=False)
-    fields = [
-        field.with_metadata({"unit": units[field.name]}) if field.name in units else field
-        for field in table.schema
-    ]
-    schema = pa.schema(fields, metadata=table.schema.metadata)
-    parquet = optional("pyarrow.parquet", "data")
-    parquet.write_table(table.cast(schema), path, compression="zstd")
+    frame.to_parquet(path, engine="pyarrow", compression="zstd", index=False)
     return frames_left_out(session)
 
 

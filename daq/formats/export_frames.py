@@ -6,7 +6,6 @@ from datetime import datetime
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dbc.frames import FrameBatch, FrameFlag
 from dbc.words import InputError, counted
@@ -32,16 +31,10 @@ def frames_left_out(session: Session) -> tuple[str, ...]:
     return (f"{frames} left out: use blf, asc or log",) if count else ()
 
 
-def _has(frames: FrameBatch, flag: FrameFlag) -> NDArray[np.bool_]:
-    """Return a mask of the frames that have a flag, (n,)."""
-    return np.asarray(frames.flags & flag != 0, np.bool_)
-
-
 def write_blf(session: Session, path: Path) -> tuple[str, ...]:
     """Write a BLF log; time stamps exact to 1 ns.
 
-    Returns notes on the frames' contents that the format cannot hold.  Raises InputError if the
-    session has no frames.
+    Raises InputError if the session has no frames.
     """
     import can
 
@@ -57,8 +50,7 @@ def write_blf(session: Session, path: Path) -> tuple[str, ...]:
             writer.on_message_received(message)
         writer.start_timestamp = start_ns * 1e-9  # for the head of the file
         writer.stop_timestamp = int(frames.t_ns[-1]) * 1e-9
-    n = int((_has(frames, FrameFlag.ERROR) & _has(frames, FrameFlag.TRANSMITTED)).sum())
-    return (f"BLF does not store who sent {counted(n, 'error frame')}",) if n else ()
+    return ()
 
 
 def write_asc(session: Session, path: Path) -> tuple[str, ...]:
@@ -93,14 +85,12 @@ def write_candump(session: Session, path: Path) -> tuple[str, ...]:
     with can.CanutilsLogWriter(path) as writer:
         for message in messages_of(frames, 0):
             writer.on_message_received(message)
-    remote = int((_has(frames, FrameFlag.REMOTE) & (frames.length > 0)).sum())
-    without_length = f"candump does not store the length of {counted(remote, 'remote frame')}"
-    return (*_lost_in_text(frames, "candump"), *((without_length,) if remote else ()))
+    return _lost_in_text(frames, "candump")
 
 
 def _lost_in_text(frames: FrameBatch, name: str) -> tuple[str, ...]:
     notes = [f"{name} rounds times to 1 µs"] if (frames.t_ns % 1000).any() else []
-    errors = int(_has(frames, FrameFlag.ERROR).sum())
+    errors = int(np.count_nonzero(frames.flags & FrameFlag.ERROR))
     if errors:
         notes.append(f"{name} keeps only the times of {counted(errors, 'error frame')}")
     return tuple(notes)

@@ -148,9 +148,6 @@ MISTAKES = {
     "export car.h5 --format csv --separator , --decimal ,": "--separator",
     "export car.h5 --format mat --decimal ,": "--separator, --decimal: mat has neither",
     "export car.h5 --out /dev/null/x.mat": "name another folder",
-    "export car.h5 --format csv --sensor front": "front",
-    "export car.h5 --format csv --bus can9": "can9",
-    "export car.h5 --format csv --bus 7": "--bus 7: has no frame in the session",
     # study
     "study table2 --response rough": "rough",
     "study fig2 --figure /dev/null/x.svg": "name another folder",
