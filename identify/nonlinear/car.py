@@ -128,6 +128,8 @@ step."""
 X, Y: place from the CG, m.  SURPLUS: of static over sliding friction, FALL: the speed over which it
 falls off, m/s.  RATIO: this corner's damper over the axle's.  STATIC: load of the bare car, N.
 MASS: of the wheel with its load, kg.  PULL: weight added to the wheel, N."""
+OF_FRICTION, OF_WHEEL = (LENGTH, SURPLUS, FALL), (K_T, BETA, C_T, STATIC, MASS, PULL)
+"""Columns that act on the rate of friction alone, and on the wheel beside the corner's force."""
 _COLUMN_OF = {
     K_2: "k_2", K_3: "k_3", K_B: "k_b", GAP: "g_b", POWER: "p_b", F_C: "F_c", LENGTH: "d_c",
     SURPLUS: "r_c", FALL: "v_c", MOUNT: "s_m", BETA: "b_t",

@@ -10,7 +10,7 @@ from time import process_time
 import numpy as np
 from numpy.typing import NDArray
 
-from .path import USUAL, Grade, InitialState
+from .path import ROUGH, Grade, InitialState
 from .problem import Block, Normal, Point, Problem, point
 
 _REFUSED = 8
@@ -243,7 +243,7 @@ def fit(
     problem: Problem,
     eta: NDArray[np.float64],
     initials: tuple[InitialState, ...],
-    grade: Grade = USUAL,
+    grade: Grade = ROUGH,
     tolerance: float = 0.05,
     rough: float = 0.0,
     max_iterations: int = 40,

@@ -1,4 +1,4 @@
-"""The path as machine code (Numba), one run at a time, and a sensor's low-pass on it."""
+"""The path of a run, its tangents and a sensor's low-pass on them, as machine code (Numba)."""
 
 from __future__ import annotations
 
@@ -25,9 +25,7 @@ from . import car, laws
 LOOSE = {"reassoc", "contract", "arcp", "nsz"}
 """Rearrangements that the compiler may make; NaN must stay NaN."""
 
-SOURCES = tuple(
-    Path(__file__).with_name(f"{name}.py") for name in ("car", "laws", "columns", "kernels")
-)
+SOURCES = tuple(Path(__file__).with_name(f"{name}.py") for name in ("car", "laws", "kernels"))
 """All files of which the machine code of a kernel may contain something."""
 _HASH = sha256(b"".join(source.read_bytes() for source in SOURCES)).hexdigest()[:16]
 
@@ -218,6 +216,265 @@ def sample(times, step_s, states, slopes, speeds, p, knots, inverse, pull, level
             )
         speed[n] = speeds[k]
         rates(at[n], p, lines, knots, inverse, pull, level, mounted, speed[n], rate[n])
+
+
+# The tangents: derivatives of the state by unknowns, a column each, along the path ----------------
+#
+# The Jacobian acts through the slopes of the four corners and no matrix is dense: a column costs
+# some 150 operations a stage.  Columns are stored in blocks of `LANES`, one row of the state after
+# the other: a loop over the columns of a block becomes vector instructions because the distances
+# between rows are constants.
+
+LANES = 40
+"""Columns in a block: an odd number of cache lines, so that rows do not evict each other."""
+STATE_ROWS, TANGENT_ROWS, FORCING_ROWS = 22, 29, 19
+"""Rows of a block: of a state; with the 7 accelerations; of the forcing by the unknowns, which is
+forces at 4 corners, force and moments on the body, accelerations of 4 wheels by their tyres, 4
+rates of friction and 4 of the mounts."""
+_ON_BODY, _ON_WHEELS, _ON_FRICTION, _ON_MOUNTS = 4, 7, 11, 15
+
+(
+    AT_X, AT_Y, STIFF, BAR, SLIDING, SPEED_BY_TRAVEL, SPEED_BY_MOUNT, DAMPING, TYRE, TYRE_DAMPING,
+    PER_MASS, FRICTION_BY_SPEED, FRICTION_BY_SHARE,
+) = range(13)  # fmt: skip
+CORNER_SLOPES = 13
+"""Slopes at a corner: its place; forces by travel of both sides, friction and speed in the damper;
+that speed by those of suspension and mount; the wheel's acceleration by its heave, its speed and
+(negative) the corner's force; the rate of friction by the suspension's speed and its share."""
+
+
+@kernel
+def column_rates(x, slopes, inverse, forcing, rates):
+    """Write the rates of change of a block of columns at a node of the path."""
+    for j in range(LANES):
+        lift = forcing[_ON_BODY * LANES + j]
+        pitch = forcing[(_ON_BODY + 1) * LANES + j]
+        roll = forcing[(_ON_BODY + 2) * LANES + j]
+        for i in range(4):
+            s, k = CORNER_SLOPES * i, CORNER_SLOPES * (i ^ 1)
+            heave, rise, share = (3 + i) * LANES + j, (10 + i) * LANES + j, (14 + i) * LANES + j
+            mount, other = (18 + i) * LANES + j, (3 + (i ^ 1)) * LANES + j
+            u = slopes[s + AT_X] * x[LANES + j] - slopes[s + AT_Y] * x[2 * LANES + j]
+            u += x[heave] - x[j]
+            across = slopes[k + AT_X] * x[LANES + j] - slopes[k + AT_Y] * x[2 * LANES + j]
+            across += x[other] - x[j]
+            w = slopes[s + AT_X] * x[8 * LANES + j] - slopes[s + AT_Y] * x[9 * LANES + j]
+            w += x[rise] - x[7 * LANES + j]
+            r = slopes[s + SPEED_BY_TRAVEL] * w + slopes[s + SPEED_BY_MOUNT] * x[mount]
+            force = slopes[s + STIFF] * u - slopes[s + BAR] * across + slopes[s + DAMPING] * r
+            force += slopes[s + SLIDING] * x[share] + forcing[i * LANES + j]
+            lift += force
+            pitch -= slopes[s + AT_X] * force
+            roll += slopes[s + AT_Y] * force
+            tyre = slopes[s + TYRE] * x[heave] + slopes[s + TYRE_DAMPING] * x[rise]
+            rates[rise] = (
+                tyre - slopes[s + PER_MASS] * force + forcing[(_ON_WHEELS + i) * LANES + j]
+            )
+            turn = slopes[s + FRICTION_BY_SPEED] * w + slopes[s + FRICTION_BY_SHARE] * x[share]
+            rates[share] = turn + forcing[(_ON_FRICTION + i) * LANES + j]
+            rates[mount] = w - r + forcing[(_ON_MOUNTS + i) * LANES + j]
+        for k in range(3):
+            rates[(7 + k) * LANES + j] = (
+                inverse[k, 0] * lift + inverse[k, 1] * pitch + inverse[k, 2] * roll
+            )
+    for m in range(7 * LANES):
+        rates[m] = x[7 * LANES + m]
+
+
+@kernel
+def rk4(x, slopes, inverse, begin, half, end, h, work, after):
+    """Write a block of columns one step later, and to `x` its accelerations before the step.
+
+    `begin`, `half` and `end` are the forcing at the three nodes, as are the slopes.
+    """
+    y, k1, k2, k3, k4 = work[0], work[1], work[2], work[3], work[4]
+    size = STATE_ROWS * LANES
+    column_rates(x, slopes[0], inverse, begin, k1)
+    for m in range(7 * LANES):
+        x[size + m] = k1[7 * LANES + m]
+    for m in range(size):
+        y[m] = x[m] + 0.5 * h * k1[m]
+    column_rates(y, slopes[1], inverse, half, k2)
+    for m in range(size):
+        y[m] = x[m] + 0.5 * h * k2[m]
+    column_rates(y, slopes[1], inverse, half, k3)
+    for m in range(size):
+        y[m] = x[m] + h * k3[m]
+    column_rates(y, slopes[2], inverse, end, k4)
+    for m in range(size):
+        after[m] = x[m] + h / 6.0 * (k1[m] + 2.0 * (k2[m] + k3[m]) + k4[m])
+
+
+@kernel
+def linearise(x, rate, r, p, knots, level, mounted, of_corners, of_body, slopes, forcing):
+    """Write the slopes that act on a column at a node, (52,), and the forcing by the unknowns.
+
+    `of_corners`: first entry of each corner, (5,); coefficient, block, column in it and derivative
+    of each entry.  `of_body`: block and column of the unknowns that change the body, its mass by
+    them, (n, 3, 3), and gravity, (n, 3).
+    """
+    first, coefficients, blocks, columns, values = of_corners
+    width = level[0]
+    by, by_speed = np.zeros(p.shape[1]), np.zeros(p.shape[1])
+    forcing[:] = 0.0
+    for i in range(4):
+        one, k = p[i], i ^ 1
+        u = x[3 + i] - x[0] + one[car.X] * x[1] - one[car.Y] * x[2]
+        w = x[10 + i] - x[7] + one[car.X] * x[8] - one[car.Y] * x[9]
+        across = x[3 + k] - x[0] + p[k, car.X] * x[1] - p[k, car.Y] * x[2]
+        # Each coefficient acts on the force, on the road's force or on the rate of friction.
+        z, zeta, ratio, per_mass = x[3 + i], x[14 + i], one[car.RATIO], 1.0 / one[car.MASS]
+        curved, damping = one[car.C] * r[i], one[car.C]
+        for j in range(len(knots)):
+            bent = laws.knee(r[i], knots[j], width)
+            curved += one[car.KNEES + j] * bent
+            damping += one[car.KNEES + j] * laws.knee_slope(r[i], knots[j], width)
+            by[car.KNEES + j] = ratio * bent
+        damping *= ratio
+        by[car.K_S], by[car.K_2], by[car.K_3], by[car.K_A] = u, u * u, u * u * u, u - across
+        by[car.C], by[car.RATIO], by[car.F_C] = ratio * r[i], curved, zeta
+        stiff = laws.spring_stiffness(u, one[car.K_S], one[car.K_2], one[car.K_3]) + one[car.K_A]
+        by[car.K_B], by[car.GAP], by[car.POWER] = 0.0, 0.0, 0.0
+        if u > one[car.GAP] - level[4]:
+            hard, by[car.K_B], by[car.POWER] = laws.stop_slopes(
+                u, one[car.K_B], one[car.GAP], one[car.POWER], level[4]
+            )
+            stiff += hard
+            by[car.GAP] = -hard
+        force = (
+            ratio * curved
+            + laws.spring_force(u, one[car.K_S], one[car.K_2], one[car.K_3])
+            + one[car.K_B] * by[car.K_B]
+            + one[car.K_A] * (u - across)
+            + one[car.F_C] * zeta
+        )
+        limit = laws.sliding_share(w, one[car.SURPLUS], one[car.FALL])
+        share_by_w, share_by_surplus, share_by_fall = laws.sliding_slopes(
+            w, one[car.SURPLUS], one[car.FALL]
+        )
+        by_w, by_zeta, by[car.LENGTH], by_limit = laws.friction_slopes(
+            w, zeta, one[car.LENGTH], limit, level[1], level[2]
+        )
+        by_w += by_limit * share_by_w
+        by[car.SURPLUS], by[car.FALL] = by_limit * share_by_surplus, by_limit * share_by_fall
+        load = laws.tyre_load(z, one[car.K_T], one[car.BETA], one[car.STATIC])
+        by_load, damped = laws.tyre_slopes(load, x[10 + i], one[car.C_T], level[5])
+        by[car.K_T] = -by_load * z * (1.0 - one[car.BETA] * z)
+        by[car.BETA] = by_load * one[car.K_T] * z * z
+        by[car.C_T] = -damped * x[10 + i]
+        by[car.STATIC], by[car.MASS], by[car.PULL] = by_load - 1.0, -rate[10 + i], 1.0
+        turn, through = 0.0, 1.0
+        if mounted:
+            sigma = one[car.MOUNT]
+            turn = 1.0 / laws.mount_slope(damping, sigma, level[3])
+            through = level[3] * turn
+            for j in range(len(knots)):
+                by_speed[car.KNEES + j] = -sigma * by[car.KNEES + j]
+            by_speed[car.C], by_speed[car.RATIO] = -sigma * by[car.C], -sigma * curved
+            by_speed[car.MOUNT] = -ratio * curved
+        s = slopes[CORNER_SLOPES * i : CORNER_SLOPES * (i + 1)]
+        s[AT_X], s[AT_Y], s[STIFF], s[BAR] = one[car.X], one[car.Y], stiff, one[car.K_A]
+        s[SLIDING], s[SPEED_BY_TRAVEL], s[SPEED_BY_MOUNT] = one[car.F_C], through, turn
+        s[DAMPING], s[PER_MASS], s[TYRE_DAMPING] = (
+            damping,
+            per_mass,
+            -damped * one[car.C_T] * per_mass,
+        )
+        s[TYRE] = -by_load * one[car.K_T] * (1.0 - 2.0 * one[car.BETA] * z) * per_mass
+        s[FRICTION_BY_SPEED], s[FRICTION_BY_SHARE] = by_w, by_zeta
+        for n in range(first[i], first[i + 1]):
+            kind, value, b, j = coefficients[n], values[n], blocks[n], columns[n]
+            if kind == car.X or kind == car.Y:
+                du = x[1] * value if kind == car.X else -x[2] * value
+                dw = x[8] * value if kind == car.X else -x[9] * value
+                forcing[b, i * LANES + j] += stiff * du + damping * through * dw
+                forcing[b, k * LANES + j] -= p[k, car.K_A] * du
+                forcing[b, (_ON_FRICTION + i) * LANES + j] += by_w * dw
+                forcing[b, (_ON_MOUNTS + i) * LANES + j] += (1.0 - through) * dw
+                if kind == car.X:
+                    forcing[b, (_ON_BODY + 1) * LANES + j] -= force * value
+                else:
+                    forcing[b, (_ON_BODY + 2) * LANES + j] += force * value
+            elif kind in car.OF_FRICTION:
+                forcing[b, (_ON_FRICTION + i) * LANES + j] += by[kind] * value
+            elif kind in car.OF_WHEEL:
+                forcing[b, (_ON_WHEELS + i) * LANES + j] += by[kind] * value * per_mass
+            else:
+                speed = by_speed[kind] * turn * value
+                forcing[b, i * LANES + j] += by[kind] * value + damping * speed
+                forcing[b, (_ON_MOUNTS + i) * LANES + j] -= speed
+    blocks, columns, d_mass, d_pull = of_body
+    for n in range(len(columns)):
+        for k in range(3):
+            pull = d_pull[n, k]
+            for m in range(3):
+                pull -= d_mass[n, k, m] * rate[7 + m]
+            forcing[blocks[n], (_ON_BODY + k) * LANES + columns[n]] += pull
+
+
+@kernel
+def tangents(step_s, states, rates, speeds, p, knots, inverse, mounted, of_corners, of_body,
+             starts, lengths, fine, levels, first, samples, channels, out):  # fmt: skip
+    """Integrate the tangents along a path and write what channels see of them.
+
+    `first`: columns at the start, (blocks, rows).  `samples`, in the order of the steps: step,
+    weights (3, 4), first row of `out`, first and last channel of each.  `channels`: time
+    derivative, first entry, motions and their shares.  `out`: (rows, columns).
+    """
+    steps, weights, begin, first_channel, last_channel = samples
+    blocks = len(first)
+    nodes = np.zeros((3, blocks, TANGENT_ROWS * LANES))
+    nodes[0] = first
+    work = np.empty((5, STATE_ROWS * LANES))
+    slopes = np.zeros((3, 4 * CORNER_SLOPES))
+    forcing = np.empty((3, blocks, FORCING_ROWS * LANES))
+    known, done = -1, 0
+    for m in range(len(starts) + 1):
+        before, here, after = nodes[(m + 2) % 3], nodes[m % 3], nodes[(m + 1) % 3]
+        if m < len(starts):
+            which, length = fine[m], lengths[m]
+            for part in range(3):
+                if part == 0 and known == which:
+                    slopes[0], forcing[0] = slopes[2], forcing[2]
+                    continue
+                node = starts[m] + part * length // 2
+                linearise(states[node], rates[node], speeds[node], p, knots, levels[which],
+                          mounted, of_corners, of_body, slopes[part], forcing[part])  # fmt: skip
+            known = which
+            for n in range(blocks):
+                rk4(here[n], slopes, inverse, forcing[0, n], forcing[1, n], forcing[2, n],
+                    length * step_s, work, after[n])  # fmt: skip
+        else:
+            for n in range(blocks):
+                column_rates(here[n], slopes[2], inverse, forcing[2, n], work[1])
+                here[n, STATE_ROWS * LANES :] = work[1, 7 * LANES : 14 * LANES]
+        while done < len(steps) and steps[done] < m:
+            see(before, here, weights[done], channels, first_channel[done], last_channel[done],
+                out[begin[done] :])  # fmt: skip
+            done += 1
+
+
+@kernel
+def see(before, after, weights, channels, first_channel, last_channel, out):
+    """Write what some channels see of the columns between two nodes, a row of `out` each."""
+    orders, first, motions, shares = channels
+    count = out.shape[1]
+    for c in range(first_channel, last_channel):
+        w0, w1, w2, w3 = weights[orders[c]]
+        value, slope = (7, STATE_ROWS) if orders[c] else (0, 7)
+        for m in range(first[c], first[c + 1]):
+            share, at = shares[m], (value + motions[m]) * LANES
+            then = (slope + motions[m]) * LANES
+            for b in range(len(before)):
+                lanes = min(LANES, count - b * LANES)
+                row = out[c - first_channel, b * LANES : b * LANES + lanes]
+                v0, v1 = before[b, at : at + lanes], after[b, at : at + lanes]
+                s0, s1 = before[b, then : then + lanes], after[b, then : then + lanes]
+                for j in range(lanes):
+                    row[j] += share * (w0 * v0[j] + w1 * v1[j] + w2 * s0[j] + w3 * s1[j])
+
+
+# A sensor's low-pass ------------------------------------------------------------------------------
 
 
 @njit(inline="always")

@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache
 from math import ceil
 from typing import Any, NamedTuple, TypeVar
 
@@ -14,10 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..model.exponentials import LowPass
-from . import columns, kernels
+from . import kernels
 from .car import BETA, GAP, K_B, K_T, KNEES, LENGTH, MOUNT, RATIO, STATIC, C, Car, X, Y
-from .columns import LANES
+from .kernels import LANES
 from .laws import knee, knee_slope, tyre_load
+
+Array = NDArray[np.float64]
 
 # Step sizes of the integration, and rounding of the corners of the force laws ---------------------
 
@@ -76,13 +78,6 @@ ROUGH = Grade(
     2.5e-3,
 )  # fmt: skip
 """Grade of the search: finds the optimum to a few standard deviations, at a third of the work."""
-USUAL = Grade(
-    PATH, 2.5e-3 / 8, 8, 4, 2,
-    Level(0.010, 0.003, 1.2e-3, 0.5e-3, 0.5e-3, 200.0),
-    Level(0.002, 0.0005, 0.02e-3, 0.25e-3, 0.1e-3, 60.0),
-    2.5e-3,
-)  # fmt: skip
-"""Grade with an exact path, and tangents that are good enough for the steps of a fit."""
 POLISH = Grade(
     PATH, 2.5e-3 / 10, 2, 2, 2,
     Level(0.002, 0.0003, 0.1e-3, 0.2e-3, 0.1e-3, 60.0),
@@ -107,15 +102,15 @@ step is enough."""
 class InitialState:
     """State of one run as the free decay begins."""
 
-    motion: NDArray[np.float64]
+    motion: Array
     """(14,) displacements and speeds of `daq.vehicle.DOF`, from the position of the bare car at
     rest."""
-    friction: NDArray[np.float64]
+    friction: Array
     """(4,) share of the friction that acts at each corner, -1..1."""
-    mount: NDArray[np.float64]
+    mount: Array
     """(4,) deflection of each damper's mount beyond that of its force, m."""
 
-    def moved(self, step: NDArray[np.float64]) -> InitialState:
+    def moved(self, step: Array) -> InitialState:
         """Return the state after a step, (18,) or with mounts (22,)."""
         mount = self.mount + step[18:] if len(step) > 18 else self.mount
         friction = np.clip(self.friction + step[14:18], -1.0, 1.0)
@@ -130,11 +125,11 @@ class Path:
     """Of the nodes; 0 for given times."""
     level: Level
     """Rounding of the laws."""
-    states: NDArray[np.float64]
+    states: Array
     """(n, 22)."""
-    slopes: NDArray[np.float64]
+    slopes: Array
     """(n, 22), their rates of change."""
-    speeds: NDArray[np.float64]
+    speeds: Array
     """(n, 4), of the dampers, m/s."""
 
     @property
@@ -142,12 +137,12 @@ class Path:
         """Time of the last node, s."""
         return (len(self.states) - 1) * self.step_s
 
-    def motion(self, derivative: int) -> NDArray[np.float64]:
+    def motion(self, derivative: int) -> Array:
         """Return displacement, speed or acceleration of the degrees of freedom, (n, 7)."""
         return self.slopes[:, 7:14] if derivative == 2 else self.states[:, 7 * derivative :][:, :7]
 
 
-def travel_speeds(car: Car, motion: NDArray[np.float64], first: int = 7) -> NDArray[np.float64]:
+def travel_speeds(car: Car, motion: Array, first: int = 7) -> Array:
     """Return the speeds of the four suspensions, (..., 4) m/s, compression positive.
 
     With `first` 0 instead of 7, their travels.
@@ -160,195 +155,189 @@ def travel_speeds(car: Car, motion: NDArray[np.float64], first: int = 7) -> NDAr
     return np.asarray(motion[..., first + 3 : first + 7] - body)
 
 
-def damper_curve(
-    car: Car, speed: NDArray[np.float64], width: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def damper_curve(car: Car, speed: Array, width: float) -> tuple[Array, Array]:
     """Return force and slope of the axle's curve at the four dampers' speeds, (..., 4) each."""
     force, slope = car.corner[:, C] * speed, car.corner[:, C] + 0.0 * speed
-    for j, at in enumerate(car.knots):
+    for j, knot in enumerate(car.knots):
         h = car.corner[:, KNEES + j]
-        force, slope = force + h * knee(speed, at, width), slope + h * knee_slope(speed, at, width)
+        force, slope = (
+            force + h * knee(speed, knot, width),
+            slope + h * knee_slope(speed, knot, width),
+        )
     return force, slope
 
 
-def first_state(
-    car: Car, initial: InitialState, level: Level
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the state at the start, (22,), and the speeds of the dampers, (4,)."""
-    speed = travel_speeds(car, initial.motion)
-    force, _ = damper_curve(car, speed, level.knee_m_s)
-    mount = car.corner[:, MOUNT] * car.corner[:, RATIO] * force + initial.mount
-    return np.concatenate([initial.motion, initial.friction, mount]), speed
-
-
-def step_of(cars: list[Car], grade: Grade) -> float:
+def step_of(cars: Iterable[Car], grade: Grade) -> float:
     """Return the step that the shortest pre-sliding length allows, s."""
     shortest = min(float(car.corner[:, LENGTH].min()) for car in cars)
     short = shortest < _SHORT_M and grade.path.lag_s < _SHORT_M / _FAST_M_S
     return grade.step_s / 2.0 if short else grade.step_s
 
 
-def hermite(share: NDArray[np.float64], step_s: float) -> tuple[NDArray[np.float64], ...]:
-    """Return the weights of cubic Hermite: value before, value after, slope before, slope after.
-
-    `share` is the position in the step, 0..1, (n,).
-    """
-    s = share
-    before = (1.0 + 2.0 * s) * (1.0 - s) * (1.0 - s)
-    after = s * s * (3.0 - 2.0 * s)
-    return before, after, s * (1.0 - s) * (1.0 - s) * step_s, -s * s * (1.0 - s) * step_s
-
-
-# Start and steps of the tangents of a run ---------------------------------------------------------
-
-
-@dataclass(frozen=True, slots=True)
-class Start:
-    """Derivatives of the first state, and the way each unknown enters the motion."""
-
-    matrix: NDArray[np.float64]
-    """(22, columns): the run's own unknowns, then the free ones that act on the motion."""
-    sparse: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]
-    """First entry of each corner (5,); coefficient, column and derivative of each entry."""
-    body: tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]
-    """Columns that change the body, (n,), its mass by them, (n, 3, 3), and gravity, (n, 3)."""
+def path_of(
+    car: Car, initial: InitialState, end_s: float, step_s: float, level: Level
+) -> Path | None:
+    """Return the path of a run up to its end or just after; None if it does not stay finite."""
+    speed = travel_speeds(car, initial.motion)
+    force, _ = damper_curve(car, speed, level.knee_m_s)
+    mount = car.corner[:, MOUNT] * car.corner[:, RATIO] * force + initial.mount
+    first = np.concatenate([initial.motion, initial.friction, mount])
+    steps = int(np.ceil(end_s / step_s / 8.0 - 1e-9)) * 8
+    states, slopes = np.empty((steps + 1, STATES)), np.empty((steps + 1, STATES))
+    speeds = np.empty((steps + 1, 4))
+    reached = kernels.path(
+        first, speed, steps, step_s, *_car_arrays(car), car.pull, level, car.has_mount,
+        states, slopes, speeds,
+    )  # fmt: skip
+    return Path(step_s, level, states, slopes, speeds) if reached == steps + 1 else None
 
 
-@dataclass(frozen=True, slots=True)
-class Plan:
-    """Steps of the tangents along a path."""
-
-    starts: NDArray[np.int64]
-    """(n,) first node."""
-    lengths: NDArray[np.int64]
-    """(n,) steps of the path."""
-    fine: NDArray[np.int64]
-    """(n,) which of the levels."""
-    levels: tuple[Level, Level]
+def sample(car: Car, path: Path, times_s: Array) -> Path:
+    """Return the states at the given times, s."""
+    states, slopes = np.empty((len(times_s), STATES)), np.empty((len(times_s), STATES))
+    speeds = np.empty((len(times_s), 4))
+    kernels.sample(
+        times_s, path.step_s, path.states, path.slopes, path.speeds, *_car_arrays(car), car.pull,
+        path.level, car.has_mount, states, slopes, speeds,
+    )  # fmt: skip
+    return Path(0.0, path.level, states, slopes, speeds)
 
 
-def acting(cars: list[Car]) -> NDArray[np.intp]:
-    """Return which of the free unknowns act on the motion in any mass state, (A,)."""
-    acts = [
-        car.d_corner.any(axis=(0, 1)) | car.d_mass.any(axis=(1, 2)) | car.d_pull.any(axis=1)
-        for car in cars
-    ]
-    return np.flatnonzero(np.any(acts, axis=0))
+def _car_arrays(car: Car) -> tuple[Array, Array, Array]:
+    """Return the coefficients of a car as machine code takes them: corners, knots, body."""
+    return car.corner, np.array(car.knots), np.asarray(np.linalg.inv(car.mass))
+
+
+# The tangents along a path ------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
-class SampledChannels:
-    """The motions that some channels see, and the times of their samples."""
+class Channels:
+    """What some channels see of the motion, and when."""
 
-    before: NDArray[np.int64]
-    """(n,) node of the plan before each time."""
-    weights: NDArray[np.float64]
-    """(n, 3, 4) by time derivative: weights of the value before and after, and of its slope before
-    and after.  An acceleration is the slope of the cubic that gives the speed."""
+    times_s: Array
+    """(n,)."""
     orders: NDArray[np.int64]
-    """(channels,) time derivative."""
-    first: NDArray[np.int64]
-    """(channels + 1,) first entry of each channel in what follows."""
-    motions: NDArray[np.int64]
-    """Degree of freedom."""
-    shares: NDArray[np.float64]
-    """Entry of this degree of freedom in the channel's row."""
+    """(channels,) time derivative of the motion."""
+    rows: Array
+    """(channels, 7) share of each degree of freedom."""
 
 
-def sampled_channels(
-    plan: Plan,
-    step_s: float,
-    times_s: NDArray[np.float64],
-    orders: NDArray[np.int64],
-    rows: NDArray[np.float64],
-) -> SampledChannels:
-    """Return how channels with given rows, (channels, 7), see the motion at given times."""
-    begins = plan.starts * step_s
-    k = np.clip(np.searchsorted(begins, times_s + 1e-9, side="right") - 1, 0, len(begins) - 1)
-    h = plan.lengths[k] * step_s
-    s = (times_s - begins[k]) / h
-    place = np.stack(hermite(s, 1.0), axis=1)
-    place[:, 2:] *= h[:, None]
-    bend = 6.0 * s * (s - 1.0) / h
-    turn = np.stack([bend, -bend, (3.0 * s - 4.0) * s + 1.0, (3.0 * s - 2.0) * s], axis=1)
-    channel, motions = np.nonzero(rows)
-    first = np.searchsorted(channel, np.arange(len(rows) + 1))
-    weights = np.stack([place, place, turn], axis=1)
-    return SampledChannels(k, weights, orders, first, motions, rows[channel, motions])
+def tangents(
+    car: Car, path: Path, initial: InitialState, grade: Grade, asked: Sequence[Channels]
+) -> tuple[Array, ...]:
+    """Return the derivatives of what channels see along a path, (times, channels, columns) each.
 
-
-def start_of(car: Car, initial: InitialState, acts: NDArray[np.intp], level: Level) -> Start:
-    """Return the start of the tangents of a run; its own unknowns are those of `initial`."""
-    n_run = STATES if car.has_mount else STATES - 4  # the last 4 are the mounts
-    d_corner = car.d_corner[:, :, acts]
-    matrix = np.zeros((STATES, n_run + len(acts)))
-    matrix[:n_run, :n_run] = np.eye(n_run)
-    if car.has_mount:
-        matrix[-4:] += _mount_start(car, initial, d_corner, matrix, level)
-    entries = [np.nonzero(d_corner[i]) for i in range(4)]
-    first = np.concatenate([[0], np.cumsum([len(kinds) for kinds, _ in entries])])
-    sparse = (
-        first.astype(np.int64),
-        np.concatenate([kinds for kinds, _ in entries]).astype(np.int64),
-        np.concatenate([unknowns for _, unknowns in entries]).astype(np.int64) + n_run,
-        np.concatenate([d_corner[i][entries[i]] for i in range(4)]),
+    Columns are the run's own unknowns, those of `initial`, and then the free ones of the car.
+    """
+    columns = first_columns(car, initial, grade.path)
+    n_own, count = columns.shape[1] - car.d_corner.shape[2], columns.shape[1]
+    entries = [np.nonzero(d_corner) for d_corner in car.d_corner]
+    of_corners = (
+        np.cumsum([0, *(len(kinds) for kinds, _ in entries)]),
+        np.concatenate([kinds for kinds, _ in entries]),
+        *np.divmod(np.concatenate([unknowns + n_own for _, unknowns in entries]), LANES),
+        np.concatenate([d[entry] for d, entry in zip(car.d_corner, entries, strict=True)]),
     )
-    changes = car.d_mass[acts].any(axis=(1, 2)) | car.d_pull[acts].any(axis=1)
-    on_body = np.flatnonzero(changes)
-    body = (on_body + n_run, car.d_mass[acts][on_body], car.d_pull[acts][on_body])
-    return Start(matrix, sparse, body)
+    on_body = np.flatnonzero(car.d_mass.any(axis=(1, 2)) | car.d_pull.any(axis=1))
+    of_body = (*np.divmod(on_body + n_own, LANES), car.d_mass[on_body], car.d_pull[on_body])
+    starts, lengths, fine = tangent_steps(car, path, grade)
+    padded = np.zeros((kernels.TANGENT_ROWS, ceil(count / LANES) * LANES))
+    padded[:STATES, :count] = columns
+    first = padded.reshape(kernels.TANGENT_ROWS, -1, LANES).swapaxes(0, 1)
+    times_s = np.concatenate([one.times_s for one in asked])
+    n_channels = np.array([len(one.orders) for one in asked])
+    ends = np.cumsum(n_channels)
+    which = np.repeat(np.arange(len(asked)), [len(one.times_s) for one in asked])
+    begin = np.cumsum(n_channels[which]) - n_channels[which]
+    steps, weights = _between_nodes(starts * path.step_s, lengths * path.step_s, times_s)
+    given = (steps, weights, begin, (ends - n_channels)[which], ends[which])
+    order = np.argsort(steps, kind="stable")
+    rows = np.concatenate([one.rows for one in asked])
+    channel, motions = np.nonzero(rows)
+    channels = (
+        np.concatenate([one.orders for one in asked]),
+        np.searchsorted(channel, np.arange(len(rows) + 1)),
+        motions,
+        rows[channel, motions],
+    )
+    out = np.zeros((int(n_channels[which].sum()), count))
+    kernels.tangents(
+        path.step_s, path.states, path.slopes, path.speeds, *_car_arrays(car), car.has_mount,
+        of_corners, of_body, starts, lengths, fine, (grade.coarse, grade.fine),
+        first.reshape(len(first), -1), tuple(of_sample[order] for of_sample in given), channels,
+        out,
+    )  # fmt: skip
+    parts = np.split(out, np.cumsum([len(one.times_s) * len(one.orders) for one in asked])[:-1])
+    return tuple(
+        part.reshape(-1, len(one.orders), count) for part, one in zip(parts, asked, strict=True)
+    )
 
 
-def _mount_start(
-    car: Car,
-    initial: InitialState,
-    d_corner: NDArray[np.float64],
-    matrix: NDArray[np.float64],
-    level: Level,
-) -> NDArray[np.float64]:
-    """Return the derivatives of the mounts' deflection under the dampers' force, (4, columns)."""
-    p = car.corner
-    n_run = matrix.shape[1] - d_corner.shape[2]
+def _between_nodes(
+    begins_s: NDArray[Any], lengths_s: NDArray[Any], times_s: Array
+) -> tuple[NDArray[np.int64], Array]:
+    """Return the step of each time, (n,), and weights of the values at its ends, (n, 3, 4).
+
+    By time derivative: weights of the value before and after, and of its slope before and after.
+    An acceleration is the slope of the cubic that gives the speed.
+    """
+    k = np.searchsorted(begins_s, times_s + 1e-9, side="right") - 1
+    k = np.clip(k, 0, len(begins_s) - 1)
+    h = lengths_s[k]
+    s = (times_s - begins_s[k]) / h
+    bend = 6.0 * s * (s - 1.0) / h
+    value = [
+        (1.0 + 2.0 * s) * (1.0 - s) * (1.0 - s), s * s * (3.0 - 2.0 * s),
+        s * (1.0 - s) * (1.0 - s) * h, -s * s * (1.0 - s) * h,
+    ]  # fmt: skip
+    slope = [bend, -bend, (3.0 * s - 4.0) * s + 1.0, (3.0 * s - 2.0) * s]
+    return k, np.ascontiguousarray(np.array([value, value, slope]).transpose(2, 0, 1))
+
+
+def first_columns(car: Car, initial: InitialState, level: Level) -> Array:
+    """Return the derivatives of a run's first state, (22, own unknowns + free ones)."""
+    n_own = STATES if car.has_mount else STATES - 4  # the last 4 are the mounts
+    columns = np.eye(STATES, n_own + car.d_corner.shape[2])
+    columns[:, n_own:] = 0.0
+    if not car.has_mount:
+        return columns
+    p, d_corner = car.corner, car.d_corner
     speed = travel_speeds(car, initial.motion)
     force, slope = damper_curve(car, speed, level.knee_m_s)
-    d_speed = travel_speeds(car, matrix[:14].T).T
-    d_speed[:, n_run:] += initial.motion[8] * d_corner[:, X] - initial.motion[9] * d_corner[:, Y]
+    d_speed = travel_speeds(car, columns[:14].T).T
+    d_speed[:, n_own:] += initial.motion[8] * d_corner[:, X] - initial.motion[9] * d_corner[:, Y]
     sigma, ratio = p[:, MOUNT], p[:, RATIO]
-    result = (sigma * ratio * slope)[:, None] * d_speed
-    changed = (ratio * force)[:, None] * d_corner[:, MOUNT]
-    changed += (sigma * force)[:, None] * d_corner[:, RATIO]
-    changed += (sigma * ratio * speed)[:, None] * d_corner[:, C]
-    for j, at in enumerate(car.knots):
-        bent = sigma * ratio * knee(speed, at, level.knee_m_s)
-        changed += bent[:, None] * d_corner[:, KNEES + j]
-    result[:, n_run:] += changed
-    return np.asarray(result)
+    columns[18:] += (sigma * ratio * slope)[:, None] * d_speed
+    by_coefficient = {MOUNT: ratio * force, RATIO: sigma * force, C: sigma * ratio * speed}
+    for j, knot in enumerate(car.knots):
+        by_coefficient[KNEES + j] = sigma * ratio * knee(speed, knot, level.knee_m_s)
+    for coefficient, by in by_coefficient.items():
+        columns[18:, n_own:] += by[:, None] * d_corner[:, coefficient]
+    return columns
 
 
-def plan_of(car: Car, path: Path, grade: Grade) -> Plan:
-    """Return the steps: fine where a wheel reverses, leaves the road or meets its stop."""
+def tangent_steps(car: Car, path: Path, grade: Grade) -> tuple[NDArray[np.int64], ...]:
+    """Return first node, length in nodes and level (0 coarse, 1 fine) of each step, (n,) each.
+
+    Fine where a wheel reverses, leaves the road or meets its stop.
+    """
     nodes = len(path.states) - 1
     length = grade.mounted_steps if car.has_mount else grade.tangent_steps
     part = grade.fine_steps
-    levels = (grade.coarse, grade.fine)
-    if length == part and grade.coarse == grade.fine:
-        starts = np.arange(0, nodes, part)
-        whole = np.full(len(starts), part)
-        return Plan(starts, whole, np.zeros(len(starts), np.int64), levels)
     p, x = car.corner, path.states
-    travel = travel_speeds(car, x[:, :7], 0)
     load = tyre_load(x[:, 3:7], p[:, K_T], p[:, BETA], p[:, STATIC])
     signs = [travel_speeds(car, x) > 0.0, load > 0.0]
     if p[:, K_B].any() or car.d_corner[:, K_B].any():
-        signs.append(travel > p[:, GAP])
+        signs.append(travel_speeds(car, x, 0) > p[:, GAP])
     state = np.concatenate(signs, axis=1)
     turns = (state[1:] != state[:-1]).any(axis=1)
     events = np.add.reduceat(turns, np.arange(0, nodes, length)) > 0
+    events &= grade.coarse != grade.fine
     counts = np.where(events, length // part, 1)
     lengths = np.repeat(np.where(events, part, length), counts)
     fine = np.repeat(events.astype(np.int64), counts)
-    starts = np.concatenate([[0], np.cumsum(lengths)[:-1]])
-    return Plan(starts, lengths, fine, levels)
+    return np.cumsum(lengths) - lengths, lengths, fine
 
 
 # Evaluates the runs of a problem side by side: machine code and BLAS release the interpreter ------
@@ -367,76 +356,9 @@ def _threads(process: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(os.cpu_count(), f"runs of {process}")
 
 
-# The integrator -----------------------------------------------------------------------------------
-
-Array = NDArray[np.float64]
+# A sensor's low-pass ------------------------------------------------------------------------------
 
 _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(8)
-
-
-def integrate(
-    cars: Sequence[Car],
-    initials: Sequence[InitialState],
-    ends_s: Sequence[float],
-    step_s: float,
-    level: Level,
-) -> Sequence[Path | None]:
-    """Return the path of each run up to its end or just after; None if it does not stay finite."""
-    return for_each_run(partial(_integrate, step_s, level), cars, initials, ends_s)
-
-
-def _integrate(
-    step_s: float, level: Level, car: Car, initial: InitialState, end_s: float
-) -> Path | None:
-    x0, speed = first_state(car, initial, level)
-    steps = int(np.ceil(end_s / step_s / 8.0 - 1e-9)) * 8
-    states, slopes = np.empty((steps + 1, STATES)), np.empty((steps + 1, STATES))
-    speeds = np.empty((steps + 1, 4))
-    reached = kernels.path(
-        x0, speed, steps, step_s, *_body(car), level, car.has_mount, states, slopes, speeds
-    )
-    return Path(step_s, level, states, slopes, speeds) if reached == steps + 1 else None
-
-
-def sample(car: Car, path: Path, times_s: Array) -> Path:
-    """Return the states at the given times, s."""
-    states, slopes = np.empty((len(times_s), STATES)), np.empty((len(times_s), STATES))
-    speeds = np.empty((len(times_s), 4))
-    kernels.sample(
-        times_s, path.step_s, path.states, path.slopes, path.speeds, *_body(car), path.level,
-        car.has_mount, states, slopes, speeds,
-    )  # fmt: skip
-    return Path(0.0, path.level, states, slopes, speeds)
-
-
-def tangents(car: Car, path: Path, start: Start, plan: Plan) -> Any:
-    """Return the tangents along a path, as `add_sampled` takes them.
-
-    Each block, (STATE_ROWS, LANES), has `LANES` columns of the start's matrix.
-    """
-    corner, knots, inverse, _ = _body(car)
-    count = start.matrix.shape[1]
-    n_blocks = ceil(count / LANES)
-    trace = np.empty((len(plan.starts) + 2, n_blocks, columns.STATE_ROWS * LANES))
-    for b in range(n_blocks):
-        part = start.matrix[:, b * LANES : (b + 1) * LANES]
-        rows = np.zeros((columns.STATE_ROWS, LANES))
-        rows[:STATES, : part.shape[1]] = part
-        trace[0, b] = rows.ravel()
-    columns.tangents(
-        path.step_s, path.states, path.slopes, path.speeds, corner, knots, inverse,
-        car.has_mount, start.sparse, start.body, plan.starts, plan.lengths, plan.fine, plan.levels,
-        count, trace,
-    )  # fmt: skip
-    return trace
-
-
-def add_sampled(trace: Any, given: SampledChannels, out: Array) -> None:
-    """Add the tangents of some channels at some times to `out`, (n, channels, columns)."""
-    columns.add_sampled(
-        trace, out.shape[2], given.before, given.weights, given.orders, given.first, given.motions,
-        given.shares, out,
-    )  # fmt: skip
 
 
 def filtered(low_pass: LowPass, values: Array, step_s: float, times_s: Array) -> Array:
@@ -478,8 +400,3 @@ def _pole_terms(
         share = 2.0 if pole.imag > 0.0 else 1.0
         kernel = np.exp(pole * h * (1.0 - s)) * _WEIGHTS * h / 2.0
         yield complex(pole), complex(share * residue), shapes @ kernel
-
-
-def _body(car: Car) -> tuple[Array, Array, Array, Array]:
-    inverse = np.asarray(np.linalg.inv(car.mass), dtype=np.float64)
-    return car.corner, np.array(car.knots, dtype=np.float64), inverse, car.pull

@@ -17,18 +17,14 @@ from ..model.matrices import COMPLEX_STEP, stepped
 from .car import KNEE_M_S, MOUNT, REACH, Car, Model, car
 from .laws import secant_share
 from .path import (
+    Channels,
     Grade,
     InitialState,
     Path,
-    acting,
-    add_sampled,
     filtered,
     for_each_run,
-    integrate,
-    plan_of,
+    path_of,
     sample,
-    sampled_channels,
-    start_of,
     step_of,
     tangents,
 )
@@ -127,12 +123,16 @@ def _times(run: Run, rows: Rows, model: Model, r: Recording) -> NDArray[np.float
     return np.asarray(r.time_s - rows.delays_s[model.box.groups.index(r.group)] + run.early_s)
 
 
-def predict(model: Model, rows: Rows, run: Run, car: Car, path: Path) -> Predicted:
-    """Return a run's path and residuals."""
+def _predicted(
+    model: Model, rows: Rows, step_s: float, grade: Grade, run: Run, one: Car, own: InitialState
+) -> Predicted | None:
+    """Return a run's path and residuals; None if the path does not stay finite."""
+    path = path_of(one, own, run.end_s, step_s, grade.path)
+    if path is None:
+        return None
     left = []
     for r, weight, basis in zip(run.decay.recordings, run.weights, run.bases, strict=True):
-        values = _values(car, rows, path, r, _times(run, rows, model, r))
-        error = (r.values - values) * weight
+        error = (r.values - _values(one, rows, path, r, _times(run, rows, model, r))) * weight
         left.append(error - basis @ (basis.T @ error))
     return Predicted(path, tuple(left), float(sum(np.sum(e * e) for e in left)))
 
@@ -165,71 +165,6 @@ class Block:
     shared: NDArray[np.float64]
     jacobian: tuple[NDArray[np.float64], ...]
     """Jacobian of each recording, (n, channels, own + free), in units of sigma."""
-
-
-def block(
-    model: Model,
-    run: Run,
-    car: Car,
-    rows: Rows,
-    own: InitialState,
-    predicted: Predicted,
-    acts: NDArray[np.intp],
-    grade: Grade,
-) -> Block:
-    """Return the normal equations of a run at the point of `predicted`."""
-    path = predicted.path
-    start, plan = start_of(car, own, acts, grade.path), plan_of(car, path, grade)
-    n_own = start.matrix.shape[1] - len(acts)
-    size = n_own + car.d_corner.shape[2]
-    trace = tangents(car, path, start, plan)
-    grid = np.arange(0.0, path.end_s + 1e-9, grade.filter_s)
-    grid = grid[: len(grid) - (len(grid) + 1) % 2]
-    at_grid = sample(car, path, grid)
-    jacobian = []
-    normal, right = np.zeros((size, size)), np.zeros(size)
-    for r, weight, basis, left in zip(
-        run.decay.recordings, run.weights, run.bases, predicted.left, strict=True
-    ):
-        low_pass = low_pass_of(r.group.channels[0])
-        asked = _times(run, rows, model, r)
-        times = grid if len(low_pass.poles) else asked
-        sampled = at_grid if len(low_pass.poles) else sample(car, path, asked)
-        orders = np.array([TIME_DERIVATIVE[c.quantity] for c in r.group.channels])
-        channels = sampled_channels(
-            plan,
-            path.step_s,
-            times,
-            orders,
-            np.stack([rows.rows[c.name] for c in r.group.channels]),
-        )
-        part = np.zeros((len(times), len(orders), n_own + len(acts)))
-        add_sampled(trace, channels, part)
-        J = np.zeros((len(times), len(orders), size))
-        J[:, :, :n_own] = part[:, :, :n_own]
-        J[:, :, n_own + acts] = part[:, :, n_own:]
-        for c, channel in enumerate(r.group.channels):
-            moves = np.flatnonzero(rows.slopes[channel.name].any(axis=1))
-            motion = sampled.motion(int(orders[c]))
-            J[:, c, n_own + moves] += motion @ rows.slopes[channel.name][moves].T
-        if len(low_pass.poles):
-            J = filtered(low_pass, J, grade.filter_s, asked)
-        late = rows.late[model.box.groups.index(r.group)]
-        if late is not None:
-            both = np.concatenate([asked + _LATE_S, asked - _LATE_S])
-            after, before = np.split(_values(car, rows, path, r, both), 2)
-            J[:, :, n_own + late] -= (after - before) / (2.0 * _LATE_S)
-        J *= weight[:, None]
-        flat = J.reshape(len(J), -1)
-        flat -= basis @ (basis.T @ flat)
-        jacobian.append(J)
-        flat = J.reshape(-1, size)
-        normal += flat.T @ flat
-        right += flat.T @ left.ravel()
-    return Block(
-        normal[:n_own, :n_own], normal[:n_own, n_own:], normal[n_own:, n_own:],
-        right[:n_own], right[n_own:], tuple(jacobian),
-    )  # fmt: skip
 
 
 # Terms that keep a damper's force from falling as the speed grows ---------------------------------
@@ -395,13 +330,12 @@ def point(
     states = {s.name: s for s in model.box.mass_states if s.name in present}
     cars = {name: car(model, eta, state, problem.free) for name, state in states.items()}
     rows = rows_of(model, eta, problem.free)
-    step_s = step_of(list(cars.values()), grade)
     each = tuple(cars[run.decay.mass_state] for run in problem.runs)
-    paths = integrate(each, initials, [run.end_s for run in problem.runs], step_s, grade.path)
-    whole = [path for path in paths if path is not None]
-    if len(whole) < len(paths):
+    along = partial(_predicted, model, rows, step_of(cars.values(), grade), grade)
+    tried = for_each_run(along, problem.runs, each, initials)
+    predicted = tuple(one for one in tried if one is not None)
+    if len(predicted) < len(tried):
         return None
-    predicted = for_each_run(partial(predict, model, rows), problem.runs, each, whole)
     cost = sum(one.cost for one in predicted)
     cost += sum(float(own.friction @ own.friction) / _FRICTION_PRIOR**2 for own in initials)
     for one, own in zip(each, initials, strict=True):
@@ -420,10 +354,7 @@ def _mount_sd(one: Car) -> NDArray[np.float64]:
 def normal(at: Point) -> Normal:
     """Return the normal equations at a point."""
     problem = at.problem
-    acts = acting(list({id(one): one for one in at.cars}.values()))
-    blocks = for_each_run(
-        partial(_block, at, acts), problem.runs, at.cars, at.initials, at.predicted
-    )
+    blocks = for_each_run(partial(_block, at), problem.runs, at.cars, at.initials, at.predicted)
     n = len(problem.free)
     shared, right = np.zeros((n, n)), np.zeros(n)
     for misfits, slopes in (problem.fact_terms(at.eta), problem.prior_terms(at.eta)):
@@ -432,19 +363,67 @@ def normal(at: Point) -> Normal:
     return Normal(blocks, shared, right, *problem.curve_terms(at.eta))
 
 
-def _block(
-    at: Point, acts: NDArray[np.intp], run: Run, one: Car, own: InitialState, predicted: Predicted
-) -> Block:
+def _block(at: Point, run: Run, one: Car, own: InitialState, predicted: Predicted) -> Block:
     """Return the normal equations of a run, with the priors of its own unknowns."""
+    jacobian = _jacobian(at, run, one, own, predicted.path)
+    size = jacobian[0].shape[2]
+    n_own = size - len(at.problem.free)
+    normal, right = np.zeros((size, size)), np.zeros(size)
     with np.errstate(over="ignore", invalid="ignore"):  # `finite` says so
-        given = block(at.problem.model, run, one, at.rows, own, predicted, acts, at.grade)
-    A, right = given.A.copy(), given.own.copy()
+        for J, left in zip(jacobian, predicted.left, strict=True):
+            flat = J.reshape(-1, size)
+            normal += flat.T @ flat
+            right += flat.T @ left.ravel()
     k = np.arange(14, 18)
-    A[k, k] += _FRICTION_PRIOR**-2
+    normal[k, k] += _FRICTION_PRIOR**-2
     right[k] -= own.friction * _FRICTION_PRIOR**-2
     if one.has_mount:
         k = np.arange(18, 22)
         weight = _mount_sd(one) ** -2
-        A[k, k] += weight
+        normal[k, k] += weight
         right[k] -= own.mount * weight
-    return replace(given, A=A, own=right)
+    return Block(
+        normal[:n_own, :n_own], normal[:n_own, n_own:], normal[n_own:, n_own:],
+        right[:n_own], right[n_own:], jacobian,
+    )  # fmt: skip
+
+
+def _jacobian(
+    at: Point, run: Run, one: Car, own: InitialState, path: Path
+) -> tuple[NDArray[np.float64], ...]:
+    """Return the derivatives of each recording, (n, channels, own + free), in units of sigma."""
+    model, rows = at.problem.model, at.rows
+    grid = np.arange(0.0, path.end_s + 1e-9, at.grade.filter_s)
+    grid = grid[: len(grid) - (len(grid) + 1) % 2]
+    seen = []
+    for r in run.decay.recordings:
+        filters = len(low_pass_of(r.group.channels[0]).poles) > 0
+        orders = np.array([TIME_DERIVATIVE[channel.quantity] for channel in r.group.channels])
+        of_motion = np.stack([rows.rows[channel.name] for channel in r.group.channels])
+        times_s = grid if filters else _times(run, rows, model, r)
+        seen.append(Channels(times_s, orders, of_motion))
+    result = []
+    for r, weight, basis, channels, J in zip(
+        run.decay.recordings, run.weights, run.bases, seen,
+        tangents(one, path, own, at.grade, seen), strict=True,
+    ):  # fmt: skip
+        n_own = J.shape[2] - len(at.problem.free)
+        sampled = sample(one, path, channels.times_s)
+        for c, channel in enumerate(r.group.channels):
+            moves = np.flatnonzero(rows.slopes[channel.name].any(axis=1))
+            motion = sampled.motion(int(channels.orders[c]))
+            J[:, c, n_own + moves] += motion @ rows.slopes[channel.name][moves].T
+        if channels.times_s is grid:
+            low_pass = low_pass_of(r.group.channels[0])
+            J = filtered(low_pass, J, at.grade.filter_s, _times(run, rows, model, r))
+        late = rows.late[model.box.groups.index(r.group)]
+        if late is not None:
+            asked = _times(run, rows, model, r)
+            both = np.concatenate([asked + _LATE_S, asked - _LATE_S])
+            after, before = np.split(_values(one, rows, path, r, both), 2)
+            J[:, :, n_own + late] -= (after - before) / (2.0 * _LATE_S)
+        J *= weight[:, None]
+        flat = J.reshape(len(J), -1)
+        flat -= basis @ (basis.T @ flat)
+        result.append(J)
+    return tuple(result)

@@ -24,7 +24,7 @@ from identify.nonlinear.car import KNOTS as KNOTS_OF_CAR
 from identify.nonlinear.car import Model
 from identify.nonlinear.fit import _step
 from identify.nonlinear.laws import knee
-from identify.nonlinear.path import USUAL, InitialState
+from identify.nonlinear.path import POLISH, InitialState
 from identify.nonlinear.problem import Block, Normal, Problem, point, run_of, too_flat
 
 from ..bumps import GROUP, MASS_STATES, TRUTH
@@ -230,7 +230,7 @@ def rich_car(model: Model) -> NDArray[np.float64]:
 
 def cost_of_motion(given: Problem, eta: NDArray[np.float64]) -> float:
     at = point(
-        given, eta, (InitialState(0.3 * moving().motion, np.full(4, 0.2), np.zeros(4)),), USUAL
+        given, eta, (InitialState(0.3 * moving().motion, np.full(4, 0.2), np.zeros(4)),), POLISH
     )
     assert at is not None
     return at.predicted[0].cost

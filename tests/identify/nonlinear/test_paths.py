@@ -25,16 +25,12 @@ from identify.nonlinear.forces import DamperCurve, forces_at_speeds
 from identify.nonlinear.path import (
     PATH,
     POLISH,
-    USUAL,
+    Channels,
     InitialState,
-    Plan,
-    SampledChannels,
-    acting,
     damper_curve,
     filtered,
-    plan_of,
-    sampled_channels,
-    start_of,
+    first_columns,
+    path_of,
     travel_speeds,
 )
 from identify.nonlinear.path import Path as Motion
@@ -48,28 +44,17 @@ CORNERS = PATH._replace(load_n=60.0)
 """A tyre that meets the road within 20 N does so between two nodes of the tangents."""
 
 
-def made(mounted: bool, knots: str = "K3") -> Car:
-    model = model_of(knots=knots)
-    names = model.names
-    free = [i for i, name in enumerate(names) if mounted or not name.startswith("s_m")]
-    return car(model, rich(model, mounted), BASELINE, np.array(free))
+STEP_S = 2.5e-3 / 8
 
 
-def whole(path: Motion | None) -> Motion:
+def path_along(one: Car, own: InitialState) -> Motion:
+    path = path_of(one, own, END_S, STEP_S, CORNERS)
     assert path is not None
     return path
 
 
-def everything(plan: Plan, path: Motion, times: np.ndarray) -> SampledChannels:
-    """Return channels for displacement, speed and acceleration of each degree of freedom."""
-    return sampled_channels(
-        plan, path.step_s, times, np.repeat([0, 1, 2], 7), np.tile(np.eye(7), (3, 1))
-    )
-
-
 def motion(one: Car, own: InitialState, times: np.ndarray) -> np.ndarray:
-    path = whole(paths.integrate([one], [own], [END_S], USUAL.step_s, CORNERS)[0])
-    seen = paths.sample(one, path, times)
+    seen = paths.sample(one, path_along(one, own), times)
     return np.concatenate([seen.motion(k) for k in range(3)], axis=1)
 
 
@@ -80,15 +65,13 @@ def test_tangents_are_the_differences_of_paths(mounted: bool) -> None:
     names = model.names
     free = np.array([i for i, n in enumerate(names) if mounted or not n.startswith("s_m")])
     one, own = car(model, eta, BASELINE, free), moving()
-    times = 2.0 * USUAL.step_s * np.arange(5, 305, 8)  # at nodes: between two, a corner is cut
-    path = whole(paths.integrate([one], [own], [END_S], USUAL.step_s, CORNERS)[0])
-    acts = acting([one])
-    start = start_of(one, own, acts, CORNERS)
-    polish = plan_of(one, path, POLISH)
-    plan = Plan(polish.starts, polish.lengths, polish.fine, (CORNERS, CORNERS))
-    found = np.zeros((len(times), 21, start.matrix.shape[1]))
-    paths.add_sampled(paths.tangents(one, path, start, plan), everything(plan, path, times), found)
-    n_own = start.matrix.shape[1] - len(acts)
+    times = np.asarray(
+        2.0 * STEP_S * np.arange(5, 305, 8)
+    )  # at nodes: between two, a corner is cut
+    everything = Channels(times, np.repeat([0, 1, 2], 7), np.tile(np.eye(7), (3, 1)))
+    grade = POLISH._replace(path=CORNERS, coarse=CORNERS, fine=CORNERS)
+    (found,) = paths.tangents(one, path_along(one, own), own, grade, [everything])
+    n_own = found.shape[2] - len(free)
     for column in (0, 4, 9, 12, 15):
         step = np.zeros(n_own)
         step[column] = STEP
@@ -110,7 +93,7 @@ def test_tangents_are_the_differences_of_paths(mounted: bool) -> None:
         ) / (2 * STEP)
         # Static friction acts for a few milliseconds, some steps of the tangents.
         most = 0.08 if name in ("r_cf", "v_cf") else 0.02
-        check(found[:, :, n_own + np.flatnonzero(free[acts] == k)[0]], number, most)
+        check(found[:, :, n_own + np.flatnonzero(free == k)[0]], number, most)
 
 
 def test_the_mounts_give_at_first_by_the_force_of_their_dampers() -> None:
@@ -123,10 +106,8 @@ def test_the_mounts_give_at_first_by_the_force_of_their_dampers() -> None:
         force, _ = damper_curve(one, travel_speeds(one, own.motion), PATH.knee_m_s)
         return np.asarray(one.corner[:, MOUNT] * one.corner[:, RATIO] * force)
 
-    one = car(model, eta, BASELINE, free)
-    acts = acting([one])
-    found = start_of(one, own, acts, PATH).matrix[18:, 22:]
-    for column, k in enumerate(free[acts].tolist()):
+    found = first_columns(car(model, eta, BASELINE, free), own, PATH)[18:, 22:]
+    for column, k in enumerate(free.tolist()):
         step = STEP * np.eye(len(eta))[k]
         number = (deflected(eta + step) - deflected(eta - step)) / (2 * STEP)
         np.testing.assert_allclose(
@@ -339,5 +320,5 @@ def test_all_that_a_kernel_takes_in_counts() -> None:
                 assert file != car or names <= _assigned(car)
     texts = {path: path.read_text("utf-8") for path in room.glob("*.py")}
     made = {path for path, text in texts.items() if "@kernel" in text or "@njit" in text}
-    assert len(made) == 2
+    assert len(made) == 1
     assert made < set(compiled.SOURCES)

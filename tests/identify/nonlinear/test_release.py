@@ -20,7 +20,7 @@ from identify.fit.grey_box import GreyBox
 from identify.nonlinear.begin import initial_states_of, weak_priors
 from identify.nonlinear.car import KNOTS, Model
 from identify.nonlinear.fit import Clock, fit, inverse
-from identify.nonlinear.path import POLISH, ROUGH, USUAL, InitialState
+from identify.nonlinear.path import POLISH, ROUGH, InitialState
 from identify.nonlinear.problem import Problem, point, run_of
 from identify.nonlinear.release import positions
 from identify.pipeline import identify, identify_parameters
@@ -286,7 +286,7 @@ def test_friction_that_acts_in_full_moves_no_parameter() -> None:
         positions(model, ("anti_roll_bars", "friction"), True),
     )  # fmt: skip
     best = fit(
-        problem, truth, initial_states_of(model, truth, decays, sigma), USUAL, tolerance=0.01
+        problem, truth, initial_states_of(model, truth, decays, sigma), POLISH, tolerance=0.01
     )
     assert best is not None
     off = (best.eta - truth)[problem.free] / np.sqrt(np.diag(inverse(best.information)))
@@ -313,7 +313,7 @@ def test_friction_that_acts_in_full_costs_nothing(share: float) -> None:
     run = run_of(model, decay, {c.name: NOISE[c.quantity] for c in group.channels})
     problem = Problem(model, (run,), centre, prior, positions(model, ("friction",), True))
     at = point(
-        problem, car, (InitialState(moving().motion, np.full(4, share), np.zeros(4)),), USUAL
+        problem, car, (InitialState(moving().motion, np.full(4, share), np.zeros(4)),), POLISH
     )
     assert at is not None
     misfits, _ = problem.prior_terms(car)
@@ -331,7 +331,7 @@ def stop_off(gap_m: float, start_m: float) -> tuple[Problem, NDArray[np.float64]
     true, start = (bent(model, k_bf=1.0, g_bf=np.log(gap).item(), p_bf=0.0) for gap in gaps)
     free = np.array([model.names.index("g_bf")])
     still = Problem(model, (run_of(model, decay, sigma),), *weak_priors(model, start), free)
-    at = point(still, true, (moving(),), USUAL)
+    at = point(still, true, (moving(),), POLISH)
     assert at is not None
     values = -at.predicted[0].left[0] / still.runs[0].weights[0]
     moved = replace(decay, recordings=(replace(recording, values=values),))
@@ -341,7 +341,7 @@ def stop_off(gap_m: float, start_m: float) -> tuple[Problem, NDArray[np.float64]
 def test_a_step_moves_the_gap_of_a_stop_by_five_percent_at_most() -> None:
     """Further off other samples meet the stop: a step that goes by the tangents goes astray."""
     problem, start = stop_off(0.015, 0.018)
-    once = fit(problem, start, (moving(),), USUAL, max_iterations=1)
+    once = fit(problem, start, (moving(),), POLISH, max_iterations=1)
     assert once is not None
     assert float(np.exp(once.eta[problem.free][0])) == pytest.approx(0.018 * np.exp(-0.05))
 
@@ -349,13 +349,13 @@ def test_a_step_moves_the_gap_of_a_stop_by_five_percent_at_most() -> None:
 def test_a_fit_without_time_ends_where_it_is() -> None:
     problem, start = stop_off(0.015, 0.018)
     clock = Clock(0.0)
-    once = fit(problem, start, (moving(),), USUAL, is_over=clock.limit(1.0, "bump stops"))
+    once = fit(problem, start, (moving(),), POLISH, is_over=clock.limit(1.0, "bump stops"))
     assert once is not None
     assert (once.iterations, once.converged, clock.unreached) == (0, False, ["bump stops"])
     np.testing.assert_array_equal(once.eta, start)
     clock = Clock(60.0)
     is_over = clock.limit(1.0, "bump stops")
-    once = fit(problem, start, (moving(),), USUAL, is_over=is_over, max_iterations=1)
+    once = fit(problem, start, (moving(),), POLISH, is_over=is_over, max_iterations=1)
     assert once is not None
     assert (once.iterations, clock.unreached) == (1, [])
 
