@@ -1,4 +1,4 @@
-"""Computes the effect of added weights on a car in closed form, for a person who will bolt them on.
+"""Computes in closed form how a car sags under added weights, and which weight that contradicts.
 
 Positions are those of `daq.vehicle`: from the middle of the front axle, x forward, y left.
 """
@@ -6,7 +6,7 @@ Positions are those of `daq.vehicle`: from the middle of the front axle, x forwa
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,46 +30,6 @@ WEIGHT_SAG = "weight_sag"
 """Code of the finding on a weight that the sag contradicts."""
 _CONTRADICTED = 8.0
 """Drop of chi2 by one changed weight from which the stated one is contradicted (2.8 sigma)."""
-
-
-@dataclass(frozen=True, slots=True)
-class Loading:
-    """The effect of added weights."""
-
-    body_kg: float
-    """Mass on the body, kg."""
-    hub_kg: float
-    """Mass on the hubs, kg."""
-    x_shift_m: float
-    """Shift of the CG of the sprung mass, forward, m."""
-    y_shift_m: float
-    """Shift of the CG of the sprung mass, to the left, m."""
-    I_xx: float
-    """Added roll inertia about the CG without the weights, kg m2."""
-    I_yy: float
-    """Added pitch inertia about the CG without the weights, kg m2."""
-    front_kg: float
-    """Added load of the front axle, as scales show it, kg."""
-    rear_kg: float
-    """Added load of the rear axle, as scales show it, kg."""
-
-
-def loading(weights: Sequence[Weight], car: VehicleParameters) -> Loading:
-    """Return the effect of weights on a car (docs/method.md, "Added mass")."""
-    body = [w for w in weights if isinstance(w, BodyWeight)]
-    hubs = [w for w in weights if isinstance(w, HubWeight)]
-    body_kg = sum(w.mass_kg for w in body)
-    front_kg, rear_kg = axle_loads(body, car.a + car.b)
-    return Loading(
-        body_kg=body_kg,
-        hub_kg=sum(w.mass_kg for w in hubs),
-        x_shift_m=sum(w.mass_kg * (w.x_m + car.a) for w in body) / (car.m_s + body_kg),
-        y_shift_m=sum(w.mass_kg * w.y_m for w in body) / (car.m_s + body_kg),
-        I_xx=sum(w.mass_kg * (w.y_m**2 + w.height_m**2) for w in body),
-        I_yy=sum(w.mass_kg * ((w.x_m + car.a) ** 2 + w.height_m**2) for w in body),
-        front_kg=front_kg + sum(w.mass_kg for w in hubs if w.corner.front),
-        rear_kg=rear_kg + sum(w.mass_kg for w in hubs if not w.corner.front),
-    )
 
 
 def axle_loads(body: Sequence[BodyWeight], wheelbase_m: float) -> tuple[float, float]:

@@ -28,19 +28,9 @@ def shared_bench(path: Path | None, interface: str | None, channel: str | None) 
     return reachable(bench, str(path or "bench.toml (shipped)"))
 
 
-def log_and_bench(log: Path, bench: Path | None) -> tuple[Path, Path | None]:
-    """Return a log and a bench.toml that were named in either order."""
-    if bench is not None and is_log(bench) and not is_log(log):
-        return bench, log
-    return log, bench
-
-
 def is_log(path: Path) -> bool:
-    """Return whether a file is a log, not a bench.toml: it has another suffix, and is not TOML."""
-    from daq.bench.toml_file import holds_toml
-
-    named = path.suffix.lower() in ("", ".toml")
-    return not named and not (path.is_file() and holds_toml(path))
+    """Return whether a file is a log, not a bench.toml, by its suffix."""
+    return path.suffix.lower() not in ("", ".toml")
 
 
 def reachable(bench: Bench, where: str) -> Bench:

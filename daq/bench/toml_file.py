@@ -43,16 +43,6 @@ def toml_text(path: Path, advice: str) -> str:
         raise InputError(str(path), "is not UTF-8 text", "save it as UTF-8") from error
 
 
-def holds_toml(path: Path) -> bool:
-    """Return whether a file within the size limit holds tables of TOML.  Raises OSError."""
-    with path.open("rb") as file:
-        head = file.read(MAX_CONFIG_BYTES + 1)
-    try:
-        return len(head) <= MAX_CONFIG_BYTES and bool(tomllib.loads(head.decode("utf-8-sig")))
-    except (ValueError, RecursionError):
-        return False
-
-
 def toml_tables(text: str, where: str) -> dict[str, Any]:
     """Return the tables of a TOML text; `where`: its name, for messages.
 

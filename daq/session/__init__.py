@@ -75,6 +75,5 @@ from dbc.words import Severity as Severity
 from .content import read_changed_session as read_changed_session
 from .content import read_session as read_session
 from .content import write_session as write_session
-from .hdf5 import glances as glances
 from .validate import finding_document as finding_document
 from .validate import validate_session as validate_session

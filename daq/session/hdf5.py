@@ -17,8 +17,6 @@ from numpy.typing import NDArray
 
 from dbc.words import InputError
 
-from ..sessions import notes_of
-
 SCHEMA = "bumpbench-session"
 VERSION = 1
 DAMAGED_ADVICE = "build it again from its journal"
@@ -293,43 +291,3 @@ def _plain(value: Any) -> Any:
     if isinstance(value, bytes):
         return value.decode("utf-8", "surrogateescape")
     return value.item() if isinstance(value, np.generic) else value
-
-
-@dataclass(frozen=True, slots=True)
-class Glance:
-    """The outline of one session file, from its attributes: for lists, not checked."""
-
-    path: str
-    vehicle: str
-    """Name of the vehicle as stated in the file; foreign text."""
-    created: str
-    """Time of creation as stated in the file; foreign text."""
-    accepted: int
-    """Number of accepted runs."""
-    rejected: int
-    """Number of rejected runs."""
-    notes: str = ""
-    """Notes on the session, one per line."""
-
-
-def glances(paths: Sequence[Path]) -> Iterator[Glance | InputError]:
-    """Yield the outline of each file in order, or the reason why there is none."""
-    for path in paths:
-        try:
-            with _opened(path) as file:
-                about = _attributes(file["session"])
-                status = [run.attrs.get("status") for run in file["runs"].values()]
-                accepted = status.count("accepted")
-                yield Glance(
-                    str(path),
-                    str(about.get("vehicle", "")),
-                    str(about.get("provenance_created", "")),
-                    accepted,
-                    len(status) - accepted,
-                    "\n".join(notes_of({"notes": str(about.get("provenance_notes", ""))})),
-                )
-        except InputError as error:
-            yield error
-        except _RAISED as error:
-            what = f"is damaged: {type(error).__name__}"
-            yield InputError(str(path), what, DAMAGED_ADVICE)

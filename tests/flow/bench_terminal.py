@@ -163,7 +163,7 @@ def terminal_on(
     auto: bool = False,
 ) -> BenchApp:
     """Return a terminal on the recorder of a folder."""
-    glyphs = choose_glyphs("braille", {}, "utf-8")
+    glyphs = choose_glyphs("braille", {})
     return BenchApp(RecorderFeed(folder, "MK", restart), folder, glyphs, "MK", auto=auto)
 
 

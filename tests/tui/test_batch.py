@@ -17,13 +17,12 @@ from multiprocessing import active_children
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from dbc.words import InputError
 from tui import output
 from tui.cli import run
-from tui.jobs.batch_page import outliers, page_of
+from tui.jobs.batch_page import page_of
 from tui.jobs.executors import as_finished, helpers, map_items, processes
 
 from .batches import progress_that, refused_session, synthetic_rows, write_all
@@ -152,7 +151,7 @@ def test_a_table_of_something_else_is_left_alone(
 # The page -----------------------------------------------------------------------------------------
 
 
-def test_the_page_has_rows_parameters_outliers_and_reports(tmp_path: Path) -> None:
+def test_the_page_has_rows_parameters_and_reports(tmp_path: Path) -> None:
     rows = synthetic_rows(40)
     (tmp_path / "my car.html").touch()
     rows[3] = {**rows[3], "file": str(tmp_path / "my car.h5"), "m_s": "1700.0"}  # as a CSV has it
@@ -168,30 +167,7 @@ def test_the_page_has_rows_parameters_outliers_and_reports(tmp_path: Path) -> No
     assert data["rows"][4][4:6] == ["simulated", "refused"]
     assert data["rows"][5][2] == "</script><script>alert(1)"
     assert "alert(1)" not in page.replace("\\u003cscript\\u003ealert(1)", "")
-    (apart,) = data["outliers"]  # not the refused one
-    assert apart[:2] == [3, 0]
-    assert apart[2] == pytest.approx(1500.0, abs=5.0)
-    assert 3.5 < apart[3] == round(apart[3], 1)
     assert "http" not in page.replace("http://www.w3.org", "")
-
-
-@pytest.mark.parametrize(("value", "n", "count"), [(3.4, 5, 0), (3.6, 5, 1), (3.6, 4, 0)])
-def test_a_value_is_apart_beyond_three_and_a_half_deviations(
-    value: float, n: int, count: int
-) -> None:
-    # Equal values but one: the deviation is that of the one itself, 2.
-    values = np.full((n, 1), 10.0)
-    values[0] += 2.0 * value
-    assert len(outliers(["car"] * n, values, np.full((n, 1), 2.0))) == count
-
-
-def test_scatter_of_the_sessions_counts_with_their_own_uncertainty() -> None:
-    # Median 0, median absolute deviation 2: a standard deviation of 2.9652; with 4 it is 4.979.
-    values = np.array([[-2.0], [-2.0], [0.0], [2.0], [17.0], [np.nan]])
-    assert len(outliers(["car"] * 6, values, np.full((6, 1), 4.0))) == 0
-    ((_, _, _, sigmas),) = outliers(["car"] * 6, values, np.full((6, 1), np.nan))
-    assert sigmas == pytest.approx(17.0 / 2.9652)
-    assert outliers(["a", "b", "a", "b", "a", "b"], values, np.zeros((6, 1))) == []
 
 
 def test_a_batch_counts_names_and_ends_with_1(

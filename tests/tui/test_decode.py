@@ -80,31 +80,6 @@ def test_foreign_frames_are_counted(capsys: pytest.CaptureFixture[str], tmp_path
     assert "3 unknown_id" in err
 
 
-def test_several_databases_keep_their_messages_apart(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    log = tmp_path / "bench.log"
-    _log(log, foreign=0)
-    files = []
-    for folder, text in (
-        ("a", shipped_dbc()),
-        ("b", shipped_dbc() + "\n"),
-        ("c", 'VERSION ""\nBO_ 272 Other: 8 X\n SG_ s : 0|8@1+ (1,0) [0|0] "" X\n'),
-    ):
-        files.append(tmp_path / folder / "same.dbc")
-        files[-1].parent.mkdir()
-        files[-1].write_text(text, "utf-8")
-    a, b, c = (["--dbc", str(path)] for path in files)
-    assert run(["decode", str(log), *a, *b]) == 2
-    assert "the identifier of one in another of them (name one of them)" in capsys.readouterr().err
-    assert run(["decode", str(log), *a, *c, "--json"]) == 0
-    out, err = capsys.readouterr()
-    samples = json.loads(out)["samples"]
-    assert samples["same_1.HUB_Rear.acc_rl"] == 20
-    assert not any("HUB_Front" in name or "Other" in name for name in samples)
-    assert "same_1.HUB_Front and same_2.Other have the identifier 0x110" in err
-
-
 MOTOR = """VERSION ""
 BU_: A
 BO_ 2566849022 Motor: 8 A

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import io
 import json
 import re
-import sys
 from dataclasses import replace
 from math import inf
 from pathlib import Path
@@ -16,8 +14,6 @@ import pytest
 
 import daq
 from daq.bench.config import default_bench_text, load_bench
-from daq.journal.segment import JournalHead
-from daq.journal.writer import JournalWriter
 from daq.runs import Excitation
 from daq.vehicle import DOF, FORD_GRANADA, PARAMETER_NAMES
 from dbc import shipped_dbc
@@ -28,8 +24,7 @@ from identify.nonlinear.forces import AxleForces, DamperCurve, ElementChoice, Fo
 from identify.plan.design import Plan
 from identify.plan.outlook import Advice, NextStep, Outlook
 from tui.cli import run
-from tui.jobs import planning
-from tui.jobs.planning import GAIN, Gain, expected_gain, expected_vehicle, planned
+from tui.commands.plan import expected_vehicle, planned
 
 PAPER_MASS = np.diag([130.0, 250.0, 40.0, 4.0, 4.0, 5.0, 5.0])
 
@@ -308,24 +303,6 @@ def test_a_plan_as_a_document_has_every_number(
     assert (other["worst"], other["mean"]) == (0.004, 0.002)
 
 
-def test_the_terminals_outlook_is_that_of_the_weights_that_are_on_the_bench(
-    answer: list[Any],
-) -> None:
-    gain = expected_gain(BENCH)
-    assert (gain.worst, gain.mean, gain.widest) == (0.0055, 0.0025, "m_s")
-    assert gain.remedies == ("weigh each axle to 1 kg",)
-    answer[0] = Advice(replace(LOST, relative={}), (BETTER,) * 3, ())
-    gain = expected_gain(BENCH)
-    assert (gain.worst, gain.mean, gain.widest) == (None, None, "")
-    assert gain.undetermined == ("I_xx", "t_f")
-    assert gain.reasons == ("no roll",)
-    assert gain.remedies == ("weigh each axle to 1 kg",) * 2, "two steps at most"
-    answer[0] = Advice(LOST, (BETTER,) * 3, ("one roll run",))
-    assert expected_gain(BENCH).remedies == ("one roll run",)
-    (first, *_) = answer[1:]
-    assert first.bump.height_m == BENCH.campaign.bump_height_m
-
-
 def test_a_bench_is_planned_as_it_will_be_recorded() -> None:
     vehicle = FORD_GRANADA.to_array()
     plan = planned(BENCH, vehicle, None, 0.03)
@@ -353,57 +330,3 @@ def test_sensors_have_the_rate_that_is_named_or_that_of_the_dbc() -> None:
     assert rates(None)["body_acc_z"] == 500.0
     assert rates(None)["hub_acc_fl"] == 1000.0
     assert set(rates(250.0).values()) == {250.0}
-
-
-# The planner's process ----------------------------------------------------------------------------
-
-
-@pytest.fixture
-def benches(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
-    """Return the benches whose gain was asked for."""
-    asked: list[Any] = []
-
-    def expected(bench: Any) -> Gain:
-        asked.append(bench)
-        return Gain(worst=0.5, widest="m_s")
-
-    monkeypatch.setattr(planning, "expected_gain", expected)
-    return asked
-
-
-def gain_of(
-    text: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> Gain:
-    question = json.dumps({"bench": text, "folder": str(folder)})
-    monkeypatch.setattr(sys, "stdin", io.StringIO(question))
-    assert planning.main() == 0
-    return GAIN.validate_json(capsys.readouterr().out)
-
-
-def test_the_planner_reads_the_database_of_the_newest_recording(
-    benches: list[Any],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    answer = gain_of(default_bench_text(), tmp_path, monkeypatch, capsys)
-    assert answer == Gain(worst=0.5, widest="m_s")
-    assert benches[0].dbc_text == shipped_dbc()
-    one, two = (f'{shipped_dbc()}CM_ "{n}";\n' for n in (1, 2))
-    for recording, dbc_text in (("a", one), ("b", two)):
-        head = JournalHead("", dbc_text, "test", 0, 0, recording * 32)
-        JournalWriter(tmp_path / "journal", head).close()
-    (tmp_path / "journal" / "journal_0003.bbj").write_bytes(b"cut off in its head")
-    gain_of(default_bench_text(), tmp_path, monkeypatch, capsys)
-    assert benches[1].dbc_text == two, "the third segment was cut off in its head"
-
-
-def test_the_planner_says_what_is_wrong_with_the_bench(
-    benches: list[Any],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    answer = gain_of("[campaign]\nrepeats = 0\n", tmp_path, monkeypatch, capsys)
-    assert answer.error.startswith("bench.toml: campaign.repeats")
-    assert benches == []

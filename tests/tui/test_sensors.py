@@ -63,31 +63,20 @@ def test_decode_names_bus_and_sensor_and_chooses_by_them(
     assert {name.partition(".")[0] for name in said["samples"]} == {"imu_a", "hubs"}
 
 
-def test_decode_puts_databases_together(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    named = ["--dbc", str(folder / "imu.dbc"), "--dbc", str(folder / "hubs.dbc")]
-    assert run(["decode", str(folder / "drive.log"), *named, "--json"]) == 0
-    said = json.loads(capsys.readouterr().out)
-    assert {"imu.Accel.AccZ", "hubs.Accel.FL"} <= said["samples"].keys()
-
-
-def test_import_chooses_sensors_or_a_bus(folder: Path, tmp_path: Path) -> None:
+def test_import_chooses_sensors_and_a_bus(folder: Path, tmp_path: Path) -> None:
     log, bench = str(folder / "drive.log"), str(folder / "bench.toml")
-    rear = {"imu_b", "pot_fl", "pot_fr", "pot_rl", "pot_rr"}
-    for number, (words, sensors) in enumerate(
-        (
-            (["--sensor", "hubs"], {"hubs"}),
-            (["--bus", "can0"], {"hubs", "imu_a"}),
-            (["--bus", "1"], rear),
-            (["--bus", "rear"], rear),
-        )
+    out = tmp_path / "s.h5"
+    runs = [bench, "--run", f"baseline:bounce:{log}", "--out", str(out), "--force"]
+    for words, sensors in (
+        ([], {"hubs", "imu_a", "imu_b", "pot_fl", "pot_fr", "pot_rl", "pot_rr"}),
+        (["--bus", "can0"], {"hubs", "imu_a"}),
+        (["--bus", "1", "--sensor", "imu_b"], {"imu_b"}),
     ):
-        out = tmp_path / f"{number}.h5"
-        runs = ["--run", f"baseline:bounce:{log}", "--out", str(out)]
-        assert run(["import", bench, *runs, *words]) == 0
+        assert run(["import", *runs, *words]) == 0
         session = read_session(out)
         assert {sensor_of_signal(c.signal) for c in session.channels} == sensors
-        if words[0] == "--bus":
-            assert set(session.runs[0].frames.bus.tolist()) == {int(sensors == rear)}
+        buses = {"can0": {0}, "1": {1}}.get(words[1], set()) if words else {0, 1}
+        assert set(session.runs[0].frames.bus.tolist()) == buses
 
 
 def test_import_says_that_two_sensors_are_read_as_one(

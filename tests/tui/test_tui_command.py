@@ -85,13 +85,13 @@ def test_the_terminal_is_opened_in_the_folder_of_its_kind(opened: Opened, tmp_pa
 
 
 def test_the_terminal_has_what_its_options_say(opened: Opened) -> None:
-    words = ["--glyphs", "ascii", "--theme", "bench-light", "--auto", "--operator", "MK"]
+    words = ["--glyphs", "blocks", "--theme", "bench-light", "--auto", "--operator", "MK"]
     shown = ["--display", "lan", "--display-control"]
     opened.return_code = 3
     opened.served = Served("x", "127.0.0.1", "")
     assert run(["tui", *words, *shown, "--out", "day"]) == 3
     ((feed, folder, glyphs, name, theme, auto), options) = opened.apps[0]
-    assert (folder, glyphs.name, name) == (Path("day"), "ascii", "MK")
+    assert (folder, glyphs.name, name) == (Path("day"), "blocks", "MK")
     assert (theme, auto) == ("bench-light", True)
     assert options["wanted"] == Setup(Origin.REAL)
     assert (feed._folder, feed._name) == (Path("day"), "MK")

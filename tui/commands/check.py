@@ -80,7 +80,7 @@ def check(
     from daq.files import refuse_existing
     from dbc import Severity
 
-    from ..bench import is_log, log_and_bench, reachable, shared_bench
+    from ..bench import is_log, reachable, shared_bench
     from ..output import print_json, print_labelled
     from ..proposal import TrafficSource, propose_bench, read_frames
 
@@ -93,8 +93,6 @@ def check(
         return ExitCode.OK
     if bench is not None and log is None and is_log(bench):
         bench, log = None, bench
-    elif log is not None:
-        log, bench = log_and_bench(log, bench)
     if propose is None:
         for option, value, reason in (
             ("--layout", len(layout or []) > 1, "is named twice"),

@@ -27,8 +27,7 @@ def decode(
         Path | None, typer.Argument(help="bench.toml: its sensors and buses, instead of --dbc.")
     ] = None,
     dbc: Annotated[
-        list[Path] | None,
-        typer.Option(metavar="FILE", help="DBC file; repeatable; default: the shipped one."),
+        Path | None, typer.Option(metavar="FILE", help="DBC file; default: the shipped one.")
     ] = None,
     sensor: Sensors = None,
     bus: Buses = None,
@@ -47,13 +46,11 @@ def decode(
 
     from daq import InputError
     from daq.formats.log import read_log
-    from dbc import counted, seconds_text
+    from dbc import counted, load_codec, parse_codec, seconds_text, shipped_dbc
 
-    from ..bench import log_and_bench
     from ..diagnostics import say, say_left_out
     from ..output import print_json
 
-    log, bench = log_and_bench(log, bench)
     if bench and dbc:
         raise InputError("--dbc", "and a bench.toml exclude each other", "name one of them")
     if sensor and not bench:
@@ -65,7 +62,8 @@ def decode(
     if bench:
         codec, labels, chosen = _part_of_bench(bench, sensor or [], bus or [])
     else:
-        codec, labels, chosen = _databases(dbc or []), None, frozenset(map(int, bus or []))
+        codec = load_codec(dbc) if dbc else parse_codec(shipped_dbc(), "the shipped DBC")
+        labels, chosen = None, frozenset(map(int, bus or []))
     say_left_out(codec)
     totals: Counter[str] = Counter()  # frames of the log, and those that no message decodes
     samples: Counter[str] = Counter()  # of each signal
@@ -108,8 +106,8 @@ def decode(
             sys.stdout.writelines(lines[i] for i in by_time.tolist())
             header = ""
     if not samples:
-        names = ", ".join(map(str, dbc or [])) or bench or "the shipped DBC"
-        reason = f"none of its {counted(totals['frames'], 'frame')} is in {names}"
+        database = dbc or bench or "the shipped DBC"
+        reason = f"none of its {counted(totals['frames'], 'frame')} is in {database}"
         raise InputError(str(log), reason, "name the DBC of that bus with --dbc")
     if json:
         print_json({"log": str(log), **totals, "samples": samples})
@@ -147,33 +145,6 @@ def _part_of_bench(
     if not chosen:
         raise InputError(str(path), "has no message left", "name other sensors")
     return replace(codec, messages=chosen), [bus.label for bus in bench.buses], numbers
-
-
-def _databases(paths: Sequence[Path]) -> Codec:
-    """Return one database as it is; of several, each message with the name of its file before it.
-
-    Raises InputError if each message has the identifier of one in another database.
-    """
-    from daq import InputError
-    from daq.bench.sensors import Database, Sensor, sensors_codec
-    from dbc import load_codec, parse_codec, read_dbc, shipped_dbc
-
-    if not paths:
-        return parse_codec(shipped_dbc(), "the shipped DBC")
-    if len(paths) == 1:
-        return load_codec(paths[0])
-    stems = [path.stem.replace(".", "_") for path in paths]
-    databases = [Database(str(path), read_dbc(path)) for path in paths]
-    sensors = [
-        # Two folders may have files of the same name.
-        Sensor(f"{stem}_{number}" if stems.count(stem) > 1 else stem, database.name)
-        for number, (stem, database) in enumerate(zip(stems, databases, strict=True), start=1)
-    ]
-    codec = sensors_codec(sensors, databases, 1)
-    if not codec.messages:
-        reason = "each of their messages has the identifier of one in another of them"
-        raise InputError(" and ".join(map(str, paths)), reason, "name one of them")
-    return codec
 
 
 def _columns(

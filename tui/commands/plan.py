@@ -13,6 +13,11 @@ from ..options import JsonResult
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from daq import Session
+    from daq.bench.config import Bench
     from identify.plan.design import Plan
     from identify.plan.outlook import Advice, NextStep, Outlook
 
@@ -54,7 +59,6 @@ def plan(
     from daq.bench.config import load_bench, parse_bench
     from identify.plan.outlook import KnownRuns, advise, compare_campaigns
 
-    from ..jobs.planning import expected_vehicle, planned
     from ..output import print_json, progress
 
     if bench is not None and session is None and bench.suffix.lower() in (".h5", ".hdf5"):
@@ -113,24 +117,92 @@ def plan(
     return ExitCode.ANSWER_IS_NO if now.undetermined else ExitCode.OK
 
 
+def planned(
+    bench: Bench,
+    vehicle: NDArray[np.float64],
+    rate_hz: float | None,
+    bump_height_m: float,
+) -> Plan:
+    """Return the campaign of a bench as a plan, its sensors with the usual noise of their kind.
+
+    `bench`: sensors, weights, campaign, and the known facts of the vehicle.  `vehicle`, (15,) or
+    (28,) float64: parameters that are expected.  `rate_hz`: samples a second; None: the rates of
+    the DBC.
+    """
+    from daq import Quantity
+    from daq.bench.config import bench_codec
+    from daq.samples.mapping import mapped_channels
+    from identify.model.response import Bump
+    from identify.plan.design import Plan, Runs, sensor
+
+    return Plan(
+        vehicle=vehicle,
+        sensors=tuple(
+            # 5 ms where neither the DBC nor the command line has a rate.
+            sensor(mapped.channel.placed(), rate_hz or 1.0 / (mapped.message.cycle_s or 0.005))
+            for mapped in mapped_channels(bench, bench_codec(bench))
+            if mapped.channel.quantity is not Quantity.UNUSED
+        ),
+        mass_states=tuple(state.weighed() for state in bench.mass_states),
+        runs=tuple(
+            Runs(state, excitation, bench.campaign.repeats)
+            for state in bench.campaign.mass_states
+            for excitation in dict.fromkeys(bench.campaign.excitations)
+        ),
+        bump=Bump(bump_height_m, start_s=0.0, duration_s=bench.campaign.bump_s),
+        # At least 0.2 s: some triggers record hardly longer than the bump takes.
+        decay_s=max(bench.trigger.post_s - bench.campaign.bump_s, 0.2),
+        geometry=bench.vehicle.geometry,
+        structure=bench.vehicle.structure,
+        facts=bench.vehicle.facts,
+    )
+
+
+def expected_vehicle(path: Path | None, session: Session | None) -> tuple[NDArray[np.float64], str]:
+    """Return the parameters of the car that a campaign is planned for, (28,), and their source.
+
+    They are those identified from a session, which is read from `path`; without one, and where
+    that fails, those of the paper's car.
+    """
+    from daq import FORD_GRANADA
+    from identify import Verdict, identify
+    from identify.plan.design import full_vector
+    from identify.plan.outlook import vague
+
+    why = ""
+    if session is not None:
+        result = identify(session)
+        undetermined = vague(result.parameters)
+        if not result.parameters or result.quality.verdict is Verdict.REFUSED:
+            why = f": the identification of {path} is refused"
+        elif undetermined:
+            why = f": {path} does not determine {', '.join(undetermined)}"
+        else:
+            curved = ", without its friction and its damper curves" if result.forces else ""
+            values = {name: estimate.value for name, estimate in result.parameters.items()}
+            return full_vector(values), f"the vehicle identified from {path}{curved}"
+    values = dict(zip(FORD_GRANADA.__dataclass_fields__, FORD_GRANADA.to_array(), strict=True))
+    return full_vector(values), f"the Ford Granada of the paper, as a typical car{why}"
+
+
 def _precision(outlook: Outlook) -> dict[str, Any]:
     """Return the largest and the mean interval, and what is not determined, for JSON."""
     names = list(outlook.undetermined)
     return {"worst": outlook.worst, "mean": outlook.mean, "undetermined": names}
 
 
-def _print(planned: Plan, advice: Advice, others: tuple[NextStep, ...], whose: str) -> None:
+def _print(campaign: Plan, advice: Advice, others: tuple[NextStep, ...], whose: str) -> None:
     from identify.numbers import half_width, rounded
 
     from ..output import print_item, print_line, print_table
 
     now = advice.outlook
-    runs = ", ".join(f"{r.repeats} x {r.mass_state} {r.excitation.words}" for r in planned.runs)
-    rates = sorted({sensor.rate_hz for sensor in planned.sensors})
+    runs = ", ".join(f"{r.repeats} x {r.mass_state} {r.excitation.words}" for r in campaign.runs)
+    rates = sorted({sensor.rate_hz for sensor in campaign.sensors})
     limits = f"{rates[0]:g}" if len(rates) == 1 else f"{rates[0]:g} .. {rates[-1]:g}"
-    print_line(f"Runs: {runs}; bump of {planned.bump.height_m * 1e3:g} mm")
+    print_line(f"Runs: {runs}; bump of {campaign.bump.height_m * 1e3:g} mm")
     print_line(
-        f"Sensors: {len(planned.sensors)} at {limits} Hz, with the usual noise of their kind"
+        f"Sensors: {len(campaign.sensors)} at {limits} Hz, with the usual noise of their kind"
     )
     print_line(f"Vehicle: {whose}")
     print_line()

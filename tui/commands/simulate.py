@@ -120,10 +120,9 @@ def replay(
     from daq.replay import play
     from dbc import counted
 
-    from ..bench import bus_numbers, log_and_bench, shared_bench
+    from ..bench import bus_numbers, shared_bench
     from ..output import print_json, print_line, progress
 
-    source, bench = log_and_bench(source, bench)
     described = shared_bench(bench, interface, channel)
     numbers = bus_numbers(described, bus or [])
     log = None if source.suffix.lower() in (".h5", ".hdf5") else read_log(source)

@@ -45,7 +45,7 @@ def tui(
         bool, typer.Option("--auto", help="Press SPACE whenever there is a next action.")
     ] = False,
     glyphs: Annotated[
-        Literal["auto", "braille", "blocks", "ascii"], typer.Option(help="Characters to draw with.")
+        Literal["auto", "braille", "blocks"], typer.Option(help="Characters to draw with.")
     ] = "auto",
     theme: Annotated[str, typer.Option(help="Colours: bench-dark, bench-light, ansi-dark, ...")] = (
         "bench-dark"
@@ -116,7 +116,7 @@ def tui(
     known = entered.strip() if isinstance(entered, str) else ""
     name = operator or known or ("demo" if demo else "")  # a demo need not wait for a name
     feed = RecorderFeed(folder, name or os.environ.get("USER", ""), start)
-    chosen = choose_glyphs(glyphs, os.environ, sys.stdout.encoding or "")
+    chosen = choose_glyphs(glyphs, os.environ)
     with display_beside(folder, display, name, control) as served:
         link = None if served is None else DisplayLink(served.lines, served.code)
         app = BenchApp(feed, folder, chosen, name, theme, auto, wanted=wanted, display=link)

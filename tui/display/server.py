@@ -10,8 +10,9 @@ import json
 import secrets
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import AsyncGenerator, Callable
 from contextlib import aclosing, suppress
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,14 +20,16 @@ from typing import Any
 from aiohttp import web
 
 from daq.control.exchange import OrderRefusedError
-from daq.control.messages import Hello
+from daq.control.messages import Hello, Status
 
 from ..browser.server import Guard
-from ..terminal.feed import RecorderFeed
-from .follow import Follower
+from ..terminal.feed import Lost, News, RecorderFeed
 from .link import Served, listen_on
-from .view import order_of
+from .view import order_of, view
 
+BEAT_S = 1.0
+"""Longest time between two messages, s: a page that has heard nothing for three of them reports
+the line lost."""
 MOST_PAGES = 32
 """Most pages at a time; a further one is refused and tries again."""
 STALLED_S = 10.0
@@ -61,7 +64,7 @@ def run_display(
     address, listening = listen_on(host)
     guard = Guard(address, listening)
     feed = RecorderFeed(folder, name, lambda: None, control=False)
-    server = DisplayServer(guard, feed, folder, name, Control() if control else None)
+    server = DisplayServer(guard, feed, name, Control() if control else None)
 
     async def serve() -> None:
         loop, ended = asyncio.get_running_loop(), asyncio.Event()
@@ -118,20 +121,103 @@ class Control:
         return any(secrets.compare_digest(key.encode(), known.encode()) for known in self._keys)
 
 
+class Follower:
+    """Turns the news of a feed into the newest state of the page; all calls in one event loop.
+
+    Only the newest state is kept, once for all pages: a page that does not read misses states, and
+    delays none.
+    """
+
+    def __init__(self, feed: RecorderFeed) -> None:
+        self._feed = feed
+        self._last: Status | None = None
+        self._lost: Lost | None = None
+        self._state = b""
+        """The newest state as JSON."""
+        self._waiting: set[asyncio.Event] = set()
+        """One event for each page, set when the state has changed."""
+        self._closed = False
+
+    @property
+    def pages(self) -> int:
+        """Number of pages that are connected."""
+        return len(self._waiting)
+
+    @property
+    def status(self) -> Status | None:
+        """The last status; None before the first, and while the recorder is lost."""
+        return None if self._lost is not None else self._last
+
+    def start(self) -> None:
+        """Show that nothing is known yet, and start the feed; its thread posts news to the loop."""
+        loop = asyncio.get_running_loop()
+
+        def post(news: News) -> None:
+            with suppress(RuntimeError):  # the loop has ended before the feed's thread
+                loop.call_soon_threadsafe(self.take, news)
+
+        self._show()
+        self._feed.start(post)
+
+    def close(self) -> None:
+        """End what all pages read."""
+        self._closed = True
+        self._wake()
+
+    def take(self, news: News) -> None:
+        """Take in news of the recorder, and show them if they change the page."""
+        match news:
+            case Status():
+                self._last, self._lost = news, None
+            case Lost():
+                self._lost = news
+            case _:
+                return
+        self._show()
+
+    async def messages(self) -> AsyncGenerator[bytes, None]:
+        """Yield server-sent events: the newest state whenever it has changed, and heartbeats."""
+        changed = asyncio.Event()
+        self._waiting.add(changed)
+        sent = b""
+        try:
+            while not self._closed:
+                changed.clear()
+                if self._state != sent:
+                    sent = self._state
+                    yield b"event: view\ndata: %s\n\n" % sent
+                try:
+                    async with asyncio.timeout(BEAT_S):
+                        await changed.wait()
+                except TimeoutError:
+                    yield b"event: beat\ndata: \n\n"
+        finally:
+            self._waiting.discard(changed)
+
+    def _show(self) -> None:
+        state = asdict(view(self._last, self._lost))
+        self._state = json.dumps(state, separators=(",", ":"), allow_nan=False).encode()
+        self._wake()
+
+    def _wake(self) -> None:
+        for event in self._waiting:
+            event.set()
+
+
 class DisplayServer:
     """The page of one recorder.
 
-    `guard`: admits requests.  `folder`: folder of the recorder.  `name`: name for the journal of
-    the person who gives orders.  `control`: None for a display without control.
+    `guard`: admits requests.  `name`: name for the journal of the person who gives orders.
+    `control`: None for a display without control.
     """
 
     def __init__(
-        self, guard: Guard, feed: RecorderFeed, folder: Path, name: str, control: Control | None
+        self, guard: Guard, feed: RecorderFeed, name: str, control: Control | None
     ) -> None:
         self._guard, self._feed, self._name, self._control = guard, feed, name, control
         self.secret = control.secret if control else ""
         """Number that gives control; empty for a display without control."""
-        self._follower = Follower(feed, folder)
+        self._follower = Follower(feed)
         self._orders = asyncio.Lock()
 
     async def serve(self, ended: asyncio.Event, listening: Callable[[], object]) -> None:

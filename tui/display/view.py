@@ -1,17 +1,15 @@
 """The state that the page shows, as a pure function of the recorder's status.
 
-The page decides nothing: it shows these words, and speaks or sounds when `cue` changes.
+The page decides nothing: it shows these words, and sounds when `cue` changes.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import TYPE_CHECKING
 
-from daq import BASELINE, Excitation
-from daq.bench.campaign import Method, Origin
-from daq.bumps import BUMPS
+from daq import BASELINE
+from daq.bench.campaign import Origin
 from daq.control.messages import Arm, Order, Pause, Phase, Reject, Status
 from daq.runs import RunStatus
 from dbc.words import printable
@@ -41,9 +39,6 @@ from ..terminal.words import (
     run_words,
     waiting_words,
 )
-
-if TYPE_CHECKING:
-    from daq.bench.config import Bench
 
 
 class Kind(StrEnum):
@@ -80,9 +75,7 @@ class Headline:
     share: float | None = None
     """Share of the decay that has passed, 0..1; None outside a decay."""
     cue: str = ""
-    """Changes when sound and speech are due."""
-    speech: str = ""
-    """Sentence to speak; empty for none."""
+    """Changes when a sound is due."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,8 +88,6 @@ class AlarmLine:
     advice: str
     more: int
     """Number of further alarms."""
-    speech: str
-    """Sentence to speak."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,19 +102,6 @@ class Row:
     rejected: int
     due: bool
     """True if the next run is one of these."""
-
-
-@dataclass(frozen=True, slots=True)
-class Sketch:
-    """The boards to place, or where to push, on the car seen from above."""
-
-    method: Method
-    wheels: tuple[bool, ...]
-    """Wheels with a board or block, in the order of `Corner`; none for a push."""
-    hand: tuple[int, int] | None
-    """Place where hands push, forward and to the left of the body's middle; None without a push."""
-    legend: str
-    """Text of the sketch: the board or block, with its height."""
 
 
 NEXT, REJECT, PAUSE = "next", "reject", "pause"
@@ -159,8 +137,6 @@ class View:
     """Mass state and run that are due, or the run that was judged."""
     instruction: str = ""
     """Instruction for the bump that is due."""
-    sketch: Sketch | None = None
-    """Sketch of the bump that is due; None if none is, or bench.toml is not known yet."""
     rows: tuple[Row, ...] = ()
     """Progress of each mass state and kind of bump, in the order of the campaign."""
     done: int = 0
@@ -181,22 +157,21 @@ class View:
 _CONNECTING = Headline(Kind.WAIT, ("WAIT",), "waiting for the recorder")
 
 
-def view(status: Status | None, lost: Lost | None, bench: Bench | None) -> View:
+def view(status: Status | None, lost: Lost | None) -> View:
     """Return what the page shows.
 
     `status`: the last one; None before the first.  `lost`: not None if the recorder does not
-    answer.  `bench`: None while it is not known.
+    answer.
     """
-    shown = _view(status, bench) if status is not None else View(_CONNECTING)
+    shown = _view(status) if status is not None else View(_CONNECTING)
     if lost is None:
         return shown
     text, advice = printable(lost.text, 200), printable(lost.advice, 200)
-    speech = "Recorder lost. Go to the terminal."
-    gone = Headline(Kind.LOST, ("RECORDER", "LOST"), text, advice, cue="lost", speech=speech)
+    gone = Headline(Kind.LOST, ("RECORDER", "LOST"), text, advice, cue="lost")
     return replace(shown, headline=gone, alarm=None, buttons=NO_BUTTONS)
 
 
-def _view(status: Status, bench: Bench | None) -> View:
+def _view(status: Status) -> View:
     due, run = status.due, last_judged(status)
     title = f"{due.step.mass_state}: {due_words(status)}" if due else ""
     if status.phase in (Phase.ACCEPTED, Phase.REJECTED) and run:
@@ -217,7 +192,6 @@ def _view(status: Status, bench: Bench | None) -> View:
         headline(status),
         title=title,
         instruction=instruction_words(status),
-        sketch=sketch_of(bench, due.step.excitation) if bench and due else None,
         rows=rows,
         done=sum(min(row.accepted, row.planned) for row in rows),
         planned=sum(row.planned for row in rows),
@@ -233,15 +207,15 @@ def headline(status: Status) -> Headline:
     """Return the word of a status."""
     if (alarm := first_obstacle(status)) is not None:
         name, advice, _ = cause_words(alarm)
-        cue, speech = f"stop {alarm.code} {alarm.subject}", f"Stop. {name.capitalize()}. {advice}"
-        return Headline(Kind.STOPPED, ("STOP",), name, advice, cue=cue, speech=speech)
+        cue = f"stop {alarm.code} {alarm.subject}"
+        return Headline(Kind.STOPPED, ("STOP",), name, advice, cue=cue)
     arms = status.phase in (Phase.IDLE, Phase.PAUSED) and next_action(status).order is not None
     if arms and (question := weights_question(status)):
         # The question that comes before the first run of another mass state.
         word, why = question.split("? ")
         words = tuple(f"{word}?".upper().split())
         advice = "Yes: the first button, or SPACE at the terminal."
-        return Headline(Kind.STEP, words, why, advice, cue=f"weights {word}", speech=question)
+        return Headline(Kind.STEP, words, why, advice, cue=f"weights {word}")
     label = status.due.step.label if status.due else ""
     instruction = instruction_words(status)
     match status.phase:
@@ -249,26 +223,21 @@ def headline(status: Status) -> Headline:
             why = f"Hands off: {waiting_words(status)}"
             return Headline(Kind.WAIT, ("WAIT",), why, cue=f"wait {label}")
         case Phase.ARMED:
-            speech = f"Bump now. {due_words(status).capitalize()}."
-            words = ("BUMP", "NOW")
-            return Headline(Kind.BUMP, words, instruction, cue=f"bump {label}", speech=speech)
+            return Headline(Kind.BUMP, ("BUMP", "NOW"), instruction, cue=f"bump {label}")
         case Phase.TRIGGERED | Phase.DECAY:
             return _hands_off(status)
         case Phase.ACCEPTED | Phase.REJECTED:
             return _judged(status)
         case Phase.PAUSED:
-            return Headline(Kind.PAUSED, ("PAUSED",), PAUSED, cue="paused", speech="Paused.")
+            return Headline(Kind.PAUSED, ("PAUSED",), PAUSED, cue="paused")
         case Phase.COMPLETE:
-            return Headline(Kind.DONE, ("DONE",), COMPLETE, cue="done", speech=COMPLETE)
+            return Headline(Kind.DONE, ("DONE",), COMPLETE, cue="done")
     if status.halted:
-        why, speech = halted_words(status.halted), f"Stopped, after {halted_words(status.halted)}."
-        advice = "Remove the reason, then start again."
-        return Headline(Kind.STOPPED, ("STOPPED",), why, advice, cue="stopped", speech=speech)
+        why, advice = halted_words(status.halted), "Remove the reason, then start again."
+        return Headline(Kind.STOPPED, ("STOPPED",), why, advice, cue="stopped")
     if (step := next_action(status).step) is not None:
         why = f"Go to the terminal: step {step.title}"
-        speech = f"Go to the terminal, for step {step.title}."
-        words = ("STEP", str(step.value))
-        return Headline(Kind.STEP, words, why, cue=f"step {step.value}", speech=speech)
+        return Headline(Kind.STEP, ("STEP", str(step.value)), why, cue=f"step {step.value}")
     return Headline(Kind.READY, ("READY",), instruction, cue=f"ready {label}")
 
 
@@ -288,7 +257,6 @@ def _hands_off(status: Status) -> Headline:
         digits_are="seconds since the bump",
         share=decayed,
         cue=f"hands off {running}",
-        speech="Hands off.",
     )
 
 
@@ -297,21 +265,13 @@ def _judged(status: Status) -> Headline:
     run, digits = last_judged(status), countdown_digits(status)
     label = run.label if run else ""
     if status.phase is Phase.ACCEPTED:
-        counted_run = f"{run_words(run)}, {count_words(status, run)}" if run else ""
         kind, word, why = Kind.ACCEPTED, "ACCEPTED", accepted_words(status, run)
         advice = "" if digits else "The last of its kind."
-        speech = f"Accepted. {counted_run.capitalize()}."
     else:
         kind, word = Kind.AGAIN, "AGAIN"
         why, advice = rejected_words(run) if run else ("", "")
-        reason = ""
-        if run:  # without figures, which are hard to understand by ear
-            spoken = f"{reason_words(run.failed.code).capitalize()}." if run.failed else ""
-            reason = "Rejected by hand." if run.by else spoken
-        speech = f"Again. {reason} {advice}".strip()
     digits_are = "seconds to the next run" if digits else ""
-    cue = f"{kind} {label}"
-    return Headline(kind, (word,), why, advice, digits, digits_are, cue=cue, speech=speech)
+    return Headline(kind, (word,), why, advice, digits, digits_are, cue=f"{kind} {label}")
 
 
 def _alarm_line(status: Status) -> AlarmLine | None:
@@ -319,27 +279,12 @@ def _alarm_line(status: Status) -> AlarmLine | None:
         return None
     gravest, *others = status.alarms
     subject = f" {printable(gravest.subject, 60)}" if gravest.subject else ""
-    title = reason_words(gravest.code)
     return AlarmLine(
         cue=f"{gravest.code} {gravest.subject} {gravest.since_ns}",
-        text=f"{title.upper()}{subject}: {printable(gravest.text, 160)}",
+        text=f"{reason_words(gravest.code).upper()}{subject}: {printable(gravest.text, 160)}",
         advice=printable(gravest.advice, 160),
         more=len(others),
-        speech=f"Alarm: {title}{subject}.",
     )
-
-
-def sketch_of(bench: Bench, excitation: Excitation) -> Sketch:
-    """Return the sketch of a bump; a push that cannot make it is a drop."""
-    campaign = bench.campaign
-    height = f"{campaign.bump_height_m * 1e3:g} mm"
-    bump = BUMPS[excitation]
-    if campaign.method is Method.PUSH and bump.hand is not None:
-        return Sketch(Method.PUSH, (False,) * 4, bump.hand, f"push {height} down here")
-    wheels = tuple(share > 0.0 for share in bump.shares)
-    if campaign.method is Method.ROLL_OVER:
-        return Sketch(Method.ROLL_OVER, wheels, None, f"board, {height}")
-    return Sketch(Method.DROP, wheels, None, f"wheel on a block, {height}")
 
 
 def buttons_of(status: Status) -> Buttons:

@@ -13,7 +13,6 @@ function measured(value, std) {
   return [value, half].map((x) => grouped((place > 0 ? Math.round(x / unit) * unit : x).toFixed(digits))).join(" ± ");
 }
 
-const apart = new Set(data.outliers.map(([row, parameter]) => row * 1000 + parameter));
 const vehicles = [...new Set(data.rows.map((row) => row[VEHICLE]))];
 const colour = (vehicle) => COLOURS[Math.min(vehicles.indexOf(vehicle), COLOURS.length - 1)];
 let chosen = [], sort = CREATED, down = false, first = 0;
@@ -161,10 +160,6 @@ function draw() {
       pen.beginPath(); pen.moveTo(X(x[k]), Y(y[k] - half[k])); pen.lineTo(X(x[k]), Y(y[k] + half[k])); pen.stroke();
       pen.globalAlpha = own.length > 300 ? 0.6 : 1;
       pen.beginPath(); pen.arc(X(x[k]), Y(y[k]), points.length > 1000 ? 2 : 3.5, 0, 7); pen.fill();
-      if (apart.has(points[k] * 1000 + p)) {
-        pen.globalAlpha = 1;
-        pen.beginPath(); pen.arc(X(x[k]), Y(y[k]), 8, 0, 7); pen.stroke();
-      }
     }
     pen.globalAlpha = 1;
   }
@@ -179,14 +174,6 @@ function begin() {
   options("verdict", distinct(VERDICT), "all");
   options("origin", distinct(ORIGIN), "all");
   options("parameter", data.parameters.map(([symbol, unit], p) => [p, symbol + (unit ? ", " + unit : "")]));
-  at("outliers").replaceChildren(...data.outliers.map(([i, p, usual, z]) => {
-    const row = data.rows[i], line = document.createElement("tr"), [symbol, unit] = data.parameters[p];
-    line.append(linked(row), element("td", row[VEHICLE]), element("td", symbol + (unit ? ", " + unit : "")),
-      element("td", number(row[VALUE][p]), "n"), element("td", number(usual), "n"), element("td", (z > 0 ? "+" : "−") + Math.abs(z), "n"));
-    return line;
-  }));
-  const more = data.outliers_in_all - data.outliers.length;
-  at("more-outliers").textContent = data.outliers_in_all === 0 ? "None." : more ? `And ${more} more; filter the table.` : "";
   for (const id of ["vehicle", "verdict", "origin", "parameter"]) at(id).addEventListener("change", choose);
   at("search").addEventListener("input", choose);
   at("filters").addEventListener("submit", (event) => event.preventDefault());

@@ -1,8 +1,8 @@
 """Does long work of the terminal in a separate process.
 
-The terminal sends one task.  The worker answers with lines of progress, then with one last line:
-the result, or the error; all are pickled.  It ends when its standard input does: a terminal that is
-killed leaves no work behind.
+The terminal sends one task.  The worker answers with its progress, then with the result or the
+error; all are pickled.  It ends when its standard input does: a terminal that is killed leaves no
+work behind.
 """
 
 from __future__ import annotations
@@ -13,55 +13,23 @@ import pickle
 import signal
 import subprocess
 import sys
-from collections.abc import AsyncGenerator, Callable
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from threading import Event, Thread
+from threading import Thread
 from typing import TYPE_CHECKING, Any
 
-from dbc import BumpbenchError
+from dbc import BumpbenchError, InputError
 from dbc.words import printable
 
 if TYPE_CHECKING:
     from identify import Identification
 
-
-@dataclass(frozen=True, slots=True)
-class IdentifyTask:
-    """Identify a session; the answer is an `Outcome`."""
-
-    session: str
-
-
-@dataclass(frozen=True, slots=True)
-class ReportTask:
-    """Write a session's report as HTML, and as PDF."""
-
-    session: str
-    html: str
-    pdf: str
-
-
-@dataclass(frozen=True, slots=True)
-class ListTask:
-    """List the recordings and sessions of a folder, one item a session."""
-
-    folder: str
-
-
-Task = IdentifyTask | ReportTask | ListTask
-
-
-@dataclass(frozen=True, slots=True)
-class RunOutcome:
-    """One run and its status."""
-
-    label: str
-    status: str
-    """`accepted` or `rejected`."""
-    reasons: tuple[str, ...]
-    """Reasons why it was not used."""
+Stage = Callable[[float, str], None]
+"""Receives the share of the work that is done, 0..1, and the next stage."""
+Task = Callable[[Stage], Any]
+"""Returns the answer: a `functools.partial` of a function of a module."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,71 +42,61 @@ class Outcome:
     """Without its fit."""
     overrides: tuple[str, ...]
     """Warnings that a person overrode, with reason and name."""
-    runs: tuple[RunOutcome, ...]
+    runs: tuple[tuple[str, str], ...]
+    """Label and status of each run: `accepted` if the result is based on it, else `rejected`."""
 
     @property
     def used(self) -> int:
         """Number of runs that the result is based on."""
-        return sum(run.status == "accepted" for run in self.runs)
+        return sum(status == "accepted" for _, status in self.runs)
 
 
-@dataclass(frozen=True, slots=True)
-class Progress:
-    """Share of the work that is done, 0..1, and the next stage."""
+def identify_session(path: str, stage: Stage) -> Outcome:
+    """Identify a session file."""
+    from daq import read_session
+    from daq.sessions import overrides_of
+    from identify import identify, usable_session
 
-    share: float
-    text: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class Item:
-    """One of several answers, sent as soon as it is ready."""
-
-    body: Any
+    stage(0.05, "reading")
+    session = read_session(path)
+    result = replace(identify(session, stage), estimation=None, residuals=())
+    runs = tuple((run.label, str(run.status)) for run in usable_session(session).runs)
+    return Outcome(path, result, overrides_of(session.provenance), runs)
 
 
-@dataclass(frozen=True, slots=True)
-class Done:
-    """The answer."""
+def report_session(session: str, html: str, pdf: str, stage: Stage) -> dict[str, Any]:
+    """Write a session's report; return the size of each file, bytes, and the verdict."""
+    from .reporting import write_report
 
-    body: Any
+    sizes: dict[str, int] = {}
 
+    def written(file: Path) -> None:
+        sizes[str(file)] = file.stat().st_size
 
-@dataclass(frozen=True, slots=True)
-class Trouble:
-    """There is no answer: the place, what is wrong, what to do; as `dbc.words.BumpbenchError`."""
-
-    where: str
-    what: str
-    advice: str
-
-    @property
-    def text(self) -> str:
-        """All of it on one line."""
-        return f"{self.where}: {self.what} ({self.advice})"
+    report = write_report(Path(session), Path(html), Path(pdf), stage, written)
+    return {"files": sizes, "verdict": str(report.result.quality.verdict)}
 
 
-Line = Progress | Item | Done | Trouble
-Send = Callable[[Line], None]
+# The terminal's end -------------------------------------------------------------------------------
 
 START = "from tui.jobs.worker import main; main()"
 """Program of the worker's process: run with -m, its classes would be others than the terminal's."""
 
 
-# The terminal's end -------------------------------------------------------------------------------
+@dataclass(frozen=True, slots=True)
+class _Progress:
+    share: float
+    text: str
 
 
-async def lines_of(
-    task: Task, where: str, stop: asyncio.Event | None = None
-) -> AsyncGenerator[Line, None]:
-    """Do a task in a separate process; yield its lines, the last a `Done` or a `Trouble`.
+async def answer_of(task: Task, subject: str, stage: Stage) -> Any:
+    """Do a task in a separate process and return its answer.
 
-    The process ends with the iteration, and also when this process ends in any way, because it
-    watches its standard input.  `where`: subject of an error that names none itself.  `stop`: set
-    to get the answer so far.
+    The process ends with this call, also when it is cancelled or this process is killed.
+    `subject`: of an error that names none itself.  Raises BumpbenchError if there is no answer.
     """
     try:
-        child = subprocess.Popen(
+        worker = subprocess.Popen(
             [sys.executable, "-c", START],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
@@ -147,60 +105,44 @@ async def lines_of(
         )
     except OSError as error:
         reason = f"no process can be started ({error.strerror or error})"
-        yield Trouble(where, reason, "end other programs, and try again")
-        return
-    lines: asyncio.Queue[Line] = asyncio.Queue()
+        raise InputError(subject, reason, "end other programs, and try again") from error
+    lines: asyncio.Queue[Any] = asyncio.Queue()
     loop = asyncio.get_running_loop()
 
     def listen() -> None:
         """Send the task; pass on each line, last that the process has ended; close its pipes."""
-        with suppress(RuntimeError, OSError), child:  # the loop is closed, or it has ended
-            assert child.stdin is not None
-            assert child.stdout is not None
+        with suppress(RuntimeError, OSError), worker:  # the loop is closed, or it has ended
+            assert worker.stdin is not None
+            assert worker.stdout is not None
             with suppress(OSError, EOFError, pickle.UnpicklingError):  # it has ended
-                pickle.dump((task, where), child.stdin)
-                child.stdin.flush()
+                pickle.dump((task, subject), worker.stdin)
+                worker.stdin.flush()
                 while True:
-                    loop.call_soon_threadsafe(lines.put_nowait, pickle.load(child.stdout))
-            code = child.wait()
+                    loop.call_soon_threadsafe(lines.put_nowait, pickle.load(worker.stdout))
+            code = worker.wait()
             how = f"by signal {-code}" if code < 0 else f"with code {code}"
             reason = f"the work was ended from outside ({how})"
-            trouble = Trouble(where, reason, "the recording is untouched: start it again")
-            loop.call_soon_threadsafe(lines.put_nowait, trouble)
+            ended = InputError(subject, reason, "the recording is untouched: start it again")
+            loop.call_soon_threadsafe(lines.put_nowait, ended)
 
     # A thread is used instead of the loop's own subprocess, which must be awaited to its end, and
     # which a screen that is closed twice in a row leaves with open pipes.
     Thread(target=listen, name="worker", daemon=True).start()
-
-    async def send_stop(stop: asyncio.Event) -> None:
-        await stop.wait()
-        with suppress(OSError, ValueError):  # it has ended
-            assert child.stdin is not None
-            child.stdin.write(b"stop\n")
-            child.stdin.flush()
-
-    sending = asyncio.create_task(send_stop(stop)) if stop is not None else None
     try:
-        while True:
-            line = await lines.get()
-            yield line
-            if isinstance(line, Done | Trouble):
-                return
+        while isinstance(line := await lines.get(), _Progress):
+            stage(line.share, line.text)
     finally:
-        if sending is not None:
-            sending.cancel()
         with suppress(ProcessLookupError, PermissionError):
             if hasattr(os, "killpg"):  # with its children
-                os.killpg(child.pid, signal.SIGKILL)
+                os.killpg(worker.pid, signal.SIGKILL)
             else:  # Windows; its children end with it
-                child.kill()
+                worker.kill()
+    if isinstance(line, BumpbenchError):
+        raise line
+    return line
 
 
 # The worker's end ---------------------------------------------------------------------------------
-
-
-_stopped = Event()
-"""Set once the terminal takes the answer so far."""
 
 
 def main() -> None:
@@ -209,74 +151,23 @@ def main() -> None:
         os.dup2(2, 1)  # output of a library must not come between the lines
         with suppress(OSError, AttributeError):
             os.nice(10)  # the recorder has priority
-        task, where = pickle.load(sys.stdin.buffer)
+        task, subject = pickle.load(sys.stdin.buffer)
 
         def watch_stdin() -> None:
-            while os.read(0, 4096):
-                _stopped.set()
+            os.read(0, 1)
             os._exit(1)  # the terminal has ended
 
-        def send(line: Line) -> None:
+        def send(line: Any) -> None:
             pickle.dump(line, out)
             out.flush()
 
         Thread(target=watch_stdin, daemon=True).start()
         try:
-            send(Done(_WORK[type(task)](task, send)))
+            send(task(lambda share, text: send(_Progress(share, text))))
         except BumpbenchError as error:
-            send(Trouble(error.where, error.what, error.advice))
+            send(error)
         except MemoryError:
-            send(Trouble(where, "needs more memory than there is", "end other programs"))
+            send(InputError(subject, "needs more memory than there is", "end other programs"))
         except Exception as error:
             reason = printable(f"{type(error).__name__}: {error}")
-            send(Trouble(where, reason, "report this; the recording is untouched"))
-
-
-def _identify(task: IdentifyTask, send: Send) -> Outcome:
-    from daq import read_session
-    from daq.sessions import overrides_of
-    from identify import identify, usable_session
-
-    send(Progress(0.05, "reading"))
-    session = read_session(task.session)
-    result = identify(
-        session, lambda share, text: send(Progress(share, text)), stop=_stopped.is_set
-    )
-    runs = tuple(
-        RunOutcome(run.label, str(run.status), run.reasons) for run in usable_session(session).runs
-    )
-    result = replace(result, estimation=None, residuals=())
-    return Outcome(task.session, result, overrides_of(session.provenance), runs)
-
-
-def _report(task: ReportTask, send: Send) -> dict[str, Any]:
-    from .reporting import write_report
-
-    sizes: dict[str, int] = {}  # bytes
-
-    def written(file: Path) -> None:
-        sizes[str(file)] = file.stat().st_size
-
-    def stage(share: float, text: str) -> None:
-        send(Progress(share, text))
-
-    session, html, pdf = (Path(name) for name in (task.session, task.html, task.pdf))
-    report = write_report(session, html, pdf, stage, written)
-    return {"files": sizes, "verdict": str(report.result.quality.verdict)}
-
-
-def _list(task: ListTask, send: Send) -> dict[str, Any]:
-    from .session_list import sessions_in
-
-    count = 0
-    for entry in sessions_in(Path(task.folder)):
-        send(Item(entry))
-        count += 1
-    return {"count": count}
-
-
-_WORK: dict[type, Callable[[Any, Send], Any]] = {
-    IdentifyTask: _identify,
-    ReportTask: _report,
-    ListTask: _list,
-}
+            send(InputError(subject, reason, "report this; the recording is untouched"))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from functools import partial
 from importlib import import_module
@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from textual import work
 from textual.app import SystemCommand
 from textual.binding import Binding, BindingType
-from textual.filter import LineFilter
 from textual.message import Message
 from textual.screen import ModalScreen, Screen
 
@@ -39,7 +38,7 @@ from dbc.words import printable
 
 from ..diagnostics import unknown_value
 from .campaign import SCREEN_OF, BenchStep, in_run, progress, waits_unarmed
-from .device import THEMES, KeyboardApp, PlainAscii
+from .device import THEMES, KeyboardApp
 from .feed import Lanes, Lost, News, RecorderFeed, Role
 from .widgets import Confirm, HelpScreen, LinkScreen, Question
 from .words import Glyphs, Signal, signal_of
@@ -54,7 +53,6 @@ RECORDER_GOES_ON = (
     ' to end the recorder, press Ctrl+P there and choose "recorder: shut down".'
 )
 """Text that a closed terminal leaves on stderr."""
-"""Seconds of samples that a new terminal asks for: more than the chart shows."""
 AUTO_S = 0.25
 """Seconds between two checks of `--auto` for a next action."""
 MOST_NEWS = 1200
@@ -67,7 +65,6 @@ _MODULES = {
     "run": "bumping",
     "identify": "work",
     "report": "work",
-    "sessions": "results",
 }
 """Modules of screens that have another name than the screen."""
 
@@ -111,14 +108,13 @@ class BenchApp(KeyboardApp):
     HORIZONTAL_BREAKPOINTS = _WIDTHS
     VERTICAL_BREAKPOINTS = _HEIGHTS
     SCREENS: ClassVar[dict[str, Callable[[], Screen[Any]]]] = {
-        name: partial(_screen, name) for name in (*SCREEN_OF.values(), "run", "results", "sessions")
+        name: partial(_screen, name) for name in (*SCREEN_OF.values(), "run", "results")
     }
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("f1", "help", "Help", priority=True),
         Binding("1", "step(1)", "Step", key_display="1-7", tooltip="Go to a step"),
         *(Binding(str(i), f"step({i})", show=False) for i in range(2, 8)),
         Binding("n", "note", "Note", tooltip="Write a note on the session"),
-        Binding("s", "sessions", "Sessions", tooltip="Sessions of the folder"),
         Binding("c", "take_over", show=False, tooltip="Take control"),
         Binding("tab", "focus_next", show=False, tooltip="Next field"),
         Binding("shift+tab", "focus_previous", show=False, tooltip="Previous field"),
@@ -172,11 +168,6 @@ class BenchApp(KeyboardApp):
         await self.push_screen("home")
         if self.auto:
             self.set_interval(AUTO_S, self._press_next)
-
-    def get_line_filters(self) -> Sequence[LineFilter]:
-        """Add the filter that replaces all but ASCII, for a terminal that can show no more."""
-        filters = super().get_line_filters()
-        return [*filters, PlainAscii()] if self.glyphs.name == "ascii" else filters
 
     def on_unmount(self) -> None:
         """Stop the feed; the recorder goes on."""
@@ -242,7 +233,8 @@ class BenchApp(KeyboardApp):
             if self._driver is not None and not self.is_headless:
                 self._driver.write(f"\x1b]2;{words}\x07")
         self._publish(StatusArrived())
-        self.call_after_refresh(self._fetch_missing, before, status)  # the screen comes first
+        if before is None or before.bench_crc32 != status.bench_crc32 or self.bench is None:
+            self.call_after_refresh(self._fetch_bench)  # the screen comes first
         if status.halted and status.halted != self._halted:
             self.push_screen(HelpScreen(status.halted))
         self._halted = status.halted
@@ -272,11 +264,6 @@ class BenchApp(KeyboardApp):
         """Send news to the screen in front; a worker may bring news after all are closed."""
         if self.screen_stack:
             self.screen.post_message(message)
-
-    def _fetch_missing(self, before: Status | None, status: Status) -> None:
-        """Fetch the bench if it is new."""
-        if before is None or before.bench_crc32 != status.bench_crc32 or self.bench is None:
-            self._fetch_bench()
 
     @work(group="bench", exclusive=True)
     async def _fetch_bench(self) -> None:
@@ -344,7 +331,7 @@ class BenchApp(KeyboardApp):
 
     @property
     def step(self) -> BenchStep | None:
-        """The step of the screen in front; None for a dialog and for an earlier session."""
+        """The step of the screen in front; None for a dialog."""
         return getattr(self.screen, "step_shown", None)
 
     async def go_to(self, step: BenchStep) -> None:
@@ -373,10 +360,6 @@ class BenchApp(KeyboardApp):
                 await identify.show_results()
                 return
         await self.go_to(step)
-
-    async def action_sessions(self) -> None:
-        """Show the sessions of the folder."""
-        await self.open("sessions")
 
     async def action_home(self) -> None:
         """Show the next action."""

@@ -164,7 +164,6 @@ _FORMS = {
         " " + "".join(chr(0x2800 + code) for code in range(1, 256)),
     ),
     (2, 2): _form([[1, 2], [4, 8]], " ▘▝▀▖▌▞▛▗▚▐▜▄▙▟█"),
-    (1, 3): _form([[1], [2], [4]], " '-^.|,|"),
 }
 """Weights of the dots of a character, by its dots across and down, and the character of each sum of
 weights."""

@@ -1,4 +1,4 @@
-"""The terminal as a device: its keys in order, its colours and its characters."""
+"""The terminal as a device: its keys in order, and its colours."""
 
 from __future__ import annotations
 
@@ -7,17 +7,11 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from functools import lru_cache
-from unicodedata import name, normalize
 
-from rich.cells import cell_len
-from rich.segment import Segment
 from textual.app import App
 from textual.binding import Binding
-from textual.color import Color
 from textual.dom import DOMNode
 from textual.events import AppBlur, Event, InputEvent, Key, MouseMove, Paste
-from textual.filter import LineFilter
 from textual.theme import Theme
 from textual.widgets import Input, TextArea
 
@@ -175,39 +169,3 @@ BENCH_LIGHT = Theme(
     text_alpha=1.0,
 )
 THEMES = (BENCH_DARK, BENCH_LIGHT)
-
-
-_SIMILAR = {
-    "│": "|", "┃": "|", "║": "|", "▎": "|", "▏": "|", "▊": "|", "▌": "|", "▐": "|", "┊": ":",
-    "─": "-", "━": "-", "═": "=", "▔": "-", "▁": "_", "▄": "_", "▀": "-", "█": "#", "■": "#",
-    "·": ".", "•": "*", "●": "*", "○": "o", "▲": "^", "▼": "v", "▶": ">", "►": ">", "◀": "<",
-    "✓": "+", "✗": "x", "√": "+", "±": "~", "\u00d7": "x", "\u2013": "-", "—": "-", "…": ".",
-    "°": "o",
-}  # fmt: skip
-
-
-class PlainAscii(LineFilter):
-    """Replace each character outside ASCII by a similar one of the same width."""
-
-    def apply(self, segments: list[Segment], background: Color) -> list[Segment]:
-        """Return the segments of a line in ASCII."""
-        return [
-            segment
-            if segment.text.isascii()
-            else Segment(_plain(segment.text), segment.style, segment.control)
-            for segment in segments
-        ]
-
-
-@lru_cache(4096)
-def _plain(text: str) -> str:
-    """Return ASCII in as many columns; a character of no width or of two has none like it."""
-    plain = []
-    for character in text.replace(" ± ", "+/-"):
-        similar = character if character.isascii() else _SIMILAR.get(character, "")
-        if not similar and "BOX DRAWINGS" in name(character, ""):
-            similar = "+"
-        similar = similar or normalize("NFKD", character)[0]
-        columns = cell_len(character)
-        plain.append(similar if columns == 1 and similar.isascii() else "?" * columns)
-    return "".join(plain)

@@ -22,7 +22,7 @@ from daq.alarms.texts import EXPLAINED
 from daq.verdict.words import WORDS
 from dbc.words import printable
 
-from .words import Banner, DisplayLink, Glyphs
+from .words import Banner, DisplayLink
 
 Cell = str | Text
 SPACE_INK = "bold $accent"
@@ -112,13 +112,12 @@ _NEXT = r"SPACE (starts|= [\w ]*\w)"
 class BannerBar(Horizontal):
     """State as symbol, word and digits; the colour only adds to it."""
 
-    def __init__(self, glyphs: Glyphs) -> None:
+    def __init__(self) -> None:
         super().__init__()
-        self._plain = glyphs.name == "ascii"
         self._shown: tuple[Banner, int] | None = None
         # Stored, not queried: a status may come before they are composed.
         self._words = Static(markup=False)
-        self._digits = Static(markup=False, id="figures") if self._plain else Digits()
+        self._digits = Digits()
 
     def compose(self) -> ComposeResult:
         """Compose words on the left, digits on the right."""
@@ -142,7 +141,7 @@ class BannerBar(Horizontal):
         words = words.highlight_regex(_NEXT, style=f"{SPACE_INK} on $background")
         self._words.update(words)
         self._digits.display = bool(banner.digits)
-        self._digits.update(f"\n{banner.digits:>5} " if self._plain else banner.digits)
+        self._digits.update(banner.digits)
 
 
 class Line(Input):

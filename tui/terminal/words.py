@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
 
-from daq import Corner
 from daq.control.messages import Phase, Status
 from daq.runlog import LoggedRun
 from daq.runs import RunStatus
@@ -22,7 +21,7 @@ class Glyphs:
     """The characters of one set."""
 
     name: str
-    """Value of `--glyphs`: `braille`, `blocks` or `ascii`."""
+    """Value of `--glyphs`: `braille` or `blocks`."""
     dots: tuple[int, int]
     """Sub-columns and sub-rows of a cell of a trace."""
     good: str
@@ -48,21 +47,17 @@ class Glyphs:
 
 _BRAILLE = Glyphs("braille", (2, 4), "✓", "✗", "!", "▶", "●", "○", "■", "·", "┊", "│", "▲")
 _BLOCKS = Glyphs("blocks", (2, 2), "√", "x", "!", "►", "●", "○", "■", "·", "│", "│", "▲")
-_ASCII = Glyphs("ascii", (1, 3), "+", "x", "!", ">", "*", "o", "#", ".", ":", "|", "^")
-_SETS = {glyphs.name: glyphs for glyphs in (_BRAILLE, _BLOCKS, _ASCII)}
+_SETS = {glyphs.name: glyphs for glyphs in (_BRAILLE, _BLOCKS)}
 
 
-def choose_glyphs(wanted: str, environment: Mapping[str, str], encoding: str) -> Glyphs:
+def choose_glyphs(wanted: str, environment: Mapping[str, str]) -> Glyphs:
     """Return the wanted set; for `auto` the best that the terminal reports to support.
 
     `wanted`: from the command line.  `environment`: `TERM` of the Linux console and of old ones
-    have no braille; Windows Terminal sets `WT_SESSION`, the old console host does not.  `encoding`:
-    encoding of stdout; any other than Unicode gets ASCII.
+    have no braille; Windows Terminal sets `WT_SESSION`, the old console host does not.
     """
     if wanted != "auto":
         return _SETS[wanted]
-    if not encoding.lower().replace("-", "").startswith("utf"):
-        return _ASCII
     if environment.get("TERM", "") in ("linux", "vt100", "vt220", "dumb"):
         return _BLOCKS
     if environment.get("OS") == "Windows_NT" and "WT_SESSION" not in environment:
@@ -325,46 +320,3 @@ def _rejected(status: Status, action: NextAction, glyphs: Glyphs) -> Banner:
     return Banner(
         "bad", glyphs.bad, "REJECTED", title, why, advice or "U = undo.", seconds, folds=False
     )
-
-
-# The car from above -------------------------------------------------------------------------------
-
-SMALL, LARGE = (13, 7), (33, 13)
-"""Columns and rows of a drawing within the outline of the body."""
-_EDGE_M = 0.35
-"""Length that a drawing shows beyond the axles and beside the tyres."""
-
-
-def drawn_car(
-    wheelbase_m: float,
-    track_m: float,
-    marks: Iterable[tuple[float, float, str]],
-    wheels: Mapping[Corner, str],
-    canvas: tuple[int, int],
-    beside: tuple[str, str, str] = ("", "", ""),
-) -> list[str]:
-    """Return the lines of a car from above, front at the top.
-
-    `marks`: x from the front axle and y from the middle, m, and the text there.  `wheels`: text at
-    each wheel, at most four columns.  `beside`: text beside the front axle, the middle and the rear
-    axle.
-    """
-    columns, rows = canvas
-    grid = [[" "] * columns for _ in range(rows)]
-    for x_m, y_m, text in marks:
-        free = columns - len(text)
-        row = round((_EDGE_M - x_m) / (wheelbase_m + 2 * _EDGE_M) * (rows - 1))
-        column = round((0.5 - y_m / (track_m + 2 * _EDGE_M)) * free)
-        row, column = max(0, min(row, rows - 1)), max(0, min(column, free))
-        grid[row][column : column + len(text)] = text
-    axles = [
-        f"{wheels[left]:>4}+{'-' * columns}+{wheels[right]:<4}"
-        for left, right in (
-            (Corner.FRONT_LEFT, Corner.FRONT_RIGHT),
-            (Corner.REAR_LEFT, Corner.REAR_RIGHT),
-        )
-    ]
-    body = [f"    |{''.join(row)}|" for row in grid]
-    body[rows // 2] += f"    {beside[1]}"
-    lines = [f"{axles[0]} {beside[0]}", *body, f"{axles[1]} {beside[2]}"]
-    return [f"{'front':^{columns + 10}}", *(line.rstrip() for line in lines)]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import subprocess
 import sys
@@ -17,9 +16,8 @@ import pytest
 from numpy.testing import assert_array_equal
 
 import daq.session
-from daq.runs import Event, RunStatus
-from daq.session import glances, read_session, write_session
-from daq.session.hdf5 import Glance
+from daq.runs import Event
+from daq.session import read_session, write_session
 from daq.sessions import Session
 from daq.vehicle import MassState
 from dbc import FrameBatch
@@ -228,40 +226,3 @@ def test_the_first_group_of_the_first_run_is_the_default(tmp_path: Path) -> None
     write_session(path, none)
     with h5py.File(path) as file:
         assert "default" not in file.attrs
-
-
-# Outlines for lists -------------------------------------------------------------------------------
-
-NOTES = [
-    {"label": "", "text": "rain", "by": "Ada"},
-    {"label": "baseline_roll_1", "text": "loud", "by": "Ada"},
-]
-
-
-def _written(path: Path) -> Path:
-    session = small_session()
-    first = replace(session.runs[0], status=RunStatus.ACCEPTED, reasons=())
-    said = {**session.provenance, "notes": json.dumps(NOTES)}
-    write_session(path, replace(session, runs=(first, *session.runs[1:]), provenance=said))
-    return path
-
-
-def test_each_file_has_its_outline_or_its_fault(tmp_path: Path) -> None:
-    good, bare, bad = (_written(tmp_path / f"{name}.h5") for name in ("good", "bare", "bad"))
-    with h5py.File(bare, "r+") as file:
-        for name in list(file["session"].attrs):
-            del file["session"].attrs[name]
-        for run in file["runs"].values():
-            del run.attrs["status"]
-    with h5py.File(bad, "r+") as file:
-        del file["session"]
-    first, damaged, absent, last = glances([good, bad, tmp_path / "absent.h5", bare])
-    notes = "rain (Ada)\nbaseline_roll_1: loud (Ada)"
-    assert first == Glance(str(good), "Wagen Ü", "2026-11-21", 1, 2, notes)
-    assert last == Glance(str(bare), "", "", 0, 3)
-    for fault, path, what in (
-        (damaged, bad, "damaged"),
-        (absent, tmp_path / "absent.h5", "no such file"),
-    ):
-        assert isinstance(fault, InputError)
-        assert (fault.where, what in fault.what) == (str(path), True)

@@ -22,14 +22,13 @@ import aiohttp
 import pytest
 
 from daq.control.exchange import OrderRefusedError
-from daq.control.messages import Arm, AskBench, Hello, Order, Phase, Reject, Reply
+from daq.control.messages import Arm, Hello, Order, Phase, Reject, Reply
 from dbc.words import InputError
 from tui.browser.server import Guard, listen, terminal_pages
 from tui.cli import run
 from tui.display import server
-from tui.display.follow import Follower
 from tui.display.link import Served, display_beside, listen_on
-from tui.display.server import MOST_PAGES, Control, DisplayServer, run_display
+from tui.display.server import MOST_PAGES, Control, DisplayServer, Follower, run_display
 from tui.terminal.feed import Lost, Role
 
 from ..terminal.fake_recorder import FakeRecorder
@@ -54,11 +53,11 @@ class Page:
 
 
 @asynccontextmanager
-async def display(folder: Path, control: Control | None = None) -> AsyncIterator[Page]:
+async def display(control: Control | None = None) -> AsyncIterator[Page]:
     recorder = FakeRecorder(in_control=False)
     recorder.mark("vehicle", "check")
     guard, ended = Guard(HOST, listen(HOST, 0)), asyncio.Event()
-    server = DisplayServer(guard, recorder, folder, "MK", control)
+    server = DisplayServer(guard, recorder, "MK", control)
     listening = asyncio.Event()
     serving = asyncio.create_task(server.serve(ended, listening.set))
     jar = aiohttp.CookieJar(unsafe=True)  # addresses have cookies in a browser
@@ -91,9 +90,9 @@ async def until(page: Page, topic: str, found: Callable[[Any], bool]) -> Any:
     raise AssertionError(topic)
 
 
-def test_a_page_is_sent_what_is_and_what_changes(tmp_path: Path) -> None:
+def test_a_page_is_sent_what_is_and_what_changes() -> None:
     async def act() -> None:
-        async with display(tmp_path) as page:
+        async with display() as page:
             first: dict[str, Any] = {}
             async for topic, data in events(page):
                 first[topic] = data
@@ -113,9 +112,9 @@ def test_a_page_is_sent_what_is_and_what_changes(tmp_path: Path) -> None:
     asyncio.run(act())
 
 
-def test_what_is_served_asks_for_nothing_from_elsewhere(tmp_path: Path) -> None:
+def test_what_is_served_asks_for_nothing_from_elsewhere() -> None:
     async def act() -> None:
-        async with display(tmp_path) as page:
+        async with display() as page:
             async with page.http.get(page.guard.link) as answer:
                 text = await answer.text()
                 policy = answer.headers["Content-Security-Policy"]
@@ -139,7 +138,7 @@ def test_what_is_served_asks_for_nothing_from_elsewhere(tmp_path: Path) -> None:
 @pytest.mark.parametrize("place", ["", "events", "app.js"])
 def test_unproven_are_refused(tmp_path: Path, place: str) -> None:
     async def act() -> None:
-        async with display(tmp_path) as page:
+        async with display() as page:
             link = page.guard.link
             for other, headers in (
                 (f"{page.guard.origin}/{'A' * 43}/", {}),
@@ -152,9 +151,9 @@ def test_unproven_are_refused(tmp_path: Path, place: str) -> None:
     asyncio.run(act())
 
 
-def _with_control(tmp_path: Path, act: Callable[[Page], Awaitable[None]]) -> list[Order]:
+def _with_control(act: Callable[[Page], Awaitable[None]]) -> list[Order]:
     async def run() -> list[Order]:
-        async with display(tmp_path, Control()) as page:
+        async with display(Control()) as page:
             await until(page, "view", lambda view: view["headline"]["kind"] == "ready")
             await act(page)
             return page.recorder.orders
@@ -162,7 +161,7 @@ def _with_control(tmp_path: Path, act: Callable[[Page], Awaitable[None]]) -> lis
     return asyncio.run(run())
 
 
-def test_orders_need_the_number(tmp_path: Path) -> None:
+def test_orders_need_the_number() -> None:
     async def act(page: Page) -> None:
         assert page.control is not None
         assert (await page.post("order", button="next"))[0] == 403
@@ -179,7 +178,7 @@ def test_orders_need_the_number(tmp_path: Path) -> None:
         assert (await page.post("order", button="reject", label="baseline_bounce_9"))[0] == 409
         assert (await page.post("order", button="reject", label=label))[0] == 200
 
-    orders = _with_control(tmp_path, act)
+    orders = _with_control(act)
     assert [order for order in orders if isinstance(order, Arm | Reject)] == [
         Arm(),
         Reject("baseline_bounce_1"),
@@ -187,7 +186,7 @@ def test_orders_need_the_number(tmp_path: Path) -> None:
     assert Hello("MK", control=True) in orders
 
 
-def test_a_terminal_in_control_is_named_and_can_be_followed(tmp_path: Path) -> None:
+def test_a_terminal_in_control_is_named_and_can_be_followed() -> None:
     async def act(page: Page) -> None:
         assert page.control is not None
         await page.post("control", number=page.control.secret)
@@ -197,10 +196,10 @@ def test_a_terminal_in_control_is_named_and_can_be_followed(tmp_path: Path) -> N
         page.recorder.refuse = ""
         assert (await page.post("order", button="next", take_over=True))[0] == 200
 
-    assert Hello("MK", control=True, take_over=True) in _with_control(tmp_path, act)
+    assert Hello("MK", control=True, take_over=True) in _with_control(act)
 
 
-def test_orders_of_no_page_of_ours_are_refused(tmp_path: Path) -> None:
+def test_orders_of_no_page_of_ours_are_refused() -> None:
     async def act(page: Page) -> None:
         assert page.control is not None
         await page.post("control", number=page.control.secret)
@@ -216,13 +215,13 @@ def test_orders_of_no_page_of_ours_are_refused(tmp_path: Path) -> None:
             async with page.http.post(place, data=data, headers=headers) as answer:
                 assert answer.status in (403, 413), data
 
-    assert not [order for order in _with_control(tmp_path, act) if isinstance(order, Arm)]
+    assert not [order for order in _with_control(act) if isinstance(order, Arm)]
 
 
-def test_a_page_that_does_not_read_misses_states_and_delays_no_other(tmp_path: Path) -> None:
+def test_a_page_that_does_not_read_misses_states_and_delays_no_other() -> None:
     async def act() -> None:
         recorder = FakeRecorder()
-        follower = Follower(recorder, tmp_path)
+        follower = Follower(recorder)
         follower.start()
         slow, quick = follower.messages(), follower.messages()
         for reader in (slow, quick):
@@ -235,7 +234,7 @@ def test_a_page_that_does_not_read_misses_states_and_delays_no_other(tmp_path: P
         await asyncio.sleep(0)
         follower.take(replace(recorder.status, vehicle="T99"))
         while (message := await anext(quick)).startswith(b"event: view"):
-            assert b'"T99"' in message, "with the sketch, once bench.toml has come"
+            assert b'"T99"' in message
         assert message == b"event: beat\ndata: \n\n", "nothing new within a second"
         follower.close()
         with pytest.raises(StopAsyncIteration):
@@ -268,8 +267,8 @@ async def terminal(folder: Path) -> AsyncIterator[Guard]:
 
 
 @asynccontextmanager
-async def page_of_display(folder: Path) -> AsyncIterator[Guard]:
-    async with display(folder) as page:
+async def page_of_display() -> AsyncIterator[Guard]:
+    async with display() as page:
         yield page.guard
 
 
@@ -457,9 +456,9 @@ def test_wrong_numbers_are_forgotten_after_a_minute_one_by_one() -> None:
     assert "wait a minute" in control.grant("493217", 69.9)[1]
 
 
-def test_a_page_too_many_is_refused(tmp_path: Path) -> None:
+def test_a_page_too_many_is_refused() -> None:
     async def act() -> None:
-        async with display(tmp_path) as page:
+        async with display() as page:
             place = f"{page.guard.link}events"
             streams = [await page.http.get(place) for _ in range(MOST_PAGES)]
             assert [stream.status for stream in streams] == [200] * 32
@@ -476,7 +475,7 @@ def test_an_order_that_the_recorder_refuses_is_said_on_the_page(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async def act() -> None:
-        async with display(tmp_path, Control()) as page:
+        async with display(Control()) as page:
             assert page.control is not None
             await page.post("control", number=page.control.secret)
             while page.recorder.orders == []:
@@ -494,39 +493,23 @@ def test_an_order_that_the_recorder_refuses_is_said_on_the_page(
     asyncio.run(act())
 
 
-class Refusing(FakeRecorder):
-    """A recorder that refuses at first to send its bench."""
-
-    async def ask(self, order: Order) -> Reply:
-        """Refuse once."""
-        if isinstance(order, AskBench) and not self.orders:
-            self.orders.append(order)
-            raise OrderRefusedError("not now")
-        return await super().ask(order)
-
-
-def test_a_bench_that_was_refused_is_asked_for_again(tmp_path: Path) -> None:
+def test_a_lost_recorder_is_shown_and_takes_no_order() -> None:
     async def act() -> None:
-        recorder = Refusing()
-        follower = Follower(recorder, tmp_path)
+        recorder = FakeRecorder()
+        follower = Follower(recorder)
 
         async def shown() -> Any:
-            for _ in range(9):
-                await asyncio.sleep(0)
             message = await anext(follower.messages())
             return json.loads(message.partition(b"data: ")[2])
 
         assert follower.status is None
         follower.start()
-        page = await shown()
-        assert (page["vehicle"], page["sketch"]) == ("Ford Granada", None)
-        recorder.publish()
-        assert (await shown())["sketch"] is not None
-        recorder.publish()
+        for _ in range(9):
+            await asyncio.sleep(0)
+        assert (await shown())["vehicle"] == "Ford Granada"
         follower.take(Role(True))
-        assert (await shown())["sketch"] is not None
-        assert recorder.orders == [AskBench(), AskBench()], "once for each bench"
-        recorder.post(Lost("it has ended", "see its log"))
+        assert follower.status is not None
+        follower.take(Lost("it has ended", "see its log"))
         assert (await shown())["headline"]["kind"] == "lost"
         assert follower.status is None
 

@@ -24,11 +24,11 @@ def recorder() -> FakeRecorder:
 
 
 def shown(recorder: FakeRecorder) -> View:
-    return view(recorder.status, None, recorder.bench)
+    return view(recorder.status, None)
 
 
 def test_before_the_first_status_the_page_waits() -> None:
-    page = view(None, None, None)
+    page = view(None, None)
     assert page.headline.word == ("WAIT",)
     assert page.headline.why == "waiting for the recorder"
     assert page.buttons.next == ""
@@ -45,7 +45,6 @@ def test_each_phase_has_its_word(recorder: FakeRecorder) -> None:
     head = shown(recorder).headline
     assert (head.kind, head.word) == (Kind.BUMP, ("BUMP", "NOW"))
     assert head.why == "Roll all four wheels over the boards."
-    assert head.speech == "Bump now. Bounce 1 of 2."
     recorder.turn(Phase.PAUSED)
     assert shown(recorder).headline.word == ("PAUSED",)
     recorder.finish("baseline")
@@ -66,7 +65,7 @@ def test_a_decay_counts_its_seconds_and_fills_its_bar(recorder: FakeRecorder) ->
     later = shown(recorder).headline
     assert (later.digits, later.share) == ("1.4", 0.69)
     assert later.why == "Hands off. 31% of the peak left."
-    assert later.cue == head.cue, "it is spoken once"
+    assert later.cue == head.cue, "it sounds once"
     recorder.publish(peak_left=1.7)  # a second bump: more is left than there was
     assert shown(recorder).headline.share == 0.0
 
@@ -77,7 +76,6 @@ def test_an_accepted_run_counts_down(recorder: FakeRecorder) -> None:
     page = shown(recorder)
     head = page.headline
     assert (head.kind, head.word, head.digits) == (Kind.ACCEPTED, ("ACCEPTED",), "3")
-    assert head.speech == "Accepted. Bounce 1, 1 of 2 accepted."
     assert page.title == "baseline: bounce 1, 1 of 2 accepted"
     assert (page.done, page.planned) == (1, 12)
     recorder.publish(countdown_s=2.0)
@@ -94,13 +92,12 @@ def test_a_rejected_run_says_why_and_what_to_do(recorder: FakeRecorder) -> None:
     assert (head.kind, head.word) == (Kind.AGAIN, ("AGAIN",))
     assert head.why == "DOUBLE BUMP: second bump at +0.84 s"
     assert head.advice == "Bump once, keep hands off."
-    assert head.speech == "Again. Double bump. Bump once, keep hands off.", "no figures by ear"
     assert shown(recorder).rows[0].rejected == 1
 
 
 def test_a_lost_recorder_hides_what_was(recorder: FakeRecorder) -> None:
     recorder.turn(Phase.ARMED)
-    page = view(recorder.status, Lost("the recorder has ended", "see its log"), recorder.bench)
+    page = view(recorder.status, Lost("the recorder has ended", "see its log"))
     assert page.headline.word == ("RECORDER", "LOST")
     assert (page.headline.why, page.headline.advice) == ("the recorder has ended", "see its log")
     assert page.buttons.pause == ""
@@ -123,7 +120,6 @@ def test_the_gravest_alarm_is_shown_and_the_others_are_counted(recorder: FakeRec
     assert alarm.text.startswith("BUS SILENT can0: no frame")
     assert "\x1b" not in alarm.text
     assert (alarm.advice, alarm.more) == ("Check cable", 1)
-    assert alarm.speech == "Alarm: bus silent can0."
 
 
 def test_a_simulated_recording_is_marked(recorder: FakeRecorder) -> None:
@@ -132,37 +128,10 @@ def test_a_simulated_recording_is_marked(recorder: FakeRecorder) -> None:
     assert shown(recorder).mark == "SIMULATED"
 
 
-def test_rows_and_sketch_follow_what_is_due(recorder: FakeRecorder) -> None:
+def test_rows_follow_what_is_due(recorder: FakeRecorder) -> None:
     page = shown(recorder)
     assert [row.kind for row in page.rows] == ["bounce", "pitch", "roll"] * 2
     assert [row.due for row in page.rows] == [True, False, False, False, False, False]
-    assert page.sketch is not None
-    assert page.sketch.wheels == (True, True, True, True)
-    assert page.sketch.legend == "board, 50 mm"
-    for _ in range(2):
-        recorder.bump()
-        recorder.judge()
-    page = shown(recorder)
-    assert page.sketch is not None
-    assert page.sketch.wheels == (True, True, False, False)
-    assert view(recorder.status, None, None).sketch is None
-
-
-@pytest.mark.parametrize(
-    ("method", "wheels", "hand", "legend"),
-    [
-        ("drop", (True, True, False, False), None, "wheel on a block, 50 mm"),
-        ("push", (False, False, False, False), (1, 0), "push 50 mm down here"),
-    ],
-)
-def test_the_sketch_shows_the_way_of_bumping(
-    method: str, wheels: tuple[bool, ...], hand: tuple[int, int] | None, legend: str
-) -> None:
-    text = FakeRecorder().bench_text.replace('"roll_over"', f'"{method}"', 1)
-    recorder = FakeRecorder(text.replace('["bounce", "pitch", "roll"]', '["pitch"]'))
-    sketch = shown(recorder).sketch
-    assert sketch is not None
-    assert (sketch.wheels, sketch.hand, sketch.legend) == (wheels, hand, legend)
 
 
 def test_the_view_is_plain_json(recorder: FakeRecorder) -> None:
@@ -170,7 +139,6 @@ def test_the_view_is_plain_json(recorder: FakeRecorder) -> None:
     recorder.judge(DOUBLE_BUMP)
     page = json.loads(json.dumps(asdict(shown(recorder)), allow_nan=False))
     assert page["headline"]["kind"] == "again"
-    assert page["sketch"]["method"] == "roll_over"
 
 
 def test_what_the_buttons_do(recorder: FakeRecorder) -> None:

@@ -93,9 +93,7 @@ async def _open(app: BenchApp, screen: ModalScreen[Any]) -> None:
 async def wrong_keys(seed: int) -> tuple[int, int]:
     """Return how many keys were typed into every form, and how many landed wrong."""
     rng = Random(seed)
-    app = BenchApp(
-        FakeRecorder(), Path(tempfile.mkdtemp()), choose_glyphs("braille", {}, "utf-8"), "MK"
-    )
+    app = BenchApp(FakeRecorder(), Path(tempfile.mkdtemp()), choose_glyphs("braille", {}), "MK")
     typed = wrong = 0
 
     def count(keys: int, texts: Mapping[str, str], there: Mapping[str, str]) -> None:

@@ -20,7 +20,6 @@ from textual.pilot import Pilot
 from textual.screen import Screen
 
 from tui.terminal.app import BenchApp
-from tui.terminal.screens.masses import MassesScreen
 from tui.terminal.words import Glyphs, choose_glyphs
 
 from .fake_recorder import FakeRecorder
@@ -188,12 +187,6 @@ def _same_everywhere(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("NO_COLOR", raising=False)
 
 
-@pytest.fixture(autouse=True)
-def _no_outlook(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Start no planner in a process of its own whenever the masses are on the screen."""
-    monkeypatch.setattr(MassesScreen, "_compute", lambda screen, text: None)
-
-
 @pytest.fixture
 def make_app(tmp_path: Path) -> Callable[..., BenchApp]:
     """Return what makes an app on a recorder; time passes for the lock-out by itself."""
@@ -206,7 +199,7 @@ def make_app(tmp_path: Path) -> Callable[..., BenchApp]:
         theme: str = "bench-dark",
     ) -> BenchApp:
         ticks = iter(range(1_000_000))
-        chosen: Glyphs = choose_glyphs(glyphs, {}, "utf-8")
+        chosen: Glyphs = choose_glyphs(glyphs, {})
         by_itself = clock or (lambda: float(next(ticks)))
         return BenchApp(recorder, tmp_path, chosen, "MK", theme, auto, by_itself)
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import AsyncGenerator, AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,28 +19,16 @@ from textual.widget import Widget
 from daq.bench.config import Bench
 from daq.check.check import WORDS
 from daq.vehicle import Corner
-from dbc.words import Finding, Severity
+from dbc.words import BumpbenchError, Finding, Severity
 from identify import Estimate, Identification, Judgement, PhysicalModel
 from identify.fit.uncertainty import ModeEstimate
 from identify.trust.finding import Loss, Survival
-from tui.jobs.session_list import SessionEntry
-from tui.jobs.worker import (
-    Done,
-    IdentifyTask,
-    Item,
-    Line,
-    ListTask,
-    Outcome,
-    Progress,
-    ReportTask,
-    RunOutcome,
-    Task,
-    Trouble,
-)
+from tui.jobs.worker import Outcome, Stage, Task, identify_session
 from tui.terminal.app import BenchApp
-from tui.terminal.screens import results, work
+from tui.terminal.screens import work
 from tui.terminal.screens.results import ResultsScreen
 from tui.terminal.widgets import Table
+from tui.terminal.words import Glyphs
 
 from .conftest import Snapshot, at_every_size, screen_text
 from .fake_recorder import FakeRecorder
@@ -84,6 +73,10 @@ DOUBTS = (
 )  # fmt: skip
 
 
+PLAIN = Glyphs("blocks", (2, 2), "+", "x", "!", ">", "*", "o", "#", ".", ":", "|", "^")
+"""Characters that a test can state without looking them up."""
+
+
 def estimate(value: float, half: float, unit: str) -> Estimate:
     return Estimate(value, half / 1.96, value - half, value + half, unit)
 
@@ -118,7 +111,7 @@ def outcome(session: str = "/bench/session_0001.h5") -> Outcome:
             for state in whole
         },
     )
-    runs = tuple(RunOutcome(label, "accepted", ()) for label in _LABELS)
+    runs = tuple((label, "accepted") for label in _LABELS)
     return Outcome(session, result, ("noise wheel_rr: lift in the next bay runs (MK)",), runs)
 
 
@@ -131,7 +124,7 @@ def doubtful() -> Outcome:
     survival = Survival(("I_xx", "k_tf", "k_tr", "t_f", "t_r"), lost)
     whole = outcome()
     quality = replace(whole.result.quality, findings=DOUBTS, survival=survival)
-    run = RunOutcome(whole.runs[1].label, "rejected", ("second bump at +0.84 s",))
+    run = (whole.runs[1][0], "rejected")
     return judged(replace(whole, runs=(whole.runs[0], run, *whole.runs[2:])), quality)
 
 
@@ -233,50 +226,38 @@ def results_of(app: BenchApp) -> ResultsScreen:
 
 
 class FakeWorker:
-    """Answers tasks from memory.
+    """Answers tasks from memory; `hold` keeps the answer back until `go` is set."""
 
-    `hold` keeps the last line back until `go` is set; `finds` until the answer so far is taken.
-    """
-
-    def __init__(self, entries: tuple[SessionEntry, ...] = ()) -> None:
+    def __init__(self) -> None:
         self.tasks: list[Task] = []
-        self.entries = entries
-        self.hold = self.finds = False
+        self.hold = False
         self.go = asyncio.Event()
-        self.trouble: Trouble | None = None
+        self.trouble: BumpbenchError | None = None
 
     def use(self, monkeypatch: pytest.MonkeyPatch) -> FakeWorker:
         """Take the place of the worker's process."""
-        for screen in (results, work):
-            monkeypatch.setattr(screen, "lines_of", self.lines_of)
+        monkeypatch.setattr(work, "answer_of", self.answer_of)
         return self
 
-    async def lines_of(
-        self, task: Task, where: str, stop: asyncio.Event | None = None
-    ) -> AsyncGenerator[Line, None]:
+    async def answer_of(self, task: Task, _: str, stage: Stage) -> object:
         self.tasks.append(task)
-        if not isinstance(task, ListTask):
-            yield Progress(0.1, "reading")
-            yield Progress(0.4, "fitting")
-            if self.finds:
-                yield Progress(0.5, "so far: body 1,380 kg")
-                assert stop is not None
-                await stop.wait()
-            if self.hold:
-                await self.go.wait()
-            if self.trouble is not None:
-                yield self.trouble
-                return
-        match task:
-            case IdentifyTask(path):
-                yield Done(outcome(path))
-            case ReportTask():
-                files = {"/bench/session_0001.html": 1_181_489, "/bench/session_0001.pdf": 290_180}
-                yield Done({"files": files, "verdict": "ok"})
-            case ListTask():
-                for entry in self.entries:
-                    yield Item(entry)
-                yield Done({"count": len(self.entries)})
+        stage(0.1, "reading")
+        stage(0.4, "fitting")
+        if self.hold:
+            await self.go.wait()
+        if self.trouble is not None:
+            raise self.trouble
+        function, arguments = asked(task)
+        if function is identify_session:
+            return outcome(arguments[0])
+        files = {"/bench/session_0001.html": 1_181_489, "/bench/session_0001.pdf": 290_180}
+        return {"files": files, "verdict": "ok"}
+
+
+def asked(task: Task) -> tuple[Callable[..., Any], tuple[str, ...]]:
+    """Return function and arguments of a task."""
+    assert isinstance(task, partial)
+    return task.func, task.args
 
 
 class Shown(App[None]):

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from filelock import FileLock
 from textual.app import App, ComposeResult
+from textual.widgets import Digits
 
 from daq.bench.campaign import Origin
 from daq.bench.config import default_bench_text, parse_bench
@@ -41,7 +42,7 @@ from tui.terminal.words import Banner, choose_glyphs
 
 from ...daq.a_status import a_status
 from .fake_recorder import BIN_S, FakeRecorder
-from .operated import alone, text
+from .operated import PLAIN, alone, text
 
 
 def test_a_recorder_that_has_only_just_been_started_is_not_lost(
@@ -315,9 +316,8 @@ def test_a_recorder_is_started_when_the_one_before_has_ended(
     assert len(started) == 1
 
 
-BRAILLE = choose_glyphs("braille", {}, "utf-8")
-BLOCKS = choose_glyphs("blocks", {}, "utf-8")
-ASCII = choose_glyphs("ascii", {}, "utf-8")
+BRAILLE = choose_glyphs("braille", {})
+BLOCKS = choose_glyphs("blocks", {})
 
 
 def _dots(rows: list[str]) -> np.ndarray:
@@ -431,7 +431,7 @@ class _Charted(App[None]):
 
     def compose(self) -> ComposeResult:
         """Show the chart."""
-        yield LaneChart(choose_glyphs("ascii", {}, "utf-8"))
+        yield LaneChart(PLAIN)
 
     def on_lane_chart_resized(self) -> None:
         """Count."""
@@ -463,24 +463,17 @@ async def test_a_chart_that_shrinks_cuts_its_rows_and_asks_for_new_ones() -> Non
 def test_a_bar_has_a_piece_for_each_run_and_ten_at_most(
     done: int, planned: int, mark: str, bar: str
 ) -> None:
-    assert ASCII.bar(done, planned, mark) == bar
+    assert PLAIN.bar(done, planned, mark) == bar
 
 
 @pytest.mark.parametrize(
-    ("terminal", "encoding", "chosen"),
-    [
-        ({"TERM": "vt100"}, "utf8", "blocks"),
-        ({"TERM": "vt220"}, "utf-16", "blocks"),
-        ({"TERM": "dumb"}, "UTF-8", "blocks"),
-        ({}, "utf-8", "braille"),
-        ({"OS": "Linux"}, "utf-8", "braille"),
-        ({}, "latin-1", "ascii"),
-    ],
+    ("terminal", "chosen"),
+    [({"TERM": "vt220"}, "blocks"), ({"TERM": "dumb"}, "blocks"), ({}, "braille")],
 )
 def test_the_best_set_is_chosen_that_the_terminal_shows(
-    terminal: dict[str, str], encoding: str, chosen: str
+    terminal: dict[str, str], chosen: str
 ) -> None:
-    assert choose_glyphs("auto", terminal, encoding).name == chosen
+    assert choose_glyphs("auto", terminal).name == chosen
 
 
 def chart_rows(chart: LaneChart, height: int) -> list[str]:
@@ -496,7 +489,7 @@ async def test_a_chart_has_labels_scales_peaks_and_the_triggers_sign() -> None:
         LaneSpec("a", "body", "m/s2", 1.0, 0.1, "a"),
         LaneSpec("b", "travel FL", "mm", 1000.0, 2.0, "travel"),
     ]
-    chart = LaneChart(ASCII)
+    chart = LaneChart(PLAIN)
     async with alone(chart, 64, 9) as _:
         assert chart.room == 2
         chart.show(lanes, specs, Window(100, 40, 0.5), ("b",))
@@ -511,12 +504,13 @@ async def test_a_chart_has_labels_scales_peaks_and_the_triggers_sign() -> None:
         "+0.5", "", "0.25 m/s2", "", "+2 all", "", "no data", ""
     ]  # fmt: skip
     assert [row[32] for row in rows[4:8]] == [":"] * 4
-    assert rows[2][12:52].count("-") + rows[2][12:52].count("'") > 30
-    assert [row[:52].count("|") for row in rows[:2]] != [1, 1], "the spike goes up"
+    drawn = [row[12:52].split() for row in rows[:4]]
+    assert len("".join(drawn[2])) > 30
+    assert drawn[0] or drawn[1], "the spike goes up"
 
 
 async def test_a_chart_without_room_or_samples_says_so() -> None:
-    chart = LaneChart(ASCII)
+    chart = LaneChart(PLAIN)
     lanes = Lanes()
     spec = LaneSpec("a", "a", "x", 1.0, 0.01, "a")
     async with alone(chart, 64, 3) as _:
@@ -524,11 +518,11 @@ async def test_a_chart_without_room_or_samples_says_so() -> None:
         chart.show(lanes, [spec], Window(0, 40, None), ())
         assert chart_rows(chart, 3) == ["", "  no samples yet", ""]
     lanes.add(Live(0, 0.1, (Lane("a", (1.0,), (1.0,)),)))
-    narrow = LaneChart(ASCII)
+    narrow = LaneChart(PLAIN)
     async with alone(narrow, 32, 4) as _:
         narrow.show(lanes, [spec], Window(0, 40, None), ())
         assert "no samples yet" in chart_rows(narrow, 4)[1]
-    wide = LaneChart(ASCII)
+    wide = LaneChart(PLAIN)
     async with alone(wide, 33, 40) as _:
         wide.show(lanes, [spec], Window(0, 40, None), ())
         assert [row[:1] for row in chart_rows(wide, 40)].count("a") == 1
@@ -536,7 +530,7 @@ async def test_a_chart_without_room_or_samples_says_so() -> None:
 
 
 async def test_a_banner_folds_its_first_line_and_not_a_reason() -> None:
-    bar = BannerBar(ASCII)
+    bar = BannerBar()
     made = Banner("good", "+", "ACCEPTED", "bounce 3", "one two three four five", "then", "3")
     async with alone(bar, 33, 4) as _:
         bar.show(made)
@@ -544,7 +538,7 @@ async def test_a_banner_folds_its_first_line_and_not_a_reason() -> None:
         assert lines == [
             " + ACCEPTED  bounce 3", "   one two three four", "   five  then"
         ]  # fmt: skip
-        assert str(bar.query_one("#figures").render()) == "\n    3 "
+        assert bar.query_one(Digits).value == "3"
         bar.show(replace(made, folds=False))
         assert text(bar.query("Static").first())[1:] == [
             "   one two three four five", "   then"

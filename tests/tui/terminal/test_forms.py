@@ -15,7 +15,6 @@ from daq.bench.edit import with_campaign
 from daq.control.messages import Configure, Mark, OverrideWarning
 from daq.runs import Excitation
 from daq.vehicle import (
-    FORD_GRANADA,
     BodyWeight,
     Corner,
     Fact,
@@ -23,7 +22,6 @@ from daq.vehicle import (
     Structure,
     VehicleGeometry,
 )
-from tui.jobs.planning import Gain
 from tui.terminal.app import BenchApp
 from tui.terminal.campaign import read_draft, write_draft
 from tui.terminal.form import Field, FieldError, Form
@@ -41,8 +39,6 @@ from tui.terminal.screens.weights import (
     check_weight,
     entries_of,
     entry_values,
-    gain_line,
-    sketch,
 )
 
 from .conftest import at_every_size, screen_text
@@ -277,20 +273,6 @@ async def test_a_form_is_filled_marked_and_sent() -> None:
         assert labels == ["Car", " Name ", " Kind ", " Bars ", "!Mass, kg ", " ± "]
 
 
-GAIN = Gain(0.0073, 0.0055, "m_ur")
-OUTLOOK = MassesScreen._compute
-"""As it is; other tests have none."""
-
-
-@pytest.fixture
-def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    def compute(self: MassesScreen, text: str) -> None:
-        self._gain = GAIN
-        self._show_outlook()
-
-    monkeypatch.setattr(MassesScreen, "_compute", compute)
-
-
 def _loaded() -> FakeRecorder:
     recorder = FakeRecorder(check=check_items())
     recorder.mark("vehicle", "check")
@@ -298,27 +280,13 @@ def _loaded() -> FakeRecorder:
     return recorder
 
 
-@pytest.mark.usefixtures("_quick")
 async def test_the_masses_look_as_before(make_app: Make, snapshot: Callable[..., None]) -> None:
     app = make_app(_loaded())
     async with app.run_test(size=(100, 30)) as pilot:
         await reach(pilot, MassesScreen)
-        await until(pilot, lambda: "m_ur" in screen_text(app))
         await pilot.press("space")
         await pilot.pause()
         await at_every_size(pilot, snapshot, "masses")
-
-
-async def test_the_outlook_comes_from_a_process_of_its_own(
-    make_app: Make, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(MassesScreen, "_compute", OUTLOOK)
-    recorder = _loaded()
-    app = make_app(recorder)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await reach(pilot, MassesScreen)
-        assert "computing" in screen_text(app)
-        await until(pilot, lambda: "in the mean" in screen_text(app))
 
 
 def weighed() -> FakeRecorder:
@@ -446,25 +414,6 @@ def test_a_draft_of_the_weights_is_read_back() -> None:
     assert entries_of(weights, {"entries": [{"mass_kg": "much"}, 3]}) == ()
 
 
-def test_the_sketch_shows_each_weight_where_it_is() -> None:
-    lines = sketch(ENTRIES, FORD_GRANADA, wide=False)
-    at = {c: (r, line.index(c)) for r, line in enumerate(lines) for c in "12" if c in line}
-    assert at["1"][0] < at["2"][0]  # the front is at the top
-    assert at["1"][1] < at["2"][1]  # left is left
-    assert lines[1].startswith("   3+")  # on the front left hub
-    assert "RR" in lines[-1]
-    assert "1 20 kg" in "\n".join(sketch(ENTRIES, FORD_GRANADA, wide=True))
-
-
-def test_the_outlook_says_what_stays_unknown() -> None:
-    assert gain_line(Gain(worst=0.02, mean=0.01, widest="m_ur")) == (
-        "parameters ± 1.0% in the mean, m_ur ± 2.0% at worst", ""
-    )  # fmt: skip
-    lost = Gain(undetermined=("m_s", "k_sf"), remedies=("weigh each axle to 1 kg",))
-    assert gain_line(lost)[1] == "WEAK, not determined: m_s, k_sf; add: weigh each axle to 1 kg"
-    assert "no outlook: oh" in gain_line(Gain(error="oh"))[1]
-
-
 def test_the_bounce_is_that_of_the_accepted_baseline_runs() -> None:
     text = with_campaign(default_bench_text(), (Excitation.BOUNCE,), 3, Method.DROP, 0.04, 3.0)
     recorder = FakeRecorder(text)
@@ -477,7 +426,6 @@ def test_the_bounce_is_that_of_the_accepted_baseline_runs() -> None:
     assert baseline_bounce_hz(None) == []
 
 
-@pytest.mark.usefixtures("_quick")
 async def test_weights_survive_a_crash_and_esc_discards_what_is_typed(make_app: Make) -> None:
     app = make_app(_loaded())
     async with app.run_test(size=(80, 24)) as pilot:

@@ -34,7 +34,6 @@ from tui.terminal.form import Form
 from tui.terminal.screens.base import BenchScreen
 from tui.terminal.screens.bumping import HomeScreen, RunScreen
 from tui.terminal.screens.masses import MassesScreen
-from tui.terminal.screens.results import SessionsScreen
 from tui.terminal.screens.vehicle import VehicleScreen
 from tui.terminal.widgets import HelpScreen, page_of
 
@@ -291,8 +290,6 @@ async def test_an_answer_in_one_burst_with_its_question(make_app: Make) -> None:
         # between that the focus is gone.
         await burst(pilot, "N", *["backspace"] * 8, "R", AppBlur(), "L", "enter")
         assert orders_of(recorder, Note) == [Note("RL")]
-        await burst(pilot, "S")
-        assert isinstance(app.screen, SessionsScreen)
 
 
 def _masses() -> FakeRecorder:
@@ -398,9 +395,6 @@ async def test_the_commands_of_the_palette_act(make_app: Make, worker: FakeWorke
         assert isinstance(recorder.orders[-1], Stop)
         await do("theme: bench-light")
         assert app.theme == "bench-light"
-        await app.action_sessions()
-        await pilot.pause()
-        assert app.screen is app.get_screen("sessions")
         await pilot.press("ctrl+p", *"shut")
         await pilot.pause(0.3)
         assert "recorder: shut down" in screen_text(app)

@@ -8,11 +8,9 @@ from contextlib import asynccontextmanager
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
-from unicodedata import normalize
 
 import pytest
 from rich.cells import cell_len
-from rich.segment import Segment
 from textual.app import App
 from textual.color import Color
 from textual.content import Content
@@ -33,15 +31,13 @@ from daq.control.messages import (
 from daq.runs import Excitation, Losses
 from tui.terminal.app import BenchApp
 from tui.terminal.campaign import BenchStep, next_action
-from tui.terminal.device import THEMES, PlainAscii
+from tui.terminal.device import THEMES
 from tui.terminal.feed import STARTING, Lost
 from tui.terminal.screens.base import step_line, top_line
-from tui.terminal.screens.results import ResultsScreen
-from tui.terminal.words import choose_glyphs
 
 from .conftest import SIZES, at_every_size, screen_text
 from .fake_recorder import DOUBLE_BUMP, FakeRecorder
-from .operated import outcome
+from .operated import PLAIN
 from .test_steps import NOISY, UPSIDE_DOWN
 
 MakeApp = Callable[..., BenchApp]
@@ -186,7 +182,7 @@ async def test_at_every_size_and_without_colour_words_say_the_state_and_what_spa
     make_app: MakeApp, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("NO_COLOR", "1")
-    async with _running(make_app, glyphs="ascii") as (app, pilot):
+    async with _running(make_app, glyphs="blocks") as (app, pilot):
         assert app.no_color
         await pilot.resize_terminal(40, 12)
         for state in STATES:
@@ -204,13 +200,10 @@ async def test_at_every_size_and_without_colour_words_say_the_state_and_what_spa
         assert "SPACE = one more rear pitch" in screen_text(app)
 
 
-@pytest.mark.parametrize("glyphs", ["blocks", "ascii"])
-async def test_other_characters(make_app: MakeApp, snapshot: Snapshot, glyphs: str) -> None:
-    async with _running(make_app, glyphs=glyphs) as (app, pilot):
+async def test_other_characters(make_app: MakeApp, snapshot: Snapshot) -> None:
+    async with _running(make_app, glyphs="blocks") as (app, pilot):
         text = await _turn_to(app, pilot, "decay")
-        snapshot(app, f"run_decay_80x24_{glyphs}")
-    lanes = "\n".join(text.splitlines()[5:21])
-    assert lanes.isascii() is (glyphs == "ascii")
+        snapshot(app, "run_decay_80x24_blocks")
     assert not any("\u2800" < char <= "\u28ff" for char in text)
 
 
@@ -233,51 +226,6 @@ async def test_five_kinds_of_bump_find_room(make_app: MakeApp, snapshot: Snapsho
         await pilot.pause()
         snapshot(app, "home_rear_pitch_80x24")
         assert "REAR PITCH" in screen_text(app)
-
-
-SCREENS = ("vehicle", "check", "masses", "results")
-"""Those whose words and marks no other test shows in ASCII."""
-NAME = "Prüfwagen 車 [b]é"
-
-
-async def test_no_screen_holds_anything_but_ascii(make_app: Callable[..., BenchApp]) -> None:
-    recorder = FakeRecorder()
-    recorder.mark("vehicle", "check")
-    recorder.bump()
-    recorder.judge()
-    recorder.changes["vehicle"] = NAME
-    app = make_app(recorder, glyphs="ascii")
-
-    async with app.run_test(size=(100, 30)) as pilot:
-        await pilot.pause()
-        for name in SCREENS:
-            await app.open(name)
-            if isinstance(app.screen, ResultsScreen):
-                app.screen.show_outcome(outcome())
-            await pilot.pause()
-            seen = screen_text(app)
-            assert not {c for c in seen if not c.isascii()}, name
-            assert seen.strip()
-        await pilot.press("f1")
-        await pilot.pause()
-        assert screen_text(app).isascii()
-        await pilot.press("escape")
-        await pilot.press("ctrl+p")
-        await pilot.pause()
-        palette = screen_text(app)
-        search = next(line for line in palette.splitlines() if "Search for commands" in line)
-        assert "?" not in search  # a picture that the terminal has not
-        await pilot.press("escape")
-        app.action_note()
-        await pilot.pause()
-        assert screen_text(app).isascii()
-
-
-def test_every_character_keeps_its_width() -> None:
-    reported = "| ± 0.3 · 12\u00d74 \u2013 Prüf 車 ┌─┐ ▶ m² 95 % ⠒ ±"
-    (made,) = PlainAscii().apply([Segment(reported)], Color(0, 0, 0))
-    assert made.text == "|+/-0.3 . 12x4 - Pruf ?? +-+ > m2 95 % ? ~"
-    assert made.cell_length == Segment(normalize("NFC", reported)).cell_length
 
 
 FOREIGN = {
@@ -357,13 +305,12 @@ def test_every_colour_of_words_stands_out_from_every_ground(theme: Theme) -> Non
             assert contrast >= 4.5, (word, ground, contrast)
 
 
-ASCII = choose_glyphs("ascii", {}, "utf-8")
 STATUS = FakeRecorder().status
 
 
 def context(**changes: Any) -> Any:
     plain = {
-        "status": STATUS, "glyphs": ASCII, "lost": None, "operator": "MK", "in_control": True,
+        "status": STATUS, "glyphs": PLAIN, "lost": None, "operator": "MK", "in_control": True,
         "sound": True,
     }  # fmt: skip
     return SimpleNamespace(**plain | changes)

@@ -72,24 +72,6 @@ async def test_what_is_typed_goes_to_the_recorder(make_app: Make) -> None:
     assert not (app.folder / "draft_vehicle.json").exists()
 
 
-async def test_a_wide_terminal_draws_what_is_typed(make_app: Make) -> None:
-    app = make_app(FakeRecorder())
-    async with app.run_test(size=(140, 40)) as pilot:
-        await reach(pilot, VehicleScreen)
-        assert "total not measured" in screen_text(app)
-        await pilot.press(
-            "tab", "enter", "enter", *"1552", "tab", "tab", *"855", "tab", "tab", *"697"
-        )
-        await pilot.pause()
-        shown = screen_text(app)
-        assert all(
-            text in shown for text in ("total 1552 kg", "axle 855 kg", "axle 697 kg", "+ CG")
-        )
-        await pilot.resize_terminal(80, 24)
-        await pilot.pause()
-        assert "+ CG" not in screen_text(app)
-
-
 async def test_an_error_stays_in_its_field_says_what_is_wrong_and_survives(make_app: Make) -> None:
     recorder = FakeRecorder()
     app = make_app(recorder)

@@ -42,7 +42,6 @@ from tui.terminal.words import (
     Signal,
     accepted_words,
     banner,
-    choose_glyphs,
     count_words,
     countdown_digits,
     due_words,
@@ -52,11 +51,8 @@ from tui.terminal.words import (
 )
 
 from .fake_recorder import DOUBLE_BUMP, GOOD, WALL_NS, FakeRecorder
-from .operated import check_line
+from .operated import PLAIN, check_line
 
-ASCII = choose_glyphs("ascii", {}, "utf-8")
-BLOCKS = choose_glyphs("blocks", {}, "utf-8")
-BRAILLE = choose_glyphs("braille", {}, "utf-8")
 S = 1_000_000_000
 
 
@@ -68,7 +64,7 @@ def recorder() -> FakeRecorder:
 
 
 def said(status: Status) -> list[str]:
-    shown = banner(status, None, next_action(status), ASCII)
+    shown = banner(status, None, next_action(status), PLAIN)
     return [shown.word, shown.title, shown.first, shown.second, shown.digits]
 
 
@@ -174,7 +170,7 @@ def test_the_banner_of_each_state(recorder: FakeRecorder) -> None:
         "SPACE = again, or in 3 s   bounce 2   kept, not counted",
         "DOUBLE BUMP: second bump at +0.84 s", "U = undo.", "3",
     ]  # fmt: skip
-    looks_on = banner(recorder.status, None, next_action(recorder.status, False), ASCII)
+    looks_on = banner(recorder.status, None, next_action(recorder.status, False), PLAIN)
     assert looks_on.title.startswith("C = take control, or in 3 s")
     without_runs = replace(recorder.status, runs=())
     assert said(without_runs) == ["REJECTED", "SPACE = again", "", "", ""]
@@ -188,10 +184,10 @@ def test_the_banner_of_each_state(recorder: FakeRecorder) -> None:
 
 
 def test_a_lost_recorder_says_what_went_and_what_to_press() -> None:
-    lost = banner(None, Lost("it has ended", "all is on the disk"), next_action(None), ASCII)
+    lost = banner(None, Lost("it has ended", "all is on the disk"), next_action(None), PLAIN)
     assert (lost.kind, lost.title) == ("bad", "X = start it again")
     assert lost.second == "all is on the disk"
-    begins = banner(None, Lost("it begins", "wait", True), next_action(None), ASCII)
+    begins = banner(None, Lost("it begins", "wait", True), next_action(None), PLAIN)
     assert (begins.kind, begins.word, begins.first) == ("quiet", "STARTING", "it begins")
 
 
@@ -357,7 +353,7 @@ def test_alarms_are_folded_and_the_last_ones_counted(recorder: FakeRecorder) -> 
 
     def shown(*alarms: Alarm, width: int = 70, overloaded: tuple[str, ...] = ()) -> list[str]:
         status = replace(recorder.status, alarms=alarms, overloaded=overloaded)
-        return alarms_text(status, ASCII, width).plain.splitlines()
+        return alarms_text(status, PLAIN, width).plain.splitlines()
 
     assert shown(silent, full) == [
         "! BUS SILENT can0: no frame for 2 s: check the cable",
@@ -376,7 +372,7 @@ def test_alarms_are_folded_and_the_last_ones_counted(recorder: FakeRecorder) -> 
 
 def test_progress_marks_what_is_due_and_says_what_was_rejected(recorder: FakeRecorder) -> None:
     def rows() -> list[list[str]]:
-        return [[str(cell).strip() for cell in row] for row in tally_rows(recorder.status, ASCII)]
+        return [[str(cell).strip() for cell in row] for row in tally_rows(recorder.status, PLAIN)]
 
     recorder.bump()
     recorder.judge(MOTION)
@@ -396,7 +392,7 @@ def test_progress_marks_what_is_due_and_says_what_was_rejected(recorder: FakeRec
 
 def test_runs_have_the_newest_on_top(recorder: FakeRecorder) -> None:
     def runs(status: Status, figures: bool = False) -> list[str]:
-        return runs_text(status, ASCII, figures).plain.splitlines()
+        return runs_text(status, PLAIN, figures).plain.splitlines()
 
     recorder.bump()
     recorder.judge(MOTION)
@@ -442,7 +438,7 @@ def test_the_first_line_is_the_cause_and_the_next_its_advice(
     code: str, alive: int, name: str, advice: str, phase: Phase
 ) -> None:
     status = alarmed(code, phase, alive)
-    shown = banner(status, None, next_action(status), ASCII)
+    shown = banner(status, None, next_action(status), PLAIN)
     assert (shown.word, shown.title) == ("STOP", f"{name}  can0")
     assert shown.first.startswith(advice)
     assert shown.second == "what was seen"
@@ -465,8 +461,8 @@ def test_without_frames_no_countdown_is_shown() -> None:
     recorder.bump()
     recorder.judge(DOUBLE_BUMP)
     status = recorder.status
-    assert "in 3 s" in banner(status, None, next_action(status), ASCII).title
+    assert "in 3 s" in banner(status, None, next_action(status), PLAIN).title
     recorder.changes = {"sensors_alive": 0}
-    still = banner(recorder.status, None, next_action(recorder.status), ASCII)
+    still = banner(recorder.status, None, next_action(recorder.status), PLAIN)
     assert (still.digits, "in 3 s" in still.title) == ("", False)
     assert headline(recorder.status).digits == ""

@@ -1,17 +1,15 @@
-"""Steps 6 and 7, results, and the list of sessions."""
+"""Steps 6 and 7, and results."""
 
 from __future__ import annotations
 
-from collections.abc import AsyncGenerator, Callable
+from collections.abc import Callable
 from dataclasses import replace
 from math import nan
-from pathlib import Path
 from typing import Any
 
 import pytest
 from textual.pilot import Pilot
 
-import daq
 from daq.control.messages import (
     Accept,
     Build,
@@ -22,36 +20,24 @@ from daq.control.messages import (
     Start,
     Undo,
 )
-from daq.vehicle import FORD_GRANADA
-from dbc.words import Finding, Severity
-from tui.jobs.session_list import EntryState, SessionEntry
-from tui.jobs.worker import IdentifyTask, Line, ListTask, Outcome, ReportTask, Task, Trouble
+from dbc.words import Finding, InputError, Severity
+from tui.jobs.worker import Outcome, identify_session, report_session
 from tui.terminal.app import BenchApp
 from tui.terminal.campaign import BenchStep, progress
 from tui.terminal.screens import results
-from tui.terminal.screens.results import (
-    SessionsScreen,
-    parameter_rows,
-    verdict_lines,
-)
-from tui.terminal.screens.work import (
-    OUTDATED,
-    IdentifyScreen,
-    ReportScreen,
-)
+from tui.terminal.screens.results import parameter_rows, verdict_lines
+from tui.terminal.screens.work import OUTDATED, IdentifyScreen, ReportScreen
 from tui.terminal.widgets import Table
-from tui.terminal.words import choose_glyphs
 
-from ...identify.stress import stress_session
-from .conftest import screen_text
 from .fake_recorder import FakeRecorder
 from .operated import (
     PATH,
+    PLAIN,
     FakeWorker,
     Make,
     Snapshot,
+    asked,
     at_every_size,
-    cursor,
     doubtful,
     estimate,
     front,
@@ -77,6 +63,15 @@ def identify_of(app: BenchApp) -> IdentifyScreen:
     return screen
 
 
+async def identified(app: BenchApp, pilot: Pilot[None], recorder: FakeRecorder) -> IdentifyScreen:
+    """Build and identify the recording; return the screen that has done so."""
+    await app.open("identify")
+    await pressed(pilot, "space")
+    recorder.publish(session=recorder.built(PATH))
+    await until(pilot, lambda: front(app) is results_of(app))
+    return identify_of(app)
+
+
 async def test_from_space_to_results(
     make_app: Make, worker: FakeWorker, snapshot: Snapshot
 ) -> None:
@@ -97,7 +92,9 @@ async def test_from_space_to_results(
         await pilot.pause()
         assert not worker.tasks, "the file is older than the order"
         recorder.publish(wall_ns=now_ns)
-        await until(pilot, lambda: worker.tasks == [IdentifyTask(PATH)])
+        await until(
+            pilot, lambda: [asked(t) for t in worker.tasks] == [(identify_session, (PATH,))]
+        )
         await until(pilot, lambda: shows(app, "fitting"))
         assert "40%" in seen(app)
         assert "Esc stops it; nothing is lost" in seen(app)
@@ -113,29 +110,14 @@ async def test_from_space_to_results(
         assert app.screen is identify, "the results are those of an earlier state"
 
 
-async def test_the_answer_so_far_is_shown_and_taken(make_app: Make, worker: FakeWorker) -> None:
-    recorder = measured()
-    app = make_app(recorder)
-    worker.finds = True
-    async with playing(app, SMALL) as pilot:
-        await app.open("identify")
-        assert "T Take so far" not in seen(app)
-        await pressed(pilot, "t")
-        identify_of(app).begin(PATH)
-        await until(pilot, lambda: shows(app, "so far: body 1,380 kg"))
-        assert "T takes the answer so far, Esc stops; nothing is lost" in seen(app)
-        recorder.publish()
-        await until(pilot, lambda: shows(app, "T Take so far"))
-        await pressed(pilot, "t")
-        await until(pilot, lambda: app.screen is results_of(app))
-
-
 async def test_a_failed_build_and_a_failed_fit_say_what_to_do(
     make_app: Make, worker: FakeWorker
 ) -> None:
     recorder = measured()
     app = make_app(recorder)
-    worker.trouble = Trouble("session_0001.h5", "needs more memory than there is", "end programs")
+    worker.trouble = InputError(
+        "session_0001.h5", "needs more memory than there is", "end programs"
+    )
     async with playing(app, SMALL) as pilot:
         await app.open("identify")
         await pilot.press("space")
@@ -149,31 +131,33 @@ async def test_a_failed_build_and_a_failed_fit_say_what_to_do(
         assert "SPACE = try again" in seen(app)
 
 
-async def test_a_result_is_kept_until_its_file_changes(
-    make_app: Make, worker: FakeWorker, tmp_path: Path
-) -> None:
-    app = make_app(measured())
-    path = tmp_path / "s.h5"
-    path.write_text("one")
-
+async def test_the_next_vehicle_is_identified_anew(make_app: Make, worker: FakeWorker) -> None:
+    recorder = measured()
+    app = make_app(recorder)
     async with playing(app, SMALL) as pilot:
-        for _ in range(2):
-            (await app.open("identify")).begin(str(path))
-            await until(pilot, lambda: front(app) is results_of(app))
-            assert len(worker.tasks) == 1
-        path.write_text("another")
-        (await app.open("identify")).begin(str(path))
-        await until(pilot, lambda: len(worker.tasks) == 2 and front(app) is results_of(app))
-        assert results_of(app).step_shown is identify_of(app).step_shown is None, "of the past"
+        identify = await identified(app, pilot, recorder)
+        recorder.publish(recording="1f" * 16)
+        await app.open("results")
+        assert "SPACE = step 6 Identify" in await pressed(pilot, "tab", "tab", "x"), OUTDATED
+        assert "these are the runs of the recording before" in seen(app)
+        assert identify.valid_outcome is None
+        await pressed(pilot, "space", "space")
+        assert isinstance(recorder.orders[-1], Build)
+
+
+async def test_results_of_another_screen_are_announced(make_app: Make, worker: FakeWorker) -> None:
+    recorder = measured()
+    app = make_app(recorder)
+    worker.hold = True
+    async with playing(app, SMALL) as pilot:
         await app.open("identify")
-        assert "Session s.h5" in seen(app)
         await pressed(pilot, "space")
-        assert front(app) is results_of(app), "SPACE shows the results again"
+        recorder.publish(session=recorder.built(PATH))
+        await until(pilot, lambda: shows(app, "fitting"))
         await app.open("home")
-        identify_of(app).begin(PATH)
+        worker.go.set()
         await until(pilot, lambda: shows(app, "identified: step 6 shows the results"))
         assert front(app) is app.get_screen("home")
-        assert identify_of(app).step_shown is BenchStep.IDENTIFY
 
 
 def test_a_step_that_was_done_is_due_again_until_that_is_undone() -> None:
@@ -215,8 +199,8 @@ async def test_results_that_are_behind_say_so_and_are_built_anew(
     recorder = measured()
     app = make_app(recorder)
     async with playing(app, SMALL) as pilot:
-        identify_of(app).begin(PATH)
-        await until(pilot, lambda: shows(app, "SPACE = step 7 Report"))
+        await identified(app, pilot, recorder)
+        assert "SPACE = step 7 Report" in seen(app)
         spoil(recorder)
         await until(pilot, lambda: shows(app, OUTDATED))
         assert "SPACE = step 6 Identify" in seen(app)
@@ -238,9 +222,8 @@ async def test_report_written_and_the_next_vehicle(
     async with playing(app, (100, 30)) as pilot:
         await pilot.press("space")
         await until(pilot, lambda: shows(app, "WRITTEN verdict ok"))
-        task = worker.tasks[-1]
-        assert isinstance(task, ReportTask)
-        assert (task.html, task.pdf) == ("/bench/session_0001.html", "/bench/session_0001.pdf")
+        report = ("/bench/session_0001.html", "/bench/session_0001.pdf")
+        assert asked(worker.tasks[-1]) == (report_session, (PATH, *report))
         assert Mark("step report done") in recorder.orders
         await at_every_size(pilot, snapshot, "report")
         await pilot.press("space")
@@ -248,130 +231,6 @@ async def test_report_written_and_the_next_vehicle(
         await pressed(pilot, "w")
         assert Start() in recorder.orders
         assert app.screen is app.get_screen("vehicle")
-
-
-async def test_a_real_session_from_the_list_to_its_results(make_app: Make, tmp_path: Path) -> None:
-    whole = stress_session("linear", 2, 100.0)
-    runs = tuple(run for run in whole.runs if run.repeat == 1)
-    vehicle = replace(whole.vehicle, name="[bold]T5[/]\x1b[31m")
-    daq.write_session(tmp_path / "session_0001.h5", replace(whole, runs=runs, vehicle=vehicle))
-    app = make_app(FakeRecorder())
-    async with playing(app, (140, 40)) as pilot:
-        await app.action_sessions()
-        await until(pilot, lambda: shows(app, "[bold]T5[/]\\x1b[31m"))
-        await pilot.press("space")
-        await until(pilot, lambda: app.screen is results_of(app))
-        await pilot.pause()
-        assert "6 of 6 runs used" in seen(app)
-        outcome = results_of(app).outcome
-    assert outcome is not None
-    for name in ("m_s", "k_sf", "c_sr"):  # what crossed the pipe is the car of the simulation
-        e = outcome.result.parameters[name]
-        assert abs(e.value - getattr(FORD_GRANADA, name)) < 6 * e.std
-    assert outcome.result.estimation is None
-
-
-# The list of sessions -----------------------------------------------------------------------------
-
-ENTRIES = (
-    SessionEntry("", "/b", "2026-11-21 10:42", "T5", EntryState.CUT_OFF, 5, 1, "", "r9"),
-    SessionEntry("", "/b", "2026-11-21 10:41", "T5", EntryState.DAMAGED, note="is cut off"),
-    SessionEntry("", "/b", "2026-11-21 10:40", "T4", EntryState.OPEN, 5, 1, "", "r8"),
-    SessionEntry("/b/s1.h5", "/b", "2026-11-20 15:01", "T3", EntryState.READY, 30, 4, "wet"),
-    SessionEntry("/b/s2.h5", "/b", "2026-11-19 15:01", "[@click=app.quit]x[/]",
-                 EntryState.REPORTED, 30, 4, "[/foo] \x1b[2J"),
-)  # fmt: skip
-
-
-@pytest.fixture
-def listing(worker: FakeWorker) -> FakeWorker:
-    worker.entries = ENTRIES
-    return worker
-
-
-async def opened(pilot: Pilot[None]) -> SessionsScreen:
-    app = pilot.app
-    assert isinstance(app, BenchApp)
-    await app.action_sessions()
-    await until(pilot, lambda: shows(app, "2026-11-19"))
-    assert isinstance(app.screen, SessionsScreen)
-    return app.screen
-
-
-async def test_the_list_shows_foreign_text_and_follows_the_recording(
-    make_app: Make, listing: FakeWorker, snapshot: Snapshot
-) -> None:
-    recorder = measured()
-    app = make_app(recorder)
-    async with playing(app, (100, 30)) as pilot:
-        screen = await opened(pilot)
-        assert "[@click=" in seen(app)
-        assert "[/foo]" in seen(app)
-        assert "\x1b" not in screen_text(app)
-        await at_every_size(pilot, snapshot, "sessions")
-        await pilot.resize_terminal(100, 30)
-        await pilot.pause()
-        assert "! cut off" in seen(app)
-        assert "/b/journal" in seen(app)
-        recorder.publish(recording="r9")
-        await until(pilot, lambda: shows(app, "2026-11-21 10:42 T5 ● open"))
-        assert "/b/s2.h5" in await pressed(pilot, "end")
-        read = len(listing.tasks)
-        await pressed(pilot, "escape", "s")
-        assert len(listing.tasks) == read + 1, "the folder is read again"
-        assert (front(app), cursor(app)) == (screen, 4), "the mark stays"
-
-
-async def test_a_session_that_is_no_file_says_why_it_cannot_be_used(
-    make_app: Make, listing: FakeWorker
-) -> None:
-    recorder = measured()
-    app = make_app(recorder)
-    async with playing(app, (100, 30)) as pilot:
-        screen = await opened(pilot)
-        assert (screen.acts, screen.ready) == (True, False)
-        assert "this recording was cut off" in await pressed(pilot, "space")
-        assert "there is no session file yet: step 6" in await pressed(pilot, "r")
-        ready = SessionStatus(SessionState.READY, "/b/s2.h5", recording="r9")
-        recorder.publish(recording="r9", session=ready)
-        await pilot.pause()
-        assert "this line is the recording itself: mark that of s2.h5" in await pressed(pilot, "r")
-        assert "is cut off" in await pressed(pilot, "down", "r")
-        assert front(app) is screen
-        recorder.publish(recording="r8")
-        await pilot.pause()
-        await pressed(pilot, "down", "space")
-        assert front(app) is not screen, "the step of the recording that goes on"
-        assert [type(task) for task in listing.tasks] == [ListTask]
-
-
-async def test_a_session_is_opened_and_reported(make_app: Make, listing: FakeWorker) -> None:
-    app = make_app(measured())
-    async with playing(app, (80, 24)) as pilot:
-        await opened(pilot)
-        await pressed(pilot, "end", "o")
-        await until(pilot, lambda: front(app) is results_of(app))
-        assert IdentifyTask("/b/s2.h5") in listing.tasks
-        await opened(pilot)
-        await pressed(pilot, "r")
-        await until(pilot, lambda: isinstance(listing.tasks[-1], ReportTask))
-
-
-async def test_trouble_of_the_list_is_shown(
-    make_app: Make, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    async def lines_of(_: Task, where: str, __: object = None) -> AsyncGenerator[Line, None]:
-        yield Trouble(where, "no process to work in", "end other programs")
-
-    monkeypatch.setattr(results, "lines_of", lines_of)
-    app = make_app(measured())
-    async with playing(app, (100, 30)) as pilot:
-        await app.action_sessions()
-        await until(pilot, lambda: shows(app, "no process to work in"))
-
-
-BRAILLE = choose_glyphs("braille", {}, "utf-8")
-ASCII = choose_glyphs("ascii", {}, "utf-8")
 
 
 async def test_every_page(make_app: Make, snapshot: Snapshot) -> None:
@@ -389,7 +248,7 @@ async def test_every_page(make_app: Make, snapshot: Snapshot) -> None:
 async def test_a_verdict_that_is_not_ok_says_why_and_what_to_do(
     name: str, made: Callable[[], Outcome], make_app: Make, snapshot: Snapshot
 ) -> None:
-    app = make_app(measured(), glyphs="ascii")
+    app = make_app(measured(), glyphs="blocks")
     async with showing(app, SMALL, made()):
         assert name.upper() in seen(app)
         snapshot(app, f"results_{name}_80x24")
@@ -439,17 +298,14 @@ async def test_a_car_with_damper_curves_has_a_page_of_them(
         assert "sprung mass" in await pressed(pilot, "tab")
 
 
-async def test_pages_scroll_and_an_earlier_session_is_only_read(make_app: Make) -> None:
-    recorder = measured()
-    app = make_app(recorder)
+async def test_pages_scroll(make_app: Make) -> None:
+    app = make_app(measured())
     async with playing(app, SMALL) as pilot:
         assert not results_of(app).ready
         await app.open("results")
         await until(pilot, lambda: shows(app, "nothing is identified yet: SPACE = step 6"))
-        results_of(app).show_outcome(outcome("/b/s1.h5"))
+        results_of(app).show_outcome(outcome())
         assert results_of(app).ready
-        assert app.step is None
-        assert "SPACE = report of s1.h5" in seen(app)
         assert "body bounce" in await pressed(pilot, "tab")
         await pilot.resize_terminal(80, 16)
         await pilot.pause()
@@ -459,8 +315,6 @@ async def test_pages_scroll_and_an_earlier_session_is_only_read(make_app: Make) 
             assert table.scroll_y == row
         await pressed(pilot, "tab", "down", "down", "up")
         assert results_of(app).query_one("#runs-table", Table).cursor_row == 1
-        assert "the runs of an earlier session stay" in await pressed(pilot, "x")
-        assert not [o for o in recorder.orders if isinstance(o, Reject | Build)]
 
 
 def test_a_table_shows_what_is_known_given_and_not_determined() -> None:
@@ -482,13 +336,13 @@ def test_a_table_shows_what_is_known_given_and_not_determined() -> None:
 def test_a_verdict_is_one_line_where_it_fits_and_two_where_not() -> None:
     made = outcome()
     whole = "+ OK  The parameters may be used.   12 of 12 runs used   chi2/n 1.016"
-    assert verdict_lines(made, ASCII, len(whole), 9)[0] == whole
-    assert verdict_lines(made, ASCII, len(whole) - 1, 9)[:2] == [
+    assert verdict_lines(made, PLAIN, len(whole), 9)[0] == whole
+    assert verdict_lines(made, PLAIN, len(whole) - 1, 9)[:2] == [
         "+ OK  The parameters may be used.",
         "  12 of 12 runs used   chi2/n 1.016",
     ]
     quality = replace(made.result.quality, chi2_per_n=nan)
-    lines = verdict_lines(judged(made, quality), ASCII, 100, 9)
+    lines = verdict_lines(judged(made, quality), PLAIN, 100, 9)
     assert lines[0].endswith("12 of 12 runs used")
     assert lines[1].startswith("  The model of the car")
 
@@ -498,9 +352,9 @@ def test_a_verdict_says_its_gravest_reasons_and_how_many_lines_are_hidden() -> N
     note = Finding("note", Severity.NOTE, "began late")
     quality = replace(outcome().result.quality, findings=(*doubts, note))
     made = judged(outcome(), quality)
-    lines = verdict_lines(made, ASCII, 120, 5)
+    lines = verdict_lines(made, PLAIN, 120, 5)
     assert lines[1:] == [f"! DOUBT: reason {i}" for i in range(4)]
-    assert len(verdict_lines(made, ASCII, 120, 4)) == 4
-    assert verdict_lines(made, ASCII, 120, 4)[-1] == "  ... 2 more lines: Tab to Findings"
+    assert len(verdict_lines(made, PLAIN, 120, 4)) == 4
+    assert verdict_lines(made, PLAIN, 120, 4)[-1] == "  ... 2 more lines: Tab to Findings"
     notes = judged(outcome(), replace(quality, findings=(note,)))
-    assert verdict_lines(notes, ASCII, 120, 5)[1:] == ["+ note: began late"]
+    assert verdict_lines(notes, PLAIN, 120, 5)[1:] == ["+ note: began late"]

@@ -1,7 +1,7 @@
 // Connects to the display's server, shows what it sends, and sends what the buttons order.
 
-import { announce, isAudible, isMuted, setMuted, unlock } from "./sound.js";
-import { drawProgress, drawSketch } from "./pictures.js";
+import { play, isAudible, isMuted, setMuted, unlock } from "./sound.js";
+import { drawProgress } from "./progress.js";
 import { drawWord } from "./word.js";
 import { keepAwake, keepAwakeAfterTouch } from "./awake.js";
 
@@ -26,7 +26,7 @@ let shown = "";
 const NO_LINE = {
   kind: "lost", word: ["NO", "LINE"], why: "No news from the bench PC: is the Wi-Fi there?",
   advice: "This page tries again by itself. If the display was started anew, scan its code again.",
-  digits: "", digits_are: "", share: null, cue: "line", speech: "No connection to the bench.",
+  digits: "", digits_are: "", share: null, cue: "line",
 };
 
 function text(id, value) {
@@ -56,8 +56,8 @@ function showHeadline(head) {
   }
   if (head.cue !== cue) {
     if (cue !== null) {
-      announce(head.kind, head.speech);
-      text("spoken", head.speech || `${words}. ${head.why}`);
+      play(head.kind);
+      text("spoken", `${words}. ${head.why}`);
     }
     cue = head.cue;
   }
@@ -75,7 +75,7 @@ function showAlarm(alarm, overload) {
   }
   const now = alarm ? alarm.cue : "";
   if (now !== alarmCue) {
-    if (now && alarmCue !== null) announce("alarm", alarm.speech);
+    if (now && alarmCue !== null) play("alarm");
     alarmCue = now;
   }
 }
@@ -92,7 +92,6 @@ function show() {
     $("instruction").hidden = view.instruction === view.headline.why && view.instruction !== "";
     document.body.classList.toggle("idle", !view.instruction);
     showAlarm(view.alarm, view.overload);
-    drawIfChanged("sketch", view.sketch, () => drawSketch(view.sketch, view.instruction));
     drawIfChanged("rows", view.rows, () => drawProgress(view));
   }
   showButtons();

@@ -1,4 +1,4 @@
-// Tones and speech; browsers allow both only after the page was touched or a key was pressed.
+// Tones; browsers allow them only after the page was touched or a key was pressed.
 
 const TONES = { // [frequency in Hz, start in s, length in s], and the wave
   bump: ["triangle", [[880, 0, 0.12], [1320, 0.15, 0.3]]],
@@ -23,7 +23,6 @@ export const isAudible = () => audio !== null && audio.state === "running";
 export function setMuted(value) {
   muted = value;
   try { localStorage.setItem(KEY, value ? "yes" : "no"); } catch { /* as above */ }
-  if (muted && "speechSynthesis" in window) speechSynthesis.cancel();
 }
 
 export async function unlock() {
@@ -34,9 +33,8 @@ export async function unlock() {
 
 export function play(name) {
   const tones = TONES[name];
-  if (muted || !tones || !isAudible()) return 0;
+  if (muted || !tones || !isAudible()) return;
   const [wave, notes] = tones;
-  let end = 0;
   for (const [hertz, start, length] of notes) {
     const at = audio.currentTime + 0.02 + start;
     const oscillator = new OscillatorNode(audio, { type: wave, frequency: hertz });
@@ -48,24 +46,5 @@ export function play(name) {
     oscillator.connect(gain).connect(audio.destination);
     oscillator.start(at);
     oscillator.stop(at + length);
-    end = Math.max(end, start + length);
   }
-  return end;
-}
-
-let waiting = 0;
-let urgent = 0;
-
-export function announce(name, sentence) {
-  const after = play(name);
-  if (muted || !sentence || !("speechSynthesis" in window) || !isAudible()) return;
-  clearTimeout(waiting);
-  // An alarm is heard to its end; a state that has passed is not worth hearing.
-  if (name !== "alarm" && performance.now() > urgent) speechSynthesis.cancel();
-  waiting = setTimeout(() => {
-    const spoken = new SpeechSynthesisUtterance(sentence);
-    spoken.lang = "en-US";
-    speechSynthesis.speak(spoken);
-    if (name === "alarm") urgent = performance.now() + 4000;
-  }, 1000 * after + 60);
 }

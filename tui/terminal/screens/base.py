@@ -62,7 +62,7 @@ class BenchScreen(Screen[None]):
 
     @property
     def step_shown(self) -> BenchStep | None:
-        """The step of this screen; None where it shows another recording."""
+        """The step of this screen."""
         return self.STEP
 
     @property
@@ -137,27 +137,18 @@ class BenchScreen(Screen[None]):
 
 
 class SessionScreen(BenchScreen):
-    """A screen on a session file: that of the present recording, or an earlier one."""
+    """A screen on the session file of a recording."""
 
     session = ""
     """The session file; empty while there is none."""
 
     @property
-    def is_of_recording(self) -> bool:
-        """True if the session file is that of the present recording."""
-        status = self.bench_app.status
-        return status is not None and status.own_session == self.session
-
-    @property
     def outdated(self) -> bool:
-        """True if the recording has changed since its session file was built."""
+        """True if the file is not of the recording as it is now."""
         status = self.bench_app.status
-        return status is not None and self.is_of_recording and status.outdated
-
-    @property
-    def step_shown(self) -> BenchStep | None:
-        """The step of this screen; None for an earlier session."""
-        return self.STEP if not self.session or self.is_of_recording else None
+        if not self.session or status is None:
+            return False
+        return status.outdated or status.own_session != self.session
 
 
 def step_line(status: Status | None, here: BenchStep | None, good: str) -> Content:

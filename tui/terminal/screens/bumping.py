@@ -429,10 +429,9 @@ class RunScreen(BumpingScreen):
 
     def compose_body(self) -> ComposeResult:
         """Compose the run."""
-        glyphs = self.bench_app.glyphs
-        yield BannerBar(glyphs)
+        yield BannerBar()
         with Horizontal(id="body"):
-            yield LaneChart(glyphs)
+            yield LaneChart(self.bench_app.glyphs)
             with Vertical(id="right"):
                 yield from self.compose_lists()
         yield Words("alarms")

@@ -1,32 +1,24 @@
-"""Step 4: the weights on the car, their places, and the expected gain."""
+"""Step 4: the weights on the car and their places, compared with the sag of the car."""
 
 from __future__ import annotations
 
-import asyncio
-import json
-import subprocess
-import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
-from subprocess import DEVNULL, PIPE
 from typing import ClassVar
 
-from textual import work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
-from textual.containers import Horizontal
 from textual.content import Content
 
 from daq import InputError, VehicleParameters
 from daq.bench.edit import with_weights
 from daq.control.messages import AskCheck, Configure, Mark, Note, OverrideWarning, Status
-from daq.loading import expected_car, loading
+from daq.loading import expected_car
 
-from ...jobs.planning import GAIN, Gain
 from ..campaign import BenchStep, read_draft, write_draft
 from ..widgets import SPACE_INK, Table, Words
-from .base import WIDE, BenchScreen
+from .base import BenchScreen
 from .check import REST, rest_levels
 from .weights import (
     HEADS,
@@ -35,30 +27,24 @@ from .weights import (
     Typed,
     Weight,
     WeightScreen,
-    axle_loads_with,
     baseline_bounce_hz,
     check_inventory,
     check_weight,
     contradiction,
-    effect_line,
     entries_of,
     entry_values,
-    gain_line,
-    sketch,
     weight_cells,
     weight_of,
     weight_values,
 )
 
 DRAFT = "draft_masses.json"
-_QUIET_S, _PATIENCE_S = 0.3, 60.0
-"""Seconds without a change before the planner starts, and for which its answer is waited for."""
 _REST_S = 2.0
 """Seconds over which the sag is measured."""
 
 
 class MassesScreen(BenchScreen):
-    """The weights, each bolted or not, and what they bring; SPACE confirms one after the other."""
+    """The weights, each bolted or not; SPACE confirms one after the other."""
 
     HELP_PAGE: ClassVar[str] = "masses"
     STEP: ClassVar[BenchStep] = BenchStep.MASSES
@@ -75,17 +61,13 @@ class MassesScreen(BenchScreen):
         super().__init__()
         self._filled = False
         self._entries: tuple[Entry, ...] = ()
-        self._gain: Gain | None = None
-        self._asked_text = ""
         self._contradicted = ""
         """Statements that the sag with all weights on contradicts."""
 
     def compose_body(self) -> ComposeResult:
-        """Compose the car, the table and the expected precision."""
-        with Horizontal(id="weighing"):
-            yield Words("car")
-            yield Table("weights")
-        yield Words("outlook", "box", "Outlook")
+        """Compose the table, and what SPACE does."""
+        yield Table("weights")
+        yield Words("due", "box", "Next")
 
     @property
     def acts(self) -> bool:
@@ -110,7 +92,6 @@ class MassesScreen(BenchScreen):
             self._filled = True
             draft = read_draft(app.folder / DRAFT)
             self._entries = entries_of(app.bench.mass_states[1].added.weights, draft)
-            self._predict()
         self._show_all()
 
     # Car and weights ----------------------------------------------------------------------------
@@ -136,28 +117,18 @@ class MassesScreen(BenchScreen):
     # Showing ------------------------------------------------------------------------------------
 
     def _show_all(self) -> None:
-        glyphs, car = self.bench_app.glyphs, self._car
-        wide = self.app.size.width >= WIDE
-        drawing = sketch(self._entries, car, wide)
-        self.query_one("#car", Words).say(Content("\n".join(drawing)))
+        glyphs = self.bench_app.glyphs
         rows = [
             weight_cells(row, entry, glyphs.good, glyphs.bad)
             for row, entry in enumerate(self._entries, 1)
         ]
         self.query_one(Table).show(HEADS, rows or [["", "no weight: A adds one"]])
-        self._show_outlook()
+        self._show_next()
 
-    def _show_outlook(self) -> None:
-        glyphs, car = self.bench_app.glyphs, self._car
-        load = loading(self._weights, car)
-        total, (front, rear) = axle_loads_with(load, car)
-        lines = [self._next_line(), Content(f"Effect    {effect_line(load)}")]
-        text, weak = gain_line(self._gain) if self._gain else (f"{glyphs.now} computing", "")
-        warning = f"{glyphs.warn} {weak}" if weak else ""
-        lines.append(Content.assemble(f"Expected  {text}", (warning, "bold $warning")))
-        alone = f"(the car alone {total:.0f} kg)"
-        lines.append(Content(f"Axles     front {front:.0f} kg, rear {rear:.0f} kg {alone}"))
-        self.query_one("#outlook", Words).say(Content("\n").join(lines))
+    def _show_next(self) -> None:
+        together_kg = sum(weight.mass_kg for weight in self._weights)
+        total = Content(f"together {together_kg:.4g} kg")
+        self.query_one("#due", Words).say(Content("\n").join([self._next_line(), total]))
 
     def _next_line(self) -> Content:
         bad, loose = self.bench_app.glyphs.bad, self._loose
@@ -178,7 +149,7 @@ class MassesScreen(BenchScreen):
 
     def _choose(self, row: int) -> None:
         self.query_one(Table).choose(row)
-        self._show_outlook()
+        self._show_next()
 
     def action_mark(self, by: int) -> None:
         """Mark another weight."""
@@ -190,7 +161,6 @@ class MassesScreen(BenchScreen):
         """Put an entry in place of one, or after the last; without a new one, remove it."""
         self._entries = (*self._entries[:row], *new, *self._entries[row + 1 :])
         self._contradicted = ""  # the sag is compared again when SPACE goes on
-        self._predict()
         self._show_all()
         self.refresh_bindings()
         stored = {"entries": entry_values(self._entries)}
@@ -221,34 +191,6 @@ class MassesScreen(BenchScreen):
     def action_remove(self) -> None:
         """Remove the marked weight."""
         self._change(self.query_one(Table).cursor_row)
-
-    # The outlook --------------------------------------------------------------------------------
-
-    def _predict(self) -> None:
-        """Predict the gain by these weights in a separate process."""
-        try:
-            text = with_weights(self.bench_app.bench_text, self._weights)
-        except InputError as error:
-            self._gain = Gain(error=str(error))
-            return
-        if text != self._asked_text or self._gain is None:
-            self._asked_text, self._gain = text, None
-            self._compute(text)
-
-    @work(group="gain", exclusive=True)
-    async def _compute(self, text: str) -> None:
-        await asyncio.sleep(_QUIET_S)
-        question = json.dumps({"bench": text, "folder": str(self.bench_app.folder)})
-        command = [sys.executable, "-m", "tui.jobs.planning"]
-        process = subprocess.Popen(command, stdin=PIPE, stdout=PIPE, stderr=DEVNULL)
-        try:
-            answer, _ = await asyncio.to_thread(process.communicate, question.encode(), _PATIENCE_S)
-            self._gain = GAIN.validate_json(answer)
-        except (subprocess.TimeoutExpired, ValueError):
-            self._gain = Gain(error="the planner did not answer")
-        finally:
-            process.kill()  # the weights have changed, or the terminal ends
-        self._show_outlook()
 
     # SPACE --------------------------------------------------------------------------------------
 
@@ -281,7 +223,7 @@ class MassesScreen(BenchScreen):
         words = contradiction(app.bench, self._weights, rest, levels, bounce_hz)
         overridden = any(words in override.reason for override in app.status.overrides)
         self._contradicted = "" if overridden else words
-        self._show_outlook()
+        self._show_next()
         self.refresh_bindings()
 
     def action_override(self) -> None:

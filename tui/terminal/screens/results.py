@@ -1,15 +1,13 @@
-"""Results of a session, verdict first; and the sessions of the folder."""
+"""Results of the recording, verdict first."""
 
 from __future__ import annotations
 
-from contextlib import aclosing, redirect_stdout
+from contextlib import redirect_stdout
 from io import StringIO
 from math import isfinite
-from pathlib import Path
 from textwrap import wrap
 from typing import TYPE_CHECKING, ClassVar
 
-from textual import work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import VerticalScroll
@@ -33,12 +31,11 @@ from identify.words import (
     value_text,
 )
 
-from ...jobs.session_list import EntryState, SessionEntry, with_open
-from ...jobs.worker import Item, ListTask, Outcome, Task, Trouble, lines_of
-from ..campaign import BenchStep, is_marked, progress
+from ...jobs.worker import Outcome
+from ..campaign import BenchStep, is_marked
 from ..widgets import SPACE_INK, Cell, Table, Words, right
 from ..words import Glyphs
-from .base import BenchScreen, SessionScreen
+from .base import SessionScreen
 from .work import OUTDATED
 
 if TYPE_CHECKING:
@@ -137,11 +134,11 @@ def mode_rows(result: Identification) -> list[list[Cell]]:
 def run_rows(outcome: Outcome, glyphs: Glyphs) -> list[list[Cell]]:
     """Return a row for each run of the result."""
     rows: list[list[Cell]] = []
-    for run in outcome.runs:
-        name = f"{mark(run.status, glyphs)} {printable(run.label, 40)}"
-        status = "" if run.status == "accepted" else f" {run.status.upper()}"
-        chi2 = outcome.result.quality.chi2_by_run.get(run.label, {}).values()  # of its channels
-        rows.append([name, status, f" chi2/n {sum(chi2) / len(chi2):.2f}" if chi2 else ""])
+    for label, status in outcome.runs:
+        name = f"{mark(status, glyphs)} {printable(label, 40)}"
+        rejected = "" if status == "accepted" else f" {status.upper()}"
+        chi2 = outcome.result.quality.chi2_by_run.get(label, {}).values()  # of its channels
+        rows.append([name, rejected, f" chi2/n {sum(chi2) / len(chi2):.2f}" if chi2 else ""])
     return rows
 
 
@@ -161,7 +158,7 @@ _VERDICT_LINES, _VERDICT_LINES_TALL = 3, 8
 
 
 class ResultsScreen(SessionScreen):
-    """Shows the results of one session; Tab chooses the page."""
+    """Shows the results of the identification; Tab chooses the page."""
 
     HELP_PAGE: ClassVar[str] = "results"
     STEP: ClassVar[BenchStep] = BenchStep.IDENTIFY
@@ -221,14 +218,14 @@ class ResultsScreen(SessionScreen):
     # Keys ---------------------------------------------------------------------------------------
 
     async def action_next(self) -> None:
-        """Go on to the report of this session."""
+        """Go on to the report."""
         if self.outcome is None or self.outdated:
             await self.bench_app.go_to(BenchStep.IDENTIFY)
             return
         status, step = self.bench_app.status, BenchStep.IDENTIFY
-        if status is not None and self.is_of_recording and not is_marked(status, step):
+        if status is not None and not is_marked(status, step):
             await self.bench_app.ask(Mark(step.mark))
-        (await self.bench_app.open("report")).show_session(self.session)
+        await self.bench_app.go_to(BenchStep.REPORT)
 
     async def action_back(self) -> None:
         """Go back to the identify screen."""
@@ -257,12 +254,11 @@ class ResultsScreen(SessionScreen):
         if self.query_one(TabbedContent).active != "runs":
             self.bench_app.warn("choose the run first: Tab shows the runs, X then excludes one")
             return
-        label = outcome.runs[self.query_one("#runs-table", Table).cursor_row].label
-        runs = status.runs if status is not None and self.is_of_recording else ()
-        run = next((run for run in runs if run.label == label), None)
-        if run is None:
-            self.bench_app.warn("the runs of an earlier session stay as they are")
+        label, _ = outcome.runs[self.query_one("#runs-table", Table).cursor_row]
+        if status is None or status.own_session != self.session:
+            self.bench_app.warn("these are the runs of the recording before: they stay")
             return
+        run = next(run for run in status.runs if run.label == label)
         accepted = run.status is RunStatus.ACCEPTED
         reason = "changed at the results"
         order = Reject(label, reason) if accepted else Accept(label, reason)
@@ -304,152 +300,8 @@ class ResultsScreen(SessionScreen):
         verdict.say(Content("\n".join(lines)))
         verdict.set_classes(str(outcome.result.quality.verdict))
         step = BenchStep.IDENTIFY if self.outdated else BenchStep.REPORT
-        name = printable(Path(outcome.session).name, 60)
-        words = f"step {step.title}" if self.step_shown is not None else f"report of {name}"
-        space.say(Content.styled(f"SPACE = {words}", SPACE_INK))
+        space.say(Content.styled(f"SPACE = step {step.title}", SPACE_INK))
         table = parameter_rows(outcome.result, width >= _WIDE)
         self.query_one("#parameters-table", Table).show(*table)
         findings = "\n".join(findings_lines(outcome, glyphs, width - 3))
         self.query_one("#findings-text", Words).say(Content(findings))
-
-
-class SessionsScreen(BenchScreen):
-    """The sessions of the folder, which is read again whenever the screen comes to the front."""
-
-    HELP_PAGE: ClassVar[str] = "sessions"
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("space,o", "next", "Open", key_display="SPACE",
-                tooltip="Results of the marked session"),
-        Binding("r", "report", "Report", tooltip="Write its report"),
-        Binding("escape", "app.home", "Back", show=False),
-    ]  # fmt: skip
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._entries: list[SessionEntry] = []
-        self._trouble = ""
-        self._reading = False
-
-    def compose_body(self) -> ComposeResult:
-        """Compose the place of the marked session, and the list."""
-        yield Words("about")
-        table = Table("list")
-        table.can_focus = True
-        yield table
-
-    def on_screen_resume(self) -> None:
-        """Read the folder anew."""
-        self.query_one(Table).focus()
-        self._read()
-
-    @property
-    def acts(self) -> bool:
-        """True while a session is marked."""
-        return self._chosen is not None
-
-    @property
-    def ready(self) -> bool:
-        """Never: `--auto` opens no session."""
-        return False
-
-    def show_status(self, status: Status) -> None:
-        """Mark the session that is being recorded."""
-        before = self._entries
-        self._entries = [with_open(entry, status.recording) for entry in before]
-        if self._entries != before:
-            self._draw()
-
-    async def action_next(self) -> None:
-        """Show the results of a session; for the open recording, go to its due step."""
-        entry = self._chosen
-        if entry is None:
-            return
-        if entry.state is EntryState.OPEN:
-            await self.bench_app.go_to(progress(self.bench_app.status).due)
-        elif entry.state is EntryState.CUT_OFF:
-            self.bench_app.warn("this recording was cut off: F1 says how to go on with it")
-        elif self._is_file(entry):
-            (await self.bench_app.open("identify")).begin(entry.path)
-
-    async def action_report(self) -> None:
-        """Write the report of a session."""
-        entry = self._chosen
-        if entry is not None and self._is_file(entry):
-            report = await self.bench_app.open("report")
-            report.show_session(entry.path)
-            report.begin()
-
-    def on_data_table_row_highlighted(self, _: Table.RowHighlighted) -> None:
-        """Show where the marked session is."""
-        self._about()
-
-    async def on_data_table_row_selected(self, _: Table.RowSelected) -> None:
-        """Open the session on Enter."""
-        await self.action_next()
-
-    @work(group="list", exclusive=True)
-    async def _read(self) -> None:
-        entries: list[SessionEntry] = []
-        self._reading, self._trouble = True, ""
-        task: Task = ListTask(str(self.bench_app.folder))
-        async with aclosing(lines_of(task, "list of sessions")) as lines:
-            async for line in lines:
-                if isinstance(line, Item):
-                    entries.append(line.body)
-                elif isinstance(line, Trouble):
-                    self._trouble = line.text
-        status = self.bench_app.status
-        self._entries = [with_open(e, status.recording if status else "") for e in entries]
-        self._reading = False
-        self._draw()
-
-    def _is_file(self, entry: SessionEntry) -> bool:
-        """Return True if there is a session file that can be read; else say why not."""
-        if entry.path and entry.state is not EntryState.DAMAGED:
-            return True
-        status = self.bench_app.status
-        if entry.state is EntryState.OPEN and status is not None and status.own_session:
-            name = printable(Path(status.own_session).name, 60)
-            self.bench_app.warn(f"this line is the recording itself: mark that of {name}")
-        else:
-            self.bench_app.warn(entry.note or "there is no session file yet: step 6 makes it")
-        return False
-
-    @property
-    def _chosen(self) -> SessionEntry | None:
-        row = self.query_one(Table).cursor_row
-        return self._entries[row] if row < len(self._entries) else None
-
-    def _draw(self) -> None:
-        if len(self.query("#list, #about")) < 2:
-            return  # not composed yet, or being removed
-        glyphs = self.bench_app.glyphs
-        marks = {
-            EntryState.OPEN: glyphs.bus,
-            EntryState.CUT_OFF: glyphs.warn,
-            EntryState.REPORTED: glyphs.good,
-            EntryState.DAMAGED: glyphs.bad,
-        }
-        rows: list[list[Cell]] = []
-        for entry in self._entries:  # its texts may come from a foreign file
-            known = bool(entry.vehicle or entry.recording)
-            counts = (entry.accepted + entry.rejected, entry.rejected)
-            rows.append(
-                [
-                    printable(entry.date, 16),
-                    printable(entry.vehicle or entry.name, 28),
-                    f"{marks.get(entry.state, ' ')} {entry.state}",
-                    *(right(str(count) if known else "") for count in counts),
-                    printable(entry.note, 160),
-                ]
-            )
-        self.query_one(Table).show(("date", "vehicle", "state", "runs", "rejected", "note"), rows)
-        self._about()
-
-    def _about(self) -> None:
-        entry = self._chosen
-        words = "reading the folder ..." if self._reading else "no session here yet"
-        if entry is not None:
-            words = printable(entry.path or str(Path(entry.folder) / "journal"), 400)
-            words = f"{words}\n{printable(entry.note, 300)}"
-        self.query_one("#about", Words).say(Content(self._trouble or words))

@@ -13,17 +13,15 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.content import Content
 
-from daq import Corner, Excitation, InputError, VehicleParameters
+from daq import Excitation, InputError
 from daq.bench.campaign import Method
 from daq.bench.config import Bench, campaign_limits
 from daq.control.messages import Configure, Hello, Mark, Note, Status
-from daq.loading import expected_car
 from daq.vehicle import Fact, FactQuantity, Structure, VehicleGeometry
 
 from ..campaign import VEHICLE_FORM, BenchStep, read_draft, write_draft
 from ..form import NO, YES, Field, FieldError, Form, Values, check_fields, number, stated
 from ..widgets import SPACE_INK, Words
-from ..words import LARGE, drawn_car
 from .base import BenchScreen
 
 DRAFT = "draft_vehicle.json"
@@ -199,33 +197,6 @@ def vehicle_text(text: str, bench: Bench, values: Values) -> str:
     )
 
 
-def sketch(values: Values, car: VehicleParameters) -> list[str]:
-    """Draw the car from above with what is measured; `car` has the proportions of what is not."""
-    facts = {name: number(values[name]) for name in _FACTS}
-    written = {
-        name: f"{fact:g} {_FACTS[name][1]}" if fact else "not measured"
-        for name, fact in facts.items()
-    }
-    wheelbase_m = facts[FactQuantity.WHEELBASE] or car.a + car.b
-    tracks_m = facts[FactQuantity.FRONT_TRACK], facts[FactQuantity.REAR_TRACK]
-    marks = [
-        (0.0, 0.0, f"track {written[FactQuantity.FRONT_TRACK]}"),
-        (-wheelbase_m / 2.0, 0.0, f"wheelbase {written[FactQuantity.WHEELBASE]}"),
-        (-wheelbase_m, 0.0, f"track {written[FactQuantity.REAR_TRACK]}"),
-    ]
-    front_kg, rear_kg = facts[FactQuantity.FRONT_AXLE], facts[FactQuantity.REAR_AXLE]
-    if front_kg and rear_kg:
-        marks.append((-wheelbase_m * rear_kg / (front_kg + rear_kg), 0.0, "+ CG"))
-    beside = (
-        f"axle {written[FactQuantity.FRONT_AXLE]}",
-        f"total {written[FactQuantity.TOTAL_MASS]}",
-        f"axle {written[FactQuantity.REAR_AXLE]}",
-    )
-    track_m = max((m for m in tracks_m if m), default=2.0 * max(car.t_f, car.t_r))
-    wheels = {corner: str(corner) for corner in Corner}
-    return drawn_car(wheelbase_m, track_m, marks, wheels, LARGE, beside)
-
-
 class VehicleScreen(BenchScreen):
     """The form of the vehicle; SPACE applies it while no field is being edited."""
 
@@ -248,7 +219,6 @@ class VehicleScreen(BenchScreen):
     def compose_body(self) -> ComposeResult:
         """Compose the form, and a box for help on the field."""
         yield Form(GROUPS)
-        yield Words("drawing")
         yield Words("help", "box")
 
     @property
@@ -332,9 +302,6 @@ class VehicleScreen(BenchScreen):
 
     def _advise(self) -> None:
         form, errors = self.query_one(Form), self._errors()
-        if self.bench_app.bench is not None:
-            car = expected_car(self.bench_app.bench.vehicle)
-            self.query_one("#drawing", Words).say(Content("\n".join(sketch(form.values, car))))
         form.mark(errors)
         field = form.current
         error = errors[0] if errors else None

@@ -1,4 +1,4 @@
-"""The weights on the car: their form and checks, and what they do, in words."""
+"""The weights on the car: their form and checks, and what the sag says about them."""
 
 from __future__ import annotations
 
@@ -15,17 +15,15 @@ from textual.content import Content
 from textual.screen import ModalScreen
 from textual.widgets import Static
 
-from daq import BASELINE, BodyWeight, Corner, Excitation, HubWeight, Quantity, VehicleParameters
+from daq import BASELINE, BodyWeight, Corner, Excitation, HubWeight, Quantity
 from daq.bench.config import Bench
 from daq.control.messages import Status
-from daq.loading import Loading, expected_car, wrong_weights
+from daq.loading import expected_car, wrong_weights
 from daq.runs import RunStatus
 from dbc.words import printable
 
-from ...jobs.planning import Gain
 from ..form import Field, FieldError, Form, Values, check_fields, number, stated
 from ..widgets import Cell, Words, right
-from ..words import LARGE, SMALL, drawn_car
 
 Weight = BodyWeight | HubWeight
 Typed = dict[str, str]
@@ -167,50 +165,6 @@ def weight_cells(row: int, entry: Entry, yes: str, no: str) -> list[Cell]:
 
 _SUNK_M = 0.5e-3
 """Least sag, m, that distinguishes weights on the car from weights beside it."""
-
-
-def sketch(entries: Sequence[Entry], car: VehicleParameters, wide: bool) -> list[str]:
-    """Draw the car from above with the numbers of the weights on it; `wide`: large, with masses."""
-    on_hub: dict[Corner, list[str]] = {corner: [] for corner in Corner}
-    marks = [(-car.a, 0.0, "+")]  # the centre of gravity; x counts from the front axle
-    for label, entry in enumerate(entries, 1):
-        weight = entry.weight
-        if isinstance(weight, HubWeight):
-            on_hub[weight.corner].append(str(label))
-        else:
-            text = f"{label} {weight.mass_kg:g} kg" if wide else str(label)
-            marks.append((weight.x_m, weight.y_m, text))
-    # Four columns beside each corner: the last numbers, or FL, FR, RL, RR without a weight.
-    wheels = {corner: ",".join(on_hub[corner])[-4:] or str(corner) for corner in Corner}
-    wheelbase_m, track_m = car.a + car.b, 2.0 * max(car.t_f, car.t_r)
-    return drawn_car(wheelbase_m, track_m, marks, wheels, LARGE if wide else SMALL)
-
-
-def effect_line(load: Loading) -> str:
-    """Return the effect of the weights on the car as text."""
-    return (
-        f"body {load.body_kg:+.4g}, hubs {load.hub_kg:+.4g} kg, CG {load.x_shift_m * 1e3:+.0f}"
-        f" {load.y_shift_m * 1e3:+.0f} mm, Ixx {load.I_xx:+.0f} Iyy {load.I_yy:+.0f} kg m²"
-    )
-
-
-def gain_line(gain: Gain) -> tuple[str, str]:
-    """Return the expected 95 % intervals as text, or an empty text and why there are none."""
-    if gain.error:
-        return "", f"no outlook: {gain.error}"
-    if gain.undetermined or gain.mean is None:
-        remedy = f"; add: {gain.remedies[0]}" if gain.remedies else ""
-        return "", f"WEAK, not determined: {', '.join(gain.undetermined)}{remedy}"
-    worst = f"{gain.widest} ± {gain.worst:.1%} at worst"
-    return f"parameters ± {gain.mean:.1%} in the mean, {worst}", ""
-
-
-def axle_loads_with(load: Loading, car: VehicleParameters) -> tuple[float, tuple[float, float]]:
-    """Return the mass of the car without the weights, and its axle loads with them, kg."""
-    wheelbase_m = car.a + car.b
-    front = car.m_s * car.b / wheelbase_m + 2 * car.m_uf + load.front_kg
-    rear = car.m_s * car.a / wheelbase_m + 2 * car.m_ur + load.rear_kg
-    return car.m_s + 2 * (car.m_uf + car.m_ur), (front, rear)
 
 
 def baseline_bounce_hz(status: Status | None) -> list[float]:

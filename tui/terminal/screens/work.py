@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import asyncio
 from abc import abstractmethod
-from contextlib import aclosing
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from time import monotonic
 from typing import Any, ClassVar
@@ -19,20 +18,10 @@ from textual.widgets import ProgressBar
 
 from daq.control.messages import Build, Mark, SessionState, Start, Status
 from daq.runs import RunStatus
-from dbc import counted
+from dbc import BumpbenchError, InputError, counted
 from dbc.words import printable
 
-from ...jobs.session_list import report_of, size_text
-from ...jobs.worker import (
-    Done,
-    IdentifyTask,
-    Outcome,
-    Progress,
-    ReportTask,
-    Task,
-    Trouble,
-    lines_of,
-)
+from ...jobs.worker import Outcome, Task, answer_of, identify_session, report_session
 from ..campaign import BenchStep, is_marked
 from ..widgets import SPACE_INK, Words
 from .base import SessionScreen
@@ -55,8 +44,6 @@ _SHOWN = 6
 """Largest number of parts of the work that are shown: the newest."""
 _LEAST_SHARE = 0.1
 """Share of the work that must be done before its remaining time is shown."""
-_AT_ONCE_S = 2.0
-"""Seconds of work without words on its time: most work is done in them."""
 
 
 class WorkScreen(SessionScreen):
@@ -67,14 +54,12 @@ class WorkScreen(SessionScreen):
         self.stage = Stage.IDLE
         self._parts: dict[str, None] = {}
         """The parts that were begun, in order."""
-        self.trouble: Trouble | None = None
+        self.trouble: BumpbenchError | None = None
         """Why the work failed."""
-        self.stop = asyncio.Event()
-        """Set to end the work with the answer so far."""
         self._begun_s = 0.0
         """Monotonic time at which the work began, s."""
-        self._end_s: float | None = None
-        """Monotonic time at which it will be done, s, by its progress so far; None if unknown."""
+        self._share = 0.0
+        """Share of the work that is done."""
 
     def compose_body(self) -> ComposeResult:
         """Compose the box."""
@@ -99,38 +84,34 @@ class WorkScreen(SessionScreen):
     def restart(self, stage: Stage, session: str) -> None:
         """Begin a stage anew."""
         self.stage, self.session, self.trouble = stage, session, None
-        self._begun_s, self._end_s = monotonic(), None
+        self._begun_s, self._share = monotonic(), 0.0
         self._parts = {stage.value: None} if stage is Stage.BUILDING else {}
-        if self.is_mounted:
-            self.query_one(ProgressBar).update(progress=0.0)
         self.draw()
 
     async def follow(self, task: Task) -> Any:
         """Do a task in a worker and show its progress; return the answer, None after a failure."""
-        self.stop = asyncio.Event()
-        async with aclosing(lines_of(task, Path(self.session).name, self.stop)) as lines:
-            async for line in lines:
-                if isinstance(line, Progress):
-                    self._parts[line.text] = None
-                    bar = self.query_one(ProgressBar)
-                    if line.share > bar.progress:  # two processes report in any order
-                        bar.update(progress=line.share)
-                        taken_s = monotonic() - self._begun_s
-                        if line.share >= _LEAST_SHARE:
-                            self._end_s = self._begun_s + taken_s / line.share
-                elif isinstance(line, Trouble):
-                    self.stage, self.trouble = Stage.FAILED, line
-                elif isinstance(line, Done):
-                    self.stage = Stage.DONE
-                    return line.body
-                self.draw()
-        return None
+
+        def stage(share: float, text: str) -> None:
+            self._parts[text] = None
+            self._share = max(self._share, share)  # two processes report in any order
+            self.draw()
+
+        try:
+            answer = await answer_of(task, Path(self.session).name, stage)
+        except BumpbenchError as error:
+            self.stage, self.trouble = Stage.FAILED, error
+            self.draw()
+            return None
+        self.stage = Stage.DONE
+        return answer
 
     def draw(self) -> None:
         """Draw the box."""
         if not self.is_mounted:
             return
-        self.query_one(ProgressBar).display = self.stage in _UNDER_WAY
+        bar = self.query_one(ProgressBar)
+        bar.display = self.stage in _UNDER_WAY
+        bar.update(progress=self._share)
         glyphs = self.bench_app.glyphs
         lines, next_words = self.state()
         if self.trouble is not None and self.stage is Stage.FAILED:
@@ -142,22 +123,13 @@ class WorkScreen(SessionScreen):
             *done, now = [*self._parts][-_SHOWN:] or [""]
             lines = [f"  {glyphs.good} {printable(text)}" for text in done]
             lines += [f"  {glyphs.now} {printable(now)}"]
-            now_s, time_words = monotonic(), ""
-            if (taken_s := now_s - self._begun_s) >= _AT_ONCE_S:
-                time_words = f"   {taken_s:.0f} s so far"
-            if time_words and self._end_s is not None:
-                remaining_s = self._end_s - now_s
-                soon = f"about {remaining_s:.0f} s left" if remaining_s > 0.0 else "soon done"
-                time_words = f"{time_words}, {soon}"
-            next_words = f"{self.stop_words}; nothing is lost{time_words}"
+            taken_s = monotonic() - self._begun_s
+            next_words = f"Esc stops it; nothing is lost   {taken_s:.0f} s so far"
+            if self._share >= _LEAST_SHARE:
+                next_words += f", about {taken_s * (1.0 / self._share - 1.0):.0f} s left"
         self.query_one("#due", Words).say(Content.styled(f"{glyphs.now} {next_words}", SPACE_INK))
         texts = [*lines, "", *self.about()] if lines else self.about()
         self.query_one("#state", Words).say(Content("\n".join(["", *texts])))
-
-    @property
-    def stop_words(self) -> str:
-        """The keys that end the work."""
-        return "Esc stops it"
 
     @abstractmethod
     def about(self) -> list[str]:
@@ -173,16 +145,11 @@ class IdentifyScreen(WorkScreen):
 
     HELP_PAGE: ClassVar[str] = "identify"
     STEP: ClassVar[BenchStep] = BenchStep.IDENTIFY
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("t", "take", "Take so far", tooltip="Take the answer so far, without elements"),
-        Binding("escape", "cancel", "Back"),
-    ]
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "cancel", "Back")]
 
     def __init__(self) -> None:
         super().__init__()
         self.outcome: Outcome | None = None
-        self._identified = ("", 0)
-        """Session file of the outcome, and time of its last change, ns."""
         self._asked_ns = 0
 
     @property
@@ -198,35 +165,14 @@ class IdentifyScreen(WorkScreen):
     @property
     def valid_outcome(self) -> Outcome | None:
         """The result of the recording as it is now; None without one."""
-        valid = self.stage is Stage.DONE and self.is_of_recording and not self.outdated
-        return self.outcome if valid else None
+        return self.outcome if self.stage is Stage.DONE and not self.outdated else None
 
     async def action_next(self) -> None:
         """Build and identify; show the results once they are there."""
-        if self.stage is not Stage.DONE or self.outdated:
+        if self.valid_outcome is None:
             await self.build()
         else:
             await self.show_results()
-
-    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Show T only while there is an answer to take."""
-        return self.may_take if action == "take" else super().check_action(action, parameters)
-
-    @property
-    def may_take(self) -> bool:
-        """True while the worker looks for more than the answer that it has."""
-        has_answer = any(part.startswith("so far") for part in self._parts)
-        return self.stage is Stage.WORKING and has_answer and not self.stop.is_set()
-
-    @property
-    def stop_words(self) -> str:
-        """The keys that end the work, with the answer so far or without."""
-        return "T takes the answer so far, Esc stops" if self.may_take else super().stop_words
-
-    def action_take(self) -> None:
-        """End the work with the answer so far."""
-        self.stop.set()
-        self.draw()
 
     async def show_results(self) -> None:
         """Show the results of the identification."""
@@ -246,36 +192,25 @@ class IdentifyScreen(WorkScreen):
         self.show_status(reply.status)
 
     def show_status(self, status: Status) -> None:
-        """Follow the recorder while it builds."""
+        """Follow the recorder while it builds; identify the file once it is built."""
         # A status sent before the order shows the older file.
         if self.stage is Stage.BUILDING and status.wall_ns >= self._asked_ns:
             session = status.session
             if session.state is SessionState.READY:
-                self.begin(session.path)
+                self.restart(Stage.WORKING, session.path)
+                self._parts = {Stage.BUILDING.value: None}
+                self._identify(session.path)
             elif session.state is SessionState.FAILED:
                 where, what = session.path or status.folder, session.text or "no session file"
                 advice = "SPACE = try again; the journal is untouched"
-                self.stage, self.trouble = Stage.FAILED, Trouble(where, what, advice)
+                self.stage, self.trouble = Stage.FAILED, InputError(where, what, advice)
         self.draw()
-
-    def begin(self, path: str) -> None:
-        """Identify a session file in a worker; show the present result if it is of that file."""
-        self.workers.cancel_node(self)
-        parts = self._parts if self.stage is Stage.BUILDING else {}
-        self.restart(Stage.WORKING, path)
-        self._parts |= parts
-        self._identify(path)
 
     @work(exclusive=True)
     async def _identify(self, path: str) -> None:
-        place = Path(path)
-        key = (path, place.stat().st_mtime_ns if place.exists() else 0)
-        if self.outcome is None or key != self._identified:
-            body = await self.follow(IdentifyTask(path))
-            if body is None:
-                return
-            self.outcome, self._identified = body, key
-        self.stage = Stage.DONE
+        self.outcome = await self.follow(partial(identify_session, path))
+        if self.outcome is None:
+            return
         self.draw()
         if self.app.screen is self:
             await self.show_results()
@@ -283,10 +218,8 @@ class IdentifyScreen(WorkScreen):
             self.bench_app.inform("identified: step 6 shows the results")
 
     def about(self) -> list[str]:
-        """Return the name of an earlier session, or the runs of the recording."""
+        """Return the runs of the recording."""
         status, glyphs = self.bench_app.status, self.bench_app.glyphs
-        if self.session and not self.is_of_recording:
-            return [f"Session {printable(Path(self.session).name)}"]
         if status is None:
             return ["waiting for the recorder"]
         accepted = sum(run.status is RunStatus.ACCEPTED for run in status.runs)
@@ -303,16 +236,16 @@ class IdentifyScreen(WorkScreen):
 
     def state(self) -> tuple[list[str], str]:
         """Return what SPACE does."""
-        if self.stage is Stage.IDLE:
-            return [], "SPACE = build the session file and identify it"
-        if self.outdated:
+        if self.stage is Stage.DONE and self.outdated:
             warning = f"{self.bench_app.glyphs.warn} {OUTDATED}"
             return [warning], "SPACE = build the session file anew and identify it"
-        return [], "SPACE = results"
+        if self.stage is Stage.DONE:
+            return [], "SPACE = results"
+        return [], "SPACE = build the session file and identify it"
 
 
 class ReportScreen(WorkScreen):
-    """Writes the report of a session in a worker."""
+    """Writes the report of the recording's session in a worker."""
 
     HELP_PAGE: ClassVar[str] = "report"
     STEP: ClassVar[BenchStep] = BenchStep.REPORT
@@ -343,16 +276,11 @@ class ReportScreen(WorkScreen):
         """True while `--auto` may press SPACE."""
         return self.stage is Stage.IDLE
 
-    def show_session(self, path: str) -> None:
-        """Choose the session of the report."""
-        if path != self.session:
-            self.workers.cancel_node(self)
-            self.restart(Stage.IDLE, path)
-
     def show_status(self, status: Status) -> None:
-        """Take the session of this recording if none was chosen."""
-        if not self.session and status.session.state is SessionState.READY:
-            self.session = status.own_session
+        """Take the session of this recording, and leave that of the one before."""
+        built = status.session.state is SessionState.READY and self.stage not in _UNDER_WAY
+        if built and status.own_session != self.session:
+            self.restart(Stage.IDLE, status.own_session)
         super().show_status(status)
 
     async def action_next(self) -> None:
@@ -362,11 +290,12 @@ class ReportScreen(WorkScreen):
         if not self.session or self.outdated:
             await self.bench_app.go_to(BenchStep.IDENTIFY)
         else:
-            self.begin()
+            self.action_again()
 
     def action_again(self) -> None:
-        """Write the report once more."""
-        self.begin()
+        """Write the report in a worker."""
+        self.restart(Stage.WORKING, self.session)
+        self._write()
 
     async def action_new_vehicle(self) -> None:
         """End the recording and begin the next vehicle's."""
@@ -374,23 +303,22 @@ class ReportScreen(WorkScreen):
             self.restart(Stage.IDLE, "")
             await self.bench_app.go_to(BenchStep.VEHICLE)
 
-    def begin(self) -> None:
-        """Write the report in a worker."""
-        self.restart(Stage.WORKING, self.session)
-        self._write()
-
     @work(exclusive=True)
     async def _write(self) -> None:
-        html = report_of(Path(self.session))
-        task = ReportTask(self.session, str(html), str(html.with_suffix(".pdf")))
-        body = await self.follow(task)
-        if body is None:
+        page = self._page
+        pdf = str(page.with_suffix(".pdf"))
+        written = await self.follow(partial(report_session, self.session, str(page), pdf))
+        if written is None:
             return
-        self._written = body
+        self._written = written
         status, step = self.bench_app.status, BenchStep.REPORT
-        if self.is_of_recording and not self.outdated and status and not is_marked(status, step):
+        if not self.outdated and status and not is_marked(status, step):
             await self.bench_app.ask(Mark(step.mark))
         self.draw()
+
+    @property
+    def _page(self) -> Path:
+        return Path(self.session).with_suffix(".html")
 
     def about(self) -> list[str]:
         """Return the session file."""
@@ -403,18 +331,16 @@ class ReportScreen(WorkScreen):
         glyphs = self.bench_app.glyphs
         if not self.session:
             return [], "SPACE = step 6 Identify"
-        lines, keys = [], "W = next vehicle   S = sessions   R = write again"
+        lines, keys = [], "W = next vehicle   R = write again"
         if self.outdated:
             lines, keys = [f"{glyphs.warn} {OUTDATED}", ""], "SPACE = step 6 Identify"
         elif self.stage is Stage.IDLE:
-            return [
-                f"  {printable(str(report_of(Path(self.session))))}"
-            ], "SPACE = write the report"
+            return [f"  {printable(str(self._page))}"], "SPACE = write the report"
         if self.stage is not Stage.DONE:
             return lines, keys
         lines.append(f"{glyphs.good} WRITTEN   verdict {printable(str(self._written['verdict']))}")
         for path, size in self._written["files"].items():
-            lines.append(f"  {printable(path)}   {size_text(size)}")
+            lines.append(f"  {printable(path)}   {size / 1e6:.1f} MB")
         lines.append("  The page is one file: open it in any browser, print it, send it.")
         lines.append(f"  The session itself is {printable(self.session)}")
         return lines, keys

@@ -1,33 +1,6 @@
-// The sketch of the bump and the progress of the campaign.
+// The progress of the campaign.
 
-const SVG = "http://www.w3.org/2000/svg";
-const WHEELS = [[48, 60], [152, 60], [48, 166], [152, 166]]; // front left, front right, rear left, rear right
 const MOST_DOTS = 5;
-
-function shape(name, attributes) {
-  const made = document.createElementNS(SVG, name);
-  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
-  return made;
-}
-
-export function drawSketch(sketch, instruction) {
-  const svg = document.getElementById("sketch");
-  svg.toggleAttribute("hidden", !sketch);
-  document.getElementById("legend").textContent = sketch ? sketch.legend : "";
-  if (!sketch) return;
-  svg.setAttribute("aria-label", `Car from above: ${instruction}`);
-  const parts = [];
-  WHEELS.forEach(([x, y], i) => {
-    const lifted = sketch.wheels[i];
-    parts.push(shape("rect", { class: lifted ? "wheel lifted" : "wheel", x: x - 10, y: y - 20, width: 20, height: 40, rx: 6 }));
-    if (lifted && sketch.method === "roll_over") parts.push(shape("rect", { class: "board", x: x - 26, y: y - 37, width: 52, height: 10, rx: 3 }));
-    if (lifted && sketch.method === "drop") parts.push(shape("rect", { class: "block", x: x - 20, y: y - 29, width: 40, height: 58, rx: 4 }));
-  });
-  document.getElementById("wheels").replaceChildren(...parts);
-  const hand = document.getElementById("hand");
-  hand.toggleAttribute("hidden", !sketch.hand);
-  if (sketch.hand) hand.setAttribute("transform", `translate(${100 - 34 * sketch.hand[1]} ${113 - 62 * sketch.hand[0]})`);
-}
 
 function cell(name, text, className = "") {
   const made = document.createElement(name);
