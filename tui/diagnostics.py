@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from enum import IntEnum
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import typer
+
 if TYPE_CHECKING:
-    from dbc import BumpbenchError, Codec, InputError
+    from dbc import BumpbenchError, Codec
 
 PAGES = (".html", ".htm")
 """Endings of pages."""
@@ -50,17 +52,6 @@ def say_left_out(codec: Codec) -> None:
         say(f"left out: {len(codec.left_out) - _NAMED} more")
 
 
-def unknown_value(option: str, given: str, noun: str, choices: Sequence[str]) -> InputError:
-    """Return the error of an unknown value of an option, with the nearest known one."""
-    from difflib import get_close_matches
-
-    from dbc import InputError
-
-    near = get_close_matches(given.lower(), choices, 1)
-    advice = f"did you mean {near[0]}? There are" if near else "there are"
-    return InputError(option, f"{given!r} is not a {noun}", f"{advice} {', '.join(choices)}")
-
-
 def require_ending(path: Path, noun: str, endings: Collection[str]) -> None:
     """Raise InputError if a file to write has an ending of something else.
 
@@ -88,11 +79,9 @@ def require_place(path: Path, force: bool) -> None:
 
     if not path.parent.is_dir():
         raise InputError(str(path.parent), "there is no such folder", "make it, or name another")
-    if path.is_file() and not force and is_asked():
-        sys.stderr.write(f"bumpbench: {path} exists already: replace it? [y/N] ")
-        sys.stderr.flush()
-        if sys.stdin.readline().strip().lower() not in ("y", "yes"):
-            raise InputError(str(path), "stays as it was", "name another file, or use --force")
+    asks = path.is_file() and not force and is_asked()
+    if asks and not typer.confirm(f"bumpbench: {path} exists already: replace it?", err=True):
+        raise InputError(str(path), "stays as it was", "name another file, or use --force")
 
 
 def report(error: BumpbenchError) -> ExitCode:

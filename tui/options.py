@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -60,6 +60,8 @@ InterfaceChannel = Annotated[
 ]
 Fast = Annotated[bool, typer.Option("--fast", help="Send as fast as the bus takes the frames.")]
 Seed = Annotated[int, typer.Option(min=0, metavar="N", help="Seed of noise and sensor errors.")]
+FaultName = Literal["double-bump", "lost-frames", "unplug"]
+"""Those of `daq.sim.bench.Fault`, which is slow to load."""
 Operator = Annotated[
     str,
     typer.Option(metavar="NAME", help="Your name or initials, stored with every verdict."),

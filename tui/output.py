@@ -46,33 +46,21 @@ def print_line(text: str = "") -> None:
 
 def print_item(text: str) -> None:
     """Write an item of a list; on a terminal it is folded between words."""
-    for line in _folded(f"  - {_visible(text)}", console().width, "    "):
-        print_line(line)
+    print_labelled([("  -", text)], gap=1)
 
 
-def print_labelled(rows: Sequence[tuple[str, str]]) -> None:
-    """Write a text beside each label; all texts begin in one column.
+def print_labelled(rows: Sequence[tuple[str, str]], gap: int = 2) -> None:
+    """Write a text beside each label; all texts begin in one column, `gap` after the longest."""
+    from rich.table import Table
+    from rich.text import Text
 
-    It is in the left half of the width, two columns after the longest label for which that is so;
-    after a longer one, the text is in the next line.  On a terminal a text is folded between words.
-    """
-    width = console().width
-    labels = [_visible(label) for label, _ in rows]
-    column = max((len(label) + 2 for label in labels if len(label) + 2 <= width // 2), default=2)
-    for label, (_, text) in zip(labels, rows, strict=True):
-        if len(label) + 2 > column:
-            print_line(label)
-            label = ""
-        for line in _folded(_visible(text), width - column):
-            print_line(f"{label:<{column}}{line}")
-            label = ""
-
-
-def _folded(text: str, width: int, indent: str = "") -> list[str]:
-    """Return the lines of a text on a terminal, folded between words; elsewhere the text."""
-    import textwrap
-
-    return textwrap.wrap(text, width, subsequent_indent=indent) if sys.stdout.isatty() else [text]
+    table = Table.grid(padding=(0, gap))
+    out = console()
+    table.add_column(max_width=out.width // 2)
+    table.add_column()
+    for label, text in rows:
+        table.add_row(Text(_visible(label)), Text(_visible(text)))
+    out.print(table)
 
 
 def session_document(path: Path, session: Session) -> dict[str, Any]:
@@ -120,8 +108,8 @@ def console() -> Console:
     """Return the console on the present stdout (tests and pipes replace it)."""
     from rich.console import Console
 
-    # A file has no width: up to 400 columns no line is folded there.
-    width = None if sys.stdout.isatty() else 400
+    # A file has no width: no line is folded there.
+    width = None if sys.stdout.isatty() else 10_000
     return Console(file=sys.stdout, width=width, emoji=False)
 
 

@@ -61,7 +61,7 @@ def test_a_sound_bench(a_log: Path, capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.parametrize("name", ["rest.log", "rest.txt", "rest.anything"])
-def test_a_log_that_is_named_alone_is_one_by_its_content(
+def test_a_log_that_is_named_alone_is_no_bench(
     a_log: Path, tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / name).write_bytes(a_log.read_bytes())
@@ -69,10 +69,10 @@ def test_a_log_that_is_named_alone_is_one_by_its_content(
     assert "OK   message HUB_Front" in capsys.readouterr().out
 
 
-def test_what_is_toml_is_a_bench_whatever_it_is_called(
+def test_a_file_without_a_suffix_or_toml_is_a_bench(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for name in ("bench.txt", "bench", "bench.toml"):
+    for name in ("bench", "bench.toml"):
         (tmp_path / name).write_text("[bus]\nspeed = 1\n")
         assert run(["check", str(tmp_path / name)]) == 2
         assert f"{name}:2" in capsys.readouterr().err

@@ -14,7 +14,6 @@ import pytest
 import daq
 from daq.bench.config import default_bench_text
 from tui.cli import run
-from tui.diagnostics import unknown_value
 
 from ..daq.small_campaign import bumps, small_codec
 from ..daq.small_session import small_session
@@ -79,7 +78,7 @@ MISTAKES = {
     "demo --seed -3": "--seed",
     "tui --demoo": ": --demoo (Possible options: --demo) (bumpbench tui --help lists",
     "tui --speed fast": "'--speed': Input should be a valid number",
-    "tui --demo --fault double-bum": "did you mean double-bump?",
+    "tui --demo --fault double-bum": "double-bump",
     "export car.h5 --format mf5": "is not one of 'mf4', 'mat'",
     "study tabel2": "(bumpbench study --help lists what there is)",
     # files
@@ -182,10 +181,6 @@ def test_no_such_bus_is_exit_4(bench: str, command: str, folder: Path, said: Sai
     words = [command, str(folder / f"{bench}.toml")]
     said([*words, *(["--out", str(out)] if command == "record" else [])], 4)
     assert not out.exists()
-
-
-def test_a_value_that_is_like_none_names_no_nearest() -> None:
-    assert "mean" not in str(unknown_value("--theme", "zzz", "theme", ["bench-dark"]))
 
 
 def test_a_folder_that_may_not_be_entered(

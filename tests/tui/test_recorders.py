@@ -24,7 +24,7 @@ from dbc import shipped_dbc
 from dbc.words import Finding, InputError, Severity
 from identify import Judgement
 from tui.cli import run
-from tui.commands.demo import begun_anew, next_commands
+from tui.commands.demo import next_commands
 from tui.recorders import daemon
 from tui.recorders.daemon import Lifetime, record_campaign
 from tui.recorders.lines import print_outcome, recorded_session
@@ -398,16 +398,13 @@ def test_a_demonstration_that_is_refused_is_exit_1(
     assert run(["demo", "--out", str(tmp_path / "demo")]) == 1
 
 
-@pytest.mark.parametrize("ended", [True, False])
 def test_a_demonstration_does_not_go_on_with_one_that_was_interrupted(
-    ended: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bench = small_bench()
     head = JournalHead(bench.text, bench.dbc_text, "test", 1, 0, "ab" * 16)
-    folder = tmp_path / "demo"
-    writer = JournalWriter(folder / "journal", head, RecorderConfig(), QuickFile)
+    writer = JournalWriter(tmp_path / "journal", head, RecorderConfig(), QuickFile)
     writer.append(bumps(small_codec(), 1), HopLosses())
-    writer.close(ended=ended)
-    again = tmp_path / "demo-2"
-    assert begun_anew(folder) == (folder if ended else again)
-    assert (str(again) in capsys.readouterr().err) is not ended
+    writer.close(ended=False)
+    assert run(["demo", "--out", str(tmp_path)]) == 2
+    assert "was interrupted (name another folder" in capsys.readouterr().err

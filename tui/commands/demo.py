@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ..diagnostics import ExitCode, say
+from ..diagnostics import ExitCode
 from ..options import Force, JsonResult, Seed
 
 
@@ -22,9 +22,11 @@ def demo(
     from dataclasses import asdict, replace
 
     import identify as method
+    from daq import InputError
     from daq.control.address import lone_recorder
     from daq.control.messages import Status
     from daq.files import file_sha256
+    from daq.journal.reader import last_campaign
     from daq.sim.car import SimulatedCar
 
     from ..output import print_json, print_line, print_session, progress
@@ -35,7 +37,10 @@ def demo(
     from ..recorders.traffic import simulated_traffic
     from ..result import print_identification
 
-    out = begun_anew(out)
+    tail = last_campaign(out / "journal")
+    if tail is not None and not tail.ended:  # the recorder would go on in the middle of it
+        advice = "name another folder with --out"
+        raise InputError(str(out), "holds a campaign that was interrupted", advice)
     traffic = simulated_traffic(None, 20.0, "", seed)
     lifetime = Lifetime(arm=True, keep_on=False)
 
@@ -65,25 +70,6 @@ def demo(
         for command in next_commands(path):
             print_line(f"  {command}")
     return ExitCode.ANSWER_IS_NO if result.quality.verdict == "refused" else ExitCode.OK
-
-
-def begun_anew(folder: Path) -> Path:
-    """Return the folder, or one beside it where it holds a campaign that was interrupted.
-
-    Otherwise the recorder would go on with that campaign, in the middle of which the simulated car
-    of this demonstration is not.
-    """
-    from itertools import count
-
-    from daq.journal.reader import last_campaign
-
-    others = (folder.with_name(f"{folder.name}-{number}") for number in count(2))
-    place = folder
-    while (tail := last_campaign(place / "journal")) is not None and not tail.ended:
-        place = next(others)
-    if place != folder:
-        say(f"{folder} holds a campaign that was interrupted: this one is in {place}")
-    return place
 
 
 def next_commands(session: Path) -> tuple[str, str, str]:

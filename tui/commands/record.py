@@ -13,6 +13,7 @@ from ..options import (
     BenchFile,
     DisplayAt,
     DisplayControl,
+    FaultName,
     Force,
     Interface,
     InterfaceChannel,
@@ -44,7 +45,7 @@ def record(
     json: JsonResult = False,
     # The last four are for `bumpbench tui`, which starts its recorder with them.
     demo: Annotated[bool, typer.Option("--demo", hidden=True)] = False,
-    fault: Annotated[str, typer.Option(hidden=True)] = "",
+    fault: Annotated[FaultName | None, typer.Option(hidden=True)] = None,
     replay: Annotated[Path | None, typer.Option(hidden=True)] = None,
     speed: Annotated[float, typer.Option(min=0.1, max=20.0, hidden=True)] = 1.0,
 ) -> int:
@@ -59,15 +60,13 @@ def record(
     from ..output import progress
     from ..recorders.daemon import Lifetime, record_campaign
     from ..recorders.lines import print_outcome
-    from ..recorders.log import Log, require_log
+    from ..recorders.log import Log
     from ..recorders.traffic import bus_traffic, replayed_traffic, simulated_traffic
 
-    if log is not None:
-        require_log(log)
     if replay is not None:
         traffic = replayed_traffic(replay, speed)
     elif demo:
-        traffic = simulated_traffic(bench, speed, fault)
+        traffic = simulated_traffic(bench, speed, fault or "")
     else:
         traffic = bus_traffic(bench, interface, channel)
     lifetime = Lifetime(not idle, keep_on, replay is not None, demo or replay is not None)

@@ -7,8 +7,16 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from ..diagnostics import ExitCode, unknown_value
-from ..options import BenchFile, DisplayAt, DisplayControl, Interface, InterfaceChannel, Operator
+from ..diagnostics import ExitCode
+from ..options import (
+    BenchFile,
+    DisplayAt,
+    DisplayControl,
+    FaultName,
+    Interface,
+    InterfaceChannel,
+    Operator,
+)
 
 if TYPE_CHECKING:
     from daq.control.messages import Setup
@@ -28,10 +36,7 @@ def tui(
     demo: Annotated[
         bool, typer.Option("--demo", help="Use a simulated car instead of a bus.")
     ] = False,
-    fault: Annotated[
-        str | None,
-        typer.Option(help="Fault of --demo: double-bump, lost-frames, unplug."),
-    ] = None,
+    fault: Annotated[FaultName | None, typer.Option(help="Fault of --demo.")] = None,
     speed: Annotated[
         float,
         typer.Option(
@@ -47,9 +52,10 @@ def tui(
     glyphs: Annotated[
         Literal["auto", "braille", "blocks"], typer.Option(help="Characters to draw with.")
     ] = "auto",
-    theme: Annotated[str, typer.Option(help="Colours: bench-dark, bench-light, ansi-dark, ...")] = (
-        "bench-dark"
-    ),
+    theme: Annotated[
+        Literal["bench-dark", "bench-light", "ansi-dark", "ansi-light"],
+        typer.Option(help="Colours."),
+    ] = "bench-dark",
     operator: Operator = "",
     display: DisplayAt = None,
     control: DisplayControl = False,
@@ -81,8 +87,6 @@ def tui(
     if replay and not replay.is_file():
         raise InputError(str(replay), "is not a file", "name a session file")
     folder = out or Path("bumpbench-demo" if demo else "bumpbench-replay" if replay else ".")
-    if fault:
-        check_fault(folder, fault)
     wanted = wanted_setup(bench, interface, channel, demo, replay)
     if web:
         try:
@@ -123,20 +127,6 @@ def tui(
         feed.attach()  # after all checks of the command
         app.run()
     return app.return_code or ExitCode.OK
-
-
-def check_fault(folder: Path, fault: str | None) -> None:
-    """Raise InputError for an unknown fault, and if a recorder runs, which would ignore it."""
-    from daq import InputError
-    from daq.control.address import control_address, is_running
-    from daq.sim.bench import Fault
-
-    if fault and fault not in set(Fault):
-        raise unknown_value("--fault", fault, "fault", list(Fault))
-    if fault and is_running(control_address(folder)):
-        reason = f"a recorder already runs in {folder} and cannot take a fault"
-        advice = "leave --fault out to attach to it, or name another folder with --out"
-        raise InputError(f"--fault {fault}", reason, advice)
 
 
 def wanted_setup(

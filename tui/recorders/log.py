@@ -7,57 +7,39 @@ import os
 import sys
 import threading
 import time
+from collections import Counter
 from contextlib import suppress
-from logging.handlers import QueueListener, RotatingFileHandler
+from logging.handlers import QueueHandler, QueueListener, RotatingFileHandler
 from pathlib import Path
 from queue import Full, Queue
+from typing import Any
+
+from daq import InputError
+from dbc.words import printable
 
 BURST = 5
-"""Largest number of lines with one key in a minute; further lines are only counted."""
-
-
-def require_log(path: Path) -> None:
-    """Raise InputError if a file to log to is there and is not a log of bumpbench.
-
-    A log, and what a recorder wrote to stderr, is recognized by its first line.
-    """
-    from daq import InputError
-
-    advice = "name another file for the log"
-    try:
-        if not path.exists():
-            return
-        if not path.is_file():
-            raise InputError(str(path), "is not an ordinary file", advice)
-        with path.open("rb") as stream:
-            first = stream.readline(200)
-    except OSError as error:
-        raise InputError(str(path), error.strerror or str(error), advice) from error
-    if first and b"bumpbench: " not in first and not first.startswith(b"Traceback "):
-        raise InputError(str(path), "is there already and is not a log of bumpbench", advice)
+"""Largest number of lines with one key in a minute; further lines are left out."""
 
 
 class Log:
     """Writes lines to stderr or to a file, from its own thread.
 
-    Log records, warnings and uncaught thread errors of libraries are written too.  In a file each
-    line begins with the UTC at which it was logged; lines on stderr are stamped by the program that
+    Warnings of libraries and uncaught errors of threads are written too.  In a file each line
+    begins with the UTC at which it was logged; lines on stderr are stamped by the program that
     stores them.  `path`: a file instead of stderr; at 1 MB it is renamed to `*.1`, which replaces
-    an earlier one, and a new file is begun.  Raises InputError if the file cannot be written, or as
-    `require_log` does.
+    an earlier one, and a new file is begun.  Raises InputError if the file cannot be written.
     """
 
     def __init__(self, path: Path | None) -> None:
         self._writer = _Stderr() if path is None else _file_handler(path)
         # Lines that wait for a slow reader; further ones are left out.
-        self._waiting: Queue[logging.LogRecord] = Queue(1000)
-        self._listener = QueueListener(self._waiting, self._writer)
-        self._periods: dict[str, tuple[float, int]] = {}
-        """Beginning of the present minute of each key, s, and number of its lines since."""
-        self._lock = threading.Lock()
+        waiting: Queue[Any] = Queue(1000)
+        self._listener = QueueListener(waiting, self._writer)
+        self._handler = QueueHandler(waiting)
+        self._handler.addFilter(_Flood())
+        self._logger = logging.getLogger("bumpbench")
 
     def __enter__(self) -> Log:
-        self._handler = _Libraries(self)
         self._hook = threading.excepthook
         threading.excepthook = lambda died: self.line(
             f"{died.thread.name if died.thread else 'a thread'} ended: {died.exc_value!r}", "thread"
@@ -65,6 +47,7 @@ class Log:
         # A handler that cannot write must not report that to the same stderr.
         logging.raiseExceptions = False
         logging.captureWarnings(True)
+        self._logger.setLevel(logging.INFO)
         logging.getLogger().addHandler(self._handler)
         self._listener.start()
         return self
@@ -87,34 +70,32 @@ class Log:
 
     def line(self, text: str, key: str = "") -> None:
         """Write a line; the number of lines with the same key is limited, except the empty one."""
-        from dbc.words import printable
-
-        now_s = time.monotonic()
-        with self._lock:
-            began_s, count = self._periods.get(key, (now_s, 0))
-            if now_s - began_s > 60.0:
-                if count > BURST:
-                    text = f"{text} (and {count - BURST} more of these)"
-                began_s, count = now_s, 0
-            if key:
-                self._periods[key] = began_s, count + 1
-            if count >= BURST:
-                return
-        record = logging.makeLogRecord({"msg": printable(text, 600)})
-        with suppress(Full):
-            self._waiting.put_nowait(record)
+        self._logger.info("%s", text, extra={"key": key})
 
 
-class _Libraries(logging.Handler):
-    """Takes the warnings of libraries."""
+class _Flood(logging.Filter):
+    """Leaves out lines beyond `BURST` with one key in a minute; a library's name is its key."""
 
-    def __init__(self, log: Log) -> None:
-        super().__init__(logging.WARNING)
-        self._log = log
+    def __init__(self) -> None:
+        super().__init__()
+        self._minute = 0
+        self._counts: Counter[str] = Counter()
 
-    def emit(self, record: logging.LogRecord) -> None:
-        with suppress(Exception):
-            self._log.line(f"{record.name}: {record.getMessage()}", record.name)
+    def filter(self, record: logging.LogRecord) -> bool:
+        minute = int(time.monotonic() // 60.0)
+        if minute != self._minute:
+            self._minute = minute
+            self._counts.clear()
+        key = getattr(record, "key", record.name)
+        self._counts[key] += 1
+        return not key or self._counts[key] <= BURST
+
+
+class _Line(logging.Formatter):
+    """One line without characters that act on a terminal, after the program or the library."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        return printable(super().format(record), 600)
 
 
 class _Stderr(logging.Handler):
@@ -123,19 +104,17 @@ class _Stderr(logging.Handler):
     def __init__(self) -> None:
         super().__init__()
         self.lock = None  # at the end, `logging` would wait for it, and so for a full pipe
+        self.setFormatter(_Line("%(name)s: %(message)s"))
         self._stream = sys.stderr.fileno()
         # Clears a progress bar in this line; the bar is drawn again below.
         self._before = "\r\x1b[K" if os.isatty(self._stream) else ""
 
     def emit(self, record: logging.LogRecord) -> None:
         with suppress(OSError):  # no reader is left
-            os.write(self._stream, f"{self._before}bumpbench: {record.msg}\n".encode())
+            os.write(self._stream, f"{self._before}{self.format(record)}\n".encode())
 
 
 def _file_handler(path: Path) -> logging.Handler:
-    from daq import InputError
-
-    require_log(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.open("ab").close()
@@ -143,7 +122,7 @@ def _file_handler(path: Path) -> logging.Handler:
     except OSError as error:
         reason = error.strerror or str(error)
         raise InputError(str(path), reason, "name another file for the log") from error
-    stamped = logging.Formatter("%(asctime)s bumpbench: %(message)s")
+    stamped = _Line("%(asctime)s %(name)s: %(message)s")
     stamped.converter = time.gmtime
     stamped.default_time_format, stamped.default_msec_format = "%Y-%m-%dT%H:%M:%S", "%s.%03dZ"
     handler.setFormatter(stamped)

@@ -22,10 +22,7 @@ def start_recorder(folder: Path, *words: str) -> Process:
     from daq import InputError
     from daq.control.address import group_readable
 
-    from .log import require_log
-
     log_path = folder / LOG
-    require_log(log_path)
     command = [sys.executable, "-m", "tui", "record", "--keep-on", *words]
     try:
         with group_readable():

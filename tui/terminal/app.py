@@ -36,7 +36,6 @@ from daq.control.messages import (
 )
 from dbc.words import printable
 
-from ..diagnostics import unknown_value
 from .campaign import SCREEN_OF, BenchStep, in_run, progress, waits_unarmed
 from .device import THEMES, KeyboardApp
 from .feed import Lanes, Lost, News, RecorderFeed, Role
@@ -136,8 +135,6 @@ class BenchApp(KeyboardApp):
         super().__init__(clock)
         for made in THEMES:
             self.register_theme(made)
-        if theme not in self.available_themes:
-            raise unknown_value("--theme", theme, "theme", sorted(self.available_themes))
         self.theme = theme
         self.feed, self.folder, self.glyphs, self.operator = feed, folder, glyphs, operator
         self.auto, self.display_link, self.sound = auto, display, True

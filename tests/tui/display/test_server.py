@@ -267,7 +267,7 @@ async def terminal(folder: Path) -> AsyncIterator[Guard]:
 
 
 @asynccontextmanager
-async def page_of_display() -> AsyncIterator[Guard]:
+async def page_of_display(_: Path) -> AsyncIterator[Guard]:
     async with display() as page:
         yield page.guard
 
@@ -371,9 +371,9 @@ class Pages:
     made: list[tuple[Any, ...]]
     does: Callable[[], None] | None
 
-    def __init__(self, guard: Any, feed: Any, folder: Path, name: str, control: Any) -> None:
+    def __init__(self, guard: Any, feed: Any, name: str, control: Any) -> None:
         self.secret = control.secret if control else ""
-        Pages.made.append((guard, feed, folder, name, control))
+        Pages.made.append((guard, feed, name, control))
 
     async def serve(self, ended: asyncio.Event, listening: Callable[[], object]) -> None:
         """Wait."""
@@ -478,8 +478,6 @@ def test_an_order_that_the_recorder_refuses_is_said_on_the_page(
         async with display(Control()) as page:
             assert page.control is not None
             await page.post("control", number=page.control.secret)
-            while page.recorder.orders == []:
-                await asyncio.sleep(0)
             ask = page.recorder.ask
 
             async def refusing(order: Order) -> Reply:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,11 +11,8 @@ from textual.widgets import Input, Static
 
 from daq.alarms.texts import EXPLAINED
 from daq.bench.campaign import Origin
-from daq.control import address
 from daq.control.messages import Alarm, Arm, Hello, Phase, Setup, ShutDown, Stop, differences
-from dbc.words import InputError
 from tui.cli import run
-from tui.commands.tui import check_fault
 from tui.diagnostics import ExitCode
 from tui.display.link import Served
 from tui.terminal.app import BenchApp
@@ -107,17 +103,6 @@ def test_without_a_terminal_nothing_is_started(
     assert said.count("\n") == 1
     assert "is not a terminal" in said
     assert not (tmp_path / "demo").exists()
-
-
-@pytest.mark.parametrize(("fault", "runs", "refused"), [
-    ("unplug", True, True), ("unplug", False, False), (None, True, False),
-])  # fmt: skip
-def test_a_fault_needs_a_recorder_of_its_own(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fault: str | None, runs: bool, refused: bool
-) -> None:
-    monkeypatch.setattr(address, "is_running", lambda _: runs)
-    with pytest.raises(InputError, match="already") if refused else nullcontext():
-        check_fault(tmp_path, fault)
 
 
 async def test_the_name_is_asked_for_once_if_nobody_has_said_it(
