@@ -11,13 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from .base_install import sitecustomize
-
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as in `tui`: small matrices
 # A shell starts what runs in the background with SIGINT ignored, and processes of tests inherit it.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
-_PATH = [str(Path(sitecustomize.__file__).parent), os.environ.get("PYTHONPATH", "")]
+_PATH = [str(Path(__file__).parent / "base_install"), os.environ.get("PYTHONPATH", "")]
 os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, _PATH))  # of the processes that tests start
 if "RUNTIME_DIRECTORY" not in os.environ:  # no sockets of tests among those of the user
     os.environ["RUNTIME_DIRECTORY"] = tempfile.mkdtemp(prefix="bumpbench-")
