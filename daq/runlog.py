@@ -275,7 +275,13 @@ def _advanced(log: RunLog, event: Event) -> RunLog:
             mark = LoggedNote(event.t_ns, event.text, revision=log.revision)
             return replace(log, notes=(*log.notes, mark))
         case Code.UNDO if log.done:
-            back = _reversible(log.done[-1])
+            back = log.done[-1]
+            if back.before.status is RunStatus.OPEN:
+                # A run that the recorder has judged cannot be open again: its verdict turns round.
+                accepted = back.after.status is RunStatus.ACCEPTED
+                other = RunStatus.REJECTED if accepted else RunStatus.ACCEPTED
+                turned = replace(back.after, status=other, by="undo", reason="")
+                back = back._replace(before=turned)
             runs = _replaced(log, back.before)
             return replace(log, runs=runs, done=log.done[:-1], undone=(*log.undone, back))
         case Code.REDO if log.undone:
@@ -283,7 +289,10 @@ def _advanced(log: RunLog, event: Event) -> RunLog:
             runs = _replaced(log, forth.after)
             return replace(log, runs=runs, done=(*log.done, forth), undone=log.undone[:-1])
         case Code.RESUMED:
-            return _cut(log)
+            text = "cut: the recorder was stopped in mid-run"
+            cut = (Finding("cut", Severity.ERROR, text, advice="bump again"),)
+            run = log.open
+            return _judged(log, run, RunStatus.REJECTED, cut) if run else log
         case Code.VERDICT | Code.ACCEPT | Code.REJECT | Code.CHOOSE | Code.NOTE | Code.OVERRIDE:
             try:
                 body = json.loads(event.text)
@@ -333,46 +342,9 @@ def _judged(
     log: RunLog, run: LoggedRun, status: RunStatus, findings: tuple[Finding, ...]
 ) -> RunLog:
     """Return the log after the recorder's verdict."""
-    if run.status is RunStatus.OPEN:
-        return _decided(log, Change(run, replace(run, status=status, findings=findings)))
-    # A person was faster: the recorder's verdict counts if that person's verdict is undone.
-    beneath = replace(run, status=status, findings=findings, by="", reason="")
-
-    def known(one: LoggedRun) -> LoggedRun:
-        if one.label != run.label:
-            return one
-        return beneath if one.status is RunStatus.OPEN else replace(one, findings=findings)
-
-    def all_known(changes: Iterable[Change]) -> tuple[Change, ...]:
-        return tuple(Change(known(each.before), known(each.after)) for each in changes)
-
-    runs = tuple(known(one) for one in log.runs)
-    return replace(log, runs=runs, done=all_known(log.done), undone=all_known(log.undone))
-
-
-def _reversible(change: Change) -> Change:
-    """Return a change whose run before is as undoing leaves it.
-
-    A run that the recorder has judged cannot be open again: it gets the other verdict.  A run that
-    a person rejected while it was recorded is open again until the recorder judges it.
-    """
-    if change.before.status is not RunStatus.OPEN or change.after.by:
-        return change
-    accepted = change.after.status is RunStatus.ACCEPTED
-    other = RunStatus.REJECTED if accepted else RunStatus.ACCEPTED
-    return change._replace(before=replace(change.after, status=other, by="undo", reason=""))
-
-
-def _cut(log: RunLog) -> RunLog:
-    text = "cut: the recorder was stopped in mid-run"
-    finding = Finding("cut", Severity.ERROR, text, advice="bump again")
-    unjudged = {
-        after.label for before, after in log.done if before.status is RunStatus.OPEN and after.by
-    }
-    for run in log.runs:
-        if run.status is RunStatus.OPEN or run.label in unjudged:
-            log = _judged(log, run, RunStatus.REJECTED, (finding,))
-    return log
+    if run.status is not RunStatus.OPEN:  # a person decided before, in journals of November 2026
+        return replace(log, runs=_replaced(log, replace(run, findings=findings)))
+    return _decided(log, Change(run, replace(run, status=status, findings=findings)))
 
 
 def _replaced(log: RunLog, changed: LoggedRun) -> tuple[LoggedRun, ...]:

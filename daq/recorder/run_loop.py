@@ -267,16 +267,14 @@ def order_event(
         case Pause():
             return Event(t_ns, "pause", text=by)
         case Accept():
-            run = _logged(run_log, order.label)
-            if run.status is RunStatus.OPEN:
-                raise OrderError(f"{run.label} is being recorded: wait for its end")
+            run = _judged(run_log, order.label)
             if run.status is RunStatus.ACCEPTED:
                 raise OrderError(f"{run.label} is already accepted")
             if not order.reason:
                 raise OrderError(f"{run.label} was rejected: give the reason why it should be used")
             return entry(Code.ACCEPT, t_ns, label=run.label, by=by, reason=_clean(order.reason))
         case Reject():
-            run = _logged(run_log, order.label)
+            run = _judged(run_log, order.label)
             if run.status is RunStatus.REJECTED:
                 raise OrderError(f"{run.label} is already rejected")
             return entry(Code.REJECT, t_ns, label=run.label, by=by, reason=_clean(order.reason))
@@ -324,6 +322,14 @@ def _logged(run_log: RunLog, label: str) -> LoggedRun:
     run = run_log.run(label) if label else run_log.open or last
     if run is None:
         raise OrderError(f"there is no run {label!r}" if label else "there is no run yet")
+    return run
+
+
+def _judged(run_log: RunLog, label: str) -> LoggedRun:
+    """Return the run of a label, as `_logged`, which is not being recorded any more."""
+    run = _logged(run_log, label)
+    if run.status is RunStatus.OPEN:
+        raise OrderError(f"{run.label} is being recorded: wait for its end")
     return run
 
 

@@ -39,38 +39,18 @@ def stand(*events: Event) -> tuple[RunStatus, str, tuple[str, ...]]:
     return run.status, run.by, tuple(f.code for f in run.findings)
 
 
-def test_a_run_rejected_in_its_midst_is_open_again_when_that_is_undone() -> None:
-    assert stand(BUMP, REJECT, UNDO) == (RunStatus.OPEN, "", ())
-    # The recorder decides in the end, and a weak bump is not let in by the back door.
-    weak = verdict_entry(6, RUN, [WEAK])
-    assert stand(BUMP, REJECT, UNDO, weak) == (RunStatus.REJECTED, "", ("too_weak",))
-    assert stand(BUMP, REJECT, UNDO, REDO) == (RunStatus.REJECTED, "Ann", ())
-
-
-@pytest.mark.parametrize(
-    ("finding", "status"), [(WEAK, RunStatus.REJECTED), (FINE, RunStatus.ACCEPTED)]
-)
-def test_the_recorders_verdict_lies_beneath_that_of_a_person_who_was_faster(
-    finding: Finding, status: RunStatus
-) -> None:
-    events = (BUMP, REJECT, verdict_entry(3, RUN, [finding]))
+def test_a_run_that_a_person_rejected_before_its_end_stays_rejected() -> None:
+    """So it is in journals of November 2026."""
+    events = (BUMP, REJECT, verdict_entry(3, RUN, [FINE]))
     assert stand(*events) == (RunStatus.REJECTED, "Ann", ("too_weak",))
-    assert stand(*events, UNDO) == (status, "", ("too_weak",))
-    assert stand(*events, UNDO, REDO) == (RunStatus.REJECTED, "Ann", ("too_weak",))
-
-
-def test_a_run_without_findings_is_not_open_for_ever() -> None:
-    events = (BUMP, REJECT, verdict_entry(3, RUN, []), UNDO)
-    assert stand(*events) == (RunStatus.ACCEPTED, "", ())
-    assert stand(BUMP, verdict_entry(3, RUN, []), UNDO) == (RunStatus.REJECTED, "undo", ())
 
 
 def test_no_run_is_open_after_a_restart_whatever_is_undone() -> None:
     resumed = Event(3, Code.RESUMED)
     assert stand(BUMP, resumed) == (RunStatus.REJECTED, "", ("cut",))
-    assert stand(BUMP, REJECT, resumed) == (RunStatus.REJECTED, "Ann", ("cut",))
-    assert stand(BUMP, REJECT, resumed, UNDO) == (RunStatus.REJECTED, "", ("cut",))
-    assert stand(BUMP, REJECT, UNDO, resumed) == (RunStatus.REJECTED, "", ("cut",))
+    assert stand(BUMP, resumed, UNDO) == (RunStatus.ACCEPTED, "undo", ("cut",))
+    assert stand(BUMP, REJECT, resumed) == (RunStatus.REJECTED, "Ann", ())
+    assert stand(BUMP, verdict_entry(3, RUN, []), UNDO) == (RunStatus.REJECTED, "undo", ())
 
 
 def test_a_value_that_is_no_number_can_be_sent_to_clients() -> None:
@@ -91,7 +71,8 @@ def test_what_persons_write_carries_no_control_character(bench: Bench) -> None:
         (Note(f"{foul}\n{foul}"), "text"),
         (OverrideWarning("bus", foul), "reason"),
     ):
-        held = fold([BUMP]) if isinstance(order, Reject) else run_log
+        fine = fold([BUMP, verdict_entry(2, RUN, [FINE])])
+        held = fine if isinstance(order, Reject) else run_log
         event = order_event(order, "Ann", 3, held, bench, None)
         assert event is not None
         assert json.loads(event.text)[key] in (clean, f"{clean}\n{clean}")

@@ -204,14 +204,6 @@ def test_a_verdict_within_the_countdown_counts_and_gives_the_time_anew() -> None
     assert bench.decide(Code.REDO).phase == Phase.REJECTED
 
 
-def test_a_run_rejected_while_it_is_recorded_stays_rejected() -> None:
-    bench = LoopBench().arm()
-    label = bench.bump()
-    bench.decide(Code.REJECT, label)
-    assert bench.phase == Phase.TRIGGERED
-    assert bench.end().phase == Phase.REJECTED
-
-
 @pytest.mark.parametrize(
     ("until", "seconds"),
     [
