@@ -55,18 +55,12 @@ _PIECE = np.dtype([("base", np.uintp), ("size", np.uintp)], align=True)
 """`struct iovec`."""
 
 _RAW_PROTOCOL, _SOL_CAN_RAW, _ERR_FILTER, _FD_FRAMES = 1, 101, 2, 5
-SO_TIMESTAMPNS, _SO_RXQ_OVFL = 35, 40
+SO_TIMESTAMPNS = 35
 _WORD = 8
-_CONTROL_WORDS = 8
-"""Words for the control messages of a datagram: a stamp of the kernel (4), a counter (3)."""
-
-
-def _kind(option: int) -> int:
-    """Return level and type of a control message as the word that they form in memory."""
-    return int(np.array([socket.SOL_SOCKET, option], np.int32).view(np.int64)[0])
-
-
-_STAMP, _DROPS = _kind(SO_TIMESTAMPNS), _kind(_SO_RXQ_OVFL)
+_CONTROL_WORDS = 4
+"""Words for the control message of a datagram, a stamp of the kernel: length, kind, s, ns."""
+_STAMP = int(np.array([socket.SOL_SOCKET, SO_TIMESTAMPNS], np.int32).view(np.int64)[0])
+"""Level and type of that message, as the word that they form in memory."""
 
 _TOP, _BITS = np.arange(8), np.arange(4)
 _FLAGS = (_TOP >> 2) * int(FrameFlag.EXTENDED) | (_TOP >> 1 & 1) * int(FrameFlag.REMOTE)
@@ -118,21 +112,14 @@ def _libc() -> Any:
     return libc
 
 
-def read_control(
-    words: NDArray[np.int64], used: NDArray[np.uintp]
-) -> tuple[NDArray[np.int64], int | None]:
-    """Return the kernel's stamps, ns, 0 where there is none, and the newest counter of drops.
+def kernel_stamps(words: NDArray[np.int64], used: NDArray[np.uintp]) -> NDArray[np.int64]:
+    """Return the kernel's stamps, ns, 0 where there is none, (n,).
 
-    `words`, (n, m) int64: control messages of each datagram: length, kind, s, ns of a stamp, then
-    length, kind, value of a counter.  `used`, (n,): number of bytes that the kernel wrote there.  A
-    message of another kind ends those of its datagram.
+    `words`, (n, 4) int64: the control message of each datagram.  `used`, (n,): number of bytes that
+    the kernel wrote there.
     """
-    stamped = (words[:, 1] == _STAMP) & (words[:, 0] >= 4 * _WORD) & (used >= 4 * _WORD)
-    t_ns = (words[:, 2] * 1_000_000_000 + words[:, 3]) * stamped
-    if not np.count_nonzero(used > 4 * _WORD):  # no frame was dropped since the socket was opened
-        return t_ns, None
-    rows = np.flatnonzero((words[:, 5] == _DROPS) & (used > 6 * _WORD) & stamped)
-    return t_ns, int(words[rows[-1], 6]) & 0xFFFFFFFF if len(rows) else None
+    is_stamp = (words[:, 1] == _STAMP) & (words[:, 0] >= 4 * _WORD) & (used >= 4 * _WORD)
+    return np.asarray((words[:, 2] * 1_000_000_000 + words[:, 3]) * is_stamp)
 
 
 def frame_columns(
@@ -221,11 +208,7 @@ def keep_to_own_group(sock: socket.socket) -> None:
 
 
 def drop_counter(sock: socket.socket) -> int | None:
-    """Return a socket's counter of dropped datagrams, modulo 2^32; None if the kernel has none.
-
-    The counter in a CAN frame was read when the frame was queued: without this function, frames
-    dropped at the end of a burst would stay unknown until the next frame.
-    """
+    """Return a socket's counter of dropped datagrams, modulo 2^32; None if the kernel has none."""
     try:
         raw = sock.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, _COUNTS.size)
     except OSError:
@@ -265,9 +248,8 @@ class SocketCanSource:
         self._socket, self._index, self._steady_clock = sock, index, steady_clock
         granted = enlarge_buffer(sock)
         self._gather_s = LONG_GATHER_S if granted >= RECEIVE_BUFFER_BYTES else GATHER_S
-        for option in (SO_TIMESTAMPNS, _SO_RXQ_OVFL):
-            with contextlib.suppress(OSError):
-                sock.setsockopt(socket.SOL_SOCKET, option, 1)
+        with contextlib.suppress(OSError):
+            sock.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
         self._buffers = FrameBuffers(BLOCK_FRAMES)
         self._arrival = select.poll()
         self._arrival.register(sock, select.POLLIN)
@@ -287,9 +269,9 @@ class SocketCanSource:
         count = self._receive()
         self._more = count == BLOCK_FRAMES
         older, self._older = self._older, self._older and self._more
+        self._count_drops()
         if count:
             return self._batch(count, older)
-        self._count_drops(drop_counter(self._socket))
         if self._fault:
             problem = f"has gone: {self._fault.strerror}"
             advice = "check plug and power, then start again"
@@ -329,9 +311,8 @@ class SocketCanSource:
 
     def _batch(self, count: int, older: bool) -> FrameBatch:
         buffers, used = self._buffers, self._buffers.headers["control_bytes"][:count]
-        kernel_ns, dropped = read_control(buffers.control[:count], used)
+        kernel_ns = kernel_stamps(buffers.control[:count], used)
         used[:] = _CONTROL_WORDS * _WORD
-        self._count_drops(dropped)
         stamped = kernel_ns != 0
         t_ns = self._steady_clock.from_wall(kernel_ns)
         if np.count_nonzero(stamped) < count:
@@ -344,18 +325,13 @@ class SocketCanSource:
             self._down = False
         return batch
 
-    def _count_drops(self, counter: int | None) -> None:
-        """Add the advance of the socket's counter, which has 32 bits and wraps.
-
-        A counter that came with a frame is as old as that frame, so it may be lower than the last
-        one.
-        """
-        if counter is None:
-            return
-        ahead = (counter - self._drop_counter) & 0xFFFFFFFF
-        if 0 < ahead < 1 << 31:
+    def _count_drops(self) -> None:
+        """Add the advance of the socket's counter, which has 32 bits and wraps."""
+        counter = drop_counter(self._socket)
+        if counter is not None and counter != self._drop_counter:
+            dropped = (counter - self._drop_counter) & 0xFFFFFFFF
             self._drop_counter = counter
-            self._losses = self._losses.plus(HopLosses(ahead))
+            self._losses = self._losses.plus(HopLosses(dropped))
 
 
 def open_socketcan(channel: str, bus: int) -> SocketCanSource:

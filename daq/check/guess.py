@@ -20,7 +20,7 @@ from dbc.units import G_M_S2, known_si, to_si
 
 from ..channels import Quantity, message_of, sensor_of, signal_of
 from ..vehicle import Corner
-from .pushes import AXES, NEAR_1_G, ORDER, Pushes, axis_of, mounting, pushed_corner
+from .pushes import AXES, NEAR_1_G, Pushes, axis_of, mounting, pushed_corner
 
 # Names of signals: words, wheel, axis, and the kind of quantity -----------------------------------
 
@@ -335,10 +335,8 @@ def _by_mounting(group: Sequence[Candidate], pushes: Pushes | None) -> dict[str,
         elif axis == vertical:
             is_on_hub = s.corner is not None and not s.is_on_body
             quantity = Quantity.HUB_ACCELERATION if is_on_hub else Quantity.BODY_ACCELERATION
-            ask = f"mounted {how.tilt_deg:.0f} degrees off the vertical?"
-            ask = ask if how.tilt_deg > 5.0 else ""
             wheel = s.corner if is_on_hub else None
-            guess = Guess(quantity, f"{why}: vertical", wheel, sign, ask, True)
+            guess = Guess(quantity, f"{why}: vertical", wheel, sign)
         guesses[s.full] = guess
     if how is None or len(rates) < 2:
         return guesses
@@ -365,7 +363,7 @@ def _travels(
 ) -> dict[str, Guess]:
     """Return the guesses for lengths; for travels with corner, sign and tare.
 
-    Corners are those that pushes show or names state, or else follow the order of `lengths`.
+    Corners are those that pushes show or names state.
     """
     traces = pushes.traces if pushes is not None else {}
     peaks = {s.full: pushes.peaks(s.full) for s in lengths if pushes and s.full in traces}
@@ -381,12 +379,6 @@ def _travels(
             ask = f"its name says {guess.corner}: are plugs swapped?"
         why, kind = f"moved most by the push on {corner}", Quantity.SUSPENSION_TRAVEL
         travels[name] = Guess(kind, why, corner, sign, ask, is_proven=True)
-    unplaced = [s for s in lengths if guesses[s.full].corner is None]
-    if len(unplaced) == len(ORDER) and not any(g.is_proven for g in travels.values()):
-        for s, corner in zip(unplaced, ORDER, strict=True):
-            ask = "its corner is guessed from the order of sensors: push the car there to check it"
-            why = f"unit {s.unit}, a travel by its name"
-            travels[s.full] = Guess(Quantity.SUSPENSION_TRAVEL, why, corner, 1, ask)
     for s in lengths:
         guess = travels[s.full]
         if guess.quantity is Quantity.SUSPENSION_TRAVEL and s.level is not None:

@@ -183,8 +183,6 @@ class Mounting:
     """Upward direction, shape (3,), components -1, 0 or 1."""
     forward: Vector
     """Forward direction, shape (3,), components -1, 0 or 1."""
-    tilt_deg: float
-    """Angle between the sensor's nearest axis and the vertical, deg."""
     surely_forward: bool
     """True if pushes prove the forward direction."""
 
@@ -218,17 +216,16 @@ def mounting(
         return None  # or tilted by more than 26 deg
     up = np.zeros(3)
     up[vertical] = np.sign(share[vertical])
-    tilt_deg = float(np.degrees(np.arccos(min(abs(share[vertical]), 1.0))))
     # The four directions that may be forward.
     level = [sign * e for e in np.eye(3) if not np.any(up * e) for sign in (1.0, -1.0)]
     if turns:
         fits = [_fit(up, forward, turns) for forward in level]
         best, second = np.argsort(fits)[:-3:-1].tolist()
         if fits[best] > _CLEAR * max(fits[second], 0.0):
-            return Mounting(up, level[best], tilt_deg, True)
+            return Mounting(up, level[best], True)
     # x is forward; where x is vertical it is z, or -z if x points up.
     usual = -up[0] * np.eye(3)[2] if up[0] else np.eye(3)[0]
-    return Mounting(up, usual, tilt_deg, False)
+    return Mounting(up, usual, False)
 
 
 def _fit(up: Vector, forward: Vector, turns: Mapping[Corner, Mapping[str, float]]) -> float:

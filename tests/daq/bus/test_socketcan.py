@@ -278,7 +278,6 @@ def test_opening_asks_for_fd_and_all_error_frames(monkeypatch: pytest.MonkeyPatc
     assert CanSocket.bound == ("can0",)
     assert CanSocket.asked[101, 2] == 0x1FFFFFFF  # CAN_RAW_ERR_FILTER
     assert CanSocket.asked[101, 5] == 1  # CAN_RAW_FD_FRAMES
-    assert CanSocket.asked[1, 40] == 1  # SO_RXQ_OVFL
 
 
 # Stamps and counters that the kernel adds to frames, and which frames it echoes -------------------
@@ -321,10 +320,8 @@ def test_a_length_code_above_8_is_8_bytes(feed: Feed) -> None:
     assert bytes(batch.data[0]) == b"12345678"
 
 
-def test_the_drop_counter_has_32_bits_and_may_be_behind(
-    feed: Feed, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    answers = iter([0x7000_0000, 0xE000_0000, 0xFFFF_FFF0, 0xFFFF_0000, 5, None])
+def test_the_drop_counter_has_32_bits(feed: Feed, monkeypatch: pytest.MonkeyPatch) -> None:
+    answers = iter([0x7000_0000, 0xE000_0000, 0xFFFF_FFF0, 0xFFFF_FFF0, 5, None])
     monkeypatch.setattr(socketcan, "drop_counter", lambda sock: next(answers))
     counts = []
     for _ in range(6):

@@ -389,16 +389,6 @@ def test_pushes_show_how_an_imu_is_turned() -> None:
     assert pitch.is_proven
 
 
-@pytest.mark.parametrize(("tilt_deg", "ask"), [(4.9, ""), (5.6, "mounted 6 degrees off")])
-def test_a_mounting_that_is_tilted_by_more_than_five_degrees_is_asked_about(
-    tilt_deg: float, ask: str
-) -> None:
-    tilt = np.radians(tilt_deg)
-    vertical = device(gravity=(0.0, float(np.sin(tilt)), float(np.cos(tilt))))["Imu.AccZ"]
-    assert vertical.ask.startswith(ask)
-    assert bool(vertical.ask) is bool(ask)
-
-
 @pytest.mark.parametrize(
     ("heights", "corner", "sign", "ask"),
     [
