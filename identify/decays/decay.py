@@ -8,11 +8,12 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daq.channels import Channel, Quantity
 from daq.runs import Run
 from dbc.frames import read_only
+
+from ..model.matrices import Real
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,9 +37,9 @@ class Recording:
 
     group: ChannelGroup
     """Channel group of the samples."""
-    time_s: NDArray[np.float64]
+    time_s: Real
     """Time at which the motion was as measured, s, shape (n,); in a `FreeDecay` since its start."""
-    values: NDArray[np.float64]
+    values: Real
     """SI values, no NaN, shape (n, n_channels)."""
 
     def __post_init__(self) -> None:
@@ -299,18 +300,18 @@ def quiet_counts(records: Sequence[Record]) -> dict[str, int]:
     return {name: sum(len(v) - 1 for v in each) for name, each in _rests(records).items()}
 
 
-def by_channel(recordings: Iterable[Recording]) -> dict[str, list[NDArray[np.float64]]]:
+def by_channel(recordings: Iterable[Recording]) -> dict[str, list[Real]]:
     """Return the values of each channel, one array for each recording that has it."""
-    columns: defaultdict[str, list[NDArray[np.float64]]] = defaultdict(list)
+    columns: defaultdict[str, list[Real]] = defaultdict(list)
     for recording in recordings:
         for channel, values in zip(recording.group.channels, recording.values.T, strict=True):
             columns[channel.name].append(values)
     return columns
 
 
-def _rests(records: Iterable[Record]) -> dict[str, list[NDArray[np.float64]]]:
+def _rests(records: Iterable[Record]) -> dict[str, list[Real]]:
     """Return the values of each channel at rest, one array for each record that shows them."""
-    rests: defaultdict[str, list[NDArray[np.float64]]] = defaultdict(list)
+    rests: defaultdict[str, list[Real]] = defaultdict(list)
     for record in records:
         for name, values in _rest(record).items():
             rests[name].append(values)
@@ -318,7 +319,7 @@ def _rests(records: Iterable[Record]) -> dict[str, list[NDArray[np.float64]]]:
 
 
 @lru_cache(maxsize=_RUNS)
-def _rest(record: Record) -> Mapping[str, NDArray[np.float64]]:
+def _rest(record: Record) -> Mapping[str, Real]:
     """Return the values of each channel before the onset; of a group with enough of them."""
     onset = onset_s(record)
     end_s = -np.inf if onset is None else onset - _QUIET_MARGIN_S
@@ -330,7 +331,7 @@ def _rest(record: Record) -> Mapping[str, NDArray[np.float64]]:
     }
 
 
-def difference_noise(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def difference_noise(values: Real) -> Real:
     """Return the white noise of each column, by successive differences (von Neumann).
 
     A smooth signal adds little to it, so it separates the noise of a residual from its misfit.

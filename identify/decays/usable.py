@@ -7,13 +7,13 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daq.channels import LARGEST, Channel, Quantity
 from daq.runs import Run, RunStatus, Silence, longest_silence
 from daq.samples.converter import FROZEN_S, Hold, longest_hold
 from daq.sessions import Session
 
+from ..model.matrices import Real
 from .decay import Record, decay_start_s, is_still, onset_s, record_of
 
 _LEAST_S = 0.2
@@ -319,7 +319,7 @@ def without_bad_values(
     return replace(session, runs=tuple(runs)), tuple(absurd), tuple(spiked)
 
 
-def spikes(time_s: NDArray[np.float64], values: NDArray[np.float64]) -> list[slice]:
+def spikes(time_s: Real, values: Real) -> list[slice]:
     """Return the samples of each spike, none if there are too many to be errors.
 
     `time_s`, `values`: times and values of one channel, (n,) float64, finite.
@@ -358,7 +358,7 @@ def spikes(time_s: NDArray[np.float64], values: NDArray[np.float64]) -> list[sli
     return spikes if np.count_nonzero(bad) <= max(_LONGEST, _MOST * n) else []
 
 
-def _curvature(time_s: NDArray[np.float64], values: NDArray[np.float64], spike: slice) -> float:
+def _curvature(time_s: Real, values: Real, spike: slice) -> float:
     """Return the larger curvature of the two sides, over the length of the spike."""
     width = spike.stop - spike.start + 1
     near_s = time_s[[spike.start, spike.stop - 1]] + [-_NEAR_S, _NEAR_S]

@@ -15,7 +15,6 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daq.channels import Quantity
 
@@ -29,6 +28,7 @@ from ..decays.decay import (
     quiet_counts,
     quiet_noise,
 )
+from ..model.matrices import Real
 from .grey_box import GreyBox
 from .likelihood import (
     HOLD,
@@ -82,7 +82,7 @@ class Estimation:
     """Delay after the expected start from which the decays were first fitted with success, s."""
     nonlinear: Engine | None = None
     """Engine of a nonlinear fit; None if the fit is the linear one."""
-    laws: NDArray[np.float64] | None = None
+    laws: Real | None = None
     """Part of the covariance that no residual shows, (P, P): what the errors of the laws of a
     nonlinear fit move; None for the linear one."""
     unreached: tuple[str, ...] = ()
@@ -94,7 +94,7 @@ class Estimation:
         return self.nonlinear or LinearEngine(self.box)
 
     @property
-    def full(self) -> NDArray[np.float64]:
+    def full(self) -> Real:
         """Full parameters at the optimum, (28,)."""
         return self.box.full(self.fit.eta.astype(complex)).real
 
@@ -136,9 +136,7 @@ def linearised_at(estimation: Estimation) -> Linearised:
     return linearised(box, estimation.decays, estimation.noise, eta)
 
 
-def estimate(
-    box: GreyBox, records: Sequence[Record], starts: Sequence[NDArray[np.float64]]
-) -> Estimation:
+def estimate(box: GreyBox, records: Sequence[Record], starts: Sequence[Real]) -> Estimation:
     """Find the most likely parameters of all records.
 
     The decays start where the stated bump ends; if the model does not fit from there, a later start
@@ -151,9 +149,7 @@ def estimate(
     return first if first.holds else later_estimate(first, starts)
 
 
-def first_estimate(
-    box: GreyBox, records: Sequence[Record], starts: Sequence[NDArray[np.float64]]
-) -> Estimation:
+def first_estimate(box: GreyBox, records: Sequence[Record], starts: Sequence[Real]) -> Estimation:
     """Fit the decays from the stated end of the bump; arguments as in `estimate`."""
     records = tuple(records)
     start_s = np.array([decay_start_s(record) for record in records])
@@ -163,7 +159,7 @@ def first_estimate(
     return settled(trial) if trial.holds else trial
 
 
-def later_estimate(first: Estimation, starts: Sequence[NDArray[np.float64]]) -> Estimation:
+def later_estimate(first: Estimation, starts: Sequence[Real]) -> Estimation:
     """Return the fit from the first later start from which the model holds, else the first fit.
 
     A bump may be longer than stated; one that is not stated is taken as long enough.  A model that
@@ -198,9 +194,9 @@ def basin(
     box: GreyBox,
     records: tuple[Record, ...],
     rest: dict[str, float],
-    start_s: NDArray[np.float64],
-    etas: Sequence[NDArray[np.float64]],
-) -> NDArray[np.float64]:
+    start_s: Real,
+    etas: Sequence[Real],
+) -> Real:
     """Return an optimum, (P,), that explains nearly all, or that two starts led to.
 
     Else it is the best that any start led to.  `rest`: noise at rest, SI.  `start_s`, (n_records,):
@@ -247,17 +243,13 @@ def settled(late: Estimation) -> Estimation:
 class _Search:
     """Result of a search: the point (P,), its misfit, whether it explains nearly all."""
 
-    eta: NDArray[np.float64]
+    eta: Real
     chi2_per_n: float
     explains: bool
 
 
 def _search(
-    box: GreyBox,
-    records: tuple[Record, ...],
-    rest: dict[str, float],
-    start_s: NDArray[np.float64],
-    eta: NDArray[np.float64],
+    box: GreyBox, records: tuple[Record, ...], rest: dict[str, float], start_s: Real, eta: Real
 ) -> _Search:
     """Search an optimum on thinned samples, from `eta`, which may be far off."""
     decays = tuple(
@@ -281,8 +273,8 @@ def _fitted_from(
     box: GreyBox,
     records: tuple[Record, ...],
     rest: dict[str, float],
-    start_s: NDArray[np.float64],
-    eta: NDArray[np.float64],
+    start_s: Real,
+    eta: Real,
     pooled: dict[str, float] | None = None,
 ) -> Estimation:
     """Fit the decays that begin at the given times, (n_records,), from near the optimum.
@@ -342,7 +334,7 @@ def rough_noise(decays: Sequence[FreeDecay]) -> dict[str, float]:
 
 def _residual_noise(residuals: Sequence[Residuals]) -> dict[str, float]:
     """Return each channel's noise, SI: the rough part of its residuals, over all decays alike."""
-    variances: dict[str, list[NDArray[np.float64]]] = {}
+    variances: dict[str, list[Real]] = {}
     for decay in residuals:
         for name, values in decay.values.items():
             variances.setdefault(name, []).append(difference_noise(values) ** 2)
@@ -369,7 +361,7 @@ _MID_SIZE_CAR = np.array(
 dampers, four lengths."""
 
 
-def generic_vehicles() -> tuple[NDArray[np.float64], ...]:
+def generic_vehicles() -> tuple[Real, ...]:
     """Return the vehicles, each (15,), from which a search may start: a car and its variants.
 
     The variants are lighter, heavier, stiffer and more strongly damped; together they lie within a
@@ -385,9 +377,9 @@ def generic_vehicles() -> tuple[NDArray[np.float64], ...]:
 
 _WINDOWS = (1, 2, 4, 8, 16)
 """Samples taken together; many show a small force that one does not."""
-_SHOWN_AT_ONCE_S, _SHOWN_LATE_S = 0.001, 0.01
-"""Seconds after the first sample that fails, within which the force ends: with accelerations of
-wheels, which show a force at once, and without them."""
+_SHOWN_LATE_S = 0.01
+"""Seconds after the first sample that fails, within which the force ends, if no acceleration of a
+wheel is measured: other sensors show a force later."""
 _SLACK_S = 1e-7
 """Seconds by which a start comes before its first sample, so that rounding does not cut it off."""
 
@@ -395,23 +387,19 @@ _SLACK_S = 1e-7
 class _Early(NamedTuple):
     """The samples before the start, the last one first, in units of sigma."""
 
-    time_s: NDArray[np.float64]
+    time_s: Real
     """Time from the start, s, negative, shape (n,); one entry for each value."""
-    rows: NDArray[np.float64]
+    rows: Real
     """Slope of each value by the unknowns of the fit and the linear part of the run, shape (n,
     n_unknown)."""
-    error: NDArray[np.float64]
+    error: Real
     """Measured less predicted, shape (n,)."""
-    covariance: NDArray[np.float64]
+    covariance: Real
     """Covariance of the unknowns that the predictions use, shape (n_unknown, n_unknown)."""
 
 
 def _earliest_start_s(
-    point: Evaluated,
-    covariance: NDArray[np.float64],
-    record: Record,
-    decay: FreeDecay,
-    linear: LinearPart,
+    point: Evaluated, covariance: Real, record: Record, decay: FreeDecay, linear: LinearPart
 ) -> float:
     """Return the earliest start from which the samples are free decay, s.
 
@@ -426,17 +414,23 @@ def _earliest_start_s(
         early = _early(point, covariance, record, decay, linear, first_s)
         instants_s, failed_s = _free_instants(early)
         if failed_s is not None:
-            channels = [c for r in decay.recordings for c in r.group.channels]
-            at_once = any(c.quantity is Quantity.HUB_ACCELERATION for c in channels)
-            end_s = failed_s + (_SHOWN_AT_ONCE_S if at_once else _SHOWN_LATE_S)
-            instants_s = [instant for instant in instants_s if instant > end_s]
+            # What follows it may be of a sensor that shows a force late: each acceleration of a
+            # wheel must have passed once.
+            sooner = [
+                time_s[time_s > failed_s + _SLACK_S][0]
+                for r in decay.recordings
+                if any(c.quantity is Quantity.HUB_ACCELERATION for c in r.group.channels)
+                for time_s in [record.whole(r).time_s - start_s]
+            ]
+            end_s = max(sooner, default=failed_s + _SHOWN_LATE_S)
+            instants_s = [instant for instant in instants_s if instant > end_s - _SLACK_S]
             break
     return start_s + min(instants_s) - _SLACK_S if instants_s else start_s
 
 
 def _early(
     point: Evaluated,
-    covariance: NDArray[np.float64],
+    covariance: Real,
     record: Record,
     decay: FreeDecay,
     linear: LinearPart,
@@ -454,7 +448,7 @@ def _early(
         decay.recordings, linear.products, linear.coefficients, strict=True
     ):
         J = slopes(point, recording.group, modal_state)
-        weight = point.weights(recording.group)
+        weight = point.group(recording.group).weight
         over_sigma = np.sqrt(weight)[:, None]
         mixed += over_two(stack * weight[:, None, None], product.gram[:, : J.shape[1]] @ J)
         before = record.whole(recording).between(first_s, decay.start_s)

@@ -14,7 +14,6 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daq.channels import ON_BODY, TIME_DERIVATIVE, Channel
 from daq.vehicle import (
@@ -33,7 +32,9 @@ from ..model.matrices import (
     COMPLEX_STEP,
     CORNERS,
     SYMMETRIC,
+    Complex,
     Full,
+    Real,
     delta_mass,
     expansion,
     full_matrices,
@@ -88,13 +89,13 @@ class Correction:
 class System:
     """One mass state at one point of the unknowns, with its derivatives."""
 
-    A: NDArray[np.float64]
+    A: Real
     """State matrix, shape (14, 14)."""
-    dA: NDArray[np.float64]
+    dA: Real
     """Its derivative by each unknown, shape (P, 14, 14)."""
-    rows: dict[str, NDArray[np.float64]]
+    rows: dict[str, Real]
     """Output row of each channel (channel = row . state), each shape (14,)."""
-    d_rows: dict[str, NDArray[np.float64]]
+    d_rows: dict[str, Real]
     """Its derivative, each shape (P, 14)."""
 
 
@@ -121,7 +122,7 @@ class GreyBox:
     """True if wheels may leave the ground: then the cross weight shows without scales, too."""
     names: tuple[str, ...] = field(init=False)
     parameters: tuple[str, ...] = field(init=False)
-    prior_sigma: NDArray[np.float64] = field(init=False)
+    prior_sigma: Real = field(init=False)
     stated: tuple[Correction, ...] = field(init=False)
     """The stated uncertainties: the unknowns after the parameters, in this order."""
     _channels: tuple[Channel, ...] = field(init=False)
@@ -172,20 +173,20 @@ class GreyBox:
             if ("gain", c.name) in self._index
         }
 
-    def gains(self, eta: NDArray[np.float64]) -> dict[str, float]:
+    def gains(self, eta: Real) -> dict[str, float]:
         """Return the fitted scale of each uncertain channel over the stated one, by its name."""
         return {channel.name: 1.0 + float(eta[i]) for i, channel in self.scaled.items()}
 
-    def pulls(self, eta: NDArray[np.float64]) -> NDArray[np.float64]:
+    def pulls(self, eta: Real) -> Real:
         """Return how far each of `corrections` lies from what is stated, in its sigmas."""
         stated = slice(len(self.parameters), len(self.parameters) + len(self.corrections))
         return np.asarray(eta[stated] / self.prior_sigma[stated])
 
-    def unknowns(self, theta: NDArray[np.float64]) -> NDArray[np.float64]:
+    def unknowns(self, theta: Real) -> Real:
         """Return the vector of unknowns, (P,), for a symmetric vehicle, (15,), no correction."""
         return self.unknowns_of(SYMMETRIC @ theta)
 
-    def unknowns_of(self, full: NDArray[np.float64]) -> NDArray[np.float64]:
+    def unknowns_of(self, full: Real) -> Real:
         """Return the vector of unknowns, (P,), for full parameters, (28,), and no correction.
 
         Where the structure has one parameter for both corners, it is their geometric mean.
@@ -197,21 +198,21 @@ class GreyBox:
             eta[i] = values[0] / SIGNED[name] if name in SIGNED else np.mean(np.log(values))
         return eta
 
-    def values(self, eta: NDArray[np.float64]) -> NDArray[np.float64]:
+    def values(self, eta: Real) -> Real:
         """Return the value of each parameter of `names`, SI."""
         return self._values(eta.astype(complex)).real
 
-    def parameter_slopes(self, eta: NDArray[np.float64]) -> NDArray[np.float64]:
+    def parameter_slopes(self, eta: Real) -> Real:
         """Return the derivative of each of `parameters` by its own unknown."""
         # The derivative of exp(x) is exp(x): the value itself.
         values = dict(zip(self.names, self.values(eta).tolist(), strict=True))
         return np.array([SIGNED.get(name, values[name]) for name in self.parameters])
 
-    def full(self, eta: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    def full(self, eta: Complex) -> Complex:
         """Return the full parameters, (..., 28), at the unknowns `eta`, (..., P)."""
         return np.asarray(self._values(eta) @ expansion(self.structure).T)
 
-    def _values(self, eta: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    def _values(self, eta: Complex) -> Complex:
         """Return the value of each parameter of `names`, (..., n_names) SI, at `eta`, (..., P)."""
         values = np.zeros((*eta.shape[:-1], len(self.names)), dtype=complex)
         for i, name in enumerate(self.names):
@@ -223,7 +224,7 @@ class GreyBox:
                 values[..., i] = getattr(self.geometry, name)
         return values
 
-    def delays_s(self, eta: NDArray[np.float64]) -> NDArray[np.float64]:
+    def delays_s(self, eta: Real) -> Real:
         """Return the lateness of each group beyond its nominal one, (n_groups,) s."""
         places = [self.delay_index(group) for group in range(len(self.groups))]
         return np.array([0.0 if p is None else eta[p] for p in places])
@@ -232,27 +233,29 @@ class GreyBox:
         """Return which unknown is the lateness of a group, None if it is exact."""
         return self._index.get(("delay", group))
 
-    def system(self, eta: NDArray[np.float64], mass_state: str) -> System:
-        """Return state matrix, output rows and their derivatives for one mass state."""
-        return self.systems(eta, (mass_state,))[mass_state]
-
-    def systems(self, eta: NDArray[np.float64], mass_states: Collection[str]) -> dict[str, System]:
+    def systems(self, eta: Real, mass_states: Collection[str]) -> dict[str, System]:
         """Return state matrix, output rows and their derivatives for some mass states."""
         points = stepped(eta)
         full = self.full(points)
         M, C, K = full_matrices(full)
-        motion_rows = self._motion_rows(points, full)
+        motion_rows = self.motion_rows(points)
         systems = {}
         for state in self.mass_states:
-            if state.name in mass_states:
-                off = self.off_weights(points, state)
-                added = delta_mass(state.added, full[:, Full.A], full[:, Full.Y_S], off)
-                systems[state.name] = self._system(state_matrix(M + added, C, K), motion_rows)
+            if state.name not in mass_states:
+                continue
+            off = self.off_weights(points, state)
+            added = delta_mass(state.added, full[:, Full.A], full[:, Full.Y_S], off)
+            A = state_matrix(M + added, C, K)
+            rows = {c.name: _output_row(c, motion_rows[c.name], A) for c in self._channels}
+            systems[state.name] = System(
+                A[0].real,
+                A[1:].imag / COMPLEX_STEP,
+                {name: row[0].real for name, row in rows.items()},
+                {name: row[1:].imag / COMPLEX_STEP for name, row in rows.items()},
+            )
         return systems
 
-    def fact_misfits(
-        self, eta: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def fact_misfits(self, eta: Real) -> tuple[Real, Real]:
         """Return measured less predicted value of each fact in sigmas, and the slope of the latter.
 
         Returns (n_facts,) and (n_facts, P).
@@ -260,7 +263,7 @@ class GreyBox:
         points = stepped(eta)
         return misfits_of(self.facts, self.full(points), self.cross_kg(points))
 
-    def cross_kg(self, eta: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    def cross_kg(self, eta: Complex) -> Complex:
         """Return what the front left corner carries beyond its share, (n,) kg, at `eta`, (n, P)."""
         if not self._crossed:
             return np.zeros(len(eta), dtype=complex)
@@ -276,7 +279,7 @@ class GreyBox:
             if ("", _weight(state, i)) in self._index
         }
 
-    def off_weights(self, eta: NDArray[np.complex128], state: MassState) -> NDArray[np.complex128]:
+    def off_weights(self, eta: Complex, state: MassState) -> Complex:
         """Return the deviation of each weight of a mass state from its stated mass and place.
 
         `eta`: unknowns, (n, P).  Returns (n, n_weights, 3): kg, and m forward and to the left.
@@ -287,42 +290,16 @@ class GreyBox:
                 off[:, i, k] = self._correction(eta, kind, _weight(state, i))
         return off
 
-    def _correction(
-        self, eta: NDArray[np.complex128], kind: str, subject: str
-    ) -> NDArray[np.complex128]:
+    def _correction(self, eta: Complex, kind: str, subject: str) -> Complex:
         """Return the correction of what is stated, (n,) SI, at `eta`, (n, P); 0 if it is exact."""
         p = self._index.get((kind, subject))
         return np.zeros(len(eta), dtype=complex) if p is None else eta[:, p]
 
-    def _system(
-        self, A: NDArray[np.complex128], motion_rows: Sequence[NDArray[np.complex128]]
-    ) -> System:
-        """Return a system of A, (1 + P, 14, 14), and of each channel's row, (1 + P, 7).
-
-        Both are at a point, and with a complex step along each of its unknowns (`stepped`).
-        """
-        rows = {
-            channel.name: self._row(channel, row, A)
-            for channel, row in zip(self._channels, motion_rows, strict=True)
-        }
-        return System(
-            A[0].real,
-            A[1:].imag / COMPLEX_STEP,
-            {name: row[0].real for name, row in rows.items()},
-            {name: row[1:].imag / COMPLEX_STEP for name, row in rows.items()},
-        )
-
-    def motion_rows(self, eta: NDArray[np.complex128]) -> dict[str, NDArray[np.complex128]]:
+    def motion_rows(self, eta: Complex) -> dict[str, Complex]:
         """Return each channel's row on the seven motions, (n, 7), time derivative apart."""
-        rows = self._motion_rows(eta, self.full(eta))
-        return dict(zip([channel.name for channel in self._channels], rows, strict=True))
-
-    def _motion_rows(
-        self, eta: NDArray[np.complex128], full: NDArray[np.complex128]
-    ) -> list[NDArray[np.complex128]]:
-        """Return the row of each channel as `motion_rows`; `full`, (n, 28): parameters at `eta`."""
+        full = self.full(eta)
         lengths = full[:, [Full.A, Full.B, Full.T_F, Full.T_R, Full.Y_S]]
-        rows = []
+        rows = {}
         for channel in self._channels:
             # Stated from the front axle and the middle of the car; here from the CG.
             x, y = channel.x_m + full[:, Full.A], channel.y_m - full[:, Full.Y_S]
@@ -330,33 +307,29 @@ class GreyBox:
                 x, y = np.zeros_like(x), np.zeros_like(y)
             x = x + self._correction(eta, "x", channel.name)
             y = y + self._correction(eta, "y", channel.name)
-            row = motion_row(channel, x, y, lengths)
-            if ("gain", channel.name) in self._index:  # the true scale over the stated one
-                row = row * (1.0 + self._correction(eta, "gain", channel.name))[:, None]
-            rows.append(row)
+            # The gain is the true scale over the stated one.
+            gain = 1.0 + self._correction(eta, "gain", channel.name)
+            rows[channel.name] = motion_row(channel, x, y, lengths) * gain[:, None]
         return rows
 
-    def _row(
-        self, channel: Channel, row: NDArray[np.complex128], A: NDArray[np.complex128]
-    ) -> NDArray[np.complex128]:
-        """Return the output row of a channel on the state (X, dX/dt), (n, 14).
 
-        `row`, (n, 7): on the seven motions.  `A`, (n, 14, 14): gives the accelerations by its lower
-        half.
-        """
-        zero = np.zeros_like(row)
-        match TIME_DERIVATIVE[channel.quantity]:
-            case 2:
-                return np.asarray((row[:, None] @ A[:, row.shape[1] :])[:, 0])
-            case 1:
-                return np.concatenate([zero, row], axis=-1)
-        return np.concatenate([row, zero], axis=-1)
+def _output_row(channel: Channel, row: Complex, A: Complex) -> Complex:
+    """Return the output row of a channel on the state (X, dX/dt), (n, 14).
+
+    `row`, (n, 7): on the seven motions.  `A`, (n, 14, 14): gives the accelerations by its lower
+    half.
+    """
+    zero = np.zeros_like(row)
+    match TIME_DERIVATIVE[channel.quantity]:
+        case 2:
+            return np.asarray((row[:, None] @ A[:, row.shape[1] :])[:, 0])
+        case 1:
+            return np.concatenate([zero, row], axis=-1)
+    return np.concatenate([row, zero], axis=-1)
 
 
 def _corrections(
-    channels: Sequence[Channel],
-    groups: Sequence[ChannelGroup],
-    mass_states: Sequence[MassState],
+    channels: Sequence[Channel], groups: Sequence[ChannelGroup], mass_states: Sequence[MassState]
 ) -> dict[tuple[str, str | int], Correction]:
     """Return what is stated with an uncertainty above zero, by the keys of `GreyBox._index`."""
     each: dict[tuple[str, str | int], Correction] = {

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..decays.decay import FreeDecay
+from ..model.matrices import Real
 from .grey_box import GreyBox
 from .varpro import (
     Alike,
@@ -24,17 +24,18 @@ from .varpro import (
     LinearPart,
     NormalBlock,
     blocks_of,
-    evaluate_each,
+    evaluate,
     laid_out,
     products_of,
     residuals_left,
 )
 
-_UNKNOWN = 1e-300  # size of a last step that says nothing about the next one
 _FAR_DAMPING, _NEAR_DAMPING = 1e-3, 1e-4  # of the first step, far from the optimum and near it
 _LIGHT_DAMPING = 1e-3  # below it a step is nearly the whole way, so its size is the distance
-_LEAST_DAMPING, _MOST_DAMPING = 1e-12, 1e8
-_JUMP_DAMPING = 1e-9  # below it ten times the damping changes no step, so it is raised at once
+_LEAST_DAMPING, _MOST_DAMPING = 1e-9, 1e8
+Decays = tuple[FreeDecay, ...]
+Noise = Mapping[str, float]
+"""Standard deviation of the noise of each channel, SI."""
 HOLD = 300.0
 """Strength of the hold with which 200 of 200 starts, wrong by up to a factor of 3, led to the
 optimum."""
@@ -48,7 +49,7 @@ class Linearised:
 
     points: Mapping[str, Evaluated]
     """The model of each mass state."""
-    decays: tuple[FreeDecay, ...]
+    decays: Decays
     layout: Sequence[Alike]
     """`decays`, `layout`: the decays, and how they are laid out."""
     linear: tuple[LinearPart, ...]
@@ -61,13 +62,13 @@ class Linearised:
 class Fit:
     """The optimum."""
 
-    eta: NDArray[np.float64]
+    eta: Real
     """Unknowns of the grey box, shape (P,)."""
-    covariance: NDArray[np.float64]
+    covariance: Real
     """Covariance of `eta`, shape (P, P); infinite on the diagonal of undetermined unknowns."""
     cost: float
     """Sum of squared residuals in units of sigma, facts and priors included."""
-    information: Mapping[str, NDArray[np.float64]]
+    information: Mapping[str, Real]
     """Contribution of each run to the inverse of the covariance, by its label, each shape (P, P);
     also those of the facts (`FACTS`) and of the stated uncertainties (`PRIORS`)."""
     iterations: int
@@ -82,7 +83,7 @@ class Residuals:
 
     label: str
     """Label of the run."""
-    values: Mapping[str, NDArray[np.float64]]
+    values: Mapping[str, Real]
     """Measured minus fitted, SI, each shape (n,)."""
     freedom: Mapping[str, float]
     """Samples less the share of the fitted constants and initial states."""
@@ -90,9 +91,9 @@ class Residuals:
 
 def fit(
     box: GreyBox,
-    decays: tuple[FreeDecay, ...],
-    sigma: Mapping[str, float],
-    start: NDArray[np.float64],
+    decays: Decays,
+    sigma: Noise,
+    start: Real,
     tolerance: float = 1e-3,
     max_iterations: int = 60,
     hold: float = 0.0,
@@ -119,7 +120,7 @@ def fit(
     # From near the optimum the first step may be the last.
     damping = _FAR_DAMPING if hold else _NEAR_DAMPING
     converged = False
-    iterations, size_before = 0, _UNKNOWN
+    iterations, size_before = 0, 0.0
     n = sum(decay.n_values for decay in decays)
     let_go = 1e-3 * hold
     # Noise alone would drive an unknown that no run informs to zero or infinity.  With a standard
@@ -146,7 +147,7 @@ def fit(
             # uncertainty that a step is measured by.
             small = tolerance * max(1.0, trial.cost / n) ** 0.5
             size = float(np.max(np.abs(step) * scale))
-            next_size = size * min(1.0, size / size_before)
+            next_size = size * (min(1.0, size / size_before) if size_before else 1.0)
             converged = not firm and damping < _LIGHT_DAMPING and next_size < small
             size_before = size
             eta, here, model = eta + step, trial, trial_model
@@ -155,29 +156,20 @@ def fit(
         elif damping > _MOST_DAMPING:
             break
         else:
-            damping *= 10 if damping > _JUMP_DAMPING else 1e6
-            size_before = _UNKNOWN
+            damping *= 10
+            size_before = 0.0  # such a step says nothing about the next one
     information = {label: part.information for label, part in model.blocks.items()}
     covariance = covariance_of(here.information)
     return Fit(eta, covariance, here.cost, information, iterations, converged)
 
 
-def normal_blocks(
-    box: GreyBox,
-    decays: tuple[FreeDecay, ...],
-    sigma: Mapping[str, float],
-    eta: NDArray[np.float64],
-) -> dict[str, NormalBlock]:
+def normal_blocks(box: GreyBox, decays: Decays, sigma: Noise, eta: Real) -> dict[str, NormalBlock]:
     """Return what each decay, the facts and the stated uncertainties contribute at `eta`."""
     return linearised(box, decays, sigma, eta).blocks
 
 
 def linearised(
-    box: GreyBox,
-    decays: tuple[FreeDecay, ...],
-    sigma: Mapping[str, float],
-    eta: NDArray[np.float64],
-    layout: Sequence[Alike] | None = None,
+    box: GreyBox, decays: Decays, sigma: Noise, eta: Real, layout: Sequence[Alike] | None = None
 ) -> Linearised:
     """Evaluate the model and its slopes at `eta`, and fit the linear part of each decay.
 
@@ -189,7 +181,7 @@ def linearised(
         FACTS: NormalBlock(float(misfits @ misfits), slopes.T @ slopes, slopes.T @ misfits),
         PRIORS: NormalBlock(float(prior @ eta**2), np.diag(prior), -prior * eta),
     }
-    points = evaluate_each(box, eta, {decay.mass_state for decay in decays}, sigma)
+    points = evaluate(box, eta, {decay.mass_state for decay in decays}, sigma)
     layout = layout or laid_out(decays)
     pairs = blocks_of(points, decays, products_of(points, decays, layout))
     blocks |= {decay.label: block for decay, (block, _) in zip(decays, pairs, strict=True)}
@@ -206,7 +198,7 @@ def _sum(blocks: Mapping[str, NormalBlock]) -> NormalBlock:
     )
 
 
-def covariance_of(normal: NDArray[np.float64]) -> NDArray[np.float64]:
+def covariance_of(normal: Real) -> Real:
     """Invert the normal matrix; unknowns it leaves undetermined get an infinite variance."""
     diagonal = np.diag(normal)
     scale = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
@@ -221,19 +213,12 @@ def covariance_of(normal: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(covariance)
 
 
-def residuals(
-    box: GreyBox,
-    decays: tuple[FreeDecay, ...],
-    sigma: Mapping[str, float],
-    eta: NDArray[np.float64],
-) -> tuple[Residuals, ...]:
+def residuals(box: GreyBox, decays: Decays, sigma: Noise, eta: Real) -> tuple[Residuals, ...]:
     """Return the residuals of each decay with the model at `eta`."""
     return residuals_of(linearised(box, decays, sigma, eta), decays, sigma)
 
 
-def residuals_of(
-    there: Linearised, decays: tuple[FreeDecay, ...], sigma: Mapping[str, float]
-) -> tuple[Residuals, ...]:
+def residuals_of(there: Linearised, decays: Decays, sigma: Noise) -> tuple[Residuals, ...]:
     """Return the residuals of each decay with a fitted linear part.
 
     The share of a channel in the fitted numbers is the trace of its part of the normal matrix of
@@ -243,7 +228,7 @@ def residuals_of(
     by_place = residuals_left(there.points, there.layout, there.linear)
     result = []
     for d, (decay, linear) in enumerate(zip(decays, there.linear, strict=True)):
-        values: dict[str, NDArray[np.float64]] = {}
+        values: dict[str, Real] = {}
         freedom: dict[str, float] = {}
         for r, (recording, product, stack) in enumerate(
             zip(decay.recordings, linear.products, linear.coefficients, strict=True)
@@ -265,25 +250,13 @@ class Engine(Protocol):
     def elements(self) -> Mapping[str, int]:
         """Position, among the unknowns of a `Fit`, of each element that has a size."""
 
-    def normal_blocks(
-        self,
-        decays: tuple[FreeDecay, ...],
-        sigma: Mapping[str, float],
-        eta: NDArray[np.float64],
-    ) -> dict[str, NormalBlock]:
+    def normal_blocks(self, decays: Decays, sigma: Noise, eta: Real) -> dict[str, NormalBlock]:
         """Return what each decay, the facts and the stated uncertainties contribute at `eta`."""
 
-    def residuals(
-        self,
-        decays: tuple[FreeDecay, ...],
-        sigma: Mapping[str, float],
-        eta: NDArray[np.float64],
-    ) -> tuple[Residuals, ...]:
+    def residuals(self, decays: Decays, sigma: Noise, eta: Real) -> tuple[Residuals, ...]:
         """Return the residuals of each decay with the model at `eta`."""
 
-    def fact_misfits(
-        self, eta: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def fact_misfits(self, eta: Real) -> tuple[Real, Real]:
         """Return measured less predicted value of each fact in sigmas, and the latter's slopes."""
 
 
@@ -299,26 +272,14 @@ class LinearEngine:
         """None: a linear model has no elements."""
         return {}
 
-    def normal_blocks(
-        self,
-        decays: tuple[FreeDecay, ...],
-        sigma: Mapping[str, float],
-        eta: NDArray[np.float64],
-    ) -> dict[str, NormalBlock]:
+    def normal_blocks(self, decays: Decays, sigma: Noise, eta: Real) -> dict[str, NormalBlock]:
         """Return what each decay, the facts and the stated uncertainties contribute at `eta`."""
         return normal_blocks(self.box, decays, sigma, eta)
 
-    def residuals(
-        self,
-        decays: tuple[FreeDecay, ...],
-        sigma: Mapping[str, float],
-        eta: NDArray[np.float64],
-    ) -> tuple[Residuals, ...]:
+    def residuals(self, decays: Decays, sigma: Noise, eta: Real) -> tuple[Residuals, ...]:
         """Return the residuals of each decay with the model at `eta`."""
         return residuals(self.box, decays, sigma, eta)
 
-    def fact_misfits(
-        self, eta: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def fact_misfits(self, eta: Real) -> tuple[Real, Real]:
         """Return measured less predicted value of each fact in sigmas, and the latter's slopes."""
         return self.box.fact_misfits(eta)

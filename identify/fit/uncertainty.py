@@ -14,7 +14,7 @@ from dbc.frames import freeze_arrays
 
 from ..decays.decay import FreeDecay, quiet_counts
 from ..model.exponentials import spectrum
-from ..model.matrices import COMPLEX_STEP, derived_quantities, stepped
+from ..model.matrices import COMPLEX_STEP, Real, derived_quantities, stepped
 from .estimation import Estimation
 from .grey_box import SIGNED, GreyBox
 from .likelihood import Fit, Residuals, covariance_of
@@ -58,7 +58,7 @@ class Correlation:
 
     names: tuple[str, ...]
     """The identified parameters."""
-    matrix: NDArray[np.float64]
+    matrix: Real
     """Correlation coefficients, -1..1, shape (n, n)."""
 
     def __post_init__(self) -> None:
@@ -80,7 +80,7 @@ def estimates(box: GreyBox, fit: Fit) -> dict[str, Estimate]:
     }
 
 
-def determined(box: GreyBox, covariance: NDArray[np.float64]) -> NDArray[np.bool_]:
+def determined(box: GreyBox, covariance: Real) -> NDArray[np.bool_]:
     """Return which of `box.parameters` a covariance of the unknowns determines, (n,).
 
     The rule is that of `Estimate.determined`, in units of the unknowns.
@@ -130,7 +130,7 @@ def mode_estimates(box: GreyBox, fit: Fit, mass_state: str) -> tuple[ModeEstimat
     of the parameters.  The frequency is the undamped one, ``|pole| / 2 pi``, and the damping ratio
     is ``-Re pole / |pole|``.
     """
-    system = box.system(fit.eta, mass_state)
+    system = box.systems(fit.eta, {mass_state})[mass_state]
     modes = spectrum(system.A)
     upper = np.flatnonzero(modes.poles.imag > 0)  # one of each conjugate pair
     result = []
@@ -182,7 +182,7 @@ def drivers(box: GreyBox, fit: Fit) -> dict[str, dict[str, float]]:
     return result
 
 
-def _std(slope: NDArray[np.float64], covariance: NDArray[np.float64]) -> float:
+def _std(slope: Real, covariance: Real) -> float:
     """Return the standard deviation of a quantity from its slope by the unknowns, (P,)."""
     undetermined = ~np.isfinite(np.diag(covariance))
     if np.any(slope[undetermined] != 0.0):
@@ -214,10 +214,6 @@ class Prediction:
     offsets; NaN if the others do not determine the parameters."""
     limit: float
     """Upper limit of `predicted` if the model holds."""
-    parameter: str
-    """Parameter that moves most when the run is left out; empty if that is not known."""
-    moved: float
-    """Shift of that parameter, in its standard deviations."""
 
     @property
     def at_noise(self) -> bool:
@@ -245,11 +241,7 @@ def leave_one_out(estimation: Estimation) -> tuple[Prediction, ...]:
 
 
 def _predicted_run(
-    estimation: Estimation,
-    decay: FreeDecay,
-    residuals: Residuals,
-    block: NormalBlock,
-    whole: NDArray[np.float64],
+    estimation: Estimation, decay: FreeDecay, residuals: Residuals, block: NormalBlock, whole: Real
 ) -> Prediction:
     """Predict a run from all the others.
 
@@ -261,15 +253,14 @@ def _predicted_run(
     freedom = sum(residuals.freedom.values())
     fitted = _chi2(residuals.values, noise) / freedom
     finite = np.where(np.isfinite(of_others), of_others, 0.0)
-    step = -finite @ block.gradient
     # Over a step that the others do not determine the problem is not linear, nor finite.
     without = None
     if determined(box, of_others).all():
         with suppress(FloatingPointError):
-            eta = fit.eta + step
+            eta = fit.eta - finite @ block.gradient
             (without,) = estimation.engine.residuals((decay,), estimation.sigma, eta)
     if without is None:
-        return Prediction(decay.label, fitted, np.nan, np.nan, "", np.nan)
+        return Prediction(decay.label, fitted, np.nan, np.nan)
     predicted = _chi2(without.values, noise) / freedom
     quiet = sum(quiet_counts(estimation.records).values()) if estimation.rest else 0
     spread = 2.0 / freedom + 2.0 / (quiet or freedom)
@@ -277,17 +268,9 @@ def _predicted_run(
     # Five standard deviations; clocks fitted to arrival times, and quantisation, may cause 0.05 in
     # one run.
     limit = 1.0 + by_parameters + max(0.05, 5.0 * float(np.sqrt(spread)))
-    # Parameters from fewer runs differ from those from all runs by the difference of the variances.
-    n = len(box.parameters)
-    gain = np.diag(finite)[:n] - np.diag(fit.covariance)[:n]
-    moves = step[:n] / np.sqrt(np.maximum(gain, 1e-300))
-    # A run by which a variance falls less says nothing of the parameter.
-    moves[gain <= 1e-9 * np.diag(finite)[:n]] = 0.0
-    most = int(np.argmax(np.abs(moves)))
-    parameter, moved = box.parameters[most], float(moves[most])
-    return Prediction(decay.label, fitted, predicted, limit, parameter, moved)
+    return Prediction(decay.label, fitted, predicted, limit)
 
 
-def _chi2(values: Mapping[str, NDArray[np.float64]], noise: Mapping[str, float]) -> float:
+def _chi2(values: Mapping[str, Real], noise: Mapping[str, float]) -> float:
     """Return the squared residuals in units of the noise, summed over all channels."""
     return sum(float(column @ column) / noise[name] ** 2 for name, column in values.items())

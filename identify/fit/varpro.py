@@ -25,6 +25,7 @@ from ..model.exponentials import (
     spectrum,
     waves_of,
 )
+from ..model.matrices import Complex, Real
 from .grey_box import GreyBox, System
 
 _N = 14  # states of the vehicle
@@ -36,13 +37,13 @@ class GroupAt:
 
     outputs: Outputs
     """Its channels in modal coordinates."""
-    d_outputs: NDArray[np.complex128]
+    d_outputs: Complex
     """Change of rows times gain with each unknown, shape (n_channels, h, P); h as in `Spectrum`."""
-    on_state: NDArray[np.float64]
+    on_state: Real
     """Matrices from the initial state to the basis, shape (n_channels, 28, 14)."""
     low_pass: LowPass
     """Low-pass of each channel."""
-    weight: NDArray[np.float64]
+    weight: Real
     """Inverse variance of each channel, shape (n_channels,)."""
     late_s: float
     """Lateness beyond the nominal one, s."""
@@ -69,96 +70,61 @@ class Evaluated:
         """Return the group at this point."""
         return self.groups[self.box.groups.index(group)]
 
-    def time_s(self, recording: Recording) -> NDArray[np.float64]:
+    def time_s(self, recording: Recording) -> Real:
         """Return the times at which the motion was as sampled, with the lateness as estimated."""
         return recording.time_s - self.group(recording.group).late_s
 
-    def basis(self, recording: Recording) -> NDArray[np.float64]:
+    def basis(self, recording: Recording) -> Real:
         """Return the functions that the recording consists of, (n_samples, 28 + order + 1).
 
         They are the motion of the vehicle, the transients of the low-pass, and a constant.
         """
         time_s = self.time_s(recording)
         transients = self.group(recording.group).low_pass.transients(time_s)
-        basis = self.modes.basis(time_s, transients.shape[1] + 1)
-        basis[:, 2 * _N : -1] = transients
-        basis[:, -1] = 1.0
-        return basis
-
-    def weights(self, group: ChannelGroup) -> NDArray[np.float64]:
-        """Return the inverse variance of each channel of a group."""
-        return self.group(group).weight
+        return np.hstack([self.modes.basis(time_s), transients, np.ones((len(time_s), 1))])
 
 
 def evaluate(
     box: GreyBox,
-    eta: NDArray[np.float64],
-    mass_state: str,
+    eta: Real,
+    mass_states: Collection[str],
     sigma: Mapping[str, float],
-    modes: Spectrum | None = None,
-) -> Evaluated:
-    """Evaluate a mass state at the unknowns `eta`.
+    spectra: Mapping[str, Spectrum] | None = None,
+) -> dict[str, Evaluated]:
+    """Evaluate some mass states at the unknowns `eta`, what they share once.
 
-    `sigma`: standard deviation of the noise, SI.  `modes`: those of the same state matrix from
+    `sigma`: standard deviation of the noise, SI.  `spectra`: of the same state matrices from
     another structure, if the results of both need one basis.
     """
-    return _evaluated(box, eta, box.system(eta, mass_state), sigma, modes)
-
-
-def evaluate_each(
-    box: GreyBox, eta: NDArray[np.float64], mass_states: Collection[str], sigma: Mapping[str, float]
-) -> dict[str, Evaluated]:
-    """Evaluate some mass states at the unknowns `eta`, what they share once."""
-    systems = box.systems(eta, mass_states)
-    return {name: _evaluated(box, eta, system, sigma) for name, system in systems.items()}
-
-
-def _evaluated(
-    box: GreyBox,
-    eta: NDArray[np.float64],
-    system: System,
-    sigma: Mapping[str, float],
-    modes: Spectrum | None = None,
-) -> Evaluated:
-    """Return the mass state of a system, its channel groups in modal coordinates."""
-    modes = spectrum(system.A) if modes is None else modes
-    change = modes.change(system.dA)
-    late_s = box.delays_s(eta).tolist()
-    groups = tuple(
-        _group_at(box, i, system, modes, change, sigma, late_s[i]) for i in range(len(box.groups))
-    )
-    return Evaluated(box, system, modes, change, groups)
-
-
-def _group_at(
-    box: GreyBox,
-    index: int,
-    system: System,
-    modes: Spectrum,
-    change: Change,
-    sigma: Mapping[str, float],
-    late_s: float,
-) -> GroupAt:
-    """Return the channel group of the given index of `box.groups`; `late_s`: its lateness."""
-    channels = box.groups[index].channels
-    low_pass = low_pass_of(channels[0])  # all channels of a group have it
-    rows = np.array([system.rows[c.name] for c in channels]) @ modes.V
-    d_rows = np.array([system.d_rows[c.name] for c in channels]) @ modes.V  # (n_channels, P, 14)
-    outputs = modes.outputs(rows, change, low_pass)
-    filtered = rows * outputs.gain
-    return GroupAt(
-        outputs,
-        np.ascontiguousarray((d_rows * outputs.gain)[..., modes.half].swapaxes(1, 2)),
-        (modes.to_real[:, :_N] @ (filtered[..., None] * modes.W)).real,
-        low_pass,
-        _weights(box.groups[index], sigma),
-        late_s,
-        box.delay_index(index),
-    )
-
-
-def _weights(group: ChannelGroup, sigma: Mapping[str, float]) -> NDArray[np.float64]:
-    return np.array([sigma[c.name] ** -2 for c in group.channels])
+    points = {}
+    for name, system in box.systems(eta, mass_states).items():
+        modes = spectrum(system.A) if spectra is None else spectra[name]
+        change = modes.change(system.dA)
+        groups = []
+        for i, (group, late_s) in enumerate(
+            zip(box.groups, box.delays_s(eta).tolist(), strict=True)
+        ):
+            low_pass = low_pass_of(group.channels[0])  # all channels of a group have it
+            rows = np.array([system.rows[c.name] for c in group.channels]) @ modes.V
+            d_rows = np.array([system.d_rows[c.name] for c in group.channels]) @ modes.V
+            outputs = modes.outputs(rows, change, low_pass)
+            d_outputs = (d_rows * outputs.gain)[..., modes.half].swapaxes(1, 2)
+            on_state = modes.to_real[:, :_N] @ ((rows * outputs.gain)[..., None] * modes.W)
+            weight = np.array([sigma[c.name] ** -2 for c in group.channels])
+            late_index = box.delay_index(i)
+            groups.append(
+                GroupAt(
+                    outputs,
+                    np.ascontiguousarray(d_outputs),
+                    on_state.real,
+                    low_pass,
+                    weight,
+                    late_s,
+                    late_index,
+                )
+            )
+        points[name] = Evaluated(box, system, modes, change, tuple(groups))
+    return points
 
 
 # Products of the functions of a fit with each other and with the samples --------------------------
@@ -172,11 +138,11 @@ def _weights(group: ChannelGroup, sigma: Mapping[str, float]) -> NDArray[np.floa
 class Products:
     """Products of a recording with the basis."""
 
-    gram: NDArray[np.float64]
+    gram: Real
     """Products of the basis functions with each other, summed over the samples, shape (m, m)."""
-    cross: NDArray[np.float64]
+    cross: Real
     """Products with the samples, shape (m, n_channels)."""
-    power: NDArray[np.float64]
+    power: Real
     """Sum of squares of the samples, shape (n_channels,)."""
 
 
@@ -215,9 +181,7 @@ def laid_out(decays: Sequence[FreeDecay]) -> tuple[Alike, ...]:
     return tuple(result)
 
 
-def products(
-    alike: Alike, poles: NDArray[np.complex128], late_s: NDArray[np.float64]
-) -> list[Products]:
+def products(alike: Alike, poles: Complex, late_s: Real) -> list[Products]:
     """Return the products of each of some recordings with the basis of `Evaluated`.
 
     `poles`, (n,) rad/s: of the vehicle, conjugate pairs adjacent.  `late_s`, (r,) s: lateness of
@@ -243,12 +207,7 @@ def products(
     return [Products(*one) for one in zip(gram, cross, alike.series.power, strict=True)]
 
 
-def residuals(
-    alike: Alike,
-    poles: NDArray[np.complex128],
-    late_s: NDArray[np.float64],
-    coefficients: NDArray[np.float64],
-) -> list[NDArray[np.float64]]:
+def residuals(alike: Alike, poles: Complex, late_s: Real, coefficients: Real) -> list[Real]:
     """Return the samples of each of r recordings less what was fitted, each (n_channels, n).
 
     `coefficients`, (r, n_channels, m): of the m functions of the basis.  Those of the exponentials
@@ -264,9 +223,7 @@ def residuals(
     return waves_of(alike.series, rates, late_s).residuals(on_real - 1j * on_imaginary)
 
 
-def _functions(
-    poles: NDArray[np.complex128], low_pass: LowPass
-) -> tuple[NDArray[np.complex128], NDArray[np.intp]]:
+def _functions(poles: Complex, low_pass: LowPass) -> tuple[Complex, NDArray[np.intp]]:
     """Return the rates of all exponentials, (p,) rad/s, and the parts that form the basis, (m,).
 
     The rates are the vehicle's poles, one of each conjugate pair, those of the low-pass, and 0 for
@@ -295,12 +252,12 @@ class LinearPart:
 
     products: tuple[Products, ...]
     """Products of each recording with its basis."""
-    coefficients: tuple[NDArray[np.float64], ...]
+    coefficients: tuple[Real, ...]
     """Matrices from the linear unknowns to the basis of each recording, each (n_channels, m,
     n_linear)."""
-    normal_inverse: NDArray[np.float64]
+    normal_inverse: Real
     """Covariance of the linear unknowns with all others known, shape (n_linear, n_linear)."""
-    solution: NDArray[np.float64]
+    solution: Real
     """Initial state, then the channels' own unknowns, shape (n_linear,)."""
 
 
@@ -330,12 +287,12 @@ def products_of(
 
 def residuals_left(
     points: Mapping[str, Evaluated], layout: Sequence[Alike], parts: Sequence[LinearPart]
-) -> dict[tuple[int, int], NDArray[np.float64]]:
+) -> dict[tuple[int, int], Real]:
     """Return the residuals of each recording, (n_channels, n), by decay and place in it.
 
     `points`, `layout`: as in `products_of`.  `parts`: the fitted linear parts of the decays.
     """
-    by_place: dict[tuple[int, int], NDArray[np.float64]] = {}
+    by_place: dict[tuple[int, int], Real] = {}
     for alike in layout:
         point = points[alike.mass_state]
         fitted = np.stack([parts[d].coefficients[r] @ parts[d].solution for d, r in alike.places])
@@ -344,17 +301,12 @@ def residuals_left(
     return by_place
 
 
-def _late_s(point: Evaluated, alike: Alike) -> NDArray[np.float64]:
+def _late_s(point: Evaluated, alike: Alike) -> Real:
     """Return the lateness of each recording beyond the nominal one, s."""
     return np.array([point.group(group).late_s for group in alike.groups])
 
 
-def linear_part(point: Evaluated, decay: FreeDecay) -> LinearPart:
-    """Fit the linear part of a decay."""
-    return linear_parts({decay.mass_state: point}, [decay])[0]
-
-
-def linear_coefficients(point: Evaluated, decay: FreeDecay) -> tuple[NDArray[np.float64], ...]:
+def linear_coefficients(point: Evaluated, decay: FreeDecay) -> tuple[Real, ...]:
     """Return each linear unknown's contribution to each channel, on its recording's basis.
 
     The linear unknowns are the initial state of the decay, then for each channel of each recording
@@ -380,7 +332,7 @@ def linear_coefficients(point: Evaluated, decay: FreeDecay) -> tuple[NDArray[np.
     return tuple(result)
 
 
-def pseudo_inverse(normal: NDArray[np.float64]) -> NDArray[np.float64]:
+def pseudo_inverse(normal: Real) -> Real:
     """Invert normal matrices, (.., n, n); directions that the data do not determine stay zero."""
     # A diagonal element of zero has no inverse.
     scale = 1 / np.sqrt(np.maximum(np.diagonal(normal, axis1=-2, axis2=-1), 1e-300))
@@ -395,13 +347,13 @@ class NormalBlock:
 
     cost: float
     """Squared residuals in units of sigma."""
-    information: NDArray[np.float64]
+    information: Real
     """Normal matrix, shape (P, P)."""
-    gradient: NDArray[np.float64]
+    gradient: Real
     """Right-hand side, shape (P,)."""
 
 
-def slopes(point: Evaluated, group: ChannelGroup, z: NDArray[np.complex128]) -> NDArray[np.float64]:
+def slopes(point: Evaluated, group: ChannelGroup, z: Complex) -> Real:
     """Return each channel's derivative by each unknown on the real basis, (.., n_channels, 28, P).
 
     `z`, (.., 14): initial state of one decay, or of several, in modal coordinates.
@@ -416,9 +368,7 @@ def slopes(point: Evaluated, group: ChannelGroup, z: NDArray[np.complex128]) -> 
     return modes.on_real_basis(on_exp, on_t_exp)
 
 
-def motion(
-    point: Evaluated, group: ChannelGroup, z: NDArray[np.complex128], derivative: int
-) -> NDArray[np.float64]:
+def motion(point: Evaluated, group: ChannelGroup, z: Complex, derivative: int) -> Real:
     """Return the vehicle's motion in each channel, on the real basis, (n_channels, 28).
 
     `z`, (14,): initial state in modal coordinates.  `derivative`: of the motion by time, 0 or 1.
@@ -429,7 +379,7 @@ def motion(
     return np.asarray((on_exp @ modes.to_real[:, :_N].T).real)
 
 
-def over_two(left: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
+def over_two(left: Real, right: Real) -> Real:
     """Multiply (n, m, p) with (n, m, q), summed over the first two axes."""
     return np.asarray(left.reshape(-1, left.shape[-1]).T @ right.reshape(-1, right.shape[-1]))
 
@@ -476,7 +426,7 @@ def _blocks_like(
     cost = np.zeros(n)
     parts = []
     for i, (recording, stack) in enumerate(zip(first.recordings, stacks, strict=True)):
-        weight = point.weights(recording.group)
+        weight = point.group(recording.group).weight
         gram = np.stack([one[i].gram for one in of_decays])[:, None]  # (n, 1, m, m)
         cross = np.stack([one[i].cross.T for one in of_decays])  # (n, n_channels, m)
         weighted_stack = (stack * weight[:, None, None]).reshape(-1, n_linear)

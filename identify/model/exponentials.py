@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 
 from daq.channels import Channel
 
-_Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
+from .matrices import Complex, Real
 
 # A sensor's own low-pass, as it acts on a free decay ----------------------------------------------
 #
@@ -33,23 +32,19 @@ _Complex = NDArray[np.complex128]
 class LowPass:
     """A Butterworth low-pass, gain 1 at rest."""
 
-    poles: NDArray[np.complex128]
+    poles: Complex
     """rad/s, shape (order,); conjugate pairs adjacent, the one with positive imaginary part first;
     empty for a channel without a filter."""
 
-    def gain(self, s: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    def gain(self, s: Complex) -> Complex:
         """Return the transfer function H at complex frequencies `s`, rad/s."""
-        if not len(self.poles):
-            return np.ones_like(s)
         return np.asarray(np.prod(-self.poles / (s[..., None] - self.poles), axis=-1))
 
-    def gain_slope(self, s: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    def gain_slope(self, s: Complex) -> Complex:
         """Return dH/ds."""
-        if not len(self.poles):
-            return np.zeros_like(s)
         return np.asarray(-self.gain(s) * np.sum(1.0 / (s[..., None] - self.poles), axis=-1))
 
-    def transients(self, time_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    def transients(self, time_s: Real) -> Real:
         """Return the functions of time that the filter's own motion consists of, (n, order)."""
         upper = self.poles[self.poles.imag > 0]
         real = self.poles[self.poles.imag == 0].real
@@ -72,14 +67,12 @@ def low_pass_of(channel: Channel) -> LowPass:
 # The free decay in modal coordinates --------------------------------------------------------------
 
 
-def waves(time_s: NDArray[np.float64], rates: NDArray[np.complex128]) -> NDArray[np.complex128]:
+def waves(time_s: Real, rates: Complex) -> Complex:
     """Return ``exp(rate t)`` of every rate at every time, (n_samples, n_rates)."""
     return np.asarray(np.exp(np.multiply.outer(time_s, rates)))
 
 
-def real_part(
-    waves: NDArray[np.complex128], amplitudes: NDArray[np.complex128]
-) -> NDArray[np.float64]:
+def real_part(waves: Complex, amplitudes: Complex) -> Real:
     """Return the real part of waves, (.., m), times amplitudes, (n_channels, m): (.., n_channels).
 
     It takes half of the products that complex numbers would.
@@ -96,13 +89,13 @@ class Change:
     conjugate.
     """
 
-    apart: NDArray[np.complex128]
+    apart: Complex
     """Entries from each pole to one of `half` that differs from it, divided by their difference,
     shape (n, h, P)."""
-    apart_into: NDArray[np.complex128]
+    apart_into: Complex
     """Entries from one of `half` to each pole that differs from it, divided by their difference,
     shape (n, h, P)."""
-    together: NDArray[np.complex128]
+    together: Complex
     """Entries from each pole to one of `half` that is equal, the diagonal included, shape
     (n, h, P)."""
 
@@ -111,15 +104,15 @@ class Change:
 class Outputs:
     """Some channels in modal coordinates: one preparation serves all recordings of a mass state."""
 
-    rows: NDArray[np.complex128]
+    rows: Complex
     """Output rows (row V), shape (n_channels, n)."""
-    gain: NDArray[np.complex128]
+    gain: Complex
     """Gain of the channels' low-pass at the poles, shape (n,)."""
-    gained: NDArray[np.complex128]
+    gained: Complex
     """The rows times the gain, shape (n_channels, h)."""
-    bent: NDArray[np.complex128]
+    bent: Complex
     """The rows times the derivative of the gain by the pole, s, shape (n_channels, h)."""
-    through: NDArray[np.complex128]
+    through: Complex
     """The rows times `Change.apart_into`, times the gain, shape (n_channels, h, P)."""
 
 
@@ -127,35 +120,23 @@ class Outputs:
 class Spectrum:
     """Eigenvalues and eigenvectors of a real state matrix, and how real functions span them."""
 
-    poles: NDArray[np.complex128]
+    poles: Complex
     """Eigenvalues, rad/s, shape (n,); conjugate pairs adjacent."""
-    V: NDArray[np.complex128]
-    W: NDArray[np.complex128]
+    V: Complex
+    W: Complex
     """`V`, `W`: right eigenvectors and their inverse, shape (n, n)."""
-    to_real: NDArray[np.complex128]
+    to_real: Complex
     """Coefficients on (exp, t exp) to coefficients on the real basis, shape (2 n, 2 n)."""
     half: NDArray[np.intp]
     """Numbers of the real poles and of the upper one of each pair, shape (h,)."""
 
-    def basis(self, time_s: NDArray[np.float64], spare: int = 0) -> NDArray[np.float64]:
-        """Return the real basis at the given times, (n_samples, 2 n + spare).
+    def basis(self, time_s: Real) -> Real:
+        """Return the real basis at the given times, (n_samples, 2 n)."""
+        wave = waves(time_s, self.poles)
+        plain = np.where(self.poles.imag < 0.0, -wave.imag, wave.real)
+        return np.hstack([plain, time_s[:, None] * plain])
 
-        The last `spare` columns are left for the caller to fill.
-        """
-        n = len(self.poles)
-        out = np.empty((len(time_s), 2 * n + spare))
-        upper = np.flatnonzero(self.poles.imag > 0)
-        real = np.flatnonzero(self.poles.imag == 0)
-        wave = waves(time_s, self.poles[upper])
-        if len(real):
-            out[:, upper], out[:, upper + 1] = wave.real, wave.imag
-            out[:, real] = np.exp(np.multiply.outer(time_s, self.poles[real].real))
-        else:  # the pairs are in this order already
-            out[:, :n] = wave.view(np.float64)
-        np.multiply(time_s[:, None], out[:, :n], out=out[:, n : 2 * n])
-        return out
-
-    def change(self, dA: NDArray[np.float64]) -> Change:
+    def change(self, dA: Real) -> Change:
         """Bring changes of the state matrix, (P, n, n) in 1/s, into modal coordinates."""
         modal = self.W @ dA @ self.V
         gap = self.poles[:, None] - self.poles[None, :]
@@ -170,15 +151,15 @@ class Spectrum:
             np.ascontiguousarray(together[:, self.half].T),
         )
 
-    def outputs(self, rows: NDArray[np.complex128], change: Change, low_pass: LowPass) -> Outputs:
+    def outputs(self, rows: Complex, change: Change, low_pass: LowPass) -> Outputs:
         """Prepare channels with one low-pass; `rows`, (n_channels, n): row V of each."""
         gain, slope, half = low_pass.gain(self.poles), low_pass.gain_slope(self.poles), self.half
         through = _along(rows, change.apart_into) * gain[half, None]
         return Outputs(rows, gain, (rows * gain)[:, half], (rows * slope)[:, half], through)
 
     def propagator_slope(
-        self, seen: Outputs, change: Change, z: NDArray[np.complex128]
-    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        self, seen: Outputs, change: Change, z: Complex
+    ) -> tuple[Complex, Complex]:
         """Return coefficients of ``row . d(H(A) exp(A t)) . x0`` on exp and on t exp.
 
         By the divided differences of ``H(l) exp(l t)`` (Daleckii and Krein), for the poles of
@@ -193,9 +174,7 @@ class Spectrum:
         plain -= seen.through * z[..., None, self.half, None]
         return plain, gained * together
 
-    def on_real_basis(
-        self, plain: NDArray[np.complex128], timed: NDArray[np.complex128]
-    ) -> NDArray[np.float64]:
+    def on_real_basis(self, plain: Complex, timed: Complex) -> Real:
         """Bring coefficients on exp and on t exp, (.., h, P), on the real basis, (.., 2 n, P).
 
         ``c exp + conj(c exp)`` is ``2 Re c Re exp - 2 Im c Im exp``; a real pole has no conjugate.
@@ -215,15 +194,13 @@ class Spectrum:
         return np.asarray(on_basis[..., np.tile(in_basis, 2), :])
 
 
-def _along(
-    vectors: NDArray[np.complex128], matrices: NDArray[np.complex128]
-) -> NDArray[np.complex128]:
+def _along(vectors: Complex, matrices: Complex) -> Complex:
     """Multiply some vectors, (.., n), with P matrices, (n, h, P): (.., h, P)."""
     product = vectors @ matrices.reshape(len(matrices), -1)
     return product.reshape(*vectors.shape[:-1], *matrices.shape[1:])
 
 
-def spectrum(A: NDArray[np.float64]) -> Spectrum:
+def spectrum(A: Real) -> Spectrum:
     """Decompose a real state matrix, (n, n) in 1/s."""
     poles, V = np.linalg.eig(A)
     poles, V = poles.astype(complex), V.astype(complex)
@@ -255,21 +232,21 @@ class Series:
     """Indices of the recordings among those that were laid out."""
     count: NDArray[np.intp]
     """Number of samples of each, shape (r,)."""
-    coarse_s: _Real
+    coarse_s: Real
     """Coarse steps, s, shape (r, n)."""
-    step_s: _Real
+    step_s: Real
     """Time from sample to sample, s, shape (r,)."""
-    fine_s: _Real
+    fine_s: Real
     """Fine steps, s, shape (r, w)."""
-    tail_s: _Real
+    tail_s: Real
     """Times of the samples left over, s, shape (r, q)."""
-    present: _Real
+    present: Real
     """1 where there is such a sample, else 0, shape (r, q)."""
-    steps: _Real
+    steps: Real
     """Samples at the steps, shape (r, n, k, w)."""
-    tail: _Real
+    tail: Real
     """Samples left over, zero where there is none, shape (r, q, k)."""
-    power: _Real
+    power: Real
     """Sum of the squares of the samples, shape (r, k)."""
 
 
@@ -279,17 +256,17 @@ class Waves:
 
     series: Series
     """The samples and their times."""
-    coarse_s: _Real
-    tail_s: _Real
+    coarse_s: Real
+    tail_s: Real
     """`coarse_s`, `tail_s`: times of the series, less the lateness, s."""
-    coarse: _Complex
+    coarse: Complex
     """At the coarse steps, shape (r, n, p)."""
-    fine: _Complex
+    fine: Complex
     """At the fine steps, shape (r, w, p)."""
-    tail: _Complex
+    tail: Complex
     """At the samples left over, zero where there is none, shape (r, q, p)."""
 
-    def grams(self) -> tuple[_Complex, _Complex]:
+    def grams(self) -> tuple[Complex, Complex]:
         """Return the sums of ``conj(f) g`` and of ``f g``, each (r, 2 p, 2 p).
 
         The functions are ``exp(rate t)`` and then ``t exp(rate t)``.
@@ -306,7 +283,7 @@ class Waves:
         out[..., p:, p:] = c2 * f0 + 2.0 * c1 * f1 + c0 * f2 + q2
         return out[0], out[1]
 
-    def sums(self) -> _Complex:
+    def sums(self) -> Complex:
         """Return the sums of ``exp(rate t)`` and of ``t exp(rate t)``, (r, 2 p)."""
         fine = _with_time(self.fine, self.series.fine_s).sum(axis=1)
         coarse = _with_time(self.coarse, self.coarse_s).sum(axis=1)
@@ -316,7 +293,7 @@ class Waves:
         tail = _with_time(self.tail, self.tail_s).sum(axis=1)
         return np.asarray(np.concatenate([plain, timed], axis=1) + tail)
 
-    def with_samples(self) -> _Complex:
+    def with_samples(self) -> Complex:
         """Return the sums of the samples times ``exp(rate t)``, ``t exp(rate t)``, (r, k, 2 p)."""
         steps, tail = self.series.steps, self.series.tail
         r, n, k, w = steps.shape
@@ -335,7 +312,7 @@ class Waves:
         tail_sums = (tail.swapaxes(1, 2) @ tail_functions).view(np.complex128)
         return np.asarray(sums.reshape(r, k, -1) + tail_sums)
 
-    def values(self, amplitudes: _Complex) -> tuple[_Real, _Real]:
+    def values(self, amplitudes: Complex) -> tuple[Real, Real]:
         """Return the real parts of sums of exponentials, laid out like the samples.
 
         `amplitudes`: of each rate in each channel, shape (r, k, p).
@@ -347,7 +324,7 @@ class Waves:
         tail = self.tail.view(np.float64) @ amplitudes.conj().view(np.float64).swapaxes(1, 2)
         return steps.reshape(r, n, k, w), tail
 
-    def residuals(self, amplitudes: _Complex) -> list[_Real]:
+    def residuals(self, amplitudes: Complex) -> list[Real]:
         """Return the samples of each recording less `values`, each (k, count)."""
         steps, tail = self.values(amplitudes)
         r, _, k, _ = steps.shape
@@ -360,7 +337,7 @@ class Waves:
         ]
 
 
-def series_of(times_s: Sequence[_Real], samples: Sequence[_Real]) -> tuple[Series, ...]:
+def series_of(times_s: Sequence[Real], samples: Sequence[Real]) -> tuple[Series, ...]:
     """Lay out recordings, times (n_i,), s, and samples (n_i, k_i): those that are alike together.
 
     Alike are those with as many fine steps (`_width`), coarse steps and channels.
@@ -376,7 +353,7 @@ def series_of(times_s: Sequence[_Real], samples: Sequence[_Real]) -> tuple[Serie
     )
 
 
-def waves_of(series: Series, rates: _Complex, late_s: _Real | float = 0.0) -> Waves:
+def waves_of(series: Series, rates: Complex, late_s: Real | float = 0.0) -> Waves:
     """Evaluate ``exp(rate t)`` at the times of some series less `late_s`, one or one for each."""
     late = np.broadcast_to(late_s, len(series.members))[:, None]
     coarse_s, tail_s = series.coarse_s - late, series.tail_s - late
@@ -387,12 +364,12 @@ def waves_of(series: Series, rates: _Complex, late_s: _Real | float = 0.0) -> Wa
         fine = _powers(series.step_s, rates, width)
         coarse = _powers(width * series.step_s, rates, n)
         coarse *= np.exp(np.multiply.outer(coarse_s[:, :1], rates))
-    tail: _Complex = fine[:, :q] * np.exp(np.multiply.outer(tail_s[:, :1], rates))
+    tail: Complex = fine[:, :q] * np.exp(np.multiply.outer(tail_s[:, :1], rates))
     tail *= series.present[..., None]
     return Waves(series, coarse_s, tail_s, coarse, fine, tail)
 
 
-def _powers(step_s: _Real, rates: _Complex, count: int) -> _Complex:
+def _powers(step_s: Real, rates: Complex, count: int) -> Complex:
     """Return ``exp(rate k step)`` for k below `count` and each step, (r, count, p).
 
     Each k is a coarse and a fine step once more: exponentials take longer than their products.
@@ -406,7 +383,7 @@ def _powers(step_s: _Real, rates: _Complex, count: int) -> _Complex:
     return np.asarray(table.reshape(len(step_s), -1, len(rates))[:, :count])
 
 
-def _width(time_s: _Real) -> int:
+def _width(time_s: Real) -> int:
     """Return how many fine steps a coarse one has; 1 where times are few or not even."""
     n = len(time_s)
     if n < 64:  # steps would save nothing
@@ -417,7 +394,7 @@ def _width(time_s: _Real) -> int:
     return int(2 ** round(np.log2(n) / 2.0)) if even else 1
 
 
-def _one_series(recordings: Sequence[tuple[int, _Real, _Real]], width: int) -> Series:
+def _one_series(recordings: Sequence[tuple[int, Real, Real]], width: int) -> Series:
     """Lay out recordings, (index, times, samples), with the same number of whole steps.
 
     `width`: samples of a coarse step.
@@ -450,12 +427,12 @@ def _one_series(recordings: Sequence[tuple[int, _Real, _Real]], width: int) -> S
     )
 
 
-def _with_time(wave: _Complex, time_s: _Real) -> _Complex:
+def _with_time(wave: Complex, time_s: Real) -> Complex:
     """Return waves, (r, n, p), and then these times t, (r, n, 2 p)."""
     return np.concatenate([wave, time_s[..., None] * wave], axis=-1)
 
 
-def _moments(wave: _Complex, time_s: _Real) -> tuple[_Complex, ...]:
+def _moments(wave: Complex, time_s: Real) -> tuple[Complex, ...]:
     """Return the sums of ``conj(f) g`` and ``f g``, times 1, t and t squared, each (2, r, p, p)."""
     r, _, p = wave.shape
     time = time_s[..., None]

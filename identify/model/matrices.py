@@ -27,6 +27,8 @@ from daq.vehicle import (
 from dbc.frames import read_only
 from dbc.words import InputError
 
+Real = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 N_DOF = 7
 COMPLEX_STEP = 1e-30
 """Step of derivatives (Squire and Trapp 1998): without a subtraction, rounding sets no limit."""
@@ -65,7 +67,7 @@ FRONT_WHEELS, REAR_WHEELS = slice(Full.M_U, Full.M_U + 2), slice(Full.M_U + 2, F
 _AXLE_DIFFERENCE = np.array([[1.0, -1.0, 0.0, 0.0], [0.0, 0.0, 1.0, -1.0]])
 
 
-def stepped(eta: NDArray[np.float64]) -> NDArray[np.complex128]:
+def stepped(eta: Real) -> Complex:
     """Return the point itself and one `COMPLEX_STEP` along each unknown, (P + 1, P)."""
     steps = np.vstack([np.zeros(len(eta)), np.eye(len(eta))])
     return np.asarray(eta + 1j * COMPLEX_STEP * steps)
@@ -75,9 +77,9 @@ def stepped(eta: NDArray[np.float64]) -> NDArray[np.complex128]:
 class PhysicalModel:
     """Mass, damping and stiffness matrix of Eq. 1."""
 
-    M: NDArray[np.float64]
-    C: NDArray[np.float64]
-    K: NDArray[np.float64]
+    M: Real
+    C: Real
+    K: Real
     """`M`, `C`, `K`: kg, N s/m, N/m and their rotational counterparts, order `daq.vehicle.DOF`,
     shape (7, 7)."""
 
@@ -86,16 +88,16 @@ class PhysicalModel:
             object.__setattr__(self, name, read_only(np.array(getattr(self, name), dtype=float)))
 
     @property
-    def A(self) -> NDArray[np.float64]:
+    def A(self) -> Real:
         """State matrix of Eq. 12 for the state (X, dX/dt), (14, 14)."""
         return np.asarray(state_matrix(self.M, self.C, self.K), dtype=np.float64)
 
-    def with_mass(self, delta_M: NDArray[np.float64]) -> PhysicalModel:
+    def with_mass(self, delta_M: Real) -> PhysicalModel:
         """Return the model with `delta_M`, (7, 7) in kg and kg m2, added (Eq. 25)."""
         return PhysicalModel(self.M + delta_M, self.C, self.K)
 
 
-def expansion(structure: Structure) -> NDArray[np.float64]:
+def expansion(structure: Structure) -> Real:
     """Return the 0-1 matrix, (28, n), from the parameters of a structure to `FULL_NAMES`.
 
     A parameter that the structure does not have is zero; one that it has for both corners of an
@@ -115,9 +117,7 @@ SYMMETRIC = expansion(Structure())
 """Matrix from the 15 parameters of the symmetric vehicle to the full ones."""
 
 
-def full_matrices(
-    full: NDArray[np.complex128],
-) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.complex128]]:
+def full_matrices(full: Complex) -> tuple[Complex, Complex, Complex]:
     """Return M, C and K (Eqs. 3-10), (..., 7, 7), from the parameters of the richest structure.
 
     Every spring and damper acts on a difference of motions; the matrix it makes is its rate times
@@ -132,13 +132,13 @@ def full_matrices(
     twist = _AXLE_DIFFERENCE @ travel
     wheels = np.eye(N_DOF)[3:]
     masses = np.concatenate([full[..., : Full.M_U], m_u], axis=-1)
-    M: NDArray[np.complex128] = np.asarray(masses[..., None] * np.eye(N_DOF))
+    M: Complex = np.asarray(masses[..., None] * np.eye(N_DOF))
     K = _square(travel, k_s) + _square(twist, bars) + _square(wheels, k_t)
     C = _square(travel, c_s) + _square(wheels, np.repeat(tyre_dampers, 2, axis=-1))
     return M, C, K
 
 
-def travel_rows(full: NDArray[np.complex128]) -> NDArray[np.complex128]:
+def travel_rows(full: Complex) -> Complex:
     """Return each corner's row for its suspension travel on the degrees of freedom, (..., 4, 7).
 
     The travel is the motion of the wheel less that of the body above it.
@@ -152,7 +152,7 @@ def travel_rows(full: NDArray[np.complex128]) -> NDArray[np.complex128]:
     return travel
 
 
-def _square(difference: NDArray[Any], rate: NDArray[np.complex128]) -> NDArray[np.complex128]:
+def _square(difference: NDArray[Any], rate: Complex) -> Complex:
     """Return the matrix of springs or dampers between motions (Eqs. 4, 5), (..., 7, 7).
 
     `difference`, (..., k, 7): row of each on the degrees of freedom.  `rate`, (..., k): stiffness
@@ -161,9 +161,7 @@ def _square(difference: NDArray[Any], rate: NDArray[np.complex128]) -> NDArray[n
     return np.asarray(np.swapaxes(difference, -1, -2) @ (rate[..., None] * difference))
 
 
-def matrices(
-    theta: NDArray[np.complex128] | NDArray[np.float64],
-) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.complex128]]:
+def matrices(theta: Complex | Real) -> tuple[Complex, Complex, Complex]:
     """Return M, C and K (Eqs. 3-10), (..., 7, 7), from the 15 parameters of the symmetric vehicle.
 
     `theta`, (..., 15): in the order of `daq.vehicle.PARAMETER_NAMES`.
@@ -180,7 +178,7 @@ def state_matrix(M: NDArray[Any], C: NDArray[Any], K: NDArray[Any]) -> NDArray[A
     return np.concatenate([upper, lower], axis=-2)
 
 
-def loaded_model(full: NDArray[np.float64], added: AddedMass) -> PhysicalModel:
+def loaded_model(full: Real, added: AddedMass) -> PhysicalModel:
     """Return M, C and K of a vehicle with its added mass.
 
     `full`, (28,) float64: in the order of `FULL_NAMES`.
@@ -197,11 +195,8 @@ def physical_model(parameters: VehicleParameters) -> PhysicalModel:
 
 
 def delta_mass(
-    added: AddedMass,
-    a: complex | NDArray[np.complex128],
-    y_s: complex | NDArray[np.complex128] = 0.0,
-    off: NDArray[np.complex128] | None = None,
-) -> NDArray[np.complex128]:
+    added: AddedMass, a: complex | Complex, y_s: complex | Complex = 0.0, off: Complex | None = None
+) -> Complex:
     """Return the mass matrix, (..., 7, 7), of the added weights about the CG of the *baseline*.
 
     A weight m at (x, y) from the CG adds ``m r r^T`` with ``r = (1, -x, y, 0, 0, 0, 0)``, and m h^2
@@ -271,9 +266,7 @@ SCALED = {FactQuantity.TOTAL_MASS, FactQuantity.FRONT_AXLE, FactQuantity.REAR_AX
 """Quantities that scales show; one of them fixes the scale that free decays leave open."""
 
 
-def predicted(
-    fact: Fact, full: NDArray[np.complex128], cross_kg: NDArray[np.complex128]
-) -> NDArray[np.complex128]:
+def predicted(fact: Fact, full: Complex, cross_kg: Complex) -> Complex:
     """Return the value of a fact, in its unit, that parameters (..., 28) predict.
 
     On four wheels a body is statically indeterminate: how much more the diagonal FL-RR carries than
@@ -300,9 +293,7 @@ def predicted(
     return np.asarray(full[..., places].mean(axis=-1))
 
 
-def misfits_of(
-    facts: Sequence[Fact], full: NDArray[np.complex128], cross_kg: NDArray[np.complex128]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def misfits_of(facts: Sequence[Fact], full: Complex, cross_kg: Complex) -> tuple[Real, Real]:
     """Return measured less predicted value of each fact in sigmas, and the slopes of the latter.
 
     `full`, (1 + P, 28), and `cross_kg`, (1 + P,): at a point and one `COMPLEX_STEP` along each of P
@@ -316,9 +307,7 @@ def misfits_of(
     return misfits, slopes
 
 
-def corner_load(
-    corner: Corner, full: NDArray[np.complex128], cross_kg: NDArray[np.complex128]
-) -> NDArray[np.complex128]:
+def corner_load(corner: Corner, full: Complex, cross_kg: Complex) -> Complex:
     """Return what the scales show under one wheel, kg; arguments as in `predicted`."""
     a, b, t_f, t_r = (full[..., i] for i in (Full.A, Full.B, Full.T_F, Full.T_R))
     half_width, to_other_axle = (t_f, b) if corner.front else (t_r, a)
@@ -333,11 +322,11 @@ def corner_load(
 
 # Quantities that follow from the parameters and that engineers quote for a vehicle ----------------
 
-Value = tuple[NDArray[np.complex128], str]
+Value = tuple[Complex, str]
 """A quantity, (...), and its SI unit (1 for a ratio)."""
 
 
-def derived_quantities(full: NDArray[np.complex128]) -> dict[str, Value]:
+def derived_quantities(full: Complex) -> dict[str, Value]:
     """Return each derived quantity of a vehicle, (28,) or stacked, with its unit.
 
     Total mass and axle loads; wheelbase; radii of gyration of the sprung mass and its dynamic index
@@ -374,7 +363,7 @@ def derived_quantities(full: NDArray[np.complex128]) -> dict[str, Value]:
     return result
 
 
-def whole_vehicle_indices(full: NDArray[np.complex128]) -> dict[str, NDArray[np.complex128]]:
+def whole_vehicle_indices(full: Complex) -> dict[str, Complex]:
     """Return two ratios in which vehicles of all sizes are alike, wheels included.
 
     `roll_gyration_over_track`: radius of gyration in roll over the mean track.  `pitch_index`:

@@ -12,8 +12,7 @@ from daq.vehicle import MassState
 
 from ..decays.decay import FreeDecay
 from ..fit.grey_box import CROSS_SCALE_KG, SIGNED, GreyBox
-from ..fit.varpro import evaluate as linear_point
-from ..fit.varpro import linear_part
+from ..fit.varpro import evaluate, linear_parts
 from ..model.matrices import SYMMETRIC, Full, full_matrices
 from .car import PULL, Model, car
 from .laws import knee
@@ -152,13 +151,13 @@ def initial_states_of(
     states = {s.name: s for s in box.mass_states}
     present = {decay.mass_state for decay in decays}
     linear = eta[: model.first]
-    points = {name: linear_point(box, linear, name, sigma) for name in present}
+    parts = linear_parts(evaluate(box, linear, present, sigma), decays)
     sags = {name: position_at_rest(model, eta, states[name]) for name in present}
     no_unknowns = np.zeros(0, dtype=np.intp)
     cars = {name: car(model, eta, states[name], no_unknowns) for name in present}
     result = []
-    for decay in decays:
-        motion = linear_part(points[decay.mass_state], decay).solution[:14].copy()
+    for decay, part in zip(decays, parts, strict=True):
+        motion = part.solution[:14].copy()
         motion[:7] += sags[decay.mass_state]  # the linear model moves about the position at rest
         speed = travel_speeds(cars[decay.mass_state], motion)
         # At 0.02 m/s most of the friction acts in the direction of the motion.

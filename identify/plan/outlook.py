@@ -72,7 +72,7 @@ class KnownRuns:
                 added = state.added
                 key = (common, state.name, added.weights, added.matrix.tobytes(), runs.excitation)
                 if key not in self._known:
-                    evaluated = evaluated or evaluate(box, eta, state.name, sigma)
+                    evaluated = evaluated or evaluate(box, eta, {state.name}, sigma)[state.name]
                     decay = _planned_decay(plan, state, runs.excitation, rates, evaluated, eta)
                     points = {decay.mass_state: evaluated}
                     products = products_of(points, [decay], laid_out([decay]))

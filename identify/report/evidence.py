@@ -466,17 +466,15 @@ def prediction_section(predictions: tuple[Prediction, ...]) -> Section:
     )
     rows = []
     for p in predictions:
-        cells: Texts = ("", "", "the others do not determine all parameters", "", "")
+        cells: Texts = ("", "", "the others do not determine all parameters")
         if np.isfinite(p.predicted):
             state = "✓ at noise level" if p.at_noise else "✕ not predicted"
-            cells = (number(p.predicted), number(p.limit), state, p.parameter, f"{p.moved:+.2f}")
+            cells = (number(p.predicted), number(p.limit), state)
         rows.append((p.label, number(p.fitted), *cells))
     table = Table(
         "chi2/n of each run",
-        ("run", "#fitted", "#predicted", "#limit", "", "moves most", "#by sigma"),
+        ("run", "#fitted", "#predicted", "#limit", ""),
         tuple(rows),
-        "Moves most: the parameter that changes most when the run is left out, in standard "
-        "deviations of such a change; beyond 4 the run shows another car than the others.",
     )
     return Section("prediction", title, lead, (picture, table))
 

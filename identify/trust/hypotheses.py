@@ -271,10 +271,8 @@ def _normal_matrix(
     stated = dict(zip(box.corrections, eta[len(box.parameters) :].tolist(), strict=False))
     rich_eta = rich.unknowns_of(estimation.full)
     rich_eta[len(rich.parameters) :] = [stated.get(name, 0.0) for name in rich.corrections]
-    rich_points = {
-        state: evaluate(rich, rich_eta, state, estimation.noise, at.modes)
-        for state, at in points.items()
-    }
+    spectra = {state: at.modes for state, at in points.items()}
+    rich_points = evaluate(rich, rich_eta, spectra, estimation.noise, spectra)
     parts = [e for e in effects if e.unknowns]
     directions = np.zeros((len(rich.prior_sigma), len(parts)))
     for k, effect in enumerate(parts):
@@ -297,7 +295,7 @@ def _normal_matrix(
                 mixes[r.group] = np.array(
                     [[[e.channels.get((a, b), 0.0) for b in names] for a in names] for e in faults]
                 )
-            weight, basis = at.weights(r.group)[:, None, None], at.basis(r)
+            weight, basis = at.group(r.group).weight[:, None, None], at.basis(r)
             moved = [motion(at, r.group, z, derivative) for derivative in (0, 1)]
             each = np.stack([moved[effect.kind == "late"] for effect in faults])
             J = slopes(at, r.group, z)

@@ -95,7 +95,7 @@ def test_geometry_and_scales_bring_every_parameter_below_a_quarter_per_cent() ->
     geometry = VehicleGeometry(CAR.a, CAR.b, CAR.t_f, CAR.t_r)
     rng = np.random.default_rng(1)
     errors, stated = [], []
-    for seed in range(8):
+    for seed in range(6):
         weighed = (Fact("total_mass_kg", TOTAL_KG + rng.standard_normal(), 1.0),)
         box = GreyBox(SENSOR_SETS["paper"], PAPER_MASS_STATES, geometry, facts=weighed)
         result = estimate(box, records_of(Campaign(), seed), generic_vehicles())
@@ -108,16 +108,12 @@ def test_geometry_and_scales_bring_every_parameter_below_a_quarter_per_cent() ->
     assert np.max(np.mean(stated, axis=0)) == pytest.approx(0.0017, rel=0.1)
 
 
-def test_scales_stand_in_for_added_mass() -> None:
-    result = _estimated(_session(SCALES))
-    _right(result)
-    assert _found(result)["m_s"].std < 2.0
-
-
-def test_a_tape_measure_helps() -> None:
+def test_scales_stand_in_for_added_mass_and_a_tape_measure_helps() -> None:
     bare, measured = (_estimated(_session(facts)) for facts in (SCALES, SCALES + TAPE))
+    _right(bare)
     _right(measured)
     before, after = _found(bare), _found(measured)
+    assert before["m_s"].std < 2.0
     for name in ("t_f", "t_r", "I_xx"):
         assert after[name].std < 0.3 * before[name].std
     # Half the sigma of a track, its full width being measured; the data add little to that.
@@ -296,6 +292,7 @@ def test_a_ratio_takes_its_share_of_what_gain_and_ratio_are_off_together() -> No
     assert motion_ratio_estimates(box, Fit(eta, covariance, 1.0, {}, 1, True)) == {}
 
 
+@pytest.mark.long
 def test_sensors_that_show_three_per_cent_too_much_are_within_the_intervals() -> None:
     """Through the simulated car, which is written from forces; 3 % are 2 to 3 stated sigmas."""
     channels, lost = ("travel_fl", "travel_fr"), "t_f"
@@ -320,18 +317,14 @@ def test_sensors_that_show_three_per_cent_too_much_are_within_the_intervals() ->
 
 def test_the_modes_of_a_symmetric_car_are_symmetric_whatever_the_gains_are() -> None:
     """Each mode moves left and right wheels alike, as the fitted gains are taken out before."""
-    bench = load_bench(None)
-    wide = tuple(
-        replace(c, gain_sigma=0.02) if c.quantity is not Quantity.UNUSED else c
-        for c in bench.channels
-    )
-    session = simulated_session(replace(bench, channels=wide), 500)  # gains off by some 2 %
-    found = identify(session)
+    session = stress_session("gain", 1)  # one hub reads 2 % too much
+    channels = tuple(replace(c, gain_sigma=0.02) for c in session.channels)
+    found = identify(replace(session, channels=channels))
     fitted = found.estimation.box.gains(found.estimation.fit.eta) if found.estimation else {}
-    assert max(fitted.values()) - min(fitted.values()) > 0.03
+    assert fitted["hub_acc_fl"] - fitted["hub_acc_fr"] == pytest.approx(0.02, abs=0.005)
+    names = [c.name for c in channels]
     for sensed in found.sensed.values():
-        names = [c.name for c in wide if c.quantity is not Quantity.UNUSED]
-        for side in ("hub_acc_f", "hub_acc_r", "travel_f", "travel_r"):
+        for side in ("hub_acc_f", "hub_acc_r"):
             left, right = (abs(sensed.shapes[names.index(side + end)]) for end in "lr")
             np.testing.assert_allclose(left, right, rtol=1e-9)
 
@@ -345,49 +338,29 @@ def _filtered(order: int) -> Channel:
 
 @pytest.mark.parametrize("order", [1, 2, 3, 4, 5])
 def test_it_is_butterworths(order: int) -> None:
-    from scipy import signal  # a second to import, in every process that collects
-
+    """Its poles are stable, and its gain is as flat as can be; its slope is by differences."""
     low_pass = low_pass_of(_filtered(order))
-    zeros, poles, _ = signal.butter(order, 2.0 * np.pi * 20.0, analog=True, output="zpk")
-    assert len(zeros) == 0
-    distance = np.abs(low_pass.poles[:, None] - poles)
-    assert np.max(distance.min(axis=1)) < 1e-9 * 2.0 * np.pi * 20.0
+    cut_off = 2.0 * np.pi * 20.0
     assert len(low_pass.poles) == order
-    omega = 2.0 * np.pi * np.geomspace(0.1, 500.0, 40)
-    expected = signal.freqs(*signal.butter(order, 2.0 * np.pi * 20.0, analog=True), worN=omega)[1]
-    left = low_pass.gain((1j * omega).astype(complex)) / expected - 1.0
-    assert np.max(np.abs(left)) < 1e-9
-    assert abs(low_pass.gain(np.array(2j * np.pi * 20.0))) == pytest.approx(np.sqrt(0.5))
+    assert low_pass.poles.real.max() < 0.0
+    omega = cut_off * np.geomspace(0.005, 25.0, 40)
+    power = np.abs(low_pass.gain((1j * omega).astype(complex))) ** 2
+    np.testing.assert_allclose(power, 1.0 / (1.0 + (omega / cut_off) ** (2 * order)), rtol=1e-9)
     assert low_pass.gain(np.array(0j)) == pytest.approx(1.0)
-
-
-@pytest.mark.parametrize("order", [1, 4])
-def test_slope_is_that_of_the_gain(order: int) -> None:
-    low_pass = low_pass_of(_filtered(order))
     s, step = np.array([-17.0 + 65.0j, -1.8 + 6.0j]), 1e-4
     up, down = (low_pass.gain((s + h).astype(complex)) for h in (step, -step))
-    by_difference = (up - down) / (2.0 * step)
-    assert np.max(np.abs(low_pass.gain_slope(s) / by_difference - 1.0)) < 1e-6
+    np.testing.assert_allclose(low_pass.gain_slope(s), (up - down) / (2.0 * step), rtol=1e-6)
 
 
 @pytest.mark.parametrize("order", [1, 2, 3, 4])
-def test_a_decay_through_it_is_gain_times_decay_and_transients(order: int) -> None:
-    from scipy import signal
-
-    # Switched on at t = 0 before a filter at rest, the output is what scipy simulates.
-    pole = np.array([-3.0 + 25.0j])
-    time = np.linspace(0.0, 0.6, 1201)
+def test_its_transients_are_the_motions_of_its_poles(order: int) -> None:
+    time_s = np.linspace(0.0, 0.1, 101)
     low_pass = low_pass_of(_filtered(order))
-    wave = np.exp(np.multiply.outer(time, pole[0])).real
-    system = signal.butter(order, 2.0 * np.pi * 20.0, analog=True)
-    out = signal.lsim(system, wave, time)[1]
-    steady = (np.multiply.outer(np.exp(np.multiply.outer(time, pole[0])), low_pass.gain(pole))).real
-    own = low_pass.transients(time)
-    assert own.shape == (len(time), order)
-    left = out - steady[:, 0]
-    found = np.linalg.lstsq(own, left, rcond=None)[0]
-    assert np.max(np.abs(left)) > 0.05
-    np.testing.assert_allclose(own @ found, left, atol=2e-5)
+    transients = low_pass.transients(time_s)
+    assert transients.shape == (len(time_s), order)
+    of_poles = np.exp(np.multiply.outer(time_s, low_pass.poles))
+    mix = np.linalg.lstsq(transients.astype(complex), of_poles, rcond=None)[0]
+    np.testing.assert_allclose(transients @ mix, of_poles, atol=1e-9)
 
 
 def test_without_a_cut_off_there_is_none() -> None:

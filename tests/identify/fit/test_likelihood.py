@@ -68,7 +68,7 @@ def test_covariance_is_the_cramer_rao_bound_by_brute_force() -> None:
     best = fit(BOX, decays, sigma, BOX.unknowns(CAR))
 
     def response(eta: NDArray[np.float64], i: int, x0: NDArray[np.float64]) -> NDArray[np.float64]:
-        system = BOX.system(eta, decays[i].mass_state)
+        system = BOX.systems(eta, {decays[i].mass_state})[decays[i].mass_state]
         C = np.array([system.rows[c.name] for c in GROUP.channels])
         step = expm(system.A / 200.0)
         x = expm(system.A * decays[i].recordings[0].time_s[0]) @ x0
@@ -238,7 +238,7 @@ def test_facts_and_stated_uncertainties_pull_as_their_cost_falls(part: str) -> N
 
 # From wherever the search begins, it ends at the optimum -----------------------------------------
 
-STARTS = 30
+STARTS = 10
 """Of the 200 that `tests.benchmarks.identify` tries."""
 FACTOR = 3.0
 
@@ -269,27 +269,24 @@ def _cut(record: Record, start_s: float) -> Record:
     return replace(record, recordings=tuple(r.between(start_s, 9.0) for r in record.recordings))
 
 
-def test_stated_bump_is_used() -> None:
-    result = estimate(BOX, paper_records(1000.0, 30.0, 4), generic_vehicles())
-    assert all(0.2999 < decay.start_s < 0.3011 for decay in result.decays)
+@pytest.mark.parametrize(
+    ("noise_db", "bump_s", "latest_s", "is_later"),
+    [
+        (30.0, 0.2, 0.3011, False),
+        (30.0, np.nan, 0.31, False),
+        # In truth 0.2 s: the first 40 ms of the "decay" are still forced.
+        (50.0, 0.15, 0.31, True),
+    ],
+    ids=["stated", "unknown", "longer than stated"],
+)
+def test_a_decay_begins_where_the_bump_ends(
+    noise_db: float, bump_s: float, latest_s: float, is_later: bool
+) -> None:
+    records = paper_records(1000.0, noise_db, 4, bump_s=bump_s)
+    result = estimate(BOX, records, generic_vehicles())
+    assert all(0.2999 < decay.start_s < latest_s for decay in result.decays)
+    assert (result.later_s > 0.0) is is_later
     assert result.rest
-    assert np.all(np.abs(_errors_percent(result.fit.eta)) < 4 * _sigmas(result))
-
-
-def test_unknown_bump_is_found_by_the_misfit() -> None:
-    records = paper_records(1000.0, 30.0, 5, bump_s=np.nan)
-    result = estimate(BOX, records, generic_vehicles())
-    assert all(0.2999 < decay.start_s < 0.31 for decay in result.decays)
-    assert result.chi2_per_n < 1.1
-    assert np.all(np.abs(_errors_percent(result.fit.eta)) < 4 * _sigmas(result))
-
-
-def test_a_bump_longer_than_stated_is_seen_and_waited_for() -> None:
-    # Stated 0.15 s, in truth 0.2 s: the first 40 ms of the "decay" are still forced.
-    records = paper_records(1000.0, 50.0, 6, bump_s=0.15)
-    result = estimate(BOX, records, generic_vehicles())
-    assert all(decay.start_s > 0.2999 for decay in result.decays)
-    assert result.later_s > 0
     assert result.holds
     assert np.all(np.abs(_errors_percent(result.fit.eta)) < 4 * _sigmas(result))
 
@@ -305,7 +302,7 @@ def test_decays_without_a_quiet_stretch_take_the_noise_from_the_residuals() -> N
 def test_lost_samples_cost_only_their_information() -> None:
     rng = np.random.default_rng(8)
     records = []
-    for record in paper_records(1000.0, 30.0, 8):
+    for record in paper_records(200.0, 30.0, 8):
         recording = record.recordings[0]
         keep = rng.uniform(size=len(recording.time_s)) > 0.3
         thin = replace(recording, time_s=recording.time_s[keep], values=recording.values[keep])
@@ -382,7 +379,7 @@ def _session(seed: int) -> Session:
 
 @pytest.mark.parametrize(
     ("campaigns", "most", "held"),
-    [(3, 2.2, (0.85, 1.0)), pytest.param(12, 1.6, (0.90, 0.99), marks=pytest.mark.long)],
+    [(2, 2.5, (0.85, 1.0)), pytest.param(12, 1.6, (0.90, 0.99), marks=pytest.mark.long)],
 )
 def test_intervals_cover_whatever_the_clocks_do(
     campaigns: int, most: float, held: tuple[float, float]

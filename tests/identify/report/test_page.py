@@ -175,7 +175,7 @@ def report(result: Identification, *predictions: Prediction, **stated: str) -> R
 
 
 def predicted(chi2: float) -> Prediction:
-    return Prediction("roll_1", 1.0, chi2, 1.1, "m_s", 0.5)
+    return Prediction("roll_1", 1.0, chi2, 1.1)
 
 
 def test_verdict_values_and_what_to_do_come_first() -> None:

@@ -175,7 +175,7 @@ def brute_force_db(estimation: Estimation, decay: FreeDecay) -> Array:
     the matrix exponential; the energy of a mode is that of its share which no other column can
     imitate.
     """
-    system = estimation.box.system(estimation.fit.eta, decay.mass_state)
+    system = estimation.box.systems(estimation.fit.eta, {decay.mass_state})[decay.mass_state]
     poles, V = np.linalg.eig(system.A)
     upper = np.flatnonzero(poles.imag > 0)
     upper = upper[np.argsort(np.abs(poles[upper]))]
