@@ -39,7 +39,7 @@ from .motion import (
 PIECE_S = 0.2
 """Longest piece in which the car is sampled, s: each piece takes some milliseconds, however short
 it is, and the recorder decides within this time."""
-BLOCK_S = 0.05
+BLOCK_S = 0.02
 """Host time between blocks, s: each block takes some milliseconds, however short it is."""
 LEAD_S = 0.1
 """Rest at the beginning of an act, s, longer than the delay of any sensor."""
