@@ -89,11 +89,7 @@ def import_logs(
     bumps = sum(event.code.endswith("bump") for part in parts for event in part.events)
     remarks = [f"{s.name}: {text}" for s in sources for text in s.remarks]
     remarks += [f"{s.name} is not whole: {s.loss.text}" for s in sources if s.loss.any]
-    lacking = {s.format.name: s.format.lacks for s in sources if s.format.lacks}
-    remarks += [f"{name} does not hold {lacks}" for name, lacks in lacking.items()]
     remarks += _remarks(session, bumps, len(steps))
-    if session.runs[0].t0_ns < 631_152_000_000_000_000:  # 1990: CAN is not older
-        remarks.append("the log has no date: its times count from its own start")
     if mixed := mixed_messages(codec.messages, session.runs[0].frames):
         names = ", ".join(mixed[:4])
         remarks.append(

@@ -60,7 +60,9 @@ def print_labelled(rows: Sequence[tuple[str, str]], gap: int = 2) -> None:
     table.add_column()
     for label, text in rows:
         table.add_row(Text(_visible(label)), Text(_visible(text)))
-    out.print(table)
+    with out.capture() as captured:
+        out.print(table)
+    sys.stdout.writelines(f"{line.rstrip()}\n" for line in captured.get().splitlines())
 
 
 def session_document(path: Path, session: Session) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -128,30 +127,6 @@ def test_each_kind_of_error_has_its_exit_code(
 
 
 # Signals and closed streams -----------------------------------------------------------------------
-
-
-_INTERRUPTED = """
-import signal, sys
-class Keyboard:
-    def find_spec(self, name, *_):
-        if name == "tui.cli":
-            signal.raise_signal(signal.SIGINT)
-sys.meta_path.insert(0, Keyboard())
-sys.argv = ["bumpbench", "--help"]
-from tui.__main__ import main
-main()
-"""
-
-
-@pytest.mark.parametrize(
-    ("before", "code"),
-    [("", -signal.SIGINT), ("import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)", 0)],
-)
-def test_ctrl_c_while_the_command_line_is_loaded_is_quiet(before: str, code: int) -> None:
-    """Python said where in its imports it was; a shell that has Ctrl-C ignored is obeyed."""
-    command = [sys.executable, "-c", f"{before}\n{_INTERRUPTED}"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stderr) == (code, "")
 
 
 def test_an_export_that_is_ended_leaves_nothing_behind(tmp_path: Path) -> None:

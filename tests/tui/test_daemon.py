@@ -27,7 +27,7 @@ from daq.control.messages import (
 )
 from daq.recorder.recorder import Publish
 from dbc.words import InputError
-from tui.recorders.daemon import Lifetime, _Daemon, _Signals
+from tui.recorders.daemon import Lifetime, _Daemon, _ended_by_signals
 from tui.recorders.log import Log
 from tui.recorders.traffic import Traffic
 
@@ -158,7 +158,7 @@ def test_a_demonstration_ends_ten_seconds_after_its_last_terminal(
     both.looks = list(alone_s)
     lifetime = Lifetime(arm=False, keep_on=True, attended=attended)
     one = _Daemon(cast(Any, both), cast(Any, both), cast(Any, both), TRAFFIC, lifetime, Log(None))
-    one.run(_Signals(threading.Event()), silent)
+    one.run(silent)
     assert stopped == [left is not None]
     if left is not None:
         assert both.looks == left
@@ -229,24 +229,13 @@ def silent(done: float, text: str = "") -> None:
     """Show nothing."""
 
 
-@pytest.mark.parametrize(("after_s", "killed"), [(0.5, False), (0.51, True)])
-def test_a_second_signal_ends_the_process_at_once_unless_it_is_the_same_one(
-    after_s: float, killed: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    clock, exits = [100.0], list[int]()
-    monkeypatch.setattr("tui.recorders.daemon.time.monotonic", lambda: clock[0])
-    monkeypatch.setattr("tui.recorders.daemon.os._exit", exits.append)
-    signals = _Signals(threading.Event())
-    clock[0] = 200.0
-    signals.take(signal.SIGTERM, None)
-    assert signals.end.is_set()
-    assert exits == [], "the time since the start does not count"
-    clock[0] += after_s
-    signals.take(signal.SIGTERM, None)
-    assert exits == [128 + 15] * killed
-    clock[0] += 9.0
-    signals.take(signal.SIGHUP, None)
-    assert exits == [143] * killed
+def test_sigterm_ends_and_a_lost_line_does_not() -> None:
+    end = threading.Event()
+    with _ended_by_signals(end):
+        signal.raise_signal(signal.SIGHUP)
+        assert not end.is_set()
+        signal.raise_signal(signal.SIGTERM)
+    assert end.is_set()
 
 
 def test_the_last_status_comes_back_and_everything_is_published(tmp_path: Path) -> None:
@@ -262,7 +251,7 @@ def test_the_last_status_comes_back_and_everything_is_published(tmp_path: Path) 
     all_ = All(records)
     with Log(tmp_path / "a.log") as log:
         one = made(all_, log, follow=followed.append)
-        assert one.run(_Signals(threading.Event()), silent) == last
+        assert one.run(silent) == last
     assert followed == [first, last]
     assert all_.published[:2] == [(first, None), (last, live)]
     assert all_.said == ["stopping"]
@@ -276,10 +265,11 @@ def test_a_signal_before_the_first_status_ends_it(tmp_path: Path) -> None:
         stopped.append(stop.wait(20.0))
         publish(replace(a_status(), recording=""), None)
 
-    all_, signals = All(records), _Signals(threading.Event())
-    signals.end.set()
+    all_ = All(records)
     with Log(tmp_path / "a.log") as log:
-        made(all_, log).run(signals, silent)
+        one = made(all_, log)
+        one._lifetime.end.set()
+        one.run(silent)
     assert stopped == [True]
 
 
@@ -295,7 +285,7 @@ def test_a_signal_ends_at_once_only_what_goes_on_after_a_campaign(
 
     def records(stop: threading.Event, publish: Publish, _: object) -> None:
         publish(status, None)
-        signals.end.set()
+        one._lifetime.end.set()
         enough.wait(20.0)
         stopped.append(stop.is_set())
 
@@ -304,9 +294,9 @@ def test_a_signal_ends_at_once_only_what_goes_on_after_a_campaign(
         if len(shown) == 2:
             enough.set()
 
-    all_, signals = All(records), _Signals(threading.Event())
     with Log(tmp_path / "a.log") as log:
-        made(all_, log, keep_on=keep_on).run(signals, stage)
+        one = made(All(records), log, keep_on=keep_on)
+        one.run(stage)
     assert stopped == [keep_on]
     assert shown[0] == (1.0, "between two campaigns, recording goes on")
     text = (tmp_path / "a.log").read_text()
@@ -329,7 +319,7 @@ def test_a_writer_that_hangs_is_reported_to_clients_and_in_the_log(tmp_path: Pat
     all_.stored = late
 
     with Log(path) as log:
-        made(all_, log).run(_Signals(threading.Event()), lambda done, text="": seen.set())
+        made(all_, log).run(lambda done, text="": seen.set())
     news = [one for one, _ in all_.published if one is not status]
     assert news
     assert [alarm.code for alarm in news[0].alarms][-1:] == ["not_recording"]
@@ -346,4 +336,4 @@ def test_a_recorder_that_fails_ends_the_command_with_its_reason(tmp_path: Path) 
 
     one = made(Failing(), Log(tmp_path / "a.log"), keep_on=True)
     with pytest.raises(InputError, match="is gone"):
-        one.run(_Signals(threading.Event()), lambda *_: None)
+        one.run(lambda *_: None)

@@ -83,10 +83,10 @@ def next_commands(session: Path) -> tuple[str, str, str]:
     import sys
 
     here = Path(sys.executable).with_name("bumpbench")
-    program = here.name if shutil.which(here.name) else os.path.relpath(here)
-    name, where = shlex.quote(program), shlex.quote(str(session))
+    name = shlex.quote(here.name if shutil.which(here.name) else os.path.relpath(here))
+    where, pdf = (shlex.quote(str(path)) for path in (session, session.with_suffix(".pdf")))
     return (
-        f"{name} report {where} --pdf {shlex.quote(str(session.with_suffix('.pdf')))}",
+        f"{name} report {where} --pdf {pdf}",
         f"{name} plan --from {where}",
         f"{name} tui --demo --out bumpbench-tui",
     )

@@ -6,14 +6,15 @@ pipe) without the loss of a frame.
 
 from __future__ import annotations
 
-import os
 import signal
 import threading
 import time
+from collections.abc import Iterator
 from concurrent.futures import Future
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..diagnostics import say_left_out
 from ..output import Stage
@@ -31,8 +32,6 @@ if TYPE_CHECKING:
 
 BY = "record"
 """Author, in the journal, of the daemon's own orders."""
-_HANGUP: int | None = getattr(signal, "SIGHUP", None)
-"""Signal of a terminal whose line is lost, which ends no recorder; Windows has none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,8 +85,8 @@ def record_campaign(
     server = Server(recorder.submit, control_address(folder), setup_of(traffic.bench))
     systemd = Systemd()
     try:
-        with _Signals(lifetime.end) as signals:
-            return _Daemon(recorder, server, systemd, traffic, lifetime, log).run(signals, stage)
+        with _ended_by_signals(lifetime.end):
+            return _Daemon(recorder, server, systemd, traffic, lifetime, log).run(stage)
     finally:
         server.close()
         systemd.close()
@@ -111,33 +110,18 @@ def _opened_at_once(bench: Bench, open_source: OpenSource) -> OpenSource:
     return lambda bus, number: opened.pop(number, None) or open_source(bus, number)
 
 
-class _Signals:
-    """Signals received from the operating system while the block runs."""
-
-    def __init__(self, end: threading.Event) -> None:
-        self.end = end
-        self._asked_s = time.monotonic()
-
-    def __enter__(self) -> _Signals:
-        numbers = [signal.SIGTERM, signal.SIGINT, *([] if _HANGUP is None else [_HANGUP])]
-        self._before = {number: signal.signal(number, self.take) for number in numbers}
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        for number, handler in self._before.items():
+@contextmanager
+def _ended_by_signals(end: threading.Event) -> Iterator[None]:
+    """Set `end` at SIGTERM and SIGINT in the body; SIGHUP, as of a lost line, ends nothing."""
+    handlers: dict[int, Any] = dict.fromkeys((signal.SIGTERM, signal.SIGINT), lambda *_: end.set())
+    if hasattr(signal, "SIGHUP"):  # Windows has none
+        handlers[signal.SIGHUP] = signal.SIG_IGN
+    before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
             signal.signal(number, handler)
-
-    def take(self, number: int, _frame: object) -> None:
-        """End with a signal other than SIGHUP, with a second one at once."""
-        if number == _HANGUP:
-            return
-        now_s = time.monotonic()
-        # timeout(1) signals process and group: two signals within 0.5 s count as one.
-        if self.end.is_set() and now_s - self._asked_s > 0.5:
-            os._exit(128 + number)  # everything that was acknowledged is on the disk
-        if not self.end.is_set():
-            self._asked_s = now_s
-        self.end.set()
 
 
 class _Daemon:
@@ -170,23 +154,24 @@ class _Daemon:
         self._reported_s = 0.0
         """Monotonic time of the last report to systemd, s."""
 
-    def run(self, signals: _Signals, stage: Stage) -> Status:
+    def run(self, stage: Stage) -> Status:
         """Loop until the recorder has ended; return its last status."""
         from daq.alarms.watch import with_not_recording
 
+        end = self._lifetime.end
         writer = threading.Thread(target=self._write, name="writer", daemon=True)
         writer.start()
         while writer.is_alive():
             writer.join(0.1)
-            attended = self._lifetime.attended and not signals.end.is_set()
+            attended = self._lifetime.attended and not end.is_set()
             if attended and self._server.alone_s() > 10.0:
                 self._log.line("the last terminal has gone, and a demonstration ends with it")
-                signals.end.set()
-            if signals.end.is_set() and (self._lifetime.keep_on or self._status is None):
+                end.set()
+            if end.is_set() and (self._lifetime.keep_on or self._status is None):
                 self._stop.set()
             if self._status is None:
                 continue
-            self._lead(self._status, signals.end.is_set())
+            self._lead(self._status, end.is_set())
             # If the writer itself hangs, it publishes no alarm.
             last = self._status
             status = with_not_recording(last, self._recorder.storage(), time.time_ns())

@@ -32,13 +32,8 @@ SLICE_S = 0.25
 """Longest wait for news at a time, s: then stop and reconnection are looked at."""
 ANSWER_S, SLOW_S = 2.0, 15.0
 """Seconds that an answer may take; that of a check, which listens to the bus, may take longer."""
-INHERIT_S = 4.0
-"""Seconds in which a new terminal takes control as soon as it is free, after the previous one was
-killed."""
-BIRTH_S = 5.0
-"""Seconds that a new recorder may take to answer; two suffice on a fast machine."""
-SLOW_BIRTH_S = 30.0
-"""Seconds that it may take if its process exists: a busy machine needs that long to start it."""
+BIRTH_S = 30.0
+"""Seconds that a recorder whose process exists may take to answer: a busy machine needs that."""
 END_S = 20.0
 """Seconds that a recorder may take to end after a shutdown."""
 SILENT_S = 2.0
@@ -206,10 +201,10 @@ class RecorderFeed:
         return failure(self._recorder, self._folder) if self._recorder is not None else ""
 
     def _is_starting(self) -> bool:
-        """Return True while a recorder that was started may take longer to answer."""
+        """Return True while the process of a recorder may take longer to answer."""
         begun = self._recorder is not None and self._recorder.poll() is None
-        most_s = SLOW_BIRTH_S if begun or is_locked(self._folder) else BIRTH_S
-        return not self._failure() and time.monotonic() - self._started_s <= most_s
+        exists = begun or is_locked(self._folder)
+        return exists and time.monotonic() - self._started_s <= BIRTH_S
 
     def _connect(self) -> tuple[Client, Role]:
         """Return a connection: in control if control is free or requested, else looking on."""
@@ -226,7 +221,6 @@ class RecorderFeed:
     def _post_news(self, client: Client, post: Callable[[News], None]) -> str:
         """Post news until the recorder is silent; return what happened, or '' if stopped."""
         silent_s, in_control = 0.0, client.in_control
-        begun_s, waits_for_control = time.monotonic(), self._control and not in_control
         while not self._stop.is_set() and not self._reconnect.is_set():
             try:
                 news = client.news(SLICE_S)
@@ -240,10 +234,6 @@ class RecorderFeed:
             if in_control and not client.in_control:
                 in_control = False
                 post(Role(False, "another terminal has taken control: C takes it back"))
-            if waits_for_control and isinstance(news, Status) and not news.controller:
-                waits_for_control = False
-                if time.monotonic() - begun_s < INHERIT_S:
-                    self._reconnect.set()
         return ""
 
 

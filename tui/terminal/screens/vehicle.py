@@ -17,7 +17,7 @@ from daq import Excitation, InputError
 from daq.bench.campaign import Method
 from daq.bench.config import Bench, campaign_limits
 from daq.control.messages import Configure, Hello, Mark, Note, Status
-from daq.vehicle import Fact, FactQuantity, Structure, VehicleGeometry
+from daq.vehicle import Fact, FactQuantity, Structure
 
 from ..campaign import VEHICLE_FORM, BenchStep, read_draft, write_draft
 from ..form import NO, YES, Field, FieldError, Form, Values, check_fields, number, stated
@@ -99,7 +99,7 @@ VEHICLE_FIELDS = tuple(field for rows in GROUPS.values() for row in rows for fie
 _BY_NAME = {field.name: field for field in VEHICLE_FIELDS}
 
 
-def check_vehicle(values: Values, bench: Bench) -> tuple[FieldError, ...]:
+def check_vehicle(values: Values) -> tuple[FieldError, ...]:
     """Check the whole form of the vehicle: each field, then those that must fit together."""
     errors = list(check_fields(VEHICLE_FIELDS, values))
     wrong = {error.field for error in errors}
@@ -112,17 +112,15 @@ def check_vehicle(values: Values, bench: Bench) -> tuple[FieldError, ...]:
         if not values.get(f"{quantity}.sigma", "").strip():
             field = _BY_NAME[f"{quantity}.sigma"]
             errors.append(field.error("a measured value needs the uncertainty that goes with it"))
-    errors += _misfits(measured, bench.vehicle.geometry)
+    errors += _misfits(measured)
     if not any(values.get(f"bump.{e}") == YES for e in Excitation):
         reason = "no kind of bump is chosen: nothing would be bumped"
         errors.append(_BY_NAME["bump.bounce"].error(reason, "at least one kind"))
     return tuple(errors)
 
 
-def _misfits(
-    measured: Mapping[FactQuantity, float], geometry: VehicleGeometry | None
-) -> Iterator[FieldError]:
-    """Yield the errors of masses, kg, and lengths, m, that do not fit together."""
+def _misfits(measured: Mapping[FactQuantity, float]) -> Iterator[FieldError]:
+    """Yield the errors of masses, kg, that do not fit together."""
     total = measured.get(FactQuantity.TOTAL_MASS, math.inf)
     axles = (FactQuantity.FRONT_AXLE, FactQuantity.REAR_AXLE)
     loads = {axle: measured[axle] for axle in axles if axle in measured}
@@ -134,17 +132,6 @@ def _misfits(
         if load >= total:
             reason = f"{load:g} kg on one axle of a car of {total:g} kg"
             yield _BY_NAME[axle].error(reason, "less than the total mass")
-    if geometry is None:
-        return
-    lengths = {
-        FactQuantity.WHEELBASE: geometry.a + geometry.b,
-        FactQuantity.FRONT_TRACK: 2.0 * geometry.t_f,
-        FactQuantity.REAR_TRACK: 2.0 * geometry.t_r,
-    }
-    for quantity, length in lengths.items():
-        if quantity in measured and abs(measured[quantity] - length) > 0.02 * length:
-            reason = f"{measured[quantity]:g} m does not fit [vehicle.geometry] of bench.toml"
-            yield _BY_NAME[quantity].error(reason, f"{length:g} m within 2 %")
 
 
 def vehicle_values(bench: Bench, operator: str) -> dict[str, str]:
@@ -297,8 +284,7 @@ class VehicleScreen(BenchScreen):
     # Checking -----------------------------------------------------------------------------------
 
     def _errors(self) -> tuple[FieldError, ...]:
-        bench = self.bench_app.bench
-        return check_vehicle(self.query_one(Form).values, bench) if bench else ()
+        return check_vehicle(self.query_one(Form).values) if self._filled else ()
 
     def _advise(self) -> None:
         form, errors = self.query_one(Form), self._errors()
