@@ -125,7 +125,7 @@ def test_one_log_a_run_in_files_that_all_begin_at_the_same_time(
     for n, kind in enumerate(["baseline:bounce", "added:bounce", "baseline:bounce"]):
         arguments += ["--run", f"{kind}:{write_log(tmp_path / f'{n}.log', relative)}"]
     out = tmp_path / "s.h5"
-    document, err = done(capsys, "import", *arguments, bench, "--out", str(out))
+    document, _ = done(capsys, "import", *arguments, bench, "--out", str(out))
     assert labels(document) == ["baseline_bounce_1", "added_bounce_1", "baseline_bounce_2"]
     assert [len(one.frames) for one in daq.read_session(out).runs] == [600, 600, 600]
 

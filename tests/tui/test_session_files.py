@@ -99,8 +99,6 @@ def test_inspect(capsys: pytest.CaptureFixture[str], car: str) -> None:
         "too weak: 0.3 m/s2",
         "2 counter_gaps",
         "HUB_Front.a",
-        "x -1 y 0.1 m",
-        "2 ms late",
         "1551.8",
         "30 kg at x -1 y 0.5 m",
         "4 kg at hub RL",

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterator
-from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -19,7 +17,6 @@ from daq.control.exchange import RecorderGoneError
 from daq.control.messages import Due, Phase, Status
 from daq.runlog import LoggedNote
 from dbc import FrameBatch
-from tui.cli import run
 
 from ..daq.a_status import a_status
 from ..daq.small_campaign import bumps, small_codec
@@ -116,13 +113,8 @@ def test_the_simulated_car_plays_its_campaign(
     assert document["truth"]["m_s"] == 1380.0
     stamps = [message.timestamp for message in wire]
     assert stamps == sorted(stamps)
-    computed, played = stages["simulate"][:2], stages["simulate"][2:]
-    assert computed == [(0.0, "computing run 1 of 2"), (0.0, "computing run 2 of 2")]
-    assert [share for share, _ in played] == sorted(share for share, _ in played)
-    assert played[-1] == (1.0, "playing added_bounce_1")
-    last_of = {text: share for share, text in played}
-    assert 0.45 < last_of["playing baseline_bounce_1"] <= 0.55
-    assert len(last_of) == 2
+    assert stages["simulate"][0] == (0.0, "computing the bumps")
+    assert stages["simulate"][-1] == (1.0, f"{len(wire):,} frames")
     first = [message.data for message in wire]
     wire.clear()
     again = said(capsys, *words, "--seed", "2", code=0)[0].splitlines()
@@ -193,32 +185,3 @@ def test_a_pushed_car_goes_on_until_it_is_interrupted(
     monkeypatch.setattr("daq.bus.interfaces.open_bus", lambda _: Wire(wire, True))
     assert said(capsys, *words, code=130) == ("", "")
     assert wire == []
-
-
-def test_a_pushed_car_says_when_it_is_pushed_and_that_it_goes_on(
-    stages: Stages, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Four corners take 11.2 s: a push, and a pause after each."""
-    clock = [100.0]
-
-    def play(frames: Iterator[object], *_: object) -> Iterator[int]:
-        assert next(iter(frames))
-        for passed_s in (0.0, 9.4, 10.0, 10.0 + 5.6, 10.0 + 11.2, 99.0):
-            clock[0] = 100.0 + passed_s
-            yield 1
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("time.monotonic", lambda: clock[0])
-    monkeypatch.setattr("daq.replay.play", play)
-    monkeypatch.setattr("daq.bus.interfaces.open_bus", lambda _: nullcontext())
-    bus = ["--interface", "udp_multicast", "--channel", "239.74.163.99"]
-    assert run(["simulate", *bus, "--push", "10"]) == 130
-    shown = [(round(share, 6), text) for share, text in stages["simulate"]]
-    assert shown == [
-        (0.0, "at rest, pushed in 10 s"),
-        (0.0, "at rest, pushed in 1 s"),
-        (0.0, "pushed at each corner"),
-        (0.5, "pushed at each corner"),
-        (1.0, "at rest: Ctrl-C ends it"),
-        (1.0, "at rest: Ctrl-C ends it"),
-    ]

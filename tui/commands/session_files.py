@@ -13,7 +13,7 @@ from ..diagnostics import ExitCode, report, say
 from ..options import Force, JsonResult, SessionFile
 
 if TYPE_CHECKING:
-    from daq import Channel, Session
+    from daq import Session
 
 
 def inspect(
@@ -213,7 +213,7 @@ def _provenance(provenance: Mapping[str, str]) -> dict[str, str]:
 
 def _print_contents(path: Path, session: Session) -> None:
     """Write a session as tables."""
-    from daq import HubWeight
+    from daq import BodyWeight
     from daq.sessions import notes_of, overrides_of
 
     from ..output import print_line, print_session, print_table
@@ -221,59 +221,29 @@ def _print_contents(path: Path, session: Session) -> None:
     print_session(path, session, json=False)
     print_line()
     rows = [
-        [c.name, str(c.quantity), c.unit, _place(c), c.signal, _deviations(c)]
-        for c in session.channels
+        [c.name, str(c.quantity), c.unit, str(c.corner or ""), c.signal] for c in session.channels
     ]
-    print_table("Channels", ["channel", "quantity", "unit", "place", "signal", "sensor"], rows)
+    print_table("Channels", ["channel", "quantity", "unit", "corner", "signal"], rows)
     vehicle = session.vehicle
-    rows = (
-        [[name, f"{x:g} m", ""] for name, x in asdict(vehicle.geometry).items()]
-        if vehicle.geometry
-        else []
-    )
+    geometry = asdict(vehicle.geometry) if vehicle.geometry else {}
+    rows = [[name, f"{x:g} m", ""] for name, x in geometry.items()]
     rows += [[fact.quantity, f"{fact.value:g}", f"± {fact.sigma:g}"] for fact in vehicle.facts]
     rows += [["model has", name, ""] for name, on in asdict(vehicle.structure).items() if on]
     for state in session.mass_states:
-        for weight in state.added.weights:
-            if isinstance(weight, HubWeight):
-                place = f"at hub {weight.corner}"
+        for w in state.added.weights:
+            if isinstance(w, BodyWeight):
+                place = f"{w.mass_kg:g} kg at x {w.x_m:g} y {w.y_m:g} m"
             else:
-                place = f"at x {weight.x_m:g} y {weight.y_m:g} m"
-            sigma = f"± {weight.sigma_kg:g}" if weight.sigma_kg else ""
-            rows.append([f"in {state.name}", f"{weight.mass_kg:g} kg {place}", sigma])
-        if state.added.matrix.any():
-            rows.append([f"in {state.name}", "a mass matrix", ""])
+                place = f"{w.mass_kg:g} kg at hub {w.corner}"
+            rows.append([f"in {state.name}", place, f"± {w.sigma_kg:g}"])
     if rows:
         print_line()
         print_table("Known beforehand", ["what", "value", ""], rows)
     shown = _provenance(session.provenance)
-    if "verdicts" in shown:
-        shown["verdicts"] = "findings of each run: --json shows them"
-    rows = [[name, text] for name, text in shown.items() if name not in ("notes", "overrides")]
+    listed = ("notes", "overrides", "verdicts")  # verdicts: --json has the findings of each run
+    rows = [[name, text] for name, text in shown.items() if name not in listed]
     rows += [["note", text] for text in notes_of(session.provenance)]
     rows += [["warning overridden", text] for text in overrides_of(session.provenance)]
     if rows:
         print_line()
         print_table("Provenance", ["what", "value"], rows)
-
-
-def _place(channel: Channel) -> str:
-    if channel.corner is not None:
-        return str(channel.corner)
-    if channel.at_cg:
-        return "CG"
-    if channel.quantity.startswith("body"):
-        return f"x {channel.x_m:g} y {channel.y_m:g} m"
-    return "body" if channel.quantity != "unused" else ""
-
-
-def _deviations(channel: Channel) -> str:
-    """Return the properties that distinguish a sensor from an ideal one, as text."""
-    words = {
-        f"times {channel.sign * channel.gain:g}": channel.sign * channel.gain != 1.0,
-        f"± {channel.scale_sigma * 100:.2g} %": channel.scale_sigma,
-        f"tare {channel.tare:g}": channel.tare,
-        f"{channel.delay_s * 1e3:g} ms late": channel.delay_s,
-        f"low-pass {channel.low_pass_hz or 0.0:g} Hz": channel.low_pass_hz,
-    }
-    return ", ".join(text for text, applies in words.items() if applies)

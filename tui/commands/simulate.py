@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import math
 import time
-from bisect import bisect_right
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import asdict, dataclass
-from itertools import accumulate
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -61,7 +59,9 @@ def simulate(
     from daq.bench.config import bench_codec
     from daq.bus.interfaces import open_buses
     from daq.replay import play
+    from daq.sim.bench import push_frames
     from daq.sim.car import SimulatedCar
+    from daq.sim.ecu import campaign_frames
     from dbc import counted
     from identify.numbers import number
 
@@ -80,11 +80,18 @@ def simulate(
         def played(frames: Iterable[FrameBatch]) -> Iterator[int]:
             return play(frames, wire, None if fast else 1.0, *more)
 
-        simulated = _Simulated(described, bench_codec(described), car, seed, played, stage)
+        simulated = described, bench_codec(described), car, seed
         if push is not None:
-            simulated.pushed(push)
-            return
-        sent = simulated.bumped_for(recorder) if recorder is not None else simulated.campaign()
+            stage(0.0, f"at rest, then pushed at each corner after {push:g} s; Ctrl-C ends it")
+            sent = max(played(push_frames(*simulated, time.time_ns(), push)))
+        elif recorder is not None:
+            sent = _bumped_for(recorder, simulated, played, stage)
+        else:
+            stage(0.0, "computing the bumps")
+            batches = list(campaign_frames(*simulated, time.time_ns()))
+            total = sum(map(len, batches))
+            for sent in played(batches):
+                stage(sent / total, counted(sent, "frame"))
     truth = asdict(car.parameters)
     if json:
         print_json({"truth": truth, "frames": sent})
@@ -159,76 +166,35 @@ def replay(
 # The simulated car --------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class _Simulated:
-    """A simulated car on open buses."""
+def _bumped_for(
+    folder: Path,
+    simulated: tuple[Bench, Codec, SimulatedCar, int],
+    played: Callable[[Iterable[FrameBatch]], Iterator[int]],
+    stage: Stage,
+) -> int:
+    """Bump a car as the recorder of a folder waits for it, until that recorder ends.
 
-    bench: Bench
-    codec: Codec
-    car: SimulatedCar
-    seed: int
-    played: Callable[[Iterable[FrameBatch]], Iterator[int]]
-    """Sends frames; yields the number of those sent so far."""
-    stage: Stage
+    `simulated`: bench, its codec, car and seed.  `played`: sends frames and yields the number of
+    those sent so far.  Returns the number of frames.
+    """
+    from daq.sim.bench import SimulatedBench
 
-    def campaign(self) -> int:
-        """Play each bump of the campaign once; return the number of frames."""
-        from daq.sim.ecu import campaign_frames
+    recorder = _RecorderStatus(folder, stage)
+    bench = SimulatedBench(*simulated, math.inf, recorder, start_ns=time.time_ns())
 
-        steps = self.bench.campaign.steps
-        batches = []
-        for batch in campaign_frames(self.bench, self.codec, self.car, self.seed, time.time_ns()):
-            batches.append(batch)
-            self.stage(0.0, f"computing run {len(batches)} of {len(steps)}")
-        ends = list(accumulate(map(len, batches)))
-        sent = 0
-        for sent in self.played(batches):
-            run = min(bisect_right(ends, sent), len(steps) - 1)
-            self.stage(sent / ends[-1], f"playing {steps[run].label}")
-        return sent
+    def frames(ahead: ThreadPoolExecutor) -> Iterator[FrameBatch]:
+        coming = ahead.submit(bench.read, 0.0)
+        while not recorder.ended:
+            batch = coming.result()
+            coming = ahead.submit(bench.read, 0.0)
+            yield batch
 
-    def bumped_for(self, folder: Path) -> int:
-        """Bump the car as the recorder of a folder waits for it, until that recorder ends.
-
-        Returns the number of frames.
-        """
-        from daq.sim.bench import SimulatedBench
-
-        recorder = _RecorderStatus(folder, self.stage)
-        simulated = SimulatedBench(
-            self.bench, self.codec, self.car, self.seed, math.inf, recorder, start_ns=time.time_ns()
-        )
-
-        def frames(ahead: ThreadPoolExecutor) -> Iterator[FrameBatch]:
-            coming = ahead.submit(simulated.read, 0.0)
-            while not recorder.ended:
-                batch = coming.result()
-                coming = ahead.submit(simulated.read, 0.0)
-                yield batch
-
-        try:  # A piece is computed while the one before it is sent: no frame waits for it.
-            with ThreadPoolExecutor(1) as ahead:
-                return max(self.played(frames(ahead)), default=0)
-        finally:
-            simulated.dismantle()
-            recorder.close()
-
-    def pushed(self, rest_s: float) -> None:
-        """Stand still, be pushed at each corner, and stand still until the command is ended."""
-        from daq.sim.bench import PUSHES_S, push_frames
-
-        start_ns = time.time_ns()
-        frames = push_frames(self.bench, self.codec, self.car, self.seed, start_ns, rest_s)
-        begun_s = time.monotonic()
-        for _ in self.played(frames):
-            until_push_s = begun_s + rest_s - time.monotonic()
-            share = -until_push_s / PUSHES_S
-            if until_push_s > 0:
-                self.stage(0.0, f"at rest, pushed in {until_push_s:.0f} s")
-            elif share < 1:
-                self.stage(share, "pushed at each corner")
-            else:
-                self.stage(1.0, "at rest: Ctrl-C ends it")
+    try:  # A piece is computed while the one before it is sent: no frame waits for it.
+        with ThreadPoolExecutor(1) as ahead:
+            return max(played(frames(ahead)), default=0)
+    finally:
+        bench.dismantle()
+        recorder.close()
 
 
 class _RecorderStatus:
