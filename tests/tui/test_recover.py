@@ -87,7 +87,7 @@ def test_a_segment_that_cannot_be_read_is_a_counted_loss(
 ) -> None:
     journal_of_runs(tmp_path / "journal", 40_000)
     *_, last = segments_in(tmp_path / "journal")
-    last.write_bytes(b"\xb5BUMP\r\n\x01" * 10_000)
+    last.write_bytes(b"\xa5" * 80_000)
     assert run(["recover", str(tmp_path), "--json"]) == 3
     loss = json.loads(capsys.readouterr().out)["loss"]
     assert f"{last.name}: has no whole block" in loss

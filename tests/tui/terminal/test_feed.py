@@ -264,7 +264,6 @@ def test_a_recorder_is_started_when_the_one_before_has_ended(
     listener = RecorderFeed(tmp_path, "MK", lambda: started.append(clock[0]))
     listener.restart()
     assert (started, slept) == ([20.0], [0.1] * 4)
-    assert listener._is_starting()
     clock[0] = 0.0
     monkeypatch.setattr(feed, "is_locked", lambda _: True)
     with pytest.raises(OrderRefusedError, match="has not ended: see its log"):
