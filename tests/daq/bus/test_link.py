@@ -148,7 +148,10 @@ class Host:
 
     def __init__(self) -> None:
         self.monotonic_ns, self.set_ns = 5 * S, 0
-        self.axis = SteadyClock(self.wall, lambda: self.monotonic_ns)
+        self.axis = SteadyClock(self.wall, self.monotonic)
+
+    def monotonic(self) -> int:
+        return self.monotonic_ns
 
     def wall(self) -> int:
         return START_NS + self.monotonic_ns - 5 * S + self.set_ns
@@ -217,6 +220,19 @@ def test_a_clock_that_is_set_again_and_again() -> None:
         stamps_ns += host.axis.from_wall(np.array(stamps, np.int64)).tolist()
     steps = np.diff(stamps_ns)
     assert set(steps.tolist()) == {250_000_000, 1_000_000}
+
+
+def test_a_thread_that_waits_between_the_two_clocks_reads_them_again() -> None:
+    host, waits_ns = Host(), iter([20_000_000])  # after the monotonic clock was read
+    axis = SteadyClock(host.wall, host.monotonic)
+    stamps = np.array([host.wall()], np.int64)
+
+    def wall_after_a_wait() -> int:
+        host.monotonic_ns += next(waits_ns, 0)
+        return host.wall()
+
+    axis._wall_ns = wall_after_a_wait
+    assert axis.from_wall(stamps) is stamps
 
 
 def test_what_is_slewed_is_left_alone() -> None:
