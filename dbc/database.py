@@ -371,29 +371,19 @@ def _layout(
             layouts.append(layout)
         if role != "value":
             roles[signal.name] = role
-    named = Counter(each.name for each in layouts)
-    for part in ("m", "b"):  # by selector value, else by start bit
-        for i, each in enumerate(layouts):
-            number = each.start if part == "b" else next(iter(each.selected_by), (None,))[0]
-            if named[each.name] > 1 and number is not None:
-                layouts[i] = replace(each, name=f"{each.name}_{part}{number}")
-        named = Counter(each.name for each in layouts)
+    layouts = _with_distinct_names(layouts)
     by_name = {each.name: each for each in layouts}
     for each in layouts:
-        fault = "is defined twice" if named[each.name] > 1 else _fault_of_selector(each, by_name)
-        if fault:
+        fault = "is defined twice" if each is not by_name[each.name] else None
+        if fault := fault or _fault_of_selector(each, by_name):
             faults[each.name] = fault
+    usable = {name: each for name, each in by_name.items() if name not in faults}
     for name, role in roles.items():
-        holder = by_name.get(name) if name not in faults else None
-        fits = holder is not None and holder.is_plain and holder.length <= 32
-        if role != "counter" and fits and holder is not None:
-            fits = role in CRC_RULES and holder.length == 8 and holder.is_whole_bytes
-        if not fits:
+        if not _may_have_role(usable.get(name), role):
             raise ValueError(f"has {name}, which cannot have the {ROLE} {role}")
     if len(roles) != len({role == "counter" for role in roles.values()}):
         raise ValueError(f"has two signals with one {ROLE}: {', '.join(roles)}")
-    kept = [each for each in layouts if each.name not in faults]
-    if faults and not kept:
+    if faults and not usable:
         raise ValueError(f"has no usable signal: {' '.join(next(iter(faults.items())))}")
     counter = next((name for name, role in roles.items() if role == "counter"), None)
     checksum = next((name for name, role in roles.items() if role != "counter"), None)
@@ -404,13 +394,33 @@ def _layout(
         is_extended=message.is_extended_frame,
         length=message.length,
         cycle_s=cycle_ms / 1000 if isinstance(cycle_ms, int | float) and cycle_ms > 0 else None,
-        signals=tuple(sorted(kept, key=lambda each: each.first_bit)),
+        signals=tuple(sorted(usable.values(), key=lambda each: each.first_bit)),
         counter=CounterRule(counter, 1 << by_name[counter].length) if counter else None,
         crc=checksum,
         crc_rule=roles[checksum] if checksum else "crc8_j1850",
         senders=tuple(message.senders),
     )
     return layout_of_message, faults
+
+
+def _with_distinct_names(layouts: Sequence[SignalLayout]) -> list[SignalLayout]:
+    """Return signals of which those of one name are told apart by selector value or start bit."""
+    distinct = list(layouts)
+    for part in ("m", "b"):
+        named = Counter(each.name for each in distinct)
+        for i, each in enumerate(distinct):
+            number = each.start if part == "b" else next(iter(each.selected_by), (None,))[0]
+            if named[each.name] > 1 and number is not None:
+                distinct[i] = replace(each, name=f"{each.name}_{part}{number}")
+    return distinct
+
+
+def _may_have_role(signal: SignalLayout | None, role: str) -> bool:
+    """Return whether a signal can be a counter, or a checksum of a known rule."""
+    if signal is None or not signal.is_plain or signal.length > 32:
+        return False
+    is_byte = signal.length == 8 and signal.is_whole_bytes
+    return role == "counter" or (is_byte and role in CRC_RULES)
 
 
 def _fault(signal: SignalLayout, length: int) -> str | None:
