@@ -32,7 +32,8 @@ class Level(NamedTuple):
     turn_m_s: float
     """Rounding of the speed at which friction reverses, m/s."""
     lag_s: float
-    """Lag of friction, s: bounds how fast it reverses at high speed."""
+    """Lag of friction, s: bounds how fast it reverses at high speed.  A step above 2.8 lags is not
+    stable (RK4)."""
     loss_s: float
     """Loss of the damper's mount over its stiffness (t0), s."""
     stop_m: float
@@ -64,7 +65,7 @@ class Grade(NamedTuple):
     """Spacing of the tangents, s, at the input of a sensor's low-pass."""
 
 
-PATH = Level(0.0005, 0.01e-3, 0.02e-3, 0.12e-3, 0.05e-3, 20.0)
+PATH = Level(0.0005, 0.01e-3, 0.05e-3, 0.12e-3, 0.05e-3, 20.0)
 """Rounding of the exact path: too small to be visible in the parameters.
 
 A corner that sticks loses its friction as if it crept by the rounding of the turn: 0.2 mm/s moved

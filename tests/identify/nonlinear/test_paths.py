@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -94,6 +95,19 @@ def test_tangents_are_the_differences_of_paths(mounted: bool) -> None:
         # Static friction acts for a few milliseconds, some steps of the tangents.
         most = 0.08 if name in ("r_cf", "v_cf") else 0.02
         check(found[:, :, n_own + np.flatnonzero(free == k)[0]], number, most)
+
+
+@pytest.mark.parametrize(("lag_s", "finite"), [(PATH.lag_s, True), (0.4 * PATH.lag_s, False)])
+def test_bare_coulomb_friction_stays_stable_at_high_speed(lag_s: float, finite: bool) -> None:
+    """Friction that builds up over 0.01 mm, at 3 m/s: the lag bounds how fast it turns."""
+    model = model_of()
+    eta, own = rich(model, False), moving()
+    eta[[model.names.index(name) for name in ("d_cf", "d_cr")]] = np.log(0.01e-3)
+    one = car(model, eta, BASELINE, np.zeros(0, dtype=np.intp))
+    motion = own.motion.copy()
+    motion[7:] *= 3.0 / np.abs(travel_speeds(one, motion)).max()
+    own, step_s = replace(own, motion=motion), paths.step_of([one], POLISH)
+    assert (path_of(one, own, END_S, step_s, PATH._replace(lag_s=lag_s)) is not None) is finite
 
 
 def test_the_mounts_give_at_first_by_the_force_of_their_dampers() -> None:
