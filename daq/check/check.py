@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from dbc import Codec
 from dbc.codec import Decoded, Quality, Samples
 from dbc.frames import FrameBatch
-from dbc.units import G_M_S2, to_si
+from dbc.units import G_M_S2
 from dbc.words import Finding, Severity, counted, plural, printable
 
 from ..bench.config import Bench
@@ -315,11 +315,6 @@ def _rest_faults(mapped: MappedChannel, rest: _Rest) -> Iterator[Fault]:
     text = f"reads {rest.level:.4g} {rest.unit} at rest"
     if abs(rest.level) > limits.absurd:
         advice = "correct signal_unit, the factor in the DBC, or tare"
-        for unit in ("um", "mm") if channel.unit == "m" else ("mrad/s", "deg/s"):
-            si = to_si(unit)
-            level = abs(rest.level / mapped.factor * si.factor)
-            if si.unit == channel.unit and level < limits.absurd / 2:
-                advice = f'is its unit {unit}? state signal_unit = "{unit}"'
         yield "level", FAIL, f"{text}, which is impossible", advice
     elif abs(rest.level) > limits.zero:
         advice = f"set tare = {rest.level + channel.tare:.5g} at ride height"

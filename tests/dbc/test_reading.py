@@ -156,8 +156,8 @@ REFUSED = {
     "quotes": ('CM_ "\n' * 2000, "x.dbc:"),
     "recursion": (
         f'{HEAD}BO_ 1 M: 8 A\n SG_ s0 M : 0|8@1+ (1,0) [0|0] "" B\n'
-        + "".join(f' SG_ s{k} m1M : 0|8@1+ (1,0) [0|0] "" B\n' for k in range(1, 2000))
-        + "".join(f"SG_MUL_VAL_ 1 s{k} s{k - 1} 1-1;\n" for k in range(1, 2000)),
+        + "".join(f' SG_ s{k} m1M : 0|8@1+ (1,0) [0|0] "" B\n' for k in range(1, 1200))
+        + "".join(f"SG_MUL_VAL_ 1 s{k} s{k - 1} 1-1;\n" for k in range(1, 1200)),
         "not a valid DBC",
     ),
 }

@@ -160,27 +160,6 @@ def test_a_level_is_near_zero_or_wants_a_tare_or_cannot_be(
     assert found(checked(channel(quantity), still(level))) == {expected: verdict}
 
 
-@pytest.mark.parametrize(
-    ("quantity", "level", "unit"),
-    [
-        (Quantity.PITCH_RATE, 14.2, "deg/s"),  # half of 0.5 rad/s is 14.32 deg/s
-        (Quantity.PITCH_RATE, 14.5, "mrad/s"),
-        (Quantity.PITCH_RATE, 249.0, "mrad/s"),
-        (Quantity.PITCH_RATE, 251.0, ""),
-        (Quantity.PITCH_ACCELERATION, 30.0, ""),
-        (Quantity.SUSPENSION_TRAVEL, 499.0, "mm"),
-        (Quantity.SUSPENSION_TRAVEL, -501.0, "um"),
-        (Quantity.SUSPENSION_TRAVEL, 501_000.0, ""),
-    ],
-)
-def test_a_unit_is_proposed_in_which_the_level_may_be(
-    quantity: Quantity, level: float, unit: str
-) -> None:
-    (line,) = faults(checked(channel(quantity), still(level)))
-    assert line.code == "level"
-    assert (f'state signal_unit = "{unit}"' in line.advice) is bool(unit)
-
-
 @pytest.mark.parametrize(("step_ns", "slow"), [(19_900_000, False), (20_100_000, True)])
 def test_fifty_samples_a_second_are_asked_for(step_ns: int, slow: bool) -> None:
     lines = checked(channel(Quantity.SUSPENSION_TRAVEL), still(0.0, n=100), step_ns=step_ns)
