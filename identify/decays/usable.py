@@ -221,26 +221,17 @@ def frozen(records: Sequence[Record]) -> tuple[ChannelHold, ...]:
             for channel, column in zip(recording.group.channels, recording.values.T, strict=True):
                 longest = longest_hold(recording.time_s, column, rest_s, start_s)
                 holds.append(ChannelHold(channel.name, record.label, kind, longest))
-    long_ones = [one for one in holds if one.longest.length_s >= FROZEN_S]
-    counted = [one for one in long_ones if _is_frozen(one, holds)]
+    counted = []
+    for one in holds:
+        rate = one.longest.rest_rate
+        # Of one value in the whole run, or with too few samples at rest: as in the run's repeats.
+        if one.longest.length_s >= FROZEN_S and (one.longest.constant or np.isnan(rate)):
+            key = one.channel, one.kind
+            repeats = [h for h in holds if (h.channel, h.kind) == key and h.run != one.run]
+            rate = np.mean([h.longest.decay_rate for h in repeats]) if repeats else np.nan
+        if one.longest.is_frozen(float(rate)):
+            counted.append(one)
     return tuple(sorted(counted, key=lambda one: -one.longest.length_s))
-
-
-def _is_frozen(one: ChannelHold, holds: Sequence[ChannelHold]) -> bool:
-    """Return whether a hold is a fault, by how often the channel usually changes.
-
-    `holds`: those of all runs.  Where the channel has one value in the whole run, or too few
-    samples at rest, the rate of change is the mean of that in the repeats of the run.
-    """
-    rate = one.longest.rest_rate
-    if one.longest.constant or np.isnan(rate):
-        repeats = [
-            other.longest.decay_rate
-            for other in holds
-            if other.kind == one.kind and other.channel == one.channel and other.run != one.run
-        ]
-        rate = float(np.mean(repeats)) if repeats else np.nan
-    return one.longest.is_frozen(rate)
 
 
 # Takes values that no motion shows out of a session: absurd ones, and spikes ----------------------

@@ -377,9 +377,9 @@ def generic_vehicles() -> tuple[Real, ...]:
 
 _WINDOWS = (1, 2, 4, 8, 16)
 """Samples taken together; many show a small force that one does not."""
-_SHOWN_LATE_S = 0.01
-"""Seconds after the first sample that fails, within which the force ends, if no acceleration of a
-wheel is measured: other sensors show a force later."""
+_SHOWN_AT_ONCE_S, _SHOWN_LATE_S = 0.001, 0.01
+"""Seconds after the first sample that fails, within which the force ends: with accelerations of
+wheels, which show a force at once, and without them."""
 _SLACK_S = 1e-7
 """Seconds by which a start comes before its first sample, so that rounding does not cut it off."""
 
@@ -414,16 +414,10 @@ def _earliest_start_s(
         early = _early(point, covariance, record, decay, linear, first_s)
         instants_s, failed_s = _free_instants(early)
         if failed_s is not None:
-            # What follows it may be of a sensor that shows a force late: each acceleration of a
-            # wheel must have passed once.
-            sooner = [
-                time_s[time_s > failed_s + _SLACK_S][0]
-                for r in decay.recordings
-                if any(c.quantity is Quantity.HUB_ACCELERATION for c in r.group.channels)
-                for time_s in [record.whole(r).time_s - start_s]
-            ]
-            end_s = max(sooner, default=failed_s + _SHOWN_LATE_S)
-            instants_s = [instant for instant in instants_s if instant > end_s - _SLACK_S]
+            channels = [c for r in decay.recordings for c in r.group.channels]
+            at_once = any(c.quantity is Quantity.HUB_ACCELERATION for c in channels)
+            end_s = failed_s + (_SHOWN_AT_ONCE_S if at_once else _SHOWN_LATE_S)
+            instants_s = [instant for instant in instants_s if instant > end_s]
             break
     return start_s + min(instants_s) - _SLACK_S if instants_s else start_s
 

@@ -7,6 +7,7 @@ unknowns of the grey box are iterated (variable projection).
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -20,6 +21,7 @@ from ..model.exponentials import (
     Outputs,
     Series,
     Spectrum,
+    Waves,
     low_pass_of,
     series_of,
     spectrum,
@@ -129,7 +131,7 @@ def evaluate(
 
 # Products of the functions of a fit with each other and with the samples --------------------------
 #
-# A recording with the p rates of `_functions` has 4 p real functions of time, its parts, in this
+# A recording with the p rates of `_waves` has 4 p real functions of time, its parts, in this
 # layout: ``Re exp(rate t)``, ``t Re exp(rate t)``, ``Im exp(rate t)``, ``t Im exp(rate t)``, each
 # of all p rates.  Those that the fit needs, m of them, are its basis, in the order of `Evaluated`.
 
@@ -163,12 +165,11 @@ class Alike:
 
 def laid_out(decays: Sequence[FreeDecay]) -> tuple[Alike, ...]:
     """Group recordings by mass state, low-pass and sampling, once for all points of a fit."""
-    places_of: dict[tuple[str, float, int], list[tuple[int, int]]] = {}
+    places_of: defaultdict[tuple[str, float, int], list[tuple[int, int]]] = defaultdict(list)
     for d, decay in enumerate(decays):
         for r, recording in enumerate(decay.recordings):
             first = recording.group.channels[0]  # all channels of a group have its low-pass
-            key = decay.mass_state, first.low_pass_hz, first.low_pass_order
-            places_of.setdefault(key, []).append((d, r))
+            places_of[decay.mass_state, first.low_pass_hz, first.low_pass_order].append((d, r))
     result = []
     for (mass_state, _, _), places in places_of.items():
         recordings = [decays[d].recordings[r] for d, r in places]
@@ -179,68 +180,6 @@ def laid_out(decays: Sequence[FreeDecay]) -> tuple[Alike, ...]:
             places_in_series = tuple(places[member] for member in series.members)
             result.append(Alike(mass_state, low_pass, groups, places_in_series, series))
     return tuple(result)
-
-
-def products(alike: Alike, poles: Complex, late_s: Real) -> list[Products]:
-    """Return the products of each of some recordings with the basis of `Evaluated`.
-
-    `poles`, (n,) rad/s: of the vehicle, conjugate pairs adjacent.  `late_s`, (r,) s: lateness of
-    each of the r recordings beyond the nominal one.
-    """
-    rates, in_basis = _functions(poles, alike.low_pass)
-    wave = waves_of(alike.series, rates, late_s)
-    # Twice the products of real and imaginary parts: Re f Re g = Re(conj(f) g + f g) / 2,
-    # Re f Im g = Im(conj(f) g + f g) / 2, and Im f Im g = Re(conj(f) g - f g) / 2.
-    conjugate, plain = wave.grams()
-    total, gap = conjugate + plain, conjugate - plain
-    real_imag = total.imag
-    of_parts = np.concatenate(
-        [
-            np.concatenate([total.real, real_imag], axis=2),
-            np.concatenate([real_imag.swapaxes(1, 2), gap.real], axis=2),
-        ],
-        axis=1,
-    )  # (r, 4 p, 4 p)
-    gram = of_parts[:, in_basis[:, None], in_basis] / 2.0
-    sums = wave.with_samples()  # (r, n_channels, 2 p)
-    cross = np.concatenate([sums.real, sums.imag], axis=2)[:, :, in_basis].swapaxes(1, 2)
-    return [Products(*one) for one in zip(gram, cross, alike.series.power, strict=True)]
-
-
-def residuals(alike: Alike, poles: Complex, late_s: Real, coefficients: Real) -> list[Real]:
-    """Return the samples of each of r recordings less what was fitted, each (n_channels, n).
-
-    `coefficients`, (r, n_channels, m): of the m functions of the basis.  Those of the exponentials
-    times t must be zero: only derivatives of a decay have them.  The others are those of
-    `products`.
-    """
-    rates, in_basis = _functions(poles, alike.low_pass)
-    p = len(rates)
-    of_parts = np.zeros((*coefficients.shape[:2], 4 * p))
-    of_parts[..., in_basis] = coefficients
-    on_real, on_imaginary = of_parts[..., :p], of_parts[..., 2 * p : 3 * p]
-    # a Re f + b Im f is the real part of (a - i b) f.
-    return waves_of(alike.series, rates, late_s).residuals(on_real - 1j * on_imaginary)
-
-
-def _functions(poles: Complex, low_pass: LowPass) -> tuple[Complex, NDArray[np.intp]]:
-    """Return the rates of all exponentials, (p,) rad/s, and the parts that form the basis, (m,).
-
-    The rates are the vehicle's poles, one of each conjugate pair, those of the low-pass, and 0 for
-    the constant.  The parts are numbered by that layout.
-    """
-    upper, real = np.flatnonzero(poles.imag > 0.0), np.flatnonzero(poles.imag == 0.0)
-    filter_upper = low_pass.poles[low_pass.poles.imag > 0.0]
-    filter_real = low_pass.poles[low_pass.poles.imag == 0.0]
-    rates = np.concatenate([poles[upper], poles[real], filter_upper, filter_real, [0.0]])
-    p, n = len(rates), len(poles)
-    motion = np.zeros(n, dtype=np.intp)  # part of each pole; of a pair, Re and then Im
-    motion[upper], motion[upper + 1] = np.arange(len(upper)), 2 * p + np.arange(len(upper))
-    motion[real] = len(upper) + np.arange(len(real))
-    first = len(upper) + len(real)
-    turning = first + np.arange(len(filter_upper))
-    without_imaginary = np.arange(first + len(filter_upper), p)  # real poles of the filter, and 0
-    return rates, np.concatenate([motion, motion + p, turning, turning + 2 * p, without_imaginary])
 
 
 # The linear part of a decay -----------------------------------------------------------------------
@@ -272,16 +211,26 @@ def linear_parts(
 def products_of(
     points: Mapping[str, Evaluated], decays: Sequence[FreeDecay], layout: Sequence[Alike]
 ) -> list[list[Products]]:
-    """Return the products of each decay's recordings, in their order.
+    """Return the products of each decay's recordings with the basis, in their order.
 
     `points`: the model, for each mass state.  `layout`: layout of the decays, by `laid_out`.
     """
     by_recording: list[dict[int, Products]] = [{} for _ in decays]
     for alike in layout:
-        point = points[alike.mass_state]
-        of_alike = products(alike, point.modes.poles, _late_s(point, alike))
-        for (d, r), one in zip(alike.places, of_alike, strict=True):
-            by_recording[d][r] = one
+        wave, in_basis = _waves(points[alike.mass_state], alike)
+        # Twice the products of real and imaginary parts: Re f Re g = Re(conj(f) g + f g) / 2,
+        # Re f Im g = Im(conj(f) g + f g) / 2, and Im f Im g = Re(conj(f) g - f g) / 2.
+        conjugate, plain = wave.grams()
+        total, gap = conjugate + plain, conjugate - plain
+        real_imag = total.imag
+        upper = np.concatenate([total.real, real_imag], axis=2)
+        lower = np.concatenate([real_imag.swapaxes(1, 2), gap.real], axis=2)
+        of_parts = np.concatenate([upper, lower], axis=1)  # (r, 4 p, 4 p)
+        grams = of_parts[:, in_basis[:, None], in_basis] / 2.0
+        sums = wave.with_samples()  # (r, n_channels, 2 p)
+        crosses = np.concatenate([sums.real, sums.imag], axis=2)[:, :, in_basis].swapaxes(1, 2)
+        for (d, r), *one in zip(alike.places, grams, crosses, alike.series.power, strict=True):
+            by_recording[d][r] = Products(*one)
     return [[of_decay[r] for r in range(len(of_decay))] for of_decay in by_recording]
 
 
@@ -294,28 +243,44 @@ def residuals_left(
     """
     by_place: dict[tuple[int, int], Real] = {}
     for alike in layout:
-        point = points[alike.mass_state]
+        wave, in_basis = _waves(points[alike.mass_state], alike)
         fitted = np.stack([parts[d].coefficients[r] @ parts[d].solution for d, r in alike.places])
-        of_alike = residuals(alike, point.modes.poles, _late_s(point, alike), fitted)
-        by_place |= dict(zip(alike.places, of_alike, strict=True))
+        p = wave.fine.shape[2]
+        of_parts = np.zeros((*fitted.shape[:2], 4 * p))
+        of_parts[..., in_basis] = fitted  # those of the exponentials times t are zero
+        # a Re f + b Im f is the real part of (a - i b) f.
+        amplitudes = of_parts[..., :p] - 1j * of_parts[..., 2 * p : 3 * p]
+        by_place |= dict(zip(alike.places, wave.residuals(amplitudes), strict=True))
     return by_place
 
 
-def _late_s(point: Evaluated, alike: Alike) -> Real:
-    """Return the lateness of each recording beyond the nominal one, s."""
-    return np.array([point.group(group).late_s for group in alike.groups])
+def _waves(point: Evaluated, alike: Alike) -> tuple[Waves, NDArray[np.intp]]:
+    """Return the exponentials of some recordings, and which of their parts form the basis, (m,).
+
+    The rates are the vehicle's poles, one of each conjugate pair, those of the low-pass, and 0 for
+    the constant.  The parts are numbered by that layout.
+    """
+    poles, of_filter = point.modes.poles, alike.low_pass.poles
+    upper, real = np.flatnonzero(poles.imag > 0.0), np.flatnonzero(poles.imag == 0.0)
+    filter_upper, filter_real = of_filter[of_filter.imag > 0.0], of_filter[of_filter.imag == 0.0]
+    rates = np.concatenate([poles[upper], poles[real], filter_upper, filter_real, [0.0]])
+    p = len(rates)
+    motion = np.zeros(len(poles), dtype=np.intp)  # part of each pole; of a pair, Re and then Im
+    motion[upper], motion[upper + 1] = np.arange(len(upper)), 2 * p + np.arange(len(upper))
+    motion[real] = len(upper) + np.arange(len(real))
+    first = len(upper) + len(real)
+    turning = first + np.arange(len(filter_upper))
+    without_imaginary = np.arange(first + len(filter_upper), p)  # real poles of the filter, and 0
+    parts = [motion, motion + p, turning, turning + 2 * p, without_imaginary]
+    late_s = np.array([point.group(group).late_s for group in alike.groups])
+    return waves_of(alike.series, rates, late_s), np.concatenate(parts)
 
 
 def linear_coefficients(point: Evaluated, decay: FreeDecay) -> tuple[Real, ...]:
     """Return each linear unknown's contribution to each channel, on its recording's basis.
 
     The linear unknowns are the initial state of the decay, then for each channel of each recording
-    the transients of its low-pass and its constant.
-
-    Returns
-    -------
-    tuple of (n_channels, m, n_linear) float64
-        One for each recording.
+    the transients of its low-pass and its constant.  Each (n_channels, m, n_linear).
     """
     groups = [point.group(r.group) for r in decay.recordings]
     each = [len(group.low_pass.poles) + 1 for group in groups]  # unknowns of one channel

@@ -312,8 +312,8 @@ class Waves:
         tail_sums = (tail.swapaxes(1, 2) @ tail_functions).view(np.complex128)
         return np.asarray(sums.reshape(r, k, -1) + tail_sums)
 
-    def values(self, amplitudes: Complex) -> tuple[Real, Real]:
-        """Return the real parts of sums of exponentials, laid out like the samples.
+    def residuals(self, amplitudes: Complex) -> list[Real]:
+        """Return the samples of each recording less real parts of exponentials, each (k, count).
 
         `amplitudes`: of each rate in each channel, shape (r, k, p).
         """
@@ -322,18 +322,13 @@ class Waves:
         at_steps = (self.coarse[:, :, None] * amplitudes[:, None]).reshape(r, n * k, -1)
         steps = at_steps.conj().view(np.float64) @ self.fine.view(np.float64).swapaxes(1, 2)
         tail = self.tail.view(np.float64) @ amplitudes.conj().view(np.float64).swapaxes(1, 2)
-        return steps.reshape(r, n, k, w), tail
-
-    def residuals(self, amplitudes: Complex) -> list[Real]:
-        """Return the samples of each recording less `values`, each (k, count)."""
-        steps, tail = self.values(amplitudes)
-        r, _, k, _ = steps.shape
-        of_steps = (self.series.steps - steps).swapaxes(1, 2).reshape(r, k, -1)
+        of_steps = self.series.steps - steps.reshape(r, n, k, w)
+        of_steps = of_steps.swapaxes(1, 2).reshape(r, k, -1)
         of_tail = (self.series.tail - tail).swapaxes(1, 2)
         n_tail = self.series.count - of_steps.shape[2]  # the others are padding
         return [
-            np.concatenate([first, last[:, :n]], axis=1)
-            for first, last, n in zip(of_steps, of_tail, n_tail.tolist(), strict=True)
+            np.concatenate([first, last[:, :count]], axis=1)
+            for first, last, count in zip(of_steps, of_tail, n_tail.tolist(), strict=True)
         ]
 
 

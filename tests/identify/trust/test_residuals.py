@@ -87,8 +87,9 @@ def test_a_bump_that_lasts_longer_than_stated_shows_in_the_start() -> None:
     late = estimated("early_20ms", 1)
     finding = by_gate(misfit_findings(late))["late_start"]
     assert finding.severity is Severity.WARNING
-    # In truth the bump ends 0.2 s after the rest; no forced sample is in the windows.
-    assert all(REST_S + 0.2 - 1e-3 < decay.start_s < REST_S + 0.206 for decay in late.decays)
+    # In truth the bump ends 0.2 s after the rest; no forced sample is in the windows but of wheels
+    # that are not on the bump, which feel it later.
+    assert all(REST_S + 0.2 - 2e-3 < decay.start_s < REST_S + 0.206 for decay in late.decays)
     assert not list(misfit_findings(estimated("early", 1)))
 
 
