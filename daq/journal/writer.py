@@ -170,6 +170,7 @@ class JournalWriter:
             self._number, self._t_ns = resume.next_number, resume.last_ns
             self._recorded = resume.frames
             self._deleted = [span for event in resume.events for span in deleted_blocks(event)]
+            self._needed_ns = [e.t_ns for e in resume.events if e.code in _LOG_CODES]
         self.stored_frames = 0
         self._segment: Segment | None = None
         self._now_s: float | None = None
@@ -233,6 +234,7 @@ class JournalWriter:
     def append_events(self, events: Sequence[Event]) -> None:
         """Store events; as `append`."""
         content, all_of = pack_events(events), tuple(events)
+        self._needed_ns += [event.t_ns for event in events if event.code in _LOG_CODES]
         self._put(Pending(self._number, Kind.EVENTS, content, self._t_ns, events=all_of))
 
     def maintain(self, monotonic_s: float) -> None:
@@ -302,6 +304,7 @@ class JournalWriter:
         self.head = head
         self._number = self._t_ns = self._recorded = self._removed = self._reported = 0
         self._losses, self._backlog = HopLosses(), Backlog()
+        self._needed_ns: list[int] = []  # times of the events of runs
         self.written: list[Segment] = []
         self._deleted = list[tuple[int, int]]()  # blocks, on purpose: first, and after the last
 
@@ -479,7 +482,7 @@ class JournalWriter:
         self._retention_warning = ""
         if excess <= 0:
             return
-        deleted, needed_ns = 0, list[int]()
+        deleted, needed_ns = 0, [self._t_ns, *self._needed_ns]
         for path in sorted(self._sizes, key=segment_number):
             # Largest number of segments deleted in one call, which delays the writing.
             if excess <= 0 or deleted == 8:
@@ -489,7 +492,6 @@ class JournalWriter:
                 self._sizes.pop(path)  # from another program, or it does not exist
                 continue
             if info.recording == self.head.recording:
-                needed_ns = needed_ns or self._needed_ns()
                 first_ns = info.summary.first_ns - REACH_NS
                 last_ns = info.summary.last_ns + REACH_NS
                 if any(first_ns <= t_ns <= last_ns for t_ns in needed_ns):
@@ -516,17 +518,6 @@ class JournalWriter:
             else:
                 self._deleted.append((first, stop))
         self.append_events([deleted_event(self._t_ns, self._deleted, deleted.frames)])
-
-    def _needed_ns(self) -> list[int]:
-        """Return the time of the latest frame, and of each event of this recording's runs, ns."""
-        ours = (self._info(path) for path in self._sizes)
-        events = (
-            event
-            for info in ours
-            if info is not None and info.recording == self.head.recording
-            for _, event in info.summary.events
-        )
-        return [self._t_ns, *(event.t_ns for event in events if event.code in _LOG_CODES)]
 
     def _info(self, path: Path) -> SegmentInfo | None:
         """Return the content of a sealed segment; None if it cannot be read."""

@@ -106,6 +106,7 @@ def test_a_disk_that_turns_read_only_is_waited_for(tmp_path: Path) -> None:
     read_only(tmp_path / "journal")
 
 
+@pytest.mark.long  # `make crash` does it at length; a file is complete or absent by `replaced`
 def test_a_derivation_that_is_killed_leaves_a_whole_file_or_none(tmp_path: Path) -> None:
     segments = journal_of_runs(tmp_path / "journal", 30_000)
     assert len(segments) > 1
