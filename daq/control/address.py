@@ -121,12 +121,13 @@ def group_readable() -> Iterator[None]:
 def lone_recorder(folder: Path) -> Iterator[None]:
     """Hold the lock of a folder, which is created if it does not exist.
 
-    Meanwhile files and folders are made as by `group_readable`.
+    Meanwhile files and folders are made as by `group_readable`.  A new folder in which nothing was
+    made is removed at the end: of a recorder that finds no bus, nothing is left.
 
     Raises FolderLockedError if another process holds the lock, and InputError if the folder cannot
     be written to.
     """
-    lock = FileLock(folder / _LOCK, timeout=0)
+    lock, is_new = FileLock(folder / _LOCK, timeout=0), not folder.exists()
     with group_readable():
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -141,6 +142,10 @@ def lone_recorder(folder: Path) -> Iterator[None]:
         try:
             yield
         finally:
+            with suppress(OSError):
+                if is_new and [each.name for each in folder.iterdir()] == [_LOCK]:
+                    (folder / _LOCK).unlink()
+                    folder.rmdir()
             lock.release()
 
 

@@ -256,7 +256,7 @@ class JournalWriter:
         since_s = self._backlog.since_s()
         return DiskStatus(
             free_bytes=self._room.free,
-            journal_bytes=self._sealed_bytes + self._size,
+            journal_bytes=self._journal_bytes,
             recorded_frames=self._recorded,
             lag_s=0.0 if since_s is None else (self._now_s or 0.0) - since_s,
             held_frames=self._backlog.frames,
@@ -304,7 +304,7 @@ class JournalWriter:
         self.head = head
         self._number = self._t_ns = self._recorded = self._removed = self._reported = 0
         self._losses, self._backlog = HopLosses(), Backlog()
-        self._needed_ns: list[int] = []  # times of the events of runs
+        self._needed_ns = list[int]()  # times of the events of runs
         self.written: list[Segment] = []
         self._deleted = list[tuple[int, int]]()  # blocks, on purpose: first, and after the last
 
@@ -360,10 +360,6 @@ class JournalWriter:
         return self._backlog.dropped + self._removed
 
     # -- segments -------------------------------------------------------------------------------
-
-    @property
-    def _size(self) -> int:
-        return self._segment.size if self._segment else 0
 
     def _new_segment(self) -> Segment:
         self._folder.mkdir(parents=True, exist_ok=True)
@@ -466,8 +462,9 @@ class JournalWriter:
         self._warning = text
 
     @property
-    def _sealed_bytes(self) -> int:
-        return sum(self._sizes.values())
+    def _journal_bytes(self) -> int:
+        """Size of all segments in the folder, bytes."""
+        return sum(self._sizes.values()) + (self._segment.size if self._segment else 0)
 
     def _make_room(self) -> None:
         """Delete the oldest segments if the journal is too large or the free space too small.
@@ -476,7 +473,7 @@ class JournalWriter:
         minutes: a bump may come at any moment, and the time before it belongs to its run.
         """
         reserve = self.limits.reserve_bytes
-        excess = self._sealed_bytes + self._size - self.limits.keep_bytes
+        excess = self._journal_bytes - self.limits.keep_bytes
         if self._room.free < 2 * reserve:
             excess = max(excess, 2 * reserve - self._room.free)
         self._retention_warning = ""
@@ -503,8 +500,9 @@ class JournalWriter:
             self.written[:] = [segment for segment in self.written if segment.path != path]
             deleted += 1
         if self._sizes and not deleted:
+            size = f"{self._journal_bytes / 1e9:.2f} GB"
             self._retention_warning = (
-                f"the journal has {self._sealed_bytes / 1e9:.2f} GB and none of it may be deleted: "
+                f"the journal has {size} and none of it may be deleted: "
                 "it holds the runs of this recording"
             )
 

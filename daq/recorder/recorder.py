@@ -185,8 +185,8 @@ class Derivation:
             self._jobs[target].cancel()  # if it waits: the new one has all runs
         self.status = building
         job = self._builder.submit(self._build, building, tuple(segments))
-        unfinished = {path: one for path, one in self._jobs.items() if not one.done()}
-        self._jobs = {**unfinished, target: job}
+        self._jobs = {path: one for path, one in self._jobs.items() if not one.done()}
+        self._jobs[target] = job
 
     def close(self) -> None:
         """End the process; a session file is complete or absent, and can be built again later."""
