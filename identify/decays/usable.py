@@ -93,11 +93,11 @@ def usable(session: Session) -> Usable:
             if reasons:
                 run = replace(run, status=RunStatus.REJECTED, reasons=(*run.reasons, *reasons))
         runs.append(run)
-    left = [run.label for run in runs if run.is_accepted]
+    kept = [run.label for run in runs if run.is_accepted]
     return Usable(
         replace(session, runs=tuple(runs)),
-        tuple(records[label] for label in left if records[label].recordings),
-        _silent_in_most([silences[label] for label in left]),
+        tuple(records[label] for label in kept if records[label].recordings),
+        _silent_in_most([silences[label] for label in kept]),
         absurd,
         spikes,
     )
@@ -228,8 +228,9 @@ def frozen(records: Sequence[Record]) -> tuple[ChannelHold, ...]:
         if one.longest.length_s >= FROZEN_S and (one.longest.constant or np.isnan(rate)):
             key = one.channel, one.kind
             repeats = [h for h in holds if (h.channel, h.kind) == key and h.run != one.run]
-            rate = np.mean([h.longest.decay_rate for h in repeats]) if repeats else np.nan
-        if one.longest.is_frozen(float(rate)):
+            rates = [h.longest.decay_rate for h in repeats]
+            rate = float(np.mean(rates)) if rates else np.nan
+        if one.longest.is_frozen(rate):
             counted.append(one)
     return tuple(sorted(counted, key=lambda one: -one.longest.length_s))
 

@@ -218,16 +218,16 @@ def residuals(box: GreyBox, decays: Decays, sigma: Noise, eta: Real) -> tuple[Re
     return residuals_of(linearised(box, decays, sigma, eta), decays, sigma)
 
 
-def residuals_of(there: Linearised, decays: Decays, sigma: Noise) -> tuple[Residuals, ...]:
+def residuals_of(model: Linearised, decays: Decays, sigma: Noise) -> tuple[Residuals, ...]:
     """Return the residuals of each decay with a fitted linear part.
 
     The share of a channel in the fitted numbers is the trace of its part of the normal matrix of
     the linear unknowns times the inverse of the whole: over all channels it adds up to their
     number.
     """
-    by_place = residuals_left(there.points, there.layout, there.linear)
+    by_place = residuals_left(model.points, model.layout, model.linear)
     result = []
-    for d, (decay, linear) in enumerate(zip(decays, there.linear, strict=True)):
+    for d, (decay, linear) in enumerate(zip(decays, model.linear, strict=True)):
         values: dict[str, Real] = {}
         freedom: dict[str, float] = {}
         for r, (recording, product, stack) in enumerate(

@@ -39,6 +39,7 @@ from identify.fit.likelihood import (
     residuals,
 )
 from identify.pipeline import grey_box
+from identify.study.campaign import SENSOR_SETS, Campaign, records_of
 
 from ...simulated.elements import load_car
 from ..bumps import GROUP, MASS_STATES, TRUTH, noise_of, paper_records
@@ -289,6 +290,14 @@ def test_a_decay_begins_where_the_bump_ends(
     assert result.rest
     assert result.holds
     assert np.all(np.abs(_errors_percent(result.fit.eta)) < 4 * _sigmas(result))
+
+
+def test_without_accelerations_of_wheels_a_force_shows_late() -> None:
+    groups = SENSOR_SETS["imu+travels"]
+    records = records_of(Campaign(500.0, 40.0, groups=groups), 1)
+    result = estimate(GreyBox(groups, MASS_STATES, None), records, generic_vehicles())
+    assert all(0.3 < decay.start_s < 0.311 for decay in result.decays)
+    assert np.all(np.abs(_errors_percent(result.fit.eta[:15])) < 4 * _sigmas(result)[:15])
 
 
 def test_decays_without_a_quiet_stretch_take_the_noise_from_the_residuals() -> None:
