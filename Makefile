@@ -9,13 +9,13 @@ INSTALL = $(BIN)/python -m uv pip install --quiet --compile-bytecode --python $(
 demo: .venv/demo
 	$(BIN)/bumpbench demo
 
-# Two workers more than processors, as some tests wait for a bus or a terminal.  One thread of BLAS for
+# One worker more than processors, as some tests wait for a bus or a terminal.  One thread of BLAS for
 # each: two that wait for each other take twice the time.  Bytecode is kept, whatever the environment
 # says: the tests start hundreds of processes.
 test: .venv/test
 	PYTHONDONTWRITEBYTECODE= OPENBLAS_NUM_THREADS=1 \
 	    $(BIN)/python -m pytest --quiet --dist worksteal \
-	    --numprocesses $$(($(shell getconf _NPROCESSORS_ONLN) + 2))
+	    --numprocesses $$(($(shell getconf _NPROCESSORS_ONLN) + 1))
 
 # The long forms of what the tests show in short: whole campaigns by hand, both buses, every stress.
 test-long: .venv/test

@@ -1,4 +1,4 @@
-"""Two serial devices joined by a cable: what is written to one can be read from the other."""
+"""Buses for tests: a cable of two serial devices, a multicast group, adapters of python-can."""
 
 from __future__ import annotations
 
@@ -16,6 +16,14 @@ import can
 from daq.bench.config import BusConfig
 from daq.bus.interfaces import PythonCanSource
 from daq.bus.source import BusError, FrameSource
+
+
+def own_group(second: int) -> str:
+    """Return a multicast group of this process, which those of other processes do not reach.
+
+    `second`: its second number, another one for each file of tests.
+    """
+    return f"239.{second}.{os.getpid() >> 8 & 255}.{os.getpid() & 255}"
 
 
 @contextmanager

@@ -31,7 +31,7 @@ from daq.journal.reader import read_journal
 from tui.cli import run
 from tui.diagnostics import ExitCode
 
-from ..multicast import own_group
+from ..daq.adapters import own_group
 
 PATIENCE_S = 30.0
 END_S = 5.0

