@@ -37,14 +37,13 @@ from .modes.modal_model import mode_names, modes_of, pair_modes
 from .modes.vehicle_modes import SensedModes, sensed_modes
 from .paper import ClosedForm, closed_form
 from .result import Identification
-from .trust.faults import Causes, faults_of_bench, swapped_or_late
+from .trust.faults import faults_of_bench, first_cause, swapped_or_late
 from .trust.finding import Judgement
-from .trust.hypotheses import rank_causes
+from .trust.gates import CHI2_LIMIT, missing_runs, undetermined, with_widest_intervals
+from .trust.hypotheses import rank_causes, some_runs_are_wrong
 from .trust.judge import judge
-from .trust.plausibility import missing_runs, undetermined, with_widest_intervals
-from .trust.residuals import CHI2_LIMIT, some_runs_are_wrong
 from .trust.samples import shortcomings, unused_findings
-from .trust.statements import mistyped_weight
+from .trust.trials import mistyped_weight
 
 if TYPE_CHECKING:
     from .nonlinear.real_car import RealCar
@@ -140,14 +139,14 @@ def identify_parameters(
     progress(0.1, "fitting")
     began_s, vehicles = process_time(), generic_vehicles()
     linear = estimation = first_estimate(grey_box(session, records), records, vehicles)
-    causes, forces = faults_of_bench(session, records, linear), None
+    causes, forces = faults_of_bench(session, linear), None
     if not (linear.holds or causes.findings):  # else no car explains the decays
         progress(0.5, "fitting again")
         estimation = later_estimate(linear, vehicles)
         if not estimation.holds:
             causes = swapped_or_late(linear)
     if not (estimation.holds or causes.findings) and (share := share_of_faults(linear)) < 1.0:
-        causes = Causes.of(mistyped_weight(linear))
+        causes = first_cause(linear, (mistyped_weight,))
         if not causes.findings:
             real = None
             try:

@@ -91,16 +91,14 @@ def evaluate(
     eta: Real,
     mass_states: Collection[str],
     sigma: Mapping[str, float],
-    spectra: Mapping[str, Spectrum] | None = None,
 ) -> dict[str, Evaluated]:
     """Evaluate some mass states at the unknowns `eta`, what they share once.
 
-    `sigma`: standard deviation of the noise, SI.  `spectra`: of the same state matrices from
-    another structure, if the results of both need one basis.
+    `sigma`: standard deviation of the noise, SI.
     """
     points = {}
     for name, system in box.systems(eta, mass_states).items():
-        modes = spectrum(system.A) if spectra is None else spectra[name]
+        modes = spectrum(system.A)
         change = modes.change(system.dA)
         groups = []
         for i, (group, late_s) in enumerate(
@@ -331,17 +329,6 @@ def slopes(point: Evaluated, group: ChannelGroup, z: Complex) -> Real:
         speed = (modes.poles * z)[..., None, modes.half]  # what is later shows an earlier motion
         on_exp[..., of_group.late_index] -= of_group.outputs.gained * speed
     return modes.on_real_basis(on_exp, on_t_exp)
-
-
-def motion(point: Evaluated, group: ChannelGroup, z: Complex, derivative: int) -> Real:
-    """Return the vehicle's motion in each channel, on the real basis, (n_channels, 28).
-
-    `z`, (14,): initial state in modal coordinates.  `derivative`: of the motion by time, 0 or 1.
-    """
-    modes = point.modes
-    outputs = point.group(group).outputs
-    on_exp = outputs.rows * (outputs.gain * z * modes.poles**derivative)
-    return np.asarray((on_exp @ modes.to_real[:, :_N].T).real)
 
 
 def over_two(left: Real, right: Real) -> Real:

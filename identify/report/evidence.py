@@ -21,7 +21,7 @@ from ..modes.state_variable_method import StabilisationDiagram
 from ..modes.vehicle_modes import vehicle_diagram
 from ..numbers import number
 from ..result import Identification
-from ..trust.plausibility import SNR_LIMIT_DB
+from ..trust.gates import SNR_LIMIT_DB
 from ..words import half_percent, parameter_words, unit_text
 from .page import (
     FAINT,

@@ -1,62 +1,61 @@
-"""Faults of the bench that are found by fitting again, and the choice of the cause that is named.
+"""Faults of the bench, each with the search that finds it, and the choice of the one to name.
 
-Labels, channels, clocks: each is a table of trials; the best is fitted on all runs, and must
-explain most of the misfit.
+One loop asks the searches of a table in turn, the surest first.  A search fits the decays again
+under another description, or parts of them, and that must explain nearly all of the misfit.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from daq.channels import Channel, Quantity
 from daq.check.signs import opposed_signs
-from daq.loading import WEIGHT_SAG
 from daq.runs import longest_gap_s
 from daq.sessions import Session
-from daq.vehicle import Corner, Fact, MassState
 from dbc.words import Finding, counted
 
 from ..decays.decay import FreeDecay, Record, decay_start_s, onset_s
 from ..fit.estimation import Estimation, generic_vehicles
 from ..fit.likelihood import HOLD, residuals
-from ..model.matrices import SCALED
 from .finding import MOST, Cause, listed
-from .hypotheses import LATE_ADVICE, ROTATIONS, kind_of_sensor, rank_causes
-from .refit import AS_STATED, Refit, Trial, compared, parameters_as_start, ranked, refit
-from .residuals import moves_without, repeat_findings, some_runs_are_wrong
-from .statements import (
-    ONE_WEIGHT,
-    contradicted_by_sag,
-    contradictions,
-    scale_facts,
-    shift_without_scales,
+from .hypotheses import (
+    LATE_ADVICE,
+    amplitude_findings,
+    kind_of_sensor,
+    odd_runs,
+    rank_causes,
+    some_runs_are_wrong,
+)
+from .statements import contradictions, scale_facts, shift_without_scales
+from .trials import (
+    AS_STATED,
+    Refit,
+    Trial,
+    compared,
+    parameters_as_start,
+    ranked,
+    refit,
+    swapped_labels,
     wrong_weight,
 )
 
 _AHEAD = 0.95
 """Share of a sensor's explanation that an effect of the vehicle must reach to be preferred."""
-_LEAST_GAIN = 100.0
-"""Fall of the squared residuals, in units of the noise, below which a swap is chance."""
 _FEWEST = 3
 """Least number of channels of which one can be wrong."""
-_SUSPECTED = 4
-"""Number of suspected channels that are left out in turn."""
+_SUSPECTED = 3
+"""Number of channels whose gain is suspected that are left out in turn."""
 _CLEARS = 0.9
 """Share of the misfit that must disappear without a channel to call it wrong, and above which no
 other cause is sought."""
-_ALONE = 0.97
-"""Share above which a wrong channel is not compared with lateness and low-pass; below, it may be
-the slowest of several sensors."""
 _LEAST, _MOST = 0.7, 1.4
 """Gains beyond which a unit is wrong rather than a calibration."""
 _CHOICE = 1.5
 """Factor on what a low-pass leaves: it looks like lateness, and has more to choose from."""
 _LATE_SIGMA_S = 0.03
-_ALIKE = 0.2
-"""Share of the largest difference below which a kind of sensors counts as early as the earliest."""
 _COARSE_HZ = (15.0, 40.0)
 _FINE_HZ = (8.0, 10.0, 20.0, 28.0, 56.0, 80.0)
 _LEAST_S = 0.1
@@ -65,21 +64,10 @@ _BUMP_S = 0.2
 """Length of a bump that is not stated, s."""
 _MARGIN_S, _FEWEST_AT_REST = 0.005, 20
 """Time before the onset that does not count as rest, s, and least number of samples at rest."""
-_LB_KG = 0.45359237
 _ALONE_STEPS = 30
 _DRIFT_SIGMAS = 6.0
-"""Size of a drift, in standard deviations by the noise and by the scatter of the runs, from which
-it is none by chance."""
-
-_FL, _FR, _RL, _RR = Corner
-_EXCHANGES: dict[str, dict[Corner, Corner]] = {
-    "front left and front right": {_FL: _FR, _FR: _FL},
-    "rear left and rear right": {_RL: _RR, _RR: _RL},
-    "front left and rear left": {_FL: _RL, _RL: _FL},
-    "front right and rear right": {_FR: _RR, _RR: _FR},
-    "left and right": {_FL: _FR, _FR: _FL, _RL: _RR, _RR: _RL},
-    "front and rear": {_FL: _RL, _RL: _FL, _FR: _RR, _RR: _FR},
-}
+"""Size of a drift, in standard deviations by the scatter of the runs, from which it is none by
+chance."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,32 +79,14 @@ class Causes:
     tried: tuple[Cause, ...] = ()
     """Every cause that stands out of the noise."""
 
-    @classmethod
-    def of(cls, cause: Cause | None) -> Causes:
-        """Return one cause that is named, or none."""
-        return cls((cause.finding,), (cause,)) if cause else cls()
 
-
-def faults_of_bench(session: Session, records: Sequence[Record], estimation: Estimation) -> Causes:
-    """Return the fault of the bench that explains a misfit, the surest first.
-
-    Sag may contradict the weights of a fit that holds, too.  Where one run is odd, no fault of all
-    runs is sought.
-    """
+def faults_of_bench(session: Session, estimation: Estimation) -> Causes:
+    """Return the fault of the bench that explains a misfit, the surest first."""
     signs = () if estimation.holds else opposed_signs(session.accepted, session.channels)
-    if stated_wrong := signs or contradicted_by_sag(session, records):
-        return Causes(tuple(map(_as_cause, stated_wrong)))
-    for search in (clock_jump, second_bump, drift, wrong_weight, wrong_channel):
-        if estimation.holds or (search is wrong_weight and some_runs_are_wrong(estimation)):
-            break
-        if cause := search(estimation):
-            return Causes.of(cause)
-    return Causes()
-
-
-def _as_cause(finding: Finding) -> Finding:
-    fault = ONE_WEIGHT if finding.code == WEIGHT_SAG else "wrong signs"
-    return replace(finding, text=f"likely cause: {fault}, {finding.text}: {finding.advice}")
+    if signs:
+        texts = [f"likely cause: wrong signs, {f.text}: {f.advice}" for f in signs]
+        return Causes(tuple(replace(f, text=t) for f, t in zip(signs, texts, strict=True)))
+    return first_cause(estimation, (clock_jump, second_bump, drift, wrong_weight, wrong_channel))
 
 
 def swapped_or_late(estimation: Estimation) -> Causes:
@@ -124,14 +94,34 @@ def swapped_or_late(estimation: Estimation) -> Causes:
 
     A bump that lasts longer than stated looks like a low-pass: ask only where no later start holds.
     Hubs of front and rear take up to 84 % of what the elements of a real car do, if exchanged.
-
-    `estimation`: a fit that does not hold.
     """
+
+    def best_sensor(estimation: Estimation) -> Cause | None:
+        return wrong_sensors(estimation)[-1]
+
     if some_runs_are_wrong(estimation):
         return Causes()
-    swap = swapped_labels(estimation)
-    cause = swap if swap and swap.explained > _CLEARS else wrong_sensors(estimation)[-1]
-    return Causes.of(cause) if cause.explained > _CLEARS else Causes()
+    return first_cause(estimation, (swapped_labels, best_sensor), _CLEARS)
+
+
+def first_cause(
+    estimation: Estimation,
+    searches: Sequence[Callable[[Estimation], Cause | None]],
+    least: float = MOST,
+) -> Causes:
+    """Return the first cause of a table of searches that explains enough of a misfit.
+
+    Where one run is odd, no weight that is wrong in all runs is sought.
+
+    `least`: share of the misfit that it must explain.
+    """
+    for search in () if estimation.holds else searches:
+        if search is wrong_weight and some_runs_are_wrong(estimation):
+            break
+        cause = search(estimation)
+        if cause and cause.explained > least:
+            return Causes((cause.finding,), (cause,))
+    return Causes()
 
 
 def likely_causes(estimation: Estimation) -> Causes:
@@ -139,44 +129,32 @@ def likely_causes(estimation: Estimation) -> Causes:
 
     An outlying run comes first, because it imitates other causes; a dependence on amplitude last.
     """
-    scored = rank_causes(estimation)
-    repeats = repeat_findings(estimation, scored[0].strength)
-    for odd in (finding for finding in repeats if finding.code == "odd_run"):
-        share = 1.0 - (odd.value - 1.0) / max(estimation.chi2_per_n - 1.0, 1e-9)
-        moved = moves_without(estimation, odd.subject.split(", "))
-        return Causes(repeats, (Cause(f"run {odd.subject}", explained=share, moved=moved),))
-    worst = next(iter(contradictions(estimation)), None) if estimation.holds else None
+    holds, scored = estimation.holds, rank_causes(estimation)
+    if odd := odd_runs(estimation, scored[0].strength):
+        finding, cause = odd
+        return Causes((finding,), (cause,))
+    worst = next(iter(contradictions(estimation)), None) if holds else None
     if worst and worst.of_place:  # a gain, or a bar, would explain a part of it
         scored = tuple(s for s in scored if s.gain > worst.sigmas**2)
-    named, tried = _likeliest(estimation, [cause for cause in scored if cause.strength > 1.0])
-    findings = (named.finding,) if named else ()
-    return Causes(findings if named and not named.nonlinear else (*findings, *repeats), tried)
-
-
-def _likeliest(
-    estimation: Estimation, scored: Sequence[Cause]
-) -> tuple[Cause | None, tuple[Cause, ...]]:
-    """Return the cause to be named, if any, and all that were tried.
-
-    `scored`: causes beyond chance, the strongest first.
-    """
-    holds = estimation.holds
-    best = [replace(c, explained=0.0) if holds else c for c in scored]
+    best = [replace(c, explained=0.0) if holds else c for c in scored if c.strength > 1.0]
     tried = list(best)
     for cause in (c for c in best if c.kind == "weights"):  # or these are right, and the scales off
         moved = shift_without_scales(estimation)
         tried.append(replace(cause, name="scales off by a common factor", moved=moved))
-    if not best:
-        return None, ()
-    if holds and (swap := swapped_labels(estimation)):  # else: `swapped_or_late`
-        return swap, (*tried, swap)
+    amplitude = tuple(amplitude_findings(estimation))
+    if not best or (holds and amplitude):  # no linear cause makes the small motion differ
+        return Causes(amplitude, tuple(tried))
     named = _with_advice(estimation, best[0])
-    if not holds and named.explained < _CLEARS:
-        sensors = wrong_sensors(estimation, [c.subject for c in best if c.kind == "gain"])
+    if holds and (swap := swapped_labels(estimation)):  # else: `swapped_or_late`
+        named = swap
+        tried.append(swap)
+    elif not holds and named.explained < _CLEARS:
+        sensors = wrong_sensors(estimation)
         tried += sensors
         ahead = [c for c in sensors if c.explained * _AHEAD > named.explained]
         named = ahead[-1] if ahead else named
-    return (named if holds or named.explained > MOST else None), tuple(tried)
+    is_named = holds or named.explained > MOST
+    return Causes((named.finding,) if is_named else amplitude, tuple(tried))
 
 
 def _with_advice(estimation: Estimation, cause: Cause) -> Cause:
@@ -193,73 +171,6 @@ def _with_advice(estimation: Estimation, cause: Cause) -> Cause:
         of_scales = replace(cause, moved=shift_without_scales(estimation))
         return replace(max(cause, of_scales, key=lambda one: one.shift), advice=advice)
     return cause
-
-
-# Labels -------------------------------------------------------------------------------------------
-
-
-def swapped_labels(estimation: Estimation) -> Cause | None:
-    """Return the swapped labels that explain a misfit; None if there are none.
-
-    No swap has more unknowns than the fit as stated, so the costs are compared directly.
-    """
-    tried = ranked(estimation, _swaps(estimation))
-    if not tried:
-        return None
-    rough, swap = tried[0]
-    before, after = refit(estimation), refit(estimation, swap, rough.fit.eta)
-    code = "swapped_labels" if "swapped" in swap.name else "pounds"
-    cause = compared(before, after, Cause(swap.name, swap.advice, certain=True, code=code))
-    clear = cause.explained > MOST and before.fit.cost - after.fit.cost >= _LEAST_GAIN
-    return cause if clear else None
-
-
-def _swaps(estimation: Estimation) -> Iterator[Trial]:
-    """Yield exchanges of mass states, corners and rates of the body, and weights in pounds."""
-    channels = [c for group in estimation.box.groups for c in group.channels]
-    present = sorted({decay.mass_state for decay in estimation.decays})
-    if len(present) == 2:
-        other = dict(zip(present, reversed(present), strict=True))
-        advice = "runs labelled with the weights were made without them: label them the other way"
-        yield Trial("mass states swapped", advice, mass_state=other.__getitem__)
-    for quantity in dict.fromkeys(c.quantity for c in channels if c.corner is not None):
-        at = {c.corner: c for c in channels if c.quantity is quantity}
-        for where, exchange in _EXCHANGES.items():
-            pairs = {at[a].name: at[b] for a, b in exchange.items() if a in at and b in at}
-            if len(pairs) == len(exchange):
-                yield _swapped(f"{quantity.replace('_', ' ')} of {where} swapped", pairs)
-    rates = {c.quantity: c for c in channels if c.corner is None}
-    for a, b in ((rates.get(pitch), rates.get(roll)) for pitch, roll in ROTATIONS):
-        if a and b:
-            yield _swapped(f"{a.name} and {b.name} swapped", {a.name: b, b.name: a})
-    if any(fact.quantity in SCALED for fact in estimation.box.facts):
-
-        def of_scales(fact: Fact) -> Fact:
-            share = _LB_KG if fact.quantity in SCALED else 1.0
-            return replace(fact, value=share * fact.value, sigma=share * fact.sigma)
-
-        def of_weights(state: MassState) -> MassState:
-            weights = (replace(w, mass_kg=_LB_KG * w.mass_kg) for w in state.added.weights)
-            return replace(state, added=replace(state.added, weights=tuple(weights)))
-
-        yield Trial("scales in lb", "state the loads of the car in kg", fact=of_scales)
-        yield Trial("added weights in lb", "state the weights in kg", state=of_weights)
-
-
-def _swapped(name: str, other: Mapping[str, Channel]) -> Trial:
-    def carries(c: Channel) -> Channel:
-        """Return a channel's samples described as those of the other; their clock stays."""
-        if c.name not in other:
-            return c
-        return replace(
-            other[c.name],
-            delay_s=c.delay_s,
-            delay_sigma_s=c.delay_sigma_s,
-            low_pass_hz=c.low_pass_hz,
-            low_pass_order=c.low_pass_order,
-        )
-
-    return Trial(name, "exchange their signals in bench.toml, or their plugs", carries)
 
 
 # Channels -----------------------------------------------------------------------------------------
@@ -323,36 +234,25 @@ def _of_gain(before: Refit, others: Refit, name: str, gain: float) -> Cause:
     return compared(before, others, Cause(f"gain of {name}", advice, sizes))
 
 
-def wrong_sensors(estimation: Estimation, suspected: Sequence[str] = ()) -> list[Cause]:
+def wrong_sensors(estimation: Estimation) -> list[Cause]:
     """Return what a faulty sensor would explain, the best last.
 
-    `estimation`: a fit that does not hold.  `suspected`: channels whose gain is suspected, the most
-    suspected first.
+    `estimation`: a fit that does not hold.
     """
-    before = refit(estimation)
-    gains = (gain_of(estimation, name, before) for name in suspected[:_SUSPECTED])
-    causes = [gain for gain in gains if gain.explained > _CLEARS][:1]
-    if causes and causes[0].explained >= _ALONE:
-        return causes
-    kinds: dict[str, set[str]] = {}
-    """Names of the channels of each kind of sensors."""
-    for channel in (c for group in before.box.groups for c in group.channels):
-        kinds.setdefault(kind_of_sensor(channel), set()).add(channel.name)
-    every = set().union(*kinds.values())
-    body = kinds.get("body sensors", set())
-    if body and len(kinds) > 1:
-        causes.append(_late(estimation, before, kinds, every - body))
-    scored = next(cause for cause in rank_causes(estimation) if cause.kind == "late")
-    suspect = {
-        c.name
-        for group in before.box.groups
-        for c in group.channels
-        if scored.subject in (group.name, kind_of_sensor(c))
-    }
-    if every - suspect:
-        parts = {scored.subject: suspect, f"all but {scored.subject}": every - suspect}
-        causes.append(_late(estimation, before, parts, suspect))
-    causes.append(_low_pass(estimation, before, {**kinds, "all sensors": every}))
+    scored, before = rank_causes(estimation), refit(estimation)
+    gains = [c.subject for c in scored if c.kind == "gain" and c.explained > MOST]
+    causes = [gain_of(estimation, name, before) for name in gains[:_SUSPECTED]]
+    channels = [c for group in before.box.groups for c in group.channels]
+    places = {kind: [c.name for c in channels if kind_of_sensor(c) == kind]
+              for kind in dict.fromkeys(map(kind_of_sensor, channels))}  # fmt: skip
+    latest = next(cause.subject for cause in scored if cause.kind == "late")
+    suspects = places.get(latest) or [
+        c.name for group in before.box.groups if group.name == latest for c in group.channels
+    ]
+    if len(suspects) < len(channels):
+        causes.append(_late(estimation, before, latest, suspects))
+    every = [c.name for c in channels]
+    causes.append(_low_pass(estimation, before, {**places, "all sensors": every}))
 
     def remaining(cause: Cause) -> float:
         factor = _CHOICE if cause.name == "low-pass" else 1.0
@@ -361,35 +261,23 @@ def wrong_sensors(estimation: Estimation, suspected: Sequence[str] = ()) -> list
     return sorted(causes, key=remaining, reverse=True)
 
 
-def _late(
-    estimation: Estimation,
-    before: Refit,
-    parts: Mapping[str, Collection[str]],
-    loose: Collection[str],
-) -> Cause:
-    """Return the lateness of parts of the channels against the earliest part.
-
-    `loose`: the channels whose delays are unknown in the fit.
-    """
+def _late(estimation: Estimation, before: Refit, place: str, suspects: Collection[str]) -> Cause:
+    """Return the lateness of the channels of one place against all others, or of these."""
 
     def of_unknown_delay(c: Channel) -> Channel:
-        return replace(c, delay_sigma_s=_LATE_SIGMA_S) if c.name in loose else c
+        return replace(c, delay_sigma_s=_LATE_SIGMA_S) if c.name in suspects else c
 
     after = refit(estimation, Trial("late", channel=of_unknown_delay), before.fit.eta)
-    delays_s: dict[str, list[float]] = {}
-    for delay_s, group in zip(
-        after.box.delays_s(after.fit.eta).tolist(), after.box.groups, strict=True
-    ):
-        part = next(name for name, names in parts.items() if group.channels[0].name in names)
-        delays_s.setdefault(part, []).append(delay_s)
-    late_ms = {part: 1e3 * float(np.mean(of)) for part, of in delays_s.items()}
+    delays_s = after.box.delays_s(after.fit.eta).tolist()
+    late_s = [
+        delay_s
+        for delay_s, group in zip(delays_s, after.box.groups, strict=True)
+        if group.channels[0].name in suspects
+    ]
+    late_ms = 1e3 * float(np.mean(late_s))
     # The fit determines differences only, and no sensor shows a motion before it happens.
-    early = min(late_ms.values())
-    most = max(late_ms.values()) - early
-    late_ms = {part: ms - early for part, ms in late_ms.items() if ms - early >= _ALIKE * most}
-    each = [f"{part} {late:#.2g} ms" for part, late in late_ms.items()]
-    sizes = ", ".join(each) if len(each) > 1 else f"{most:#.2g} ms"
-    return compared(before, after, Cause(f"{' and '.join(late_ms)} late", LATE_ADVICE, sizes))
+    name = f"{place} late" if late_ms > 0.0 else f"all but {place} late"
+    return compared(before, after, Cause(name, LATE_ADVICE, f"{abs(late_ms):#.2g} ms"))
 
 
 def _low_pass(
@@ -428,30 +316,28 @@ def clock_jump(estimation: Estimation) -> Cause | None:
     the samples after it have wrong times, and no model explains both sides, or this group and the
     others.  Up to the jump the decays must fit.
     """
-    gaps: list[dict[str, tuple[float, float]]] = []
-    """Of each run: begin in the run and length, s, of the largest gap of each group with one."""
+    ends_s, lengths_s, names = [], [], []
     for record in estimation.records:
-        of_run = {}
-        for r in (r for r in record.recordings if len(r.time_s) > 2):
+        end_s = np.inf
+        for r in record.recordings:
             steps = np.diff(r.time_s)
-            worst, period_s = int(np.argmax(steps)), float(np.median(steps))
-            if steps[worst] > longest_gap_s(period_s):
-                of_run[r.group.name] = float(r.time_s[worst]), float(steps[worst]) - period_s
-        gaps.append(of_run)
-    jumping = sum(map(bool, gaps))
-    if 2 * jumping <= len(gaps):
-        return None
-    names = dict.fromkeys(name for of_run in gaps for name in of_run)
-    everywhere = len(names) == len(estimation.box.groups)
-    length_s = float(np.median([length for of_run in gaps for _, length in of_run.values()]))
+            period_s = float(np.median(steps)) if len(steps) > 1 else np.inf
+            if steps.max(initial=0.0) > longest_gap_s(period_s):
+                worst = int(np.argmax(steps))
+                end_s = min(end_s, float(r.time_s[worst]))
+                lengths_s.append(float(steps[worst]) - period_s)
+                names.append(r.group.name)
+        ends_s.append(end_s)
+    everywhere = len(set(names)) == len(estimation.box.groups)
+    jumping = np.count_nonzero(np.isfinite(ends_s))
+    median_s = float(np.median(lengths_s)) if lengths_s else 0.0
     sizes = (
-        f"{'all sensors' if everywhere else listed(names)} by about {length_s:.2g} s in "
-        f"{jumping} of {counted(len(gaps), 'run')}; up to there the decays fit"
+        f"{'all sensors' if everywhere else listed(names)} by about {median_s:.2g} s in {jumping} "
+        f"of {counted(len(ends_s), 'run')}; up to there the decays fit"
     )
     advice = "correct the times of the samples after the gap, or record again"
-    begins_s = [{name: begin_s for name, (begin_s, _) in of_run.items()} for of_run in gaps]
     cause = Cause("clocks that jump", advice, sizes, certain=True)
-    return _if_explained_by(estimation, _cut(estimation, begins_s), cause)
+    return _if_most_fit_before(estimation, ends_s, cause)
 
 
 def second_bump(estimation: Estimation) -> Cause | None:
@@ -462,52 +348,54 @@ def second_bump(estimation: Estimation) -> Cause | None:
     from daq.verdict.motion import STRUCK_GUARD_S, STRUCK_S, STRUCK_SHARE, second_strike
     from daq.verdict.window import Trace  # both with the bench, which is slow to import
 
-    begins_s: list[dict[str, float]] = []
-    names: list[str] = []
+    ends_s, places, noise = [], [], estimation.noise
     for record in estimation.records:
-        onset, of_run = onset_s(record), {}
+        onset, end_s = onset_s(record), np.inf
+        if onset is None:
+            ends_s.append(end_s)
+            continue
         guard_s = (record.bump_s if np.isfinite(record.bump_s) else _BUMP_S) + STRUCK_GUARD_S
         strikes = [(0.0, 0.0, "")]
         for r in record.recordings:
             for channel, column in zip(r.group.channels, r.values.T, strict=True):
-                if onset is not None and channel.quantity is Quantity.HUB_ACCELERATION:
-                    value, noise = column - column[r.time_s < onset].mean(), estimation.noise
+                if channel.quantity is Quantity.HUB_ACCELERATION:
+                    value = column - column[r.time_s < onset].mean()
                     trace = Trace(channel, r.time_s - onset, value, noise[channel.name], 0.0, 0.0)
                     strikes.append((*second_strike(trace, guard_s), channel.name))
         share, after_s, name = max(strikes)
-        if share > STRUCK_SHARE and onset is not None:
-            of_run = {r.group.name: onset + after_s - STRUCK_S for r in record.recordings}
-            names.append(f"{name} in {record.label} at +{after_s:.2f} s")
-        begins_s.append(of_run)
-    if 2 * len(names) <= len(begins_s):
-        return None
-    sizes = f"in {len(names)} of {counted(len(begins_s), 'run')}: {listed(names)}"
+        if share > STRUCK_SHARE:
+            end_s = onset + after_s - STRUCK_S
+            places.append(f"{name} in {record.label} at +{after_s:.2f} s")
+        ends_s.append(end_s)
+    sizes = f"in {len(places)} of {counted(len(ends_s), 'run')}: {listed(places)}"
     advice = "drive over one bump, and let the car come to rest"
     cause = Cause("a second bump", advice, sizes, certain=True)
-    return _if_explained_by(estimation, _cut(estimation, begins_s), cause)
+    return _if_most_fit_before(estimation, ends_s, cause)
 
 
-def _cut(estimation: Estimation, ends_s: Sequence[Mapping[str, float]]) -> list[FreeDecay]:
-    """Return the decays up to a time, s in the run, of each group that has one."""
-    cut = []
-    for decay, of_run in zip(estimation.decays, ends_s, strict=True):
-        kept = []
-        for r in decay.recordings:
-            length_s = of_run.get(r.group.name, np.inf) - decay.start_s
-            if length_s >= _LEAST_S:
-                kept.append(r.between(0.0, length_s) if np.isfinite(length_s) else r)
-        cut.append(replace(decay, recordings=tuple(kept)))
-    return cut
+def _if_most_fit_before(
+    estimation: Estimation, ends_s: Sequence[float], cause: Cause
+) -> Cause | None:
+    """Return a cause that ends the decays of most runs, s in the run, if they fit until then."""
+    if 2 * np.count_nonzero(np.isfinite(ends_s)) <= len(ends_s):
+        return None
+    decays = []
+    for decay, end_s in zip(estimation.decays, ends_s, strict=True):
+        length_s = end_s - decay.start_s
+        if length_s >= _LEAST_S:
+            cut = tuple(r.between(0.0, length_s) for r in decay.recordings)
+            decays.append(replace(decay, recordings=cut))
+    return _if_explained_by(estimation, decays, cause)
 
 
 def _if_explained_by(
     estimation: Estimation, decays: Sequence[FreeDecay], cause: Cause
 ) -> Cause | None:
     """Return a cause if other decays, or parts of them, fit by themselves; None if not."""
-    part = replace(estimation, decays=tuple(decay for decay in decays if decay.recordings))
-    if not part.decays:
+    if not decays:
         return None
     generic = estimation.box.unknowns(generic_vehicles()[0])
+    part = replace(estimation, decays=tuple(decays))
     alone = refit(part, AS_STATED, generic, HOLD, _ALONE_STEPS, np.inf)
     excess = estimation.chi2_per_n - 1.0
     if alone.excess > max(estimation.chi2_limit - 1.0, (1.0 - _CLEARS) * excess):
@@ -534,29 +422,23 @@ def drift(estimation: Estimation) -> Cause | None:
 
 def _slopes_at_rest(records: Sequence[Record]) -> dict[str, float]:
     """Return the slope before the bumps of each channel that drifts there, SI a second."""
-    slopes: dict[str, list[tuple[float, float]]] = {}
-    """Of each channel: slope and its variance by the noise, in each run."""
+    slopes: dict[str, list[float]] = {}
     for record in records:
         onset = onset_s(record)
         if onset is None:
             continue
         for r in record.recordings:
             quiet = r.time_s < onset - _MARGIN_S
-            if np.count_nonzero(quiet) < _FEWEST_AT_REST:
-                continue
-            t = r.time_s[quiet] - r.time_s[quiet].mean()
-            for channel, column in zip(r.group.channels, r.values[quiet].T, strict=True):
-                slope = float(t @ column) / float(t @ t)
-                scatter = column - column.mean() - slope * t
-                variance = float(scatter @ scatter) / (len(t) - 2) / float(t @ t)
-                slopes.setdefault(channel.name, []).append((slope, variance))
-    drifts = {}
-    for name, of_runs in slopes.items():
-        slope, variance = np.array(of_runs).T
-        sigma = np.sqrt(max(float(np.var(slope)), float(np.mean(variance))) / len(slope))
-        if abs(slope.mean()) > _DRIFT_SIGMAS * sigma:
-            drifts[name] = float(slope.mean())
-    return drifts
+            if np.count_nonzero(quiet) >= _FEWEST_AT_REST:
+                of_run = np.polyfit(r.time_s[quiet], r.values[quiet], 1)[0].tolist()
+                for channel, slope in zip(r.group.channels, of_run, strict=True):
+                    slopes.setdefault(channel.name, []).append(slope)
+    return {
+        name: float(np.mean(of_runs))
+        for name, of_runs in slopes.items()
+        if len(of_runs) > 2
+        and abs(np.mean(of_runs)) > _DRIFT_SIGMAS * np.std(of_runs, ddof=1) / len(of_runs) ** 0.5
+    }
 
 
 def _without_drifts(record: Record, drifts: Mapping[str, float]) -> Record:

@@ -13,8 +13,6 @@ from ..fit.grey_box import SIGNED
 
 _MATTERS, _REFUSES = 0.02, 0.10
 """Relative changes of a parameter above which a cause makes the result doubtful, and refuses it."""
-
-
 MOST = 0.5
 """Share of a misfit above which what explains it is named as its cause."""
 
@@ -58,8 +56,6 @@ class Cause:
     """Channel or group that it is of."""
     of_bench: bool = False
     """True if it is a fault of a sensor."""
-    nonlinear: bool = False
-    """True if the car is not linear: what depends on amplitude is then reported, too."""
     gain: float = inf
     """Fall of the squared residuals by the cause, in units of the noise."""
     strength: float = inf
@@ -141,12 +137,8 @@ class Judgement:
         return tuple(finding.text for finding in self.findings)
 
 
-_LISTED = 3
-
-
 def listed(places: Iterable[str]) -> str:
     """Return the first three different places, and the number of the others."""
     unique = tuple(dict.fromkeys(places))
-    text = ", ".join(unique[:_LISTED])
-    more = len(unique) - _LISTED
-    return f"{text} and {more} more" if more > 0 else text
+    first, others = unique[:3], len(unique) - 3
+    return ", ".join(first) + (f" and {others} more" if others > 0 else "")

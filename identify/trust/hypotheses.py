@@ -1,33 +1,35 @@
-"""The table of what a linear model may lack, tested on the residuals of a fit.
+"""The table of what a linear model may lack, each row tested on the residuals of a fit.
 
 Springs, dampers and unequal sides; lengths and weights; sensors that are late, turned or have a
-wrong gain; friction and dampers that differ in compression and rebound.  At the optimum, an effect
-that the model lacks leaves a trace of known shape in the residuals.  Its size, the uncertainty of
-that, and the change of the parameters follow from one projection (Lagrange multiplier test, Rao
-1948): no other fit is needed.
+wrong gain: each is a direction among the unknowns of the richest problem, in which all of them are
+open.  At the optimum, what the fit lacks leaves a slope in that direction.  Its size, the
+uncertainty of that, and the change of the parameters follow from one projection (Lagrange
+multiplier test, Rao 1948): no other fit is needed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.channels import TIME_DERIVATIVE, Channel, Quantity
+from daq.channels import Channel, Quantity
 from daq.vehicle import RICHEST, parameter_unit
+from dbc.words import Finding, Severity
 
-from ..decays.decay import ChannelGroup, FreeDecay
+from ..decays.decay import with_channels
 from ..fit.estimation import Estimation, linearised_at
 from ..fit.grey_box import SIGNED, GreyBox
+from ..fit.likelihood import PRIORS, covariance_of, fit, normal_blocks
 from ..fit.uncertainty import COVERAGE_95
-from ..fit.varpro import Evaluated, evaluate, linear_parts, motion, over_two, slopes
+from ..fit.varpro import NormalBlock
 from ..model.chi_squared import exceeded_by_chance
-from ..model.matrices import loaded_model, travel_rows
 from ..numbers import with_half
 from .finding import Cause
-from .plausibility import BELOW_SIGMAS
+from .gates import BELOW_SIGMAS
 from .statements import scale_facts
 
 Array = NDArray[np.float64]
@@ -57,19 +59,6 @@ _ROWS = (
         kind="turn",
         of_bench=True,
     ),
-    Cause(
-        "friction in the suspension",
-        "bump higher, so that friction counts less, or free the suspension; c_s and k_s hold for "
-        "this amplitude only",
-        kind="friction",
-        nonlinear=True,
-    ),
-    Cause(
-        "dampers stronger in rebound than in compression",
-        "the dampers are not linear: c_s is a mean, and the other parameters suffer",
-        kind="one-sided",
-        nonlinear=True,
-    ),
 )
 TABLE = {row.kind: row for row in _ROWS}
 
@@ -79,37 +68,16 @@ _TYRE_BAR = 0.5
 """Strength that proves tyre damping: every tyre has some, so that one in a thousand is enough."""
 _EARLY_BAR = 0.98
 """Factor on the strength of earliness: lateness of the others explains the same."""
-_RATE_HZ = 500.0  # the motion ends at 20 Hz; more samples say little more
-_NAMED = 3  # parts of a cause that are listed, the surest first
 _SEEN = 1e-9
 """Least share of an effect's information that the unknowns must leave for it to be testable."""
-_LATE_S = 0.001
-_GRID_S = 0.001
-_FRICTION_SPEED_M_S = 0.005
-"""Speed, m/s, over which friction changes its sign: a bushing deforms before a seal slides."""
-_AXLES = {"front": np.array([1.0, 1.0, 0.0, 0.0]), "rear": np.array([0.0, 0.0, 1.0, 1.0])}
-_FORCES = ("friction", "one-sided")
-
-
-@dataclass(frozen=True, slots=True)
-class _Effect:
-    """One part of a hypothesis; the parts of a cause are tested together."""
-
-    kind: str
-    """Key of `TABLE`."""
-    label: str
-    """Name of this part among those of its cause."""
-    unit: str
-    factor: float = 1.0
-    """Printed unit of its size, and factor from one unit of its trace to it."""
-    unknowns: Mapping[str | int, float] = field(default_factory=dict)
-    """Its direction among the unknowns of the richest structure, by name or position."""
-    channels: Mapping[tuple[str, str], float] = field(default_factory=dict)
-    """Share of a second channel's motion, or of its rate of change, that a first one shows."""
-
-    @property
-    def cause(self) -> str:
-        return TABLE[self.kind].name.format(self.label)
+_PULLS = 1e-6
+"""Least share of the strongest direction's information with which a direction counts in a pull."""
+_LARGE_S = 0.4
+"""Time, s, after which the wheels are at rest and the body moves with half its first amplitude."""
+_MATTERS = 0.02
+"""Relative change of a parameter from which runs, or the small motion, disagree."""
+_RATE_HZ = 250.0
+"""Rate of the samples on which the vehicle is fitted again, Hz."""
 
 
 def kind_of_sensor(channel: Channel) -> str:
@@ -119,49 +87,115 @@ def kind_of_sensor(channel: Channel) -> str:
     return "hub sensors" if channel.quantity is Quantity.HUB_ACCELERATION else "travel sensors"
 
 
+class _Effect(NamedTuple):
+    """One part of a hypothesis; the parts of a cause are tested together."""
+
+    kind: str
+    """Key of `TABLE`."""
+    label: str
+    """Name of this part among those of its cause."""
+    unit: str
+    factor: float
+    """Printed unit of its size, and factor from one step in its direction to it."""
+    direction: Mapping[int, float]
+    """Step of each unknown of the richest problem, by its place; 0 for the others."""
+
+
+class _Richest(GreyBox):
+    """The richest problem: each IMU may be turned about z, too.
+
+    The turn, rad, is positive to the left, as seen from above: pitch and roll then show a part of
+    each other.
+    """
+
+    turns: Mapping[str, int]
+    """Place of the turn of each IMU among the unknowns, by its group."""
+    _turned: tuple[tuple[str, str, str], ...]
+    """Group, pitch channel and roll channel."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        turned = []
+        for group in self.groups:
+            names = {c.quantity: c.name for c in group.channels}
+            for pitch, roll in ROTATIONS:
+                if pitch in names and roll in names:
+                    turned.append((group.name, names[pitch], names[roll]))
+        first = len(self.parameters) + len(self.corrections)
+        imus = dict.fromkeys(group for group, _, _ in turned)
+        turns = {imu: place for place, imu in enumerate(imus, first)}
+        prior_sigma = np.insert(self.prior_sigma, first, np.full(len(turns), np.inf))
+        for name, value in (
+            ("turns", turns),
+            ("_turned", tuple(turned)),
+            ("prior_sigma", prior_sigma),
+        ):
+            object.__setattr__(self, name, value)
+
+    def motion_rows(self, eta: NDArray[np.complex128]) -> dict[str, NDArray[np.complex128]]:
+        """Return each channel's row on the seven motions, those of turned IMUs mixed."""
+        rows = super().motion_rows(eta)
+        for imu, pitch, roll in self._turned:
+            turn = eta[:, self.turns[imu], None]
+            rows[pitch], rows[roll] = (
+                rows[pitch] - turn * rows[roll],
+                rows[roll] + turn * rows[pitch],
+            )
+        return rows
+
+
 def rank_causes(estimation: Estimation) -> tuple[Cause, ...]:
-    """Test every hypothesis on the residuals; the one that explains most comes first."""
-    box = estimation.box
-    # All weights are among the unknowns of the richest structure.
-    states = tuple(
-        replace(
-            state,
-            added=replace(
-                state.added,
-                weights=tuple(replace(w, sigma_kg=w.mass_kg) for w in state.added.weights),
-            ),
-        )
-        for state in box.mass_states
+    """Test every hypothesis on the residuals of a linear fit; the one that explains most is first.
+
+    Its unknowns and priors are those of the fit; a step in the direction of a hypothesis is free.
+    """
+    box, eta = estimation.box, estimation.fit.eta
+    decays = tuple(
+        with_channels(d, lambda c: replace(c, gain_sigma=0.1, delay_sigma_s=1.0))
+        for d in estimation.decays
     )
-    rich = GreyBox(box.groups, states, None, RICHEST)
-    effects = [
-        *_missing_parts(box, rich),
-        *_sensor_faults(box.groups),
-        *(_Effect("friction", axle, "N") for axle in _AXLES),
-        *(_Effect("one-sided", axle, "N s/m", 2.0) for axle in _AXLES),
-    ]
-    normal, n_values = _normal_matrix(estimation, rich, effects)
-    P = len(estimation.fit.eta)
-    covariance = np.asarray(np.linalg.pinv(normal[:P, :P], hermitian=True))
-    mixed, information = normal[P:-1, :P], normal[P:-1, P:-1]
-    # The optimum of thinned samples differs slightly from that of all samples.
-    gradient = normal[P:-1, -1] - mixed @ covariance @ normal[:P, -1]
-    members: dict[str, list[int]] = {}
-    for i, effect in enumerate(effects):
-        members.setdefault(effect.cause, []).append(i)
+    groups = tuple(dict.fromkeys(r.group for d in decays for r in d.recordings))
+    states = []
+    for state in box.mass_states:
+        weights = tuple(replace(w, sigma_kg=w.mass_kg) for w in state.added.weights)
+        states.append(replace(state, added=replace(state.added, weights=weights)))
+    rich = _Richest(groups, tuple(states), None, RICHEST, box.facts)
+    fitted = _places_of_unknowns(box, rich)
+    # What is open here alone is zero at the fit.
+    rich_eta = rich.unknowns_of(estimation.full)
+    rich_eta[len(rich.parameters) :] = (fitted @ eta)[len(rich.parameters) :]
+    blocks = normal_blocks(rich, decays, estimation.noise, rich_eta)
+    measured = [block for label, block in blocks.items() if label != PRIORS]
+    H = np.sum([block.information for block in measured], axis=0)
+    g = np.sum([block.gradient for block in measured], axis=0)
+    prior = box.prior_sigma**-2
+    covariance = np.linalg.pinv(fitted.T @ H @ fitted + np.diag(prior), hermitian=True)
+    step = covariance @ (fitted.T @ g - prior * eta)  # nothing, but for rounding and another noise
+
+    members: dict[str, list[_Effect]] = {}
+    for effect in _effects(box, rich):
+        name = TABLE[effect.kind].name.format(effect.label)
+        members.setdefault(name, []).append(effect)
+    n_values = sum(decay.n_values for decay in decays)
     causes = []
-    for name, rows in members.items():
-        X, g = mixed[rows], gradient[rows]
-        remaining = information[np.ix_(rows, rows)] - X @ covariance @ X.T
-        scale = 1.0 / np.sqrt(np.maximum(np.diag(information)[rows], 1e-300))
+    for name, effects in members.items():
+        D = np.zeros((len(rich_eta), len(effects)))
+        for k, effect in enumerate(effects):
+            D[list(effect.direction), k] = list(effect.direction.values())
+        mixed = D.T @ H @ fitted
+        information = D.T @ H @ D
+        gradient = D.T @ g - mixed @ step
+        remaining = information - mixed @ covariance @ mixed.T
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
         values, vectors = np.linalg.eigh(remaining * np.outer(scale, scale))
         seen = values > _SEEN
         inverse = (vectors[:, seen] / values[seen]) @ vectors[:, seen].T * np.outer(scale, scale)
-        sizes, stds = inverse @ g, np.sqrt(np.diag(inverse))
-        gain = float(g @ sizes)
-        shift = (-covariance @ X.T @ sizes)[: len(box.parameters)].tolist()
-        row = TABLE[effects[rows[0]].kind]
-        strength = gain / max(1.0, estimation.chi2_per_n) / exceeded_by_chance(len(rows), _CHANCE)
+        sizes, stds = inverse @ gradient, np.sqrt(np.diag(inverse))
+        gain = float(gradient @ sizes)
+        moved = (-covariance @ mixed.T @ sizes)[: len(box.parameters)].tolist()
+        row = TABLE[effects[0].kind]
+        chance = exceeded_by_chance(len(effects), _CHANCE)
+        strength = gain / max(1.0, estimation.chi2_per_n) / chance
         if row.kind == "tyre damping":
             below_zero = bool((sizes < -BELOW_SIGMAS * stds).any())
             strength = 0.0 if below_zero else strength / _TYRE_BAR
@@ -170,10 +204,10 @@ def rank_causes(estimation: Estimation) -> tuple[Cause, ...]:
         cause = replace(
             row,
             name=name,
-            sizes=_in_words([effects[i] for i in rows], sizes, stds),
+            sizes=_in_words(effects, sizes, stds),
             explained=gain / max((estimation.chi2_per_n - 1.0) * n_values, 1e-9),
-            moved=dict(zip(box.parameters, shift, strict=True)),
-            subject=effects[rows[0]].label,
+            moved=dict(zip(box.parameters, moved, strict=True)),
+            subject=effects[0].label,
             gain=gain,
             strength=strength,
         )
@@ -181,185 +215,204 @@ def rank_causes(estimation: Estimation) -> tuple[Cause, ...]:
     return tuple(sorted(causes, key=lambda cause: -cause.strength))
 
 
-def _in_words(effects: Sequence[_Effect], sizes: Array, stds: Array) -> str:
-    """Return the sizes of the surest parts with their 95 % intervals."""
-    rows = [
-        (abs(size / std), f"{effect.label} "
-         f"{with_half(size * effect.factor, COVERAGE_95 * std * abs(effect.factor))} {effect.unit}")
-        for effect, size, std in zip(effects, sizes.tolist(), stds.tolist(), strict=True)
-        if std > 0.0
-    ]  # fmt: skip
-    return ", ".join(text for _, text in sorted(rows, reverse=True)[:_NAMED])
+def _places_of_unknowns(box: GreyBox, rich: GreyBox) -> Array:
+    """Return the matrix from the unknowns of a problem to those of the richest one, (R, P).
 
-
-# The effects --------------------------------------------------------------------------------------
-
-
-def _missing_parts(box: GreyBox, rich: GreyBox) -> Iterator[_Effect]:
-    """Yield the springs, dampers, places and differences that a structure does not have.
-
-    `rich`: of the richest structure, its weights unsure.
+    A parameter of both sides is two there; the cross weight, if there is one, is the last of both.
     """
+    E = np.zeros((len(rich.prior_sigma), len(box.prior_sigma)))
+    for p, name in enumerate(box.parameters):
+        sides = [name] if name in rich.parameters else [f"{name}l", f"{name}r"]
+        E[[rich.parameters.index(side) for side in sides], p] = 1.0
+    open_names = list(rich.corrections)
+    for p, name in enumerate(box.corrections, len(box.parameters)):
+        place = open_names.index(name)
+        open_names[place] = ""  # two groups of one clock have one name
+        E[len(rich.parameters) + place, p] = 1.0
+    if len(box.prior_sigma) > len(box.parameters) + len(box.corrections):
+        E[-1, -1] = 1.0
+    return E
+
+
+def _effects(box: GreyBox, rich: _Richest) -> Iterator[_Effect]:
+    """Yield what the structure lacks, then what may be wrong with lengths, weights and sensors."""
+    place = {name: i for i, name in enumerate(rich.parameters)}
     kinds = {"k_a": "bars", "c_t": "tyre damping", "y_s": "cg"}
     for name, scale in SIGNED.items():
         if name not in box.parameters:
-            yield _Effect(kinds[name[:3]], name, parameter_unit(name), scale, {name: 1.0})
+            yield _Effect(kinds[name[:3]], name, parameter_unit(name), scale, {place[name]: 1.0})
     if box.structure.symmetric:
         for name in ("m_uf", "m_ur", "k_sf", "k_sr", "k_tf", "k_tr", "c_sf", "c_sr"):
-            sides: dict[str | int, float] = {f"{name}l": 1.0, f"{name}r": -1.0}
+            sides = {place[f"{name}l"]: 1.0, place[f"{name}r"]: -1.0}
             yield _Effect("sides", name, "% more left than right", 200.0, sides)
     if box.geometry is not None:
         for name in ("a", "b", "t_f", "t_r"):
-            yield _Effect("length", name, "%", 100.0, {name: 1.0})
+            yield _Effect("length", name, "%", 100.0, {place[name]: 1.0})
     # Decays alone do not show a factor that all weights have in common.
     if rich.weight_masses and scale_facts(box):
-        masses: dict[str | int, float] = dict(rich.weight_masses.items())
-        yield _Effect("weights", "all weights", "%", 100.0, masses)
+        yield _Effect("weights", "all weights", "%", 100.0, rich.weight_masses)
+    late: dict[str, dict[int, float]] = {}
+    of_kind: dict[str, list[str]] = {}
+    for i, group in enumerate(rich.groups):
+        kind, delay = kind_of_sensor(group.channels[0]), rich.delay_index(i)
+        if delay is not None:
+            late.setdefault(group.name, {})[delay] = 1.0
+            late.setdefault(kind, {})[delay] = 1.0
+            of_kind.setdefault(kind, []).append(group.name)
+    for names in of_kind.values():
+        if len(names) == 1:  # the kind has no other group
+            late.pop(names[0], None)
+    for name, delays in late.items():
+        yield _Effect("late", name, "ms", 1e3, delays)
+    for i, channel in rich.scaled.items():
+        yield _Effect("gain", channel.name, "%", 100.0, {i: 1.0})
+    for name, i in rich.turns.items():
+        yield _Effect("turn", name, "deg", 180.0 / np.pi, {i: 1.0})
 
 
-def _sensor_faults(groups: Sequence[ChannelGroup]) -> Iterator[_Effect]:
-    """Yield lateness of each group and kind of sensors, gain of each channel, turn of each IMU.
+def _in_words(effects: Sequence[_Effect], sizes: Array, stds: Array) -> str:
+    """Return the sizes of the three surest parts with their 95 % intervals."""
+    rows = []
+    for effect, size, std in zip(effects, sizes.tolist(), stds.tolist(), strict=True):
+        if std > 0.0:
+            half = COVERAGE_95 * std * abs(effect.factor)
+            text = f"{effect.label} {with_half(size * effect.factor, half)} {effect.unit}"
+            rows.append((abs(size / std), text))
+    return ", ".join(text for _, text in sorted(rows, reverse=True)[:3])
 
-    A turn about z is positive to the left, as seen from above: pitch and roll then show a part of
-    each other.
+
+# Whether all runs, and the large and the small motion, show the same vehicle ----------------------
+
+
+class Pull(NamedTuple):
+    """Pull of a part of the data away from the common optimum."""
+
+    strength: float
+    """Square of the pull in units of what chance would give; noise stays below 1."""
+    parameter: str
+    """The parameter on which it pulls hardest."""
+    change: float
+    """Relative change of that parameter that the part asks for, the others kept."""
+
+    @property
+    def in_words(self) -> str:
+        """The parameter and the change that is asked for."""
+        return f"({self.parameter} {self.change * 100:+.0f} %)"
+
+
+def pull_of(estimation: Estimation, parts: Iterable[NormalBlock]) -> Pull:
+    """Return the pull of some parts of the data."""
+    chosen = tuple(parts)
+    H = np.sum([part.information for part in chosen], axis=0)
+    g = np.sum([part.gradient for part in chosen], axis=0)
+    C = np.where(np.isfinite(estimation.fit.covariance), estimation.fit.covariance, 0.0)
+    V = H - H @ C @ H
+    diagonal = np.maximum(np.diag(V), 1e-300)
+    scale = 1.0 / np.sqrt(diagonal)
+    values, vectors = np.linalg.eigh(V * np.outer(scale, scale))
+    seen = values > _PULLS * values[-1]
+    square = float(np.sum((vectors[:, seen].T @ (g * scale)) ** 2 / values[seen]))
+    chance = (np.sqrt(np.sum(seen)) + 5.0) ** 2 * max(1.0, estimation.chi2_per_n)
+    names = estimation.box.parameters
+    worst = int(np.argmax(np.abs((g * scale)[: len(names)])))
+    return Pull(square / float(chance), names[worst], float(g[worst] / diagonal[worst]))
+
+
+def _hardest(estimation: Estimation) -> tuple[tuple[str, ...], Pull]:
+    """Return the labels of the runs that disagree most, and their pull.
+
+    They are one run, or those of a mass state from some repeat on: its weights were changed.
     """
-    late: dict[str, list[str]] = {group.name: [] for group in groups}
-    kinds: dict[str, dict[str, None]] = {}
-    turns: dict[str, dict[tuple[str, str], float]] = {}
-    for group in groups:
-        late[group.name] += [c.name for c in group.channels]
-        kinds.setdefault(kind_of_sensor(group.channels[0]), {})[group.name] = None
-        of = {c.quantity: c.name for c in group.channels}
-        for a, b in ROTATIONS:
-            if a in of and b in of:
-                turn = {(of[a], of[b]): -1.0, (of[b], of[a]): 1.0}
-                turns[group.name] = turns.get(group.name, {}) | turn
-    for kind, names in kinds.items():
-        if len(names) > 1:
-            late[kind] = [channel for name in names for channel in late[name]]
-    for name, channels in late.items():
-        shares = {(c, c): -_LATE_S for c in channels}
-        yield _Effect("late", name, "ms", 1e3 * _LATE_S, channels=shares)
-    for c in dict.fromkeys(c.name for group in groups for c in group.channels):
-        yield _Effect("gain", c, "%", 100.0, channels={(c, c): 1.0})
-    for name, turn in turns.items():
-        yield _Effect("turn", name, "deg", 180.0 / np.pi, channels=turn)
+
+    def repeat(label: str) -> int:
+        number = label.rpartition("_")[2]
+        return int(number) if number.isdecimal() else 0
+
+    blocks = linearised_at(estimation).blocks
+    suspected: list[tuple[str, ...]] = [(decay.label,) for decay in estimation.decays]
+    for state in dict.fromkeys(decay.mass_state for decay in estimation.decays):
+        labels = [d.label for d in estimation.decays if d.mass_state == state]
+        for first in sorted(set(map(repeat, labels)))[1:]:
+            later = tuple(label for label in labels if repeat(label) >= first)
+            suspected += [later] if len(later) > 1 else []
+    pulls = {odd: pull_of(estimation, [blocks[label] for label in odd]) for odd in suspected}
+    return max(pulls.items(), key=lambda item: item[1].strength)
 
 
-# Their traces in the residuals --------------------------------------------------------------------
+def _chi2_without(estimation: Estimation, labels: Collection[str]) -> float:
+    """Return chi2 per degree of freedom of a fit without some runs."""
+    decays = tuple(d.thinned(_RATE_HZ) for d in estimation.decays if d.label not in labels)
+    box, noise = estimation.box, estimation.noise
+    eta = fit(box, decays, noise, estimation.fit.eta, 0.1, 20).eta
+    parts = estimation.engine.residuals(decays, noise, eta)
+    squares = sum(
+        float(v @ v) / noise[name] ** 2 for part in parts for name, v in part.values.items()
+    )
+    return squares / sum(sum(part.freedom.values()) for part in parts)
 
 
-def _normal_matrix(
-    estimation: Estimation, rich: GreyBox, effects: Sequence[_Effect]
-) -> tuple[Array, int]:
-    """Return products of unknowns, effects and residuals, everything linear projected out.
+def some_runs_are_wrong(estimation: Estimation) -> bool:
+    """Return whether a fit that does not hold would hold without the runs that pull hardest."""
+    if len(estimation.decays) < 3:
+        return False
+    labels, _ = _hardest(estimation)
+    return _chi2_without(estimation, labels) <= estimation.chi2_limit
 
-    Effects that are sums of the functions of which the motion consists need no samples; those of
-    `_FORCES`, which come last, and the residuals are sampled.
 
-    Returns (P + q + 1, P + q + 1), facts and stated uncertainties included, and the number of
-    measured values.
+def odd_runs(estimation: Estimation, rival: float) -> tuple[Finding, Cause] | None:
+    """Return the runs without which the fit holds, or nearly; None if all agree.
+
+    `rival`: strength of the likeliest cause that all runs share: it may also make runs disagree.
     """
-    eta, box = estimation.fit.eta, estimation.box
-    P, q = len(eta), len(effects)
-    misfits, by_fact = box.fact_misfits(eta)
-    total = np.zeros((P + q + 1, P + q + 1))
-    total[:P, :P] = np.diag(box.prior_sigma**-2) + by_fact.T @ by_fact
-    total[:P, -1] = by_fact.T @ misfits - eta * box.prior_sigma**-2
-    points = linearised_at(estimation).points
-    # The richest structure at the fit: all its further parameters are zero there.
-    stated = dict(zip(box.corrections, eta[len(box.parameters) :].tolist(), strict=False))
-    rich_eta = rich.unknowns_of(estimation.full)
-    rich_eta[len(rich.parameters) :] = [stated.get(name, 0.0) for name in rich.corrections]
-    spectra = {state: at.modes for state, at in points.items()}
-    rich_points = evaluate(rich, rich_eta, spectra, estimation.noise, spectra)
-    parts = [e for e in effects if e.unknowns]
-    directions = np.zeros((len(rich.prior_sigma), len(parts)))
-    for k, effect in enumerate(parts):
-        for name, share in effect.unknowns.items():
-            directions[rich.parameters.index(name) if isinstance(name, str) else name, k] = share
-    faults = [e for e in effects if e.channels]
-    on_motion = len(parts) + len(faults)
-    mixes: dict[ChannelGroup, Array] = {}
-    """Each fault's matrix from the motion in the channels to what they show, (q, n, n)."""
-    decays = [decay.thinned(_RATE_HZ) for decay in estimation.decays]
-    for decay, linear in zip(decays, linear_parts(points, decays), strict=True):
-        at, size = points[decay.mass_state], len(linear.solution)
-        z = at.modes.W @ linear.solution[: len(at.modes.poles)]
-        forces = _force_traces(estimation, at, decay, z)
-        normal = np.zeros((size + P + q + 1, size + P + q + 1))
-        k = size + P + on_motion
-        for r, stack, force in zip(decay.recordings, linear.coefficients, forces, strict=True):
-            if r.group not in mixes:
-                names = [channel.name for channel in r.group.channels]
-                mixes[r.group] = np.array(
-                    [[[e.channels.get((a, b), 0.0) for b in names] for a in names] for e in faults]
-                )
-            weight, basis = at.group(r.group).weight[:, None, None], at.basis(r)
-            moved = [motion(at, r.group, z, derivative) for derivative in (0, 1)]
-            each = np.stack([moved[effect.kind == "late"] for effect in faults])
-            J = slopes(at, r.group, z)
-            columns = np.zeros((*stack.shape[:2], k))
-            columns[:, :, :size] = stack
-            columns[:, : J.shape[1], size : size + P] = J
-            traces = slopes(rich_points[decay.mass_state], r.group, z) @ directions
-            columns[:, : J.shape[1], size + P : k - len(faults)] = traces
-            columns[:, : J.shape[1], k - len(faults) :] = np.moveaxis(mixes[r.group] @ each, 0, -1)
-            residuals = r.values - basis @ (stack @ linear.solution).T
-            sampled = np.concatenate([force, residuals[..., None]], axis=2)
-            beside = basis.T @ sampled.swapaxes(0, 1)  # (n_channels, m, forces + 1)
-            normal[:k, :k] += over_two(weight * columns, (basis.T @ basis) @ columns)
-            normal[:k, k:] += over_two(weight * columns, beside)
-            normal[k:, k:] += over_two(sampled * weight[:, 0], sampled)
-        normal[k:, :k] = normal[:k, k:].T
-        cross = normal[size:, :size]
-        total += normal[size:, size:] - cross @ linear.normal_inverse @ cross.T
-    return total, sum(decay.n_values for decay in decays)
+    labels, pull = _hardest(estimation)
+    odd = pull.strength > max(1.0, rival) and abs(pull.change) > _MATTERS
+    if len(estimation.decays) < 3 or (estimation.holds and not odd):
+        return None
+    chi2, without = estimation.chi2_per_n, _chi2_without(estimation, labels)
+    if not estimation.holds and without > 1.0 + 0.5 * (chi2 - 1.0):
+        return None
+    names = ", ".join(labels)
+    better = f"chi2/n is {without:.3f} instead of {chi2:.3f}"
+    text = (
+        f"run {names} disagrees with the others {pull.in_words}: without it {better}; reject it "
+        "and repeat it, or look for what changed (a second bump, a warm damper, a loose weight)"
+    )
+    if len(labels) > 1:  # and which of them are wrong is not known
+        text = (
+            f"runs {names} disagree with the others {pull.in_words}: without them {better}; other "
+            "weights were on the car: give these runs a mass state of their own, or reject those "
+            "with the wrong weights"
+        )
+    severity = Severity.ERROR if len(labels) > 1 else Severity.WARNING
+    # The change of the parameters without these runs, to first order.
+    blocks = linearised_at(estimation).blocks
+    others = [part.information for label, part in blocks.items() if label not in labels]
+    covariance = covariance_of(np.sum(others, axis=0))
+    covariance = np.where(np.isfinite(covariance), covariance, 0.0)
+    step = -covariance @ np.sum([blocks[label].gradient for label in labels], axis=0)
+    parameters = estimation.box.parameters
+    cause = Cause(
+        f"run {names}",
+        explained=1.0 - (without - 1.0) / max(chi2 - 1.0, 1e-9),
+        moved=dict(zip(parameters, step[: len(parameters)].tolist(), strict=True)),
+    )
+    return Finding("odd_run", severity, text, subject=names, value=without), cause
 
 
-def _force_traces(
-    estimation: Estimation, at: Evaluated, decay: FreeDecay, z: NDArray[np.complex128]
-) -> list[Array]:
-    """Return what one unit of each of `_FORCES` on each axle adds to each recording.
-
-    Friction, N, and the excess of rebound damping over compression, N s/m, act along the fitted
-    motion; what they add to it is computed to first order, by driving the fitted vehicle with them
-    from rest.  `z`: initial state in modal coordinates.  Each (n_samples, n_channels, 4).
-    """
-    upper = at.modes.poles.imag >= 0.0  # one of a conjugate pair stands for both
-    poles = at.modes.poles[upper]
-    V = at.modes.V[:, upper] * np.where(poles.imag > 0.0, 2.0, 1.0)
-    end_s = max(float(at.time_s(r)[-1]) for r in decay.recordings)
-    grid = np.arange(0.0, end_s + 2.0 * _GRID_S, _GRID_S)
-    travel = travel_rows(estimation.full.astype(complex)).real
-    moving = np.exp(np.multiply.outer(grid, poles)) * z[upper]
-    speed = (moving @ V[7:].T).real @ travel.T
-    laws = (np.tanh(speed / _FRICTION_SPEED_M_S), -np.abs(speed))
-    force = np.stack([law * corners for law in laws for corners in _AXLES.values()])
-    state = next(s for s in estimation.box.mass_states if s.name == decay.mass_state)
-    push = -np.linalg.solve(loaded_model(estimation.full, state.added).M, travel.T)
-    # The forces are linear between the points of the grid.
-    drive = force @ (at.modes.W[upper, 7:] @ push).T  # (4, n, m)
-    s = poles * _GRID_S
-    step = np.exp(s)
-    driven = (step - 1.0 - s) / s**2 * _GRID_S * drive
-    driven[:, 1:] += (step * (s - 1.0) + 1.0) / s**2 * _GRID_S * drive[:, :-1]
-    driven[:, 0] = 0.0
-    reach = 1
-    while reach < len(grid):  # sum of all that came before, in doubling strides
-        driven[:, reach:] += step**reach * driven[:, :-reach]
-        reach *= 2
-    displaced = np.linalg.inv(at.system.A[7:, :7])
-    traces = []
-    for r in decay.recordings:
-        rows = np.array([at.system.rows[c.name] for c in r.group.channels])
-        # An accelerometer senses the force itself, not only the motion that the force causes.
-        senses = np.array([TIME_DERIVATIVE[c.quantity] == 2 for c in r.group.channels])
-        at_once = senses[:, None] * (rows[:, :7] @ displaced @ push)
-        shown = (driven @ (rows @ V).T).real + force @ at_once.T  # (4, n, n_channels)
-        time_s = at.time_s(r)
-        before = np.clip(np.searchsorted(grid, time_s) - 1, 0, len(grid) - 2)
-        share = ((time_s - grid[before]) / _GRID_S)[:, None]
-        between = shown[:, before] * (1.0 - share) + shown[:, before + 1] * share
-        traces.append(np.moveaxis(between, 0, -1))
-    return traces
+def amplitude_findings(estimation: Estimation) -> Iterator[Finding]:
+    """Yield a finding where the small motion after the first 0.4 s asks for another vehicle."""
+    late = [
+        replace(d, recordings=tuple(r.between(_LARGE_S, np.inf) for r in d.recordings))
+        for d in estimation.decays
+    ]
+    late = [d for d in late if all(len(r.time_s) > 50 for r in d.recordings)]
+    if not late:
+        return
+    blocks = normal_blocks(estimation.box, tuple(late), estimation.noise, estimation.fit.eta)
+    pull = pull_of(estimation, [blocks[d.label] for d in late])
+    if pull.strength > 1.0 and abs(pull.change) >= _MATTERS:
+        text = (
+            f"the small motion after 0.4 s asks for other parameters {pull.in_words}: the vehicle "
+            "is not linear; look for friction, or compare bumps of two heights"
+        )
+        yield Finding("amplitude", Severity.WARNING, text)

@@ -22,13 +22,15 @@ from ..fit.grey_box import SIGNED
 from ..fit.uncertainty import determined
 from .faults import Causes, likely_causes
 from .finding import MOST, Cause, Judgement, Loss, Survival
-from .plausibility import (
-    excitation_findings,
+from .gates import (
+    CHI2_LIMIT,
+    chi2_by_run,
+    misfit_findings,
     mode_snr_db,
     parameter_findings,
     undetermined,
+    whiteness_findings,
 )
-from .residuals import CHI2_LIMIT, chi2_by_run, misfit_findings, whiteness_findings
 from .samples import sample_findings
 from .statements import contradicted_shift, contradictions, unseen_findings
 
@@ -85,7 +87,6 @@ def judge(
         *(f for f in of_parameters if not (explained and f.code == "contradiction")),
         *(unseen_findings(estimation.box, session.mass_states) if sure else ()),
         *sample_findings(session, estimation.records),
-        *excitation_findings(estimation, snr_db),
         *(named if holds else []),
         *(whiteness_findings(estimation) if sure and holds else ()),
     ]

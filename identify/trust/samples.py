@@ -1,41 +1,28 @@
-"""Samples that are missing, mistimed, held or cut flat while the vehicle moves.
+"""Samples that are missing, held or cut flat while the vehicle moves, and what a session lacks.
 
 Every sample is fitted at its own time, so uneven sampling is legal and a lost frame costs no more
-than its information.  The harmful faults are losing the wheels' motion, which is over in 0.2 s, a
-channel that looks alive but is not, and peaks beyond the range of a sensor or its message.  On the
-bump all of them are harmless: only the free decay is fitted.
+than its information: the intervals show it.  The harmful faults are a channel that looks alive but
+is not, and peaks beyond the range of a sensor or its message.  On the bump both are harmless: only
+the free decay is fitted.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
 from daq.channels import Quantity
-from daq.runs import WHEEL_MOTION_S, Run, longest_gap_s
 from daq.samples.converter import FROZEN_S, flat_tops
 from daq.sessions import Session
 from daq.vehicle import parameter_names, parameter_unit
-from dbc.codec import Quality
-from dbc.words import Finding, Severity, counted
+from dbc.words import Finding, Severity
 
 from ..decays.decay import GUARD_S, Record, decay_start_s
 from ..decays.usable import Usable, frozen
 from ..model.matrices import SCALED
 from .finding import listed
-
-LOST_SHARE = 0.1
-"""Share of lost samples that must have a cause (bus load, a loose plug), which the bump itself may
-trigger."""
-JITTER_S = 1e-4
-"""Scatter of time stamps, s, in which the acceleration of a wheel changes by about the noise of its
-sensor."""
-_MOSTLY = 0.5
-"""Share of samples stamped on arrival above which no clock was found for their message."""
-_EVEN = 0.12  # of the period; times without a clock scatter by 0.2 or more
 
 
 def sample_findings(session: Session, records: Sequence[Record]) -> Iterator[Finding]:
@@ -44,13 +31,11 @@ def sample_findings(session: Session, records: Sequence[Record]) -> Iterator[Fin
     `session`: as recorded; rejected runs do not count.  `records`: those of its runs, as they are
     fitted.
     """
-    runs = session.accepted
+    runs, used = session.accepted, session.used_channels
     starts_s = {record.label: decay_start_s(record) - GUARD_S for record in records}
-    yield from _timing(runs, records)
-    groups = [(f"{g.name} in {run.label}", run, g) for run in runs for g in run.groups]
     missing = [
         f"{c.name} in {run.label}"
-        for c in session.used_channels
+        for c in used
         for run in runs
         if not any(np.isfinite(g.values[c.name]).any() for g in run.groups if c.name in g.values)
     ]
@@ -60,23 +45,13 @@ def sample_findings(session: Session, records: Sequence[Record]) -> Iterator[Fin
             "check sensor and plug"
         )
         yield Finding("missing_channels", Severity.NOTE, text)
-    stuck = frozen(records)
-    if stuck:
-        yield _warning(
-            "stuck_channels",
+    if stuck := frozen(records):
+        text = (
             f"holds one value for {stuck[0].longest.length_s:.2f} s (limit {FROZEN_S:g}) while the "
             f"vehicle moves: {listed(f'{hold.channel} in {hold.run}' for hold in stuck)}; these "
-            "samples are not measured and bias the result: check the sensor and repeat the run",
+            "samples are not measured and bias the result: check the sensor and repeat the run"
         )
-    lossy = [run for run in runs if run.losses.measured]
-    if lossy:
-        total = counted(sum(run.losses.measured for run in lossy), "frame")
-        text = (
-            f"the recorder counted {total} lost or unusable: "
-            f"{listed(f'{run.losses.measured} in {run.label}' for run in lossy)}; they cost their "
-            "information only, check bus load and wiring if there are many"
-        )
-        yield Finding("frame_losses", Severity.NOTE, text)
+        yield Finding("stuck_channels", Severity.WARNING, text)
     tops = [
         (stop - first, f"{column[first]:.4g} {channel.unit}", f"{channel.name} in {record.label}")
         for record in records
@@ -85,125 +60,14 @@ def sample_findings(session: Session, records: Sequence[Record]) -> Iterator[Fin
         for first, stop in flat_tops(column)
         if r.time_s[stop - 1] >= starts_s[record.label]
     ]
-    tops.sort(key=lambda top: -top[0])
     if tops:
-        yield _warning(
-            "saturation",
+        tops.sort(key=lambda top: -top[0])
+        text = (
             f"flat tops in the free decay, {tops[0][0]} equal samples at {tops[0][1]}, which is "
             f"not by chance: {listed(place for *_, place in tops)}; the sensor saturates and the "
-            "true motion is larger: use a lower bump or a sensor with a wider range",
+            "true motion is larger: use a lower bump or a sensor with a wider range"
         )
-    used = {c.name for c in session.used_channels}
-    outside = []
-    for place, run, group in groups:
-        flagged = (group.quality & Quality.OUT_OF_RANGE) != 0
-        in_decay = (group.time_s[flagged] >= starts_s.get(run.label, np.inf)).any()
-        if in_decay and used & set(group.values):
-            outside.append((int(flagged.sum()), place))
-    if outside:
-        yield _warning(
-            "out_of_range",
-            f"{counted(max(n for n, _ in outside), 'sample')} outside the range that the DBC "
-            f"states, in the free decay: {listed(place for _, place in outside)}; a saturated "
-            "sensor or a wrong DBC: check scale and range of the message, use a lower bump",
-        )
-
-
-def _warning(code: str, text: str) -> Finding:
-    return Finding(code, Severity.WARNING, text)
-
-
-class _Sampling(NamedTuple):
-    """The sampling of one channel group during one free decay."""
-
-    source: str
-    """Message, or the channels without which samples are missing."""
-    place: str
-    """Source and run."""
-    gap_s: float
-    limit_s: float
-    """Longest interval that reaches into the wheels' motion, and its limit."""
-    jitter_s: float
-    """Scatter of the time stamps about an even clock."""
-    lost_share: float
-    """Share of missing samples according to the intervals; 0 if these are uneven by nature."""
-    arrival_sigma_s: float
-    """Stated uncertainty of the lateness where the times are those of the frames' arrival; else
-    infinite."""
-
-
-def _samplings(runs: Iterable[Run], records: Sequence[Record]) -> Iterator[_Sampling]:
-    """Yield the sampling of each recording with more than two samples."""
-    run_of = {run.label: run for run in runs}
-    periods: dict[tuple[str, ...], list[float]] = {}
-    parts = []
-    for record in records:
-        for recording in record.recordings:
-            time = recording.time_s - decay_start_s(record)
-            # The sample before the decay too: a gap may begin on the bump.
-            time = time[max(int(np.searchsorted(time, 0.0)) - 1, 0) :]
-            if len(time) > 2:
-                names = tuple(channel.name for channel in recording.group.channels)
-                periods.setdefault(names, []).append(float(np.median(np.diff(time))))
-                parts.append((run_of[record.label], recording.group, names, time))
-    for run, channels, names, time in parts:
-        group = next(g for g in run.groups if g.name == channels.name)
-        lacking = [n for n in names if not np.isfinite(group.values[n]).all()]
-        source = listed(lacking) if 0 < len(lacking) < len(names) else group.name
-        arrival_s = (group.t_ns - run.t0_ns) * 1e-9
-        by_arrival = len(run.frames) > 0 and np.mean(group.time_s == arrival_s) > _MOSTLY
-        period_s = float(np.median(periods[names]))
-        intervals_s = np.diff(time)
-        steps = np.maximum(np.rint(intervals_s / period_s), 1.0)
-        jitter_s = float(np.std(intervals_s - steps * period_s) / np.sqrt(2.0))
-        lost = float(np.sum(steps - 1.0)) if jitter_s < _EVEN * period_s else 0.0
-        yield _Sampling(
-            source,
-            f"{source} in {run.label}",
-            float(intervals_s[time[:-1] < WHEEL_MOTION_S].max(initial=0.0)),
-            longest_gap_s(period_s),
-            jitter_s,
-            lost / (lost + len(time)),
-            channels.delay_sigma_s if by_arrival else np.inf,
-        )
-
-
-def _timing(runs: Iterable[Run], records: Sequence[Record]) -> Iterator[Finding]:
-    """Yield findings on gaps, lost samples and times of arrival."""
-    samplings = list(_samplings(runs, records))
-    bad = sorted((s for s in samplings if s.gap_s > s.limit_s), key=lambda s: -s.gap_s)
-    if bad:
-        yield _warning(
-            "gaps",
-            f"no sample for {bad[0].gap_s * 1e3:.0f} ms (limit {bad[0].limit_s * 1e3:.0f}) in the "
-            f"first {WHEEL_MOTION_S:g} s after the bump: {listed(s.place for s in bad)}; the "
-            "wheels' motion is over by then, so these runs say little of wheels and tyres: repeat "
-            "them",
-        )
-    poor = sorted((s for s in samplings if s.lost_share > 0.0), key=lambda s: -s.lost_share)
-    if poor:
-        bad = [s for s in poor if s.lost_share > LOST_SHARE]
-        advice = "they cost their information and nothing else"
-        if bad:
-            advice = (
-                "if they are lost when the vehicle moves most, the result is biased: check bus "
-                "load, cable and plugs and repeat these runs"
-            )
-        text = (
-            f"up to {100 * poor[0].lost_share:.2g} % of the samples are missing (limit "
-            f"{LOST_SHARE:.0%}): {listed(s.place for s in bad or poor)}; {advice}"
-        )
-        yield Finding("lost_samples", Severity.WARNING if bad else Severity.NOTE, text)
-    late = [s for s in samplings if s.jitter_s > max(JITTER_S, s.arrival_sigma_s)]
-    if late:
-        worst_s = max(s.jitter_s for s in late)
-        yield _warning(
-            "arrival_times",
-            f"the samples of {listed(s.source for s in late)} have the times at which their frames "
-            f"arrived, and these scatter by {worst_s * 1e3:.2f} ms, more than is stated of their "
-            "lateness: the true times are not known; give the message a rolling counter or a time "
-            "stamp, or state delay_sigma_s",
-        )
+        yield Finding("saturation", Severity.WARNING, text)
 
 
 # Names what a session lacks for a fit, and what of it cannot be used ------------------------------
@@ -229,35 +93,32 @@ def shortcomings(
 
 def _lacking(records: Sequence[Record], session: Session) -> Iterator[tuple[str, str]]:
     """Yield code and text of what is missing for a fit."""
-    names = [record.label for record in records]
-    twice = [name for name in dict.fromkeys(names) if names.count(name) > 1]
-    channels = {c for record in records for r in record.recordings for c in r.group.channels}
-    if twice:
-        yield "run_names", f"two accepted runs are named {listed(twice)}: number the repeats"
-    elif records:
-        if all(c.quantity is Quantity.UNUSED for c in channels):
-            yield "channels", "no channel that the model knows: map the sensors to quantities"
-        elif len({c.name for c in channels}) == 1:
-            yield (
-                "channels",
-                f"one channel only ({channels.pop().name}): it cannot separate body from wheels; "
-                "record an IMU on the body and an accelerometer on each hub",
-            )
-        yield from (("rate", text) for text in _rates(records))
-        yield from (("units", text) for text in _units(records))
-        yield from (("mass_states", text) for text in _no_known_mass(records, session))
-    elif session.accepted:
-        yield (
-            "no_runs",
-            "no accepted run has a sample: check the sensors, or the map of the channels",
-        )
-    elif session.runs:
-        first = session.runs[0]
-        why = "; ".join(first.reasons) or "by hand"
-        text = f"no accepted run; all {len(session.runs)} are rejected, {first.label}: {why}"
+    if not records:
+        text = "no accepted run: record bounce, pitch and roll in both mass states"
+        if session.accepted:
+            text = "no accepted run has a sample: check the sensors, or the map of the channels"
+        elif session.runs:
+            first = session.runs[0]
+            why = "; ".join(first.reasons) or "by hand"
+            text = f"no accepted run; all {len(session.runs)} are rejected, {first.label}: {why}"
         yield "no_runs", text
-    else:
-        yield "no_runs", "no accepted run: record bounce, pitch and roll in both mass states"
+        return
+    names = [record.label for record in records]
+    if twice := [name for name in dict.fromkeys(names) if names.count(name) > 1]:
+        yield "run_names", f"two accepted runs are named {listed(twice)}: number the repeats"
+        return
+    channels = {c for record in records for r in record.recordings for c in r.group.channels}
+    if all(c.quantity is Quantity.UNUSED for c in channels):
+        yield "channels", "no channel that the model knows: map the sensors to quantities"
+    elif len({c.name for c in channels}) == 1:
+        yield (
+            "channels",
+            f"one channel only ({channels.pop().name}): it cannot separate body from wheels; "
+            "record an IMU on the body and an accelerometer on each hub",
+        )
+    yield from (("rate", text) for text in _rates(records))
+    yield from (("units", text) for text in _units(records))
+    yield from (("mass_states", text) for text in _no_known_mass(records, session))
 
 
 def _rates(records: Sequence[Record]) -> Iterator[str]:

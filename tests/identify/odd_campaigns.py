@@ -319,7 +319,7 @@ FAULTS: dict[str, Fault] = {
         coarse(0.5, "hub"), "doubtful", ("hubFL (0.5 m/s2)", "step/sqrt(12)")
     ),
     "a hub silent for 0.2 s": Fault(
-        silent_for_a_while("hubFL"), "doubtful", ("hubFL in baseline_bounce_1",)
+        silent_for_a_while("hubFL"), "doubtful", ("wide intervals: m_ur, k_tr",)
     ),
     "1 % of samples lost, times closed up": Fault(
         closed_up(0.01), "doubtful", ("residuals are not white",)

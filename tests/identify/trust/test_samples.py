@@ -10,10 +10,9 @@ import pytest
 from numpy.typing import NDArray
 
 from daq.channels import Quantity
-from daq.runs import ADDED, BASELINE, Losses, Run, RunStatus, SampleGroup
+from daq.runs import ADDED, BASELINE, Run, RunStatus, SampleGroup
 from daq.sessions import Session
 from daq.vehicle import AddedMass, BodyWeight, Fact, HubWeight, MassState, Vehicle
-from dbc.codec import Quality
 from dbc.words import Finding, Severity
 from identify import identify, identify_parameters, usable_session
 from identify.decays.decay import GUARD_S, decay_start_s, record_of
@@ -26,7 +25,6 @@ from ..stress import (
     REST_S,
     by_gate,
     campaign,
-    doubtful,
     short_campaign,
     with_group,
     with_runs,
@@ -55,56 +53,12 @@ def kept(group: SampleGroup, keep: NDArray[np.bool_]) -> SampleGroup:
     )
 
 
-def without(session: Session, label: str, begin_s: float, end_s: float) -> Session:
-    """Lose what the front hubs say between two times of the runs whose label begins so."""
-    return with_group(
-        session,
-        label,
-        HUBS_FRONT,
-        lambda g: kept(g, (g.time_s < begin_s) | (g.time_s > end_s)),
-    )
-
-
-def retimed(group: SampleGroup, time_s: Array) -> SampleGroup:
-    return replace(group, time_s=time_s, t_ns=np.rint(time_s * 1e9).astype(np.int64))
-
-
 def revalued(group: SampleGroup, channel: str, values: Array) -> SampleGroup:
     return replace(group, values={**group.values, channel: values})
 
 
 def test_even_complete_sampling_has_no_finding() -> None:
     assert judged(campaign("linear", 1)) == ()
-
-
-def test_a_gap_is_doubtful_only_in_the_wheels_motion() -> None:
-    begin_s = AFTER_BUMP_S + 0.05
-    finding = found(without(campaign("linear", 1), "added_roll_2", begin_s, begin_s + 0.04))["gaps"]
-    assert finding.severity is Severity.WARNING
-    assert "hub_acc_fl in added_roll_2;" in finding.text
-    assert "45 ms (limit 20)" in finding.text  # 8 of 5 ms lost: 9 intervals
-    for from_s, to_s, gates in (
-        (AFTER_BUMP_S - 0.05, AFTER_BUMP_S + 0.05, ["gaps"]),  # begins on the bump
-        (REST_S - 0.2, REST_S - 0.16, []),
-        (AFTER_BUMP_S + 0.4, AFTER_BUMP_S + 0.44, []),
-    ):
-        lost = without(campaign("linear", 1), "added_roll_2", from_s, to_s)
-        assert doubtful(judged(lost)) == gates
-
-
-@pytest.mark.parametrize(("share", "gates"), [(0.01, []), (0.2, ["lost_samples"])])
-def test_losses_are_doubtful_only_if_large(share: float, gates: list[str]) -> None:
-    rng = np.random.default_rng(4)
-
-    def lossy(group: SampleGroup) -> SampleGroup:
-        late = group.time_s > AFTER_BUMP_S + 0.3
-        return kept(group, ~late | (rng.random(len(late)) > share))
-
-    session = with_group(campaign("linear", 1), "baseline", HUBS_FRONT, lossy)
-    findings = found(session)
-    assert set(findings) == {"lost_samples"}
-    assert doubtful(findings.values()) == gates
-    assert "and 3 more" in findings["lost_samples"].text  # six runs, three named
 
 
 @pytest.mark.parametrize("from_s", [0.0, AFTER_BUMP_S + 0.1])
@@ -121,18 +75,6 @@ def test_a_channel_frozen_in_one_run_is_doubtful(from_s: float) -> None:
     assert set(findings) == {"stuck_channels"}
     assert findings["stuck_channels"].severity is Severity.WARNING
     assert "hub_acc_fl in added_bounce_1;" in findings["stuck_channels"].text
-
-
-def test_losses_counted_by_the_recorder_are_reported() -> None:
-    session = with_runs(
-        campaign("linear", 1),
-        lambda run: replace(run, losses=Losses(counter_gaps=2, crc_bad=1, unknown_id=50)),
-    )
-    findings = found(session)
-    assert set(findings) == {"frame_losses"}
-    assert findings["frame_losses"].severity is Severity.NOTE
-    assert "36 frames" in findings["frame_losses"].text
-    assert "3 in baseline_bounce_1" in findings["frame_losses"].text
 
 
 CHANNEL = "hub_acc_rl"
@@ -213,21 +155,6 @@ def test_a_rounded_top_is_not_a_flat_one(lsb: float) -> None:
 
     session = with_group(campaign("linear", 1), "", CHANNEL, wave)
     assert judged(session) == ()
-
-
-@pytest.mark.parametrize(
-    ("at_s", "found"), [(REST_S + 0.05, []), (AFTER_BUMP_S + 0.05, ["out_of_range"])]
-)
-def test_samples_out_of_range_are_reported(at_s: float, found: list[str]) -> None:
-    def flagged(group: SampleGroup) -> SampleGroup:
-        quality = group.quality.copy()
-        quality[np.searchsorted(group.time_s, at_s)] |= Quality.OUT_OF_RANGE
-        return replace(group, quality=quality)
-
-    session = with_group(campaign("linear", 1), "added_roll_1", CHANNEL, flagged)
-    said = judged(session)
-    assert [finding.code for finding in said] == found
-    assert all(f"{CHANNEL} in added_roll_1" in finding.text for finding in said)
 
 
 # What a session lacks for a fit, and what of it is left out ---------------------------------------

@@ -1,4 +1,4 @@
-"""Judges whether the model holds: convergence, chi2 and its place, and whether residuals are white.
+"""Judges the fit itself: its parameters, the energy of its modes, and its residuals.
 
 The intervals assume white noise.  If the noise is already coloured at rest, they are too narrow; if
 it is white at rest and the residuals are not, the model leaves motion unexplained.
@@ -6,20 +6,201 @@ it is white at rest and the residuals are not, the model leaves motion unexplain
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.bumps import BUMPS
 from dbc.words import Finding, Severity, counted
 
 from ..decays.decay import coarse_steps, onset_s
 from ..fit.estimation import Estimation, linearised_at
-from ..fit.likelihood import covariance_of, fit, normal_blocks
-from ..fit.varpro import NormalBlock
+from ..fit.grey_box import SIGNED
+from ..fit.likelihood import covariance_of, normal_blocks
+from ..fit.uncertainty import COVERAGE_95, estimates
+from ..model.matrices import N_DOF, Full, derived_quantities, whole_vehicle_indices
+from ..numbers import half_width_percent
 from .finding import listed
+from .statements import contradiction_findings
+
+_WIDE_SHARE = 0.025
+"""Relative standard deviation above which the 95 % interval is wider than 5 % to either side."""
+_WIDE_SHARE_NONLINEAR = 0.05 / 3.0
+"""The same limit where elements were chosen, too: three standard deviations are then 5 %.  If two
+standard deviations of each of 13 parameters might be 5 %, one car in four would be off by more."""
+_PLAUSIBLE = {
+    "total_mass": (200.0, 20_000.0),
+    "front_ride_damping_ratio": (0.03, 1.2),
+    "rear_ride_damping_ratio": (0.03, 1.2),
+    "front_ride_frequency": (0.5, 5.0),
+    "rear_ride_frequency": (0.5, 5.0),
+    "front_wheel_hop_frequency": (5.0, 30.0),
+    "rear_wheel_hop_frequency": (5.0, 30.0),
+}
+"""Limits far outside the values of road vehicles; a result beyond them has a wrong scale or
+unit."""
+_MEASURED = {"roll_gyration_over_track": (0.367, 0.512), "pitch_index": (0.816, 1.298)}
+"""Least and largest value, whole vehicle, of 204 cars, vans and light trucks that were measured:
+NHTSA Light Vehicle Inertial Parameter Database."""
+_MARGIN = 0.1
+"""Share by which a vehicle may exceed the range of measured ones: published data of small cars have
+0.357 in roll."""
+_WEAK = 0.1
+"""Standard deviation of a parameter, as a share of it, above which its intervals are looked at
+again."""
+_REACH_SIGMAS, _REACH = 3.0, 1.0
+"""Distance along the worst direction, in standard deviations and as a change of the logarithm."""
+BELOW_SIGMAS = 3.0
+"""Standard deviations below zero beyond which tyre damping, or a bar, is negative."""
+
+
+def with_widest_intervals(estimation: Estimation) -> Estimation:
+    """Return a linear estimation whose intervals do not depend on where the estimate happens to be.
+
+    Where the runs hardly determine a parameter, the information changes within its interval, and
+    a low estimate may look certain: the widest covariance along that direction counts.
+    """
+    names, covariance = estimation.box.parameters, estimation.fit.covariance
+    std = np.sqrt(np.diag(covariance)[: len(names)])
+    std[[name in SIGNED for name in names]] = 0.0
+    std[~np.isfinite(std)] = 0.0
+    worst = int(np.argmax(std))
+    if not std[worst] > _WEAK or estimation.nonlinear is not None:
+        return estimation
+    step = np.where(np.isfinite(covariance[:, worst]), covariance[:, worst], 0.0) / std[worst]
+    step *= min(_REACH_SIGMAS, _REACH / std[worst])
+    best = estimation.fit
+    for eta in (best.eta - step, best.eta + step):
+        blocks = normal_blocks(estimation.box, estimation.decays, estimation.noise, eta)
+        wider = covariance_of(np.sum([part.information for part in blocks.values()], axis=0))
+        if wider[worst, worst] > best.covariance[worst, worst]:
+            best = replace(best, covariance=wider)
+    return replace(estimation, fit=best)
+
+
+def undetermined(estimation: Estimation) -> tuple[str, ...]:
+    """Return the parameters that the data must determine and do not.
+
+    A parameter that may be zero (a bar, tyre damping) may stay undetermined, as long as its
+    variance is finite: it is printed as not determined, and the others hold.
+    """
+    return tuple(
+        name
+        for name, e in estimates(estimation.box, estimation.fit).items()
+        if not e.determined and (name not in SIGNED or not np.isfinite(e.std))
+    )
+
+
+def parameter_findings(estimation: Estimation) -> Iterator[Finding]:
+    """Judge the estimates of the parameters."""
+    known = estimates(estimation.box, estimation.fit)
+    if vague := undetermined(estimation):
+        advice = (
+            "record bounce, pitch and roll (warp helps most) in both mass states, with sensors on "
+            "body and wheels"
+        )
+        if set(vague) == {n for n, e in known.items() if n not in SIGNED and e.unit != "m"}:
+            advice = (
+                "their ratios are known, but the added weights are too light to fix their scale: "
+                "add heavier ones, or weigh the vehicle (total and front axle) and state the loads "
+                "as facts"
+            )
+        elif missing := missing_runs(estimation):
+            advice = f"record {missing} runs in both mass states"
+        text = f"these runs do not determine {', '.join(vague)}: {advice}"
+        yield Finding("undetermined", Severity.ERROR, text)
+        return
+    share = _WIDE_SHARE if estimation.nonlinear is None else _WIDE_SHARE_NONLINEAR
+    relative = {name: e.std / abs(e.value) for name, e in known.items() if name not in SIGNED}
+    if wide := {name: std for name, std in relative.items() if std > share}:
+        worst = max(wide, key=lambda name: wide[name])
+        half = COVERAGE_95 * wide[worst]
+        text = (
+            f"wide intervals: {', '.join(wide)} (worst {worst} ± "
+            f"{half_width_percent(1.0, 1.0 - half, 1.0 + half)}): add runs, a warp run first, "
+            "heavier weights, or scales as facts"
+        )
+        yield Finding("wide", Severity.WARNING, text)
+    if odd := list(_implausible(estimation)):
+        text = f"not a usual vehicle: {'; '.join(odd)}: check weights, units and positions"
+        yield Finding("implausible", Severity.WARNING, text)
+    yield from contradiction_findings(estimation)
+
+
+def missing_runs(estimation: Estimation) -> str:
+    """Return the kind of runs without which a campaign shows no car; nothing if it has them."""
+    labels = [record.label for record in estimation.records]
+    shares = [bump.shares for kind, bump in BUMPS.items() if any(f"_{kind}_" in n for n in labels)]
+    if not any(fl != fr or rl != rr for fl, fr, rl, rr in shares):
+        return "roll"
+    return "" if any(fl != rl or fr != rr for fl, fr, rl, rr in shares) else "pitch"
+
+
+def _implausible(estimation: Estimation) -> Iterator[str]:
+    """Yield what no usual vehicle is like, with the usual values."""
+    full = estimation.full.astype(complex)
+    values = derived_quantities(full)
+    for name, (low, high) in _PLAUSIBLE.items():
+        quantity, unit = values[name]
+        value, of = float(quantity.real), "" if unit == "1" else f" {unit}"
+        if not low < value < high:
+            yield f"{name} {value:.3g}{of} (usual {low:g} .. {high:,g})"
+    whole = whole_vehicle_indices(full)
+    for name, (low, high) in _MEASURED.items():
+        value = float(whole[name].real)
+        if not low * (1.0 - _MARGIN) < value < high * (1.0 + _MARGIN):
+            yield f"{name} {value:.3g} (204 measured vehicles: {low:g} .. {high:g})"
+    for name, e in estimates(estimation.box, estimation.fit).items():
+        if name not in SIGNED or e.value >= -BELOW_SIGMAS * e.std:
+            continue
+        axle = Full.K_S + 2 * name.endswith("r")
+        # The springs of a solid axle act on a shorter lever in roll: its bar is below zero.  In
+        # roll an axle has the stiffness of its springs and twice that of its bar.
+        if name.startswith("k_a") and e.value < -0.5 * float(full[axle : axle + 2].real.mean()):
+            yield f"{name} {e.value:.3g} N/m leaves the axle no stiffness in roll"
+        elif name.startswith("c_t"):
+            yield f"{name} {e.value:.3g} {e.unit} below zero"
+
+
+# How far each mode stands out of the noise --------------------------------------------------------
+
+SNR_LIMIT_DB = 20.0
+"""A decaying wave whose energy is E times the noise shows its frequency to ``2 zeta / sqrt(E)``.
+At 20 dB and a damping ratio of 0.25 that is 5 %: as much as the added masses shift a frequency,
+from which all inertias follow."""
+_FLOOR = 1e-3  # of the noise; -30 dB stands for nothing
+
+
+def mode_snr_db(estimation: Estimation) -> dict[str, tuple[float, ...]]:
+    """Return the energy of each mode in each run over the noise.
+
+    The energy is that of the matched filter: the squares of the mode's share in every sample, in
+    units of the noise, summed over all channels, as far as other modes cannot reproduce it.  A run
+    that does not excite a mode has some 3 dB by the noise alone.
+
+    Returns dB, in the order of `identify.modes.modal_model.modes_of` for the run's mass state.
+    """
+    model = linearised_at(estimation)
+    snr_db = {}
+    for decay, linear in zip(estimation.decays, model.linear, strict=True):
+        modes = model.points[decay.mass_state].modes
+        state = linear.solution[: 2 * N_DOF]
+        covariance = linear.normal_inverse[: 2 * N_DOF, : 2 * N_DOF]
+        upper = np.flatnonzero(modes.poles.imag > 0.0)
+        of_run = []
+        for k in upper[np.argsort(np.abs(modes.poles[upper]), kind="stable")].tolist():
+            rows = np.array([modes.W[k].real, modes.W[k].imag])  # from the state to the share
+            share = rows @ state
+            inverse = np.linalg.pinv(rows @ covariance @ rows.T, hermitian=True)
+            of_run.append(10.0 * float(np.log10(max(float(share @ inverse @ share), _FLOOR))))
+        snr_db[decay.label] = tuple(of_run)
+    return snr_db
+
+
+# Size and place of the misfit ---------------------------------------------------------------------
 
 CHI2_LIMIT = 1.5
 """Beyond this a result is refused: every row of the stress list that costs more than a third of a
@@ -121,15 +302,13 @@ def misfit_findings(estimation: Estimation) -> Iterator[Finding]:
 
 
 class _Stretch(NamedTuple):
-    """Residuals of one channel in one run, SI, and how many constants were fitted to them.
-
-    Of a part of the samples, the number of constants is their share: no whole number.
-    """
+    """Residuals of one channel in one run, SI, and how many constants were fitted to them."""
 
     channel: str
     time_s: NDArray[np.float64]
     values: NDArray[np.float64]
     constants: float
+    """Of a part of the samples their share: no whole number."""
 
 
 class _Correlation(NamedTuple):
@@ -253,151 +432,3 @@ def _correlations(
             r = products / squares + sum(part.constants for part in parts) / n_pairs
             result[name] = _Correlation(min(max(r, -_LARGEST_R), _LARGEST_R), n_pairs)
     return result
-
-
-# Tests whether all runs, and large and small motion, show the same vehicle ------------------------
-
-_LARGE_S = 0.4
-"""Time, s, after which the wheels are at rest and the body moves with half its first amplitude."""
-_SEEN = 1e-6
-_MATTERS = 0.02
-_RATE_HZ = 250.0
-
-
-class Pull(NamedTuple):
-    """Pull of a part of the data away from the common optimum."""
-
-    strength: float
-    """Square of the pull in units of what chance would give; noise stays below 1."""
-    parameter: str
-    """The parameter on which it pulls hardest."""
-    change: float
-    """Relative change of that parameter that the part asks for, the others kept."""
-
-    @property
-    def in_words(self) -> str:
-        """The parameter and the change that is asked for."""
-        return f"({self.parameter} {self.change * 100:+.0f} %)"
-
-
-def repeat_findings(estimation: Estimation, rival: float) -> tuple[Finding, ...]:
-    """Name runs that disagree with the others, else a dependence on amplitude.
-
-    `rival`: strength of the likeliest cause that all runs share: it may also make runs disagree.
-    """
-    return tuple(_odd_runs(estimation, rival)) or tuple(_amplitude(estimation))
-
-
-def some_runs_are_wrong(estimation: Estimation) -> bool:
-    """Return whether a fit that does not hold would hold without the runs that pull hardest."""
-    if len(estimation.decays) < 3:
-        return False
-    labels, _ = _hardest(estimation)
-    return _mean_square(estimation, labels) <= estimation.chi2_limit
-
-
-def _hardest(estimation: Estimation) -> tuple[tuple[str, ...], Pull]:
-    """Return the labels of the runs that disagree most, and their pull.
-
-    They are one run, or those of a mass state from some repeat on: its weights were changed.
-    """
-
-    def repeat(label: str) -> int:
-        number = label.rpartition("_")[2]
-        return int(number) if number.isdecimal() else 0
-
-    blocks = linearised_at(estimation).blocks
-    suspected: list[tuple[str, ...]] = [(decay.label,) for decay in estimation.decays]
-    for state in dict.fromkeys(decay.mass_state for decay in estimation.decays):
-        labels = [d.label for d in estimation.decays if d.mass_state == state]
-        for first in sorted(set(map(repeat, labels)))[1:]:
-            later = tuple(label for label in labels if repeat(label) >= first)
-            suspected += [later] if len(later) > 1 else []
-    pulls = {odd: pull_of(estimation, [blocks[label] for label in odd]) for odd in suspected}
-    return max(pulls.items(), key=lambda item: item[1].strength)
-
-
-def pull_of(estimation: Estimation, parts: Iterable[NormalBlock]) -> Pull:
-    """Return the pull of some parts of the data."""
-    chosen = tuple(parts)
-    H = np.sum([part.information for part in chosen], axis=0)
-    g = np.sum([part.gradient for part in chosen], axis=0)
-    C = np.where(np.isfinite(estimation.fit.covariance), estimation.fit.covariance, 0.0)
-    V = H - H @ C @ H
-    diagonal = np.maximum(np.diag(V), 1e-300)
-    scale = 1.0 / np.sqrt(diagonal)
-    values, vectors = np.linalg.eigh(V * np.outer(scale, scale))
-    seen = values > _SEEN * values[-1]
-    square = float(np.sum((vectors[:, seen].T @ (g * scale)) ** 2 / values[seen]))
-    chance = (np.sqrt(np.sum(seen)) + 5.0) ** 2 * max(1.0, estimation.chi2_per_n)
-    names = estimation.box.parameters
-    worst = int(np.argmax(np.abs((g * scale)[: len(names)])))
-    return Pull(square / float(chance), names[worst], float(g[worst] / diagonal[worst]))
-
-
-def _odd_runs(estimation: Estimation, rival: float) -> Iterator[Finding]:
-    """Yield a finding if the fit holds without the runs that disagree most."""
-    labels, pull = _hardest(estimation)
-    odd = pull.strength > max(1.0, rival) and abs(pull.change) > _MATTERS
-    if len(estimation.decays) < 3 or (estimation.holds and not odd):
-        return
-    every, without = _mean_square(estimation), _mean_square(estimation, labels)
-    if not estimation.holds and without > 1.0 + 0.5 * (every - 1.0):
-        return
-    names = ", ".join(labels)
-    better = f"chi2/n is {without:.3f} instead of {every:.3f}"
-    text = (
-        f"run {names} disagrees with the others {pull.in_words}: without it {better}; reject it "
-        "and repeat it, or look for what changed (a second bump, a warm damper, a loose weight)"
-    )
-    if len(labels) > 1:  # and which of them are wrong is not known
-        text = (
-            f"runs {names} disagree with the others {pull.in_words}: without them {better}; other "
-            "weights were on the car: give these runs a mass state of their own, or reject those "
-            "with the wrong weights"
-        )
-    severity = Severity.ERROR if len(labels) > 1 else Severity.WARNING
-    yield Finding("odd_run", severity, text, subject=names, value=without)
-
-
-def _mean_square(estimation: Estimation, without: Collection[str] = ()) -> float:
-    """Return the mean square residual; of the other runs, fitted again, where some are left out."""
-    decays = tuple(d.thinned(_RATE_HZ) for d in estimation.decays if d.label not in without)
-    box, noise, eta = estimation.box, estimation.noise, estimation.fit.eta
-    if without:
-        eta = fit(box, decays, noise, eta, 0.1, 20).eta
-    parts = estimation.engine.residuals(decays, noise, eta)
-    squares = sum(
-        float(v @ v) / noise[name] ** 2 for part in parts for name, v in part.values.items()
-    )
-    return squares / sum(sum(part.freedom.values()) for part in parts)
-
-
-def moves_without(estimation: Estimation, labels: Collection[str]) -> dict[str, float]:
-    """Return the change of each parameter's unknown if runs are left out, to first order."""
-    blocks = linearised_at(estimation).blocks
-    others = [part.information for name, part in blocks.items() if name not in labels]
-    covariance = covariance_of(np.sum(others, axis=0))
-    kept = np.where(np.isfinite(covariance), covariance, 0.0)
-    step = -kept @ np.sum([blocks[label].gradient for label in labels], axis=0)
-    names = estimation.box.parameters
-    return dict(zip(names, step[: len(names)].tolist(), strict=True))
-
-
-def _amplitude(estimation: Estimation) -> Iterator[Finding]:
-    """Yield a finding where the small motion after the first 0.4 s asks for another vehicle."""
-    late = [
-        replace(d, recordings=tuple(r.between(_LARGE_S, np.inf) for r in d.recordings))
-        for d in estimation.decays
-    ]
-    late = [d for d in late if all(len(r.time_s) > 50 for r in d.recordings)]
-    if not late:
-        return
-    blocks = normal_blocks(estimation.box, tuple(late), estimation.noise, estimation.fit.eta)
-    pull = pull_of(estimation, [blocks[d.label] for d in late])
-    if pull.strength > 1.0 and abs(pull.change) >= _MATTERS:
-        text = (
-            f"the small motion after 0.4 s asks for other parameters {pull.in_words}: the vehicle "
-            "is not linear; look for friction, or compare bumps of two heights"
-        )
-        yield Finding("amplitude", Severity.WARNING, text)
