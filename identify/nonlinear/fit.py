@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from time import process_time
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .path import ROUGH, Grade, InitialState
-from .problem import Block, Normal, Point, Problem, point
+from .problem import Normal, Point, Problem, point
 
 _REFUSED = 8
 """Refused steps in a row after which the tangents count as useless."""
@@ -64,15 +63,16 @@ class Clock:
 
         `work`: what the fit does; it is unreached if the fit ends for want of time.
         """
-        return partial(self._over, share, work)
 
-    def _over(self, share: float, work: str) -> bool:
-        if np.isnan(self.began_s):
-            self.began_s = process_time()
-        over = process_time() - self.began_s > share * self.seconds
-        if over and work not in self.unreached:
-            self.unreached.append(work)
-        return over
+        def is_over() -> bool:
+            if np.isnan(self.began_s):
+                self.began_s = process_time()
+            over = process_time() - self.began_s > share * self.seconds
+            if over and work not in self.unreached:
+                self.unreached.append(work)
+            return over
+
+        return is_over
 
 
 def unit_size(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -108,33 +108,28 @@ class Eliminated:
         return np.where(np.isnan(self.fixed), free, self.fixed)
 
 
-def _eliminated(b: Block, damping: float, fixed: NDArray[np.float64]) -> Eliminated:
-    A = b.A + damping * np.diag(np.diag(b.A))
-    held = np.flatnonzero(np.isfinite(fixed))
-    if not len(held):
-        return Eliminated(inverse(A), b.own, b.B, fixed)
-    loose = np.flatnonzero(np.isnan(fixed))
-    own = b.own - A[:, held] @ fixed[held]
-    spread = np.zeros_like(A)
-    spread[np.ix_(loose, loose)] = inverse(A[np.ix_(loose, loose)])
-    return Eliminated(spread, own, b.B, fixed)
-
-
 def reduced(
-    given: Normal, damping: float, fixed: Sequence[NDArray[np.float64]] | None = None
+    given: Normal, damping: float = 0.0, fixed: Sequence[NDArray[np.float64]] | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], list[Eliminated]]:
     """Eliminate the runs' own unknowns: matrix, right-hand side, and the eliminated unknowns."""
     matrix, right = given.shared.copy(), given.right.copy()
     runs = []
-    for i, b in enumerate(given.blocks):
-        run = _eliminated(b, damping, np.full(len(b.A), np.nan) if fixed is None else fixed[i])
+    fixed = _nothing_fixed(given) if fixed is None else fixed
+    for b, known in zip(given.blocks, fixed, strict=True):
+        A = b.A + damping * np.diag(np.diag(b.A))
+        held, loose = np.flatnonzero(np.isfinite(known)), np.flatnonzero(np.isnan(known))
+        spread = np.zeros_like(A)
+        spread[np.ix_(loose, loose)] = inverse(A[np.ix_(loose, loose)])
+        run = Eliminated(spread, b.own - A[:, held] @ known[held], b.B, known)
         runs.append(run)
-        X = b.B.T @ run.inverse
+        X = b.B.T @ spread
         matrix += b.C - X @ b.B
-        right += b.shared - X @ run.own
-        held = np.flatnonzero(np.isfinite(run.fixed))
-        right -= b.B[held].T @ run.fixed[held]
+        right += b.shared - X @ run.own - b.B[held].T @ known[held]
     return matrix, right, runs
+
+
+def _nothing_fixed(given: Normal) -> list[NDArray[np.float64]]:
+    return [np.full(len(b.A), np.nan) for b in given.blocks]
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,7 +153,7 @@ def _step(
 
     Damper curves that the step would make too flat are held up, others are not.
     """
-    fixed = [np.full(len(b.A), np.nan) for b in equations.blocks]
+    fixed = _nothing_fixed(equations)
     flat = equations.lacks > 0.0
     # Each solution has more friction at its bound and other curves held; eight at most.
     for _ in range(8):
@@ -221,15 +216,6 @@ def _solve(
     return np.clip(step, low, high)
 
 
-def _is_settled(problem: Problem, full: _Step, information: NDArray[np.float64]) -> bool:
-    """Return whether a full step would hardly move the parameters of the car."""
-    car = problem.free < len(problem.model.box.parameters)
-    if not car.any():
-        return True  # they are held
-    std = np.sqrt(np.diag(inverse(information)))[car]
-    return bool((np.abs(full.shared[car]) <= _STILL * std).all())
-
-
 def _full_step(at: Point | None) -> _Step | None:
     """Return the undamped step from a point; None without finite path and tangents."""
     if at is None or not at.normal.finite:
@@ -272,10 +258,13 @@ def fit(
         unit = max(1.0, at.cost / n)
         small = slow or abs(decrement) < max(tolerance * unit, rough * at.cost)
         if small or iterations >= max_iterations or refused >= _REFUSED or is_over():
-            matrix, _, _ = reduced(at.normal, 0.0)
+            matrix, _, _ = reduced(at.normal)
             still = 0.0 <= decrement < _STILL_PROMISED * unit
             settled = small or (refused >= _REFUSED and 0.0 <= decrement < _PROMISED * unit)
-            settled |= still and _is_settled(problem, full, matrix)
+            # Where the car's parameters are held, or hardly move any more, the rest is shapes.
+            car = problem.free < len(problem.model.box.parameters)
+            std = np.sqrt(np.diag(inverse(matrix))) if car.any() else np.zeros(len(car))
+            settled |= still and bool((np.abs(full.shared) <= _STILL * std)[car].all())
             return Optimum(at, matrix, iterations, decrement, settled)
         near, ends = decrement < unit, decrement < _PROMISED * unit
         # A step by which the cost falls less counts as refused.
@@ -317,29 +306,17 @@ def gain_of(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the fall of the cost with each further unknown free, and the size of that unknown.
 
-    Parameters
-    ----------
-    problem : Problem
-        Problem of the optimum.
-    best : Optimum
-        Optimum of the free unknowns.
-    eta : (P,) float64
-        All unknowns: those of the optimum, except for some that do not act yet.
-    extra : (k,) intp
-        Positions of the further ones, none of them free.
-
-    Returns
-    -------
-    gains, sizes : (k,) float64
-        Each with one unknown alone; zeros where path or tangents are not finite, or where the free
-        unknowns have the same effect.
+    `best`: optimum of the free unknowns.  `eta`, (P,): those of the optimum, except for some that
+    do not act yet.  `extra`, (k,): positions of the further ones.  Returns (k,) each, with one
+    unknown alone; zeros where path or tangents are not finite, or where the free unknowns have the
+    same effect.
     """
     known = best.point.problem.free
     free = np.union1d(known, extra)
     at = point(problem.releasing(free), eta, best.point.initials, best.point.grade)
     if at is None or not at.normal.finite:
         return np.zeros(len(extra)), np.zeros(len(extra))
-    matrix, right, _ = reduced(at.normal, 0.0)
+    matrix, right, _ = reduced(at.normal)
     new, old = np.searchsorted(free, extra), ~np.isin(free, extra)
     cross = matrix[np.ix_(new, old)] @ inverse(matrix[np.ix_(old, old)])
     alone = np.diag(matrix[np.ix_(new, new)])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from functools import cache
 from hashlib import sha256
 from pathlib import Path
 from types import FunctionType
@@ -39,17 +38,7 @@ def kernel(function: Callable[..., Any]) -> Any:
     compiled = njit(error_model="numpy", fastmath=LOOSE, nogil=True)(function)
     with suppress(RuntimeError):  # neither beside the sources nor in the user's cache
         compiled.enable_caching()
-        _forget_others(compiled.stats.cache_path)
     return compiled
-
-
-@cache
-def _forget_others(folder: str) -> None:
-    """Remove what is stored of other versions of the sources."""
-    for stored in Path(folder).glob("*.nb[ic]"):
-        if _HASH not in stored.name:
-            with suppress(OSError):  # it may be another user's, or removed by another process
-                stored.unlink()
 
 
 # The kernels --------------------------------------------------------------------------------------
@@ -477,43 +466,25 @@ def see(before, after, weights, channels, first_channel, last_channel, out):
 # A sensor's low-pass ------------------------------------------------------------------------------
 
 
-@njit(inline="always")
-def _advance(wave, gain, first, middle, last, turn_re, turn_im, before_re, before_im, re, im):
-    """Move the state of a pole over a double step; write the state before and after it."""
-    for j in range(len(re)):
-        before_re[j] = re[j]
-    for j in range(len(im)):
-        before_im[j] = im[j]
-    for j in range(len(re)):
-        drive = wave[0] * first[j] + wave[1] * middle[j] + wave[2] * last[j]
-        re[j] = turn_re * before_re[j] - turn_im * before_im[j] + drive
-    for j in range(len(im)):
-        drive = gain[0] * first[j] + gain[1] * middle[j] + gain[2] * last[j]
-        im[j] = turn_im * before_re[j] + turn_re * before_im[j] + drive
-
-
 @kernel
 def filter_pole(values, h, times, pole, residue, weights, out):
     """Add a first-order filter's output at given times, ascending, to `out`; see `filtered`."""
     size = values.shape[1]
-    re, im, before_re, before_im = np.zeros(size), np.zeros(size), np.empty(size), np.empty(size)
+    state, before = np.zeros(size, np.complex128), np.zeros(size, np.complex128)
     turn = np.exp(pole * h)
-    wave, gain = weights.real.copy(), weights.imag.copy()
     n, last = 0, (len(values) - 1) // 2 - 1
     for k in range(last + 1):
         first, middle, end = values[2 * k], values[2 * k + 1], values[2 * k + 2]
-        _advance(wave, gain, first, middle, end, turn.real, turn.imag, before_re, before_im, re, im)
+        for j in range(size):
+            before[j] = state[j]
+            drive = weights[0] * first[j] + weights[1] * middle[j] + weights[2] * end[j]
+            state[j] = turn * state[j] + drive
         while n < len(times) and (times[n] / h < k + 1 or k == last):
             t = times[n] / h - k
             c, d = t * (1.0 - t) ** 2 * h, -(t**2) * (1.0 - t) * h
-            before = residue * ((1.0 + 2.0 * t) * (1.0 - t) ** 2 + c * pole)
-            after = residue * (t**2 * (3.0 - 2.0 * t) + d * pole)
-            c, d = c * residue.real, d * residue.real
-            b_re, b_im, a_re, a_im = before.real, before.imag, after.real, after.imag
-            row = out[n]
+            at_begin = residue * ((1.0 + 2.0 * t) * (1.0 - t) ** 2 + c * pole)
+            at_end = residue * (t**2 * (3.0 - 2.0 * t) + d * pole)
             for j in range(size):
-                row[j] += (
-                    b_re * before_re[j] - b_im * before_im[j] + a_re * re[j] - a_im * im[j]
-                    + c * first[j] + d * end[j]
-                )  # fmt: skip
+                out[n, j] += (at_begin * before[j] + at_end * state[j]).real
+                out[n, j] += residue.real * (c * first[j] + d * end[j])
             n += 1

@@ -6,7 +6,6 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cache
 from math import ceil
 from typing import Any, NamedTuple, TypeVar
 
@@ -348,13 +347,8 @@ T = TypeVar("T")
 
 def for_each_run(function: Callable[..., T], *arguments: Iterable[Any]) -> tuple[T, ...]:
     """Return what a function returns for each run, in their order; as `map` does."""
-    return tuple(_threads(os.getpid()).map(function, *arguments))
-
-
-@cache
-def _threads(process: int) -> ThreadPoolExecutor:
-    """Return the threads of a process: one that was forked has none of its parent's."""
-    return ThreadPoolExecutor(os.cpu_count(), f"runs of {process}")
+    with ThreadPoolExecutor(os.cpu_count()) as threads:
+        return tuple(threads.map(function, *arguments))
 
 
 # A sensor's low-pass ------------------------------------------------------------------------------

@@ -13,7 +13,7 @@ from daq.channels import TIME_DERIVATIVE
 
 from ..decays.decay import FreeDecay, Recording
 from ..model.exponentials import low_pass_of
-from ..model.matrices import COMPLEX_STEP, stepped
+from ..model.matrices import COMPLEX_STEP, Full, stepped
 from .car import KNEE_M_S, MOUNT, REACH, Car, Model, car
 from .laws import secant_share
 from .path import (
@@ -187,27 +187,22 @@ def too_flat(
     negative where a segment is steeper; and its fall per unit of each unknown, (segments, P).
     Negative values cost nothing.
     """
-    shares = _shares(model, stepped(eta))
-    return (_FLOOR - shares[0].real) / _FLOOR_SD, shares[1:].imag.T / COMPLEX_STEP / _FLOOR_SD
-
-
-def _shares(model: Model, eta: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """Return the slope of each segment of both axles' curves over the coefficient, at (n, P)."""
-    value = model.element_values(eta)
-    full = model.box.full(eta)
+    value = model.element_values(stepped(eta))
+    full = model.box.full(stepped(eta))
     knots = np.array(model.knots)
-    share = np.array([secant_share(knot, KNEE_M_S) for knot in model.knots])
     # A knot acts at all speeds beyond it, outwards from rest; a knot at 0 acts in compression.
-    edges = np.concatenate([knots, [0.0]])
-    middle = np.sort(np.unique(edges))
-    speeds = np.concatenate([[middle[0] - 1.0], 0.5 * (middle[1:] + middle[:-1]), [middle[-1] + 1]])
+    edges = np.union1d(knots, [0.0])
+    middles = 0.5 * (edges[1:] + edges[:-1])
+    speeds = np.concatenate([[edges[0] - 1.0], middles, [edges[-1] + 1.0]])
     beyond = np.where(knots < 0.0, speeds[:, None] < knots, speeds[:, None] > knots)
-    shares_of_axles = []
-    for axle, corner in (("f", 15), ("r", 17)):
-        c = 0.5 * (full[:, corner] + full[:, corner + 1])
+    beyond = beyond - np.array([secant_share(knot, KNEE_M_S) for knot in model.knots])
+    of_axles = []
+    for axle, left in (("f", Full.C_S), ("r", Full.C_S + 2)):
+        c = 0.5 * (full[:, left] + full[:, left + 1])
         h = np.stack([value[f"h_{axle}{j + 1}"] for j in range(len(knots))], axis=1)
-        shares_of_axles.append(1.0 + (h / c[:, None]) @ (beyond - share).T)
-    return np.concatenate(shares_of_axles, axis=1)
+        of_axles.append(1.0 + (h / c[:, None]) @ beyond.T)
+    shares = np.concatenate(of_axles, axis=1)
+    return (_FLOOR - shares[0].real) / _FLOOR_SD, shares[1:].imag.T / COMPLEX_STEP / _FLOOR_SD
 
 
 # The problem --------------------------------------------------------------------------------------
@@ -290,7 +285,16 @@ class Point:
     @cached_property
     def normal(self) -> Normal:
         """Normal equations at this point."""
-        return normal(self)
+        problem = self.problem
+        blocks = for_each_run(
+            partial(_block, self), problem.runs, self.cars, self.initials, self.predicted
+        )
+        n = len(problem.free)
+        shared, right = np.zeros((n, n)), np.zeros(n)
+        for misfits, slopes in (problem.fact_terms(self.eta), problem.prior_terms(self.eta)):
+            shared += slopes.T @ slopes
+            right += slopes.T @ misfits
+        return Normal(blocks, shared, right, *problem.curve_terms(self.eta))
 
 
 @dataclass(frozen=True)
@@ -349,18 +353,6 @@ def point(
 def _mount_sd(one: Car) -> NDArray[np.float64]:
     # The mount's first deflection beyond its force has a deviation of 5e8 sigma^2, m.
     return np.maximum(5e8 * one.corner[:, MOUNT] ** 2, 1e-9)
-
-
-def normal(at: Point) -> Normal:
-    """Return the normal equations at a point."""
-    problem = at.problem
-    blocks = for_each_run(partial(_block, at), problem.runs, at.cars, at.initials, at.predicted)
-    n = len(problem.free)
-    shared, right = np.zeros((n, n)), np.zeros(n)
-    for misfits, slopes in (problem.fact_terms(at.eta), problem.prior_terms(at.eta)):
-        shared += slopes.T @ slopes
-        right += slopes.T @ misfits
-    return Normal(blocks, shared, right, *problem.curve_terms(at.eta))
 
 
 def _block(at: Point, run: Run, one: Car, own: InitialState, predicted: Predicted) -> Block:

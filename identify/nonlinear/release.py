@@ -12,7 +12,7 @@ from .begin import at_likely_scale, initial_states_of, refined, weak_priors
 from .car import KNOTS, Model
 from .fit import Clock, Optimum, fit, gain_of, inverse
 from .path import POLISH, ROUGH, InitialState, travel_speeds
-from .problem import Point, Problem, Run
+from .problem import Problem, Run
 
 # Groups of unknowns that are released, tested and named together: the elements of a structure -----
 
@@ -159,11 +159,6 @@ class Attempt:
         """Return the initial state of each run by the linear model at `eta`, (P,)."""
         return initial_states_of(model, eta, tuple(run.decay for run in self.runs), self.sigma)
 
-    @property
-    def freedom(self) -> float:
-        """Number of searched samples less that of the runs' own unknowns."""
-        return sum(run.freedom - 18.0 for run in self.searched)
-
 
 def release(
     model: Model,
@@ -178,6 +173,7 @@ def release(
     may be released.  `log`: receives a line for each stage.  `clock`: limits the time; what it did
     not suffice for is in it afterwards.
     """
+    search = _Search(allowed, log, clock)
     chosen = tuple(name for name in STAGES[0] if allowed(name))
     source = iter(attempts)
     begun: list[Attempt] = []
@@ -185,151 +181,214 @@ def release(
     ends: list[tuple[float, Optimum, Attempt, tuple[str, ...]]] = []
     is_over = clock.limit(_SEARCH_SHARE, "other starts of the search")
     while len(ends) < 3:  # attempts that are followed through the later stages
-        while all(one.cost >= _FOLLOWED * attempt.freedom for _, one, attempt in waiting):
+        while all(_chi2(end) >= _FOLLOWED for _, end, _ in waiting):
             if waiting and is_over():
                 break
             attempt = next(source, None)
             if attempt is None:
                 break
             begun.append(attempt)
-            end = _first(model, attempt, chosen, clock)
+            end = search.first_stage(model, attempt, chosen)
             if end is not None:
-                chi2 = end.cost / attempt.freedom
-                log(f"{', '.join(chosen)}: chi2/n {chi2:.3f} after {end.iterations} steps")
                 # A first stage that leaves out the beginnings ends three times lower from any
                 # start, because stops and lift-off are not in it.
-                likely = chi2 * (3.0 if attempt.late_s > 0.0 else 1.0)
+                likely = _chi2(end) * (3.0 if attempt.late_s > 0.0 else 1.0)
                 waiting = sorted([*waiting, (likely, end, attempt)], key=lambda one: one[0])
         if not waiting:
             break
         _, start, taken = waiting.pop(0)
-        best, fitted, groups = _stages(start, taken, begun[0], chosen, allowed, log, clock)
-        chi2 = best.cost / fitted.freedom
-        ends.append((chi2, best, fitted, groups))
-        if not (_FOUND < chi2 < _HOPELESS or chi2 > start.cost / taken.freedom) or is_over():
+        best, groups = search.later_stages(start, chosen)
+        if taken.late_s > 0.0:
+            best, taken = search.with_beginnings(best, taken, begun[0])
+            best, groups = search.with_late_groups(best, groups)
+        chi2 = _chi2(best)
+        ends.append((chi2, best, taken, groups))
+        if not (_FOUND < chi2 < _HOPELESS or chi2 > _chi2(start)) or is_over():
             break
     if not ends:
         return None
     _, best, taken, chosen = min(ends, key=lambda one: one[0])
-    polished = _polished(best, replace(best.point.problem, runs=taken.runs), chosen, log, clock)
-    if polished is not None and not polished.converged:
-        there = _without_vanished(polished, chosen)
-        if there != chosen:
-            again = _polished(polished, polished.point.problem, there, log, clock)
-            polished, chosen = (polished, chosen) if again is None else (again, there)
-    return None if polished is None else (polished, chosen)
+    polished = search.polish(best, replace(best.point.problem, runs=taken.runs), chosen)
+    if polished is None:
+        return None
+    if "damper_mounts" in chosen and not polished.converged:
+        problem = polished.point.problem
+        # Rigid ones, at their bound, promise more than the paths give, and block all others.
+        if not (polished.eta[_sizes(problem.model, "damper_mounts")] > 0.0).any():
+            without = tuple(name for name in chosen if name != "damper_mounts")
+            again = search.polish(polished, problem, without)
+            if again is not None:
+                return again, without
+    return polished, chosen
 
 
-def _stages(
-    best: Optimum,
-    taken: Attempt,
-    first: Attempt,
-    chosen: tuple[str, ...],
-    allowed: Callable[[str], bool],
-    log: Log,
-    clock: Clock,
-) -> tuple[Optimum, Attempt, tuple[str, ...]]:
-    """Release the later stages from the end of the first one.
+def _chi2(end: Optimum) -> float:
+    """Return the cost of a search over its samples less the runs' own unknowns."""
+    return end.cost / sum(run.freedom - 18.0 for run in end.point.problem.runs)
 
-    `taken`: the attempt that led there; `first`: the attempt that leaves nothing out.  Returns the
-    optimum, the attempt with the data that are then fitted, and the groups in the optimum.
-    """
-    n = taken.freedom
-    problem = best.point.problem
-    for k, stage in enumerate(STAGES[1:], start=1):
-        more = chosen + tuple(name for name in stage if allowed(name))
-        starts = [(more, best.eta)]
-        if "bump_stops" in more and (begun := begin_stops(best, log)) is not None:
-            starts.insert(0, (more, begun))
-        last = k == len(STAGES) - 1
-        if last and _promises("damper_mounts", problem, best, allowed, log):
-            joined = _joined(problem.model, starts[0][1], "damper_mounts")
-            starts.insert(0, ((*more, "damper_mounts"), joined))
-        refine = last and "damper_knees" in more
-        for groups, eta in starts:
-            within, start = refined(problem, eta, KNOTS[_LAST_KNOTS]) if refine else (problem, eta)
-            freed = within.releasing(positions(within.model, groups, k >= CORRECTIONS_FROM))
-            end = fit(
-                freed, at_likely_scale(freed, start), best.point.initials, ROUGH,
-                tolerance=_CONVERGED, rough=0.1 * _ROUGH_SHARE if last else _ROUGH_SHARE,
-                max_iterations=_LAST_STEPS if last else _STAGE_STEPS,
-                is_over=clock.limit(_SEARCH_SHARE, in_words(stage)),
-            )  # fmt: skip
-            if end is None:
+
+@dataclass(frozen=True, slots=True)
+class _Search:
+    """What the stages of a search have in common; arguments of `release`."""
+
+    allowed: Callable[[str], bool]
+    log: Log
+    clock: Clock
+
+    def first_stage(
+        self, model: Model, attempt: Attempt, chosen: tuple[str, ...]
+    ) -> Optimum | None:
+        """Return the end of the first stage from a linear start; None without a finite path."""
+        eta = attempt.eta.copy()
+        centre, prior = weak_priors(model, eta)
+        if "friction" in chosen:
+            eta[_sizes(model, "friction")] = _FIRST_FRICTION_N / 50.0
+        problem = Problem(model, attempt.searched, centre, prior, positions(model, chosen, False))
+        initials = attempt.initials(model, attempt.eta)
+        return self._stage(chosen, problem, eta, initials, _STAGE_STEPS, _ROUGH_SHARE)
+
+    def later_stages(
+        self, best: Optimum, chosen: tuple[str, ...]
+    ) -> tuple[Optimum, tuple[str, ...]]:
+        """Return the optimum with the later stages released, and the groups in it."""
+        for k, stage in enumerate(STAGES[1:], start=1):
+            more = chosen + tuple(name for name in stage if self.allowed(name))
+            starts = [(more, best.eta)]
+            if "bump_stops" in more and (begun := begin_stops(best, self.log)) is not None:
+                starts.insert(0, (more, begun))
+            problem = best.point.problem
+            last = k == len(STAGES) - 1
+            if last and self._promises("damper_mounts", best):
+                joined = _joined(problem.model, starts[0][1], "damper_mounts")
+                starts.insert(0, ((*more, "damper_mounts"), joined))
+            steps, rough = (
+                (_LAST_STEPS, 0.1 * _ROUGH_SHARE) if last else (_STAGE_STEPS, _ROUGH_SHARE)
+            )
+            for groups, eta in starts:
+                freed = problem
+                if last and "damper_knees" in more:
+                    freed, eta = refined(problem, eta, KNOTS[_LAST_KNOTS])
+                freed = freed.releasing(positions(freed.model, groups, k >= CORRECTIONS_FROM))
+                eta = at_likely_scale(freed, eta)
+                end = self._stage(stage, freed, eta, best.point.initials, steps, rough)
+                # Else the new start of these groups has led it astray.
+                if end is not None and end.cost < best.cost:
+                    best, chosen = end, groups
+                    break
+        return self.with_late_groups(best, chosen)
+
+    def with_late_groups(
+        self, best: Optimum, chosen: tuple[str, ...]
+    ) -> tuple[Optimum, tuple[str, ...]]:
+        """Return the optimum after groups of large gain have joined, and the groups in it."""
+        for name in _LATE:
+            if name in chosen or not self._promises(name, best):
                 continue
-            log(f"{', '.join(stage)}: chi2/n {end.cost / n:.3f} after {end.iterations} steps")
-            if end.cost < best.cost:  # else the new start of these groups has led it astray
-                best, chosen, problem = end, groups, end.point.problem
-                break
-    best, chosen = _with_late(best, n, chosen, allowed, log, clock)
-    if taken.late_s > 0.0:
-        best, taken = _with_beginnings(best, taken, first, log, clock)
-        best, chosen = _with_late(best, taken.freedom, chosen, allowed, log, clock)
-    return best, taken, chosen
+            problem, more = best.point.problem, (*chosen, name)
+            freed = problem.releasing(positions(problem.model, more, True))
+            eta = _joined(problem.model, best.eta, name)
+            end = self._stage((name,), freed, eta, best.point.initials, _LAST_STEPS)
+            if end is not None and end.cost < best.cost:
+                best, chosen = end, more
+        return best, chosen
 
-
-def _with_late(
-    best: Optimum,
-    n: float,
-    chosen: tuple[str, ...],
-    allowed: Callable[[str], bool],
-    log: Log,
-    clock: Clock,
-) -> tuple[Optimum, tuple[str, ...]]:
-    """Return the optimum after groups of large gain have joined, and the groups in it."""
-    for name in _LATE:
-        problem = best.point.problem
-        if name in chosen or not _promises(name, problem, best, allowed, log):
-            continue
-        more = (*chosen, name)
+    def _stage(
+        self,
+        names: tuple[str, ...],
+        problem: Problem,
+        eta: NDArray[np.float64],
+        initials: tuple[InitialState, ...],
+        steps: int,
+        rough: float = 0.0,
+    ) -> Optimum | None:
+        """Return the end of the fit that releases some groups; None without a finite path."""
+        words = ", ".join(names)
         end = fit(
-            problem.releasing(positions(problem.model, more, True)),
-            _joined(problem.model, best.eta, name), best.point.initials, ROUGH,
-            tolerance=_CONVERGED, max_iterations=_LAST_STEPS,
-            is_over=clock.limit(_SEARCH_SHARE, in_words((name,))),
+            problem, eta, initials, ROUGH, tolerance=_CONVERGED, rough=rough, max_iterations=steps,
+            is_over=self.clock.limit(_SEARCH_SHARE, words.replace("_", " ")),
         )  # fmt: skip
-        if end is None:
-            continue
-        log(f"{name}: chi2/n {end.cost / n:.3f} after {end.iterations} steps")
-        if end.cost < best.cost:
-            best, chosen = end, more
-    return best, chosen
+        if end is not None:
+            self.log(f"{words}: chi2/n {_chi2(end):.3f} after {end.iterations} steps")
+        return end
+
+    def with_beginnings(
+        self, best: Optimum, taken: Attempt, first: Attempt
+    ) -> tuple[Optimum, Attempt]:
+        """Return the optimum with the beginnings that an attempt left out, and the attempt.
+
+        The vehicle is held while each run's first motion is sought.  Runs whose beginning this
+        vehicle does not explain stay as they were.  `first`: the attempt that leaves nothing out.
+        """
+        problem = best.point.problem
+        begun = first.initials(problem.model, best.eta)
+        runs, searched, initials = list(taken.runs), list(taken.searched), list(best.point.initials)
+        is_over = self.clock.limit(_SEARCH_SHARE, "beginnings of the decays")
+        back = 0
+        for i, run in enumerate(first.searched):
+            alone = _first_motion(best, run, begun[i], is_over)
+            # Up to chi2/n 5 from its beginning, by a vehicle that was found without it, the
+            # beginning is fitted, too.
+            if alone is not None and alone.point.predicted[0].cost < 5.0 * run.freedom:
+                runs[i], searched[i], initials[i] = first.runs[i], run, alone.point.initials[0]
+                back += 1
+        end = fit(
+            replace(problem, runs=tuple(searched)), best.eta, tuple(initials), ROUGH,
+            tolerance=_CONVERGED, rough=0.1 * _ROUGH_SHARE, max_iterations=_LAST_STEPS,
+            is_over=is_over,
+        )  # fmt: skip
+        # Where chi2/n grows by more than a tenth, the model does not hold in the beginnings.
+        if end is None or _chi2(end) > 1.1 * _chi2(best):
+            self.log("the beginnings stay left out")
+            return best, taken
+        self.log(
+            f"beginnings of {back} of {len(runs)} runs: chi2/n {_chi2(end):.3f} after "
+            f"{end.iterations} steps"
+        )
+        return end, replace(taken, runs=tuple(runs), searched=tuple(searched))
+
+    def polish(self, best: Optimum, whole: Problem, chosen: tuple[str, ...]) -> Optimum | None:
+        """Return the optimum for whole runs, with curves on more knees; None without a path."""
+        eta = best.eta
+        if "damper_knees" in chosen and whole.model.knots != KNOTS[_POLISHED_KNOTS]:
+            whole, eta = refined(whole, eta, KNOTS[_POLISHED_KNOTS])
+        whole = whole.releasing(positions(whole.model, chosen, True))
+        end = fit(
+            whole, at_likely_scale(whole, eta), best.point.initials, POLISH, tolerance=_POLISHED,
+            max_iterations=_POLISH_STEPS, is_over=self.clock.limit(1.0, "the last steps"),
+        )  # fmt: skip
+        if end is not None:
+            self.log(f"polished in {end.iterations} steps, decrement {end.decrement:.2g}")
+        return end
+
+    def _promises(self, name: str, best: Optimum) -> bool:
+        """Return whether a group would lower the cost by much more than chance."""
+        problem = best.point.problem
+        model = problem.model
+        has_friction = model.names.index("F_cf") in problem.free
+        if not self.allowed(name) or (name == "static_friction" and not has_friction):
+            return False
+        n = sum(run.freedom for run in problem.runs)
+        promised = gain_of(problem, best, best.eta, _sizes(model, name))
+        gain = sum(g for g, size in zip(*promised, strict=True) if size > 0.0)
+        gain /= max(1.0, best.cost / n)
+        self.log(f"{name}: would lower the cost by {gain:.0f}")
+        # Mounts join at twice the criterion's limit, static friction far below that for which it
+        # is named: without it the sliding friction reads up to 20 % high and wheels 1 % light.
+        pays = 4.0 * float(np.log(n)) if name == "damper_mounts" else 4.0
+        return bool(gain > pays)
 
 
-def _with_beginnings(
-    best: Optimum, taken: Attempt, first: Attempt, log: Log, clock: Clock
-) -> tuple[Optimum, Attempt]:
-    """Return the optimum with the beginnings that an attempt left out, and the attempt with them.
+def _sizes(model: Model, name: str) -> NDArray[np.intp]:
+    """Return the positions of a group's first unknown, front and rear."""
+    kind = BY_NAME[name].kinds[0]
+    return np.array([model.names.index(f"{kind}{axle}") for axle in "fr"])
 
-    The vehicle is held while each run's first motion is sought.  Runs whose beginning this
-    vehicle does not explain stay as they were.
-    """
-    problem, late = best.point.problem, best.cost / taken.freedom
-    begun = first.initials(problem.model, best.eta)
-    runs, searched, initials = list(taken.runs), list(taken.searched), list(best.point.initials)
-    is_over = clock.limit(_SEARCH_SHARE, "beginnings of the decays")
-    for i, run in enumerate(first.searched):
-        alone = _first_motion(best, run, begun[i], is_over)
-        # Up to chi2/n 5 from its beginning, by a vehicle that was found without it, the beginning
-        # is fitted, too.
-        if alone is not None and alone.point.predicted[0].cost < 5.0 * run.freedom:
-            runs[i], searched[i], initials[i] = first.runs[i], run, alone.point.initials[0]
-    whole = replace(taken, runs=tuple(runs), searched=tuple(searched))
-    end = fit(
-        replace(problem, runs=whole.searched), best.eta, tuple(initials), ROUGH,
-        tolerance=_CONVERGED, rough=0.1 * _ROUGH_SHARE, max_iterations=_LAST_STEPS,
-        is_over=is_over,
-    )  # fmt: skip
-    # Where chi2/n grows by more than a tenth, the model does not hold in the beginnings.
-    if end is None or end.cost / whole.freedom > 1.1 * late:
-        log("the beginnings stay left out")
-        return best, taken
-    back = sum(run is begun for run, begun in zip(searched, first.searched, strict=True))
-    log(
-        f"beginnings of {back} of {len(runs)} runs: chi2/n {end.cost / whole.freedom:.3f} after "
-        f"{end.iterations} steps"
-    )
-    return end, whole
+
+def _joined(model: Model, eta: NDArray[np.float64], name: str) -> NDArray[np.float64]:
+    """Return the unknowns with a group at its start values."""
+    result = eta.copy()
+    result[_sizes(model, name)] = _LATE[name]
+    return result
 
 
 def _first_motion(
@@ -359,88 +418,10 @@ def moved_by_beginnings(
     initials = tuple(e.point.initials[0] if e else x0 for e, x0 in zip(ends, begun, strict=True))
     share, steps = 0.1 * _ROUGH_SHARE, _LAST_STEPS
     end = fit(problem, best.eta, initials, ROUGH, _CONVERGED, share, steps, is_over)
-    if end is None or end.cost > _HOLDS * sum(run.freedom - 18.0 for run in runs):
+    if end is None or _chi2(end) > _HOLDS:
         return np.zeros(len(problem.free))
     moved, variance = (end.eta - best.eta)[problem.free], np.diag(inverse(best.information))
     return np.asarray(moved * bool((moved**2 > _DISAGREE**2 * variance).any()))
-
-
-def _polished(
-    best: Optimum, whole: Problem, chosen: tuple[str, ...], log: Log, clock: Clock
-) -> Optimum | None:
-    """Return the optimum for whole runs, with curves on more knees; None without a finite path."""
-    eta = best.eta
-    if "damper_knees" in chosen and whole.model.knots != KNOTS[_POLISHED_KNOTS]:
-        whole, eta = refined(whole, eta, KNOTS[_POLISHED_KNOTS])
-    whole = whole.releasing(positions(whole.model, chosen, True))
-    end = fit(
-        whole, at_likely_scale(whole, eta), best.point.initials, POLISH, tolerance=_POLISHED,
-        max_iterations=_POLISH_STEPS, is_over=clock.limit(1.0, "the last steps"),
-    )  # fmt: skip
-    if end is not None:
-        log(f"polished in {end.iterations} steps, decrement {end.decrement:.2g}")
-    return end
-
-
-def _without_vanished(best: Optimum, chosen: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the groups without mounts that have become rigid.
-
-    At their bound, their tangents promise more than the paths give, and block all other unknowns.
-    """
-    sizes = best.eta[_sizes(best.point.problem.model, "damper_mounts")]
-    return tuple(name for name in chosen if name != "damper_mounts" or (sizes > 0.0).any())
-
-
-def _first(model: Model, attempt: Attempt, chosen: tuple[str, ...], clock: Clock) -> Optimum | None:
-    """Return the end of the first stage from a linear start; None if it has no finite path."""
-    eta = attempt.eta.copy()
-    centre, prior = weak_priors(model, eta)
-    if "friction" in chosen:
-        for name in BY_NAME["friction"].members(model)[:2]:
-            eta[model.names.index(name)] = _FIRST_FRICTION_N / 50.0
-    problem = Problem(model, attempt.searched, centre, prior, positions(model, chosen, False))
-    return fit(
-        problem, eta, attempt.initials(model, attempt.eta), ROUGH, tolerance=_CONVERGED,
-        rough=_ROUGH_SHARE, max_iterations=_STAGE_STEPS,
-        is_over=clock.limit(_SEARCH_SHARE, in_words(chosen)),
-    )  # fmt: skip
-
-
-def in_words(groups: Sequence[str]) -> str:
-    """Return the names of some groups in words."""
-    return ", ".join(group.replace("_", " ") for group in groups)
-
-
-def _promises(
-    name: str, problem: Problem, best: Optimum, allowed: Callable[[str], bool], log: Log
-) -> bool:
-    """Return whether a group would lower the cost by much more than chance."""
-    model = problem.model
-    has_friction = model.names.index("F_cf") in problem.free
-    if not allowed(name) or (name == "static_friction" and not has_friction):
-        return False
-    n = sum(run.freedom for run in problem.runs)
-    promised = gain_of(problem, best, best.eta, _sizes(model, name))
-    gain = sum(g for g, size in zip(*promised, strict=True) if size > 0.0)
-    gain /= max(1.0, best.cost / n)
-    log(f"{name}: would lower the cost by {gain:.0f}")
-    # Mounts join at twice the criterion's limit, static friction far below that for which it is
-    # named: without it the sliding friction reads up to 20 % high and wheels 1 % light.
-    pays = 4.0 * float(np.log(n)) if name == "damper_mounts" else 4.0
-    return bool(gain > pays)
-
-
-def _sizes(model: Model, name: str) -> NDArray[np.intp]:
-    """Return the positions of a group's first unknown, front and rear."""
-    kind = BY_NAME[name].kinds[0]
-    return np.array([model.names.index(f"{kind}{axle}") for axle in "fr"])
-
-
-def _joined(model: Model, eta: NDArray[np.float64], name: str) -> NDArray[np.float64]:
-    """Return the unknowns with a group at its start values."""
-    result = eta.copy()
-    result[_sizes(model, name)] = _LATE[name]
-    return result
 
 
 # Finds the gap at which the bump stop of each axle begins in a fit --------------------------------
@@ -465,7 +446,12 @@ def begin_stops(best: Optimum, log: Callable[[str], None]) -> NDArray[np.float64
     n = sum(run.freedom for run in problem.runs)
     rates = np.array([names.index(f"k_b{axle}") for axle in "fr"])
     gaps = np.array([names.index(f"g_b{axle}") for axle in "fr"])
-    largest = _largest_compressions(best.point)
+    corners = [
+        travel_speeds(car, run.path.states, 0).max(axis=0)
+        for car, run in zip(best.point.cars, best.point.predicted, strict=True)
+    ]
+    # At least 10 mm: a gap has no logarithm at zero.
+    largest = np.maximum(np.max(corners, axis=0).reshape(2, 2).max(axis=1), 0.01)
     result = best.eta.copy()
     most = np.full(2, 2.0 * np.log(n) * max(1.0, best.cost / n))
     for share in _SHARES:
@@ -482,14 +468,3 @@ def begin_stops(best: Optimum, log: Callable[[str], None]) -> NDArray[np.float64
     begun = [f"{1e3 * np.exp(result[gaps[i]]):.0f} mm" for i in np.flatnonzero(result[rates])]
     log(f"bump_stops: begin at {', '.join(begun) or 'nothing'}")
     return result if begun else None
-
-
-def _largest_compressions(at: Point) -> NDArray[np.float64]:
-    """Return the largest compression of the front and the rear suspensions in all runs, (2,) m."""
-    corners = [
-        travel_speeds(car, run.path.states, 0).max(axis=0)
-        for car, run in zip(at.cars, at.predicted, strict=True)
-    ]
-    front_rear = np.max(corners, axis=0).reshape(2, 2).max(axis=1)
-    # At least 10 mm: a gap has no logarithm at zero.
-    return np.asarray(np.maximum(front_rear, 0.01))

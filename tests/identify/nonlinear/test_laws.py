@@ -455,10 +455,18 @@ def curve(low: float, high: float) -> DamperCurve:
 
 
 def test_tables_of_dampers_have_four_speeds_each_way() -> None:
-    found = [one.speed_m_s for one in forces_at_speeds(curve(-0.45, 0.45))]
-    assert found == [-0.4, -0.2, -0.1, -0.05, 0.05, 0.1, 0.2, 0.4]
-    ends = [one.speed_m_s for one in forces_at_speeds(curve(-0.4, 0.2))]
-    assert ends == pytest.approx([-0.4, -0.2, -0.1, -0.05, 0.05, 0.1, 0.2])
+    found = forces_at_speeds(curve(-0.45, 0.45))
+    assert [one.speed_m_s for one in found] == [-0.4, -0.2, -0.1, -0.05, 0.05, 0.1, 0.2, 0.4]
+    ends = forces_at_speeds(curve(-0.4, 0.2))
+    assert [one.speed_m_s for one in ends] == pytest.approx(
+        [-0.4, -0.2, -0.1, -0.05, 0.05, 0.1, 0.2]
+    )
+    slow = ends[1]
+    assert [slow.damper.value, slow.damper.std] == pytest.approx([-200.0, 5.0])
+    assert [slow.total.value, slow.total.std] == pytest.approx([-220.0, 8.0])
+    assert slow.damper.high - slow.damper.low == pytest.approx(2 * 1.96 * 5.0, rel=1e-4)
+    assert slow.damper.low + slow.damper.high == pytest.approx(-400.0)
+    assert (slow.damper.unit, slow.damper.determined) == ("N", True)
 
 
 def test_every_force_has_a_name_of_axle_and_element() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -39,9 +39,9 @@ from identify.nonlinear.car import (
     Y,
     car,
 )
-from identify.nonlinear.fit import Clock
+from identify.nonlinear.fit import Clock, Optimum
 from identify.nonlinear.path import POLISH
-from identify.nonlinear.problem import Point, Problem, normal, point, run_of
+from identify.nonlinear.problem import Point, Problem, point, run_of
 from identify.nonlinear.release import Attempt, moved_by_beginnings, release
 from identify.pipeline import identify
 from identify.trust.finding import Verdict
@@ -158,37 +158,36 @@ def _noise(recording: Recording, sigma: Mapping[str, float]) -> NDArray[np.float
     return np.array([sigma[channel.name] for channel in recording.group.channels])
 
 
-@pytest.mark.parametrize(("astray", "asked"), [((True, False), 2), ((False, True), 1)])
-def test_the_next_start_is_asked_for_where_one_leads_nowhere(
-    model: Model, astray: tuple[bool, bool], asked: int
-) -> None:
-    given = []
-
-    def attempts() -> Iterator[Attempt]:
-        for lost in astray:
-            given.append(lost)
-            yield attempt(model, lost)
-
-    found = release(model, attempts(), lambda _: False, lambda _: None, Clock())
+def test_the_next_start_is_asked_for_where_one_leads_nowhere(model: Model) -> None:
+    """Which one is followed else: `test_release`."""
+    attempts = (attempt(model, lost) for lost in (True, False))
+    found = release(model, attempts, lambda _: False, lambda _: None, Clock())
     assert found is not None
     best, chosen = found
     assert chosen == ()
-    assert len(given) == asked
     assert np.max(np.abs(np.exp(best.eta[:15]) / TRUTH - 1.0)) < 0.05
 
 
-@pytest.mark.parametrize("disturbed", [0, 2])
-def test_beginnings_that_were_left_out_come_back_where_the_car_explains_them(
-    model: Model, disturbed: int
-) -> None:
-    first, late = attempt(model, True, 0.0, disturbed), attempt(model, False, 0.1)
+def test_beginnings_that_were_left_out_come_back_where_the_car_explains_them(model: Model) -> None:
+    """All but those of two runs with a knock."""
+    first, late = attempt(model, True, 0.0, 2), attempt(model, False, 0.1)
     lines: list[str] = []
     found = release(model, iter((first, late)), lambda _: False, lines.append, Clock())
     assert found is not None
     fitted = found[0].point.problem.runs
-    assert fitted == (*late.runs[:disturbed], *first.runs[disturbed:])
+    assert fitted == (*late.runs[:2], *first.runs[2:])
     assert np.max(np.abs(np.exp(found[0].eta[:15]) / TRUTH - 1.0)) < 0.05
-    assert any(f"beginnings of {len(fitted) - disturbed} of" in line for line in lines)
+    assert any(f"beginnings of {len(fitted) - 2} of" in line for line in lines)
+
+
+@pytest.fixture(scope="module")
+def found_late(model: Model) -> Optimum:
+    """Return the car that was found from 0.1 s after the beginnings on."""
+    found = release(
+        model, iter((attempt(model, False, 0.1),)), lambda _: False, lambda _: None, Clock()
+    )
+    assert found is not None
+    return found[0]
 
 
 @pytest.mark.parametrize(
@@ -200,21 +199,18 @@ def test_beginnings_that_were_left_out_come_back_where_the_car_explains_them(
     ],
 )
 def test_what_the_beginnings_would_move_counts_beyond_chance_where_the_fit_of_all_holds(
-    model: Model, slower: float, disturbed: int, moves: bool
+    model: Model, found_late: Optimum, slower: float, disturbed: int, moves: bool
 ) -> None:
-    late, first = attempt(model, False, 0.1), attempt(model, False, 0.0, disturbed)
+    first = attempt(model, False, 0.0, disturbed)
     runs = []
     for run in first.runs:
         stretched = tuple(replace(r, time_s=slower * r.time_s) for r in run.decay.recordings)
         runs.append(replace(run, decay=replace(run.decay, recordings=stretched)))
-    found = release(model, iter((late,)), lambda _: False, lambda _: None, Clock())
-    assert found is not None
-    best = found[0]
-    begun = first.initials(model, best.eta)
-    moved = moved_by_beginnings(best, tuple(runs), begun, Clock())
+    begun = first.initials(model, found_late.eta)
+    moved = moved_by_beginnings(found_late, tuple(runs), begun, Clock())
     assert moved.any() == moves
     if moves:
-        spring = list(best.point.problem.free).index(model.names.index("k_sf"))
+        spring = list(found_late.point.problem.free).index(model.names.index("k_sf"))
         assert moved[spring] == pytest.approx(-0.19, abs=0.06)
 
 
@@ -339,7 +335,7 @@ def test_derivatives_of_what_sensors_see_are_the_differences(name: str) -> None:
     step = 2e-5 if name == "delay of h" else 1e-4
     key = name.replace(" of ", "_of_")
     up, down = at(**{key: step}), at(**{key: -step})
-    (block,) = normal(at()).blocks
+    (block,) = at().normal.blocks
     column = len(block.A) + FREE.index(name)
     for J, after, before in zip(
         block.jacobian, up.predicted[0].left, down.predicted[0].left, strict=True

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 from threading import Barrier
 from types import SimpleNamespace
 from typing import Any
@@ -30,7 +27,7 @@ from identify.nonlinear.begin import initial_states_of, weak_priors
 from identify.nonlinear.car import KNOTS, Model
 from identify.nonlinear.fit import Optimum, fit, inverse, reduced
 from identify.nonlinear.path import POLISH, InitialState
-from identify.nonlinear.problem import Point, Problem, normal, point, run_of
+from identify.nonlinear.problem import Point, Problem, point, run_of
 from identify.nonlinear.real_car import (
     NonlinearEngine,
     RealCar,
@@ -113,13 +110,9 @@ def at_start() -> Point:
     return at
 
 
-def test_only_elements_with_a_size_have_a_place_among_what_a_fit_shows() -> None:
-    assert dict(engine(start()).elements) == {"F_cf": len(SHOWN) - 1}
-
-
 def test_the_parts_together_are_the_reduced_equations() -> None:
     at = at_start()
-    equations = normal(at)
+    equations = at.normal
     parts = engine(start()).parts(at)
     assert list(parts) == [FACTS, PRIORS, "run"]
     matrix, right, _ = reduced(equations, 0.0)
@@ -175,7 +168,7 @@ def test_the_shares_are_those_at_the_unknowns_that_are_asked_for() -> None:
 def test_residuals_are_in_si_and_each_channel_knows_its_freedom() -> None:
     """60 samples of 4 hubs, each less a level, and all less what 18 first values have taken."""
     at = at_start()
-    equations = normal(at)
+    equations = at.normal
     (one,) = residuals_of(at)
     assert one.label == "run"
     turns = 0.5 * np.where(np.arange(len(TIMES)) % 2, 1.0, -1.0)
@@ -201,7 +194,6 @@ def test_unknowns_without_a_finite_path_are_an_error() -> None:
 def test_runs_are_evaluated_side_by_side(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each call waits for the other."""
     monkeypatch.setattr("os.cpu_count", lambda: 2)
-    threads._threads.cache_clear()
     meet = Barrier(2, timeout=60.0)
 
     def call(number: int, factor: float) -> float:
@@ -209,33 +201,6 @@ def test_runs_are_evaluated_side_by_side(monkeypatch: pytest.MonkeyPatch) -> Non
         return number * factor
 
     assert threads.for_each_run(call, (1, 2), (10.0, 100.0)) == (10.0, 200.0)
-
-
-FORKS = """
-import os, threading, time
-os.cpu_count = lambda: 2
-from identify.nonlinear.path import for_each_run
-meet = threading.Barrier(2)
-for_each_run(lambda _: meet.wait(), (1, 2))  # both threads exist
-time.sleep(0.2)  # and have nothing to do
-child = os.fork()
-if child == 0:
-    os._exit(for_each_run(abs, (-3, -4))[1])
-print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
-"""
-
-
-def test_a_forked_process_has_its_own() -> None:
-    """Threads do not survive a fork: it would wait for ever."""
-    done = subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", FORKS],
-        cwd=Path(__file__).parents[3],
-        timeout=60.0,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert done.stdout == "4\n"
 
 
 # Unknowns of the elements: where damper curves bend, and within which bounds a fit stays ----------

@@ -216,7 +216,7 @@ def test_static_friction_joins_last_from_two_standard_deviations_on(
     begun = script.asked[3]
     assert begun.eta["r_cf"] == begun.eta["r_cr"] == (0.2 if joins else 0.0)
     if joins:
-        assert begun.options == {"tolerance": 0.05, "max_iterations": 40}
+        assert begun.options == {"tolerance": 0.05, "rough": 0.0, "max_iterations": 40}
 
 
 @pytest.mark.parametrize(
