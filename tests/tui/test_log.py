@@ -258,18 +258,18 @@ def test_a_status_has_a_line_for_each_of_its_parts() -> None:
     assert lines == [
         "idle: 3 of 4 runs",
         "campaign: it goes on",
-        "bus can0: ok, 9,000 frames/s, load 50%, 12,345 frames, 2 error frames, reopened 0",
-        "bus can1: ok, 3,031 frames/s, load 25%, 6,000 frames, 0 error frames, reopened 0",
-        "bus can2: disconnected, 0 frames/s, load 0%, 0 frames, 0 error frames, reopened 3",
-        "recording: 18,345 of 18,400 frames stored since the start",
-        "18,345 frames on the disk; journal 5 MB; queue 1 of 600 blocks, at most 5",
+        "bus can0: ok, 9,000 frames/s, load 50%, 12,345 frames, 2 error frames",
+        "bus can1: ok, 3,031 frames/s, load 25%, 6,000 frames, 0 error frames",
+        "bus can2: disconnected, 0 frames/s, load 0%, 0 frames, 0 error frames",
+        "recording: 18,345 of 18,400 frames stored since the start, 18,345 frames on the disk; "
+        "journal 5 MB",
         "in control: MK; 2 viewers",
         "ALARM bus_silent can0: no frame for 2 s (check the cable)",
         "ALARM disk_full: 1 GB left (make room)",
     ]
     stuck = replace(status, alarms=(Alarm("not_recording", "", "x", "y", 1),), controller="")
     lines = list(status_lines(stuck))
-    assert "NOT RECORDING for 2.5 s: 18,345 of 18,400 frames stored since the start" in lines
+    assert any(line.startswith("NOT RECORDING for 2.5 s: 18,345 of 18,400") for line in lines)
     assert "in control: no terminal; 2 viewers" in lines
     plain = replace(status, begun="", origin=Origin.REPLAYED)
     assert next(status_lines(plain)).startswith("Granada (replayed), into ")

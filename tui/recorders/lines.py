@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dbc import counted, plural
+from dbc import counted
 
 from ..diagnostics import ExitCode, say
 from ..output import print_session
@@ -60,11 +60,10 @@ def farewell(status: Status) -> str:
     if not status.recording:
         return f"ended between two campaigns: started again in {folder}, it begins the next one"
     done, planned = _progress(status)
-    frames = status.disk.recorded_frames
     return (
-        f"ended after {done} of {counted(planned, 'run')}, {frames:,} {plural(frames, 'frame')} on "
-        f"the disk: started again in {folder}, it continues this campaign; "
-        f"`bumpbench recover {folder}` builds its session"
+        f"ended after {done} of {counted(planned, 'run')}, "
+        f"{counted(status.disk.recorded_frames, 'frame')} on the disk: started again in {folder}, "
+        f"it continues this campaign; `bumpbench recover {folder}` builds its session"
     )
 
 
@@ -109,20 +108,15 @@ def status_lines(status: Status) -> Iterator[str]:
     for bus in status.buses:
         yield (
             f"bus {bus.name}: {bus.state}, {bus.frames_per_s:,.0f} frames/s, load {bus.load:.0%},"
-            f" {bus.frames:,} {plural(bus.frames, 'frame')}, {bus.error_frames:,} error"
-            f" {plural(bus.error_frames, 'frame')}, reopened {bus.reopened}"
+            f" {counted(bus.frames, 'frame')}, {counted(bus.error_frames, 'error frame')}"
         )
-    storage, queue, disk = status.storage, status.queue, status.disk
+    storage, disk = status.storage, status.disk
     is_late = any(alarm.code == "not_recording" for alarm in status.alarms)
     yield (
         f"{f'NOT RECORDING for {storage.late_s:.1f} s' if is_late else 'recording'}:"
-        f" {storage.stored_frames:,} of {storage.received_frames:,}"
-        f" {plural(storage.received_frames, 'frame')} stored since the start"
-    )
-    yield (
-        f"{disk.recorded_frames:,} {plural(disk.recorded_frames, 'frame')} on the disk;"
-        f" journal {disk.journal_bytes / 1e6:,.0f} MB;"
-        f" queue {queue.blocks} of {queue.room} blocks, at most {queue.high}"
+        f" {storage.stored_frames:,} of {counted(storage.received_frames, 'frame')} stored since"
+        f" the start, {counted(disk.recorded_frames, 'frame')} on the disk;"
+        f" journal {disk.journal_bytes / 1e6:,.0f} MB"
     )
     yield f"in control: {status.controller or 'no terminal'}; {counted(status.viewers, 'viewer')}"
     for alarm in status.alarms:
