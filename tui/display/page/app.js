@@ -89,7 +89,7 @@ function show() {
     text("mark", view.mark);
     text("title", view.title);
     text("instruction", view.instruction || "Nothing to bump now.");
-    $("instruction").hidden = view.instruction === view.headline.why && view.instruction !== "";
+    $("how").hidden = view.instruction === view.headline.why;
     document.body.classList.toggle("idle", !view.instruction);
     showAlarm(view.alarm, view.overload);
     drawIfChanged("rows", view.rows, () => drawProgress(view));
