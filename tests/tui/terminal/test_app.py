@@ -17,7 +17,6 @@ from tui.diagnostics import ExitCode
 from tui.display.link import Served
 from tui.terminal.app import BenchApp
 from tui.terminal.feed import STARTING, Lost, News, Role
-from tui.terminal.form import Form
 from tui.terminal.screens.bumping import HomeScreen, RunScreen
 from tui.terminal.widgets import HelpScreen
 from tui.terminal.words import DisplayLink, Signal, choose_glyphs
@@ -122,19 +121,6 @@ async def test_the_name_is_asked_for_once_if_nobody_has_said_it(
         assert app.operator == "Anna"
         assert Hello("Anna", control=True) in recorder.orders
         assert "op. Anna" in screen_text(app)
-
-
-async def test_the_form_proposes_the_name_of_the_login(
-    make_app: Callable[..., BenchApp], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("USER", "anna")
-    app = make_app(FakeRecorder())
-    app.operator = ""
-
-    async with app.run_test(size=(80, 24)) as pilot:
-        await pilot.pause()
-        await pilot.pause()
-        assert app.screen.query_one(Form).values["operator"] == "anna"
 
 
 class SlowRecorder(FakeRecorder):
@@ -404,25 +390,25 @@ async def test_the_bell_rings_in_the_rhythm_of_the_event_unless_it_is_muted(
         assert len(rung) == 10
 
 
-@pytest.mark.parametrize("name", ["vehicle", "run", "results"])
-async def test_a_lost_recorder_has_its_key_on_every_screen(make_app: Make, name: str) -> None:
+async def test_a_lost_recorder_has_its_key_on_every_screen(make_app: Make) -> None:
     recorder = FakeRecorder()
     recorder.mark("vehicle", "check")
     app = make_app(recorder)
     async with app.run_test(size=SMALL) as pilot:
         await pilot.pause()
-        await app.open(name)
-        if name == "vehicle":
-            await pilot.press("tab", "x", "escape")  # in a field it is a letter
-        recorder.post(Lost("the recorder has ended", "restart"))
-        await pilot.pause()
-        assert screen_text(app).startswith(" RECORDER LOST: X = start it again (in a field Esc")
-        await until(pilot, lambda: "X Start recorder" in screen_text(app).splitlines()[-1])
-        assert recorder.restarts == 0
-        await pilot.press("x")
-        await app.workers.wait_for_complete()
-        assert recorder.restarts == 1
-        recorder.post(STARTING)
-        await pilot.pause()
-        assert screen_text(app).startswith(" STARTING")
-        await until(pilot, lambda: "X Start recorder" not in screen_text(app))
+        for number, name in enumerate(("vehicle", "run", "results"), start=1):
+            await app.open(name)
+            if name == "vehicle":
+                await pilot.press("tab", "x", "escape")  # in a field it is a letter
+            recorder.post(Lost("the recorder has ended", "restart"))
+            await pilot.pause()
+            assert screen_text(app).startswith(" RECORDER LOST: X = start it again (in a field Esc")
+            await until(pilot, lambda: "X Start recorder" in screen_text(app).splitlines()[-1])
+            assert recorder.restarts == number - 1
+            await pilot.press("x")
+            await app.workers.wait_for_complete()
+            assert recorder.restarts == number
+            recorder.post(STARTING)
+            await pilot.pause()
+            assert screen_text(app).startswith(" STARTING")
+            await until(pilot, lambda: "X Start recorder" not in screen_text(app))

@@ -328,8 +328,7 @@ async def test_a_weight_is_added_edited_and_taken_off(make_app: Make) -> None:
 
 
 async def test_space_bolts_one_weight_after_the_other_and_goes_on(make_app: Make) -> None:
-    recorder = weighed()
-    app = make_app(recorder)
+    recorder, app = sunk_by_the_weights(make_app)
     async with app.run_test(size=(80, 24)) as pilot:
         await reach(pilot, MassesScreen)
         screen = app.screen
@@ -349,6 +348,7 @@ async def test_space_bolts_one_weight_after_the_other_and_goes_on(make_app: Make
         assert front(app) is not screen
         assert Mark("step masses done") in recorder.orders
         assert orders_of(recorder, Configure) == []
+        assert orders_of(recorder, OverrideWarning) == [], "the sag confirms them"
         assert not (app.folder / "draft_masses.json").exists()
 
 
@@ -381,15 +381,6 @@ async def test_a_weight_that_the_sag_contradicts_stops_space(make_app: Make) -> 
     assert isinstance(override, OverrideWarning)
     assert override.reason.startswith("weight 1 says 325 kg; the body sank as for 3")
     assert override.reason.endswith(": scale")
-
-
-async def test_weights_that_the_sag_confirms_go_on(make_app: Make) -> None:
-    recorder, app = sunk_by_the_weights(make_app)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await reach(pilot, MassesScreen)
-        await pressed(pilot, *["space"] * 10)
-        await until(pilot, lambda: Mark("step masses done") in recorder.orders)
-    assert orders_of(recorder, OverrideWarning) == []
 
 
 ENTRIES = (

@@ -33,7 +33,6 @@ from tui.terminal.feed import Role
 from tui.terminal.form import Form
 from tui.terminal.screens.base import BenchScreen
 from tui.terminal.screens.bumping import HomeScreen, RunScreen
-from tui.terminal.screens.masses import MassesScreen
 from tui.terminal.screens.vehicle import VehicleScreen
 from tui.terminal.widgets import HelpScreen, page_of
 
@@ -46,7 +45,6 @@ from .operated import (
     Make,
     Snapshot,
     at_every_size,
-    check_items,
     commands,
     measured,
     orders_of,
@@ -290,31 +288,6 @@ async def test_an_answer_in_one_burst_with_its_question(make_app: Make) -> None:
         # between that the focus is gone.
         await burst(pilot, "N", *["backspace"] * 8, "R", AppBlur(), "L", "enter")
         assert orders_of(recorder, Note) == [Note("RL")]
-
-
-def _masses() -> FakeRecorder:
-    recorder = FakeRecorder(check=check_items())
-    recorder.mark("vehicle", "check")
-    recorder.finish("baseline")
-    recorder.phase = Phase.IDLE
-    return recorder
-
-
-async def test_a_bar_code_line_fills_a_row_of_weights(make_app: Make) -> None:
-    app = make_app(_masses())
-    async with app.run_test(size=(80, 24)) as pilot:
-        await pilot.pause()
-        await app.open("masses")
-        await reach(pilot, MassesScreen)
-        await burst(
-            pilot, "a", *"M-07", "tab", *"20.00", "tab", *"0.02", "enter", "enter", "down", "enter"
-        )
-        typed = _typed(app)
-        assert (typed["serial"], typed["mass_kg"], typed["sigma_kg"]) == ("M-07", "20.00", "0.02")
-        assert typed["place"] == "FL"
-        await burst(pilot, "ctrl+s")
-        assert isinstance(app.screen, MassesScreen)
-        assert app.screen._entries[-1].serial == "M-07"
 
 
 SMALL = (80, 24)
