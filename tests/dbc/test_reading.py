@@ -84,6 +84,14 @@ LEFT_OUT = {
         signal('s : 0|32@1- (1,0) [0|0] ""', "SIG_VALTYPE_ 300 s ; 1;\n"),
         "Bad.s has a",
     ),
+    "type of no signal": (
+        signal('s : 0|32@1- (1,0) [0|0] ""', "SIG_VALTYPE_ 300 q : 1;\n"),
+        "16: SIG_VALTYPE_ 300 q names no signal",
+    ),
+    "type without an end": (
+        signal('s : 0|32@1- (1,0) [0|0] ""', 'SIG_VALTYPE_ 300 s : 1\nVAL_ 257 s 1 "a" ;\n'),
+        "16: Bad.s has a SIG_VALTYPE_",
+    ),
     "mistyped": (signal('s : 0|32@1- (1,0) [0|0] ""', "SIG_VLTYPE_ 300 s : 1;\n"), "16: Bad.s has"),
     "table": (signal('s : 0|8@1- (1,0) [0|0] ""', 'VAL_ 300 s 1 "a "b" c";\n'), "16: Bad.s has"),
     "role": (
@@ -151,6 +159,7 @@ REFUSED = {
     "prose": ("A bump test over CAN.\n", "not valid DBC"),
     "nul": ("VERSION \0", "binary"),
     "header only": (HEAD, "no messages"),
+    "type of which message": (f"{HEAD}{M}SIG_VALTYPE_ s : 1;\n", "of an unknown message"),
     "attribute": (f'{HEAD}{M}BA_ "GenMsgOther" BO_ 256 10;\n', "not a valid DBC: 'GenMsgOther'"),
     "huge": (signal('s : 0|999999@1- (1,0) [0|0] "g"'), "x.dbc:12: .* lies outside any payload"),
     "quotes": ('CM_ "\n' * 2000, "x.dbc:"),
