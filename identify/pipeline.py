@@ -146,7 +146,7 @@ def identify_parameters(
         if not estimation.holds:
             causes = swapped_or_late(linear)
     if not (estimation.holds or causes.findings) and (share := share_of_faults(linear)) < 1.0:
-        causes = first_cause(linear, (mistyped_weight,))
+        causes = first_cause(linear, (mistyped_weight,), 0.0)  # friction explains the rest
         if not causes.findings:
             real = None
             try:

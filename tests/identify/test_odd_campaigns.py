@@ -21,7 +21,7 @@ _LIKE_ANOTHER = (
     "a hub's weight ten times heavier", "a hub's weight on another hub", "hubs 5 ms late",
     "hubs of two corners swapped", "values of 1e300", "times begin at -10 s", "hubs only",
     "no noise", "a travel upside down", "pitch runs only", "a second bump in one run",
-    "travels drift by 1 mm/s", "one infinite value",
+    "travels drift by 1 mm/s", "one infinite value", "scales in lb", "a weight on the other axle",
 )  # fmt: skip
 """Found by the same rule as another one, here or in the list of stresses."""
 

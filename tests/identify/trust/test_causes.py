@@ -367,7 +367,7 @@ def test_a_run_that_is_left_out_moves_the_parameters_as_a_fit_of_the_others_show
 
 def test_some_runs_are_wrong_where_the_others_agree() -> None:
     assert some_runs_are_wrong(estimated("second_bump", 1))
-    assert not some_runs_are_wrong(estimated("damper", 1))
+    assert not some_runs_are_wrong(shortly_estimated("damper", 1))
 
 
 # Which parameters of a result that is not ok survive: each limit from both sides ------------------
