@@ -49,9 +49,8 @@ class Linearised:
 
     points: Mapping[str, Evaluated]
     """The model of each mass state."""
-    decays: Decays
     layout: Sequence[Alike]
-    """`decays`, `layout`: the decays, and how they are laid out."""
+    """How the decays are laid out."""
     linear: tuple[LinearPart, ...]
     """The linear part of each decay, fitted."""
     blocks: dict[str, NormalBlock]
@@ -186,7 +185,7 @@ def linearised(
     pairs = blocks_of(points, decays, products_of(points, decays, layout))
     blocks |= {decay.label: block for decay, (block, _) in zip(decays, pairs, strict=True)}
     linear = tuple(part for _, part in pairs)
-    return Linearised(points, decays, layout, linear, blocks)
+    return Linearised(points, layout, linear, blocks)
 
 
 def _sum(blocks: Mapping[str, NormalBlock]) -> NormalBlock:
