@@ -12,13 +12,12 @@ from numpy.typing import NDArray
 from daq.vehicle import parameter_unit
 from dbc.frames import freeze_arrays
 
-from ..decays.decay import FreeDecay, quiet_counts
+from ..decays.decay import quiet_counts
 from ..model.exponentials import spectrum
 from ..model.matrices import COMPLEX_STEP, Real, derived_quantities, stepped
 from .estimation import Estimation
 from .grey_box import SIGNED, GreyBox
-from .likelihood import Fit, Residuals, covariance_of
-from .varpro import NormalBlock
+from .likelihood import Fit, covariance_of
 
 COVERAGE_95 = 1.959964  # standard deviations, normal distribution
 LARGEST_SHARE = 0.25
@@ -231,44 +230,30 @@ def leave_one_out(estimation: Estimation) -> tuple[Prediction, ...]:
     """
     if len(estimation.decays) < 2:
         return ()
-    fit = estimation.fit
-    blocks = estimation.engine.normal_blocks(estimation.decays, estimation.sigma, fit.eta)
+    fit, noise, engine = estimation.fit, estimation.noise, estimation.engine
+    blocks = engine.normal_blocks(estimation.decays, estimation.sigma, fit.eta)
     whole = np.sum([block.information for block in blocks.values()], axis=0)
-    return tuple(
-        _predicted_run(estimation, decay, residuals, blocks[decay.label], whole)
-        for decay, residuals in zip(estimation.decays, estimation.residuals, strict=True)
-    )
-
-
-def _predicted_run(
-    estimation: Estimation, decay: FreeDecay, residuals: Residuals, block: NormalBlock, whole: Real
-) -> Prediction:
-    """Predict a run from all the others.
-
-    `residuals`, `block`: those of the run in the fit of all.  `whole`, (P, P): information of all
-    runs, facts and stated uncertainties.
-    """
-    box, fit, noise = estimation.box, estimation.fit, estimation.noise
-    of_others = covariance_of(whole - block.information)
-    freedom = sum(residuals.freedom.values())
-    fitted = _chi2(residuals.values, noise) / freedom
-    finite = np.where(np.isfinite(of_others), of_others, 0.0)
-    # Over a step that the others do not determine the problem is not linear, nor finite.
-    without = None
-    if determined(box, of_others).all():
-        with suppress(FloatingPointError):
-            eta = fit.eta - finite @ block.gradient
-            (without,) = estimation.engine.residuals((decay,), estimation.sigma, eta)
-    if without is None:
-        return Prediction(decay.label, fitted, np.nan, np.nan)
-    predicted = _chi2(without.values, noise) / freedom
     quiet = sum(quiet_counts(estimation.records).values()) if estimation.rest else 0
-    spread = 2.0 / freedom + 2.0 / (quiet or freedom)
-    by_parameters = float(np.trace(finite @ block.information)) / freedom
-    # Five standard deviations; clocks fitted to arrival times, and quantisation, may cause 0.05 in
-    # one run.
-    limit = 1.0 + by_parameters + max(0.05, 5.0 * float(np.sqrt(spread)))
-    return Prediction(decay.label, fitted, predicted, limit)
+    predictions = []
+    for decay, residuals in zip(estimation.decays, estimation.residuals, strict=True):
+        block = blocks[decay.label]
+        of_others = covariance_of(whole - block.information)
+        finite = np.where(np.isfinite(of_others), of_others, 0.0)
+        freedom = sum(residuals.freedom.values())
+        predicted = limit = np.nan
+        # Over a step that the others do not determine the problem is not linear, nor finite.
+        if determined(estimation.box, of_others).all():
+            with suppress(FloatingPointError):
+                eta = fit.eta - finite @ block.gradient
+                (without,) = engine.residuals((decay,), estimation.sigma, eta)
+                predicted = _chi2(without.values, noise) / freedom
+                by_parameters = float(np.trace(finite @ block.information)) / freedom
+                spread = 5.0 * float(np.sqrt(2.0 / freedom + 2.0 / (quiet or freedom)))
+                # Clocks fitted to arrival times, and quantisation, may cause 0.05 in one run.
+                limit = 1.0 + by_parameters + max(0.05, spread)
+        fitted = _chi2(residuals.values, noise) / freedom
+        predictions.append(Prediction(decay.label, fitted, predicted, limit))
+    return tuple(predictions)
 
 
 def _chi2(values: Mapping[str, Real], noise: Mapping[str, float]) -> float:
