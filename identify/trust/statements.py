@@ -19,6 +19,7 @@ from dbc.words import Finding, Severity
 
 from ..fit.estimation import Estimation
 from ..fit.grey_box import SIGNED, GreyBox
+from ..fit.likelihood import covariance_of
 from .finding import listed
 
 Array = NDArray[np.float64]
@@ -112,11 +113,11 @@ class _Stated:
         """Slopes in their sigmas, (n_stated, P)."""
         self.misfits = np.concatenate([of_facts, -pulls])
         """Misfits in their sigmas, (n_stated,)."""
-        covariance = estimation.fit.covariance
+        # Not the covariance of the fit: what widens that does not draw the fit to what is stated.
+        covariance = covariance_of(np.sum(list(estimation.fit.information.values()), axis=0))
+        self.covariance = np.where(np.isfinite(covariance), covariance, 0.0)
+        """Covariance of the unknowns by noise and statements, zero for those not released."""
         laws = np.zeros_like(covariance) if estimation.laws is None else estimation.laws
-        self.covariance = np.where(np.isfinite(covariance), covariance, 0.0) - laws
-        """Covariance of the unknowns that noise and statements cause; zero for those that were not
-        released."""
         noise = np.eye(len(self.rows)) - self.rows @ self.covariance @ self.rows.T
         self.redundancy = noise + self.rows @ laws @ self.rows.T
         """Covariance of the misfits, (n_stated, n_stated)."""
