@@ -6,7 +6,7 @@ from .decays.usable import usable_session
 from .fit.uncertainty import Estimate
 from .model.matrices import PhysicalModel
 from .model.matrices import physical_model as state_space
-from .modes.modal_model import ModalModel, Mode, mac, mode_names, mpc
+from .modes.modal_model import ModalModel, Mode, mac, mode_names
 from .modes.mode_selection import identify_modes
 from .modes.state_variable_method import (
     StabilisationDiagram,
@@ -33,7 +33,6 @@ __all__ = [
     "identify_parameters",
     "mac",
     "mode_names",
-    "mpc",
     "realised_modes",
     "stabilisation_diagram",
     "state_space",

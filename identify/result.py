@@ -18,7 +18,6 @@ import numpy as np
 
 import daq
 import dbc
-from daq.documents import html_line, html_table
 from daq.vehicle import VehicleGeometry
 
 from .fit.estimation import Estimation
@@ -27,7 +26,7 @@ from .fit.uncertainty import LARGEST_SHARE, Correlation, Estimate, ModeEstimate
 from .model.matrices import PhysicalModel
 from .modes.modal_model import ModalModel, Pairing
 from .trust.finding import Judgement, Verdict
-from .words import ends_text, unit_text, value_text
+from .words import unit_text
 
 if TYPE_CHECKING:
     from .nonlinear.forces import Forces
@@ -206,23 +205,6 @@ class Identification:
             "noise": dict(self.noise),
             "forces": _forces_entry(self.forces) if self.forces else None,
         }  # fmt: skip
-
-    def _repr_html_(self) -> str:
-        """Return verdict, findings and parameters as HTML for a notebook."""
-        quality = self.quality
-        fit = f"; chi2/n {quality.chi2_per_n:.3f}" if isfinite(quality.chi2_per_n) else ""
-        parts = [html_line(f"Verdict: {quality.verdict}{fit}")]
-        if quality.findings:
-            rows = [[f.text, str(Verdict.of(f.severity))] for f in quality.findings]
-            parts.append(html_table("Findings", ["finding", "severity"], rows))
-        if self.parameters:
-            rows = [
-                [name, value_text(e), ends_text(e) if e.std else "given", unit_text(e.unit)]
-                for name, e in self.parameters.items()
-            ]
-            columns = ["parameter", "estimate", "95 % interval", "unit"]
-            parts.append(html_table("Parameters", columns, rows))
-        return "".join(parts)
 
 
 def _entries(estimates: Mapping[str, Estimate]) -> dict[str, dict[str, float | str]]:

@@ -1,18 +1,19 @@
 """Maximum likelihood of modes on free decays: the last step of the modal identification.
 
 A free decay is a sum of ``shape amplitude exp(pole t)``.  A mode has one pole and one shape in all
-runs, and in each run its own amplitude; each channel has white noise of its own level.  Poles,
-shapes and amplitudes are found together by Levenberg-Marquardt, because an alternating fit
-converges very slowly where two modes have nearly one pole.  Amplitudes of one run are not coupled
-with those of another and are eliminated run by run: the cost grows with the number of runs, not
-with its cube.  All that a step needs from the samples are sums of products of ``exp(pole t)`` and
-``t exp(pole t)`` with each other and with the samples, each at its own time.
+runs, and in each run its own amplitude; each channel has white noise of its own level.  Poles and
+shapes are found together by Levenberg-Marquardt, with the best amplitudes for each: those of one
+run are not coupled with those of another, so the cost grows with the number of runs, not with its
+cube.
 
-The curvature of the likelihood gives the Cramer-Rao bound of every pole.
+A step needs the samples only as far as ``exp(pole t)`` and ``t exp(pole t)`` can follow them, which
+four numbers a mode describe (`condense`), however many samples there are.  The curvature of the
+likelihood gives the Cramer-Rao bound of every pole.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,23 +21,223 @@ from numpy.typing import NDArray
 
 from dbc.frames import freeze_arrays, read_only
 
+from ..model.chi_squared import exceeded_by_chance
+from ..model.exponentials import Series, series_of, waves, waves_of
 from .modal_model import ModalModel, vibrates
-from .samples import Samples, Sums, summed
 
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
 
-_RIDGE = 1e-13
-"""Ridge, relative; it matters only for poles that are equal to rounding."""
-_ROUNDING = 1e-16
-"""Ridge where the inverse itself is the result: weak shapes must not look better known."""
+FALSE_ALARM = 1e-3
+"""Probability with which noise alone makes a mode."""
+
+_UNKNOWN = 4e-14
+"""Share of a normal matrix's scale below which rounding decides a direction."""
+_RIDGE = 1e-16
+"""Ridge where an inverse itself is the result: weak shapes must not look better known."""
 _TINY = 1e-24
 """Share of a channel's power below which noise cannot be distinguished from rounding."""
 _CANCELLED = 1e-6
-"""Share of a channel's power below which squared residuals are summed sample by sample: as a
-difference of sums they would be rounding."""
-_MAX_GROWTH = 30.0
-"""Largest growth within the longest series, nepers; a faster growth would overflow."""
+"""Share of a channel's power below which sums of products would be rounding: the samples themselves
+are taken."""
+
+# Samples, and as much of them as modes can follow -------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """Samples of some channels in some runs, all at the same instants."""
+
+    time_s: _Real
+    """Times since the start of the decay, s, shape (n,)."""
+    values: _Real
+    """Samples, less their mean where the level is unknown, shape (n, n_runs, n_channels)."""
+    runs: NDArray[np.intp]
+    channels: NDArray[np.intp]
+    """`runs`, `channels`: their indices; each pair occurs in one block only."""
+    free_level: bool = False
+    """True if each series has its own unknown constant."""
+
+    def __post_init__(self) -> None:
+        level = self.values.mean(axis=0) if self.free_level else 0.0
+        object.__setattr__(self, "values", read_only(self.values - level))
+
+
+def even_blocks(decays: Sequence[_Real], rate_hz: float) -> tuple[Block, ...]:
+    """Return evenly sampled records, (n_i, n_channels), as blocks, one for each length."""
+    lengths = np.array([len(decay) for decay in decays])
+    channels = np.arange(decays[0].shape[1])
+    blocks = []
+    for length in sorted(set(lengths.tolist())):
+        runs = np.flatnonzero(lengths == length)
+        values = np.stack([decays[run] for run in runs.tolist()], axis=1)
+        blocks.append(Block(np.arange(length) / rate_hz, values, runs, channels))
+    return tuple(blocks)
+
+
+@dataclass(frozen=True, slots=True)
+class Samples:
+    """All blocks of samples; no channel may be all zeros."""
+
+    blocks: tuple[Block, ...]
+    series: tuple[Series, ...]
+    """The blocks laid out for sums with any poles, those that are sampled alike together."""
+    block: NDArray[np.intp]
+    """Number of the block of each series, -1 where there is none, (n_runs, n_channels)."""
+    power: _Real
+    """Sum of the squares of each series, (n_runs, n_channels)."""
+    count: _Real
+    """Number of samples of each channel, (n_channels,)."""
+
+    @property
+    def longest_s(self) -> float:
+        """Time of the last sample of the longest series, s."""
+        return max(float(block.time_s[-1]) for block in self.blocks)
+
+    def gain_by_noise(self, poles: _Complex) -> float:
+        """Return what modes with these poles may gain by following noise.
+
+        Each free number gains about 1, so a mode's gain is chi-squared distributed; and noise may
+        look like a mode at as many frequencies as there are samples, the best of which is chosen.
+        """
+        numbers = sum(self.block.shape)
+        chance = FALSE_ALARM / (self.count.sum() // len(self.count))
+        pairs = int(np.sum(poles.imag > 0.0))
+        gain = pairs * exceeded_by_chance(2 * numbers, chance)
+        return gain + (len(poles) - pairs) * exceeded_by_chance(numbers, chance)
+
+
+def gathered(blocks: Sequence[Block]) -> Samples:
+    """Gather some blocks, once for all fits of them."""
+    n_runs = 1 + max(int(block.runs.max()) for block in blocks)
+    n_channels = 1 + max(int(block.channels.max()) for block in blocks)
+    number = np.full((n_runs, n_channels), -1)
+    power, count = np.zeros((n_runs, n_channels)), np.zeros(n_channels)
+    for i, block in enumerate(blocks):
+        number[np.ix_(block.runs, block.channels)] = i
+        power[np.ix_(block.runs, block.channels)] = np.sum(block.values**2, axis=0)
+        count[block.channels] += len(block.time_s) * len(block.runs)
+    values = [block.values.reshape(len(block.time_s), -1) for block in blocks]
+    series = series_of([block.time_s for block in blocks], values)
+    return Samples(tuple(blocks), series, number, power, count)
+
+
+@dataclass(frozen=True, slots=True)
+class Condensed:
+    """Samples and exponentials in p orthonormal directions that the exponentials span.
+
+    Where levels are unknown, each function is taken less its mean: the part that a constant can
+    follow shows nothing about modes.
+    """
+
+    samples: Samples
+    poles: _Complex
+    """rad/s, shape (m,)."""
+    wave: _Complex
+    timed: _Complex
+    """`wave`, `timed`: ``exp(pole t)`` and ``t exp(pole t)`` for each series, (n_runs, n_channels,
+    p, m); zero where there is none."""
+    values: _Real
+    """Samples, (n_runs, n_channels, p)."""
+    beyond: _Real
+    """Sum of the squares of what no exponential can follow, (n_channels,)."""
+
+    def chosen(self, which: NDArray[np.intp]) -> Condensed:
+        """Return the samples with some of the poles."""
+        wave, timed = self.wave[..., which], self.timed[..., which]
+        return Condensed(self.samples, self.poles[which], wave, timed, self.values, self.beyond)
+
+
+def condense(samples: Samples, poles: _Complex) -> Condensed:
+    """Return all samples in the directions of the exponentials of some poles."""
+    m = len(poles)
+    functions = np.zeros((len(samples.blocks) + 1, 4 * m, 2 * m), complex)  # the last is block -1
+    values = np.zeros((*samples.block.shape, 4 * m))
+    for series in samples.series if m else ():
+        at = waves_of(series, poles)
+        total, (across, along) = at.sums(), at.grams()
+        whole = np.einsum("rii->ri", across.real)
+        is_free = np.array([samples.blocks[number].free_level for number in series.members])
+        level = total * (is_free / series.count)[:, None]
+        across = across - total.conj()[:, :, None] * level[:, None]
+        along = along - total[:, :, None] * level[:, None]
+        plus, minus = across + along, across - along
+        # Real parts of all functions, then their imaginary parts with the opposite sign.
+        gram = np.concatenate(
+            [
+                np.concatenate([plus.real, -plus.imag], axis=2),
+                np.concatenate([minus.imag, minus.real], axis=2),
+            ],
+            axis=1,
+        )
+        root, inverse = _roots(gram / 2.0, whole)
+        functions[list(series.members)] = root[..., : 2 * m] - 1j * root[..., 2 * m :]
+        coordinates = _real_parts(at.with_samples()) @ inverse
+        for number, each in zip(series.members, coordinates, strict=True):
+            runs, channels = samples.blocks[number].runs, samples.blocks[number].channels
+            values[np.ix_(runs, channels)] = each.reshape(len(runs), len(channels), -1)
+    beyond = (samples.power - np.sum(values**2, axis=2)).sum(axis=0)
+    power = samples.power.sum(axis=0)
+    if m and np.any(beyond < _CANCELLED * power):
+        beyond = np.zeros(len(power))
+        for number, block in enumerate(samples.blocks):
+            wave = waves(block.time_s, poles)
+            both = np.hstack([wave, block.time_s[:, None] * wave])
+            basis, root = np.linalg.qr(_real_parts(both - block.free_level * both.mean(axis=0)))
+            functions[number, : len(root)] = root[:, : 2 * m] - 1j * root[:, 2 * m :]
+            each = block.values.reshape(len(basis), -1)
+            coordinates = basis.T @ each
+            squares = np.sum((each - basis @ coordinates) ** 2, axis=0)
+            shape = len(block.runs), len(block.channels)
+            runs, channels = np.ix_(block.runs, block.channels)
+            values[runs, channels] = 0.0
+            values[runs, channels, : len(root)] = coordinates.T.reshape(*shape, -1)
+            beyond[block.channels] += squares.reshape(shape).sum(axis=0)
+    beyond += _TINY * power
+    wave, timed = functions[..., :m][samples.block], functions[..., m:][samples.block]
+    return Condensed(samples, poles, wave, timed, values, beyond)
+
+
+# Complex unknowns as real ones: the derivatives of the real part of ``c f`` by the real and by the
+# imaginary part of c are the real part of f and its imaginary part with the opposite sign.
+
+
+def _real_parts(functions: _Complex) -> _Real:
+    """Return real parts, and imaginary parts with the opposite sign, along the last axis."""
+    return np.concatenate([functions.real, -functions.imag], axis=-1)
+
+
+def _complex(parts: _Real) -> _Complex:
+    """Join real parts (the first half of the last axis) and imaginary parts."""
+    half = parts.shape[-1] // 2
+    return np.asarray(parts[..., :half] + 1j * parts[..., half:])
+
+
+def _unit(normal: _Real) -> tuple[_Real, _Real]:
+    """Return normal matrices with a diagonal of 1 or 0, and the factors that made it."""
+    diagonal = np.einsum("...ii->...i", normal)
+    scale = np.where(diagonal > 0.0, 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0)), 0.0)
+    return normal * scale[..., None, :] * scale[..., None], scale
+
+
+def _roots(normal: _Real, whole: _Real | None = None) -> tuple[_Real, _Real]:
+    """Return upper roots R of normal matrices, ``R^T R``, and their inverses, each (.., 2 k, 2 k).
+
+    Of each complex unknown the real part is in the first half, the imaginary part in the second.
+    Unknowns without effect are zero in both roots; what rounding decides is held by a ridge.
+
+    `whole`, (.., k): squares of which the matrices' rounding is a share, by default their own.
+    """
+    diagonal = np.einsum("...ii->...i", normal)
+    if whole is None:
+        whole = np.add(*np.split(diagonal, 2, axis=-1))
+    size = np.tile(np.sqrt(np.where(whole > 0.0, whole, 1.0)), 2)
+    unit = normal / (size[..., None, :] * size[..., None])
+    lower = np.linalg.cholesky(unit + _UNKNOWN * np.eye(unit.shape[-1]))
+    upper, has_effect = lower.swapaxes(-1, -2), diagonal > 0.0
+    inverse = np.linalg.inv(upper) * (has_effect / size)[..., None]
+    return upper * (has_effect * size)[..., None, :], inverse
+
 
 # Shapes, and the point of a fit -------------------------------------------------------------------
 
@@ -78,309 +279,110 @@ class Ties:
         members = np.maximum(self.member @ np.abs(self.sign), 1.0)
         return np.asarray((self.member @ (self.sign * shapes)) / members)
 
-    def free(self, turning: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Return which real and imaginary parts of the owners' shapes are free, (n_owners, 2 m)."""
-        moves = self.member @ np.abs(self.sign) > 0.0
-        return np.hstack([moves, moves & turning])
-
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """Poles, the amplitudes of each run, (n_runs, m), and the shapes of each owner."""
+    """Poles, the shapes of each owner, and the amplitudes of each run that fit best."""
 
-    sums: Sums
+    condensed: Condensed
     ties: Ties
-    amplitudes: _Complex
     shapes: _Complex
     """Shape (n_owners, m)."""
+    amplitudes: _Complex
+    """Shape (n_runs, m)."""
+    inverse: _Real
+    """Inverse root of the normal equations of the amplitudes, (n_runs, 2 m, 2 m)."""
+    residuals: _Real
+    """What the modes leave of the condensed samples, (n_runs, n_channels, p)."""
     squares: _Real
-    """Squared residuals of each channel."""
-    products: _Complex
-    """Sums of the functions times the residuals, (n_runs, n_channels, 2 m)."""
+    """Squared residuals of each channel, (n_channels,)."""
+
+    @property
+    def poles(self) -> _Complex:
+        """One of each conjugate pair, and real ones, rad/s, (m,)."""
+        return self.condensed.poles
+
+    @property
+    def channel_shapes(self) -> _Complex:
+        """Entries in each channel, (n_channels, m)."""
+        return self.ties.spread(self.shapes)
+
+    @property
+    def weight(self) -> _Real:
+        """Inverse variance of each channel's noise, (n_channels,)."""
+        return self.condensed.samples.count / self.squares
 
     @property
     def log_likelihood(self) -> float:
         """Twice the logarithm of the likelihood, without constants."""
-        count = self.sums.samples.count
-        return -float(np.sum(count * np.log(self.squares / count)))
+        return float(np.sum(self.condensed.samples.count * np.log(self.weight)))
 
     @property
     def merit(self) -> float:
         """Likelihood less what as many modes would gain from noise."""
-        return self.log_likelihood - self.sums.samples.gain_by_noise(self.sums.poles)
+        return self.log_likelihood - self.condensed.samples.gain_by_noise(self.poles)
 
     def least_needed(self) -> tuple[int, float]:
         """Return the mode whose absence costs the least likelihood, and about how much.
 
         The amplitudes of all other modes follow; their poles and shapes stay.
         """
-        weight = self.sums.samples.count / self.squares
-        m, turning = len(self.sums.poles), self.sums.poles.imag > 0.0
-        normal, scale = _unit(_run_normal(self.sums, self.ties.spread(self.shapes), weight))
-        inverse = np.linalg.inv(normal + _RIDGE * np.eye(2 * m)) * scale[:, None] * scale[..., None]
-        a, d = np.split(np.einsum("rii->ri", inverse), 2, axis=1)
-        b = np.einsum("rii->ri", inverse[:, :m, m:])
+        m, turning = len(self.poles), self.poles.imag > 0.0
+        covariance = self.inverse @ self.inverse.swapaxes(1, 2)
+        a, d = np.split(np.einsum("rii->ri", covariance), 2, axis=1)
+        b = np.einsum("rii->ri", covariance[:, :m, m:])
         x, y = self.amplitudes.real, self.amplitudes.imag
         pair = (d * x**2 - 2.0 * b * x * y + a * y**2) / np.maximum(a * d - b**2, 1e-300)
         costs = np.where(turning, pair, x**2 / np.maximum(a, 1e-300)).sum(axis=0)
         least = int(np.argmin(costs))
         return least, float(costs[least])
 
-    def with_best_shapes(self, weight: _Real) -> Point:
-        """Return the point with the shapes that fit best; `weight`: inverse noise variances."""
-        sums, ties = self.sums, self.ties
-        free = ties.free(sums.poles.imag > 0.0)
-        normal = _shape_normal(sums, ties, self.amplitudes, weight)
-        gradient = _shape_gradient(ties, self.amplitudes, self.products, weight)
-        step = _solved(np.where(free[:, :, None] & free[:, None], normal, 0.0), gradient * free)
-        return point_at(sums, ties, self.amplitudes, self.shapes + step)
-
     def without(self, mode: int) -> Point:
         """Return the point without a mode, all amplitudes and shapes fitted anew."""
-        kept = np.delete(np.arange(len(self.sums.poles)), mode)
-        shapes = self.ties.spread(self.shapes)[:, kept]
-        return fitted_at(self.sums.chosen(kept), shapes, self.ties.chosen(kept), 2)
+        kept = np.delete(np.arange(len(self.poles)), mode)
+        shapes = self.channel_shapes[:, kept]
+        return fitted_at(self.condensed.chosen(kept), shapes, self.ties.chosen(kept), 2)
 
 
-def point_at(sums: Sums, ties: Ties, amplitudes: _Complex, shapes: _Complex) -> Point:
-    """Return the point of given amplitudes and owners' shapes."""
-    samples, m = sums.samples, len(sums.poles)
-    residues = amplitudes[:, None] * ties.spread(shapes)
-    products = sums.target - sums.fitted(residues)
-    both = (sums.target + products)[..., :m]
-    squares = samples.power - np.einsum("rcm,rcm->c", residues, both).real
-    if np.any(squares < _CANCELLED * samples.power):
-        squares = np.zeros(samples.n_channels)
-        for block in samples.blocks:
-            left = block.residuals(sums.poles, residues)
-            squares[block.channels] += np.einsum("nrc,nrc->c", left, left)
-    return Point(sums, ties, amplitudes, shapes, squares + _TINY * samples.power, products)
+def point_at(condensed: Condensed, ties: Ties, shapes: _Complex, weight: _Real) -> Point:
+    """Return the point of given owners' shapes; `weight`: inverse noise variances."""
+    by_amplitude = _real_parts(condensed.wave * ties.spread(shapes)[:, None])
+    weighted = (by_amplitude * weight[:, None, None]).swapaxes(2, 3)
+    _, inverse = _roots((weighted @ by_amplitude).sum(axis=1))
+    solved, residuals = np.zeros((*inverse.shape[:2], 1)), condensed.values
+    for _ in range(3):  # the second and third time take back what the ridge holds
+        target = (weighted @ residuals[..., None]).sum(axis=1)
+        solved = solved + inverse @ (inverse.swapaxes(1, 2) @ target)
+        residuals = condensed.values - (by_amplitude @ solved[:, None])[..., 0]
+    amplitudes = _complex(solved[..., 0])
+    squares = np.einsum("rcp,rcp->c", residuals, residuals) + condensed.beyond
+    return Point(condensed, ties, shapes, amplitudes, inverse, residuals, squares)
 
 
-def fitted_at(sums: Sums, shapes: _Complex, ties: Ties, sweeps: int = 1) -> Point:
+def fitted_at(condensed: Condensed, shapes: _Complex, ties: Ties, sweeps: int = 1) -> Point:
     """Return the point of given poles near some shapes, (n_channels, m).
 
     In each sweep amplitudes and then shapes are fitted by least squares.
     """
-    samples, m = sums.samples, len(sums.poles)
-    weight = samples.count / samples.power
-    own = ties.owned(shapes)
+    samples = condensed.samples
+    owned = ties.owned(np.where(condensed.poles.imag > 0.0, shapes, shapes.real))
+    point = point_at(condensed, ties, owned, samples.count / samples.power.sum(axis=0))
     for _ in range(sweeps):
-        spread = ties.spread(own)
-        gradient = np.einsum("c,rcj->rj", weight, _real_gradient(spread, sums.target[..., :m]))
-        amplitudes = _solved(_run_normal(sums, spread, weight), gradient)
-        point = point_at(sums, ties, amplitudes, own).with_best_shapes(weight)
-        own = point.shapes
-        weight = samples.count / point.squares
+        point = _with_best_shapes(point)
     return point
 
 
-# Normal equations ---------------------------------------------------------------------------------
-#
-# The derivatives by the real and by the imaginary part of an unknown are the real parts of ``c f``
-# and of ``i c f``, where f is a function of its pole and c the product of what stands before it.
-
-
-def _real_block(first: _Complex, second: _Complex) -> _Real:
-    """Return the products of two families of derivatives, (..., 2 p, 2 q).
-
-    `first` and `second`, (..., p, q): ``conj(c_i) c_j`` times the sum of ``conj(f_i) f_j``, and
-    ``c_i c_j`` times that of ``f_i f_j``.  Of each family the real parts come first.
-    """
-    total, gap = first + second, first - second
-    p, q = first.shape[-2:]
-    out = np.empty((*first.shape[:-2], 2 * p, 2 * q))
-    out[..., :p, :q], out[..., :p, q:] = total.real, -total.imag
-    out[..., p:, :q], out[..., p:, q:] = gap.imag, gap.real
-    return out / 2.0
-
-
-def _real_gradient(coefficients: _Complex, products: _Complex) -> _Real:
-    """Return products of a family with residuals, (..., 2 p); `products` sums f times them."""
-    product = coefficients * products
-    return np.concatenate([product.real, -product.imag], axis=-1)
-
-
-def _complex(parts: _Real) -> _Complex:
-    """Join the real parts (the first half of the last axis) and the imaginary parts."""
-    half = parts.shape[-1] // 2
-    return np.asarray(parts[..., :half] + 1j * parts[..., half:])
-
-
-def _products(member: _Real, left: _Complex, right: _Complex) -> tuple[_Complex, _Complex]:
-    """Return the sums over the members of each block of ``conj(l_i) r_j`` and of ``l_i r_j``.
-
-    `member` (n_blocks, k): 1 or 0.  `left` and `right`, (k, m).  Each (n_blocks, m, m).
-    """
-    mine = left.T * member[:, None]
-    return mine.conj() @ right, mine @ right
-
-
-def _run_normal(sums: Sums, spread: _Complex, weight: _Real) -> _Real:
-    """Return the products of amplitudes with each other, (n_runs, 2 m, 2 m)."""
-    m, samples = len(sums.poles), sums.samples
-    across, along = _products(samples.of_channel, weight[:, None] * spread, spread)
-    by_run = samples.in_run.T
-    return _real_block(
-        np.tensordot(by_run, across * sums.mixed[:, :m, :m], 1),
-        np.tensordot(by_run, along * sums.plain[:, :m, :m], 1),
-    )
-
-
-def _shape_normal(sums: Sums, ties: Ties, amplitudes: _Complex, weight: _Real) -> _Real:
-    """Return the products of each owner's entries with each other, (n_owners, 2 m, 2 m)."""
-    m, samples = len(sums.poles), sums.samples
-    signs = (ties.sign[:, :, None] * ties.sign[:, None]).reshape(len(ties.sign), -1)
-    member = (ties.member * weight) * samples.of_channel[:, None]  # (n_blocks, n_owners, c)
-    squared = (member @ signs).reshape(*member.shape[:2], m, m)
-    across, along = _products(samples.in_run, amplitudes, amplitudes)
-    return _real_block(
-        np.einsum("boij,bij->oij", squared, across * sums.mixed[:, :m, :m]),
-        np.einsum("boij,bij->oij", squared, along * sums.plain[:, :m, :m]),
-    )
-
-
-def _shape_gradient(ties: Ties, amplitudes: _Complex, products: _Complex, weight: _Real) -> _Real:
-    """Return the products of each owner's entries with residuals, (n_owners, 2 m)."""
-    m = amplitudes.shape[1]
-    each = _real_gradient(ties.sign * amplitudes[:, None], products[..., :m]).sum(axis=0)
-    return np.asarray((ties.member * weight) @ each)
-
-
-def _unit(normal: _Real) -> tuple[_Real, _Real]:
-    """Return normal matrices with a diagonal of 1 or 0, and the factors that made it."""
-    diagonal = np.einsum("...ii->...i", normal)
-    scale = np.where(diagonal > 0.0, 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0)), 0.0)
-    return normal * scale[..., None, :] * scale[..., None], scale
-
-
-def _solved(normal: _Real, gradient: _Real) -> _Complex:
-    """Solve normal equations, stacked; unknowns without any effect are zero."""
-    scaled, scale = _unit(normal)
-    ridge = _RIDGE * np.eye(normal.shape[-1])
-    solution = np.linalg.solve(scaled + ridge, (scale * gradient)[..., None])[..., 0]
-    return _complex(scale * solution)
-
-
-@dataclass(frozen=True, slots=True)
-class System:
-    """Normal equations of the amplitudes of each run, and of what all runs have in common.
-
-    Common are the poles and then the shapes of each owner, N = 2 m (1 + n_owners) numbers.  All
-    have a diagonal of 1; unknowns that are held have zeros throughout.
-    """
-
-    runs: _Real
-    """Shape (n_runs, 2 m, 2 m)."""
-    border: _Real
-    """Products of amplitudes with common unknowns, (n_runs, 2 m, N)."""
-    common: _Real
-    """Shape (N, N)."""
-    by_runs: _Real
-    by_common: _Real
-    """`by_runs`, `by_common`: right-hand sides, (n_runs, 2 m) and (N,)."""
-    run_scale: _Real
-    common_scale: _Real
-    """`run_scale`, `common_scale`: units of the unknowns, (n_runs, 2 m) and (N,); 0 if held."""
-
-    def step(self, damping: float) -> tuple[_Complex, _Complex, _Complex]:
-        """Return the steps of poles (m,), amplitudes (n_runs, m) and shapes (n_owners, m)."""
-        n = self.by_runs.shape[1]
-        reduced, target, solved = self._without_runs(damping + _RIDGE)
-        reduced[np.diag_indices(n)] += damping
-        common = np.linalg.solve(reduced, target)
-        by_runs = solved[..., -1] - solved[..., :-1] @ common  # back into each run's equations
-        poles, *shapes = _complex((self.common_scale * common).reshape(-1, n))
-        return poles, _complex(self.run_scale * by_runs), np.array(shapes)
-
-    def pole_covariance(self) -> _Real:
-        """Return the covariance of the real and then the imaginary parts of the poles."""
-        n, scale = self.by_runs.shape[1], self.common_scale[: self.by_runs.shape[1]]
-        reduced, _, _ = self._without_runs(_ROUNDING)
-        across = reduced[:n, n:]
-        information = reduced[:n, :n] - across @ np.linalg.solve(reduced[n:, n:], across.T)
-        # A mode without information has no bound: its variance is left large.
-        unit, size = _unit(information)
-        strength, directions = np.linalg.eigh(unit)
-        inverse = (directions / np.maximum(strength, 1e-15)) @ directions.T
-        factor = scale * size
-        return np.asarray(inverse * factor * factor[:, None])
-
-    def _without_runs(self, ridge: float) -> tuple[_Real, _Real, _Real]:
-        """Eliminate the amplitudes after adding a ridge to all diagonals.
-
-        Returns the normal matrix of the common unknowns, its right-hand side, and each run's
-        inverse times its border and right-hand side, (n_runs, 2 m, N + 1).
-        """
-        n_runs, n, size = self.border.shape
-        rows = np.concatenate([self.border, self.by_runs[..., None]], axis=-1)
-        solved = np.linalg.solve(self.runs + ridge * np.eye(n), rows)
-        taken = self.border.reshape(-1, size).T @ solved.reshape(n_runs * n, -1)
-        reduced = self.common + _ROUNDING * np.eye(size) - taken[:, :-1]
-        return reduced, self.by_common - taken[:, -1], solved
-
-
-def linearised(point: Point) -> System:
-    """Return the normal equations at a point (Gauss-Newton)."""
-    sums, ties, q = point.sums, point.ties, point.amplitudes
-    n_runs, m = q.shape
-    weight, member = sums.samples.count / point.squares, ties.member
-    spread, n_owners = ties.spread(point.shapes), len(member)
-    weighted = member[:, None] * (ties.sign * weight[:, None]).T  # (n_owners, m, n_channels)
-    f, g = slice(m), slice(m, 2 * m)
-    samples, mixed, plain = sums.samples, sums.mixed, sums.plain
-    by_run, each = samples.in_run.T, q[:, None]
-    across, along = _products(samples.of_channel, weight[:, None] * spread, spread)
-    q_across, q_along = _products(samples.in_run, q, q)
-    # Of each block: (n_blocks, n_owners, m of shapes, m of functions).
-    signed = (weighted * samples.of_channel[:, None, None]) @ spread
-    turned = signed.swapaxes(2, 3)
-    # The derivative by a pole is ``s q g``, by an amplitude ``s f``, by a shape ``sign q f``.
-    common = np.zeros((1 + n_owners, 2 * m, 1 + n_owners, 2 * m))
-    border = np.zeros((n_runs, 1 + n_owners, 2 * m, 2 * m))
-    common[0, :, 0] = _real_block(
-        np.sum(across * q_across * mixed[:, g, g], axis=0),
-        np.sum(along * q_along * plain[:, g, g], axis=0),
-    )
-    border[:, 0] = _real_block(
-        each * np.tensordot(by_run, across * mixed[:, f, g], 1),
-        each * np.tensordot(by_run, along * plain[:, f, g], 1),
-    )
-    border[:, 1:] = _real_block(
-        each[:, None] * np.tensordot(by_run, turned.conj() * mixed[:, None, f, f], 1),
-        each[:, None] * np.tensordot(by_run, turned * plain[:, None, f, f], 1),
-    )
-    shapes_poles = _real_block(
-        np.einsum("boij,bij->oij", signed, q_across * mixed[:, f, g]),
-        np.einsum("boij,bij->oij", signed, q_along * plain[:, f, g]),
-    )
-    owners = np.arange(1, 1 + n_owners)
-    common[1:, :, 0], common[0, :, 1:] = shapes_poles, shapes_poles.transpose(2, 0, 1)
-    common[owners, :, owners] = _shape_normal(sums, ties, q, weight)
-
-    turning = sums.poles.imag > 0.0
-    free = np.vstack([np.append(np.ones(m, bool), turning), ties.free(turning)]).ravel()
-    # One amplitude of each mode sets the scale of its shape.
-    moving = np.ones((n_runs, 2, m), dtype=bool)
-    moving[:, 1] = turning
-    moving[np.argmax(np.abs(q), axis=0), :, np.arange(m)] = False
-    runs, run_scale = _unit(_run_normal(sums, spread, weight))
-    whole, common_scale = _unit(common.reshape(len(free), -1))
-    run_scale, common_scale = run_scale * moving.reshape(n_runs, -1), common_scale * free
-    held, kept = run_scale > 0.0, common_scale > 0.0
-    by_poles = _real_gradient(q[:, None] * spread, point.products[..., g])
-    by_poles = np.einsum("c,rcj->j", weight, by_poles)
-    by_shapes = _shape_gradient(ties, q, point.products, weight)
-    by_runs = np.einsum("c,rcj->rj", weight, _real_gradient(spread, point.products[..., f]))
-    return System(
-        runs * held[:, None] * held[..., None],
-        border.swapaxes(1, 2).reshape(n_runs, 2 * m, -1) * run_scale[..., None] * common_scale,
-        whole * kept * kept[:, None],
-        run_scale * by_runs,
-        common_scale * np.concatenate([by_poles, by_shapes.ravel()]),
-        run_scale,
-        common_scale,
-    )
+def _with_best_shapes(point: Point) -> Point:
+    """Return the point with the shapes that fit its amplitudes best, and their best amplitudes."""
+    condensed, ties = point.condensed, point.ties
+    factors = point.amplitudes[:, None] * ties.sign
+    by_shape = _real_parts(condensed.wave * factors[:, :, None])
+    weighted = (by_shape * point.weight[:, None, None]).swapaxes(2, 3)
+    target = (weighted @ point.residuals[..., None]).sum(axis=0)
+    _, inverse = _roots(np.einsum("oc,rcij->oij", ties.member, weighted @ by_shape))
+    along = np.einsum("oc,cij->oij", ties.member, target)
+    step = _complex((inverse @ (inverse.swapaxes(1, 2) @ along))[..., 0])
+    return point_at(condensed, ties, point.shapes + step, point.weight)
 
 
 # The fit ------------------------------------------------------------------------------------------
@@ -396,6 +398,98 @@ _DAMPING = 1e-3
 _FAR = 1.0
 """Least damping after a first step that fails: the start is far from the optimum."""
 _MAX_DAMPING = 1e8
+_MAX_GROWTH = 30.0
+"""Largest growth within the longest series, nepers; a faster growth would overflow."""
+
+
+@dataclass(frozen=True, slots=True)
+class System:
+    """Normal equations of the poles and then the shapes of each owner, N = 2 m (1 + n_owners).
+
+    The amplitudes are eliminated.  All have a diagonal of 1; unknowns that are held have zeros.
+    """
+
+    n_poles: int
+    normal: _Real
+    gradient: _Real
+    """`normal`, `gradient`: shapes (N, N) and (N,)."""
+    scale: _Real
+    """Units of the unknowns, (N,); 0 if held."""
+
+    def solved(self, damping: float) -> _Real:
+        """Return the step of all unknowns in their units."""
+        damped = self.normal + (damping + _UNKNOWN) * np.eye(len(self.scale))
+        return np.asarray(np.linalg.solve(damped, self.gradient))
+
+    @property
+    def promised_gain(self) -> float:
+        """Gain of likelihood by a whole step, if the equations were linear."""
+        return float(self.gradient @ self.solved(0.0))
+
+    def step(self, damping: float) -> tuple[_Complex, _Complex]:
+        """Return the steps of poles, (m,), and shapes, (n_owners, m)."""
+        step = self.scale * self.solved(damping)
+        poles, *shapes = _complex(step.reshape(-1, 2 * self.n_poles))
+        return poles, np.array(shapes)
+
+    def pole_covariance(self) -> _Real:
+        """Return the covariance of the real and then the imaginary parts of the poles."""
+        n = 2 * self.n_poles
+        normal = self.normal + np.diag((self.scale == 0.0) + _RIDGE)
+        across = normal[:n, n:]
+        information = normal[:n, :n] - across @ np.linalg.solve(normal[n:, n:], across.T)
+        # A mode without information has no bound: its variance is left large.
+        unit, size = _unit(information)
+        strength, directions = np.linalg.eigh(unit)
+        inverse = (directions / np.maximum(strength, 1e-15)) @ directions.T
+        factor = self.scale[:n] * size
+        return np.asarray(inverse * factor * factor[:, None])
+
+
+def linearised(point: Point) -> System:
+    """Return the normal equations at a point (Gauss-Newton)."""
+    condensed, ties, m, weight = point.condensed, point.ties, len(point.poles), point.weight
+    point = point_at(condensed, ties, point.shapes, weight)
+    each_run = point.amplitudes[:, None]
+    factors = point.channel_shapes, each_run * ties.sign, each_run * point.channel_shapes
+    functions = condensed.wave, condensed.wave, condensed.timed
+    table = np.concatenate(
+        [
+            _real_parts(function * factor[..., None, :])
+            for function, factor in zip(functions, factors, strict=True)
+        ],
+        axis=-1,
+    )
+    weighted = (table * weight[:, None, None]).swapaxes(2, 3)
+    products, gradients = weighted @ table, (weighted @ point.residuals[..., None])[..., 0]
+    amplitude, shape, pole = (slice(start, start + 2 * m) for start in (0, 2 * m, 4 * m))
+    member, n_owners = ties.member, len(ties.member)
+    owners = np.arange(1, 1 + n_owners)
+    border = np.empty((len(products), 2 * m, 1 + n_owners, 2 * m))
+    border[:, :, 0] = products[:, :, amplitude, pole].sum(axis=1)
+    border[:, :, 1:] = np.einsum("oc,rcij->rioj", member, products[:, :, amplitude, shape])
+    normal = np.zeros((1 + n_owners, 2 * m, 1 + n_owners, 2 * m))
+    normal[0, :, 0] = products[:, :, pole, pole].sum(axis=(0, 1))
+    normal[owners, :, owners] = np.einsum("oc,rcij->oij", member, products[:, :, shape, shape])
+    normal[1:, :, 0] = np.einsum("oc,rcij->oij", member, products[:, :, shape, pole])
+    normal[0, :, 1:] = normal[1:, :, 0].transpose(2, 0, 1)
+    gradient = np.vstack(
+        [
+            gradients[:, :, pole].sum(axis=(0, 1)),
+            np.einsum("oc,rci->oi", member, gradients[:, :, shape]),
+        ]
+    )
+    # Amplitudes are eliminated run by run; they are the best ones, and add nothing to the gradient.
+    through = point.inverse.swapaxes(1, 2) @ border.reshape(len(border), 2 * m, -1)
+    through = through.reshape(-1, gradient.size)
+    reduced = normal.reshape(gradient.size, -1) - through.T @ through
+    # The largest entry of each shape sets its scale.
+    free = np.ones((1 + n_owners, 2, m), dtype=bool)
+    free[1 + np.argmax(np.abs(point.shapes), axis=0), :, np.arange(m)] = False
+    _, scale = _unit(normal.reshape(gradient.size, -1))
+    scale *= free.ravel()
+    unit = reduced * scale * scale[:, None]
+    return System(m, unit, scale * gradient.ravel(), scale)
 
 
 @dataclass(frozen=True, slots=True)
@@ -413,18 +507,18 @@ class LikelyModes:
     @property
     def poles(self) -> _Complex:
         """One of each conjugate pair, and real ones, in the order of the start, rad/s, (m,)."""
-        return self.point.sums.poles
+        return self.point.poles
 
     @property
     def shapes(self) -> _Complex:
         """Entries in each channel, (n_channels, m)."""
-        return self.point.ties.spread(self.point.shapes)
+        return self.point.channel_shapes
 
     @property
     def noise(self) -> _Real:
         """Standard deviation of each channel, (n_channels,)."""
-        count = self.point.sums.samples.count
-        return np.asarray(np.sqrt(self.point.squares / count / _share(self.n_unknowns, count)))
+        share = _share(self.n_unknowns, self.point.condensed.samples.count)
+        return np.asarray(np.sqrt(1.0 / self.point.weight / share))
 
     def model(self) -> ModalModel:
         """Return the modes that vibrate, with their deviations by the Cramer-Rao bound."""
@@ -436,8 +530,8 @@ class LikelyModes:
             np.sqrt(np.einsum("ij,jk,ik->i", slope, self.pole_covariance, slope))
             for slope in (by_frequency.reshape(m, -1), by_damping.reshape(m, -1))
         )
-        longest_s = max(float(block.time_s[-1]) for block in self.point.sums.samples.blocks)
-        which = vibrates(poles) & (size * longest_s > 2.0 * np.pi * _LEAST_PERIODS)
+        periods = size * self.point.condensed.samples.longest_s / (2.0 * np.pi)
+        which = vibrates(poles) & (periods > _LEAST_PERIODS)
         return ModalModel(
             poles[which], self.shapes[:, which], frequency_std_hz[which], damping_std[which]
         )
@@ -460,10 +554,13 @@ def most_likely_modes(
     is clearly out of reach, the fit ends unsettled.
     """
     ties = ties or Ties.none(len(shapes), len(poles))
-    start = point = fitted_at(summed(samples, poles), shapes, ties)
+    start = point = fitted_at(condense(samples, poles), shapes, ties)
     damping = _DAMPING
+    system = linearised(point)
     for _ in range(most_steps):
-        system, before = linearised(point), point.log_likelihood
+        if system.promised_gain < settled:
+            break
+        before = point.log_likelihood
         while damping < _MAX_DAMPING:
             trial = _moved(point, system, damping)
             if trial:
@@ -471,10 +568,11 @@ def most_likely_modes(
                 break
             damping = max(damping * 10.0, _FAR if point is start else 0.0)
         gain = point.log_likelihood - before
+        system = linearised(point)
         if gain < settled or _REACH * gain < wanted - point.log_likelihood:
             break
-    system = linearised(point)
-    n_unknowns = int(np.sum(system.run_scale > 0.0) + np.sum(system.common_scale > 0.0))
+    turning = np.where(point.poles.imag > 0.0, 2, 1)
+    n_unknowns = int(np.sum(system.scale > 0.0) + len(point.amplitudes) * turning.sum())
     covariance = system.pole_covariance() / _share(n_unknowns, samples.count)
     return LikelyModes(point, read_only(covariance), n_unknowns)
 
@@ -486,14 +584,14 @@ def _share(n_unknowns: int, count: _Real) -> float:
 
 def _moved(point: Point, system: System, damping: float) -> Point | None:
     """Return the point after a step; None if it is not better."""
-    samples = point.sums.samples
-    by_poles, by_amplitudes, by_shapes = system.step(damping)
-    poles = point.sums.poles + by_poles
-    longest_s = max(float(block.time_s[-1]) for block in samples.blocks)
-    turning = point.sums.poles.imag > 0.0
-    if np.any(poles.imag[turning] <= 0.0) or np.any(poles.real * longest_s > _MAX_GROWTH):
+    samples = point.condensed.samples
+    by_poles, by_shapes = system.step(damping)
+    poles = point.poles + by_poles
+    is_pair = point.poles.imag > 0.0
+    is_growing = poles.real * samples.longest_s > _MAX_GROWTH
+    if np.any(poles.imag[is_pair] <= 0.0) or np.any(is_growing):
         return None
-    amplitudes, shapes = point.amplitudes + by_amplitudes, point.shapes + by_shapes
-    trial = point_at(summed(samples, poles), point.ties, amplitudes, shapes)
-    trial = trial.with_best_shapes(samples.count / point.squares)
+    condensed = condense(samples, poles)
+    trial = point_at(condensed, point.ties, point.shapes + by_shapes, point.weight)
+    trial = _with_best_shapes(trial)
     return trial if trial.log_likelihood >= point.log_likelihood else None

@@ -7,16 +7,13 @@ undamped natural frequency and the damping ratio of a single oscillator with tha
 
 from __future__ import annotations
 
-from cmath import phase
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from math import degrees, isfinite
 
 import numpy as np
 from numpy.typing import NDArray
 
 from daq.channels import TIME_DERIVATIVE, Channel
-from daq.documents import html_table
 from daq.vehicle import DOF, VehicleGeometry
 from dbc.frames import freeze_arrays, read_only
 from dbc.words import InputError
@@ -106,25 +103,6 @@ class ModalModel:
         """Shares of critical damping, (m,)."""
         return np.asarray(-self.poles.real / np.abs(self.poles))
 
-    def _repr_html_(self) -> str:
-        """Return frequencies, damping ratios and shapes as HTML, for a notebook."""
-        stds = zip(self.frequency_std_hz.tolist(), self.damping_ratio_std.tolist(), strict=True)
-        rows = []
-        for number, (mode, std) in enumerate(zip(self.modes, stds, strict=True), start=1):
-            of_frequency, of_damping = (f"{s:.2g}" if isfinite(s) else "" for s in std)
-            angles = [degrees(phase(e)) + 0.0 if abs(e) > 1e-9 else 0.0 for e in mode.shape]
-            entries = zip(mode.shape, angles, strict=True)
-            rows.append(
-                [
-                    *(str(number), f"{mode.frequency_hz:.4f}", of_frequency),
-                    *(f"{mode.damping_ratio:.4f}", of_damping),
-                    *(f"{abs(entry):.2f} ∠ {angle:.0f}°" for entry, angle in entries),
-                ]
-            )
-        names = [f"entry {i}" for i in range(1, len(self.shapes) + 1)]  # channels, or freedoms
-        columns = ["mode", "frequency, Hz", "std", "damping ratio", "std", *names]
-        return html_table(f"{len(self)} modes", columns, rows)
-
 
 def modes_of(A: NDArray[np.float64]) -> ModalModel:
     """Return the modes of a state matrix (2n, 2n) for the state (X, dX/dt), shapes in X (Eq. 12).
@@ -152,17 +130,6 @@ def mac(left: NDArray[np.complex128], right: NDArray[np.complex128]) -> NDArray[
     product = np.abs(left.conj().T @ right) ** 2
     size = np.multiply.outer(np.sum(np.abs(left) ** 2, axis=0), np.sum(np.abs(right) ** 2, axis=0))
     return np.asarray(np.divide(product, size, out=np.zeros_like(product), where=size > 0.0))
-
-
-def mpc(shapes: NDArray[np.complex128]) -> NDArray[np.float64]:
-    """Return the modal phase collinearity of shapes (n, m), all of one kind of entries, (m,).
-
-    1 if all points move in phase or opposite phase; 0 for a travelling wave.
-    """
-    xx = np.sum(shapes.real**2, axis=0)
-    yy = np.sum(shapes.imag**2, axis=0)
-    xy = np.sum(shapes.real * shapes.imag, axis=0)
-    return np.asarray(((xx - yy) ** 2 + 4.0 * xy**2) / (xx + yy) ** 2)
 
 
 def sensor_rows(channels: Sequence[Channel], geometry: VehicleGeometry) -> NDArray[np.float64]:
@@ -280,13 +247,11 @@ class Pairing:
     """Indices of the paired modes in either model, the baseline's ascending."""
     mac: NDArray[np.float64]
     """MAC of each pair, 0 to 1, shape (k,)."""
-    margin: NDArray[np.float64]
-    """MAC of the pair less the largest MAC of either mode with any third, shape (k,)."""
     swapped: tuple[tuple[int, int], ...]
     """Pairs of baseline modes whose partners are in the opposite order of frequency."""
 
     def __post_init__(self) -> None:
-        freeze_arrays(self, "baseline", "added", "mac", "margin")
+        freeze_arrays(self, "baseline", "added", "mac")
 
 
 def pair_modes(baseline: ModalModel, added: ModalModel) -> Pairing:
@@ -303,19 +268,13 @@ def pair_modes(baseline: ModalModel, added: ModalModel) -> Pairing:
         )
     likeness = mac(baseline.shapes, added.shapes)
     rows, columns = best_pairs(likeness)
-    chosen = likeness[rows, columns]
-    rivals = likeness.copy()
-    rivals[rows, columns] = 0.0
-    rival = np.maximum(
-        rivals.max(axis=1, initial=0.0)[rows], rivals.max(axis=0, initial=0.0)[columns]
-    )
     swapped = tuple(
         (int(rows[i]), int(rows[j]))
         for i in range(len(rows))
         for j in range(i + 1, len(rows))
         if columns[i] > columns[j]
     )
-    return Pairing(rows, columns, chosen, chosen - rival, swapped)
+    return Pairing(rows, columns, likeness[rows, columns], swapped)
 
 
 # Finds copies: poles that a fit keeps separate although they are one mode -------------------------

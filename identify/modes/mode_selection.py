@@ -23,11 +23,20 @@ from math import ceil
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..model import exponentials
 from ..model.chi_squared import exceeded_by_chance
-from .modal_likelihood import LikelyModes, Point, Ties, fitted_at, most_likely_modes
+from .modal_likelihood import (
+    FALSE_ALARM,
+    LikelyModes,
+    Point,
+    Samples,
+    Ties,
+    condense,
+    even_blocks,
+    fitted_at,
+    gathered,
+    most_likely_modes,
+)
 from .modal_model import ModalModel, originals, vibrates
-from .samples import FALSE_ALARM, Samples, even_blocks, gathered, summed
 from .state_variable_method import (
     DelaySpace,
     Poles,
@@ -105,7 +114,7 @@ def _modes(records: Sequence[ArrayLike], rate_hz: float, *, settled: bool) -> Mo
     if model is None:
         few = gathered(even_blocks(_strongest(scaled), rate_hz))
         start = _best_start(spaces, few, max(len(decay) for decay in scaled) / rate_hz)
-        poles, shapes = start.sums.poles, start.ties.spread(start.shapes)
+        poles, shapes = start.poles, start.channel_shapes
         if settled and len(poles):
             samples = gathered(even_blocks(scaled, rate_hz))
             model = likely_modes(samples, poles, shapes, sorting=few).model()
@@ -174,10 +183,10 @@ def _best_start(spaces: Sequence[DelaySpace], samples: Samples, duration_s: floa
         )
         if 2 * len(poles) >= most and not is_repeated:
             sets.append((poles, shapes))
-    nothing = np.zeros(0, complex), np.zeros((samples.n_channels, 0), complex)
+    nothing = np.zeros(0, complex), np.zeros((len(samples.count), 0), complex)
     sets = sets[:: max(1, ceil(len(sets) / _MOST_SETS))] or [nothing]
     starts = (
-        fitted_at(summed(samples, poles), shapes, Ties.none(*shapes.shape), sweeps=2)
+        fitted_at(condense(samples, poles), shapes, Ties.none(*shapes.shape), sweeps=2)
         for poles, shapes in sets
     )
     return _without_needless(max(starts, key=lambda start: start.merit))
@@ -185,7 +194,7 @@ def _best_start(spaces: Sequence[DelaySpace], samples: Samples, duration_s: floa
 
 def _without_needless(point: Point, least: int = 0) -> Point:
     """Remove one mode after the other as long as this raises the merit, and `least` remain."""
-    while len(point.sums.poles) > least:
+    while len(point.poles) > least:
         fewer = point.without(point.least_needed()[0])
         if fewer.merit <= point.merit:
             break
@@ -226,7 +235,7 @@ def likely_modes(
     for _ in range(_SORTING_FITS):
         modes = most_likely_modes(sorting, *start, _SORTING_STEPS)
         needed = _without_needless(modes.point, 1)
-        start = needed.sums.poles, needed.ties.spread(needed.shapes), needed.ties
+        start = needed.poles, needed.channel_shapes, needed.ties
         kept = originals(*start[:2], needed.amplitudes)
         start = start[0][kept], start[1][:, kept], start[2].chosen(kept)
         if len(kept) == len(modes.poles):
@@ -235,7 +244,7 @@ def likely_modes(
     if held:
         floating = gathered([replace(block, free_level=True) for block in samples.blocks])
         gains = [
-            fitted_at(summed(each, start[0]), *start[1:]).log_likelihood
+            fitted_at(condense(each, start[0]), *start[1:]).log_likelihood
             for each in (floating, samples)
         ]
         n_levels = sum(block.values[0].size for block in held)
@@ -276,7 +285,7 @@ def _chosen(modes: LikelyModes, which: NDArray[np.intp]) -> Start:
 
 def _better(modes: LikelyModes, start: Start) -> LikelyModes | None:
     """Return the modes from another start; None if their merit is not above that of some modes."""
-    samples = modes.point.sums.samples
+    samples = modes.point.condensed.samples
     wanted = modes.point.merit + samples.gain_by_noise(start[0])
     trial = most_likely_modes(samples, *start, wanted=wanted, settled=_ROUGH)
     return trial if trial.point.log_likelihood > wanted else None
@@ -284,16 +293,11 @@ def _better(modes: LikelyModes, start: Start) -> LikelyModes | None:
 
 def _split(modes: LikelyModes) -> Start:
     """Return the modes with a second one next to the mode that hides it best."""
-    samples, ties = modes.point.sums.samples, modes.point.ties
-    poles, m = modes.poles, len(modes.poles)
-    pattern = np.zeros((m, samples.n_channels, samples.n_runs), dtype=complex)
-    residues = modes.point.amplitudes[:, None] * modes.shapes
-    for block in samples.blocks:
-        left = block.residuals(poles, residues) / modes.noise[block.channels]
-        slope = block.time_s[:, None] * exponentials.waves(block.time_s, poles)
-        slope /= np.linalg.norm(slope, axis=0) + np.finfo(float).tiny  # may decay at once
-        seen = np.einsum("nm,nrc->mcr", slope.conj(), left, optimize=True)
-        pattern[np.ix_(np.arange(m), block.channels, block.runs)] = seen
+    poles, ties = modes.poles, modes.point.ties
+    residuals = modes.point.residuals / modes.noise[:, None]
+    slope = modes.point.condensed.timed
+    size = np.linalg.norm(slope, axis=2, keepdims=True) + np.finfo(float).tiny  # may decay at once
+    pattern = np.einsum("rcpm,rcp->mcr", (slope / size).conj(), residuals)
     u, strength, _ = np.linalg.svd(pattern * np.abs(ties.sign.T)[..., None])
     hiding = int(np.argmax(np.where(poles.imag > 0.0, strength[:, 0], -1.0)))
     shape = u[hiding, :, 0] * modes.noise

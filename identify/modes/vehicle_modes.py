@@ -19,10 +19,17 @@ from dbc.words import InputError
 from ..decays.decay import FreeDecay, Record, Recording, onset_s
 from ..model.chi_squared import exceeded_by_chance
 from ..model.matrices import N_DOF
-from .modal_likelihood import LikelyModes, Ties, most_likely_modes
+from .modal_likelihood import (
+    FALSE_ALARM,
+    Block,
+    LikelyModes,
+    Samples,
+    Ties,
+    gathered,
+    most_likely_modes,
+)
 from .modal_model import ModalModel, vibrates
 from .mode_selection import likely_modes, regression_modes
-from .samples import FALSE_ALARM, Block, Samples, gathered
 from .state_variable_method import StabilisationDiagram, stabilisation_diagram
 
 # Left and right: the effect of a mirror on the sensors of a vehicle, and on its modes -------------
@@ -210,7 +217,7 @@ def _mirrored_modes(
     if np.sum(vibrates(tied.poles)) > N_DOF:  # a mode of neither kind is found in both
         return None
     numbers = len(tied.poles) + int(np.sum(tied.poles.imag > 0.0))
-    more = (samples.n_channels + samples.n_runs) * numbers - tied.n_unknowns
+    more = sum(samples.block.shape) * numbers - tied.n_unknowns
     if not more:
         return tied
     against = tied.point.log_likelihood + exceeded_by_chance(more, FALSE_ALARM)

@@ -1,4 +1,4 @@
-"""A comparison of sessions as sections of a page."""
+"""A comparison of sessions as a page."""
 
 from __future__ import annotations
 
@@ -32,6 +32,7 @@ from .page import (
     shared_legend,
 )
 from .parameters import about_zero
+from .typeset import drawing, page_html
 
 if TYPE_CHECKING:
     from matplotlib.figure import FigureBase
@@ -48,6 +49,18 @@ METHOD = (
     "common, which makes the standard deviation of a difference too large rather than too small. "
     "Differences are significant at 95 % among all that are listed (Holm)."
 )
+
+
+def comparison_html(comparison: Comparison) -> str:
+    """Typeset a comparison of sessions, with its JSON document as data, as HTML."""
+    return page_html(
+        "comparison.jinja",
+        {"comparison": comparison.document()},
+        drawing=drawing,
+        sections=comparison_sections(comparison),
+        comparison=comparison,
+        headline=headline_of(comparison),
+    )
 
 
 def comparison_sections(comparison: Comparison) -> tuple[Section, ...]:

@@ -22,11 +22,9 @@ from markupsafe import Markup, escape
 
 from daq.documents import json_in_html
 
-from ..compare import Comparison
 from ..trust.finding import Verdict
 from ..words import HEADLINE, MEANING, SEVERITY, SYMBOL, plain, survival_lines
 from .cars import moving_car, still_cars
-from .comparison import comparison_sections, headline_of
 from .page import FAINT, INK, PALETTE, Block, Gallery, MovingCars, Picture, Report, Table, svg_of
 
 NOTHING_TO_DO = (
@@ -71,7 +69,7 @@ def html_of(report: Report, begun: Mapping[str, Future[Markup]] = MappingProxyTy
 
     `begun`: pictures that are drawn elsewhere (`drawings`).
     """
-    return _page(
+    return page_html(
         "report.jinja",
         {"identification": report.result.document(report.source.sha256)},
         drawing=lambda p: begun[p.key].result() if p.key in begun else drawing(p),
@@ -90,19 +88,8 @@ def html_of(report: Report, begun: Mapping[str, Future[Markup]] = MappingProxyTy
     )
 
 
-def comparison_html(comparison: Comparison) -> str:
-    """Typeset a comparison of sessions, with its JSON document as data, as HTML."""
-    return _page(
-        "comparison.jinja",
-        {"comparison": comparison.document()},
-        drawing=drawing,
-        sections=comparison_sections(comparison),
-        comparison=comparison,
-        headline=headline_of(comparison),
-    )
-
-
-def _page(name: str, documents: Mapping[str, Mapping[str, object]], **content: object) -> str:
+def page_html(name: str, documents: Mapping[str, Mapping[str, object]], **content: object) -> str:
+    """Fill a template of this folder; `documents`: data in the page, by the name of its element."""
     room = files(__package__)
     environment = jinja2.Environment(
         autoescape=True,

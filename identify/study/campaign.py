@@ -36,7 +36,7 @@ from ..fit.uncertainty import COVERAGE_95, Estimate, estimates
 from ..model.matrices import delta_mass, physical_model
 from ..model.response import Bump, exact_response
 from ..modes.modal_model import sensor_rows
-from .result import Column, DotPanel, Dots, Study, percent, rows_of
+from .result import Column, Study, percent, rows_of
 
 Floats = NDArray[np.float64]
 
@@ -251,12 +251,6 @@ def noise_study(campaign: Campaign, bound: Floats, outcomes: Sequence[Outcome]) 
             f"95 % intervals hold the truth in {covered.mean():.1f} % of all cases; for one"
             f" parameter, {low:.0f} .. {high:.0f} % may be chance",
         ]
-    deviations = (
-        Dots("Cramér-Rao bound", bound, 0),
-        Dots("stated", stated, 3),
-        Dots("rms error", rms, 2),
-    )
-    coverage = (Dots("coverage", covered, 2),)
     return Study(
         title=f"Noise study: {counted(len(outcomes), 'campaign')} at {campaign.noise_db:g} dB,"
         f" {campaign.rate_hz:g} Hz, {', '.join(campaign.cases)}",
@@ -270,21 +264,4 @@ def noise_study(campaign: Campaign, bound: Floats, outcomes: Sequence[Outcome]) 
         ),
         rows=rows_of(names, rms, stated, bound, ratio, covered),
         notes=tuple(notes),
-        panels=(
-            (
-                DotPanel(
-                    f"Error at {campaign.noise_db:g} dB, {campaign.rate_hz:g} Hz",
-                    "relative standard deviation / %",
-                    names,
-                    deviations,
-                ),
-                DotPanel(
-                    "95 % intervals that hold the truth",
-                    "share of the campaigns / %",
-                    names,
-                    coverage,
-                    expected=(low, high),
-                ),
-            ),
-        ),
     )

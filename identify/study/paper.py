@@ -37,7 +37,7 @@ from .campaign import (
     records_of,
     require_noise,
 )
-from .result import Cell, Column, Curve, CurvePanel, DotPanel, Dots, Study, percent, rows_of
+from .result import Cell, Column, Curve, Panel, Study, percent, rows_of
 
 Floats = NDArray[np.float64]
 
@@ -85,10 +85,6 @@ def table2_study(response: Literal["exact", "wilson"]) -> Study:
             "The paper's table has a = 1.282 m next to -0.141 %: a misprint for 1.248 m.",
         ),
     }
-    series = (
-        Dots("paper, printed", _TABLE2_PERCENT, 0),
-        Dots(f"found here, {response} response", errors, 2),
-    )
     return Study(
         title=f"Table 2, {response} response, State Variable Method and Eqs. 22-33",
         columns=(
@@ -100,7 +96,6 @@ def table2_study(response: Literal["exact", "wilson"]) -> Study:
         ),
         rows=rows_of(PARAMETER_NAMES, KNOWN, values, errors, _TABLE2_PERCENT),
         notes=notes[response],
-        panels=((DotPanel("Noise-free identification", "error / %", PARAMETER_NAMES, series),),),
     )
 
 
@@ -215,8 +210,8 @@ def table3_study(campaign: Campaign, attempts: Sequence[Mapping[str, Floats]]) -
     """
     names, printed = PARAMETER_NAMES[:_N], np.abs(_TABLE3_PERCENT)
     columns = [Column("parameter", "parameter"), Column("paper_percent", "paper", ".3f")]
-    cells, series, notes = [printed], [Dots("paper, printed", printed, 0)], []
-    for hue, (route, label) in enumerate(_ROUTES.items(), start=1):
+    cells, notes = [printed], []
+    for route, label in _ROUTES.items():
         size = np.abs(np.array([errors[route] for errors in attempts]))
         answered = size[~np.isnan(size).any(axis=1)]
         median = worst = np.full(_N, np.nan)
@@ -225,16 +220,8 @@ def table3_study(campaign: Campaign, attempts: Sequence[Mapping[str, Floats]]) -
         columns.append(Column(f"{route}_median_percent", f"{label}: median", ".3g"))
         columns.append(Column(f"{route}_worst_percent", "worst", ".3g"))
         cells += [median, worst]
-        series.append(Dots(label, median, hue, worst))
         missing = len(size) - len(answered)
         notes.append(f"{label}: no answer in {missing} of {counted(len(size), 'campaign')}.")
-    panel = DotPanel(
-        f"Errors at {campaign.noise_db:g} dB, geometry measured",
-        "size of the error / %: median, and line to the worst",
-        names,
-        tuple(series),
-        logarithmic=True,
-    )
     return Study(
         title=f"Table 3, size of the errors in % at {campaign.noise_db:g} dB,"
         f" {campaign.rate_hz:g} Hz, geometry measured, {counted(len(attempts), 'campaign')}",
@@ -248,7 +235,6 @@ def table3_study(campaign: Campaign, attempts: Sequence[Mapping[str, Floats]]) -
             "The chain is given the number of modes, seven; where fewer pairs of poles come out, it"
             " has no answer. The likelihood is given nothing but the geometry.",
         ),
-        panels=((panel,),),
     )
 
 
@@ -291,7 +277,7 @@ def fig2_study() -> Study:
         changes.append((frequency, percent(after.damping_ratios[partner], before.damping_ratios)))
     by_mode = np.transpose(changes)  # (7, 2, n_shares)
     panels = [
-        CurvePanel(
+        Panel(
             f"{title} of modes 1 to 7",
             "added mass / % of M",
             "change / %",
@@ -358,7 +344,7 @@ def mass_error_study(figure: str) -> Study:
     )
 
 
-def _error_panel(title: str, quantity: str, errors: Floats, shown: slice) -> CurvePanel:
+def _error_panel(title: str, quantity: str, errors: Floats, shown: slice) -> Panel:
     """Return a diagram of the errors of some parameters over the error of the stated quantity.
 
     Front and rear parameters of a kind share a colour; the rear one is dashed.
@@ -367,7 +353,7 @@ def _error_panel(title: str, quantity: str, errors: Floats, shown: slice) -> Cur
         Curve(name, _ERRORS_PERCENT, row, hue=1 + i // 2, dashed=i % 2 == 1)
         for i, (name, row) in enumerate(zip(PARAMETER_NAMES[shown], errors.T[shown], strict=True))
     )
-    return CurvePanel(title, f"error of {quantity} / %", "error of the parameter / %", curves)
+    return Panel(title, f"error of {quantity} / %", "error of the parameter / %", curves)
 
 
 def fig8_study() -> Study:
@@ -444,8 +430,8 @@ def fig9_study(rate_hz: float, noise_db: float, seed: int) -> Study:
         words = "acceleration / (m/s²)"
         panels.append(
             (
-                CurvePanel(title, "time / s", words, parts[0]),
-                CurvePanel("The same, enlarged", "time / s", f"{words}, enlarged", parts[1]),
+                Panel(title, "time / s", words, parts[0]),
+                Panel("The same, enlarged", "time / s", f"{words}, enlarged", parts[1]),
             )
         )
     return Study(

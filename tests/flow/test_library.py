@@ -97,8 +97,8 @@ def test_the_notebook_runs(
     outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
     kinds = [kind for output in outputs for kind in output.get("data", {})]
     assert kinds.count("image/png") == 5
-    assert kinds.count("text/html") == 2  # identification, modes
     said = "".join(output.get("text", "") for output in outputs)
+    assert "verdict: ok" in said
     assert "sprung mass 13" in said  # the paper's 1380 kg, to a few
     assert not [output for output in outputs if output.get("name") == "stderr"]
 

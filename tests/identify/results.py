@@ -72,8 +72,7 @@ def result() -> Identification:
             "added": ("front wheels", "body bounce"),
         },
         pairings={
-            "added": Pairing(np.array([0, 1]), np.array([1, 0]), np.array([0.9, 0.8]),
-                             np.ones(2), ((0, 1),))
+            "added": Pairing(np.array([0, 1]), np.array([1, 0]), np.array([0.9, 0.8]), ((0, 1),))
         },
         sensed={"baseline": model},
         closed_form={"m_s": 1400.0},

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from dataclasses import replace
 from hashlib import sha256
 from importlib.metadata import version
@@ -16,7 +15,7 @@ import pytest
 from daq import session_from_arrays
 from daq.documents import strict
 from daq.runs import RunStatus
-from identify import Estimate, Identification, Judgement, identify
+from identify import Estimate, identify
 from identify.batch import result_row, session_row
 from identify.numbers import (
     by_kind,
@@ -151,30 +150,6 @@ def test_what_survives_and_what_is_lost_to_what_is_said_in_lines(
 
 
 # A notebook's tables ------------------------------------------------------------------------------
-
-
-def rows(page: str) -> list[list[str]]:
-    return [
-        re.findall(r"<t[dh][^>]*>(.*?)</t[dh]>", row, re.DOTALL)
-        for row in re.findall(r"<tr[^>]*>(.*?)</tr>", page, re.DOTALL)
-    ]
-
-
-def test_a_notebook_shows_verdict_findings_and_parameters() -> None:
-    page = result()._repr_html_()
-    assert "Verdict: doubtful; chi2/n 1.062" in page
-    shown = rows(page)
-    for row in (
-        ["reason 3", "doubtful"],
-        ["m_s", "1,380.0", "1,372.4 .. 1,387.6", "kg"],
-        ["a", "1.2500", "given", "m"],
-        ["t_f", "not determined", "", "m"],
-    ):
-        assert row in shown
-    bare = Identification(Judgement((), nan), {})._repr_html_()
-    assert "Verdict: ok" in bare
-    assert "chi2" not in bare
-    assert rows(bare) == []
 
 
 # A row of a table ---------------------------------------------------------------------------------

@@ -128,7 +128,7 @@ def compare(
     labels = labels_of(sessions)
     comparison = compared(labels, results)
     if page is not None:
-        from identify.report.typeset import comparison_html
+        from identify.report.comparison import comparison_html
 
         write_named(page, comparison_html(comparison).encode())
     if json:

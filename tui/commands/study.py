@@ -40,17 +40,15 @@ def table2(
         typer.Option(help="Exact discretisation, or the paper's Wilson-theta at 1 ms."),
     ] = "exact",
     json: JsonResult = False,
-    figure: FigureFile = None,
 ) -> None:
     """Identify all parameters from noise-free simulated runs."""
     from identify.study.paper import table2_study
 
     from ..output import progress
 
-    _check_figure_file(figure)
     with progress("table2"):
         result = table2_study(response)
-    _deliver(result, json, figure)
+    _deliver(result, json)
 
 
 @study.command()
@@ -61,7 +59,6 @@ def table3(
     seed: Seed = 1,
     workers: Workers = 2,
     json: JsonResult = False,
-    figure: FigureFile = None,
 ) -> None:
     """Compare the paper's chain with maximum likelihood at 30 dB."""
     from identify.study.paper import attempt, table3_campaign, table3_study
@@ -69,12 +66,11 @@ def table3(
     from ..jobs.executors import map_items
     from ..output import progress
 
-    _check_figure_file(figure)
     campaign = table3_campaign(rate_hz, noise_db)
     with progress("table3") as stage:
         seeds = range(seed, seed + fits)
         attempts = map_items(partial(attempt, campaign), seeds, workers, stage, "study")
-    _deliver(table3_study(campaign, attempts), json, figure)
+    _deliver(table3_study(campaign, attempts), json)
 
 
 _FIGURES = {
@@ -142,7 +138,6 @@ def noise(
     seed: Seed = 1,
     workers: Workers = 2,
     json: JsonResult = False,
-    figure: FigureFile = None,
 ) -> None:
     """Compare noisy campaigns with the Cramer-Rao bound."""
     from daq import FORD_GRANADA, Excitation
@@ -159,7 +154,6 @@ def noise(
     from ..jobs.executors import map_items
     from ..output import progress
 
-    _check_figure_file(figure)
     names = [name.strip().lower() for name in cases.split(",") if name.strip()]
     for name in names:
         if name not in set(Excitation):
@@ -177,7 +171,7 @@ def noise(
     with progress("noise") as stage:
         seeds = range(seed, seed + fits)
         outcomes = map_items(partial(outcome, campaign), seeds, workers, stage, "study")
-    _deliver(noise_study(campaign, bound, outcomes), json, figure)
+    _deliver(noise_study(campaign, bound, outcomes), json)
 
 
 def _check_figure_file(path: Path | None) -> None:
@@ -193,7 +187,7 @@ def _check_figure_file(path: Path | None) -> None:
         make_room(path)
 
 
-def _deliver(result: Study, json: bool, figure: Path | None) -> None:
+def _deliver(result: Study, json: bool, figure: Path | None = None) -> None:
     """Print a study as a table or as JSON, whose panels are what the figure shows; then draw it.
 
     Raises InputError if the file cannot be written; hours of computing are printed by then.

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from xml.etree import ElementTree
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -19,7 +17,6 @@ from identify.modes.modal_model import (
     mac,
     mode_names,
     modes_of,
-    mpc,
     originals,
     pair_modes,
     vibrates,
@@ -89,13 +86,6 @@ def test_a_mode_decays_with_less_than_98_per_cent_of_critical_damping(
     assert vibrates(pole).tolist() == [vibrating]
     assert vibrates(pole.conj()).tolist() == [False]  # one of a pair stands for both
     assert vibrates(pole.real.astype(complex)).tolist() == [False]
-
-
-@pytest.mark.parametrize("degrees", [0.0, 30.0, 60.0, 90.0])
-def test_collinearity_of_two_equal_entries_is_the_square_of_the_cosine(degrees: float) -> None:
-    phase = np.radians(degrees)
-    shape = np.array([[1.0 + 0j], [np.exp(1j * phase)]])
-    assert mpc(shape)[0] == pytest.approx(np.cos(phase) ** 2, abs=1e-12)
 
 
 def test_modes_of_an_oscillator_in_closed_form() -> None:
@@ -223,7 +213,6 @@ def test_the_swapped_wheel_modes_are_paired_by_shape() -> None:
     assert list(pairing.added) == [0, 1, 2, 4, 3, 5, 6]  # reference: 4 and 5 change places
     assert pairing.swapped == ((3, 4),)
     assert pairing.mac.min() > 0.995
-    assert pairing.margin.min() > 0.8
 
 
 def test_a_mode_without_partner_stays_alone() -> None:
@@ -239,21 +228,6 @@ def test_shapes_of_different_channels_are_refused() -> None:
     modes = modes_of(BASELINE.A)
     with pytest.raises(InputError, match="7 and of 6 channels"):
         pair_modes(modes, ModalModel(modes.poles, modes.shapes[:6]))
-
-
-def test_the_margin_of_a_pair_is_to_the_nearest_third() -> None:
-    """Shapes in a plane at 0 and 60 degrees, and at 10 and 90: MAC is the cosine squared."""
-
-    def at(*degrees: float) -> ModalModel:
-        angle = np.radians(degrees)
-        poles = np.array([complex(-1.0, 10.0 + k) for k in range(len(degrees))])
-        return ModalModel(poles, np.array([np.cos(angle), np.sin(angle)], dtype=complex))
-
-    pairing = pair_modes(at(0.0, 60.0), at(10.0, 90.0))
-    of_10, of_30, of_50 = np.cos(np.radians([10.0, 30.0, 50.0])) ** 2
-    assert pairing.mac == pytest.approx([of_10, of_30])
-    assert pairing.margin == pytest.approx([of_10 - of_50, of_30 - of_50])
-    assert pairing.swapped == ()
 
 
 # Copies: poles that are one mode ------------------------------------------------------------------
@@ -311,18 +285,3 @@ def test_the_strongest_copy_has_the_most_energy_in_all_runs_together(
     poles = np.array([100j - damping[0], 100.1j - damping[1]])
     shapes = np.column_stack([SHAPE, SHAPE]) * np.array(size, dtype=complex)
     assert originals(poles, shapes, np.array(runs, dtype=complex)).tolist() == [strongest]
-
-
-def test_a_notebook_shows_modes_with_deviations_where_known_and_the_angle_of_what_moves() -> None:
-    """Poles of |3 + 4i| and |6 + 8i|; an entry of 1e-9 of the largest has no angle."""
-    poles = np.array([-6 + 8j, -3 + 4j])
-    shapes = np.array([[1.0, 0.9e-9j], [-0.25j, complex(0.5, -0.0)], [2e-9j, 1.0]])
-    model = ModalModel(poles, shapes, np.array([0.123, 0.0456]), np.array([np.nan, 0.002]))
-    page = ElementTree.fromstring(f"<div>{model._repr_html_()}</div>")
-    rows = [[cell.text for cell in row] for row in page.iter("tr")]
-    assert rows[0] == [
-        "mode", "frequency, Hz", "std", "damping ratio", "std", "entry 1", "entry 2", "entry 3",
-    ]  # fmt: skip
-    slow = ["1", "0.7958", "0.046", "0.6000", "0.002", "0.00 ∠ 0°", "0.50 ∠ 0°", "1.00 ∠ 0°"]
-    fast = ["2", "1.5915", "0.12", "0.6000", None, "1.00 ∠ 0°", "0.25 ∠ -90°", "0.00 ∠ 90°"]
-    assert rows[1:] == [slow, fast]

@@ -13,9 +13,13 @@ from identify.change import Change, NamedChange
 from identify.compare import Comparison, compare
 from identify.fit.estimation import Estimation
 from identify.fit.uncertainty import ModeEstimate, estimates
-from identify.report.comparison import change_table, comparison_sections, unchanged_line
+from identify.report.comparison import (
+    change_table,
+    comparison_html,
+    comparison_sections,
+    unchanged_line,
+)
 from identify.report.page import Gallery, Section, Table
-from identify.report.typeset import comparison_html
 
 from ..changes import session
 from .made import drawn, picture, tables, texts

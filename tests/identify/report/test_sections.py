@@ -52,7 +52,7 @@ def result(swapped: bool = True) -> Identification:
     """Return two modes in two mass states that change their order, and what was found of them."""
     order = [1, 0] if swapped else [0, 1]
     pairing = Pairing(
-        np.array([0, 1]), np.array(order), ONES, ONES, ((0, 1),) if swapped else ()
+        np.array([0, 1]), np.array(order), ONES, ((0, 1),) if swapped else ()
     )  # fmt: skip
     lengths = {n: estimate(1.0 + i, 0.1, "m") for i, n in enumerate(("a", "b", "t_f", "t_r"))}
     two = model(-3.0 + 4.0j, -1.0 + 60.0j)
@@ -100,7 +100,7 @@ def test_a_mode_without_a_partner_has_an_empty_cell_and_an_old_order_no_remark()
     found = tables(modes_section(result(swapped=False), {}))["Modes in mass state added"]
     assert [row[2] for row in texts(found)] == ["1", "2"]
     assert found.note == ""
-    one = Pairing(np.array([1]), np.array([0]), ONES[:1], ONES[:1], ())
+    one = Pairing(np.array([1]), np.array([0]), ONES[:1], ())
     made = replace(result(), pairings={"added": one})
     found = tables(modes_section(made, {}))["Modes in mass state added"]
     assert [row[2] for row in texts(found)] == ["2", ""]
@@ -171,7 +171,7 @@ def test_the_energy_of_a_mode_stands_in_one_column_whatever_its_rank() -> None:
     made = replace(result(), quality=Judgement((), 1.0, snr_db=snr_db), estimation=estimation)
     *_, decibel = drawn(picture(information_section(made), "snr"))
     assert decibel.tolist() == [[22.0, 11.0], [33.0, 44.0]]
-    lonely = Pairing(np.array([1]), np.array([0]), ONES[:1], ONES[:1], ())
+    lonely = Pairing(np.array([1]), np.array([0]), ONES[:1], ())
     made = replace(made, pairings={"added": lonely})
     *_, decibel = drawn(picture(information_section(made), "snr"))
     np.testing.assert_array_equal(decibel, [[nan, 11.0], [33.0, 44.0]])
