@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import re
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -465,3 +467,10 @@ def test_the_command_line_says_so_and_what_is_known_keeps_its_number(
     assert lines["t_f"][1:3] == ["not", "determined"]
     assert ".." not in lines["t_f"]
     assert any("1,3" in text for text in lines["m_s"])
+
+
+def test_the_report_of_a_linear_car_loads_no_nonlinear_code() -> None:
+    """Numba takes half a second, in the process of the command and in that of its helpers."""
+    lines = "import sys, identify.report.content, identify.report.typeset\n"
+    lines += "sys.exit('numba' in sys.modules)"
+    subprocess.run([sys.executable, "-c", lines], check=True)
