@@ -36,7 +36,7 @@ lint: .venv/test
 docs: .venv/test
 	$(BIN)/python -m sphinx --fresh-env --fail-on-warning --keep-going --quiet docs/reference build/docs
 
-bench: .venv/test
+bench: .venv/bench
 	$(BIN)/python -m tests.benchmarks
 
 # Keys as fast as a scanner types them, into every form: 0 of 500 may land wrong.
@@ -117,3 +117,7 @@ clean:
 .venv/test: .venv/python pyproject.toml constraints.txt
 	$(INSTALL) --editable '.[test]'
 	touch $@ .venv/demo
+
+.venv/bench: .venv/test
+	$(INSTALL) --editable '.[bench,mf4,test]'
+	touch $@
