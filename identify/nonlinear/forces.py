@@ -116,16 +116,11 @@ class Forces:
 def element_estimates(best: Optimum, covariance: NDArray[np.float64]) -> dict[str, Estimate]:
     """Return every free element, and every free parameter of an element, with its interval."""
     problem = best.point.problem
-    model = problem.model
+    model, linear = problem.model, best.eta[: problem.model.first]
+    box = model.box
     by_name = {e.name: e for e in model.elements}
-    slopes = dict(
-        zip(
-            model.box.parameters,
-            model.box.parameter_slopes(best.eta[: model.first]).tolist(),
-            strict=True,
-        )
-    )
-    known = dict(zip(model.box.names, model.box.values(best.eta[: model.first]), strict=True))
+    slopes = dict(zip(box.parameters, box.parameter_slopes(linear).tolist(), strict=True))
+    known = dict(zip(box.names, box.values(linear), strict=True))
     result = {}
     for j, i in enumerate(problem.free.tolist()):
         name = model.names[i]
@@ -157,45 +152,38 @@ def axle_forces(
 def _axle(
     best: Optimum, covariance: NDArray[np.float64], values: dict[str, Estimate], axle: int
 ) -> AxleForces:
-    at = best.point
-    one = at.cars[0]
-    corners = [2 * axle, 2 * axle + 1]
-    speeds, travels = [], []
-    for car, predicted in zip(at.cars, at.predicted, strict=True):
+    left, letter = 2 * axle, "fr"[axle]
+    corners = slice(left, left + 2)
+    one, speeds, most_m = best.point.cars[0], [], -inf
+    for car, predicted in zip(best.point.cars, best.point.predicted, strict=True):
         x = predicted.path.states
-        travels.append(travel_speeds(car, x, 0)[:, corners].max())
-        speeds.append(
-            (predicted.path.speeds if car.has_mount else travel_speeds(car, x))[:, corners]
-        )
-    pooled = np.concatenate(speeds).ravel()
-    low, high = np.quantile(pooled, [_SHARE, 1.0 - _SHARE])
+        most_m = max(most_m, float(travel_speeds(car, x, 0)[:, corners].max()))
+        of_dampers = predicted.path.speeds if car.has_mount else travel_speeds(car, x)
+        speeds.append(of_dampers[:, corners].ravel())
+    low, high = np.quantile(np.concatenate(speeds), [_SHARE, 1.0 - _SHARE])
     grid = np.union1d(np.linspace(min(low, 0.0), max(high, 0.0), _POINTS), [0.0])
-    curve = _curve(one, corners[0], grid, covariance)
-    letter = "fr"[axle]
     shown = {
         label: values[f"{kind}{letter}"]
         for label, kind in KINDS.items()
         if f"{kind}{letter}" in values and label != MOUNT_LABEL
     }
     notes = []
-    if "bump_stop" in shown and max(travels) < one.corner[corners[0], GAP]:
-        gap = 1e3 * max(travels)
-        notes.append(f"bump stop not reached: the travel went to {gap:.0f} mm in compression")
-        for label in ("bump_stop", "bump_stop_gap", "bump_stop_power"):
-            shown.pop(label, None)
+    if "bump_stop" in shown and most_m < one.corner[left, GAP]:
+        notes.append(
+            f"bump stop not reached: the travel went to {1e3 * most_m:.0f} mm in compression"
+        )
+        shown = {label: e for label, e in shown.items() if not label.startswith("bump_stop")}
     mount = values.get(f"{KINDS[MOUNT_LABEL]}{letter}")
-    if mount is not None:
-        if mount.value < 2.0 * mount.std:
-            least = 1.0 / max(mount.high, 1e-12)
-            notes.append(f"damper mount rigid: at least {least:.1e} N/m")
-        else:
-            k = 1.0 / mount.value
-            # The interval is the inverse of that of the compliance, so it is not symmetric.
-            low, high = 1.0 / mount.high, 1.0 / mount.low if mount.low > 0.0 else inf
-            shown[MOUNT_LABEL] = stiffness = Estimate(k, mount.std * k**2, low, high, "N/m")
-            if not stiffness.determined:
-                notes.append(f"damper mount: at least {low:.1e} N/m")
-    return AxleForces(_AXLES[axle], curve, shown, tuple(notes))
+    if mount is not None and mount.value < 2.0 * mount.std:
+        notes.append(f"damper mount rigid: at least {1.0 / max(mount.high, 1e-12):.1e} N/m")
+    elif mount is not None:
+        k = 1.0 / mount.value
+        # The interval is the inverse of that of the compliance, so it is not symmetric.
+        softest, hardest = 1.0 / mount.high, 1.0 / mount.low if mount.low > 0.0 else inf
+        shown[MOUNT_LABEL] = Estimate(k, mount.std * k**2, softest, hardest, "N/m")
+        if not shown[MOUNT_LABEL].determined:
+            notes.append(f"damper mount: at least {softest:.1e} N/m")
+    return AxleForces(_AXLES[axle], _curve(one, left, grid, covariance), shown, tuple(notes))
 
 
 def _curve(
@@ -207,7 +195,6 @@ def _curve(
         bent = knee(speed, at, KNEE_M_S)
         force = force + p[KNEES + j] * bent
         slope = slope + bent[:, None] * d[KNEES + j]
-    std = np.sqrt(np.maximum(np.einsum("nf,fg,ng->n", slope, covariance, slope), 0.0))
     other = corner + 1
     friction = 0.5 * (p[F_C] + one.corner[other, F_C])
     d_friction = 0.5 * (d[F_C] + one.d_corner[other, F_C])
@@ -215,7 +202,10 @@ def _curve(
     _, by_surplus, by_fall = sliding_slopes(speed, p[SURPLUS], p[FALL])
     d_share = by_surplus[:, None] * d[SURPLUS] + by_fall[:, None] * d[FALL]
     both = slope + share[:, None] * d_friction + np.sign(speed)[:, None] * friction * d_share
-    total_std = np.sqrt(np.maximum(np.einsum("nf,fg,ng->n", both, covariance, both), 0.0))
+    std, total_std = (
+        np.sqrt(np.maximum(np.einsum("nf,fg,ng->n", by, covariance, by), 0.0))
+        for by in (slope, both)
+    )
     return DamperCurve(speed, force, std, force + share * friction, total_std)
 
 
