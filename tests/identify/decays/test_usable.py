@@ -223,7 +223,7 @@ def test_what_is_not_used_may_show_anything(campaign: Session) -> None:
 @pytest.mark.parametrize(
     ("where", "change", "code"),
     [
-        (SPOILT, one_sample(1e200), "lost_samples"),
+        (SPOILT, one_sample(1e200), "absurd_values"),
         ("", lambda v: v * 1e200, "missing_channels"),
         ("", lambda v: np.where(v > 0, 1e-310, 0.0), "dead_channels"),
     ],
