@@ -13,17 +13,14 @@ from numpy.typing import NDArray
 from dbc.words import counted
 
 from ..change import Change
-from ..compare import Compared, Comparison, Trend
-from ..fit.uncertainty import Estimate
+from ..compare import Compared, Comparison
 from ..numbers import NOT_DETERMINED, half_width, plus_minus, rounded, signed
 from ..words import NOT_OK, unit_text, value_text
 from .page import (
-    HALF_IN,
     INK,
     PALETTE,
     WIDTH_IN,
     Block,
-    Gallery,
     Picture,
     Section,
     Table,
@@ -174,40 +171,14 @@ def _trends(comparison: Comparison) -> Section:
         )
         for row, trend in trends
     )
-    pictures = tuple(
-        Picture(
-            f"trend_{i}", row.name, "", HALF_IN, 1.7, partial(_draw_trend, row.estimates, trend)
-        )
-        for i, (row, trend) in enumerate(trends[:24])  # the parameters come first
-    )
     columns = ("", "#per session", "unit", "slope at 95 %", "#chi2 / n", "constancy at 95 %")
-    caption = "Bars: 95 % intervals. Line: weighted trend."
     return Section(
         "trend",
         "Trend over the sessions",
         "Value against session in the order given: a weighted straight line, and how badly one "
         "constant value fits (chi2). Equal steps from session to session are assumed.",
-        (
-            Table("Slopes and constancy", columns, rows),
-            Gallery("Values in order", caption, pictures),
-        ),
+        (Table("Slopes and constancy", columns, rows),),
     )
-
-
-def _draw_trend(estimates: Sequence[Estimate], trend: Trend, figure: FigureBase) -> None:
-    """Draw a quantity over the sessions with its weighted line."""
-    axes = figure.add_axes((0.2, 0.2, 0.77, 0.74))
-    values = np.array([e.value for e in estimates])
-    half = np.array([(e.high - e.low) / 2.0 for e in estimates])
-    order = np.arange(1, len(values) + 1)
-    axes.errorbar(order, values, yerr=half, fmt="o", ms=3.5, color=PALETTE[1], lw=1.0, capsize=2.0)
-    middle, level = np.average([order, values], axis=1, weights=half**-2.0)
-    axes.plot(order, level + trend.slope * (order - middle), color=PALETTE[2], lw=1.0)
-    axes.ticklabel_format(useOffset=False)
-    axes.set_xticks(order[:: max(len(order) // 8, 1)])
-    axes.set_xlabel("session", labelpad=1.0)
-    axes.set_ylabel(unit_text(estimates[0].unit))
-    axes.margins(x=0.08)
 
 
 def headline_of(comparison: Comparison) -> str:
