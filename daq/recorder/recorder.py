@@ -219,8 +219,8 @@ class Derivation:
         except OSError as error:
             return SessionState.FAILED, error.strerror or str(error)
         self._process = process
-        if self._is_closed:
-            process.terminate()
+        if self._is_closed:  # meanwhile: nobody else will end it
+            process.kill()
         try:
             # Building a session file takes seconds; after an hour it counts as hung.
             output, _ = process.communicate(timeout=3600.0)

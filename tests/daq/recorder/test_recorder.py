@@ -484,7 +484,7 @@ def test_a_process_that_does_not_end_when_asked_is_killed(
     builder.write_text(f"#!/bin/sh\n{trap}touch $0.began; while :; do sleep 0.05; done\n")
     derivation = Derivation()
     derivation.begin(Path("a.h5"), [], "one", 1)
-    while not builder.with_suffix(".began").exists():
+    while derivation._process is None or not builder.with_suffix(".began").exists():
         time.sleep(0.002)
     derivation.close()
     derivation.close()
