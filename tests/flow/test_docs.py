@@ -172,7 +172,7 @@ def test_the_manual_says_of_every_alarm_what_the_recorder_says() -> None:
 def test_the_bars_name_tests_that_exist() -> None:
     text = (ROOT / "docs" / "recorder.md").read_text("utf-8")
     named = re.findall(r"tests/[a-z_/]+\.py", text)
-    assert len(named) > 15
+    assert len(named) >= 15
     assert [path for path in named if not (ROOT / path).is_file()] == []
 
 
