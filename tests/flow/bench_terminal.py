@@ -77,7 +77,8 @@ class DemoBench:
 
     def start(self) -> subprocess.Popen[bytes]:
         """Start a recorder; it takes up what the one before has left."""
-        words = ["--idle", "--demo", "--speed", f"{self._speed:g}", "--fault", self._fault]
+        words = ["--idle", "--demo", "--speed", f"{self._speed:g}"]
+        words += ["--fault", self._fault] if self._fault else []
         process = start_recorder(self.folder, str(self.bench), *words)
         self.processes.append(process)
         return process
