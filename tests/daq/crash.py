@@ -74,6 +74,7 @@ def fail_once(place: Path, kind: str, nth: int) -> int:
         recorder.wait_open()
         recorder.until(lambda status: bool(status.disk.failed or status.disk.warning))
         recorder.until(lambda status: not (status.disk.failed or status.disk.held_frames))
+        recorder.until(lambda status: status.disk.recorded_frames > 0)  # an adapter opens slowly
         time.sleep(0.2)
         return _ended(place, recorder, sender, dropped=0)
 
