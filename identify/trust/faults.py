@@ -42,8 +42,6 @@ from .trials import (
     wrong_weight,
 )
 
-_AHEAD = 0.95
-"""Share of a sensor's explanation that an effect of the vehicle must reach to be preferred."""
 _FEWEST = 3
 """Least number of channels of which one can be wrong."""
 _SUSPECTED = 3
@@ -151,8 +149,7 @@ def likely_causes(estimation: Estimation) -> Causes:
     elif not holds and named.explained < _CLEARS:
         sensors = wrong_sensors(estimation)
         tried += sensors
-        ahead = [c for c in sensors if c.explained * _AHEAD > named.explained]
-        named = ahead[-1] if ahead else named
+        named = sensors[-1] if sensors[-1].explained > _CLEARS else named
     is_named = holds or named.explained > MOST
     return Causes((named.finding,) if is_named else amplitude, tuple(tried))
 
@@ -240,8 +237,7 @@ def wrong_sensors(estimation: Estimation) -> list[Cause]:
     `estimation`: a fit that does not hold.
     """
     scored, before = rank_causes(estimation), refit(estimation)
-    gains = [c.subject for c in scored if c.kind == "gain" and c.explained > MOST]
-    causes = [gain_of(estimation, name, before) for name in gains[:_SUSPECTED]]
+    causes: list[Cause] = []
     channels = [c for group in before.box.groups for c in group.channels]
     places = {kind: [c.name for c in channels if kind_of_sensor(c) == kind]
               for kind in dict.fromkeys(map(kind_of_sensor, channels))}  # fmt: skip
@@ -253,6 +249,9 @@ def wrong_sensors(estimation: Estimation) -> list[Cause]:
         causes.append(_late(estimation, before, latest, suspects))
     every = [c.name for c in channels]
     causes.append(_low_pass(estimation, before, {**places, "all sensors": every}))
+    if all(cause.explained <= _CLEARS for cause in causes):  # a late one is no worse left out
+        gains = [c.subject for c in scored if c.kind == "gain" and c.strength > 1.0]
+        causes += [gain_of(estimation, name, before) for name in gains[:_SUSPECTED]]
 
     def remaining(cause: Cause) -> float:
         factor = _CHOICE if cause.name == "low-pass" else 1.0
