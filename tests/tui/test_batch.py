@@ -326,7 +326,9 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def answer(path: Path, stage: Stage = lambda share, text: None) -> Any:
     """Return the answer of a real child."""
-    return asyncio.run(answer_of(partial(identify_session, str(path)), "the work", stage))
+    return asyncio.run(
+        answer_of(partial(identify_session, str(path)), "the work", stage, asyncio.Event())
+    )
 
 
 def test_a_broken_file_is_one_kind_line(session: Path, tmp_path: Path) -> None:
@@ -366,7 +368,7 @@ def test_a_killed_child_is_reported(session: Path) -> None:
 def test_a_screen_closed_twice_in_a_row_leaves_nothing_open(session: Path, turns: int) -> None:
     async def closed() -> None:
         task = partial(identify_session, str(session))
-        work = asyncio.create_task(answer_of(task, "work", lambda share, text: None))
+        work = asyncio.create_task(answer_of(task, "work", lambda *_: None, asyncio.Event()))
         for _ in range(turns):
             await asyncio.sleep(0)
         for _ in range(2):

@@ -17,7 +17,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from threading import Thread
+from threading import Event, Thread
 from typing import TYPE_CHECKING, Any
 
 from dbc import BumpbenchError, InputError
@@ -59,7 +59,7 @@ def identify_session(path: str, stage: Stage) -> Outcome:
 
     stage(0.05, "reading")
     session = read_session(path)
-    result = replace(identify(session, stage), estimation=None, residuals=())
+    result = replace(identify(session, stage, stop=_taken.is_set), estimation=None, residuals=())
     runs = tuple((run.label, str(run.status)) for run in usable_session(session).runs)
     return Outcome(path, result, overrides_of(session.provenance), runs)
 
@@ -89,11 +89,12 @@ class _Progress:
     text: str
 
 
-async def answer_of(task: Task, subject: str, stage: Stage) -> Any:
+async def answer_of(task: Task, subject: str, stage: Stage, take: asyncio.Event) -> Any:
     """Do a task in a separate process and return its answer.
 
     The process ends with this call, also when it is cancelled or this process is killed.
-    `subject`: of an error that names none itself.  Raises BumpbenchError if there is no answer.
+    `subject`: of an error that names none itself.  `take`: set to get the answer so far.  Raises
+    BumpbenchError if there is no answer.
     """
     try:
         worker = subprocess.Popen(
@@ -128,10 +129,20 @@ async def answer_of(task: Task, subject: str, stage: Stage) -> Any:
     # A thread is used instead of the loop's own subprocess, which must be awaited to its end, and
     # which a screen that is closed twice in a row leaves with open pipes.
     Thread(target=listen, name="worker", daemon=True).start()
+
+    async def take_answer() -> None:
+        await take.wait()
+        with suppress(OSError, ValueError):  # it has ended
+            assert worker.stdin is not None
+            worker.stdin.write(b"take")
+            worker.stdin.flush()
+
+    taking = asyncio.create_task(take_answer())
     try:
         while isinstance(line := await lines.get(), _Progress):
             stage(line.share, line.text)
     finally:
+        taking.cancel()
         with suppress(ProcessLookupError, PermissionError):
             if hasattr(os, "killpg"):  # with its children
                 os.killpg(worker.pid, signal.SIGKILL)
@@ -145,6 +156,10 @@ async def answer_of(task: Task, subject: str, stage: Stage) -> Any:
 # The worker's end ---------------------------------------------------------------------------------
 
 
+_taken = Event()
+"""Set once the terminal takes the answer so far."""
+
+
 def main() -> None:
     """Do one task and write its lines to stdout."""
     with os.fdopen(os.dup(1), "wb") as out:
@@ -154,7 +169,8 @@ def main() -> None:
         task, subject = pickle.load(sys.stdin.buffer)
 
         def watch_stdin() -> None:
-            os.read(0, 1)
+            while os.read(0, 4):
+                _taken.set()
             os._exit(1)  # the terminal has ended
 
         def send(line: Any) -> None:

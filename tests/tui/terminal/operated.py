@@ -226,11 +226,14 @@ def results_of(app: BenchApp) -> ResultsScreen:
 
 
 class FakeWorker:
-    """Answers tasks from memory; `hold` keeps the answer back until `go` is set."""
+    """Answers tasks from memory.
+
+    `hold` keeps the answer back until `go` is set; `finds` until the answer so far is taken.
+    """
 
     def __init__(self) -> None:
         self.tasks: list[Task] = []
-        self.hold = False
+        self.hold = self.finds = False
         self.go = asyncio.Event()
         self.trouble: BumpbenchError | None = None
 
@@ -239,12 +242,15 @@ class FakeWorker:
         monkeypatch.setattr(work, "answer_of", self.answer_of)
         return self
 
-    async def answer_of(self, task: Task, _: str, stage: Stage) -> object:
+    async def answer_of(self, task: Task, _: str, stage: Stage, take: asyncio.Event) -> object:
         self.tasks.append(task)
         stage(0.1, "reading")
         stage(0.4, "fitting")
         if self.hold:
             await self.go.wait()
+        if self.finds:
+            stage(0.5, "so far: body 1,380 kg")
+            await take.wait()
         if self.trouble is not None:
             raise self.trouble
         function, arguments = asked(task)

@@ -110,6 +110,23 @@ async def test_from_space_to_results(
         assert app.screen is identify, "the results are those of an earlier state"
 
 
+async def test_the_answer_so_far_is_shown_and_taken(make_app: Make, worker: FakeWorker) -> None:
+    recorder = measured()
+    app = make_app(recorder)
+    worker.finds = True
+    async with playing(app, SMALL) as pilot:
+        await app.open("identify")
+        assert "T Take so far" not in seen(app)
+        await pressed(pilot, "t", "space")
+        recorder.publish(session=recorder.built(PATH))
+        await until(pilot, lambda: shows(app, "so far: body 1,380 kg"))
+        assert "T takes the answer so far, Esc stops; nothing is lost" in seen(app)
+        recorder.publish()
+        await until(pilot, lambda: shows(app, "T Take so far"))
+        await pressed(pilot, "t")
+        await until(pilot, lambda: app.screen is results_of(app))
+
+
 async def test_a_failed_build_and_a_failed_fit_say_what_to_do(
     make_app: Make, worker: FakeWorker
 ) -> None:

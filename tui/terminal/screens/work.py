@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from abc import abstractmethod
 from enum import StrEnum
 from functools import partial
@@ -56,6 +57,8 @@ class WorkScreen(SessionScreen):
         """The parts that were begun, in order."""
         self.trouble: BumpbenchError | None = None
         """Why the work failed."""
+        self.take = asyncio.Event()
+        """Set to end the work with the answer so far."""
         self._begun_s = 0.0
         """Monotonic time at which the work began, s."""
         self._share = 0.0
@@ -96,8 +99,9 @@ class WorkScreen(SessionScreen):
             self._share = max(self._share, share)  # two processes report in any order
             self.draw()
 
+        self.take = asyncio.Event()
         try:
-            answer = await answer_of(task, Path(self.session).name, stage)
+            answer = await answer_of(task, Path(self.session).name, stage, self.take)
         except BumpbenchError as error:
             self.stage, self.trouble = Stage.FAILED, error
             self.draw()
@@ -124,12 +128,19 @@ class WorkScreen(SessionScreen):
             lines = [f"  {glyphs.good} {printable(text)}" for text in done]
             lines += [f"  {glyphs.now} {printable(now)}"]
             taken_s = monotonic() - self._begun_s
-            next_words = f"Esc stops it; nothing is lost   {taken_s:.0f} s so far"
+            keys = "T takes the answer so far, Esc stops" if self.may_take else "Esc stops it"
+            next_words = f"{keys}; nothing is lost   {taken_s:.0f} s so far"
             if self._share >= _LEAST_SHARE:
                 next_words += f", about {taken_s * (1.0 / self._share - 1.0):.0f} s left"
         self.query_one("#due", Words).say(Content.styled(f"{glyphs.now} {next_words}", SPACE_INK))
         texts = [*lines, "", *self.about()] if lines else self.about()
         self.query_one("#state", Words).say(Content("\n".join(["", *texts])))
+
+    @property
+    def may_take(self) -> bool:
+        """True while the worker looks for more than the answer that it has."""
+        has_answer = any(part.startswith("so far") for part in self._parts)
+        return self.stage is Stage.WORKING and has_answer and not self.take.is_set()
 
     @abstractmethod
     def about(self) -> list[str]:
@@ -145,7 +156,10 @@ class IdentifyScreen(WorkScreen):
 
     HELP_PAGE: ClassVar[str] = "identify"
     STEP: ClassVar[BenchStep] = BenchStep.IDENTIFY
-    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "cancel", "Back")]
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("t", "take", "Take so far", tooltip="Take the answer so far, without elements"),
+        Binding("escape", "cancel", "Back"),
+    ]
 
     def __init__(self) -> None:
         super().__init__()
@@ -173,6 +187,15 @@ class IdentifyScreen(WorkScreen):
             await self.build()
         else:
             await self.show_results()
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Show T only while there is an answer to take."""
+        return self.may_take if action == "take" else super().check_action(action, parameters)
+
+    def action_take(self) -> None:
+        """End the work with the answer so far."""
+        self.take.set()
+        self.draw()
 
     async def show_results(self) -> None:
         """Show the results of the identification."""
