@@ -15,8 +15,6 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as in `tui`: small matrice
 # A shell starts what runs in the background with SIGINT ignored, and processes of tests inherit it.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
-_PATH = [str(Path(__file__).parent / "base_install"), os.environ.get("PYTHONPATH", "")]
-os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, _PATH))  # of the processes that tests start
 if "RUNTIME_DIRECTORY" not in os.environ:  # no sockets of tests among those of the user
     os.environ["RUNTIME_DIRECTORY"] = tempfile.mkdtemp(prefix="bumpbench-")
     atexit.register(shutil.rmtree, os.environ["RUNTIME_DIRECTORY"], ignore_errors=True)
@@ -32,6 +30,9 @@ def pytest_collection() -> Generator[None, object, object]:
     for garbage after 10,000 objects in place of 700, as the commands do: screens are so many small
     objects that the searches were a quarter of the CPU of their tests.
     """
+    # Of the processes that tests start, not of pytest's own, which have begun by now.
+    path = [str(Path(__file__).parent / "base_install"), os.environ.get("PYTHONPATH", "")]
+    os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, path))
     gc.disable()
     try:
         return (yield)
