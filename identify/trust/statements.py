@@ -163,8 +163,11 @@ def contradiction_findings(estimation: Estimation) -> Iterator[Finding]:
 def contradictions(estimation: Estimation) -> tuple[Contradiction, ...]:
     """Return the statements that the runs contradict, the worst first.
 
-    Where the residuals exceed the noise, a misfit counts in units of the residuals.
+    Where the residuals exceed the noise, a misfit counts in units of the residuals.  None where the
+    fit did not converge: away from the optimum every statement has a misfit.
     """
+    if not estimation.fit.converged:
+        return ()
     stated = _Stated(estimation)
     unit = 1.0 if estimation.holds else np.sqrt(max(1.0, estimation.chi2_per_n))
     misfits, Q = stated.misfits / unit, stated.redundancy

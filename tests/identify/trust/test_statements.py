@@ -164,6 +164,7 @@ def test_one_wrong_load_is_named_alone() -> None:
     wider = replace(result.fit, covariance=2.0 * result.fit.covariance)
     (same,) = contradictions(replace(result, fit=wider))  # wider intervals accuse nothing more
     assert same.sigmas == wrong.sigmas
+    assert not contradictions(replace(result, fit=replace(result.fit, converged=False)))
 
 
 CARS = {
