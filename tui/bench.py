@@ -72,31 +72,12 @@ def bus_numbers(bench: Bench, names: Sequence[str]) -> frozenset[int]:
     return frozenset(numbers)
 
 
-def with_sensors(bench: Bench, sensors: Sequence[str], buses: frozenset[int]) -> Bench:
-    """Return the bench with only the channels of some sensors and some buses.
-
-    Empty sets keep all.  Raises InputError if the bench has no such sensor, or none of them on
-    these buses.
-    """
+def on_buses(bench: Bench, buses: frozenset[int]) -> Bench:
+    """Return the bench with only the channels of sensors on some buses; of all if none is named."""
     from dataclasses import replace
 
-    from daq import InputError
     from daq.channels import sensor_of_signal
 
-    known = {sensor.name: sensor for sensor in bench.sensors}
-    for name in sensors:
-        if name not in known:
-            names = ", ".join(known) or "none: it has no [[sensor]]"
-            raise InputError(f"--sensor {name}", "is not on the bench", f"its sensors: {names}")
-    wanted = {
-        name
-        for name, sensor in known.items()
-        if (not sensors or name in sensors) and (not buses or sensor.bus in buses)
-    }
-    if sensors and not wanted:
-        labels = ", ".join(dict.fromkeys(bench.buses[known[name].bus].label for name in sensors))
-        raise InputError(f"--sensor {', '.join(sensors)}", "not on that bus", f"but on {labels}")
-    if wanted == known.keys():
-        return bench
-    channels = tuple(c for c in bench.channels if sensor_of_signal(c.signal) in wanted)
-    return replace(bench, channels=channels)
+    others = {s.name for s in bench.sensors if buses and s.bus not in buses}
+    channels = tuple(c for c in bench.channels if sensor_of_signal(c.signal) not in others)
+    return replace(bench, channels=channels) if others else bench

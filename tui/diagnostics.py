@@ -64,11 +64,6 @@ def require_ending(path: Path, noun: str, endings: Collection[str]) -> None:
         raise InputError(str(path), f"is not a known form of {noun}", advice)
 
 
-def is_asked() -> bool:
-    """Return whether questions can be asked: stdin and stderr are terminals."""
-    return sys.stdin.isatty() and sys.stderr.isatty()
-
-
 def require_place(path: Path, force: bool) -> None:
     """Raise InputError if the folder of a file to write is absent, or the person keeps the file.
 
@@ -79,7 +74,7 @@ def require_place(path: Path, force: bool) -> None:
 
     if not path.parent.is_dir():
         raise InputError(str(path.parent), "there is no such folder", "make it, or name another")
-    asks = path.is_file() and not force and is_asked()
+    asks = path.is_file() and not force and sys.stdin.isatty() and sys.stderr.isatty()
     if asks and not typer.confirm(f"bumpbench: {path} exists already: replace it?", err=True):
         raise InputError(str(path), "stays as it was", "name another file, or use --force")
 

@@ -7,11 +7,6 @@ from typing import Annotated, Literal
 
 import typer
 
-Sensors = Annotated[
-    list[str] | None, typer.Option("--sensor", metavar="NAME", help="Only this sensor; repeatable.")
-]
-"""Names of `[[sensor]]` tables."""
-
 Buses = Annotated[
     list[str] | None,
     typer.Option(

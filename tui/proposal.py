@@ -1,40 +1,27 @@
-"""Proposes a bench.toml from databases and traffic, and asks about its uncertain parts."""
+"""Proposes a bench.toml from databases and traffic."""
 
 from __future__ import annotations
 
 import os
-import re
-import shutil
-import sys
-import textwrap
 import time
-import tomllib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
 from daq import BusError, InputError
 from daq.bench.config import Bench, BusConfig, parse_bench
 from daq.bench.sensors import Database, ready_map, stored_text
 from daq.bus.interfaces import open_source
-from daq.check.guess import Answers, Question
-from daq.check.propose import NO_ANSWERS, Proposal, propose_sensors
+from daq.check.propose import propose_sensors
 from daq.check.pushes import ORDER, spoken
 from daq.files import write_named
 from daq.formats.log import read_log
 from dbc import FrameBatch, read_dbc
-from dbc.words import printable
 
 from . import output
 from .bench import reachable
-from .diagnostics import is_asked, say
-
-_ANSWER_WIDTH = 12
-"""Columns that a question leaves free for its answer."""
-_TO_FILL_IN = re.compile(r"(\w+) = (\S.*?)  # FILL IN(?:: (.*))?")
-
+from .diagnostics import say
 
 # Traffic ------------------------------------------------------------------------------------------
 
@@ -139,7 +126,7 @@ def propose_bench(
     if len(buses) > 1 and not databases[0].name:
         raise InputError("--propose", "has no database", "name those of the sensors with --dbc")
     at_rest, pushed = source.traffic(replace(known, buses=buses or known.buses))
-    proposal = completed(partial(propose_sensors, databases, buses, at_rest, pushed))
+    proposal = propose_sensors(databases, buses, at_rest, pushed)
     write_named(target, proposal.text.encode())
     say(f"wrote {target}: read it, and fill in what is marked")
     for question in proposal.questions:
@@ -165,71 +152,3 @@ def _databases(
     if config is not None and name and not name.startswith("layout:"):
         name = os.path.relpath(config.parent / name, target.parent)
     return [Database(name, known.dbc_text)]
-
-
-# Questions ----------------------------------------------------------------------------------------
-
-
-def completed(propose: Callable[[Answers], Proposal]) -> Proposal:
-    """Return a proposal with the typed answers to its questions; unchanged without a terminal.
-
-    `propose`: makes the proposal from the answers so far.
-    """
-    answers: dict[Question, bool] = {}
-    proposal = propose(NO_ANSWERS)
-    if not is_asked():
-        return proposal
-    say("an empty answer leaves the question in the file")
-    passed: set[Question] = set()
-    while question := next((q for q in proposal.asked if q.answers and q not in passed), None):
-        typed = _typed(f"{question.line} ({question.answers})")
-        answer = question.understood(typed)
-        if typed and answer is None:
-            say(f"{typed!r} is not an answer to that: {question.answers}")
-            continue
-        passed.add(question)
-        if answer is not None:
-            answers[question] = answer
-            proposal = propose(answers)
-    return replace(proposal, text=_filled_in(proposal.text))
-
-
-def _filled_in(text: str) -> str:
-    """Return a bench.toml with the typed values for the lines that are marked FILL IN."""
-    lines, table = [], ""
-    for line in text.splitlines():
-        if line.startswith("["):
-            table = line.strip("[]")
-        elif line.startswith("name = ") and "FILL IN" not in line:
-            table = line.partition("= ")[2].strip('"')
-        marked = _TO_FILL_IN.fullmatch(line)
-        if marked is not None:
-            key, value, remark = marked.groups("")
-            about = f"{remark}; " if remark else ""
-            question = f"{table} {key} ({about}now {value})"
-            if typed := _typed_value(key, question, is_text=value.startswith('"')):
-                line = f"{typed}  # {remark}" if remark else typed
-        lines.append(line)
-    return "\n".join(lines) + "\n"
-
-
-def _typed_value(key: str, question: str, is_text: bool) -> str:
-    """Return a line of TOML with the typed value of a key; empty if nothing was typed."""
-    while typed := _typed(question):
-        line = f'{key} = "{typed}"' if is_text else f"{key} = {typed}"
-        try:
-            value = tomllib.loads(line).get(key)
-        except tomllib.TOMLDecodeError:
-            value = None
-        if isinstance(value, str) if is_text else isinstance(value, int | float):
-            return line
-        say(f"{typed!r} is not a {'text' if is_text else 'number'}")
-    return ""
-
-
-def _typed(question: str) -> str:
-    """Return the typed answer to a question; empty at the end of the input."""
-    width = max(shutil.get_terminal_size().columns - _ANSWER_WIDTH, _ANSWER_WIDTH)
-    sys.stderr.write(textwrap.fill(f"? {printable(question)}: ", width) + " ")
-    sys.stderr.flush()
-    return printable(sys.stdin.readline().strip(), 200)

@@ -78,29 +78,7 @@ def corner_by_name(name: str, message: str) -> tuple[Corner, str] | None:
     return None
 
 
-# Guesses, and what is asked about them ------------------------------------------------------------
-
-
-@dataclass(frozen=True, slots=True)
-class Question:
-    """A question about an uncertain guess; yes confirms it."""
-
-    line: str
-    """The question, with its subject."""
-    answers: str = "y"
-    """Its possible answers: `y`, or `y or n` where no leaves the sensor out; empty if only an edit
-    of the file answers it."""
-
-    def understood(self, typed: str) -> bool | None:
-        """Return True for yes, False for no, None for what is no answer to this question."""
-        lower = typed.strip().lower()
-        if lower in ("y", "yes") and self.answers:
-            return True
-        return False if lower in ("n", "no") and "n" in self.answers else None
-
-
-Answers = Mapping[Question, bool]
-"""Answers as `Question.understood` returns them."""
+# Guesses ------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,8 +94,7 @@ class Guess:
     ask: str = ""
     """Question to the user about an uncertain guess; empty if it is certain."""
     of_device: bool = False
-    """True if the question is about a device with several channels, and one answer counts for all
-    of them."""
+    """True if the question is about a device with several channels."""
     is_proven: bool = False
     """True if pushes on the corners have proven corner and sign."""
     tare: float | None = None
@@ -129,8 +106,6 @@ class Guess:
 FEWEST = 20
 """Fewest samples from which a conclusion is drawn."""
 _WHERE, _WHICH_HUB = "at which corner?", "is it on the body, or on which hub?"
-OPEN = (_WHERE, _WHICH_HUB)
-"""Questions that yes does not answer."""
 _FARTHEST_M = 1.0
 """Largest reading of a suspension travel at rest, m."""
 

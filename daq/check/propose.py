@@ -11,7 +11,6 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import PurePath
-from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -32,20 +31,9 @@ from ..bench.sensors import (
 )
 from ..channels import AT_CORNER, ON_BODY, Quantity, sensor_of, signal_of
 from .frame_checks import RATE_FAIL, Arrivals, fitting_rules, frame_table
-from .guess import (
-    FEWEST,
-    OPEN,
-    Answers,
-    Guess,
-    Question,
-    candidate,
-    guess_channels,
-    plain_name,
-    words,
-)
+from .guess import FEWEST, Guess, candidate, guess_channels, plain_name, words
 from .pushes import find_pushes
 
-NO_ANSWERS: Answers = MappingProxyType({})
 ASK = "# ASK: "
 """Beginning of a mark in bench.toml, on a separate line or after a value."""
 
@@ -56,12 +44,8 @@ class Proposal:
 
     text: str
     """TOML with comments."""
-    asked: tuple[Question, ...]
-
-    @property
-    def questions(self) -> tuple[str, ...]:
-        """The questions, one line each."""
-        return tuple(question.line for question in self.asked)
+    questions: tuple[str, ...]
+    """The questions, one line each."""
 
 
 def propose_sensors(
@@ -69,27 +53,19 @@ def propose_sensors(
     buses: Sequence[BusConfig],
     frames: FrameBatch | None,
     pushes: FrameBatch | None,
-    answers: Answers = NO_ANSWERS,
 ) -> Proposal:
     """Return a bench.toml for the sensors that the databases describe and the traffic shows.
 
     `databases`: at least one, with the names that bench.toml will use.  `buses`: in the order of
     their numbers in the frames; empty: marked to be filled in.  `frames`: some seconds of the car
     at rest, in order of arrival; if None, only names are used.  `pushes`: a push on each corner,
-    with rest before each, in the order of `pushes.ORDER`.  `answers`: to the questions of an
-    earlier proposal from the same traffic.
+    with rest before each, in the order of `pushes.ORDER`.
 
     Raises InputError if a database cannot be used, or two sensors would have one identifier on one
     bus.
     """
     frames = frames if frames is not None and len(frames) else None
-    present, missing = find_sensors(databases, frames)
-    sensors = []
-    for each in present:
-        answer = None if each.surely else answers.get(each.question)
-        if answer is not False:
-            known = each._replace(surely=True, why="yours, by your answer")
-            sensors.append(known if answer else each)
+    sensors, missing = find_sensors(databases, frames)
     n_buses = max(len(buses), *(each.sensor.bus + 1 for each in sensors), 1)
     one = len(databases) == 1 and len(sensors) == 1 and n_buses == 1
     is_list = not (one and sensors[0].sensor.id_offset == 0)
@@ -107,22 +83,21 @@ def propose_sensors(
     signals = [(f"{m.name}.{s.name}", s) for m in messages for s in m.signals]
     measured = (candidate(full, signal, _usable(decoded, full)) for full, signal in signals)
     candidates = [each for each in measured if each is not None]
-    questions: list[Question] = []
+    questions: list[str] = []
     moved = None
     if pushes is not None and len(pushes):
         traces = {k: (s.t_ns, s.value) for k, s in codec.decode(pushes).samples.items()}
         moved, number = find_pushes(traces, [each.full for each in candidates if each.shows_push])
         if moved is None:
             were = counted(number, "push was", "pushes were")
-            line = f"{were} found instead of one on each of four corners: repeat them"
-            questions.append(Question(line))
+            questions.append(f"{were} found instead of one on each of four corners: repeat them")
     guesses = guess_channels(candidates, moved)
     ready = {
         table["name"]
         for each in sensors
         for table in sensor_map(each.sensor.name, each.sensor.database).get("message", [])
     }
-    tables = _ChannelTables(answers, questions)
+    tables = _ChannelTables(questions)
     lines = _head(databases, sensors if is_list else (), buses, n_buses)
     for message in messages:
         channels: list[str] = []
@@ -139,7 +114,7 @@ def propose_sensors(
             lines += ["", f"# {printable(message.name)}", *rule, *channels]
     if missing:
         lines += ["", f"# Not on the bus: {printable(', '.join(missing), 400)}"]
-    questions += [each.question for each in sensors if not each.surely]
+    questions += [f"sensor {each.sensor.name}: {each.why}" for each in sensors if not each.surely]
     return Proposal("\n".join(lines) + "\n", tuple(questions))
 
 
@@ -170,11 +145,6 @@ class FoundSensor(NamedTuple):
     """The reasons for the proposal."""
     surely: bool
     """False if the user should be asked."""
-
-    @property
-    def question(self) -> Question:
-        """The question whether it is one of this bench."""
-        return Question(f"sensor {self.sensor.name}: {self.why}", "y or n")
 
 
 def find_sensors(
@@ -337,8 +307,8 @@ post_s = 2.5  # until the motion has decayed
 class _ChannelTables:
     """Writes `[[channel]]` tables with unique names, and collects the questions about them."""
 
-    def __init__(self, answers: Answers, questions: list[Question]) -> None:
-        self._answers, self._questions = answers, questions
+    def __init__(self, questions: list[str]) -> None:
+        self._questions = questions
         self._used: set[str] = set()
 
     def lines(self, full: str, guess: Guess, sensor: str) -> list[str]:
@@ -352,9 +322,8 @@ class _ChannelTables:
         subject = f"channel {name}"
         if guess.of_device:
             subject = f"sensor {sensor}" if sensor else "the IMU"
-        question = Question(f"{subject}: {guess.ask}", "" if guess.ask in OPEN else "y")
-        ask = "" if question in self._answers else guess.ask
-        if ask and question not in self._questions:
+        question = f"{subject}: {guess.ask}"
+        if guess.ask and question not in self._questions:
             self._questions.append(question)
         lines = [
             "",
@@ -363,8 +332,8 @@ class _ChannelTables:
             f"signal = {json.dumps(full)}",
             f'quantity = "{guess.quantity}"  # {printable(guess.why, 200)}',
         ]
-        if ask:
-            lines.append(f"{ASK}{printable(ask, 200)}")
+        if guess.ask:
+            lines.append(f"{ASK}{printable(guess.ask, 200)}")
         if guess.quantity in AT_CORNER:
             lines.append(f'corner = "{guess.corner}"')
         if guess.sign < 0:

@@ -1,4 +1,4 @@
-"""The page for unknown sensors, followed as it stands: its commands in a shell, its answers typed.
+"""The page for unknown sensors, followed as it stands, with its commands in a shell.
 
 What the page runs in a second terminal, `simulate`, runs beside the rest.  The multicast groups are
 others than the page's, so that no other reader who follows it at the moment is heard.
@@ -6,17 +6,13 @@ others than the page's, so that no other reader who follows it at the moment is 
 
 from __future__ import annotations
 
-import io
 import json
 import os
-import pty
 import re
-import select
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -37,7 +33,6 @@ from daq.session.build import build_session
 from daq.sim.bench import Fault
 from daq.sim.car import SimulatedCar
 from dbc import FrameBatch
-from tui.proposal import completed
 
 from ..daq.sim.bench_campaign import record
 from ..daq.wild_bench import DATABASES, NODES, rest_and_pushes, wild_bench
@@ -47,7 +42,6 @@ PAGE = (ROOT / "docs" / "sensors.md").read_text("utf-8")
 PATIENCE_S = 300.0
 GROUP = f"239.79.{64 + os.getpid() % 128}.2"
 _BLOCK = re.compile(r"(?:^    .*\n|^\n(?=    ))+", re.MULTILINE)
-_QUESTION = re.compile(r"^\? (.*): (\S+)$", re.MULTILINE)
 
 
 def steps() -> list[str]:
@@ -105,31 +99,6 @@ class Reader:
             self.second.communicate(timeout=PATIENCE_S)
             self.second = None
 
-    def asked(self, script: str, answers: Sequence[str]) -> tuple[str, list[str]]:
-        """Run a script at a terminal; return what it showed and what it asked, a line each."""
-        child, fd = pty.fork()
-        if child == 0:
-            os.chdir(self.folder)
-            os.execvpe("bash", ["bash", "-e", "-c", script], self.environment)
-        shown, asked, left = "", list[str](), list(answers)
-        try:
-            until_s = time.monotonic() + PATIENCE_S
-            while time.monotonic() < until_s:
-                if select.select([fd], [], [], 0.5)[0]:
-                    try:
-                        shown += os.read(fd, 65536).decode()
-                    except OSError:  # Linux: the terminal has no other end any more
-                        break
-                line = shown[shown.rfind("\n? ") + 3 :]
-                if line.endswith(": ") and shown.count("\n? ") == len(asked) + 1:
-                    asked.append(" ".join(line[:-2].split()))
-                    os.write(fd, f"{left.pop(0) if left else ''}\n".encode())
-        finally:
-            os.close(fd)
-            _, status = os.waitpid(child, 0)
-        assert os.waitstatus_to_exitcode(status) == 0, shown
-        return shown, asked
-
 
 @pytest.fixture
 def reader(tmp_path: Path) -> Iterator[Reader]:
@@ -144,7 +113,7 @@ def reader(tmp_path: Path) -> Iterator[Reader]:
 
 def until_checked(reader: Reader) -> list[str]:
     """Follow the page as far as the check, and return the steps behind it."""
-    folder, push, propose, weights, check, *rest = steps()
+    folder, push, propose, edits, weights, check, *rest = steps()
     # A busy machine needs up to 25 s to start `check`; the page gives a person 10.
     push = push.replace("--push 15", "--push 45")
     propose = propose.replace("--push 22", "--seconds 20 --push 60")
@@ -153,32 +122,23 @@ def until_checked(reader: Reader) -> list[str]:
     reader.in_second_terminal(push)
     with can.Bus(interface="udp_multicast", channel=f"{GROUP}1", fd=False) as bus:
         assert bus.recv(PATIENCE_S) is not None, "the car stands still from now on"
-    typed = _QUESTION.findall(PAGE)
-    shown, asked = reader.asked(propose, [answer for _, answer in typed])
-    assert asked == [question for question, _ in typed], shown
-    assert "0 FAIL" in shown
+    assert "0 FAIL" in reader.done(propose)
+    reader.done(edits)
     reader.done(weights)
     assert "0 FAIL" in reader.done(check)
     return rest
 
 
-class _Terminal(io.StringIO):
-    def isatty(self) -> bool:
-        return True
-
-
 def test_a_proposed_bench_records_to_its_end_although_a_run_is_rejected(
-    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
 ) -> None:
-    """Steps 2 to 6 of the page without its buses: typed answers, weights, a bump struck twice."""
-    typed = "".join(f"{answer}\n" for _, answer in _QUESTION.findall(PAGE))
-    monkeypatch.setattr(sys, "stdin", _Terminal(typed))
-    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
-    buses = wild_bench().buses
-    proposed = completed(lambda a: propose_sensors(DATABASES, buses, *rest_and_pushes(), answers=a))
-    weights = steps()[3].partition("\n")[2].rpartition("\nEND")[0]
-    text = f"{proposed.text}\n{weights}\n"
-    assert "FILL IN" not in re.sub("^#.*$", "", text, flags=re.MULTILINE)
+    """Steps 2 to 6 of the page without its buses: its edits, weights, a bump struck twice."""
+    proposed = propose_sensors(DATABASES, wild_bench().buses, *rest_and_pushes())
+    (tmp_path / "bench.toml").write_text(proposed.text, "utf-8")
+    for script in steps()[3:5]:
+        subprocess.run(["bash", "-e", "-c", script], cwd=tmp_path, check=True)
+    text = (tmp_path / "bench.toml").read_text("utf-8")
+    assert not re.findall(r"^[^#\n].*(?:FILL IN|ASK: ).*$", text, re.MULTILINE)
     bench = parse_bench(text, "bench.toml", Path(), stored_text(DATABASES))
     bench = replace(bench, campaign=replace(bench.campaign, repeats=1))
     kept, status = record(bench, 3, Fault.DOUBLE_BUMP)

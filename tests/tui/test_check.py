@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import json
 import os
-import sys
 from pathlib import Path
 
 import can
@@ -216,47 +215,6 @@ def test_a_proposal_that_the_disk_refuses_leaves_no_file(
     assert run(["check", "--propose", str(tmp_path / "bench.toml")]) == 2
     assert "No space left" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
-
-
-def test_at_a_terminal_a_proposal_asks(
-    a_log: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    answers = {
-        "point forward?": ["-x", "y"],
-        "vehicle name": ["Granada"],
-        "acc_z x_m": ["far", "-1.05"],
-    }
-    typed: list[str] = []
-
-    class Terminal:
-        def isatty(self) -> bool:
-            return True
-
-        def readline(self) -> str:
-            shown = capsys.readouterr().err
-            question = " ".join(f"\n{shown}".rpartition("\n? ")[2].split())
-            typed.append(question)
-            found = next((lines for key, lines in answers.items() if key in question), [])
-            return f"{found.pop(0) if found else ''}\n"
-
-    monkeypatch.setattr("sys.stdin", Terminal())
-    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
-    target = tmp_path / "asked.toml"
-    assert run(["check", "--propose", str(target), str(a_log)]) == 0
-    text = target.read_text("utf-8")
-    assert not [lines for lines in answers.values() if lines]
-    assert len([question for question in typed if "point forward?" in question]) == 2
-    bench = load_bench(target)
-    assert bench.vehicle.name == "Granada"
-    channels = {channel.name: channel for channel in bench.channels}
-    assert (channels["rate_x"].sign, channels["rate_y"].sign) == (1, 1)
-    assert channels["acc_z"].x_m == -1.05
-    assert "# ASK" not in text
-    assert text.endswith("\n")
-    assert "y_m = 0.0  # FILL IN" in text  # an empty answer leaves the mark
 
 
 # Values that no sensor shows ----------------------------------------------------------------------

@@ -109,39 +109,6 @@ def test_a_unit_with_a_comma_is_quoted_and_frames_of_other_identifiers_are_count
     assert err == "bumpbench: of 3 frames not all were decoded: 2 unknown_id\n"
 
 
-BENCH = """
-dbc = "motor.dbc"
-[[bus]]
-interface = "virtual"
-channel = "can0"
-name = "left, front"
-[[channel]]
-name = "v"
-signal = "Motor.speed"
-quantity = "unused"
-"""
-
-
-def test_a_bench_of_one_bus_names_it_and_one_of_two_does_not_guess(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    log, dbc, bench = (tmp_path / name for name in ("a.log", "motor.dbc", "bench.toml"))
-    dbc.write_text(MOTOR, "utf-8")
-    log.write_text("(2.5) can0 18FF01FE#1400FFFF00000000\n", "ascii")
-    more = '[[bus]]\ninterface = "virtual"\nchannel = "can1"\n'
-    for text, bus in (
-        (BENCH, '"left, front"'),
-        (BENCH.replace("[[channel]]", f"{more}[[channel]]"), ""),
-    ):
-        bench.write_text(text, "utf-8")
-        assert run(["decode", str(log), str(bench)]) == 0, capsys.readouterr().err
-        assert capsys.readouterr().out.splitlines() == [
-            "time_s,bus,sensor,message,signal,value,unit",
-            f'2.500000000,{bus},,Motor,speed,0,"1,min"',
-            f"2.500000000,{bus},,Motor,torque,-1,Nm",
-        ]
-
-
 # What a log lost, and its times -------------------------------------------------------------------
 
 

@@ -7,6 +7,7 @@ import io
 import json
 import math
 import re
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from multiprocessing import active_children
@@ -88,8 +89,9 @@ def test_a_page_that_is_there_is_replaced_after_a_question(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     (page := tmp_path / "r.html").write_text("signed")
-    monkeypatch.setattr(diagnostics, "is_asked", lambda: True)
     monkeypatch.setattr("sys.stdin", io.StringIO(answer))
+    for stream in (sys.stdin, sys.stderr):
+        monkeypatch.setattr(stream, "isatty", lambda: True, raising=False)
     if replaced:
         diagnostics.require_place(page, force=False)
     else:

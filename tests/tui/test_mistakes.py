@@ -109,7 +109,6 @@ MISTAKES = {
     "validate": "no file is given",
     # words that do not fit together
     "decode all.log bench.toml --dbc x.dbc": "exclude each other",
-    "decode all.log --sensor front": "names no bench",
     "import": "names no log",
     "import --run baseline:roll:all.log --skip 1": "for logs of many runs",
     "import --run baseline:roll:all.log --runs baseline:roll": "of many runs",

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from ..diagnostics import ExitCode, say
-from ..options import Buses, Force, JsonResult, Sensors
+from ..options import Buses, Force, JsonResult
 
 
 def import_(
@@ -33,7 +33,6 @@ def import_(
         int, typer.Option(min=0, metavar="N", help="Number of bumps to leave out at the beginning.")
     ] = 0,
     bus: Buses = None,
-    sensor: Sensors = None,
     dbc: Annotated[Path | None, typer.Option(help="DBC to use instead of the bench's.")] = None,
     channels: Annotated[
         Path | None,
@@ -58,7 +57,7 @@ def import_(
     from daq.formats.log import read_log, read_logs
     from daq.session.from_frames import numbered, parse_runs, with_steps
 
-    from ..bench import bus_numbers, with_sensors
+    from ..bench import bus_numbers, on_buses
     from ..diagnostics import say_left_out
     from ..importing import import_channels, import_logs
     from ..output import print_session, progress
@@ -89,9 +88,9 @@ def import_(
     steps = numbered(labels) if labels else parse_runs(runs) if runs else ()
     with progress("import") as stage:
         if channels:
-            if config or dbc or sensor or bus:
+            if config or dbc or bus:
                 reason = "is for files without a bus"
-                advice = "name no bench.toml, --dbc, --sensor or --bus with it"
+                advice = "name no bench.toml, --dbc or --bus with it"
                 raise InputError("--channels", reason, advice)
             known = load_channel_map(channels)
             if known.runs and (labels or runs or skip or len(files) > 1):
@@ -106,8 +105,8 @@ def import_(
             if dbc is not None:
                 bench = with_database(bench, dbc)
             numbers = bus_numbers(bench, bus or [])
-            on_buses = numbers if len(bench.buses) > 1 else frozenset[int]()
-            bench = with_sensors(bench, sensor or [], on_buses)
+            if len(bench.buses) > 1:
+                bench = on_buses(bench, numbers)
             steps = steps or bench.campaign.steps
             bench = with_steps(bench, steps)
             codec = bench_codec(bench)

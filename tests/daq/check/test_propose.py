@@ -16,7 +16,7 @@ from daq.bench.config import Bench, bench_codec, parse_bench
 from daq.bench.sensors import Database
 from daq.channels import Quantity
 from daq.check.frame_checks import Arrivals
-from daq.check.guess import Candidate, Guess, Question, candidate, guess_channels
+from daq.check.guess import Candidate, Guess, candidate, guess_channels
 from daq.check.propose import find_sensors, message_rule, propose_sensors
 from daq.check.pushes import Pushes, Trace
 from daq.vehicle import Corner
@@ -406,20 +406,3 @@ def test_a_travel_is_where_a_push_moves_it_most(
     )  # fmt: skip
     assert (found.ask, found.is_proven) == (ask, True)
     assert found.tare == pytest.approx(sign * 0.012)
-
-
-# Answers ------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("answers", "typed", "answer"),
-    [
-        ("y", " Yes ", True),
-        ("y", "no", None),
-        ("y or n", "n", False),
-        ("y or n", "maybe", None),
-        ("", "y", None),
-    ],
-)
-def test_answers_that_are_understood(answers: str, typed: str, answer: bool | None) -> None:
-    assert Question("?", answers).understood(typed) is answer

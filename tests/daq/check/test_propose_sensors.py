@@ -145,24 +145,9 @@ def test_no_four_pushes_are_asked_for_again() -> None:
     assert proposed.questions[0].startswith("1 push was found instead of one on each")
 
 
-# Answers ------------------------------------------------------------------------------------------
-
-
-def test_confirmed_guesses_lose_their_marks_and_a_sensor_that_is_not_ours_is_left_out() -> None:
-    rest, _ = rest_and_pushes()
-    asked = {q.line.partition(": ")[0]: q for q in proposal(False).asked}
-    yes = {asked[name]: True for name in ("sensor pot_2", "sensor pot_4", "sensor imu_a_1")}
-    found = propose_sensors(DATABASES, (), rest, None, yes | {asked["sensor pot_3"]: False})
-    assert not [q for q in found.asked if q in yes]
-    pots = [s.name for s in bench_of(found).sensors if "pot" in s.name]
-    assert pots == ["pot_1", "pot_2", "pot_4"]
-    assert "sensor imu_b" in {q.line.partition(": ")[0] for q in found.asked}
-
-
 def test_a_pot_of_which_nothing_shows_the_wheel_is_placed_in_the_file() -> None:
-    """Alone and without a bus: yes is no answer to where it is."""
-    (question,) = propose_sensors((Database("pot.dbc", POT),), (), None, None).asked
-    assert (question.line, question.answers) == ("channel Position_Value: at which corner?", "")
+    proposed = propose_sensors((Database("pot.dbc", POT),), (), None, None)
+    assert proposed.questions == ("channel Position_Value: at which corner?",)
 
 
 # Hubs that no name places -------------------------------------------------------------------------
