@@ -99,8 +99,7 @@ EXPLAINED = MappingProxyType(
         ),
         "journal_warning": Explanation(
             "trouble with the journal's files",
-            "A write failed and was repeated in a new file, a file was removed, or no old recording"
-            " may be deleted to make room",
+            "A write failed and was repeated in a new file, or a file was removed",
             "check the disk and which other programs write there; recording continues",
         ),
         "disk_low": Explanation(

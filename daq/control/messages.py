@@ -118,8 +118,8 @@ class DiskStatus:
     dropped_frames: int = 0
     """Frames lost because neither disk nor memory had room; `disk_gap` events report them."""
     warning: str = ""
-    """A fault although the disk stores everything: no file may be deleted, a file was removed, or a
-    write failed and was repeated in another file."""
+    """A fault although the disk stores everything: a file was removed, or a write failed and was
+    repeated in another file."""
     total_bytes: int = 0
 
 

@@ -16,14 +16,12 @@ from dbc.frames import FrameBatch, freeze_arrays
 from dbc.words import InputError, counted
 
 from ..bus.source import HopLosses
-from ..files import is_regular
 from ..runlog import Code
 from ..runs import Event
 from .segment import (
     ADVICE,
     ENDED,
-    OPEN,
-    SEALED,
+    PATTERNS,
     Block,
     JournalBlock,
     JournalHead,
@@ -31,7 +29,6 @@ from .segment import (
     Summary,
     last_block,
     read_segment,
-    sealed_path,
     segment_number,
     session_name,
     unpack_events,
@@ -201,20 +198,9 @@ def scan(path: Path) -> SegmentInfo:
 
 
 def segments_in(folder: Path) -> tuple[Path, ...]:
-    """Return the segments in a folder, also empty and open ones, in order of their numbers."""
-    paths = {sealed_path(path): path for path in (*folder.glob(OPEN), *folder.glob(SEALED))}
-    return tuple(sorted(paths.values(), key=segment_number))
-
-
-def seal_left_open(folder: Path) -> None:
-    """Rename the segments that a killed recorder left open to names of sealed segments.
-
-    To be called before a recorder begins, while no recorder runs.
-    """
-    for path in folder.glob(OPEN):
-        if is_regular(path) and not sealed_path(path).exists():
-            with suppress(OSError):  # it can be read under both names
-                path.rename(sealed_path(path))
+    """Return the segments in a folder, also empty ones, in order of their numbers."""
+    paths = [path for pattern in PATTERNS for path in folder.glob(pattern)]
+    return tuple(sorted(paths, key=segment_number))
 
 
 def next_segment(folder: Path) -> int:
@@ -471,6 +457,4 @@ def deleted_blocks(event: Event) -> tuple[tuple[int, int], ...]:
     """
     if event.code != RETENTION:
         return ()
-    stated = json.loads(event.text)  # until November 2026 one span, with a key for each end
-    spans = stated.get("deleted") or [(stated["first"], stated["stop"])]
-    return tuple((int(first), int(stop)) for first, stop in spans)
+    return tuple((int(first), int(stop)) for first, stop in json.loads(event.text)["deleted"])

@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dbc.frames import FrameBatch
-from dbc.words import counted
+from dbc.words import InputError, counted
 
 from ..bench.campaign import Origin
 from ..bus.source import HopLosses
@@ -221,24 +221,17 @@ def unpack_frames(content: bytes | memoryview) -> JournalBlock:
     return JournalBlock(HopLosses(*counts), size, content)
 
 
-# Names of segments, which show which of them never change again -----------------------------------
+# Names of segments --------------------------------------------------------------------------------
 
 ENDED = "ended"
 """Code of the event with which the recorder ends a recording, which will not be resumed."""
-SUFFIX = ".bbj"
-SEALED, OPEN = f"journal_*{SUFFIX}", f"open_*{SUFFIX}"
-"""Patterns of the names of segments that never change again, and of the one being written."""
+PATTERNS = ("journal_*.bbj", "open_*.bbj")
+"""Patterns of the names of segments; until November 2026 that being written was an open one."""
 
 
-def open_path(folder: Path, number: int) -> Path:
-    """Return the path of a segment while it is written."""
-    return folder / f"open_{number:04d}{SUFFIX}"
-
-
-def sealed_path(path: Path) -> Path:
-    """Return the path of a segment after it was written; the same path if it is sealed already."""
-    number = path.name.removeprefix("open_")
-    return path if number == path.name else path.with_name(f"journal_{number}")
+def segment_path(folder: Path, number: int) -> Path:
+    """Return the path of a segment."""
+    return folder / f"journal_{number:04d}.bbj"
 
 
 def segment_number(path: Path) -> int:
@@ -287,9 +280,8 @@ class Segment:
     """A file of the journal.
 
     `file`: new and empty; closed here.  `path`: its path; deleted again if the head cannot be
-    written.  After the last write it is renamed to `sealed_path`.  `number`: of its first block.
-    `summary`: of its blocks on the disk.  `size`: bytes written.  Raises OSError if the head cannot
-    be written.
+    written.  `number`: of its first block.  `summary`: of its blocks on the disk.  `size`: bytes
+    written.  Raises OSError if the head cannot be written.
     """
 
     def __init__(self, file: SyncedFile, path: Path, head: JournalHead, number: int) -> None:
@@ -356,23 +348,19 @@ class Segment:
             self._write(self._packed(Kind.END, content, self.summary.stop))
             self.file.sync()
         finally:
-            self._close_as_sealed()
+            self._close()
 
     def abandon(self) -> None:
         """Close the file as it is; delete it if nothing in it was reported as written."""
         if self.is_empty and self.is_in_place:
             with suppress(OSError):
                 self.path.unlink()
-        self._close_as_sealed()
+        self._close()
 
-    def _close_as_sealed(self) -> None:
-        in_place = self.is_in_place
+    def _close(self) -> None:
         with suppress(OSError):
             self.file.close()
         self._events.clear()
-        if in_place:
-            with suppress(OSError):  # the next recorder will rename it
-                self.path = self.path.rename(sealed_path(self.path))
 
     def _packed(self, kind: Kind, content: bytes, number: int) -> bytes:
         return pack_block(Block(kind, number, self._head.wall_ns, self._head.recording, content))
@@ -390,8 +378,6 @@ class Segment:
 # Reads one segment --------------------------------------------------------------------------------
 
 ADVICE = "move it away, and name the recorder's own files journal_*.bbj"
-_READ_BYTES = 1 << 20
-"""Bytes that are given up as a whole where the disk cannot read."""
 
 
 class SegmentContent(NamedTuple):
@@ -412,7 +398,7 @@ def read_segment(path: Path) -> SegmentContent:
 
     Raises InputError if it is not a regular file or cannot be opened.
     """
-    data, fault = _read(path, 0)
+    data = _last_bytes(path)
     view, blocks = memoryview(data), []
     offset = end = 0  # where a block may begin, and where the last whole one ends
     while 0 <= offset < len(data):
@@ -426,7 +412,7 @@ def read_segment(path: Path) -> SegmentContent:
     is_headed = torn >= HEADER.size and data.startswith(MAGIC, end)
     if not torn or (is_headed and HEADER.unpack_from(data, end)[2] in (Kind.HEAD, Kind.END)):
         return SegmentContent(tuple(blocks), 0, "")
-    text = f"{path.name}: {counted(torn, 'byte')} from byte {end} {fault or 'are no whole block'}"
+    text = f"{path.name}: {counted(torn, 'byte')} from byte {end} are no whole block"
     return SegmentContent(tuple(blocks), torn, text)
 
 
@@ -436,7 +422,7 @@ def last_block(path: Path) -> Block | None:
     Raises InputError as `read_segment`.
     """
     for wanted in (1 << 16, 1 << 24):  # most ends are short
-        data, _ = _read(path, wanted)
+        data = _last_bytes(path, wanted)
         offset = data.rfind(MAGIC)
         if offset >= 0:
             block = block_at(memoryview(data), offset)
@@ -447,29 +433,16 @@ def last_block(path: Path) -> Block | None:
     return None
 
 
-def _read(path: Path, wanted: int) -> tuple[bytes, str]:
-    """Return the last bytes of a file, 0 for all, and why the disk failed; empty if it did not.
-
-    What the disk cannot read is zeros.
-    """
-    fault, pieces = "", []
-    # Its writer may have finished and renamed it since it was listed.
-    fd = open_regular(path if os.path.lexists(path) else sealed_path(path), ADVICE)
+def _last_bytes(path: Path, wanted: int | None = None) -> bytes:
+    """Return the last bytes of a file; None: all."""
     try:
-        size = os.fstat(fd).st_size
-        offset = max(size - wanted, 0) if wanted else 0
-        while offset < size:
-            piece, length = b"", min(size - offset, _READ_BYTES)
-            try:
-                os.lseek(fd, offset, os.SEEK_SET)  # Windows has no pread
-                piece = os.read(fd, length)
-            except OSError as error:
-                fault = f"cannot be read ({error.strerror or error})"
-            pieces.append(piece or bytes(length))
-            offset += len(pieces[-1])
-    finally:
-        os.close(fd)
-    return b"".join(pieces), fault
+        with os.fdopen(open_regular(path, ADVICE), "rb") as file:
+            size = os.fstat(file.fileno()).st_size
+            file.seek(0 if wanted is None else max(size - wanted, 0))
+            return file.read()
+    except OSError as error:
+        what = f"cannot be read ({error.strerror or error})"
+        raise InputError(str(path), what, ADVICE) from error
 
 
 def _stored_bytes(block: Block) -> int:

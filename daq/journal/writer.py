@@ -47,10 +47,10 @@ from .segment import (
     Segment,
     Summary,
     SyncedFile,
-    open_path,
     pack_events,
     pack_frames,
     segment_number,
+    segment_path,
 )
 
 CHECK_S = 1.0
@@ -169,13 +169,15 @@ class JournalWriter:
         if resume is not None:
             self._number, self._t_ns = resume.next_number, resume.last_ns
             self._recorded = resume.frames
-            self._deleted = [span for event in resume.events for span in deleted_blocks(event)]
+            for event in resume.events:  # the last of those on deleted blocks lists all of them
+                if spans := deleted_blocks(event):
+                    self._deleted = list(spans)
             self._needed_ns = [e.t_ns for e in resume.events if e.code in _LOG_CODES]
         self.stored_frames = 0
         self._segment: Segment | None = None
         self._now_s: float | None = None
         self._checked_s = self._opened_s = self._warned_s = 0.0
-        self._failed = self._warning = self._retention_warning = ""
+        self._failed = self._warning = ""
         self._room, self._full = Room(0, 0), False
         self._sizes: dict[Path, int] = {}
         """Sizes of the segments in the folder except the open one, bytes."""
@@ -262,7 +264,7 @@ class JournalWriter:
             held_frames=self._backlog.frames,
             failed=self._failed,
             dropped_frames=self._dropped,
-            warning="; ".join(text for text in (self._warning, self._retention_warning) if text),
+            warning=self._warning,
             total_bytes=self._room.total,
         )
 
@@ -364,7 +366,7 @@ class JournalWriter:
     def _new_segment(self) -> Segment:
         self._folder.mkdir(parents=True, exist_ok=True)
         number = next_segment(self._folder)
-        path = open_path(self._folder, number)
+        path = segment_path(self._folder, number)
         waiting = self._backlog.first(0)
         first = waiting[0].number if waiting else self._number
         segment = Segment(self._create(path), path, self.head, first)
@@ -476,13 +478,9 @@ class JournalWriter:
         excess = self._journal_bytes - self.limits.keep_bytes
         if self._room.free < 2 * reserve:
             excess = max(excess, 2 * reserve - self._room.free)
-        self._retention_warning = ""
-        if excess <= 0:
-            return
-        deleted, needed_ns = 0, [self._t_ns, *self._needed_ns]
+        needed_ns = [self._t_ns, *self._needed_ns]
         for path in sorted(self._sizes, key=segment_number):
-            # Largest number of segments deleted in one call, which delays the writing.
-            if excess <= 0 or deleted == 8:
+            if excess <= 0:
                 return
             info = self._info(path)
             if info is None:
@@ -498,23 +496,14 @@ class JournalWriter:
                 path.unlink()
             excess -= self._sizes.pop(path)
             self.written[:] = [segment for segment in self.written if segment.path != path]
-            deleted += 1
-        if self._sizes and not deleted:
-            size = f"{self._journal_bytes / 1e9:.2f} GB"
-            self._retention_warning = (
-                f"the journal has {size} and none of it may be deleted: "
-                "it holds the runs of this recording"
-            )
 
     def _report_deleted(self, deleted: Summary) -> None:
         """Store which blocks of this recording were deleted: else they would look like losses."""
-        spans = sorted([*self._deleted, (deleted.first, deleted.stop)])
-        self._deleted = spans[:1]
-        for first, stop in spans[1:]:
-            if first <= self._deleted[-1][1]:
-                self._deleted[-1] = self._deleted[-1][0], max(stop, self._deleted[-1][1])
-            else:
-                self._deleted.append((first, stop))
+        first, stop = self._deleted[-1] if self._deleted else (deleted.first, deleted.first)
+        if first <= deleted.first <= stop:
+            self._deleted[-1:] = [(first, deleted.stop)]
+        else:
+            self._deleted.append((deleted.first, deleted.stop))
         self.append_events([deleted_event(self._t_ns, self._deleted, deleted.frames)])
 
     def _info(self, path: Path) -> SegmentInfo | None:

@@ -44,7 +44,7 @@ from ..control.messages import (
     StorageStatus,
 )
 from ..control.monitoring import Heartbeats
-from ..journal.reader import RecordingInfo, last_campaign, last_recording, seal_left_open
+from ..journal.reader import RecordingInfo, last_campaign, last_recording
 from ..journal.segment import JournalHead, Segment, SyncedFile, session_name
 from ..journal.writer import JournalWriter
 from ..runlog import Code, RunLog, fold
@@ -459,7 +459,6 @@ class Recorder:
     def _resume_or_begin(self) -> None:
         """Resume the last campaign, or build its session file if necessary and begin a new one."""
         now, journal = self._clock(), self._journal
-        seal_left_open(journal)
         resumed, unbuilt = resumable(journal, self._bench), None
         if isinstance(resumed, str):
             self._begun, tail = resumed, None

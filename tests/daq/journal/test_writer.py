@@ -129,7 +129,7 @@ def test_a_file_that_takes_a_few_bytes_at_a_time_has_all_of_them(tmp_path: Path)
 
 
 def test_a_file_that_takes_nothing_is_a_full_disk_and_leaves_no_trace(tmp_path: Path) -> None:
-    path = tmp_path / "open_0001.bbj"
+    path = tmp_path / "journal_0001.bbj"
     with pytest.raises(OSError, match="No space left"):
         Segment(StubbornFile(path, 20, 7), path, HEAD, 0)
     assert not list(tmp_path.iterdir())
