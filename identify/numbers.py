@@ -63,11 +63,6 @@ def signed(value: float, half: float) -> str:
     return plus_minus(value, half).partition(" ± ")[0]
 
 
-def plus_minus_percent(value: float, half: float, of: float) -> str:
-    """Write a difference as a share of a value; nothing where that is zero."""
-    return f"{plus_minus(value / abs(of) * 100.0, half / abs(of) * 100.0)} %" if of else ""
-
-
 def half_width_percent(value: float, low: float, high: float) -> str:
     """Write half of an interval as a share of the value; nothing where the value may be zero.
 

@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from math import isfinite
 
 from daq.vehicle import parameter_unit
 from identify import Estimate, Identification, Verdict
-from identify.compare import Compared, Comparison
+from identify.compare import Comparison
 from identify.fit.uncertainty import ModeEstimate
 from identify.nonlinear.forces import Forces
 from identify.numbers import (
     NOT_DETERMINED,
     largest_share,
     number,
-    plus_minus,
-    plus_minus_percent,
     rounded,
 )
-from identify.report.comparison import headline_of, unchanged_line
+from identify.report.comparison import comparison_sections, headline_of
+from identify.report.page import Table
 from identify.words import (
-    NOT_OK,
     SEVERITY,
     damper_columns,
     damper_rows,
@@ -152,61 +150,21 @@ def _print_modes(result: Identification) -> None:
 
 
 def print_comparison(comparison: Comparison) -> None:
-    """Write what changed, and the quantities that differ, drift or vary."""
-    for place, label in enumerate(comparison.labels, start=1):
-        verdict = comparison.verdicts[place - 1]
-        print_line(f"{place}  {label}: {verdict}")
-    if set(comparison.verdicts) != {"ok"}:
-        print_line(NOT_OK)
-    print_line()
-    if comparison.unlike:
-        print_line(f"Stated differently (is it one car?): {'; '.join(comparison.unlike)}.")
-        print_line()
+    """Write what changed, and the tables of the page without the quantities that do not differ."""
     print_line(headline_of(comparison))
-    if comparison.change is not None:
-        print_line(unchanged_line(comparison.change))
-    for place in range(2, len(comparison.labels) + 1):
-        for title, quantities in (
-            ("Parameters", comparison.parameters),
-            ("Forces of one corner", comparison.forces),
-            ("Modes", comparison.modes),
-        ):
-            _print_differences(title, quantities, place)
-    drifting = [(row, row.trend) for row in comparison.quantities if row.trend and row.trend.words]
-    if drifting:
-        print_line()
-        rows = [
-            [
-                _name(row),
-                plus_minus(trend.slope, trend.half),
-                f"{trend.chi2:,.1f} / {trend.freedom}",
-                trend.words,
+    for section in comparison_sections(comparison):
+        for table in section.blocks:
+            if not isinstance(table, Table):
+                continue
+            marks = [[cell[:1] for cell in row] for row in table.rows]
+            rows = [
+                list(row)
+                for row, first in zip(table.rows, marks, strict=True)
+                if "✓" in first or "·" not in first
             ]
-            for row, trend in drifting
-        ]
-        print_table("Trends", ["quantity", "per session", "chi2 / n", "at 95 %"], rows)
-    print_line()
-    if comparison.open:
-        print_line(f"Not compared, not determined in a session: {', '.join(comparison.open)}.")
-    alike = f"; {len(comparison.common)} facts or weights are the same" if comparison.common else ""
-    print_line(f"Errors of the sessions are taken as independent{alike}.")
-
-
-def _print_differences(title: str, quantities: Sequence[Compared], session: int) -> None:
-    """Write the quantities of a session that differ from those of the first; `session`: from 2."""
-    rows = []
-    for row in quantities:
-        difference = row.differences[session - 2]  # session 1 has no difference
-        if difference.significant:
-            first, other = row.estimates[0], row.estimates[session - 1]
-            percent = plus_minus_percent(difference.value, difference.half, first.value)
-            cells = [value_text(first), value_text(other), percent, f"{difference.z:+.2f}"]
-            rows.append([_name(row), *cells])
-    if rows:
-        print_line()
-        print_table(title, ["quantity", "1", str(session), f"{session} minus 1", "z"], rows)
-
-
-def _name(row: Compared) -> str:
-    unit = unit_text(row.estimates[0].unit)
-    return f"{row.name}, {unit}" if unit else row.name
+            if rows:
+                print_line()
+                columns = [column.removeprefix("#") or "#" for column in table.columns]
+                print_table(table.title, columns, rows)
+                if table.note:
+                    print_line(table.note)

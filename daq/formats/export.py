@@ -44,28 +44,6 @@ class ExportFormat(StrEnum):
 _SUFFIXES = {form.suffix: form for form in ExportFormat} | {".unv": ExportFormat.UFF}
 
 
-@dataclass(frozen=True, slots=True)
-class CsvStyle:
-    """Characters that separate columns and fractions.
-
-    Raises InputError if a file in this style could not be read.
-    """
-
-    separator: str = ","
-    """Character between columns."""
-    decimal: str = "."
-    """Character before the fraction."""
-
-    def __post_init__(self) -> None:
-        if self.decimal not in (".", ","):
-            raise InputError("--decimal", f"is {self.decimal!r}", "use . or ,")
-        if len(self.separator) != 1 or self.separator in '"\r\n.-+eE0123456789 ':
-            raise InputError("--separator", f"is {self.separator!r}", "use , or ; or a tabulator")
-        if self.separator == self.decimal:
-            what = f"{self.separator!r} would separate columns and decimals"
-            raise InputError("--separator", what, "use --separator ';' with a decimal comma")
-
-
 def csv_groups(session: Session, path: Path) -> dict[Path, SampleGroup]:
     """Return the sample groups of a session by their files: ``car.csv``: ``car_RUN_GROUP.csv``.
 
@@ -85,21 +63,22 @@ def csv_groups(session: Session, path: Path) -> dict[Path, SampleGroup]:
     return groups
 
 
-def write_csv(group: SampleGroup, units: dict[str, str], path: Path, style: CsvStyle) -> None:
+def write_csv(group: SampleGroup, units: dict[str, str], path: Path, decimal: str) -> None:
     """Write the samples of one clock; a missing value is an empty cell.
 
     The columns are ``time_s``, the channels as ``name [unit]``, and ``quality``
     (`dbc.codec.Quality`).  Numbers have as many digits as are needed to read them back exactly.
+    `decimal`: mark before the fraction; where it is a comma, semicolons separate the columns.
     """
 
     def cells(values: NDArray[np.float64]) -> list[str]:
         texts = ["" if value != value else repr(value) for value in values.tolist()]
-        return [text.replace(".", style.decimal) for text in texts]
+        return [text.replace(".", decimal) for text in texts]
 
     names = [f"{name} [{units[name]}]" if units[name] else name for name in group.values]
     columns = [*map(cells, (group.time_s, *group.values.values())), group.quality.tolist()]
     with path.open("w", encoding="utf-8", newline="") as stream:
-        writer = csv.writer(stream, delimiter=style.separator)
+        writer = csv.writer(stream, delimiter=";" if decimal == "," else ",")
         writer.writerow(["time_s", *map(csv_text, names), "quality"])
         writer.writerows(zip(*columns, strict=True))
 
@@ -359,15 +338,15 @@ def export_session(
     path: Path,
     form: ExportFormat,
     *,
-    style: CsvStyle | None = None,
+    decimal: str = ".",
     force: bool = False,
 ) -> Exported:
     """Write a session in a format of other tools; files are complete or absent.
 
-    CSV has one file per run and sample clock: ``car.csv`` becomes ``car_RUN_GROUP.csv``.  `style`:
-    of CSV.  `force`: True if existing files may be replaced.  Raises InputError if there is
-    nothing to write in this format, a file exists already or cannot be written, or a library is
-    missing.
+    CSV has one file per run and sample clock: ``car.csv`` becomes ``car_RUN_GROUP.csv``.
+    `decimal`: as of `write_csv`.  `force`: True if existing files may be replaced.  Raises
+    InputError if there is nothing to write in this format, a file exists already or cannot be
+    written, or a library is missing.
     """
     try:
         groups = csv_groups(session, path) if form is ExportFormat.CSV else {}
@@ -378,7 +357,7 @@ def export_session(
             make_room(target)
         with replaced(targets) as parts:
             for part, group in zip(parts, groups.values(), strict=False):
-                write_csv(group, session.units, part, style or CsvStyle())
+                write_csv(group, session.units, part, decimal)
             notes = frames_left_out(session) if groups else _WRITERS[form](session, parts[0])
         return Exported(tuple(targets), notes)
     except InputError:

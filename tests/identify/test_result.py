@@ -25,7 +25,6 @@ from identify.numbers import (
     largest_share,
     number,
     plus_minus,
-    plus_minus_percent,
     rounded,
     with_half,
 )
@@ -256,8 +255,6 @@ def test_a_difference_has_its_sign_and_the_digits_of_its_interval() -> None:
     assert plus_minus(-0.00412, 0.0311) == "-0.004 ± 0.031"
     assert plus_minus(2.5, 0.0) == "+2.5000"
     assert plus_minus(nan, inf) == "not determined"
-    assert plus_minus_percent(43.865, 4.61, -1500.0) == "+2.92 ± 0.31 %"
-    assert plus_minus_percent(1.0, 0.1, 0.0) == ""
 
 
 @pytest.mark.parametrize(
@@ -285,7 +282,6 @@ def test_nothing_is_written_about_a_value_that_is_no_number() -> None:
     assert half_width_percent(-200.0, -201.1, -198.9) == "0.55 %"
     assert half_width_percent(1.0, 0.0, 2.0) == "100 %"
     assert interval(100.0, 95.0, 105.0) == "95.0 .. 105.0"
-    assert plus_minus_percent(2.0, 1.0, -50.0) == "+4.0 ± 2.0 %"
 
 
 def test_repeats_of_one_kind_of_run_count_together_the_largest_first() -> None:

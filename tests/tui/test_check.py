@@ -173,15 +173,6 @@ def test_the_layouts_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     assert "sbg_ecan" in json.loads(capsys.readouterr().out)["layouts"]
 
 
-def test_a_layout_against_a_log_of_something_else(
-    a_log: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(["check", "--layout", "xsens_mti", str(a_log)]) == 1
-    out = capsys.readouterr().out
-    assert "FAIL message Acceleration" in out
-    assert "6 identifiers are not in the DBC" in out
-
-
 def test_a_proposal_is_written_and_proved(
     a_log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

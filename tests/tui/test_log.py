@@ -28,7 +28,7 @@ from daq.control.messages import (
 from daq.runlog import LoggedRun
 from daq.runs import Excitation, Losses, RunStatus
 from dbc.words import Finding, InputError, Severity
-from tui.recorders.lines import farewell, news, progress_words, status_lines
+from tui.recorders.lines import news, progress_words, status_lines
 from tui.recorders.log import BURST, Log
 
 from ..daq.a_status import a_status
@@ -152,18 +152,6 @@ def test_a_recorder_begins_its_log_with_vehicle_origin_and_folder() -> None:
     assert said(status, status) == []
 
 
-def test_a_daemon_ends_its_log_with_what_it_has_and_how_to_go_on() -> None:
-    status = replace(a_status(), folder="today", tallies=TALLIES)
-    status = replace(status, disk=replace(status.disk, recorded_frames=12345))
-    assert farewell(status) == (
-        "ended after 3 of 4 runs, 12,345 frames on the disk: started again in today, it continues "
-        "this campaign; `bumpbench recover today` builds its session"
-    )
-    assert farewell(replace(status, recording="")) == (
-        "ended between two campaigns: started again in today, it begins the next one"
-    )
-
-
 def test_an_alarm_is_logged_when_it_comes_and_when_it_is_over() -> None:
     quiet, loud = a_status(), a_status(alarms=(SILENT, FULL))
     assert said(quiet, loud) == [
@@ -194,18 +182,12 @@ def test_each_verdict_is_logged_once() -> None:
     assert said(None, after) == [said(None, a_status())[0]]
 
 
-def test_the_third_rejection_in_a_row_for_one_reason_names_the_cause_to_look_for() -> None:
+def test_a_rejection_names_the_cause_to_look_for() -> None:
     weak = Finding("too_weak", Severity.ERROR, "peak 4 m/s2", advice="use a higher bump")
     rejected = replace(RUN, status=RunStatus.REJECTED, findings=(weak,))
-    runs = tuple(replace(rejected, label=f"baseline_roll_{n}") for n in (1, 2, 3, 4))
-    before = replace(a_status(), runs=runs[:1])
-    lines = [text for text, _ in news(before, replace(before, runs=runs))]
-    why = "rejected: peak 4 m/s2"
-    assert lines == [
-        f"baseline_roll_2 {why}",
-        f"baseline_roll_3 {why} (3 in a row for this reason: use a higher bump)",
-        f"baseline_roll_4 {why} (4 in a row for this reason: use a higher bump)",
-    ]
+    before = replace(a_status(), runs=(RUN,))
+    lines = said(before, replace(before, runs=(rejected,)))
+    assert lines == [("baseline_roll_1 rejected: peak 4 m/s2 (use a higher bump)", "")]
 
 
 def test_a_session_file_that_failed_is_logged_once() -> None:

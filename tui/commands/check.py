@@ -32,7 +32,7 @@ def check(
         list[str] | None,
         typer.Option(
             metavar="NAME",
-            help="Ready-made channel map instead of a bench.toml; repeatable with --propose.",
+            help="Ready-made channel map for --propose; repeatable.",
         ),
     ] = None,
     push: Annotated[
@@ -74,13 +74,13 @@ def check(
     from datetime import date
 
     from daq import InputError
-    from daq.bench.config import bench_codec, load_bench, on_bus, parse_bench
+    from daq.bench.config import bench_codec, load_bench
     from daq.bench.sensors import ready_map, ready_map_names
     from daq.check.check import check_bench
     from daq.files import refuse_existing
     from dbc import Severity
 
-    from ..bench import is_log, reachable, shared_bench
+    from ..bench import is_log, shared_bench
     from ..output import print_json, print_labelled
     from ..proposal import TrafficSource, propose_bench, read_frames
 
@@ -94,16 +94,14 @@ def check(
     if bench is not None and log is None and is_log(bench):
         bench, log = None, bench
     if propose is None:
-        for option, value, reason in (
-            ("--layout", len(layout or []) > 1, "is named twice"),
-            ("--push", push, "is for --propose"),
-            ("--bitrate", bitrate, "is for --propose"),
-            ("--dbc", dbc, "is for --propose"),
+        for option, value in (
+            ("--layout", layout),
+            ("--push", push),
+            ("--bitrate", bitrate),
+            ("--dbc", dbc),
         ):
             if value:
-                raise InputError(option, reason, "leave it out, or propose with --propose")
-    if layout and bench is not None:
-        raise InputError("--layout", "and a bench.toml exclude each other", "name one of them")
+                raise InputError(option, "is for --propose", "leave it out, or propose a bench")
     frames = None
     if propose is not None:
         inputs = [path for path in (bench, log, *(dbc or [])) if path is not None]
@@ -114,11 +112,6 @@ def check(
         if proposed is None:
             return ExitCode.OK
         described, frames = proposed
-    elif layout:
-        where = f"layout {layout[0]}"
-        described = parse_bench(f'dbc = "layout:{layout[0]}"\n', where, Path())
-        if log is None:
-            described = reachable(on_bus(described, interface, channel), where)
     else:
         described = load_bench(bench) if log else shared_bench(bench, interface, channel)
     codec = bench_codec(described)  # before anything is opened

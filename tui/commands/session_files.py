@@ -102,11 +102,9 @@ def export(
     run: Annotated[
         list[str] | None, typer.Option(metavar="RUN", help="Only this run; repeatable.")
     ] = None,
-    separator: Annotated[
-        str | None, typer.Option(help="Column separator of CSV; default: comma.")
-    ] = None,
     decimal: Annotated[
-        str | None, typer.Option(help="Decimal mark of CSV, point or comma; default: point.")
+        Literal[".", ","] | None,
+        typer.Option(help="Decimal mark of CSV; with a comma, semicolons separate the columns."),
     ] = None,
     force: Force = False,
     json: JsonResult = False,
@@ -114,7 +112,7 @@ def export(
     """Write a session as MF4, MATLAB, UFF, CSV, Parquet, BLF, ASC or candump."""
     from daq import InputError, read_session
     from daq.files import refuse_existing
-    from daq.formats.export import CsvStyle, ExportFormat, chosen_runs, export_session, format_of
+    from daq.formats.export import ExportFormat, chosen_runs, export_session, format_of
 
     from ..output import print_json, print_line
 
@@ -127,11 +125,10 @@ def export(
     if target.is_dir():
         target = target / name
     refuse_existing(target, replace=True, inputs=[session])  # all files: see `export_session`
-    if (separator or decimal) and wanted is not ExportFormat.CSV:
-        raise InputError("--separator, --decimal", f"{wanted} has neither", "use --format csv")
-    style = CsvStyle(separator or ",", decimal or ".")
+    if decimal and wanted is not ExportFormat.CSV:
+        raise InputError("--decimal", f"{wanted} has none", "use --format csv")
     chosen = chosen_runs(read_session(session), run or [])
-    written = export_session(chosen, target, wanted, style=style, force=force)
+    written = export_session(chosen, target, wanted, decimal=decimal or ".", force=force)
     files = [str(path) for path in written.paths]
     if json:
         print_json({"session": str(session), "files": files, "notes": list(written.notes)})

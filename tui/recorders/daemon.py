@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..diagnostics import say_left_out
 from ..output import Stage
-from .lines import farewell, news, progress_words
+from .lines import news, progress_words
 from .log import Log
 from .traffic import Traffic
 
@@ -183,8 +183,6 @@ class _Daemon:
         if self._failure:
             raise self._failure
         assert self._status is not None, "the recorder publishes its last status"
-        if self._lifetime.keep_on:
-            self._log.line(farewell(self._status))
         return self._status
 
     def _write(self) -> None:

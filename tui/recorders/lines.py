@@ -24,8 +24,6 @@ RECOVER_STORED = "make room, then `bumpbench recover` builds the session of thos
 
 def news(before: Status | None, status: Status) -> Iterator[tuple[str, str]]:
     """Yield the log lines of a change of status, each with the key that limits its repetition."""
-    from daq.runlog import LIKE_REJECTS, like_rejects
-
     if before is None:
         origin = "" if status.origin == "real" else f" ({status.origin})"
         yield f"recording {status.vehicle}{origin} into {status.folder}", ""
@@ -45,26 +43,12 @@ def news(before: Status | None, status: Status) -> Iterator[tuple[str, str]]:
         for run in status.runs:
             if judged.get(run.label) != run.status:
                 reasons = f": {'; '.join(run.reasons)}" if run.reasons else ""
-                in_a_row = like_rejects(status.runs[: status.runs.index(run) + 1])
-                if run.failed and in_a_row >= LIKE_REJECTS:
-                    reasons += f" ({in_a_row} in a row for this reason: {run.failed.advice})"
+                if run.failed and run.failed.advice:
+                    reasons += f" ({run.failed.advice})"
                 yield f"{run.label} {run.status}{reasons}", ""
     session = status.session
     if session.state == "failed" and (before is None or before.session != session):
         yield f"session {session.path}: {session.text} ({RECOVER})", ""
-
-
-def farewell(status: Status) -> str:
-    """Return what a daemon that has ended leaves behind, and how to go on."""
-    folder = status.folder
-    if not status.recording:
-        return f"ended between two campaigns: started again in {folder}, it begins the next one"
-    done, planned = _progress(status)
-    return (
-        f"ended after {done} of {counted(planned, 'run')}, "
-        f"{counted(status.disk.recorded_frames, 'frame')} on the disk: started again in {folder}, "
-        f"it continues this campaign; `bumpbench recover {folder}` builds its session"
-    )
 
 
 def progress_words(status: Status) -> tuple[float, str]:
