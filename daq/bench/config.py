@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from datetime import date
 from importlib.resources import files
-from pathlib import Path, PurePath
+from pathlib import Path
 from typing import Annotated
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
@@ -38,7 +38,6 @@ from ..vehicle import (
 )
 from .campaign import Campaign, Origin
 from .sensors import (
-    Database,
     MessageRule,
     SampleSet,
     Sensor,
@@ -485,22 +484,17 @@ def on_bus(bench: Bench, interface: str | None, channel: str | None) -> Bench:
 
 
 def with_database(bench: Bench, path: Path) -> Bench:
-    """Return the bench with the database of a file instead of its only one, or the one so named.
+    """Return the bench with the database of a file instead of its only one.
 
-    Raises InputError if the file cannot be read, or the bench has several databases and none with
-    this file name.
+    Raises InputError if the file cannot be read, or the bench has several databases.
     """
     text = read_dbc(path)
     if not bench.sensors:
         return replace(bench, dbc_text=text, dbc_name=str(path))
-    names = list(dict.fromkeys(sensor.database for sensor in bench.sensors))
-    chosen = names if len(names) == 1 else [n for n in names if PurePath(n).name == path.name]
-    if len(chosen) != 1:
-        what = f"none of the {len(names)} databases of the bench has this file name"
-        advice = f"name the file as the one it replaces: {', '.join(names)}"
-        raise InputError(str(path), what, advice)
-    old = {each.name: each.text for each in stored_databases(bench.dbc_text)}
-    stored = stored_text([Database(n, text if n == chosen[0] else old[n]) for n in names])
+    n_databases = len({sensor.database for sensor in bench.sensors})
+    if n_databases > 1:
+        what = f"is one database, but the bench has {n_databases}"
+        raise InputError(str(path), what, "name a bench.toml that states the corrected one")
     # Read again, because the full names of the channels depend on the databases.
-    again = parse_bench(bench.text, "bench.toml", Path(), stored)
-    return replace(bench, dbc_text=stored, channels=again.channels)
+    again = parse_bench(bench.text, "bench.toml", Path(), text)
+    return replace(bench, dbc_text=text, channels=again.channels)

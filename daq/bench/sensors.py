@@ -17,7 +17,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Field
 
 from dbc import Codec, parse_codec, read_dbc, shipped_dbc
 from dbc.codec import CRC_RULES, CounterRule, MessageLayout, SignalLayout
@@ -331,18 +331,6 @@ class MessageRule(Table):
     """Its unit if the DBC states none or a wrong one; empty: as in the DBC."""
     time_wrap: Annotated[float, Field(gt=0)] | None = None
     """Value at which it starts again from 0, in its unit; None: at the end of its bits."""
-
-    @model_validator(mode="after")
-    def _belongs_to_something(self) -> MessageRule:
-        stated = self.model_fields_set
-        for owner, keys in (
-            ("counter", {"counter_modulus"}),
-            ("crc", {"crc_rule"}),
-            ("time_signal", {"time_unit", "time_wrap"}),
-        ):
-            if keys & stated and owner not in stated:
-                raise ValueError(f"{min(keys & stated)} says nothing without {owner}")
-        return self
 
 
 class SampleSet(Table):

@@ -121,13 +121,12 @@ def group_readable() -> Iterator[None]:
 def lone_recorder(folder: Path) -> Iterator[None]:
     """Hold the lock of a folder, which is created if it does not exist.
 
-    Meanwhile files and folders are made as by `group_readable`.  A new folder in which nothing was
-    made is removed at the end: of a recorder that finds no bus, nothing is left.
+    Meanwhile files and folders are made as by `group_readable`.
 
     Raises FolderLockedError if another process holds the lock, and InputError if the folder cannot
     be written to.
     """
-    lock, is_new = FileLock(folder / _LOCK, timeout=0), not folder.exists()
+    lock = FileLock(folder / _LOCK, timeout=0)
     with group_readable():
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -142,10 +141,6 @@ def lone_recorder(folder: Path) -> Iterator[None]:
         try:
             yield
         finally:
-            with suppress(OSError):
-                if is_new and [each.name for each in folder.iterdir()] == [_LOCK]:
-                    (folder / _LOCK).unlink()
-                    folder.rmdir()
             lock.release()
 
 
@@ -168,6 +163,4 @@ def unreachable_words(folder: Path) -> str:
         (folder / _LOCK).exists()
     except OSError as error:
         return f"its recorder cannot be reached: {error.strerror}"
-    if not is_locked(folder):
-        return ""
-    return "a recorder writes there, but does not answer here"
+    return "a recorder writes there, but does not answer here" if is_locked(folder) else ""

@@ -1,9 +1,8 @@
 """Carries messages between a recorder and its clients: one controller, any number of viewers.
 
 A client is present as long as its connection lasts; the kernel ends that of a killed process.  A
-line of a client is ``PROTOCOL NUMBER ORDER JSON``; the recorder sends ``reply PROTOCOL NUMBER
-JSON``, ``status JSON``, ``live JSON``, and ``watch`` to a client that another one has taken control
-from.
+line of a client is ``PROTOCOL NUMBER ORDER JSON``; the recorder sends ``reply NUMBER JSON``,
+``status JSON``, ``live JSON``, and ``watch`` to a client that another one has taken control from.
 """
 
 from __future__ import annotations
@@ -70,7 +69,7 @@ class _Peer:
 
     def reply(self, number: bytes, reply: Reply) -> None:
         """Write the answer to the request of a number."""
-        self.writer.write(b"reply %d %s %s\n" % (PROTOCOL, number, REPLY.dump_json(reply)))
+        self.writer.write(b"reply %s %s\n" % (number, REPLY.dump_json(reply)))
 
 
 class Server:
@@ -340,9 +339,7 @@ class Client:
     def _reply(self, answer: bytes) -> Reply | None:
         """Return an answer; None if it is a late one to an earlier request."""
         try:
-            protocol, number, body = answer.split(b" ", 2)
-            if int(protocol) != PROTOCOL:
-                raise self._gone(f"the recorder speaks protocol {int(protocol)}, not {PROTOCOL}")
+            number, body = answer.split(b" ", 1)
             reply: Reply = REPLY.validate_json(body)
             return reply if int(number) in (0, self._number) else None
         except ValueError as error:

@@ -22,7 +22,7 @@ from ..runs import Excitation, Losses
 if TYPE_CHECKING:
     from ..bench.config import Bench
 
-PROTOCOL = 6
+PROTOCOL = 7
 """Version of the messages, increased when an older client could misread them."""
 _WHEN_USED = ConfigDict(defer_build=True)
 """Builds validators at the first message, so that they do not delay the first screen."""
@@ -270,11 +270,9 @@ class Setup:
     """The settings with which a recorder was started, or which a terminal expects."""
 
     origin: Origin
-    vehicle: str = ""
     bench_crc32: int | None = None
-    """CRC of bench.toml as read from the file; this and the following are None if a terminal
-    expects none."""
-    dbc_crc32: int | None = None
+    """CRC of bench.toml as read from the file and its DBC; this and the following are None if a
+    terminal expects none."""
     buses: tuple[str, ...] | None = None
     """Interface and channel of each bus."""
 
@@ -290,9 +288,7 @@ def setup_of(bench: Bench) -> Setup:
     """Return the setup of a recorder that is started with a bench."""
     return Setup(
         bench.origin,
-        bench.vehicle.name,
-        zlib.crc32(bench.text.encode()),
-        zlib.crc32(bench.dbc_text.encode()),
+        zlib.crc32((bench.text + bench.dbc_text).encode()),
         tuple(f"{bus.interface} {bus.channel}" for bus in bench.buses),
     )
 
@@ -303,9 +299,7 @@ def differences(running: Setup, wanted: Setup) -> tuple[str, ...]:
     if running.origin is not wanted.origin:
         texts.append(f"it records {_WORDS[running.origin]}, not {_WORDS[wanted.origin]}")
     if wanted.bench_crc32 is not None and running.bench_crc32 != wanted.bench_crc32:
-        texts.append(f"it was started with another bench.toml (vehicle {running.vehicle})")
-    if wanted.dbc_crc32 is not None and running.dbc_crc32 != wanted.dbc_crc32:
-        texts.append("it was started with another DBC")
+        texts.append("it was started with another bench.toml or DBC")
     if wanted.buses is not None and running.buses != wanted.buses:
         names = [", ".join(setup.buses or ()) for setup in (running, wanted)]
         texts.append(f"it records {names[0]}, not {names[1]}")

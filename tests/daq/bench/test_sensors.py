@@ -443,15 +443,10 @@ def test_ready_maps_of_two_like_sensors_are_told_apart() -> None:
     assert len([n for n in names if n.startswith("front_")]) == 6
 
 
-def test_a_corrected_database_takes_the_place_of_its_namesake(tmp_path: Path) -> None:
-    (tmp_path / "pot.dbc").write_text(POT.replace("(0.01,0)", "(0.02,0)"), "utf-8")
-    (tmp_path / "foreign.dbc").write_text(POT, "utf-8")
-    bench = with_database(sensor_bench(), tmp_path / "pot.dbc")
-    pot = bench_codec(bench).message("pot_rr.TPDO1").signal("Position")
-    assert pot.factor == 0.02
-    assert bench_codec(bench).message("imu_b.Accel").bus == 1
-    with pytest.raises(InputError, match="none of the 3 databases of the bench has this file name"):
-        with_database(sensor_bench(), tmp_path / "foreign.dbc")
+def test_one_database_does_not_take_the_place_of_several(tmp_path: Path) -> None:
+    (tmp_path / "pot.dbc").write_text(POT, "utf-8")
+    with pytest.raises(InputError, match="is one database, but the bench has 3"):
+        with_database(sensor_bench(), tmp_path / "pot.dbc")
 
 
 def test_a_motion_ratio_makes_wheel_travel_of_sensor_travel() -> None:

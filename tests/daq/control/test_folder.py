@@ -68,15 +68,6 @@ def test_a_folder_is_locked_while_a_recorder_is_there(tmp_path: Path) -> None:
     assert not is_locked(tmp_path)
 
 
-def test_of_a_new_folder_in_which_nothing_was_made_nothing_is_left(tmp_path: Path) -> None:
-    with lone_recorder(tmp_path / "today"):
-        assert is_locked(tmp_path / "today")
-    assert list(tmp_path.iterdir()) == []
-    with lone_recorder(tmp_path / "today"):
-        (tmp_path / "today" / "journal").mkdir()
-    assert {path.name for path in (tmp_path / "today").iterdir()} == {"recorder.lock", "journal"}
-
-
 def test_a_second_recorder_learns_that_the_folder_has_one(tmp_path: Path) -> None:
     folder = tmp_path / "new" / "today"
     code = (
