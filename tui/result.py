@@ -164,7 +164,7 @@ def print_comparison(comparison: Comparison) -> None:
             ]
             if rows:
                 print_line()
-                columns = [column.removeprefix("#") or "#" for column in table.columns]
+                columns = [column.removeprefix("#") or column for column in table.columns]
                 print_table(table.title, columns, rows)
                 if table.note:
                     print_line(table.note)

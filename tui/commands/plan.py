@@ -239,18 +239,13 @@ def _print(campaign: Plan, advice: Advice, others: tuple[NextStep, ...], whose: 
 
 
 def _print_outlooks(title: str, heading: str, rows: Sequence[tuple[str, Outlook]]) -> None:
-    """Print what each choice would give; the last column only if one leaves a parameter open."""
+    """Print what each choice would give."""
     from ..output import print_table
 
-    columns = [heading, "worst", "mean"]
     cells = [
-        [name, "", ""]
+        [name, f"{len(outlook.undetermined)} not determined", ""]
         if outlook.undetermined
         else [name, f"± {outlook.worst * 100:.2f} %", f"± {outlook.mean * 100:.2f} %"]
         for name, outlook in rows
     ]
-    if any(outlook.undetermined for _, outlook in rows):
-        columns.append("not determined")
-        for row, (_, outlook) in zip(cells, rows, strict=True):
-            row.append(str(len(outlook.undetermined) or ""))
-    print_table(title, columns, cells)
+    print_table(title, [heading, "worst", "mean"], cells)
