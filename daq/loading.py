@@ -154,8 +154,10 @@ def expected_car(vehicle: Vehicle) -> VehicleParameters:
     known = {fact.quantity: fact.value for fact in vehicle.facts}
     usual = FORD_GRANADA
     usual_kg = usual.m_s + 2.0 * (usual.m_uf + usual.m_ur)
-    front_kg = known.get(FactQuantity.FRONT_AXLE)
-    rear_kg = known.get(FactQuantity.REAR_AXLE)
+    corners_kg = [known.get(f"corner_{corner}_kg", 0.0) for corner in ("fl", "fr", "rl", "rr")]
+    weighed = all(corners_kg)
+    front_kg = sum(corners_kg[:2]) if weighed else known.get(FactQuantity.FRONT_AXLE)
+    rear_kg = sum(corners_kg[2:]) if weighed else known.get(FactQuantity.REAR_AXLE)
     axles_kg = front_kg + rear_kg if front_kg and rear_kg else usual_kg
     size = known.get(FactQuantity.TOTAL_MASS, axles_kg) / usual_kg
     given = vehicle.geometry

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from daq.loading import expected_car
 from daq.sessions import Session
 from daq.vehicle import MassState, VehicleGeometry
 from dbc.words import Finding, InputError, Severity, counted
@@ -254,7 +255,10 @@ def _with_elements(
         f"chi2/n {linear.chi2_per_n:.2f}"
     )
     most_s = max(_LONGEST_S - _JUDGING_S - process_time() + began_s, _LEAST_S)
-    real = real_car(linear, generic_vehicles(), session.vehicle.elements, log_stage, most_s)
+    vehicles = generic_vehicles(
+        expected_car(session.vehicle).to_array()
+    )  # scaled to scales and tape
+    real = real_car(linear, vehicles, session.vehicle.elements, log_stage, most_s)
     if real is None or not real.estimation.chi2_per_n <= CHI2_LIMIT:
         return None
     n = linear.freedom

@@ -361,16 +361,15 @@ _MID_SIZE_CAR = np.array(
 dampers, four lengths."""
 
 
-def generic_vehicles() -> tuple[Real, ...]:
+def generic_vehicles(usual: Real = _MID_SIZE_CAR) -> tuple[Real, ...]:
     """Return the vehicles, each (15,), from which a search may start: a car and its variants.
 
     The variants are lighter, heavier, stiffer and more strongly damped; together they lie within a
-    factor of two or three of anything on four wheels that is bumped by hand.
+    factor of two or three of anything on four wheels that is bumped by hand.  `usual`, (15,): the
+    car, as far as it is known.
     """
     factors = ((1.0, 1.0), (2.0, 2.0), (0.5, 0.5), (1.0, 2.0), (2.0, 1.0), (4.0, 4.0))
-    return tuple(
-        _MID_SIZE_CAR * np.repeat([mass, force, 1.0], [5, 6, 4]) for mass, force in factors
-    )
+    return tuple(usual * np.repeat([mass, force, 1.0], [5, 6, 4]) for mass, force in factors)
 
 
 # Where a free decay begins: how far back a fitted model explains a record -------------------------

@@ -376,13 +376,25 @@ def test_axle_loads_are_those_of_the_car_at_rest() -> None:
     )
 
 
-def test_the_expected_car_has_the_loads_and_lengths_that_were_measured() -> None:
+@pytest.mark.parametrize(
+    "loads",
+    [
+        {"total_mass_kg": 1000.0, "front_axle_kg": 600.0, "rear_axle_kg": 400.0},
+        {
+            "corner_fl_kg": 310.0,
+            "corner_fr_kg": 290.0,
+            "corner_rl_kg": 190.0,
+            "corner_rr_kg": 210.0,
+        },
+    ],
+)
+def test_the_expected_car_has_the_loads_and_lengths_that_were_measured(
+    loads: dict[str, float],
+) -> None:
     usual = expected_car(Vehicle("car"))
     np.testing.assert_allclose(usual.to_array(), FORD_GRANADA.to_array(), rtol=1e-12)
     facts = {
-        FactQuantity.TOTAL_MASS: 1000.0,
-        FactQuantity.FRONT_AXLE: 600.0,
-        FactQuantity.REAR_AXLE: 400.0,
+        **loads,
         FactQuantity.WHEELBASE: 2.4,
         FactQuantity.FRONT_TRACK: 1.4,
         FactQuantity.REAR_TRACK: 1.5,
