@@ -9,9 +9,9 @@ from __future__ import annotations
 import zlib
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-from pydantic import ConfigDict, Field, TypeAdapter
+from pydantic import ConfigDict, TypeAdapter
 
 from dbc.words import Finding
 
@@ -349,10 +349,6 @@ class Reply:
 REPLY, STATUS, LIVE = TypeAdapter(Reply), TypeAdapter(Status), TypeAdapter(Live)
 
 
-_Reason = Annotated[str, Field(max_length=500)]
-_StatedReason = Annotated[str, Field(min_length=1, max_length=500)]
-_Short = Annotated[str, Field(max_length=200)]
-
 # Questions, which any client may ask --------------------------------------------------------------
 
 
@@ -383,7 +379,7 @@ class AskBench:
 class AskCheck:
     """Ask for the bench check over the last seconds of traffic."""
 
-    seconds: Annotated[float, Field(gt=0, le=10)] = 5.0
+    seconds: float = 5.0
 
 
 # Orders on the recording --------------------------------------------------------------------------
@@ -458,7 +454,7 @@ class Accept:
     """Accept a rejected run, with a reason."""
 
     label: str
-    reason: _Reason = ""
+    reason: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -467,7 +463,7 @@ class Reject:
 
     label: str = ""
     """Label of the run; empty for the run being recorded, or else the last one."""
-    reason: _Reason = ""
+    reason: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -484,14 +480,14 @@ class Redo:
 class Mark:
     """Set a mark at the time of the latest frame."""
 
-    text: _Short
+    text: str
 
 
 @dataclass(frozen=True, slots=True)
 class Note:
     """Write a note on the recording, or on one of its runs."""
 
-    text: Annotated[str, Field(min_length=1, max_length=2000)]
+    text: str
     label: str = ""
 
 
@@ -499,8 +495,8 @@ class Note:
 class OverrideWarning:
     """Continue although the bench check warns; the report names person and reason."""
 
-    subject: _Short
-    reason: _StatedReason
+    subject: str
+    reason: str
 
 
 @dataclass(frozen=True, slots=True)

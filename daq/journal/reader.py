@@ -220,26 +220,19 @@ def recordings_of(segments: Sequence[Path]) -> tuple[RecordingInfo, ...]:
     it, so that a reader counts what is lost with it.  Raises InputError if none can be read.
     """
     groups: dict[str, list[SegmentInfo]] = {}
-    unreadable: dict[Path, InputError] = {}
-    for path in sorted(segments, key=segment_number):
+    fault = InputError("journal", "holds no recording with a bench.toml and DBC", ADVICE)
+    in_order = sorted(segments, key=segment_number)
+    for path in in_order:
         try:
             info = scan(path)
             groups.setdefault(info.recording, []).append(info)
         except InputError as error:
-            unreadable[path] = error
-    states: list[RecordingInfo] = []
-    for group in groups.values():
-        if state := _state(group):
-            states.append(state)
-        else:
-            problem = "has lost every copy of its bench.toml and DBC"
-            advice = "name all segments of its recording"
-            paths = [info.path for info in group]
-            unreadable |= {path: InputError(str(path), problem, advice) for path in paths}
+            fault = error
+    states = [state for group in groups.values() if (state := _state(group))]
     if not states:
-        nothing = InputError("journal", "holds no recording", ADVICE)
-        raise next(iter(unreadable.values()), nothing)
-    for path in unreadable:
+        raise fault
+    readable = {path for state in states for path in state.segments}
+    for path in (path for path in in_order if path not in readable):
         firsts = [segment_number(state.segments[0]) for state in states]
         k = max(0, sum(number < segment_number(path) for number in firsts) - 1)
         states[k] = replace(states[k], segments=(*states[k].segments, path))

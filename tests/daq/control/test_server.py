@@ -14,7 +14,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from pydantic import TypeAdapter, ValidationError
 
 from daq.bench.campaign import Origin
 from daq.control.address import control_address, is_running
@@ -28,20 +27,15 @@ from daq.control.exchange import (
 from daq.control.messages import (
     PROTOCOL,
     REPLY,
-    Accept,
     Arm,
     AskBench,
-    AskCheck,
     AskStatus,
     Hello,
     Lane,
     Live,
     Mark,
-    Note,
     Order,
-    OverrideWarning,
     Pause,
-    Reject,
     Reply,
     Status,
     setup_of,
@@ -346,37 +340,6 @@ def test_whether_a_client_is_there_is_known(server: Server, address: Path) -> No
     until(lambda: viewer.ask(AskStatus()).status == replace(a_status(1), viewers=1))
     viewer.close()
     until(lambda: not server.has_clients())
-
-
-# The limits of orders, and a recorder of another version ------------------------------------------
-
-LIMITS: tuple[tuple[type, str, object, object], ...] = (
-    (AskCheck, "seconds", 10, 10.1),
-    (AskCheck, "seconds", 1e-3, 0),
-    (Accept, "reason", "x" * 500, "x" * 501),
-    (Reject, "reason", "x" * 500, "x" * 501),
-    (Mark, "text", "x" * 200, "x" * 201),
-    (Note, "text", "x" * 2000, "x" * 2001),
-    (Note, "text", "x", ""),
-    (OverrideWarning, "subject", "x" * 200, "x" * 201),
-    (OverrideWarning, "reason", "x" * 500, "x" * 501),
-    (OverrideWarning, "reason", "x", ""),
-)
-OTHERS: dict[type, dict[str, object]] = {
-    Accept: {"label": "baseline_bounce_1"},
-    OverrideWarning: {"subject": "az", "reason": "known"},
-}
-
-
-@pytest.mark.parametrize(("order", "field", "allowed", "refused"), LIMITS)
-def test_an_order_holds_no_more_than_it_may(
-    order: type, field: str, allowed: object, refused: object
-) -> None:
-    adapter: TypeAdapter[object] = TypeAdapter(order)
-    whole = OTHERS.get(order, {})
-    assert adapter.validate_python(whole | {field: allowed})
-    with pytest.raises(ValidationError, match=field):
-        adapter.validate_python(whole | {field: refused})
 
 
 @pytest.mark.parametrize(
