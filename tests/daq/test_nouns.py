@@ -6,7 +6,6 @@ import json
 import subprocess
 import sys
 from dataclasses import asdict, replace
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,7 @@ from daq.bumps import kinds_of
 from daq.channels import Channel, Quantity
 from daq.loading import axle_loads, expected_car, wrong_weights
 from daq.runlog import LoggedNote, Override
-from daq.runs import Excitation, RunStatus, SampleGroup, Silence, longest_gap_s, longest_silence
+from daq.runs import Excitation, RunStatus, SampleGroup
 from daq.session import read_session, write_session
 from daq.session.from_frames import parse_runs
 from daq.sessions import notes_of, overrides_of, session_from_arrays
@@ -107,42 +106,6 @@ def test_a_session_knows_its_accepted_runs_and_its_used_channels() -> None:
 # A sensor may be silent equally long at the bench and at the desk -------------------------------
 
 
-@pytest.mark.parametrize(
-    ("gap_s", "cycle_s", "stale"),
-    [
-        (0.24, 0.01, False),  # a quarter of a second
-        (0.26, 0.01, True),
-        (0.99, 0.1, False),  # ten cycles of a slow message
-        (1.01, 0.1, True),
-    ],
-)
-def test_a_quarter_of_a_second_or_ten_cycles_is_too_long(
-    gap_s: float, cycle_s: float, stale: bool
-) -> None:
-    before = np.arange(20) * cycle_s
-    after = before[-1] + gap_s + np.arange(20) * cycle_s
-    found = longest_silence(np.concatenate([after, before]), 0.0, float(after[-1]))
-    assert (found.begin_s, found.end_s) == pytest.approx((before[-1], after[0]))
-    assert found.length_s == pytest.approx(gap_s)
-    assert found.limit_s == pytest.approx(max(0.25, 10.0 * cycle_s))
-    assert found.is_stale is stale
-
-
-def test_silence_counts_from_the_begin_of_the_run_to_its_end() -> None:
-    time_s = np.arange(101) / 100.0
-    assert longest_silence(time_s, -0.5, 1.2)[:2] == (-0.5, 0.0)
-    assert longest_silence(time_s, -0.1, 1.4)[:2] == (1.0, 1.4)
-    assert longest_silence(time_s, 0.5, 0.9).length_s == pytest.approx(0.01)
-    assert longest_silence(np.empty(0), 0.0, 2.0) == Silence(0.0, 2.0, 0.25)
-
-
-@pytest.mark.parametrize(("period_s", "limit_s"), [(0.005, 0.02), (0.01, 0.035)])
-def test_a_gap_in_the_wheels_motion_is_20_ms_or_three_and_a_half_samples(
-    period_s: float, limit_s: float
-) -> None:
-    assert longest_gap_s(period_s) == pytest.approx(limit_s)
-
-
 # The names and units of a vehicle's parameters, and where its corners are -----------------------
 
 
@@ -211,13 +174,6 @@ def test_what_is_not_as_we_write_it_is_returned_as_it_is(text: str) -> None:
 
 
 # What the packages offer by name, and what they load for it -------------------------------------
-
-
-@pytest.mark.parametrize("face", ["dbc", "daq", "identify"])
-def test_every_public_name_is_there(face: str) -> None:
-    module = import_module(face)
-    for name in module.__all__:
-        assert getattr(module, name) is not None
 
 
 def test_the_recorder_does_not_load_the_library_of_session_files() -> None:

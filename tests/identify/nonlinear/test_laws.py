@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
 from types import SimpleNamespace
 from typing import Any
 
@@ -27,104 +26,21 @@ from identify.nonlinear.forces import (
 )
 from identify.nonlinear.laws import (
     friction_rate,
-    friction_slopes,
     hinge,
-    hinge_slope,
     knee,
-    knee_slope,
     mount_misfit,
-    mount_slope,
     secant_share,
     sliding_share,
-    sliding_slopes,
     spring_force,
-    spring_stiffness,
     stop_force,
-    stop_slopes,
     tyre_force,
     tyre_load,
     tyre_push,
-    tyre_slopes,
 )
 from identify.nonlinear.path import PATH
 from identify.nonlinear.release import GROUPS, STAGES
 
 from .truth import BASELINE, RICH, bent, granada, model_of
-
-Law = Callable[..., Any]
-
-
-def _road_force(load: float, damping_n: float) -> float:
-    """Return the force of the road on a tyre; `damping_n` is minus c_t v."""
-    return float(tyre_force(tyre_push(load, -damping_n / 100.0, 100.0, 20.0), 0.0, 20.0))
-
-
-DERIVATIVES: dict[str, tuple[Law, Law, Sequence[int], Sequence[tuple[float, ...]]]] = {
-    "hinge": (
-        lambda x: hinge(x, 0.002),
-        lambda x: hinge_slope(x, 0.002),
-        (0,),
-        [(-0.0015,), (-0.0002,), (0.0007,), (0.0019,), (0.004,)],
-    ),
-    "knee": (
-        lambda w, knot: knee(w, knot, 0.002),
-        lambda w, knot: knee_slope(w, knot, 0.002),
-        (0,),
-        [(w, k) for k in (-0.15, 0.0, 0.15) for w in (-0.3, -0.1505, 0.0004, 0.1493, 0.4)],
-    ),
-    "spring": (
-        lambda u: spring_force(u, 20e3, 40e3, 8e5),
-        lambda u: spring_stiffness(u, 20e3, 40e3, 8e5),
-        (0,),
-        [(-0.04,), (0.0,), (0.025,)],
-    ),
-    "stop": (  # before the gap, in the rounding of 0.05 mm about it, and beyond
-        lambda u, k_b, power: stop_force(u, k_b, 0.025, power, 5e-5),
-        lambda u, k_b, power: stop_slopes(u, k_b, 0.025, power, 5e-5),
-        (0, 1, 2),
-        [
-            (u, 2e5, power)
-            for u in (0.0, 0.0249, 0.02497, 0.02503, 0.030, 0.040)
-            for power in (1.2, 2.0, 3.0)
-        ],
-    ),
-    "sliding": (
-        sliding_share,
-        sliding_slopes,
-        (0, 1, 2),
-        [(w, 0.4, 0.01) for w in (0.2, -0.05, 0.0003, 0.007)],
-    ),
-    "friction": (
-        lambda w, zeta, length, limit: friction_rate(w, zeta, length, limit, 0.0005, 1e-4),
-        lambda w, zeta, length, limit: friction_slopes(w, zeta, length, limit, 0.0005, 1e-4),
-        (0, 1, 2, 3),
-        [(w, z, 0.5e-3, 1.3) for w, z in ((0.2, 0.3), (-0.05, 0.8), (0.0003, -0.5), (0.007, 1.2))],
-    ),
-    "mount": (
-        lambda r: mount_misfit(r, 1500.0 * r, 0.1e-3, 0.3, 1e-6, 1.2e-4),
-        lambda _: mount_slope(1500.0, 1e-6, 1.2e-4),
-        (0,),
-        [(0.5,)],
-    ),
-    "tyre": (
-        _road_force,
-        lambda load, damping_n: tyre_slopes(load, -damping_n / 100.0, 100.0, 20.0),
-        (0, 1),
-        [(-30.0, 150.0), (7.0, 150.0), (30.0, -20.0), (500.0, 150.0)],
-    ),
-}
-"""A law, its derivatives, by which of its arguments, and where."""
-
-
-@pytest.mark.parametrize("name", DERIVATIVES)
-def test_derivatives_are_those_of_the_law(name: str) -> None:
-    law, slopes, arguments, points = DERIVATIVES[name]
-    for point in points:
-        for k, slope in zip(arguments, np.atleast_1d(slopes(*point)), strict=True):
-            step = 1e-6 * max(abs(point[k]), 1e-3)
-            ends = [[*point[:k], point[k] + d, *point[k + 1 :]] for d in (step, -step)]
-            difference = (law(*ends[0]) - law(*ends[1])) / (2.0 * step)
-            assert slope == pytest.approx(difference, rel=1e-5, abs=1e-6), (point, k)
 
 
 def test_a_hinge_is_exact_beyond_its_rounding() -> None:

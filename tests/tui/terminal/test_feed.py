@@ -23,7 +23,7 @@ from daq.bench.config import default_bench_text, parse_bench
 from daq.control.exchange import OrderRefusedError, RecorderGoneError
 from daq.control.messages import Arm, AskStatus, Lane, Live, Order, Phase, Reply, Setup, Status
 from tui.terminal import feed
-from tui.terminal.chart import LaneChart, full_scale, pooled, trace
+from tui.terminal.chart import LaneChart, full_scale
 from tui.terminal.feed import (
     BIRTH_S,
     RING_S,
@@ -270,43 +270,6 @@ def test_a_recorder_is_started_when_the_one_before_has_ended(
         listener.restart()
     assert clock[0] == 25.0, "twenty seconds and a look"
     assert len(started) == 1
-
-
-BRAILLE = choose_glyphs("braille", {})
-BLOCKS = choose_glyphs("blocks", {})
-
-
-def _dots(rows: list[str]) -> np.ndarray:
-    """Return which dots of braille rows are set, by Unicode's own numbering."""
-    height, width = 4 * len(rows), 2 * len(rows[0])
-    dots = np.zeros((height, width), bool)
-    for r, row in enumerate(rows):
-        for c, char in enumerate(row):
-            bits = 0 if char == " " else ord(char) - 0x2800
-            for bit, (x, y) in enumerate(
-                ((0, 0), (0, 1), (0, 2), (1, 0), (1, 1), (1, 2), (0, 3), (1, 3))
-            ):
-                dots[4 * r + y, 2 * c + x] = bool(bits >> bit & 1)
-    return dots
-
-
-def test_a_spike_of_one_sample_is_drawn_from_its_foot_to_its_tip() -> None:
-    low, high = np.zeros(400), np.zeros(400)
-    high[137] = 0.99
-    seen = _dots(trace(*pooled(low, high, 40), 1.0, 4, BRAILLE))
-    column = 137 * 40 // 400
-    assert seen[1:9, column].all()
-    assert seen[:8].any(axis=0).sum() <= 2  # the column and its neighbour that it is joined to
-
-
-def test_pooling_keeps_every_extreme_and_repeats_where_bins_are_few() -> None:
-    rng = np.random.default_rng(1)
-    value = rng.normal(size=301)
-    low, high = pooled(value, value, 40)
-    assert high.max() == value.max()
-    assert low.min() == value.min()
-    few, _ = pooled(np.array([1.0, 2.0]), np.array([1.0, 2.0]), 6)
-    assert few.tolist() == [1, 1, 1, 2, 2, 2]
 
 
 def test_the_range_grows_at_once_and_shrinks_late() -> None:

@@ -21,17 +21,14 @@ from tui.terminal.campaign import (
     NextAction,
     bump_step,
     first_obstacle,
-    frames_stand_still,
     in_run,
     next_action,
     obstacle,
     progress,
     waits_unarmed,
 )
-from tui.terminal.feed import Lost
 from tui.terminal.screens.bumping import (
     alarms_text,
-    runs_text,
     tally_rows,
 )
 from tui.terminal.screens.check import (
@@ -42,9 +39,6 @@ from tui.terminal.words import (
     Signal,
     accepted_words,
     banner,
-    count_words,
-    countdown_digits,
-    due_words,
     last_judged,
     rejected_words,
     signal_of,
@@ -66,41 +60,6 @@ def recorder() -> FakeRecorder:
 def said(status: Status) -> list[str]:
     shown = banner(status, None, next_action(status), PLAIN)
     return [shown.word, shown.title, shown.first, shown.second, shown.digits]
-
-
-def test_the_run_that_is_due_is_counted_and_one_beyond_the_plan_says_so(
-    recorder: FakeRecorder,
-) -> None:
-    assert due_words(recorder.status) == "bounce 1 of 2"
-    recorder.bump()
-    recorder.judge()
-    assert due_words(recorder.status) == "bounce 2 of 2"
-    recorder.bump()
-    recorder.judge()
-    recorder.choose("baseline", Excitation.BOUNCE)
-    assert due_words(recorder.status) == "bounce 3, 2 planned"
-    assert due_words(replace(recorder.status, due=None)) == ""
-    last = last_judged(recorder.status)
-    assert last is not None
-    assert last.label == "baseline_bounce_2"
-    assert count_words(recorder.status, last) == "2 of 2 accepted"
-    assert count_words(replace(recorder.status, tallies=()), last) == ""
-
-
-@pytest.mark.parametrize(
-    ("left_s", "digits"), [(3.0, "3"), (2.01, "3"), (2.0, "2"), (0.1, "1"), (0.0, "0"), (None, "")]
-)
-def test_a_countdown_shows_the_second_that_has_begun(
-    left_s: float | None, digits: str, recorder: FakeRecorder
-) -> None:
-    recorder.publish(countdown_s=left_s)
-    assert countdown_digits(recorder.status) == digits
-    recorder.publish(sensors_alive=0)
-    assert countdown_digits(recorder.status) == ""
-    recorder.publish(sensors_alive=1)
-    assert not frames_stand_still(recorder.status)
-    recorder.publish(sensors_alive=0, sensors_expected=0)
-    assert not frames_stand_still(recorder.status)
 
 
 def test_a_verdict_compares_a_run_with_the_first_of_its_kind(recorder: FakeRecorder) -> None:
@@ -181,14 +140,6 @@ def test_the_banner_of_each_state(recorder: FakeRecorder) -> None:
     recorder.changes.clear()
     recorder.finish("baseline")
     assert said(recorder.status)[:2] == ["DONE", "SPACE = step 4 Masses"]
-
-
-def test_a_lost_recorder_says_what_went_and_what_to_press() -> None:
-    lost = banner(None, Lost("it has ended", "all is on the disk"), next_action(None), PLAIN)
-    assert (lost.kind, lost.title) == ("bad", "X = start it again")
-    assert lost.second == "all is on the disk"
-    begins = banner(None, Lost("it begins", "wait", True), next_action(None), PLAIN)
-    assert (begins.kind, begins.word, begins.first) == ("quiet", "STARTING", "it begins")
 
 
 def test_steps_are_reached_and_ended_by_what_the_book_says(recorder: FakeRecorder) -> None:
@@ -388,28 +339,6 @@ def test_progress_marks_what_is_due_and_says_what_was_rejected(recorder: FakeRec
     recorder.bump()
     recorder.judge()
     assert rows()[0][1:4] == ["##", "2/2 +1", "1.20 ± 0.07 Hz"]
-
-
-def test_runs_have_the_newest_on_top(recorder: FakeRecorder) -> None:
-    def runs(status: Status, figures: bool = False) -> list[str]:
-        return runs_text(status, PLAIN, figures).plain.splitlines()
-
-    recorder.bump()
-    recorder.judge(MOTION)
-    recorder.bump()
-    recorder.judge(DOUBLE_BUMP)
-    recorder.bump()
-    assert runs(recorder.status) == [
-        "> baseline bounce 3  running",
-        "x baseline bounce 2  rejected, kept: second bump at +0.84 s",
-        "+ baseline bounce 1  good: the car swings at 1.15 Hz",
-    ]
-    assert runs(recorder.status, figures=True)[3] == "    f 1.15 Hz"
-    taken = replace(recorder.status.runs[0], by="MK", reason="a door")
-    assert runs(replace(recorder.status, runs=(taken,))) == [
-        "+ baseline bounce 1  good: the car swings at 1.15 Hz; taken by MK: a door"
-    ]
-    assert runs(replace(recorder.status, runs=())) == ["no runs yet"]
 
 
 def alarmed(code: str, phase: Phase = Phase.ARMED, alive: int = 4) -> Status:
