@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,6 @@ from numpy.typing import ArrayLike
 from daq.bumps import kinds_of
 from daq.channels import Channel, Quantity
 from daq.loading import axle_loads, expected_car, wrong_weights
-from daq.runlog import LoggedNote, Override
 from daq.runs import Excitation, RunStatus, SampleGroup
 from daq.session import read_session, write_session
 from daq.session.from_frames import parse_runs
@@ -154,18 +152,6 @@ def test_added_mass_is_a_matrix_of_seven_that_nobody_changes() -> None:
 
 
 # Remarks on a session, from a provenance that may come from any program -------------------------
-
-
-def test_notes_and_overrides_are_given_with_their_names() -> None:
-    notes = [LoggedNote(1, "step check done"), LoggedNote(2, "tyre changed", "", "MK"),
-             LoggedNote(3, "door slammed", "baseline_roll_1", "AB")]  # fmt: skip
-    overrides = [Override(4, "channel x", "noisy, but unused", "MK")]
-    provenance = {
-        "notes": json.dumps([asdict(note) for note in notes]),
-        "overrides": json.dumps([asdict(override) for override in overrides]),
-    }
-    assert notes_of(provenance) == ("tyre changed (MK)", "baseline_roll_1: door slammed (AB)")
-    assert overrides_of(provenance) == ("channel x: noisy, but unused (MK)",)
 
 
 @pytest.mark.parametrize("text", ["plain words", "[1]", '[{"by": 1}]', "{", "[" * 100_000, "7"])

@@ -26,32 +26,6 @@ from identify.model.matrices import (
 )
 from identify.model.response import Bump, Response, exact_response, wilson_response
 
-X = np.array([1.25, 1.25, -1.51, -1.51])  # wheels from the CG: forward, and to the left
-Y = np.array([0.74, -0.74, 0.74, -0.74])
-K_S = np.array([17e3, 17e3, 22e3, 22e3])
-
-
-def forces(x: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return M times the acceleration, spring by spring, from what every bar carries."""
-    total = np.zeros(7)
-    for i in range(4):
-        body = x[0] - X[i] * x[1] + Y[i] * x[2]
-        body_v = v[0] - X[i] * v[1] + Y[i] * v[2]
-        strut = K_S[i] * (x[3 + i] - body) + 1500.0 * (v[3 + i] - body_v)  # pushes the body up
-        total[0] += strut
-        total[1] += -X[i] * strut  # a push at the front lifts the nose: negative pitch
-        total[2] += Y[i] * strut
-        total[3 + i] += -strut - 192e3 * x[3 + i]
-    return total
-
-
-def test_matrices_are_the_forces_of_springs_and_dampers() -> None:
-    rng = np.random.default_rng(1)
-    model = physical_model(FORD_GRANADA)
-    x, v = rng.standard_normal((2, 7))
-    np.testing.assert_allclose(-model.K @ x - model.C @ v, forces(x, v), rtol=1e-12)
-    assert list(np.diag(model.M)) == [1380, 2440, 380, 40.5, 40.5, 45.4, 45.4]
-
 
 def test_a_complex_step_differentiates_the_matrices() -> None:
     theta = FORD_GRANADA.to_array().astype(complex)

@@ -79,21 +79,6 @@ def test_one_run_of_each_kind_is_offered_in_each_state() -> None:
 
 
 @pytest.mark.parametrize(
-    ("now_m", "heights_m"),
-    [(0.01, [0.02, 0.05]), (0.025, [0.05]), (0.04, [0.05]), (0.05, []), (0.06, [])],
-)
-def test_a_bump_of_twice_the_height_and_the_highest_are_offered(
-    now_m: float, heights_m: list[float]
-) -> None:
-    found = {a: p for a, p in offered(plan(bump=Bump(now_m, 0.2))).items() if "bump of" in a}
-    assert {action: one.bump.height_m for action, one in found.items()} == {
-        f"a bump of {height * 1e3:g} mm instead of {now_m * 1e3:g} mm": height
-        for height in heights_m
-    }
-    assert all(one.bump.duration_s == 0.2 for one in found.values())
-
-
-@pytest.mark.parametrize(
     ("rates_hz", "action", "after_hz"),
     [
         ((100.0, 300.0, 2000.0), "200", (200.0, 600.0, 2000.0)),
@@ -342,13 +327,6 @@ def test_what_may_be_zero_is_determined_to_its_unit() -> None:
         assert found.parameters["k_ar"].value == pytest.approx(5e3)
 
 
-def test_what_is_stated_uncertainly_costs_what_it_shares() -> None:
-    """Of a parameter's 1e4, an unknown beside it takes 90^2 / 1: 1,900 are left."""
-    H = np.diag([*np.full(N, 1e4), 1.0])
-    H[0, N] = H[N, 0] = 90.0
-    assert expected(fisher(H)).relative["m_s"] == pytest.approx(1.96 / np.sqrt(1900.0), rel=1e-4)
-
-
 @pytest.mark.parametrize(("std", "names"), [(24.9, ()), (25.1, ("k",))])
 def test_a_value_that_is_known_to_a_quarter_can_be_planned_with(
     std: float, names: tuple[str, ...]
@@ -409,13 +387,3 @@ def test_what_is_known_of_other_runs_changes_no_answer(what: str) -> None:
     assert again == pytest.approx(first, rel=1e-12)
     if found.information.shape == first.shape:
         assert not np.allclose(found.information, first, rtol=1e-3)
-
-
-def test_information_grows_with_the_square_of_height_and_with_the_number_of_runs() -> None:
-    once = KnownRuns().fisher(BASE).information
-    lower = KnownRuns().fisher(replace(BASE, bump=Bump(0.025, 0.1, 0.2))).information
-    assert once == pytest.approx(4.0 * lower, rel=1e-9, abs=1e-9)
-    thrice = tuple(replace(runs, repeats=3) for runs in BASE.runs)
-    assert KnownRuns().fisher(replace(BASE, runs=thrice)).information == pytest.approx(
-        3.0 * once, rel=1e-9, abs=1e-9
-    )

@@ -372,20 +372,6 @@ async def test_a_chart_that_shrinks_cuts_its_rows_and_asks_for_new_ones() -> Non
 
 
 @pytest.mark.parametrize(
-    ("done", "planned", "mark", "bar"),
-    [
-        (0, 5, "", "....."), (2, 5, "", "##..."), (5, 5, "", "#####"), (7, 5, "", "#####"),
-        (2, 5, ">", "##>.."), (5, 5, ">", "#####"), (0, 0, "", ""),
-        (5, 20, "", "##........"), (19, 20, ">", "#########>"), (10, 10, "", "##########"),
-    ],
-)  # fmt: skip
-def test_a_bar_has_a_piece_for_each_run_and_ten_at_most(
-    done: int, planned: int, mark: str, bar: str
-) -> None:
-    assert PLAIN.bar(done, planned, mark) == bar
-
-
-@pytest.mark.parametrize(
     ("terminal", "chosen"),
     [({"TERM": "vt220"}, "blocks"), ({"TERM": "dumb"}, "blocks"), ({}, "braille")],
 )

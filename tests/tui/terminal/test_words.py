@@ -28,7 +28,6 @@ from tui.terminal.campaign import (
     waits_unarmed,
 )
 from tui.terminal.screens.bumping import (
-    alarms_text,
     tally_rows,
 )
 from tui.terminal.screens.check import (
@@ -295,30 +294,6 @@ def test_more_runs_are_recorded_by_the_one_key_after_each_step() -> None:
 
 
 MOTION = replace(GOOD, code="motion", text="f 1.15 Hz", unit="Hz", value=1.15)
-
-
-def test_alarms_are_folded_and_the_last_ones_counted(recorder: FakeRecorder) -> None:
-    silent = Alarm("bus_silent", "can0", "no frame for 2 s", "check the cable", 1)
-    full = Alarm("disk_full", "", "1 GB left", "make room", 1)
-    long = replace(silent, text="word " * 40, advice="do " * 60)
-
-    def shown(*alarms: Alarm, width: int = 70, overloaded: tuple[str, ...] = ()) -> list[str]:
-        status = replace(recorder.status, alarms=alarms, overloaded=overloaded)
-        return alarms_text(status, PLAIN, width).plain.splitlines()
-
-    assert shown(silent, full) == [
-        "! BUS SILENT can0: no frame for 2 s: check the cable",
-        "! DISK FULL 1 GB left: make room",
-    ]
-    assert shown(overloaded=("a", "b")) == [
-        "^ OVERLOAD a, b touched the end of the range: A puts the lamp out"
-    ]
-    assert len(shown(*[silent] * 4)) == 4
-    assert shown(*[silent] * 5)[3:] == ["! and 2 more"]
-    lines = shown(full, long, full)
-    assert [line.split()[1] for line in lines] == ["DISK", "BUS", "word", "DISK"]
-    assert len(shown(long, width=40)) == 3, "the gravest has three rows"
-    assert shown() == []
 
 
 def test_progress_marks_what_is_due_and_says_what_was_rejected(recorder: FakeRecorder) -> None:
