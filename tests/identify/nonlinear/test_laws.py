@@ -31,7 +31,6 @@ from identify.nonlinear.laws import (
     mount_misfit,
     secant_share,
     sliding_share,
-    spring_force,
     stop_force,
     tyre_force,
     tyre_load,
@@ -47,12 +46,6 @@ def test_a_hinge_is_exact_beyond_its_rounding() -> None:
     assert hinge(-0.0021, 0.002) == 0.0
     assert hinge(0.0021, 0.002) == 0.0021
     assert hinge(0.0, 0.002) == pytest.approx(0.0005)
-
-
-def test_a_progressive_spring_is_stiffer_in_compression() -> None:
-    assert spring_force(0.03, 20e3, 40e3, 0.0) == pytest.approx(636.0)
-    assert spring_force(-0.03, 20e3, 40e3, 0.0) == pytest.approx(-564.0)
-    assert spring_force(-0.03, 20e3, 0.0, 1e6) == pytest.approx(-627.0)
 
 
 def test_a_stop_acts_beyond_its_gap_alone() -> None:
@@ -74,16 +67,6 @@ def test_a_knee_at_rest_raises_the_secant_by_half() -> None:
     assert secant_share(0.0, 0.002) == pytest.approx(0.5, abs=1e-3)
     assert secant_share(0.15, 0.002) == 0.0
     assert secant_share(-0.08, 0.002) == pytest.approx(0.1, abs=1e-3)
-
-
-def test_friction_sticks_then_slides() -> None:
-    zeta, step = 0.0, 1e-6
-    for _ in range(20000):  # 2 mm at 0.1 m/s, four pre-sliding lengths
-        zeta += step * friction_rate(0.1, zeta, 0.5e-3, 1.0, 0.0, 0.0)
-    assert zeta == pytest.approx(1.0 - np.exp(-4.0), abs=1e-4)
-    assert friction_rate(0.0, 0.7, 0.5e-3, 1.0, 0.0002, 0.0) == pytest.approx(-0.28)
-    # 0.3 m/s rounded over 0.4 is 0.5 m/s; half of the limit acts; the lag doubles the length.
-    assert friction_rate(0.3, 0.6, 0.5e-3, 1.2, 0.4, 1e-3) == pytest.approx(0.05 / 1e-3)
 
 
 def test_a_corner_that_sticks_keeps_its_friction_for_as_long_as_a_decay_lasts() -> None:
