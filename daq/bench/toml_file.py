@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -46,15 +46,34 @@ def toml_text(path: Path, advice: str) -> str:
 def toml_tables(text: str, where: str) -> dict[str, Any]:
     """Return the tables of a TOML text; `where`: its name, for messages.
 
-    Raises InputError if it is not TOML.
+    Raises InputError if it is not TOML, has `true` in place of a number, or a text that no session
+    file can store.
     """
     try:
-        return tomllib.loads(text)
+        document = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         what = str(error)
         if line := re.search(r" \(at line (\d+), column (\d+)\)", what):
             where, what = f"{where}:{line[1]}", f"{what[: line.start()]}, column {line[2]}"
         raise InputError(where, f"is not TOML: {what}", "correct that line") from error
+    for place, value in _values(document, ()):
+        fault = "has the character NUL" if isinstance(value, str) and "\0" in value else ""
+        if isinstance(value, bool) and "structure" not in place:
+            fault = "is true or false, not a number or a text"
+        if fault:
+            raise InputError(where, f"{key_at(document, place)}: {fault}", "correct that value")
+    return document
+
+
+def _values(value: object, place: tuple[str | int, ...]) -> Iterator[tuple[Any, object]]:
+    if isinstance(value, dict):
+        for key, item in value.items():
+            yield from _values(item, (*place, key))
+    elif isinstance(value, list):
+        for position, item in enumerate(value):
+            yield from _values(item, (*place, position))
+    else:
+        yield place, value
 
 
 def validated(document: Mapping[str, Any], where: str, model: type[_File]) -> _File:
