@@ -13,6 +13,8 @@ from typing import Any
 import tomlkit
 from tomlkit.items import AoT, Comment
 
+from dbc.words import InputError
+
 from ..runs import Excitation
 from ..vehicle import BodyWeight, Fact, HubWeight, Structure
 from .campaign import Method
@@ -60,16 +62,23 @@ def with_weights(text: str, weights: Sequence[Weight]) -> str:
 def with_channel(text: str, name: str, sign: float | None = None, tare: float | None = None) -> str:
     """Return the text with another sign or tare (SI) of a channel; None keeps the old one.
 
-    If the text has no channels of its own, the channels in force are written out in full.
+    If the text has no channels of its own, the channels in force are written out in full.  Raises
+    InputError if there is no such channel.
     """
-    document = tomllib.loads(text)
-    rows = list(document.get("channel", []))
-    if name not in [row["name"] for row in rows]:
-        rows = completed(document, default_bench_text())["channel"]
-    stated = {"sign": None if sign is None else int(sign), "tare": tare}
-    changed = {key: value for key, value in stated.items() if value is not None}
-    rows = [row | changed if row["name"] == name else row for row in rows]
-    return _edited(text, lambda document: _set_rows(document, "channel", rows))
+
+    def change(document: Any) -> None:
+        rows = list(tomllib.loads(text).get("channel", []))
+        if name not in [row["name"] for row in rows]:
+            rows = completed(tomllib.loads(text), default_bench_text())["channel"]
+        if name not in (known := [row["name"] for row in rows]):
+            advice = f"name one of {', '.join(known)}"
+            raise InputError(WHERE, f"there is no channel {name}", advice)
+        stated = {"sign": None if sign is None else int(sign), "tare": tare}
+        changed = {key: value for key, value in stated.items() if value is not None}
+        rows = [row | changed if row["name"] == name else row for row in rows]
+        _set_rows(document, "channel", rows)
+
+    return _edited(text, change)
 
 
 def with_campaign(

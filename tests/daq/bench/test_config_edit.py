@@ -150,6 +150,7 @@ def test_any_number_goes_through_to_the_last_bit(
         (lambda t: with_weights(t, [HubWeight(-1.0, Corner.FRONT_LEFT)]), "weight.1.mass_kg"),
         (lambda t: with_facts(t, [Fact("colour", 1.0, 1.0)]), "colour"),
         (lambda t: with_channel(t, "travel_fl", sign=2), "travel_fl"),
+        (lambda t: with_channel(t, "nose", sign=1), "nose"),
         (lambda t: with_channel(t, "travel_fl", tare=float("inf")), "tare"),
         (lambda t: with_campaign(t, (), 1, Method.DROP, 0.04, 3.0), "excitations"),
         (lambda t: with_vehicle(t + "\n[vehicle", "a", Structure()), "TOML"),

@@ -384,6 +384,13 @@ async def test_the_form_says_what_to_press_while_no_recorder_answers(make_app: M
 
 
 @pytest.mark.usefixtures("by_hand")
+async def _to_line(pilot: Pilot[None], screen: CheckScreen, subject: str) -> None:
+    """Move the cursor to the line on a subject."""
+    lines = [row.subject for row in screen._rows].index(subject) - cursor(screen.bench_app)
+    await pressed(pilot, *abs(lines) * ["down" if lines > 0 else "up"])
+    assert screen._rows[cursor(screen.bench_app)].subject == subject
+
+
 async def test_the_check_asks_nothing_of_a_recorder_that_is_lost(make_app: Make) -> None:
     recorder = FakeRecorder(check=(*check_items(), NOISY, UPSIDE_DOWN))
     recorder.mark("vehicle")
@@ -409,8 +416,7 @@ async def test_the_check_asks_nothing_of_a_recorder_that_is_lost(make_app: Make)
         assert "upside down" in seen(app), "the last answer stays"
         recorder.refuse = ""
         app.bench_text = "this is no bench"
-        while screen._rows[cursor(app)].subject != "channel hub_acc_fl":
-            await pressed(pilot, "down")
+        await _to_line(pilot, screen, "channel hub_acc_fl")
         await pressed(pilot, "i")
         assert orders_of(recorder, Configure) == []
         recorder.check = (*check_items(), NOISY)
@@ -418,7 +424,6 @@ async def test_the_check_asks_nothing_of_a_recorder_that_is_lost(make_app: Make)
         await recorder.ask(OverrideWarning("channel hub_acc_rr", "old"))
         recorder.publish()
         await pilot.pause()
-        while screen._rows[cursor(app)].subject != "channel hub_acc_rr":
-            await pressed(pilot, "up")
+        await _to_line(pilot, screen, "channel hub_acc_rr")
         assert "overridden: old (MK)" in seen(app)
         assert "O overrides a line that says WARN" in await pressed(pilot, "o"), "once is enough"
