@@ -408,7 +408,6 @@ def test_missing_blocks_are_named_and_a_session_with_more_is_kept(campaign: Reco
 def test_a_segment_that_is_still_written_is_no_loss(campaign: Recorded) -> None:
     campaign.run()
     campaign.writer.append(bumps(small_codec(), 1).select(slice(0, 5)), NO_LOSSES)
-    assert campaign.writer.paths[-1].name.startswith("open_")
     derived = derive(campaign.writer.paths, campaign.target)
     assert (derived.loss, len(derived.session.runs)) == ("", 1)
     assert read_session(campaign.target).provenance["journal_losses"] == "none"
