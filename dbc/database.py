@@ -192,7 +192,7 @@ class _RepairedDbc:
 
     def __init__(self, text: str, name: str) -> None:
         self.findings: list[Finding] = []
-        """What is left out, as errors; harmless oddities, as warnings."""
+        """Parts left out, as errors; harmless oddities, as warnings."""
         self.lost: dict[int, set[str]] = defaultdict(set)
         """Signals that cantools still reads, but might be decoded wrongly, by identifier of their
         message as in the DBC; an empty name stands for the whole message."""
@@ -404,7 +404,7 @@ def _layout(
 
 
 def _with_distinct_names(layouts: Sequence[SignalLayout]) -> list[SignalLayout]:
-    """Return signals of which those of one name are told apart by selector value or start bit."""
+    """Return the signals; those of one name get their selector value or start bit added to it."""
     distinct = list(layouts)
     for part in ("m", "b"):
         named = Counter(each.name for each in distinct)

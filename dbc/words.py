@@ -1,4 +1,4 @@
-"""What users read: errors of one line, findings, numbers of things, times, and foreign text.
+"""Texts for users: errors of one line, findings, numbers of things, times, and foreign text.
 
 An error is one line for a person: which file, what is wrong, what to do.  Foreign text (file
 content, signal names) is made printable in this module, so that no control character reaches a

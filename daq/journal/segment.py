@@ -381,7 +381,7 @@ ADVICE = "move it away, and name the recorder's own files journal_*.bbj"
 
 
 class SegmentContent(NamedTuple):
-    """What can be read of a segment.
+    """The readable part of a segment.
 
     `blocks`: the whole ones, in order.  `torn_bytes`, `torn_text`: number of bytes after them that
     are no whole block, and what they are in words; 0 and empty also if they were a head or an end,

@@ -219,7 +219,7 @@ class Derivation:
         except OSError as error:
             return SessionState.FAILED, error.strerror or str(error)
         self._process = process
-        if self._is_closed:  # meanwhile: nobody else will end it
+        if self._is_closed:  # closed meanwhile: no other thread ends it
             process.kill()
         try:
             # Building a session file takes seconds; after an hour it counts as hung.

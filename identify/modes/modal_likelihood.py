@@ -293,7 +293,7 @@ class Point:
     inverse: _Real
     """Inverse root of the normal equations of the amplitudes, (n_runs, 2 m, 2 m)."""
     residuals: _Real
-    """What the modes leave of the condensed samples, (n_runs, n_channels, p)."""
+    """Condensed samples less those of the modes, (n_runs, n_channels, p)."""
     squares: _Real
     """Squared residuals of each channel, (n_channels,)."""
 

@@ -213,7 +213,7 @@ def _car_arrays(car: Car) -> tuple[Array, Array, Array]:
 
 @dataclass(frozen=True, slots=True)
 class Channels:
-    """What some channels see of the motion, and when."""
+    """Rows of some channels on the motion, and times of their samples."""
 
     times_s: Array
     """(n,)."""

@@ -229,7 +229,7 @@ def _chi2(end: Optimum) -> float:
 
 @dataclass(frozen=True, slots=True)
 class _Search:
-    """What the stages of a search have in common; arguments of `release`."""
+    """The common part of the stages of a search; arguments of `release`."""
 
     allowed: Callable[[str], bool]
     log: Log

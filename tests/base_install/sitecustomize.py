@@ -11,7 +11,7 @@ from typing import Any
 
 
 class _NotForPythonCan(MetaPathFinder):
-    """Finds no asammdf while python-can looks for it; whoever imports it otherwise gets it."""
+    """Finds no asammdf while python-can looks for it; any other import gets it."""
 
     def find_spec(self, name: str, *_: Any) -> None:
         reader = sys.modules.get("can.io.mf4")

@@ -39,7 +39,7 @@ class Outcome:
     names: tuple[str, ...]
     """Of all of them."""
     quality: Judgement
-    """What the identification says of itself."""
+    """Judgement of the identification on itself."""
 
     @property
     def covered(self) -> NDArray[np.bool_]:

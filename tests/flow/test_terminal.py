@@ -116,7 +116,7 @@ SAID = {
     "lost-frames": ("LOST FRAMES", "cable and plugs"),
     "unplug": ("BUS LOST", "plug the bus in"),
 }
-"""What the banner says, and a word of its advice."""
+"""Words of the banner, and a word of its advice."""
 
 
 @pytest.mark.parametrize(

@@ -89,7 +89,7 @@ class Stress:
     """One row of the stress list."""
 
     wrong: str
-    """What is wrong, for people."""
+    """The fault, for people."""
     imperfections: Imperfections = NONE
     """Of the car, in every run."""
     faults: tuple[SensorFault, ...] = ()
@@ -99,9 +99,9 @@ class Stress:
     stated_bump_s: float = BUMP_S
     """How long the session says that it lasts; in truth `BUMP_S`."""
     excitations: tuple[Excitation, ...] = THREE
-    """What was driven."""
+    """Excitations of the runs."""
     odd_car: Imperfections | None = None
-    """What the car is in `ODD_RUN` instead."""
+    """Imperfections of the car in `ODD_RUN` instead."""
     second_bump: float = 0.0
     """Height of a second bump in `ODD_RUN`, as a share of the first."""
 

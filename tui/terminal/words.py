@@ -219,11 +219,11 @@ class Banner:
     word: str
     """The state in one word."""
     title: str
-    """What SPACE does, and the run: after symbol and word, so that no terminal cuts off the key."""
+    """Action of SPACE, and the run: after symbol and word, so that no terminal cuts off the key."""
     first: str
     """Present event."""
     second: str = ""
-    """What else the operator should know."""
+    """Further news for the operator."""
     digits: str = ""
     """Seconds, in digits three lines high; may be empty."""
     folds: bool = True

@@ -1,4 +1,4 @@
-"""What of a session can be used: bad values, silent and frozen channels, runs without a decay."""
+"""The usable part of a session: bad values, silent and frozen channels, runs without a decay."""
 
 from __future__ import annotations
 

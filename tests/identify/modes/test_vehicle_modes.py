@@ -273,7 +273,7 @@ def test_a_grid_of_fewer_samples_than_twice_the_channels_gives_none(
 
 
 def test_regression_alone_finds_a_real_pole_beside_a_mode() -> None:
-    """What decays without a swing is no mode, but a fit needs it."""
+    """A decay without a swing is no mode, but a fit needs it."""
     rng = np.random.default_rng(1)
     poles = np.append(oscillators([3.0], [0.05]), -2.0)
     shapes = np.array([[1.0, 1.0], [0.5, -1.0]])

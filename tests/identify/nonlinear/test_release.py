@@ -122,7 +122,7 @@ def stops(by_gap: dict[float, tuple[float, float]], size: float = 0.8) -> Callab
 
 
 def test_a_stop_begins_at_the_gap_where_it_gains_most(played: Callable[..., Any]) -> None:
-    """What stood in for it, a spring that stiffens, begins again at zero; the rear has none."""
+    """The stiffening spring in its place begins again at zero; the rear has none."""
     script = Script([3.0, 2.0, 1.1, 1.0], sizes={"k_2f": 0.4, "k_3f": 0.2, "k_2r": 0.3})
     gains = stops({0.015: (60.0, 5.0), 0.033: (90.0, 6.0), 0.0485: (80.0, 4.0)})
     allowed = of("bump_stops", "progressive_springs")

@@ -163,7 +163,7 @@ TEXTS = {
     "hot_damper": "baseline_bounce_2",
     "no_roll": "I_xx",
 }
-"""What the finding must say of it."""
+"""Words that the finding must have."""
 QUICK = {"friction_mild", "damper_mild", "hubs_late_1ms", "body_low_pass", "offset", "hot_damper"}
 """Stresses whose like is not in another test; the others are long."""
 RIVALS = set(CAUSES.values()) - {"amplitude", "late_start", "undetermined"}

@@ -304,7 +304,7 @@ class CheckScreen(BenchScreen):
 
     @property
     def _next(self) -> tuple[str, Callable[[], Awaitable[None]] | None]:
-        """What SPACE does now, in words and as an action; without one, what is awaited."""
+        """Words and action of SPACE; no action while the words say what is awaited."""
         app, corner = self.bench_app, self._corner
         if self.lost_words:
             return self.lost_words, None

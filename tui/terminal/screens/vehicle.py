@@ -201,7 +201,7 @@ class VehicleScreen(BenchScreen):
         self._filled = False
         self._noted = ""
         self._typed: dict[str, str] = {}
-        """What is typed and not stored yet."""
+        """Entries that are typed and not stored yet, by their field."""
 
     def compose_body(self) -> ComposeResult:
         """Compose the form, and a box for help on the field."""
