@@ -169,11 +169,14 @@ class HubWeight:
         return replace(self, sigma_kg=self.sigma_kg or _BY_SCALES * self.mass_kg)
 
 
+Weight = BodyWeight | HubWeight
+
+
 @dataclass(frozen=True, slots=True)
 class AddedMass:
     """Mass that a mass state adds to the vehicle; the baseline adds none."""
 
-    weights: tuple[BodyWeight | HubWeight, ...] = ()
+    weights: tuple[Weight, ...] = ()
     """Known weights at known positions."""
     matrix: NDArray[np.float64] = field(default_factory=lambda: np.zeros((7, 7)))
     """A mass matrix given directly, about the baseline CG, in the order `DOF`, shape (7, 7)."""
@@ -318,3 +321,53 @@ class Vehicle:
     elements: Mapping[str, bool] = field(default_factory=dict, hash=False)
     """Elements that `[vehicle.structure]` forces (true) or forbids (false) where a car is not
     linear; the others are chosen by the data."""
+
+
+def expected_car(vehicle: Vehicle) -> VehicleParameters:
+    """Return a typical car: that of the paper, scaled to the weighed and measured facts.
+
+    Masses, springs and dampers are proportional to the total mass, so that the frequencies are
+    those of a usual car; inertias are also proportional to the square of the lengths.
+    """
+    known = {fact.quantity: fact.value for fact in vehicle.facts}
+    usual = FORD_GRANADA
+    usual_kg = usual.m_s + 2.0 * (usual.m_uf + usual.m_ur)
+    corners_kg = [known.get(f"corner_{corner}_kg", 0.0) for corner in ("fl", "fr", "rl", "rr")]
+    weighed = all(corners_kg)
+    front_kg = sum(corners_kg[:2]) if weighed else known.get(FactQuantity.FRONT_AXLE)
+    rear_kg = sum(corners_kg[2:]) if weighed else known.get(FactQuantity.REAR_AXLE)
+    axles_kg = front_kg + rear_kg if front_kg and rear_kg else usual_kg
+    size = known.get(FactQuantity.TOTAL_MASS, axles_kg) / usual_kg
+    given = vehicle.geometry
+    long_m = known.get(FactQuantity.WHEELBASE, given.a + given.b if given else usual.a + usual.b)
+    m_uf, m_ur, m_s = size * usual.m_uf, size * usual.m_ur, size * usual.m_s
+    share = usual.a / (usual.a + usual.b)
+    if front_kg and rear_kg:
+        share = min(max((rear_kg - 2.0 * m_ur) / (axles_kg - 2.0 * (m_uf + m_ur)), 0.1), 0.9)
+    a, b = share * long_m, (1.0 - share) * long_m
+    t_f = known.get(FactQuantity.FRONT_TRACK, 2.0 * usual.t_f) / 2.0
+    t_r = known.get(FactQuantity.REAR_TRACK, 2.0 * usual.t_r) / 2.0
+    if given:
+        a, b, t_f, t_r = given.a, given.b, given.t_f, given.t_r
+    wide, deep = (t_f + t_r) / (usual.t_f + usual.t_r), (a * b) / (usual.a * usual.b)
+    # The springs of an axle are scaled by the axle's load relative to that of the usual car.
+    front = size * (b / (a + b)) / (usual.b / (usual.a + usual.b))
+    rear = size * (a / (a + b)) / (usual.a / (usual.a + usual.b))
+    return replace(
+        usual,
+        m_s=m_s,
+        I_yy=size * deep * usual.I_yy,
+        I_xx=size * wide**2 * usual.I_xx,
+        m_uf=m_uf,
+        m_ur=m_ur,
+        k_sf=front * usual.k_sf,
+        k_sr=rear * usual.k_sr,
+        k_tf=front * usual.k_tf,
+        k_tr=rear * usual.k_tr,
+        c_sf=front * usual.c_sf,
+        c_sr=rear * usual.c_sr,
+        a=a,
+        b=b,
+        t_f=t_f,
+        t_r=t_r,
+    )

@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from daq.loading import expected_car
 from daq.sessions import Session
-from daq.vehicle import MassState, VehicleGeometry
+from daq.vehicle import MassState, VehicleGeometry, expected_car
 from dbc.words import Finding, InputError, Severity, counted
 
 from .decays.decay import FreeDecay, Record

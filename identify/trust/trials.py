@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.channels import Channel
-from daq.loading import Weight
-from daq.vehicle import BodyWeight, Corner, Fact, HubWeight, MassState
+from daq.vehicle import BodyWeight, Corner, Fact, HubWeight, MassState, Weight
 
 from ..decays.decay import FreeDecay, with_channels
 from ..fit.estimation import Estimation, generic_vehicles

@@ -14,12 +14,10 @@ from numpy.typing import ArrayLike
 
 from daq.bumps import kinds_of
 from daq.channels import Channel, Quantity
-from daq.loading import axle_loads, expected_car, wrong_weights
 from daq.runs import Excitation, RunStatus, SampleGroup
 from daq.session import read_session, write_session
 from daq.session.from_frames import parse_runs
 from daq.sessions import notes_of, overrides_of, session_from_arrays
-from daq.sim.motion import corner_motion, static_pose
 from daq.vehicle import (
     FORD_GRANADA,
     PARAMETER_NAMES,
@@ -32,13 +30,12 @@ from daq.vehicle import (
     Structure,
     Vehicle,
     VehicleGeometry,
-    VehicleParameters,
+    expected_car,
     parameter_names,
     parameter_unit,
 )
 from dbc.words import InputError
 
-from ..simulated.elements import contact, load_car
 from .small_session import small_session
 
 TEXT: dict[str, Any] = {"name": "fl", "quantity": "hub_acceleration", "corner": "FL"}
@@ -99,9 +96,6 @@ def test_a_session_knows_its_accepted_runs_and_its_used_channels() -> None:
     az = replace(session.channels[2], quantity=Quantity.UNUSED)
     session = replace(session, channels=(*session.channels[:2], az, session.channels[3]))
     assert [c.name for c in session.used_channels] == ["hub_fl", "hub_fr", "pitch"]
-
-
-# A sensor may be silent equally long at the bench and at the desk -------------------------------
 
 
 # The names and units of a vehicle's parameters, and where its corners are -----------------------
@@ -296,28 +290,6 @@ def test_channels_of_one_name_are_refused() -> None:
         session_from_arrays([("baseline", "roll", {"hub": (T, T)})], channels=[hub, hub])
 
 
-# What weights do to a car, against the simulated car's balance of forces ------------------------
-
-
-WEIGHTS = (
-    BodyWeight(40.0, 0.2, 0.5, 0.3),
-    BodyWeight(25.0, -2.5, -0.6),
-)
-
-
-def test_axle_loads_are_those_of_the_car_at_rest() -> None:
-    def scales(added: AddedMass) -> np.ndarray:
-        plant = load_car(FORD_GRANADA, added)
-        still = np.zeros((4, 1))
-        load = contact(plant, static_pose(plant), np.zeros((7, 1)), still).tyre_n[:, 0]
-        return np.array([load[:2].sum(), load[2:].sum()]) / 9.80665
-
-    more = scales(AddedMass(WEIGHTS)) - scales(AddedMass())
-    assert axle_loads(WEIGHTS, FORD_GRANADA.a + FORD_GRANADA.b) == pytest.approx(
-        tuple(more), abs=1e-6
-    )
-
-
 @pytest.mark.parametrize(
     "loads",
     [
@@ -348,49 +320,3 @@ def test_the_expected_car_has_the_loads_and_lengths_that_were_measured(
     assert (car.a + car.b, 2 * car.t_f, 2 * car.t_r) == pytest.approx((2.4, 1.4, 1.5))
     geometry = VehicleGeometry(1.1, 1.3, 0.7, 0.75)
     assert expected_car(Vehicle("car", geometry, facts=reported)).geometry == geometry
-
-
-def _sag(weights: tuple[BodyWeight, ...], car: VehicleParameters) -> dict[Corner, float]:
-    """Return how far the simulated car's suspension is compressed by weights, m."""
-    travel = []
-    for added in (AddedMass(), AddedMass(weights)):
-        plant = load_car(car, added)
-        pose = static_pose(plant)
-        travel.append((pose[3:] - corner_motion(plant, pose[:3]))[:, 0])
-    return dict(zip(Corner, (travel[1] - travel[0]).tolist(), strict=True))
-
-
-BOLTED = tuple(BodyWeight(32.5, x, y) for x in (0.14, -2.64) for y in (0.55, -0.55))
-SOFT, STIFF = (replace(FORD_GRANADA, k_sf=f * 17e3, k_sr=f * 22e3) for f in (0.7, 1.25))
-
-
-@pytest.mark.parametrize(
-    ("car", "number"),
-    [(FORD_GRANADA, 0), (FORD_GRANADA, 3), (SOFT, 1), (STIFF, 2)],
-)
-def test_a_weight_that_the_sag_contradicts_is_named(car: VehicleParameters, number: int) -> None:
-    sag, right = _sag(BOLTED, car), BOLTED[number]
-    assert wrong_weights(BOLTED, FORD_GRANADA, sag) == ()
-    for wrong, words in (
-        (replace(right, mass_kg=325.0), "325 kg; the body sank as for 3"),
-        (replace(right, mass_kg=3.25), "3.25 kg; the body sank as for 3"),
-        (replace(right, y_m=-right.y_m), f"the body sank as for {right.y_m:+.2f} m"),
-    ):
-        stated = (*BOLTED[:number], wrong, *BOLTED[number + 1 :])
-        (finding,) = wrong_weights(stated, FORD_GRANADA, sag, sigma_m=1e-3)
-        assert f"weight {number + 1} says" in finding.text
-        assert words in finding.text
-    rear = replace(right, x_m=-2.76 - right.x_m)
-    stated = (*BOLTED[:number], rear, *BOLTED[number + 1 :])
-    (finding,) = wrong_weights(stated, car, sag, spread=0.05, axle_spread=0.05)
-    assert f"weight {number + 1} says x" in finding.text
-
-
-def test_springs_of_another_car_are_not_a_wrong_weight() -> None:
-    for k_sf, k_sr in ((60e3, 40e3), (40e3, 60e3), (9e3, 14e3), (17e3, 40e3)):
-        sag = _sag(BOLTED, replace(FORD_GRANADA, k_sf=k_sf, k_sr=k_sr))
-        assert wrong_weights(BOLTED, FORD_GRANADA, sag) == ()
-    one_side = {c: 1e-3 * c.side for c in Corner}  # friction holds the body a little askew
-    sag = {c: travel + one_side[c] for c, travel in _sag(BOLTED, FORD_GRANADA).items()}
-    assert wrong_weights(BOLTED, FORD_GRANADA, sag) == ()
-    assert wrong_weights(BOLTED, FORD_GRANADA, {Corner.FRONT_LEFT: 0.1}) == ()

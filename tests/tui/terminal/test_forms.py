@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from daq.bench.campaign import Method
 from daq.bench.config import default_bench_text, load_bench, parse_bench
-from daq.bench.edit import with_campaign
-from daq.control.messages import Configure, Mark, OverrideWarning
+from daq.control.messages import Configure, Mark
 from daq.runs import Excitation
 from daq.vehicle import (
     BodyWeight,
@@ -21,7 +18,6 @@ from daq.vehicle import (
     HubWeight,
     Structure,
 )
-from tui.terminal.app import BenchApp
 from tui.terminal.campaign import read_draft, write_draft
 from tui.terminal.form import Field, FieldError, Form
 from tui.terminal.screens.masses import MassesScreen
@@ -33,7 +29,6 @@ from tui.terminal.screens.vehicle import (
 from tui.terminal.screens.weights import (
     Entry,
     WeightScreen,
-    baseline_bounce_hz,
     check_inventory,
     check_weight,
     entries_of,
@@ -41,7 +36,7 @@ from tui.terminal.screens.weights import (
 )
 
 from .conftest import at_every_size, screen_text
-from .fake_recorder import DOUBLE_BUMP, GOOD, FakeRecorder
+from .fake_recorder import FakeRecorder
 from .operated import (
     Make,
     Shown,
@@ -53,7 +48,6 @@ from .operated import (
     pressed,
     reach,
     seen,
-    until,
 )
 
 BENCH = load_bench(None)
@@ -328,7 +322,8 @@ async def test_a_weight_is_added_edited_and_taken_off(make_app: Make) -> None:
 
 
 async def test_space_bolts_one_weight_after_the_other_and_goes_on(make_app: Make) -> None:
-    recorder, app = sunk_by_the_weights(make_app)
+    recorder = _loaded()
+    app = make_app(recorder)
     async with app.run_test(size=(80, 24)) as pilot:
         await reach(pilot, MassesScreen)
         screen = app.screen
@@ -348,39 +343,7 @@ async def test_space_bolts_one_weight_after_the_other_and_goes_on(make_app: Make
         assert front(app) is not screen
         assert Mark("step masses done") in recorder.orders
         assert orders_of(recorder, Configure) == []
-        assert orders_of(recorder, OverrideWarning) == [], "the sag confirms them"
         assert not (app.folder / "draft_masses.json").exists()
-
-
-def sunk_by_the_weights(make_app: Make) -> tuple[FakeRecorder, BenchApp]:
-    """Return recorder and terminal of a car that has sunk as its weights of step 4 let it."""
-    sunk = {f"travel_{c.lower()}": 0.0191 if c.front else 0.0144 for c in Corner}
-    recorder = FakeRecorder(check=check_items(**sunk))
-    recorder.mark("vehicle", "check")
-    recorder.finish("baseline")
-    app = make_app(recorder)
-    (app.folder / "rest.json").write_text(json.dumps(dict.fromkeys(sunk, 0.0)))
-    return recorder, app
-
-
-async def test_a_weight_that_the_sag_contradicts_stops_space(make_app: Make) -> None:
-    """A weight typed as 325 instead of 32.5 kg is named before any run with it."""
-    recorder, app = sunk_by_the_weights(make_app)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await reach(pilot, MassesScreen)
-        await pressed(pilot, "e", "tab", "ctrl+u", *"325", "ctrl+s")
-        await until(pilot, lambda: "325.00" in seen(app))
-        await pressed(pilot, *["space"] * 10)
-        await until(pilot, lambda: "FAIL weight 1 says 325 kg; the body sank as for 3" in seen(app))
-        await pressed(pilot, "space")
-        assert Mark("step masses done") not in recorder.orders
-        assert "SPACE =" not in seen(app)
-        await pressed(pilot, "o", *"scale", "enter")
-        await until(pilot, lambda: Mark("step masses done") in recorder.orders)
-    (override,) = orders_of(recorder, OverrideWarning)
-    assert isinstance(override, OverrideWarning)
-    assert override.reason.startswith("weight 1 says 325 kg; the body sank as for 3")
-    assert override.reason.endswith(": scale")
 
 
 ENTRIES = (
@@ -396,18 +359,6 @@ def test_a_draft_of_the_weights_is_read_back() -> None:
     weights = tuple(e.weight for e in ENTRIES)
     assert entries_of(weights, {}) == tuple(Entry(w) for w in weights)
     assert entries_of(weights, {"entries": [{"mass_kg": "much"}, 3]}) == ()
-
-
-def test_the_bounce_is_that_of_the_accepted_baseline_runs() -> None:
-    text = with_campaign(default_bench_text(), (Excitation.BOUNCE,), 3, Method.DROP, 0.04, 3.0)
-    recorder = FakeRecorder(text)
-    for hertz in (1.40, 1.41, 1.42):
-        recorder.bump()
-        recorder.judge(DOUBLE_BUMP, replace(GOOD, code="motion", unit="Hz", value=9.0))
-        recorder.bump()
-        recorder.judge(GOOD, replace(GOOD, code="motion", unit="Hz", value=hertz))
-    assert baseline_bounce_hz(recorder.status) == [1.40, 1.41, 1.42]
-    assert baseline_bounce_hz(None) == []
 
 
 async def test_weights_survive_a_crash_and_esc_discards_what_is_typed(make_app: Make) -> None:

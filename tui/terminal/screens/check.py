@@ -20,7 +20,7 @@ from daq.check.pushes import ORDER, PushResult, judge_push, shows_push, spoken
 from daq.control.messages import AskCheck, BusState, Configure, Mark, OverrideWarning, Phase, Status
 from dbc.words import Finding, printable
 
-from ..campaign import BenchStep, write_draft
+from ..campaign import BenchStep
 from ..feed import RING_S
 from ..widgets import SPACE_INK, Cell, Table, Words
 from .base import BenchScreen
@@ -137,8 +137,6 @@ def zero_offsets(items: Sequence[Finding], channels: Sequence[Channel]) -> dict[
 _INKS = {OK: "success", WARN: "warning", FAIL: "error", NOW: "accent"}
 """Colours of the theme for the states, which are words and symbols first."""
 
-REST = "rest.json"
-"""File in the recorder's folder: levels of the channels at rest, before any weight is added."""
 AGAIN_S, WINDOW_S = 1.0, 3.0
 """Seconds between two checks, and seconds of samples in each."""
 HANDS_OFF_S = 5.0
@@ -361,11 +359,9 @@ class CheckScreen(BenchScreen):
         self.action_override()
 
     async def _end_step(self) -> None:
-        """Mark the step as done, keep the levels at rest, and go on to the baseline."""
+        """Mark the step as done, and go on to the baseline."""
         app = self.bench_app
         if await app.ask(Mark(BenchStep.CHECK.mark)) is not None:
-            if failure := write_draft(app.folder / REST, rest_levels(self._items)):
-                app.warn(failure)
             await app.go_to(BenchStep.BASELINE)
 
     async def action_again(self) -> None:

@@ -1,4 +1,4 @@
-"""Step 4: the weights on the car and their places, compared with the sag of the car."""
+"""Step 4: the weights on the car and their places."""
 
 from __future__ import annotations
 
@@ -13,24 +13,20 @@ from textual.content import Content
 
 from daq import InputError, VehicleParameters
 from daq.bench.edit import with_weights
-from daq.control.messages import AskCheck, Configure, Mark, Note, OverrideWarning, Status
-from daq.loading import expected_car
+from daq.control.messages import Configure, Mark, Note, Status
+from daq.vehicle import Weight, expected_car
 
 from ..campaign import BenchStep, read_draft, write_draft
 from ..widgets import SPACE_INK, Table, Words
 from .base import BenchScreen
-from .check import REST, rest_levels
 from .weights import (
     HEADS,
     NEW_WEIGHT,
     Entry,
     Typed,
-    Weight,
     WeightScreen,
-    baseline_bounce_hz,
     check_inventory,
     check_weight,
-    contradiction,
     entries_of,
     entry_values,
     weight_cells,
@@ -39,8 +35,6 @@ from .weights import (
 )
 
 DRAFT = "draft_masses.json"
-_REST_S = 2.0
-"""Seconds over which the sag is measured."""
 
 
 class MassesScreen(BenchScreen):
@@ -52,7 +46,6 @@ class MassesScreen(BenchScreen):
         Binding("a", "add", "Add", tooltip="Add a weight"),
         Binding("e,enter", "edit", "Edit", key_display="E", tooltip="Edit the marked weight"),
         Binding("delete", "remove", "Remove", key_display="Del", tooltip="Remove the weight"),
-        Binding("o", "override", "Override", tooltip="Go on in spite of the sag, with a reason"),
         Binding("down", "mark(1)", "Down", show=False, tooltip="Mark the next weight"),
         Binding("up", "mark(-1)", "Up", show=False, tooltip="Mark the weight before"),
     ]
@@ -61,8 +54,6 @@ class MassesScreen(BenchScreen):
         super().__init__()
         self._filled = False
         self._entries: tuple[Entry, ...] = ()
-        self._contradicted = ""
-        """Statements that the sag with all weights on contradicts."""
 
     def compose_body(self) -> ComposeResult:
         """Compose the table, and what SPACE does."""
@@ -72,15 +63,12 @@ class MassesScreen(BenchScreen):
     @property
     def acts(self) -> bool:
         """True while SPACE does something: not while an entry is wrong or no recorder answers."""
-        fits = self._filled and not self._error and not self._contradicted
-        return fits and not self.lost_words
+        return self._filled and not self._error and not self.lost_words
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Show only the keys that do something now."""
         if action in ("edit", "remove"):
             return bool(self._entries)
-        if action == "override":
-            return bool(self._contradicted)
         return super().check_action(action, parameters)
 
     def show_status(self, status: Status) -> None:
@@ -136,9 +124,6 @@ class MassesScreen(BenchScreen):
             return Content.styled(self.lost_words, SPACE_INK)
         if self._error:
             return Content.styled(f"{bad} {self._error}", "bold $error")
-        if self._contradicted:
-            text = f"{bad} FAIL {self._contradicted}; E corrects it, O overrides"
-            return Content.styled(text, "bold $error")
         words = "SPACE = all are bolted: go on to step 5 Added"
         if loose and self.query_one(Table).cursor_row == loose[0]:
             words = f"SPACE = weight {loose[0] + 1} is bolted"
@@ -160,7 +145,6 @@ class MassesScreen(BenchScreen):
     def _change(self, row: int, *new: Entry) -> None:
         """Put an entry in place of one, or after the last; without a new one, remove it."""
         self._entries = (*self._entries[:row], *new, *self._entries[row + 1 :])
-        self._contradicted = ""  # the sag is compared again when SPACE goes on
         self._show_all()
         self.refresh_bindings()
         stored = {"entries": entry_values(self._entries)}
@@ -206,38 +190,7 @@ class MassesScreen(BenchScreen):
             if len(loose) > 1:
                 self._choose(loose[1])
         else:
-            await self._compare_sag()
-            if self._contradicted:
-                self.bench_app.warn(self._contradicted)
-            else:
-                await self._apply()
-
-    async def _compare_sag(self) -> None:
-        """Compare the sag of the car, all weights on, with what they say."""
-        app = self.bench_app
-        reply = await app.ask(AskCheck(_REST_S))
-        if reply is None or app.bench is None or app.status is None:
-            return
-        rest = {k: v for k, v in read_draft(app.folder / REST).items() if isinstance(v, float)}
-        levels, bounce_hz = rest_levels(reply.check), baseline_bounce_hz(app.status)
-        words = contradiction(app.bench, self._weights, rest, levels, bounce_hz)
-        overridden = any(words in override.reason for override in app.status.overrides)
-        self._contradicted = "" if overridden else words
-        self._show_next()
-        self.refresh_bindings()
-
-    def action_override(self) -> None:
-        """Go on in spite of the sag, with a reason."""
-
-        async def answered(reason: str | None) -> None:
-            words = f"{self._contradicted}: {reason}"[:500]
-            order = OverrideWarning("sag under the weights", words)
-            if reason and await self.bench_app.ask(order) is not None:
-                self._contradicted = ""
-                await self._apply()
-
-        question = f"{self._contradicted}. Why is that acceptable here?"
-        self.bench_app.question(question, "reason", answered)
+            await self._apply()
 
     async def _apply(self) -> None:
         app = self.bench_app

@@ -1,11 +1,9 @@
-"""The weights on the car: their form and checks, and what the sag says about them."""
+"""The weights on the car: their form, and its checks."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
-from math import pi, sqrt
-from statistics import median
+from dataclasses import asdict, dataclass
 from typing import Any, ClassVar
 
 from textual.app import ComposeResult
@@ -15,17 +13,13 @@ from textual.content import Content
 from textual.screen import ModalScreen
 from textual.widgets import Static
 
-from daq import BASELINE, BodyWeight, Corner, Excitation, HubWeight, Quantity
-from daq.bench.config import Bench
-from daq.control.messages import Status
-from daq.loading import expected_car, wrong_weights
-from daq.runs import RunStatus
+from daq import BodyWeight, Corner, HubWeight
+from daq.vehicle import Weight
 from dbc.words import printable
 
 from ..form import Field, FieldError, Form, Values, check_fields, number, stated
 from ..widgets import Cell, Words, right
 
-Weight = BodyWeight | HubWeight
 Typed = dict[str, str]
 BODY = "body"
 NEW_WEIGHT = {
@@ -161,56 +155,6 @@ def weight_cells(row: int, entry: Entry, yes: str, no: str) -> list[Cell]:
         figures += ["hub", "", ""]
     bolted = f"{yes} yes" if entry.bolted else f"{no} NO"
     return [right(str(row)), bolted, place, printable(entry.serial, 7), *map(right, figures)]
-
-
-_SUNK_M = 0.5e-3
-"""Least sag, m, that distinguishes weights on the car from weights beside it."""
-
-
-def baseline_bounce_hz(status: Status | None) -> list[float]:
-    """Return the frequency of the bounce, Hz, in each accepted baseline run."""
-    return [
-        finding.value
-        for run in (status.runs if status else ())
-        if run.mass_state == BASELINE and run.excitation is Excitation.BOUNCE
-        if run.status is RunStatus.ACCEPTED
-        for finding in run.findings
-        if finding.unit == "Hz"
-    ]
-
-
-def contradiction(
-    bench: Bench,
-    weights: Sequence[Weight],
-    before: Mapping[str, float],
-    after: Mapping[str, float],
-    bounce_hz: Sequence[float],
-) -> str:
-    """Return what the sag of the body contradicts in the weights; empty if nothing.
-
-    The springs are those of the facts, else of a car like the bench's with this bounce frequency,
-    Hz.  Below `_SUNK_M` of sag the weights are still beside the car, and contradict nothing.
-
-    `before` and `after`: levels of the channels at rest, SI, by name, without and with the weights.
-    """
-    sag_m = {
-        c.corner: after[c.name] - before[c.name]
-        for c in bench.channels
-        if c.quantity is Quantity.SUSPENSION_TRAVEL and c.corner is not None
-        if c.name in before and c.name in after
-    }
-    if max(map(abs, sag_m.values()), default=0.0) < _SUNK_M:
-        return ""
-    car = expected_car(bench.vehicle)
-    known = {fact.quantity: fact.value for fact in bench.vehicle.facts}
-    usual_hz = sqrt(2.0 * (car.k_sf + car.k_sr) / car.m_s) / (2.0 * pi)
-    stiffer = (median(bounce_hz) / usual_hz) ** 2 if bounce_hz else 1.0
-    car = replace(
-        car,
-        k_sf=known.get("k_sf", stiffer * car.k_sf),
-        k_sr=known.get("k_sr", stiffer * car.k_sr),
-    )
-    return "; ".join(finding.text for finding in wrong_weights(weights, car, sag_m))
 
 
 class WeightScreen(ModalScreen[Typed | None]):
