@@ -1,6 +1,7 @@
 """Figures for notebooks and scripts: each function returns a matplotlib figure.
 
-They are the figures of the report.  This module loads matplotlib, so `identify` does not import it.
+They are the figures of the report.  Each raises InputError if the session was refused before a fit.
+This module loads matplotlib, so `identify` does not import it.
 """
 
 from __future__ import annotations
@@ -13,17 +14,14 @@ from dbc.words import InputError
 
 from .modes.state_variable_method import StabilisationDiagram
 from .report.cars import still_cars
-from .report.evidence import correlation_picture, decay_pictures
+from .report.evidence import decay_pictures
 from .report.page import LOOK, figure_of
 from .report.parameters import damper_picture, intervals_picture, moving_cars, stabilisation_picture
 from .result import Identification
 
 
 def decays(result: Identification) -> Figure:
-    """Draw every run: measured against fitted, and the residuals in units of the noise.
-
-    Raises InputError if the session was refused before a fit.
-    """
+    """Draw every run: measured against fitted, and the residuals in units of the noise."""
     estimation = _fitted(result).estimation
     assert estimation is not None  # there is a fit
     pictures = list(decay_pictures(estimation))
@@ -40,18 +38,14 @@ def decays(result: Identification) -> Figure:
 
 
 def parameters(result: Identification) -> Figure:
-    """Draw the relative interval of each parameter, and the sources of its precision.
-
-    Raises InputError if the session was refused before a fit.
-    """
+    """Draw the relative interval of each parameter, and the sources of its precision."""
     return figure_of(intervals_picture(_fitted(result)))
 
 
 def dampers(result: Identification) -> Figure:
     """Draw the force of each axle's damper over its speed, with its 95 % band and with friction.
 
-    Raises InputError if the session was refused before a fit, or the linear model explains its
-    decays.
+    Raises InputError if the linear model explains the decays.
     """
     forces = _fitted(result).forces
     if forces is None:
@@ -60,19 +54,10 @@ def dampers(result: Identification) -> Figure:
     return figure_of(damper_picture(forces))
 
 
-def correlation(result: Identification) -> Figure:
-    """Draw the correlation of the parameters' errors.
-
-    Raises InputError if the session was refused before a fit.
-    """
-    return figure_of(correlation_picture(_fitted(result)))
-
-
 def modes(result: Identification, mass_state: str = "baseline") -> Figure:
     """Draw the mode shapes of the identified vehicle.
 
-    `result`: with a fit.  Raises InputError if the session was refused before a fit, or has no such
-    mass state.
+    Raises InputError if the session has no such mass state.
     """
     if mass_state not in _fitted(result).modal:
         raise InputError("plot", f"no mass state {mass_state}", f"choose {', '.join(result.modal)}")

@@ -3,12 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from math import isnan
-from typing import TYPE_CHECKING
-
-import numpy as np
-from numpy.typing import NDArray
 
 from dbc.words import counted
 
@@ -16,25 +11,8 @@ from ..change import Change
 from ..compare import Compared, Comparison
 from ..numbers import NOT_DETERMINED, half_width, plus_minus, rounded, signed
 from ..words import NOT_OK, unit_text, value_text
-from .page import (
-    INK,
-    PALETTE,
-    WIDTH_IN,
-    Block,
-    Picture,
-    Section,
-    Table,
-    line_axes,
-    lines_height_in,
-    shared_legend,
-)
-from .parameters import about_zero
-from .typeset import drawing, page_html
-
-if TYPE_CHECKING:
-    from matplotlib.figure import FigureBase
-
-Floats = NDArray[np.float64]
+from .page import Block, Section, Table
+from .typeset import page_html
 
 METHOD = (
     "What changed is found by one joint fit of all sessions: every parameter, and every element "
@@ -53,7 +31,6 @@ def comparison_html(comparison: Comparison) -> str:
     return page_html(
         "comparison.jinja",
         {"comparison": comparison.document()},
-        drawing=drawing,
         sections=comparison_sections(comparison),
         comparison=comparison,
         headline=headline_of(comparison),
@@ -80,8 +57,6 @@ def comparison_sections(comparison: Comparison) -> tuple[Section, ...]:
         if texts:
             blocks.append(Table(title, (heading, ""), tuple((text, cell) for text in texts)))
     for which, label in enumerate(labels[1:]):
-        if comparison.parameters:
-            blocks.append(differences_picture(comparison, which))
         for title, rows in (
             ("Parameters", comparison.parameters),
             ("Forces (damper; corner: with friction)", comparison.forces),
@@ -111,51 +86,6 @@ def _differences_table(title: str, rows: Sequence[Compared], which: int) -> Tabl
         for d in [row.differences[which]]
     )
     return Table(title, columns, texts)
-
-
-def differences_picture(comparison: Comparison, which: int) -> Picture:
-    """Return each difference of a session with its interval; significant ones by another mark."""
-    rows = comparison.parameters
-    differences = [row.differences[which] for row in rows]
-    size = np.array([abs(row.estimates[0].value) for row in rows]) / 100.0
-    draw = partial(
-        _draw_differences,
-        tuple(row.name for row in rows),
-        np.array([d.value for d in differences]) / size,
-        np.array([d.half for d in differences]) / size,
-        np.array([d.significant for d in differences]),
-    )
-    return Picture(
-        f"differences_{which + 1}",
-        f"{comparison.labels[which + 1]} minus {comparison.labels[0]}",
-        "Bars: 95 % interval of each difference by itself. Diamonds differ significantly, circles "
-        "do not.",
-        WIDTH_IN,
-        lines_height_in(len(rows), 2),
-        draw,
-    )
-
-
-def _draw_differences(
-    names: tuple[str, ...],
-    percent: Floats,
-    half_percent: Floats,
-    significant: NDArray[np.bool_],
-    figure: FigureBase,
-) -> None:
-    """Draw differences, (n,), with their intervals, one row each."""
-    rows, low, high = np.arange(len(names)), percent - half_percent, percent + half_percent
-    (axes,) = line_axes(figure, names, (0.09,))
-    axes.hlines(rows, low, high, PALETTE[1], lw=4.0, alpha=0.35)
-    for chosen, mark, hue, label in (
-        (significant, "D", 2, "differs"),
-        (~significant, "o", 1, "within chance"),
-    ):
-        axes.plot(percent[chosen], rows[chosen], mark, ms=4.5, color=PALETTE[hue], label=label)
-    axes.axvline(0.0, color=INK, lw=0.8)
-    axes.set_xlim(*about_zero(np.concatenate([low, high]), 1.1))
-    axes.set_xlabel("difference, % of the first session's value")
-    shared_legend(figure)
 
 
 def _trends(comparison: Comparison) -> Section:

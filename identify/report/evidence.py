@@ -1,8 +1,8 @@
-"""Sections that support the numbers: decays, runs left out, noise, correlation, closed form."""
+"""Sections that support the numbers: decays, runs left out, energy of the modes, closed form."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING
@@ -22,34 +22,13 @@ from ..modes.vehicle_modes import vehicle_diagram
 from ..numbers import number
 from ..result import Identification
 from ..trust.gates import SNR_LIMIT_DB
-from ..words import half_percent, parameter_words, unit_text
-from .page import (
-    FAINT,
-    HALF_IN,
-    INK,
-    PALETTE,
-    WIDTH_IN,
-    Block,
-    Gallery,
-    Picture,
-    Section,
-    Table,
-    height_in,
-    line_axes,
-    lines_height_in,
-    shared_legend,
-)
-from .parameters import about_zero, interval_bars
+from ..words import half_text, parameter_words, unit_text
+from .page import FAINT, HALF_IN, INK, PALETTE, Block, Gallery, Picture, Section, Table
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import FigureBase
 
 Floats = NDArray[np.float64]
-Texts = tuple[str, ...]
-
-_HEAD_IN, _ROW_IN = 0.25, 0.215
-"""Height of the names over the columns of a matrix and of its rows, inches."""
 
 
 # Measured against fitted, one small figure a run --------------------------------------------------
@@ -232,26 +211,24 @@ def information_section(result: Identification) -> Section:
     blocks: list[Block] = []
     by_run = result.quality.chi2_by_run
     if result.quality.snr_db:
-        blocks.append(snr_picture(result))
+        blocks.append(_energy_table(result))
     if result.drivers:
+        sources = dict.fromkeys(s for shares in result.drivers.values() for s in shares)
+        runs = [label for label in by_run if label in sources]
         shares = {
             source: {
-                name: f"{row[source] * 100:.1f}"
-                for name, row in result.drivers.items()
-                if source in row and name not in result.undetermined
+                name: f"{of_parameter[source] * 100:.1f}"
+                for name, of_parameter in result.drivers.items()
+                if source in of_parameter and name not in result.undetermined
             }
-            for source in dict.fromkeys(s for row in result.drivers.values() for s in row)
+            for source in (*runs, *(source for source in sources if source not in runs))
         }
-        runs = [label for label in by_run if label in shares]
+        title = "Share of each parameter's precision, %"
         note = (
             "Columns add up to 100 %: if a run had 1 % more information, the variance would fall "
             "by its share of 1 %."
         )
-        ordered = {
-            source: shares[source] for source in (*runs, *(s for s in shares if s not in runs))
-        }
-        title = "Share of each parameter's precision, %"
-        blocks.append(_grid(title, "run or fact", tuple(result.drivers), ordered, note))
+        blocks.append(_grid(title, "run or fact", tuple(result.drivers), shares, note))
     if by_run:
         channels = tuple(dict.fromkeys(c for row in by_run.values() for c in row))
         texts = {run: {c: f"{x:.3f}" for c, x in row.items()} for run, row in by_run.items()}
@@ -266,106 +243,58 @@ def information_section(result: Identification) -> Section:
 
 
 def _grid(
-    title: str, corner: str, columns: Texts, rows: Mapping[str, Mapping[str, str]], note: str
+    title: str,
+    corner: str,
+    columns: Sequence[str],
+    rows: Mapping[str, Mapping[str, str]],
+    note: str,
 ) -> Table:
     """Return a table with a text for each row and column that has one."""
     cells = tuple((name, *(row.get(c, "") for c in columns)) for name, row in rows.items())
     return Table(title, (corner, *(f"#{name}" for name in columns)), cells, note)
 
 
-def snr_picture(result: Identification) -> Picture:
+def _energy_table(result: Identification) -> Table:
     """Return the energy of each mode in each run; a column is a mode, whatever its rank."""
     states = {r.label: r.mass_state for r in result.estimation.records} if result.estimation else {}
     first = next(iter(result.modal))
-    modes, runs = result.mode_names[first], tuple(result.quality.snr_db)
-    decibel = np.full((len(runs), len(modes)), np.nan)
-    for row, label in zip(decibel, runs, strict=True):
+    modes = result.mode_names[first]
+    rows: dict[str, dict[str, str]] = {}
+    for label, of_run_db in result.quality.snr_db.items():
         pairs = result.pairings.get(states.get(label, first))
-        columns = {i: i for i in range(len(modes))}
+        rank_in_first = {rank: rank for rank in range(len(modes))}
         if pairs is not None:
-            columns = dict(zip(pairs.added.tolist(), pairs.baseline.tolist(), strict=True))
-        for rank, value in enumerate(result.quality.snr_db[label]):
-            if rank in columns:
-                row[columns[rank]] = value
-    return Picture(
-        "snr",
-        "Energy of each mode over the noise, dB",
-        f"A column is one mode, whatever its rank in a mass state. A triangle marks less than "
-        f"{SNR_LIMIT_DB:.0f} dB: that run gives no information on that mode, which is "
-        "normal as long as another run does.",
-        WIDTH_IN,
-        2.0 * _HEAD_IN + _ROW_IN * len(runs),
-        partial(_draw_snr, runs, modes, decibel),
+            rank_in_first = dict(zip(pairs.added.tolist(), pairs.baseline.tolist(), strict=True))
+        rows[label] = {
+            modes[rank_in_first[rank]]: f"{'▼ ' if db < SNR_LIMIT_DB else ''}{db:z.0f}"
+            for rank, db in enumerate(of_run_db)
+            if rank in rank_in_first
+        }
+    note = (
+        f"▼ marks less than {SNR_LIMIT_DB:.0f} dB: that run gives no information on that mode, "
+        "which is normal as long as another run does."
     )
-
-
-def _draw_snr(runs: Texts, modes: Texts, decibel: Floats, figure: FigureBase) -> None:
-    axes = figure.add_axes((0.19, 0.0, 0.8, 1.0 - 2.0 * _HEAD_IN / height_in(figure)))
-    top = max(float(np.nanmax(decibel, initial=SNR_LIMIT_DB)), 2.0 * SNR_LIMIT_DB)
-    columns = [name.replace(" wheels ", " wheels\n") for name in modes]
-    _draw_numbers(axes, decibel, top, lambda v: f"{v:z.0f}", runs, columns)
-    for i, j in np.argwhere(decibel < SNR_LIMIT_DB):
-        axes.plot([j - 0.42], [i], "v", ms=3.0, color=PALETTE[2])
+    return _grid("Energy of each mode over the noise, dB", "run", modes, rows, note)
 
 
 def correlation_section(result: Identification) -> Section:
-    """Return the correlation matrix."""
-    blocks = (correlation_picture(result),) if result.correlation.names else ()
-    lead = "Correlation coefficients of the parameters' errors."
-    return Section("correlation", "Correlation", lead, blocks)
-
-
-def correlation_picture(result: Identification) -> Picture:
     """Return the correlation matrix without its diagonal, which is 1."""
     names = result.correlation.names
-    return Picture(
-        "correlation",
-        "Correlation of the errors",
-        "Near +1 two parameters are wrong together, so that their ratio is known far "
-        "better than either; near -1 their sum or product is.",
-        WIDTH_IN,
-        2.0 * _HEAD_IN + _ROW_IN * len(names),
-        partial(_draw_correlation, names, result.correlation.matrix),
+    rows = {
+        name: {
+            other: f"{r:+.2f}".replace("0.", ".")
+            for other, r in zip(names, of_name, strict=True)
+            if other != name
+        }
+        for name, of_name in zip(names, result.correlation.matrix.tolist(), strict=True)
+    }
+    note = (
+        "Near +1 two parameters are wrong together, so that their ratio is known far better than "
+        "either; near -1 their sum or product is."
     )
-
-
-def _draw_correlation(names: Texts, matrix: Floats, figure: FigureBase) -> None:
-    axes = figure.add_axes((0.07, 0.0, 0.92, 1.0 - _HEAD_IN / height_in(figure)))
-    values = np.where(np.eye(len(names), dtype=bool), np.nan, matrix)
-    _draw_numbers(axes, values, 1.0, lambda r: f"{r:+.2f}".replace("0.", "."), names, names)
-
-
-def _draw_numbers(
-    axes: Axes,
-    values: Floats,
-    largest: float,
-    text: Callable[[float], str],
-    rows: Sequence[str],
-    columns: Sequence[str],
-) -> None:
-    """Write the numbers of a matrix, each on a cell whose opacity is its share of `largest`.
-
-    Values above zero are blue, below zero orange.
-    """
-    from matplotlib.colors import to_rgba
-    from matplotlib.patches import Rectangle
-
-    for i, j in np.argwhere(np.isfinite(values)):
-        value = float(values[i, j])
-        hue = PALETTE[1] if value > 0.0 else PALETTE[2]
-        # At most half opaque: the number can be read on a light and on a dark page.
-        opacity = round(0.5 * min(abs(value) / largest, 1.0), 2)
-        corner = (j - 0.485, i - 0.485)
-        axes.add_patch(Rectangle(corner, 0.97, 0.97, fc=to_rgba(hue, opacity), ec="none"))
-        axes.text(j, i, text(value), ha="center", va="center", fontsize=7.0, color=INK)
-    axes.set_xlim(-0.5, len(columns) - 0.5)
-    axes.set_ylim(len(rows) - 0.5, -0.5)
-    axes.set_yticks(range(len(rows)), rows, parse_math=False)
-    axes.set_xticks(range(len(columns)), columns, fontsize=8.0)
-    axes.xaxis.tick_top()
-    axes.tick_params(length=0.0)
-    for spine in axes.spines.values():
-        spine.set_visible(False)
+    blocks = (_grid("Correlation of the errors", "", names, rows, note),) if names else ()
+    lead = "Correlation coefficients of the parameters' errors."
+    return Section("correlation", "Correlation", lead, blocks)
 
 
 # The paper's chain --------------------------------------------------------------------------------
@@ -376,65 +305,33 @@ def closed_form_section(result: Identification) -> Section:
     title = "Closed form and likelihood"
     lead = (
         "The paper's chain (Eqs. 22-33) needs no start values and no iteration, but uses less of "
-        "the data. It is compared with the likelihood as a check by another method."
+        "the data. It is compared with the likelihood as a check by another method: a difference "
+        "beyond the likelihood's interval is an error of the closed form where the verdict is good."
     )
-    compared = {
-        name: (value, e)
-        for name, value in result.closed_form.items()
-        if (e := result.parameters.get(name)) is not None and e.determined
-    }
-    if not compared:
-        reason = result.closed_form_reason or "the decays determine none of its parameters"
-        lead += f" It has no answer for this session: {reason}."
-        return Section("closed_form", title, lead, ())
-    percent = np.array([(value / e.value - 1.0) * 100.0 for value, e in compared.values()])
-    halves = np.array([half_percent(e) for _, e in compared.values()])
     rows = tuple(
         (
             name,
             parameter_words(name),
             number(value),
             number(e.value),
-            f"{difference:+.2f} %",
+            f"{(value / e.value - 1.0) * 100.0:+.2f} %",
+            half_text(e),
             unit_text(e.unit),
         )
-        for (name, (value, e)), difference in zip(compared.items(), percent, strict=True)
+        for name, value in result.closed_form.items()
+        if (e := result.parameters.get(name)) is not None and e.determined
     )
-    columns = ("", "parameter", "#closed form", "#likelihood", "#difference", "unit")
-    blocks: list[Block] = [
-        Picture(
-            "closed_form",
-            "Closed form less likelihood",
-            "A diamond outside the blue bar is an error of the closed form where the verdict is "
-            "good: it is the less precise of the two.",
-            WIDTH_IN,
-            lines_height_in(len(compared), 2),
-            partial(_draw_closed_form, tuple(compared), halves, percent),
-        ),
-        Table("Both in numbers", columns, rows),
-    ]
+    if not rows:
+        reason = result.closed_form_reason or "the decays determine none of its parameters"
+        lead += f" It has no answer for this session: {reason}."
+        return Section("closed_form", title, lead, ())
+    columns = ("", "parameter", "#closed form", "#likelihood", "#difference", "#±", "unit")
+    blocks: list[Block] = [Table("Both in numbers", columns, rows)]
     if ways := result.closed_form_damping:
         heading = "Its damping by each way to the damping matrix, N s/m"
         texts = tuple((way, number(c["c_sf"]), number(c["c_sr"])) for way, c in ways.items())
         blocks.append(Table(heading, ("way", "#c_sf", "#c_sr"), texts))
     return Section("closed_form", title, lead, tuple(blocks))
-
-
-def _draw_closed_form(names: Texts, halves: Floats, percent: Floats, figure: FigureBase) -> None:
-    (axes,) = line_axes(figure, names, (0.075,))
-    interval_bars(axes, halves)
-    axes.plot(
-        percent,
-        range(len(names)),
-        "D",
-        ms=5.0,
-        color=PALETTE[2],
-        label="closed form (paper's chain)",
-    )
-    axes.plot([], [], "s", ms=8.0, color=PALETTE[1], alpha=0.45, label="likelihood, 95 % interval")
-    axes.set_xlim(*about_zero(np.concatenate([percent, halves]), 1.1))
-    axes.set_xlabel("difference from the likelihood's estimate, %")
-    shared_legend(figure)
 
 
 # A run left out -----------------------------------------------------------------------------------
@@ -452,48 +349,13 @@ def prediction_section(predictions: tuple[Prediction, ...]) -> Section:
     )
     if known < len(predictions):
         lead += f" For {len(predictions) - known} the others do not determine the vehicle."
-    title = "A run left out and predicted"
-    if not predictions:
-        return Section("prediction", title, lead, ())
-    picture = Picture(
-        "prediction",
-        "Fitted with all runs, and predicted from the others",
-        "Grey: noise level, with five standard deviations of chance. A diamond far to the right of "
-        "its circle is a run that the others do not predict.",
-        WIDTH_IN,
-        lines_height_in(len(predictions), 3),
-        partial(_draw_predictions, predictions),
-    )
     rows = []
     for p in predictions:
-        cells: Texts = ("", "", "the others do not determine all parameters")
+        cells = ("", "", "the others do not determine all parameters")
         if np.isfinite(p.predicted):
             state = "✓ at noise level" if p.at_noise else "✕ not predicted"
             cells = (number(p.predicted), number(p.limit), state)
         rows.append((p.label, number(p.fitted), *cells))
-    table = Table(
-        "chi2/n of each run",
-        ("run", "#fitted", "#predicted", "#limit", ""),
-        tuple(rows),
-    )
-    return Section("prediction", title, lead, (picture, table))
-
-
-def _draw_predictions(predictions: tuple[Prediction, ...], figure: FigureBase) -> None:
-    fitted, predicted, limit = np.array([(p.fitted, p.predicted, p.limit) for p in predictions]).T
-    (axes,) = line_axes(figure, [p.label for p in predictions], (0.19,))
-    places = np.arange(len(predictions))
-    limit = np.where(np.isfinite(limit), limit, 1.0)
-    axes.barh(places, limit - 1.0, 0.8, left=1.0, color=FAINT, alpha=0.7, label="noise level")
-    axes.hlines(places, fitted, predicted, PALETTE[2], lw=1.4, alpha=0.6)
-    axes.plot(fitted, places, "o", ms=5.0, mfc="white", color=PALETTE[1], label="fitted")
-    axes.plot(predicted, places, "D", ms=4.5, color=PALETTE[2], label="predicted, left out")
-    axes.axvline(1.0, color=INK, lw=0.8)
-    low, high = (float(f([fitted, predicted, limit])) for f in (np.nanmin, np.nanmax))
-    if high > 3.0:
-        axes.set_xscale("log")
-        axes.set_xlim(0.8, high * 1.3)
-    else:
-        axes.set_xlim(min(0.9, low - 0.02), max(1.1, high + 0.02))
-    axes.set_xlabel("chi2/n of the run's residuals; 1 = noise alone")
-    shared_legend(figure)
+    columns = ("run", "#fitted", "#predicted", "#limit", "")
+    blocks = (Table("chi2/n of each run", columns, tuple(rows)),) if rows else ()
+    return Section("prediction", "A run left out and predicted", lead, blocks)

@@ -6,7 +6,7 @@ the colour-blind can distinguish.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from io import BytesIO, StringIO
 from types import MappingProxyType
@@ -21,7 +21,6 @@ from dbc.words import Finding
 from ..result import Identification
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure, FigureBase
 
 
@@ -183,9 +182,6 @@ FAINT = "#d9d9d9"
 WIDTH_IN = 7.4
 """Width of a page of A4 between its margins, inches."""
 HALF_IN = 3.62
-_HEAD_IN, _ROW_IN = 0.32, 0.195
-_ACROSS = 5
-"""Entries of a legend side by side."""
 
 SETTINGS: Mapping[Any, Any] = MappingProxyType(
     {
@@ -238,41 +234,3 @@ def png_of(picture: Picture) -> bytes:
     data = BytesIO()
     figure_of(picture).savefig(data, format="png", dpi=200, metadata={"Software": None})
     return data.getvalue()
-
-
-def height_in(figure: FigureBase) -> float:
-    """Return the height of a figure, or of a part of one, in inches."""
-    box = figure.get_window_extent()
-    return float(box.height / figure.figure.dpi)  # of the whole; get_figure(root=True) is of 3.10
-
-
-def lines_height_in(rows: int, legend: int) -> float:
-    """Return the height of lines of text over a legend with a number of entries, inches."""
-    return _HEAD_IN + 0.62 + 0.17 * -(-legend // _ACROSS) + _ROW_IN * rows
-
-
-def line_axes(figure: FigureBase, names: Sequence[str], left: Sequence[float]) -> list[Axes]:
-    """Return axes side by side with a line for each name, without a layout engine.
-
-    The names stand left of the first axes.
-    """
-    n, height = len(names), height_in(figure)
-    ends = (*[start - 0.05 for start in left[1:]], 0.97)  # half of the last tick's label beyond
-    axes: list[Axes] = []
-    for start, end in zip(left, ends, strict=True):
-        share = _ROW_IN * n / height
-        part = figure.add_axes((start, 1.0 - _HEAD_IN / height - share, end - start, share))
-        part.set_ylim(n - 0.5, -0.5)
-        part.set_yticks(range(n), names if not axes else [""] * n)
-        part.tick_params(axis="y", length=0.0)
-        part.spines["left"].set_visible(False)
-        axes.append(part)
-    return axes
-
-
-def shared_legend(figure: FigureBase) -> None:
-    """Draw the legend of all axes at the bottom."""
-    figure.legend(
-        loc="lower center", ncols=_ACROSS, frameon=False, fontsize=7.5, handlelength=1.0,
-        columnspacing=1.2, borderaxespad=0.0, borderpad=0.1,
-    )  # fmt: skip

@@ -46,13 +46,9 @@ from .page import (
     Picture,
     Section,
     Table,
-    line_axes,
-    lines_height_in,
-    shared_legend,
 )
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import FigureBase
 
     from ..nonlinear.forces import Forces
@@ -60,6 +56,8 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
+_ABOVE_IN, _ROW_IN, _BELOW_IN = 0.32, 0.195, 1.0
+"""Heights of the titles of the intervals, of each parameter, and of axis and legend, inches."""
 _SOURCES = ("#0072b2", "#56b4e9", "#004468", "#d55e00", "#e69f00", "#8a3c00", "#009e73", "#66c2a5",
             "#cc79a7", "#7f7f7f", "#c0c0c0")  # fmt: skip
 
@@ -151,9 +149,14 @@ def intervals_picture(result: Identification) -> Picture:
         "uncertainties its precision rests on; repeats are added up. A bar of one colour means "
         "that one kind of run decides: repeat that one.",
         WIDTH_IN,
-        lines_height_in(len(known), len(order)),
+        _intervals_height_in(len(known)),
         draw,
     )
+
+
+def _intervals_height_in(n: int) -> float:
+    """Return the height of a figure with a line for each of n parameters, inches."""
+    return _ABOVE_IN + _ROW_IN * n + _BELOW_IN
 
 
 def _draw_intervals(
@@ -164,14 +167,27 @@ def _draw_intervals(
     figure: FigureBase,
 ) -> None:
     """Draw the intervals, (n,) %, beside the shares of kinds of sources, (n, n_kinds)."""
-    left, right = line_axes(figure, names, (0.075, 0.5))
+    rows, height_in = np.arange(len(names)), _intervals_height_in(len(names))
+    left, right = figure.subplots(
+        1, 2, sharey=True,
+        gridspec_kw={
+            "left": 0.075, "right": 0.97, "wspace": 0.11,
+            "top": 1.0 - _ABOVE_IN / height_in, "bottom": _BELOW_IN / height_in,
+        },
+    )  # fmt: skip
+    left.set_yticks(rows, names)
+    left.set_ylim(len(names) - 0.5, -0.5)
+    for axes in (left, right):
+        axes.tick_params(axis="y", length=0.0)
+        axes.spines["left"].set_visible(False)
     # A bar of 2,000 %, of a value near zero, would make all others invisible.
-    shown = np.where(half_percents <= LARGEST_PERCENT, half_percents, np.nan)
-    interval_bars(left, shown)
-    for i, half in enumerate(half_percents):
+    shown = np.where(half_percents <= LARGEST_PERCENT, half_percents, 0.0)
+    left.barh(rows, 2.0 * shown, 0.55, left=-shown, color=PALETTE[1], alpha=0.45)
+    left.axvline(0.0, color=INK, lw=0.9)
+    for row, half, drawn in zip(rows, half_percents, shown, strict=True):
         text = half_width_percent(100.0, 100.0 - half, 100.0 + half)
         text = f" ±{text}" if text else " may be zero"
-        left.text(half if half <= LARGEST_PERCENT else 0.0, i, text, va="center", fontsize=7.5)
+        left.text(drawn, row, text, va="center", fontsize=7.5)
     left.set_xlim(*about_zero(shown, 1.6))
     left.set_xlabel("95 % interval about the estimate, %")
     left.set_title("How well each is known")
@@ -179,26 +195,20 @@ def _draw_intervals(
     for i, kind in enumerate(kinds):
         width, colour = shares[:, i] * 100.0, _SOURCES[i % len(_SOURCES)]
         right.barh(
-            range(len(names)), width, 0.62, left=ends[:, i] - width, color=colour, label=kind,
-            ec="white", lw=0.5,
-        )  # fmt: skip
+            rows, width, 0.62, left=ends[:, i] - width, color=colour, label=kind, ec="white", lw=0.5
+        )
     right.set_xlim(0.0, 100.0)
     right.set_xlabel("share of its precision, %")
     right.set_title("What it rests on")
-    shared_legend(figure)
-
-
-def interval_bars(axes: Axes, half: Floats) -> None:
-    """Draw a bar about zero for each interval."""
-    shown = np.where(np.isfinite(half), half, 0.0)
-    axes.barh(range(len(half)), 2.0 * shown, 0.55, left=-shown, color=PALETTE[1], alpha=0.45)
-    axes.vlines(0.0, -0.5, len(half) - 0.5, INK, lw=0.9)
+    figure.legend(
+        loc="lower center", ncols=5, frameon=False, fontsize=7.5, handlelength=1.0,
+        columnspacing=1.2, borderaxespad=0.0, borderpad=0.1,
+    )  # fmt: skip
 
 
 def about_zero(values: Floats, room: float) -> tuple[float, float]:
     """Return limits of an axis, alike on both sides of zero, `room` times the largest value."""
-    finite = np.abs(values[np.isfinite(values)])
-    reach = room * (float(finite.max(initial=0.0)) or 1.0)
+    reach = room * (float(np.abs(values).max(initial=0.0)) or 1.0)
     return -reach, reach
 
 

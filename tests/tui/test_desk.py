@@ -56,9 +56,7 @@ def test_report_writes_page_pdf_and_figures(
     written = [Path(file) for file in json.loads(said.out)["files"]]
     assert written[:2] == [page, pdf]
     assert set(written[2:]) == set(folder.iterdir())
-    assert {"intervals.svg", "correlation.svg", "shapes_baseline.svg"} <= {
-        p.name for p in written[2:]
-    }
+    assert {"intervals.svg", "shapes_baseline.svg"} <= {p.name for p in written[2:]}
     assert hashlib.sha256(session.read_bytes()).hexdigest() in page.read_text("utf-8")
     assert pdf.read_bytes().startswith(b"%PDF")
     assert not list(tmp_path.rglob(".*"))

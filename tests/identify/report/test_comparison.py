@@ -22,7 +22,7 @@ from identify.report.comparison import (
 from identify.report.page import Section, Table
 
 from ..changes import session
-from .made import drawn, picture, tables, texts
+from .made import tables, texts
 
 
 def held(fits: list[Estimation]) -> Comparison:
@@ -122,18 +122,6 @@ def test_each_difference_stands_with_both_values_and_its_interval() -> None:
     assert "Forces (damper; corner: with friction): after minus before" not in found
 
 
-def test_the_figure_of_the_differences_is_in_per_cent_of_the_first_size() -> None:
-    """A negative value of 20,000 that falls by 500 falls by 2.5 % of its size."""
-    shown = picture(first(two()), "differences_1")
-    assert shown.title == "after minus before"
-    names, percent, half_percent, significant = drawn(shown)
-    assert names == ("m_s", "k_sf")
-    assert percent.tolist() == pytest.approx([0.4, -2.5])
-    root = 1.959963984540054 * 2.0**0.5
-    assert half_percent.tolist() == pytest.approx([0.3 * root, 0.2 * root], rel=1e-6)
-    assert significant.tolist() == [False, True]
-
-
 def test_sessions_are_numbered_and_a_verdict_that_is_not_ok_is_remarked() -> None:
     good = session_of_comparison_page(1000, 1000, 1.2)
     refused = session_of_comparison_page(1000, 1000, 1.2, lost=True)
@@ -171,9 +159,6 @@ def test_two_sessions_have_no_trend_and_three_have_one() -> None:
         "Sessions", "Parameters: b minus a", "Modes: b minus a", "Parameters: c minus a",
         "Modes: c minus a",
     ]  # fmt: skip
-    assert [one.key for one in differences.pictures] == ["differences_1", "differences_2"]
-    _, percent, *_ = drawn(picture(differences, "differences_2"))
-    assert percent.tolist() == pytest.approx([6.0, 0.0])
     (table,) = trend.blocks
     assert isinstance(table, Table)
     # Equal weights: the deviation of the slope is 3 / sqrt(2) kg, chi2 = 2 * 30² / 3² = 200.

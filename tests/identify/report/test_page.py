@@ -130,9 +130,7 @@ def test_the_sections_stand_in_their_order_with_their_blocks_drawn_in_words() ->
     figures = dict(re.findall(r'id="figure-(\w+)".*?(<svg.*?</svg>)', _linear(), re.DOTALL))
     assert set(figures) == {one.key for one in report.pictures}
     words = {
-        "intervals": ("m_s", "share of its precision"), "snr": ("body roll", "baseline_bounce_1"),
-        "correlation": ("k_sf", "c_sr"),
-        "prediction": ("predicted, left out", "added_roll_1"),
+        "intervals": ("m_s", "share of its precision"),
         "decay_baseline_bounce_1": ("sigma", "time in the"),
         "stabilisation_baseline": ("rank", "identified mode"),
     }  # fmt: skip
@@ -329,15 +327,12 @@ def test_decays_show_every_run_as_measured_and_fitted() -> None:
     assert np.isin(np.round(drawn, 9), np.round(fitted, 9)).all()
 
 
-def test_parameters_correlation_and_modes_are_named_with_their_numbers() -> None:
+def test_parameters_and_modes_are_named_with_their_numbers() -> None:
     result = made("linear")[1]
     intervals = _texts(plots.parameters(result))
     for name, e in result.parameters.items():
         assert name in intervals
         assert f" ±{half_width_percent(e.value, e.low, e.high)}" in intervals
-    n = len(result.correlation.names)
-    correlation = _texts(plots.correlation(result))
-    assert len([t for t in correlation if t[:1] in "+-" and "." in t]) == n * (n - 1)
     modes = "\n".join(_texts(plots.modes(result, "added")))
     for name, frequency_hz in zip(
         result.mode_names["added"], result.modal["added"].frequencies_hz, strict=True
@@ -353,9 +348,7 @@ def test_parameters_correlation_and_modes_are_named_with_their_numbers() -> None
     assert png_of(empty).startswith(b"\x89PNG")
 
 
-@pytest.mark.parametrize(
-    "plot", [plots.decays, plots.parameters, plots.modes, plots.dampers, plots.correlation]
-)
+@pytest.mark.parametrize("plot", [plots.decays, plots.parameters, plots.modes, plots.dampers])
 def test_a_refused_session_has_no_figures(plot: Callable[[Identification], Figure]) -> None:
     text = "no added mass"
     with pytest.raises(InputError, match=r"no fit.*no added mass"):
