@@ -171,17 +171,12 @@ class Judge:
         samples, lost = self._recent.samples(*span), self._recent.losses(*span)
         saturated = tuple(name for name, t_ns in self.saturated.items() if t_ns >= bump_ns)
         window = RunWindow(bump_ns, samples, lost, saturated=saturated, timed=self._timed)
-        runs = run_log.of(step.mass_state, step.excitation)
-        accepted, unlike = [], []
-        for run in runs:
-            failed = {finding.code for finding in run.findings if not finding.passed}
-            if run.label not in self._measures:
-                continue
-            if run.status is RunStatus.ACCEPTED:
-                accepted.append(self._measures[run.label])
-            elif run.status is RunStatus.REJECTED and not run.by and failed == {"not_repeatable"}:
-                unlike.append(self._measures[run.label])  # by the recorder, for this reason alone
-        findings, self._measures[step.label] = judge(self._bench, step, window, accepted, unlike)
+        accepted = [
+            self._measures[run.label]
+            for run in run_log.of(step.mass_state, step.excitation)
+            if run.status is RunStatus.ACCEPTED and run.label in self._measures
+        ]
+        findings, self._measures[step.label] = judge(self._bench, step, window, accepted)
         return findings
 
     def peak_left(self, bump_ns: int, t_ns: int) -> float | None:

@@ -36,13 +36,6 @@ _GRID_S = 0.002
 """Spacing of the body's speeds, s."""
 _TINY = 1e-12
 
-_PATTERNS: Mapping[str, NDArray[np.float64]] = {
-    "bounce": np.array([1.0, 1.0, 1.0, 1.0]) / 2,
-    "pitch": np.array([1.0, 1.0, -1.0, -1.0]) / 2,
-    "roll": np.array([1.0, -1.0, 1.0, -1.0]) / 2,
-    "warp": np.array([1.0, -1.0, -1.0, 1.0]) / 2,
-}
-"""Orthonormal patterns, of which any motion of four corners, in the order of `Corner`, is a sum."""
 _FL, _FR, _RL, _RR = Corner
 _TOGETHER: Mapping[Wheels, str] = {
     Wheels(Corner): "all four wheels",
@@ -61,8 +54,6 @@ _STRIKES = tuple(Wheels(some) for n in (4, 2, 1, 3) for some in combinations(Cor
 class Pattern(NamedTuple):
     """The kind of bump that some of the sensors show."""
 
-    shares: Mapping[str, float]
-    """Shares of bounce, pitch, roll and warp in the motion, 0..1; empty if unknown."""
     likeness: Mapping[Excitation, float]
     """Likeness to each kind of bump, 0..1; equal for kinds that these sensors cannot separate, or
     the campaign does not distinguish."""
@@ -108,9 +99,7 @@ def patterns(bench: Bench, signals: tuple[Trace, ...]) -> tuple[Pattern, ...]:
         shown.append(_of_wheels(bench, np.array(size), "travels"))
     body = _moved_body(bench, signals)
     if body is not None:
-        power = np.square(body[:3]) / max(float(np.sum(np.square(body[:3]))), _TINY**2)
-        shares = dict(zip(("bounce", "pitch", "roll"), power.tolist(), strict=True))
-        shown.append(of_body(bench.campaign.excitations, body, shares, "body's motion"))
+        shown.append(_of_body(bench.campaign.excitations, body, "body's motion"))
     return tuple(shown)
 
 
@@ -135,25 +124,17 @@ def mirrored(due: Excitation, pattern: Pattern) -> Iterator[Finding]:
 def wrong_mode(due: Excitation, pattern: Pattern) -> Iterator[Finding]:
     """Compare the bump with the kind that is due."""
     like, limit = pattern.likeness[due], pattern.limit
-    shares = ", ".join(f"{name} {share:.0%}" for name, share in pattern.shares.items())
-    text = f"a {due.words} bump by the {pattern.by}, {like:.0%} pure (limit {limit:.0%}); {shares}"
+    text = f"a {due.words} bump by the {pattern.by}, {like:.0%} pure (limit {limit:.0%})"
     if like < limit:
         text = (
-            f"looks like {pattern.words}, not {due.words} ({like:.0%} {due.words}, at least "
-            f"{limit:.0%}; by the {pattern.by}: {shares})"
+            f"looks like {pattern.words}, not {due.words} ({like:.0%} {due.words} by the "
+            f"{pattern.by}, at least {limit:.0%})"
         )
     yield finding("wrong_mode", like >= limit, like, limit, "", text)
 
 
 def _in_words(wheels: Wheels) -> str:
     return _TOGETHER.get(wheels, "one wheel only" if len(wheels) == 1 else "three wheels")
-
-
-def _shares(size: NDArray[np.float64]) -> dict[str, float]:
-    """Return the share of each pattern in the power of four corners' motions, (4,)."""
-    power = {name: float(size @ row) ** 2 for name, row in _PATTERNS.items()}
-    total = max(sum(power.values()), _TINY**2)
-    return {name: value / total for name, value in power.items()}
 
 
 def _likeness(
@@ -178,39 +159,30 @@ def _of_wheels(bench: Bench, size: NDArray[np.float64], by: str) -> Pattern:
     best = max(like, key=lambda wheels: like[wheels])
     kind = next((kind.words for kind in kinds_of(best, planned)), "no kind of bump")
     words = f"{kind}: {_in_words(best)}"
-    return Pattern(_shares(size), _likeness(like, planned), words, by, PURITY, like)
+    return Pattern(_likeness(like, planned), words, by, PURITY, like)
 
 
 # From the motion of the body, if no sensor shows the wheels ---------------------------------------
 
 
-class Body(NamedTuple):
+class _Body(NamedTuple):
     """Largest motion of the body in the strike, as motion at the corners, all in one unit."""
 
     heave: float
     pitch: float
     roll: float
     front: float
-    """Motion at the front axle."""
     rear: float
-    """Motion at the rear axle."""
     left: float
-    """Motion at the left wheels."""
     right: float
-    """Motion at the right wheels."""
 
 
-def of_body(
-    planned: tuple[Excitation, ...], body: Body, shares: Mapping[str, float], by: str
-) -> Pattern:
+def _of_body(planned: tuple[Excitation, ...], body: _Body, by: str) -> Pattern:
     """Judge by heave, pitch and roll alone; warp moves the body hardly more than bounce does.
 
     A pitch bump heaves the body as much as it turns it: the likeness compares each turning with
     heave alone, and only motion that clearly belongs to another kind is refused.  The struck axle
     moves more than the other, and the struck side more than the other.
-
-    `planned`: the kinds of the campaign.  `body`: the motion.  `shares`: shares of the motion, for
-    the text.  `by`: the sensors, in words.
     """
     heave = max(body.heave, _TINY)
 
@@ -237,7 +209,7 @@ def of_body(
     elif likeness[best] > level:
         end = "nose" if body.front >= body.rear else "tail"
         words = f"nose and tail against each other, the {end} more"
-    return Pattern(shares, likeness, f"{best.words}: {words}", by, BODY_PURITY, like)
+    return Pattern(likeness, f"{best.words}: {words}", by, BODY_PURITY, like)
 
 
 def _pushed(bench: Bench, four: tuple[Trace, ...]) -> Pattern:
@@ -245,16 +217,20 @@ def _pushed(bench: Bench, four: tuple[Trace, ...]) -> Pattern:
     grid = np.arange(0.0, min(trace.time_s[-1] for trace in four), 0.01)
     rows = np.array([np.interp(grid, trace.time_s, trace.value) for trace in four])
     u, _, _ = np.linalg.svd(rows, full_matrices=False)
-    motion = np.asarray(u[:, 0])  # the strongest common pattern of the records
-    shares = _shares(motion)
-    fl, fr, rl, rr = motion.tolist()
-    heave, pitch, roll = (shares[name] ** 0.5 for name in ("bounce", "pitch", "roll"))
-    ends = abs(fl + fr), abs(rl + rr), abs(fl + rl), abs(fr + rr)
-    body = Body(heave, pitch, roll, *ends)
-    return of_body(bench.campaign.excitations, body, shares, "travels")
+    fl, fr, rl, rr = u[:, 0].tolist()  # the strongest common pattern of the records
+    body = _Body(
+        heave=abs(fl + fr + rl + rr) / 2,
+        pitch=abs(fl + fr - rl - rr) / 2,
+        roll=abs(fl - fr + rl - rr) / 2,
+        front=abs(fl + fr),
+        rear=abs(rl + rr),
+        left=abs(fl + rl),
+        right=abs(fr + rr),
+    )
+    return _of_body(bench.campaign.excitations, body, "travels")
 
 
-def _moved_body(bench: Bench, signals: tuple[Trace, ...]) -> Body | None:
+def _moved_body(bench: Bench, signals: tuple[Trace, ...]) -> _Body | None:
     """Return the largest speeds of the body, m/s; None with too few sensors."""
     geometry = bench.vehicle.geometry
     length_m, width_m = 1.35, 0.75  # half lengths of a usual car: only their ratios count
@@ -289,7 +265,7 @@ def _moved_body(bench: Bench, signals: tuple[Trace, ...]) -> Body | None:
         heave + width_m * roll,
         heave - width_m * roll,
     )
-    return Body(*(float(np.max(np.abs(speed))) for speed in speeds))
+    return _Body(*(float(np.max(np.abs(speed))) for speed in speeds))
 
 
 def _speed(trace: Trace, grid: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,17 +1,22 @@
-"""Judges one run: all checks in the order of cause and effect."""
+"""Judges one run: all checks in the order of cause and effect, and its likeness to earlier runs."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 
+import numpy as np
+from numpy.typing import NDArray
+
+from dbc.frames import read_only
 from dbc.words import Finding
 
 from ..bench.campaign import Step
 from ..bench.config import Bench
+from ..channels import Quantity
 from . import motion, traffic
 from .bump_kind import mirrored, patterns, struck, wrong_mode
-from .motion import body_wave, not_repeatable, waves
-from .window import RunMeasure, RunWindow, Trace, traces
+from .window import RunMeasure, RunWindow, Trace, kind_of, traces
 from .words import finding
 
 _BEFORE_KIND = (
@@ -25,23 +30,26 @@ _BEFORE_KIND = (
     motion.too_strong,
 )
 """The checks that go before the kind of the bump."""
+PEAK_RATIO = 1.4
+"""Largest ratio of a peak to the median of the accepted runs, in either direction: above it the
+bump had another speed or height."""
+LIKENESS = 0.85
+"""Least correlation of the slow motion with the median: below it, the motion is another one."""
+MAIN = 0.3
+"""Share of the largest peak of its kind that a channel must exceed to count, because small motions
+differ much."""
 
 
 def judge(
-    bench: Bench,
-    step: Step,
-    window: RunWindow,
-    accepted: Sequence[RunMeasure],
-    unlike: Sequence[RunMeasure] = (),
+    bench: Bench, step: Step, window: RunWindow, accepted: Sequence[RunMeasure]
 ) -> tuple[tuple[Finding, ...], RunMeasure]:
     """Judge one run.
 
     `step`: the mass state and the kind of bump that were due.  `accepted`: measures of the runs
-    accepted so far with the same mass state and excitation.  `unlike`: measures of the runs that
-    were rejected only as not repeatable.  Returns every check with value and limit, also those that
-    passed, and the measures, for the comparison with later runs; the run is good if all checks
-    passed.  The first failed check is the likeliest cause of the others.  A check that the sensors
-    do not allow is left out.
+    accepted so far with the same mass state and excitation.  Returns every check with value and
+    limit, also those that passed, and the measures, for the comparison with later runs; the run is
+    good if all checks passed.  The first failed check is the likeliest cause of the others.  A
+    check that the sensors do not allow is left out.
     """
     signals = traces(bench.channels, window)
     if not signals:
@@ -50,23 +58,18 @@ def judge(
         return (*findings, finding("no_data", False, 0.0, 1.0, "", text)), RunMeasure()
     kinds = patterns(bench, signals)
     kind = kinds[0] if kinds else None
-    wave = body_wave(signals, bench.campaign.bump_s)
-    measure = RunMeasure(
-        wheels=struck(step.excitation, kind) if kind else None,
-        peaks={trace.name: trace.peak for trace in signals},
-        waves=waves(signals),
-    )
+    peaks = {trace.name: trace.peak for trace in signals}
+    wheels = struck(step.excitation, kind) if kind else None
+    measure = RunMeasure(wheels, peaks, waves(signals))
     findings = [each for check in _BEFORE_KIND for each in check(bench, window, signals)]
     findings += [each for way in kinds for each in wrong_mode(step.excitation, way)]
     findings += mirrored(step.excitation, kind) if kind else ()
     findings += motion.not_decayed(bench, window, signals)
     findings += motion.rest_changed(bench, window, signals)
-    before, doubted = (
-        [other for other in others if other.wheels == measure.wheels]
-        for others in (accepted, unlike)
-    )
-    findings += not_repeatable(signals, measure, before, doubted)
+    alike = [other for other in accepted if other.wheels == wheels]
+    findings += not_repeatable(signals, measure, alike) if alike else ()
     purity = kind.likeness[step.excitation] if kind else None
+    wave = body_wave(signals, bench.campaign.bump_s)
     return (*findings, _motion(signals, wave, purity)), measure
 
 
@@ -74,15 +77,117 @@ def _motion(
     signals: tuple[Trace, ...], wave: tuple[float, float] | None, purity: float | None
 ) -> Finding:
     """Return size, frequency and damping of the motion, for information."""
-    sizes = {
-        "m/s2": max((t.peak for t in signals if t.channel.unit == "m/s2"), default=None),
-        "m": max((t.peak for t in signals if t.channel.unit == "m"), default=None),
-    }
+    peak, travel_m = (
+        max((t.peak for t in signals if t.channel.unit == unit), default=None)
+        for unit in ("m/s2", "m")
+    )
     parts = [
-        f"peak {sizes['m/s2']:.1f} m/s2" if sizes["m/s2"] is not None else "",
-        f"{sizes['m'] * 1e3:.0f} mm" if sizes["m"] is not None else "",
+        f"peak {peak:.1f} m/s2" if peak is not None else "",
+        f"{travel_m * 1e3:.0f} mm" if travel_m is not None else "",
         f"f {wave[0]:.2f} Hz, zeta {wave[1]:.2f}" if wave else "",
         f"{purity:.0%} pure" if purity is not None else "",
     ]
     text = ", ".join(filter(None, parts)) or "nothing measured"
     return finding("motion", True, wave[0] if wave else 0.0, 0.0, "Hz", text)
+
+
+_BODY = (
+    (Quantity.SUSPENSION_TRAVEL,),
+    (Quantity.PITCH_RATE, Quantity.ROLL_RATE, Quantity.BODY_ACCELERATION),
+    (Quantity.BODY_DISPLACEMENT,),
+    (Quantity.PITCH_ACCELERATION, Quantity.ROLL_ACCELERATION),
+)
+"""Quantities that show the swing of the body, the clearest first."""
+
+
+def body_wave(signals: tuple[Trace, ...], bump_s: float) -> tuple[float, float] | None:
+    """Fit a damped wave to the clearest motion of the body after the bump.
+
+    `bump_s`: duration of the bump; the wave begins when the wheels are at rest again.  Each mean
+    over 80 ms of a damped wave is a linear combination of the two means before it.  Returns the
+    undamped natural frequency, Hz, and the damping ratio; None if nothing shows the body.
+    """
+    start_s, step_s = bump_s + 0.2, 0.08
+    swinging = [t for t in signals if t.peak > 5.0 * t.noise and t.time_s[-1] > start_s + 1.0]
+    shown = next(filter(None, (motion.of_quantity(swinging, *group) for group in _BODY)), None)
+    if shown is None:
+        return None
+    clearest = max(shown, key=lambda trace: trace.rms(start_s, np.inf) / max(trace.noise, 1e-12))
+    edges_s = np.arange(start_s, clearest.time_s[-1], step_s)
+    mean = np.diff(_area(clearest, edges_s)) / step_s
+    before = np.stack([mean[1:-1], mean[:-2], np.ones(len(mean) - 2)], axis=1)
+    last, last_but_one, _ = np.linalg.lstsq(before, mean[2:])[0]
+    root = np.roots([1.0, -last, -last_but_one])[0]
+    if root.imag == 0.0:  # no wave
+        return None
+    pole = np.log(root) / step_s
+    return float(abs(pole) / (2 * np.pi)), float(-pole.real / abs(pole))
+
+
+# Comparison with the accepted runs of the kind ----------------------------------------------------
+
+
+def waves(signals: tuple[Trace, ...]) -> dict[str, NDArray[np.float64]]:
+    """Return the slow motion after the bump, from 0.1 to 1.5 s, every 20 ms.
+
+    Each value is the mean over 60 ms, against the jitter of the trigger.
+    """
+    grid, width_s = np.arange(0.1, 1.5, 0.02), 0.06
+    means = {}
+    for trace in signals:
+        if trace.channel.quantity is not Quantity.HUB_ACCELERATION:
+            area = _area(trace, grid + width_s / 2) - _area(trace, grid - width_s / 2)
+            means[trace.name] = read_only(area / width_s)
+    return means
+
+
+def _area(trace: Trace, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the integral, up to given times, of the straight lines between the samples."""
+    time_s, value = trace.time_s, trace.value
+    steps = np.diff(time_s) * (value[1:] + value[:-1]) / 2.0
+    before = np.searchsorted(time_s, t_s) - 1  # a trace begins before the bump
+    mean = (value[before] + np.interp(t_s, time_s, value)) / 2.0
+    total = np.concatenate([[0.0], np.cumsum(steps)])
+    return np.asarray(total[before] + (t_s - time_s[before]) * mean)
+
+
+def not_repeatable(
+    signals: tuple[Trace, ...], measured: RunMeasure, accepted: Sequence[RunMeasure]
+) -> Iterator[Finding]:
+    """Compare peaks and course with the median of the accepted runs, which are one at least.
+
+    Only the channels that move most in this run or in the others count.
+    """
+    known = set.intersection(*(set(measure.peaks) for measure in accepted))
+    kinds = {t.name: kind_of(t.channel) for t in signals if t.name in known}
+    usual = {name: float(np.median([run.peaks[name] for run in accepted])) for name in kinds}
+    size = {name: max(measured.peaks[name], usual[name]) for name in kinds}
+    largest = {k: max(size[n] for n in size if kinds[n] == k) for k in set(kinds.values())}
+    ratio, ratio_name = 1.0, ""  # the peak that differs most
+    likeness, course_name = 1.0, ""  # the course that is least alike
+    for name in [name for name in size if size[name] > MAIN * largest[kinds[name]]]:
+        peak_ratio = max(measured.peaks[name], 1e-12) / max(usual[name], 1e-12)
+        # Half and twice the size are equally far from equal.
+        if abs(math.log(peak_ratio)) > abs(math.log(ratio)):
+            ratio, ratio_name = peak_ratio, name
+        if all(name in run.waves for run in (measured, *accepted)):
+            median_wave = np.median([run.waves[name] for run in accepted], axis=0)
+            wave = measured.waves[name]
+            product = float(np.linalg.norm(wave) * np.linalg.norm(median_wave))
+            cosine = float(wave @ median_wave) / product if product > 0.0 else 0.0
+            if cosine < likeness:
+                likeness, course_name = cosine, name
+    text = (
+        f"peak of {ratio_name or 'every channel'} is {ratio:.2f} times that of the accepted runs "
+        f"({1.0 / PEAK_RATIO:.2f} to {PEAK_RATIO:.2f} is allowed)"
+    )
+    limit = PEAK_RATIO if ratio > 1.0 else 1.0 / PEAK_RATIO
+    passed = 1.0 / PEAK_RATIO <= ratio <= PEAK_RATIO
+    yield finding("not_repeatable", passed, ratio, limit, "", text, ratio_name)
+    if course_name:
+        text = (
+            f"course of {course_name} is {likeness:.0%} like the accepted runs (at least "
+            f"{LIKENESS:.0%})"
+        )
+        passed = likeness >= LIKENESS
+        yield finding("not_repeatable", passed, likeness, LIKENESS, "", text, course_name)

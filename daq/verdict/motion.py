@@ -1,21 +1,18 @@
-"""Judges the motion of a run: rest before, size, one strike, decay, and likeness to other runs."""
+"""Judges the motion of a run: rest before, size, one strike, decay."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dbc.frames import read_only
-from dbc.words import Finding, counted
+from dbc.words import Finding
 
 from ..bench.campaign import Method
 from ..bench.config import Bench
 from ..channels import Channel, Quantity
 from ..samples.mapping import SampleBlock, trigger_channels
-from .window import RunMeasure, RunWindow, Trace, kind_of, largest_peaks, traces
+from .window import RunWindow, Trace, kind_of, largest_peaks, traces
 from .words import finding
 
 WEAK_LEVELS = 2.0
@@ -253,157 +250,3 @@ def rest_changed(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) ->
     limit = 0.2 * max(trace.peak for trace in travels)
     text = f"{name} rests {value * 1e3:.1f} mm from where it was (limit {limit * 1e3:.1f} mm)"
     yield finding("rest_changed", value <= limit, value, limit, "m", text, name)
-
-
-# One damped wave, for display ---------------------------------------------------------------------
-
-
-_CLEAREST_FIRST = (
-    (Quantity.SUSPENSION_TRAVEL,),
-    (Quantity.PITCH_RATE, Quantity.ROLL_RATE, Quantity.BODY_ACCELERATION),
-    (Quantity.BODY_DISPLACEMENT,),
-    (Quantity.PITCH_ACCELERATION, Quantity.ROLL_ACCELERATION),
-)
-"""Quantities that show the body."""
-
-
-def body_wave(signals: tuple[Trace, ...], bump_s: float) -> tuple[float, float] | None:
-    """Fit a damped wave to the strongest motion of the body after the bump.
-
-    `bump_s`: duration of the bump; the wave begins when the wheels are at rest again.  Each mean
-    over 80 ms of a damped wave is a linear combination of the two means before it.  Returns the
-    undamped natural frequency, Hz, and the damping ratio; None if nothing shows the body.
-    """
-    start_s, step_s = bump_s + 0.2, 0.08
-    for quantities in _CLEAREST_FIRST:
-        clear = [
-            t
-            for t in of_quantity(signals, *quantities)
-            if t.peak > 5.0 * t.noise and t.time_s[-1] > start_s + 1.0
-        ]
-        if not clear:
-            continue
-        edges = np.arange(start_s, min(t.time_s[-1] for t in clear), step_s)
-        rows = np.array([np.diff(_area(trace, edges)) / step_s for trace in clear])
-        if quantities[0] is Quantity.SUSPENSION_TRAVEL:  # the travels show one wave together
-            record = np.linalg.svd(rows, full_matrices=False)[0][:, 0] @ rows
-        else:
-            noise = [max(t.noise, 1e-12) for t in clear]
-            record = rows[int(np.argmax(np.std(rows, axis=1) / noise))]
-        before = np.stack([record[1:-1], record[:-2], np.ones(len(record) - 2)], axis=1)
-        last, last_but_one, _ = np.linalg.lstsq(before, record[2:])[0]
-        root = np.roots([1.0, -last, -last_but_one])[0]
-        if root.imag == 0.0:  # no wave
-            return None
-        pole = np.log(root) / step_s
-        return float(abs(pole) / (2 * np.pi)), float(-pole.real / abs(pole))
-    return None
-
-
-# Comparison with the accepted runs of the kind ----------------------------------------------------
-
-
-PEAK_RATIO = 1.4
-"""Largest ratio of a peak to the median of the accepted runs, in either direction: above it the
-bump had another speed or height."""
-LIKENESS = 0.85
-"""Least correlation of the slow motion with the median: below it, the motion is another one."""
-MAIN = 0.3
-"""Share of the largest peak of its kind that a channel must exceed to count, because small motions
-differ much."""
-
-
-def waves(signals: tuple[Trace, ...]) -> dict[str, NDArray[np.float64]]:
-    """Return the slow motion after the bump, from 0.1 to 1.5 s, every 20 ms.
-
-    Each value is the mean over 60 ms, against the jitter of the trigger.
-    """
-    grid, width_s = np.arange(0.1, 1.5, 0.02), 0.06
-    means = {}
-    for trace in signals:
-        if trace.channel.quantity is not Quantity.HUB_ACCELERATION:
-            area = _area(trace, grid + width_s / 2) - _area(trace, grid - width_s / 2)
-            means[trace.name] = read_only(area / width_s)
-    return means
-
-
-def _area(trace: Trace, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the integral, up to given times, of the straight lines between the samples."""
-    time_s, value = trace.time_s, trace.value
-    steps = np.diff(time_s) * (value[1:] + value[:-1]) / 2.0
-    before = np.searchsorted(time_s, t_s) - 1  # a trace begins before the bump
-    mean = (value[before] + np.interp(t_s, time_s, value)) / 2.0
-    total = np.concatenate([[0.0], np.cumsum(steps)])
-    return np.asarray(total[before] + (t_s - time_s[before]) * mean)
-
-
-def not_repeatable(
-    signals: tuple[Trace, ...],
-    measured: RunMeasure,
-    accepted: Sequence[RunMeasure],
-    unlike: Sequence[RunMeasure] = (),
-) -> Iterator[Finding]:
-    """Compare peaks and course with the median of the accepted runs; not for the first run.
-
-    `unlike`: measures of the runs rejected only because they do not repeat the accepted ones.  A
-    run is repeatable if it is like at least as many of all these runs as it is unlike accepted
-    ones.  Otherwise, a first run with a hand on the car would cause the rejection of all good runs
-    after it.
-    """
-    if not accepted:
-        return
-
-    def repeats(other: RunMeasure) -> bool:
-        return all(each.passed for each in _compared(signals, measured, [other]))
-
-    findings = list(_compared(signals, measured, accepted))
-    if unlike and not all(each.passed for each in findings):
-        same = [repeats(other) for other in accepted]
-        like = sum(same) + sum(map(repeats, unlike))
-        others = len(same) - sum(same)
-        if like >= others:
-            runs = counted(len(accepted) + len(unlike), "run")
-            text = f"like {like} of {runs}, but not the accepted ones"
-            findings = [finding("not_repeatable", True, like, others, "", text)]
-    yield from findings
-
-
-def _compared(
-    signals: tuple[Trace, ...], measured: RunMeasure, accepted: Sequence[RunMeasure]
-) -> Iterator[Finding]:
-    """Compare the channels that move most in this run or in the others."""
-    known = set.intersection(*(set(measure.peaks) for measure in accepted))
-    signals = tuple(trace for trace in signals if trace.name in known)
-    usual = {t.name: float(np.median([m.peaks[t.name] for m in accepted])) for t in signals}
-    size = {t.name: max(t.peak, usual[t.name]) for t in signals}
-    kinds = {t.name: kind_of(t.channel) for t in signals}
-    largest = {k: max(size[n] for n in size if kinds[n] == k) for k in set(kinds.values())}
-    main = [n for n in size if size[n] > MAIN * largest[kinds[n]]]
-    ratio, name = 1.0, ""  # the peak that differs most
-    like, course_name = 1.0, ""  # the course that is least alike
-    for channel in main:
-        peak_ratio = max(measured.peaks[channel], 1e-12) / max(usual[channel], 1e-12)
-        # Half and twice the size are equally far from equal.
-        if abs(math.log(peak_ratio)) > abs(math.log(ratio)):
-            ratio, name = peak_ratio, channel
-        if all(channel in measure.waves for measure in (measured, *accepted)):
-            median_wave = np.median([measure.waves[channel] for measure in accepted], axis=0)
-            wave = measured.waves[channel]
-            product = float(np.linalg.norm(wave) * np.linalg.norm(median_wave))
-            cosine = float(wave @ median_wave) / product if product > 0.0 else 0.0
-            if cosine < like:
-                like, course_name = cosine, channel
-    text = (
-        f"peak of {name or 'every channel'} is {ratio:.2f} times that of the accepted runs "
-        f"({1.0 / PEAK_RATIO:.2f} to {PEAK_RATIO:.2f} is allowed)"
-    )
-    limit = PEAK_RATIO if ratio > 1.0 else 1.0 / PEAK_RATIO
-    passed = 1.0 / PEAK_RATIO <= ratio <= PEAK_RATIO
-    yield finding("not_repeatable", passed, ratio, limit, "", text, name)
-    if course_name:
-        text = (
-            f"course of {course_name} is {like:.0%} like the accepted runs (at least "
-            f"{LIKENESS:.0%})"
-        )
-        passed = like >= LIKENESS
-        yield finding("not_repeatable", passed, like, LIKENESS, "", text, course_name)

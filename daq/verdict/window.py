@@ -50,8 +50,7 @@ class RunMeasure:
     peaks: Mapping[str, float] = field(default_factory=dict)
     """Largest deviation from rest of each channel, SI."""
     waves: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
-    """The slow motion after the bump on a common time axis (`daq.verdict.motion`), SI, each shape
-    (n,)."""
+    """The slow motion after the bump on a common time axis (`daq.verdict.judge`), SI, (n,) each."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +58,6 @@ class Trace:
     """One channel of a run, as deviation from rest."""
 
     channel: Channel
-    """The channel."""
     time_s: NDArray[np.float64]
     """Time since the bump, s, shape (n,)."""
     value: NDArray[np.float64]
@@ -69,8 +67,6 @@ class Trace:
     bump, which slow motion does not affect."""
     moved: float
     """RMS before the bump, SI."""
-    level: float
-    """Level before the bump, SI."""
 
     @property
     def name(self) -> str:
@@ -110,17 +106,14 @@ def traces(channels: Iterable[Channel], window: RunWindow) -> tuple[Trace, ...]:
             continue
         level = float(np.median(before))
         noise = float(np.std(np.diff(before)) / np.sqrt(2.0)) if len(before) > 2 else 0.0
-        moved = float(np.std(before))
         deviation = read_only(np.asarray(value - level, dtype=np.float64))
-        judged.append(Trace(channel, read_only(time_s), deviation, noise, moved, level))
+        moved = float(np.std(before))
+        judged.append(Trace(channel, read_only(time_s), deviation, noise, moved))
     return tuple(judged)
 
 
 def kind_of(channel: Channel) -> str:
-    """Return the name of the channels whose size can be compared: pitch and roll, else a quantity.
-
-    Pitch and roll rates are of one kind, and so are the angular accelerations.
-    """
+    """Return a quantity; one name for pitch and roll, whose sizes can be compared."""
     unit = SI_UNITS[channel.quantity]
     return unit if unit.startswith("rad") else channel.quantity
 

@@ -12,7 +12,6 @@ class Words(NamedTuple):
     """A finding in plain words."""
 
     title: str
-    """Name of the finding."""
     meaning: str
     """The fault of the run, and why it matters."""
     advice: str
@@ -87,18 +86,15 @@ WORDS: Mapping[str, Words] = {
     "not_repeatable": Words(
         "unlike the others",
         "The motion differs from the accepted runs of the same kind in size or in course.",
-        "bump as before: same speed, same boards, everyone off the car",
+        "bump as before: same speed, same boards, everyone off the car; if the accepted run was "
+        "the odd one, reject it",
     ),
     "rest_changed": Words(
         "rest position changed",
         "The car came to rest in another position: friction held it, or a weight slipped.",
         "rock the car and let it settle; check that every weight is bolted",
     ),
-    "motion": Words(
-        "motion",
-        "Size, frequency and damping of the motion, for information.",
-        "",
-    ),
+    "motion": Words("motion", "Size, frequency and damping of the motion, for information.", ""),
     "no_data": Words(
         "nothing to judge",
         "No channel has samples before and after the bump.",
@@ -109,23 +105,13 @@ WORDS: Mapping[str, Words] = {
         "No more frames came during the run: the bus was unplugged or its power was off.",
         "plug the bus in, check the power of the sensors, then bump again",
     ),
-    "cut": Words(
-        "cut",
-        "The recorder was stopped during the run.",
-        "bump again",
-    ),
+    "cut": Words("cut", "The recorder was stopped during the run.", "bump again"),
 }
 """Words by code of the finding, in the order of judging: causes before their effects."""
 
 
 def finding(
-    code: str,
-    passed: bool,
-    value: float,
-    limit: float,
-    unit: str,
-    text: str,
-    subject: str = "",
+    code: str, passed: bool, value: float, limit: float, unit: str, text: str, subject: str = ""
 ) -> Finding:
     """Return a finding; a failed one has the table's advice."""
     severity = Severity.NOTE if passed else Severity.ERROR

@@ -359,7 +359,7 @@ def second_bump(estimation: Estimation) -> Cause | None:
             for channel, column in zip(r.group.channels, r.values.T, strict=True):
                 if channel.quantity is Quantity.HUB_ACCELERATION:
                     value = column - column[r.time_s < onset].mean()
-                    trace = Trace(channel, r.time_s - onset, value, noise[channel.name], 0.0, 0.0)
+                    trace = Trace(channel, r.time_s - onset, value, noise[channel.name], 0.0)
                     strikes.append((*second_strike(trace, guard_s), channel.name))
         share, after_s, name = max(strikes)
         if share > STRUCK_SHARE:

