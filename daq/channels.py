@@ -127,13 +127,11 @@ class Channel:
     def __post_init__(self) -> None:
         for name, kind in (("quantity", Quantity), ("corner", Corner)):
             value = getattr(self, name)
-            if value is None and name == "corner":
-                continue
-            if value not in set(kind):
-                known = ", ".join(kind)
-                what = f"no {name} is {value!r} (it is one of {known})"
-                raise ValueError(f"channel {self.name}: {what}")
-            object.__setattr__(self, name, kind(value))
+            if name == "quantity" or value is not None:
+                if value not in set(kind):
+                    problem = f"no {name} is {value!r} (it is one of {', '.join(kind)})"
+                    raise ValueError(f"channel {self.name}: {problem}")
+                object.__setattr__(self, name, kind(value))
         unit = SI_UNITS.get(self.quantity, self.unit)
         if self.unit not in ("", unit):
             raise ValueError(f"channel {self.name}: {self.quantity} is in {unit}, not {self.unit}")
@@ -196,8 +194,3 @@ def signal_of(signal: str) -> str:
 def sensor_of(message: str) -> str:
     """Return the name of the sensor that sends a message; empty on a bench with one DBC."""
     return message.rpartition(".")[0]
-
-
-def sensor_of_signal(signal: str) -> str:
-    """Return the name of the sensor that sends a signal; empty on a bench with one DBC."""
-    return sensor_of(message_of(signal))

@@ -1,18 +1,47 @@
-"""Writes files atomically: after a kill or a power cut a file is either complete or unchanged."""
+"""Writes files atomically, complete or unchanged after a kill or a power cut; JSON without NaN."""
 
 from __future__ import annotations
 
 import glob
 import hashlib
+import json
 import os
 import secrets
 import stat
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from math import isfinite
 from pathlib import Path
+from typing import Any
 
 from dbc.words import InputError
+
+
+def strict(value: object) -> object:
+    """Return a copy of a document in which every number that is not finite is None.
+
+    JSON has no such numbers, and readers in other languages refuse NaN.  Arrays become lists.
+    """
+    match value:
+        case Mapping():
+            return {str(key): strict(item) for key, item in value.items()}
+        case list() | tuple():
+            return [strict(item) for item in value]
+        case float():
+            return value if isfinite(value) else None
+        case _:
+            as_list = getattr(value, "tolist", None)
+            return value if as_list is None else strict(as_list())
+
+
+def json_in_html(document: Mapping[str, object], **form: Any) -> str:
+    """Return a document as JSON of which no text can end the HTML element that holds it.
+
+    `form`: how `json.dumps` lays it out.
+    """
+    text = json.dumps(strict(document), allow_nan=False, **form)
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
 def make_room(path: Path) -> None:
@@ -33,15 +62,13 @@ def refuse_existing(
 ) -> None:
     """Raise InputError if a file to write exists, is a folder or is read by the same command.
 
-    This is the rule of every command: an existing file is replaced only after the explicit word
-    ``--force`` (`replace`), because it may hold measured data or somebody's work.  Three kinds of
-    files are made again without it, because nothing measured is in them: what is drawn for reading
-    (pages, PDF, figures), the table of a batch beside the batch's own rows, and the session of a
-    recording whose journal still has all that the session has.  What a command reads it
-    never replaces.  `option`: the option that names the file.  `inputs`: files that are read.
+    Every command replaces an existing file only after the explicit word ``--force`` (`replace`),
+    because it may hold measured data or somebody's work.  Made again without it are pages and
+    figures, the table of a batch, and the session of a recording whose journal has it all.  What a
+    command reads it never replaces.  `option`: the option that names the file.  `inputs`: files
+    that are read.
     """
-    place = path.resolve()
-    if any(place == one.resolve() for one in inputs):
+    if path.resolve() in {one.resolve() for one in inputs}:
         raise InputError(str(path), "is read here", f"name another file with {option}")
     if path.is_dir():
         raise InputError(str(path), "is a directory", f"name a file with {option}")
@@ -54,6 +81,11 @@ def write_bytes(path: Path, data: bytes | memoryview) -> None:
     """Replace a file by one that holds `data`; as `replaced`."""
     with replaced([path]) as (part,):
         part.write_bytes(data)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Replace a file by one that holds `text` in UTF-8; as `replaced`."""
+    write_bytes(path, text.encode())
 
 
 def write_named(path: Path, data: bytes) -> None:
@@ -74,48 +106,36 @@ def file_sha256(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def write_text(path: Path, text: str) -> None:
-    """Replace a file by one that holds `text` in UTF-8; as `write_bytes`."""
-    write_bytes(path, text.encode())
-
-
 @contextmanager
 def replaced(targets: Sequence[Path]) -> Iterator[list[Path]]:
     """Move new files to their targets when the body of the `with` has written all of them.
 
     This is the only way in which a file is written anew.  Yields empty files to write to, in the
-    folder of each target, with its ending and a random name (``O_EXCL``).  The data
-    are on the disk before a file gets its name, and the name when this returns.  Access rights of
-    a replaced file stay; a link is replaced, not followed.  A later write deletes what a killed
-    process left.  Raises OSError if a file cannot be written, synced or moved; the targets are
-    then unchanged.
+    folder of each target, with its ending and a random name.  The data are on the disk before a
+    file gets its name, and the name when this returns.  Access rights of a replaced file stay; a
+    link is replaced, not followed.  What a killed process left is deleted after an hour.  Raises
+    OSError if a file cannot be written, synced or moved; the targets are then unchanged.
     """
     parts: list[Path] = []
     try:
         for target in targets:
-            # What a killed process left is deleted: no file is written for an hour.
             stem, suffix = glob.escape(target.stem), glob.escape(target.suffix)
             with suppress(OSError):
                 for old in target.parent.glob(f".{stem}.*.tmp{suffix}"):
                     if time.time() - old.stat().st_mtime > 3600.0:
                         old.unlink()
             part = target.parent / f".{target.stem}.{secrets.token_hex(8)}.tmp{target.suffix}"
-            fd = os.open(part, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o666)
+            os.close(os.open(part, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o666))
             parts.append(part)
-            with suppress(OSError):  # a new file: as the umask sets
-                before = target.lstat()
-                if stat.S_ISREG(before.st_mode):
-                    part.chmod(stat.S_IMODE(before.st_mode) | stat.S_IWUSR)
-            os.close(fd)
         yield list(parts)
-        for part in parts:
+        for part, target in zip(parts, targets, strict=True):
             with part.open("r+b") as file:
                 os.fsync(file.fileno())
-        for part, target in zip(parts, targets, strict=True):
-            with suppress(OSError):
+            with suppress(OSError):  # a new file has the rights that the umask gives
                 before = target.lstat()
                 if stat.S_ISREG(before.st_mode):
                     part.chmod(stat.S_IMODE(before.st_mode))
+        for part, target in zip(parts, targets, strict=True):
             part.replace(target)
         for folder in {target.parent for target in targets}:
             sync_folder(folder)
@@ -149,21 +169,3 @@ def sync_folder(folder: Path) -> None:
             os.fsync(fd)
         finally:
             os.close(fd)
-
-
-def is_regular(path: Path) -> bool:
-    """Return whether a path names a regular file, and not a symbolic link to one."""
-    return path.is_file() and not path.is_symlink()
-
-
-def open_regular(path: Path, advice: str) -> int:
-    """Return a descriptor of a regular file, for reading: a FIFO would wait for a writer.
-
-    Raises InputError, with `advice`, if it is not a regular file or cannot be opened.
-    """
-    if os.path.lexists(path) and not is_regular(path):
-        raise InputError(str(path), "is not a regular file", advice)
-    try:
-        return os.open(path, os.O_RDONLY | getattr(os, "O_BINARY", 0))
-    except OSError as error:
-        raise InputError(str(path), error.strerror or str(error), advice) from error

@@ -7,10 +7,9 @@ The log is made from the events of the journal by `daq.runlog`.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from itertools import takewhile
 from math import isfinite
 from typing import Annotated, Any, NamedTuple
 
@@ -20,9 +19,6 @@ from dbc.words import Finding, Severity
 
 from .bench.campaign import Campaign, Step
 from .runs import Event, Excitation, RunStatus
-
-LIKE_REJECTS = 3
-"""Consecutive runs rejected for the same reason after which a person has to look for the cause."""
 
 # Converts a finding to the form of journals, session files and status messages, and back ----------
 
@@ -36,31 +32,26 @@ def finding_record(finding: Finding) -> dict[str, Any]:
     }
 
 
-def read_finding(record: Mapping[str, Any]) -> Finding:
-    """Return the finding of a JSON object.
-
-    Raises KeyError or TypeError or ValueError if it is not such an object.
-    """
-    return Finding(
-        code=str(record["code"]),
-        severity=Severity.NOTE if record["passed"] else Severity.ERROR,
-        text=str(record["text"]),
-        subject=str(record["subject"]),
-        advice=str(record["advice"]),
-        value=float(record["value"]),
-        limit=float(record["limit"]),
-        unit=str(record["unit"]),
-    )
-
-
-def _validated(value: Any) -> Finding:
+def read_finding(record: Any) -> Finding:
+    """Return the finding of a JSON object; raises ValueError if it is not such an object."""
+    if isinstance(record, Finding):
+        return record
     try:
-        return value if isinstance(value, Finding) else read_finding(value)
+        return Finding(
+            code=str(record["code"]),
+            severity=Severity.NOTE if record["passed"] else Severity.ERROR,
+            text=str(record["text"]),
+            subject=str(record["subject"]),
+            advice=str(record["advice"]),
+            value=float(record["value"]),
+            limit=float(record["limit"]),
+            unit=str(record["unit"]),
+        )
     except (KeyError, TypeError) as error:
         raise ValueError("not the record of a finding") from error
 
 
-StoredFinding = Annotated[Finding, PlainValidator(_validated), PlainSerializer(finding_record)]
+StoredFinding = Annotated[Finding, PlainValidator(read_finding), PlainSerializer(finding_record)]
 """A finding in a message between recorder and terminal."""
 
 
@@ -197,20 +188,6 @@ class RunLog:
         return sum(run.status is RunStatus.ACCEPTED for run in kind)
 
 
-def like_rejects(runs: Sequence[LoggedRun]) -> int:
-    """Return how many runs in a row, up to the last, the recorder has rejected for one reason."""
-    codes = [
-        run.failed.code if run.failed and run.reasons and not run.by else ""
-        for run in reversed(runs)
-    ]
-    return sum(1 for _ in takewhile(lambda code: code == codes[0] != "", codes))
-
-
-def weights_change(log: RunLog, step: Step) -> bool:
-    """Return True if a step is of another mass state than the last run."""
-    return bool(log.runs) and log.runs[-1].mass_state != step.mass_state
-
-
 def next_step(campaign: Campaign, log: RunLog) -> Step | None:
     """Return the next step of a campaign; None when every planned run is accepted.
 
@@ -258,7 +235,10 @@ def advance(log: RunLog, event: Event) -> RunLog:
     Other events, and events that cannot be read, change nothing: a journal of another version must
     not stop a recovery.
     """
-    after = _advanced(log, event)
+    try:
+        after = _advanced(log, event)
+    except (ValueError, KeyError, TypeError):
+        return log
     content = (log.runs, log.bench_text, log.overrides)
     if content == (after.runs, after.bench_text, after.overrides):
         return after
@@ -266,13 +246,20 @@ def advance(log: RunLog, event: Event) -> RunLog:
 
 
 def _advanced(log: RunLog, event: Event) -> RunLog:
+    """Return the log after one event; raises what reading its text raises."""
+    t_ns, text = event.t_ns, event.text
     match event.code:
         case Code.BUMP:
-            return _bumped(log, event)
+            step = parse_label(text)
+            if step is None or log.run(text) is not None:
+                return log
+            run = LoggedRun(text, step.mass_state, step.excitation, step.repeat, t_ns)
+            chosen = None if log.chosen == (step.mass_state, step.excitation) else log.chosen
+            return replace(log, runs=(*log.runs, run), chosen=chosen)
         case Code.BENCH:
-            return replace(log, bench_text=event.text)
+            return replace(log, bench_text=text)
         case Code.MARK:
-            mark = LoggedNote(event.t_ns, event.text, revision=log.revision)
+            mark = LoggedNote(t_ns, text, revision=log.revision)
             return replace(log, notes=(*log.notes, mark))
         case Code.UNDO if log.done:
             back = log.done[-1]
@@ -288,26 +275,23 @@ def _advanced(log: RunLog, event: Event) -> RunLog:
             forth = log.undone[-1]
             runs = _replaced(log, forth.after)
             return replace(log, runs=runs, done=(*log.done, forth), undone=log.undone[:-1])
-        case Code.RESUMED:
-            text = "cut: the recorder was stopped in mid-run"
-            cut = (Finding("cut", Severity.ERROR, text, advice="bump again"),)
-            run = log.open
-            return _judged(log, run, RunStatus.REJECTED, cut) if run else log
+        case Code.RESUMED if log.open:
+            words = "cut: the recorder was stopped in mid-run"
+            cut = Finding("cut", Severity.ERROR, words, advice="bump again")
+            judged = replace(log.open, status=RunStatus.REJECTED, findings=(cut,))
+            return _decided(log, Change(log.open, judged))
         case Code.VERDICT | Code.ACCEPT | Code.REJECT | Code.CHOOSE | Code.NOTE | Code.OVERRIDE:
-            try:
-                body = json.loads(event.text)
-                return _entered(log, Code(event.code), event.t_ns, body)
-            except (ValueError, KeyError, TypeError):
-                return log
+            return _entered(log, Code(event.code), t_ns, json.loads(text))
     return log
 
 
 def _entered(log: RunLog, code: Code, t_ns: int, body: Mapping[str, Any]) -> RunLog:
+    """Return the log after an event whose text is a JSON object."""
     if code is Code.CHOOSE:
         return replace(log, chosen=(body["mass_state"], Excitation(body["excitation"])))
     if code is Code.NOTE:
-        about, by = body.get("label", ""), body.get("by", "")
-        note = LoggedNote(t_ns, body["text"], about, by, log.revision)
+        label, by = body.get("label", ""), body.get("by", "")
+        note = LoggedNote(t_ns, body["text"], label, by, log.revision)
         return replace(log, notes=(*log.notes, note))
     if code is Code.OVERRIDE:
         override = Override(t_ns, body["subject"], body["reason"], body["by"])
@@ -315,36 +299,21 @@ def _entered(log: RunLog, code: Code, t_ns: int, body: Mapping[str, Any]) -> Run
     run = log.run(body["label"])
     if run is None:
         return log
-    if code is Code.VERDICT:
-        findings = tuple(read_finding(record) for record in body["findings"])
-        status = RunStatus.ACCEPTED if body["accepted"] else RunStatus.REJECTED
-        return _judged(log, run, status, findings)
-    status = RunStatus.ACCEPTED if code is Code.ACCEPT else RunStatus.REJECTED
-    after = replace(run, status=status, by=body["by"], reason=body["reason"])
-    return _decided(log, Change(run, after))
-
-
-def _bumped(log: RunLog, event: Event) -> RunLog:
-    step = parse_label(event.text)
-    if step is None or log.run(event.text) is not None:
-        return log
-    run = LoggedRun(event.text, step.mass_state, step.excitation, step.repeat, event.t_ns)
-    chosen = None if log.chosen == (step.mass_state, step.excitation) else log.chosen
-    return replace(log, runs=(*log.runs, run), chosen=chosen)
+    accepted = code is Code.ACCEPT or (code is Code.VERDICT and body["accepted"])
+    status = RunStatus.ACCEPTED if accepted else RunStatus.REJECTED
+    if code is not Code.VERDICT:
+        person = replace(run, status=status, by=body["by"], reason=body["reason"])
+        return _decided(log, Change(run, person))
+    judged = replace(run, findings=tuple(read_finding(record) for record in body["findings"]))
+    if run.status is not RunStatus.OPEN:  # a person decided before, in journals of November 2026
+        return replace(log, runs=_replaced(log, judged))
+    return _decided(log, Change(run, replace(judged, status=status)))
 
 
 def _decided(log: RunLog, change: Change) -> RunLog:
+    """Return the log after a change of a verdict, which can be undone."""
     runs = _replaced(log, change.after)
     return replace(log, runs=runs, done=(*log.done, change), undone=())
-
-
-def _judged(
-    log: RunLog, run: LoggedRun, status: RunStatus, findings: tuple[Finding, ...]
-) -> RunLog:
-    """Return the log after the recorder's verdict."""
-    if run.status is not RunStatus.OPEN:  # a person decided before, in journals of November 2026
-        return replace(log, runs=_replaced(log, replace(run, findings=findings)))
-    return _decided(log, Change(run, replace(run, status=status, findings=findings)))
 
 
 def _replaced(log: RunLog, changed: LoggedRun) -> tuple[LoggedRun, ...]:

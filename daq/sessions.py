@@ -16,7 +16,7 @@ from dbc.words import InputError
 
 from .channels import Channel, Quantity, paper_channels
 from .runs import ADDED, BASELINE, Excitation, Run, RunStatus, SampleGroup
-from .vehicle import AddedMass, BodyWeight, HubWeight, MassState, Vehicle
+from .vehicle import AddedMass, BodyWeight, HubWeight, MassState, Vehicle, Weight
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +89,7 @@ def _parsed(text: str, words: Callable[[Mapping[str, Any]], str]) -> tuple[str, 
 
 
 ArrayRun = tuple[str, str, Mapping[str, tuple[ArrayLike, ArrayLike]]]
-AddedMassLike = AddedMass | Sequence[BodyWeight | HubWeight] | ArrayLike
+AddedMassLike = AddedMass | Sequence[Weight] | ArrayLike
 
 
 def session_from_arrays(
@@ -171,10 +171,8 @@ def _groups(
             time_s=t_s,
             t_ns=np.rint(t_s * 1e9).astype(np.int64),
             values=members,
-            quality=np.where(
-                np.isnan(list(members.values())).any(axis=0),
-                np.uint8(Quality.MISSING),
-                np.uint8(0),
+            quality=np.asarray(
+                np.isnan([*members.values()]).any(axis=0) * np.uint8(Quality.MISSING)
             ),
         )
         for t_s, members in clocks.values()
@@ -190,10 +188,9 @@ def _numbers(where: str, subject: str, data: Any) -> NDArray[np.float64]:
 
 
 def _added_mass(given: AddedMassLike | None) -> AddedMass:
-    if given is None:
-        return AddedMass()
-    if isinstance(given, AddedMass):
-        return given
+    """Return added mass given as weights, as a matrix or as its diagonal."""
+    if given is None or isinstance(given, AddedMass):
+        return given or AddedMass()
     if isinstance(given, Sequence) and all(isinstance(w, BodyWeight | HubWeight) for w in given):
         return AddedMass(tuple(w for w in given if isinstance(w, BodyWeight | HubWeight)))
     matrix = _numbers("delta_mass", "", given)

@@ -10,7 +10,7 @@ most are negative), y left; the CG of the unloaded sprung mass lies at x = -a.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from enum import StrEnum
 
 import numpy as np
@@ -326,48 +326,39 @@ class Vehicle:
 def expected_car(vehicle: Vehicle) -> VehicleParameters:
     """Return a typical car: that of the paper, scaled to the weighed and measured facts.
 
-    Masses, springs and dampers are proportional to the total mass, so that the frequencies are
-    those of a usual car; inertias are also proportional to the square of the lengths.
+    Masses, springs and dampers are proportional to the load that they carry, so that the
+    frequencies are those of a usual car; inertias are also proportional to the square of the
+    lengths.
     """
-    known = {fact.quantity: fact.value for fact in vehicle.facts}
+    facts = {fact.quantity: fact.value for fact in vehicle.facts}
     usual = FORD_GRANADA
     usual_kg = usual.m_s + 2.0 * (usual.m_uf + usual.m_ur)
-    corners_kg = [known.get(f"corner_{corner}_kg", 0.0) for corner in ("fl", "fr", "rl", "rr")]
-    weighed = all(corners_kg)
-    front_kg = sum(corners_kg[:2]) if weighed else known.get(FactQuantity.FRONT_AXLE)
-    rear_kg = sum(corners_kg[2:]) if weighed else known.get(FactQuantity.REAR_AXLE)
-    axles_kg = front_kg + rear_kg if front_kg and rear_kg else usual_kg
-    size = known.get(FactQuantity.TOTAL_MASS, axles_kg) / usual_kg
-    given = vehicle.geometry
-    long_m = known.get(FactQuantity.WHEELBASE, given.a + given.b if given else usual.a + usual.b)
-    m_uf, m_ur, m_s = size * usual.m_uf, size * usual.m_ur, size * usual.m_s
-    share = usual.a / (usual.a + usual.b)
-    if front_kg and rear_kg:
+    corners_kg = [facts.get(f"corner_{corner}_kg", 0.0) for corner in ("fl", "fr", "rl", "rr")]
+    front_kg = facts.get(FactQuantity.FRONT_AXLE, 0.0)
+    rear_kg = facts.get(FactQuantity.REAR_AXLE, 0.0)
+    if all(corners_kg):
+        front_kg, rear_kg = sum(corners_kg[:2]), sum(corners_kg[2:])
+    is_weighed = bool(front_kg and rear_kg)
+    axles_kg = front_kg + rear_kg if is_weighed else usual_kg
+    size = facts.get(FactQuantity.TOTAL_MASS, axles_kg) / usual_kg
+    m_uf, m_ur = size * usual.m_uf, size * usual.m_ur
+    usual_share = share = usual.a / (usual.a + usual.b)
+    if is_weighed:
         share = min(max((rear_kg - 2.0 * m_ur) / (axles_kg - 2.0 * (m_uf + m_ur)), 0.1), 0.9)
-    a, b = share * long_m, (1.0 - share) * long_m
-    t_f = known.get(FactQuantity.FRONT_TRACK, 2.0 * usual.t_f) / 2.0
-    t_r = known.get(FactQuantity.REAR_TRACK, 2.0 * usual.t_r) / 2.0
-    if given:
-        a, b, t_f, t_r = given.a, given.b, given.t_f, given.t_r
-    wide, deep = (t_f + t_r) / (usual.t_f + usual.t_r), (a * b) / (usual.a * usual.b)
-    # The springs of an axle are scaled by the axle's load relative to that of the usual car.
-    front = size * (b / (a + b)) / (usual.b / (usual.a + usual.b))
-    rear = size * (a / (a + b)) / (usual.a / (usual.a + usual.b))
-    return replace(
-        usual,
-        m_s=m_s,
-        I_yy=size * deep * usual.I_yy,
-        I_xx=size * wide**2 * usual.I_xx,
-        m_uf=m_uf,
-        m_ur=m_ur,
-        k_sf=front * usual.k_sf,
-        k_sr=rear * usual.k_sr,
-        k_tf=front * usual.k_tf,
-        k_tr=rear * usual.k_tr,
-        c_sf=front * usual.c_sf,
-        c_sr=rear * usual.c_sr,
-        a=a,
-        b=b,
-        t_f=t_f,
-        t_r=t_r,
+    wheelbase_m = facts.get(FactQuantity.WHEELBASE, usual.a + usual.b)
+    lengths = vehicle.geometry or VehicleGeometry(
+        a=share * wheelbase_m,
+        b=(1.0 - share) * wheelbase_m,
+        t_f=facts.get(FactQuantity.FRONT_TRACK, 2.0 * usual.t_f) / 2.0,
+        t_r=facts.get(FactQuantity.REAR_TRACK, 2.0 * usual.t_r) / 2.0,
     )
+    wide = (lengths.t_f + lengths.t_r) / (usual.t_f + usual.t_r)
+    deep = lengths.a * lengths.b / (usual.a * usual.b)
+    rear_share = lengths.a / (lengths.a + lengths.b)
+    front = size * (1.0 - rear_share) / (1.0 - usual_share)
+    rear = size * rear_share / usual_share
+    scales = {"m_s": size, "I_yy": size * deep, "I_xx": size * wide**2, "m_uf": size, "m_ur": size}
+    scales |= dict.fromkeys(("k_sf", "k_tf", "c_sf"), front)
+    scales |= dict.fromkeys(("k_sr", "k_tr", "c_sr"), rear)
+    scaled = {name: scale * getattr(usual, name) for name, scale in scales.items()}
+    return VehicleParameters(**scaled, **asdict(lengths))

@@ -76,8 +76,8 @@ def on_buses(bench: Bench, buses: frozenset[int]) -> Bench:
     """Return the bench with only the channels of sensors on some buses; of all if none is named."""
     from dataclasses import replace
 
-    from daq.channels import sensor_of_signal
+    from daq.channels import message_of, sensor_of
 
     others = {s.name for s in bench.sensors if buses and s.bus not in buses}
-    channels = tuple(c for c in bench.channels if sensor_of_signal(c.signal) not in others)
+    channels = tuple(c for c in bench.channels if sensor_of(message_of(c.signal)) not in others)
     return replace(bench, channels=channels) if others else bench

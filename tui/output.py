@@ -10,7 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-from daq.documents import strict
+from daq.files import strict
 
 if TYPE_CHECKING:  # slow to load; a program that reads JSON needs none of it
     from rich.console import Console, JustifyMethod

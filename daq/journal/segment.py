@@ -35,7 +35,7 @@ from dbc.words import InputError, counted
 
 from ..bench.campaign import Origin
 from ..bus.source import HopLosses
-from ..files import open_regular, sync_data, sync_folder
+from ..files import sync_data, sync_folder
 from ..runs import Event
 
 # Blocks -------------------------------------------------------------------------------------------
@@ -436,7 +436,7 @@ def last_block(path: Path) -> Block | None:
 def _last_bytes(path: Path, wanted: int | None = None) -> bytes:
     """Return the last bytes of a file; None: all."""
     try:
-        with os.fdopen(open_regular(path, ADVICE), "rb") as file:
+        with path.open("rb") as file:
             size = os.fstat(file.fileno()).st_size
             file.seek(0 if wanted is None else max(size - wanted, 0))
             return file.read()

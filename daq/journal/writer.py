@@ -27,7 +27,6 @@ from dbc.words import BumpbenchError, InputError, counted
 from ..bench.config import RecorderConfig
 from ..bus.source import HopLosses
 from ..control.messages import DiskStatus
-from ..files import is_regular
 from ..runlog import Code
 from ..runs import Event
 from .reader import (
@@ -186,7 +185,7 @@ class JournalWriter:
             folder.mkdir(parents=True, exist_ok=True)
             self._measure()
             for path in segments_in(folder):
-                if is_regular(path):
+                if path.is_file():
                     self._sizes[path] = path.stat().st_size
                 else:
                     _log.warning("%s: is not a regular file and is ignored (move it away)", path)

@@ -37,14 +37,11 @@ from ..control.messages import (
     Until,
 )
 from ..runlog import (
-    LIKE_REJECTS,
     Code,
     LoggedRun,
     RunLog,
     entry,
-    like_rejects,
     next_step,
-    weights_change,
 )
 from ..runs import BASELINE, Event, Excitation, RunStatus
 from ..samples.mapping import bench_mapping
@@ -146,11 +143,13 @@ class RunLoop:
     def judge(self, now: Surroundings) -> None:
         """Continue after the verdict on the run that was being recorded."""
         self._enter(self._verdict(now), now.t_ns)
-        runs = now.run_log.runs[self._runs_before :]
-        if self._until is not Until.COMPLETE and like_rejects(runs) >= LIKE_REJECTS:
-            failed = runs[-1].failed
+        # Three runs in a row that the recorder rejects for one reason: a person must find it.
+        last = now.run_log.runs[self._runs_before :][-3:]
+        codes = {run.failed.code if run.failed and not run.by else "" for run in last}
+        alike = len(last) == 3 and len(codes) == 1 and "" not in codes
+        if alike and self._until is not Until.COMPLETE:
             self._enter(Phase.IDLE, now.t_ns)
-            self._until, self.halted = None, failed.code if failed else ""
+            self._until, self.halted = None, codes.pop()
 
     def decide(self, now: Surroundings) -> None:
         """Continue after a person's verdict, or after undoing or redoing one.
@@ -256,7 +255,8 @@ def order_event(
             if due is None:
                 raise OrderError("the campaign is complete: choose a run first")
             is_seen = order.mass_state == due.mass_state or order.until is Until.COMPLETE
-            if weights_change(run_log, due) and not is_seen:
+            changes = bool(run_log.runs) and run_log.runs[-1].mass_state != due.mass_state
+            if changes and not is_seen:
                 weights = "weights off" if due.mass_state == BASELINE else "weights on"
                 state = printable(due.mass_state, 40)
                 raise OrderError(

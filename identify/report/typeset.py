@@ -20,7 +20,7 @@ from typing import Any
 import jinja2
 from markupsafe import Markup, escape
 
-from daq.documents import json_in_html
+from daq.files import json_in_html
 
 from ..trust.finding import Verdict
 from ..words import HEADLINE, MEANING, SEVERITY, SYMBOL, plain, survival_lines

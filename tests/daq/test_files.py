@@ -1,4 +1,4 @@
-"""Files are written whole or not at all, and only regular ones are read."""
+"""Files are written whole or not at all."""
 
 from __future__ import annotations
 
@@ -7,14 +7,12 @@ import os
 import re
 import threading
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from daq.files import (
     make_room,
-    open_regular,
     replaced,
     sync_data,
     write_bytes,
@@ -81,27 +79,23 @@ def test_a_file_that_cannot_be_synced_does_not_replace_the_old_one(
 
 def test_several_files_are_moved_together_or_not_at_all(tmp_path: Path) -> None:
     targets = [tmp_path / "frames.csv", tmp_path / "samples.mf4"]
-    with replaced(targets) as parts:
-        assert [part.suffix for part in parts] == [".csv", ".mf4"]
-        for part in parts:
-            part.write_text(part.suffix)
-        assert not any(target.exists() for target in targets)
-    assert [target.read_text() for target in targets] == [".csv", ".mf4"]
 
-
-def test_nothing_is_moved_when_the_writer_fails(tmp_path: Path) -> None:
-    targets = [tmp_path / "frames.csv", tmp_path / "samples.mf4"]
-
-    def fail() -> None:
+    def write(fails: bool) -> None:
         with replaced(targets) as parts:
+            assert [part.suffix for part in parts] == [".csv", ".mf4"]
             parts[0].write_text("new")
-            raise KeyError
+            if fails:
+                raise KeyError
+            parts[1].write_text("new")
+            assert [target.read_text() for target in targets] == ["old", "old"]
 
     for target in targets:
-        target.write_text(target.suffix)
+        target.write_text("old")
     with pytest.raises(KeyError):
-        fail()
-    assert [target.read_text() for target in targets] == [".csv", ".mf4"]
+        write(fails=True)
+    assert [target.read_text() for target in targets] == ["old", "old"]
+    write(fails=False)
+    assert [target.read_text() for target in targets] == ["new", "new"]
     assert sorted(tmp_path.iterdir()) == targets
 
 
@@ -163,24 +157,3 @@ def test_the_folder_of_a_file_is_created_with_its_parents(tmp_path: Path) -> Non
     (tmp_path / "file").write_text("mine")
     with pytest.raises(InputError, match=r"c\.txt: Not a directory \(name another file\)"):
         make_room(tmp_path / "file" / "b" / "c.txt")
-
-
-# Only regular files are opened; whatever else stands under a name is said and not touched ---------
-
-
-@pytest.mark.parametrize(
-    ("make", "what"),
-    [
-        (lambda path: path.mkdir(), "is not a regular file"),
-        (lambda path: path.symlink_to(__file__), "is not a regular file"),
-        (os.mkfifo, "is not a regular file"),
-        (lambda path: None, "No such file"),
-    ],
-)
-def test_what_is_no_regular_file_is_not_opened(
-    tmp_path: Path, make: Callable[[Path], object], what: str
-) -> None:
-    make(tmp_path / "a")
-    with pytest.raises(InputError, match=what) as refused:
-        open_regular(tmp_path / "a", "name a file")
-    assert refused.value.advice == "name a file"

@@ -239,7 +239,7 @@ def test_a_finding_is_stored_with_every_field_and_read_again() -> None:
 
 @pytest.mark.parametrize("key", list(RECORD))
 def test_a_record_without_a_field_is_not_read(key: str) -> None:
-    with pytest.raises(KeyError):
+    with pytest.raises(ValueError, match="not the record of a finding"):
         read_finding({name: value for name, value in RECORD.items() if name != key})
 
 

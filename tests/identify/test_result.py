@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from daq import session_from_arrays
-from daq.documents import strict
+from daq.files import strict
 from daq.runs import RunStatus
 from identify import Estimate, identify
 from identify.batch import result_row, session_row

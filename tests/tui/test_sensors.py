@@ -10,7 +10,7 @@ import pytest
 
 from daq import read_session
 from daq.bench.config import bench_codec, load_bench
-from daq.channels import sensor_of_signal
+from daq.channels import message_of, sensor_of
 from daq.sim.car import SimulatedCar
 from daq.sim.ecu import campaign_frames
 from dbc import FrameBatch
@@ -70,7 +70,7 @@ def test_import_chooses_a_bus(folder: Path, tmp_path: Path) -> None:
     ):
         assert run(["import", *runs, *words]) == 0
         session = read_session(out)
-        assert {sensor_of_signal(c.signal) for c in session.channels} == sensors
+        assert {sensor_of(message_of(c.signal)) for c in session.channels} == sensors
         buses = {"can0": {0}, "rear": {1}}.get(words[1], set()) if words else {0, 1}
         assert set(session.runs[0].frames.bus.tolist()) == buses
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from daq.documents import json_in_html
+from daq.files import json_in_html
 from dbc.words import printable
 from identify.batch import Cell, Row
 

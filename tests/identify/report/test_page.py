@@ -22,7 +22,7 @@ from pypdf import PdfReader
 from pypdf.generic import Destination
 
 from daq import session_from_arrays
-from daq.documents import strict
+from daq.files import strict
 from daq.runs import RunStatus
 from daq.vehicle import FORD_GRANADA, Vehicle
 from dbc.words import Finding, InputError, Severity
