@@ -164,9 +164,11 @@ def contradictions(estimation: Estimation) -> tuple[Contradiction, ...]:
     """Return the statements that the runs contradict, the worst first.
 
     Where the residuals exceed the noise, a misfit counts in units of the residuals.  None where the
-    fit did not converge: away from the optimum every statement has a misfit.
+    fit did not converge, or is a linear one that does not hold: away from the car every statement
+    has a misfit.
     """
-    if not estimation.fit.converged:
+    holds = estimation.holds or estimation.nonlinear is not None
+    if not (estimation.fit.converged and holds):
         return ()
     stated = _Stated(estimation)
     unit = 1.0 if estimation.holds else np.sqrt(max(1.0, estimation.chi2_per_n))
