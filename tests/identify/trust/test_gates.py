@@ -75,6 +75,10 @@ def test_an_interval_wider_than_5_per_cent_is_doubtful(linear: Estimation) -> No
     (finding,) = parameter_findings(_with_std(linear, "k_sf", 0.03))
     assert (finding.code, finding.severity) == ("wide", Severity.WARNING)
     assert "worst k_sf ± 5.9 %)" in finding.text
+    elements = replace(linear, nonlinear=linear.engine)
+    assert not list(parameter_findings(_with_std(elements, "k_sf", 0.021)))
+    (finding,) = parameter_findings(_with_std(elements, "k_sf", 0.023))
+    assert finding.code == "wide"
 
 
 @pytest.mark.parametrize(
