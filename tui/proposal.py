@@ -72,9 +72,9 @@ class TrafficSource:
         """Return the buses that the command names, else like the first one of a bench."""
         if self.interface is None and self.channel is None:
             return ()
-        interface = self.interface or known.bus.interface
+        interface = self.interface or known.buses[0].interface
         bitrate = self.bitrate or 500_000  # of most buses in vehicles
-        first = replace(known.bus, interface=interface, bitrate=bitrate, name="")
+        first = replace(known.buses[0], interface=interface, bitrate=bitrate, name="")
         channels = (self.channel or first.channel).split(",")
         return tuple(replace(first, channel=channel) for channel in channels)
 

@@ -92,24 +92,26 @@ def sketch(campaign: Campaign, excitation: Excitation) -> tuple[str, ...]:
 
     At most 8 lines of at most 30 plain ASCII characters.
     """
-    height, bump = f"{campaign.bump_height_m * 1e3:g} mm", BUMPS[excitation]
-    side, wheels = "      |             |", "     [|             |]"
-    if campaign.method is Method.PUSH and bump.hand is not None:
-        forward, to_left = bump.hand  # each -1, 0 or 1
-        frame = "      +-------------+"
-        lines = ["            front", frame, wheels, side, wheels, frame]
-        row, column = 3 - 2 * forward, 12 - 6 * to_left
-        lines[row] = lines[row][:column] + "(V)" + lines[row][column + 3 :]
-        return (*lines, f"  (V) push {height} down here")
-    rolls = campaign.method is Method.ROLL_OVER
-    boards = [" === " if rolls and share else "     " for share in bump.shares]
-    marks = ["[#]" if share and not rolls else "[ ]" for share in bump.shares]
+    bump, method = BUMPS[excitation], campaign.method
+    if bump.hand is None and method is Method.PUSH:
+        method = Method.DROP
+    board, wheel, legend = {
+        Method.ROLL_OVER: ("===", "[ ]", "=== board"),
+        Method.DROP: ("   ", "[#]", "[#] wheel on a block"),
+        Method.PUSH: ("   ", "[ ]", "(V) push down here"),
+    }[method]
     lines = ["            front"]
-    for axle in (0, 2):
-        lines.append(f"    {boards[axle]}       {boards[axle + 1]}".rstrip())
-        lines.append(f"     {marks[axle]}---------{marks[axle + 1]}")
+    for shares in (bump.shares[:2], bump.shares[2:]):
+        boards = [board if share else "   " for share in shares]
+        wheels = [wheel if share else "[ ]" for share in shares]
+        lines.append("         ".join(["     " + boards[0], boards[1]]).rstrip())
+        lines.append("---------".join(["     " + wheels[0], wheels[1]]))
         lines.append("      |           |")
-    return (*lines[:-1], f"  === board, {height}" if rolls else f"  [#] wheel on a block, {height}")
+    if bump.hand is not None and method is Method.PUSH:
+        forward, to_left = bump.hand  # each -1, 0 or 1
+        row, column = {1: 2, 0: 3, -1: 5}[forward], 11 - 6 * to_left
+        lines[row] = lines[row][:column] + "(V)" + lines[row][column + 3 :]
+    return (*lines[:-1], f"  {legend}, {campaign.bump_height_m * 1e3:g} mm")
 
 
 class Origin(StrEnum):

@@ -56,6 +56,7 @@ from .toml_file import Table, key_at, toml_tables, toml_text, validated
 # A larger value is in the wrong unit: a length in millimetres, a time in milliseconds.
 _Place = Annotated[float, Field(ge=-20, le=20)]
 _Length = Annotated[float, Field(gt=0, le=20)]
+_MINUTE, _MEGA, _GIGA = (AfterValidator(factor.__mul__) for factor in (60.0, 1e6, 1e9))
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,23 +75,17 @@ class BusConfig:
         return self.name or self.channel
 
 
-def _times(factor: float) -> AfterValidator:
-    return AfterValidator(lambda value: value * factor)
-
-
 @dataclass(frozen=True, slots=True)
 class RecorderConfig:
     """`[recorder]`: limits on the disk, and the silence of a bus that raises an alarm."""
 
-    segment_bytes: Annotated[float, Field(ge=1, le=4096, alias="segment_mb"), _times(1e6)] = 64e6
+    segment_bytes: Annotated[float, Field(ge=1, le=4096, alias="segment_mb"), _MEGA] = 64e6
     """Size at which a file of the journal ends."""
-    segment_s: Annotated[float, Field(ge=0.1, le=1440, alias="segment_minutes"), _times(60.0)] = (
-        900.0
-    )
+    segment_s: Annotated[float, Field(ge=0.1, le=1440, alias="segment_minutes"), _MINUTE] = 900.0
     """Age at which a file of the journal ends, s."""
-    keep_bytes: Annotated[float, Field(ge=0.1, alias="keep_gb"), _times(1e9)] = 100e9
+    keep_bytes: Annotated[float, Field(ge=0.1, alias="keep_gb"), _GIGA] = 100e9
     """Total size of the files of the journal; above it, the oldest are deleted."""
-    reserve_bytes: Annotated[float, Field(ge=1, alias="reserve_mb"), _times(1e6)] = 200e6
+    reserve_bytes: Annotated[float, Field(ge=1, alias="reserve_mb"), _MEGA] = 200e6
     """Free space that is always left on the disk; recording stops before it is used."""
     silent_s: Annotated[float, Field(ge=0.1, le=60)] = 1.0
     """Time without a frame after which a bus raises an alarm, s."""
@@ -195,16 +190,12 @@ class SensorTable(Table):
 
         Raises InputError if it matches no bus, or several.
         """
-        matching = [i for i, b in enumerate(buses) if self.bus in (i, b.name, b.channel)]
-        if self.bus is None:
-            matching = list(range(len(buses)))
+        matching = [i for i, b in enumerate(buses) if self.bus in (None, i, b.name, b.channel)]
         if len(matching) != 1:
-            what = f"is on bus {self.bus}, which matches {len(matching)} buses"
-            if self.bus is None:
-                what = f"states no bus, and there are {len(buses)}"
+            stated = "states no bus" if self.bus is None else f"is on bus {self.bus}"
             known = ", ".join(bus.label for bus in buses)
-            advice = f"state bus, one of {known}, or its position from 0"
-            raise InputError(where, f"sensor {self.name} {what}", advice)
+            what = f"sensor {self.name} {stated}, which matches {len(matching)} buses"
+            raise InputError(where, what, f"state bus, one of {known}, or its position from 0")
         return Sensor(self.name, self.database, matching[0], self.id_offset, self.ids)
 
 
@@ -227,17 +218,15 @@ def as_a_person_states_it(channel: Channel) -> Channel:
         raise ValueError("its name is not a letter, and at most 59 letters, digits and _ after it")
     if channel.sign not in (1, -1):
         raise ValueError("its sign is not 1 or -1")
-    if channel.calibrated:
-        try:
-            date.fromisoformat(channel.calibrated)
-        except ValueError as error:
-            raise ValueError("calibrated is not a day like 2026-05-31") from error
-    if len(channel.serial_number.encode()) > 64:
-        raise ValueError("its serial_number takes more than 64 bytes in a session file")
-    if len(channel.signal.encode()) > 128:  # its field in a session file
-        raise ValueError("the name of its signal takes more than 128 bytes")
-    stated = channel.motion_ratio != 1.0 or channel.motion_ratio_sigma > 0.0
-    if stated and channel.quantity is not Quantity.SUSPENSION_TRAVEL:
+    try:
+        date.fromisoformat(channel.calibrated or "2026-05-31")
+    except ValueError as error:
+        raise ValueError("calibrated is not a day like 2026-05-31") from error
+    # Both have a field of this size in a session file.
+    if len(channel.serial_number.encode()) > 64 or len(channel.signal.encode()) > 128:
+        raise ValueError("its signal takes more than 128 bytes, or its serial_number more than 64")
+    has_ratio = channel.motion_ratio != 1.0 or channel.motion_ratio_sigma > 0.0
+    if has_ratio and channel.quantity is not Quantity.SUSPENSION_TRAVEL:
         raise ValueError(f"motion_ratio is for suspension_travel, not for {channel.quantity}")
     if channel.motion_ratio_sigma > channel.motion_ratio / 3.0:
         raise ValueError("motion_ratio_sigma is more than a third of motion_ratio")
@@ -330,11 +319,6 @@ class Bench:
     """Origin of the frames; not from bench.toml, but set where the buses are opened."""
     where: str = field(default="bench.toml", compare=False)
     """Name of the file, for messages to the user."""
-
-    @property
-    def bus(self) -> BusConfig:
-        """The first bus; most benches have only one."""
-        return self.buses[0]
 
 
 def default_bench_text() -> str:
@@ -478,7 +462,7 @@ def on_bus(bench: Bench, interface: str | None, channel: str | None) -> Bench:
     if len({sensor.bus for sensor in bench.sensors}) > 1:
         what = f"name the bus of a bench with one bus; here sensors are on {len(bench.buses)}"
         raise InputError("--interface, --channel", what, f"change the [[bus]] of {bench.where}")
-    first = bench.bus
+    first = bench.buses[0]
     bus = replace(first, interface=interface or first.interface, channel=channel or first.channel)
     return replace(bench, buses=(bus,))
 
@@ -488,13 +472,12 @@ def with_database(bench: Bench, path: Path) -> Bench:
 
     Raises InputError if the file cannot be read, or the bench has several databases.
     """
-    text = read_dbc(path)
-    if not bench.sensors:
-        return replace(bench, dbc_text=text, dbc_name=str(path))
-    n_databases = len({sensor.database for sensor in bench.sensors})
+    n_databases, text = len({sensor.database for sensor in bench.sensors}), read_dbc(path)
     if n_databases > 1:
         what = f"is one database, but the bench has {n_databases}"
         raise InputError(str(path), what, "name a bench.toml that states the corrected one")
+    if not bench.sensors:
+        return replace(bench, dbc_text=text, dbc_name=str(path))
     # Read again, because the full names of the channels depend on the databases.
-    again = parse_bench(bench.text, "bench.toml", Path(), text)
-    return replace(bench, dbc_text=text, channels=again.channels)
+    channels = parse_bench(bench.text, bench.where, Path(), text).channels
+    return replace(bench, dbc_text=text, channels=channels)

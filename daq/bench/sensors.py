@@ -43,8 +43,8 @@ class ReadyMap:
 
     title: str
     dbc_text: str
-    bench_text: str
-    """`[[message]]`, `[[sample_set]]` and `[[channel]]` tables that fit the DBC."""
+    tables: dict[str, Any]
+    """`message`, `sample_set` and `channel` tables of a bench.toml that fits the DBC."""
 
 
 def ready_map_names() -> tuple[str, ...]:
@@ -60,7 +60,8 @@ def ready_map(name: str) -> ReadyMap:
         raise InputError(f"{PREFIX}{name}", "there is no such layout", f"use one of {names}")
     bench = (_FOLDER / f"{name}.toml").read_text("utf-8")
     title = bench.partition("\n")[0].removeprefix("# ").rstrip(".")
-    return ReadyMap(title, (_FOLDER / f"{name}.dbc").read_text("utf-8"), bench)
+    dbc_text = (_FOLDER / f"{name}.dbc").read_text("utf-8")
+    return ReadyMap(title, dbc_text, tomllib.loads(bench))
 
 
 def sensor_map(sensor: str, database: str) -> dict[str, Any]:
@@ -70,7 +71,7 @@ def sensor_map(sensor: str, database: str) -> dict[str, Any]:
     """
     if not database.startswith(PREFIX):
         return {}
-    tables = tomllib.loads(ready_map(database.removeprefix(PREFIX)).bench_text)
+    tables = ready_map(database.removeprefix(PREFIX)).tables
     for message in tables.get("message", []):
         message["name"] = f"{sensor}.{message['name']}"
     for each in tables.get("sample_set", []):
@@ -104,7 +105,7 @@ def completed(document: Mapping[str, Any], shipped: str) -> dict[str, Any]:
         database = f"{PREFIX}{layout}" if layout else sensor["dbc"]
         maps.append((f"{sensor['name']}.", sensor_map(sensor["name"], database)))
     if not maps and dbc.startswith(PREFIX):
-        maps = [("", tomllib.loads(ready_map(dbc.removeprefix(PREFIX)).bench_text))]
+        maps = [("", ready_map(dbc.removeprefix(PREFIX)).tables)]
     elif not maps:
         maps = [("", {"channel": tomllib.loads(shipped)["channel"]})]
     for prefix, tables in maps:
@@ -170,7 +171,7 @@ def stored_databases(text: str) -> tuple[Database, ...]:
         return (Database("", text),) if text else ()
     try:
         stored = json.loads(text)[_KEY]
-        return tuple(Database(str(name), str(each)) for name, each in stored.items())
+        return tuple(Database(name, each) for name, each in stored.items())
     except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
         what = "the list of databases is damaged"
         raise InputError("bench", what, "name the databases with --config") from error
@@ -190,7 +191,7 @@ class Sensor:
     """One device that sends on a bus."""
 
     name: str
-    """Name; before the dot in the names of its messages and signals."""
+    """Stands before the dot in the names of its messages and signals."""
     database: str
     """Name of its database in bench.toml: a path, or ``layout:NAME``."""
     bus: int = 0
@@ -218,34 +219,35 @@ def sensors_codec(
     Raises InputError if a database or an identifier cannot be used, or two messages in use have the
     same identifier.
     """
-    same_id: dict[tuple[int | None, int, bool], list[MessageLayout]] = defaultdict(list)
-    left_out: dict[Finding, None] = {}
+    by_id: dict[tuple[int | None, int, bool], list[MessageLayout]] = defaultdict(list)
+    left_out: dict[Finding, None] = {}  # each once, in order
     notes: dict[Finding, None] = {}
+    texts = {each.name: each.text for each in databases}
     for sensor in sensors:
         # A single database has every name.
-        only = len(databases) == 1
-        texts = [each.text for each in databases if only or each.name == sensor.database]
-        if not texts:
+        text = databases[0].text if len(databases) == 1 else texts.get(sensor.database)
+        if text is None:
             what = f"the database {sensor.database} is missing"
             raise InputError(f"sensor {sensor.name}", what, "correct that [[sensor]] in bench.toml")
-        codec = database_codec(texts[0], sensor.database)
+        codec = database_codec(text, sensor.database)
         left_out |= dict.fromkeys(codec.left_out)
         notes |= dict.fromkeys(codec.notes)
         for message in _sent_messages(sensor, codec, sensor.bus if n_buses > 1 else None):
-            same_id[message.bus, message.can_id, message.is_extended].append(message)
+            by_id[message.bus, message.can_id, message.is_extended].append(message)
     kept = []
-    for (_, can_id, _), messages in same_id.items():
-        wanted = [m for m in messages if len(messages) == 1 or m.name in used]
-        if len(wanted) > 1:
-            what = f"{wanted[0].name} and {wanted[1].name} have the identifier {can_id:#x} on a bus"
+    for (_, can_id, _), messages in by_id.items():
+        needed = [m for m in messages if len(messages) == 1 or m.name in used]
+        shared = f"have the identifier {can_id:#x} on a bus"
+        if len(needed) > 1:
             advice = "give one of the two sensors another bus, an id_offset or ids"
-            raise InputError("bench.toml", what, advice)
-        kept += wanted
+            names = f"{needed[0].name} and {needed[1].name}"
+            raise InputError("bench.toml", f"{names} {shared}", advice)
+        kept += needed
         names = " and ".join(message.name for message in messages)
         for message in messages:
-            if message not in wanted:
+            if message not in needed:
                 subject = f"message {message.name}"
-                text = f"{subject} is left out: {names} have the identifier {can_id:#x} on a bus"
+                text = f"{subject} is left out: {names} {shared}"
                 left_out[Finding("left_out", Severity.ERROR, text, subject)] = None
     return Codec(tuple(kept), tuple(left_out), tuple(notes))
 
@@ -253,32 +255,27 @@ def sensors_codec(
 def _sent_messages(sensor: Sensor, codec: Codec, bus: int | None) -> list[MessageLayout]:
     """Return the messages of a database as one sensor sends them, with its identifiers."""
     where = f"sensor {sensor.name}"
-    sent, used_keys = [], set()
+    sent, unused_keys = [], dict(sensor.ids)
     for message in codec.messages:
-        keys = [key for key in sensor.ids if key == message.name or _number(key) == message.can_id]
-        used_keys.update(keys)
-        if sensor.ids and not keys:
+        names = (message.name, f"{message.can_id:#x}")
+        key = next((key for key in sensor.ids if key in names or key.lower() in names), None)
+        if key is not None:
+            can_id = sensor.ids[key]
+            unused_keys.pop(key, None)
+        elif sensor.ids:
             continue
-        can_id = sensor.ids[keys[0]] if keys else message.can_id + sensor.id_offset
+        else:
+            can_id = message.can_id + sensor.id_offset
         bits = 29 if message.is_extended else 11
         if not 0 <= can_id < 1 << bits:
             what = f"{message.name} would have the identifier {can_id:#x}, not one of {bits} bits"
             raise InputError(where, what, "correct id_offset or ids")
         full = f"{sensor.name}.{message.name}"
         sent.append(replace(message, name=full, can_id=can_id, bus=bus))
-    for key in sensor.ids:
-        if key not in used_keys:
-            what = f"ids names {key}, which is not in {sensor.database}"
-            raise InputError(where, what, "name a message of the database, or its identifier")
+    for key in unused_keys:
+        what = f"ids names {key}, which is not in {sensor.database}"
+        raise InputError(where, what, "name a message of the database, or its identifier")
     return sent
-
-
-def _number(key: str) -> int | None:
-    """Return the identifier that a key of `ids` writes, as ``0x181``; None if it is a name."""
-    try:
-        return int(key, 0)
-    except ValueError:
-        return None
 
 
 def full_name(signal: str, messages: Sequence[MessageLayout]) -> str:
@@ -371,22 +368,22 @@ def ruled_codec(codec: Codec, rules: Sequence[MessageRule], dbc_name: str) -> Co
     messages = {message.name: message for message in codec.messages}
     for rule in rules:
         where = f"message {rule.name}"
-        message = messages.get(rule.name)
-        if message is None:
+        if rule.name not in messages:
             raise InputError(where, f"is not in {dbc_name}", CORRECT_MESSAGE)
+        message, what = messages[rule.name], ""
         if rule.counter is not None:
             signal = _plain_signal(message, "counter", rule.counter)
             modulus = rule.counter_modulus or 1 << min(signal.length, 33)
             if signal.length > 32 or modulus > 1 << signal.length:
                 what = f"counter {signal.name} of {signal.length} bits cannot run to {modulus}"
-                raise InputError(where, what, CORRECT_MESSAGE)
             message = replace(message, counter=CounterRule(signal.name, modulus))
         if rule.crc is not None:
             signal = _plain_signal(message, "crc", rule.crc)
             if signal.length != 8 or not signal.is_whole_bytes:
                 what = f"checksum {signal.name} is not one whole byte"
-                raise InputError(where, what, CORRECT_MESSAGE)
             message = replace(message, crc=signal.name, crc_rule=rule.crc_rule)
+        if what:
+            raise InputError(where, what, CORRECT_MESSAGE)
         if rule.cycle_ms is not None:
             message = replace(message, cycle_s=rule.cycle_ms * 1e-3)
         messages[rule.name] = message
@@ -426,9 +423,7 @@ def sensor_clocks(codec: Codec, rules: Sequence[MessageRule]) -> Mapping[str, Se
         unit = rule.time_unit or signal.unit
         si = known_si(unit)
         if si is None or si.unit != "s" or signal.is_multiplexed:
-            what = f"time signal {name} has the unit {unit!r}, not of time"
-            if si is None:
-                what = f"time signal {name} has the unknown unit {unit!r}"
+            what = f"time signal {name} has the unit {unit!r}, not one of time"
             raise InputError(where, what, "state time_unit as s, ms, us or ns")
         if rule.time_wrap is None and signal.is_float:
             what = f"time signal {name} is a float, whose bits set no wrap"

@@ -374,7 +374,7 @@ def test_files_are_read_beside_the_bench(tmp_path: Path) -> None:
     [
         (lambda t: t.replace('bus = "rear"', 'bus = "can7"', 1), "sensor imu_b is on bus can7"),
         (lambda t: t.replace('bus = "rear"', "bus = 2", 1), "sensor imu_b is on bus 2"),
-        (lambda t: t.replace('bus = "rear"\n', "", 1), "sensor imu_b states no bus, and there"),
+        (lambda t: t.replace('bus = "rear"\n', "", 1), "sensor imu_b states no bus, which"),
         (lambda t: t.replace('name = "imu_b"', 'name = "imu_a"', 1), "sensor imu_a occurs twice"),
         (
             lambda t: t.replace('dbc = "hubs.dbc"', ""),

@@ -231,7 +231,7 @@ def test_simulated_samples_get_their_true_times() -> None:
         group = next(g for g in run.groups if g.name == sender.message.name)
         assert not np.any(group.quality & UNUSABLE)
         sent_s = group.time_s + (run.t0_ns - START_NS) * 1e-9
-        sent_s -= frame_time_ns(sender.message, bench.bus.bitrate) * 1e-9
+        sent_s -= frame_time_ns(sender.message, bench.buses[0].bitrate) * 1e-9
         _, ticks_s = sender.ticks(0.0, car.run_s)
         nearest = ticks_s[np.searchsorted(ticks_s, sent_s - sender.cycle_s / 2)]
         late[sender.message.name] = sent_s - nearest
