@@ -270,9 +270,9 @@ def test_a_campaign_opens_its_buses_first_and_a_daemon_waits_for_them(
     recorded_at_once(traffic, tmp_path, lifetime)
     assert opened == ([] if keep_on else [0])
     reopen = Daemon.made.recorder.given[2]
-    first = reopen(BENCH.bus, 0)
+    first = reopen(BENCH.buses[0], 0)
     assert opened == [0], "the bus that is open already"
-    assert reopen(BENCH.bus, 0) is not first
+    assert reopen(BENCH.buses[0], 0) is not first
 
     def no_bus(*_: object) -> Any:
         raise BusError("can0", "no such device", "plug it in")

@@ -184,7 +184,7 @@ def test_the_wire_carries_one_frame_at_a_time_by_priority() -> None:
 
 @pytest.mark.parametrize(("bitrate", "late"), [(1_000_000, False), (250_000, True)])
 def test_an_overloaded_bus_stays_late_into_the_next_run(bitrate: int, late: bool) -> None:
-    bench = replace(TWO_RUNS, buses=(replace(TWO_RUNS.bus, bitrate=bitrate),))
+    bench = replace(TWO_RUNS, buses=(replace(TWO_RUNS.buses[0], bitrate=bitrate),))
     car = replace(CAR, lead_s=0.1, tail_s=0.4)
     sent = FrameBatch.concatenate(list(campaign_frames(bench, CODEC, car, SEED, START_NS)))
     takes = {m.can_id: frame_time_ns(m, bitrate) for m in CODEC.messages}
