@@ -120,8 +120,7 @@ class Reader(threading.Thread):
         self.link, self.number = link, number
         self._dropped = 0
         self._pieces, self._watch = pieces, watch
-        self._halt, self._abandoned = threading.Event(), threading.Event()
-        self._halted_s = 0.0
+        self._halt, self._halted_s = threading.Event(), 0.0
 
     def run(self) -> None:
         """Read until halted; the link never raises."""
@@ -130,10 +129,7 @@ class Reader(threading.Thread):
             # More frames than the last block may have arrived before the halt.
             len(frames) >= BLOCK_FRAMES and time.monotonic() - self._halted_s < DRAIN_S
         ):
-            # Longest wait for frames, s, before the counts are checked.
-            frames = self.link.read(0.1)
-            if self._abandoned.is_set():
-                break  # it hung: its bus may have another reader now
+            frames = self.link.read(0.1)  # s: counts of losses are published at least so often
             now_s, losses = time.monotonic(), self.losses()
             self._watch.received(len(frames), now_s)
             if len(frames) or losses != reported:
@@ -149,10 +145,6 @@ class Reader(threading.Thread):
         self._halt.set()
         self.link.halt()
 
-    def abandon(self) -> None:
-        """Ignore its frames if it ever continues."""
-        self._abandoned.set()
-
     def losses(self) -> HopLosses:
         """Return the losses until now."""
         return self.link.facts().losses._replace(queue_dropped=self._dropped)
@@ -164,7 +156,6 @@ class Readers:
     def __init__(self, pieces: PieceQueue, watch: StorageWatch) -> None:
         self._pieces, self._watch = pieces, watch
         self._readers: list[Reader] = []
-        self._ended = HopLosses()
         self._losses: dict[int, HopLosses] = {}
 
     def start(self, links: Sequence[Link]) -> None:
@@ -174,13 +165,12 @@ class Readers:
             reader.start()
 
     def halt(self, within_s: float) -> None:
-        """End all readers; a reader that hangs in its driver is ignored from then on."""
+        """End all readers; do not wait longer for one that hangs in its driver."""
         for reader in self._readers:
             reader.halt()
         deadline_s = time.monotonic() + within_s
         for reader in self._readers:
             reader.join(max(deadline_s - time.monotonic(), 0.0))
-            reader.abandon()
 
     def take(self, frames: int) -> list[Piece]:
         """Return the pieces read; `hops` then has the losses up to them."""
@@ -191,12 +181,11 @@ class Readers:
     def settle(self) -> None:
         """Update the losses after all readers are halted and all pieces taken."""
         self._losses.update((reader.number, reader.losses()) for reader in self._readers)
-        self._ended, self._losses, self._readers = self.hops(), {}, []
 
     def hops(self) -> HopLosses:
         """Return the losses up to the pieces taken last, over all readers."""
-        rows = [self._ended, *self._losses.values()]
-        return HopLosses(*(sum(column) for column in zip(*rows, strict=True)))
+        rows = [HopLosses(), *self._losses.values()]
+        return HopLosses(*map(sum, zip(*rows, strict=True)))
 
     def facts(self) -> tuple[LinkFacts, ...]:
         """Return the state of each link."""

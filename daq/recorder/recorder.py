@@ -44,7 +44,7 @@ from ..control.messages import (
     StorageStatus,
 )
 from ..control.monitoring import Heartbeats
-from ..journal.reader import RecordingInfo, last_campaign, last_recording
+from ..journal.reader import RecordingInfo, last_recording
 from ..journal.segment import JournalHead, Segment, SyncedFile, session_name
 from ..journal.writer import JournalWriter
 from ..runlog import Code, RunLog, fold
@@ -144,21 +144,7 @@ def resumable(journal: Path, bench: Bench) -> tuple[RecordingInfo, Bench] | str:
         why = error
     text = f"the last recording was not ended and cannot be resumed ({why}): a new one is begun"
     _log.warning("%s", text)
-    return text
-
-
-def unfinished(journal: Path) -> tuple[Path, RecordingInfo] | None:
-    """Return the last campaign in a folder and its session file, if that must still be built."""
-    try:
-        tail = last_campaign(journal)
-        if tail is None:
-            return None
-        session = journal.parent / tail.session_name
-        newest_s = max(path.stat().st_mtime for path in tail.segments)
-        done = session.exists() and session.stat().st_mtime >= newest_s
-    except OSError:
-        return None
-    return None if done else (session, tail)
+    return f"{text}; `bumpbench recover` builds the session of the last"
 
 
 # Builds session files, each in a process ----------------------------------------------------------
@@ -326,7 +312,8 @@ class Recorder:
         try:
             self._resume_or_begin()
             try:
-                self._start_readers()
+                buses = enumerate(self._bench.buses)
+                self._readers.start([Link(bus, n, self._open_source) for n, bus in buses])
                 self._cycle(publish, True)
                 while not (stop.is_set() or self._ended):
                     self._cycle(publish, is_watched())
@@ -457,12 +444,10 @@ class Recorder:
         return self._opened
 
     def _resume_or_begin(self) -> None:
-        """Resume the last campaign, or build its session file if necessary and begin a new one."""
-        now, journal = self._clock(), self._journal
-        resumed, unbuilt = resumable(journal, self._bench), None
+        """Resume the last campaign, or begin a new one."""
+        now, resumed = self._clock(), resumable(self._journal, self._bench)
         if isinstance(resumed, str):
             self._begun, tail = resumed, None
-            unbuilt = unfinished(journal)
         else:
             tail, self._bench = resumed
             frames = plural(tail.frames, "frame")
@@ -471,16 +456,15 @@ class Recorder:
         bench, run_log = self._bench, fold(tail.events) if tail else RunLog()
         head = new_head(bench, self._software, now, campaign=True)
         head = replace(head, recording=tail.head.recording) if tail else head
-        self._writer = JournalWriter(journal, head, bench.recorder, self._create, tail)
+        self._writer = JournalWriter(self._journal, head, bench.recorder, self._create, tail)
         self._open(bench, run_log, tail.segments if tail else ())
         if tail is not None:
             self._recording.note(Code.RESUMED, float(tail.frames), self._software, now)
             if run_log.runs:  # its session file may lack the last of them
-                unbuilt = self._opened.session, tail
-        if unbuilt is not None:
-            session, last = unbuilt
-            revision = fold(last.events).revision
-            self._derivation.begin(session, last.segments, last.head.recording, revision)
+                recording = tail.head.recording
+                self._derivation.begin(
+                    self._opened.session, tail.segments, recording, run_log.revision
+                )
 
     def _open(self, bench: Bench, run_log: RunLog, before: tuple[Path, ...] = ()) -> None:
         """Process the recording that the writer has begun."""
@@ -524,24 +508,15 @@ class Recorder:
         revision = opened.recording.run_log.revision
         self._derivation.begin(opened.session, opened.segments, opened.campaign, revision)
 
-    # Readers -----------------------------------------------------------------------------------
-
-    def _start_readers(self) -> None:
-        buses = enumerate(self._bench.buses)
-        self._readers.start([Link(bus, n, self._open_source) for n, bus in buses])
-
-    def _stop_readers(self) -> None:
-        """End the readers and store all frames that they have read."""
+    def _finish(self, publish: Publish) -> None:
+        """End the readers, store all frames that they have read, and seal the journal."""
+        self._refuse_orders()
         links = self._readers.facts()  # the state before they end, because their end is not a fault
         self._readers.halt(HALT_S)
         while self._look(links):
             pass
         self._readers.settle()
         self._look(links)
-
-    def _finish(self, publish: Publish) -> None:
-        self._refuse_orders()
-        self._stop_readers()
         self._writer.close(ended=not self._opened.campaign)
         if waiting := self._writer.status.held_frames:
             were = counted(waiting, "frame was", "frames were")

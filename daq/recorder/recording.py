@@ -13,7 +13,7 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import astuple, dataclass, replace
 from operator import sub
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +44,7 @@ from ..control.messages import (
     StorageStatus,
     Tally,
 )
+from ..journal.writer import JournalWriter
 from ..runlog import Change, RunLog, advance, parse_label, verdict_entry
 from ..runs import Event, Losses, RunStatus
 from ..samples import converter as health
@@ -281,20 +282,10 @@ class FaultBarrier:
         }
 
 
-class FrameStore(Protocol):
-    """A store of frames and events: a `JournalWriter`."""
-
-    def append(self, frames: FrameBatch, losses: HopLosses) -> None:
-        """Store a block of frames, and the losses counted up to it."""
-
-    def append_events(self, events: Sequence[Event]) -> None:
-        """Store events."""
-
-
 class Recording:
     """One recording: of a campaign, or of the traffic between two campaigns, when nothing is armed.
 
-    `store`: for frames and events; the caller closes it.  `run_log`: run log of a resumed
+    `journal`: for frames and events; the caller closes it.  `run_log`: run log of a resumed
     recording.  Raises InputError if a channel contradicts the DBC, or no channel can trigger.
     """
 
@@ -302,11 +293,11 @@ class Recording:
         self,
         bench: Bench,
         codec: Codec,
-        store: FrameStore,
+        journal: JournalWriter,
         run_log: RunLog | None = None,
         barrier: FaultBarrier | None = None,
     ) -> None:
-        self._store = store
+        self._journal = journal
         self.run_log = run_log or RunLog()
         self.measures: dict[str, RunMeasure] = {}
         self._barrier = barrier or FaultBarrier()
@@ -355,11 +346,11 @@ class Recording:
         """Store one block of frames, and keep it for the next look.
 
         `batch`: in order of arrival; may be empty.  `hops`: cumulative counts up to this block,
-        since this recorder was started.  Raises JournalError if the store raises it; the block is
+        since this recorder was started.  Raises JournalError if the journal does; the block is
         then not processed.
         """
         if len(batch) or hops != self._hops:
-            self._store.append(batch, hops)
+            self._journal.append(batch, hops)
         self._hops = hops
         if len(batch):
             self._t_ns = int(batch.t_ns[-1])
@@ -506,7 +497,7 @@ class Recording:
 
     def _log(self, event: Event) -> None:
         """Store an event, then add it to the run log."""
-        self._store.append_events([event])
+        self._journal.append_events([event])
         self.run_log = advance(self.run_log, event)
         self._events.append(event)
 

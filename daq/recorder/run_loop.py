@@ -128,8 +128,15 @@ class RunLoop:
             self.since_ns = now.t_ns
         if self.phase is Phase.TRIGGERED and age_s >= now.bump_s:
             self.phase = Phase.DECAY
-        if self._is_judged and age_s >= now.accept_after_s:
-            self._end_countdown(now)
+        if self._is_judged and age_s >= now.accept_after_s:  # the countdown is over
+            if now.due is None:
+                self._until = None
+                self._enter(Phase.COMPLETE, now.t_ns)
+            elif self._until is None:
+                self._enter(Phase.PAUSED, now.t_ns)
+            else:
+                self._enter(Phase.WAITING, now.t_ns)
+                self._stop_before_other_kind(now)
         if self.phase is Phase.WAITING and now.ready:
             self._enter(Phase.ARMED, now.t_ns)
         elif self.phase is Phase.ARMED and not now.ready:
@@ -176,16 +183,6 @@ class RunLoop:
         run = now.run_log.run(self.label)
         accepted = run is not None and run.status is RunStatus.ACCEPTED
         return Phase.ACCEPTED if accepted else Phase.REJECTED
-
-    def _end_countdown(self, now: Surroundings) -> None:
-        if now.due is None:
-            self._until = None
-            self._enter(Phase.COMPLETE, now.t_ns)
-        elif self._until is None:
-            self._enter(Phase.PAUSED, now.t_ns)
-        else:
-            self._enter(Phase.WAITING, now.t_ns)
-            self._stop_before_other_kind(now)
 
     def _stop_before_other_kind(self, now: Surroundings) -> None:
         """Stop if it was not armed for the kind of bump that is due.

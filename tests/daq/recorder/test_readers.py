@@ -46,11 +46,6 @@ def test_losses_are_the_sum_of_the_last_counts_of_all_readers() -> None:
     assert readers.hops() == HopLosses()  # not before they are taken
     readers.take(10**9)
     assert readers.hops() == HopLosses(12, 24, 36, 48)
-    readers.settle()  # later readers count from nothing
-    pieces.put(Piece(0, empty, HopLosses(1, 1, 1, 1), 0.0))
-    readers.take(10**9)
-    assert readers.hops() == HopLosses(13, 25, 37, 49)
-    assert readers.facts() == ()
 
 
 @pytest.mark.parametrize(
@@ -120,21 +115,6 @@ def test_a_bus_that_is_never_empty_holds_nothing_up(monkeypatch: pytest.MonkeyPa
     assert DRAIN_S < HALT_S
     monkeypatch.setattr("daq.recorder.readers.DRAIN_S", 0.1)
     assert len(read_after_the_stop(Late(itertools.repeat(2048)))) > 1
-
-
-def test_a_reader_left_behind_puts_nothing_in_any_more() -> None:
-    source, pieces = Late([10]), PieceQueue()
-    readers = Readers(pieces, StorageWatch())
-    readers.start([Link(BusConfig("virtual", "hung", 500_000), 0, lambda *_: source)])
-    assert source.begun.wait(PATIENCE_S)
-    readers.halt(0.01)
-    readers.settle()
-    source.awake.set()
-    for thread in threading.enumerate():
-        if thread.name == "reader virtual hung":
-            thread.join(PATIENCE_S)
-    assert readers.take(1000) == []
-    assert readers.hops().queue_dropped == 0
 
 
 # Frames that arrive and are not stored: named after 3 s, whichever part is at fault ---------------

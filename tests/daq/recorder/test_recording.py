@@ -331,9 +331,8 @@ def test_a_simulated_recording_is_not_gone_on_with_from_a_bus(
     _recorded(tmp_path, simulated)
     assert last_recording(tmp_path) is not None
     with caplog.at_level(logging.WARNING):
-        assert resumable(tmp_path, bench) == (
-            "the last recording was not ended and cannot be resumed (its frames are simulated, not"
-            " real): a new one is begun"
+        assert "cannot be resumed (its frames are simulated, not real)" in resumable(
+            tmp_path, bench
         )
     assert "its frames are simulated, not real" in caplog.text
     found = resumable(tmp_path, simulated)

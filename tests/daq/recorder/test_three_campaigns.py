@@ -296,27 +296,6 @@ def test_a_killed_recorder_is_taken_up_again(
     finish(lambda *_: None)
 
 
-@pytest.mark.usefixtures("built_at_once")
-def test_a_recording_that_was_ended_or_has_another_dbc_is_left_alone(
-    quick: Bench, codec: Codec, tmp_path: Path
-) -> None:
-    names = []
-    other = replace(quick, dbc_text=quick.dbc_text + "\n")
-    for k, (bench, end) in enumerate(
-        [(quick, False), (quick, False), (other, True), (other, False)]
-    ):
-        script = Script(blocks(bumps(codec, 1)))
-        with Running(bench, tmp_path, sources(script)) as running:
-            running.until(lambda s: s.disk.recorded_frames in (1200, 2400))
-            names.append(running.last.recording)
-            if k == 2:  # what was left without a session file gets it
-                running.until(lambda _: (tmp_path / "session_0001.h5").exists())
-            if end:
-                running.order(Stop())
-    assert names[0] == names[1]
-    assert len(set(names)) == 3
-
-
 def test_after_a_campaign_that_goes_on_over_another_bus_a_new_one_can_be_begun(
     quick: Bench, tmp_path: Path
 ) -> None:
