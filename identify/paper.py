@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,8 +19,7 @@ Floats = NDArray[np.float64]
 
 # The paper's order of estimation: from M, C and K to parameters in three linear steps ------------
 #
-# With its Wilson-theta simulation this gives all of the paper's Table 2 to 0.02 percentage points;
-# `nearest_vehicle` uses every element at once.
+# With its Wilson-theta simulation this gives all of the paper's Table 2 to 0.02 percentage points.
 
 
 def sequential_vehicle(
@@ -73,37 +72,6 @@ def _linear_parameters(
     return np.asarray(np.linalg.lstsq(np.array(columns).T, matrix[used] - constant)[0])
 
 
-# Least squares of a few unknowns (Levenberg and Marquardt) ----------------------------------------
-#
-# `scipy.optimize` has it too, but would take longer to import than a session takes to be fitted.
-
-
-def least_squares(
-    residuals: Callable[[Floats], Floats], jacobian: Callable[[Floats], Floats], start: Floats
-) -> Floats | None:
-    """Return the unknowns, (p,), of the least sum of squares near a start; None if none is found.
-
-    Ten steps usually suffice; a fit that needs a hundred wanders among matrices that belong to no
-    vehicle.
-
-    `residuals`: of (p,), (n,).  `jacobian`: their derivatives, (n, p).
-    """
-    unknowns, misfit, slopes, damping = start, residuals(start), jacobian(start), 1e-6
-    for _ in range(100):
-        damped = np.vstack([slopes, np.diag(np.sqrt(damping) * np.linalg.norm(slopes, axis=0))])
-        step = -np.linalg.lstsq(damped, np.concatenate([misfit, np.zeros(len(unknowns))]))[0]
-        trial = residuals(unknowns + step)
-        settled = np.linalg.norm(step) <= 1e-12 * np.linalg.norm(unknowns)
-        if trial @ trial <= misfit @ misfit:
-            unknowns, misfit, damping = unknowns + step, trial, damping / 10.0
-            slopes = jacobian(unknowns)
-        else:
-            damping *= 10.0
-        if settled:
-            return unknowns
-    return None
-
-
 # Computes mass, damping and stiffness from modes, and parameters from these (Eqs. 22-33) ----------
 #
 # The modes of one mass state give M^-1 K and M^-1 C; those of a second one, heavier by a known
@@ -115,7 +83,7 @@ class ClosedForm:
     """Result of the paper's equations."""
 
     parameters: VehicleParameters
-    """The symmetric vehicle whose matrices come nearest to M, C and K of Eqs. 30, 31 and 33."""
+    """The symmetric vehicle read from M, C and K of Eqs. 30, 31 and 33."""
     damping: Mapping[str, Mapping[str, float]]
     """c_sf and c_sr, read from the heave row of C as the paper does, by each way to C: `baseline`
     (Eq. 31), `added` (Eq. 32), and their `mean`, the least-squares solution of Eqs. 27 and 29 for
@@ -130,8 +98,8 @@ def identify_parameters(
     `baseline` and `added`: seven modes each, shapes as displacements of `daq.vehicle.DOF`.
     `delta_M`, (7, 7) float64: added mass about the CG of the baseline; full matrices are welcome.
     `geometry`: the four lengths if they are measured; None identifies them.  Raises InputError if a
-    state does not have seven modes with independent shapes, or `delta_M` leaves a degree of freedom
-    without mass.
+    state does not have seven modes with independent shapes, `delta_M` leaves a degree of freedom
+    without mass, or no vehicle is near the matrices.
     """
     A, A_added = state_matrix_of(baseline), state_matrix_of(added)
     model = physical_matrices(A, A_added, delta_M)
@@ -141,7 +109,30 @@ def identify_parameters(
         way: {"c_sf": float(-C[0, 3:5].mean()), "c_sr": float(-C[0, 5:].mean())}
         for way, C in ways.items()
     }
-    return ClosedForm(nearest_vehicle(model, geometry), damping)
+    vehicle = sequential_vehicle(model, geometry)
+    if not _is_near(vehicle, model):
+        raise InputError(
+            "closed form",
+            "no vehicle with positive parameters has nearly the matrices of these modes",
+            "it needs a signal some 60 dB over the noise; the likelihood does not",
+        )
+    return ClosedForm(vehicle, damping)
+
+
+def _is_near(vehicle: VehicleParameters, model: PhysicalModel) -> bool:
+    """Return whether a vehicle has positive parameters, and nearly the given matrices.
+
+    An element that is off by more than the geometric mean of its two diagonal elements makes a
+    matrix that no masses or springs have.
+    """
+    parameters = vehicle.to_array()
+    if not np.all(parameters > 0.0):  # NaN, too
+        return False
+    for exact, identified in zip(matrices(parameters), (model.M, model.C, model.K), strict=True):
+        root = np.sqrt(np.diag(exact.real))
+        if np.any(np.abs(identified - exact.real) > np.outer(root, root)):
+            return False
+    return True
 
 
 def state_matrix_of(modal: ModalModel) -> Floats:
@@ -184,54 +175,6 @@ def physical_matrices(A: Floats, A_added: Floats, delta_M: Floats) -> PhysicalMo
     A21, A22, A21_added = A[n:, :n], A[n:, n:], A_added[n:, :n]
     M = delta_M @ np.linalg.solve((A21 - A21_added).T, A21_added.T).T
     return PhysicalModel(M, -M @ A22, -M @ A21)
-
-
-def nearest_vehicle(model: PhysicalModel, geometry: VehicleGeometry | None) -> VehicleParameters:
-    """Return the 15 parameters whose matrices (Eqs. 3-10) are nearest to the given ones.
-
-    Least squares over all elements of M, C and K; each is scaled by the diagonal of its matrix, so
-    that newton metres a radian and newtons a metre weigh alike.  If the geometry is given, only the
-    other 11 are identified.
-
-    `model`: M, C and K as identified, (7, 7).  `geometry`: the four lengths if they are measured.
-    Raises InputError if the matrices are not finite, or so far from a vehicle's that no fit is
-    found or one with a negative mass, spring or damper.
-    """
-    identified = (model.M, model.C, model.K)
-    if not all(np.all(np.isfinite(matrix)) for matrix in identified):
-        raise InputError("closed form", "the matrices are not finite", "check the modes")
-    weights = []
-    for matrix in identified:
-        diagonal = np.abs(np.diag(matrix))
-        # Noise may make an element vanish, and its row would then have an unlimited weight.
-        root = np.sqrt(np.maximum(diagonal, 1e-3 * diagonal.max()))
-        weights.append(1.0 / np.outer(root, root))
-    start = sequential_vehicle(model, geometry).to_array()
-    n_free = 15 if geometry is None else 11
-    size = np.abs(start[:n_free])
-
-    def elements(scaled: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        given = np.broadcast_to(start[n_free:], (*scaled.shape[:-1], 15 - n_free))
-        theta = np.concatenate([scaled * size, given], axis=-1)
-        weighted = [w * matrix for w, matrix in zip(weights, matrices(theta), strict=True)]
-        return np.stack(weighted, axis=-3).reshape(*scaled.shape[:-1], -1)
-
-    def jacobian(scaled: Floats) -> Floats:
-        return elements(scaled + 1e-30j * np.eye(n_free)).imag.T / 1e-30
-
-    target = np.array([w * matrix for w, matrix in zip(weights, identified, strict=True)]).ravel()
-    nearest = least_squares(
-        lambda scaled: elements(scaled.astype(complex)).real - target,
-        jacobian,
-        start[:n_free] / size,
-    )
-    if nearest is None or np.any(nearest <= 0.0):
-        raise InputError(
-            "closed form",
-            "no vehicle with positive parameters has nearly the matrices of these modes",
-            "it needs a signal some 60 dB over the noise; the likelihood does not",
-        )
-    return VehicleParameters(*(nearest * size).tolist(), *start[n_free:].tolist())
 
 
 def massless_motions(delta_M: Floats) -> tuple[str, ...]:

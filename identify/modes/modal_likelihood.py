@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dbc.frames import freeze_arrays, read_only
+from dbc.frames import read_only
 
 from ..model.chi_squared import exceeded_by_chance
 from ..model.exponentials import Series, series_of, waves, waves_of
@@ -35,7 +35,7 @@ _UNKNOWN = 4e-14
 """Share of a normal matrix's scale below which rounding decides a direction."""
 _RIDGE = 1e-16
 """Ridge where an inverse itself is the result: weak shapes must not look better known."""
-_TINY = 1e-24
+_LEAST_NOISE = 1e-24
 """Share of a channel's power below which noise cannot be distinguished from rounding."""
 _CANCELLED = 1e-6
 """Share of a channel's power below which sums of products would be rounding: the samples themselves
@@ -51,16 +51,13 @@ class Block:
     time_s: _Real
     """Times since the start of the decay, s, shape (n,)."""
     values: _Real
-    """Samples, less their mean where the level is unknown, shape (n, n_runs, n_channels)."""
+    """Samples, less their mean: the level of a sensor is unknown; shape (n, n_runs, n_channels)."""
     runs: NDArray[np.intp]
     channels: NDArray[np.intp]
     """`runs`, `channels`: their indices; each pair occurs in one block only."""
-    free_level: bool = False
-    """True if each series has its own unknown constant."""
 
     def __post_init__(self) -> None:
-        level = self.values.mean(axis=0) if self.free_level else 0.0
-        object.__setattr__(self, "values", read_only(self.values - level))
+        object.__setattr__(self, "values", read_only(self.values - self.values.mean(axis=0)))
 
 
 def even_blocks(decays: Sequence[_Real], rate_hz: float) -> tuple[Block, ...]:
@@ -126,8 +123,8 @@ def gathered(blocks: Sequence[Block]) -> Samples:
 class Condensed:
     """Samples and exponentials in p orthonormal directions that the exponentials span.
 
-    Where levels are unknown, each function is taken less its mean: the part that a constant can
-    follow shows nothing about modes.
+    Each function is taken less its mean: the part that a constant can follow shows nothing about
+    modes.
     """
 
     samples: Samples
@@ -157,8 +154,7 @@ def condense(samples: Samples, poles: _Complex) -> Condensed:
         at = waves_of(series, poles)
         total, (across, along) = at.sums(), at.grams()
         whole = np.einsum("rii->ri", across.real)
-        is_free = np.array([samples.blocks[number].free_level for number in series.members])
-        level = total * (is_free / series.count)[:, None]
+        level = total / series.count[:, None]
         across = across - total.conj()[:, :, None] * level[:, None]
         along = along - total[:, :, None] * level[:, None]
         plus, minus = across + along, across - along
@@ -183,17 +179,14 @@ def condense(samples: Samples, poles: _Complex) -> Condensed:
         for number, block in enumerate(samples.blocks):
             wave = waves(block.time_s, poles)
             both = np.hstack([wave, block.time_s[:, None] * wave])
-            basis, root = np.linalg.qr(_real_parts(both - block.free_level * both.mean(axis=0)))
+            basis, root = np.linalg.qr(_real_parts(both - both.mean(axis=0)))
             functions[number, : len(root)] = root[:, : 2 * m] - 1j * root[:, 2 * m :]
-            each = block.values.reshape(len(basis), -1)
-            coordinates = basis.T @ each
-            squares = np.sum((each - basis @ coordinates) ** 2, axis=0)
-            shape = len(block.runs), len(block.channels)
-            runs, channels = np.ix_(block.runs, block.channels)
-            values[runs, channels] = 0.0
-            values[runs, channels, : len(root)] = coordinates.T.reshape(*shape, -1)
-            beyond[block.channels] += squares.reshape(shape).sum(axis=0)
-    beyond += _TINY * power
+            coordinates = np.einsum("np,nrc->rcp", basis, block.values)
+            follow = np.einsum("np,rcp->nrc", basis, coordinates)
+            values[np.ix_(block.runs, block.channels)] = 0.0
+            values[(*np.ix_(block.runs, block.channels), slice(len(root)))] = coordinates
+            beyond[block.channels] += np.sum((block.values - follow) ** 2, axis=(0, 1))
+    beyond += _LEAST_NOISE * power
     wave, timed = functions[..., :m][samples.block], functions[..., m:][samples.block]
     return Condensed(samples, poles, wave, timed, values, beyond)
 
@@ -239,55 +232,16 @@ def _roots(normal: _Real, whole: _Real | None = None) -> tuple[_Real, _Real]:
     return upper * (has_effect * size)[..., None, :], inverse
 
 
-# Shapes, and the point of a fit -------------------------------------------------------------------
-
-
-@dataclass(frozen=True, slots=True)
-class Ties:
-    """Ties between channels: which of them move equally, oppositely, or not at all in a mode."""
-
-    owner: NDArray[np.intp]
-    """Index of the shape entry that the channel uses."""
-    sign: _Real
-    """The channel's entry in each mode is `sign` (1, -1 or 0) times that of its owner, shape
-    (n_channels, m)."""
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self, "owner", "sign")
-
-    @classmethod
-    def none(cls, n_channels: int, n_modes: int) -> Ties:
-        """Return the ties of channels that are independent of each other."""
-        return cls(np.arange(n_channels), np.ones((n_channels, n_modes)))
-
-    @property
-    def member(self) -> _Real:
-        """1 where a channel uses the entries of an owner, (n_owners, n_channels)."""
-        owners = np.arange(int(self.owner.max()) + 1)
-        return np.asarray(owners[:, None] == self.owner, dtype=np.float64)
-
-    def chosen(self, which: NDArray[np.intp]) -> Ties:
-        """Return the ties in some of the modes."""
-        return Ties(self.owner, self.sign[:, which])
-
-    def spread(self, shapes: _Complex) -> _Complex:
-        """Return each channel's shapes from those of the owners."""
-        return np.asarray(self.sign * shapes[self.owner])
-
-    def owned(self, shapes: _Complex) -> _Complex:
-        """Return the owners' shapes that are nearest to those of the channels."""
-        members = np.maximum(self.member @ np.abs(self.sign), 1.0)
-        return np.asarray((self.member @ (self.sign * shapes)) / members)
+# The point of a fit -------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """Poles, the shapes of each owner, and the amplitudes of each run that fit best."""
+    """Poles, shapes, and the amplitudes of each run that fit best."""
 
     condensed: Condensed
-    ties: Ties
     shapes: _Complex
-    """Shape (n_owners, m)."""
+    """Shape (n_channels, m)."""
     amplitudes: _Complex
     """Shape (n_runs, m)."""
     inverse: _Real
@@ -301,11 +255,6 @@ class Point:
     def poles(self) -> _Complex:
         """One of each conjugate pair, and real ones, rad/s, (m,)."""
         return self.condensed.poles
-
-    @property
-    def channel_shapes(self) -> _Complex:
-        """Entries in each channel, (n_channels, m)."""
-        return self.ties.spread(self.shapes)
 
     @property
     def weight(self) -> _Real:
@@ -340,13 +289,12 @@ class Point:
     def without(self, mode: int) -> Point:
         """Return the point without a mode, all amplitudes and shapes fitted anew."""
         kept = np.delete(np.arange(len(self.poles)), mode)
-        shapes = self.channel_shapes[:, kept]
-        return fitted_at(self.condensed.chosen(kept), shapes, self.ties.chosen(kept), 2)
+        return fitted_at(self.condensed.chosen(kept), self.shapes[:, kept], 2)
 
 
-def point_at(condensed: Condensed, ties: Ties, shapes: _Complex, weight: _Real) -> Point:
-    """Return the point of given owners' shapes; `weight`: inverse noise variances."""
-    by_amplitude = _real_parts(condensed.wave * ties.spread(shapes)[:, None])
+def point_at(condensed: Condensed, shapes: _Complex, weight: _Real) -> Point:
+    """Return the point of given shapes; `weight`: inverse noise variances."""
+    by_amplitude = _real_parts(condensed.wave * shapes[:, None])
     weighted = (by_amplitude * weight[:, None, None]).swapaxes(2, 3)
     _, inverse = _roots((weighted @ by_amplitude).sum(axis=1))
     solved, residuals = np.zeros((*inverse.shape[:2], 1)), condensed.values
@@ -356,17 +304,17 @@ def point_at(condensed: Condensed, ties: Ties, shapes: _Complex, weight: _Real) 
         residuals = condensed.values - (by_amplitude @ solved[:, None])[..., 0]
     amplitudes = _complex(solved[..., 0])
     squares = np.einsum("rcp,rcp->c", residuals, residuals) + condensed.beyond
-    return Point(condensed, ties, shapes, amplitudes, inverse, residuals, squares)
+    return Point(condensed, shapes, amplitudes, inverse, residuals, squares)
 
 
-def fitted_at(condensed: Condensed, shapes: _Complex, ties: Ties, sweeps: int = 1) -> Point:
+def fitted_at(condensed: Condensed, shapes: _Complex, sweeps: int = 1) -> Point:
     """Return the point of given poles near some shapes, (n_channels, m).
 
     In each sweep amplitudes and then shapes are fitted by least squares.
     """
     samples = condensed.samples
-    owned = ties.owned(np.where(condensed.poles.imag > 0.0, shapes, shapes.real))
-    point = point_at(condensed, ties, owned, samples.count / samples.power.sum(axis=0))
+    real_of_real = np.where(condensed.poles.imag > 0.0, shapes, shapes.real)
+    point = point_at(condensed, real_of_real, samples.count / samples.power.sum(axis=0))
     for _ in range(sweeps):
         point = _with_best_shapes(point)
     return point
@@ -374,15 +322,12 @@ def fitted_at(condensed: Condensed, shapes: _Complex, ties: Ties, sweeps: int = 
 
 def _with_best_shapes(point: Point) -> Point:
     """Return the point with the shapes that fit its amplitudes best, and their best amplitudes."""
-    condensed, ties = point.condensed, point.ties
-    factors = point.amplitudes[:, None] * ties.sign
-    by_shape = _real_parts(condensed.wave * factors[:, :, None])
-    weighted = (by_shape * point.weight[:, None, None]).swapaxes(2, 3)
-    target = (weighted @ point.residuals[..., None]).sum(axis=0)
-    _, inverse = _roots(np.einsum("oc,rcij->oij", ties.member, weighted @ by_shape))
-    along = np.einsum("oc,cij->oij", ties.member, target)
-    step = _complex((inverse @ (inverse.swapaxes(1, 2) @ along))[..., 0])
-    return point_at(condensed, ties, point.shapes + step, point.weight)
+    by_shape = _real_parts(point.condensed.wave * point.amplitudes[:, None, None])
+    transposed = by_shape.swapaxes(2, 3)
+    target = (transposed @ point.residuals[..., None]).sum(axis=0)
+    _, inverse = _roots((transposed @ by_shape).sum(axis=0))
+    step = _complex((inverse @ (inverse.swapaxes(1, 2) @ target))[..., 0])
+    return point_at(point.condensed, point.shapes + step, point.weight)
 
 
 # The fit ------------------------------------------------------------------------------------------
@@ -404,7 +349,7 @@ _MAX_GROWTH = 30.0
 
 @dataclass(frozen=True, slots=True)
 class System:
-    """Normal equations of the poles and then the shapes of each owner, N = 2 m (1 + n_owners).
+    """Normal equations of the poles and then of each channel's shapes, N = 2 m (1 + n_channels).
 
     The amplitudes are eliminated.  All have a diagonal of 1; unknowns that are held have zeros.
     """
@@ -427,7 +372,7 @@ class System:
         return float(self.gradient @ self.solved(0.0))
 
     def step(self, damping: float) -> tuple[_Complex, _Complex]:
-        """Return the steps of poles, (m,), and shapes, (n_owners, m)."""
+        """Return the steps of poles, (m,), and shapes, (n_channels, m)."""
         step = self.scale * self.solved(damping)
         poles, *shapes = _complex(step.reshape(-1, 2 * self.n_poles))
         return poles, np.array(shapes)
@@ -448,10 +393,10 @@ class System:
 
 def linearised(point: Point) -> System:
     """Return the normal equations at a point (Gauss-Newton)."""
-    condensed, ties, m, weight = point.condensed, point.ties, len(point.poles), point.weight
-    point = point_at(condensed, ties, point.shapes, weight)
-    each_run = point.amplitudes[:, None]
-    factors = point.channel_shapes, each_run * ties.sign, each_run * point.channel_shapes
+    condensed, m, weight = point.condensed, len(point.poles), point.weight
+    point = point_at(condensed, point.shapes, weight)
+    each_run, n_channels = point.amplitudes[:, None], len(point.shapes)
+    factors = point.shapes, each_run, each_run * point.shapes
     functions = condensed.wave, condensed.wave, condensed.timed
     table = np.concatenate(
         [
@@ -463,28 +408,24 @@ def linearised(point: Point) -> System:
     weighted = (table * weight[:, None, None]).swapaxes(2, 3)
     products, gradients = weighted @ table, (weighted @ point.residuals[..., None])[..., 0]
     amplitude, shape, pole = (slice(start, start + 2 * m) for start in (0, 2 * m, 4 * m))
-    member, n_owners = ties.member, len(ties.member)
-    owners = np.arange(1, 1 + n_owners)
-    border = np.empty((len(products), 2 * m, 1 + n_owners, 2 * m))
+    border = np.empty((len(products), 2 * m, 1 + n_channels, 2 * m))
     border[:, :, 0] = products[:, :, amplitude, pole].sum(axis=1)
-    border[:, :, 1:] = np.einsum("oc,rcij->rioj", member, products[:, :, amplitude, shape])
-    normal = np.zeros((1 + n_owners, 2 * m, 1 + n_owners, 2 * m))
+    border[:, :, 1:] = products[:, :, amplitude, shape].swapaxes(1, 2)
+    normal = np.zeros((1 + n_channels, 2 * m, 1 + n_channels, 2 * m))
+    channels = np.arange(1, 1 + n_channels)
     normal[0, :, 0] = products[:, :, pole, pole].sum(axis=(0, 1))
-    normal[owners, :, owners] = np.einsum("oc,rcij->oij", member, products[:, :, shape, shape])
-    normal[1:, :, 0] = np.einsum("oc,rcij->oij", member, products[:, :, shape, pole])
+    normal[channels, :, channels] = products[:, :, shape, shape].sum(axis=0)
+    normal[1:, :, 0] = products[:, :, shape, pole].sum(axis=0)
     normal[0, :, 1:] = normal[1:, :, 0].transpose(2, 0, 1)
     gradient = np.vstack(
-        [
-            gradients[:, :, pole].sum(axis=(0, 1)),
-            np.einsum("oc,rci->oi", member, gradients[:, :, shape]),
-        ]
+        [gradients[:, :, pole].sum(axis=(0, 1)), gradients[:, :, shape].sum(axis=0)]
     )
     # Amplitudes are eliminated run by run; they are the best ones, and add nothing to the gradient.
     through = point.inverse.swapaxes(1, 2) @ border.reshape(len(border), 2 * m, -1)
     through = through.reshape(-1, gradient.size)
     reduced = normal.reshape(gradient.size, -1) - through.T @ through
     # The largest entry of each shape sets its scale.
-    free = np.ones((1 + n_owners, 2, m), dtype=bool)
+    free = np.ones((1 + n_channels, 2, m), dtype=bool)
     free[1 + np.argmax(np.abs(point.shapes), axis=0), :, np.arange(m)] = False
     _, scale = _unit(normal.reshape(gradient.size, -1))
     scale *= free.ravel()
@@ -502,7 +443,7 @@ class LikelyModes:
     """Covariance of the real and then of the imaginary parts of the poles, (rad/s)^2, shape (2 m, 2
     m)."""
     n_unknowns: int
-    """Number of fitted numbers, without the levels."""
+    """Number of fitted numbers, levels included."""
 
     @property
     def poles(self) -> _Complex:
@@ -512,7 +453,7 @@ class LikelyModes:
     @property
     def shapes(self) -> _Complex:
         """Entries in each channel, (n_channels, m)."""
-        return self.point.channel_shapes
+        return self.point.shapes
 
     @property
     def noise(self) -> _Real:
@@ -541,7 +482,6 @@ def most_likely_modes(
     samples: Samples,
     poles: _Complex,
     shapes: _Complex,
-    ties: Ties | None = None,
     most_steps: int = _STEPS,
     wanted: float = -np.inf,
     settled: float = _SETTLED,
@@ -549,12 +489,11 @@ def most_likely_modes(
     """Fit poles, shapes and amplitudes to all samples at once.
 
     `poles` (m,) rad/s, imaginary parts of at least zero, m >= 1, and `shapes` (n_channels, m):
-    where to start; a real pole stays real.  `ties`: known ties of the shapes.  A step that gains
-    less than `settled` is the last.  After `most_steps`, or as soon as the log-likelihood `wanted`
-    is clearly out of reach, the fit ends unsettled.
+    where to start; a real pole stays real.  A step that gains less than `settled` is the last.
+    After `most_steps`, or as soon as the log-likelihood `wanted` is clearly out of reach, the fit
+    ends unsettled.
     """
-    ties = ties or Ties.none(len(shapes), len(poles))
-    start = point = fitted_at(condense(samples, poles), shapes, ties)
+    start = point = fitted_at(condense(samples, poles), shapes)
     damping = _DAMPING
     system = linearised(point)
     for _ in range(most_steps):
@@ -572,7 +511,9 @@ def most_likely_modes(
         if gain < settled or _REACH * gain < wanted - point.log_likelihood:
             break
     turning = np.where(point.poles.imag > 0.0, 2, 1)
-    n_unknowns = int(np.sum(system.scale > 0.0) + len(point.amplitudes) * turning.sum())
+    n_levels = np.sum(samples.block >= 0)
+    n_motion = np.sum(system.scale > 0.0) + len(point.amplitudes) * turning.sum()
+    n_unknowns = int(n_motion + n_levels)
     covariance = system.pole_covariance() / _share(n_unknowns, samples.count)
     return LikelyModes(point, read_only(covariance), n_unknowns)
 
@@ -592,6 +533,5 @@ def _moved(point: Point, system: System, damping: float) -> Point | None:
     if np.any(poles.imag[is_pair] <= 0.0) or np.any(is_growing):
         return None
     condensed = condense(samples, poles)
-    trial = point_at(condensed, point.ties, point.shapes + by_shapes, point.weight)
-    trial = _with_best_shapes(trial)
+    trial = _with_best_shapes(point_at(condensed, point.shapes + by_shapes, point.weight))
     return trial if trial.log_likelihood >= point.log_likelihood else None

@@ -17,19 +17,15 @@ displacements at once, and a vehicle's dampers make its shapes complex anyway.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from math import ceil
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..model.chi_squared import exceeded_by_chance
 from .modal_likelihood import (
-    FALSE_ALARM,
     LikelyModes,
     Point,
     Samples,
-    Ties,
     condense,
     even_blocks,
     fitted_at,
@@ -114,7 +110,7 @@ def _modes(records: Sequence[ArrayLike], rate_hz: float, *, settled: bool) -> Mo
     if model is None:
         few = gathered(even_blocks(_strongest(scaled), rate_hz))
         start = _best_start(spaces, few, max(len(decay) for decay in scaled) / rate_hz)
-        poles, shapes = start.poles, start.channel_shapes
+        poles, shapes = start.poles, start.shapes
         if settled and len(poles):
             samples = gathered(even_blocks(scaled, rate_hz))
             model = likely_modes(samples, poles, shapes, sorting=few).model()
@@ -185,10 +181,7 @@ def _best_start(spaces: Sequence[DelaySpace], samples: Samples, duration_s: floa
             sets.append((poles, shapes))
     nothing = np.zeros(0, complex), np.zeros((len(samples.count), 0), complex)
     sets = sets[:: max(1, ceil(len(sets) / _MOST_SETS))] or [nothing]
-    starts = (
-        fitted_at(condense(samples, poles), shapes, Ties.none(*shapes.shape), sweeps=2)
-        for poles, shapes in sets
-    )
+    starts = (fitted_at(condense(samples, poles), shapes, sweeps=2) for poles, shapes in sets)
     return _without_needless(max(starts, key=lambda start: start.merit))
 
 
@@ -209,58 +202,40 @@ def _without_needless(point: Point, least: int = 0) -> Point:
 # may also give poles that only follow noise; without them the likelihood falls by no more than
 # noise explains.  Poles that are copies of one mode are merged (`identify.modes.modal_model`).
 
-Start = tuple[NDArray[np.complex128], NDArray[np.complex128], Ties]
-"""Poles (m,), shapes (n_channels, m) and their ties."""
-
 
 def likely_modes(
     samples: Samples,
     poles: NDArray[np.complex128],
     shapes: NDArray[np.complex128],
-    ties: Ties | None = None,
     sorting: Samples | None = None,
     most: int = 1000,
 ) -> LikelyModes:
     """Return the set of modes with the highest merit near a given one.
 
-    `samples`: from `gathered`; levels are fitted if that raises the merit.  `poles` (m,) and
-    `shapes` (n_channels, m): the set to start from, with real poles; m >= 1.  `ties`: known ties;
-    an added mode has the kind of the mode that hid it.  `sorting`: fewer samples of the same
-    motion, in which copies show; `samples` by default.  `most`: so many modes hide no further one.
+    `samples`: from `gathered`.  `poles` (m,) and `shapes` (n_channels, m): the set to start from,
+    with real poles; m >= 1.  `sorting`: fewer samples of the same motion, in which copies show;
+    `samples` by default.  `most`: so many modes hide no further one.
     """
     sorting = sorting or samples
     first = originals(poles, shapes)
-    ties = ties or Ties.none(*shapes.shape)
-    start = poles[first], shapes[:, first], ties.chosen(first)
+    start = poles[first], shapes[:, first]
     for _ in range(_SORTING_FITS):
         modes = most_likely_modes(sorting, *start, _SORTING_STEPS)
         needed = _without_needless(modes.point, 1)
-        start = needed.poles, needed.channel_shapes, needed.ties
-        kept = originals(*start[:2], needed.amplitudes)
-        start = start[0][kept], start[1][:, kept], start[2].chosen(kept)
+        kept = originals(needed.poles, needed.shapes, needed.amplitudes)
+        start = needed.poles[kept], needed.shapes[:, kept]
         if len(kept) == len(modes.poles):
             break
-    held = [block for block in samples.blocks if not block.free_level]
-    if held:
-        floating = gathered([replace(block, free_level=True) for block in samples.blocks])
-        gains = [
-            fitted_at(condense(each, start[0]), *start[1:]).log_likelihood
-            for each in (floating, samples)
-        ]
-        n_levels = sum(block.values[0].size for block in held)
-        if gains[0] - gains[1] > exceeded_by_chance(n_levels, FALSE_ALARM):
-            samples = floating
-            sorting = gathered([replace(block, free_level=True) for block in sorting.blocks])
     best = most_likely_modes(samples, *start, settled=_ROUGH)
     while len(kept := _originals(best)) < len(best.poles):
-        best = most_likely_modes(samples, *_chosen(best, kept), settled=_ROUGH)
+        best = most_likely_modes(samples, best.poles[kept], best.shapes[:, kept], settled=_ROUGH)
     for _ in range(_MOST_SPLITS):
         if np.sum(vibrates(best.poles)) >= most:
             break
         more = most_likely_modes(sorting, *_split(best), _SORTING_STEPS)
         if len(_originals(more)) < len(more.poles):
             break
-        trial = _better(best, _chosen(more, np.arange(len(more.poles))))
+        trial = _better(best, more.poles, more.shapes)
         if trial is None or len(_originals(trial)) < len(trial.poles):
             break
         best = trial
@@ -268,42 +243,36 @@ def likely_modes(
         mode, cost = best.point.least_needed()
         if cost > _NEEDED * samples.gain_by_noise(best.poles[[mode]]):
             break
-        trial = _better(best, _chosen(best, np.delete(np.arange(len(best.poles)), mode)))
+        trial = _better(best, np.delete(best.poles, mode), np.delete(best.shapes, mode, axis=1))
         if trial is None:
             break
         best = trial
-    return most_likely_modes(samples, *_chosen(best, np.arange(len(best.poles))))
+    return most_likely_modes(samples, best.poles, best.shapes)
 
 
 def _originals(modes: LikelyModes) -> NDArray[np.intp]:
     return originals(modes.poles, modes.shapes, modes.point.amplitudes)
 
 
-def _chosen(modes: LikelyModes, which: NDArray[np.intp]) -> Start:
-    return modes.poles[which], modes.shapes[:, which], modes.point.ties.chosen(which)
-
-
-def _better(modes: LikelyModes, start: Start) -> LikelyModes | None:
+def _better(
+    modes: LikelyModes, poles: NDArray[np.complex128], shapes: NDArray[np.complex128]
+) -> LikelyModes | None:
     """Return the modes from another start; None if their merit is not above that of some modes."""
     samples = modes.point.condensed.samples
-    wanted = modes.point.merit + samples.gain_by_noise(start[0])
-    trial = most_likely_modes(samples, *start, wanted=wanted, settled=_ROUGH)
+    wanted = modes.point.merit + samples.gain_by_noise(poles)
+    trial = most_likely_modes(samples, poles, shapes, wanted=wanted, settled=_ROUGH)
     return trial if trial.point.log_likelihood > wanted else None
 
 
-def _split(modes: LikelyModes) -> Start:
+def _split(modes: LikelyModes) -> Poles:
     """Return the modes with a second one next to the mode that hides it best."""
-    poles, ties = modes.poles, modes.point.ties
     residuals = modes.point.residuals / modes.noise[:, None]
     slope = modes.point.condensed.timed
     size = np.linalg.norm(slope, axis=2, keepdims=True) + np.finfo(float).tiny  # may decay at once
-    pattern = np.einsum("rcpm,rcp->mcr", (slope / size).conj(), residuals)
-    u, strength, _ = np.linalg.svd(pattern * np.abs(ties.sign.T)[..., None])
-    hiding = int(np.argmax(np.where(poles.imag > 0.0, strength[:, 0], -1.0)))
+    u, strength, _ = np.linalg.svd(np.einsum("rcpm,rcp->mcr", (slope / size).conj(), residuals))
+    hiding = int(np.argmax(np.where(modes.poles.imag > 0.0, strength[:, 0], -1.0)))
     shape = u[hiding, :, 0] * modes.noise
-    added = _chosen(modes, np.array([hiding]))
     return (
-        np.append(poles, added[0] * _DETUNED),
+        np.append(modes.poles, modes.poles[hiding] * _DETUNED),
         np.column_stack([modes.shapes, shape / np.linalg.norm(shape)]),
-        Ties(ties.owner, np.hstack([ties.sign, added[2].sign])),
     )

@@ -21,7 +21,6 @@ from identify.modes.modal_likelihood import (
     Point,
     Samples,
     System,
-    Ties,
     gathered,
     most_likely_modes,
 )
@@ -45,13 +44,11 @@ PUBLISHED_BOUND = [
 ]
 
 
-def block(rate_hz: float, runs: list[Array], free_level: bool = False) -> Block:
+def block(rate_hz: float, runs: list[Array]) -> Block:
     """Return runs of one length, each (n, n_channels)."""
     n, n_channels = runs[0].shape
     values = np.stack(runs, axis=1)
-    return Block(
-        np.arange(n) / rate_hz, values, np.arange(len(runs)), np.arange(n_channels), free_level
-    )
+    return Block(np.arange(n) / rate_hz, values, np.arange(len(runs)), np.arange(n_channels))
 
 
 def of_arrays(seed: int, cases: tuple[Excitation, ...]) -> ModalModel:
@@ -62,7 +59,6 @@ def of_arrays(seed: int, cases: tuple[Excitation, ...]) -> ModalModel:
 def of_sensors(seed: int, cases: tuple[Excitation, ...]) -> ModalModel:
     records = paper_records(200.0, 30.0, seed, cases, MASS_STATES[:1])
     sensed = sensed_modes(records, [record.decay(0.3 + 1e-9) for record in records])
-    assert sensed.mirrored
     return sensed.model
 
 
@@ -121,7 +117,7 @@ def test_all_seven_modes_at_30_db_to_the_bound(
 
 
 def test_deviations_are_those_of_the_information_matrix() -> None:
-    """Two modes, two channels, one of them with an offset of its own; Jacobian by differences."""
+    """Two modes, two channels with offsets of their own; Jacobian by differences."""
     rng = np.random.default_rng(0)
     poles = oscillators([1.0, 1.3], [0.05, 0.1])
     shapes = np.array([[1.0, 0.6j], [0.5, -1.0]])
@@ -133,7 +129,7 @@ def test_deviations_are_those_of_the_information_matrix() -> None:
         s = np.array([[1.0, x[4] + 1j * x[5]], [x[6] + 1j * x[7], -1.0]])
         q = (x[8:12] + 1j * x[12:16]).reshape(2, 2)
         wave = np.exp(np.outer(time, p))
-        level = [[0.0, x[16]], [0.0, x[17]]]
+        level = x[16:].reshape(2, 2)
         runs = [((wave * q[r]) @ s.T).real + level[r] for r in range(2)]
         return np.hstack(runs).ravel()
 
@@ -146,7 +142,7 @@ def test_deviations_are_those_of_the_information_matrix() -> None:
             amplitudes.imag.ravel(),
         ]
     )
-    x = np.append(x, [0.4, -0.2])
+    x = np.append(x, [0.4, -0.2, 1.0, 0.1])
     step = 1e-6
     jacobian = np.array(
         [(model(x + step * e) - model(x - step * e)) / (2.0 * step) for e in np.eye(len(x))]
@@ -159,7 +155,7 @@ def test_deviations_are_those_of_the_information_matrix() -> None:
     series, runs = values.reshape(-1, 2, 2), np.arange(2)
     blocks = [
         Block(time, series[..., :1], runs, np.array([0])),
-        Block(time, series[..., 1:], runs, np.array([1]), free_level=True),
+        Block(time, series[..., 1:], runs, np.array([1])),
     ]
     found = most_likely_modes(gathered(blocks), poles * (1.0 + 0.02j), shapes)
     std = np.sqrt(np.diag(found.pole_covariance))
@@ -181,19 +177,6 @@ def test_the_noise_of_few_samples_counts_what_the_fit_took_out_of_them() -> None
         )
     # 100 variances of some 18 degrees of freedom each: their mean is right to 3 %.
     assert np.sqrt(np.mean(squares)) == pytest.approx(0.1, rel=0.06)
-
-
-def test_ties_hold_shapes_alike_opposite_and_zero() -> None:
-    rng = np.random.default_rng(1)
-    poles = oscillators([1.0, 1.02], [0.05, 0.06])
-    shapes = np.array([[1.0, 1.0], [1.0, -1.0], [0.3, 0.0]], dtype=complex)
-    record = free_decay(poles, shapes, np.array([1.0, 0.8j]), 50.0, 6.0)
-    record = record + 0.01 * rng.standard_normal(record.shape)
-    ties = Ties(np.array([0, 0, 1]), np.array([[1.0, 1.0], [1.0, -1.0], [1.0, 0.0]]))
-    tied = most_likely_modes(gathered([block(50.0, [record])]), poles * 1.01, shapes, ties)
-    assert np.abs(tied.poles / poles - 1.0).max() < 0.01
-    np.testing.assert_array_equal(tied.shapes[1], tied.shapes[0] * [1.0, -1.0])
-    assert tied.shapes[2, 1] == 0.0
 
 
 def test_noise_free_modes_have_no_deviation_and_those_of_a_matrix_have_none_stated() -> None:
@@ -253,12 +236,12 @@ POLES = oscillators([2.0, 5.0], [0.05, 0.04])
 SHAPES = np.array([[1.0, 1.0], [0.5, -1.0]], dtype=complex)
 
 
-def beside(weak: float, level: float = 0.0, free_level: bool = True) -> Samples:
+def beside(weak: float) -> Samples:
     """Return two runs of 200 samples of two channels: a strong mode, noise of 1, a weak mode."""
     rng = np.random.default_rng(11)
     runs = [free_decay(POLES, SHAPES, np.array([a, weak * a]), 50.0, 4.0) for a in (30.0, 20.0j)]
-    values = np.hstack(runs) + rng.standard_normal((200, 4)) + level
-    return gathered([block(50.0, [values[:, :2], values[:, 2:]], free_level)])
+    values = np.hstack(runs) + rng.standard_normal((200, 4))
+    return gathered([block(50.0, [values[:, :2], values[:, 2:]])])
 
 
 @pytest.mark.parametrize(("weak", "gain", "modes"), [(0.03635, 40.0, 1), (0.03712, 41.4, 2)])
@@ -272,38 +255,23 @@ def test_a_mode_stays_that_gains_more_than_noise_does(weak: float, gain: float, 
     assert len(likely_modes(samples, POLES, SHAPES).poles) == modes
 
 
-@pytest.mark.parametrize(("size", "gain", "fitted"), [(0.1315, 17.9, False), (0.1355, 18.9, True)])
-def test_levels_are_fitted_where_chance_gains_less_in_999_of_1000(
-    size: float, gain: float, fitted: bool
-) -> None:
-    """Four levels: chi-squared of 18.47."""
-    samples = beside(0.0, size, free_level=False)
-    start = POLES[:1], SHAPES[:, :1]
-    plain = most_likely_modes(samples, *start).point.log_likelihood
-    free = most_likely_modes(beside(0.0, size), *start).point.log_likelihood
-    assert free - plain == pytest.approx(gain, abs=0.3)
-    found = likely_modes(samples, *start).point.log_likelihood
-    assert found == pytest.approx(free if fitted else plain, abs=1e-3)
+def test_real_poles_count_fewer_numbers() -> None:
+    """A pair and a real pole, one run, three channels.
 
-
-def test_real_poles_and_ties_count_fewer_numbers() -> None:
-    """A pair and a real pole, one run, three channels of which two move alike.
-
-    Pole 2 and 1, amplitudes 2 and 1 that set the scales, shapes of two owners 4 and 2.
+    Pole 2 and 1, amplitudes 2 and 1 that set the scales, further shapes 4 and 2, levels 3.
     """
     rng = np.random.default_rng(7)
     poles = np.append(oscillators([2.0], [0.1]), -3.0)
     shapes = np.array([[1.0, 1.0], [1.0, 1.0], [0.5, -1.0]], dtype=complex)
     record = free_decay(poles, shapes, np.array([1.0, 0.5]), 50.0, 3.0)
     record = record + 0.01 * rng.standard_normal(record.shape)
-    ties = Ties(np.array([0, 0, 1]), np.ones((3, 2)))
-    found = most_likely_modes(gathered([block(50.0, [record])]), poles, shapes, ties)
-    assert found.n_unknowns == 3 + 6
+    found = most_likely_modes(gathered([block(50.0, [record])]), poles, shapes)
+    assert found.n_unknowns == 3 + 3 + 6 + 3
     assert found.poles[1].imag == 0.0
     assert found.poles == pytest.approx(poles, rel=0.05)
 
 
-# A mode that hides beside another is found, in every unit and under ties --------------------------
+# A mode that hides beside another is found, in every unit -----------------------------------------
 
 THREE = oscillators([2.0, 5.0, 5.15], [0.03, 0.02, 0.025])
 THREE_SHAPES = np.array([[1.0, 1.0, 0.6], [0.5, -0.7, 1.0], [-0.4, 0.3, 0.5]], dtype=complex)
@@ -317,7 +285,7 @@ def of_three(
     rng = np.random.default_rng(12)
     runs = [free_decay(poles, shapes, q, 40.0, 5.0) for q in AMPLITUDES]
     noisy = [(run + noise * rng.standard_normal(run.shape)) * unit for run in runs]
-    return gathered([block(40.0, noisy, free_level=True)])
+    return gathered([block(40.0, noisy)])
 
 
 def in_order(found: LikelyModes) -> tuple[NDArray[np.complex128], NDArray[np.intp]]:
@@ -338,17 +306,6 @@ def test_modes_that_hide_are_found_beside_those_that_are_seen(
     assert poles == pytest.approx(THREE, rel=5e-3)
     shapes = found.shapes[:, order] / unit[:, None]
     assert shapes / shapes[0] == pytest.approx(THREE_SHAPES / THREE_SHAPES[0], abs=0.1)
-
-
-def test_a_hidden_mode_has_the_kind_of_the_mode_that_hid_it() -> None:
-    """Two equal channels and one in the middle; the hidden mode is symmetric as its neighbour."""
-    alike = np.array([[1.0, 1.0, 0.6], [-1.0, 1.0, 0.6], [0.0, 0.3, -0.5]], dtype=complex)
-    ties = Ties(np.array([0, 0, 1]), np.array([[1.0, 1.0], [-1.0, 1.0], [0.0, 1.0]]))
-    samples = of_three(THREE, alike, np.full(3, 0.01), np.ones(3))
-    found = likely_modes(samples, THREE[:2], alike[:, :2], ties)
-    poles, order = in_order(found)
-    assert poles == pytest.approx(THREE, rel=5e-3)
-    assert found.point.ties.sign[:, order].tolist() == [[1, 1, 1], [-1, 1, 1], [0, 1, 1]]
 
 
 @pytest.mark.parametrize("first", [0, 1])

@@ -1,4 +1,4 @@
-"""Modes from sensors with clocks of their own, symmetric or antisymmetric where sides are alike."""
+"""Modes from sensors with clocks of their own."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from daq.channels import TIME_DERIVATIVE, Channel, Quantity, paper_channels
+from daq.channels import TIME_DERIVATIVE, Channel, Quantity
 from daq.runs import Excitation
 from daq.vehicle import FORD_GRANADA, Corner
 from dbc.words import InputError
@@ -18,7 +18,7 @@ from identify.model.response import Bump, Response, exact_response
 from identify.modes.modal_model import ModalModel, displacement_shapes, mac, modes_of, sensor_rows
 from identify.modes.mode_selection import regression_modes
 from identify.modes.state_variable_method import StabilisationDiagram
-from identify.modes.vehicle_modes import SensedModes, mirror_of, sensed_modes, vehicle_diagram
+from identify.modes.vehicle_modes import SensedModes, sensed_modes, vehicle_diagram
 
 from ..structures import free_decay, oscillators
 
@@ -117,7 +117,6 @@ def assert_modes(found: ModalModel, model: PhysicalModel, within: float) -> None
 def test_clocks_of_their_own_cost_no_accuracy() -> None:
     for seed in range(2):
         sensed = modes_from(campaign(GRANADA, 30.0, seed))
-        assert sensed.mirrored
         assert_modes(displacements(sensed), GRANADA, 1.6)
         assert sensed.model.frequency_std_hz.max() < 0.03
 
@@ -130,10 +129,9 @@ def test_without_noise_no_interpolation_shows() -> None:
     assert np.diag(mac(found.shapes, truth.shapes)).min() > 1.0 - 1e-9
 
 
-def test_unequal_dampers_are_not_forced_into_symmetry() -> None:
+def test_unequal_dampers_have_their_own_shapes() -> None:
     model = with_damper(0.03)
     sensed = modes_from(campaign(model, 40.0, 1))
-    assert not sensed.mirrored
     assert_modes(displacements(sensed), model, 1.6)
 
 
@@ -281,61 +279,3 @@ def test_regression_alone_finds_a_real_pole_beside_a_mode() -> None:
     found = regression_modes([record + 1e-3 * rng.standard_normal(record.shape)], 60.0)
     assert found.poles.imag.min() == 0.0
     assert np.abs(found.poles[:, None] / poles - 1.0).min(axis=0).max() < 0.05
-
-
-# Mirror images of sensors -------------------------------------------------------------------------
-
-
-def body(name: str, x_m: float, y_m: float) -> Channel:
-    return Channel(name, Quantity.BODY_ACCELERATION, "m/s2", x_m=x_m, y_m=y_m)
-
-
-def test_the_papers_channels_pair_up() -> None:
-    mirror = mirror_of(paper_channels())
-    assert list(mirror.image) == [0, 1, 2, 4, 3, 6, 5]
-    assert list(mirror.sign) == [1, 1, -1, 1, 1, 1, 1]
-    half = np.sqrt(0.5)
-    np.testing.assert_allclose(
-        mirror.combinations(-1.0),
-        [[0, 0, 1, 0, 0, 0, 0], [0, 0, 0, half, -half, 0, 0], [0, 0, 0, 0, 0, half, -half]],
-    )
-    assert len(mirror.combinations(1.0)) == 4
-    ties = mirror.ties(np.array([1.0, -1.0]))
-    np.testing.assert_array_equal(
-        ties.sign, [[1, 0], [1, 0], [0, 1], [1, 1], [1, -1], [1, 1], [1, -1]]
-    )
-    assert list(ties.owner) == [0, 1, 2, 3, 3, 4, 4]
-
-
-def test_body_sensors_pair_by_place_and_a_lone_one_is_free() -> None:
-    channels = (
-        body("left", -1.0, 0.5),
-        body("right", -1.0, -0.5),
-        body("middle", -2.0, 0.0),
-        body("lone", -2.0, 0.4),
-        Channel("fl", Quantity.HUB_ACCELERATION, "m/s2", corner=Corner.FRONT_LEFT),
-        Channel("fr", Quantity.SUSPENSION_TRAVEL, "m", corner=Corner.FRONT_RIGHT),
-    )
-    mirror = mirror_of(channels)
-    assert list(mirror.image) == [1, 0, 2, -1, -1, -1]
-    np.testing.assert_array_equal(mirror.ties(np.array([-1.0])).sign.ravel(), [1, -1, 0, 1, 1, 1])
-
-
-def test_the_image_of_a_sensor_at_the_cg_is_at_the_cg() -> None:
-    """The place of the CG is unknown: a sensor at the stated origin is not beside it."""
-    at_cg = Channel("cg", Quantity.BODY_ACCELERATION, "m/s2", at_cg=True)
-    assert list(mirror_of((at_cg,)).image) == [0]
-    assert list(mirror_of((at_cg, body("origin", 0.0, 0.0))).image) == [0, 1]
-
-
-def test_two_sensors_at_one_place_have_no_certain_image() -> None:
-    mirror = mirror_of((body("one", -1.0, 0.5), body("two", -1.0, 0.5), body("right", -1.0, -0.5)))
-    assert list(mirror.image) == [-1, -1, -1]
-
-
-@pytest.mark.parametrize(("apart_m", "image"), [(0.0049, [1, 0]), (0.0051, [-1, -1])])
-def test_a_mirror_image_is_at_its_place_to_five_millimetres(
-    apart_m: float, image: list[int]
-) -> None:
-    mirror = mirror_of((body("left", -1.0, 0.5), body("right", -1.0 - apart_m, -0.5)))
-    assert list(mirror.image) == image
