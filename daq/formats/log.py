@@ -161,8 +161,7 @@ class Log:
 
     def _batches(self) -> Iterator[FrameBatch]:
         if self._journal is not None:
-            for block in self._journal:
-                self._hops = block.losses
+            for self._hops, block in self._journal:
                 yield block.frames
             return
         with self.paths[0].open("rb") as file:

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import groupby, pairwise
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
@@ -21,76 +20,31 @@ from ..runs import Event
 from .segment import (
     ADVICE,
     ENDED,
-    PATTERNS,
     Block,
-    JournalBlock,
     JournalHead,
     Kind,
     Summary,
-    last_block,
+    end_of,
     read_segment,
     segment_number,
-    session_name,
-    unpack_events,
-    unpack_frames,
-    unpack_head,
 )
 
-RETENTION = "retention"
-"""Code of the event that lists the blocks of its recording that were deleted to make room."""
-_NOTES = 20
-"""Largest number of notes that are given in full in one line."""
+# Finds the recordings in a folder of segments without reading their frames ------------------------
 
 
 @dataclass(frozen=True, slots=True)
-class JournalLoss:
-    """The parts of a journal that are missing.
+class SegmentInfo:
+    """A segment, without its frames.
 
-    `bytes_cut`: bytes at the ends of segments that are no complete block.  `blocks_missing`: blocks
-    between others that are damaged or absent, or found no room.  `notes`: the losses in words, with
-    their files.
+    `writer`: the process that wrote it, as `JournalHead.wall_ns`.  `head`: None if each copy of it
+    is damaged.
     """
 
-    bytes_cut: int = 0
-    blocks_missing: int = 0
-    notes: tuple[str, ...] = ()
-
-    @property
-    def any(self) -> bool:
-        """True if any written data are missing."""
-        return bool(self.bytes_cut or self.blocks_missing)
-
-    @property
-    def text(self) -> str:
-        """The notes on one line, only the first if there are many; empty if there are none."""
-        more = len(self.notes) - _NOTES
-        last = (counted(more, "more note"),) if more > 0 else ()
-        return "; ".join((*self.notes[:_NOTES], *last))
-
-
-@dataclass(frozen=True, slots=True)
-class HopCounts:
-    """Cumulative losses between wire and journal, one row for each block."""
-
-    t_ns: NDArray[np.int64]
-    """Latest time stamp up to the block, ns, shape (m,); never decreases."""
-    counts: NDArray[np.int64]
-    """The fields of `HopLosses`, shape (m, 4)."""
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self, "t_ns", "counts")
-
-    def between(self, start_ns: int, stop_ns: int) -> HopLosses:
-        """Return the losses of all blocks that overlap a span of time, start <= t <= stop.
-
-        A loss belongs to a block, not to a frame, so the span is extended to complete blocks.
-        """
-        before = int(np.searchsorted(self.t_ns, start_ns, side="left")) - 1
-        last = min(int(np.searchsorted(self.t_ns, stop_ns, side="left")), len(self.t_ns) - 1)
-        if last < 0:
-            return HopLosses()
-        lost = self.counts[last] - (self.counts[before] if before >= 0 else 0)
-        return HopLosses(*map(int, lost))
+    path: Path
+    recording: str
+    writer: int
+    head: JournalHead | None
+    summary: Summary
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,10 +74,186 @@ class RecordingInfo:
         """Number of bumps that are runs."""
         return sum(event.code == Code.BUMP for event in self.events)
 
+
+def segments_in(folder: Path) -> tuple[Path, ...]:
+    """Return the segments in a folder, also empty ones, in order of their numbers."""
+    # Until November 2026 the segment being written was an open one.
+    paths = (*folder.glob("journal_*.bbj"), *folder.glob("open_*.bbj"))
+    return tuple(sorted(paths, key=segment_number))
+
+
+def next_segment(folder: Path) -> int:
+    """Return the number of the next segment."""
+    return 1 + max(map(segment_number, segments_in(folder)), default=0)
+
+
+def scan(path: Path, later: SegmentInfo | None = None) -> SegmentInfo:
+    """Return the content of a segment.
+
+    A segment with its proper end has a summary, which makes this fast at any size.  `later`: the
+    next segment with blocks; a block whose sync failed may be in both, and is counted there.
+
+    Raises InputError as `read_segment`, or if no block is whole.
+    """
+    if (end := end_of(path)) is not None:
+        return SegmentInfo(path, end.recording, end.writer, *end.head)
+    blocks, _ = read_segment(path)
+    if not blocks:
+        raise InputError(str(path), "has no whole block of a journal", ADVICE)
+    first = blocks[0]
+    heads = [block.head[0] for block in blocks if block.kind == Kind.HEAD]
+    kept = [block for block in blocks if block.kind in (Kind.EVENTS, Kind.FRAMES)]
+    if later is not None and later.recording == first.recording:
+        kept = [block for block in kept if block.number < later.summary.first]
+    summary = Summary(first.number, first.number).extended(kept)
+    return SegmentInfo(path, first.recording, first.writer, heads[-1] if heads else None, summary)
+
+
+def _scanned(newest_first: Iterable[Path]) -> Iterator[SegmentInfo | InputError]:
+    """Yield the content of segments, or the reasons why they cannot be read."""
+    later = None
+    for path in newest_first:
+        try:
+            info = scan(path, later)
+        except InputError as error:  # from another program, or deleted meanwhile
+            yield error
+            continue
+        if info.summary.stop > info.summary.first:
+            later = info
+        yield info
+
+
+def _recording(infos: Sequence[SegmentInfo]) -> RecordingInfo | None:
+    """Return the recording of segments, which must be in order; None if none has a head."""
+    head = next((info.head for info in infos if info.head), None)
+    if head is None:
+        return None
+    stamped = [info.summary for info in infos if info.summary.frames]
+    return RecordingInfo(
+        replace(head, wall_ns=infos[0].writer),
+        tuple(info.path for info in infos),
+        max(info.summary.stop for info in infos),
+        sum(summary.frames for summary in stamped),
+        stamped[0].first_ns if stamped else 0,
+        max((summary.last_ns for summary in stamped), default=0),
+        tuple(event for info in infos for _, event in info.summary.events),
+    )
+
+
+def _newest_first(folder: Path) -> Iterator[RecordingInfo]:
+    """Yield recordings one by one, because a folder may have thousands of segments."""
+    scanned = _scanned(reversed(segments_in(folder)))
+    infos = (info for info in scanned if isinstance(info, SegmentInfo))
+    for _, group in groupby(infos, key=lambda info: info.recording):
+        if recording := _recording(list(group)[::-1]):
+            yield recording
+
+
+def recordings(folder: Path) -> tuple[RecordingInfo, ...]:
+    """Return the recordings in a folder, the oldest first; what cannot be read is left out."""
+    return tuple(_newest_first(folder))[::-1]
+
+
+def last_recording(folder: Path) -> RecordingInfo | None:
+    """Return the newest recording in a folder; None if there is none."""
+    return next(_newest_first(folder), None)
+
+
+def last_campaign(folder: Path) -> RecordingInfo | None:
+    """Return the newest recording in a folder that is a campaign; None if there is none."""
+    return next((each for each in _newest_first(folder) if each.head.campaign), None)
+
+
+def recordings_of(segments: Sequence[Path]) -> tuple[RecordingInfo, ...]:
+    """Return the recordings of these segments, the oldest first.
+
+    A file that cannot be read, or whose recording has no head, is the last of the recording before
+    it, so that a reader counts what is lost with it.  Raises InputError if none can be read.
+    """
+    fault = InputError("journal", "holds no recording with a bench.toml and DBC", ADVICE)
+    groups: dict[str, list[SegmentInfo]] = {}
+    for info in _scanned(sorted(segments, key=segment_number, reverse=True)):
+        if isinstance(info, InputError):
+            fault = info
+        else:
+            groups.setdefault(info.recording, []).insert(0, info)
+    found = [recording for infos in groups.values() if (recording := _recording(infos))][::-1]
+    if not found:
+        raise fault
+    readable = {path for recording in found for path in recording.segments}
+    firsts = [segment_number(recording.segments[0]) for recording in found]
+    for path in sorted(set(segments) - readable, key=segment_number):
+        k = max(0, sum(first < segment_number(path) for first in firsts) - 1)
+        found[k] = replace(found[k], segments=(*found[k].segments, path))
+    return tuple(found)
+
+
+def recording_of(segments: Sequence[Path]) -> RecordingInfo:
+    """Return the recording of these segments; as `recordings_of`.
+
+    Raises InputError also if they belong to several recordings.
+    """
+    one, *others = recordings_of(segments)
+    if others:
+        problem = f"belongs to another recording than {one.segments[0].name}"
+        raise InputError(str(others[0].segments[0]), problem, "read one recording at a time")
+    return one
+
+
+# Reads the blocks of a recording ------------------------------------------------------------------
+
+RETENTION = "retention"
+"""Code of the event that lists the blocks of its recording that were deleted to make room."""
+
+
+@dataclass(frozen=True, slots=True)
+class JournalLoss:
+    """The parts of a journal that are missing.
+
+    `bytes_cut`: bytes at the ends of segments that are no complete block.  `blocks_missing`: blocks
+    between others that are damaged or absent, or found no room.  `notes`: the losses in words, with
+    their files.
+    """
+
+    bytes_cut: int = 0
+    blocks_missing: int = 0
+    notes: tuple[str, ...] = ()
+
     @property
-    def session_name(self) -> str:
-        """Name of its session file."""
-        return session_name(self.head.first_segment)
+    def any(self) -> bool:
+        """True if any written data are missing."""
+        return bool(self.bytes_cut or self.blocks_missing)
+
+    @property
+    def text(self) -> str:
+        """The notes on one line, only the first 20 of many."""
+        more = len(self.notes) - 20
+        return "; ".join(self.notes[:20]) + (f"; {counted(more, 'more note')}" if more > 0 else "")
+
+
+@dataclass(frozen=True, slots=True)
+class HopCounts:
+    """Cumulative losses between wire and journal, one row for each block."""
+
+    t_ns: NDArray[np.int64]
+    """Latest time stamp up to the block, ns, shape (m,); never decreases."""
+    counts: NDArray[np.int64]
+    """The fields of `HopLosses`, shape (m, 4)."""
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self, "t_ns", "counts")
+
+    def between(self, start_ns: int, stop_ns: int) -> HopLosses:
+        """Return the losses of all blocks that overlap a span of time, start <= t <= stop.
+
+        A loss belongs to a block, not to a frame, so the span is extended to complete blocks.
+        """
+        before = int(np.searchsorted(self.t_ns, start_ns, side="left")) - 1
+        last = min(int(np.searchsorted(self.t_ns, stop_ns, side="left")), len(self.t_ns) - 1)
+        if last < 0:
+            return HopLosses()
+        lost = self.counts[last] - (self.counts[before] if before >= 0 else 0)
+        return HopLosses(*map(int, lost))
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,182 +270,12 @@ class JournalContents:
     lost: JournalLoss
 
 
-# Finds the recordings in a folder of segments without reading their frames ------------------------
-
-
-@dataclass(frozen=True, slots=True)
-class SegmentInfo:
-    """A segment, without its frames.
-
-    `writer`: the process that wrote it, as `JournalHead.wall_ns`.  `head`: None if each copy of it
-    is damaged.  `blocks`: of a segment without a proper end, number and frame count of each block
-    of frames, because the last ones may also be in the next segment.
-    """
-
-    path: Path
-    recording: str
-    writer: int
-    head: JournalHead | None
-    summary: Summary
-    blocks: tuple[tuple[int, int], ...] = ()
-
-
-def scan(path: Path) -> SegmentInfo:
-    """Return the content of a segment.
-
-    A segment with its proper end has a summary, which makes this fast at any size.
-
-    Raises InputError as `read_segment`, or if no block is whole.
-    """
-    if (end := last_block(path)) is not None:
-        stated, summary = unpack_head(end.content)
-        assert summary is not None
-        return SegmentInfo(path, end.recording, end.writer, stated, summary)
-    blocks = read_segment(path).blocks
-    if not blocks:
-        raise InputError(str(path), "has no whole block of a journal", ADVICE)
-    heads, first = [unpack_head(b.content)[0] for b in blocks if b.kind == Kind.HEAD], blocks[0]
-    numbers = [b.number for b in blocks if b.kind in (Kind.EVENTS, Kind.FRAMES)]
-    events: list[tuple[int, Event]] = []
-    sizes: list[tuple[int, int]] = []
-    spans_ns: list[int] = []
-    for block in blocks:
-        if block.kind == Kind.EVENTS:
-            events += ((block.number, event) for event in unpack_events(block.content))
-        elif block.kind == Kind.FRAMES and (stored := unpack_frames(block.content)).size:
-            sizes.append((block.number, stored.size))
-            spans_ns += (int(stored.t_ns.min()), int(stored.t_ns.max()))
-    summary = Summary(
-        numbers[0] if numbers else first.number,
-        numbers[-1] + 1 if numbers else first.number,
-        sum(frames for _, frames in sizes),
-        min(spans_ns, default=0),
-        max(spans_ns, default=0),
-        tuple(events),
-    )
-    head = heads[-1] if heads else None
-    return SegmentInfo(path, first.recording, first.writer, head, summary, tuple(sizes))
-
-
-def segments_in(folder: Path) -> tuple[Path, ...]:
-    """Return the segments in a folder, also empty ones, in order of their numbers."""
-    paths = [path for pattern in PATTERNS for path in folder.glob(pattern)]
-    return tuple(sorted(paths, key=segment_number))
-
-
-def next_segment(folder: Path) -> int:
-    """Return the number of the next segment."""
-    return 1 + max(map(segment_number, segments_in(folder)), default=0)
-
-
-def recordings(folder: Path) -> tuple[RecordingInfo, ...]:
-    """Return the recordings in a folder, the oldest first; what cannot be read is left out."""
-    return tuple(_newest_first(folder))[::-1]
-
-
-def recordings_of(segments: Sequence[Path]) -> tuple[RecordingInfo, ...]:
-    """Return the recordings of these segments, the oldest first.
-
-    A file that cannot be read, or whose recording has no head, is the last of the recording before
-    it, so that a reader counts what is lost with it.  Raises InputError if none can be read.
-    """
-    groups: dict[str, list[SegmentInfo]] = {}
-    fault = InputError("journal", "holds no recording with a bench.toml and DBC", ADVICE)
-    in_order = sorted(segments, key=segment_number)
-    for path in in_order:
-        try:
-            info = scan(path)
-            groups.setdefault(info.recording, []).append(info)
-        except InputError as error:
-            fault = error
-    states = [state for group in groups.values() if (state := _state(group))]
-    if not states:
-        raise fault
-    readable = {path for state in states for path in state.segments}
-    for path in (path for path in in_order if path not in readable):
-        firsts = [segment_number(state.segments[0]) for state in states]
-        k = max(0, sum(number < segment_number(path) for number in firsts) - 1)
-        states[k] = replace(states[k], segments=(*states[k].segments, path))
-    return tuple(states)
-
-
-def recording_of(segments: Sequence[Path]) -> RecordingInfo:
-    """Return the recording of these segments; as `recordings_of`.
-
-    Raises InputError also if they belong to several recordings.
-    """
-    one, *others = recordings_of(segments)
-    if others:
-        problem = f"belongs to another recording than {one.segments[0].name}"
-        raise InputError(str(others[0].segments[0]), problem, "read one recording at a time")
-    return one
-
-
-def last_recording(folder: Path) -> RecordingInfo | None:
-    """Return the state of the newest recording in a folder; None if there is none."""
-    return next(_newest_first(folder), None)
-
-
-def last_campaign(folder: Path) -> RecordingInfo | None:
-    """Return the state of the newest recording that is a campaign; None if there is none."""
-    return next((state for state in _newest_first(folder) if state.head.campaign), None)
-
-
-def _newest_first(folder: Path) -> Iterator[RecordingInfo]:
-    """Yield the recordings' states one by one, because a folder may have thousands of segments."""
-
-    def readable() -> Iterator[SegmentInfo]:
-        for path in reversed(segments_in(folder)):
-            with suppress(InputError, OSError):  # from another program, or deleted meanwhile
-                yield scan(path)
-
-    for _, group in groupby(readable(), key=lambda info: info.recording):
-        if state := _state(list(group)[::-1]):
-            yield state
-
-
-def _state(infos: Sequence[SegmentInfo]) -> RecordingInfo | None:
-    """Return the recording of segments, which must be in order; None if none has a head."""
-    head = next((info.head for info in infos if info.head), None)
-    if head is None:
-        return None
-    stamped = [info.summary for info in infos if info.summary.frames]
-    # Blocks whose sync failed are also in the next segment.
-    with_blocks = [info for info in infos if info.summary.stop > info.summary.first]
-    twice = sum(
-        frames
-        for info, after in pairwise(with_blocks)
-        for number, frames in info.blocks
-        if number >= after.summary.first
-    )
-    events: list[Event] = []
-    stop = 0
-    for info in infos:
-        fresh = [(number, event) for number, event in info.summary.events if number >= stop]
-        events += (event for _, event in fresh)
-        stop = max((number + 1 for number, _ in fresh), default=stop)
-    return RecordingInfo(
-        replace(head, wall_ns=infos[0].writer),
-        tuple(info.path for info in infos),
-        max(info.summary.stop for info in infos),
-        sum(info.summary.frames for info in infos) - twice,
-        stamped[0].first_ns if stamped else 0,
-        max(info.summary.last_ns for info in infos),
-        tuple(events),
-    )
-
-
-# Reads the blocks ---------------------------------------------------------------------------------
-
-_ALWAYS = (-(2**63), 2**63 - 1)
-
-
 def read_journal(paths: Sequence[Path]) -> JournalContents:
     """Read all segments of a recording.
 
     `paths`: in any order.  Raises InputError as `recording_of`.
     """
-    contents, (frames,) = read_windows(recording_of(paths), [_ALWAYS])
+    contents, (frames,) = read_windows(recording_of(paths), [(-(2**63), 2**63 - 1)])
     return replace(contents, frames=frames)
 
 
@@ -332,28 +292,26 @@ def read_windows(
     events: list[Event] = []
     rows: list[tuple[int, ...]] = []  # of `HopCounts`
     latest_ns = 0
-    starts_ns, stops_ns = np.array(windows, np.int64).reshape(-1, 2).T
-    for block in reader:
+    for losses, block in reader:
         t_ns = block.t_ns
         events += block.events
         latest_ns = int(t_ns.max(initial=latest_ns))
-        row = (latest_ns, *block.losses)
+        row = (latest_ns, *losses)
         # `HopCounts.between` uses the row before a span and the first one after it.  Because both
         # ends of every level are kept, it returns the same losses.
         if len(rows) >= 2 and rows[-1][1:] == row[1:] == rows[-2][1:]:
-            rows[-1] = row
-        else:
-            rows.append(row)
+            rows.pop()
+        rows.append(row)
         if not len(t_ns):
             continue
-        touched = np.flatnonzero((starts_ns <= t_ns.max()) & (t_ns.min() < stops_ns)).tolist()
+        first_ns, last_ns = int(t_ns.min()), int(t_ns.max())
+        touched = [k for k, (a, b) in enumerate(windows) if a <= last_ns and first_ns < b]
         frames = block.frames if touched else FrameBatch.empty()  # most frames are in no window
         for k in touched:
-            pieces[k].append(frames if windows[k] is _ALWAYS else frames.within([windows[k]]))
+            pieces[k].append(frames.within([windows[k]]))
     table = np.array(rows, np.int64).reshape(-1, 5)
     hops = HopCounts(table[:, 0], table[:, 1:])
-    none = FrameBatch.empty()
-    contents = JournalContents(recording.head, none, tuple(events), hops, reader.lost)
+    contents = JournalContents(recording.head, FrameBatch.empty(), tuple(events), hops, reader.lost)
     joined = []
     while pieces:  # joined one after another, so that not all of them are in memory twice
         joined.append(FrameBatch.concatenate(pieces.pop(0)))
@@ -363,7 +321,8 @@ def read_windows(
 class JournalReader:
     """Iterates once over the blocks of a recording; `lost` is exact after that.
 
-    `head`: that of the recording.
+    `head`: that of the recording.  Yields blocks of frames or events, each with the losses of all
+    processes up to it.
     """
 
     def __init__(self, recording: RecordingInfo) -> None:
@@ -391,7 +350,7 @@ class JournalReader:
             tuple(note for each in lost for note in each.notes),
         )
 
-    def __iter__(self) -> Iterator[JournalBlock]:
+    def __iter__(self) -> Iterator[tuple[HopLosses, Block]]:
         expected, writer = 0, self.head.wall_ns
         losses = before = HopLosses()
         for path in self._segments:
@@ -412,30 +371,27 @@ class JournalReader:
                 self._torn.clear()  # the block that was cut off before is this one
                 expected = block.number + 1
                 if block.kind == Kind.FRAMES:
-                    stored = unpack_frames(block.content)
-                    losses = before.plus(stored.losses)
-                    yield stored._replace(losses=losses)
-                else:
-                    events = unpack_events(block.content)
-                    for event in events:
-                        self._deleted |= set(deleted_blocks(event))
-                    yield JournalBlock(losses, events=events)
+                    losses = before.plus(block.losses)
+                for event in block.events:
+                    self._deleted |= set(deleted_blocks(event))
+                yield losses, block
 
     def _blocks(self, path: Path) -> Iterator[Block]:
         """Yield the numbered blocks of a segment; note what else it holds."""
         try:
-            content = read_segment(path)
+            blocks, torn_bytes = read_segment(path)
         except InputError as error:
             size = path.stat().st_size if path.is_file() else 0
             self._lost.append(JournalLoss(size, notes=(f"{path.name}: {error.what}",)))
             return
-        if any(block.recording != self.head.recording for block in content.blocks):
+        if any(block.recording != self.head.recording for block in blocks):
             note = f"{path.name}: has lost every copy of its bench.toml and DBC"
             self._lost.append(JournalLoss(path.stat().st_size, notes=(note,)))
             return
-        yield from (b for b in content.blocks if b.kind in (Kind.FRAMES, Kind.EVENTS, Kind.END))
-        if content.torn_bytes:
-            self._torn.append(JournalLoss(content.torn_bytes, notes=(content.torn_text,)))
+        yield from (block for block in blocks if block.kind != Kind.HEAD)
+        if torn_bytes:
+            note = f"{path.name}: its last {counted(torn_bytes, 'byte')} are no whole block"
+            self._torn.append(JournalLoss(torn_bytes, notes=(note,)))
 
 
 def deleted_event(t_ns: int, blocks: Sequence[tuple[int, int]], frames: int) -> Event:

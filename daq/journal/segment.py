@@ -25,13 +25,13 @@ from dataclasses import asdict, astuple, dataclass, field, replace
 from enum import IntEnum
 from io import FileIO
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dbc.frames import FrameBatch
-from dbc.words import InputError, counted
+from dbc.words import InputError
 
 from ..bench.campaign import Origin
 from ..bus.source import HopLosses
@@ -47,10 +47,11 @@ HEADER = struct.Struct("<8sIIIQQ16s")
 recording."""
 _CHECKED_FROM = 12
 """Position in a block from which its checksum is calculated, bytes."""
-_FRAMES = struct.Struct("<II4Q")  # frames, payload width, HopLosses
+_FRAMES = struct.Struct("<II4Q")
+"""Number of frames, width of their payloads in bytes, `HopLosses`."""
 _FORMS = {"t_ns": "<i8", "can_id": "<u4", "flags": "<u2", "bus": "u1", "length": "u1"}
 _COLUMNS = tuple((name, np.dtype(form)) for name, form in _FORMS.items())
-_PAYLOADS = {width: np.dtype((np.uint8, width)) for width in (8, 64)}
+"""Columns of frames in the order in which they follow that; the payloads are the last."""
 
 
 class Kind(IntEnum):
@@ -64,46 +65,6 @@ class Kind(IntEnum):
     """The head again and a summary of the segment, whose last block it is."""
 
 
-class Block(NamedTuple):  # a frozen dataclass takes four times as long to make
-    """A block whose checksum matches.
-
-    `number`: in the recording; of a head or an end that of the next block.  `writer`: the process
-    that wrote it, as `JournalHead.wall_ns`.  `recording`: its identity.  `content`: the bytes after
-    the header.
-    """
-
-    kind: int
-    number: int
-    writer: int
-    recording: str
-    content: bytes | memoryview
-
-
-def pack_block(block: Block) -> bytes:
-    """Return a block as it is stored."""
-    identity = bytes.fromhex(block.recording)
-    header = HEADER.pack(
-        MAGIC, 0, block.kind, len(block.content), block.number, block.writer, identity
-    )
-    crc = zlib.crc32(block.content, zlib.crc32(header[_CHECKED_FROM:]))
-    return b"".join((MAGIC, crc.to_bytes(4, "little"), header[_CHECKED_FROM:], block.content))
-
-
-def block_at(data: memoryview, offset: int) -> Block | None:
-    """Return the block that begins at an offset; None if none does, or a bit of it was changed."""
-    header = data[offset : offset + HEADER.size]
-    if len(header) < HEADER.size or header[: len(MAGIC)] != MAGIC:
-        return None
-    _, crc, kind, length, number, writer, identity = HEADER.unpack(header)
-    stored = data[offset : offset + HEADER.size + length]
-    if len(stored) < HEADER.size + length or zlib.crc32(stored[_CHECKED_FROM:]) != crc:
-        return None
-    return Block(kind, number, writer, identity.hex(), stored[HEADER.size :])
-
-
-# Contents of blocks -------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True, slots=True)
 class JournalHead:
     """The facts on a recording that each of its segments states.
@@ -111,9 +72,9 @@ class JournalHead:
     `bench_text`, `dbc_text`: bench.toml and DBC in full.  `software`: name and version of the
     writer.  `wall_ns`, `monotonic_ns`: the host's clocks, read together when the recording was
     begun or resumed.  `recording`: its identity, 32 hexadecimal digits, kept when it is resumed.
-    `first_segment`: number of its first segment, which names the session file, also after that
-    segment was deleted.  `campaign`: False for a recording between two campaigns, which has no
-    runs.  `origin`: of the frames, a value of `Origin`.
+    `first_segment`: number of its first segment, also after that was deleted.  `campaign`: False
+    for a recording between two campaigns, which has no runs.  `origin`: of the frames, a value of
+    `Origin`.
     """
 
     bench_text: str
@@ -125,6 +86,11 @@ class JournalHead:
     first_segment: int = 1
     campaign: bool = True
     origin: str = Origin.REAL
+
+    @property
+    def session_name(self) -> str:
+        """Name of the recording's session file."""
+        return f"session_{self.first_segment:04d}.h5"
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,95 +109,100 @@ class Summary:
     last_ns: int = 0
     events: tuple[tuple[int, Event], ...] = ()
 
-
-def pack_head(head: JournalHead, summary: Summary | None = None) -> bytes:
-    """Return the content of a block of kind HEAD or, with a summary, END."""
-    if summary is None:
-        return json.dumps(asdict(head)).encode()
-    events = [[number, *astuple(event)] for number, event in summary.events]
-    return json.dumps({**asdict(head), "summary": {**asdict(summary), "events": events}}).encode()
-
-
-def unpack_head(content: bytes | memoryview) -> tuple[JournalHead, Summary | None]:
-    """Return the head in a block of kind HEAD or END, and the summary of the latter."""
-    fields = json.loads(bytes(content))
-    summary = fields.pop("summary", None)
-    if summary is not None:
-        events = tuple((number, Event(*event)) for number, *event in summary.pop("events"))
-        summary = Summary(**summary, events=events)
-    return JournalHead(**fields), summary
+    def extended(self, blocks: Sequence[Block]) -> Summary:
+        """Return the summary with more blocks of frames or events, in order."""
+        if not blocks:
+            return self
+        stamps_ns = [block.t_ns for block in blocks if block.size]
+        firsts_ns = [int(t_ns.min()) for t_ns in stamps_ns]
+        return Summary(
+            self.first if self.stop > self.first else blocks[0].number,
+            blocks[-1].number + 1,
+            self.frames + sum(map(len, stamps_ns)),
+            min([*firsts_ns, self.first_ns] if self.frames else firsts_ns, default=0),
+            max((int(t_ns.max()) for t_ns in stamps_ns), default=self.last_ns),
+            (*self.events, *((block.number, event) for block in blocks for event in block.events)),
+        )
 
 
-def pack_events(events: Sequence[Event]) -> bytes:
-    """Return the content of a block of kind EVENTS."""
-    return json.dumps([astuple(event) for event in events]).encode()
+class Block(NamedTuple):  # a frozen dataclass takes four times as long to make
+    """A block whose checksum matches.
 
-
-def unpack_events(content: bytes | memoryview) -> tuple[Event, ...]:
-    """Return the events in a block of kind EVENTS."""
-    return tuple(Event(*fields) for fields in json.loads(bytes(content)))
-
-
-def pack_frames(frames: FrameBatch, losses: HopLosses) -> bytes:
-    """Return the content of a block of kind FRAMES; `losses`: counted up to it."""
-    return b"".join(
-        [
-            _FRAMES.pack(len(frames), frames.data.shape[1], *losses),
-            *(getattr(frames, name).astype(form).tobytes() for name, form in _COLUMNS),
-            frames.data.tobytes(),
-        ]
-    )
-
-
-class JournalBlock(NamedTuple):
-    """A block of a recording as read: `size` frames, unpacked only on access, or `events`.
-
-    `losses`: counted up to the block.  `content`: from `pack_frames`; empty if it holds events.
+    `number`: in the recording; of a head or an end that of the next block.  `writer`: the process
+    that wrote it, as `JournalHead.wall_ns`.  `recording`: its identity.  `content`: the bytes after
+    the header.
     """
 
-    losses: HopLosses
-    size: int = 0
-    content: bytes | memoryview = b""
-    events: tuple[Event, ...] = ()
+    kind: int
+    number: int
+    writer: int
+    recording: str
+    content: bytes | memoryview
+
+    @property
+    def stored(self) -> bytes:
+        """The block as it is stored."""
+        header = HEADER.pack(
+            MAGIC,
+            0,
+            self.kind,
+            len(self.content),
+            self.number,
+            self.writer,
+            bytes.fromhex(self.recording),
+        )[_CHECKED_FROM:]
+        crc = zlib.crc32(self.content, zlib.crc32(header))
+        return b"".join((MAGIC, crc.to_bytes(4, "little"), header, self.content))
+
+    @property
+    def size(self) -> int:
+        """Number of its frames."""
+        return int(_FRAMES.unpack_from(self.content)[0]) if self.kind == Kind.FRAMES else 0
+
+    @property
+    def losses(self) -> HopLosses:
+        """Losses that the process which wrote this block of frames has counted up to it."""
+        return HopLosses(*_FRAMES.unpack_from(self.content)[2:])
 
     @property
     def t_ns(self) -> NDArray[np.int64]:
-        """Time stamps of the frames, ns, shape (size,)."""
+        """Time stamps of its frames, ns, shape (size,)."""
         if not self.size:
             return np.zeros(0, np.int64)
         return np.frombuffer(self.content, "<i8", self.size, _FRAMES.size)
 
     @property
     def frames(self) -> FrameBatch:
-        """The frames."""
+        """Its frames, unpacked at each access."""
         if not self.size:
             return FrameBatch.empty()
-        width = _FRAMES.unpack_from(self.content)[1]
+        size, width, *_ = _FRAMES.unpack_from(self.content)
         columns, begin = {}, _FRAMES.size
-        for name, form in (*_COLUMNS, ("data", _PAYLOADS[width])):
+        for name, form in (*_COLUMNS, ("data", np.dtype((np.uint8, width)))):
             # A copy is aligned, and does not keep the whole piece of the file in memory.
-            columns[name] = np.frombuffer(self.content, form, self.size, begin).copy()
-            begin += form.itemsize * self.size
+            columns[name] = np.frombuffer(self.content, form, size, begin).copy()
+            begin += form.itemsize * size
         return FrameBatch(**columns)
 
+    @property
+    def events(self) -> tuple[Event, ...]:
+        """Its events."""
+        if self.kind != Kind.EVENTS:
+            return ()
+        return tuple(Event(*fields) for fields in json.loads(bytes(self.content)))
 
-def unpack_frames(content: bytes | memoryview) -> JournalBlock:
-    """Return a block of kind FRAMES, with the losses counted by the process that wrote it."""
-    size, _, *counts = _FRAMES.unpack_from(content)
-    return JournalBlock(HopLosses(*counts), size, content)
+    @property
+    def head(self) -> tuple[JournalHead, Summary]:
+        """The head in a block of kind HEAD or END, and the summary in the latter."""
+        fields = json.loads(bytes(self.content))
+        summary = fields.pop("summary", {"first": self.number, "stop": self.number, "events": ()})
+        events = tuple((number, Event(*event)) for number, *event in summary.pop("events"))
+        return JournalHead(**fields), Summary(**summary, events=events)
 
 
-# Names of segments --------------------------------------------------------------------------------
+# Reads one segment --------------------------------------------------------------------------------
 
-ENDED = "ended"
-"""Code of the event with which the recorder ends a recording, which will not be resumed."""
-PATTERNS = ("journal_*.bbj", "open_*.bbj")
-"""Patterns of the names of segments; until November 2026 that being written was an open one."""
-
-
-def segment_path(folder: Path, number: int) -> Path:
-    """Return the path of a segment."""
-    return folder / f"journal_{number:04d}.bbj"
+ADVICE = "move it away, and name the recorder's own files journal_*.bbj"
 
 
 def segment_number(path: Path) -> int:
@@ -240,196 +211,50 @@ def segment_number(path: Path) -> int:
     return int(digits) if digits.isdecimal() else 0
 
 
-def session_name(first_segment: int) -> str:
-    """Return the name of a recording's session file, from the number of its first segment."""
-    return f"session_{first_segment:04d}.h5"
+def read_segment(path: Path) -> tuple[list[Block], int]:
+    """Return the whole blocks of a segment as it is now, and the number of bytes after them.
 
-
-# Writes one segment -------------------------------------------------------------------------------
-
-
-class SyncedFile(FileIO):
-    """A new file, without a buffer."""
-
-    def __init__(self, path: Path) -> None:
-        super().__init__(path, "xb")
-
-    def sync(self) -> None:
-        """Return when all data written are on the disk."""
-        sync_data(self.fileno())
-
-
-@dataclass(frozen=True, slots=True)
-class Pending:
-    """A block to be written.
-
-    `number`: in the recording.  `content`: the packed frames or events.  `t_ns`: latest time stamp
-    up to the block, ns.  `frames`, `first_ns`: number of its frames, and their earliest stamp.
-    """
-
-    number: int
-    kind: Kind
-    content: bytes
-    t_ns: int
-    frames: int = 0
-    first_ns: int = 0
-    events: tuple[Event, ...] = ()
-
-
-class Segment:
-    """A file of the journal.
-
-    `file`: new and empty; closed here.  `path`: its path; deleted again if the head cannot be
-    written.  `number`: of its first block.  `summary`: of its blocks on the disk.  `size`: bytes
-    written.  Raises OSError if the head cannot be written.
-    """
-
-    def __init__(self, file: SyncedFile, path: Path, head: JournalHead, number: int) -> None:
-        self.path, self.file, self.size = path, file, 0
-        self.summary = Summary(number, number)
-        self._head = head
-        self._blocks = 0
-        self._events: list[tuple[int, Event]] = []
-        self._state = os.fstat(file.fileno())
-        try:
-            self._write(self._packed(Kind.HEAD, pack_head(head), number))
-            file.sync()
-            sync_folder(path.parent)
-        except OSError:
-            self.abandon()
-            raise
-
-    @property
-    def is_empty(self) -> bool:
-        """True if it has no block on the disk."""
-        return not self._blocks
-
-    @property
-    def is_in_place(self) -> bool:
-        """False if another process removed or replaced the file."""
-        try:
-            return os.path.samestat(self.path.stat(), self._state)
-        except OSError as error:
-            return error.errno not in (errno.ENOENT, errno.ENOTDIR)
-
-    def write(self, blocks: Sequence[Pending]) -> None:
-        """Write blocks through to the disk.
-
-        Raises OSError if the write failed; then nothing else may be written to this file.
-        """
-        first, stop = blocks[0].number, blocks[-1].number + 1
-        stored = [self._packed(block.kind, block.content, block.number) for block in blocks]
-        # Number of blocks after which a segment repeats its head, about a second: then no damage to
-        # the beginning of a segment that never got its end costs all of it.
-        if self._blocks < 10 <= self._blocks + len(blocks):
-            stored.append(self._packed(Kind.HEAD, pack_head(self._head), stop))
-        self._write(b"".join(stored))
-        self.file.sync()
-        before = self.summary
-        stamped = [block for block in blocks if block.frames]
-        starts_ns = [block.first_ns for block in stamped] + [before.first_ns] * bool(before.frames)
-        self.summary = Summary(
-            first if self.is_empty else before.first,
-            stop,
-            before.frames + sum(block.frames for block in stamped),
-            min(starts_ns, default=0),
-            max((block.t_ns for block in stamped), default=before.last_ns),
-        )
-        self._blocks += len(blocks)
-        self._events += ((block.number, event) for block in blocks for event in block.events)
-
-    def finish(self) -> None:
-        """Write the end, which makes the segment quick to scan, and close.
-
-        Raises OSError if the end is not on the disk; the file is closed, and all blocks are in it.
-        """
-        content = pack_head(self._head, replace(self.summary, events=tuple(self._events)))
-        try:
-            self._write(self._packed(Kind.END, content, self.summary.stop))
-            self.file.sync()
-        finally:
-            self._close()
-
-    def abandon(self) -> None:
-        """Close the file as it is; delete it if nothing in it was reported as written."""
-        if self.is_empty and self.is_in_place:
-            with suppress(OSError):
-                self.path.unlink()
-        self._close()
-
-    def _close(self) -> None:
-        with suppress(OSError):
-            self.file.close()
-        self._events.clear()
-
-    def _packed(self, kind: Kind, content: bytes, number: int) -> bytes:
-        return pack_block(Block(kind, number, self._head.wall_ns, self._head.recording, content))
-
-    def _write(self, data: bytes) -> None:
-        view = memoryview(data)
-        while view:  # on an almost full disk a part is written without an error
-            written = self.file.write(view)
-            if not written:
-                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-            self.size += written
-            view = view[written:]
-
-
-# Reads one segment --------------------------------------------------------------------------------
-
-ADVICE = "move it away, and name the recorder's own files journal_*.bbj"
-
-
-class SegmentContent(NamedTuple):
-    """The readable part of a segment.
-
-    `blocks`: the whole ones, in order.  `torn_bytes`, `torn_text`: number of bytes after them that
-    are no whole block, and what they are in words; 0 and empty also if they were a head or an end,
-    with which nothing is lost.
-    """
-
-    blocks: tuple[Block, ...]
-    torn_bytes: int
-    torn_text: str
-
-
-def read_segment(path: Path) -> SegmentContent:
-    """Return the content of a segment as it is now; its writer may go on.
-
-    Raises InputError if it is not a regular file or cannot be opened.
+    These are 0 if they were a head or an end, with which nothing is lost.  Raises InputError if it
+    is not a regular file or cannot be opened.
     """
     data = _last_bytes(path)
     view, blocks = memoryview(data), []
     offset = end = 0  # where a block may begin, and where the last whole one ends
     while 0 <= offset < len(data):
-        block = block_at(view, offset)
+        block = _block_at(view, offset)
         if block is None:
             offset = data.find(MAGIC, offset + 1)
         else:
-            offset = end = offset + _stored_bytes(block)
+            offset = end = offset + HEADER.size + len(block.content)
             blocks.append(block)
-    torn = len(data) - end
-    is_headed = torn >= HEADER.size and data.startswith(MAGIC, end)
-    if not torn or (is_headed and HEADER.unpack_from(data, end)[2] in (Kind.HEAD, Kind.END)):
-        return SegmentContent(tuple(blocks), 0, "")
-    text = f"{path.name}: {counted(torn, 'byte')} from byte {end} are no whole block"
-    return SegmentContent(tuple(blocks), torn, text)
+    torn_bytes = len(data) - end
+    is_headed = torn_bytes >= HEADER.size and data.startswith(MAGIC, end)
+    if is_headed and HEADER.unpack_from(data, end)[2] in (Kind.HEAD, Kind.END):
+        torn_bytes = 0
+    return blocks, torn_bytes
 
 
-def last_block(path: Path) -> Block | None:
-    """Return the block with which a sealed segment ends; None if it has no proper end.
+def _block_at(data: memoryview, offset: int) -> Block | None:
+    """Return the block that begins at an offset; None if none does, or a bit of it was changed."""
+    header = data[offset : offset + HEADER.size]
+    if len(header) < HEADER.size or header[: len(MAGIC)] != MAGIC:
+        return None
+    _, crc, kind, length, number, writer, identity = HEADER.unpack(header)
+    stored = data[offset : offset + HEADER.size + length]
+    if len(stored) < HEADER.size + length or zlib.crc32(stored[_CHECKED_FROM:]) != crc:
+        return None
+    return Block(kind, number, writer, identity.hex(), stored[HEADER.size :])
 
-    Raises InputError as `read_segment`.
-    """
+
+def end_of(path: Path) -> Block | None:
+    """Return the block with which a sealed segment ends; None if it has no proper end."""
     for wanted in (1 << 16, 1 << 24):  # most ends are short
         data = _last_bytes(path, wanted)
         offset = data.rfind(MAGIC)
         if offset >= 0:
-            block = block_at(memoryview(data), offset)
-            is_end = block is not None and block.kind == Kind.END
-            if block is None or not is_end or offset + _stored_bytes(block) != len(data):
-                return None
-            return block
+            block = _block_at(memoryview(data), offset)
+            is_last = block and offset + HEADER.size + len(block.content) == len(data)
+            return block if block and is_last and block.kind == Kind.END else None
     return None
 
 
@@ -445,5 +270,119 @@ def _last_bytes(path: Path, wanted: int | None = None) -> bytes:
         raise InputError(str(path), what, ADVICE) from error
 
 
-def _stored_bytes(block: Block) -> int:
-    return HEADER.size + len(block.content)
+# Writes one segment -------------------------------------------------------------------------------
+
+ENDED = "ended"
+"""Code of the event with which the recorder ends a recording, which will not be resumed."""
+
+
+def pack_events(events: Sequence[Event]) -> bytes:
+    """Return the content of a block of kind EVENTS."""
+    return json.dumps([astuple(event) for event in events]).encode()
+
+
+def pack_frames(frames: FrameBatch, losses: HopLosses) -> bytes:
+    """Return the content of a block of kind FRAMES; `losses`: counted up to it."""
+    columns = (getattr(frames, name).astype(form).tobytes() for name, form in _COLUMNS)
+    size = _FRAMES.pack(len(frames), frames.data.shape[1], *losses)
+    return b"".join((size, *columns, frames.data.tobytes()))
+
+
+class SyncedFile(FileIO):
+    """A new file, without a buffer."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path, "xb")
+
+    def sync(self) -> None:
+        """Return when all data written are on the disk."""
+        sync_data(self.fileno())
+
+
+class Segment:
+    """A file of the journal.
+
+    `file`: new and empty; closed here.  `path`: its path; deleted again if the head cannot be
+    written.  `number`: of its first block.  `summary`: of its blocks on the disk.  `size`: bytes
+    written.  Raises OSError if the head cannot be written.
+    """
+
+    def __init__(self, file: SyncedFile, path: Path, head: JournalHead, number: int) -> None:
+        self.path, self.file, self.size = path, file, 0
+        self.summary = Summary(number, number)
+        self._head = head
+        self._state = os.fstat(file.fileno())
+        try:
+            self._write([self._headed(Kind.HEAD, asdict(head))])
+            sync_folder(path.parent)
+        except OSError:
+            self.abandon()
+            raise
+
+    @property
+    def is_empty(self) -> bool:
+        """True if it has no block on the disk."""
+        return self.summary.stop == self.summary.first
+
+    @property
+    def is_in_place(self) -> bool:
+        """False if another process removed or replaced the file."""
+        try:
+            return os.path.samestat(self.path.stat(), self._state)
+        except OSError as error:
+            return error.errno not in (errno.ENOENT, errno.ENOTDIR)
+
+    def write(self, blocks: Sequence[Block]) -> None:
+        """Write blocks through to the disk.
+
+        Raises OSError if the write failed; then nothing else may be written to this file.
+        """
+        summary = self.summary.extended(blocks)
+        # Number of blocks after which a segment repeats its head, about a second: then no damage to
+        # the beginning of a segment that never got its end costs all of it.
+        before, after = (each.stop - each.first for each in (self.summary, summary))
+        if before < 10 <= after:
+            head = self._headed(Kind.HEAD, asdict(self._head))
+            blocks = [*blocks, head._replace(number=summary.stop)]
+        self._write(blocks)
+        self.summary = summary
+
+    def finish(self) -> None:
+        """Write the end, which makes the segment quick to scan, and close.
+
+        Raises OSError if the end is not on the disk; the file is closed, and all blocks are in it.
+        """
+        events = [[number, *astuple(event)] for number, event in self.summary.events]
+        summary = {**asdict(replace(self.summary, events=())), "events": events}
+        try:
+            self._write([self._headed(Kind.END, {**asdict(self._head), "summary": summary})])
+        finally:
+            self._close()
+
+    def abandon(self) -> None:
+        """Close the file as it is; delete it if nothing in it was reported as written."""
+        if self.is_empty and self.is_in_place:
+            with suppress(OSError):
+                self.path.unlink()
+        self._close()
+
+    def _close(self) -> None:
+        with suppress(OSError):
+            self.file.close()
+        self.summary = replace(self.summary, events=())  # a recorder keeps thousands of segments
+
+    def _headed(self, kind: Kind, fields: dict[str, Any]) -> Block:
+        """Return a block with the head, behind the blocks on the disk."""
+        content = json.dumps(fields).encode()
+        return Block(kind, self.summary.stop, self._head.wall_ns, self._head.recording, content)
+
+    def _write(self, blocks: Sequence[Block]) -> None:
+        """Return when blocks are on the disk; raises OSError."""
+        view = memoryview(b"".join(block.stored for block in blocks))
+        while view:  # on an almost full disk a part is written without an error
+            written = self.file.write(view)
+            if not written:
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            self.size += written
+            view = view[written:]
+        self.file.sync()

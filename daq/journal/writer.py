@@ -12,12 +12,13 @@ counted in the next block.  Only the constructor raises errors.
 from __future__ import annotations
 
 import errno
-import logging
 import shutil
 from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from itertools import islice
+from math import inf
 from pathlib import Path
 from typing import NamedTuple, Self
 
@@ -40,26 +41,23 @@ from .reader import (
 )
 from .segment import (
     ENDED,
+    Block,
     JournalHead,
     Kind,
-    Pending,
     Segment,
     Summary,
     SyncedFile,
     pack_events,
     pack_frames,
     segment_number,
-    segment_path,
 )
 
-CHECK_S = 1.0
-"""Time, s, between two checks of the disk, each with another attempt to write to it."""
 REACH_NS = 1_200_000_000_000
 """Time before and after an event of a run whose segments are kept, ns: more than the 660 s that
 `[trigger]` of bench.toml allows for a run."""
-_LOG_CODES = frozenset(Code)
-
-_log = logging.getLogger("recorder")
+HELD_BYTES = 32_000_000
+"""Bytes of blocks that wait in memory: frames of a minute of four full buses."""
+_RUN_CODES = frozenset(Code)
 
 
 class JournalError(BumpbenchError, OSError):
@@ -77,65 +75,6 @@ def room_on(folder: Path) -> Room:
     """Return the space on the disk of a folder; raises OSError if the folder does not exist."""
     usage = shutil.disk_usage(folder)
     return Room(usage.free, usage.total)
-
-
-# Holds blocks in memory while the disk refuses them, and counts frames without room ---------------
-
-HELD_BYTES = 32_000_000
-"""Bytes of frames and events held in memory: a minute of four full buses."""
-_OVERHEAD_BYTES = 400
-"""Memory of a block in addition to its content, bytes."""
-
-
-class Backlog:
-    """A queue of blocks; the frames that do not fit are counted.
-
-    `frames` and `dropped`: number of frames that wait, and of frames without room.  `bytes`: size
-    of all blocks that wait.
-    """
-
-    def __init__(self) -> None:
-        self.dropped = self.frames = self.bytes = 0
-        self._waiting: deque[tuple[Pending, float]] = deque()
-
-    def __len__(self) -> int:
-        return len(self._waiting)
-
-    def since_s(self) -> float | None:
-        """Return the time at which the oldest block was added, s; None if there is none."""
-        return self._waiting[0][1] if self._waiting else None
-
-    def put(self, block: Pending, now_s: float) -> None:
-        """Append a block, or count its frames as dropped."""
-        # Additional bytes for events: they are few, and runs depend on them.
-        room = HELD_BYTES if block.frames else HELD_BYTES + 4_000_000
-        if self.bytes + len(block.content) > room:
-            self.dropped += block.frames
-            return
-        self._waiting.append((block, now_s))
-        self.bytes += len(block.content) + _OVERHEAD_BYTES
-        self.frames += block.frames
-
-    def first(self, size: int) -> Sequence[Pending]:
-        """Return the oldest blocks, at least one and about `size` bytes, without removing them."""
-        blocks: list[Pending] = []
-        total = 0
-        for block, _ in self._waiting:
-            total += len(block.content)
-            if blocks and total > size:
-                break
-            blocks.append(block)
-        return blocks
-
-    def remove(self, count: int) -> None:
-        """Remove the oldest blocks, which are on the disk."""
-        for _ in range(count):
-            block, _ = self._waiting.popleft()
-            self.bytes -= len(block.content) + _OVERHEAD_BYTES
-            self.frames -= block.frames
-
-
-# The writer ---------------------------------------------------------------------------------------
 
 
 class JournalWriter:
@@ -171,11 +110,11 @@ class JournalWriter:
             for event in resume.events:  # the last of those on deleted blocks lists all of them
                 if spans := deleted_blocks(event):
                     self._deleted = list(spans)
-            self._needed_ns = [e.t_ns for e in resume.events if e.code in _LOG_CODES]
+            self._runs_ns = [event.t_ns for event in resume.events if event.code in _RUN_CODES]
         self.stored_frames = 0
         self._segment: Segment | None = None
-        self._now_s: float | None = None
-        self._checked_s = self._opened_s = self._warned_s = 0.0
+        self._now_s = self._opened_s = self._warned_s = 0.0
+        self._checked_s = -inf
         self._failed = self._warning = ""
         self._room, self._full = Room(0, 0), False
         self._sizes: dict[Path, int] = {}
@@ -184,20 +123,14 @@ class JournalWriter:
         try:
             folder.mkdir(parents=True, exist_ok=True)
             self._measure()
-            for path in segments_in(folder):
-                if path.is_file():
-                    self._sizes[path] = path.stat().st_size
-                else:
-                    _log.warning("%s: is not a regular file and is ignored (move it away)", path)
+            self._sizes = {p: p.stat().st_size for p in segments_in(folder) if p.is_file()}
             if not self._full:
                 self._segment = self._new_segment()
         except OSError as error:
-            if error.errno not in (errno.ENOSPC, errno.EIO, errno.EDQUOT):
-                what = f"cannot write the journal: {_reason(error)}"
-                raise JournalError(str(folder), what, "choose another folder") from error
             self._failed = _reason(error)
-            # It may work a second later, before anyone reads the status.
-            self._warn(f"the first file could not be written: {self._failed}")
+            if error.errno not in (errno.ENOSPC, errno.EIO, errno.EDQUOT):
+                what = f"cannot write the journal: {self._failed}"
+                raise JournalError(str(folder), what, "choose another folder") from error
 
     def begin(self, head: JournalHead) -> bool:
         """End the recording and begin the next one; return whether this was possible.
@@ -210,7 +143,7 @@ class JournalWriter:
         if not self.flush():
             return False
         self.append_events([Event(self._t_ns, ENDED)])
-        if len(self._backlog):
+        if self._waiting:
             return False
         self._seal()
         self._adopt(replace(head, first_segment=next_segment(self._folder)))
@@ -224,27 +157,22 @@ class JournalWriter:
         process up to this block.  Frames that the writer itself dropped are added to
         `queue_dropped` in the journal.
         """
-        first_ns = int(frames.t_ns.min()) if len(frames) else 0
-        if len(frames):
-            self._t_ns = max(self._t_ns, int(frames.t_ns.max()))
+        self._t_ns = int(frames.t_ns.max(initial=self._t_ns))
         self._losses = losses
         losses = losses.plus(HopLosses(queue_dropped=self._dropped))
-        content = pack_frames(frames, losses)
-        self._put(Pending(self._number, Kind.FRAMES, content, self._t_ns, len(frames), first_ns))
+        self._put(Kind.FRAMES, pack_frames(frames, losses))
 
     def append_events(self, events: Sequence[Event]) -> None:
         """Store events; as `append`."""
-        content, all_of = pack_events(events), tuple(events)
-        self._needed_ns += [event.t_ns for event in events if event.code in _LOG_CODES]
-        self._put(Pending(self._number, Kind.EVENTS, content, self._t_ns, events=all_of))
+        self._runs_ns += [event.t_ns for event in events if event.code in _RUN_CODES]
+        self._put(Kind.EVENTS, pack_events(events))
 
     def maintain(self, monotonic_s: float) -> None:
         """Check disk and files; to be called with every block, and ten times per second if idle."""
-        if self._now_s is None:
+        if self._checked_s == -inf:  # the first call
             self._opened_s = self._warned_s = monotonic_s
-            self._checked_s = monotonic_s - CHECK_S
         self._now_s = monotonic_s
-        if monotonic_s - self._checked_s >= CHECK_S:
+        if monotonic_s - self._checked_s >= 1.0:
             self._checked_s = monotonic_s
             self._check_disk()
             self._drain()
@@ -254,13 +182,12 @@ class JournalWriter:
     @property
     def status(self) -> DiskStatus:
         """State of the journal and its disk at the last check."""
-        since_s = self._backlog.since_s()
         return DiskStatus(
             free_bytes=self._room.free,
             journal_bytes=self._journal_bytes,
             recorded_frames=self._recorded,
-            lag_s=0.0 if since_s is None else (self._now_s or 0.0) - since_s,
-            held_frames=self._backlog.frames,
+            lag_s=self._now_s - self._waits_since_s if self._waiting else 0.0,
+            held_frames=sum(block.size for block in self._waiting),
             failed=self._failed,
             dropped_frames=self._dropped,
             warning=self._warning,
@@ -275,7 +202,7 @@ class JournalWriter:
     def flush(self) -> bool:
         """Write the blocks that wait in memory; return whether all are on the disk."""
         self._drain()
-        return self._segment is not None and not len(self._backlog)
+        return self._segment is not None and not self._waiting
 
     def cut(self) -> None:
         """Finish the open segment and begin the next, so that all written blocks can be read."""
@@ -289,7 +216,7 @@ class JournalWriter:
 
         `ended`: True if the present recording is finished; else it may be resumed.
         """
-        if len(self._backlog):
+        if self._waiting:
             self.flush()
         if ended:
             self.append_events([Event(self._t_ns, ENDED)])
@@ -302,39 +229,60 @@ class JournalWriter:
         self.close()
 
     def _adopt(self, head: JournalHead) -> None:
+        """Begin to count for a recording from 0."""
         self.head = head
-        self._number = self._t_ns = self._recorded = self._removed = self._reported = 0
-        self._losses, self._backlog = HopLosses(), Backlog()
-        self._needed_ns = list[int]()  # times of the events of runs
+        self._number = self._t_ns = self._recorded = self._reported = 0
+        self._losses = HopLosses()
+        self._dropped = 0
+        """Number of its frames without room in memory, or in files that were removed."""
+        self._waiting = deque[Block]()
+        """Its blocks that the disk refuses."""
+        self._waiting_bytes, self._waits_since_s = 0, 0.0
+        self._runs_ns = list[int]()
+        """Times of the events of its runs, ns."""
         self.written: list[Segment] = []
-        self._deleted = list[tuple[int, int]]()  # blocks, on purpose: first, and after the last
+        self._deleted = list[tuple[int, int]]()
+        """Its blocks that were deleted on purpose: first, and after the last."""
 
-    # -- blocks ---------------------------------------------------------------------------------
+    # Blocks ------------------------------------------------------------------------------------
 
-    def _put(self, block: Pending) -> None:
-        if self._segment is None or len(self._backlog) or not self._store([block]):
-            self._backlog.put(block, self._now_s or 0.0)
+    def _put(self, kind: Kind, content: bytes) -> None:
+        """Write a block, or let it wait in memory, or count its frames as dropped."""
+        block = Block(kind, self._number, self.head.wall_ns, self.head.recording, content)
+        can_write = self._segment is not None and not self._waiting
+        is_stored = can_write and self._store([block])
         # The number is used in any case: a block that was tried and then dropped may nevertheless
         # be on the disk, and no other block may have its number.
-        self._number = block.number + 1
+        self._number += 1
+        if is_stored:
+            return
+        # Additional bytes for events: they are few, and runs depend on them.
+        room = HELD_BYTES if block.size else HELD_BYTES + 4_000_000
+        if self._waiting_bytes + len(block.content) > room:
+            self._dropped += block.size
+            return
+        if not self._waiting:
+            self._waits_since_s = self._now_s
+        self._waiting.append(block)
+        self._waiting_bytes += _memory_bytes(block)
 
-    def _store(self, blocks: Sequence[Pending]) -> bool:
+    def _store(self, blocks: Sequence[Block]) -> bool:
         """Write blocks into the open segment, or else a new one; return whether this succeeded."""
         for _ in range(2):
             if self._segment is None and not self._open_next():
                 return False
             assert self._segment is not None
-            fresh = self._segment.is_empty
+            is_first = self._segment.is_empty
             try:
                 self._segment.write(blocks)
             except OSError as error:
                 self._failed = _reason(error)
-                self._warn(f"{self._segment.path.name}: {_reason(error)}; left as it was")
+                self._warn(f"{self._segment.path.name}: {self._failed}; left as it was")
                 self._leave(Segment.abandon)
                 continue
             self._failed = ""
-            self.written += [self._segment] if fresh else []
-            frames = sum(block.frames for block in blocks)
+            self.written += [self._segment] if is_first else []
+            frames = sum(block.size for block in blocks)
             self._recorded += frames
             self.stored_frames += frames
             return True
@@ -344,42 +292,34 @@ class JournalWriter:
         """Write waiting blocks until the disk refuses one."""
         if self._full or (self._segment is None and not self._open_next()):
             return
-        while len(self._backlog):
-            # Size up to which waiting blocks are synced together, bytes.
-            blocks = self._backlog.first(4_000_000)
+        while self._waiting:
+            blocks = list(islice(self._waiting, 40))  # synced together
             if not self._store(blocks):
                 return
-            self._backlog.remove(len(blocks))
+            for block in blocks:
+                self._waiting.popleft()
+                self._waiting_bytes -= _memory_bytes(block)
             self._rotate()
         if self._reported != self._dropped:
             self._reported = self._dropped
             self.append(FrameBatch.empty(), self._losses)
 
-    @property
-    def _dropped(self) -> int:
-        """Number of frames of this recording without room, or in files that were removed."""
-        return self._backlog.dropped + self._removed
-
-    # -- segments -------------------------------------------------------------------------------
+    # Segments ----------------------------------------------------------------------------------
 
     def _new_segment(self) -> Segment:
         self._folder.mkdir(parents=True, exist_ok=True)
-        number = next_segment(self._folder)
-        path = segment_path(self._folder, number)
-        waiting = self._backlog.first(0)
-        first = waiting[0].number if waiting else self._number
-        segment = Segment(self._create(path), path, self.head, first)
-        self._opened_s = self._now_s or 0.0
-        return segment
+        path = self._folder / f"journal_{next_segment(self._folder):04d}.bbj"
+        first = self._waiting[0].number if self._waiting else self._number
+        self._opened_s = self._now_s
+        return Segment(self._create(path), path, self.head, first)
 
     def _open_next(self) -> bool:
+        """Open a segment; return whether this succeeded."""
         try:
-            self._segment = self._new_segment()
+            self._segment, self._failed = self._new_segment(), ""
         except OSError as error:
             self._failed = _reason(error)
-            return False
-        self._failed = ""
-        return True
+        return self._segment is not None
 
     def _leave(self, end: Callable[[Segment], None]) -> None:
         """End the open segment by one of its methods."""
@@ -388,27 +328,24 @@ class JournalWriter:
             return
         try:
             end(segment)
-        finally:
-            if not segment.is_empty:
-                self._sizes[segment.path] = segment.size
+        except OSError as error:
+            self._warn(f"{segment.path.name}: {_reason(error)}; not closed properly")
+        if not segment.is_empty:
+            self._sizes[segment.path] = segment.size
 
     def _seal(self) -> None:
-        name = self._segment.path.name if self._segment else ""
-        try:
-            self._leave(Segment.finish)
-        except OSError as error:
-            self._warn(f"{name}: {_reason(error)}; not closed properly")
+        self._leave(Segment.finish)
 
     def _rotate(self) -> None:
-        segment, limits = self._segment, self.limits
-        if segment is None or segment.is_empty:
+        """End a segment that is large or old enough."""
+        if self._segment is None or self._segment.is_empty:
             return  # a silent bus creates no files
-        age_s = (self._now_s or 0.0) - self._opened_s
-        if segment.size >= limits.segment_bytes or age_s >= limits.segment_s:
+        age_s = self._now_s - self._opened_s
+        if self._segment.size >= self.limits.segment_bytes or age_s >= self.limits.segment_s:
             self._seal()
             self._open_next()
 
-    # -- the disk -------------------------------------------------------------------------------
+    # The disk ----------------------------------------------------------------------------------
 
     def _measure(self) -> None:
         """Measure the free space, and decide whether recording must stop.
@@ -423,8 +360,7 @@ class JournalWriter:
 
     def _check_disk(self) -> None:
         """Check that the files of the recording exist, and the free space."""
-        # Time, s, for which a warning on a failed or removed file is shown.
-        if self._warning and (self._now_s or 0.0) - self._warned_s > 60.0:
+        if self._now_s - self._warned_s > 60.0:  # s, for which a warning is shown
             self._warning = ""
         newest = self._segment or (self.written[-1] if self.written else None)
         if newest is not None and not newest.is_in_place:
@@ -453,14 +389,13 @@ class JournalWriter:
             self._sizes.pop(segment.path, None)
         frames = sum(segment.summary.frames for segment in removed)
         self._recorded -= frames
-        self._removed += frames
+        self._dropped += frames
         count = counted(frames, "recorded frame is", "recorded frames are")
         self._warn(f"{name} was removed or replaced: {count} lost")
         self._open_next()
 
     def _warn(self, text: str) -> None:
-        self._warned_s = self._now_s or 0.0
-        self._warning = text
+        self._warning, self._warned_s = text, self._now_s
 
     @property
     def _journal_bytes(self) -> int:
@@ -477,11 +412,15 @@ class JournalWriter:
         excess = self._journal_bytes - self.limits.keep_bytes
         if self._room.free < 2 * reserve:
             excess = max(excess, 2 * reserve - self._room.free)
-        needed_ns = [self._t_ns, *self._needed_ns]
+        needed_ns = [self._t_ns, *self._runs_ns]
         for path in sorted(self._sizes, key=segment_number):
             if excess <= 0:
                 return
-            info = self._info(path)
+            if path not in self._infos:
+                self._infos[path] = None
+                with suppress(InputError):
+                    self._infos[path] = scan(path)
+            info = self._infos[path]
             if info is None:
                 self._sizes.pop(path)  # from another program, or it does not exist
                 continue
@@ -505,14 +444,10 @@ class JournalWriter:
             self._deleted.append((deleted.first, deleted.stop))
         self.append_events([deleted_event(self._t_ns, self._deleted, deleted.frames)])
 
-    def _info(self, path: Path) -> SegmentInfo | None:
-        """Return the content of a sealed segment; None if it cannot be read."""
-        if path not in self._infos:
-            try:
-                self._infos[path] = scan(path)
-            except (InputError, OSError):
-                self._infos[path] = None
-        return self._infos[path]
+
+def _memory_bytes(block: Block) -> int:
+    """Return the memory of a block, which is larger than its content."""
+    return len(block.content) + 400
 
 
 def _reason(error: OSError) -> str:

@@ -45,7 +45,7 @@ from ..control.messages import (
 )
 from ..control.monitoring import Heartbeats
 from ..journal.reader import RecordingInfo, last_recording
-from ..journal.segment import JournalHead, Segment, SyncedFile, session_name
+from ..journal.segment import JournalHead, Segment, SyncedFile
 from ..journal.writer import JournalWriter
 from ..runlog import Code, RunLog, fold
 from ..samples.mapping import bench_mapping
@@ -470,7 +470,7 @@ class Recorder:
         """Process the recording that the writer has begun."""
         codec, head = bench_codec(bench), self._writer.head
         recording = Recording(bench, codec, self._writer, run_log, self._barrier)
-        session = self._folder / session_name(head.first_segment)
+        session = self._folder / head.session_name
         self._opened = OpenRecording(recording, head, self._writer.written, session, before)
 
     def _go_on(self, bench: Bench, why: str, now: Now, *, campaign: bool) -> None:

@@ -90,7 +90,7 @@ def test_a_segment_that_cannot_be_read_is_a_counted_loss(
     last.write_bytes(b"\xa5" * 80_000)
     assert run(["recover", str(tmp_path), "--json"]) == 3
     loss = json.loads(capsys.readouterr().out)["loss"]
-    assert f"{last.name}: 80,000 bytes from byte 0 are no whole block" in loss
+    assert f"{last.name}: its last 80,000 bytes are no whole block" in loss
 
 
 def test_two_recordings_make_two_sessions_and_no_single_file(

@@ -213,7 +213,7 @@ def recover(
         for info in wanted:
             first = info.segments[0]
             folder = first.parent.parent if first.parent.name == "journal" else first.parent
-            targets.append((out or folder) / info.session_name)
+            targets.append((out or folder) / info.head.session_name)
     if len(set(targets)) < len(wanted):
         reason = "would be the session of two recordings"
         advice = "name a folder, or recover them one by one, with another --out"

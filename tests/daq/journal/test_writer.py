@@ -201,8 +201,8 @@ def test_a_block_is_tried_in_the_open_file_and_in_one_more(tmp_path: Path) -> No
 
 
 def test_a_warning_lasts_a_minute(tmp_path: Path) -> None:
-    with JournalWriter(tmp_path, HEAD, NO_RESERVE, FailingDisk("eio", 2).create) as writer:
-        warning = "the first file could not be written: Input/output error"
+    with JournalWriter(tmp_path, HEAD, NO_RESERVE, FailingDisk("eio", 4).create) as writer:
+        warning = "journal_0001.bbj: Input/output error; left as it was"
         for now_s, says in ((5000.0, warning), (5060.0, warning), (5061.0, "")):
             writer.append(block(0, 10), HopLosses())
             writer.maintain(now_s)

@@ -32,8 +32,8 @@ from daq.control.messages import (
     Stop,
     Until,
 )
-from daq.journal.reader import last_recording, read_journal, recordings, scan, segments_in
-from daq.journal.segment import SyncedFile
+from daq.journal.reader import last_recording, read_journal, recordings, segments_in
+from daq.journal.segment import SyncedFile, end_of
 from daq.recorder.recorder import Derivation
 from daq.recorder.run_loop import OrderError
 from dbc import Codec, FrameBatch
@@ -141,7 +141,7 @@ def test_a_session_built_in_mid_recording_reads_no_file_that_is_written(
             running.order(Arm(Until.COMPLETE))
             running.until(lambda s: s.disk.recorded_frames > 0)
             running.order(Build())
-            assert all((info := scan(path)) and not info.blocks for path in given[-1])
+            assert all(end_of(path) is not None for path in given[-1])
         running.until(lambda s: s.disk.recorded_frames == 2400)
         status = running.until(lambda s: s.session.state in ENDED)
         assert (status.session.state, status.session.text) == (SessionState.READY, "")
@@ -166,7 +166,7 @@ def test_a_recording_keeps_its_session_file_when_its_first_segment_has_gone(
     assert status is not None
     assert Path(status.session.path).name == "session_0001.h5"
     info, *_ = recordings(journal)  # by which `recover` and the terminal go
-    assert (info.head.recording, info.session_name) == (first.recording, "session_0001.h5")
+    assert (info.head.recording, info.head.session_name) == (first.recording, "session_0001.h5")
 
 
 def test_losses_before_a_recording_are_not_its_own(
