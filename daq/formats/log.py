@@ -161,7 +161,8 @@ class Log:
 
     def _batches(self) -> Iterator[FrameBatch]:
         if self._journal is not None:
-            for self._hops, block in self._journal:
+            for losses, block in self._journal:
+                self._hops = losses
                 yield block.frames
             return
         with self.paths[0].open("rb") as file:

@@ -57,7 +57,7 @@ channel, weight, frame, event), and every table of samples has `time`.  Units ar
   /events           event; t_ns i8, code S32, value f8, text S160
 
 content_sha256      attribute of /session /config /channels /mass_states /runs and of each run:
-                    SHA-256 of what is in it (daq.session.hdf5 says how), so that a session that
+                    SHA-256 of what is in it (daq.session.writing says how), so that a session that
                     was changed or damaged is refused; absent in older files.  What stands in other
                     groups of the root, as results in /identification, is free.  Behind the HDF5 a
                     line "bumpbench crc32 XXXXXXXX" has the checksum of all bytes before it; it is
@@ -72,8 +72,7 @@ name, synced and renamed.  Raw frames are never changed or deleted.
 from dbc.words import Finding as Finding
 from dbc.words import Severity as Severity
 
-from .content import read_changed_session as read_changed_session
-from .content import read_session as read_session
-from .content import write_session as write_session
-from .validate import finding_document as finding_document
-from .validate import validate_session as validate_session
+from .reading import finding_document as finding_document
+from .reading import read_session as read_session
+from .reading import validate_session as validate_session
+from .writing import write_session as write_session

@@ -16,12 +16,10 @@ import sys
 import uuid
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TextIO
-
-import numpy as np
+from typing import NamedTuple, TextIO
 
 from dbc import Codec
 from dbc.frames import FrameBatch
@@ -56,12 +54,14 @@ def journal_provenance(
     """
     of_runs = (hashlib.sha256(run.data.data.tobytes() + run.t_ns.data.tobytes()) for run in frames)
     digest = hashlib.sha256("".join(run.hexdigest() for run in of_runs).encode()).hexdigest()
-    judged = [run for run in run_log.runs if run.findings]
-    verdicts = {run.label: [finding_record(f) for f in run.findings] for run in judged}
     said = {
-        "verdicts": json.dumps(verdicts),
-        "notes": json.dumps([asdict(note) for note in run_log.notes]),
-        "overrides": json.dumps([asdict(override) for override in run_log.overrides]),
+        "verdicts": {
+            run.label: [finding_record(finding) for finding in run.findings]
+            for run in run_log.runs
+            if run.findings
+        },
+        "notes": [asdict(note) for note in run_log.notes],
+        "overrides": [asdict(override) for override in run_log.overrides],
     }
     return {
         # The same recording gives the same uuid, however often its session is built.
@@ -71,7 +71,7 @@ def journal_provenance(
         "origin": str(head.origin),
         "frames_sha256": digest,
         "journal_losses": loss or "none",
-        **{name: text for name, text in said.items() if text not in ("{}", "[]")},
+        **{name: json.dumps(items) for name, items in said.items() if items},
     }
 
 
@@ -118,23 +118,12 @@ def session_of_runs(
             what = f"the recording has a bump {event.text!r}, which is not a run of this bench"
             raise InputError("bench.toml", what, "use the bench.toml of the recording")
     mapped = mapped_channels(bench, codec)
-    runs: dict[int, Run] = {}
-    in_time = sorted(enumerate(run_log.runs), key=lambda pair: pair[1].t_ns)
-    for number, logged in in_time:
-        runs[number] = _run(bench, codec, mapped, logged, frames[number], events, hops)
-        if len(hops.t_ns):  # the losses up to here are counted; two runs may share a block
-            stop_ns = bench.trigger.window_ns(logged.t_ns)[1]
-            last = min(int(np.searchsorted(hops.t_ns, stop_ns)), len(hops.t_ns) - 1)
-            t_ns = hops.t_ns[last:].copy()
-            t_ns[0] = np.iinfo(np.int64).min
-            hops = HopCounts(t_ns, hops.counts[last:])
-    return Session(
-        vehicle=bench.vehicle,
-        channels=tuple(m.channel for m in mapped),
-        mass_states=bench.mass_states,
-        runs=tuple(runs[number] for number in sorted(runs)),
-        provenance=provenance,
+    runs = tuple(
+        _run(bench, codec, mapped, run, its_frames, events, hops)
+        for run, its_frames in zip(run_log.runs, frames, strict=True)
     )
+    channels = tuple(m.channel for m in mapped)
+    return Session(bench.vehicle, channels, bench.mass_states, runs, provenance)
 
 
 def _run(
@@ -208,14 +197,11 @@ DONE, BAD_INPUT, DONE_WITH_LOSS = 0, 2, 3
 """Exit codes, the same as those of the command line."""
 
 
-@dataclass(frozen=True, slots=True)
-class Derived:
-    """Result of deriving a session from a recording."""
+class Derived(NamedTuple):
+    """The session in a file, and the losses of its journal in words; empty if there are none."""
 
     session: Session
-    """The session in the file."""
     loss: str
-    """Losses of the journal in words; empty if there are none."""
 
 
 def derive(segments: Sequence[Path], target: Path, *, replacing: bool = True) -> Derived:
@@ -226,7 +212,7 @@ def derive(segments: Sequence[Path], target: Path, *, replacing: bool = True) ->
     other file.  The same segments always give the same file, byte for byte.  Raises InputError if
     the segments cannot be read or do not belong together, or the file cannot be written.
     """
-    from .content import write_session  # imports HDF5, which the recorder must not load
+    from .writing import write_session  # imports HDF5, which the recorder must not load
 
     if not target.parent.is_dir():  # it may be a disk that is gone: none is made in its place
         what = f"cannot be written: {os.strerror(errno.ENOENT)}"
@@ -255,7 +241,7 @@ def _refuse_less(target: Path, new: Session) -> None:
     A journal whose segments were deleted or damaged gives fewer runs, or runs with fewer frames,
     than it did before.
     """
-    from .content import read_session
+    from .reading import read_session
 
     if not os.path.lexists(target):
         return
