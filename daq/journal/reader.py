@@ -159,11 +159,6 @@ def last_recording(folder: Path) -> RecordingInfo | None:
     return next(_newest_first(folder), None)
 
 
-def last_campaign(folder: Path) -> RecordingInfo | None:
-    """Return the newest recording in a folder that is a campaign; None if there is none."""
-    return next((each for each in _newest_first(folder) if each.head.campaign), None)
-
-
 def recordings_of(segments: Sequence[Path]) -> tuple[RecordingInfo, ...]:
     """Return the recordings of these segments, the oldest first.
 

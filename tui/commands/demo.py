@@ -26,7 +26,7 @@ def demo(
     from daq.control.address import lone_recorder
     from daq.control.messages import Status
     from daq.files import file_sha256
-    from daq.journal.reader import last_campaign
+    from daq.journal.reader import recordings
     from daq.sim.car import SimulatedCar
 
     from ..output import print_json, print_line, print_session, progress
@@ -37,8 +37,8 @@ def demo(
     from ..recorders.traffic import simulated_traffic
     from ..result import print_identification
 
-    tail = last_campaign(out / "journal")
-    if tail is not None and not tail.ended:  # the recorder would go on in the middle of it
+    campaigns = [each for each in recordings(out / "journal") if each.head.campaign]
+    if campaigns and not campaigns[-1].ended:  # the recorder would go on in the middle of it
         advice = "name another folder with --out"
         raise InputError(str(out), "holds a campaign that was interrupted", advice)
     traffic = simulated_traffic(None, 20.0, "", seed)

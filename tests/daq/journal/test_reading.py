@@ -15,7 +15,6 @@ from daq.journal.reader import (
     HopCounts,
     JournalLoss,
     deleted_event,
-    last_campaign,
     last_recording,
     next_segment,
     read_journal,
@@ -421,7 +420,6 @@ def test_one_recording_ends_and_the_next_begins(tmp_path: Path) -> None:
         "session_0003.h5",
     )
     assert last_recording(tmp_path) == second
-    assert last_campaign(tmp_path) == first
     assert last_recording(tmp_path / "nothing") is None
 
 
