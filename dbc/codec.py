@@ -43,8 +43,8 @@ class SignalLayout:
     counted as 8 * byte + bit."""
     length: int
     """Number of bits, 1..64."""
-    is_big_endian: bool
-    """True for Motorola byte order."""
+    byte_order: Literal["big", "little"]
+    """Order of the bytes, and so of the bits: big for Motorola, little for Intel."""
     is_signed: bool
     """True for two's complement."""
     is_float: bool
@@ -53,10 +53,8 @@ class SignalLayout:
     offset: int | float
     """value = raw * factor + offset.  Whole numbers stay `int`, because arithmetic with them is
     exact."""
-    minimum: float | None
-    """Lowest valid value in `unit`; None where the DBC states none."""
-    maximum: float | None
-    """Highest valid value in `unit`; None where the DBC states none."""
+    limits: tuple[float, float] | None
+    """Lowest and highest valid value in `unit`; None where the DBC states none."""
     selector: str | None
     """Name of the multiplexer signal that decides whether this signal is in a frame."""
     selected_by: tuple[tuple[int, int], ...]
@@ -65,34 +63,15 @@ class SignalLayout:
     """Raw values that are not measurements."""
 
     @property
-    def is_multiplexed(self) -> bool:
-        """True if only some frames of the message hold this signal."""
-        return self.selector is not None
-
-    @property
     def is_plain(self) -> bool:
         """True if its value is the raw number, unsigned and whole, and in every frame."""
         as_it_is = (self.factor, self.offset) == (1, 0) and not self.is_float
-        return as_it_is and not self.is_signed and not self.is_multiplexed
-
-    @property
-    def limits(self) -> tuple[float, float] | None:
-        """The lowest and the highest valid value, if the bits can express values outside them."""
-        low, high = self.minimum, self.maximum
-        if low is None or high is None or low >= high:
-            return None
-        lowest, highest = self.span
-        return None if low <= lowest and highest <= high else (low, high)
-
-    @property
-    def byte_order(self) -> Literal["big", "little"]:
-        """Byte order, and so the order of bits, in which the bits follow each other."""
-        return "big" if self.is_big_endian else "little"
+        return as_it_is and not self.is_signed and self.selector is None
 
     @property
     def first_bit(self) -> int:
         """The first bit of the signal, counted in the order in which its bits are sent."""
-        return self.start ^ 7 if self.is_big_endian else self.start
+        return self.start ^ 7 if self.byte_order == "big" else self.start
 
     @property
     def first_byte(self) -> int:
@@ -146,8 +125,6 @@ class MessageLayout:
     """The signal that the DBC marks as rolling counter."""
     crc: str | None
     """The signal that holds the checksum of one byte (`covered`)."""
-    senders: tuple[str, ...]
-    """Nodes that send the message."""
     crc_rule: str = "crc8_j1850"
     """Rule by which the checksum is computed, a name in `CRC_RULES`."""
     bus: int | None = None
@@ -292,8 +269,6 @@ class Codec:
     """Oddities of the database that do no harm."""
     by_name: Mapping[str, MessageLayout] = field(init=False, repr=False, compare=False)
     """The messages by their names."""
-    _limits: dict[str, tuple[float, float] | None] = field(init=False, repr=False, compare=False)
-    """Valid values of each `Message.signal`."""
     _n_buses: int = field(init=False, repr=False, compare=False)
     """Number from which on all buses have the same messages: those of any bus."""
     _keys: NDArray[np.int64] = field(init=False, repr=False, compare=False)
@@ -310,9 +285,7 @@ class Codec:
             for bus in range(n_buses + 1) if message.bus is None else (message.bus,):
                 index_of_key[_key(bus, message.is_extended, message.can_id)] = i
         keys = sorted(index_of_key)
-        limits = {f"{m.name}.{s.name}": s.limits for m in self.messages for s in m.signals}
         object.__setattr__(self, "by_name", {m.name: m for m in self.messages})
-        object.__setattr__(self, "_limits", limits)
         object.__setattr__(self, "_n_buses", n_buses)
         object.__setattr__(self, "_keys", np.array(keys, np.int64))
         object.__setattr__(self, "_index_of_key", np.array([index_of_key[key] for key in keys]))
@@ -370,7 +343,7 @@ class Codec:
                 payload[:, : words.shape[1]] = words.take(rows, axis=0)
             t_ns, length = batch.t_ns.take(rows), batch.length.take(rows)
             with np.errstate(invalid="ignore", over="ignore"):  # a payload may hold any float
-                decoded, bad = _decoded(message, self._limits, t_ns, payload.view(np.uint8), length)
+                decoded, bad = _decoded(message, t_ns, payload.view(np.uint8), length)
             samples.update(decoded)
             crc_bad += bad
             wrong_length += int(np.count_nonzero(length != message.length))
@@ -400,13 +373,13 @@ class Codec:
         payload = np.zeros((n, width), np.uint8)
         for name, column in columns.items():
             signal = layout.signal(name)
-            if signal.is_multiplexed:
+            if signal.selector is not None:
                 raise ValueError(f"{message}.{name} is multiplexed and cannot be sent")
             raw = _nearest_raw(message, signal, column)
             bits = np.unpackbits(raw.view(np.uint8).reshape(n, 8), axis=1)[:, 64 - signal.length :]
             place = slice(signal.first_bit, signal.first_bit + signal.length)
             whole = np.zeros((n, 8 * width), np.uint8)
-            whole[:, place] = bits if signal.is_big_endian else bits[:, ::-1]
+            whole[:, place] = bits if signal.byte_order == "big" else bits[:, ::-1]
             payload |= np.packbits(whole, axis=1, bitorder=signal.byte_order)
         if layout.crc is not None:
             byte = layout.signal(layout.crc).first_byte
@@ -428,13 +401,13 @@ def _raw_values(signal: SignalLayout, payload: NDArray[np.uint8]) -> NDArray[Any
     if n == 0:
         return np.zeros(0, np.int64)
     if signal.is_whole_bytes and length in (8, 16, 32, 64):
-        kind = f"{'>' if signal.is_big_endian else '<'}{'f' if signal.is_float else kind}"
+        kind = f"{'>' if signal.byte_order == 'big' else '<'}{'f' if signal.is_float else kind}"
         offset = signal.first_byte
         return np.ndarray((n,), f"{kind}{length // 8}", payload.data, offset, (width,))
     octets = payload[:, signal.first_byte : signal.last_byte + 1]
     first = signal.first_bit % 8
     bits = np.unpackbits(octets, axis=1, bitorder=signal.byte_order)[:, first : first + length]
-    bits = bits if signal.is_big_endian else bits[:, ::-1]  # now the highest one is the first
+    bits = bits if signal.byte_order == "big" else bits[:, ::-1]  # now the highest is the first
     whole = np.zeros((n, 64), np.uint8)
     whole[:, 64 - length :] = bits
     if signal.is_signed and not signal.is_float:
@@ -447,7 +420,6 @@ def _raw_values(signal: SignalLayout, payload: NDArray[np.uint8]) -> NDArray[Any
 
 def _decoded(
     message: MessageLayout,
-    limits_of: Mapping[str, tuple[float, float] | None],
     t_ns: NDArray[np.int64],
     payload: NDArray[np.uint8],
     length: NDArray[np.uint8],
@@ -468,9 +440,9 @@ def _decoded(
     samples = {}
     for signal in message.signals:
         name = f"{message.name}.{signal.name}"
-        limits, last_byte = limits_of[name], signal.last_byte
+        limits, last_byte = signal.limits, signal.last_byte
         part, marks, stamps, size = payload, quality, times, length
-        if signal.is_multiplexed:
+        if signal.selector is not None:
             rows = np.flatnonzero(_presence(message, signal, payload, length))
             part, marks, stamps, size = payload[rows], quality[rows], t_ns[rows], length[rows]
         raw = _raw_values(signal, part)

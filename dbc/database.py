@@ -30,14 +30,6 @@ ROLE = "SignalRole"
 _EXTENDED = 1 << 31
 """Bit of an identifier in a DBC that marks 29 bits."""
 
-_HUGE = re.compile(
-    r"""\b(?:length|offset|count|len)\s*=\s*["']?\d{5}"""
-    r"|\b(?:unsigned|signed|float|double|bit|char|string|raw)\s+\d{5}|(?:LENGTH|POSITION)>\s*\d{7}"
-    r"|^\s*BO_\s+\d+\s+\w+\s*:\s*\d{5}|^\s*SG_\s[^:\n]*:\s*(?:\d+\s*\|\s*)?\d{5}",
-    re.IGNORECASE | re.MULTILINE,
-)
-"""Numbers beyond any payload, which cantools would build."""
-
 
 def shipped_dbc() -> str:
     """Return the text of the shipped DBC: IMU, hub accelerations, suspension travels."""
@@ -47,20 +39,15 @@ def shipped_dbc() -> str:
 def read_dbc(path: str | Path) -> str:
     """Return the text of a database of at most 5 MB, read as UTF-8 or else as Windows-1252.
 
-    Raises InputError if the file cannot be read, is too large or is UTF-16.
+    Raises InputError if the file cannot be read or is too large.
     """
-    path = Path(path)
-    if path.exists() and not path.is_file():  # a directory; or a device, which may never end
-        raise InputError(str(path), "not a file", PICK)
     try:
-        with path.open("rb") as stream:
+        with Path(path).open("rb") as stream:
             content = stream.read(MAX_BYTES + 1)
     except OSError as error:
         raise InputError(str(path), error.strerror or str(error), PICK) from error
     if len(content) > MAX_BYTES:
         raise InputError(str(path), f"larger than {MAX_BYTES // 1_000_000} MB", PICK)
-    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
-        raise InputError(str(path), "UTF-16 text, not UTF-8 or Windows text", "save it as UTF-8")
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -75,64 +62,52 @@ def load_codec(path: str | Path) -> Codec:
 def parse_codec(text: str, name: str) -> Codec:
     """Return the messages of a database's text, ready to decode.
 
-    Messages that share a name are loaded as ``Name_0x1A0``, signals of a message as ``Name_m3``
-    (selector value) or ``Name_b8`` (start bit).  `text` is a DBC, KCD, SYM or ARXML; recognised by
-    its beginning, else by the suffix of `name`, which errors name.  The codec's `left_out` lists
-    what cannot be used, `notes` what was repaired or is odd.  Raises InputError if it is no CAN
-    database, ends within a definition, or none of its messages can be used.
+    Messages that share a name are loaded as ``Name_0x1A0``.  `text` is a DBC, KCD, SYM or ARXML;
+    recognised by its beginning, else by the suffix of `name`, which errors name.  The codec's
+    `left_out` lists what cannot be used, `notes` what was repaired or is odd.  Raises InputError if
+    it is no CAN database, ends within a definition, or none of its messages can be used.
     """
     if not text.strip():
         raise InputError(name, "the file is empty", PICK)
     if "\0" in text:
         raise InputError(name, "binary data, not a CAN database", PICK)
-    source = _RepairedDbc("", name)
-    if kind := _kind(text, name):
-        messages = _read_other(text, name, kind)
-    else:
-        source = _RepairedDbc(text, name)
-        messages = source.messages()
+    kind = _kind(text, name)
+    source = _DbcText("" if kind else text, name)
     layouts: list[MessageLayout] = []
-    for message in messages:
+    for message in _read_other(text, name, kind) if kind else source.messages():
         can_id = message.frame_id | _EXTENDED * message.is_extended_frame
-        lost = source.lost.get(can_id, ())
-        if "" in lost:
+        if can_id in source.lost:
             continue
         try:
-            layout, faults = _layout(message, lost, source.multiplexed.get(can_id, ()))
+            layout, faults = _layout(message, source.multiplexed.get(can_id, ()))
         except ValueError as error:
             source.report(f"message {message.name}", str(error))
             continue
         layouts.append(layout)
         for signal, fault in faults.items():
             source.report(f"{message.name}.{signal}", fault)
-    if kind:  # a message that is passed on from one bus to another means the same on both
-        meanings = {replace(layout, senders=(), cycle_s=None): layout for layout in layouts[::-1]}
-        layouts = [*meanings.values()][::-1]
-    identifiers = Counter((layout.can_id, layout.is_extended) for layout in layouts)
-    usable = [each for each in layouts if identifiers[each.can_id, each.is_extended] == 1]
-    for each in layouts:
-        if each not in usable:
-            source.report(
-                f"message {each.name}", f"has the identifier 0x{each.can_id:X} of another"
-            )
-    named = Counter(layout.name for layout in usable)
+    # A message that is passed on from one bus to another means the same on both.
+    layouts = [*{replace(each, cycle_s=None): each for each in layouts}.values()]
+    identifiers = Counter((each.can_id, each.is_extended) for each in layouts)
+    named = Counter(each.name for each in layouts)
     by_name: dict[str, MessageLayout] = {}
-    for layout in usable:
-        unique = layout.name
-        if named[layout.name] > 1:
-            unique += f"_0x{layout.can_id:X}"
+    for each in layouts:
+        subject, unique = f"message {each.name}", each.name
+        if identifiers[each.can_id, each.is_extended] > 1:
+            source.report(subject, f"has the identifier 0x{each.can_id:X} of another")
+            continue
+        if named[each.name] > 1:
+            unique += f"_0x{each.can_id:X}"
             unique += "x" if unique in by_name else ""  # that one has 11 bits
             said = f"has the name of another: it is {unique} here"
-            source.report(f"message {layout.name}", said, Severity.WARNING)
-        by_name[unique] = replace(layout, name=unique)
-    left_out = tuple(each for each in source.findings if not each.passed)
+            source.report(subject, said, Severity.WARNING)
+        by_name[unique] = replace(each, name=unique)
     if not by_name:
-        if not source.findings:
-            raise InputError(name, "has no messages", PICK)
-        first, *others = source.findings
-        more = f", and {len(others)} more" if others else ""
-        raise InputError(first.where, first.text + more, _CORRECT)
-    return Codec(tuple(by_name.values()), left_out, tuple(f for f in source.findings if f.passed))
+        first = source.findings[0].text if source.findings else "has no messages"
+        raise InputError(name, first, PICK)
+    left_out = tuple(each for each in source.findings if not each.passed)
+    notes = tuple(each for each in source.findings if each.passed)
+    return Codec(tuple(by_name.values()), left_out, notes)
 
 
 def _kind(text: str, name: str) -> str:
@@ -150,7 +125,6 @@ def _read_other(text: str, name: str, kind: str) -> Sequence[Message]:
     """Return the messages of a KCD, SYM or ARXML."""
     from cantools.database.can.formats import arxml, kcd, sym
 
-    _refuse_huge(text, name)
     load: Any = {"kcd": kcd, "sym": sym, "arxml": arxml}[kind]
     logger = logging.getLogger("cantools")
     before, logger.disabled = logger.disabled, True  # it prints what it does not support
@@ -163,12 +137,6 @@ def _read_other(text: str, name: str, kind: str) -> Sequence[Message]:
         logger.disabled = before
 
 
-def _refuse_huge(text: str, name: str) -> None:
-    if huge := _HUGE.search(text):
-        where = f"{name}:{text.count(chr(10), 0, huge.end()) + 1}"
-        raise InputError(where, f"{huge[0].strip()!r} lies outside any payload", _CORRECT)
-
-
 def _refused(name: str, kind: str, error: Exception) -> InputError:
     what = str(error).split("\n", 1)[0] or type(error).__name__
     line = re.search(r"\bline (\d+)", what)
@@ -179,53 +147,40 @@ def _refused(name: str, kind: str, error: Exception) -> InputError:
 
 _DECISIVE = {"VAL_", "SIG_VALTYPE_", "SG_MUL_VAL_"}
 """Statements without which a signal may be decoded wrongly."""
-_KNOWN = _DECISIVE | {"BO_", "SG_", "VERSION", "NS_", "BS_", "BU_", "BA_", "BA_DEF_", "CM_", "EV_"}
-_KNOWN |= {"BA_DEF_DEF_", "BA_REL_", "BA_DEF_REL_", "BA_DEF_DEF_REL_", "BO_TX_BU_", "VAL_TABLE_"}
-_KNOWN |= {"SIG_GROUP_", "ENVVAR_DATA_"}
+_HARMLESS = {"VERSION", "NS_", "BS_", "BU_", "BA_", "BA_DEF_", "CM_", "EV_", "BA_DEF_DEF_"}
+_HARMLESS |= {"BA_REL_", "BA_DEF_REL_", "BA_DEF_DEF_REL_", "BO_TX_BU_", "VAL_TABLE_"}
+_HARMLESS |= {"SIG_GROUP_", "ENVVAR_DATA_"}
 _COMMENT = re.compile(r'^[ \t]*CM_[ \t]+[^"\n;]*"(?:\\"|[^"])*"\s*;', re.MULTILINE)
 _ABOUT = re.compile(r'^(\s*\w+\s+(?:"[^"\n]*"\s+)?(?:[A-Z_]+_\s+)?)(\d{1,19})\b', re.MULTILINE)
 """Beginning of a statement, with the identifier of the message that it is about."""
 
 
-class _RepairedDbc:
-    """The lines of a DBC, what is left out of it, and why."""
+class _DbcText:
+    """The lines of a DBC, and what is left out of it."""
 
     def __init__(self, text: str, name: str) -> None:
         self.findings: list[Finding] = []
-        """Parts left out, as errors; harmless oddities, as warnings."""
-        self.lost: dict[int, set[str]] = defaultdict(set)
-        """Signals that cantools still reads, but might be decoded wrongly, by identifier of their
-        message as in the DBC; an empty name stands for the whole message."""
+        """Parts left out, as errors; repairs and harmless oddities, as warnings."""
+        self.lost: set[int] = set()
+        """Identifiers, as in the DBC, of messages of which cantools does not see a statement."""
         self.multiplexed: dict[int, set[str]] = defaultdict(set)
         """Signals that only some frames hold, by identifier of their message."""
         self._name = name
         self._is_cut = not text.endswith(("\n", ";"))
-        self._repairs = 0
         self._message_names: dict[int, str] = {}
         plain = _COMMENT.sub(lambda comment: "\n" * comment[0].count("\n"), text)
-        _refuse_huge(plain, name)
         self._lines = self._with_marks(plain).split("\n")
-        self._last = max((i for i, line in enumerate(self._lines) if line.strip()), default=-1)
-        self._kinds = [each[1] if (each := re.match(r"\s*(\w+)", s)) else "" for s in self._lines]
-        self._ids: list[int] = []
-        """Identifier of the message that each line is about, -1 if it is about none."""
         message_id = -1
-        for kind, line in zip(self._kinds, self._lines, strict=True):
-            about = _ABOUT.match(line)
-            if kind == "BO_":
-                message_id = int(about[2]) if about else -1
-                self._message_names[message_id] = "".join(re.findall(r"\d\s+(\w+)", line)[:1])
-            elif kind == "SG_" and (signal := re.match(r"\s*SG_\s+(\w+)\s+m", line)):
+        for place, line in enumerate(tuple(self._lines)):
+            if message := re.match(r"\s*BO_\s+(\d+)\s+(\w+)", line):
+                message_id = int(message[1])
+                self._message_names[message_id] = message[2]
+                bits = (message_id & ~_EXTENDED).bit_length()
+                if bits > 29 and message[2] != "VECTOR__INDEPENDENT_SIG_MSG":
+                    self._leave_out(place, f"has an identifier of {bits} bits, not 11 or 29")
+            elif signal := re.match(r"\s*SG_\s+(\w+)\s+m", line):
                 self.multiplexed[message_id].add(signal[1])
-            other_id = int(about[2]) if about else -1
-            self._ids.append(message_id if kind in ("BO_", "SG_") else other_id)
-        for place, (kind, line) in enumerate(zip(self._kinds, self._lines, strict=True)):
-            bits = (self._ids[place] & ~_EXTENDED).bit_length()
-            if kind == "BO_" and bits > 29 and "VECTOR__INDEPENDENT_SIG_MSG" not in line:
-                self._leave_out(place, f"has an identifier of {bits} bits, not 11 or 29")
-            elif kind == "CM_" and line.count('"') % 2:
-                self._leave_out(place, "has a text without an end")
-            elif kind == "SG_MUL_VAL_":
+            elif line.lstrip().startswith("SG_MUL_VAL_"):
                 ranges = re.findall(r"(\d{1,20})\s*-\s*(\d{1,20})", line)
                 values = sum(max(int(high) - int(low) + 1, 0) for low, high in ranges)
                 if values > 1 << 16:  # cantools lists them one by one
@@ -235,18 +190,28 @@ class _RepairedDbc:
         """Return the messages; leaves out what cantools refuses until it reads the rest.
 
         Raises InputError if the text ends within a statement, has more errors than a DBC has, or
-        it is not clear which signal a lost statement was about.
+        it is not clear which message a lost statement was about.
         """
         from cantools.database.can.formats import dbc
         from textparser import ParseError
 
+        n_errors = 0
         while any(line.strip() for line in self._lines):
+            # cantools ignores a last statement that is cut off: this one is last.
+            text = "\n".join([*self._lines, 'CM_ "end";\n'])
             try:
-                # cantools ignores a last statement that is cut off: this one is last.
-                text = "\n".join([*self._lines, 'CM_ "end";\n'])
                 return dbc.load_string(text, strict=False).messages
             except ParseError as error:
-                self._leave_out_error(error.offset)
+                n_errors += 1
+                place = self._wrong_line(text, error.offset)
+                # With more than 40 it is no DBC; 10 million characters are some 20 s of work.
+                if n_errors > 40 or n_errors * len(text) > 10_000_000:
+                    what = f"the text has more than {n_errors - 1} errors of syntax"
+                    raise InputError(f"{self._name}:{place + 1}", what, _CORRECT) from error
+                if self._is_cut and not any(line.strip() for line in self._lines[place + 1 :]):
+                    what = "the text ends within a definition"
+                    raise InputError(f"{self._name}:{place + 1}", what, _CORRECT) from error
+                self._leave_out(place, "is not valid DBC")
             except Exception as error:  # it raises many kinds: ValueError, KeyError, AssertionError
                 if not self._leave_out_strays(str(error)):
                     raise _refused(self._name, "DBC", error) from error
@@ -273,25 +238,24 @@ class _RepairedDbc:
             text,
         )
 
-    def _leave_out_error(self, offset: int) -> None:
-        """Leave out the line with the error of syntax at `offset`."""
-        text = "\n".join(self._lines)
-        place = min(text.count("\n", 0, offset), len(self._lines) - 1)
-        filled = [i for i in range(place + 1) if self._lines[i].strip()]
-        # What lacks its end is refused where the next statement begins: the line before is wrong.
-        if offset >= len(text):
-            place = filled[-1]
-        elif self._kinds[place] in _KNOWN and filled[1:]:
-            line_begins = not text[text.rfind("\n", 0, offset) + 1 : offset].strip()
-            # A signal after another statement than these is itself wrong.
-            may_follow = self._kinds[place] != "SG_" or self._kinds[filled[-2]] in ("BO_", "SG_")
-            place = filled[-2] if line_begins and may_follow else place
-        self._repairs += 1
-        # With more than 40 it is taken for no DBC; 10 million characters are some 20 s of work.
-        if self._repairs > 40 or self._repairs * len(text) > 10_000_000:
-            what = f"the text has more than {self._repairs - 1} errors of syntax"
-            raise InputError(f"{self._name}:{place + 1}", what, _CORRECT)
-        self._leave_out(place, "is not valid DBC")
+    def _keyword(self, place: int) -> str:
+        """Return the first word of a line; empty if it has none."""
+        return "".join(re.findall(r"^\s*(\w+)", self._lines[place]))
+
+    def _wrong_line(self, text: str, offset: int) -> int:
+        """Return the number, from 0, of the line with the error of syntax at `offset`.
+
+        What lacks its end is refused where the next statement begins: the line before is wrong.
+        """
+        place = text.count("\n", 0, offset)
+        filled = [i for i, line in enumerate(self._lines[: place + 1]) if line.strip()]
+        is_in_line = text[text.rfind("\n", 0, offset) + 1 : offset].strip()
+        if is_in_line or filled[-1] < place or not filled[1:]:
+            return filled[-1]
+        keyword, before = (self._keyword(i) for i in (filled[-1], filled[-2]))
+        if keyword == "SG_" and before not in ("BO_", "SG_"):  # itself wrong in this place
+            return filled[-1]
+        return filled[-2] if keyword in _DECISIVE | _HARMLESS | {"BO_", "SG_"} else filled[-1]
 
     def _leave_out_strays(self, complaint: str) -> bool:
         """Leave out the statements on unknown signals that cantools lists; False if there are none.
@@ -304,39 +268,33 @@ class _RepairedDbc:
             if statement in strays:
                 self._lines[place] = ""
                 said, severity = "is left out: it names no signal", Severity.WARNING
-                if self._kinds[place] == "SIG_VALTYPE_":
-                    self.lost[self._ids[place]].add("")
+                if statement.startswith("SIG_VALTYPE_"):
+                    self.lost.add(int(statement.split()[1]))
                     said, severity = "names no signal: its message is left out", Severity.ERROR
                 self.report(statement, said, severity, place + 1)
         return bool(strays)
 
     def _leave_out(self, place: int, why: str) -> None:
-        """Leave out a line, with the message or signal that it states."""
-        kind, can_id = self._kinds[place], self._ids[place]
-        if place == self._last and self._is_cut:
-            what = "the text ends within a definition"
+        """Leave out a line, with the signal or the message that it states or is about."""
+        line, keyword, stop = self._lines[place], self._keyword(place), place + 1
+        while keyword != "SG_" and stop < len(self._lines) and self._keyword(stop) in ("SG_", ""):
+            stop += 1  # the signals must not become those of the message before
+        is_message = keyword == "BO_" or any(each.strip() for each in self._lines[place + 1 : stop])
+        about = _ABOUT.match(line)
+        message_id = int(about[2]) if about else -1
+        message = self._message_names.get(message_id, "")
+        subject, severity = f"message {message or '?'}", Severity.ERROR
+        if keyword == "SG_":
+            subject = "signal " + "".join(re.findall(r"SG_\s+(\w+)", line)[:1])
+        elif not is_message and message and keyword not in _HARMLESS:
+            self.lost.add(message_id)
+            why = f"has a {keyword} that {why}"
+        elif not is_message and keyword in _DECISIVE:
+            what = f"the text has a {keyword} of an unknown message that {why}"
             raise InputError(f"{self._name}:{place + 1}", what, _CORRECT)
-        stop = place + 1
-        if kind != "SG_":  # the lines after it must not become signals of the message before
-            while stop < len(self._lines) and self._kinds[stop] in ("SG_", ""):
-                stop += 1
-        message = self._message_names.get(can_id, "?")
-        if kind == "SG_":
-            signal = re.match(r"\s*SG_\s+(\w+)", self._lines[place])
-            self.report(f"{message}.{signal[1] if signal else '?'}", why, line=place + 1)
-        elif kind == "BO_" or any(line.strip() for line in self._lines[place + 1 : stop]):
-            self.report(f"message {message}", why, line=place + 1)
-        elif can_id in self._message_names and (kind in _DECISIVE or kind not in _KNOWN):
-            name = "".join(re.findall(r"\d\s+(\w+)", self._lines[place])[:1])
-            self.lost[can_id].add(name)
-            subject = f"{message}.{name}" if name else f"message {message}"
-            self.report(subject, f"has a {kind} that {why}", line=place + 1)
-        elif kind in _DECISIVE:
-            what = f"the text has a {kind} of an unknown message that {why}"
-            raise InputError(f"{self._name}:{place + 1}", what, _CORRECT)
-        else:
-            subject = kind if kind in _KNOWN else "the text"
-            self.report(subject, f"{why}: this is left out", Severity.WARNING, place + 1)
+        elif not is_message:
+            subject, severity = f"the statement {keyword}", Severity.WARNING
+        self.report(subject, why, severity, place + 1)
         self._lines[place:stop] = [""] * (stop - place)
 
 
@@ -344,83 +302,62 @@ class _RepairedDbc:
 
 
 def _layout(
-    message: Message, lost: Collection[str], multiplexed: Collection[str]
+    message: Message, multiplexed: Collection[str]
 ) -> tuple[MessageLayout, Mapping[str, str]]:
     """Return a message without the signals that cannot be decoded, and their faults by name.
 
-    `lost`: signals that are left out, without a further fault.  `multiplexed`: those that only
-    some frames hold.  Raises ValueError with the reason if the message cannot be decoded.
+    `multiplexed`: signals that only some frames hold.  Raises ValueError with the reason if the
+    message cannot be decoded.
     """
     if message.is_container:
         raise ValueError("is a container of other messages")
     if message.length > 64:
         raise ValueError(f"has {message.length} bytes, not 0 to 64")
-    layouts: list[SignalLayout] = []
+    stated = Counter(signal.name for signal in message.signals)
+    signals = {signal.name: _signal(signal) for signal in message.signals}
+    roles = {signal.name: _role(signal) for signal in message.signals}
     faults: dict[str, str] = {}
-    roles: dict[str, str] = {}
-    for signal in message.signals:
-        if signal.name in lost:
-            continue
-        layout, role = _signal(signal), _role(signal)
-        fault = _fault(layout, message.length)
-        if layout.name in multiplexed and not layout.selected_by:
-            fault = "is multiplexed without one clear selector"
-        if fault:
-            faults[signal.name] = fault
-        else:
-            layouts.append(layout)
-        if role != "value":
-            roles[signal.name] = role
-    layouts = _with_distinct_names(layouts)
-    by_name = {each.name: each for each in layouts}
-    for each in layouts:
-        fault = "is defined twice" if each is not by_name[each.name] else None
-        if fault := fault or _fault_of_selector(each, by_name):
-            faults[each.name] = fault
-    usable = {name: each for name, each in by_name.items() if name not in faults}
-    for name, role in roles.items():
-        if not _may_have_role(usable.get(name), role):
-            raise ValueError(f"has {name}, which cannot have the {ROLE} {role}")
-    if len(roles) != len({role == "counter" for role in roles.values()}):
-        raise ValueError(f"has two signals with one {ROLE}: {', '.join(roles)}")
+    for name, signal in signals.items():
+        if stated[name] > 1:
+            faults[name] = "is defined twice"
+        elif name in multiplexed and not signal.selected_by:
+            faults[name] = "is multiplexed without one clear selector"
+        elif fault := _fault(signal, message.length):
+            faults[name] = fault
+        elif not _may_have_role(signal, roles[name]):
+            faults[name] = f"cannot have the {ROLE} {roles[name]}"
+    decodable = {name: signal for name, signal in signals.items() if name not in faults}
+    for name, signal in decodable.items():
+        if fault := _fault_of_selector(signal, decodable):
+            faults[name] = fault
+    usable = {name: signal for name, signal in decodable.items() if name not in faults}
     if faults and not usable:
-        raise ValueError(f"has no usable signal: {' '.join(next(iter(faults.items())))}")
-    counter = next((name for name, role in roles.items() if role == "counter"), None)
-    checksum = next((name for name, role in roles.items() if role != "counter"), None)
+        name, fault = next(iter(faults.items()))
+        raise ValueError(f"has no usable signal: {name} {fault}")
+    counter = next((name for name in usable if roles[name] == "counter"), None)
+    checksum = next((name for name in usable if roles[name] in CRC_RULES), None)
     cycle_ms = message.cycle_time
-    layout_of_message = MessageLayout(
+    layout = MessageLayout(
         name=message.name,
         can_id=message.frame_id,
         is_extended=message.is_extended_frame,
         length=message.length,
         cycle_s=cycle_ms / 1000 if isinstance(cycle_ms, int | float) and cycle_ms > 0 else None,
         signals=tuple(sorted(usable.values(), key=lambda each: each.first_bit)),
-        counter=CounterRule(counter, 1 << by_name[counter].length) if counter else None,
+        counter=CounterRule(counter, 1 << usable[counter].length) if counter else None,
         crc=checksum,
         crc_rule=roles[checksum] if checksum else "crc8_j1850",
-        senders=tuple(message.senders),
     )
-    return layout_of_message, faults
+    return layout, faults
 
 
-def _with_distinct_names(layouts: Sequence[SignalLayout]) -> list[SignalLayout]:
-    """Return the signals; those of one name get their selector value or start bit added to it."""
-    distinct = list(layouts)
-    for part in ("m", "b"):
-        named = Counter(each.name for each in distinct)
-        for i, each in enumerate(distinct):
-            number = each.start if part == "b" else next(iter(each.selected_by), (None,))[0]
-            if named[each.name] > 1 and number is not None:
-                distinct[i] = replace(each, name=f"{each.name}_{part}{number}")
-    return distinct
-
-
-def _may_have_role(signal: SignalLayout | None, role: str) -> bool:
+def _may_have_role(signal: SignalLayout, role: str) -> bool:
     """Return whether a signal can be a counter, or a checksum of a known rule."""
-    if signal is None or not signal.is_plain or signal.length > 32:
-        return False
-    is_byte = signal.length == 8 and signal.is_whole_bytes
-    return role == "counter" or (is_byte and role in CRC_RULES)
+    if role == "value":
+        return True
+    if role == "counter":
+        return signal.is_plain and signal.length <= 32
+    return role in CRC_RULES and signal.is_plain and signal.length == 8 and signal.is_whole_bytes
 
 
 def _fault(signal: SignalLayout, length: int) -> str | None:
@@ -429,14 +366,10 @@ def _fault(signal: SignalLayout, length: int) -> str | None:
         return "has no name"
     if not 1 <= signal.length <= 64 or not 0 <= signal.start < 512:
         return f"has {signal.length} bits from bit {signal.start}, outside any payload"
-    try:
-        ends = [number * 2.0**signal.length for number in (signal.factor, signal.offset)]
-    except OverflowError:
-        ends = [math.inf]
-    if not all(map(math.isfinite, ends)):
-        return "has a factor or offset beyond float64"
     if signal.factor == 0:
         return "has the factor 0: all its values would be the same"
+    if not (abs(signal.factor) < 1e280 and abs(signal.offset) < 1e280):
+        return "has a factor or offset beyond float64"
     if signal.is_float and signal.length not in (16, 32, 64):
         return f"is a float of {signal.length} bits, not 16, 32 or 64"
     last = signal.last_byte
@@ -457,10 +390,10 @@ def _fault_of_selector(signal: SignalLayout, by_name: Mapping[str, SignalLayout]
 
 def _signal(signal: Signal) -> SignalLayout:
     conversion = signal.conversion
-    low, high = (
-        None if limit is None or not math.isfinite(limit) else float(limit)
-        for limit in (signal.minimum, signal.maximum)
-    )
+    low, high = signal.minimum, signal.maximum
+    limits = None
+    if low is not None and high is not None and -math.inf < low < high < math.inf:
+        limits = float(low), float(high)
     ranges: list[tuple[int, int]] = []
     for value in sorted(signal.multiplexer_ids or ()):
         if ranges and value <= ranges[-1][1] + 1:
@@ -472,13 +405,12 @@ def _signal(signal: Signal) -> SignalLayout:
         unit=signal.unit or "",
         start=signal.start,
         length=signal.length,
-        is_big_endian=signal.byte_order == "big_endian",
+        byte_order="big" if signal.byte_order == "big_endian" else "little",
         is_signed=signal.is_signed,
         is_float=conversion.is_float,
         factor=conversion.scale,
         offset=conversion.offset,
-        minimum=low,
-        maximum=high,
+        limits=limits,
         selector=signal.multiplexer_signal,
         selected_by=tuple(ranges),
         sentinels=(),

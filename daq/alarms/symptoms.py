@@ -201,8 +201,8 @@ class _Channel:
         signal, channel = mapped.signal, mapped.channel
         self.name, self.signal = channel.name, channel.signal
         self.low, self.high = signal.span
-        least, most = signal.minimum, signal.maximum
-        if least is not None and most is not None and least < most:
+        if signal.limits is not None:
+            least, most = signal.limits
             self.low, self.high = max(self.low, least), min(self.high, most)
         self.text = f"{self.low:g} to {self.high:g} {signal.unit}".rstrip()
         if signal.length == 1:  # a switch is always at one end

@@ -422,7 +422,7 @@ def sensor_clocks(codec: Codec, rules: Sequence[MessageRule]) -> Mapping[str, Se
         signal = _signal(codec.by_name[rule.name], "time_signal", name, CORRECT_MESSAGE)
         unit = rule.time_unit or signal.unit
         si = known_si(unit)
-        if si is None or si.unit != "s" or signal.is_multiplexed:
+        if si is None or si.unit != "s" or signal.selector is not None:
             what = f"time signal {name} has the unit {unit!r}, not one of time"
             raise InputError(where, what, "state time_unit as s, ms, us or ns")
         if rule.time_wrap is None and signal.is_float:

@@ -269,8 +269,8 @@ def _validity_faults(
         return np.asarray((samples.quality & bit) != 0)
 
     outside, limits = usable & has(Quality.OUT_OF_RANGE), ""
-    if outside.any():
-        limits = f"{signal.minimum:g} to {signal.maximum:g} {signal.unit}"
+    if outside.any() and signal.limits is not None:
+        limits = f"{signal.limits[0]:g} to {signal.limits[1]:g} {signal.unit}"
     see, out = "see its message", "check the sensor, or the range and factor in the DBC"
     saturated = "it saturates, or reports that it has no value"
     end = f"at the end of its range ({low:g} to {high:g})"

@@ -177,8 +177,8 @@ def candidate(full: str, signal: SignalLayout, values: NDArray[np.float64]) -> C
     if known.unit not in ("m/s2", "rad/s", "rad/s2", "m"):
         return None
     span = level = None
-    if signal.minimum is not None and signal.maximum is not None:
-        span = signal.maximum - signal.minimum
+    if signal.limits is not None:
+        span = signal.limits[1] - signal.limits[0]
     if len(values) >= FEWEST:
         level = float(np.median(values))
     corner, source = corner_by_name(signal.name, message_of(full)) or (None, "")

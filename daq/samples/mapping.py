@@ -52,7 +52,7 @@ class MappedChannel:
     @property
     def is_multiplexed(self) -> bool:
         """True if only some frames of the message hold the signal."""
-        return self.signal.is_multiplexed
+        return self.signal.selector is not None
 
     @property
     def step(self) -> float:

@@ -304,18 +304,6 @@ def arxml(length: int = 12) -> str:
     )
 
 
-def kcd_text(second: str) -> str:
-    """Return a message whose selector chooses one of two signals, the second one as given."""
-    return (
-        '<NetworkDefinition xmlns="http://kayak.2codeornot2code.org/1.0"><Document/>'
-        '<Bus name="B"><Message id="0x123" name="Limits" length="8">'
-        '<Multiplex name="Which" offset="0" length="8">'
-        '<MuxGroup count="3"><Signal name="Low" offset="8" length="16"><Value slope="0.1"/>'
-        f'</Signal></MuxGroup><MuxGroup count="4"><Signal name="{second}" offset="16" length="16"/>'
-        "</MuxGroup></Multiplex></Message></Bus></NetworkDefinition>"
-    )
-
-
 def kcd_message(name: str, slope: float, can_id: int = FRAME, producer: str = "1") -> str:
     return (
         f'<Message id="{can_id:#x}" name="{name}" length="8">'

@@ -16,7 +16,7 @@ from dbc import UNUSABLE, Codec, InputError, Quality, load_codec, parse_codec, s
 from dbc.database import names_no_value
 from tui.cli import run
 
-from .databases import FRAME, SYM_TEXT, TWO_BUSES, arxml, block, kcd, kcd_message, kcd_text
+from .databases import FRAME, SYM_TEXT, TWO_BUSES, arxml, block, kcd, kcd_message
 
 HEAD = 'VERSION ""\n\nNS_ :\n\tCM_\n\tVAL_\n\nBS_:\n\nBU_: A B\n\n'
 M = 'BO_ 256 M: 8 A\n SG_ s : 0|16@1- (0.5,0) [0|0] "g" B\n SG_ t : 16|8@1+ (1,0) [0|0] "" A,B\n\n'
@@ -35,7 +35,7 @@ def signal(line: str, tail: str = "") -> str:
 COUNTERS = 'BA_DEF_ SG_ "SignalRole" ENUM "value","counter";\n'
 # A text with a fault in message Bad or signal Bad.s, and what is said on which line.
 LEFT_OUT = {
-    "syntax": (signal('s : 0|16@1- (0.5;0) [0|0] "g"'), "12: Bad.s is not valid DBC"),
+    "syntax": (signal('s : 0|16@1- (0.5;0) [0|0] "g"'), "12: signal s is not valid DBC"),
     "factor 0": (signal('s : 0|16@1- (0,0) [0|0] "g"'), "has the factor 0"),
     "factor": (signal('s : 0|8@1+ (1e400,0) [0|0] ""'), "factor or offset beyond float64"),
     "long": (signal('s : 0|9999@1- (1,0) [0|0] "g"'), "s has 9999 bits"),
@@ -65,7 +65,7 @@ LEFT_OUT = {
             's M : 0|32@1+ (1,0) [0|0] "" B\n SG_ r m0 : 32|8@1+ (1,0) [0|0] ""',
             "SG_MUL_VAL_ 300 r s 0-4000000000;\n",
         ),
-        "Bad.r has a SG_MUL_VAL_ that has 4,000,000,001 values",
+        "message Bad has a SG_MUL_VAL_ that has 4,000,000,001 values",
     ),
     "identifier": (
         signal('s : 0|8@1+ (1,0) [0|0] ""').replace("300", "1073741824"),
@@ -82,7 +82,7 @@ LEFT_OUT = {
     ),
     "type": (
         signal('s : 0|32@1- (1,0) [0|0] ""', "SIG_VALTYPE_ 300 s ; 1;\n"),
-        "Bad.s has a",
+        "message Bad has a SIG_VALTYPE_",
     ),
     "type of no signal": (
         signal('s : 0|32@1- (1,0) [0|0] ""', "SIG_VALTYPE_ 300 q : 1;\n"),
@@ -90,27 +90,23 @@ LEFT_OUT = {
     ),
     "type without an end": (
         signal('s : 0|32@1- (1,0) [0|0] ""', 'SIG_VALTYPE_ 300 s : 1\nVAL_ 257 s 1 "a" ;\n'),
-        "16: Bad.s has a SIG_VALTYPE_",
+        "16: message Bad has a SIG_VALTYPE_",
     ),
-    "mistyped": (signal('s : 0|32@1- (1,0) [0|0] ""', "SIG_VLTYPE_ 300 s : 1;\n"), "16: Bad.s has"),
-    "table": (signal('s : 0|8@1- (1,0) [0|0] ""', 'VAL_ 300 s 1 "a "b" c";\n'), "16: Bad.s has"),
+    "mistyped": (
+        signal('s : 0|32@1- (1,0) [0|0] ""', "SIG_VLTYPE_ 300 s : 1;\n"),
+        "16: message Bad has",
+    ),
+    "table": (signal('s : 0|8@1- (1,0) [0|0] ""', 'VAL_ 300 s 1 "a "b" c";\n'), "16: message Bad"),
     "role": (
         signal(
             's : 0|8@1+ (1,0) [0|0] ""',
             'BA_DEF_ SG_ "SignalRole" ENUM "value","crc16";\nBA_ "SignalRole" SG_ 300 s 1;\n',
         ),
-        "has s, which cannot have the SignalRole crc16",
+        "s cannot have the SignalRole crc16",
     ),
     "long counter": (
         signal('s : 0|33@1+ (1,0) [0|0] ""', f'{COUNTERS}BA_ "SignalRole" SG_ 300 s 1;\n'),
-        "has s, which cannot have the SignalRole counter",
-    ),
-    "two counters": (
-        signal(
-            's : 0|8@1+ (1,0) [0|0] "" B\n SG_ u : 8|8@1+ (1,0) [0|0] ""',
-            f'{COUNTERS}BA_ "SignalRole" SG_ 300 s 1;\nBA_ "SignalRole" SG_ 300 u 1;\n',
-        ),
-        "has two signals with one SignalRole: s, u",
+        "s cannot have the SignalRole counter",
     ),
     "head": (signal('s : 0|8@1- (1,0) [0|0] ""').replace("300 Bad:", "300 Bad"), "11: message Bad"),
     "no head": (signal('s : 0|8@1- (1,0) [0|0] ""').replace("BO_ 300", "XO_ 300"), "11: message ?"),
@@ -123,7 +119,7 @@ def test_what_cannot_be_decoded_costs_itself_only(case: str) -> None:
     codec = parse_codec(M + text, "x.dbc")
     kept = {name for name in names(codec) if not name.startswith("Bad.")}
     assert kept == {"M.s", "M.t", "N.s"}
-    assert "Bad.s" not in names(codec) or case in ("two selectors", "range")
+    assert "Bad.s" not in names(codec) or case == "two selectors"
     if said[:2].isdigit():
         said = f"x.dbc:{int(said[:2]) + M.count(chr(10))}{said[2:]}"
     assert any(said in str(each) for each in codec.left_out), codec.left_out
@@ -134,11 +130,7 @@ def test_what_cannot_be_decoded_costs_itself_only(case: str) -> None:
 REPAIRED = {
     "11 bits": (f"{HEAD}{M}{N}".replace("256", "2048"), "it is read as 29-bit"),
     "table of none": (f'{HEAD}{M}{N}VAL_ 256 q 1 "a";\nVAL_ 9 s 1 "a";\n', "names no signal"),
-    "comment": (
-        f'{HEAD}{M}{N}CM_ BO_ 256 "no end;\nVAL_ 257 s 255 "invalid";\nCM_ "x";\n',
-        "18: CM_",
-    ),
-    "unknown": (f"{HEAD}{M}{N}FOO_ bar;\n", "18: the text is not valid DBC"),
+    "unknown": (f"{HEAD}{M}{N}FOO_ bar;\n", "18: the statement FOO_ is not valid DBC"),
 }
 
 
@@ -149,8 +141,6 @@ def test_a_repair_loses_nothing_and_is_said(case: str) -> None:
     assert names(codec) == ["M.s", "M.t", "N.s"]
     assert not codec.left_out
     assert any(said in str(each) for each in codec.notes), codec.notes
-    sentinels = (255,) if "invalid" in text else ()
-    assert codec.message("N").signal("s").sentinels == sentinels
     assert codec.message("M").is_extended == (case == "11 bits")
 
 
@@ -161,7 +151,6 @@ REFUSED = {
     "header only": (HEAD, "no messages"),
     "type of which message": (f"{HEAD}{M}SIG_VALTYPE_ s : 1;\n", "of an unknown message"),
     "attribute": (f'{HEAD}{M}BA_ "GenMsgOther" BO_ 256 10;\n', "not a valid DBC: 'GenMsgOther'"),
-    "huge": (signal('s : 0|999999@1- (1,0) [0|0] "g"'), "x.dbc:12: .* lies outside any payload"),
     "quotes": ('CM_ "\n' * 2000, "x.dbc:"),
     "recursion": (
         f'{HEAD}BO_ 1 M: 8 A\n SG_ s0 M : 0|8@1+ (1,0) [0|0] "" B\n'
@@ -202,23 +191,21 @@ def test_ranges_of_selectors_have_a_limit(values: int, loads: bool) -> None:
     text = (
         f'{HEAD}BO_ 1 M: 8 A\n SG_ top M : 0|32@1+ (1,0) [0|0] "" B\n'
         f' SG_ s m0 : 32|8@1+ (1,0) [0|0] "" B\nSG_MUL_VAL_ 1 s top 0-{values - 1};\n'
+        f"{N}"
     )
     codec = parse_codec(text, "x.dbc")
-    assert names(codec) == (["M.top", "M.s"] if loads else ["M.top"])
+    assert names(codec) == (["M.top", "M.s", "N.s"] if loads else ["N.s"])
     if loads:
         assert codec.message("M").signal("s").selected_by == ((0, values - 1),)
 
 
-def test_names_that_are_given_twice_are_told_apart() -> None:
+def test_messages_of_one_name_have_their_identifier_in_it() -> None:
     far = M.replace("256", str((1 << 31) + 256))
-    twice = 'BO_ 258 K: 8 A\n SG_ s : 0|8@1+ (1,0) [0|0] "" B\n SG_ s : 8|8@1+ (1,0) [0|0] "" B\n'
-    codec = parse_codec(HEAD + M + N + far + twice, "x.dbc")
-    assert [m.name for m in codec.messages] == ["M_0x100", "N", "M_0x100x", "K"]
-    assert [s.name for s in codec.message("K").signals] == ["s_b0", "s_b8"]
+    codec = parse_codec(HEAD + M + N + far, "x.dbc")
+    assert [m.name for m in codec.messages] == ["M_0x100", "N", "M_0x100x"]
     assert any("it is M_0x100 here" in str(note) for note in codec.notes)
-    decoded = codec.decode(block([b"\2\0\7\0\0\0\0\0", b"\4\5\7\0\0\0\0\0"], [256, 258]))
+    decoded = codec.decode(block([b"\2\0\7\0\0\0\0\0"], [256]))
     assert decoded["M_0x100.s"].value.tolist() == [1.0]
-    assert decoded["K.s_b8"].value.tolist() == [5.0]
 
 
 def test_roles_long_names_cycles_and_senders_are_read() -> None:
@@ -233,7 +220,6 @@ def test_roles_long_names_cycles_and_senders_are_read() -> None:
     assert message.cycle_s == 0.005
     assert message.counter is not None
     assert (message.counter.signal, message.counter.modulus) == ("t", 256)
-    assert message.senders == ("A", "B")
     assert [s.name for s in message.signals] == ["long" * 9, "t"]
 
 
@@ -250,14 +236,14 @@ def test_decode_ends_with_one_line_for_a_broken_database(
 ) -> None:
     log, dbc = tmp_path / "x.log", tmp_path / "x.dbc"
     log.write_text("(1.0) can0 100#0200070000000000\n")
-    dbc.write_text(HEAD + M[:-30])
+    dbc.write_text("no database")
     assert run(["decode", str(log), "--dbc", str(dbc)]) == 2
     assert capsys.readouterr().err.count("\n") == 1
     dbc.write_text(HEAD + M + N.replace(": 0|8@1+", ": 0|8@1"))
     assert run(["decode", str(log), "--dbc", str(dbc)]) == 0
     out, err = capsys.readouterr()
     assert "1.000000000,M,s,1,g" in out
-    assert "x.dbc:16: N.s is not valid DBC" in err
+    assert "x.dbc:16: signal s is not valid DBC" in err
 
 
 # KCD, SYM and ARXML against what they say; databases of several buses ---------------------------
@@ -288,24 +274,13 @@ def test_sym_is_what_cantools_reads() -> None:
     assert [s.sentinels for m in codec.messages for s in m.signals if s.name == "Mode"] == [(255,)]
 
 
-def test_signals_of_one_name_have_the_value_of_their_selector() -> None:
-    codec = parse_codec(kcd_text("Low"), "a.kcd")
-    assert [s.name for s in codec.message("Limits").signals] == ["Which", "Low_m3", "Low_m4"]
-    decoded = codec.decode(block([bytes([3, 10, 0, 0]), bytes([4, 0, 7, 0])], FRAME))
-    assert decoded["Limits.Low_m3"].value.tolist() == [1.0]
-    assert decoded["Limits.Low_m4"].value.tolist() == [7.0]
-
-
 @pytest.mark.parametrize(
     ("name", "text", "said"),
     [
         ("a.arxml", arxml()[:-60], "not a valid ARXML"),
-        ("a.arxml", arxml(100_000_000), r"a.arxml:\d+: .* lies outside any payload"),
         ("a.arxml", "no XML at all", "not a valid ARXML"),
-        ("a.kcd", TWO_BUSES.replace('length="16"', 'length="999999999"'), "outside any payload"),
         ("a.kcd", TWO_BUSES[:-30], "not a valid KCD"),
         ("a.kcd", kcd('<Bus name="Empty"/>'), "no messages"),
-        ("a.sym", SYM_TEXT.replace("unsigned 12", "unsigned 999999999"), "outside any payload"),
         ("a.sym", "FormatVersion=5.0\n", "not a valid SYM"),
     ],
 )

@@ -234,10 +234,9 @@ RATES = {"Rate.GyrX": "rad/s", "Rate.GyrY": "rad/s", "Rate.GyrZ": "rad/s"}
 
 def signal_layout(full: str, unit: str, span: float | None = None, bits: int = 16) -> SignalLayout:
     """Return a signal whose range, if it is stated, begins at 0."""
-    low = None if span is None else 0.0
+    limits = None if span is None else (0.0, span)
     name = full.rpartition(".")[2]
-    plain = False, True, False, 1, 0  # little-endian, signed, no float, factor and offset
-    return SignalLayout(name, unit, 0, bits, *plain, low, span, None, (), ())
+    return SignalLayout(name, unit, 0, bits, "little", True, False, 1, 0, limits, None, (), ())
 
 
 def signal(
