@@ -14,7 +14,6 @@ import threading
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -99,15 +98,14 @@ def main() -> None:
     """Run the command line and exit."""
     try:
         code = run(sys.argv[1:])
+    except ImportError as error:  # such as another distribution with a package `identify`
+        say(f"error: {error} (install bumpbench again, in an environment of its own)")
+        code = ExitCode.BAD_INPUT
     except Exception as error:  # exit code 1, Python's own, would read as a refusal
-        if foreign := _foreign_package():
-            say(f"error: {foreign}")
-            code = ExitCode.BAD_INPUT
-        else:
-            traceback.print_exc()
-            fault = "a fault of bumpbench (report it with the lines above)"
-            say(f"error: {type(error).__name__}: {fault}")
-            code = ExitCode.DEFECT
+        traceback.print_exc()
+        fault = "a fault of bumpbench (report it with the lines above)"
+        say(f"error: {type(error).__name__}: {fault}")
+        code = ExitCode.DEFECT
     finally:
         gc.freeze()  # else Python searches all loaded objects before it ends, for 0.3 s
     sys.exit(code)
@@ -166,30 +164,6 @@ def _ended_by_sigterm() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGTERM, before)
-
-
-def _foreign_package() -> str:
-    """Return which package name another distribution has, and what to do; empty if none has.
-
-    The package index has another distribution with a package `identify`.
-    """
-    from importlib.metadata import packages_distributions
-    from importlib.util import find_spec
-
-    owners = packages_distributions()
-    for name in ("dbc", "daq", "identify", "tui"):
-        spec = find_spec(name)
-        place = Path(spec.origin).resolve() if spec and spec.origin else None
-        others = [owner for owner in owners.get(name, []) if owner != "bumpbench"]
-        if others or (
-            place is not None and place.parents[1] != Path(__file__).resolve().parents[1]
-        ):
-            whose = f"the distribution {others[0]}" if others else "something else"
-            return (
-                f"package {name}: {whose} has that name, too ({place}) (uninstall or move it, then"
-                " install bumpbench again; both work in separate environments)"
-            )
-    return ""
 
 
 def _discard_output() -> None:

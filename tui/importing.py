@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib.metadata import version
 from json import dumps
 from pathlib import Path
 from typing import Any
@@ -28,7 +27,7 @@ from daq.session.from_columns import (
 from daq.session.from_frames import Intake, LogPart, labelled, session_from_parts
 from dbc import Codec, counted, plural
 
-from .output import Stage
+from .output import Stage, software
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +82,7 @@ def import_logs(
     ]
     # If any of several logs was not measured, its origin counts.
     origins = [source.origin for source in sources if source.origin != Origin.REAL]
-    about = {"software": _software(), "origin": str((origins or [Origin.REAL])[0])}
+    about = {"software": software(), "origin": str((origins or [Origin.REAL])[0])}
     about |= {f"source_{n}": dumps(fact) for n, fact in enumerate(facts, start=1)}
     session = session_from_parts(bench, codec, parts, about)
     bumps = sum(event.code.endswith("bump") for part in parts for event in part.events)
@@ -115,7 +114,7 @@ def import_channels(
     """
     runs: list[Run] = []
     unread: list[str] = []
-    about = {"software": _software()}
+    about = {"software": software()}
     bumps = 0
     for number, path in enumerate(files):
         stage(number / len(files), f"{path.name}, {counted(bumps, 'bump')}")
@@ -186,10 +185,6 @@ def _require_a_bump(parts: Sequence[LogPart], sources: Sequence[Log], n_buses: i
         if n_buses > 1:
             advice = "the sensors' buses must be those of the log, counted from 0"
     raise InputError(", ".join(source.name for source in sources), reason, advice)
-
-
-def _software() -> str:
-    return f"bumpbench {version('bumpbench')}"
 
 
 def _file_facts(path: Path) -> dict[str, str | int]:

@@ -115,6 +115,13 @@ def console() -> Console:
     return Console(file=sys.stdout, width=width, emoji=False)
 
 
+def software() -> str:
+    """Return name and version of this program, as files state it."""
+    from importlib.metadata import version
+
+    return f"bumpbench {version('bumpbench')}"
+
+
 class Stage(Protocol):
     """One line of progress."""
 

@@ -25,8 +25,6 @@ _SHOWN = 20
 """Largest number of refused and failed sessions to name; the table has all."""
 _FAILED = "failed"
 """Verdict of a session that has no identification."""
-_LAST = ("seconds", "software", "libraries")
-"""Last columns of the table, which failed sessions have, too."""
 
 
 def batch(
@@ -72,7 +70,7 @@ def batch(
     from dbc import InputError, counted
 
     from ..jobs.executors import as_finished
-    from ..output import print_item, print_json, print_line, progress
+    from ..output import print_item, print_json, print_line, progress, software
 
     if scheduler is not None and workers is not None:
         advice = "leave it out with --scheduler"
@@ -92,7 +90,7 @@ def batch(
     done_keys = {  # a failure may be due to the machine
         key
         for key, row in rows.items()
-        if row["verdict"] != _FAILED and row["software"] == _software()
+        if row["verdict"] != _FAILED and row["software"] == software()
     }
     open_jobs = [job for job in jobs.items() if job[0] not in done_keys]
     done = len(jobs) - len(open_jobs)
@@ -182,8 +180,6 @@ def row_of(job: tuple[str, str]) -> Row:
 
     Any error becomes the reason of a row that failed.
     """
-    from traceback import extract_tb
-
     from daq import read_session
     from dbc import BumpbenchError
     from identify.batch import session_row
@@ -194,9 +190,7 @@ def row_of(job: tuple[str, str]) -> Row:
     except BumpbenchError as error:
         row = _failed(str(error).removeprefix(f"{file}: "))  # the row names the file
     except Exception as error:  # one strange session of thousands must not stop the others
-        last = extract_tb(error.__traceback__)[-1]
-        where = f"{Path(last.filename).name}:{last.lineno}"
-        row = _failed(f"{type(error).__name__} in {where}: {error}")
+        row = _failed(f"{type(error).__name__}: {error}")
     return _with_provenance(key, file, row, perf_counter() - began_s)
 
 
@@ -226,20 +220,16 @@ def _with_provenance(key: str, file: str, row: Row, seconds: float) -> Row:
     import numpy as np
     import scipy
 
+    from ..output import software
+
     return {
         "file": file,
         "sha256": "" if key == file else key,
         **row,
         "seconds": round(seconds, 3),
-        "software": _software(),
+        "software": software(),
         "libraries": f"numpy {np.__version__}, scipy {scipy.__version__}",
     }
-
-
-def _software() -> str:
-    from importlib.metadata import version
-
-    return f"bumpbench {version('bumpbench')}"
 
 
 # The table ----------------------------------------------------------------------------------------
@@ -276,8 +266,7 @@ def _write(out: Path, page: Path | None, rows: dict[str, Row]) -> None:
 
     from ..jobs.batch_page import page_of
 
-    names = dict.fromkeys(name for row in rows.values() for name in row)
-    columns = [name for name in names if name not in _LAST] + [n for n in _LAST if n in names]
+    columns = list(dict.fromkeys(name for row in rows.values() for name in row))
     path = out
     try:
         with (

@@ -21,13 +21,13 @@ def demo(
     """Bump a simulated car, record it, identify it and compare with the truth."""
     from dataclasses import asdict, replace
 
-    import identify as method
     from daq import InputError
     from daq.control.address import lone_recorder
     from daq.control.messages import Status
     from daq.files import file_sha256
     from daq.journal.reader import recordings
     from daq.sim.car import SimulatedCar
+    from identify import identify as identify_session
 
     from ..output import print_json, print_line, print_session, progress
     from ..recorders.daemon import Lifetime, record_campaign
@@ -57,7 +57,7 @@ def demo(
             traffic.close()
     path, session = recorded_session(last)
     with progress("identify") as stage:
-        result = method.identify(session, stage)
+        result = identify_session(session, stage)
     truth = asdict(SimulatedCar().parameters)
     if json:
         print_json({**result.document(file_sha256(path)), "truth": truth, "session": str(path)})
@@ -73,18 +73,13 @@ def demo(
 
 
 def next_commands(session: Path) -> tuple[str, str, str]:
-    """Return what a new user does after a demonstration, as lines for a shell.
-
-    `session`: its session file.  The program's name is its path where the shell does not find it.
-    """
-    import os
+    """Return what a new user does with the session of a demonstration, as lines for a shell."""
     import shlex
-    import shutil
     import sys
 
-    here = Path(sys.executable).with_name("bumpbench")
-    name = shlex.quote(here.name if shutil.which(here.name) else os.path.relpath(here))
-    where, pdf = (shlex.quote(str(path)) for path in (session, session.with_suffix(".pdf")))
+    program = Path(sys.executable).with_name("bumpbench")
+    paths = (program, session, session.with_suffix(".pdf"))
+    name, where, pdf = (shlex.quote(str(path)) for path in paths)
     return (
         f"{name} report {where} --pdf {pdf}",
         f"{name} plan --from {where}",

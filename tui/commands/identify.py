@@ -14,15 +14,15 @@ from ..options import Force, JsonResult, Page, SessionFile
 def identify(session: SessionFile, json: JsonResult = False) -> int:
     """Identify the physical parameters of a session's vehicle."""
     import daq
-    import identify as method
     from daq.files import file_sha256
+    from identify import identify as identify_session
 
     from ..output import print_json, progress
 
     with progress("identify") as stage:
         stage(0.05, "reading")
         recorded = daq.read_session(session)
-        result = method.identify(recorded, stage)
+        result = identify_session(recorded, stage)
     if json:
         print_json(result.document(file_sha256(session)))
     else:

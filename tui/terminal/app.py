@@ -137,7 +137,7 @@ class BenchApp(KeyboardApp):
             self.register_theme(made)
         self.theme = theme
         self.feed, self.folder, self.glyphs, self.operator = feed, folder, glyphs, operator
-        self.auto, self.display_link, self.sound = auto, display, True
+        self.auto, self.display_link = auto, display
         self.status: Status | None = None
         """Newest status of the recorder; None before the first, kept after the recorder is lost."""
         self.lost: Lost | None = None
@@ -147,10 +147,6 @@ class BenchApp(KeyboardApp):
         self.bench: Bench | None = None
         """The bench in force; None until the recorder has sent it."""
         self.bench_text = ""
-        self.typed: dict[str, str] = {}
-        """Last typed answer to each question."""
-        self.answered = ""
-        """Change of the weights that the operator has confirmed; each is asked once."""
         self._news: deque[News] = deque(maxlen=MOST_NEWS)
         self._role = Role(False)
         self._started = self._asks_setup = False
@@ -225,10 +221,6 @@ class BenchApp(KeyboardApp):
         elif before is not None and not in_run(before) and in_run(status) and self._gives_way(home):
             await self.open("run")  # also if another terminal or the display armed
         self._ring(signal_of(before, status))
-        if before is None or before.phase is not status.phase:
-            words = f"{status.phase.value.upper()} - {printable(status.vehicle)} - Bumpbench"
-            if self._driver is not None and not self.is_headless:
-                self._driver.write(f"\x1b]2;{words}\x07")
         self._publish(StatusArrived())
         if before is None or before.bench_crc32 != status.bench_crc32 or self.bench is None:
             self.call_after_refresh(self._fetch_bench)  # the screen comes first
@@ -288,10 +280,9 @@ class BenchApp(KeyboardApp):
         self.push_screen(Confirm(words, "attach to it as it is", "leave it"), answered)
 
     def _ring(self, signal: Signal | None) -> None:
-        """Ring the bell in the rhythm of a signal, unless it is muted."""
-        if signal is not None and self.sound:
-            for at_s in signal.value:
-                self.set_timer(at_s, self.bell) if at_s else self.bell()
+        """Ring the bell in the rhythm of a signal."""
+        for at_s in signal.value if signal is not None else ():
+            self.set_timer(at_s, self.bell) if at_s else self.bell()
 
     # Orders and messages ------------------------------------------------------------------------
 
@@ -322,7 +313,7 @@ class BenchApp(KeyboardApp):
 
     def question(self, words: str, field: str, answered: Callable[[str | None], Any]) -> None:
         """Ask for a line of text."""
-        self.push_screen(Question(words, field, self.typed), answered)
+        self.push_screen(Question(words, field), answered)
 
     # Screens ------------------------------------------------------------------------------------
 
@@ -362,16 +353,14 @@ class BenchApp(KeyboardApp):
         """Show the next action."""
         await self.open("home")
 
-    def action_note(self, label: str = "") -> None:
-        """Write a note on a run; on the session without a label."""
-        words = f"Note on {f'run {label}' if label else 'the session'}"
+    def action_note(self) -> None:
+        """Write a note on the session."""
 
         async def answered(text: str | None) -> None:
-            if text and await self.ask(Note(text, label)) is not None:
-                self.typed.pop(words, None)
+            if text and await self.ask(Note(text)) is not None:
                 self.inform("the note is in the recording")
 
-        self.question(words, "what the sensors do not see", answered)
+        self.question("Note on the session", "what the sensors do not see", answered)
 
     def action_display(self) -> None:
         """Show how to open the display at the bench."""
@@ -406,12 +395,6 @@ class BenchApp(KeyboardApp):
         except OrderRefusedError as refused:
             self.warn(str(refused))
 
-    def action_sound(self) -> None:
-        """Mute the bell, or unmute it."""
-        self.sound = not self.sound
-        if self.status is not None:
-            self._publish(StatusArrived())
-
     async def _press_next(self) -> None:
         screen: Any = self.screen if self.screen_stack else None  # none while the app closes
         if getattr(screen, "ready", False) and self.status is not None:
@@ -432,14 +415,6 @@ class BenchApp(KeyboardApp):
             partial(self.ask, Stop()),
         )
         yield SystemCommand("recorder: shut down", "end recorder and terminal", end)
-        if self.status is not None and self.status.runs:
-            last = self.status.runs[-1].label
-            note = partial(self.action_note, last)
-            yield SystemCommand("note: on the last run", f"write a note on {last}", note)
         if self.display_link is not None:
             words = "how to open the display at the bench"
             yield SystemCommand("display: link", words, self.action_display)
-        for theme in ("bench-dark", "bench-light", "ansi-dark", "ansi-light"):
-            if theme in self.available_themes:
-                act = partial(setattr, self, "theme", theme)
-                yield SystemCommand(f"theme: {theme}", "colours of the terminal", act)

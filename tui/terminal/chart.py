@@ -8,7 +8,6 @@ from math import isfinite, nan
 import numpy as np
 from numpy.typing import NDArray
 from rich.segment import Segment
-from textual.geometry import Region
 from textual.message import Message
 from textual.strip import Strip
 from textual.widget import Widget
@@ -47,7 +46,7 @@ class LaneChart(Widget):
     def show(
         self, lanes: Lanes, specs: Sequence[LaneSpec], window: Window, overloaded: Collection[str]
     ) -> None:
-        """Draw lanes; only rows that differ are sent to the terminal."""
+        """Draw lanes, each with its label, scale and peak."""
         height, width = self.size.height, self.size.width
         columns = width - _LABEL - _SCALE - 1
         rows: list[str] = []
@@ -63,13 +62,9 @@ class LaneChart(Widget):
             rows = ["", "  no samples yet"]
         rows = [row.ljust(width)[:width] for row in rows[:height]]
         rows += [" " * width] * (height - len(rows))
-        old_rows, self._rows = self._rows, rows
-        if len(old_rows) != len(rows):
+        if rows != self._rows:
+            self._rows = rows
             self.refresh()
-            return
-        changed = [y for y, row in enumerate(rows) if row != old_rows[y]]
-        if changed:
-            self.refresh(*(Region(0, y, width, 1) for y in changed))
 
     def on_resize(self) -> None:
         """Ask the screen for a drawing that fits: the layout may settle in several steps."""

@@ -18,7 +18,6 @@ from textual.dom import DOMNode
 from textual.screen import ModalScreen, Screen
 from textual.widgets import DataTable, Digits, Input, Markdown, Static
 
-from daq.alarms.texts import EXPLAINED
 from daq.verdict.words import WORDS
 from dbc.words import printable
 
@@ -172,29 +171,20 @@ class LinkScreen(ModalScreen[None]):
 
 
 class Question(ModalScreen[str | None]):
-    """Returns a line of text; None after Esc.
-
-    `typed`: answers by question; the same question shows the text typed before, also after Esc and
-    after an answer that the recorder refused.
-    """
+    """Returns a line of text; None after Esc."""
 
     BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "dismiss(None)", "Leave")]
 
-    def __init__(self, words: str, field: str, typed: dict[str, str]) -> None:
+    def __init__(self, words: str, field: str) -> None:
         super().__init__()
-        self._words, self._field, self._typed = printable(words, 300), field, typed
+        self._words, self._field = printable(words, 300), field
 
     def compose(self) -> ComposeResult:
         """Compose question, line and keys."""
-        typed = self._typed.get(self._words, "")
         with Vertical(classes="box dialog"):
             yield Static(self._words, markup=False)
-            yield Line(typed, placeholder=self._field, max_length=2000, select_on_focus=False)
+            yield Line(placeholder=self._field, max_length=2000)
             yield Static("Enter = done   Esc = cancel", markup=False)
-
-    def on_input_changed(self, event: Input.Changed) -> None:
-        """Keep the text for the same question."""
-        self._typed[self._words] = event.value
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
         """Return the answer unless it is empty."""
@@ -226,24 +216,15 @@ class Confirm(ModalScreen[bool | None]):
 
 
 def page_of(name: str) -> str:
-    """Return a page of help as Markdown.
-
-    `name`: a screen, or the code of a finding (the reason of a rejected run) or of an alarm.  The
-    words of the latter are those of the recorder's own tables, so that they cannot differ.
-    """
-    page = files("tui.terminal") / "help" / f"{name}.md"
-    text = page.read_text("utf-8") if page.is_file() else ""
-    parts = [text] if text and name not in WORDS and name not in EXPLAINED else []
-    if name in WORDS:
-        reason = WORDS[name]
-        parts += [f"# Rejected: {reason.title}", _sentence(reason.meaning), text]
-        parts += [f"**What to do:** {_sentence(reason.advice)}"]
-        parts += ["Nothing is lost: a rejected run is kept and can be taken back."]
-    if name in EXPLAINED:
-        alarm = EXPLAINED[name]
-        parts += [f"# Alarm: {alarm.title}", _sentence(alarm.meaning)]
-        parts += [f"**What to do:** {_sentence(alarm.advice)}"]
-    return "\n\n".join(parts or ["# Help", "F1 on another screen shows its help."])
+    """Return a page of help as Markdown: of a screen, or of the reason of a rejected run."""
+    if name not in WORDS:
+        return (files("tui.terminal") / "help" / f"{name}.md").read_text("utf-8")
+    reason = WORDS[name]
+    return (
+        f"# Rejected: {reason.title}\n\n{_sentence(reason.meaning)}\n\n"
+        f"**What to do:** {_sentence(reason.advice)}\n\n"
+        "Nothing is lost: a rejected run is kept and can be taken back."
+    )
 
 
 def _sentence(text: str) -> str:

@@ -276,7 +276,9 @@ def banner(status: Status | None, lost: Lost | None, action: NextAction, glyphs:
         return Banner("bad", glyphs.bad, "STOPPED", words, why, "F1 = what to do")
     if action.step is not None:
         return Banner("good", glyphs.good, "DONE", action.words, "This step is complete.")
-    words = _spaced(action.words, f"next: {title}")
+    words = _spaced(
+        action.words, f"next: {status.due.step.mass_state} {title}" if status.due else ""
+    )
     return Banner("quiet", glyphs.paused, "IDLE", words, instruction)
 
 

@@ -26,7 +26,7 @@ from identify.report.evidence import (
 from identify.report.page import Gallery, MovingCars, figure_of, svg_of
 from identify.report.parameters import damper_section, modes_section, parameter_section
 from identify.words import damper_rows
-from tui.terminal.screens.results import forces_text
+from tui.result import print_forces
 
 from .made import drawn, estimated, made, picture, tables, texts
 
@@ -391,10 +391,11 @@ def test_the_section_shows_curves_elements_and_what_was_tried() -> None:
     ]
 
 
-def test_the_terminal_shows_forces_within_its_frame_of_80_columns() -> None:
+def test_identify_prints_forces_within_80_columns(capsys: pytest.CaptureFixture[str]) -> None:
     forces = nonlinear().forces
     assert forces is not None
-    lines = forces_text(forces).splitlines()
+    print_forces(forces)
+    lines = capsys.readouterr().out.splitlines()
     assert [line for line in lines if len(line) > 78] == []
     (at_02,) = (line.split() for line in lines if line.startswith("+0.20"))
     assert at_02[:7] == ["+0.20", "300", "±", "20", "350", "±", "39"]

@@ -113,12 +113,12 @@ async def wrong_keys(seed: int) -> tuple[int, int]:
         await burst(pilot, "tab")
         count(*await _filled(pilot, VEHICLE_FIELDS, rng))
         while typed < KEYS:
-            await _open(app, WeightScreen("Weight", {}, lambda _: ()))
+            await _open(app, WeightScreen("Weight", {}))
             count(*await _filled(pilot, WEIGHT_FIELDS, rng))
             await burst(pilot, "escape")
-            screen = Question(f"Why {typed}", "why", {})
+            screen = Question(f"Why {typed}", "why")
             await _open(app, screen)
-            text = _texts(WEIGHT_FIELDS[:1], rng)["serial"].strip() or "x"
+            text = _texts(WEIGHT_FIELDS[:1], rng)["mass_kg"].strip() or "x"
             await burst(pilot, *text, most_s=MOST_S, seed=rng.randrange(1 << 30))
             count(len(text), {"text": text}, {"text": screen.query_one(Line).value})
             await burst(pilot, "escape")

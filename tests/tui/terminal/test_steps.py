@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from functools import partial
 
@@ -11,7 +10,7 @@ import pytest
 from textual.pilot import Pilot
 from textual.widgets import Input
 
-from daq.control.messages import AskCheck, Configure, Hello, Lane, Live, Mark, Note, OverrideWarning
+from daq.control.messages import AskCheck, Configure, Hello, Lane, Live, Mark, OverrideWarning
 from daq.vehicle import Corner
 from dbc.words import Finding
 from tui.terminal.app import BenchApp
@@ -212,14 +211,14 @@ async def test_a_push_that_nobody_saw_is_asked_for_again(make_app: Make) -> None
         await pilot.press("space")
         await until(pilot, lambda: Mark("push FL") in recorder.orders)
         names = [c.name for c in recorder.bench.channels]
-        for seconds, asked in ((14.9, 1), (0.2, 2), (29.8, 2), (0.4, 3)):
+        for seconds, asked in ((14.9, 1), (0.2, 2), (14.8, 2), (0.4, 3)):
             still = (0.0,) * round(seconds / BIN_S)
             lanes = tuple(Lane(name, still, still) for name in names)
             recorder.post(Live(app.lanes.end, BIN_S, lanes))
             await pilot.pause()
             await until(pilot, partial(_asked, recorder, asked))
         assert "front LEFT not seen yet" in screen_text(app)
-        assert "Push DOWN at the front LEFT, let go, 60 s left" in screen_text(app)
+        assert "Push DOWN at the front LEFT, let go, 15 s left" in screen_text(app)
         await _push(pilot, recorder, Corner.FRONT_LEFT, 1.0, after_s=25.0)  # a screen that lagged
         await until(pilot, lambda: Mark("push FR") in recorder.orders)
 
@@ -262,7 +261,7 @@ async def test_keys_of_the_check_act_on_the_marked_line_alone(make_app: Make) ->
         assert isinstance(screen, CheckScreen)
         assert screen.ready
         assert cursor(app) == 0
-        assert "bus can0" in await pressed(pilot, "up")
+        assert "about 38 % of the bit rate" in await pressed(pilot, "up")
         assert cursor(app) == 0
         await pressed(pilot, "down", "down")
         assert cursor(app) == 2
@@ -270,10 +269,6 @@ async def test_keys_of_the_check_act_on_the_marked_line_alone(make_app: Make) ->
         assert "I inverts the sign of a channel whose line says FAIL" in await pressed(pilot, "i")
         assert "S skips a corner of the push test" in await pressed(pilot, "s")
         assert orders_of(recorder, Configure) == []
-        asked = len(orders_of(recorder, AskCheck))
-        await pressed(pilot, "r")
-        assert len(orders_of(recorder, AskCheck)) == asked + 1
-        assert orders_of(recorder, AskCheck)[-1] == AskCheck(3.0)
         await pressed(pilot, *["down"] * 20)
         assert "hands off the car: 5 s more" in await pressed(pilot, "r")
         assert not screen.acts
@@ -325,7 +320,7 @@ async def test_the_zero_is_measured_for_five_seconds_and_a_later_one_waits(make_
         assert {c.name: c.tare for c in recorder.bench.channels}["travel_fl"] == 0.0035
 
 
-async def test_the_form_waits_for_the_bench_and_a_note_is_sent_once(make_app: Make) -> None:
+async def test_the_form_waits_for_the_bench(make_app: Make) -> None:
     recorder = FakeRecorder()
     app = make_app(recorder)
     async with app.run_test(size=(80, 24)) as pilot:
@@ -336,18 +331,13 @@ async def test_the_form_waits_for_the_bench_and_a_note_is_sent_once(make_app: Ma
         app.bench = None
         assert "has not sent its bench.toml yet" in await pressed(pilot, "space")
         app.bench = bench
-        notes = list(screen.query(Input))[-1]
-        notes.focus()
-        await pressed(pilot, *"wet")
         recorder.refuse = "JL is in control"
         await pressed(pilot, "ctrl+s")
         assert front(app) is screen
         recorder.refuse = ""
         await pressed(pilot, "ctrl+s")
         assert front(app) is not screen
-        await pressed(pilot, "1", "ctrl+s")
-        assert orders_of(recorder, Note) == [Note("wet"), Note("wet")], "the first was refused"
-        assert json.loads((app.folder / "vehicle.json").read_text())["notes"] == "wet"
+        assert (app.folder / "vehicle.json").exists()
 
 
 GONE = Lost("the recorder has ended", "all frames up to then are on the disk")
@@ -400,7 +390,6 @@ async def test_the_check_asks_nothing_of_a_recorder_that_is_lost(make_app: Make)
         await until(pilot, lambda: "upside down" in seen(app))
         screen = app.screen
         assert isinstance(screen, CheckScreen)
-        assert "bus can0" not in str(screen.query_one("#explained").border_title)
         assert screen._rows[cursor(app)].subject == "channel hub_acc_fl", "the first that fails"
         asked = len(orders_of(recorder, AskCheck))
         recorder.post(GONE)
@@ -412,7 +401,9 @@ async def test_the_check_asks_nothing_of_a_recorder_that_is_lost(make_app: Make)
         recorder.publish()
         await pilot.pause()
         recorder.refuse = "JL is in control"
-        assert "JL is in control" in await pressed(pilot, "r")
+        await screen._tick()
+        await pilot.pause()
+        assert "JL is in control" in seen(app)
         assert "upside down" in seen(app), "the last answer stays"
         recorder.refuse = ""
         app.bench_text = "this is no bench"
@@ -420,7 +411,7 @@ async def test_the_check_asks_nothing_of_a_recorder_that_is_lost(make_app: Make)
         await pressed(pilot, "i")
         assert orders_of(recorder, Configure) == []
         recorder.check = (*check_items(), NOISY)
-        await pressed(pilot, "r")
+        await screen._tick()
         await recorder.ask(OverrideWarning("channel hub_acc_rr", "old"))
         recorder.publish()
         await pilot.pause()

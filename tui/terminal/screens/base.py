@@ -201,8 +201,6 @@ def top_line(app: BenchApp, width: int) -> Content:
     n_bytes = status.disk.free_bytes
     free = f"{n_bytes / 1e9:.0f} GB" if n_bytes >= 1e9 else f"{n_bytes / 1e6:.0f} MB"
     right += [(f"disk {free}", "bold reverse $error" if status.disk.failed else "")]
-    if not app.sound:
-        right += ["  muted"]
     tail = Content.assemble(" │ ", *right)
     who = f"op. {printable(app.operator, 12)}"
     if not app.in_control:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from statistics import fmean, stdev
 from textwrap import wrap
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from rich.text import Text
 from textual.app import ComposeResult
@@ -23,7 +22,6 @@ from daq.control.messages import (
     Redo,
     Reject,
     Status,
-    Tally,
     Undo,
 )
 from daq.runlog import LoggedRun
@@ -35,65 +33,18 @@ from ..campaign import (
     BenchStep,
     NextAction,
     bump_step,
-    cause_words,
     next_action,
-    obstacle,
-    progress,
     weights_question,
 )
 from ..chart import LaneChart
-from ..feed import Lost, lane_specs, window
-from ..widgets import SPACE_INK, BannerBar, Cell, Confirm, Table, Words, right
+from ..feed import lane_specs, window
+from ..widgets import BannerBar, Cell, Confirm, Table, Words, right
 from ..words import Glyphs, accepted_words, banner, reason_words, run_words
 from .base import BenchScreen
 
-if TYPE_CHECKING:
-    from daq.bench.config import Bench
-
-
-def next_text(
-    status: Status | None, action: NextAction, lost: Lost | None, glyphs: Glyphs
-) -> Content:
-    """Return the next bump in words, and what SPACE does; without a recorder, how to start one."""
-    if lost is not None:
-        shown = banner(status, lost, action, glyphs)
-        head = Content.styled(f"{shown.symbol} {shown.word}", "bold $error")
-        words = Content.styled(shown.title, SPACE_INK)
-        parts = [head, Content(shown.first), Content(shown.second), Content(""), words]
-        return Content("\n").join(parts)
-    lines: list[Content] = []
-    if status is None:
-        lines = [Content("waiting for the recorder; to start it takes some seconds")]
-    elif action.step is not None:
-        lines = [Content.styled(f"{glyphs.now} Step {action.step.title}", "bold")]
-    elif (alarm := obstacle(status)) is not None:
-        name, advice, details = cause_words(alarm)
-        head = Content.styled(f"{glyphs.bad} STOP  {name}", "bold $error")
-        lines = [head, Content(advice), Content(details)]
-    elif status.due is not None:
-        due = status.due
-        title = f"{due.step.mass_state.capitalize()} · {due.step.excitation.words.upper()}"
-        count = f"run {min(due.accepted + 1, due.planned)} of {due.planned}"
-        if due.accepted >= due.planned:
-            count = f"run {due.accepted + 1}, {due.planned} were planned"
-        lines = [
-            Content.styled(f"{glyphs.now} {title}, {count}", "bold"),
-            Content(printable(due.instruction, 300)),
-        ]
-    else:
-        lines = [Content(f"step {progress(status).due.title}")]
-    return Content("\n").join([*lines, Content(""), Content.styled(action.words, SPACE_INK)])
-
-
-def sketch_text(status: Status, bench: Bench | None) -> Content:
-    """Return the sketch of the bump that is due."""
-    if bench is None or status.due is None:
-        return Content("")
-    return Content("\n".join(sketch(bench.campaign, status.due.step.excitation)))
-
 
 def tally_rows(status: Status, glyphs: Glyphs) -> list[list[Cell]]:
-    """Return accepted and planned runs of each kind, the one that is due marked."""
+    """Return accepted, planned and rejected runs of each kind, the one that is due marked."""
     due = status.due.step if status.due else None
     due_kind = (due.mass_state, due.excitation) if due else None
     rows: list[list[Cell]] = []
@@ -102,40 +53,19 @@ def tally_rows(status: Status, glyphs: Glyphs) -> list[list[Cell]]:
         is_due = due_kind == (tally.mass_state, tally.excitation)
         kind = f"{glyphs.now if is_due else ' '} {tally.mass_state} {tally.excitation.words}"
         more = f" +{accepted - planned}" if accepted > planned else ""
-        motions = [
-            finding.value
-            for run in _of_kind(status, tally, RunStatus.ACCEPTED)
-            for finding in run.findings
-            if finding.code == "motion" and finding.value > 0
-        ]
-        scatter = f" ± {stdev(motions):.2f}" if len(motions) > 1 else ""
-        reasons = dict.fromkeys(
-            reason_words(run.failed.code) if run.failed else "by hand"
-            for run in _of_kind(status, tally, RunStatus.REJECTED)
-        )
-        rejected = f"{tally.rejected} rejected: {printable(', '.join(reasons), 60)}"
         rows.append(
             [
                 Text(kind, "bold" if is_due else "", no_wrap=True),
                 glyphs.bar(accepted, planned),
                 right(f"{min(accepted, planned)}/{planned}{more}"),
-                right(f"{fmean(motions):.2f}{scatter} Hz" if motions else ""),
-                rejected if tally.rejected else "",
+                f"{tally.rejected} rejected" if tally.rejected else "",
             ]
         )
     return rows
 
 
-def _of_kind(status: Status, tally: Tally, state: RunStatus) -> list[LoggedRun]:
-    kind = (tally.mass_state, tally.excitation, state)
-    return [run for run in status.runs if (run.mass_state, run.excitation, run.status) == kind]
-
-
-def runs_text(status: Status, glyphs: Glyphs, figures: bool) -> Content:
-    """Return the runs, the newest first, in words, with the reasons of rejected ones.
-
-    `figures`: add the measured figures of accepted runs.
-    """
+def runs_text(status: Status, glyphs: Glyphs) -> Content:
+    """Return the runs, the newest first, in words, with the reasons of rejected ones."""
     lines = []
     for run in reversed(status.runs):
         name = f"{run.mass_state} {run.excitation.words} {run.repeat}"
@@ -145,8 +75,6 @@ def runs_text(status: Status, glyphs: Glyphs, figures: bool) -> Content:
             by_hand = f"; taken by {run.by}: {run.reason}" if run.by and run.reason else ""
             words = printable(f"{accepted_words(status, run)}{by_hand}", 160)
             lines.append(Content.assemble((glyphs.good, "bold $success"), f" {name}  {words}"))
-            measured = (f.text for f in run.findings if f.code == "motion")
-            lines += [Content(f"    {printable(text, 160)}") for text in measured if figures]
         else:
             why = printable("; ".join(run.reasons), 160)
             mark = (glyphs.bad, "bold $error")
@@ -155,27 +83,19 @@ def runs_text(status: Status, glyphs: Glyphs, figures: bool) -> Content:
 
 
 def alarms_text(status: Status, glyphs: Glyphs, width: int) -> Content:
-    """Return the alarms with their advice, the gravest first, in four rows; empty without any."""
-    alarms = []
-    for a in status.alarms:
-        name = f"{glyphs.warn} {printable(reason_words(a.code).upper(), 40)}"
-        about = printable(f"{a.subject}: " if a.subject else "", 40)
-        alarms.append((name, f"{about}{printable(a.text, 120)}: {printable(a.advice, 120)}"))
-    if status.overloaded:
-        names = printable(", ".join(status.overloaded), 120)
-        text = f"{names} touched the end of the range: A puts the lamp out"
-        alarms.append((f"{glyphs.overload} OVERLOAD", text))
-    rows: list[Content] = []
-    for i, (name, text) in enumerate(alarms):
-        first, *others = wrap(f"{name} {text}", width, subsequent_indent="  ")
-        lines = [Content.assemble((name, "bold $error"), first.removeprefix(name))]
-        lines += map(Content, others[: 1 if i else 2])
-        n_after = len(alarms) - i - 1
-        if len(rows) + len(lines) > (3 if n_after else 4):  # the last row counts the others
-            rows.append(Content(f"{glyphs.warn} and {n_after + 1} more"))
-            break
-        rows += lines
-    return Content("\n").join(rows)
+    """Return the gravest alarm with its advice, and how many others there are; empty without."""
+    if not status.alarms:
+        return Content("")
+    alarm, *others = status.alarms
+    name = f"{glyphs.warn} {printable(reason_words(alarm.code).upper(), 40)}"
+    about = printable(f"{alarm.subject}: " if alarm.subject else "", 40)
+    text = f"{name} {about}{printable(alarm.text, 120)}: {printable(alarm.advice, 120)}"
+    first, *folded = wrap(text, width, subsequent_indent="  ")
+    lines = [Content.assemble((name, "bold $error"), first.removeprefix(name))]
+    lines += map(Content, folded[:2])
+    if others:
+        lines.append(Content(f"{glyphs.warn} and {len(others)} more"))
+    return Content("\n").join(lines)
 
 
 AT_EASE = (Phase.IDLE, Phase.COMPLETE)
@@ -189,7 +109,12 @@ _ORDERS: dict[str, tuple[Order, str]] = {
 
 
 class BumpingScreen(BenchScreen):
-    """Arms, pauses, rejects and undoes; no key asks to confirm, because all can be undone."""
+    """Arms, pauses, rejects and undoes; no key asks to confirm, because all can be undone.
+
+    `SHOWS_SKETCH`: True if it shows how to make the bump that is due.
+    """
+
+    SHOWS_SKETCH: ClassVar[bool] = False
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding(
@@ -202,9 +127,8 @@ class BumpingScreen(BenchScreen):
                 tooltip="Accept the last rejected run, with a reason"),
         Binding("a", "order('lamp off')", "Lamp off", tooltip="Acknowledge the overload lamps"),
         Binding("escape", "pause", "Pause", tooltip="Pause; home if nothing is armed"),
-        Binding("v", "view", "View", tooltip="Another view: body or wheels, figures of the runs"),
+        Binding("v", "view", "View", tooltip="Another view: body or wheels, sketch or runs"),
         Binding("m", "more", "More", tooltip="More of the kind that is marked; up and down mark"),
-        Binding("b", "app.sound", show=False, tooltip="Sound on or off"),
         Binding("up", "choose(-1)", show=False),
         Binding("down", "choose(1)", show=False),
     ]  # fmt: skip
@@ -214,13 +138,20 @@ class BumpingScreen(BenchScreen):
         self._page = 0
         """Group of lanes that the chart shows."""
 
-    def compose_lists(self) -> ComposeResult:
-        """Compose progress and runs."""
+    def compose_body(self) -> ComposeResult:
+        """Compose the banner with the next action, the chart and the lists."""
         tallies = Table("tallies")
         tallies.add_class("box")
         tallies.border_title = "Progress"
-        yield tallies
-        yield Words("runs", "box", "Runs")
+        yield BannerBar()
+        with Horizontal(id="body"):
+            yield LaneChart(self.bench_app.glyphs)
+            with Vertical(id="right"):
+                if self.SHOWS_SKETCH:
+                    yield Words("sketch", "box", "How to bump")
+                yield tallies
+                yield Words("runs", "box", "Runs")
+        yield Words("alarms")
 
     @property
     def step_shown(self) -> BenchStep | None:
@@ -264,23 +195,26 @@ class BumpingScreen(BenchScreen):
                 text = alarms_text(app.status, app.glyphs, self.app.size.width)
             alarms.say(text)
             alarms.display = bool(text)
-            self.show_next()
+            shown = banner(app.status, app.lost, self._next, app.glyphs)
+            self.query_one(BannerBar).show(shown)
 
     def show_status(self, status: Status) -> None:
-        """Show progress and runs."""
-        glyphs = self.bench_app.glyphs
+        """Show progress, runs and the sketch of the bump that is due."""
+        glyphs, bench, due = self.bench_app.glyphs, self.bench_app.bench, status.due
         tallies = self.query_one("#tallies", Table)
         tallies.styles.height = len(status.tallies) + 2  # Textual measures it too late
-        tallies.show([""] * 5, tally_rows(status, glyphs))
-        self.query_one("#runs", Words).say(runs_text(status, glyphs, self.shows_figures))
+        tallies.show([""] * 4, tally_rows(status, glyphs))
+        self.query_one("#runs", Words).say(runs_text(status, glyphs))
+        if self.SHOWS_SKETCH and bench is not None and due is not None:
+            lines = sketch(bench.campaign, due.step.excitation)
+            self.query_one("#sketch", Words).say(Content("\n".join(lines)))
 
-    @property
-    def shows_figures(self) -> bool:
-        """True while the runs are shown with their figures."""
-        return self._page % 2 == 1
-
-    def show_next(self) -> None:
-        """Show the next action, also while no recorder answers."""
+    def action_view(self) -> None:
+        """Show the next group of lanes; where there is no chart, runs in place of the sketch."""
+        self._page += 1
+        self.set_class(self._page % 2 == 1, "-runs")
+        self._show()
+        self.draw_lanes()
 
     def on_live_arrived(self) -> None:
         """Draw the newest samples."""
@@ -300,22 +234,21 @@ class BumpingScreen(BenchScreen):
         chart.show(app.lanes, specs, window(app.status, app.lanes), overloaded)
 
     async def action_next(self) -> None:
-        """Arm, or go to the step that is due."""
-        app = self.bench_app
-        action = self._next
+        """Arm, or go to the step that is due; ask first where the weights change."""
+        app, action = self.bench_app, self._next
         question = weights_question(app.status)
         if action.step is not None:
             await app.go_to(action.step)
-        elif action.order is not None and question and self._change != app.answered:
+        elif action.order is not None and question and not app.auto:
+            app.push_screen(Confirm(question, "yes, start", "no, not yet"), self._arm)
+        else:
+            await self._arm(True)
 
-            async def answered(yes: bool | None) -> None:
-                if yes:
-                    app.answered = self._change
-                    await self.action_next()
-
-            app.push_screen(Confirm(question, "yes, start", "no, not yet"), answered)
-        elif action.order is not None and await app.ask(action.order) is not None:
-            await app.open("run")
+    async def _arm(self, confirmed: bool | None) -> None:
+        """Arm, unless the operator has said no to the question before."""
+        order = self._next.order
+        if confirmed and order is not None and await self.bench_app.ask(order) is not None:
+            await self.bench_app.open("run")
 
     async def action_order(self, name: str) -> None:
         """Send an order on the last verdict, or put the overload lamps out."""
@@ -359,15 +292,6 @@ class BumpingScreen(BenchScreen):
         self.bench_app.question(words, "reason", accept)
 
     @property
-    def _change(self) -> str:
-        """The last run and the next mass state; with `--auto` every change counts as confirmed."""
-        app = self.bench_app
-        if app.auto or app.status is None or app.status.due is None or not app.status.runs:
-            return app.answered
-        last, state = app.status.runs[-1].label, app.status.due.step.mass_state
-        return f"{app.status.recording} {last} {state}"
-
-    @property
     def _next(self) -> NextAction:
         return next_action(self.bench_app.status, self.bench_app.in_control)
 
@@ -382,17 +306,7 @@ class HomeScreen(BumpingScreen):
     """Shows the next action, how to bump, progress and runs."""
 
     HELP_PAGE: ClassVar[str] = "home"
-
-    def compose_body(self) -> ComposeResult:
-        """Compose the next action and the lists."""
-        with Horizontal(id="body"):
-            with Vertical(id="left"):
-                yield Words("next", "box", "Next")
-                yield LaneChart(self.bench_app.glyphs)
-            with Vertical(id="right"):
-                yield Words("sketch", "box", "How to bump")
-                yield from self.compose_lists()
-        yield Words("alarms")
+    SHOWS_SKETCH: ClassVar[bool] = True
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Hide Esc while nothing is armed, because it would only return here."""
@@ -401,48 +315,8 @@ class HomeScreen(BumpingScreen):
             return False
         return super().check_action(action, parameters)
 
-    def show_status(self, status: Status) -> None:
-        """Show the sketch too."""
-        super().show_status(status)
-        sketch = self.query_one("#sketch", Words)
-        sketch.say(sketch_text(status, self.bench_app.bench))
-        due = status.due
-        sketch.border_title = f"How to bump: {due.step.excitation.words}" if due else "How to bump"
-
-    def show_next(self) -> None:
-        """Show it in its box."""
-        app = self.bench_app
-        words = next_text(app.status, self._next, app.lost, app.glyphs)
-        self.query_one("#next", Words).say(words)
-
-    def action_view(self) -> None:
-        """Show the runs with their figures; where there is room for one, in place of the sketch."""
-        self._page += 1
-        self.set_class(self.shows_figures, "-runs")
-        self._show()
-
 
 class RunScreen(BumpingScreen):
     """Banner and lanes; on a wide terminal also progress and runs."""
 
     HELP_PAGE: ClassVar[str] = "run"
-
-    def compose_body(self) -> ComposeResult:
-        """Compose the run."""
-        yield BannerBar()
-        with Horizontal(id="body"):
-            yield LaneChart(self.bench_app.glyphs)
-            with Vertical(id="right"):
-                yield from self.compose_lists()
-        yield Words("alarms")
-
-    def action_view(self) -> None:
-        """Show the next group of lanes, body or a quantity at the wheels; figures of the runs."""
-        self._page += 1
-        self._show()
-        self.draw_lanes()
-
-    def show_next(self) -> None:
-        """Show it in the banner, with the state."""
-        app = self.bench_app
-        self.query_one(BannerBar).show(banner(app.status, app.lost, self._next, app.glyphs))

@@ -17,7 +17,7 @@ from daq import Channel, Corner, InputError, Quantity
 from daq.bench.edit import with_channel
 from daq.check.check import WORDS
 from daq.check.pushes import ORDER, PushResult, judge_push, shows_push, spoken
-from daq.control.messages import AskCheck, BusState, Configure, Mark, OverrideWarning, Phase, Status
+from daq.control.messages import AskCheck, Configure, Mark, OverrideWarning, Phase, Status
 from dbc.words import Finding, printable
 
 from ..campaign import BenchStep
@@ -30,8 +30,6 @@ TARED = (Quantity.SUSPENSION_TRAVEL, Quantity.PITCH_RATE, Quantity.ROLL_RATE)
 """Quantities that are zero at rest; not accelerations, for which a tare would hide gravity."""
 _SMALL = {"m": 0.5e-3, "rad/s": 1e-3}
 """Largest offset that counts as zero, by unit: below what a tare can improve."""
-_LITTLE_BYTES, _LEAST_BYTES = 5e9, 0.5e9
-_HEAVY_LOAD = 0.8
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,27 +51,6 @@ class CheckRow:
     def asks(self) -> bool:
         """True if the operator must override it."""
         return self.state == WARN and not self.overridden
-
-
-def recorder_rows(status: Status) -> tuple[CheckRow, ...]:
-    """Return the lines on buses, disk and clock."""
-    rows = []
-    for bus in status.buses:
-        load = f"load {bus.load:.0%}, {bus.frames_per_s:.0f} frames/s"
-        text = f"{load}, error frames {bus.error_frames}"
-        if bus.state is not BusState.OK:
-            advice = "check power, plugs, termination and bit rate"
-            rows.append(CheckRow(FAIL, f"bus {bus.name}", f"{bus.state.value}: {text}", advice))
-        elif bus.error_frames or bus.load > _HEAVY_LOAD:
-            advice = "check termination (60 ohm) and plugs, or lower the rates"
-            rows.append(CheckRow(WARN, f"bus {bus.name}", text, advice))
-        else:
-            rows.append(CheckRow(OK, f"bus {bus.name}", text))
-    disk, free = status.disk, status.disk.free_bytes
-    state = FAIL if disk.failed or free < _LEAST_BYTES else WARN if free < _LITTLE_BYTES else OK
-    text = disk.failed or f"{free / 1e9:.1f} GB free, {disk.lag_s:.1f} s behind"
-    rows.append(CheckRow(state, "disk", text, "" if state == OK else "make room, or a new disk"))
-    return tuple(rows)
 
 
 def push_rows(
@@ -144,8 +121,7 @@ HANDS_OFF_S = 5.0
 _BEFORE_S = 10.0
 """Seconds before a push that are looked at for the level at rest."""
 _ASK_AGAIN_S = 15.0
-"""Seconds of the recording without a push after which it is asked for again, twice as many each
-time."""
+"""Seconds of the recording without a push after which it is asked for again."""
 _ZERO = "zero"
 
 
@@ -155,7 +131,7 @@ class CheckScreen(BenchScreen):
     HELP_PAGE: ClassVar[str] = "check"
     STEP: ClassVar[BenchStep] = BenchStep.CHECK
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("r", "again", "Again", tooltip="Repeat the marked check"),
+        Binding("r", "again", "Again", tooltip="Repeat the marked push or zero"),
         Binding("o", "override", "Override", tooltip="Override the marked WARN, with a reason"),
         Binding(
             "i", "invert", "Invert", tooltip="Invert the sign of the channel of the marked FAIL"
@@ -172,7 +148,6 @@ class CheckScreen(BenchScreen):
         self._asking = self._asked = self._zeroed = False
         self._corner: Corner | None = None
         self._begin_bin = 0
-        self._ask_again_s = _ASK_AGAIN_S
         self._pushed: dict[Corner, PushResult] = {}
         self._acknowledged = ""
         """Answer of the sensors to the last push, in words."""
@@ -242,9 +217,10 @@ class CheckScreen(BenchScreen):
         if status is None or app.bench is None or not self.query("#explained"):
             return
         overridden = {o.subject: f"{o.reason} ({o.by})" for o in status.overrides}
-        rows = list(recorder_rows(status))
-        for item in self._items:
-            rows.append(CheckRow(WORDS[item.severity], item.subject, item.text, item.advice))
+        rows = [
+            CheckRow(WORDS[item.severity], item.subject, item.text, item.advice)
+            for item in self._items
+        ]
         if not self._items:
             rows.append(CheckRow(WAIT, "sensors", "listening"))
         for i, row in enumerate(rows):
@@ -309,7 +285,7 @@ class CheckScreen(BenchScreen):
         if corner is not None:
             words = push_words(corner, self._pushed.get(corner))
             waited_s = (app.lanes.end - self._begin_bin) * app.lanes.bin_s
-            left_s = max(0.0, self._ask_again_s - waited_s)
+            left_s = max(0.0, _ASK_AGAIN_S - waited_s)
             return f"{words[:1].upper()}{words[1:]}, {left_s:.0f} s left", None
         if self._hands_off_s:
             return "Hands off the car.", None
@@ -365,15 +341,13 @@ class CheckScreen(BenchScreen):
             await app.go_to(BenchStep.BASELINE)
 
     async def action_again(self) -> None:
-        """Repeat the marked check: push that corner again, measure zero again, or check again."""
+        """Repeat the marked push, or measure the zero again."""
         row = self._marked
         corner = next((c for c in ORDER if row and row.subject == push_subject(c)), None)
         if again := self._corner or corner:
             await self._begin_push(again)
         elif row is not None and row.subject == _ZERO:
             await self._measure_zero()
-        else:
-            await self._ask(WINDOW_S)
 
     # Warnings -----------------------------------------------------------------------------------
 
@@ -427,7 +401,7 @@ class CheckScreen(BenchScreen):
             return
         self._pushed.pop(corner, None)
         self._corner, self._begin_bin = corner, app.lanes.end
-        self._ask_again_s, self._acknowledged = _ASK_AGAIN_S, acknowledged
+        self._acknowledged = acknowledged
         self._show_rows()
         self._mark_row(push_subject(corner))
         if await app.ask(Mark(push_subject(corner))) is None:
@@ -435,7 +409,7 @@ class CheckScreen(BenchScreen):
             self._show_rows()
 
     async def on_live_arrived(self) -> None:
-        """Judge the push on the corner that is due; ask again, each time after twice as long."""
+        """Judge the push on the corner that is due; ask again if nobody pushes."""
         app, corner = self.bench_app, self._corner
         if corner is None or app.bench is None or not app.lanes.bin_s:
             return
@@ -449,8 +423,8 @@ class CheckScreen(BenchScreen):
         self._pushed[corner] = result
         if result.done:
             await self._go_on(f"{spoken(corner)} seen: {result.text}")
-        elif (end_bin - begin_bin) * bin_s >= self._ask_again_s:
-            self._ask_again_s, self._begin_bin = 2.0 * self._ask_again_s, end_bin
+        elif (end_bin - begin_bin) * bin_s >= _ASK_AGAIN_S:
+            self._begin_bin = end_bin
             self.app.bell()
             self._acknowledged = f"{spoken(corner)} not seen yet"
             await app.ask(Mark(push_subject(corner)))

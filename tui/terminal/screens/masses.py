@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import partial
 from typing import ClassVar
 
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.content import Content
 
-from daq import InputError, VehicleParameters
+from daq import InputError
 from daq.bench.edit import with_weights
-from daq.control.messages import Configure, Mark, Note, Status
+from daq.control.messages import Configure, Mark, Status
 from daq.vehicle import Weight, expected_car
 
 from ..campaign import BenchStep, read_draft, write_draft
@@ -26,7 +25,6 @@ from .weights import (
     Typed,
     WeightScreen,
     check_inventory,
-    check_weight,
     entries_of,
     entry_values,
     weight_cells,
@@ -85,17 +83,13 @@ class MassesScreen(BenchScreen):
     # Car and weights ----------------------------------------------------------------------------
 
     @property
-    def _car(self) -> VehicleParameters:
-        assert self.bench_app.bench is not None  # show_status returns earlier without one
-        return expected_car(self.bench_app.bench.vehicle)
-
-    @property
     def _weights(self) -> tuple[Weight, ...]:
         return tuple(entry.weight for entry in self._entries)
 
     @property
     def _error(self) -> str:
-        car = self._car
+        assert self.bench_app.bench is not None  # show_status returns earlier without one
+        car = expected_car(self.bench_app.bench.vehicle)
         return check_inventory(self._weights, car.m_s + 2 * (car.m_uf + car.m_ur))
 
     @property
@@ -159,18 +153,15 @@ class MassesScreen(BenchScreen):
         """Edit the marked weight."""
         row = self.query_one(Table).cursor_row
         entry = self._entries[row]
-        self._edit(f"Weight {row + 1}", weight_values(entry.weight, entry.serial), row)
+        self._edit(f"Weight {row + 1}", weight_values(entry.weight), row)
 
     def _edit(self, title: str, values: Mapping[str, str], row: int) -> None:
-        car = self._car
-
         def done(typed: Typed | None) -> None:
             if typed is not None:
-                self._change(row, Entry(weight_of(typed), typed["serial"].strip()))
+                self._change(row, Entry(weight_of(typed)))
                 self._choose(row)
 
-        check = partial(check_weight, wheelbase_m=car.a + car.b, half_track_m=max(car.t_f, car.t_r))
-        self.app.push_screen(WeightScreen(title, values, check), done)
+        self.app.push_screen(WeightScreen(title, values), done)
 
     def action_remove(self) -> None:
         """Remove the marked weight."""
@@ -200,9 +191,6 @@ class MassesScreen(BenchScreen):
             app.warn(str(error))
             return
         if text != app.bench_text and await app.ask(Configure(text)) is None:
-            return
-        serials = [f"{i} {e.serial}" for i, e in enumerate(self._entries, 1) if e.serial]
-        if serials and await app.ask(Note(f"weights: {', '.join(serials)}"[:2000])) is None:
             return
         if await app.ask(Mark(BenchStep.MASSES.mark)) is None:
             return

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from contextlib import redirect_stdout
-from io import StringIO
 from math import isfinite
 from textwrap import wrap
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
@@ -19,7 +17,7 @@ from daq.runs import RunStatus
 from dbc import counted
 from dbc.words import Finding, printable
 from identify import Identification, Verdict
-from identify.numbers import half_width, largest_share
+from identify.numbers import half_width
 from identify.words import (
     HEADLINE,
     MEANING,
@@ -37,9 +35,6 @@ from ..widgets import SPACE_INK, Cell, Table, Words, right
 from ..words import Glyphs
 from .base import SessionScreen
 from .work import OUTDATED
-
-if TYPE_CHECKING:
-    from identify.nonlinear.forces import Forces
 
 _SEVERITY = {Verdict.REFUSED: "REFUSED", Verdict.DOUBTFUL: "DOUBT", Verdict.OK: "note"}
 
@@ -98,12 +93,8 @@ def findings_lines(outcome: Outcome, glyphs: Glyphs, width: int) -> list[str]:
     return lines
 
 
-def parameter_rows(result: Identification, wide: bool) -> tuple[list[str], list[list[Cell]]]:
-    """Return heads and rows of the parameters with their 95 % intervals.
-
-    `wide`: add a column of what each rests mostly on.
-    """
-    heads = ["parameter", "value", "unit", "95 % interval", "±"]
+def parameter_rows(result: Identification) -> list[list[Cell]]:
+    """Return the parameters with their 95 % intervals."""
     rows: list[list[Cell]] = []
     for name, e in result.parameters.items():
         if e.determined:
@@ -112,9 +103,7 @@ def parameter_rows(result: Identification, wide: bool) -> tuple[list[str], list[
             value, interval = "", value_text(e)
         title = f"{name:<5}{parameter_words(name)}"[:29]
         rows.append([title, right(value), unit_text(e.unit), right(interval), right(half_text(e))])
-        if wide:
-            rows[-1].append(f" {largest_share(result.drivers.get(name, {}))}")
-    return [*heads, " rests mostly on"] if wide else heads, rows
+    return rows
 
 
 def mode_rows(result: Identification) -> list[list[Cell]]:
@@ -142,18 +131,7 @@ def run_rows(outcome: Outcome, glyphs: Glyphs) -> list[list[Cell]]:
     return rows
 
 
-def forces_text(forces: Forces) -> str:
-    """Return damper curves and force elements as `bumpbench identify` prints them."""
-    from ...result import print_forces  # with what prints a table
-
-    with redirect_stdout(StringIO()) as printed:
-        print_forces(forces)
-    return printed.getvalue()
-
-
-_PAGES = ("Parameters", "Modes", "Runs", "Findings", "Dampers")
-_WIDE = 100
-"""Least number of columns for shares, and what a parameter rests on."""
+_PAGES = ("Parameters", "Modes", "Runs", "Findings")
 _VERDICT_LINES, _VERDICT_LINES_TALL = 3, 8
 
 
@@ -190,9 +168,9 @@ class ResultsScreen(SessionScreen):
             for title in _PAGES:
                 page = title.lower()
                 with TabPane(title, id=page):
-                    if page in ("findings", "dampers"):
+                    if page == "findings":
                         with VerticalScroll(can_focus=False):
-                            yield Words(f"{page}-text")
+                            yield Words("findings-text")
                     else:
                         yield Table(f"{page}-table", reads=page != "runs")
 
@@ -276,13 +254,11 @@ class ResultsScreen(SessionScreen):
         result = outcome.result
         pages.active = "parameters" if result.parameters else "findings"
         glyphs = self.bench_app.glyphs
-        heads = ("mass state", "mode", "Hz", "± 95 %", "damping ratio", "± 95 %")
-        self.query_one("#modes-table", Table).show(heads, mode_rows(result))
+        heads = ("parameter", "value", "unit", "95 % interval", "±")
+        self.query_one("#parameters-table", Table).show(heads, parameter_rows(result))
+        modes = ("mass state", "mode", "Hz", "± 95 %", "damping ratio", "± 95 %")
+        self.query_one("#modes-table", Table).show(modes, mode_rows(result))
         self.query_one("#runs-table", Table).show([""] * 3, run_rows(outcome, glyphs))
-        pages.hide_tab("dampers")
-        if result.forces:
-            pages.show_tab("dampers")
-            self.query_one("#dampers-text", Words).say(Content(forces_text(result.forces)))
         self._draw()
 
     def _draw(self) -> None:
@@ -301,7 +277,5 @@ class ResultsScreen(SessionScreen):
         verdict.set_classes(str(outcome.result.quality.verdict))
         step = BenchStep.IDENTIFY if self.outdated else BenchStep.REPORT
         space.say(Content.styled(f"SPACE = step {step.title}", SPACE_INK))
-        table = parameter_rows(outcome.result, width >= _WIDE)
-        self.query_one("#parameters-table", Table).show(*table)
         findings = "\n".join(findings_lines(outcome, glyphs, width - 3))
         self.query_one("#findings-text", Words).say(Content(findings))

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import asyncio
 import math
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import ClassVar
 
-from textual import work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.content import Content
@@ -16,7 +14,7 @@ from textual.content import Content
 from daq import Excitation, InputError
 from daq.bench.campaign import Method
 from daq.bench.config import Bench, campaign_limits
-from daq.control.messages import Configure, Hello, Mark, Note, Status
+from daq.control.messages import Configure, Hello, Mark, Status
 from daq.vehicle import Fact, FactQuantity, Structure
 
 from ..campaign import VEHICLE_FORM, BenchStep, read_draft, write_draft
@@ -25,8 +23,6 @@ from ..widgets import SPACE_INK, Words
 from .base import BenchScreen
 
 DRAFT = "draft_vehicle.json"
-DRAFT_S = 0.5
-"""Seconds without a key after which what is typed is stored."""
 USUAL_SIGMA = {"kg": 1.0, "m": 0.003}
 _CAR_KG = "from a formula car to a loaded van"
 _TYRES = "tyre middle to tyre middle"
@@ -91,9 +87,6 @@ GROUPS: dict[str, list[tuple[Field, ...]]] = {
          _number("accept_after_s", "Accept after", "s", "the operator's time to reject a run",
                  "the next run arms itself after this")),
     ],
-    "For the report": [
-        (Field("notes", "Notes", most=500, help="tyre pressures, fuel, what is odd"),),
-    ],
 }  # fmt: skip
 VEHICLE_FIELDS = tuple(field for rows in GROUPS.values() for row in rows for field in row)
 _BY_NAME = {field.name: field for field in VEHICLE_FIELDS}
@@ -112,32 +105,24 @@ def check_vehicle(values: Values) -> tuple[FieldError, ...]:
         if not values.get(f"{quantity}.sigma", "").strip():
             field = _BY_NAME[f"{quantity}.sigma"]
             errors.append(field.error("a measured value needs the uncertainty that goes with it"))
-    errors += _misfits(measured)
+    axles_kg = [
+        measured.get(q, math.nan) for q in (FactQuantity.FRONT_AXLE, FactQuantity.REAR_AXLE)
+    ]
+    total_kg = measured.get(FactQuantity.TOTAL_MASS, math.nan)
+    if abs(sum(axles_kg) - total_kg) > 0.01 * total_kg:
+        reason = f"the axles carry {sum(axles_kg):g} kg together, the total is {total_kg:g} kg"
+        error = _BY_NAME[FactQuantity.TOTAL_MASS].error(reason, "axles and total within 1 %")
+        errors.append(error)
     if not any(values.get(f"bump.{e}") == YES for e in Excitation):
         reason = "no kind of bump is chosen: nothing would be bumped"
         errors.append(_BY_NAME["bump.bounce"].error(reason, "at least one kind"))
     return tuple(errors)
 
 
-def _misfits(measured: Mapping[FactQuantity, float]) -> Iterator[FieldError]:
-    """Yield the errors of masses, kg, that do not fit together."""
-    total = measured.get(FactQuantity.TOTAL_MASS, math.inf)
-    axles = (FactQuantity.FRONT_AXLE, FactQuantity.REAR_AXLE)
-    loads = {axle: measured[axle] for axle in axles if axle in measured}
-    both = sum(loads.values())
-    if len(loads) == 2 and 0.01 * total < abs(both - total) < math.inf:
-        reason = f"the axles carry {both:g} kg together, the total is {total:g} kg"
-        yield _BY_NAME[FactQuantity.TOTAL_MASS].error(reason, "axles and total within 1 %")
-    for axle, load in loads.items():
-        if load >= total:
-            reason = f"{load:g} kg on one axle of a car of {total:g} kg"
-            yield _BY_NAME[axle].error(reason, "less than the total mass")
-
-
 def vehicle_values(bench: Bench, operator: str) -> dict[str, str]:
     """Return the form filled with the bench in force."""
     facts = {fact.quantity: fact for fact in bench.vehicle.facts}
-    values = {"name": bench.vehicle.name, "operator": operator, "notes": ""}
+    values = {"name": bench.vehicle.name, "operator": operator}
     for name, (_, unit, *_) in _FACTS.items():
         fact = facts.get(name)
         values[str(name)] = f"{fact.value:.10g}" if fact else ""
@@ -199,7 +184,6 @@ class VehicleScreen(BenchScreen):
     def __init__(self) -> None:
         super().__init__()
         self._filled = False
-        self._noted = ""
         self._typed: dict[str, str] = {}
         """Entries that are typed and not stored yet, by their field."""
 
@@ -261,19 +245,17 @@ class VehicleScreen(BenchScreen):
         """Keep the text, valid or not, for a terminal that ends now."""
         self._advise()
         self._typed = self.query_one(Form).values
-        self._keep_soon()
 
     async def on_form_submitted(self, _: Form.Submitted) -> None:
         """Apply the form on Enter in the last field."""
         await self.action_next()
 
-    def on_unmount(self) -> None:
-        """Store the draft when the terminal is closed."""
+    def on_descendant_blur(self) -> None:
+        """Store the draft when a field is left."""
         self._keep_draft()
 
-    @work(group="draft", exclusive=True)
-    async def _keep_soon(self) -> None:
-        await asyncio.sleep(DRAFT_S)
+    def on_unmount(self) -> None:
+        """Store the draft when the terminal is closed."""
         self._keep_draft()
 
     def _keep_draft(self) -> None:
@@ -329,17 +311,13 @@ class VehicleScreen(BenchScreen):
         except InputError as error:
             app.warn(str(error))
             return
-        name, notes = values["operator"].strip(), values["notes"].strip()
+        name = values["operator"].strip()
         if name != app.operator:
             if await app.ask(Hello(name, app.in_control)) is None:
                 return
             app.operator = name
         if text != app.bench_text and await app.ask(Configure(text)) is None:
             return
-        if notes and notes != self._noted:
-            if await app.ask(Note(notes)) is None:
-                return
-            self._noted = notes
         if await app.ask(Mark(BenchStep.VEHICLE.mark)) is None:
             return
         self._typed = {}

@@ -273,7 +273,6 @@ class ReportScreen(WorkScreen):
     HELP_PAGE: ClassVar[str] = "report"
     STEP: ClassVar[BenchStep] = BenchStep.REPORT
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("r", "again", "Write again", tooltip="Write the report again"),
         Binding("w", "new_vehicle", "Next vehicle", tooltip="Begin the next vehicle's recording"),
         Binding("escape", "cancel", "Back"),
     ]
@@ -281,12 +280,6 @@ class ReportScreen(WorkScreen):
     def __init__(self) -> None:
         super().__init__()
         self._written: dict[str, Any] = {}
-
-    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Show R only after a report was written or failed."""
-        if action == "again":
-            return bool(self.session) and self.stage in (Stage.DONE, Stage.FAILED)
-        return super().check_action(action, parameters)
 
     @property
     def acts(self) -> bool:
@@ -308,17 +301,11 @@ class ReportScreen(WorkScreen):
 
     async def action_next(self) -> None:
         """Write the report; identify first where there is no session file."""
-        if not self.acts:
-            return
         if not self.session or self.outdated:
             await self.bench_app.go_to(BenchStep.IDENTIFY)
-        else:
-            self.action_again()
-
-    def action_again(self) -> None:
-        """Write the report in a worker."""
-        self.restart(Stage.WORKING, self.session)
-        self._write()
+        elif self.acts:
+            self.restart(Stage.WORKING, self.session)
+            self._write()
 
     async def action_new_vehicle(self) -> None:
         """End the recording and begin the next vehicle's."""
@@ -354,7 +341,7 @@ class ReportScreen(WorkScreen):
         glyphs = self.bench_app.glyphs
         if not self.session:
             return [], "SPACE = step 6 Identify"
-        lines, keys = [], "W = next vehicle   R = write again"
+        lines, keys = [], "W = next vehicle"
         if self.outdated:
             lines, keys = [f"{glyphs.warn} {OUTDATED}", ""], "SPACE = step 6 Identify"
         elif self.stage is Stage.IDLE:
