@@ -6,9 +6,9 @@ is in the identifier (bits of linux/can/error.h), the details are in the payload
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import IntFlag, StrEnum
 from functools import lru_cache
+from typing import NamedTuple
 
 from dbc.frames import FrameBatch
 from dbc.words import counted
@@ -52,17 +52,15 @@ _RX_OVERFLOW, _TX_OVERFLOW, _WARNINGS, _PASSIVE, _ACTIVE = 0x01, 0x02, 0x0C, 0x3
 """Bits of the controller's byte."""
 
 
-@dataclass(frozen=True, slots=True)
-class ErrorFrame:
-    """The content of an error frame."""
+class ErrorFrame(NamedTuple):
+    """The content of an error frame; None for what it does not state."""
 
     classes: ErrorClass
     state: ControllerState | None
-    """State of the controller after the error; None if the frame does not state it."""
+    """State of the controller after the error."""
     tx_errors: int | None
-    """Transmit error counter of the controller; None if the frame does not state it."""
     rx_errors: int | None
-    """Receive error counter of the controller; None if the frame does not state it."""
+    """Transmit and receive error counter of the controller."""
     overrun: bool
     """True if the controller has lost received frames."""
     text: str
@@ -93,18 +91,15 @@ def describe_error_frame(can_id: int, data: bytes) -> ErrorFrame:
     elif is_counted:  # the limit of ISO 11898-1
         state = ControllerState.PASSIVE if max(tx, rx) >= 128 else ControllerState.ACTIVE
     parts = [text for error_class, text in _TEXTS.items() if error_class in classes]
-    parts += ["receive buffer overflow"] if controller & _RX_OVERFLOW else []
+    overrun = bool(controller & _RX_OVERFLOW)
+    parts += ["receive buffer overflow"] if overrun else []
     parts += ["transmit buffer overflow"] if controller & _TX_OVERFLOW else []
     if is_counted:
         parts.append(f"{tx} transmit and {counted(rx, 'receive error')} counted")
-    return ErrorFrame(
-        classes,
-        state,
-        tx if is_counted else None,
-        rx if is_counted else None,
-        bool(controller & _RX_OVERFLOW),
-        ", ".join(parts) or "unknown error",
-    )
+    text = ", ".join(parts) or "unknown error"
+    if is_counted:
+        return ErrorFrame(classes, state, tx, rx, overrun, text)
+    return ErrorFrame(classes, state, None, None, overrun, text)
 
 
 def error_frames_of(frames: FrameBatch) -> list[ErrorFrame]:

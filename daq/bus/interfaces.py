@@ -85,11 +85,9 @@ def messages_of(frames: FrameBatch, start_ns: int = 0) -> Iterator[can.Message]:
 
 # Opens the interfaces -----------------------------------------------------------------------------
 
-_STAMPED = {"ixxat", "kvaser", "pcan", "vector", "virtual", "socketcan", "udp_multicast"}
+_QUEUED = {"ixxat", "kvaser", "pcan", "vector", "virtual", "socketcan", "udp_multicast"}
 """Interfaces that stamp frames and have a long queue, in which they may gather."""
-_STAMPED_BY_WALL_CLOCK = {
-    "udp_multicast", "socketcan", "iscan", "neousys", "robotell", "seeedstudio"
-}  # fmt: skip
+_WALL_CLOCK = {"udp_multicast", "socketcan", "iscan", "neousys", "robotell", "seeedstudio"}
 """Interfaces whose frames are stamped by the host's wall clock."""
 _OPTIONS: dict[str, dict[str, Any]] = {
     # The simulated car has its own clock; real time would make a fast replay meaningless.
@@ -119,8 +117,8 @@ def open_source(config: BusConfig, bus: int) -> FrameSource:
         if config.interface == "socketcan" and sys.platform == "linux" and sys.maxsize > 1 << 32:
             return open_socketcan(config.channel, bus)
     opened = open_bus(config)
-    gather_s = GATHER_S if config.interface in _STAMPED else 0.0
-    if config.interface in _STAMPED_BY_WALL_CLOCK:
+    gather_s = GATHER_S if config.interface in _QUEUED else 0.0
+    if config.interface in _WALL_CLOCK:
         on_axis = STEADY_CLOCK.from_wall
         return PythonCanSource(opened, _name(config), bus, gather_s, time.time_ns, on_axis)
     return PythonCanSource(opened, _name(config), bus, gather_s)
@@ -262,9 +260,9 @@ class PythonCanSource:
                 stamp_ns, *others = _checked(message, arrived_ns)
             except (TypeError, ValueError, OverflowError):
                 self._garbled += 1
-                continue
-            self._restamped += not stamp_ns
-            rows.append((stamp_ns or arrived_ns, *others))
+            else:
+                self._restamped += not stamp_ns
+                rows.append((stamp_ns or arrived_ns, *others))
         if not rows:
             return FrameBatch.empty()
         t_ns, can_id, flags, length, payloads = zip(*rows, strict=True)

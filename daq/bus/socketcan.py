@@ -8,7 +8,6 @@ asm-generic/socket.h on machines of 64 bits.
 
 from __future__ import annotations
 
-import contextlib
 import ctypes
 import errno
 import math
@@ -19,7 +18,7 @@ import struct
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from typing import Any
 
@@ -167,7 +166,7 @@ RECEIVE_BUFFER_BYTES = 8 << 20
 """Receive buffer requested from the kernel, bytes: about 21,900 frames, 2.4 s of a full bus of 1
 Mbit/s; the default one holds 31 ms."""
 _SO_RCVBUFFORCE, _SO_MEMINFO = 33, 55
-_IP_MULTICAST_ALL, _IPV6_MULTICAST_ALL = 49, 29
+_IP_MULTICAST_ALL = 49
 _COUNTS = struct.Struct("=9I")
 _DROPS = 8
 """Position of the number of dropped datagrams in what SO_MEMINFO returns (SK_MEMINFO_DROPS)."""
@@ -191,20 +190,13 @@ def keep_to_own_group(sock: socket.socket) -> None:
     """Make a multicast socket receive its own group only, and begin empty.
 
     By default it receives every group that any process of this machine has joined; frames of other
-    groups may have arrived while it was opened.
+    groups may have arrived while it was opened: no buffer holds more than are taken here.
     """
-    if sys.platform != "linux" or sock.family not in (socket.AF_INET, socket.AF_INET6):
-        return
-    level, option = socket.IPPROTO_IP, _IP_MULTICAST_ALL
-    if sock.family == socket.AF_INET6:
-        level, option = socket.IPPROTO_IPV6, _IPV6_MULTICAST_ALL
-    with suppress(OSError):
-        sock.setsockopt(level, option, 0)
-    with suppress(OSError):  # until none waits; a busy bus never ends
-        # Datagrams that a multicast socket may have received while it was opened: no buffer holds
-        # more.
-        for _ in range(10_000):
-            sock.recv(1, socket.MSG_DONTWAIT)
+    if sys.platform == "linux" and sock.family == socket.AF_INET:
+        sock.setsockopt(socket.IPPROTO_IP, _IP_MULTICAST_ALL, 0)
+        with suppress(OSError):  # until none waits; a busy bus never ends
+            for _ in range(10_000):
+                sock.recv(1, socket.MSG_DONTWAIT)
 
 
 def drop_counter(sock: socket.socket) -> int | None:
@@ -248,7 +240,7 @@ class SocketCanSource:
         self._socket, self._index, self._steady_clock = sock, index, steady_clock
         granted = enlarge_buffer(sock)
         self._gather_s = LONG_GATHER_S if granted >= RECEIVE_BUFFER_BYTES else GATHER_S
-        with contextlib.suppress(OSError):
+        with suppress(OSError):
             sock.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
         self._buffers = FrameBuffers(BLOCK_FRAMES)
         self._arrival = select.poll()
@@ -269,7 +261,11 @@ class SocketCanSource:
         count = self._receive()
         self._more = count == BLOCK_FRAMES
         older, self._older = self._older, self._older and self._more
-        self._count_drops()
+        counter = drop_counter(self._socket)
+        if counter is not None and counter != self._drop_counter:
+            dropped = (counter - self._drop_counter) & 0xFFFFFFFF  # it has 32 bits and wraps
+            self._drop_counter = counter
+            self._losses = self._losses.plus(HopLosses(dropped))
         if count:
             return self._batch(count, older)
         if self._fault:
@@ -325,14 +321,6 @@ class SocketCanSource:
             self._down = False
         return batch
 
-    def _count_drops(self) -> None:
-        """Add the advance of the socket's counter, which has 32 bits and wraps."""
-        counter = drop_counter(self._socket)
-        if counter is not None and counter != self._drop_counter:
-            dropped = (counter - self._drop_counter) & 0xFFFFFFFF
-            self._drop_counter = counter
-            self._losses = self._losses.plus(HopLosses(dropped))
-
 
 def open_socketcan(channel: str, bus: int) -> SocketCanSource:
     """Open a network interface like `can0` for classic, FD and error frames.
@@ -344,10 +332,10 @@ def open_socketcan(channel: str, bus: int) -> SocketCanSource:
     if not channel:  # to the kernel that means all interfaces
         raise BusError(name, "names no interface", "channel is like can0; see `ip link`")
     sock = socket.socket(socket.AF_CAN, socket.SOCK_RAW | socket.SOCK_CLOEXEC, _RAW_PROTOCOL)
-    with contextlib.ExitStack() as undo:
+    with ExitStack() as undo:
         undo.callback(sock.close)
         sock.setsockopt(_SOL_CAN_RAW, _ERR_FILTER, 0x1FFFFFFF)
-        with contextlib.suppress(OSError):  # a kernel that has no CAN FD
+        with suppress(OSError):  # a kernel that has no CAN FD
             sock.setsockopt(_SOL_CAN_RAW, _FD_FRAMES, 1)
         source = SocketCanSource(sock, name, bus)  # before `bind`, so that every frame is stamped
         sock.bind((channel,))

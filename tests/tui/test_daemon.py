@@ -268,7 +268,7 @@ def test_a_signal_before_the_first_status_ends_it(tmp_path: Path) -> None:
     all_ = All(records)
     with Log(tmp_path / "a.log") as log:
         one = made(all_, log)
-        one._lifetime.end.set()
+        one.lifetime.end.set()
         one.run(silent)
     assert stopped == [True]
 
@@ -285,7 +285,7 @@ def test_a_signal_ends_at_once_only_what_goes_on_after_a_campaign(
 
     def records(stop: threading.Event, publish: Publish, _: object) -> None:
         publish(status, None)
-        one._lifetime.end.set()
+        one.lifetime.end.set()
         enough.wait(20.0)
         stopped.append(stop.is_set())
 

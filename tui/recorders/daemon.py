@@ -101,12 +101,14 @@ def _opened_at_once(bench: Bench, open_source: OpenSource) -> OpenSource:
     from daq import BusError
 
     opened: dict[int, FrameSource] = {}
+    failure: BusError | None = None
     for number, bus in enumerate(bench.buses):
         try:
             opened[number] = open_source(bus, number)
-        except BusError:
-            if not opened and number == len(bench.buses) - 1:
-                raise
+        except BusError as error:
+            failure = error
+    if failure and not opened:
+        raise failure
     return lambda bus, number: opened.pop(number, None) or open_source(bus, number)
 
 
@@ -124,62 +126,52 @@ def _ended_by_signals(end: threading.Event) -> Iterator[None]:
             signal.signal(number, handler)
 
 
+@dataclass
 class _Daemon:
     """Main loop of a recorder, from its first block to its last."""
 
-    def __init__(
-        self,
-        recorder: Recorder,
-        server: Server,
-        systemd: Systemd,
-        traffic: Traffic,
-        lifetime: Lifetime,
-        log: Log,
-    ) -> None:
-        self._recorder = recorder
-        self._server = server
-        self._systemd = systemd
-        self._traffic = traffic
-        self._lifetime = lifetime
-        self._log = log
-        self._stop = threading.Event()
-        """Ends the recorder's thread."""
+    recorder: Recorder
+    server: Server
+    systemd: Systemd
+    traffic: Traffic
+    lifetime: Lifetime
+    log: Log
+
+    def __post_init__(self) -> None:
+        self._stop = threading.Event()  # ends the recorder's thread
         self._status: Status | None = None
         self._failure: Exception | None = None
-        self._ending: Future[Reply] | None = None
-        """Answer to the order to stop the recording; None if none is awaited."""
-        self._armed = self._ended = ""
-        """The last recordings that this daemon has armed and ordered to stop."""
+        self._ending: Future[Reply] | None = None  # the awaited answer to the order to stop
+        self._armed = self._ended = ""  # the last recordings that were armed and ordered to stop
         self._reported: Status | None = None
-        self._reported_s = 0.0
-        """Monotonic time of the last report to systemd, s."""
+        self._reported_s = 0.0  # monotonic time of the last report to systemd
 
     def run(self, stage: Stage) -> Status:
         """Loop until the recorder has ended; return its last status."""
         from daq.alarms.watch import with_not_recording
 
-        end = self._lifetime.end
+        end = self.lifetime.end
         writer = threading.Thread(target=self._write, name="writer", daemon=True)
         writer.start()
         while writer.is_alive():
             writer.join(0.1)
-            attended = self._lifetime.attended and not end.is_set()
-            if attended and self._server.alone_s() > 10.0:
-                self._log.line("the last terminal has gone, and a demonstration ends with it")
+            attended = self.lifetime.attended and not end.is_set()
+            if attended and self.server.alone_s() > 10.0:
+                self.log.line("the last terminal has gone, and a demonstration ends with it")
                 end.set()
-            if end.is_set() and (self._lifetime.keep_on or self._status is None):
+            if end.is_set() and (self.lifetime.keep_on or self._status is None):
                 self._stop.set()
             if self._status is None:
                 continue
             self._lead(self._status, end.is_set())
             # If the writer itself hangs, it publishes no alarm.
             last = self._status
-            status = with_not_recording(last, self._recorder.storage(), time.time_ns())
+            status = with_not_recording(last, self.recorder.storage(), time.time_ns())
             if status is not last:
-                self._server.publish(status, None)
+                self.server.publish(status, None)
             self._report(status)
             stage(*progress_words(status))
-        self._systemd.stopping()
+        self.systemd.stopping()
         if self._failure:
             raise self._failure
         assert self._status is not None, "the recorder publishes its last status"
@@ -187,18 +179,18 @@ class _Daemon:
 
     def _write(self) -> None:
         def is_watched() -> bool:
-            return self._traffic.follow is not None or self._server.has_clients()
+            return self.traffic.follow is not None or self.server.has_clients()
 
         try:
-            self._recorder.run(self._stop, self._publish, is_watched)
+            self.recorder.run(self._stop, self._publish, is_watched)
         except Exception as error:
             self._failure = error
 
     def _publish(self, status: Status, live: Live | None) -> None:
         self._status = status
-        if self._traffic.follow is not None:
-            self._traffic.follow(status)
-        self._server.publish(status, live)
+        if self.traffic.follow is not None:
+            self.traffic.follow(status)
+        self.server.publish(status, live)
 
     def _lead(self, status: Status, end: bool) -> None:
         """Arm each campaign once; stop it once when it is complete or a signal (`end`) has come.
@@ -209,15 +201,15 @@ class _Daemon:
         """
         from daq.control.messages import Arm, Phase, SessionState, Stop, Until
 
-        lifetime, recording = self._lifetime, status.recording
+        lifetime, recording = self.lifetime, status.recording
         if lifetime.arm and status.phase is Phase.IDLE and recording not in ("", self._armed):
             self._armed = recording
-            self._recorder.submit(Arm(Until.COMPLETE), BY)
+            self.recorder.submit(Arm(Until.COMPLETE), BY)
         complete = lifetime.arm and not lifetime.stay and status.phase is Phase.COMPLETE
         over = complete or (end and not lifetime.keep_on)
         if over and recording not in ("", self._ended):
             self._ended = recording
-            self._ending = self._recorder.submit(Stop(), BY)
+            self._ending = self.recorder.submit(Stop(), BY)
             return
         if self._ending is None or not self._ending.done():
             return
@@ -231,7 +223,7 @@ class _Daemon:
             if end and not lifetime.keep_on:
                 self._stop.set()
             else:
-                self._log.line(f"the campaign is complete, but {refused}", "refused end")
+                self.log.line(f"the campaign is complete, but {refused}", "refused end")
                 self._ended = ""
 
     def _report(self, status: Status) -> None:
@@ -239,9 +231,9 @@ class _Daemon:
         now_s = time.monotonic()
         if status is not self._reported:
             for text, key in news(self._reported, status):
-                self._log.line(text, key)
+                self.log.line(text, key)
             self._reported = status
         if now_s - self._reported_s >= 1.0:  # systemd's watchdog waits ten times as long
             self._reported_s = now_s
-            if hanging := self._systemd.notify(self._recorder.heartbeats(), status, now_s):
-                self._log.line(hanging, "hanging")
+            if hanging := self.systemd.notify(self.recorder.heartbeats(), status, now_s):
+                self.log.line(hanging, "hanging")

@@ -56,7 +56,9 @@ def progress_words(status: Status) -> tuple[float, str]:
     building = "building the session file" if status.session.state == "building" else ""
     if not status.recording:
         return 1.0, building or "between two campaigns, recording goes on"
-    done, planned = _progress(status)
+    # Runs beyond the plan do not count.
+    done = sum(min(tally.accepted, tally.planned) for tally in status.tallies)
+    planned = sum(tally.planned for tally in status.tallies)
     text = f"{done} of {counted(planned, 'run')}"
     if building and status.due is None:
         text = building
@@ -72,12 +74,6 @@ def progress_words(status: Status) -> tuple[float, str]:
     if status.losses.words:
         text += f", {status.losses.words}"
     return (done / planned if planned else 0.0), text
-
-
-def _progress(status: Status) -> tuple[int, int]:
-    """Return the number of accepted runs, without those beyond the plan, and of planned runs."""
-    done = sum(min(tally.accepted, tally.planned) for tally in status.tallies)
-    return done, sum(tally.planned for tally in status.tallies)
 
 
 def status_lines(status: Status) -> Iterator[str]:

@@ -24,10 +24,10 @@ BURST = 5
 class Log:
     """Writes lines to stderr or to a file, from its own thread.
 
-    Warnings of libraries and uncaught errors of threads are written too.  In a file each line
-    begins with the UTC at which it was logged; lines on stderr are stamped by the program that
-    stores them.  `path`: a file instead of stderr; at 1 MB it is renamed to `*.1`, which replaces
-    an earlier one, and a new file is begun.  Raises InputError if the file cannot be written.
+    Warnings of libraries are written too.  In a file each line begins with the UTC at which it was
+    logged; lines on stderr are stamped by the program that stores them.  `path`: a file instead of
+    stderr; at 1 MB it is renamed to `*.1`, which replaces an earlier one, and a new file is begun.
+    Raises InputError if the file cannot be written.
     """
 
     def __init__(self, path: Path | None) -> None:
@@ -40,10 +40,6 @@ class Log:
         self._logger = logging.getLogger("bumpbench")
 
     def __enter__(self) -> Log:
-        self._hook = threading.excepthook
-        threading.excepthook = lambda died: self.line(
-            f"{died.thread.name if died.thread else 'a thread'} ended: {died.exc_value!r}", "thread"
-        )
         # A handler that cannot write must not report that to the same stderr.
         logging.raiseExceptions = False
         logging.captureWarnings(True)
@@ -56,7 +52,6 @@ class Log:
         logging.getLogger().removeHandler(self._handler)
         logging.captureWarnings(False)
         logging.raiseExceptions = True
-        threading.excepthook = self._hook
 
         def stop() -> None:
             with suppress(Full):
