@@ -19,8 +19,6 @@ from filelock import FileLock, Timeout
 
 from dbc.words import BumpbenchError, InputError
 
-MAX_PATH_BYTES = 100
-"""Longest path of a Unix socket, bytes: the kernel truncates it at 108 without an error."""
 _DIRECTORY = "RUNTIME_DIRECTORY"
 _SERVICE = Path("/run/bumpbench")
 """Directory that systemd makes for the unit; only root can make a directory there."""
@@ -38,7 +36,7 @@ def control_address(folder: Path) -> Path:
     first.
 
     Raises InputError if the directory cannot be used: it cannot be made, belongs to another user,
-    can be written by others, or its path is too long; or if the name of the folder is not UTF-8.
+    or can be written by others; or if the name of the folder is not UTF-8.
     """
     if not hasattr(os, "getuid"):
         why = "has no sockets that only one user can reach"
@@ -56,10 +54,7 @@ def control_address(folder: Path) -> Path:
     state = Path(os.environ.get("XDG_STATE_HOME") or "~/.local/state").expanduser()
     named = os.environ.get(_DIRECTORY, "").split(":")[0]
     place = Path(named) if named else state / "bumpbench" / "run"
-    make_private(place)
-    if len(os.fsencode(place / name)) > MAX_PATH_BYTES:
-        advice = f"set {_DIRECTORY} to a shorter path"
-        raise InputError(str(place), "is too long for the path of a socket", advice)
+    _make_private(place)
     return place / name
 
 
@@ -72,11 +67,8 @@ def is_running(address: Path) -> bool:
     return False
 
 
-def make_private(directory: Path) -> None:
-    """Make a directory that no other user can enter, or check that it is one.
-
-    Raises InputError if that is not possible.
-    """
+def _make_private(directory: Path) -> None:
+    """Make a directory that no other user can enter, or check that it is one."""
     try:
         directory.parent.mkdir(parents=True, exist_ok=True)
         directory.mkdir(mode=0o700, exist_ok=True)

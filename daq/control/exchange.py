@@ -64,12 +64,8 @@ class _Peer:
 
     def __init__(self, writer: asyncio.StreamWriter) -> None:
         self.writer = writer
-        self.hello = Hello("a client", attends=False)  # until it sends one
+        self.name = ""  # until it sends a hello
         self.is_answered = True
-
-    def reply(self, number: bytes, reply: Reply) -> None:
-        """Write the answer to the request of a number."""
-        self.writer.write(b"reply %s %s\n" % (number, REPLY.dump_json(reply)))
 
 
 class Server:
@@ -110,7 +106,7 @@ class Server:
 
     def alone_s(self) -> float:
         """Return the time without any client, s; the first client may take `FIRST_S`."""
-        if any(peer.hello.attends for peer in self._peers):
+        if any(peer.name for peer in self._peers):
             return 0.0
         return max(time.monotonic() - self._alone_since_s, 0.0)
 
@@ -161,7 +157,7 @@ class Server:
             while line := await reader.readline():
                 peer.is_answered = False
                 number, reply = await self._answer(peer, line)
-                peer.reply(number, reply)
+                writer.write(b"reply %s %s\n" % (number, REPLY.dump_json(reply)))
                 peer.is_answered = True
                 await writer.drain()
         except (ValueError, ConnectionError):  # a line that is too long, or the client is gone
@@ -170,7 +166,7 @@ class Server:
             self._peers.remove(peer)
             if self._controller is peer:
                 self._controller = None
-            if peer.hello.attends:
+            if peer.name:
                 self._alone_since_s = time.monotonic()
             writer.close()
 
@@ -185,10 +181,10 @@ class Server:
             if isinstance(order, AskStatus) and self._status is not None:
                 return number, Reply(status=self._status)
             if not isinstance(order, Question) and peer is not self._controller:
-                holder = self._controller_name()
-                who = f"{holder} is in control" if holder else "you are not in control"
+                name = self._controller.name if self._controller else ""
+                who = f"{name} is in control" if name else "you are not in control"
                 return number, Reply(f"{who}: you can only watch")
-            answer = self._submit(order, printable(peer.hello.name, 60))
+            answer = self._submit(order, peer.name)
             return number, await asyncio.wrap_future(answer)
         except Exception as error:  # any exception is reported to the client, in one line
             return number, Reply(printable(str(error) or repr(error), 400))
@@ -196,35 +192,30 @@ class Server:
     def _hello(self, peer: _Peer, hello: Hello) -> str:
         """Admit a client as controller or viewer; return why it is refused, or an empty text."""
         before = self._controller
-        if hello.control and before not in (None, peer):
+        if hello.control and before is not None and before is not peer:
             if not hello.take_over:
-                return f"{self._controller_name()} is in control (take over, or only watch)"
-            assert before is not None
-            before.hello = replace(before.hello, control=False)
+                return f"{before.name} is in control (take over, or only watch)"
             before.writer.write(b"watch\n")
-        peer.hello = hello
+        peer.name = printable(hello.name, 60) or "a client"
         if hello.control:
             self._controller = peer
         elif before is peer:
             self._controller = None
         return ""
 
-    def _controller_name(self) -> str:
-        return printable(self._controller.hello.name, 60) if self._controller else ""
-
     def _send_news(self) -> None:
         while self._news:
             status, live = self._news.popleft()
-            attending = [peer for peer in self._peers if peer.hello.attends]
-            viewers = sum(peer is not self._controller for peer in attending)
-            name = self._controller_name()
+            clients = [peer for peer in self._peers if peer.name]
+            viewers = sum(peer is not self._controller for peer in clients)
+            name = self._controller.name if self._controller else ""
             self._status = replace(status, controller=name, viewers=viewers)
-            if not attending:
+            if not clients:
                 continue
             news = b"status %s\n" % STATUS.dump_json(self._status)
             if live is not None:
                 news += b"live %s\n" % LIVE.dump_json(live)
-            for peer in attending:
+            for peer in clients:
                 transport = peer.writer.transport
                 unread = transport.get_write_buffer_size()
                 if unread < MAX_UNREAD_BYTES and not transport.is_closing():
@@ -267,18 +258,11 @@ class Client:
     """A connection to one recorder.
 
     `address`: `daq.control.address.control_address` of the recorder's folder.  `name`, `control`,
-    `take_over`, `attends`: as of `Hello`.  Raises RecorderGoneError if no recorder answers, and
+    `take_over`: as of `Hello`.  Raises RecorderGoneError if no recorder answers, and
     OrderRefusedError if another client is in control.
     """
 
-    def __init__(
-        self,
-        address: Path,
-        name: str,
-        control: bool,
-        take_over: bool = False,
-        attends: bool = True,
-    ) -> None:
+    def __init__(self, address: Path, name: str, control: bool, take_over: bool = False) -> None:
         self._address = address
         self._socket = socket.socket(socket.AF_UNIX)
         try:
@@ -296,7 +280,7 @@ class Client:
         self._reader = threading.Thread(target=self._read, name="client", daemon=True)
         self._reader.start()
         try:
-            reply = self.ask(Hello(name, control, take_over, attends))
+            reply = self.ask(Hello(name, control, take_over))
         except (RecorderGoneError, OrderRefusedError):
             self.close()
             raise

@@ -72,7 +72,7 @@ class Alarm:
     """A fault that is present now."""
 
     code: str
-    """One of `daq.alarms.EXPLAINED`."""
+    """One of `daq.alarms.texts.EXPLAINED`."""
     subject: str
     """The bus, message, channel or folder; empty for the recorder itself."""
     text: str
@@ -361,8 +361,6 @@ class Hello:
     control: bool = False
     take_over: bool = False
     """True to take control from the client that has it; else a second controller is refused."""
-    attends: bool = True
-    """False for one that asks once: it is no viewer, and a demonstration does not go on for it."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -210,8 +210,8 @@ class Asked:
         self.says = says
         self.calls: list[object] = []
 
-    def __call__(self, _: object, name: str, control: bool, attends: bool) -> Asked:
-        self.calls.append((name, control, attends))
+    def __call__(self, _: object, name: str, control: bool) -> Asked:
+        self.calls.append((name, control))
         return self
 
     def ask(self, order: Order) -> Reply:
@@ -236,7 +236,7 @@ def test_the_status_is_printed_in_lines_or_whole(
     assert out.startswith("T5, into /var/lib/bumpbench: ")
     assert len(out.splitlines()) > 4
     assert err == ""
-    assert recorder.calls == [("status", False, False), AskStatus(), "closed"]
+    assert recorder.calls == [("status", False), AskStatus(), "closed"]
     assert run(["status", str(tmp_path), "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert (document["vehicle"], document["phase"]) == ("T5", a_status().phase)

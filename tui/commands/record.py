@@ -98,7 +98,7 @@ def status(
 
     why = "the recorder has only just started"
     try:
-        client = Client(control_address(folder), "status", control=False, attends=False)
+        client = Client(control_address(folder), "status", control=False)
         try:
             status_now = client.ask(AskStatus()).status
         finally:

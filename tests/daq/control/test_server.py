@@ -326,9 +326,6 @@ def test_the_server_knows_for_how_long_no_client_has_been_there(
     client.close()
     until(lambda: alone_at(70.0) > 0.0)
     assert alone_at(70.0) > 60.0  # counted from now on, not from the first minute's end
-    asks_once = Client(address, "status", control=False, attends=False)
-    assert alone_at(70.0) > 60.0
-    asks_once.close()
 
 
 def test_whether_a_client_is_there_is_known(server: Server, address: Path) -> None:
