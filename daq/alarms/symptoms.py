@@ -49,9 +49,6 @@ class BusWatch:
     name: str
     good_s: float
     """Monotonic time of the last good frame, s; at least that since which it is connected."""
-    frame_s: float = float("inf")
-    """Monotonic time of the last good frame, also before the bus was lost, s; infinite before the
-    first."""
     error_s: float = float("-inf")
     """Monotonic time of the last error frame, s."""
     frames: int = 0
@@ -100,7 +97,6 @@ class BusWatch:
         self.recent.append(_BusCycle(now_s, good, len(error_rows), good_bits, self.last_ns))
         self.frames += good
         self.error_frames += len(error_rows)
-        self.frame_s = now_s if good else self.frame_s
         self.good_s = now_s if good or not link.connected else self.good_s
         self.error_s = now_s if errors else self.error_s
         if link.connected:

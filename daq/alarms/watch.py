@@ -1,8 +1,6 @@
 """Watches the recording over the cycles of a recorder, ten per second, and keeps its alarms.
 
-An alarm ends when its symptom has been absent for `HOLD_S`.  An alarm that returns repeatedly is
-shown each time, but written to the journal only every `REPORT_AGAIN_S`: a loose contact must not
-fill the journal.
+An alarm ends when its symptom has been absent for `HOLD_S`.
 """
 
 from __future__ import annotations
@@ -30,14 +28,11 @@ ALARM, ALARM_END = "alarm", "alarm_end"
 """Codes of the events, which have the text "CODE SUBJECT: TEXT"."""
 HOLD_S = 1.5
 """Time without the symptom after which an alarm ends, s."""
-REPORT_AGAIN_S = 15.0
-"""Least time between two entries of the same alarm in the journal, s."""
 _SHOWN_SUBJECTS = 4
 """Number of messages or channels that one line for several alarms names."""
 _QUIET_S = 0.4
-"""Time without a good frame, s, from which a bus is quiet.  It is shorter than the least timeout of
-a message: until a second has passed, and the bus is silent by default, its messages are not named
-one by one."""
+"""Time without a good frame, s, from which a bus is quiet: its messages are not named one by one.
+It is shorter than the least timeout of a message."""
 _NOT_RECORDING_S = 3.0
 """Time, s, after which frames that arrive and are not stored raise an alarm.  The queue holds 10 s
 of four full buses, so nothing is lost by then; a busy machine or a slow disk may take a second."""
@@ -80,10 +75,8 @@ class Watch:
         self._traffic, self._sensors = Traffic(), Sensors()
         self._alarms: dict[Key, Alarm] = {}
         self._seen_s: dict[Key, float] = {}  # when the symptom of an alarm was last present
-        self._begun_s: dict[Key, float] = {}  # when the beginning was last written to the journal
-        self._open: set[Key] = set()  # whose beginning is in the journal, and not yet its end
         self._counts: deque[tuple[float, Counts]] = deque()
-        self._quiet: frozenset[str] = frozenset()  # buses with channels, without a good frame now
+        self._quiet: frozenset[str] = frozenset()  # buses with channels, without good frames now
         self._queue_dropped = self._t_ns = 0
 
     @property
@@ -143,15 +136,14 @@ class Watch:
         pairs = list(zip(self._watches, cycle.links, strict=True))  # history and link of each bus
         self.buses = tuple(bus.status(link, config.silent_s, now_s) for bus, link in pairs)
         delivers = [
-            status.state in (BusState.OK, BusState.ERROR_PASSIVE)
-            and not _QUIET_S <= now_s - bus.good_s < WINDOW_S
+            status.state in (BusState.OK, BusState.ERROR_PASSIVE) and now_s - bus.good_s < _QUIET_S
             for bus, status in zip(self._watches, self.buses, strict=True)
         ]
-        sensor_buses = {self._traffic.home_of(name) for name in expected}
+        homes = {self._traffic.home_of(name) for name in expected}
         self._quiet = frozenset(
             bus.name
             for number, bus in enumerate(self._watches)
-            if number in sensor_buses and now_s - bus.frame_s >= _QUIET_S
+            if number in homes and not delivers[number]
         )
         symptoms = [*_not_recording(cycle.storage), *_disk_symptoms(config, cycle.disk)]
         symptoms += [fault("consumer_failed", name, why) for name, why in cycle.failed.items()]
@@ -204,16 +196,10 @@ class Watch:
                 since_ns, count = before.since_ns, before.count + new.get(key, (0, ""))[0]
             alarm = Alarm(*key, symptom.text, symptom.advice, since_ns, count)
             self._alarms[key], self._seen_s[key] = alarm, now_s
-            pause_s = now_s - self._begun_s.get(key, float("-inf"))
-            if key not in self._open and pause_s >= REPORT_AGAIN_S:
-                self._begun_s[key] = now_s
-                self._open.add(key)
+            if before is None:
                 yield self._event(ALARM, alarm)
         for key in [k for k in self._alarms if now_s - self._seen_s[k] >= HOLD_S]:
-            alarm = self._alarms.pop(key)
-            if key in self._open:
-                self._open.remove(key)
-                yield self._event(ALARM_END, alarm)
+            yield self._event(ALARM_END, self._alarms.pop(key))
 
     def _event(self, code: str, alarm: Alarm) -> Event:
         subject = f" {alarm.subject}" if alarm.subject else ""

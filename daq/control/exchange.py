@@ -181,8 +181,9 @@ class Server:
             if isinstance(order, AskStatus) and self._status is not None:
                 return number, Reply(status=self._status)
             if not isinstance(order, Question) and peer is not self._controller:
-                name = self._controller.name if self._controller else ""
-                who = f"{name} is in control" if name else "you are not in control"
+                who = "you are not in control"
+                if self._controller is not None:
+                    who = f"{self._controller.name} is in control"
                 return number, Reply(f"{who}: you can only watch")
             answer = self._submit(order, peer.name)
             return number, await asyncio.wrap_future(answer)
