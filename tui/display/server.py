@@ -30,10 +30,6 @@ from .view import order_of, view
 BEAT_S = 1.0
 """Longest time between two messages, s: a page that has heard nothing for three of them reports
 the line lost."""
-MOST_PAGES = 32
-"""Most pages at a time; a further one is refused and tries again."""
-STALLED_S = 10.0
-"""Time after which a page that takes nothing is disconnected, s."""
 TRIES = 5
 """Wrong numbers in a minute after which none is accepted: to try a million then takes 140 days."""
 LOCKED_S = 60.0
@@ -98,7 +94,7 @@ class Control:
         self._wrong_s: list[float] = []
         """Times of the wrong numbers of the last minute, s."""
         self._keys: list[str] = []
-        """Keys of the pages that have control, oldest first."""
+        """Keys of the pages that have control."""
 
     def grant(self, typed: str, now_s: float) -> tuple[str, str]:
         """Return the key of a page on which the number was typed, or why there is none.
@@ -113,7 +109,7 @@ class Control:
             self._wrong_s.append(now_s)
             return "", "that is not the number shown at the terminal"
         key = secrets.token_urlsafe()
-        self._keys = [*self._keys[-MOST_PAGES + 1 :], key]
+        self._keys.append(key)
         return key, ""
 
     def holds(self, key: str) -> bool:
@@ -134,14 +130,9 @@ class Follower:
         self._lost: Lost | None = None
         self._state = b""
         """The newest state as JSON."""
-        self._waiting: set[asyncio.Event] = set()
-        """One event for each page, set when the state has changed."""
+        self._changed = asyncio.Event()
+        """Set when the state changes; then another one takes its place."""
         self._closed = False
-
-    @property
-    def pages(self) -> int:
-        """Number of pages that are connected."""
-        return len(self._waiting)
 
     @property
     def status(self) -> Status | None:
@@ -177,22 +168,17 @@ class Follower:
 
     async def messages(self) -> AsyncGenerator[bytes, None]:
         """Yield server-sent events: the newest state whenever it has changed, and heartbeats."""
-        changed = asyncio.Event()
-        self._waiting.add(changed)
         sent = b""
-        try:
-            while not self._closed:
-                changed.clear()
-                if self._state != sent:
-                    sent = self._state
-                    yield b"event: view\ndata: %s\n\n" % sent
-                try:
-                    async with asyncio.timeout(BEAT_S):
-                        await changed.wait()
-                except TimeoutError:
-                    yield b"event: beat\ndata: \n\n"
-        finally:
-            self._waiting.discard(changed)
+        while not self._closed:
+            changed = self._changed
+            if self._state != sent:
+                sent = self._state
+                yield b"event: view\ndata: %s\n\n" % sent
+            try:
+                async with asyncio.timeout(BEAT_S):
+                    await changed.wait()
+            except TimeoutError:
+                yield b"event: beat\ndata: \n\n"
 
     def _show(self) -> None:
         state = asdict(view(self._last, self._lost))
@@ -200,8 +186,8 @@ class Follower:
         self._wake()
 
     def _wake(self) -> None:
-        for event in self._waiting:
-            event.set()
+        self._changed.set()
+        self._changed = asyncio.Event()
 
 
 class DisplayServer:
@@ -239,17 +225,14 @@ class DisplayServer:
                 await asyncio.to_thread(self._feed.stop)
 
     async def _events(self, request: web.Request) -> web.StreamResponse:
-        if self._follower.pages >= MOST_PAGES:
-            return web.Response(status=503, text=f"{MOST_PAGES} displays are connected\n")
         stream = web.StreamResponse(headers={"Content-Type": "text/event-stream"})
         role = {"control": self._control is not None, "granted": self._granted(request)}
         async with aclosing(self._follower.messages()) as messages:
-            with suppress(ConnectionResetError, TimeoutError):  # the page has gone
+            with suppress(ConnectionResetError):  # the page has gone
                 await stream.prepare(request)
                 await stream.write(b"event: role\ndata: %s\n\n" % json.dumps(role).encode())
                 async for message in messages:
-                    async with asyncio.timeout(STALLED_S):
-                        await stream.write(message)
+                    await stream.write(message)
         return stream
 
     async def _grant(self, request: web.Request) -> web.Response:
