@@ -59,20 +59,18 @@ class CheckReport:
 def check_bench(bench: Bench, codec: Codec, frames: FrameBatch, today: date) -> CheckReport:
     """Check a bench at rest.
 
-    `frames`: a few seconds of traffic while the car stands still, in order of arrival; if it has
-    pauses, only the longest stretch between pauses is checked.  `today`: for the age of
-    calibrations.  Raises InputError if a channel does not fit the DBC.
+    `frames`: a few seconds of traffic while the car stands still, in order of arrival.  `today`:
+    for the age of calibrations.  Raises InputError if a channel does not fit the DBC.
     """
     mapped = mapped_channels(bench, codec)
     if not len(frames):
         advice = "check power, wiring, termination and the bit rate; sensors that must be started"
         line = Finding("no_frames", FAIL, "no frame was received", "bus", advice)
         return CheckReport(0.0, 0, (line,))
-    frames, lines = _without_pauses(frames)
     decoded = codec.decode(frames)
     keeping = timekeeping(bench, codec)
     table = frame_table(codec.messages, frames)
-    lines += check_buses(codec.messages, table, decoded.counts.error_frames, bench.buses)
+    lines = check_buses(table, decoded.counts.error_frames, bench.buses)
     lines += check_messages(mapped, keeping, table, decoded)
     groups = {g.name: g for g in sample_groups(mapped, decoded, keeping, int(frames.t_ns[0]))}
     lines += [_set_line(s, groups[s.name]) for s in bench.sample_sets if s.name in groups]
@@ -89,29 +87,6 @@ def check_bench(bench: Bench, codec: Codec, frames: FrameBatch, today: date) -> 
     for each in mapped:
         lines += check_channel(each, decoded, bench.calibration_days, today)
     return CheckReport(table.seconds, len(frames), tuple(lines))
-
-
-def _without_pauses(frames: FrameBatch) -> tuple[FrameBatch, list[Finding]]:
-    """Return the longest stretch between pauses, because counters do not cover pauses."""
-    gap_s = np.diff(frames.t_ns) * 1e-9
-    usual_s = float(np.median(gap_s)) if len(gap_s) else 0.0
-    # The bus was off, or the log was not written: an exported session has 0.6 s between runs.
-    before = np.flatnonzero(gap_s > max(0.1, 50.0 * usual_s))
-    if not len(before):
-        return frames, []
-    first, last = np.append(0, before + 1), np.append(before, len(frames) - 1)
-    length_s = (frames.t_ns[last] - frames.t_ns[first]) * 1e-9
-    k = int(np.argmax(length_s))
-    paused_s = float(gap_s[before].sum())
-    many = "a pause" if len(before) == 1 else f"{len(before)} pauses"
-    text = (
-        f"{many} without any frame, {paused_s:.1f} s in all; checked is the longest stretch "
-        f"without one, {length_s[k]:.1f} s"
-    )
-    advice = "a log that a trigger wrote has them; on a live bus look for plug and power"
-    figures = {"pauses": len(before), "paused_s": paused_s}
-    line = Finding("pause", WARN, text, "bus", advice, figures=figures)
-    return frames.select(slice(int(first[k]), int(last[k]) + 1)), [line]
 
 
 def _set_line(sample_set: SampleSet, group: SampleGroup) -> Finding:
@@ -170,14 +145,6 @@ class _Rest:
     motion: float
     unit: str
 
-    @property
-    def text(self) -> str:
-        """The level to two digits of the noise, with its unit."""
-        if not self.noise:
-            return f"{self.level:.4g} {self.unit}"
-        places = max(0, 1 - math.floor(math.log10(self.noise)))
-        return f"{round(self.level, places) + 0.0:.{places}f} {self.unit}"  # -0.0 becomes 0
-
 
 def check_channel(
     mapped: MappedChannel, decoded: Decoded, calibration_days: int, today: date
@@ -219,7 +186,8 @@ def check_channel(
         advice = "measure x_m and y_m from the middle of the front axle"
         faults.append(("position", WARN, text, advice))
     if FAIL not in [fault[1] for fault in faults]:
-        text = f"{rest.text} at rest, noise {rest.noise:.2g}, {rate_hz:.0f} Hz{gravity}"
+        level = f"{rest.level:.3g} {rest.unit}"
+        text = f"{level} at rest, noise {rest.noise:.2g}, {rate_hz:.0f} Hz{gravity}"
         faults.insert(0, ("rest", OK, text, ""))
     figures = {"level": rest.level, "noise": rest.noise, "motion": rest.motion, "rate_hz": rate_hz}
     return findings(subject, faults, figures)
@@ -246,10 +214,7 @@ def _calibration_faults(channel: Channel, days: int, today: date) -> Iterator[Fa
     age = (today - date.fromisoformat(channel.calibrated)).days if channel.calibrated else 0
     which = f" (serial number {channel.serial_number})" if channel.serial_number else ""
     text = f"calibrated on {channel.calibrated}"
-    if age < 0:
-        text = f"{text}, which is in the future{which}"
-        yield "calibration", WARN, text, "correct calibrated, or the clock of this computer"
-    elif age > days:
+    if age > days:
         advice = f"have it calibrated; the limit is {counted(days, 'day')}"
         yield "calibration", WARN, f"{text}, {counted(age, 'day')} ago{which}", advice
 

@@ -135,21 +135,17 @@ def mixed_messages(messages: Sequence[MessageLayout], frames: FrameBatch) -> tup
 # The buses ----------------------------------------------------------------------------------------
 
 
-def check_buses(
-    messages: Sequence[MessageLayout],
-    table: FrameTable,
-    error_frames: int,
-    buses: Sequence[BusConfig],
-) -> list[Finding]:
+def check_buses(table: FrameTable, error_frames: int, buses: Sequence[BusConfig]) -> list[Finding]:
     """Check each bus as a whole: load, error frames, unknown identifiers."""
     lines = []
-    numbers = sorted(table.frames.keys() | range(len(buses)))
-    for number in numbers if len(buses) > 1 else [0]:
-        bus = buses[min(number, len(buses) - 1)]
-        frames, bits = table.frames.get(number, 0), table.bits.get(number, 0.0)
-        subject = f"bus {bus.label if number < len(buses) else number}"
+    for number, bus in enumerate(buses):
+        subject, frames, bits = (
+            f"bus {bus.label}",
+            table.frames.get(number, 0),
+            table.bits.get(number, 0.0),
+        )
         if len(buses) == 1:  # logs number a single bus in different ways
-            frames, bits, subject = sum(table.frames.values()), sum(table.bits.values()), "bus"
+            subject, frames, bits = "bus", sum(table.frames.values()), sum(table.bits.values())
         if not frames:
             text = f"no frame in {table.seconds:.2f} s"
             advice = "check the bus's plug, power and bit rate"
@@ -174,13 +170,6 @@ def check_buses(
         more = f" and {len(unknown) - 6} more" if len(unknown) > 6 else ""
         are = counted(len(unknown), "identifier is", "identifiers are")
         advice = "foreign devices, or the DBC of another bus"
-        by_id = {m.can_id: m for m in messages}
-        for a in unknown:
-            twin = by_id.get(a.can_id)
-            if twin is not None and twin.is_extended != a.is_extended:
-                here, there = (29, 11) if a.is_extended else (11, 29)
-                words = f"comes with {here} bits; the DBC has {twin.name} with {there}"
-                advice = f"{a.can_id:#x} {words}"
         text = f"{are} not in the DBC: {shown}{more}"
         figures = {"unknown": len(unknown)}
         lines.append(Finding("unknown_id", WARN, text, "bus", advice, figures=figures))
@@ -233,7 +222,7 @@ def check_messages(
 def _rate_faults(
     message: MessageLayout, arrivals: Arrivals, rate_hz: float, table: FrameTable, has_time: bool
 ) -> Iterator[Fault]:
-    """Yield the faults of silence, rate and jitter; `has_time`: its frames state their time."""
+    """Yield the faults of silence and rate; `has_time`: its frames state their time."""
     silent_s = (table.end_ns - int(arrivals.t_ns[-1])) * 1e-9
     if silent_s > max(0.5, 10 * (message.cycle_s or 0.0)):
         yield "stale", FAIL, f"silent for the last {silent_s:.2f} s", "check plug and power"
@@ -248,10 +237,6 @@ def _rate_faults(
         text = f"{rate_hz:.1f} Hz instead of {1 / message.cycle_s:.1f} Hz"
         verdict, advice = FAIL if deviation > RATE_FAIL else WARN, "set the sensor's rate, or "
         yield "rate", verdict, text, advice + state_cycle
-    if message.counter is None and not has_time and arrivals.jitter_s > message.cycle_s / 2:
-        text = f"frames arrive up to {1e3 * arrivals.jitter_s:.2f} ms off their cycle"
-        advice = "its clock fits the least delayed frames: prefer a counter or hardware stamps"
-        yield "jitter", WARN, text, advice
 
 
 def _content_faults(

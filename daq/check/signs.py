@@ -22,8 +22,8 @@ _RATE_HZ = 250.0
 _BODY_HZ = (0.7, 2.5)
 """Band of frequencies, Hz, in which the body swings and the wheels hardly do."""
 _SHOWN = 0.3
-"""Share of the travels' motion that must be roll (or pitch), or of a gyroscope's that must lie in
-the body's band, for a run to show the sign of a rate: a bounce does not show that of the roll."""
+"""Share of the travels' motion that must be roll (or pitch) for a run to show the sign of a rate: a
+bounce does not show that of the roll."""
 
 _TILTS = {
     Quantity.ROLL_RATE: {corner: -corner.side for corner in Corner},
@@ -57,18 +57,14 @@ class _Spectra:
         each = sum(self.body_power(self.of[name]) for name in signs)
         return self.body_power(self.sum(signs)) > _SHOWN * len(signs) * each
 
-    def swings(self, rate: str) -> bool:
-        """Return whether the motion of a gyroscope is in large part a swing of the body."""
-        return self.body_power(self.of[rate]) > _SHOWN * float(np.sum(np.abs(self.of[rate]) ** 2))
-
 
 def opposed_signs(runs: Sequence[Run], channels: Sequence[Channel]) -> tuple[Finding, ...]:
     """Name the travels that move against their hubs, and the rates that turn against the travels.
 
     `runs`: with their samples, SI, signs applied.  `channels`: of the session.  Travels are
-    compared with the hub accelerometers; then rates of pitch and roll with the travels or, if not
-    every wheel has one, with the first rate of their kind, in the runs that show that motion.  A
-    channel without a channel for comparison, or without such a run, is not judged.
+    compared with the hub accelerometers; then, if every wheel has a travel, rates of pitch and roll
+    with the travels, in the runs that show that motion.  A channel without a channel for
+    comparison, or without such a run, is not judged.
     """
     spectra = [spectra for run in runs for spectra in _spectra(run)]
     travels = {c.corner: c.name for c in channels if c.quantity is Quantity.SUSPENSION_TRAVEL}
@@ -84,43 +80,30 @@ def opposed_signs(runs: Sequence[Run], channels: Sequence[Channel]) -> tuple[Fin
         ]
         if _is_opposed(pairs, (5.0, 15.0)):  # Hz, where wheels swing and the body hardly does
             against.append(travel)
-    change_sign = "change the sign of these channels"
-    findings = _finding(against, "against the hub accelerometers", change_sign)
+    findings = _finding(against, "against the hub accelerometers")
+    if len(travels) < len(Corner):
+        return findings
     for quantity, tilt in _TILTS.items():
-        rates = [c.name for c in channels if c.quantity is quantity]
-        signs = {
-            travels[c]: -n if travels[c] in against else n for c, n in tilt.items() if c in travels
-        }
+        signs = {travels[c]: -n if travels[c] in against else n for c, n in tilt.items()}
         turned = []
-        for name in rates:
-            if len(signs) == len(Corner):
-                pairs = [
-                    (s, s.of[name], 2j * np.pi * s.hz * s.sum(signs))
-                    for s in spectra
-                    if {name, *signs} <= set(s.of) and s.tilts(signs)
-                ]
-            else:
-                first = rates[0]
-                pairs = [
-                    (s, s.of[name], s.of[first])
-                    for s in spectra
-                    if {name, first} <= set(s.of) and s.swings(name) and s.swings(first)
-                ]
+        for name in (c.name for c in channels if c.quantity is quantity):
+            pairs = [
+                (s, s.of[name], 2j * np.pi * s.hz * s.sum(signs))
+                for s in spectra
+                if {name, *signs} <= set(s.of) and s.tilts(signs)
+            ]
             if _is_opposed(pairs, _BODY_HZ):
                 turned.append(name)
-        if len(signs) == len(Corner):
-            findings += _finding(turned, "against the travels", change_sign)
-        else:
-            advice = "change the sign of one side: a push on a corner shows which"
-            findings += _finding(turned, f"against {''.join(rates[:1])}", advice)
+        findings += _finding(turned, "against the travels")
     return findings
 
 
-def _finding(names: Sequence[str], whom: str, advice: str) -> tuple[Finding, ...]:
+def _finding(names: Sequence[str], whom: str) -> tuple[Finding, ...]:
     if not names:
         return ()
     subject = ", ".join(names)
     text = f"{subject} {'moves' if len(names) == 1 else 'move'} {whom}"
+    advice = "change the sign of these channels"
     return (Finding("opposed_sign", Severity.ERROR, text, subject, advice),)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from datetime import date
@@ -71,9 +70,6 @@ def test_a_sound_bench_passes_and_says_what_it_measured() -> None:
     assert z.figures["noise"] == pytest.approx(0.03, rel=0.15)  # as simulated
     assert "+1 g" in z.text
     assert lines["channel hub_acc_fl"].figures["noise"] == pytest.approx(0.15, rel=0.15)
-    # No digit below the noise: 0.0017 rad/s, and no minus before a zero.
-    shown = lines["channel roll_rate"].text.split()[0]
-    assert re.fullmatch(r"0\.0000|-?0\.000[1-9]", shown), shown
     assert report.frames == len(_rest())
 
 
@@ -264,15 +260,6 @@ def test_a_sensor_that_is_half_a_swing_late_is_not_upside_down(late_s: float) ->
         motion, hub = wheel_motion(seed)
         runs.append(run_of({"travel": np.roll(motion, round(late_s * 250)), "hub": hub}))
     assert opposed_signs(runs, tuple(CORNER.values())) == ()
-
-
-def test_rates_without_travels_are_held_against_each_other() -> None:
-    time_s = np.arange(500) / 250.0
-    roll = np.exp(-time_s) * np.sin(2 * np.pi * 1.6 * time_s)
-    channels = tuple(Channel(name, Quantity.ROLL_RATE) for name in ("a", "b", "c"))
-    (finding,) = opposed_signs([run_of({"a": roll, "b": -roll, "c": roll})], channels)
-    assert (finding.subject, finding.text) == ("b", "b moves against a")
-    assert finding.advice.startswith("change the sign of one side")
 
 
 @pytest.mark.parametrize("number", range(0, 6, 2))
