@@ -30,6 +30,7 @@ from daq.vehicle import (
     Structure,
     Vehicle,
     VehicleGeometry,
+    Weight,
     expected_car,
     parameter_names,
     parameter_unit,
@@ -41,33 +42,28 @@ from .small_session import small_session
 TEXT: dict[str, Any] = {"name": "fl", "quantity": "hub_acceleration", "corner": "FL"}
 
 
-def test_the_unit_is_that_of_the_quantity() -> None:
+def test_a_channel_has_the_unit_of_its_quantity_and_takes_texts() -> None:
     assert Channel("r", Quantity.ROLL_RATE).unit == "rad/s"
-    assert Channel("r", Quantity.ROLL_RATE, "rad/s").unit == "rad/s"
     assert Channel("yaw", Quantity.UNUSED, "deg/s").unit == "deg/s"
     assert Channel("yaw", Quantity.UNUSED).unit == ""
-
-
-def test_another_unit_is_refused() -> None:
-    with pytest.raises(ValueError, match="channel r: roll_rate is in rad/s, not deg/s"):
-        Channel("r", Quantity.ROLL_RATE, "deg/s")
-
-
-def test_corners_and_quantities_may_be_texts() -> None:
     hub = Channel("fl", Quantity("hub_acceleration"), corner=Corner("FL"))
     assert Channel(**TEXT) == hub
     assert Channel(**TEXT).corner is Corner.FRONT_LEFT
 
 
-def test_a_corner_that_does_not_fit_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"channel fl: no corner is 'FM' .* FL, FR, RL, RR"):
-        Channel(**TEXT | {"corner": "FM"})
-    with pytest.raises(ValueError, match=r"channel fl: no quantity is 'speed' .*hub_acceleration"):
-        Channel(**TEXT | {"quantity": "speed"})
-    with pytest.raises(ValueError, match="channel fl: hub_acceleration needs a corner"):
-        Channel("fl", Quantity.HUB_ACCELERATION)
-    with pytest.raises(ValueError, match="channel p: pitch_rate has no corner"):
-        Channel("p", Quantity.PITCH_RATE, corner=Corner.FRONT_LEFT)
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"unit": "g"}, "channel fl: hub_acceleration is in m/s2, not g"),
+        ({"corner": "FM"}, r"channel fl: no corner is 'FM' .* FL, FR, RL, RR"),
+        ({"quantity": "speed"}, r"channel fl: no quantity is 'speed' .*hub_acceleration"),
+        ({"corner": None}, "channel fl: hub_acceleration needs a corner"),
+        ({"quantity": "pitch_rate"}, "channel fl: pitch_rate has no corner"),
+    ],
+)
+def test_what_does_not_fit_a_channel_is_refused(changes: dict[str, Any], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        Channel(**TEXT | changes)
 
 
 # Samples of a run, which cannot be changed afterwards, and what of a session is used ------------
@@ -106,26 +102,14 @@ AXLES = ("m_uf", "m_ur", "k_sf", "k_sr", "k_tf", "k_tr", "c_sf", "c_sr")
 PLACES = ("a", "b", "t_f", "t_r")
 
 
-@pytest.mark.parametrize(
-    ("structure", "more"),
-    [
-        (Structure(), ()),
-        (Structure(anti_roll_bars=True), ("k_af", "k_ar")),
-        (Structure(tyre_damping=True), ("c_tf", "c_tr")),
-        (Structure(cg_offset=True), ("y_s",)),
-        (Structure(True, True, True, True), ("k_af", "k_ar", "c_tf", "c_tr", "y_s")),
-    ],
-)
-def test_a_model_has_fifteen_parameters_and_those_of_what_it_has_more(
-    structure: Structure, more: tuple[str, ...]
-) -> None:
-    assert parameter_names(structure) == (*BODY, *AXLES, *PLACES, *more)
-
-
-def test_a_model_with_unlike_corners_has_each_of_them() -> None:
+def test_a_model_has_fifteen_parameters_and_those_of_what_it_has_more() -> None:
+    usual = (*BODY, *AXLES, *PLACES)
+    assert parameter_names(Structure()) == PARAMETER_NAMES == usual
+    assert parameter_names(Structure(cg_offset=True)) == (*usual, "y_s")
+    more = ("k_af", "k_ar", "c_tf", "c_tr", "y_s")
+    assert parameter_names(Structure(True, True, True, True)) == (*usual, *more)
     corners = [f"{name}{side}" for name in AXLES for side in "lr"]
     assert parameter_names(Structure(symmetric=False)) == (*BODY, *corners, *PLACES)
-    assert len(corners) == 16  # with the other seven: 23
 
 
 def test_units_follow_from_the_first_letter() -> None:
@@ -208,46 +192,29 @@ T = np.arange(10) / 100.0
 RUN = {"z_s": (T, np.sin(T)), "theta": (T, np.cos(T))}
 
 
-def test_channels_of_one_clock_share_a_group() -> None:
-    runs = [("baseline", "bounce", {**RUN, "z_uA": (T + 0.001, T)})]
-    session = session_from_arrays(runs)
-    assert [list(group.values) for group in session.runs[0].groups] == [["z_s", "theta"], ["z_uA"]]
-    np.testing.assert_array_equal(session.runs[0].groups[1].time_s, T + 0.001)
-    assert [channel.name for channel in session.channels] == ["z_s", "theta", "z_uA"]
-
-
-def test_repeats_are_counted() -> None:
+def test_channels_of_one_clock_share_a_group_and_repeats_are_counted() -> None:
+    missing = np.where(np.arange(10) == 4, np.nan, 1.0)
+    first = {**RUN, "z_uA": (T + 0.001, missing)}
     session = session_from_arrays(
-        [("baseline", "bounce", RUN), ("added", "bounce", RUN), ("baseline", "bounce", RUN)]
+        [("baseline", "bounce", first), ("added", "bounce", RUN), ("baseline", "bounce", RUN)]
     )
-    assert [run.label for run in session.runs] == [
-        "baseline_bounce_1",
-        "added_bounce_1",
-        "baseline_bounce_2",
-    ]
+    body, hub = session.runs[0].groups
+    assert (list(body.values), list(hub.values)) == (["z_s", "theta"], ["z_uA"])
+    np.testing.assert_array_equal(hub.time_s, T + 0.001)
+    assert hub.quality.nonzero()[0].tolist() == [4]
+    assert [channel.name for channel in session.channels] == ["z_s", "theta", "z_uA"]
+    labels = [run.label for run in session.runs]
+    assert labels == ["baseline_bounce_1", "added_bounce_1", "baseline_bounce_2"]
 
 
-@pytest.mark.parametrize("as_matrix", [True, False])
-def test_added_mass_as_matrix_or_diagonal(as_matrix: bool) -> None:
+def test_added_mass_as_matrix_diagonal_or_weights() -> None:
     diagonal = [130.0, 250.0, 40.0, 4.0, 4.0, 5.0, 5.0]
-    given = np.diag(diagonal) if as_matrix else diagonal
-    session = session_from_arrays([("added", "roll", RUN)], delta_mass=given)
-    np.testing.assert_array_equal(session.mass_states[1].added.matrix, np.diag(diagonal))
-
-
-def test_added_mass_as_weights() -> None:
-    weights: list[BodyWeight | HubWeight] = [
-        BodyWeight(30.0, -1.0, 0.5),
-        HubWeight(4.0, Corner.REAR_LEFT),
-    ]
+    for given in (diagonal, np.diag(diagonal), AddedMass(matrix=np.diag(diagonal))):
+        session = session_from_arrays([("added", "roll", RUN)], delta_mass=given)
+        np.testing.assert_array_equal(session.mass_states[1].added.matrix, np.diag(diagonal))
+    weights: list[Weight] = [BodyWeight(30.0, -1.0, 0.5), HubWeight(4.0, Corner.REAR_LEFT)]
     session = session_from_arrays([("added", "roll", RUN)], delta_mass=weights)
     assert session.mass_states[1].added.weights == tuple(weights)
-
-
-def test_missing_samples_are_nan() -> None:
-    values = np.where(np.arange(10) == 4, np.nan, 1.0)
-    session = session_from_arrays([("baseline", "roll", {"z_s": (T, values)})])
-    assert session.runs[0].groups[0].quality.nonzero()[0].tolist() == [4]
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,6 @@ from daq.journal.writer import JournalWriter
 from daq.recorder.readers import DRAIN_S, Piece, PieceQueue, Reader, Readers, StorageWatch
 from daq.recorder.recorder import HALT_S
 from dbc import Codec, FrameBatch
-from tui.recorders.lines import status_lines
 
 from ..a_status import a_status
 from ..crash_frames import block
@@ -161,17 +160,6 @@ def test_from_three_seconds_on_it_is_an_alarm(late_s: float, alarm: bool) -> Non
     if alarm:
         assert late.alarms[0].since_ns == 1_990_000_000
         assert with_not_recording(late, storage, 6_000_000_000) is late
-
-
-def test_the_status_says_it() -> None:
-    storage = StorageStatus(1200, 700, 3.2)
-    late = with_not_recording(a_status(), storage, 0)
-    well = replace(a_status(), storage=StorageStatus(1200, 1200), recording="")
-    text = "NOT RECORDING for 3.2 s: 700 of 1,200 frames stored since the start"
-    whole = "recording: 1,200 of 1,200 frames stored since the start"
-    assert any(line.startswith(text) for line in status_lines(late))
-    assert any(line.startswith(whole) for line in status_lines(well))
-    assert any("between two campaigns, recording goes on" in line for line in status_lines(well))
 
 
 def watched(running: Running) -> Status:

@@ -45,7 +45,6 @@ from daq.journal.writer import JournalError
 from daq.recorder.readers import PieceQueue
 from daq.recorder.recorder import Derivation, Recorder
 from daq.recorder.run_loop import OrderError
-from daq.runlog import Code, fold
 from daq.runs import Event
 from daq.session.build import BAD_INPUT, DONE, main
 from dbc import Codec, FrameBatch
@@ -563,11 +562,3 @@ def test_a_session_file_is_outdated_by_what_it_is_made_of(
         running.order(Start())
         status = running.until(lambda s: s.recording not in ("", before.recording))
         assert not status.outdated  # it is whole, and of the recording before
-
-
-def test_an_event_that_changes_nothing_is_no_revision() -> None:
-    bump = Event(1, Code.BUMP, 1.0, RUN)
-    assert fold([bump]).revision == 1
-    assert fold([bump, bump, Event(2, Code.REDO), Event(3, "bus_silent")]).revision == 1
-    bench = Event(2, Code.BENCH, 0.0, "[vehicle]")
-    assert fold([bump, bench, bench]).revision == 2

@@ -350,20 +350,6 @@ def test_what_makes_no_sense_now_is_refused(
         event(order, *runs)
 
 
-def test_texts_lose_their_control_characters_and_keep_their_lines() -> None:
-    found = event(Mark("a\x1b[2Jb\nc\x07"))
-    assert found is not None
-    first, second = found.text.split("\n")
-    assert first.startswith("a")
-    assert first.endswith("b")
-    assert second.startswith("c")
-    assert first.isprintable()
-    assert second.isprintable()
-    escaped = event(Mark("\x07" * 50))
-    assert escaped is not None
-    assert escaped.text == "\\x07" * 50  # none is cut off, though each is four characters
-
-
 # Another bench.toml within a recording, and bench checks that wait for each other -----------------
 
 TEXT = default_bench_text()
