@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from types import MappingProxyType
 
 from .runs import Excitation
 from .vehicle import Corner
@@ -48,48 +47,46 @@ class BumpKind:
         return fl, fr, rl, rr
 
 
-BUMPS: Mapping[Excitation, BumpKind] = MappingProxyType(
-    {
-        Excitation.BOUNCE: BumpKind(
-            _ALL,
-            "Boards of {mm} mm before all four wheels: roll over them at walking pace and stop.",
-            "All four wheels on blocks of {mm} mm: pull all blocks away at once.",
-            "Push the body {mm} mm down in its middle, from both sides, and let go at once.",
-            (0, 0),
-        ),
-        Excitation.PITCH: BumpKind(
-            _FRONT,
-            "Boards of {mm} mm before both front wheels: roll over them at walking pace and stop "
-            "before the rear wheels meet them.",
-            "Both front wheels on blocks of {mm} mm: pull both blocks away at once.",
-            "Push the nose {mm} mm down in the middle of the bonnet and let go at once.",
-            (1, 0),
-        ),
-        Excitation.ROLL: BumpKind(
-            _LEFT,
-            "Boards of {mm} mm before both left wheels: roll over them at walking pace and stop.",
-            "Both left wheels on blocks of {mm} mm: pull both blocks away at once.",
-            "Push the left sill {mm} mm down in its middle and let go at once.",
-            (0, 1),
-        ),
-        Excitation.WARP: BumpKind(
-            Wheels({_FL, _RR}),
-            "Boards of {mm} mm before the front left and the rear right wheel: roll over them at "
-            "walking pace and stop.",
-            "Front left and rear right wheel on blocks of {mm} mm: pull both blocks away at once.",
-            "A push cannot warp the wheels: put front left and rear right on blocks and drop them.",
-            None,
-        ),
-        Excitation.REAR_PITCH: BumpKind(
-            _REAR,
-            "Boards of {mm} mm before both rear wheels, the front ones beyond them: roll over them "
-            "at walking pace and stop.",
-            "Both rear wheels on blocks of {mm} mm: pull both blocks away at once.",
-            "Push the tail {mm} mm down in the middle of the boot lid and let go at once.",
-            (-1, 0),
-        ),
-    }
-)
+BUMPS: Mapping[Excitation, BumpKind] = {
+    Excitation.BOUNCE: BumpKind(
+        _ALL,
+        "Boards of {mm} mm before all four wheels: roll over them at walking pace and stop.",
+        "All four wheels on blocks of {mm} mm: pull all blocks away at once.",
+        "Push the body {mm} mm down in its middle, from both sides, and let go at once.",
+        (0, 0),
+    ),
+    Excitation.PITCH: BumpKind(
+        _FRONT,
+        "Boards of {mm} mm before both front wheels: roll over them at walking pace and stop "
+        "before the rear wheels meet them.",
+        "Both front wheels on blocks of {mm} mm: pull both blocks away at once.",
+        "Push the nose {mm} mm down in the middle of the bonnet and let go at once.",
+        (1, 0),
+    ),
+    Excitation.ROLL: BumpKind(
+        _LEFT,
+        "Boards of {mm} mm before both left wheels: roll over them at walking pace and stop.",
+        "Both left wheels on blocks of {mm} mm: pull both blocks away at once.",
+        "Push the left sill {mm} mm down in its middle and let go at once.",
+        (0, 1),
+    ),
+    Excitation.WARP: BumpKind(
+        Wheels({_FL, _RR}),
+        "Boards of {mm} mm before the front left and the rear right wheel: roll over them at "
+        "walking pace and stop.",
+        "Front left and rear right wheel on blocks of {mm} mm: pull both blocks away at once.",
+        "A push cannot warp the wheels: put front left and rear right on blocks and drop them.",
+        None,
+    ),
+    Excitation.REAR_PITCH: BumpKind(
+        _REAR,
+        "Boards of {mm} mm before both rear wheels, the front ones beyond them: roll over them "
+        "at walking pace and stop.",
+        "Both rear wheels on blocks of {mm} mm: pull both blocks away at once.",
+        "Push the tail {mm} mm down in the middle of the boot lid and let go at once.",
+        (-1, 0),
+    ),
+}
 """The kinds of bump, in the order of `Excitation`."""
 
 

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from enum import StrEnum
-from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -68,12 +67,7 @@ class SampleGroup:
                 raise ValueError(f"group {self.name}: {name} has shape {shape}, not ({n},)")
         freeze_arrays(self, "time_s", "t_ns", "quality")
         frozen = {name: read_only(column) for name, column in self.values.items()}
-        object.__setattr__(self, "values", MappingProxyType(frozen))
-
-    def __reduce__(self) -> tuple[object, ...]:
-        """Rebuild it from its fields, because the view of `values` cannot be pickled or copied."""
-        parts = {f.name: getattr(self, f.name) for f in fields(self)}
-        return SampleGroup, tuple({**parts, "values": dict(self.values)}.values())
+        object.__setattr__(self, "values", frozen)
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,18 +21,12 @@ from dbc.frames import FD_LENGTHS, FrameBatch, FrameFlag
 
 from .source import BLOCK_FRAMES, GATHER_S, STEADY_CLOCK, BusError, HopLosses
 
-BITRATE_CODES = {
-    10_000: "S0",
-    20_000: "S1",
-    50_000: "S2",
-    100_000: "S3",
-    125_000: "S4",
-    250_000: "S5",
-    500_000: "S6",
-    750_000: "S7",
-    1_000_000: "S8",
-    83_300: "S9",
-}
+_RATES = (
+    *(10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 750_000, 1_000_000),
+    83_300,
+)
+BITRATE_CODES = {rate: f"S{code}" for code, rate in enumerate(_RATES)}
+"""Command that sets each bit rate of the bus."""
 SILENCE_S = 2.0
 """Silence after opening, s, after which the setup is sent again: some adapters reset when their
 line is opened, and miss the setup."""
@@ -48,8 +42,8 @@ _SET_BITRATE = ord("S")
 
 _NO_DIGIT = 255
 _NIBBLE = np.full(256, _NO_DIGIT, np.uint8)  # value of a hex digit, by its character
-for _value, _digit in enumerate(b"0123456789abcdef"):
-    _NIBBLE[_digit] = _NIBBLE[bytes([_digit]).upper()[0]] = _value
+for _digits in (b"0123456789abcdef", b"0123456789ABCDEF"):
+    _NIBBLE[np.frombuffer(_digits, np.uint8)] = np.arange(16)
 
 _FD = FrameFlag.FD
 _KINDS: dict[int, FrameFlag] = {
