@@ -155,10 +155,7 @@ def _read_mdf(path: Path, choose: Choose) -> Table:
         places: dict[str, tuple[int, int]] = {}
         headings, clocks = [], {}
         for number, group in enumerate(mdf.groups):
-            about = group.channel_group
-            source = getattr(about, "acq_source", None)
-            name = getattr(about, "acq_name", "") or getattr(source, "name", "")
-            name = name or f"group {number}"
+            name = getattr(group.channel_group, "acq_name", "") or f"group {number}"
             clock = f"{name} (group {number})"
             clocks[clock] = number
             for index, channel in enumerate(group.channels):
@@ -192,33 +189,27 @@ def _read_mdf(path: Path, choose: Choose) -> Table:
 def _read_matlab(path: Path, choose: Choose) -> Table:
     """Return variables of a MATLAB file before 7.3: `struct/field`, and `name:2` of a matrix.
 
-    An element of an array of structs is named by its `Name`, if it has one, else by its number.
+    An element of an array of structs is named by its `Name`, or else by its number.
     """
     from scipy.io import loadmat
 
-    variables = loadmat(path, simplify_cells=True)
     arrays: dict[str, NDArray[Any]] = {}
-    for name, value in variables.items():
+    for name, value in loadmat(path, simplify_cells=True).items():
         if not name.startswith("__"):
-            _collect(name, value, arrays, 0)
-    headings = [
-        Heading(name, _matlab_unit(name, variables), name.rpartition("/")[0]) for name in arrays
-    ]
+            _collect(name, value, arrays)
+    headings = [Heading(name, "", name.rpartition("/")[0]) for name in arrays]
     return Table({each.name: arrays[each.name] for each in choose(headings)})
 
 
-def _collect(name: str, value: Any, arrays: dict[str, NDArray[Any]], depth: int) -> None:
+def _collect(name: str, value: Any, arrays: dict[str, NDArray[Any]]) -> None:
     """Add the columns in a variable to `arrays`, by their full names."""
-    if depth > 12:  # deeper than any struct of measurements
-        return
     if isinstance(value, dict):
         for key, item in value.items():
-            _collect(f"{name}/{key}", item, arrays, depth + 1)
-    elif isinstance(value, list) or (isinstance(value, np.ndarray) and value.dtype == object):
-        for number, item in enumerate(np.ravel(np.array(value, object)), start=1):
-            if isinstance(item, dict):
-                texts = (item[k] for k in ("Name", "name") if isinstance(item.get(k), str))
-                _collect(f"{name}/{next(texts, number)}", item, arrays, depth + 1)
+            _collect(f"{name}/{key}", item, arrays)
+    elif isinstance(value, list):
+        for number, item in enumerate(value, start=1):
+            label = item.get("Name", number) if isinstance(item, dict) else number
+            _collect(f"{name}/{label}", item, arrays)
     elif isinstance(value, np.ndarray) and value.dtype.kind in "iuf":
         values = np.squeeze(value)
         if values.ndim == 1:
@@ -228,25 +219,10 @@ def _collect(name: str, value: Any, arrays: dict[str, NDArray[Any]], depth: int)
             arrays.update({f"{name}:{i + 1}": column for i, column in enumerate(columns)})
 
 
-def _matlab_unit(name: str, variables: Mapping[str, Any]) -> str:
-    """Return the unit of a column: from `x/units/channel`, or the `unit` of its struct."""
-    *folders, last = name.split("/")
-    node: Any = variables
-    for folder in folders:
-        node = node.get(folder) if isinstance(node, Mapping) else None
-    if not isinstance(node, Mapping):
-        return ""
-    units = node.get("units", node.get("unit", node.get("Unit", "")))
-    unit = units.get(last, "") if isinstance(units, Mapping) else units
-    return unit if isinstance(unit, str) else ""
-
-
 _UNIT = re.compile(r"^(.*\S)\s*[\[(]([^\[\]()]*)[\])]$")
 _NUMBER = re.compile(
     r"^[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?$|^[+-]?(nan|inf)$", re.IGNORECASE
 )
-_SKIPPED = re.compile(r"Skipping line (\d+)")
-"""Words of pandas for a row with more fields than one too many."""
 _POINT = r"^\s*[+-]?\d*\.\d+([eE][+-]?\d+)?\s*$"
 _DATE = re.compile(r"^\s*\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
 
@@ -330,38 +306,32 @@ def _headings(head: Sequence[Sequence[str]], data: Sequence[str]) -> tuple[Headi
 def _read_csv(path: Path, choose: Choose) -> Table:
     """Return columns of a table with any separator, decimal mark and head of common tools.
 
-    Rows with too many fields are left out, and unreadable cells are missing values; both are
+    Rows with one field too many are left out, and unreadable cells are missing values; both are
     stated.
     """
     pandas = optional("pandas", "data")
     encoding, separator, first, headings = _form(path)
     wanted, n = choose(headings), len(headings)
     positions = [headings.index(each) for each in wanted]
-    with warnings.catch_warnings(record=True) as skipped:
-        warnings.simplefilter("always")
-        table = pandas.read_csv(
-            path,
-            sep=separator,
-            header=None,
-            names=range(n + 1),  # a row with a field too many has a value in the last one
-            skiprows=first,
-            skip_blank_lines=False,
-            encoding=encoding,
-            encoding_errors="replace",
-            on_bad_lines="warn",
-            index_col=False,
-            low_memory=False,
-        )
-    left_out = [int(line) for each in skipped for line in _SKIPPED.findall(str(each.message))]
-    stop = first + len(table) + len(left_out)
-    # The index of a row is the number of its line, from 1.
-    table.index = np.setdiff1d(np.arange(first, stop) + 1, left_out)[: len(table)]
+    table = pandas.read_csv(
+        path,
+        sep=separator,
+        header=None,
+        names=range(n + 1),  # a row with a field too many has a value in the last one
+        skiprows=first,
+        skip_blank_lines=False,
+        encoding=encoding,
+        encoding_errors="replace",
+        index_col=False,
+        low_memory=False,
+    )
+    table.index += first + 1  # the number of the line, from 1
     too_long = table.index[table[n].notna()]
     table = table.drop(index=too_long)
     unread = []
-    if lines := [*too_long.tolist(), *left_out]:
-        rows = counted(len(lines), "row has", "rows have")
-        unread.append(f"{rows} a field too many, the first in line {min(lines)}")
+    if len(too_long):
+        rows = counted(len(too_long), "row has", "rows have")
+        unread.append(f"{rows} a field too many, the first in line {min(too_long)}")
     has_point = any(_has_point(table[position]) for position in positions)
     is_comma = separator != "," and not has_point
     values, bad = {}, []

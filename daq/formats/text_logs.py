@@ -43,17 +43,6 @@ class CandumpParser:
 
     def __call__(self, line: bytes) -> Record | int | None:
         """Return the frame in a line, or the number of frames that it states as lost."""
-        try:  # mostly a classic data frame with its plain payload
-            stamp, interface, frame, *more = line.split()
-            identifier, mark, digits = frame.partition(b"#")
-            data = unhexlify(digits)
-            if mark and stamp[:1] == b"(" and stamp[-1:] == b")":
-                can_id, flags = _identifier(identifier)
-                flags |= SENT if more and more[0] in (b"T", b"t") else 0
-                t_ns = nanoseconds(stamp[1:-1])
-                return t_ns, can_id, flags, _bus(interface), len(data), data
-        except ValueError:
-            pass
         match = _FRAME.match(line)
         if match is None:  # candump states the frames that its socket lost
             stated = re.search(rb"DROPCOUNT: dropped (\d{1,9}) CAN frames?", line)

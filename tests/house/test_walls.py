@@ -16,7 +16,7 @@ SOURCES = [path for layer in LAYERS for path in sorted((ROOT / layer).rglob("*.p
 
 # Library -> the only places that may import it.
 RESERVED = {
-    "can": ("daq/bus/interfaces", "daq/formats/export_frames.py", "daq/replay.py"),
+    "can": ("daq/bus/interfaces", "daq/formats/export.py", "daq/replay.py"),
     "serial": ("daq/bus/slcan",),
     "cantools": ("dbc/",),
     "h5py": ("daq/session", "daq/formats/"),

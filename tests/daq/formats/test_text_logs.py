@@ -26,15 +26,6 @@ _8_SPACED = "1 2 3 4 5 6 7 8"
 _8 = "0102030405060708"
 
 
-def _is(parser: LineParser, head: str, line: str, expected: str) -> None:
-    """Hold what becomes of a line between two lines of a head."""
-    found = parsed(f"{head}{line}\n".encode(), parser)
-    frames = shown(found.frames)
-    at = head.count("\n")
-    assert list(found.bad) == ([at] if expected == BAD else [])
-    assert frames == ([] if expected in (BAD, OTHER) else [expected])
-
-
 CANDUMP = {
     "(1.5) can0 123#": "1500000000 0 123 0 - -",
     "(1.000000001) can1 7FF#01": "1000000001 1 7FF 1 01 -",
@@ -217,17 +208,10 @@ TABLES: dict[str, tuple[Make, str, dict[str, str]]] = {
     "TRC 1.1": (TrcParser, _1_1, TRC_1_1),
     "TRC 2.1": (TrcParser, _2_1, TRC_2_1),
 }
-LINES = [(name, line) for name, (_, _, table) in TABLES.items() for line in table]
-
-
-@pytest.mark.parametrize(("name", "line"), LINES)
-def test_a_line_is_the_frame_that_its_format_describes(name: str, line: str) -> None:
-    make, head, table = TABLES[name]
-    _is(make(), head, line, table[line])
 
 
 @pytest.mark.parametrize("name", TABLES)
-def test_lines_do_not_disturb_each_other(name: str) -> None:
+def test_each_line_is_the_frame_that_its_format_describes(name: str) -> None:
     make, head, table = TABLES[name]
     text = "".join([head, "\r\n\r\n", *(f"{line}\r\n" for line in table)])
     found = parsed(text.encode(), make())
