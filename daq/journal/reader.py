@@ -250,6 +250,15 @@ class HopCounts:
         lost = self.counts[last] - (self.counts[before] if before >= 0 else 0)
         return HopLosses(*map(int, lost))
 
+    def after(self, stop_ns: int) -> HopCounts:
+        """Return the counts without the losses that `between` returns up to a time."""
+        last = min(int(np.searchsorted(self.t_ns, stop_ns, side="left")), len(self.t_ns) - 1)
+        if last < 0:
+            return self
+        t_ns = self.t_ns[last:].copy()
+        t_ns[0] = np.iinfo(np.int64).min
+        return HopCounts(t_ns, self.counts[last:])
+
 
 @dataclass(frozen=True, slots=True)
 class JournalContents:

@@ -118,12 +118,13 @@ def session_of_runs(
             what = f"the recording has a bump {event.text!r}, which is not a run of this bench"
             raise InputError("bench.toml", what, "use the bench.toml of the recording")
     mapped = mapped_channels(bench, codec)
-    runs = tuple(
-        _run(bench, codec, mapped, run, its_frames, events, hops)
-        for run, its_frames in zip(run_log.runs, frames, strict=True)
-    )
+    runs: dict[int, Run] = {}
+    for number, run in sorted(enumerate(run_log.runs), key=lambda pair: pair[1].t_ns):
+        runs[number] = _run(bench, codec, mapped, run, frames[number], events, hops)
+        hops = hops.after(bench.trigger.window_ns(run.t_ns)[1])  # two runs may share a block
     channels = tuple(m.channel for m in mapped)
-    return Session(bench.vehicle, channels, bench.mass_states, runs, provenance)
+    in_order = tuple(runs[number] for number in sorted(runs))
+    return Session(bench.vehicle, channels, bench.mass_states, in_order, provenance)
 
 
 def _run(
