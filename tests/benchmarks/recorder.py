@@ -55,8 +55,10 @@ START_NS = 1_800_000_000_000_000_000
 DISK = DiskStatus(10**12, 0, 0, 0.0)
 
 
-class Nowhere:
-    """A store that drops everything: the journal has a row of its own."""
+class Nowhere(JournalWriter):
+    """A journal that drops everything: the journal has a row of its own."""
+
+    def __init__(self) -> None: ...
 
     def append(self, frames: FrameBatch, losses: HopLosses) -> None: ...
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 
 from daq.bench.config import Bench, bench_codec
 from daq.bus.source import BusError, HopLosses, Now
@@ -16,6 +15,7 @@ from daq.control.messages import (
     StorageStatus,
     Until,
 )
+from daq.journal.writer import JournalWriter
 from daq.recorder.recording import Recording
 from daq.runs import Event
 from daq.sim.bench import Fault, SimulatedBench
@@ -27,12 +27,12 @@ DISK = DiskStatus(10**12, 0, 0, 0.0)
 NO_LOSSES = HopLosses()
 
 
-@dataclass
-class Kept:
+class Kept(JournalWriter):
     """Keeps in memory what a recorder stores."""
 
-    frames: list[FrameBatch] = field(default_factory=list)
-    events: list[Event] = field(default_factory=list)
+    def __init__(self) -> None:
+        self.frames: list[FrameBatch] = []
+        self.events: list[Event] = []
 
     def append(self, frames: FrameBatch, losses: HopLosses) -> None:
         self.frames.append(frames)
