@@ -13,7 +13,7 @@ from dbc.words import Finding
 
 from ..bench.campaign import Method
 from ..bench.config import Bench
-from ..bumps import BUMPS, Wheels, kinds_of, mirror_images
+from ..bumps import Wheels, kinds_of
 from ..channels import Quantity
 from ..runs import Excitation
 from ..vehicle import Corner
@@ -27,9 +27,6 @@ ones through body and anti-roll bars, and the struck ones differ by a third at m
 BODY_PURITY = 0.65
 """Least likeness from the body alone, whose motions mix: pitch and roll come with heave.  Simulated
 cars show 0.86 and more for the right bump, 0.53 and less for a wrong one."""
-MIRRORED = 1.25
-"""Ratio of the likeness to the other side or axle to that of the one due, from which it is the
-other."""
 STRIKE_S = 0.1
 """Time after the bump that belongs to the strike, s: the wheels' first swing."""
 _GRID_S = 0.002
@@ -63,8 +60,6 @@ class Pattern(NamedTuple):
     """The sensors, in words."""
     limit: float
     """Least likeness to the kind that is due."""
-    strikes: Mapping[Wheels, float] = {}
-    """Likeness to a strike of these wheels, 0..1."""
 
 
 def patterns(bench: Bench, signals: tuple[Trace, ...]) -> tuple[Pattern, ...]:
@@ -103,24 +98,6 @@ def patterns(bench: Bench, signals: tuple[Trace, ...]) -> tuple[Pattern, ...]:
     return tuple(shown)
 
 
-def struck(due: Excitation, pattern: Pattern) -> Wheels | None:
-    """Return the struck wheels, if they are of the kind due or its mirror image; else None."""
-    if pattern.likeness[due] < pattern.limit:
-        return None
-    due_wheels = BUMPS[due].wheels
-    best = max(mirror_images(due_wheels), key=lambda wheels: pattern.strikes.get(wheels, 0.0))
-    clear = pattern.strikes.get(best, 0.0) > MIRRORED * pattern.strikes.get(due_wheels, 0.0)
-    return best if clear else due_wheels
-
-
-def mirrored(due: Excitation, pattern: Pattern) -> Iterator[Finding]:
-    """Report a bump of another side or axle than the one that is due; both count."""
-    wheels, due_wheels = struck(due, pattern), BUMPS[due].wheels
-    if wheels is not None and wheels != due_wheels:
-        text = f"{_in_words(wheels)}, but {_in_words(due_wheels)} were due: it still counts"
-        yield finding("mirrored", True, pattern.strikes[wheels], pattern.limit, "", text)
-
-
 def wrong_mode(due: Excitation, pattern: Pattern) -> Iterator[Finding]:
     """Compare the bump with the kind that is due."""
     like, limit = pattern.likeness[due], pattern.limit
@@ -131,10 +108,6 @@ def wrong_mode(due: Excitation, pattern: Pattern) -> Iterator[Finding]:
             f"{pattern.by}, at least {limit:.0%})"
         )
     yield finding("wrong_mode", like >= limit, like, limit, "", text)
-
-
-def _in_words(wheels: Wheels) -> str:
-    return _TOGETHER.get(wheels, "one wheel only" if len(wheels) == 1 else "three wheels")
 
 
 def _likeness(
@@ -158,8 +131,8 @@ def _of_wheels(bench: Bench, size: NDArray[np.float64], by: str) -> Pattern:
     planned = bench.campaign.excitations
     best = max(like, key=lambda wheels: like[wheels])
     kind = next((kind.words for kind in kinds_of(best, planned)), "no kind of bump")
-    words = f"{kind}: {_in_words(best)}"
-    return Pattern(_likeness(like, planned), words, by, PURITY, like)
+    words = _TOGETHER.get(best, "one wheel only" if len(best) == 1 else "three wheels")
+    return Pattern(_likeness(like, planned), f"{kind}: {words}", by, PURITY)
 
 
 # From the motion of the body, if no sensor shows the wheels ---------------------------------------
@@ -209,7 +182,7 @@ def _of_body(planned: tuple[Excitation, ...], body: _Body, by: str) -> Pattern:
     elif likeness[best] > level:
         end = "nose" if body.front >= body.rear else "tail"
         words = f"nose and tail against each other, the {end} more"
-    return Pattern(likeness, f"{best.words}: {words}", by, BODY_PURITY, like)
+    return Pattern(likeness, f"{best.words}: {words}", by, BODY_PURITY)
 
 
 def _pushed(bench: Bench, four: tuple[Trace, ...]) -> Pattern:

@@ -15,7 +15,7 @@ from ..bench.campaign import Step
 from ..bench.config import Bench
 from ..channels import Quantity
 from . import motion, traffic
-from .bump_kind import mirrored, patterns, struck, wrong_mode
+from .bump_kind import patterns, wrong_mode
 from .window import RunMeasure, RunWindow, Trace, kind_of, traces
 from .words import finding
 
@@ -57,18 +57,13 @@ def judge(
         text = "no channel has samples before and after the bump"
         return (*findings, finding("no_data", False, 0.0, 1.0, "", text)), RunMeasure()
     kinds = patterns(bench, signals)
-    kind = kinds[0] if kinds else None
-    peaks = {trace.name: trace.peak for trace in signals}
-    wheels = struck(step.excitation, kind) if kind else None
-    measure = RunMeasure(wheels, peaks, waves(signals))
+    measure = RunMeasure({trace.name: trace.peak for trace in signals}, waves(signals))
     findings = [each for check in _BEFORE_KIND for each in check(bench, window, signals)]
     findings += [each for way in kinds for each in wrong_mode(step.excitation, way)]
-    findings += mirrored(step.excitation, kind) if kind else ()
     findings += motion.not_decayed(bench, window, signals)
     findings += motion.rest_changed(bench, window, signals)
-    alike = [other for other in accepted if other.wheels == wheels]
-    findings += not_repeatable(signals, measure, alike) if alike else ()
-    purity = kind.likeness[step.excitation] if kind else None
+    findings += not_repeatable(signals, measure, accepted) if accepted else ()
+    purity = kinds[0].likeness[step.excitation] if kinds else None
     wave = body_wave(signals, bench.campaign.bump_s)
     return (*findings, _motion(signals, wave, purity)), measure
 

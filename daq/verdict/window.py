@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from dbc.frames import read_only
 
-from ..bumps import Wheels
 from ..channels import SI_UNITS, Channel, Quantity
 from ..runs import Losses
 from ..samples.mapping import SampleBlock
@@ -44,9 +43,6 @@ class RunWindow:
 class RunMeasure:
     """The measures of a run, for comparison with other runs."""
 
-    wheels: Wheels | None = None
-    """The struck wheels, if they are those of the kind due or its mirror image; None otherwise, or
-    if unknown."""
     peaks: Mapping[str, float] = field(default_factory=dict)
     """Largest deviation from rest of each channel, SI."""
     waves: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)

@@ -71,12 +71,6 @@ WORDS: Mapping[str, Words] = {
         "The wheels or the body moved as in another kind of bump.",
         "check which wheels are before the boards, then bump again",
     ),
-    "mirrored": Words(
-        "other side",
-        "The wheels of the other side or axle were struck. The run counts, because the "
-        "identification finds which wheels it was; it is compared with runs of its side only.",
-        "bump the wheels of the sketch if all runs should be alike",
-    ),
     "not_decayed": Words(
         "not decayed",
         "Much of the motion was left when the run ended: somebody kept the car moving, or the "

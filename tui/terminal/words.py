@@ -177,8 +177,7 @@ def accepted_words(status: Status, run: LoggedRun | None) -> str:
     else:
         percent = max(1, math.ceil(100.0 * abs(hz / first_hz - 1.0)))
         words = f"good: like the first within {percent} %"
-    other_side = [f.text for f in run.findings if f.code == "mirrored" and f.text]
-    return printable("; ".join([words, *other_side]), 160)
+    return words
 
 
 def _frequency_hz(run: LoggedRun) -> float:

@@ -13,9 +13,8 @@ from daq.bumps import Wheels
 from daq.channels import Channel, Quantity
 from daq.runs import BASELINE, Excitation
 from daq.vehicle import Corner
-from daq.verdict.bump_kind import Pattern, mirrored, patterns, struck, wrong_mode
+from daq.verdict.bump_kind import Pattern, patterns, wrong_mode
 from daq.verdict.judge import judge
-from daq.verdict.window import RunMeasure
 
 from .closed_forms import T_S, Array, bench_of, run_of, seen
 
@@ -184,35 +183,6 @@ def test_a_kind_is_told_from_another_by_its_limit(like: float, passed: bool) -> 
 
 
 @pytest.mark.parametrize(
-    ("sizes", "due", "text"),
-    [
-        ((1, 1, 0, 0), PITCH, ""),
-        ((0, 0, 1, 1), PITCH, "rear wheels only, but front wheels only were due"),
-        ((1, 0, 1, 0), ROLL, ""),
-        ((0, 1, 0, 1), ROLL, "right wheels only, but left wheels only were due"),
-        ((0, 1, 1, 0), WARP, "front right and rear left, but front left and rear right were due"),
-        ((1, 1, 1, 1), BOUNCE, ""),
-        ((0, 0, 1, 1), BOUNCE, ""),
-    ],
-)
-def test_a_bump_of_the_other_side_or_axle_is_named(
-    sizes: tuple[float, ...], due: Excitation, text: str
-) -> None:
-    (pattern,) = found_by(hubs(sizes))
-    named = [finding.text for finding in mirrored(due, pattern)]
-    assert named == ([f"{text}: it still counts"] if text else [])
-    assert all(finding.passed for finding in mirrored(due, pattern))
-
-
-def test_the_other_axle_is_named_once_though_wheels_and_body_show_it() -> None:
-    rear = travels((0, 0, 1, 1)) | {Z: jolt(1.0), RATES[0]: rate(P), RATES[1]: rate(0.0)}
-    assert all(list(mirrored(PITCH, pattern)) for pattern in found_by(rear))
-    step = Step(BASELINE, PITCH, 1)
-    findings, _ = judge(bench_of(*rear), step, run_of(rear), ())
-    assert [finding.code for finding in findings].count("mirrored") == 1
-
-
-@pytest.mark.parametrize(
     ("start_s", "stop_s", "counts"), [(-0.0495, -0.034, True), (-0.066, -0.0505, False)]
 )
 def test_hubs_are_struck_from_50_ms_before_the_bump_on(
@@ -223,50 +193,6 @@ def test_hubs_are_struck_from_50_ms_before_the_bump_on(
     (pattern,) = found_by(records)
     assert (pattern.likeness[BOUNCE] > 0.6) is counts
     assert counts or pattern.likeness[BOUNCE] == pytest.approx(0.5, abs=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("like", "strikes", "wheels"),
-    [
-        (0.79, {FRONT: 0.79}, None),
-        (0.8, {FRONT: 0.8}, FRONT),
-        (0.8, {}, FRONT),
-        (1.0, {FRONT: 0.8, REAR: 1.0}, FRONT),  # 1.25 times as like is not more than that
-        (1.0, {FRONT: 0.79, REAR: 1.0}, REAR),
-        (0.9, {REAR: 0.9}, REAR),
-    ],
-)
-def test_the_wheels_that_were_struck(
-    like: float, strikes: dict[Wheels, float], wheels: Wheels | None
-) -> None:
-    pattern = Pattern({PITCH: like}, "", "hubs", 0.8, strikes)
-    assert struck(PITCH, pattern) == wheels
-    named = [(f.code, f.passed, f.value, f.limit) for f in mirrored(PITCH, pattern)]
-    assert named == ([("mirrored", True, like, 0.8)] if wheels == REAR else [])
-
-
-def judged(sizes: tuple[float, ...], accepted: list[RunMeasure]) -> str:
-    """Return the codes of what failed in a pitch of these hubs."""
-    records = hubs(sizes)
-    step = Step(BASELINE, PITCH, 1)
-    findings, _ = judge(bench_of(*records), step, run_of(records), accepted)
-    return " ".join(finding.code for finding in findings if not finding.passed)
-
-
-S = 1e-6
-"""Size of the motion of a wheel that is not struck: it trembles."""
-
-
-def test_a_run_is_compared_with_runs_of_the_same_wheels_only() -> None:
-    def measure(sizes: tuple[float, ...]) -> RunMeasure:
-        records = hubs(sizes)
-        step = Step(BASELINE, PITCH, 1)
-        return judge(bench_of(*records), step, run_of(records), ())[1]
-
-    front, rear = measure((1, 1, S, S)), measure((S, S, 1, 1))
-    assert (front.wheels, rear.wheels) == (FRONT, REAR)
-    assert judged((2, 2, S, S), [rear]) == ""
-    assert judged((2, 2, S, S), [front]) == "not_repeatable"
 
 
 def test_a_run_is_judged_in_the_order_of_cause_and_effect() -> None:
