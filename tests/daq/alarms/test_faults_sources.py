@@ -20,7 +20,7 @@ from dbc import FrameBatch
 from ..adapters import Device, opener
 from ..watched_bench import FOREIGN_ID, START_NS, WatchedBench
 
-HEALTHY_TURNS, FAULTY_TURNS = 12, 20
+HEALTHY_TURNS, FAULTY_TURNS = 4, 20
 NAMED_WITHIN_S, OVER_WITHIN_S = 1.2, 5.0
 """A bus is silent after a second, and a block takes a tenth."""
 

@@ -205,7 +205,7 @@ def test_the_key_of_a_mistake_is_said(text: str, said: str) -> None:
     ("text", "said"),
     [
         ('\ndbc = "gone.dbc"', "dbc: {}/gone.dbc: No such file or directory"),
-        ('dbc = "folder"', "dbc: {}/folder: not a file"),
+        ('dbc = "folder"', "dbc: {}/folder: Is a directory"),
         ('dbc = "layout:nix"', "dbc: layout:nix: there is no such layout"),
         (
             '[[sensor]]\nname = "a"\ndbc = "a.dbc"\n\n[[sensor]]\nname = "b"\ndbc = "gone.dbc"',

@@ -326,12 +326,16 @@ def test_one_that_cannot_be_served_is_refused(
 ) -> None:
     with display_beside(tmp_path, None, "MK", control=False) as display:
         assert display is None
+    failing = tmp_path / "python"
+    failing.write_text("#!/bin/sh\necho of many >&2\necho first line, last line >&2\n", "ascii")
+    failing.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(failing))
     for folder, host, said in (
         (tmp_path, None, "needs a display"),
         (tmp_path, "0.0.0.0", "every address"),
         (tmp_path, "::", "every address"),
         (tmp_path, "192.0.2.7", r"cannot listen on 192\.0\.2\.7"),
-        (tmp_path / "nosuch", "here", r"nosuch: does not exist .*start it alone"),
+        (tmp_path, "here", r"first line, last line \(start it alone"),
     ):
         with (
             pytest.raises(InputError, match=said),

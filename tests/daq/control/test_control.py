@@ -1,22 +1,36 @@
-"""Recorder and clients over real sockets, with a recorder that only keeps the orders it gets."""
+"""Recorder and clients over real sockets; the folder of a recorder; what systemd hears of it."""
 
 from __future__ import annotations
 
+import os
+import shutil
 import socket
+import stat
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 import zlib
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from daq.bench.campaign import Origin
-from daq.control.address import control_address, is_running
+from daq.bench.config import RecorderConfig
+from daq.bus.source import HopLosses
+from daq.control.address import (
+    FolderLockedError,
+    control_address,
+    is_locked,
+    is_running,
+    lone_recorder,
+    unreachable_words,
+)
 from daq.control.exchange import (
     MAX_REQUEST_BYTES,
     Client,
@@ -40,9 +54,13 @@ from daq.control.messages import (
     Status,
     setup_of,
 )
+from daq.control.monitoring import Heartbeats, Systemd, standstill
+from daq.files import write_text
+from daq.journal.writer import JournalWriter
 from dbc.words import InputError
 
 from ..a_status import a_status
+from ..crash_frames import HEAD, block
 from ..small_campaign import small_bench
 
 PATIENCE_S = 150.0
@@ -160,34 +178,45 @@ def test_one_controller_many_viewers(server: Server, engine: Engine, address: Pa
         client.close()
 
 
-def test_control_of_a_killed_terminal_is_free_at_once(
+def test_a_killed_process_leaves_neither_control_nor_the_lock_of_a_folder(
     server: Server, address: Path, tmp_path: Path
 ) -> None:
     code = (
         "import sys, time; from pathlib import Path\n"
-        "from daq.control.address import control_address\n"
+        "from daq.control.address import control_address, lone_recorder\n"
         "from daq.control.exchange import Client\n"
         "client = Client(control_address(Path(sys.argv[1])), 'Anna', True)\n"
-        "print('in control', flush=True); time.sleep(60)"
+        "with lone_recorder(Path(sys.argv[2])):\n"
+        "    print('in control', flush=True); time.sleep(60)"
     )
+    folder = tmp_path / "new" / "today"
     with subprocess.Popen(
-        [sys.executable, "-c", code, str(tmp_path / "today")], stdout=subprocess.PIPE, text=True
-    ) as terminal:
-        assert terminal.stdout
-        assert terminal.stdout.readline() == "in control\n"
+        [sys.executable, "-c", code, str(tmp_path / "today"), str(folder)],
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as other:
+        assert other.stdout
+        assert other.stdout.readline() == "in control\n"
         with pytest.raises(OrderRefusedError, match="Anna is in control"):
             Client(address, "Berta", control=True)
-        terminal.kill()
-        terminal.wait()
-        tries = 0
-        while True:
-            tries += 1
-            try:
-                Client(address, "Berta", control=True).close()
-                break
-            except OrderRefusedError:
-                assert tries < 200
-                time.sleep(0.01)
+        with (
+            pytest.raises(FolderLockedError, match="another recorder writes there"),
+            lone_recorder(folder),
+        ):
+            pass
+        assert "a recorder writes there" in unreachable_words(folder)
+        other.kill()
+        other.wait()
+
+    def has_control() -> bool:
+        with suppress(OrderRefusedError):
+            Client(address, "Berta", control=True).close()
+            return True
+        return False
+
+    until(has_control)
+    with lone_recorder(folder), lone_recorder(tmp_path / "elsewhere"):
+        pass
 
 
 def test_the_end_of_a_recorder_ends_its_connections(engine: Engine, address: Path) -> None:
@@ -297,15 +326,13 @@ def test_a_client_that_never_reads_delays_no_other(
 
 
 def test_a_client_learns_what_the_recorder_was_started_with(server: Server, address: Path) -> None:
-    bench = small_bench()
-    server.setup = setup_of(replace(bench, origin=Origin.SIMULATED))
+    bench = replace(small_bench(), origin=Origin.SIMULATED)
+    server.setup = setup_of(bench)
     client = Client(address, "Anna", control=False)
     client.close()
-    reported = client.setup
-    assert reported is not None
-    assert reported.origin is Origin.SIMULATED
-    assert reported.bench_crc32 == zlib.crc32((bench.text + bench.dbc_text).encode())
-    assert reported.buses == tuple(f"{bus.interface} {bus.channel}" for bus in bench.buses)
+    assert client.setup == server.setup
+    assert server.setup.origin is Origin.SIMULATED
+    assert server.setup.bench_crc32 == zlib.crc32((bench.text + bench.dbc_text).encode())
 
 
 def test_the_server_knows_for_how_long_no_client_has_been_there(
@@ -321,22 +348,16 @@ def test_the_server_knows_for_how_long_no_client_has_been_there(
 
     assert alone_at(59.0) == 0.0
     assert alone_at(70.0) == pytest.approx(10.0, abs=2.0)
+    assert not server.has_clients()
     client = Client(address, "Anna", control=False)
+    assert server.has_clients()  # at once, not only with the next status
     assert alone_at(70.0) == 0.0
+    server.publish(a_status(1), None)
+    until(lambda: client.ask(AskStatus()).status == replace(a_status(1), viewers=1))
     client.close()
     until(lambda: alone_at(70.0) > 0.0)
     assert alone_at(70.0) > 60.0  # counted from now on, not from the first minute's end
-
-
-def test_whether_a_client_is_there_is_known(server: Server, address: Path) -> None:
-    """A recorder that no client watches looks at its frames less often."""
     assert not server.has_clients()
-    viewer = Client(address, "viewer", control=False)
-    assert server.has_clients()  # at once, not only with the next status
-    server.publish(a_status(1), None)
-    until(lambda: viewer.ask(AskStatus()).status == replace(a_status(1), viewers=1))
-    viewer.close()
-    until(lambda: not server.has_clients())
 
 
 @pytest.mark.parametrize(
@@ -364,15 +385,214 @@ def test_a_recorder_of_another_version_is_named_as_one(
             accepted.result().close()
 
 
-def no_answer(order: Order, by: str) -> Future[Reply]:
-    return Future()
-
-
 def test_a_recorder_that_cannot_listen_says_where(address: Path) -> None:
     address.mkdir()
     with pytest.raises(InputError, match="cannot listen") as caught:
-        Server(no_answer, address)
+        Server(_unused, address)
     assert str(address) in str(caught.value)
     assert not is_running(address)
     address.rmdir()
-    Server(no_answer, address).close()
+    Server(_unused, address).close()
+
+
+# The folder of a recorder -------------------------------------------------------------------------
+
+
+def test_files_are_0640_and_folders_0750(tmp_path: Path) -> None:
+    folder = tmp_path / "today"
+    before = os.umask(0o000)
+    assert not is_locked(folder)
+    with lone_recorder(folder):
+        assert is_locked(folder)
+        with JournalWriter(folder / "journal", HEAD, RecorderConfig(reserve_bytes=0.0)) as writer:
+            writer.append(block(0, 10), HopLosses())
+        write_text(folder / "note.json", "{}")
+        script = f"open({str(folder / 'session.h5')!r}, 'w').close()"
+        assert subprocess.run([sys.executable, "-S", "-c", script], check=False).returncode == 0
+        made = [folder, *folder.rglob("*")]
+        modes = {path.name: stat.S_IMODE(path.stat().st_mode) for path in made}
+    folders = {"today", "journal"}
+    assert modes == {name: 0o750 if name in folders else 0o640 for name in modes}
+    assert set(modes) >= {"journal_0001.bbj", "note.json", "session.h5"}
+    assert os.umask(before) == 0o000
+    assert not is_locked(folder)
+
+
+def test_a_folder_that_cannot_be_made_or_looked_into_is_said_to_be(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("", "ascii")
+    with pytest.raises(InputError, match="Not a directory"), lone_recorder(tmp_path / "file" / "x"):
+        pass
+    assert not is_locked(tmp_path / "file" / "folder")
+    folder = tmp_path / ("x" * 300)  # as one of another user; here its name is too long
+    assert not is_locked(folder)
+    assert unreachable_words(folder) == "its recorder cannot be reached: File name too long"
+    assert unreachable_words(tmp_path) == ""
+
+
+# The sockets -------------------------------------------------------------------------------------
+
+
+def _unused(_: Order, by: str) -> Future[Reply]:
+    raise AssertionError(by)
+
+
+@pytest.fixture
+def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return the directory of a user without settings of systemd."""
+    state = tmp_path / "s"
+    monkeypatch.delenv("RUNTIME_DIRECTORY")
+    monkeypatch.setenv("XDG_STATE_HOME", str(state))
+    monkeypatch.setattr("daq.control.address._SERVICE", tmp_path / "service")
+    return state / "bumpbench" / "run"
+
+
+def test_the_directory_is_private_and_ones_own(
+    tmp_path: Path, state: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    address = control_address(tmp_path)
+    assert address.parent == state
+    assert address == control_address(tmp_path / "x" / "..")
+    assert address != control_address(tmp_path / "x")
+    assert stat.S_IMODE(state.stat().st_mode) == 0o700
+    for mode, why in ((0o755, ""), (0o720, "written by others"), (0o702, "written by others")):
+        state.chmod(mode)
+        if why:
+            with pytest.raises(InputError, match=why):
+                control_address(tmp_path)
+        else:
+            assert control_address(tmp_path).parent == state
+            assert stat.S_IMODE(state.stat().st_mode) == 0o700
+    state.rmdir()
+    state.symlink_to(tmp_path)  # somebody else was faster
+    with pytest.raises(InputError, match="belongs to another user"):
+        control_address(tmp_path)
+    monkeypatch.setenv("RUNTIME_DIRECTORY", str(tmp_path / ("d" * 100)))
+    with pytest.raises(InputError, match="path too long"):
+        Server(_unused, control_address(tmp_path))
+    monkeypatch.setenv("RUNTIME_DIRECTORY", str(Path(__file__)))
+    with pytest.raises(InputError, match="File exists"):
+        control_address(tmp_path)
+    monkeypatch.setenv("RUNTIME_DIRECTORY", str(tmp_path))
+    monkeypatch.setattr(os, "getuid", lambda: tmp_path.stat().st_uid + 1)
+    with pytest.raises(InputError, match="belongs to another user"):
+        control_address(tmp_path)
+
+
+def test_the_recorder_of_the_service_is_seen_first(
+    tmp_path: Path, state: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    short = Path(tempfile.mkdtemp(prefix="bb"))
+    try:
+        monkeypatch.setenv("RUNTIME_DIRECTORY", str(short))
+        there = control_address(tmp_path)
+        server = Server(_unused, there)
+        monkeypatch.delenv("RUNTIME_DIRECTORY")
+        assert control_address(tmp_path) != there
+        monkeypatch.setattr("daq.control.address._SERVICE", short)  # as root sees the unit's
+        assert control_address(tmp_path) == there
+        # The unit's folder is a link, to one of the user who also owns the directory.
+        link = tmp_path / "link"
+        link.symlink_to(tmp_path)
+        with monkeypatch.context() as another:
+            another.setattr(os, "getuid", lambda: 4242)
+            assert control_address(link) == there
+        short.chmod(0o777)  # it may be anybody's
+        assert control_address(tmp_path) != there
+        server.close()
+    finally:
+        shutil.rmtree(short)
+
+
+def test_no_sockets_no_recorder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(InputError, match="not UTF-8"):
+        control_address(tmp_path / os.fsdecode(b"caf\xe9"))
+    monkeypatch.delattr(os, "getuid")
+    with pytest.raises(InputError, match="Linux or macOS"):
+        control_address(tmp_path)
+
+
+# What systemd hears of a recorder -----------------------------------------------------------------
+
+WELL = Heartbeats((("can0", 100.0), ("can1", 100.1)), 100.0, 100.0)
+
+
+@pytest.mark.parametrize(
+    ("heartbeats", "now_s", "hanging"),
+    [
+        (WELL, 102.0, ""),
+        (WELL, 102.1, "the reader of can0 has had no cycle for 2.1 s"),
+        (Heartbeats((), 100.0, 0.0), 102.0, ""),
+        (Heartbeats((), 100.0, 0.0), 102.1, "the writer has had no cycle for 2.1 s"),
+        (Heartbeats((), 159.0, 100.0), 160.0, ""),
+        (Heartbeats((), 159.0, 100.0), 160.6, "nothing has reached the disk for 61 s"),
+        (Heartbeats((), 200.0, 0.0), 200.0, ""),  # nothing was stored yet
+    ],
+)
+def test_a_thread_hangs_after_two_seconds_and_a_disk_after_sixty(
+    heartbeats: Heartbeats, now_s: float, hanging: str
+) -> None:
+    assert standstill(heartbeats, now_s) == hanging
+
+
+@contextmanager
+def notify_socket(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[socket.socket]:
+    """Listen as systemd does."""
+    monkeypatch.chdir(tmp_path)  # a Unix socket's path is short
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listener:
+        listener.bind("notify")
+        listener.setblocking(False)
+        monkeypatch.setenv("NOTIFY_SOCKET", "notify")
+        yield listener
+
+
+def heard(listener: socket.socket) -> list[str]:
+    lines: list[str] = []
+    while True:
+        try:
+            lines += listener.recv(4096).decode().splitlines()
+        except BlockingIOError:
+            return lines
+
+
+def test_systemd_hears_only_what_was_checked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with notify_socket(tmp_path, monkeypatch) as listener:
+        systemd = Systemd()
+        status = a_status()
+        # Not ready: a bus has not been tried; then: nothing is on the disk.
+        systemd.notify(replace(WELL, readers=(("can0", 100.0), ("can1", 0.0))), status, 100.0)
+        systemd.notify(replace(WELL, durable_s=0.0), status, 100.0)
+        lines = heard(listener)
+        assert "READY=1" not in lines
+        assert "STATUS=2/3 buses, 12,031 frames/s, lag 40 ms, 212 GB free, 4 frames lost" in lines
+        systemd.notify(WELL, status, 100.0)
+        assert heard(listener) == ["WATCHDOG=1", "READY=1"]
+        systemd.notify(WELL, status, 101.0)
+        assert heard(listener) == ["WATCHDOG=1"]
+
+        # A frozen reader, a frozen writer, a dead disk: the watchdog starves.
+        for frozen in (
+            replace(WELL, readers=(("can0", 97.0), ("can1", 100.0))),
+            replace(WELL, writer_s=97.0),
+            replace(WELL, durable_s=39.0),
+        ):
+            assert systemd.notify(frozen, status, 100.0)
+            assert not [line for line in heard(listener) if line.startswith("WATCHDOG")]
+        assert systemd.notify(WELL, status, 100.0) == ""
+        assert "WATCHDOG=1" in heard(listener)
+
+        systemd.stopping()
+        assert heard(listener) == ["STOPPING=1"]
+
+        # A socket that is not emptied blocks nothing.
+        for i in range(2000):
+            systemd.notify(WELL, replace(status, sensors_alive=i), 100.0)
+        systemd.close()
+
+
+def test_without_systemd_nothing_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("NOTIFY_SOCKET", raising=False)
+    systemd = Systemd()
+    assert systemd.notify(WELL, a_status(), 100.0) == ""
+    systemd.close()
