@@ -6,7 +6,7 @@ one joint fit of all sessions (`identify.change`), which is far more precise.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from math import erfc, hypot, sqrt
 from typing import Any
@@ -278,65 +278,42 @@ def _stated_alike(results: Sequence[Identification]) -> tuple[str, ...]:
     return tuple(sorted(set.intersection(*stated)))
 
 
-@dataclass(frozen=True, slots=True)
-class _Statement:
-    """A session's statement on a subject: a text, or lengths, m, with one uncertainty, m."""
-
-    text: str
-    lengths_m: tuple[float, ...] = ()
-    sigma_m: float = 0.0
-
-    def agrees(self, other: _Statement) -> bool:
-        """Return whether both can be true of one car; a tape measure shows no millimetre."""
-        if not self.lengths_m or len(self.lengths_m) != len(other.lengths_m):
-            return self.text == other.text
-        limit_m = max(0.001, 3.0 * hypot(self.sigma_m, other.sigma_m)) * (1.0 + 1e-9)
-        pairs = zip(self.lengths_m, other.lengths_m, strict=True)
-        return all(abs(a - b) <= limit_m for a, b in pairs)
-
-
 def stated_unlike(labels: Sequence[str], results: Sequence[Identification]) -> tuple[str, ...]:
     """Return one text for each statement in which sessions differ, such as the vehicle's name.
 
     Loads and masses are not compared: they may change between two campaigns.  What only one session
     states differs from nothing.
     """
-    sessions = [dict(_statements(result)) for result in results]
+    stated: dict[str, dict[str, list[str]]] = {}
+    for label, result in zip(labels, results, strict=True):
+        for subject, text in _identity(result).items():
+            stated.setdefault(subject, {}).setdefault(text, []).append(label)
     texts = []
-    for subject in dict.fromkeys(subject for stated in sessions for subject in stated):
-        kinds: dict[_Statement, list[str]] = {}
-        for label, stated in zip(labels, sessions, strict=True):
-            if (one := stated.get(subject)) is not None:
-                like = next((kind for kind in kinds if kind.agrees(one)), one)
-                kinds.setdefault(like, []).append(label)
+    for subject, kinds in stated.items():
         if len(kinds) > 1:
-            parts = (f"{kind.text} in {', '.join(like)}" for kind, like in kinds.items())
+            parts = (f"{text} in {', '.join(of)}" for text, of in kinds.items())
             texts.append(f"{subject} {'; '.join(parts)}")
     return tuple(texts)
 
 
-def _statements(result: Identification) -> Iterator[tuple[str, _Statement]]:
-    """Yield subject and statement, of one subject the last."""
-    if result.vehicle:
-        yield "vehicle", _Statement(result.vehicle)
+def _identity(result: Identification) -> dict[str, str]:
+    """Return what a car has only one of: its name, lengths to a millimetre, places of sensors."""
+    stated = {"vehicle": result.vehicle} if result.vehicle else {}
     if result.estimation is None:
-        return
+        return stated
     box = result.estimation.box
     if (known := box.geometry) is not None:
-        sizes = (known.a + known.b, 2 * known.t_f, 2 * known.t_r)
-        for name, value_m in zip(_LENGTHS.values(), sizes, strict=True):
-            yield name, _Statement(f"{value_m:.4g} m", (value_m,))
+        sizes_m = (known.a + known.b, 2 * known.t_f, 2 * known.t_r)
+        stated |= {
+            name: f"{size_m:.3f} m" for name, size_m in zip(_LENGTHS.values(), sizes_m, strict=True)
+        }
     for fact in box.facts:
         if fact.quantity in _LENGTHS:
-            name = _LENGTHS[FactQuantity(fact.quantity)]
-            yield name, _Statement(f"{fact.value:.4g} m", (fact.value,), fact.sigma)
+            stated[_LENGTHS[FactQuantity(fact.quantity)]] = f"{fact.value:.3f} m"
     for channel in (c for group in box.groups for c in group.channels):
-        subject = f"place of {channel.name}"
         if channel.quantity in AT_CORNER:
-            yield subject, _Statement(str(channel.corner))
-        elif channel.quantity in ON_BODY and channel.at_cg:
-            yield subject, _Statement("at the CG")
+            stated[f"place of {channel.name}"] = str(channel.corner)
         elif channel.quantity in ON_BODY:
-            text = f"({channel.x_m:g}, {channel.y_m:g}) m"
-            place_m = (channel.x_m, channel.y_m)
-            yield subject, _Statement(text, place_m, channel.position_sigma_m)
+            place = "at the CG" if channel.at_cg else f"({channel.x_m:g}, {channel.y_m:g}) m"
+            stated[f"place of {channel.name}"] = place
+    return stated
