@@ -144,12 +144,13 @@ def differences(
     `directions`: the unknowns of the likelihoods per unit of each parameter, (q, p).
     """
     q = len(directions)
-    normal, right = 0.0, 0.0
+    normals, rights = [], []
     for number, share in enumerate(shares):
         moved = [np.outer(directions[:, c.parameter], c.design[number]) for c in candidates]
         rows = np.hstack([np.eye(q), *moved])
-        normal = normal + rows.T @ share.information @ rows
-        right = right + rows.T @ share.target
+        normals.append(rows.T @ share.information @ rows)
+        rights.append(rows.T @ share.target)
+    normal, right = np.sum(normals, axis=0), np.sum(rights, axis=0)
     inverse, across = pseudo_inverse(normal[:q, :q]), normal[:q, q:]
     common, follow, alone = inverse @ right[:q], inverse @ across, normal[q:, q:]
     information = alone - across.T @ follow

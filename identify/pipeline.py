@@ -37,12 +37,11 @@ from .modes.modal_model import mode_names, modes_of, pair_modes
 from .modes.vehicle_modes import SensedModes, sensed_modes
 from .paper import ClosedForm, closed_form
 from .result import Identification
-from .trust.faults import faults_of_bench, first_cause, swapped_or_late
+from .trust.causes import faults_of_bench, first_cause, judge, swapped_or_late
 from .trust.finding import Judgement
 from .trust.gates import CHI2_LIMIT, missing_runs, undetermined, with_widest_intervals
 from .trust.hypotheses import rank_causes, some_runs_are_wrong
-from .trust.judge import judge
-from .trust.samples import shortcomings, unused_findings
+from .trust.inputs import shortcomings, unused_findings
 from .trust.trials import mistyped_weight
 
 if TYPE_CHECKING:

@@ -24,7 +24,7 @@ from ..fit.uncertainty import COVERAGE_95, estimates
 from ..model.matrices import N_DOF, Full, derived_quantities, whole_vehicle_indices
 from ..numbers import half_width_percent
 from .finding import listed
-from .statements import contradiction_findings
+from .inputs import contradiction_findings
 
 _WIDE_SHARE = 0.025
 """Relative standard deviation above which the 95 % interval is wider than 5 % to either side."""

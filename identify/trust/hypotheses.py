@@ -23,14 +23,14 @@ from dbc.words import Finding, Severity
 from ..decays.decay import with_channels
 from ..fit.estimation import Estimation, linearised_at
 from ..fit.grey_box import SIGNED, GreyBox
-from ..fit.likelihood import PRIORS, covariance_of, fit, normal_blocks
+from ..fit.likelihood import PRIORS, fit, normal_blocks
 from ..fit.uncertainty import COVERAGE_95
 from ..fit.varpro import NormalBlock
 from ..model.chi_squared import exceeded_by_chance
 from ..numbers import with_half
 from .finding import Cause
 from .gates import BELOW_SIGMAS
-from .statements import scale_facts
+from .inputs import scale_facts
 
 Array = NDArray[np.float64]
 
@@ -323,24 +323,23 @@ def _hardest(estimation: Estimation) -> tuple[tuple[str, ...], Pull]:
 
     They are one run, or those of a mass state from some repeat on: its weights were changed.
     """
-
-    def repeat(label: str) -> int:
-        number = label.rpartition("_")[2]
-        return int(number) if number.isdecimal() else 0
-
-    blocks = linearised_at(estimation).blocks
+    repeats: dict[str, list[tuple[int, str]]] = {}
+    for decay in estimation.decays:
+        number = decay.label.rpartition("_")[2]
+        repeat = int(number) if number.isdecimal() else 0
+        repeats.setdefault(decay.mass_state, []).append((repeat, decay.label))
     suspected: list[tuple[str, ...]] = [(decay.label,) for decay in estimation.decays]
-    for state in dict.fromkeys(decay.mass_state for decay in estimation.decays):
-        labels = [d.label for d in estimation.decays if d.mass_state == state]
-        for first in sorted(set(map(repeat, labels)))[1:]:
-            later = tuple(label for label in labels if repeat(label) >= first)
+    for of_state in repeats.values():
+        for first in sorted({repeat for repeat, _ in of_state})[1:]:
+            later = tuple(label for repeat, label in of_state if repeat >= first)
             suspected += [later] if len(later) > 1 else []
+    blocks = linearised_at(estimation).blocks
     pulls = {odd: pull_of(estimation, [blocks[label] for label in odd]) for odd in suspected}
     return max(pulls.items(), key=lambda item: item[1].strength)
 
 
-def _chi2_without(estimation: Estimation, labels: Collection[str]) -> float:
-    """Return chi2 per degree of freedom of a fit without some runs."""
+def _fit_without(estimation: Estimation, labels: Collection[str]) -> tuple[float, Array]:
+    """Return chi2 per degree of freedom of a fit without some runs, and its unknowns."""
     decays = tuple(d.thinned(_RATE_HZ) for d in estimation.decays if d.label not in labels)
     box, noise = estimation.box, estimation.noise
     eta = fit(box, decays, noise, estimation.fit.eta, 0.1, 20).eta
@@ -348,7 +347,7 @@ def _chi2_without(estimation: Estimation, labels: Collection[str]) -> float:
     squares = sum(
         float(v @ v) / noise[name] ** 2 for part in parts for name, v in part.values.items()
     )
-    return squares / sum(sum(part.freedom.values()) for part in parts)
+    return squares / sum(sum(part.freedom.values()) for part in parts), eta
 
 
 def some_runs_are_wrong(estimation: Estimation) -> bool:
@@ -356,7 +355,7 @@ def some_runs_are_wrong(estimation: Estimation) -> bool:
     if len(estimation.decays) < 3:
         return False
     labels, _ = _hardest(estimation)
-    return _chi2_without(estimation, labels) <= estimation.chi2_limit
+    return _fit_without(estimation, labels)[0] <= estimation.chi2_limit
 
 
 def odd_runs(estimation: Estimation, rival: float) -> tuple[Finding, Cause] | None:
@@ -368,7 +367,7 @@ def odd_runs(estimation: Estimation, rival: float) -> tuple[Finding, Cause] | No
     odd = pull.strength > max(1.0, rival) and abs(pull.change) > _MATTERS
     if len(estimation.decays) < 3 or (estimation.holds and not odd):
         return None
-    chi2, without = estimation.chi2_per_n, _chi2_without(estimation, labels)
+    chi2, (without, eta) = estimation.chi2_per_n, _fit_without(estimation, labels)
     if not estimation.holds and without > 1.0 + 0.5 * (chi2 - 1.0):
         return None
     names = ", ".join(labels)
@@ -384,18 +383,9 @@ def odd_runs(estimation: Estimation, rival: float) -> tuple[Finding, Cause] | No
             "with the wrong weights"
         )
     severity = Severity.ERROR if len(labels) > 1 else Severity.WARNING
-    # The change of the parameters without these runs, to first order.
-    blocks = linearised_at(estimation).blocks
-    others = [part.information for label, part in blocks.items() if label not in labels]
-    covariance = covariance_of(np.sum(others, axis=0))
-    covariance = np.where(np.isfinite(covariance), covariance, 0.0)
-    step = -covariance @ np.sum([blocks[label].gradient for label in labels], axis=0)
-    parameters = estimation.box.parameters
-    cause = Cause(
-        f"run {names}",
-        explained=1.0 - (without - 1.0) / max(chi2 - 1.0, 1e-9),
-        moved=dict(zip(parameters, step[: len(parameters)].tolist(), strict=True)),
-    )
+    moved = dict(zip(estimation.box.parameters, (eta - estimation.fit.eta).tolist(), strict=False))
+    explained = 1.0 - (without - 1.0) / max(chi2 - 1.0, 1e-9)
+    cause = Cause(f"run {names}", explained=explained, moved=moved)
     return Finding("odd_run", severity, text, subject=names, value=without), cause
 
 

@@ -349,8 +349,7 @@ def _wrong_weight(
     box, few = estimation.box, with_first_repeats(estimation)
     empty = {s.name for s in box.mass_states if not (s.added.weights or s.added.matrix.any())}
     bare = replace(few, decays=tuple(d for d in few.decays if d.mass_state in empty))
-    weights = any(state.added.weights for state in box.mass_states)
-    if not weights or not bare.decays or len(bare.decays) == len(few.decays):
+    if not bare.decays or len(bare.decays) == len(few.decays):
         return None
     unloaded = refit(bare, AS_STATED, box.unknowns(generic_vehicles()[0]), HOLD)
     near = unloaded.fit.eta
@@ -358,15 +357,13 @@ def _wrong_weight(
     if not explains(unloaded.excess, stated.excess, unloaded.excess):
         return None  # not even if the runs with weights fitted as well as the others
     changes = {change.trial: change for change in _changes(box)}
-    likely: dict[str, tuple[Refit, Trial]] = {}
-    for after, trial in ranked(few, changes, near, _WEIGHT_STEPS):
-        likely.setdefault(trial.name, (after, trial))
-    fitted = [
-        changes[trial].fitted(few, rough.fit.eta)
-        for rough, trial in list(likely.values())[:_FITTED]
-    ]
+    likely: dict[str, tuple[Refit, _Change]] = {}
+    for rough, trial in ranked(few, changes, near, _WEIGHT_STEPS):
+        likely.setdefault(trial.name, (rough, changes[trial]))
+    fitted = [change.fitted(few, rough.fit.eta) for rough, change in [*likely.values()][:_FITTED]]
+    fitted.sort(key=lambda one: one[0].fit.cost)
     named: list[tuple[Refit, _Change]] = []
-    for after, change in sorted(fitted, key=lambda one: one[0].fit.cost):
+    for after, change in fitted:
         near_stated = 1.0 / least_factor < change.factor < least_factor
         possible = change.factor > 0.0 and not near_stated
         best = named[0][0].excess if named else after.excess

@@ -132,16 +132,6 @@ def test_a_difference_is_that_of_generalised_least_squares() -> None:
     assert std[0] == pytest.approx(spread[9, 9] ** -0.5, rel=1e-6)
 
 
-def test_a_share_about_another_point_says_the_same() -> None:
-    one = session({}, 1)
-    near, far = likelihood_of(one), likelihood_of(one, (), (one.fit.eta + 0.002, np.zeros(0)))
-    assert far.information == pytest.approx(
-        near.information, rel=0.02, abs=1e-3 * np.max(near.information)
-    )
-    best = np.linalg.solve(far.information, far.target)
-    assert np.max(np.abs(best - one.fit.eta) / np.sqrt(np.diag(one.fit.covariance))) < 0.1
-
-
 @dataclass(frozen=True)
 class _WithElements:
     """The only part of a nonlinear fit's engine that a joint fit may use."""
@@ -190,12 +180,6 @@ def test_what_gains_3_84_less_is_no_longer_possible_in_its_place(
         fits.append(replace(one, fit=replace(one.fit, covariance=covariance)))
     (change,) = change_of(fits).named
     assert (change.name, change.instead) == ("front friction", instead)
-
-
-def test_parameters_of_nonlinear_sessions_are_compared_in_one_fit() -> None:
-    before = with_elements(session({}, 1), F_cf=(0.8, 0.03))
-    after = with_elements(session({"c_sf": 0.03}, 2), F_cf=(0.8, 0.03))
-    assert named(change_of([before, after])) == {"c_sf"}
 
 
 def test_what_only_some_sessions_need_is_said_to_have_changed() -> None:

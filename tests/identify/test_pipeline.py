@@ -18,7 +18,7 @@ from daq.vehicle import DOF, FORD_GRANADA, Fact, Vehicle, VehicleGeometry
 from identify import Identification, Verdict, identify, pipeline
 from identify.fit.estimation import Estimation, first_estimate
 from identify.nonlinear import real_car
-from identify.trust.faults import Causes
+from identify.trust.causes import Causes
 
 from .bumps import PAPER_DELTA_MASS, TRUTH, paper_records
 

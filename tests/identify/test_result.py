@@ -148,9 +148,6 @@ def test_what_survives_and_what_is_lost_to_what_is_said_in_lines(
     assert [unit_text(unit) for unit in ("1", "kg")] == ["", "kg"]
 
 
-# A notebook's tables ------------------------------------------------------------------------------
-
-
 # A row of a table ---------------------------------------------------------------------------------
 
 
@@ -274,11 +271,12 @@ def test_five_digits_and_no_power_of_ten(value: float, text: str) -> None:
 
 def test_nothing_is_written_about_a_value_that_is_no_number() -> None:
     assert rounded(inf, 1.0, 2.0) == ("not determined", "", "")
-    assert with_half(5.0, 0.25) == "5.00 ± 0.25"
-    assert with_half(5.0, 0.0) == "5.0000"
-    assert with_half(5.0, inf) == "5.0000"
-    assert half_width(1.0, inf) == ""
-    assert half_width_percent(inf, 0.0, 1.0) == ""
+    assert [with_half(5.0, half) for half in (0.25, 0.0, inf)] == [
+        "5.00 ± 0.25",
+        "5.0000",
+        "5.0000",
+    ]
+    assert half_width(1.0, inf) == half_width_percent(inf, 0.0, 1.0) == ""
     assert half_width_percent(-200.0, -201.1, -198.9) == "0.55 %"
     assert half_width_percent(1.0, 0.0, 2.0) == "100 %"
     assert interval(100.0, 95.0, 105.0) == "95.0 .. 105.0"

@@ -16,7 +16,7 @@ from daq.sessions import Session
 from identify.decays.usable import BadValue, spikes, usable, usable_session, without_bad_values
 from identify.pipeline import identify_parameters
 from identify.result import Identification
-from identify.trust.samples import unused_findings
+from identify.trust.inputs import unused_findings
 
 from ..stress import stress_session
 

@@ -23,10 +23,10 @@ from identify.fit.uncertainty import Estimate, drivers, estimates, motion_ratio_
 from identify.model.exponentials import low_pass_of
 from identify.pipeline import grey_box, identify, identify_parameters
 from identify.study.campaign import PAPER_MASS_STATES, SENSOR_SETS, Campaign, records_of
+from identify.trust.causes import judge
 from identify.trust.finding import Verdict
 from identify.trust.gates import parameter_findings
-from identify.trust.judge import judge
-from identify.trust.samples import shortcomings
+from identify.trust.inputs import shortcomings
 
 from ...flow.coverage import simulated_session
 from ...simulated.elements import RealCar, SensorFault, true_parameters

@@ -1,13 +1,20 @@
-"""Faults of the bench, each with the search that finds it, and the choice of the one to name.
+"""Finds the fault of the bench that explains a misfit, and judges the fit with it.
 
 One loop asks the searches of a table in turn, the surest first.  A search fits the decays again
-under another description, or parts of them, and that must explain nearly all of the misfit.
+under another description, or parts of them, and that must explain nearly all of the misfit.  All
+gates together give the verdict, and what survives of the parameters.
+
+Every cause whose size was estimated implies a change of each parameter.  A parameter survives if
+none of the causes that may still be true moves it by more than its standard deviation: with noise
+and cause together it then still lies within three of them.  (With half of the 95 % interval as the
+limit, survivors of the stress list had errors of four standard deviations.)
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import inf, isfinite, nan
 
 import numpy as np
 
@@ -15,12 +22,23 @@ from daq.channels import Channel, Quantity
 from daq.check.signs import opposed_signs
 from daq.runs import longest_gap_s
 from daq.sessions import Session
-from dbc.words import Finding, counted
+from dbc.words import Finding, Severity, counted
 
 from ..decays.decay import FreeDecay, Record, decay_start_s, onset_s
 from ..fit.estimation import Estimation, generic_vehicles
+from ..fit.grey_box import SIGNED
 from ..fit.likelihood import HOLD, residuals
-from .finding import MOST, Cause, listed
+from ..fit.uncertainty import determined
+from .finding import MOST, Cause, Judgement, Loss, Survival, listed
+from .gates import (
+    CHI2_LIMIT,
+    chi2_by_run,
+    misfit_findings,
+    mode_snr_db,
+    parameter_findings,
+    undetermined,
+    whiteness_findings,
+)
 from .hypotheses import (
     LATE_ADVICE,
     amplitude_findings,
@@ -29,7 +47,14 @@ from .hypotheses import (
     rank_causes,
     some_runs_are_wrong,
 )
-from .statements import contradictions, scale_facts, shift_without_scales
+from .inputs import (
+    contradicted_shift,
+    contradictions,
+    sample_findings,
+    scale_facts,
+    shift_without_scales,
+    unseen_findings,
+)
 from .trials import (
     AS_STATED,
     Refit,
@@ -66,6 +91,18 @@ _ALONE_STEPS = 30
 _DRIFT_SIGMAS = 6.0
 """Size of a drift, in standard deviations by the scatter of the runs, from which it is none by
 chance."""
+
+_RIVAL = 0.5
+"""Share of the best cause's explanation above which another cause may be the true one."""
+_UNEXPLAINED = "no cause that was tried explains the misfit"
+_UNEXPLAINED_TEXT = (
+    "the misfit is not explained: half of it or more is due to none of wrong signs, units and "
+    "gains, swapped channels and mass states, lateness, low-passes, drifts, clocks that jump, "
+    "second bumps, wrong weights, odd runs, a turned IMU, unequal sides, friction and dampers: "
+    "look at the runs with the largest chi2/n"
+)
+_LARGEST_LOG = 3.0
+"""Change of a logarithm beyond which its size has no meaning: a factor of twenty."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +169,7 @@ def likely_causes(estimation: Estimation) -> Causes:
         finding, cause = odd
         return Causes((finding,), (cause,))
     worst = next(iter(contradictions(estimation)), None) if holds else None
-    if worst and worst.of_place:  # a gain, or a bar, would explain a part of it
+    if worst and worst.name.startswith(("x of ", "y of ")):  # a gain, or a bar, explains some of it
         scored = tuple(s for s in scored if s.gain > worst.sigmas**2)
     best = [replace(c, explained=0.0) if holds else c for c in scored if c.strength > 1.0]
     tried = list(best)
@@ -142,7 +179,15 @@ def likely_causes(estimation: Estimation) -> Causes:
     amplitude = tuple(amplitude_findings(estimation))
     if not best or (holds and amplitude):  # no linear cause makes the small motion differ
         return Causes(amplitude, tuple(tried))
-    named = _with_advice(estimation, best[0])
+    named = best[0]
+    if named.kind == "gain":
+        gain = gain_of(estimation, named.subject)
+        named = replace(named, sizes=gain.sizes, advice=gain.advice)
+    elif named.kind == "weights":  # either may be wrong: that which moves more is held against it
+        facts = " and ".join(scale_facts(estimation.box))
+        advice = f"weigh them again, or {facts}: one of the two scales shows too much"
+        heavier = max(named, tried[-1], key=lambda one: one.shift)
+        named = replace(named, advice=advice, moved=heavier.moved)
     if holds and (swap := swapped_labels(estimation)):  # else: `swapped_or_late`
         named = swap
         tried.append(swap)
@@ -154,20 +199,97 @@ def likely_causes(estimation: Estimation) -> Causes:
     return Causes((named.finding,) if is_named else amplitude, tuple(tried))
 
 
-def _with_advice(estimation: Estimation, cause: Cause) -> Cause:
-    """Return a scored cause with advice: a gain also with its sizes, weights with the larger shift.
+# Verdict ------------------------------------------------------------------------------------------
 
-    If the weights are right, the scales of the facts are wrong; either may be the cause.
+
+def judge(
+    session: Session,
+    estimation: Estimation,
+    unused: Sequence[Finding] = (),
+    causes: Causes | None = None,
+) -> Judgement:
+    """Judge an estimation by all gates.
+
+    For a nonlinear fit, no cause is sought that only a linear model lacks: its elements are in the
+    fit.
+
+    `unused`: what was left out (`unused_findings`).  `causes`: the fault of the bench that was
+    found before, if any.
     """
-    if cause.kind == "gain":
-        gain = gain_of(estimation, cause.subject)
-        return replace(cause, sizes=gain.sizes, advice=gain.advice)
-    if cause.kind == "weights":
-        facts = " and ".join(scale_facts(estimation.box))
-        advice = f"weigh them again, or {facts}: one of the two scales shows too much"
-        of_scales = replace(cause, moved=shift_without_scales(estimation))
-        return replace(max(cause, of_scales, key=lambda one: one.shift), advice=advice)
-    return cause
+    linear, holds = estimation.nonlinear is None, estimation.holds
+    sure = not undetermined(estimation)
+    snr_db = mode_snr_db(estimation)
+    causes = causes or Causes()
+    if linear and not causes.findings and (sure or not holds):
+        causes = likely_causes(estimation)
+    # A named cause may be the reason why stated values disagree with the runs.
+    codes = {finding.code for finding in causes.findings} - {"amplitude"}
+    explained = bool(codes) and (not holds or "added_weights_off_by_a_common_factor" in codes)
+    misfit = tuple(f for f in misfit_findings(estimation) if sure or f.code != "convergence")
+    # What causes a misfit is as grave as the misfit, and comes first.
+    grave = max((f.severity for f in misfit if f.code == "chi2"), default=Severity.NOTE)
+    named = [
+        f if holds or f.code == "amplitude" else replace(f, severity=max(f.severity, grave))
+        for f in causes.findings
+    ]
+    if linear and not (holds or named):
+        named.append(Finding("unexplained", Severity.WARNING, _UNEXPLAINED_TEXT))
+    of_parameters = parameter_findings(estimation)
+    findings = [
+        *unused,
+        *([] if holds else named),  # what to do before what is wrong
+        *misfit,
+        *(f for f in of_parameters if not (explained and f.code == "contradiction")),
+        *(unseen_findings(estimation.box, session.mass_states) if sure else ()),
+        *sample_findings(session, estimation.records),
+        *(named if holds else []),
+        *(whiteness_findings(estimation) if sure and holds else ()),
+    ]
+    rivals = [replace(c, explained=inf) if holds else c for c in causes.tried]
+    contradicted = contradictions(estimation) if sure and not explained else ()
+    if contradicted:  # one cause; without a misfit, all compete
+        name = "; ".join(one.name for one in contradicted)
+        moved = contradicted_shift(estimation, contradicted)
+        rivals.append(Cause(name, explained=inf, moved=moved))
+    return Judgement(
+        tuple(findings),
+        estimation.chi2_per_n,
+        chi2_by_run(estimation),
+        snr_db,
+        survival(estimation, rivals),
+    )
+
+
+def survival(estimation: Estimation, causes: Sequence[Cause]) -> Survival:
+    """Divide the parameters into those that survive and those that are lost.
+
+    The intervals of a nonlinear fit that converged include the little that it leaves unexplained.
+    In a linear fit with a misfit, a parameter survives only if the known causes explain nearly all
+    of the misfit.
+
+    `causes`: all that were refitted or sized, and that stand out of the noise.
+    """
+    box, fit = estimation.box, estimation.fit
+    names, linear = box.parameters, estimation.nonlinear is None
+    if not fit.converged and (linear or not estimation.holds):
+        return Survival((), dict.fromkeys(box.names, Loss("the fit did not converge")))
+    known = zip(names, determined(box, fit.covariance), strict=True)
+    lost = {name: Loss("not determined") for name, is_known in known if not is_known}
+    rivals = list(causes)
+    if linear and not estimation.holds:
+        best = max((h.explained for h in causes if isfinite(h.explained)), default=0.0)
+        unexplained = 1.0 + (estimation.chi2_per_n - 1.0) * (1.0 - min(best, 1.0))
+        if best <= MOST or unexplained > CHI2_LIMIT:
+            return Survival((), dict.fromkeys(box.names, Loss(_UNEXPLAINED)) | lost)
+        rivals = [h for h in causes if h.explained >= _RIVAL * best]
+    std = np.sqrt(np.diag(fit.covariance)[: len(names)])
+    for name, within in zip(names, std.tolist(), strict=True):
+        # Two causes may be one shift in two words: rounding must not choose which of them is named.
+        worst = max(rivals, key=lambda h: float(f"{abs(h.moved[name]):.6g}"), default=None)
+        if name not in lost and worst is not None and abs(worst.moved[name]) > within:
+            by = float(np.expm1(np.clip(worst.moved[name], -_LARGEST_LOG, _LARGEST_LOG)))
+            lost[name] = Loss(worst.name, nan if name in SIGNED else by)
+    return Survival(tuple(name for name in box.names if name not in lost), lost)
 
 
 # Channels -----------------------------------------------------------------------------------------
@@ -182,15 +304,15 @@ def wrong_channel(estimation: Estimation) -> Cause | None:
     names = [c.name for group in estimation.box.groups for c in group.channels]
     if len(names) < _FEWEST:
         return None
-    rough, best = ranked(estimation, map(_without, names))[0]
-    others = refit(estimation, best, rough.fit.eta)
+    rough, without = ranked(estimation, map(_without, names))[0]
+    others = refit(estimation, without, rough.fit.eta)
     if others.excess > estimation.chi2_limit - 1.0:
         return None
     before = refit(estimation)
-    gain = _gain(estimation, before, others, best.name)
+    gain = _gain(estimation, before, others, without.name)
     if np.isnan(gain) or _LEAST < gain < _MOST:
         return None
-    return replace(_of_gain(before, others, best.name, gain), certain=True)
+    return replace(_of_gain(before, others, without.name, gain), certain=True)
 
 
 def _without(name: str) -> Trial:
@@ -208,8 +330,8 @@ def _gain(estimation: Estimation, before: Refit, others: Refit, name: str) -> fl
     """Return the motion that a channel shows, as a multiple of what all others predict."""
     eta = parameters_as_start(before.box, others.box, others.fit.eta)
     noise = {**estimation.noise, name: 1e3 * estimation.noise[name]}
-    each = residuals(before.box, before.decays, noise, eta)
     predicted, measured = 0.0, 0.0
+    each = residuals(before.box, before.decays, noise, eta)
     for decay, one in zip(before.decays, each, strict=True):
         for r in decay.recordings:
             for channel, values in zip(r.group.channels, r.values.T, strict=True):
@@ -218,7 +340,7 @@ def _gain(estimation: Estimation, before: Refit, others: Refit, name: str) -> fl
                     model = model - model.mean()
                     predicted += float(model @ model)
                     measured += float(model @ values)
-    return measured / predicted if predicted > 0.0 else float("nan")
+    return measured / predicted if predicted > 0.0 else nan
 
 
 def _of_gain(before: Refit, others: Refit, name: str, gain: float) -> Cause:
