@@ -31,6 +31,15 @@ _EXTENDED = 1 << 31
 """Bit of an identifier in a DBC that marks 29 bits."""
 
 
+_HUGE = re.compile(
+    r"""\b(?:length|offset|count|len)\s*=\s*["']?\d{5}"""
+    r"|\b(?:unsigned|signed|float|double|bit|char|string|raw)\s+\d{5}|(?:LENGTH|POSITION)>\s*\d{7}"
+    r"|^\s*BO_\s+\d+\s+\w+\s*:\s*\d{5}|^\s*SG_\s[^:\n]*:\s*(?:\d+\s*\|\s*)?\d{5}",
+    re.IGNORECASE | re.MULTILINE,
+)
+"""Numbers beyond any payload, which cantools would build."""
+
+
 def shipped_dbc() -> str:
     """Return the text of the shipped DBC: IMU, hub accelerations, suspension travels."""
     return (files(__package__) / "bumpbench.dbc").read_text(encoding="utf-8")
@@ -71,6 +80,10 @@ def parse_codec(text: str, name: str) -> Codec:
         raise InputError(name, "the file is empty", PICK)
     if "\0" in text:
         raise InputError(name, "binary data, not a CAN database", PICK)
+    text = _COMMENT.sub(lambda comment: "\n" * comment[0].count("\n"), text)
+    if huge := _HUGE.search(text):
+        where = f"{name}:{text.count(chr(10), 0, huge.end()) + 1}"
+        raise InputError(where, f"{huge[0].strip()!r} lies outside any payload", PICK)
     kind = _kind(text, name)
     source = _DbcText("" if kind else text, name)
     layouts: list[MessageLayout] = []
@@ -168,8 +181,7 @@ class _DbcText:
         self._name = name
         self._is_cut = not text.endswith(("\n", ";"))
         self._message_names: dict[int, str] = {}
-        plain = _COMMENT.sub(lambda comment: "\n" * comment[0].count("\n"), text)
-        self._lines = self._with_marks(plain).split("\n")
+        self._lines = self._with_marks(text).split("\n")
         message_id = -1
         for place, line in enumerate(tuple(self._lines)):
             if message := re.match(r"\s*BO_\s+(\d+)\s+(\w+)", line):

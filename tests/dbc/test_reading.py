@@ -151,6 +151,8 @@ REFUSED = {
     "header only": (HEAD, "no messages"),
     "type of which message": (f"{HEAD}{M}SIG_VALTYPE_ s : 1;\n", "of an unknown message"),
     "attribute": (f'{HEAD}{M}BA_ "GenMsgOther" BO_ 256 10;\n', "not a valid DBC: 'GenMsgOther'"),
+    "huge": (signal('s : 0|999999@1- (1,0) [0|0] "g"'), "x.dbc:12: .* lies outside any payload"),
+    "huge message": (f"{HEAD}{M}BO_ 9 L: 999999999 A\n", "x.dbc:.* lies outside any payload"),
     "quotes": ('CM_ "\n' * 2000, "x.dbc:"),
     "recursion": (
         f'{HEAD}BO_ 1 M: 8 A\n SG_ s0 M : 0|8@1+ (1,0) [0|0] "" B\n'
@@ -184,6 +186,11 @@ def test_forty_errors_of_syntax_are_repaired_and_no_more(errors: int, loads: boo
         return
     with pytest.raises(InputError, match="more than 40 errors of syntax"):
         parse_codec(text, "x.dbc")
+
+
+def test_a_comment_may_name_any_size() -> None:
+    codec = parse_codec(f'{HEAD}{M}{N}CM_ BO_ 256 "length = 123456";\n', "x.dbc")
+    assert names(codec) == ["M.s", "M.t", "N.s"]
 
 
 @pytest.mark.parametrize(("values", "loads"), [(1 << 11, True), ((1 << 16) + 1, False)])
@@ -278,9 +285,12 @@ def test_sym_is_what_cantools_reads() -> None:
     ("name", "text", "said"),
     [
         ("a.arxml", arxml()[:-60], "not a valid ARXML"),
+        ("a.arxml", arxml(100_000_000), r"a.arxml:\d+: .* lies outside any payload"),
         ("a.arxml", "no XML at all", "not a valid ARXML"),
+        ("a.kcd", TWO_BUSES.replace('length="16"', 'length="999999999"'), "outside any payload"),
         ("a.kcd", TWO_BUSES[:-30], "not a valid KCD"),
         ("a.kcd", kcd('<Bus name="Empty"/>'), "no messages"),
+        ("a.sym", SYM_TEXT.replace("unsigned 12", "unsigned 999999999"), "outside any payload"),
         ("a.sym", "FormatVersion=5.0\n", "not a valid SYM"),
     ],
 )
