@@ -30,10 +30,9 @@ def built_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
             self.returncode = main(command[3:], said)
             self.output = said.getvalue().encode()
 
-        def poll(self) -> int:
-            return self.returncode
+        def kill(self) -> None: ...
 
-        def communicate(self, timeout: float) -> tuple[bytes, None]:
+        def communicate(self) -> tuple[bytes, None]:
             return self.output, None
 
     monkeypatch.setattr("daq.recorder.recorder.subprocess.Popen", Built)
