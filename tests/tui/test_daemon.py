@@ -65,76 +65,62 @@ def at(recording: str, phase: Phase, session: SessionState = SessionState.NONE) 
     return replace(a_status(), recording=recording, phase=phase, session=state)
 
 
-def test_each_recording_of_a_daemon_is_armed_once_and_ended_when_complete() -> None:
-    engine = Engine()
-    one = daemon(engine)
-    for status in (
-        at("a", Phase.IDLE),
-        at("a", Phase.IDLE),
-        at("a", Phase.WAITING),
-        at("a", Phase.COMPLETE),
-        at("a", Phase.COMPLETE),
-        at("", Phase.IDLE, SessionState.BUILDING),
-        at("", Phase.IDLE, SessionState.READY),
-        at("b", Phase.IDLE),  # a terminal has begun another
-        at("b", Phase.ARMED),
-        at("b", Phase.PAUSED),
-        at("b", Phase.IDLE),
-    ):
-        one._lead(status, end=False)
-    arm = Arm(Until.COMPLETE)
-    assert engine.orders == [arm, Stop(), arm]
-    assert not one._stop.is_set()
+BUILDING, READY = (
+    at("", Phase.IDLE, state) for state in (SessionState.BUILDING, SessionState.READY)
+)
+ARM, STOP = Arm(Until.COMPLETE), Stop()
+DAEMON = [at("a", phase) for phase in (Phase.IDLE, Phase.IDLE, Phase.WAITING)]
+DAEMON += [at("a", Phase.COMPLETE), at("a", Phase.COMPLETE), BUILDING, READY]
+DAEMON += [at("b", phase) for phase in (Phase.IDLE, Phase.ARMED, Phase.PAUSED, Phase.IDLE)]
+LOOKED_AT = [at("a", phase) for phase in (Phase.IDLE, Phase.ARMED, Phase.COMPLETE, Phase.COMPLETE)]
 
 
-@pytest.mark.parametrize(("arm", "orders"), [(True, [Arm(Until.COMPLETE)]), (False, [])])
-def test_a_complete_recording_is_left_to_the_terminal_that_looks_at_it(
-    arm: bool, orders: list[Order]
+@pytest.mark.parametrize(
+    ("options", "statuses", "end", "orders", "stopped"),
+    [
+        # A daemon arms each recording once, also one that a terminal has begun, and goes on.
+        ({}, DAEMON, False, [ARM, STOP, ARM], False),
+        # A complete recording is left to the terminal that looks at it.
+        ({"stay": True}, LOOKED_AT, False, [ARM], False),
+        ({"stay": True, "arm": False}, LOOKED_AT, False, [], False),
+        # A campaign ends with its session file, whether it is complete or a signal has come.
+        ({"keep_on": False}, [at("a", Phase.COMPLETE), BUILDING], False, [STOP], False),
+        ({"keep_on": False}, [at("a", Phase.COMPLETE), BUILDING, READY], False, [STOP], True),
+        ({"keep_on": False}, [at("a", Phase.ARMED), BUILDING, READY], True, [STOP], True),
+    ],
+)
+def test_recordings_are_armed_and_ended_once(
+    options: dict[str, bool],
+    statuses: list[Status],
+    end: bool,
+    orders: list[Order],
+    stopped: bool,
 ) -> None:
     engine = Engine()
-    one = daemon(engine, arm=arm, stay=True)
-    for phase in (Phase.IDLE, Phase.ARMED, Phase.COMPLETE, Phase.COMPLETE):
-        one._lead(at("a", phase), end=False)
-    assert engine.orders == orders
-
-
-@pytest.mark.parametrize("end", [False, True])
-def test_a_campaign_ends_with_its_session_file(end: bool) -> None:
-    engine = Engine()
-    one = daemon(engine, keep_on=False)
-    one._lead(at("a", Phase.ARMED if end else Phase.COMPLETE), end)
-    one._lead(at("", Phase.IDLE, SessionState.BUILDING), end)
-    assert not one._stop.is_set()
-    one._lead(at("", Phase.IDLE, SessionState.READY), end)
-    assert one._stop.is_set()
-    assert engine.orders == [Stop()]
+    one = daemon(engine, **options)
+    for status in statuses:
+        one._lead(status, end)
+    assert (engine.orders, one._stop.is_set()) == (orders, stopped)
 
 
 def test_an_end_that_a_full_disk_refuses_is_tried_again_until_it_has_room() -> None:
-    """The frames that waited in memory were lost when the recorder went."""
+    """The frames that waited in memory were lost when the recorder went; a signal ends it."""
     engine = Engine()
     engine.refuses = True
     one = daemon(engine, keep_on=False)
     for _ in range(4):
         one._lead(at("a", Phase.COMPLETE), end=False)
-    assert engine.orders == [Stop(), Stop()]
-    assert not one._stop.is_set()
+    assert (engine.orders, one._stop.is_set()) == ([STOP, STOP], False)
     engine.refuses = False
-    one._lead(at("a", Phase.COMPLETE), end=False)
-    one._lead(at("", Phase.IDLE, SessionState.BUILDING), end=False)
-    assert not one._stop.is_set()
-    one._lead(at("", Phase.IDLE, SessionState.READY), end=False)
-    assert one._stop.is_set()
-    assert engine.orders == [Stop()] * 3
-
-
-def test_a_signal_ends_a_recorder_whose_disk_is_full_and_keeps_the_recording() -> None:
-    engine = Engine()
+    for status in (at("a", Phase.COMPLETE), BUILDING, READY):
+        assert not one._stop.is_set()
+        one._lead(status, end=False)
+    assert (engine.orders, one._stop.is_set()) == ([STOP] * 3, True)
     engine.refuses = True
-    one = daemon(engine, keep_on=False)
-    one._lead(at("a", Phase.COMPLETE), end=False)
-    one._lead(at("a", Phase.COMPLETE), end=True)
-    assert one._stop.is_set()
+    ended = daemon(engine, keep_on=False)
+    for end in (False, True):
+        ended._lead(at("a", Phase.COMPLETE), end)
+    assert ended._stop.is_set()
 
 
 @pytest.mark.parametrize(
@@ -219,10 +205,6 @@ class All:
 def made(all_: Any, log: Log, keep_on: bool = False, **changes: Any) -> _Daemon:
     traffic = replace(TRAFFIC, **changes)
     return _Daemon(all_, all_, all_, traffic, Lifetime(arm=False, keep_on=keep_on), log)
-
-
-def none(*_: object) -> None:
-    """Record nothing."""
 
 
 def silent(done: float, text: str = "") -> None:
