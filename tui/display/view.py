@@ -1,6 +1,6 @@
 """The state that the page shows, as a pure function of the recorder's status.
 
-The page decides nothing: it shows these words, and sounds when `cue` changes.
+The page decides nothing: it shows these words, and sounds when word or title change.
 """
 
 from __future__ import annotations
@@ -74,8 +74,6 @@ class Headline:
     """`digits`, `digits_are`: seconds, to be read from a distance, and their meaning."""
     share: float | None = None
     """Share of the decay that has passed, 0..1; None outside a decay."""
-    cue: str = ""
-    """Changes when a sound is due."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,7 +165,7 @@ def view(status: Status | None, lost: Lost | None) -> View:
     if lost is None:
         return shown
     text, advice = printable(lost.text, 200), printable(lost.advice, 200)
-    gone = Headline(Kind.LOST, ("RECORDER", "LOST"), text, advice, cue="lost")
+    gone = Headline(Kind.LOST, ("RECORDER", "LOST"), text, advice)
     return replace(shown, headline=gone, alarm=None, buttons=NO_BUTTONS)
 
 
@@ -207,38 +205,35 @@ def headline(status: Status) -> Headline:
     """Return the word of a status."""
     if (alarm := first_obstacle(status)) is not None:
         name, advice, _ = cause_words(alarm)
-        cue = f"stop {alarm.code} {alarm.subject}"
-        return Headline(Kind.STOPPED, ("STOP",), name, advice, cue=cue)
+        return Headline(Kind.STOPPED, ("STOP",), name, advice)
     arms = status.phase in (Phase.IDLE, Phase.PAUSED) and next_action(status).order is not None
     if arms and (question := weights_question(status)):
         # The question that comes before the first run of another mass state.
         word, why = question.split("? ")
         words = tuple(f"{word}?".upper().split())
         advice = "Yes: the first button, or SPACE at the terminal."
-        return Headline(Kind.STEP, words, why, advice, cue=f"weights {word}")
-    label = status.due.step.label if status.due else ""
+        return Headline(Kind.STEP, words, why, advice)
     instruction = instruction_words(status)
     match status.phase:
         case Phase.WAITING:
-            why = f"Hands off: {waiting_words(status)}"
-            return Headline(Kind.WAIT, ("WAIT",), why, cue=f"wait {label}")
+            return Headline(Kind.WAIT, ("WAIT",), f"Hands off: {waiting_words(status)}")
         case Phase.ARMED:
-            return Headline(Kind.BUMP, ("BUMP", "NOW"), instruction, cue=f"bump {label}")
+            return Headline(Kind.BUMP, ("BUMP", "NOW"), instruction)
         case Phase.TRIGGERED | Phase.DECAY:
             return _hands_off(status)
         case Phase.ACCEPTED | Phase.REJECTED:
             return _judged(status)
         case Phase.PAUSED:
-            return Headline(Kind.PAUSED, ("PAUSED",), PAUSED, cue="paused")
+            return Headline(Kind.PAUSED, ("PAUSED",), PAUSED)
         case Phase.COMPLETE:
-            return Headline(Kind.DONE, ("DONE",), COMPLETE, cue="done")
+            return Headline(Kind.DONE, ("DONE",), COMPLETE)
     if status.halted:
         why, advice = halted_words(status.halted), "Remove the reason, then start again."
-        return Headline(Kind.STOPPED, ("STOPPED",), why, advice, cue="stopped")
+        return Headline(Kind.STOPPED, ("STOPPED",), why, advice)
     if (step := next_action(status).step) is not None:
         why = f"Go to the terminal: step {step.title}"
-        return Headline(Kind.STEP, ("STEP", str(step.value)), why, cue=f"step {step.value}")
-    return Headline(Kind.READY, ("READY",), instruction, cue=f"ready {label}")
+        return Headline(Kind.STEP, ("STEP", str(step.value)), why)
+    return Headline(Kind.READY, ("READY",), instruction)
 
 
 def _hands_off(status: Status) -> Headline:
@@ -248,7 +243,6 @@ def _hands_off(status: Status) -> Headline:
     if status.peak_left is not None:
         why = f"Hands off. {min(status.peak_left, 1.0):.0%} of the peak left."
         decayed = round(1.0 - min(max(status.peak_left, 0.0), 1.0), 2)
-    running = next((r.label for r in status.runs if r.status is RunStatus.OPEN), "")
     return Headline(
         Kind.HANDS_OFF,
         ("HANDS", "OFF"),
@@ -256,22 +250,18 @@ def _hands_off(status: Status) -> Headline:
         digits=f"{since_bump_s:.1f}",
         digits_are="seconds since the bump",
         share=decayed,
-        cue=f"hands off {running}",
     )
 
 
 def _judged(status: Status) -> Headline:
     """Return the word on the run that has just been judged."""
     run, digits = last_judged(status), countdown_digits(status)
-    label = run.label if run else ""
-    if status.phase is Phase.ACCEPTED:
-        kind, word, why = Kind.ACCEPTED, "ACCEPTED", accepted_words(status, run)
-        advice = "" if digits else "The last of its kind."
-    else:
-        kind, word = Kind.AGAIN, "AGAIN"
-        why, advice = rejected_words(run) if run else ("", "")
     digits_are = "seconds to the next run" if digits else ""
-    return Headline(kind, (word,), why, advice, digits, digits_are, cue=f"{kind} {label}")
+    if status.phase is Phase.ACCEPTED:
+        why, advice = accepted_words(status, run), "" if digits else "The last of its kind."
+        return Headline(Kind.ACCEPTED, ("ACCEPTED",), why, advice, digits, digits_are)
+    why, advice = rejected_words(run) if run else ("", "")
+    return Headline(Kind.AGAIN, ("AGAIN",), why, advice, digits, digits_are)
 
 
 def _alarm_line(status: Status) -> AlarmLine | None:

@@ -26,7 +26,7 @@ let shown = "";
 const NO_LINE = {
   kind: "lost", word: ["NO", "LINE"], why: "No news from the bench PC: is the Wi-Fi there?",
   advice: "This page tries again by itself. If the display was started anew, scan its code again.",
-  digits: "", digits_are: "", share: null, cue: "line",
+  digits: "", digits_are: "", share: null,
 };
 
 function text(id, value) {
@@ -54,12 +54,13 @@ function showHeadline(head) {
     const colour = getComputedStyle(document.body).getPropertyValue("--field").trim();
     document.querySelector('meta[name="theme-color"]').content = colour;
   }
-  if (head.cue !== cue) {
+  const now = `${words} ${head.kind} ${view?.title}`; // of each run anew
+  if (now !== cue) {
     if (cue !== null) {
       play(head.kind);
       text("spoken", `${words}. ${head.why}`);
     }
-    cue = head.cue;
+    cue = now;
   }
 }
 
