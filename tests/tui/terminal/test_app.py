@@ -26,6 +26,7 @@ from .fake_recorder import DOUBLE_BUMP, FakeRecorder
 from .operated import Make, commands, pressed, seen, until
 from .test_words import alarmed
 
+SMALL = (80, 24)
 SIZES = (
     (80, 24, "-narrow", "-low"),
     (119, 35, "-narrow", "-low"),
@@ -129,31 +130,12 @@ class SlowRecorder(FakeRecorder):
         self._post = post
 
 
-async def test_what_is_typed_before_the_first_status_stays_where_it_was_meant(
-    make_app: Callable[[FakeRecorder], BenchApp],
-) -> None:
+async def test_before_the_first_status_keys_act_on_what_is_there(make_app: Make) -> None:
     recorder = SlowRecorder()
     recorder.mark("vehicle")
     app = make_app(recorder)
-    async with app.run_test() as pilot:
-        await pilot.press("n", *"we")
-        recorder.publish()
-        await pilot.press("t", "x")
-        assert app.screen.query_one(Input).value == "wetx"
-        await pilot.press("escape")
-        recorder.publish()
-        await pilot.pause()
-        assert app.screen is app.get_screen("check"), "the step that is due"
-        assert not [order for order in recorder.orders if isinstance(order, Arm)]
-
-
-async def test_before_the_first_status_a_lost_recorder_has_its_key(
-    make_app: Callable[..., BenchApp],
-) -> None:
-    recorder = SlowRecorder()
-    app = make_app(recorder)
     assert app.bench_text == ""
-    async with app.run_test(size=(80, 24)) as pilot:
+    async with app.run_test(size=SMALL) as pilot:
         await pilot.pause()
         rows = screen_text(app).splitlines()
         assert rows[0] == " BUMP  waiting for the recorder"
@@ -163,6 +145,15 @@ async def test_before_the_first_status_a_lost_recorder_has_its_key(
         rows = screen_text(app).splitlines()
         assert rows[0].startswith(" RECORDER LOST: X = start it again")
         assert "X " in rows[-1]
+        await pilot.press("n", *"we")
+        recorder.publish()
+        await pilot.press("t", "x")
+        assert app.screen.query_one(Input).value == "wetx", "it stays where it was meant"
+        await pilot.press("escape")
+        recorder.publish()
+        await pilot.pause()
+        assert app.screen is app.get_screen("check"), "the step that is due"
+        assert not [order for order in recorder.orders if isinstance(order, Arm)]
 
 
 RUNNING = Setup(Origin.SIMULATED, 1, ("virtual demo",))
@@ -263,9 +254,6 @@ async def test_the_terminal_shows_link_and_code(make_app: Callable[..., BenchApp
         assert "display: link" not in commands(app)
 
 
-SMALL = (80, 24)
-
-
 def bench() -> FakeRecorder:
     """Return a recorder before its first bump."""
     recorder = FakeRecorder()
@@ -300,51 +288,34 @@ async def test_home_gives_way_to_a_run_that_somebody_else_has_armed(
         recorder.turn(Phase.ARMED)
         await until(pilot, lambda: isinstance(app.screen, RunScreen))
         assert "ARMED" in screen_text(app)
+        if in_control:  # who goes back to the check during a pause stays there
+            await pilot.press("escape")
+            await until(pilot, lambda: app.status is not None and app.status.phase is Phase.PAUSED)
+            await pilot.press("2")
+            await pilot.pause()
+            assert app.screen is app.get_screen("check")
+            recorder.publish()
+            await pilot.pause()
+            assert app.screen is app.get_screen("check")
 
 
-async def test_who_goes_back_to_the_check_during_a_pause_stays_there(make_app: Make) -> None:
-    recorder = FakeRecorder()
-    recorder.mark("vehicle", "check")
-    app = make_app(recorder)
-    async with app.run_test(size=SMALL) as pilot:
-        await pilot.pause()
-        recorder.turn(Phase.ARMED)
-        await until(pilot, lambda: isinstance(app.screen, RunScreen))
-        await pilot.press("escape")
-        await until(pilot, lambda: app.status is not None and app.status.phase is Phase.PAUSED)
-        await pilot.press("2")
-        await pilot.pause()
-        assert app.screen is app.get_screen("check")
-        recorder.publish()
-        await pilot.pause()
-        assert app.screen is app.get_screen("check")
-
-
-async def test_the_advice_of_the_gravest_alarm_is_never_cut(make_app: Make) -> None:
-    status = alarmed("bus_full")
-    long = Alarm("bus_full", "can0 at the front", "frames " * 14, EXPLAINED["bus_full"].advice, 0)
-    recorder = FakeRecorder()
-    recorder.changes = {"alarms": (long, *status.alarms)}
-    recorder.mark("vehicle", "check")
-    app = make_app(recorder)
-    async with app.run_test(size=SMALL) as pilot:
-        await pilot.pause()
-        text = " ".join(screen_text(app).replace("│", " ").split())
-        assert "STOP BUS OVERLOADED can0 at the front" in text
-        assert text.count("or raise the bit rate") == 2  # in the next action, and below
-        assert "and 1 more" in text
-
-
-async def test_a_lost_recorder_is_the_only_cause_and_x_the_only_order(make_app: Make) -> None:
+async def test_the_gravest_alarm_is_shown_unless_the_recorder_is_lost(
+    make_app: Make,
+) -> None:
     recorder = FakeRecorder()
     recorder.mark("vehicle", "check")
     recorder.bump()
     recorder.judge(DOUBLE_BUMP)
-    recorder.changes = {"alarms": alarmed("stale").alarms, "sensors_alive": 3}
+    recorder.phase = Phase.IDLE
+    long = Alarm("bus_full", "can0 at the front", "frames " * 14, EXPLAINED["bus_full"].advice, 0)
+    recorder.changes = {"alarms": (long, *alarmed("stale").alarms), "sensors_alive": 3}
     app = make_app(recorder)
     async with app.run_test(size=SMALL) as pilot:
         await pilot.pause()
-        assert "STALE" in screen_text(app)
+        shown = " ".join(screen_text(app).replace("│", " ").split())
+        assert "STOP BUS OVERLOADED can0 at the front" in shown
+        assert shown.count("or raise the bit rate") == 2, "the advice of the gravest is never cut"
+        assert "and 1 more" in shown
         app.push_screen(HelpScreen("run"))
         await pilot.pause()
         recorder.post(Lost("the recorder has ended", "all up to then is on the disk"))
@@ -352,7 +323,7 @@ async def test_a_lost_recorder_is_the_only_cause_and_x_the_only_order(make_app: 
         assert not isinstance(app.screen, HelpScreen)
         lines = screen_text(app).splitlines()
         assert lines[0].startswith(" RECORDER LOST: X = start it again")
-        assert "STALE" not in "\n".join(lines)
+        assert "OVERLOADED" not in "\n".join(lines)
         assert "X Start recorder" in lines[-1]
         assert not any(word in lines[-1] for word in ("Bksp", "Undo", "SPACE", "Esc"))
 
@@ -386,7 +357,7 @@ async def test_a_lost_recorder_has_its_key_on_every_screen(make_app: Make) -> No
     app = make_app(recorder)
     async with app.run_test(size=SMALL) as pilot:
         await pilot.pause()
-        for number, name in enumerate(("vehicle", "run", "results"), start=1):
+        for number, name in enumerate(("vehicle", "results"), start=1):
             await app.open(name)
             if name == "vehicle":
                 await pilot.press("tab", "x", "escape")  # in a field it is a letter

@@ -132,22 +132,6 @@ async def test_a_held_key_counts_once(make_app: MakeApp) -> None:
         assert len(_given(recorder, Reject)) == 2
 
 
-async def test_a_rejected_run_is_taken_back_with_a_reason(make_app: MakeApp) -> None:
-    recorder = _bench()
-    label = recorder.bump()
-    recorder.judge(DOUBLE_BUMP)
-    recorder.phase = Phase.IDLE
-    app = make_app(recorder)
-    async with app.run_test() as pilot:
-        await pilot.pause()
-        await _press(pilot, "t")
-        assert "second bump at +0.84 s" in screen_text(app)
-        await _press(pilot, "enter")  # without a reason nothing happens
-        assert not _given(recorder, Accept)
-        await _press(pilot, *"a door", "enter")
-        assert _given(recorder, Accept) == [Accept(label, "a door")]
-
-
 async def test_overload_lamps_stay_until_put_out(make_app: MakeApp) -> None:
     recorder = _bench()
     app = make_app(recorder)
@@ -193,15 +177,6 @@ async def test_a_new_terminal_is_where_the_old_one_was(make_app: MakeApp) -> Non
         assert isinstance(app.screen, RunScreen)
         assert app.step is BenchStep.ADDED
         assert "DECAY" in screen_text(app)
-
-
-async def test_a_step_that_is_not_reached_is_refused(make_app: MakeApp) -> None:
-    app = make_app(_bench())
-    async with app.run_test(size=(80, 24)) as pilot:
-        await pilot.pause()
-        await _press(pilot, "6")
-        assert isinstance(app.screen, HomeScreen)
-        assert screen_text(app).count("not reached yet") == 1, "a toast would cover what is next"
 
 
 async def test_auto_presses_what_is_next_and_leaves_the_rest(make_app: MakeApp) -> None:
@@ -274,6 +249,9 @@ async def test_an_answer_in_one_burst_with_its_question(make_app: Make) -> None:
     app = make_app(recorder)
     async with app.run_test(size=(80, 24)) as pilot:
         await reach(pilot, HomeScreen)
+        assert "second bump at +0.84 s" in await pressed(pilot, "t")
+        await pressed(pilot, "enter", "escape")
+        assert not orders_of(recorder, Accept), "without a reason nothing happens"
         await burst(pilot, "t", *"a door", "enter", "n", *"2nd door")
         assert orders_of(recorder, Accept) == [Accept(label, "a door")]
         assert app.screen.query_one(Input).value == "2nd door"
@@ -307,30 +285,7 @@ async def test_help_shows_the_keys_of_the_screen(make_app: Make, snapshot: Snaps
         assert not isinstance(app.screen, HelpScreen)
 
 
-async def test_a_note_is_sent_unless_it_is_empty(make_app: Make) -> None:
-    recorder = measured()
-    app = make_app(recorder)
-    async with playing(app, SMALL) as pilot:
-        await pressed(pilot, "n", *"wet [b] 7", "enter")
-        await until(pilot, lambda: shows(app, "the note is in the recording"))
-        await pressed(pilot, "n", *"  ", "enter", "escape")
-        assert orders_of(recorder, Note) == [Note("wet [b] 7")]
-
-
-async def test_a_message_covers_neither_the_top_lines_nor_the_keys(make_app: Make) -> None:
-    app = make_app(measured())
-    async with playing(app, SMALL) as pilot:
-        rows = screen_text(app).splitlines()
-        for text in ("No space left on device", "the note is in the recording"):
-            app.warn(text)
-            await until(pilot, partial(shows, app, text))
-            shown = screen_text(app).splitlines()
-            assert text in "\n".join(shown[-4:])
-            assert (shown[:10], shown[-1]) == (rows[:10], rows[-1])
-            assert "\u2518" in "".join(shown[-4:-1]), "the lower edge of the box is seen"
-
-
-async def test_the_commands_of_the_palette_act(make_app: Make, worker: FakeWorker) -> None:
+async def test_notes_messages_and_the_palette(make_app: Make, worker: FakeWorker) -> None:
     recorder = measured()
     app = make_app(recorder)
 
@@ -340,6 +295,17 @@ async def test_the_commands_of_the_palette_act(make_app: Make, worker: FakeWorke
             await made
 
     async with playing(app, SMALL) as pilot:
+        rows = screen_text(app).splitlines()
+        for text in ("No space left on device", "the note is in the recording"):
+            app.warn(text)
+            await until(pilot, partial(shows, app, text))
+            shown = screen_text(app).splitlines()
+            assert text in "\n".join(shown[-4:])
+            assert (shown[:10], shown[-1]) == (rows[:10], rows[-1]), "it covers neither"
+            assert "\u2518" in "".join(shown[-4:-1]), "the lower edge of the box is seen"
+        await pressed(pilot, "n", *"wet [b] 7", "enter")
+        await pressed(pilot, "n", *"  ", "enter", "escape")
+        assert orders_of(recorder, Note) == [Note("wet [b] 7")]
         assert all(": " in name for name in commands(app))
         await do("recorder: stop")
         assert isinstance(recorder.orders[-1], Stop)
@@ -387,6 +353,9 @@ async def test_a_refused_order_says_why_and_a_viewer_gives_none(make_app: Make) 
     recorder.mark("vehicle", "check")
     app = make_app(recorder)
     async with playing(app, SMALL) as pilot:
+        await pressed(pilot, "6")
+        assert isinstance(app.screen, HomeScreen)
+        assert screen_text(app).count("not reached yet") == 1, "a toast would cover what is next"
         recorder.refuse = "the disk is full"
         assert "the disk is full" in await pressed(pilot, "space")
         app.in_control = False

@@ -19,7 +19,7 @@ from tui.terminal.form import Form
 from tui.terminal.screens.check import CheckScreen
 from tui.terminal.screens.vehicle import VehicleScreen
 
-from .conftest import at_every_size, screen_text
+from .conftest import screen_text
 from .fake_recorder import BIN_S, FakeRecorder
 from .operated import (
     Make,
@@ -27,7 +27,6 @@ from .operated import (
     check_items,
     check_line,
     cursor,
-    front,
     orders_of,
     pressed,
     reach,
@@ -43,20 +42,20 @@ NOISY = check_line(
 )
 
 
-async def test_the_vehicle_form_looks_as_before(
-    make_app: Make, snapshot: Callable[..., None]
+async def test_what_is_typed_goes_to_the_recorder_once_it_has_sent_its_bench(
+    make_app: Make,
 ) -> None:
-    app = make_app(FakeRecorder())
-    async with app.run_test(size=(100, 30)) as pilot:
-        await reach(pilot, VehicleScreen)
-        await at_every_size(pilot, snapshot, "vehicle")
-
-
-async def test_what_is_typed_goes_to_the_recorder(make_app: Make) -> None:
     recorder = FakeRecorder()
     app = make_app(recorder)
     async with app.run_test(size=(80, 24)) as pilot:
         await reach(pilot, VehicleScreen)
+        bench, app.bench = app.bench, None
+        assert "has not sent its bench.toml yet" in await pressed(pilot, "space")
+        app.bench = bench
+        recorder.refuse = "JL is in control"
+        await pressed(pilot, "ctrl+s")
+        assert isinstance(app.screen, VehicleScreen)
+        recorder.refuse = ""
         await pilot.press("tab", "ctrl+u", *"T5 A1", "enter", "end", *"2")
         await pilot.press("enter", *"1552", "ctrl+s")
         await reach(pilot, CheckScreen)
@@ -100,24 +99,20 @@ def _checked(*items: Finding, **levels: float) -> FakeRecorder:
     return recorder
 
 
-async def test_the_check_looks_as_before(make_app: Make, snapshot: Callable[..., None]) -> None:
-    app = make_app(_checked(NOISY, UPSIDE_DOWN))
-    async with app.run_test(size=(100, 30)) as pilot:
-        await reach(pilot, CheckScreen)
-        await until(pilot, lambda: "upside down" in screen_text(app))
-        await pilot.press("space")
-        await pilot.pause()
-        await at_every_size(pilot, snapshot, "check")
-
-
-async def test_a_failure_blocks_and_its_sign_can_be_turned(make_app: Make) -> None:
-    recorder = _checked(UPSIDE_DOWN)
+async def test_a_failure_blocks_and_its_sign_can_be_turned(
+    make_app: Make, snapshot: Callable[..., None]
+) -> None:
+    recorder = _checked(NOISY, UPSIDE_DOWN)
     app = make_app(recorder)
-    async with app.run_test(size=(80, 24)) as pilot:
+    async with app.run_test(size=(140, 40)) as pilot:
         await reach(pilot, CheckScreen)
         await until(pilot, lambda: "upside down" in screen_text(app))
         await pilot.press("space")
         await pilot.pause()
+        snapshot(app, "check_140x40")
+        await pilot.resize_terminal(80, 24)
+        await pilot.pause()
+        snapshot(app, "check_80x24")
         assert "1 FAIL: correct it, then SPACE goes on" in screen_text(app)
         assert "SPACE Next" not in screen_text(app)
         assert orders_of(recorder, Mark) == []
@@ -201,7 +196,9 @@ def _asked(recorder: FakeRecorder, times: int) -> bool:
     return recorder.orders.count(Mark("push FL")) == times
 
 
-async def test_a_push_that_nobody_saw_is_asked_for_again(make_app: Make) -> None:
+async def test_a_push_is_asked_for_again_and_i_corrects_its_sign(
+    make_app: Make,
+) -> None:
     recorder = _checked()
     app = make_app(recorder)
     async with app.run_test(size=(80, 24)) as pilot:
@@ -221,25 +218,16 @@ async def test_a_push_that_nobody_saw_is_asked_for_again(make_app: Make) -> None
         assert "Push DOWN at the front LEFT, let go, 15 s left" in screen_text(app)
         await _push(pilot, recorder, Corner.FRONT_LEFT, 1.0, after_s=25.0)  # a screen that lagged
         await until(pilot, lambda: Mark("push FR") in recorder.orders)
-
-
-async def test_a_push_the_wrong_way_is_a_failure_that_i_corrects(make_app: Make) -> None:
-    recorder = _checked()
-    app = make_app(recorder)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await reach(pilot, CheckScreen)
-        await until(pilot, lambda: "SPACE = push the corners" in screen_text(app))
-        await pilot.press("space")
-        await _push(pilot, recorder, Corner.FRONT_LEFT, -1.0)
-        await until(pilot, lambda: "travel_fl moved the wrong way" in screen_text(app))
+        await _push(pilot, recorder, Corner.FRONT_RIGHT, -1.0)
+        await until(pilot, lambda: "travel_fr moved the wrong way" in screen_text(app))
         assert "1 FAIL: correct it, then SPACE goes on" in screen_text(app)
         assert "SPACE Next" not in screen_text(app)
         await pilot.press("i")
         await until(pilot, lambda: orders_of(recorder, Configure))
-        assert {c.name: c.sign for c in bench_of(recorder).channels}["travel_fl"] == -1
-        await until(pilot, lambda: recorder.orders.count(Mark("push FL")) == 2)
+        assert {c.name: c.sign for c in bench_of(recorder).channels}["travel_fr"] == -1
+        await until(pilot, lambda: recorder.orders.count(Mark("push FR")) == 2)
         await pilot.press("s", *"wall", "enter")
-        await until(pilot, lambda: Mark("push FR") in recorder.orders)
+        await until(pilot, lambda: Mark("push RL") in recorder.orders)
         assert "skipped: wall (MK)" in screen_text(app)
 
 
@@ -320,34 +308,20 @@ async def test_the_zero_is_measured_for_five_seconds_and_a_later_one_waits(make_
         assert {c.name: c.tare for c in recorder.bench.channels}["travel_fl"] == 0.0035
 
 
-async def test_the_form_waits_for_the_bench(make_app: Make) -> None:
-    recorder = FakeRecorder()
-    app = make_app(recorder)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await reach(pilot, VehicleScreen)
-        screen, bench = app.screen, app.bench
-        assert isinstance(screen, VehicleScreen)
-        assert screen.ready
-        app.bench = None
-        assert "has not sent its bench.toml yet" in await pressed(pilot, "space")
-        app.bench = bench
-        recorder.refuse = "JL is in control"
-        await pressed(pilot, "ctrl+s")
-        assert front(app) is screen
-        recorder.refuse = ""
-        await pressed(pilot, "ctrl+s")
-        assert front(app) is not screen
-        assert (app.folder / "vehicle.json").exists()
-
-
 GONE = Lost("the recorder has ended", "all frames up to then are on the disk")
 
 
-async def test_the_form_says_what_to_press_while_no_recorder_answers(make_app: Make) -> None:
+async def test_the_form_says_what_to_press_while_no_recorder_answers(
+    make_app: Make, snapshot: Callable[..., None]
+) -> None:
     recorder = FakeRecorder()
     app = make_app(recorder)
-    async with app.run_test(size=(80, 24)) as pilot:
+    async with app.run_test(size=(140, 40)) as pilot:
         await reach(pilot, VehicleScreen)
+        snapshot(app, "vehicle_140x40")
+        await pilot.resize_terminal(80, 24)
+        await pilot.pause()
+        snapshot(app, "vehicle_80x24")
         screen = app.screen
         assert isinstance(screen, VehicleScreen)
         assert "this is the car: go on to step 2 Check" in seen(app)

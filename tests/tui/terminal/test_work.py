@@ -248,13 +248,36 @@ async def test_report_written_and_the_next_vehicle(
 
 
 async def test_every_page(make_app: Make, snapshot: Snapshot) -> None:
-    app = make_app(measured())
-    async with showing(app, SMALL, outcome()) as pilot:
+    recorder = measured()
+    app = make_app(recorder)
+    async with playing(app, SMALL) as pilot:
+        assert not results_of(app).ready
+        await app.open("results")
+        await until(pilot, lambda: shows(app, "nothing is identified yet: SPACE = step 6"))
+        results_of(app).show_outcome(outcome())
+        assert results_of(app).ready
+        await pilot.pause()
         for name in ("OK", "m_s", "I_yy", "k_sf", "c_sr", "t_r", "SPACE"):
             assert name in seen(app), "the whole table is seen without scrolling"
         for page in ("parameters", "modes", "runs", "findings"):
             await at_every_size(pilot, snapshot, f"results_{page}")
             await pressed(pilot, "tab")
+        await pressed(pilot, "tab")
+        await pilot.resize_terminal(80, 16)
+        await pilot.pause()
+        table = results_of(app).query_one("#modes-table", Table)
+        for key, row in (("down", 2), ("down", 4), ("up", 2)):
+            await pressed(pilot, key)
+            assert table.scroll_y == row
+        await pressed(pilot, "tab", "down", "down", "up")
+        assert results_of(app).query_one("#runs-table", Table).cursor_row == 1
+        await pilot.resize_terminal(*SMALL)
+        await pilot.pause()
+        assert "[6 Identify]" in seen(app)
+        assert "SPACE = step 7 Report" in seen(app)
+        assert "session_0001.h5" in await pressed(pilot, "space")
+        assert isinstance(app.screen, ReportScreen)
+        assert Mark("step identify done") in recorder.orders
 
 
 @pytest.mark.parametrize(("name", "made"), [("doubtful", doubtful), ("refused", refused)])
@@ -283,36 +306,6 @@ async def test_x_rejects_the_chosen_run_and_builds_again(make_app: Make) -> None
         accepts = [o for o in recorder.orders if isinstance(o, Accept)]
         assert [a.label for a in accepts] == ["baseline_pitch_1"]
         assert all(a.reason for a in accepts)
-
-
-async def test_space_goes_on_to_the_report_of_this_session(make_app: Make) -> None:
-    recorder = measured()
-    app = make_app(recorder)
-    async with showing(app, SMALL, outcome()) as pilot:
-        assert "[6 Identify]" in seen(app)
-        assert "SPACE = step 7 Report" in seen(app)
-        assert "session_0001.h5" in await pressed(pilot, "space")
-        assert isinstance(app.screen, ReportScreen)
-        assert Mark("step identify done") in recorder.orders
-
-
-async def test_pages_scroll(make_app: Make) -> None:
-    app = make_app(measured())
-    async with playing(app, SMALL) as pilot:
-        assert not results_of(app).ready
-        await app.open("results")
-        await until(pilot, lambda: shows(app, "nothing is identified yet: SPACE = step 6"))
-        results_of(app).show_outcome(outcome())
-        assert results_of(app).ready
-        assert "body bounce" in await pressed(pilot, "tab")
-        await pilot.resize_terminal(80, 16)
-        await pilot.pause()
-        table = results_of(app).query_one("#modes-table", Table)
-        for key, row in (("down", 2), ("down", 4), ("up", 2)):
-            await pressed(pilot, key)
-            assert table.scroll_y == row
-        await pressed(pilot, "tab", "down", "down", "up")
-        assert results_of(app).query_one("#runs-table", Table).cursor_row == 1
 
 
 def test_a_table_shows_what_is_known_given_and_not_determined() -> None:
