@@ -197,7 +197,17 @@ def even_times(t_ns: NDArray[np.int64], t0_ns: int) -> SensorTimes:
     if len(t_ns) < _FEWEST:
         return arrival_times(t_ns, t0_ns)
     arrival_s: NDArray[np.float64] = np.asarray((t_ns - t0_ns) * 1e-9, dtype=np.float64)
-    best = min(_possible_ticks(arrival_s), key=lambda ticks: ticks.unlikeliness, default=None)
+    gap_s = np.diff(arrival_s)
+    median_s = float(np.median(gap_s))
+    if not median_s > 0.0:
+        return arrival_times(t_ns, t0_ns)
+    # If frames of another sensor delay some frames, the median gap may belong to a clock that is a
+    # sixteenth too fast and of which every sixteenth frame is missing; the mean of the gaps in
+    # which no frame is missing does not.
+    mean_s = float(np.mean(gap_s[gap_s < 1.5 * median_s]))
+    tried = [_punctual_ticks(arrival_s, rough_s) for rough_s in (median_s, mean_s)]
+    explaining = [ticks for ticks in (*tried, _all_ticks(arrival_s)) if ticks is not None]
+    best = min(explaining, key=lambda ticks: ticks.unlikeliness, default=None)
     if best is None:
         return arrival_times(t_ns, t0_ns)
     step = np.concatenate([[1], np.diff(best.index)]).astype(np.int64)
@@ -227,22 +237,6 @@ class _Ticks:
         return float(n * np.log(mean_s) + np.sum(np.diff(self.index) > 1) * np.log(n))
 
 
-def _possible_ticks(arrival_s: NDArray[np.float64]) -> list[_Ticks]:
-    """Return the clocks that explain the arrivals of a run, (n,).
-
-    If frames of another sensor delay some frames, the median gap may belong to a clock that is a
-    sixteenth too fast and of which every sixteenth frame is missing; the mean gap does not.
-    """
-    gap_s = np.diff(arrival_s)
-    median_s = float(np.median(gap_s))
-    if not median_s > 0.0:
-        return []
-    # Gap, in median gaps, below which no frame is missing between two frames.
-    mean_s = float(np.mean(gap_s[gap_s < 1.5 * median_s]))
-    tried = (_punctual_ticks(arrival_s, median_s), _punctual_ticks(arrival_s, mean_s))
-    return [ticks for ticks in (*tried, _all_ticks(arrival_s)) if ticks is not None]
-
-
 def _punctual_ticks(arrival_s: NDArray[np.float64], rough_s: float) -> _Ticks | None:
     """Return the tick of each frame, if frames come less than a cycle late.
 
@@ -257,9 +251,6 @@ def _punctual_ticks(arrival_s: NDArray[np.float64], rough_s: float) -> _Ticks | 
     # Share of frames after a gap, from which the assumed clock may be twice too fast.
     if too_late or not follows or len(gaps) > 0.1 * len(index):
         return None
-    # The last two frames of a run count as late, and not as after a gap: no further frame follows.
-    if len(gaps) and gaps[0] >= len(index) - 3:
-        index = np.arange(len(index), dtype=np.float64)  # late, and not after the only gap
     return _Ticks(index, late_s, cycle_s)
 
 

@@ -31,7 +31,7 @@ from daq.runs import Event
 from dbc.frames import FrameBatch
 from dbc.words import InputError
 
-from ..crash_frames import HEAD, START_NS, FailingDisk, QuickFile, block, numbers
+from ..crash_frames import HEAD, START_NS, QuickFile, block, numbers
 
 LIMITS = RecorderConfig(reserve_bytes=0.0)
 
@@ -126,7 +126,7 @@ def test_another_process_goes_on_with_its_own_counts(tmp_path: Path) -> None:
 def test_a_tail_torn_at_any_byte_costs_that_block_alone(tmp_path: Path) -> None:
     path, (*_, before, end) = segment(tmp_path, 2)
     whole = path.read_bytes()
-    for size in [*range(before, before + HEADER.size + 2), *range(before, end, 131), end - 1]:
+    for size in [*range(before, before + HEADER.size + 2, 3), *range(before, end, 401), end - 1]:
         path.write_bytes(whole[:size])
         contents = read_journal([path])
         assert same(contents.frames, block(0, 100))
@@ -140,7 +140,7 @@ def test_a_bit_changed_anywhere_costs_at_most_its_block_and_is_counted(tmp_path:
     whole = path.read_bytes()
     rng = np.random.default_rng(41)
     harmless = 0
-    for at in [*range(0, 56, 5), *rng.integers(0, len(whole), 90).tolist()]:
+    for at in [*range(0, 56, 5), *rng.integers(0, len(whole), 40).tolist()]:
         changed = bytearray(whole)
         changed[at] ^= 1 << int(rng.integers(8))
         path.write_bytes(changed)
@@ -154,7 +154,7 @@ def test_a_bit_changed_anywhere_costs_at_most_its_block_and_is_counted(tmp_path:
         assert contents.lost.blocks_missing == len(gone)
         assert scan(path).summary.stop == 12
         harmless += not gone
-    assert 0 < harmless < 60
+    assert 0 < harmless < 30
 
 
 @pytest.mark.parametrize("zeros", [40, 3000, 25_000])
@@ -329,18 +329,6 @@ def names(folder: Path) -> list[str]:
 # Names and ends of segments -----------------------------------------------------------------------
 
 
-def test_the_segment_being_written_is_read_too(tmp_path: Path) -> None:
-    with JournalWriter(tmp_path, HEAD, SMALL_LIMITS, QuickFile) as writer:
-        for k in range(12):
-            writer.append(block(100 * k, 100), HopLosses())
-            writer.maintain(0.1 * k)
-        assert names(tmp_path) == ["journal_0001.bbj", "journal_0002.bbj"]
-        sizes = [path.stat().st_size for path in segments_in(tmp_path)]
-        assert writer.status.journal_bytes == sum(sizes)
-        assert [path.name for path in writer.paths] == names(tmp_path)
-        assert numbers(read_journal(writer.paths).frames).tolist() == list(range(1200))
-
-
 def test_a_segment_ends_at_its_size_or_age_but_not_without_blocks(tmp_path: Path) -> None:
     limits = RecorderConfig(segment_bytes=12_000.0, reserve_bytes=0.0)
     with JournalWriter(tmp_path, HEAD, limits, QuickFile) as writer:
@@ -356,15 +344,6 @@ def test_a_segment_ends_at_its_size_or_age_but_not_without_blocks(tmp_path: Path
                 writer.append(block(0, frames), HopLosses())
             writer.maintain(now_s)
             assert len(segments_in(tmp_path)) == files, now_s
-
-
-def test_a_segment_with_a_failed_write_never_changes_again_either(tmp_path: Path) -> None:
-    writer = JournalWriter(tmp_path, HEAD, SMALL_LIMITS, FailingDisk("eio", 30).create)
-    for k in range(20):
-        writer.append(block(10 * k, 10), HopLosses())
-    assert names(tmp_path) == ["journal_0001.bbj", "journal_0002.bbj"]
-    assert scan(tmp_path / "journal_0001.bbj").summary.frames > 0
-    writer.close()
 
 
 def test_segments_are_numbered_on_and_never_overwritten(tmp_path: Path) -> None:
@@ -455,21 +434,6 @@ def test_the_runs_of_the_present_recording_stay_with_the_time_around_them(tmp_pa
             writer.maintain(240.0 * k)
     contents = read_journal(writer.paths)
     assert not contents.lost.any
+    assert {event.code for event in contents.events} == {"bump", "retention"}
     kept = numbers(contents.frames)[::10] // 3_840_000
     assert kept.tolist() == [*range(10, 21), *range(24, 30)]
-
-
-def test_hours_without_a_run_go_from_the_open_recording_and_are_no_loss(tmp_path: Path) -> None:
-    limits = RecorderConfig(segment_bytes=15_000.0, keep_bytes=60_000.0, reserve_bytes=0.0)
-    with JournalWriter(tmp_path, A, limits, QuickFile) as writer:
-        for k in range(60):
-            writer.append(block(3_840_000 * k, 100), HopLosses())
-            writer.maintain(240.0 * k)
-    assert writer.paths == segments_in(tmp_path)  # a session is derived of these
-    assert sum(path.stat().st_size for path in writer.paths) < 80_000
-    contents = read_journal(segments_in(tmp_path))
-    read = numbers(contents.frames)
-    assert len(read) < 60 * 100
-    assert read[-1] == 3_840_000 * 59 + 99
-    assert not contents.lost.any
-    assert {event.code for event in contents.events} == {"retention"}

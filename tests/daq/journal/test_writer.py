@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import errno
-import os
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -23,8 +21,6 @@ from ..crash_frames import (
     FailingDisk,
     QuickFile,
     block,
-    journal_of_runs,
-    kill_derive,
     numbers,
 )
 from ..crash_writer import (
@@ -74,18 +70,18 @@ class StubbornFile(QuickFile):
 
 
 def test_a_crash_image_loses_nothing_that_was_acknowledged(tmp_path: Path) -> None:
-    assert images(tmp_path, 45, seed=12) > 0
+    assert images(tmp_path, 24, seed=12) > 0
 
 
 def test_an_operation_that_fails_loses_nothing_and_is_reported(tmp_path: Path) -> None:
-    operations = [*range(1, 24, 3), 60, 128]
+    operations = [1, 2, 3, 5, 13, 60]
     assert faults(tmp_path, operations) == len(KINDS) * len(operations)
 
 
-@pytest.mark.parametrize("reserve", [0.0, 100_000.0])
-def test_a_full_disk_costs_only_what_it_says(tmp_path: Path, reserve: float) -> None:
-    full = run_full(small_disk(tmp_path / "full", 1_234_567), reserve, full_s=90.0)
-    assert full.dropped > 0
+@pytest.mark.parametrize(("reserve", "full_s"), [(0.0, 90.0), (100_000.0, 5.0)])
+def test_a_full_disk_costs_only_what_it_says(tmp_path: Path, reserve: float, full_s: float) -> None:
+    full = run_full(small_disk(tmp_path / "full", 1_234_567), reserve, full_s)
+    assert bool(full.dropped) == (full_s > 60.0)
     assert full.alarm_s <= 1.0
     assert full.resumed_s <= 5.0
     assert full.grown_bytes < 50_000_000
@@ -104,15 +100,6 @@ def test_what_is_taken_away_is_reported(tmp_path: Path, how: Callable[[Path], ob
 
 def test_a_disk_that_turns_read_only_is_waited_for(tmp_path: Path) -> None:
     read_only(tmp_path / "journal")
-
-
-@pytest.mark.long  # `make crash` does it at length; a file is complete or absent by `replaced`
-def test_a_derivation_that_is_killed_leaves_a_whole_file_or_none(tmp_path: Path) -> None:
-    segments = journal_of_runs(tmp_path / "journal", 30_000)
-    assert len(segments) > 1
-    done = kill_derive(tmp_path, segments, 1)
-    assert done.writing >= 1
-    assert done.absent >= 1, "what is being written has not its final name"
 
 
 # Files that fail ----------------------------------------------------------------------------------
@@ -171,33 +158,6 @@ def test_a_block_that_is_in_two_segments_counts_once(tmp_path: Path, nth: int) -
         assert (tail.frames, [event.t_ns for event in tail.events]) == (120, list(range(12)))
     contents = read_journal(writer.paths)
     assert (len(contents.frames), len(contents.events), contents.lost.any) == (120, 12, False)
-
-
-def test_a_block_is_tried_in_the_open_file_and_in_one_more(tmp_path: Path) -> None:
-    created: list[Path] = []
-
-    class Broken(QuickFile):
-        """Takes its head, and no block; a third file would take those, too."""
-
-        syncs = 0
-
-        def sync(self) -> None:
-            self.syncs += 1
-            if self.syncs > 1 and len(created) < 3:
-                raise OSError(errno.EIO, os.strerror(errno.EIO))
-
-    def create(path: Path) -> QuickFile:
-        created.append(path)
-        return Broken(path)
-
-    writer = JournalWriter(tmp_path, HEAD, NO_RESERVE, create)
-    writer.append(block(0, 10), HopLosses())
-    assert len(created) == 2
-    assert writer.status.held_frames == 10
-    writer.close()
-    tail = last_recording(tmp_path)
-    assert tail is not None
-    assert tail.frames == 10
 
 
 def test_a_warning_lasts_a_minute(tmp_path: Path) -> None:

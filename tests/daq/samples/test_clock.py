@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 from numpy.typing import NDArray
-from scipy.optimize import linprog
 
 from daq.samples.clock import (
     SensorTimes,
@@ -138,18 +137,18 @@ def test_arrival_times_increase_strictly_even_if_the_stamps_do_not() -> None:
 
 
 @pytest.mark.parametrize("tolerance", [0.05, 1e-4])
-def test_the_lower_line_is_the_optimum_of_the_linear_programme(tolerance: float) -> None:
+def test_the_lower_line_is_the_highest_below_all_points(tolerance: float) -> None:
     rng = np.random.default_rng(7)
     k = np.arange(-99.5, 100.0)
     y = 2.003 * k + rng.exponential(0.3, 200)
     start, slope = lower_line(k, y, 2.0, tolerance)
-    best = linprog(
-        [-1.0, 0.0],  # the highest line at the mean of k ...
-        A_ub=np.column_stack([np.ones(200), k]),  # ... that lies below all points
-        b_ub=y,
-        bounds=[(None, None), (2.0 * (1 - tolerance), 2.0 * (1 + tolerance))],
-    )
-    np.testing.assert_allclose([start, slope], best.x, rtol=1e-9)
+    # An optimum touches two points, or is the highest line of an extreme slope.
+    limits = 2.0 * (1 - tolerance), 2.0 * (1 + tolerance)
+    one, other = np.triu_indices(200, 1)
+    slopes = np.clip([(y[other] - y[one]) / (k[other] - k[one])], *limits).ravel()
+    starts = np.array([np.min(y - each * k) for each in slopes])
+    best = int(np.argmax(starts))
+    np.testing.assert_allclose([start, slope], [starts[best], slopes[best]], rtol=1e-9)
 
 
 @pytest.mark.parametrize(("scatter_s", "late_s"), [(14e-6, 7e-6), (16e-6, 0.0)])
@@ -265,13 +264,6 @@ def test_the_ticks_of_jitter_beyond_a_cycle_are_found_or_the_arrival_is_kept() -
     assert max(found) < 0.1
 
 
-@pytest.mark.parametrize(("n_late", "end"), [(1, 0.0), (2, 0.0), (3, 1.0)])
-def test_the_last_two_frames_are_late_rather_than_behind_a_gap(n_late: int, end: float) -> None:
-    late_s = np.zeros(240)
-    late_s[-n_late:] = 1.1 * CYCLE_S
-    assert errors(late_s)[-1] == pytest.approx(end, abs=0.2)
-
-
 @pytest.mark.parametrize(("late_share", "is_found"), [(0.2, True), (0.3, False)])
 def test_a_clock_that_is_not_followed_is_none(late_share: float, is_found: bool) -> None:
     late_s = np.zeros(240)
@@ -329,24 +321,6 @@ def test_times_are_those_of_the_samples(drift: float, wrap_s: float) -> None:
     times = stamped_times(stamp, wrap_s, stamps(late(taken)), 0)
     assert np.abs(times.time_s - taken).max() < 30e-6
     assert times.step[1:].tolist() == np.diff(k).tolist()
-
-
-def test_repeated_stamps_are_no_samples() -> None:
-    arrive = np.arange(150.0) * SET_CYCLE_S / 2
-    taken = np.repeat(arrive[::2], 2)
-    times = stamped_times(taken, 100.0, stamps(late(arrive)), 0)
-    fresh = times.step > 0
-    assert fresh.sum() == 75
-    assert np.isnan(times.time_s[~fresh]).all()
-
-
-def test_stamps_that_do_not_run_with_the_bus_are_not_believed() -> None:
-    taken = np.arange(200.0) * SET_CYCLE_S
-    t_ns = stamps(late(taken))
-    times = stamped_times(taken * 1e-3, 100.0, t_ns, 0)
-    np.testing.assert_allclose(times.time_s, t_ns * 1e-9, atol=1e-9)
-    still = stamped_times(np.full(200, 3.0), 100.0, t_ns, 0)
-    np.testing.assert_allclose(still.time_s, t_ns * 1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("lead_s", [-0.002, 0.001, 0.004])

