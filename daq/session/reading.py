@@ -7,6 +7,7 @@ from dataclasses import fields
 from math import prod
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
+from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,8 +47,6 @@ from .writing import (
     Content,
     Item,
     digests,
-    groups_in,
-    last_line,
 )
 
 if TYPE_CHECKING:
@@ -118,9 +117,10 @@ def read_content(path: Path | str) -> tuple[Content, bool]:
         raise InputError(
             where, f"cannot be read: {error.strerror}", "get read permission"
         ) from error
-    length = len(last_line(b""))
-    is_as_written = image[-length:] == last_line(memoryview(image)[:-length])
-    if image[-length:].startswith(MARK) and not is_as_written:
+    end = len(image) - len(MARK) - 9  # where the last line begins
+    is_marked = end > 0 and image.startswith(MARK, end)
+    is_as_written = is_marked and image[end:] == b"%s%08x\n" % (MARK, crc32(image[:end]))
+    if is_marked and not is_as_written:
         what = "is damaged: it does not match the checksum at its end"
         raise InputError(where, what, _DAMAGED_ADVICE)
     try:
@@ -203,6 +203,12 @@ def _plain(value: Any) -> Any:
     if isinstance(value, bytes):
         return value.decode("utf-8", "surrogateescape")
     return value.item() if isinstance(value, np.generic) else value
+
+
+def groups_in(content: Content, path: str) -> list[str]:
+    """Return the names of the groups in a group, sorted."""
+    groups = (name.rpartition("/") for name, item in content.items() if item.values is None)
+    return sorted(last for above, _, last in groups if above == path)
 
 
 def session_of(content: Content, where: str) -> Session:

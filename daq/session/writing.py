@@ -96,12 +96,6 @@ Content = dict[str, Item]
 """Items by path, from the root: `/runs/r001_baseline_bounce_1/HUB_Front/time`."""
 
 
-def groups_in(content: Content, path: str) -> list[str]:
-    """Return the names of the groups in a group, sorted."""
-    groups = (name.rpartition("/") for name, item in content.items() if item.values is None)
-    return sorted(last for above, _, last in groups if above == path)
-
-
 def digests(content: Content) -> dict[str, str]:
     """Return the SHA-256 of each part: of each run, and of each of `PARTS`.
 
@@ -109,7 +103,7 @@ def digests(content: Content) -> dict[str, str]:
     value as Python's `ascii` writes them), and of a dataset the type, the shape and the bytes,
     little endian; of a run, in `/runs`, its path and its checksum.
     """
-    runs = tuple(f"/runs/{name}" for name in groups_in(content, "/runs"))
+    runs = sorted(path for path in content if path.startswith("/runs/") and path.count("/") == 2)
     totals = {part: sha256() for part in (*runs, *PARTS) if part in content}
     for path in sorted(content):
         parts = path.split("/")
@@ -349,13 +343,8 @@ def _image(content: Content) -> memoryview:
             if path in checksums:
                 made.attrs[CHECKSUM] = checksums[path]
     image.seek(0, SEEK_END)
-    image.write(last_line(image.getvalue()))
+    image.write(b"%s%08x\n" % (MARK, crc32(image.getvalue())))
     return image.getbuffer()
-
-
-def last_line(image: bytes | memoryview) -> bytes:
-    """Return the last bytes of a session file: the checksum of those before them."""
-    return b"%s%08x\n" % (MARK, crc32(image))
 
 
 def _stored(value: Attribute) -> Any:
