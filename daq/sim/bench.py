@@ -47,8 +47,6 @@ SWING_S = 4.0
 """Time, s, after which the motion of a car with a damping of 0.25 at 1 Hz has decayed to 1/500."""
 PUSH_N, PUSH_S, PAUSE_S = 400.0, 1.2, 1.6
 """Force and duration of a push by a person on a corner, who lets go gently; rest after it, s."""
-PUSHES_S = len(ORDER) * (PUSH_S + PAUSE_S)
-"""Duration of a push on each corner, s."""
 _MARGIN_S = 0.2
 """Margin at the end of an act, s, because an act ends with the piece that is being sampled."""
 _AGAIN_S = 0.84

@@ -9,16 +9,15 @@ computed from them can be tested.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dbc.codec import SignalLayout
-from dbc.units import to_si
-from dbc.words import InputError
 
 from ..channels import ON_BODY, SI_UNITS, Channel, Quantity, message_of
+from ..samples.mapping import si_unit
 from ..vehicle import FORD_GRANADA, AddedMass, BodyWeight, MassState, VehicleParameters
 from .engine import Array, Plant
 from .motion import (
@@ -37,27 +36,22 @@ class Spread:
     """Standard deviations of an error, by kind of sensor."""
 
     body_acceleration_m_s2: float
-    """Accelerometers on the body."""
     hub_acceleration_m_s2: float
-    """Accelerometers on the hubs."""
     rate_rad_s: float
-    """Gyroscopes."""
     angular_acceleration_rad_s2: float
-    """Angular accelerometers, if there are any."""
     displacement_m: float
-    """Suspension travel and other displacements."""
 
-    def of(self, quantity: Quantity) -> float:
-        """Return the standard deviation for a sensor of `quantity`, SI; 0 for an unused one."""
+    def of(self, quantity: Quantity, unit: str) -> float:
+        """Return the standard deviation for a sensor of `quantity` in an SI unit; 0 for others."""
+        if quantity is Quantity.HUB_ACCELERATION:
+            return self.hub_acceleration_m_s2
         by_unit = {
             "rad/s": self.rate_rad_s,
             "rad/s2": self.angular_acceleration_rad_s2,
             "m": self.displacement_m,
             "m/s2": self.body_acceleration_m_s2,
         }
-        if quantity is Quantity.HUB_ACCELERATION:
-            return self.hub_acceleration_m_s2
-        return by_unit.get(SI_UNITS.get(quantity, ""), 0.0)
+        return by_unit.get(unit, 0.0)
 
 
 NOISE = Spread(0.03, 0.15, math.radians(0.1), 0.02, 0.0002)
@@ -162,7 +156,8 @@ class SimulatedCar:
         for channel in channels:
             delay_error = delay_errors[message_of(channel.signal)]
             position_error_m = channel.position_sigma_m * rng.standard_normal(2)
-            bias = self.bias.of(channel.quantity) * rng.standard_normal()
+            unit = SI_UNITS.get(channel.quantity, "")
+            bias = self.bias.of(channel.quantity, unit) * rng.standard_normal()
             x_m, y_m = cg if channel.at_cg else (channel.x_m, channel.y_m)
             on_body = channel.quantity in ON_BODY
             gain = 1.0
@@ -213,35 +208,15 @@ def install(unloaded: Plant) -> Installation:
     return Installation(unloaded, static_pose(unloaded))
 
 
-_SPARE: dict[str, tuple[Quantity, Callable[[Array], Array]]] = {
-    # Nose down turns x towards the ground, so that gravity pulls the proof mass forward; left side
-    # up turns y away from the ground.
-    "IMU_Accel.acc_x": (Quantity.BODY_ACCELERATION, lambda tilt: -GRAVITY_M_S2 * tilt[1]),
-    "IMU_Accel.acc_y": (Quantity.BODY_ACCELERATION, lambda tilt: GRAVITY_M_S2 * tilt[2]),
-    "IMU_Rate.rate_z": (Quantity.PITCH_RATE, lambda tilt: 0.0 * tilt[0]),  # it does not turn
-}
-"""Signals of the shipped IMU that the method does not use: the kind of sensor, for its errors, and
-the reading from the pose relative to the design pose."""
-
-
-def kind(channel: Channel) -> Quantity:
-    """Return the quantity that a channel's sensor measures, also if the channel is not used."""
-    if channel.quantity is Quantity.UNUSED and channel.signal in _SPARE:
-        return _SPARE[channel.signal][0]
-    return channel.quantity
-
-
 def true_reading(
     channel: Channel, sensor: SensorTruth, car: Installation, motion: Kinematics
 ) -> Array:
     """Return the reading of a perfect sensor in the true position.
 
-    Rotations are small, as in the plant: an accelerometer's share of gravity is 1 g on z, and
-    the tilt angle times 1 g on x and y.
+    Rotations are small, as in the plant: a vertical accelerometer's share of gravity is 1 g.
 
     `sensor`: true position of the sensor.  `motion`: n instants; `daq.vehicle.DOF` is the order of
-    its rows.  Returns (n,) float64: in the channel's SI unit.  An unused channel that the simulator
-    does not know reads 0.
+    its rows.  Returns (n,) float64: in the channel's SI unit; an unused channel reads 0.
     """
     moved = motion.pose - car.design_pose
     # From the CG, not from the middle of the front axle.
@@ -268,8 +243,7 @@ def true_reading(
         case Quantity.SUSPENSION_TRAVEL:
             value = moved[wheel] - corner_motion(car.plant, moved)[wheel - 3]
         case Quantity.UNUSED:
-            _, reading = _SPARE.get(channel.signal, _SPARE["IMU_Rate.rate_z"])
-            value = reading(moved)
+            value = np.zeros(moved.shape[1])
     return np.asarray(value, dtype=np.float64)
 
 
@@ -320,7 +294,8 @@ def measured(
 
     The noise is that of the digitising, after any low-pass.
     """
-    noisy = reading + sensor.bias + noise.of(kind(channel)) * rng.standard_normal(len(reading))
+    sigma = noise.of(channel.quantity, channel.unit or SI_UNITS.get(channel.quantity, ""))
+    noisy = reading + sensor.bias + sigma * rng.standard_normal(len(reading))
     return np.asarray(sensor.gain * np.clip(noisy, -sensor.limit, sensor.limit))
 
 
@@ -338,13 +313,7 @@ def signal_values(
     signal's bits can express.  Raises InputError if the signal's unit does not measure the
     channel's quantity.
     """
-    value = measured(channel, sensor, noise, reading, rng) + channel.tare
-    value = value / (channel.sign * channel.scale)
-    if channel.quantity is not Quantity.UNUSED or channel.signal in _SPARE:
-        si = to_si(signal.unit)
-        if channel.unit not in ("", si.unit):
-            what = f"is in {channel.unit}, but {channel.signal} is in {signal.unit}"
-            advice = "name the right signal or quantity in bench.toml"
-            raise InputError(f"channel {channel.name}", what, advice)
-        value = (value - si.offset) / si.factor
+    si = si_unit(channel, signal.unit, "the database")
+    value = measured(replace(channel, unit=si.unit), sensor, noise, reading, rng) + channel.tare
+    value = (value / (channel.sign * channel.scale) - si.offset) / si.factor
     return np.asarray(np.clip(value, *signal.span), dtype=np.float64)

@@ -29,7 +29,7 @@ def main(folder: Path, bench_toml: Path | None = None) -> Path:
     bench = replace(bench, campaign=replace(bench.campaign, accept_after_s=0.0))
     # Ten lines ...
     stop, news = threading.Event(), News()
-    bus = open_source(bench.bus, 0)  # before the first frame
+    bus = open_source(bench.buses[0], 0)  # before the first frame
     recorder = Recorder(bench, folder, lambda *_: bus, software="recording.py")
     writer = threading.Thread(target=recorder.run, args=(stop, news.hear))
     writer.start()
@@ -64,7 +64,7 @@ def bump_the_car(bench: Bench) -> None:
     """Play the campaign of the simulated car on the bench's bus."""
     codec = bench_codec(bench)
     frames = campaign_frames(bench, codec, SimulatedCar(), seed=1, start_ns=time.time_ns())
-    with open_bus(bench.bus) as bus:
+    with open_bus(bench.buses[0]) as bus:
         for _ in play(frames, bus, speed=None):
             pass
 
