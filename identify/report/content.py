@@ -12,7 +12,7 @@ from daq.channels import Channel, Quantity
 from daq.samples.trigger import BUMP
 from daq.sessions import Session, notes_of, overrides_of
 from daq.vehicle import BodyWeight, HubWeight
-from dbc.words import Finding, Severity, counted
+from dbc.words import counted
 
 from ..decays.usable import usable_session
 from ..fit.estimation import Estimation
@@ -307,7 +307,6 @@ def report_of(
             (parameter_words(name), with_unit(e) + ("" if e.std else ", given"))
             for name, e in result.parameters.items()
         ),
-        findings=(*result.quality.findings, *_untraced_sensors(session)),
         sections=tuple(sections),
     )
 
@@ -342,17 +341,3 @@ def _support(session: Session, result: Identification, checks: CrossChecks) -> s
         good = sum(p.at_noise for p in checks.predictions)
         parts.append(f"{good} of {len(checks.predictions)} predicted by the others")
     return "; ".join(parts) + "."
-
-
-def _untraced_sensors(session: Session) -> list[Finding]:
-    """Return a note on measured channels without serial number or day of calibration."""
-    if session.provenance.get("origin", "real") != "real":
-        return []
-    untraced = [c.name for c in session.used_channels if not (c.serial_number and c.calibrated)]
-    if not untraced:
-        return []
-    text = (
-        f"{len(untraced)} of {counted(len(session.used_channels), 'sensor')} without serial number "
-        "or day of calibration: the result cannot be traced to them; state both in bench.toml"
-    )
-    return [Finding("sensors", Severity.NOTE, text)]

@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.vehicle import VehicleGeometry
-from dbc.words import Finding
 
 from ..result import Identification
 
@@ -160,8 +159,6 @@ class Report:
     """How well the data and the runs support the numbers, in one line."""
     values: tuple[tuple[str, str], ...]
     """Every parameter in words, and its value with half of its interval and its unit."""
-    findings: tuple[Finding, ...]
-    """Findings of the identification, the worst first, then those on the sensors."""
     sections: tuple[Section, ...]
 
     @property

@@ -172,7 +172,7 @@ def _content(report: Report, folder: Path) -> dict[str, Any]:
         "values": report.values,
         "findings": [
             {"verdict": worth, "mark": f"{SEVERITY[worth]}: {plain(finding.code)}", "text": text}
-            for finding in report.findings
+            for finding in quality.findings
             for worth, text in [(Verdict.of(finding.severity), finding.text)]
         ],
         "nothing_to_do": "" if quality.findings else NOTHING_TO_DO,

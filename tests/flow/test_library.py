@@ -96,7 +96,7 @@ def test_the_notebook_runs(
         ).execute()
     outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
     kinds = [kind for output in outputs for kind in output.get("data", {})]
-    assert kinds.count("image/png") == 5
+    assert kinds.count("image/png") == 4
     said = "".join(output.get("text", "") for output in outputs)
     assert "verdict: ok" in said
     assert "sprung mass 13" in said  # the paper's 1380 kg, to a few

@@ -20,7 +20,6 @@ from identify.change import (
     change_of,
     choose,
     differences,
-    likelihood_of,
     with_common_structure,
 )
 from identify.decays.usable import usable
@@ -116,20 +115,6 @@ def test_sessions_of_other_parameters_are_not_compared() -> None:
     one = session({}, 1)
     fewer = replace(one, box=replace(one.box, geometry=FORD_GRANADA.geometry))
     assert change_of([one, fewer]).outcome == "not compared"
-
-
-def test_a_difference_is_that_of_generalised_least_squares() -> None:
-    """All parameters free: the difference of two full fits; one alone: weighted by both errors."""
-    shares = tuple(likelihood_of(session({}, seed)) for seed in (1, 4))
-    free = [Candidate(i, np.array([[0.0], [1.0]])) for i in range(15)]
-    found = differences(shares, np.eye(15), free)
-    fits = [session({}, seed).fit for seed in (1, 4)]
-    apart = fits[1].eta - fits[0].eta
-    spread = np.linalg.inv(fits[0].covariance + fits[1].covariance)
-    assert found.gain(range(15)) == pytest.approx(apart @ spread @ apart, rel=1e-6)
-    _, (by,), (std,) = found.best([9])
-    assert by[0] == pytest.approx((spread @ apart)[9] / spread[9, 9], rel=1e-6)
-    assert std[0] == pytest.approx(spread[9, 9] ** -0.5, rel=1e-6)
 
 
 @dataclass(frozen=True)

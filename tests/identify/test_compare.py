@@ -69,16 +69,6 @@ def test_holm_stops_at_the_first_that_does_not_stand(
     assert [q.differences[0].significant for q in two.parameters] == significant
 
 
-def test_false_alarms_of_all_tests_together_stay_below_five_percent() -> None:
-    rng = np.random.default_rng(7)
-    alarms = 0
-    for _ in range(300):
-        drawn = rng.standard_normal((3, 4))
-        three = compare(["a", "b", "c"], [_result(list(row), [1.0] * 4) for row in drawn])
-        alarms += any(d.significant for q in three.parameters for d in q.differences)
-    assert alarms <= 15 + 3 * 4
-
-
 def test_a_trend_is_the_weighted_line() -> None:
     rng = np.random.default_rng(1)
     values, std = rng.normal(5.0, 1.0, (6, 4)), rng.uniform(0.5, 2.0, (6, 4))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from math import isnan
+from math import isnan, nan
 from types import SimpleNamespace
 from typing import Any
 
@@ -13,8 +13,7 @@ from matplotlib.patches import Rectangle
 
 from identify import Estimate, Identification, Judgement, ModalModel
 from identify.compare import compare
-from identify.fit.likelihood import fit, residuals
-from identify.fit.uncertainty import Correlation, ModeEstimate, leave_one_out
+from identify.fit.uncertainty import Correlation, ModeEstimate, Prediction, leave_one_out
 from identify.modes.modal_model import Pairing
 from identify.modes.state_variable_method import StabilisationDiagram
 from identify.nonlinear.forces import AxleForces, DamperCurve, ElementChoice, Forces
@@ -22,13 +21,14 @@ from identify.report.evidence import (
     closed_form_section,
     correlation_section,
     information_section,
+    prediction_section,
 )
 from identify.report.page import Gallery, MovingCars, figure_of, svg_of
 from identify.report.parameters import damper_section, modes_section, parameter_section
 from identify.words import damper_rows
 from tui.result import print_forces
 
-from .made import drawn, estimated, made, picture, tables, texts
+from .made import drawn, made, picture, tables, texts
 
 ONES = np.ones(2)
 
@@ -418,27 +418,22 @@ def test_a_speed_that_one_axle_did_not_reach_is_empty_there() -> None:
     assert rows["+0.05"][2:] == ["100 ± 20", "100 ± 39"]
 
 
-# A run left out is predicted down to the noise by a linear car, and by no other -------------------
+# A run left out -----------------------------------------------------------------------------------
 
 
-def test_a_linear_car_predicts_every_run() -> None:
+def test_each_run_is_told_as_the_others_predict_it() -> None:
+    predictions = (
+        Prediction("one", 1.0, 1.05, 1.1), Prediction("two", 0.9, 1.2, 1.1),
+        Prediction("three", 1.0, nan, nan),
+    )  # fmt: skip
+    section = prediction_section(predictions)
+    assert "Here 1 of 2 runs are predicted" in section.lead
+    assert section.lead.endswith("For 1 the others do not determine the vehicle.")
+    assert texts(tables(section)["chi2/n of each run"]) == [
+        ["one", "1.0000", "1.0500", "1.1000", "✓ at noise level"],
+        ["two", "0.90000", "1.2000", "1.1000", "✕ not predicted"],
+        ["three", "1.0000", "", "", "the others do not determine all parameters"],
+    ]
     estimation = made("linear")[1].estimation
     assert estimation is not None
-    predictions = leave_one_out(estimation)
-    assert [p.label for p in predictions] == [r.label for r in estimation.records]
-    assert all(p.at_noise for p in predictions)
-    assert all(abs(p.predicted - 1.0) < 0.1 for p in predictions)
-
-
-def test_a_car_with_friction_does_not_and_one_step_is_what_a_fit_without_the_run_gives() -> None:
-    e = estimated("friction")  # where it is hardest: the run pulls by more than the noise
-    predictions = leave_one_out(e)
-    assert not any(p.at_noise for p in predictions)
-    assert min(p.predicted for p in predictions) > 1.3
-    decay, *others = e.decays
-    without = fit(e.box, tuple(others), e.sigma, e.fit.eta)
-    (left,) = residuals(e.box, (decay,), e.sigma, without.eta)
-    squares = sum(float(v @ v) / e.noise[name] ** 2 for name, v in left.values.items())
-    assert predictions[0].label == decay.label
-    assert predictions[0].predicted == pytest.approx(squares / sum(left.freedom.values()), rel=0.02)
-    assert predictions[0].predicted > predictions[0].fitted
+    assert all(p.at_noise for p in leave_one_out(estimation)), "a linear car predicts every run"

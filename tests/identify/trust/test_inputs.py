@@ -105,16 +105,6 @@ def test_a_hub_that_ends_at_2_g_is_doubtful() -> None:
     assert "hub_acc_fr" not in finding.text
 
 
-def test_on_the_bump_it_is_harmless() -> None:
-    """A steeper bump than the simulated one: the sensor ends at 60 m/s2, the decay at 46."""
-
-    def steep(t_s: Array, values: Array) -> Array:
-        on_bump = (t_s > REST_S) & (t_s < AFTER_BUMP_S - 0.02)
-        return np.where(on_bump, np.minimum(3.0 * values, 60.0), values)
-
-    assert judged_samples(rear_left(campaign("linear", 1), steep)) == ()
-
-
 @pytest.mark.parametrize(
     ("before_s", "found"), [(0.5 * GUARD_S, ["saturation"]), (2.5 * GUARD_S, [])]
 )
