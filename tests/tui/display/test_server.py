@@ -367,52 +367,28 @@ def test_a_link_into_the_network_comes_with_a_warning_and_a_code() -> None:
     assert served.code[1][2:9] == served.code[1][-9:-2] == corner
 
 
-class Pages:
-    """A server of pages that only waits for its end."""
-
-    made: list[tuple[Any, ...]]
-    does: Callable[[], None] | None
-
-    def __init__(self, guard: Any, feed: Any, name: str, control: Any) -> None:
-        self.secret = control.secret if control else ""
-        Pages.made.append((guard, feed, name, control))
-
-    async def serve(self, ended: asyncio.Event, listening: Callable[[], object]) -> None:
-        """Wait."""
-        listening()
-        if Pages.does is not None:
-            Pages.does()
-        await asyncio.wait_for(ended.wait(), 20.0)
-
-
 @pytest.fixture
-def pages(monkeypatch: pytest.MonkeyPatch) -> Iterator[type[Pages]]:
-    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
-    monkeypatch.setattr(Pages, "made", [], raising=False)
-    monkeypatch.setattr(Pages, "does", None, raising=False)
-    monkeypatch.setattr(server, "DisplayServer", Pages)
-    yield Pages
-    for guard, *_ in Pages.made:
-        guard._listening.close()
-    for number, handler in before.items():
+def _signals() -> Iterator[None]:
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.getsignal(number) for number in numbers]
+    yield
+    for number, handler in zip(numbers, before, strict=True):
         signal.signal(number, handler)
 
 
-def test_only_a_fault_of_its_own_ends_a_display(
-    tmp_path: Path, pages: type[Pages], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def fails() -> None:
+@pytest.mark.usefixtures("_signals")
+def test_only_a_fault_of_its_own_ends_a_display(tmp_path: Path) -> None:
+    def fails(*_: object) -> None:
         asyncio.get_running_loop().call_soon(lambda: [].pop())
 
-    def says() -> None:
+    def says(*_: object) -> None:
         loop = asyncio.get_running_loop()
         loop.call_exception_handler({"message": "too many open files", "socket": 3})
         loop.call_exception_handler({"message": "odd"})
 
-    for does, error, words in ((fails, IndexError, "pop"), (says, RuntimeError, "odd")):
-        monkeypatch.setattr(Pages, "does", staticmethod(does))
+    for announce, error, words in ((fails, IndexError, "pop"), (says, RuntimeError, "odd")):
         with pytest.raises(error, match=words):
-            run_display(tmp_path, "here", "MK", False, lambda *_: None)
+            run_display(tmp_path, "here", "MK", False, announce)
 
 
 @pytest.mark.parametrize("recorder", [False, True])
@@ -534,15 +510,6 @@ class Ended(io.StringIO):
         if "display: open" in text:
             signal.raise_signal(signal.SIGTERM)
         return super().write(text)
-
-
-@pytest.fixture
-def _signals() -> Iterator[None]:
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    before = [signal.getsignal(number) for number in numbers]
-    yield
-    for number, handler in zip(numbers, before, strict=True):
-        signal.signal(number, handler)
 
 
 @pytest.mark.usefixtures("_signals")
