@@ -465,32 +465,27 @@ def _sentinels(signal: SignalLayout, table: Mapping[int, str]) -> tuple[int, ...
 _WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[^\W\d_A-Z]+|[A-Z]+")
 _FILLER = "signal|sig|value|val|data|sensor|is|the"
 _NOT = "no|not|non|kein|keine|without|ohne|nicht"
-_FAULT = (
-    r"err(?:or)?s?|fault(?:s|y|ed)?|fail(?:ed|ure)?|fehler(?:wert|haft)?|defect(?:ive)?|defekt|ersatz(?:wert)?"
-    r"|open (?:circuit|load|wire|line)|(?:broken|cut) (?:wire|cable|line)"
+_BAD = (
+    r"err(?:or)?s?|fault(?:s|y|ed)?|fail(?:ed|ure)?|fehler(?:wert|haft)?|defect(?:ive)?|defekt"
+    r"|ersatz(?:wert)?|open (?:circuit|load|wire|line)|(?:broken|cut) (?:wire|cable|line)"
     r"|(?:wire|cable|line) break|short(?:ed| circuit| to \w+)|kurzschluss|kabelbruch|disconnected"
-    r"|out of range|(?:over|under) ?(?:range|flow|load)|saturat(?:ed|ion)"
-)
-"""Words that mean that there is no value, unless they are negated."""
-_ABSENT = (
-    r"sna|snv|na|nan|inv(?:alid|ld)?|un(?:available|avail|known|bekannt|def(?:in\w+)?|plausib\w+)"
+    r"|out of range|(?:over|under) ?(?:range|flow|load)|saturat(?:ed|ion)|sna|snv|na|nan"
+    r"|inv(?:alid|ld)?|un(?:available|avail|known|bekannt|def(?:in\w+)?|plausib\w+)"
     r"|ung(?:ue|ü)ltig|uninitiali[sz]ed|implausib\w+|not(?:avail|available|valid)|missing|timeout"
     r"|init(?:ial|wert|ialwert|iali[sz](?:ation|ing)|ialisierung)?|reserved|reserviert|rsvd"
 )
-"""Words that mean that there is no value."""
-_GIVEN = (
+"""Words that mean that there is no value, unless they are negated."""
+_GOOD = (
     r"avail\w*|valid|defin(?:ed|iert)|initiali[sz](?:ed|iert)|calibrated|present|measured"
     r"|plausib(?:le|el)|verf(?:ü|ue)gbar|g(?:ü|ue)ltig|verbaut|vorhanden|installed|supported|used"
     r"|recognized|received|connected"
 )
 """Words that mean that there is no value if they are negated."""
 _NEGATED = re.compile(
-    rf"\b(?:(?:{_NOT}) (?:{_FAULT}|{_ABSENT})|(?:{_FAULT}) (?:free|none|inactive|cleared|absent"
+    rf"\b(?:(?:{_NOT}) (?:{_BAD})|(?:{_BAD}) (?:free|none|inactive|cleared|absent"
     rf"|(?:{_NOT}) (?:present|active|detected|found|aktiv|erkannt|vorhanden)))\b"
 )
-_NO_VALUE = re.compile(rf"^n a$|\b(?:{_FAULT}|{_ABSENT}|(?:{_NOT}) (?:{_GIVEN}))\b")
-_NOTHING = re.compile(rf"(?:{_NOT})(?: (?:{_FILLER}))+")
-_FILLERS = re.compile(rf"\b(?:{_FILLER}) (?=.)|(?<=.) (?:{_FILLER})$")
+_NO_VALUE = re.compile(rf"^n a$|\b(?:{_BAD}|(?:{_NOT}) (?:{_GOOD}))\b")
 
 
 def names_no_value(label: str) -> bool:
@@ -500,5 +495,7 @@ def names_no_value(label: str) -> bool:
     negated fault ("no error", "error free", "fault not present") is a value.
     """
     words = " ".join(word.lower() for word in _WORD.findall(label))
-    plain = _NEGATED.sub(" ", _FILLERS.sub("", words)).strip()
-    return bool(_NOTHING.fullmatch(words) or _NO_VALUE.search(plain))
+    if re.fullmatch(rf"(?:{_NOT})(?: (?:{_FILLER}))+", words):  # "no signal"
+        return True
+    plain = re.sub(rf"\b(?:{_FILLER}) (?=.)|(?<=.) (?:{_FILLER})$", "", words)
+    return bool(_NO_VALUE.search(_NEGATED.sub(" ", plain).strip()))
