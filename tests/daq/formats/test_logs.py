@@ -1,4 +1,4 @@
-"""Logs of raw frames: read whole, cut anywhere, damaged, or none at all."""
+"""Logs of raw frames: read whole, cut anywhere, damaged, or none at all; and as we write them."""
 
 from __future__ import annotations
 
@@ -7,18 +7,23 @@ from dataclasses import replace
 from pathlib import Path
 
 import can
+import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
 from daq.formats.columns import read_columns
+from daq.formats.export import ExportFormat, export_session
 from daq.formats.log import BLF, Log, detect, read_log, read_logs
 from daq.journal.segment import JournalHead
 from daq.journal.writer import JournalWriter
 from dbc import FrameBatch
+from dbc.frames import FrameFlag
 from dbc.words import InputError
 
 from ..crash_frames import block
+from ..small_session import mixed_frames, small_run, small_session
 from .mixed import START_S, Frame, batch_of, frames_in, message, mixed
 
 FRAMES = mixed(640)
@@ -387,3 +392,114 @@ def test_a_log_without_a_frame_is_refused(tmp_path: Path) -> None:
     path.write_text(";$FILEVERSION=1.0\n")
     with pytest.raises(InputError, match=r"no frame \(TRC\)$|no frame \(TRC\)"):
         list(Log([path]))
+
+
+# Raw frames as other tools read them: what a format can hold is kept, the rest is said -----------
+
+SENT = mixed_frames(300)
+IS_ERROR = (SENT.flags & FrameFlag.ERROR) != 0
+
+
+def _messages(frames: FrameBatch, path: Path, form: ExportFormat) -> list[can.Message]:
+    export_session(small_session(frames), path, form)
+    options = {"relative_timestamp": False} if form is ExportFormat.ASC else {}
+    with can.LogReader(path, **options) as reader:
+        return list(reader)
+
+
+def _is_kept(
+    frames: FrameBatch,
+    messages: list[can.Message],
+    except_for: Callable[[int], set[str]] = lambda _: set(),
+) -> None:
+    """Hold every field of every frame, unless the format cannot hold it."""
+    assert len(messages) == len(frames)
+    flag = FrameFlag
+    for i, got in enumerate(messages):
+        bits, length = int(frames.flags[i]), int(frames.length[i])
+        remote = bool(bits & flag.REMOTE)
+        expected = {
+            "arbitration_id": int(frames.can_id[i]),
+            "is_extended_id": bool(bits & flag.EXTENDED),
+            "is_remote_frame": remote,
+            "is_error_frame": bool(bits & flag.ERROR),
+            "is_fd": bool(bits & flag.FD),
+            "bitrate_switch": bool(bits & flag.BITRATE_SWITCH),
+            "error_state_indicator": bool(bits & flag.ERROR_STATE),
+            "is_rx": not bits & flag.TRANSMITTED,
+            "dlc": length,
+            "data": b"" if remote else frames.data[i, :length].tobytes(),
+            "channel": int(frames.bus[i]),
+        }
+        for name in except_for(i):
+            del expected[name]
+        for name, value in expected.items():
+            assert getattr(got, name) == value, f"frame {i}: {name}"
+
+
+def _times_s(messages: list[can.Message]) -> np.ndarray:
+    return np.array([message.timestamp for message in messages])
+
+
+def test_blf(tmp_path: Path) -> None:
+    messages = _messages(SENT, tmp_path / "car.blf", ExportFormat.BLF)
+    _is_kept(SENT, messages, lambda i: {"is_rx"} if IS_ERROR[i] else set())
+    # Seconds since 1970 in a float64 step by 238 ns; the file has every nanosecond.
+    assert_allclose(_times_s(messages), SENT.t_ns * 1e-9, rtol=0, atol=5e-7)
+    with can.BLFReader(tmp_path / "car.blf") as reader:
+        assert reader.start_timestamp == 1_700_000_000.123
+
+
+def test_asc(tmp_path: Path) -> None:
+    messages = _messages(SENT, tmp_path / "car.asc", ExportFormat.ASC)
+    lost = {"arbitration_id", "is_extended_id", "dlc", "data", "is_rx"}
+    empty = ((SENT.flags & FrameFlag.FD) != 0) & (SENT.length == 0)
+    # python-can takes an FD frame without data for a remote frame, which FD has not.
+    excuse = {"is_remote_frame"}
+    _is_kept(SENT, messages, lambda i: lost if IS_ERROR[i] else excuse if empty[i] else set())
+    assert_allclose(_times_s(messages), SENT.t_ns * 1e-9, rtol=0, atol=1e-6)
+    notes = export_session(small_session(SENT), tmp_path / "a.asc", ExportFormat.ASC).notes
+    assert notes[0] == "ASC rounds times to 1 µs"
+    assert notes[1].startswith(f"ASC keeps only the times of {IS_ERROR.sum()} error frames")
+
+
+def test_candump(tmp_path: Path) -> None:
+    messages = _messages(SENT, tmp_path / "car.log", ExportFormat.CANDUMP)
+    lost = {"arbitration_id", "is_extended_id", "dlc", "data", "is_rx", "channel"}
+    remote = (SENT.flags & FrameFlag.REMOTE) != 0
+    except_for = [
+        lost if e else {"dlc", "channel"} if r else {"channel"}
+        for e, r in zip(IS_ERROR, remote, strict=True)
+    ]
+    _is_kept(SENT, messages, except_for.__getitem__)
+    plain = np.array([message.channel for message in messages])[~IS_ERROR]
+    assert plain.tolist() == [f"can{bus}" for bus in SENT.bus[~IS_ERROR]]
+    assert_allclose(_times_s(messages), SENT.t_ns * 1e-9, rtol=0, atol=1e-6)
+    notes = export_session(small_session(SENT), tmp_path / "a.log", ExportFormat.CANDUMP).notes
+    assert notes == (
+        "candump rounds times to 1 µs",
+        f"candump keeps only the times of {IS_ERROR.sum()} error frames",
+    )
+    whole = replace(
+        SENT.select(~IS_ERROR & ~remote), t_ns=SENT.t_ns[~IS_ERROR & ~remote] // 1000 * 1000
+    )
+    assert not export_session(small_session(whole), tmp_path / "b.log", ExportFormat.CANDUMP).notes
+
+
+def test_frames_of_overlapping_runs_are_written_once(tmp_path: Path) -> None:
+    session = small_session()
+    first = small_run(1, SENT.select(slice(0, 150)))
+    second = small_run(2, SENT.select(slice(100, 250)))
+    overlapping = replace(session, runs=(first, second))
+    export_session(overlapping, tmp_path / "car.blf", ExportFormat.BLF)
+    with can.BLFReader(tmp_path / "car.blf") as reader:
+        messages = list(reader)
+    _is_kept(SENT.select(slice(0, 250)), messages, lambda i: {"is_rx"} if IS_ERROR[i] else set())
+
+
+@pytest.mark.parametrize("form", [ExportFormat.BLF, ExportFormat.ASC, ExportFormat.CANDUMP])
+def test_a_session_of_plain_arrays_has_no_frames(tmp_path: Path, form: ExportFormat) -> None:
+    session = small_session(FrameBatch.empty())
+    with pytest.raises(InputError, match="hold no raw frames"):
+        export_session(session, tmp_path / "car.x", form)
+    assert not list(tmp_path.iterdir())
