@@ -172,15 +172,15 @@ def recordings_of(segments: Sequence[Path]) -> tuple[RecordingInfo, ...]:
             fault = info
         else:
             groups.setdefault(info.recording, []).insert(0, info)
-    found = [recording for infos in groups.values() if (recording := _recording(infos))][::-1]
-    if not found:
+    recorded = [recording for infos in groups.values() if (recording := _recording(infos))][::-1]
+    if not recorded:
         raise fault
-    readable = {path for recording in found for path in recording.segments}
-    firsts = [segment_number(recording.segments[0]) for recording in found]
+    readable = {path for recording in recorded for path in recording.segments}
+    firsts = [segment_number(recording.segments[0]) for recording in recorded]
     for path in sorted(set(segments) - readable, key=segment_number):
         k = max(0, sum(first < segment_number(path) for first in firsts) - 1)
-        found[k] = replace(found[k], segments=(*found[k].segments, path))
-    return tuple(found)
+        recorded[k] = replace(recorded[k], segments=(*recorded[k].segments, path))
+    return tuple(recorded)
 
 
 def recording_of(segments: Sequence[Path]) -> RecordingInfo:

@@ -118,9 +118,7 @@ def test_a_value_is_stuck_after_twenty_changes_that_did_not_come(
 def test_steps_below_the_noise_are_fine(quantity: Quantity, coarse: float, fine: float) -> None:
     assert is_fine(quantity, SI_UNITS[quantity], fine)
     assert not is_fine(quantity, SI_UNITS[quantity], coarse)
-
-
-def test_a_displacement_is_never_fine() -> None:
+    # A displacement is never fine.
     assert not is_fine(Quantity.SUSPENSION_TRAVEL, "m", 1e-9)
 
 

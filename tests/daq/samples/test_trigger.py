@@ -122,27 +122,23 @@ def test_hubs_trigger_and_without_them_the_body() -> None:
 
 S, STEP_NS = 1_000_000_000, 10_000_000
 BEGIN_NS = 1_800_000_000 * S
-CONFIG_OF_TRIGGER_LIMITS = TriggerConfig(level=3.0, pre_s=0.1, post_s=0.5, rest_s=0.1)
+LIMITS = TriggerConfig(level=3.0, pre_s=0.1, post_s=0.5, rest_s=0.1)
 Array = NDArray[np.float64]
 
 
-def times(n: int, start: int = 0) -> NDArray[np.int64]:
-    return np.asarray(BEGIN_NS + (start + np.arange(n)) * STEP_NS, np.int64)
+def times(n: int) -> NDArray[np.int64]:
+    return np.asarray(BEGIN_NS + np.arange(n) * STEP_NS, np.int64)
 
 
-def hub(values: dict[int, float], n: int = 200, rest: float = 9.81) -> Array:
+def hub(values: dict[int, float], n: int = 200) -> Array:
     """Return a level at rest, and other values at some places."""
-    found = np.full(n, rest)
-    for place, value in values.items():
-        found[place] = rest + value
-    return found
+    samples = np.full(n, GRAVITY)
+    samples[list(values)] += list(values.values())
+    return samples
 
 
-def events(value: Array, state: TriggerState | None = None) -> tuple[TriggerState, list[Event]]:
-    state, found = advance(
-        CONFIG_OF_TRIGGER_LIMITS, state or TriggerState(), {"hub": (times(len(value)), value)}
-    )
-    return state, list(found)
+def events(value: Array) -> tuple[TriggerState, tuple[Event, ...]]:
+    return advance(LIMITS, TriggerState(), {"hub": (times(len(value)), value)})
 
 
 @pytest.mark.parametrize(
@@ -185,7 +181,7 @@ def test_stamps_that_fall_back_by_more_than_a_second_are_a_clock_that_was_set(
     state, _ = events(hub({}, 200))
     latest = BEGIN_NS + 199 * STEP_NS - back_ms * 1_000_000
     block = {"hub": (np.array([latest - STEP_NS, latest]), np.array([9.81, 9.81]))}
-    after, found = advance(CONFIG_OF_TRIGGER_LIMITS, state, block)
+    after, found = advance(LIMITS, state, block)
     assert [(event.code, event.t_ns) for event in found] == [("clock_step", latest)] * step
     if step:
         assert found[0].value == pytest.approx(-back_ms / 1000)
@@ -195,15 +191,13 @@ def test_stamps_that_fall_back_by_more_than_a_second_are_a_clock_that_was_set(
 
 
 @pytest.mark.parametrize(("n", "armed"), [(10, False), (11, True)])
-def test_a_bench_is_armed_after_a_tenth_of_a_second_of_rest(n: int, armed: bool) -> None:
+def test_a_bench_is_armed_and_its_pre_trigger_full_after_a_tenth_of_a_second_of_rest(
+    n: int, armed: bool
+) -> None:
     state, _ = events(hub({}, n))
     assert state.phase is (TriggerPhase.ARMED if armed else TriggerPhase.WAITING)
-
-
-def test_the_pre_trigger_is_full_after_a_tenth_of_a_second() -> None:
-    state, _ = events(hub({}, 11))
-    assert pre_trigger_full(CONFIG_OF_TRIGGER_LIMITS, state, BEGIN_NS)
-    assert not pre_trigger_full(CONFIG_OF_TRIGGER_LIMITS, state, BEGIN_NS + 1)
+    assert pre_trigger_full(LIMITS, state, BEGIN_NS) is armed
+    assert not pre_trigger_full(LIMITS, state, BEGIN_NS + 1)
 
 
 @pytest.mark.parametrize(("n", "named"), [(29, True), (30, False)])
@@ -213,5 +207,5 @@ def test_a_channel_keeps_a_bench_from_being_armed_for_a_tenth_of_a_second(
     """It swings from the fifth sample to the twentieth, two to a side; another one rests."""
     value = hub({k: 5.0 if k % 4 < 2 else -5.0 for k in range(4, 20)}, n)
     block = {"moved": (times(n), value), "still": (times(n), hub({}, n))}
-    state, _ = advance(CONFIG_OF_TRIGGER_LIMITS, TriggerState(), block)
-    assert not_at_rest(CONFIG_OF_TRIGGER_LIMITS, state) == (("moved",) if named else ())
+    state, _ = advance(LIMITS, TriggerState(), block)
+    assert not_at_rest(LIMITS, state) == (("moved",) if named else ())

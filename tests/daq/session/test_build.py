@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daq.bench.campaign import Campaign
 from daq.bench.config import Bench
 from daq.bus.source import HopLosses
 from daq.channels import Channel, Quantity
@@ -24,10 +23,8 @@ from daq.runs import Event, Excitation, Run, RunStatus
 from daq.session import read_session
 from daq.session.build import Derived, build_session, derive
 from daq.sessions import Session
-from daq.sim.car import SimulatedCar
-from daq.sim.ecu import bench_senders, campaign_frames, frame_time_ns
 from daq.vehicle import Corner
-from dbc import UNUSABLE, Codec, FrameBatch, Quality
+from dbc import Codec, FrameBatch, Quality
 from dbc.words import Finding, InputError, Severity
 
 from ..small_campaign import PERIOD_S, START_NS, blocks, bumps, small_bench, small_codec
@@ -215,31 +212,6 @@ def test_the_last_bench_toml_holds_and_what_persons_said_goes_along(tmp_path: Pa
     assert (note["text"], note["label"], note["by"]) == ("wet floor", BUMP.text, "Ann")
     (override,) = json.loads(session.provenance["overrides"])
     assert (override["subject"], override["reason"]) == ("bus", "known")
-
-
-def test_simulated_samples_get_their_true_times() -> None:
-    bench = replace(
-        small_bench(), campaign=Campaign((Excitation.PITCH,), 1, ("baseline",), bump_height_m=0.05)
-    )
-    car = SimulatedCar(jitter_s=100e-6)
-    drawn = car.draw(bench.channels, bench.mass_states, 3)
-    frames = next(iter(campaign_frames(bench, CODEC, car, 3, START_NS)))
-    bump = Event(START_NS + 1_500_000_000, "bump", 0.0, "baseline_pitch_1")
-    run = build_session(bench, CODEC, frames, (bump,), NO_HOPS, {}).runs[0]
-    late = {}
-    for sender in bench_senders(bench, CODEC, drawn):
-        group = next(g for g in run.groups if g.name == sender.message.name)
-        assert not np.any(group.quality & UNUSABLE)
-        sent_s = group.time_s + (run.t0_ns - START_NS) * 1e-9
-        sent_s -= frame_time_ns(sender.message, bench.buses[0].bitrate) * 1e-9
-        _, ticks_s = sender.ticks(0.0, car.run_s)
-        nearest = ticks_s[np.searchsorted(ticks_s, sent_s - sender.cycle_s / 2)]
-        late[sender.message.name] = sent_s - nearest
-        raw = (group.t_ns - run.t0_ns) * 1e-9 - group.time_s
-        assert raw.max() > 300e-6  # what the stamps themselves are worth
-    assert len(late) == 6
-    for name, error_s in late.items():
-        assert np.abs(error_s).max() < 20e-6, name
 
 
 def test_losses_on_the_way_belong_to_the_run_in_which_they_happened() -> None:

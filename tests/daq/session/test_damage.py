@@ -348,20 +348,14 @@ def test_a_mass_matrix_is_finite_and_symmetric(largest: float, apart: float, goo
     assert found == ([] if good else [("error", "/mass_states/added")])
 
 
-@pytest.mark.parametrize(("sign", "good"), [(-1.0, True), (0.5, False)])
-def test_a_channel_has_a_sign(sign: float, good: bool) -> None:
-    az = replace(SESSION.channels[2], sign=sign)
-    found = _found(channels=(*SESSION.channels[:2], az, SESSION.channels[3]))
-    assert found == ([] if good else [("error", "/channels az")])
-
-
-@pytest.mark.parametrize(
-    ("time_s", "good"),
-    [([0.0, 0.125, 0.25], True), ([0.0, 0.125, 0.125], False), ([0.0, np.nan, 0.25], False)],
-)
-def test_time_increases(time_s: list[float], good: bool) -> None:
-    found = _of_run(groups=(replace(IMU, time_s=np.array(time_s)),))
-    assert found == ([] if good else [("error", f"{PLACE}/A_IMU")])
+def test_a_channel_has_a_sign_and_time_increases() -> None:
+    for sign, good in ((-1.0, True), (0.5, False)):
+        az = replace(SESSION.channels[2], sign=sign)
+        found = _found(channels=(*SESSION.channels[:2], az, SESSION.channels[3]))
+        assert found == ([] if good else [("error", "/channels az")])
+    for middle_s, good in ((0.125, True), (0.25, False), (np.nan, False)):
+        found = _of_run(groups=(replace(IMU, time_s=np.array([0.0, middle_s, 0.25])),))
+        assert found == ([] if good else [("error", f"{PLACE}/A_IMU")])
 
 
 @pytest.mark.parametrize(
