@@ -270,16 +270,10 @@ def _with_elements(
 
 
 def _decays_by_state(estimation: Estimation) -> dict[str, list[tuple[Record, FreeDecay]]]:
-    """Return thinned decays with their records by mass state.
-
-    With the fitted gains taken out: else a symmetric vehicle does not look symmetric.
-    """
-    gains = estimation.box.gains(estimation.fit.eta)
+    """Return thinned decays with their records by mass state."""
     of_state: dict[str, list[tuple[Record, FreeDecay]]] = {}
     for record, decay in zip(estimation.records, estimation.decays, strict=True):
-        before = tuple(part.calibrated(gains) for part in record.recordings)
-        after = tuple(p.thinned(_SENSED_RATE_HZ).calibrated(gains) for p in decay.recordings)
-        pair = replace(record, recordings=before), replace(decay, recordings=after)
+        pair = record, decay.thinned(_SENSED_RATE_HZ)
         of_state.setdefault(record.mass_state, []).append(pair)
     return of_state
 

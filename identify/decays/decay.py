@@ -61,11 +61,6 @@ class Recording:
         step = max(1, round(sampled_hz / rate_hz))
         return Recording(self.group, self.time_s[::step], self.values[::step])
 
-    def calibrated(self, gains: Mapping[str, float]) -> Recording:
-        """Return the samples divided by the gains of their channels; 1 for one without a gain."""
-        factors = np.array([gains.get(channel.name, 1.0) for channel in self.group.channels])
-        return Recording(self.group, self.time_s, self.values / factors)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Record:

@@ -440,16 +440,16 @@ def _early(
     for recording, product, stack in zip(
         decay.recordings, linear.products, linear.coefficients, strict=True
     ):
-        J = slopes(point, recording.group, modal_state)
-        weight = point.group(recording.group).weight
-        over_sigma = np.sqrt(weight)[:, None]
-        mixed += over_two(stack * weight[:, None, None], product.gram[:, : J.shape[1]] @ J)
+        group = point.group(recording.group)
+        J = slopes(point, group, modal_state)
+        over_sigma = np.sqrt(group.weight)[:, None]
+        mixed += over_two(stack * group.weight[:, None, None], product.gram[:, group.motion] @ J)
         before = record.whole(recording).between(first_s, decay.start_s)
         early = replace(before, time_s=before.time_s + (first_s - decay.start_s))  # below zero
         basis = point.basis(early)
-        by_unknown, by_linear = basis[:, : J.shape[1]] @ J, basis @ stack  # (n_channels, n, ..)
+        by_unknown, by_linear = basis[:, group.motion] @ J, basis @ stack  # (n_channels, n, ..)
         by_both = np.concatenate([by_unknown, by_linear], axis=2) * over_sigma[..., None]
-        times_s.append(np.tile(early.time_s, len(weight)))
+        times_s.append(np.tile(early.time_s, len(stack)))
         rows.append(by_both.reshape(-1, by_both.shape[2]))
         errors.append(((early.values.T - by_linear @ linear.solution) * over_sigma).ravel())
     time_s = np.concatenate(times_s)

@@ -173,10 +173,6 @@ class GreyBox:
             if ("gain", c.name) in self._index
         }
 
-    def gains(self, eta: Real) -> dict[str, float]:
-        """Return the fitted scale of each uncertain channel over the stated one, by its name."""
-        return {channel.name: 1.0 + float(eta[i]) for i, channel in self.scaled.items()}
-
     def pulls(self, eta: Real) -> Real:
         """Return how far each of `corrections` lies from what is stated, in its sigmas."""
         stated = slice(len(self.parameters), len(self.parameters) + len(self.corrections))

@@ -27,7 +27,6 @@ from .varpro import (
     evaluate,
     laid_out,
     products_of,
-    residuals_left,
 )
 
 _FAR_DAMPING, _NEAR_DAMPING = 1e-3, 1e-4  # of the first step, far from the optimum and near it
@@ -224,18 +223,20 @@ def residuals_of(model: Linearised, decays: Decays, sigma: Noise) -> tuple[Resid
     the linear unknowns times the inverse of the whole: over all channels it adds up to their
     number.
     """
-    by_place = residuals_left(model.points, model.layout, model.linear)
     result = []
-    for d, (decay, linear) in enumerate(zip(decays, model.linear, strict=True)):
+    for decay, linear in zip(decays, model.linear, strict=True):
         values: dict[str, Real] = {}
         freedom: dict[str, float] = {}
-        for r, (recording, product, stack) in enumerate(
-            zip(decay.recordings, linear.products, linear.coefficients, strict=True)
+        point = model.points[decay.mass_state]
+        for recording, product, stack in zip(
+            decay.recordings, linear.products, linear.coefficients, strict=True
         ):
             normal = stack.swapaxes(1, 2) @ product.gram @ stack  # of unit noise, by channel
             traces = np.sum(normal * linear.normal_inverse, axis=(1, 2)).tolist()
-            channels = recording.group.channels
-            for channel, column, trace in zip(channels, by_place[d, r], traces, strict=True):
+            columns = (recording.values - point.basis(recording) @ (stack @ linear.solution).T).T
+            for channel, column, trace in zip(
+                recording.group.channels, columns, traces, strict=True
+            ):
                 values[channel.name] = column
                 freedom[channel.name] = len(column) - trace / sigma[channel.name] ** 2
         result.append(Residuals(decay.label, values, freedom))

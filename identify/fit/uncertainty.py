@@ -84,8 +84,13 @@ def determined(box: GreyBox, covariance: Real) -> NDArray[np.bool_]:
 
     The rule is that of `Estimate.determined`, in units of the unknowns.
     """
-    largest = np.array([1.0 if name in SIGNED else LARGEST_SHARE for name in box.parameters])
+    largest = np.array([largest_std(name) for name in box.parameters])
     return np.asarray(np.diag(covariance)[: len(largest)] <= largest**2)
+
+
+def largest_std(name: str) -> float:
+    """Return the largest standard deviation of a parameter's unknown that counts as determined."""
+    return 1.0 if name in SIGNED else LARGEST_SHARE
 
 
 def derived_estimates(box: GreyBox, fit: Fit) -> dict[str, Estimate]:

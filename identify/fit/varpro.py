@@ -17,34 +17,45 @@ from numpy.typing import NDArray
 from ..decays.decay import ChannelGroup, FreeDecay, Recording
 from ..model.exponentials import (
     Change,
-    LowPass,
-    Outputs,
     Series,
     Spectrum,
-    Waves,
     low_pass_of,
+    real_functions,
     series_of,
     spectrum,
     waves_of,
 )
 from ..model.matrices import Complex, Real
-from .grey_box import GreyBox, System
+from .grey_box import GreyBox
 
 _N = 14  # states of the vehicle
 
 
 @dataclass(frozen=True, slots=True)
 class GroupAt:
-    """A channel group at one point of the unknowns: what all its recordings have in common."""
+    """A channel group at one point of the unknowns: what all its recordings have in common.
 
-    outputs: Outputs
-    """Its channels in modal coordinates."""
-    d_outputs: Complex
-    """Change of rows times gain with each unknown, shape (n_channels, h, P); h as in `Spectrum`."""
+    Its channels are sums of the real functions of p rates (`real_functions`), its basis: the h
+    rates of the vehicle (`Spectrum.half`), those of its low-pass, and 0.  `gained`: output rows in
+    modal coordinates times the gain of the low-pass.
+    """
+
+    rates: Complex
+    """All rates, rad/s, shape (p,)."""
+    motion: NDArray[np.intp]
+    """Numbers of the functions that the vehicle's motion consists of, shape (4 h,)."""
+    free: NDArray[np.intp]
+    """Numbers of the functions that each channel has by itself: the transients of its low-pass and
+    a constant."""
     on_state: Real
-    """Matrices from the initial state to the basis, shape (n_channels, 28, 14)."""
-    low_pass: LowPass
-    """Low-pass of each channel."""
+    """Matrices from the initial state to the functions of the motion, (n_channels, 4 h, 14)."""
+    gained: Complex
+    """Shape (n_channels, h)."""
+    bent: Complex
+    """The rows times the derivative of the gain by the pole, s, shape (n_channels, h)."""
+    d_gained: Complex
+    """Change of `gained` with each unknown, by the rows and by the eigenvectors, shape (n_channels,
+    h, P)."""
     weight: Real
     """Inverse variance of each channel, shape (n_channels,)."""
     late_s: float
@@ -59,8 +70,6 @@ class Evaluated:
 
     box: GreyBox
     """Structure of the problem."""
-    system: System
-    """State matrix and output rows with their derivatives."""
     modes: Spectrum
     """Eigenvalues and eigenvectors of the state matrix."""
     change: Change
@@ -72,18 +81,13 @@ class Evaluated:
         """Return the group at this point."""
         return self.groups[self.box.groups.index(group)]
 
-    def time_s(self, recording: Recording) -> Real:
-        """Return the times at which the motion was as sampled, with the lateness as estimated."""
-        return recording.time_s - self.group(recording.group).late_s
-
     def basis(self, recording: Recording) -> Real:
-        """Return the functions that the recording consists of, (n_samples, 28 + order + 1).
+        """Return the functions that the recording consists of, (n_samples, 4 p).
 
-        They are the motion of the vehicle, the transients of the low-pass, and a constant.
+        They are taken at the times at which the motion was as sampled, by the estimated lateness.
         """
-        time_s = self.time_s(recording)
-        transients = self.group(recording.group).low_pass.transients(time_s)
-        return np.hstack([self.modes.basis(time_s), transients, np.ones((len(time_s), 1))])
+        group = self.group(recording.group)
+        return real_functions(recording.time_s - group.late_s, group.rates)
 
 
 def evaluate(
@@ -99,39 +103,45 @@ def evaluate(
     points = {}
     for name, system in box.systems(eta, mass_states).items():
         modes = spectrum(system.A)
-        change = modes.change(system.dA)
+        change, half = modes.change(system.dA), modes.half
         groups = []
         for i, (group, late_s) in enumerate(
             zip(box.groups, box.delays_s(eta).tolist(), strict=True)
         ):
             low_pass = low_pass_of(group.channels[0])  # all channels of a group have it
+            of_filter = low_pass.poles[low_pass.poles.imag >= 0.0]
+            rates = np.concatenate([modes.poles[half], of_filter, [0.0]])
+            p, turning = len(rates), len(half) + np.flatnonzero(of_filter.imag > 0.0)
+            gain, slope = low_pass.gain(modes.poles), low_pass.gain_slope(modes.poles)
             rows = np.array([system.rows[c.name] for c in group.channels]) @ modes.V
             d_rows = np.array([system.d_rows[c.name] for c in group.channels]) @ modes.V
-            outputs = modes.outputs(rows, change, low_pass)
-            d_outputs = (d_rows * outputs.gain)[..., modes.half].swapaxes(1, 2)
-            on_state = modes.to_real[:, :_N] @ ((rows * outputs.gain)[..., None] * modes.W)
-            weight = np.array([sigma[c.name] ** -2 for c in group.channels])
-            late_index = box.delay_index(i)
+            gained = (rows * gain)[:, half]
+            through = _along(rows, change.apart_into) * gain[half, None]
             groups.append(
                 GroupAt(
-                    outputs,
-                    np.ascontiguousarray(d_outputs),
-                    on_state.real,
-                    low_pass,
-                    weight,
-                    late_s,
-                    late_index,
+                    rates=rates,
+                    motion=np.add.outer(p * np.arange(4), np.arange(len(half))).ravel(),
+                    free=np.concatenate([np.arange(len(half), p), 2 * p + turning]),
+                    on_state=modes.on_real_functions(gained[..., None] * modes.W[half]),
+                    gained=gained,
+                    bent=(rows * slope)[:, half],
+                    d_gained=(d_rows * gain)[..., half].swapaxes(1, 2) - through,
+                    weight=np.array([sigma[c.name] ** -2 for c in group.channels]),
+                    late_s=late_s,
+                    late_index=box.delay_index(i),
                 )
             )
-        points[name] = Evaluated(box, system, modes, change, tuple(groups))
+        points[name] = Evaluated(box, modes, change, tuple(groups))
     return points
 
 
+def _along(vectors: Complex, matrices: Complex) -> Complex:
+    """Multiply some vectors, (.., n), with P matrices, (n, h, P): (.., h, P)."""
+    product = vectors @ matrices.reshape(len(matrices), -1)
+    return product.reshape(*vectors.shape[:-1], *matrices.shape[1:])
+
+
 # Products of the functions of a fit with each other and with the samples --------------------------
-#
-# A recording with the p rates of `_waves` has 4 p real functions of time, its parts, in this
-# layout: ``Re exp(rate t)``, ``t Re exp(rate t)``, ``Im exp(rate t)``, ``t Im exp(rate t)``, each
-# of all p rates.  Those that the fit needs, m of them, are its basis, in the order of `Evaluated`.
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,8 +161,6 @@ class Alike:
     """Recordings of one mass state that have one low-pass and are sampled alike."""
 
     mass_state: str
-    low_pass: LowPass
-    """`mass_state`, `low_pass`: common to all of them."""
     groups: tuple[ChannelGroup, ...]
     """Channel group of each."""
     places: tuple[tuple[int, int], ...]
@@ -171,12 +179,11 @@ def laid_out(decays: Sequence[FreeDecay]) -> tuple[Alike, ...]:
     result = []
     for (mass_state, _, _), places in places_of.items():
         recordings = [decays[d].recordings[r] for d, r in places]
-        low_pass = low_pass_of(recordings[0].group.channels[0])
         times, values = [r.time_s for r in recordings], [r.values for r in recordings]
         for series in series_of(times, values):
             groups = tuple(recordings[member].group for member in series.members)
             places_in_series = tuple(places[member] for member in series.members)
-            result.append(Alike(mass_state, low_pass, groups, places_in_series, series))
+            result.append(Alike(mass_state, groups, places_in_series, series))
     return tuple(result)
 
 
@@ -215,63 +222,21 @@ def products_of(
     """
     by_recording: list[dict[int, Products]] = [{} for _ in decays]
     for alike in layout:
-        wave, in_basis = _waves(points[alike.mass_state], alike)
+        point = points[alike.mass_state]
+        groups = [point.group(group) for group in alike.groups]
+        wave = waves_of(alike.series, groups[0].rates, np.array([g.late_s for g in groups]))
         # Twice the products of real and imaginary parts: Re f Re g = Re(conj(f) g + f g) / 2,
         # Re f Im g = Im(conj(f) g + f g) / 2, and Im f Im g = Re(conj(f) g - f g) / 2.
         conjugate, plain = wave.grams()
         total, gap = conjugate + plain, conjugate - plain
-        real_imag = total.imag
-        upper = np.concatenate([total.real, real_imag], axis=2)
-        lower = np.concatenate([real_imag.swapaxes(1, 2), gap.real], axis=2)
-        of_parts = np.concatenate([upper, lower], axis=1)  # (r, 4 p, 4 p)
-        grams = of_parts[:, in_basis[:, None], in_basis] / 2.0
+        upper = np.concatenate([total.real, total.imag], axis=2)
+        lower = np.concatenate([total.imag.swapaxes(1, 2), gap.real], axis=2)
+        grams = np.concatenate([upper, lower], axis=1) / 2.0
         sums = wave.with_samples()  # (r, n_channels, 2 p)
-        crosses = np.concatenate([sums.real, sums.imag], axis=2)[:, :, in_basis].swapaxes(1, 2)
+        crosses = np.concatenate([sums.real, sums.imag], axis=2).swapaxes(1, 2)
         for (d, r), *one in zip(alike.places, grams, crosses, alike.series.power, strict=True):
             by_recording[d][r] = Products(*one)
     return [[of_decay[r] for r in range(len(of_decay))] for of_decay in by_recording]
-
-
-def residuals_left(
-    points: Mapping[str, Evaluated], layout: Sequence[Alike], parts: Sequence[LinearPart]
-) -> dict[tuple[int, int], Real]:
-    """Return the residuals of each recording, (n_channels, n), by decay and place in it.
-
-    `points`, `layout`: as in `products_of`.  `parts`: the fitted linear parts of the decays.
-    """
-    by_place: dict[tuple[int, int], Real] = {}
-    for alike in layout:
-        wave, in_basis = _waves(points[alike.mass_state], alike)
-        fitted = np.stack([parts[d].coefficients[r] @ parts[d].solution for d, r in alike.places])
-        p = wave.fine.shape[2]
-        of_parts = np.zeros((*fitted.shape[:2], 4 * p))
-        of_parts[..., in_basis] = fitted  # those of the exponentials times t are zero
-        # a Re f + b Im f is the real part of (a - i b) f.
-        amplitudes = of_parts[..., :p] - 1j * of_parts[..., 2 * p : 3 * p]
-        by_place |= dict(zip(alike.places, wave.residuals(amplitudes), strict=True))
-    return by_place
-
-
-def _waves(point: Evaluated, alike: Alike) -> tuple[Waves, NDArray[np.intp]]:
-    """Return the exponentials of some recordings, and which of their parts form the basis, (m,).
-
-    The rates are the vehicle's poles, one of each conjugate pair, those of the low-pass, and 0 for
-    the constant.  The parts are numbered by that layout.
-    """
-    poles, of_filter = point.modes.poles, alike.low_pass.poles
-    upper, real = np.flatnonzero(poles.imag > 0.0), np.flatnonzero(poles.imag == 0.0)
-    filter_upper, filter_real = of_filter[of_filter.imag > 0.0], of_filter[of_filter.imag == 0.0]
-    rates = np.concatenate([poles[upper], poles[real], filter_upper, filter_real, [0.0]])
-    p = len(rates)
-    motion = np.zeros(len(poles), dtype=np.intp)  # part of each pole; of a pair, Re and then Im
-    motion[upper], motion[upper + 1] = np.arange(len(upper)), 2 * p + np.arange(len(upper))
-    motion[real] = len(upper) + np.arange(len(real))
-    first = len(upper) + len(real)
-    turning = first + np.arange(len(filter_upper))
-    without_imaginary = np.arange(first + len(filter_upper), p)  # real poles of the filter, and 0
-    parts = [motion, motion + p, turning, turning + 2 * p, without_imaginary]
-    late_s = np.array([point.group(group).late_s for group in alike.groups])
-    return waves_of(alike.series, rates, late_s), np.concatenate(parts)
 
 
 def linear_coefficients(point: Evaluated, decay: FreeDecay) -> tuple[Real, ...]:
@@ -281,16 +246,15 @@ def linear_coefficients(point: Evaluated, decay: FreeDecay) -> tuple[Real, ...]:
     the transients of its low-pass and its constant.  Each (n_channels, m, n_linear).
     """
     groups = [point.group(r.group) for r in decay.recordings]
-    each = [len(group.low_pass.poles) + 1 for group in groups]  # unknowns of one channel
-    total = sum(n * len(group.weight) for n, group in zip(each, groups, strict=True))
+    total = sum(len(group.free) * len(group.weight) for group in groups)
     result = []
     column = _N
-    for n, group in zip(each, groups, strict=True):
-        stack = np.zeros((len(group.weight), 2 * _N + n, _N + total))
-        stack[:, : 2 * _N, :_N] = group.on_state
-        for c in range(len(stack)):
-            stack[c, 2 * _N :, column : column + n] = np.eye(n)
-            column += n
+    for group in groups:
+        stack = np.zeros((len(group.weight), 4 * len(group.rates), _N + total))
+        stack[:, group.motion, :_N] = group.on_state
+        for of_channel in stack:
+            of_channel[group.free, column + np.arange(len(group.free))] = 1.0
+            column += len(group.free)
         result.append(stack)
     return tuple(result)
 
@@ -316,19 +280,24 @@ class NormalBlock:
     """Right-hand side, shape (P,)."""
 
 
-def slopes(point: Evaluated, group: ChannelGroup, z: Complex) -> Real:
-    """Return each channel's derivative by each unknown on the real basis, (.., n_channels, 28, P).
+def slopes(point: Evaluated, group: GroupAt, z: Complex) -> Real:
+    """Return each channel's derivative by each unknown on the motion, (.., n_channels, 4 h, P).
 
-    `z`, (.., 14): initial state of one decay, or of several, in modal coordinates.
+    The propagator ``H(A) exp(A t)`` changes by the divided differences of ``H(l) exp(l t)``
+    (Daleckii and Krein).  `z`, (.., 14): initial state of one decay, or of several, in modal
+    coordinates.
     """
-    modes, of_group = point.modes, point.group(group)
-    # Coefficients on exp and on t exp, each (.., n_channels, h, P).
-    on_exp, on_t_exp = modes.propagator_slope(of_group.outputs, point.change, z)
-    on_exp += of_group.d_outputs * z[..., None, modes.half, None]
-    if of_group.late_index is not None:
+    modes = point.modes
+    apart = _along(z, point.change.apart)[..., None, :, :]
+    together = _along(z, point.change.together)[..., None, :, :]
+    of_half = z[..., None, modes.half, None]
+    on_exp = group.gained[..., None] * apart
+    on_exp += group.bent[..., None] * together
+    on_exp += group.d_gained * of_half
+    if group.late_index is not None:
         speed = (modes.poles * z)[..., None, modes.half]  # what is later shows an earlier motion
-        on_exp[..., of_group.late_index] -= of_group.outputs.gained * speed
-    return modes.on_real_basis(on_exp, on_t_exp)
+        on_exp[..., group.late_index] -= group.gained * speed
+    return modes.on_real_functions(on_exp, group.gained[..., None] * together)
 
 
 def over_two(left: Real, right: Real) -> Real:
@@ -378,29 +347,29 @@ def _blocks_like(
     cost = np.zeros(n)
     parts = []
     for i, (recording, stack) in enumerate(zip(first.recordings, stacks, strict=True)):
-        weight = point.group(recording.group).weight
+        group = point.group(recording.group)
+        weight = group.weight
         gram = np.stack([one[i].gram for one in of_decays])[:, None]  # (n, 1, m, m)
         cross = np.stack([one[i].cross.T for one in of_decays])  # (n, n_channels, m)
         weighted_stack = (stack * weight[:, None, None]).reshape(-1, n_linear)
         normal += weighted_stack.T @ (gram @ stack).reshape(n, -1, n_linear)
         right += cross.reshape(n, -1) @ weighted_stack
         cost += np.stack([one[i].power for one in of_decays]) @ weight
-        parts.append((recording.group, stack, weight, weighted_stack, gram, cross))
+        parts.append((group, stack, weighted_stack, gram, cross))
     inverse = pseudo_inverse(normal)
     solution = (inverse @ right[..., None])[..., 0]
     modal_state = solution[:, :_N] @ point.modes.W.T
     H, mixed, g = np.zeros((n, P, P)), np.zeros((n, n_linear, P)), np.zeros((n, P))
-    for group, stack, weight, weighted_stack, gram, cross in parts:
+    for group, stack, weighted_stack, gram, cross in parts:
         fitted = np.moveaxis(stack @ solution.T, 2, 0)  # (n, n_channels, m)
         residual_cross = cross - (fitted[:, :, None] @ gram)[:, :, 0]  # basis times residuals
-        J = slopes(point, group, modal_state)  # (n, n_channels, 28, P)
-        k = J.shape[2]  # the unknowns act on the first functions only, those of the motion
-        GJ = gram[..., :k] @ J
-        weighted_J = (J * weight[:, None, None]).reshape(n, -1, P)
-        cost -= np.sum(fitted * (cross + residual_cross), axis=2) @ weight
-        H += weighted_J.swapaxes(1, 2) @ GJ[:, :, :k].reshape(n, -1, P)
+        J = slopes(point, group, modal_state)  # (n, n_channels, 4 h, P)
+        GJ = gram[..., group.motion] @ J
+        weighted_J = (J * group.weight[:, None, None]).reshape(n, -1, P)
+        cost -= np.sum(fitted * (cross + residual_cross), axis=2) @ group.weight
+        H += weighted_J.swapaxes(1, 2) @ GJ[:, :, group.motion].reshape(n, -1, P)
         mixed += weighted_stack.T @ GJ.reshape(n, -1, P)
-        g += (residual_cross[:, :, :k].reshape(n, 1, -1) @ weighted_J)[:, 0]
+        g += (residual_cross[:, :, group.motion].reshape(n, 1, -1) @ weighted_J)[:, 0]
     H -= mixed.swapaxes(1, 2) @ inverse @ mixed  # the linear part follows the unknowns
     for i, one in enumerate(of_decays):
         linear = LinearPart(tuple(one), stacks, inverse[i], solution[i])

@@ -72,13 +72,15 @@ def waves(time_s: Real, rates: Complex) -> Complex:
     return np.asarray(np.exp(np.multiply.outer(time_s, rates)))
 
 
-def real_part(waves: Complex, amplitudes: Complex) -> Real:
-    """Return the real part of waves, (.., m), times amplitudes, (n_channels, m): (.., n_channels).
+def real_functions(time_s: Real, rates: Complex) -> Real:
+    """Return the real functions of p rates at some times, (n_samples, 4 p).
 
-    It takes half of the products that complex numbers would.
+    They are ``Re exp(rate t)``, ``t Re exp(rate t)``, ``Im exp(rate t)``, ``t Im exp(rate t)``,
+    each of all rates.
     """
-    turned = np.ascontiguousarray(amplitudes.conj())
-    return np.asarray(waves.view(np.float64) @ turned.view(np.float64).T)
+    wave = waves(time_s, rates)
+    both = np.hstack([wave, time_s[:, None] * wave])
+    return np.hstack([both.real, both.imag])
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,40 +103,16 @@ class Change:
 
 
 @dataclass(frozen=True, slots=True)
-class Outputs:
-    """Some channels in modal coordinates: one preparation serves all recordings of a mass state."""
-
-    rows: Complex
-    """Output rows (row V), shape (n_channels, n)."""
-    gain: Complex
-    """Gain of the channels' low-pass at the poles, shape (n,)."""
-    gained: Complex
-    """The rows times the gain, shape (n_channels, h)."""
-    bent: Complex
-    """The rows times the derivative of the gain by the pole, s, shape (n_channels, h)."""
-    through: Complex
-    """The rows times `Change.apart_into`, times the gain, shape (n_channels, h, P)."""
-
-
-@dataclass(frozen=True, slots=True)
 class Spectrum:
-    """Eigenvalues and eigenvectors of a real state matrix, and how real functions span them."""
+    """Eigenvalues and eigenvectors of a real state matrix."""
 
     poles: Complex
     """Eigenvalues, rad/s, shape (n,); conjugate pairs adjacent."""
     V: Complex
     W: Complex
     """`V`, `W`: right eigenvectors and their inverse, shape (n, n)."""
-    to_real: Complex
-    """Coefficients on (exp, t exp) to coefficients on the real basis, shape (2 n, 2 n)."""
     half: NDArray[np.intp]
     """Numbers of the real poles and of the upper one of each pair, shape (h,)."""
-
-    def basis(self, time_s: Real) -> Real:
-        """Return the real basis at the given times, (n_samples, 2 n)."""
-        wave = waves(time_s, self.poles)
-        plain = np.where(self.poles.imag < 0.0, -wave.imag, wave.real)
-        return np.hstack([plain, time_s[:, None] * plain])
 
     def change(self, dA: Real) -> Change:
         """Bring changes of the state matrix, (P, n, n) in 1/s, into modal coordinates."""
@@ -151,69 +129,22 @@ class Spectrum:
             np.ascontiguousarray(together[:, self.half].T),
         )
 
-    def outputs(self, rows: Complex, change: Change, low_pass: LowPass) -> Outputs:
-        """Prepare channels with one low-pass; `rows`, (n_channels, n): row V of each."""
-        gain, slope, half = low_pass.gain(self.poles), low_pass.gain_slope(self.poles), self.half
-        through = _along(rows, change.apart_into) * gain[half, None]
-        return Outputs(rows, gain, (rows * gain)[:, half], (rows * slope)[:, half], through)
-
-    def propagator_slope(
-        self, seen: Outputs, change: Change, z: Complex
-    ) -> tuple[Complex, Complex]:
-        """Return coefficients of ``row . d(H(A) exp(A t)) . x0`` on exp and on t exp.
-
-        By the divided differences of ``H(l) exp(l t)`` (Daleckii and Krein), for the poles of
-        `half`: two of (.., n_channels, h, P).  `z`, (.., n): initial states in modal coordinates (W
-        x0).
-        """
-        apart = _along(z, change.apart)[..., None, :, :]
-        together = _along(z, change.together)[..., None, :, :]
-        gained = seen.gained[..., None]
-        plain = gained * apart
-        plain += seen.bent[..., None] * together
-        plain -= seen.through * z[..., None, self.half, None]
-        return plain, gained * together
-
-    def on_real_basis(self, plain: Complex, timed: Complex) -> Real:
-        """Bring coefficients on exp and on t exp, (.., h, P), on the real basis, (.., 2 n, P).
+    def on_real_functions(self, plain: Complex, timed: Complex | float = 0.0) -> Real:
+        """Bring coefficients on exp and on t exp, (.., h, P), on `real_functions`, (.., 4 h, P).
 
         ``c exp + conj(c exp)`` is ``2 Re c Re exp - 2 Im c Im exp``; a real pole has no conjugate.
         """
-        turning = self.poles[self.half].imag > 0
-        share = np.where(turning, 2.0, 1.0)[:, None]
-        # By exp or t exp, pole, and Re or Im: the order of the basis.
-        on_basis = np.empty((*plain.shape[:-2], 2, len(turning), 2, plain.shape[-1]))
-        for k, part in enumerate((plain, timed)):
-            np.multiply(part.real, share, out=on_basis[..., k, :, 0, :])
-            np.multiply(part.imag, -2.0, out=on_basis[..., k, :, 1, :])
-        on_basis = on_basis.reshape(*plain.shape[:-2], -1, plain.shape[-1])
-        if turning.all():
-            return on_basis
-        # A real pole has no Im.
-        in_basis = np.stack([np.ones_like(turning), turning], axis=1).ravel()
-        return np.asarray(on_basis[..., np.tile(in_basis, 2), :])
-
-
-def _along(vectors: Complex, matrices: Complex) -> Complex:
-    """Multiply some vectors, (.., n), with P matrices, (n, h, P): (.., h, P)."""
-    product = vectors @ matrices.reshape(len(matrices), -1)
-    return product.reshape(*vectors.shape[:-1], *matrices.shape[1:])
+        share = np.where(self.poles[self.half].imag > 0.0, 2.0, 1.0)[:, None]
+        plain, timed = plain * share, timed * share + np.zeros_like(plain)
+        parts = (plain.real, timed.real, -plain.imag, -timed.imag)
+        return np.concatenate(parts, axis=-2)
 
 
 def spectrum(A: Real) -> Spectrum:
     """Decompose a real state matrix, (n, n) in 1/s."""
     poles, V = np.linalg.eig(A)
     poles, V = poles.astype(complex), V.astype(complex)
-    n = len(poles)
-    to_real = np.zeros((2 * n, 2 * n), dtype=complex)
-    for offset in (0, n):
-        for k in np.flatnonzero(poles.imag >= 0):
-            if poles[k].imag == 0:
-                to_real[offset + k, offset + k] = 1.0
-            else:  # exp(conj(l) t) = cos part - i sin part
-                to_real[offset + k, [offset + k, offset + k + 1]] = 1.0
-                to_real[offset + k + 1, [offset + k, offset + k + 1]] = (1j, -1j)
-    return Spectrum(poles, V, np.linalg.inv(V), to_real, np.flatnonzero(poles.imag >= 0))
+    return Spectrum(poles, V, np.linalg.inv(V), np.flatnonzero(poles.imag >= 0))
 
 
 # Products of exponentials with each other and with samples, without a table of either -------------
@@ -311,25 +242,6 @@ class Waves:
         tail_functions = _with_time(self.tail, self.tail_s).view(np.float64)
         tail_sums = (tail.swapaxes(1, 2) @ tail_functions).view(np.complex128)
         return np.asarray(sums.reshape(r, k, -1) + tail_sums)
-
-    def residuals(self, amplitudes: Complex) -> list[Real]:
-        """Return the samples of each recording less real parts of exponentials, each (k, count).
-
-        `amplitudes`: of each rate in each channel, shape (r, k, p).
-        """
-        r, n, k, w = self.series.steps.shape
-        # The real part of a product is the scalar product of one factor with the other's conjugate.
-        at_steps = (self.coarse[:, :, None] * amplitudes[:, None]).reshape(r, n * k, -1)
-        steps = at_steps.conj().view(np.float64) @ self.fine.view(np.float64).swapaxes(1, 2)
-        tail = self.tail.view(np.float64) @ amplitudes.conj().view(np.float64).swapaxes(1, 2)
-        of_steps = self.series.steps - steps.reshape(r, n, k, w)
-        of_steps = of_steps.swapaxes(1, 2).reshape(r, k, -1)
-        of_tail = (self.series.tail - tail).swapaxes(1, 2)
-        n_tail = self.series.count - of_steps.shape[2]  # the others are padding
-        return [
-            np.concatenate([first, last[:, :count]], axis=1)
-            for first, last, count in zip(of_steps, of_tail, n_tail.tolist(), strict=True)
-        ]
 
 
 def series_of(times_s: Sequence[Real], samples: Sequence[Real]) -> tuple[Series, ...]:

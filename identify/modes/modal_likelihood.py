@@ -183,8 +183,9 @@ def condense(samples: Samples, poles: _Complex) -> Condensed:
             functions[number, : len(root)] = root[:, : 2 * m] - 1j * root[:, 2 * m :]
             coordinates = np.einsum("np,nrc->rcp", basis, block.values)
             follow = np.einsum("np,rcp->nrc", basis, coordinates)
-            values[np.ix_(block.runs, block.channels)] = 0.0
-            values[(*np.ix_(block.runs, block.channels), slice(len(root)))] = coordinates
+            runs, channels = np.ix_(block.runs, block.channels)
+            values[runs, channels] = 0.0
+            values[runs, channels, : len(root)] = coordinates
             beyond[block.channels] += np.sum((block.values - follow) ** 2, axis=(0, 1))
     beyond += _LEAST_NOISE * power
     wave, timed = functions[..., :m][samples.block], functions[..., m:][samples.block]

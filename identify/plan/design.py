@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
@@ -166,7 +166,7 @@ HIGHEST_BUMP_M = 0.05
 _HIGHEST_RATE_HZ = 1000.0
 _HUB_KG = 5.0
 _FLOOR_KG = 30.0
-_SCALES_KG = 1.0
+_SCALES_KG, _TAPE_M = 1.0, 0.003
 _AXLES = (FactQuantity.FRONT_AXLE, FactQuantity.REAR_AXLE)
 _LENGTHS = (FactQuantity.WHEELBASE, FactQuantity.FRONT_TRACK, FactQuantity.REAR_TRACK)
 _CORNER_LOADS = {
@@ -203,11 +203,10 @@ def _runs(plan: Plan) -> Iterator[Candidate]:
 
 
 def _bump(plan: Plan) -> Iterator[Candidate]:
-    now = plan.bump.height_m
-    for height in dict.fromkeys((min(2.0 * now, HIGHEST_BUMP_M), HIGHEST_BUMP_M)):
-        if height > now:
-            action = f"a bump of {height * 1e3:.3g} mm instead of {now * 1e3:.3g} mm"
-            yield Candidate(action, replace(plan, bump=replace(plan.bump, height_m=height)))
+    if plan.bump.height_m < HIGHEST_BUMP_M:
+        now_mm, then_mm = plan.bump.height_m * 1e3, HIGHEST_BUMP_M * 1e3
+        action = f"a bump of {then_mm:.3g} mm instead of {now_mm:.3g} mm"
+        yield Candidate(action, replace(plan, bump=replace(plan.bump, height_m=HIGHEST_BUMP_M)))
 
 
 def _rate(plan: Plan) -> Iterator[Candidate]:
@@ -274,53 +273,28 @@ def _with_sensors(plan: Plan, action: str, more: list[Sensor]) -> Candidate:
 
 
 def _weights(plan: Plan) -> Iterator[Candidate]:
-    """Yield plans with weights; where there are some, with more, heavier or one-sided ones."""
+    """Yield plans with weights; where there are some, with more of them."""
     hubs = tuple(HubWeight(_HUB_KG, corner) for corner in Corner)
     floor = tuple(BodyWeight(_FLOOR_KG, *_above_wheel(plan, corner)) for corner in Corner)
     loaded = next((s for s in plan.mass_states if s.added.weights or s.added.matrix.any()), None)
-    if loaded is None:
-        for weights, weight_words in (
-            (hubs, f"{_HUB_KG:.0f} kg on every hub"),
-            (floor, f"{_FLOOR_KG:.0f} kg on the floor near each wheel"),
-        ):
-            action = f"{weight_words} as mass state {ADDED}, with one run of each kind at least"
+    places = (
+        (hubs, f"{_HUB_KG:.0f} kg{{}} on every hub"),
+        (floor, f"{_FLOOR_KG:.0f} kg{{}} on the floor near each wheel"),
+    )
+    for weights, words in places:
+        if loaded is None:
+            action = f"{words.format('')} as mass state {ADDED}, with one run of each kind at least"
             others = (s for s in plan.mass_states if s.name != ADDED)
             states = (*others, MassState(ADDED, AddedMass(weights)))
             planned = {r.excitation for r in plan.runs if r.mass_state == ADDED}
             kinds = dict.fromkeys(r.excitation for r in plan.runs if r.excitation not in planned)
             runs = (*plan.runs, *(Runs(ADDED, excitation) for excitation in kinds))
             yield Candidate(action, replace(plan, mass_states=states, runs=runs))
-        return
-    if all(r.mass_state != loaded.name for r in plan.runs):
-        return  # weights without a run; `_runs` offers one
-    added = loaded.added
-    where = f"in mass state {loaded.name}"
-    action = f"{_HUB_KG:.0f} kg more on every hub {where}"
-    yield _reloaded(plan, loaded, action, (*added.weights, *hubs))
-    on_body = [w for w in added.weights if isinstance(w, BodyWeight)]
-    on_hubs = [w for w in added.weights if isinstance(w, HubWeight)]
-    if on_body:
-        twice = [replace(w, mass_kg=2.0 * w.mass_kg) for w in on_body]
-        action = f"the weights on the body twice as heavy {where}"
-        yield _reloaded(plan, loaded, action, (*on_hubs, *twice))
-        one_side = [replace(w, y_m=abs(w.y_m)) for w in on_body]
-        if one_side != on_body:
-            action = f"the weights on the body all on the left side {where}"
-            yield _reloaded(plan, loaded, action, (*on_hubs, *one_side))
-    else:
-        action = f"{_FLOOR_KG:.0f} kg on the floor near each wheel {where}"
-        yield _reloaded(plan, loaded, action, (*added.weights, *floor))
-        rear_left = floor[Corner.REAR_LEFT.position]
-        action = f"{_FLOOR_KG:.0f} kg on the floor near the left rear wheel {where}"
-        yield _reloaded(plan, loaded, action, (*added.weights, rear_left))
-
-
-def _reloaded(
-    plan: Plan, state: MassState, action: str, weights: tuple[BodyWeight | HubWeight, ...]
-) -> Candidate:
-    new = replace(state, added=AddedMass(weights, state.added.matrix))
-    states = tuple(new if s is state else s for s in plan.mass_states)
-    return Candidate(action, replace(plan, mass_states=states))
+        elif any(r.mass_state == loaded.name for r in plan.runs):  # else `_runs` offers one
+            action = f"{words.format(' more')} in mass state {loaded.name}"
+            added = AddedMass((*loaded.added.weights, *weights), loaded.added.matrix)
+            states = tuple(replace(s, added=added) if s is loaded else s for s in plan.mass_states)
+            yield Candidate(action, replace(plan, mass_states=states))
 
 
 def _facts(plan: Plan) -> Iterator[Candidate]:
@@ -330,70 +304,52 @@ def _facts(plan: Plan) -> Iterator[Candidate]:
     by_parts = known & {FactQuantity.TOTAL_MASS} and known & set(_AXLES)
     if not (axles or by_parts):
         if FactQuantity.TOTAL_MASS not in known:
-            total = [FactQuantity.TOTAL_MASS]
-            yield _with_facts(plan, "weigh the vehicle to 1 kg", total, _SCALES_KG)
-        yield _with_facts(plan, "weigh each axle to 1 kg", list(_AXLES), _SCALES_KG)
+            total = (FactQuantity.TOTAL_MASS,)
+            yield Candidate("weigh the vehicle to 1 kg", _with_facts(plan, total, _SCALES_KG))
+        yield Candidate("weigh each axle to 1 kg", _with_facts(plan, _AXLES, _SCALES_KG))
     lengths = [q for q in _LENGTHS if q not in known]
     if lengths and plan.geometry is None:
         names = ", ".join(q.removesuffix("_m").replace("_", " ") for q in lengths)
-        yield _with_facts(plan, f"measure {names} by tape to 3 mm", list(lengths), 0.003)
+        action = f"measure {names} by tape to {_TAPE_M * 1e3:g} mm"
+        yield Candidate(action, _with_facts(plan, lengths, _TAPE_M))
 
 
-def _with_facts(plan: Plan, action: str, quantities: list[FactQuantity], sigma: float) -> Candidate:
-    # The value does not matter: only the uncertainty of a fact is information.
-    more = tuple(Fact(quantity, 0.0, sigma) for quantity in quantities)
-    return Candidate(action, replace(plan, facts=(*plan.facts, *more)))
+def _with_facts(plan: Plan, quantities: Sequence[FactQuantity], sigma: float) -> Plan:
+    """Return a plan with more facts; their values do not matter: only the uncertainty informs."""
+    more = (Fact(quantity, 0.0, sigma) for quantity in quantities)
+    return replace(plan, facts=(*plan.facts, *more))
 
 
-# Whole campaigns to compare with a plan: fewer runs, lower bumps, scales instead of weights -------
-
-_SCALES = (
-    Fact(FactQuantity.TOTAL_MASS, 0.0, 1.0),
-    Fact(FactQuantity.FRONT_AXLE, 0.0, 1.0),
-    Fact(FactQuantity.REAR_AXLE, 0.0, 1.0),
-)
-_TAPE = (
-    Fact(FactQuantity.WHEELBASE, 0.0, 2e-3),
-    Fact(FactQuantity.FRONT_TRACK, 0.0, 4e-3),
-    Fact(FactQuantity.REAR_TRACK, 0.0, 4e-3),
-)
+# Whole campaigns to compare with a plan -----------------------------------------------------------
 
 
 def campaigns(plan: Plan) -> tuple[Candidate, ...]:
-    """Return the campaigns that answer the usual questions, with the sensors of a plan."""
+    """Return campaigns of one run of each kind, with the sensors of a plan and bumps of 50 mm.
+
+    They are held with scales instead of weights, with a tape measure, and in each mass state.
+    """
     kinds = tuple(dict.fromkeys(runs.excitation for runs in plan.runs))
     loaded = [s for s in plan.mass_states if s.added.weights or s.added.matrix.any()]
     bare = next((s for s in plan.mass_states if s not in loaded), MassState(BASELINE))
     if not kinds:
         return ()
+
+    def once(*states: MassState) -> Plan:
+        """Return the plan with one run of each kind in some mass states."""
+        runs = (Runs(state.name, kind, 1, HIGHEST_BUMP_M) for state in states for kind in kinds)
+        return replace(plan, mass_states=states, runs=tuple(runs))
+
     names = ", ".join(kind.words for kind in kinds)
-    weighed = f"{names} once, no weights, axles weighed to 1 kg"
-    others = [(weighed, _once(plan, kinds, (bare,), HIGHEST_BUMP_M, _SCALES))]
-    if not plan.geometry:
-        action = f"{weighed}, wheelbase and tracks by tape"
-        others.append((action, _once(plan, kinds, (bare,), HIGHEST_BUMP_M, (*_SCALES, *_TAPE))))
-    states = (bare, *loaded)
-    for height_m in (0.03, HIGHEST_BUMP_M) if loaded else ():
-        action = f"{names} once in each mass state, bumps of {height_m * 1e3:g} mm"
-        others.append((action, _once(plan, kinds, states, height_m)))
-    for kind in (Excitation.WARP, Excitation.REAR_PITCH) if loaded else ():
-        if kind not in kinds:
-            action = f"{names}, {kind.words} once in each mass state, bumps of 50 mm"
-            others.append((action, _once(plan, (*kinds, kind), states, HIGHEST_BUMP_M)))
-    return tuple(Candidate(*other) for other in others)
-
-
-def _once(
-    plan: Plan,
-    kinds: tuple[Excitation, ...],
-    states: tuple[MassState, ...],
-    height_m: float,
-    facts: tuple[Fact, ...] = (),
-) -> Plan:
     known = {fact.quantity for fact in plan.facts}
-    return replace(
-        plan,
-        mass_states=states,
-        runs=tuple(Runs(state.name, kind, 1, height_m) for state in states for kind in kinds),
-        facts=(*plan.facts, *(fact for fact in facts if fact.quantity not in known)),
-    )
+    loads = [q for q in (FactQuantity.TOTAL_MASS, *_AXLES) if q not in known]
+    lengths = [q for q in _LENGTHS if q not in known]
+    weighed = _with_facts(once(bare), loads, _SCALES_KG)
+    action = f"{names} once, no weights, axles weighed to 1 kg"
+    others = [Candidate(action, weighed)]
+    if not plan.geometry:
+        taped = _with_facts(weighed, lengths, _TAPE_M)
+        others.append(Candidate(f"{action}, wheelbase and tracks by tape", taped))
+    if loaded:
+        action = f"{names} once in each mass state, bumps of {HIGHEST_BUMP_M * 1e3:g} mm"
+        others.append(Candidate(action, once(bare, *loaded)))
+    return tuple(others)

@@ -23,7 +23,7 @@ from daq.vehicle import MassState, parameter_unit
 from ..decays.decay import ChannelGroup, FreeDecay, Recording
 from ..fit.grey_box import SIGNED, GreyBox, weight_sigmas
 from ..fit.likelihood import normal_blocks
-from ..fit.uncertainty import COVERAGE_95, LARGEST_SHARE, Estimate
+from ..fit.uncertainty import COVERAGE_95, LARGEST_SHARE, Estimate, largest_std
 from ..fit.varpro import (
     Evaluated,
     blocks_of,
@@ -173,7 +173,7 @@ def expected(fisher: Fisher) -> Outlook:
     floored = np.maximum(values, _FLOOR * max(float(values[-1]), 1.0))
     std = np.sqrt(np.square(vectors) @ (1.0 / floored))  # of logarithms
     lost = [
-        name for name, s in zip(box.parameters, std.tolist(), strict=True) if s > _largest(name)
+        name for name, s in zip(box.parameters, std.tolist(), strict=True) if s > largest_std(name)
     ]
     slopes = box.parameter_slopes(fisher.eta)
     known = dict(zip(box.parameters, (std * slopes).tolist(), strict=True))
@@ -206,17 +206,14 @@ def vague(parameters: Mapping[str, Estimate]) -> tuple[str, ...]:
     )
 
 
-def _largest(name: str) -> float:
-    """Return the largest standard deviation of an unknown that counts as determined."""
-    return 1.0 if name in SIGNED else LARGEST_SHARE
-
-
 def _reasons(fisher: Fisher, H: NDArray[np.float64], lost: list[str]) -> tuple[str, ...]:
     """Return why parameters are undetermined, from the information, (n, n), on all parameters."""
     box = fisher.box
     diagonal = np.diag(H).tolist()
     blind = [
-        name for name, h in zip(box.parameters, diagonal, strict=True) if h < _largest(name) ** -2
+        name
+        for name, h in zip(box.parameters, diagonal, strict=True)
+        if h < largest_std(name) ** -2
     ]
     # All masses, springs and dampers larger by one factor: the free decays stay as they are.
     scaled = [name[0] in "mIkc" for name in box.parameters]

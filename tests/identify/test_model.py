@@ -13,7 +13,7 @@ from daq.runs import Excitation
 from daq.vehicle import FORD_GRANADA, AddedMass, BodyWeight, Corner, Fact, FactQuantity, HubWeight
 from dbc.words import InputError
 from identify.model.chi_squared import chance_of_more, exceeded_by_chance
-from identify.model.exponentials import LowPass, Spectrum, series_of, spectrum, waves_of
+from identify.model.exponentials import real_functions, series_of, spectrum, waves_of
 from identify.model.matrices import (
     corner_load,
     delta_mass,
@@ -226,10 +226,9 @@ def test_misfits_count_in_sigmas_with_their_slopes() -> None:
     assert slopes / scale == pytest.approx(np.array([[200.0, 0.0], [0.0, 0.5]]))
 
 
-# Exponentials and their sums against plain tables; chi-squared against  ---------------------------
+# Exponentials and their sums against plain tables; chi-squared ------------------------------------
 
 
-NO_FILTER = LowPass(np.zeros(0, dtype=complex))
 TIMES = np.array([0.0, 0.013, 0.2, 1.7])
 
 
@@ -247,37 +246,11 @@ def test_free_decay_is_the_matrix_exponential(name: str) -> None:
     modes = spectrum(A)
     rng = np.random.default_rng(1)
     row, x0 = rng.standard_normal(n), rng.standard_normal(n)
-    modal = (row @ modes.V) * (modes.W @ x0)
-    on_basis = (modes.to_real[:, :n] @ modal).real
+    modal = ((row @ modes.V) * (modes.W @ x0))[modes.half]
+    on_functions = modes.on_real_functions(modal[:, None])[:, 0]
     expected = [row @ expm(A * t) @ x0 for t in TIMES]
-    np.testing.assert_allclose(modes.basis(TIMES) @ on_basis, expected, rtol=1e-9, atol=1e-11)
-
-
-@pytest.mark.parametrize("name", ["vehicle", "overdamped", "equal"])
-def test_slope_of_the_propagator_is_its_derivative(name: str) -> None:
-    A = _systems()[name]
-    n = len(A)
-    modes = spectrum(A)
-    rng = np.random.default_rng(2)
-    row, x0 = rng.standard_normal(n), rng.standard_normal(n)
-    dA = rng.standard_normal((n, n)) * np.abs(A).max() * (A != 0)
-    change = modes.change(dA[None])
-    seen = modes.outputs((row @ modes.V)[None], change, NO_FILTER)
-    plain, timed = modes.propagator_slope(seen, change, modes.W @ x0)
-    slope = modes.basis(TIMES) @ modes.on_real_basis(plain, timed)[0, :, 0]
-    # The block matrix exponential holds the exact derivative (Van Loan 1978).
-    expected = [row @ expm(np.block([[A, dA], [0 * A, A]]) * t)[:n, n:] @ x0 for t in TIMES]
-    np.testing.assert_allclose(slope, expected, rtol=1e-7, atol=1e-9 * np.max(np.abs(expected)))
-
-
-def test_a_motion_without_oscillation_may_come_before_those_with_it() -> None:
-    poles = np.array([-2.0, complex(-1.0, 0.5), complex(-1.0, -0.5)])
-    whole = np.eye(3, dtype=np.complex128)
-    modes = Spectrum(poles, whole, whole, np.zeros((6, 6), dtype=complex), np.array([0, 1]))
-    alone, wave = np.exp(-2.0 * TIMES), np.exp(complex(-1.0, 0.5) * TIMES)
-    columns = np.column_stack([alone, wave.real, wave.imag])
-    np.testing.assert_allclose(modes.basis(TIMES)[:, :3], columns, rtol=1e-12, atol=1e-12)
-    np.testing.assert_allclose(modes.basis(TIMES)[:, 3:], TIMES[:, None] * columns, atol=1e-12)
+    functions = real_functions(TIMES, modes.poles[modes.half])
+    np.testing.assert_allclose(functions @ on_functions, expected, rtol=1e-9, atol=1e-11)
 
 
 # Sums over samples without a table are the sums of the table, whatever the times -----------------
@@ -302,9 +275,6 @@ def test_sums_are_those_of_a_table(kind: str) -> None:
         at = waves_of(series, RATES, late_s)
         mixed, plain = at.grams()
         sums, plain_sums = at.with_samples(), at.sums()
-        drawn = rng.standard_normal((2, len(series.members), 2, len(RATES)))
-        amplitudes = np.asarray(drawn[0] + 1j * drawn[1], dtype=np.complex128)
-        residuals = at.residuals(amplitudes)
         for i, member in enumerate(series.members):
             time, values = TIMES_EXPONENTIAL_SUMS[kind][member] - late_s, samples[member]
             wave = np.exp(np.outer(time, RATES))
@@ -319,9 +289,6 @@ def test_sums_are_those_of_a_table(kind: str) -> None:
                 np.testing.assert_allclose(
                     found, expected, rtol=1e-12, atol=1e-13 * np.abs(expected).max()
                 )
-            np.testing.assert_allclose(
-                residuals[i], (values - (wave @ amplitudes[i].T).real).T, atol=1e-12
-            )
             seen.append(member)
     assert sorted(seen) == [0, 1]
 

@@ -140,32 +140,24 @@ FLOOR = (
 )  # fmt: skip
 
 
-def test_weights_on_the_body_are_offered_twice_as_heavy_or_on_one_side() -> None:
-    body, hub = BodyWeight(50.0, -1.0, -0.5, 0.1, 0.2), HubWeight(2.0, Corner.FRONT_LEFT)
-    given = plan(BARE, loaded(body, hub))
-    where = " in mass state added"
-    assert weights(given, f"5 kg more on every hub{where}") == (body, hub, *HUBS)
-    assert weights(given, f"the weights on the body twice as heavy{where}") == (
-        hub, replace(body, mass_kg=100.0),
-    )  # fmt: skip
-    left = f"the weights on the body all on the left side{where}"
-    assert weights(given, left) == (hub, replace(body, y_m=0.5))
-    assert left not in offered(plan(BARE, loaded(replace(body, y_m=0.5))))
-    assert not any("floor" in action for action in offered(given))
-
-
 @pytest.mark.parametrize(
     "state",
-    [loaded(HubWeight(2.0, Corner.REAR_LEFT)), MassState(ADDED, AddedMass((), np.eye(7)))],
+    [
+        loaded(BodyWeight(50.0, -1.0, -0.5, 0.1, 0.2), HubWeight(2.0, Corner.FRONT_LEFT)),
+        MassState(ADDED, AddedMass((), np.eye(7))),
+    ],
 )
-def test_weights_on_the_floor_are_offered_where_the_body_has_none(state: MassState) -> None:
-    given, own = plan(BARE, state), state.added.weights
+def test_more_weights_are_offered_on_hubs_and_floor(state: MassState) -> None:
+    given, already = plan(BARE, state), state.added.weights
     where = " in mass state added"
-    assert weights(given, f"30 kg on the floor near each wheel{where}") == (*own, *FLOOR)
-    near = f"30 kg on the floor near the left rear wheel{where}"
-    assert weights(given, near) == (*own, FLOOR[2])
-    after = offered(given)[near].mass_states[1].added.matrix
+    assert weights(given, f"5 kg more on every hub{where}") == (*already, *HUBS)
+    floor = f"30 kg more on the floor near each wheel{where}"
+    assert weights(given, floor) == (*already, *FLOOR)
+    after = offered(given)[floor].mass_states[1].added.matrix
     np.testing.assert_array_equal(after, state.added.matrix)
+    # Weights without a run: the run comes first.
+    bare_runs = replace(given, runs=(Runs(BASELINE, ROLL),))
+    assert not any(" more on " in action for action in offered(bare_runs))
 
 
 TOTAL, FRONT, REAR = FactQuantity.TOTAL_MASS, FactQuantity.FRONT_AXLE, FactQuantity.REAR_AXLE
@@ -220,24 +212,19 @@ def test_whole_campaigns_hold_each_kind_once() -> None:
     assert list(found) == [
         "roll, warp once, no weights, axles weighed to 1 kg",
         "roll, warp once, no weights, axles weighed to 1 kg, wheelbase and tracks by tape",
-        "roll, warp once in each mass state, bumps of 30 mm",
         "roll, warp once in each mass state, bumps of 50 mm",
-        "roll, warp, rear pitch once in each mass state, bumps of 50 mm",
     ]
-    bare, taped, low, high, more = found.values()
+    bare, taped, both = found.values()
     assert bare.mass_states == (BARE,)
     assert [(r.mass_state, r.excitation, r.repeats, r.height_m) for r in bare.runs] == [
         (BASELINE, ROLL, 1, 0.05), (BASELINE, Excitation.WARP, 1, 0.05),
     ]  # fmt: skip
     assert [(f.quantity, f.sigma) for f in bare.facts] == [(TOTAL, 0.5), (FRONT, 1.0), (REAR, 1.0)]
-    assert [f.sigma for f in taped.facts[3:]] == [0.002, 0.004, 0.004]
-    assert [state.name for state in low.mass_states] == [BASELINE, ADDED]
-    assert [(r.mass_state, r.height_m) for r in low.runs] == [
-        (BASELINE, 0.03), (BASELINE, 0.03), (ADDED, 0.03), (ADDED, 0.03),
+    assert [f.sigma for f in taped.facts[3:]] == [0.003] * 3
+    assert [(r.mass_state, r.height_m) for r in both.runs] == [
+        (BASELINE, 0.05), (BASELINE, 0.05), (ADDED, 0.05), (ADDED, 0.05),
     ]  # fmt: skip
-    assert {r.height_m for r in high.runs} == {r.height_m for r in more.runs} == {0.05}
-    assert len(more.runs) == 6
-    assert low.facts == more.facts == (scales,)
+    assert both.facts == (scales,)
 
 
 # What a plan is expected to leave, from information that was made up ------------------------------

@@ -208,7 +208,7 @@ def test_steps_are_what_their_plans_will_show_sorted_and_few() -> None:
     worth = [step.outlook.worst * step.outlook.mean for step in advice.steps]
     assert worth == sorted(worth)
     assert worth[-1] < advice.outlook.worst * advice.outlook.mean
-    assert "a bump of 40 mm instead of 20 mm" in [step.action for step in advice.steps]
+    assert "a bump of 50 mm instead of 20 mm" in [step.action for step in advice.steps]
     # What is reused from plan to plan is the same as what is computed for each.
     by_action = {c.action: c.plan for c in candidates(plan)}
     for step in advice.steps[:3]:

@@ -21,7 +21,7 @@ from identify.fit.grey_box import GreyBox
 from identify.fit.likelihood import FACTS, Fit, fit
 from identify.fit.uncertainty import Estimate, drivers, estimates, motion_ratio_estimates
 from identify.model.exponentials import low_pass_of
-from identify.pipeline import grey_box, identify, identify_parameters
+from identify.pipeline import grey_box, identify_parameters
 from identify.study.campaign import PAPER_MASS_STATES, SENSOR_SETS, Campaign, records_of
 from identify.trust.causes import judge
 from identify.trust.finding import Verdict
@@ -307,20 +307,6 @@ def test_sensors_that_show_three_per_cent_too_much_are_within_the_intervals() ->
     assert abs(blind.parameters[lost].value - truth[lost]) > 20.0 * blind.parameters[lost].std
     assert "gains" in {finding.code for finding in blind.quality.findings}
     assert "gains" not in {finding.code for finding in found.quality.findings}
-
-
-def test_the_modes_of_a_symmetric_car_are_symmetric_whatever_the_gains_are() -> None:
-    """Each mode moves left and right wheels alike, as the fitted gains are taken out before."""
-    session = stress_session("gain", 1)  # one hub reads 2 % too much
-    channels = tuple(replace(c, gain_sigma=0.02) for c in session.channels)
-    found = identify(replace(session, channels=channels))
-    fitted = found.estimation.box.gains(found.estimation.fit.eta) if found.estimation else {}
-    assert fitted["hub_acc_fl"] - fitted["hub_acc_fr"] == pytest.approx(0.02, abs=0.01)
-    names = [c.name for c in channels]
-    for sensed in found.sensed.values():
-        for side in ("hub_acc_f", "hub_acc_r"):
-            left, right = (abs(sensed.shapes[names.index(side + end)]) for end in "lr")
-            np.testing.assert_allclose(left, right, rtol=1e-9)
 
 
 # A sensor's low-pass and its lateness, stated in the channel, cost next to nothing ---------------

@@ -244,6 +244,39 @@ STARTS = 10
 FACTOR = 3.0
 
 
+@pytest.mark.parametrize(("damping", "order"), [(1.0, 3), (8.0, 2)])
+def test_the_gradient_is_the_slope_of_the_cost(damping: float, order: int) -> None:
+    """Also for wheels that creep back instead of swinging, behind low-passes, late by a sigma."""
+    groups = tuple(
+        replace(
+            group,
+            channels=tuple(
+                replace(c, low_pass_hz=20.0, low_pass_order=order, delay_sigma_s=1e-3)
+                for c in group.channels
+            ),
+        )
+        for group in SENSOR_SETS["all"]
+    )
+    campaign = Campaign(noise_db=40.0, groups=groups)
+    box = GreyBox(groups, MASS_STATES, None)
+    decays = tuple(r.decay(START_S).thinned(50.0) for r in records_of(campaign, 1)[2:4])
+    sigma = {c.name: 1e-3 for group in groups for c in group.channels}
+    theta = TRUTH.copy()
+    theta[9:11] *= damping
+    rng = np.random.default_rng(1)
+    eta = box.unknowns(theta)
+    eta = eta + np.minimum(0.05, box.prior_sigma) * rng.standard_normal(len(eta))
+    (run, *_) = (decay.label for decay in decays)
+    gradient = normal_blocks(box, decays, sigma, eta)[run].gradient
+    steps = 1e-3 * np.diag(np.minimum(1.0, box.prior_sigma))
+    for unknown, step in enumerate(steps):
+        up, down = (
+            normal_blocks(box, decays, sigma, point)[run].cost for point in (eta + step, eta - step)
+        )
+        slope = (up - down) / (2.0 * step[unknown])
+        assert -2.0 * gradient[unknown] == pytest.approx(slope, rel=1e-4, abs=1e-4 * abs(up))
+
+
 def test_any_start_within_a_factor_three_on_all_parameters_leads_to_the_optimum() -> None:
     records = paper_records(200.0, 30.0, 11)
     decays = tuple(r.decay(0.3 + 1e-9) for r in records)
