@@ -13,7 +13,7 @@ from dbc.words import InputError
 
 from .model.matrices import N_DOF, PhysicalModel, delta_mass, matrices
 from .modes.modal_model import ModalModel, displacement_shapes
-from .modes.vehicle_modes import SensedModes
+from .modes.mode_selection import SensedModes
 
 Floats = NDArray[np.float64]
 

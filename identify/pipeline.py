@@ -34,7 +34,7 @@ from .fit.uncertainty import (
 )
 from .model.matrices import Full, loaded_model
 from .modes.modal_model import mode_names, modes_of, pair_modes
-from .modes.vehicle_modes import SensedModes, sensed_modes
+from .modes.mode_selection import SensedModes, sensed_modes
 from .paper import ClosedForm, closed_form
 from .result import Identification
 from .trust.causes import faults_of_bench, first_cause, judge, swapped_or_late

@@ -293,20 +293,19 @@ _ALIKE = 0.98
 def originals(
     poles: NDArray[np.complex128],
     shapes: NDArray[np.complex128],
-    amplitudes: NDArray[np.complex128] | None = None,
+    amplitudes: NDArray[np.complex128],
 ) -> NDArray[np.intp]:
     """Return the numbers of the modes without copies of others, in their order.
 
     Of several poles that are one mode the strongest stays.  With one channel there is no shape, and
     no pole is a copy.  `poles` (m,) rad/s; `shapes` (n_channels, m), all channels scaled alike;
-    `amplitudes` (n_runs, m) at the start of each run, or None, which leaves the lowest damping.
+    `amplitudes` (n_runs, m) at the start of each run.
     """
     m = len(poles)
     if m < 2 or len(shapes) < 2:
         return np.arange(m)
-    energy = 1.0 / np.maximum(np.abs(poles.real), np.finfo(float).tiny)
-    if amplitudes is not None:
-        energy *= np.sum(np.abs(shapes) ** 2, axis=0) * np.sum(np.abs(amplitudes) ** 2, axis=0)
+    power = np.sum(np.abs(shapes) ** 2, axis=0) * np.sum(np.abs(amplitudes) ** 2, axis=0)
+    energy = power / np.maximum(np.abs(poles.real), np.finfo(float).tiny)
     size = np.abs(poles)
     near = np.abs(poles[:, None] - poles) < _NEAR * np.maximum(size[:, None], size)
     same = near & (mac(shapes, shapes) > _ALIKE) & (poles.imag > 0.0)[:, None] & (poles.imag > 0.0)

@@ -17,8 +17,8 @@ from ..decays.decay import FreeDecay, Record, onset_s
 from ..fit.estimation import Estimation
 from ..fit.likelihood import Residuals
 from ..fit.uncertainty import Prediction, leave_one_out
+from ..modes.mode_selection import vehicle_diagram
 from ..modes.state_variable_method import StabilisationDiagram
-from ..modes.vehicle_modes import vehicle_diagram
 from ..numbers import number
 from ..result import Identification
 from ..trust.gates import SNR_LIMIT_DB

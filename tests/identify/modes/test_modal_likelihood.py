@@ -25,8 +25,7 @@ from identify.modes.modal_likelihood import (
     most_likely_modes,
 )
 from identify.modes.modal_model import ModalModel, mac, modes_of
-from identify.modes.mode_selection import identify_modes, likely_modes
-from identify.modes.vehicle_modes import sensed_modes
+from identify.modes.mode_selection import identify_modes, likely_modes, sensed_modes
 
 from ..bumps import CASES, MASS_STATES, paper_records
 from ..modal_bound import unstructured_bound
@@ -83,7 +82,7 @@ def test_the_bound_by_brute_force_is_the_published_one() -> None:
 
 
 @pytest.mark.parametrize(
-    ("identify", "seeds"), [(of_arrays, 5), (of_sensors, 3)], ids=["arrays", "sensors"]
+    ("identify", "seeds"), [(of_arrays, 3), (of_sensors, 3)], ids=["arrays", "sensors"]
 )
 def test_all_seven_modes_at_30_db_near_the_bound(
     identify: Callable[[int, tuple[Excitation, ...]], ModalModel], seeds: int
@@ -350,8 +349,8 @@ def test_poles_that_follow_a_drift_do_not_multiply_the_work(
 ) -> None:
     """A ground-vibration test: some thirty poles stand out from the noise, and eight are modes.
 
-    A step of the fit takes runs times poles squared.  Thirty steps of thirty poles in all 74 runs
-    would be 2 million; a fit of all poles to the end took 23 million.
+    A step of the fit takes runs times poles squared.  Thirty steps of thirty poles in all 30 runs
+    would be 0.8 million; a fit of all poles to the end takes ten times that.
     """
     linearised, work = likelihood.linearised, []
 
@@ -361,9 +360,9 @@ def test_poles_that_follow_a_drift_do_not_multiply_the_work(
         return linearised(point)
 
     monkeypatch.setattr(likelihood, "linearised", counted_step)
-    struck, poles = struck_frame(8, 74, 4, drift=1e-3)
+    struck, poles = struck_frame(8, 30, 4, drift=1e-3)
     found = identify_modes(struck, RATE_HZ)
-    assert sum(work) < 2_000_000
+    assert sum(work) < 800_000
     assert no_copies(found, poles)
     for frequency_hz in np.abs(poles) / (2.0 * np.pi):
         assert np.min(np.abs(found.frequencies_hz / frequency_hz - 1.0)) < 2e-3

@@ -12,7 +12,7 @@ from daq.runs import Excitation
 from daq.vehicle import FORD_GRANADA
 from dbc.words import InputError
 from identify.model.matrices import PhysicalModel, physical_model
-from identify.model.response import Bump, exact_response, wilson_response
+from identify.model.response import Bump, exact_response
 from identify.modes import state_variable_method as module
 from identify.modes.modal_model import ModalModel, mac, modes_of
 from identify.modes.mode_selection import clean_modes, identify_modes
@@ -102,14 +102,6 @@ def test_accelerations_and_displacements_have_the_same_poles() -> None:
         )
 
 
-def test_the_spurious_modes_of_wilson_theta_are_left_out() -> None:
-    """Its accelerations obey 21 poles: the vehicle's 14 and seven real ones of the method."""
-    bump = Bump()
-    responses = [wilson_response(BASELINE, run, bump, 1000.0, 3.0) for run in PAPER_RUNS]
-    found = identify_modes([r.acceleration[r.time_s > 0.2995] for r in responses], 1000.0)
-    assert_poles(found, modes_of(BASELINE.A).poles, 1e-3)
-
-
 def test_two_masses_of_a_textbook() -> None:
     poles = chain_poles(2, k=100.0, c=1.0, m=1.0)
     assert np.abs(poles) == pytest.approx([10.0, np.sqrt(300.0)])
@@ -176,18 +168,17 @@ def test_an_offset_and_a_slow_drift_are_no_modes() -> None:
 
 def test_a_linear_drift_is_no_mode_that_grows() -> None:
     poles = oscillators([2.0], [0.05])
-    for seed in range(2):
-        noise = 0.005 * np.random.default_rng(seed).standard_normal((500, 2))
-        record = free_decay(poles, np.array([[1.0], [0.5]]), np.ones(1), 100.0, 5.0) + noise
-        record += 0.05 * np.arange(500)[:, None] / 100.0
-        for records in ([record], [record, 0.7 * record]):
-            assert_poles(identify_modes(records, 100.0), poles, 0.01)
+    noise = 0.005 * np.random.default_rng(0).standard_normal((500, 2))
+    record = free_decay(poles, np.array([[1.0], [0.5]]), np.ones(1), 100.0, 5.0) + noise
+    record += 0.05 * np.arange(500)[:, None] / 100.0
+    for records in ([record], [record, 0.7 * record]):
+        assert_poles(identify_modes(records, 100.0), poles, 0.01)
 
 
 @pytest.mark.parametrize("n_records", [1, 2])
 def test_the_count_is_right_at_40_db(n_records: int) -> None:
     poles, shapes = chain_poles(3, k=1000.0, c=1.0, m=1.0), chain_shapes(3)
-    for seed in range(5):
+    for seed in range(3):
         rng = np.random.default_rng(seed)
         records = [
             with_noise(free_decay(poles, shapes, random_amplitudes(3, rng), 50.0, 8.0), 40.0, rng)
@@ -199,7 +190,7 @@ def test_the_count_is_right_at_40_db(n_records: int) -> None:
 
 
 def test_noise_alone_has_no_modes() -> None:
-    for seed in range(9):
+    for seed in range(4):
         noise = np.random.default_rng(seed).standard_normal((300, 1 + seed % 3))
         assert len(identify_modes([noise], 100.0)) == 0
 
@@ -260,12 +251,6 @@ def test_a_mode_that_turns_by_more_than_half_between_delays_keeps_its_frequency(
     found = found[found.imag > 0.0]
     found = found[np.argsort(np.abs(found))]
     np.testing.assert_allclose(found, poles, rtol=1e-6)
-
-
-def test_a_few_samples_of_noise_have_no_mode_in_any_channel() -> None:
-    noise = np.random.default_rng(0).standard_normal((8, 3))
-    found = identify_modes([noise], 100.0)
-    assert (len(found), found.shapes.shape) == (0, (3, 0))
 
 
 # Eigensystem realisation and stabilisation diagram, beside the closed form ------------------------

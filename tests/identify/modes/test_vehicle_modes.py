@@ -16,9 +16,13 @@ from identify.decays.decay import ChannelGroup, FreeDecay, Record, Recording
 from identify.model.matrices import PhysicalModel, physical_model
 from identify.model.response import Bump, Response, exact_response
 from identify.modes.modal_model import ModalModel, displacement_shapes, mac, modes_of, sensor_rows
-from identify.modes.mode_selection import regression_modes
+from identify.modes.mode_selection import (
+    SensedModes,
+    regression_modes,
+    sensed_modes,
+    vehicle_diagram,
+)
 from identify.modes.state_variable_method import StabilisationDiagram
-from identify.modes.vehicle_modes import SensedModes, sensed_modes, vehicle_diagram
 
 from ..structures import free_decay, oscillators
 
