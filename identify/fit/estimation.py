@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 
@@ -383,20 +382,6 @@ _SLACK_S = 1e-7
 """Seconds by which a start comes before its first sample, so that rounding does not cut it off."""
 
 
-class _Early(NamedTuple):
-    """The samples before the start, the last one first, in units of sigma."""
-
-    time_s: Real
-    """Time from the start, s, negative, shape (n,); one entry for each value."""
-    rows: Real
-    """Slope of each value by the unknowns of the fit and the linear part of the run, shape (n,
-    n_unknown)."""
-    error: Real
-    """Measured less predicted, shape (n,)."""
-    covariance: Real
-    """Covariance of the unknowns that the predictions use, shape (n_unknown, n_unknown)."""
-
-
 def _earliest_start_s(
     point: Evaluated, covariance: Real, record: Record, decay: FreeDecay, linear: LinearPart
 ) -> float:
@@ -411,7 +396,7 @@ def _earliest_start_s(
     # The force ends near the expected start: what is 30 ms before it is seldom looked at.
     for first_s in dict.fromkeys((max(lower_s, start_s - 0.03), lower_s)):
         early = _early(point, covariance, record, decay, linear, first_s)
-        instants_s, failed_s = _free_instants(early)
+        instants_s, failed_s = _free_instants(*early)
         if failed_s is not None:
             channels = [c for r in decay.recordings for c in r.group.channels]
             at_once = any(c.quantity is Quantity.HUB_ACCELERATION for c in channels)
@@ -428,10 +413,12 @@ def _early(
     decay: FreeDecay,
     linear: LinearPart,
     first_s: float,
-) -> _Early:
-    """Return the samples from `first_s` to the start, and what the decay predicts of them.
+) -> tuple[Real, Real, Real, Real]:
+    """Return the n values from `first_s` to the start, the last one first, in units of sigma.
 
-    Arguments are those of `_earliest_start_s`.
+    Returns their times from the start, s, negative, (n,); their slopes by the unknowns of the fit
+    and the linear part of the run, (n, n_unknown); measured less predicted, (n,); and the
+    covariance of the unknowns.  Arguments are those of `_earliest_start_s`.
     """
     modal_state = point.modes.W @ linear.solution[: len(point.modes.poles)]
     # Weighted products of the slopes by the linear part and by the unknowns.
@@ -458,18 +445,23 @@ def _early(
     across = -linear.normal_inverse @ mixed @ covariance
     of_linear = linear.normal_inverse - across @ mixed.T @ linear.normal_inverse
     joint = np.block([[covariance, across.T], [across, of_linear]])
-    return _Early(time_s[order], np.concatenate(rows)[order], np.concatenate(errors)[order], joint)
+    return time_s[order], np.concatenate(rows)[order], np.concatenate(errors)[order], joint
 
 
-def _free_instants(early: _Early) -> tuple[list[float], float | None]:
-    """Return the free instants, and the first one, backwards, that is not free; None if all are."""
-    change, covariance = np.zeros(early.rows.shape[1]), early.covariance
+def _free_instants(
+    time_s: Real, by_unknown: Real, errors: Real, covariance: Real
+) -> tuple[list[float], float | None]:
+    """Return the free instants, and the first one, backwards, that is not free; None if all are.
+
+    Arguments are those that `_early` returns.
+    """
+    change = np.zeros(by_unknown.shape[1])
     accepted: list[float] = []
     squares: list[tuple[float, int]] = []  # of the errors at each instant, and their number
-    begins = np.flatnonzero(np.diff(early.time_s, prepend=np.inf))  # first value of each instant
-    for first, end in pairwise([*begins, len(early.time_s)]):
-        rows, instant_s = early.rows[first:end], float(early.time_s[first])
-        error = early.error[first:end] - rows @ change
+    begins = np.flatnonzero(np.diff(time_s, prepend=np.inf))  # first value of each instant
+    for first, end in pairwise([*begins, len(time_s)]):
+        rows, instant_s = by_unknown[first:end], float(time_s[first])
+        error = errors[first:end] - rows @ change
         shared = rows @ covariance
         of_error = np.eye(len(error)) + shared @ rows.T  # covariance; the noise has sigma 1
         gain_and_error = np.linalg.solve(of_error, np.column_stack([shared, error]))

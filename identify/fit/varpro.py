@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from ..decays.decay import ChannelGroup, FreeDecay, Recording
 from ..model.exponentials import (
-    Change,
     Series,
     Spectrum,
     low_pass_of,
@@ -72,8 +71,9 @@ class Evaluated:
     """Structure of the problem."""
     modes: Spectrum
     """Eigenvalues and eigenvectors of the state matrix."""
-    change: Change
-    """Change of the state matrix with each unknown."""
+    apart: Complex
+    together: Complex
+    """`apart`, `together`: change of the state matrix with each unknown (`Spectrum.change`)."""
     groups: tuple[GroupAt, ...]
     """Channel groups in the order of `box.groups`."""
 
@@ -103,7 +103,7 @@ def evaluate(
     points = {}
     for name, system in box.systems(eta, mass_states).items():
         modes = spectrum(system.A)
-        change, half = modes.change(system.dA), modes.half
+        half, (apart, apart_into, together) = modes.half, modes.change(system.dA)
         groups = []
         for i, (group, late_s) in enumerate(
             zip(box.groups, box.delays_s(eta).tolist(), strict=True)
@@ -116,7 +116,7 @@ def evaluate(
             rows = np.array([system.rows[c.name] for c in group.channels]) @ modes.V
             d_rows = np.array([system.d_rows[c.name] for c in group.channels]) @ modes.V
             gained = (rows * gain)[:, half]
-            through = _along(rows, change.apart_into) * gain[half, None]
+            through = _along(rows, apart_into) * gain[half, None]
             groups.append(
                 GroupAt(
                     rates=rates,
@@ -131,7 +131,7 @@ def evaluate(
                     late_index=box.delay_index(i),
                 )
             )
-        points[name] = Evaluated(box, modes, change, tuple(groups))
+        points[name] = Evaluated(box, modes, apart, together, tuple(groups))
     return points
 
 
@@ -288,8 +288,8 @@ def slopes(point: Evaluated, group: GroupAt, z: Complex) -> Real:
     coordinates.
     """
     modes = point.modes
-    apart = _along(z, point.change.apart)[..., None, :, :]
-    together = _along(z, point.change.together)[..., None, :, :]
+    apart = _along(z, point.apart)[..., None, :, :]
+    together = _along(z, point.together)[..., None, :, :]
     of_half = z[..., None, modes.half, None]
     on_exp = group.gained[..., None] * apart
     on_exp += group.bent[..., None] * together

@@ -84,25 +84,6 @@ def real_functions(time_s: Real, rates: Complex) -> Real:
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
-    """Changes of a state matrix by P unknowns, in modal coordinates, for all recordings.
-
-    One pole represents each conjugate pair (`Spectrum.half`, h poles); the entries of the other are
-    conjugate.
-    """
-
-    apart: Complex
-    """Entries from each pole to one of `half` that differs from it, divided by their difference,
-    shape (n, h, P)."""
-    apart_into: Complex
-    """Entries from one of `half` to each pole that differs from it, divided by their difference,
-    shape (n, h, P)."""
-    together: Complex
-    """Entries from each pole to one of `half` that is equal, the diagonal included, shape
-    (n, h, P)."""
-
-
-@dataclass(frozen=True, slots=True)
 class Spectrum:
     """Eigenvalues and eigenvectors of a real state matrix."""
 
@@ -114,8 +95,14 @@ class Spectrum:
     half: NDArray[np.intp]
     """Numbers of the real poles and of the upper one of each pair, shape (h,)."""
 
-    def change(self, dA: Real) -> Change:
-        """Bring changes of the state matrix, (P, n, n) in 1/s, into modal coordinates."""
+    def change(self, dA: Real) -> tuple[Complex, Complex, Complex]:
+        """Bring changes of the state matrix, (P, n, n) in 1/s, into modal coordinates.
+
+        Returns the entries from each pole to one of `half` that differs from it, and from one of
+        `half` to each pole that differs from it, both divided by the difference of the poles, and
+        the entries from each pole to one of `half` that is equal, the diagonal included; each (n,
+        h, P).  The entries of the other pole of a pair are conjugate.
+        """
         modal = self.W @ dA @ self.V
         gap = self.poles[:, None] - self.poles[None, :]
         scale = np.abs(self.poles)[:, None] + np.abs(self.poles)[None, :]
@@ -123,7 +110,7 @@ class Spectrum:
         same = np.abs(gap) < 1e-7 * scale
         inverse = np.where(same, 0.0, 1.0 / np.where(same, 1.0, gap))
         apart, together = modal * inverse, modal * same
-        return Change(
+        return (
             np.ascontiguousarray(apart[:, self.half].T),
             np.ascontiguousarray(apart[:, :, self.half].transpose(1, 2, 0)),
             np.ascontiguousarray(together[:, self.half].T),

@@ -44,12 +44,12 @@ from .state_variable_method import (
     DelaySpace,
     Poles,
     StabilisationDiagram,
-    checked_records,
     delay_space,
     diagram_of,
     layouts,
     noise_levels,
     poles_of_rank,
+    scaled_records,
     seen_in,
     stabilisation_diagram,
 )
@@ -106,14 +106,14 @@ def regression_modes(records: Sequence[ArrayLike], rate_hz: float) -> ModalModel
 
 
 def _modes(records: Sequence[ArrayLike], rate_hz: float, *, settled: bool) -> ModalModel:
-    decays = checked_records(records, rate_hz)
-    size = np.sqrt(np.mean(np.concatenate(decays) ** 2, axis=0))
+    decays, size = scaled_records(records, rate_hz)
     alive = np.any([np.ptp(decay, axis=0) > 0.0 for decay in decays], axis=0)  # no stuck sensor
     if not np.any(alive):
         return ModalModel(np.zeros(0, complex), np.zeros((len(size), 0), complex))
     # With equal noise in all channels, directions of noise do not stand out like those of motion.
-    size[alive] *= noise_levels([decay[:, alive] / size[alive] for decay in decays])
-    scaled = [decay[:, alive] / size[alive] for decay in decays]
+    noise = noise_levels([decay[:, alive] for decay in decays])
+    scaled = [decay[:, alive] / noise for decay in decays]
+    size[alive] *= noise
     spaces = [delay_space(scaled, rate_hz, delays) for delays in layouts(scaled)]
     model = clean_modes(spaces)
     if model is None:

@@ -73,13 +73,14 @@ class DelaySpace:
         freeze_arrays(self, "directions", "strength")
 
 
-def checked_records(
+def scaled_records(
     records: Sequence[ArrayLike], rate_hz: float
-) -> tuple[NDArray[np.float64], ...]:
-    """Return the records as (n_samples, n_channels) arrays after checking them.
+) -> tuple[list[NDArray[np.float64]], NDArray[np.float64]]:
+    """Return records (n_samples, n_channels) of rms 1 in each channel, and the rms, (n_channels,).
 
-    Raises InputError for no record, one that is not two-dimensional or not of numbers, different
-    numbers of channels, fewer than 8 samples, NaN or infinity, a rate that is not positive.
+    A channel of zeros stays as it is.  Raises InputError for no record, one that is not
+    two-dimensional or not of numbers, different numbers of channels, fewer than 8 samples, NaN or
+    infinity, a rate that is not positive.
     """
     if not (np.isfinite(rate_hz) and rate_hz > 0.0):
         raise InputError(_WHERE, f"the rate is {rate_hz} Hz", "give samples a second, above 0")
@@ -108,7 +109,9 @@ def checked_records(
         if wrong:
             raise InputError(_WHERE, f"record {number} {wrong}", remedy)
         decays.append(decay)
-    return tuple(decays)
+    size = np.sqrt(np.mean(np.concatenate(decays) ** 2, axis=0))
+    size[size == 0.0] = 1.0
+    return [decay / size for decay in decays], size
 
 
 def noise_levels(decays: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
@@ -279,12 +282,10 @@ def realised_modes(
     for each mode; by default as many as stand out from the noise.  Returns all pairs of poles that
     oscillate and decay, spurious ones among them; shapes in the channels' own quantities.
     """
-    decays = checked_records(records, rate_hz)
-    size = np.sqrt(np.mean(np.concatenate(decays) ** 2, axis=0))
-    size[size == 0.0] = 1.0
+    decays, size = scaled_records(records, rate_hz)
     shortest = min(len(decay) for decay in decays)
     blocks = min(max(_LEAST_BLOCKS, round(_ROWS_S * rate_hz)), shortest // 2)
-    space = delay_space([decay / size for decay in decays], rate_hz, Delays(blocks, 1))
+    space = delay_space(decays, rate_hz, Delays(blocks, 1))
     if order is None:
         floor = max(_OF_NOISE * np.median(space.strength), _OF_ROUNDING * float(space.strength[0]))
         order = int(np.sum(space.strength > floor))
@@ -342,11 +343,8 @@ def stabilisation_diagram(records: Sequence[ArrayLike], rate_hz: float) -> Stabi
 
     Parameters and Raises are those of `identify_modes`; shapes are in the channels' quantities.
     """
-    decays = checked_records(records, rate_hz)
-    size = np.sqrt(np.mean(np.concatenate(decays) ** 2, axis=0))
-    size[size == 0.0] = 1.0
-    scaled = [decay / size for decay in decays]
-    space = delay_space(scaled, rate_hz, layouts(scaled)[0])
+    decays, size = scaled_records(records, rate_hz)
+    space = delay_space(decays, rate_hz, layouts(decays)[0])
     diagram = diagram_of(space, max(len(decay) for decay in decays) / rate_hz)
     return replace(diagram, shapes=diagram.shapes * size[:, None])
 

@@ -222,20 +222,15 @@ def _stds_percent(parameters: dict[str, Estimate]) -> Floats:
 
 def noise_study(campaign: Campaign, bound: Floats, outcomes: Sequence[Outcome]) -> Study:
     """Return the statistics of many campaigns; `bound`, (15,): as `bound_percent` has it."""
-    from scipy.stats import binom
-
     names = PARAMETER_NAMES if campaign.geometry is None else PARAMETER_NAMES[:11]
     n, bound = len(names), bound[: len(names)]
     used = [one for one in outcomes if not one.lost]
     rms = stated = covered = np.full(n, np.nan)
-    low, high = 0.0, 100.0
     if used:
         errors = np.array([one.errors_percent[:n] for one in used])
         stds = np.array([one.stds_percent[:n] for one in used])
         rms, stated = (np.sqrt(np.mean(each**2, axis=0)) for each in (errors, stds))
         covered = 100.0 * np.mean(np.abs(errors) <= COVERAGE_95 * stds, axis=0)
-        # Range of the coverage of 95 % intervals in 99 of 100 studies of as many campaigns.
-        low, high = (100.0 * float(x) / len(used) for x in binom.interval(0.99, len(used), 0.95))
     ratio = rms / bound
     notes = [
         f"lost: {len(outcomes) - len(used)} of {len(outcomes)} (not converged, chi2/n above 1.5, or"
@@ -248,8 +243,7 @@ def noise_study(campaign: Campaign, bound: Floats, outcomes: Sequence[Outcome]) 
         notes += [
             f"rms error {rms.max():.3f} % at most; {ratio.min():.3f} .. {ratio.max():.3f} times"
             f" the bound, {sqrt(np.mean(ratio**2)):.3f} in the mean square",
-            f"95 % intervals hold the truth in {covered.mean():.1f} % of all cases; for one"
-            f" parameter, {low:.0f} .. {high:.0f} % may be chance",
+            f"95 % intervals hold the truth in {covered.mean():.1f} % of all cases",
         ]
     return Study(
         title=f"Noise study: {counted(len(outcomes), 'campaign')} at {campaign.noise_db:g} dB,"

@@ -230,10 +230,8 @@ def table3_study(campaign: Campaign, attempts: Sequence[Mapping[str, Floats]]) -
         notes=(
             *notes,
             "The paper's figures are of one realisation whose noise, sampling rate and choice of"
-            " modes it does not state; they could not be reproduced: its chain divides by the"
-            " difference of two noisy matrices that are a tenth apart.",
-            "The chain is given the number of modes, seven; where fewer pairs of poles come out, it"
-            " has no answer. The likelihood is given nothing but the geometry.",
+            " modes it does not state; they could not be reproduced.",
+            "The chain is given the number of modes, the likelihood nothing but the geometry.",
         ),
     )
 

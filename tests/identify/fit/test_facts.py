@@ -195,9 +195,7 @@ def _identified(
 @pytest.mark.parametrize(
     ("name", "structure", "n"),
     [
-        ("bars", Structure(anti_roll_bars=True), 17),
         ("tyre_damping", Structure(tyre_damping=True), 17),
-        ("cg_offset", Structure(cg_offset=True), 16),
         ("sides", Structure(symmetric=False), 23),
     ],
 )

@@ -93,24 +93,6 @@ def test_the_vehicle_without_noise(
     assert likeness.min() > 1.0 - 1e-9
 
 
-def test_accelerations_and_displacements_have_the_same_poles() -> None:
-    for quantity in ("displacement", "velocity"):
-        assert_poles(
-            identify_modes(decays(BASELINE, 200.0, quantity), 200.0),
-            identify_modes(decays(BASELINE, 200.0), 200.0).poles,
-            1e-10,
-        )
-
-
-def test_two_masses_of_a_textbook() -> None:
-    poles = chain_poles(2, k=100.0, c=1.0, m=1.0)
-    assert np.abs(poles) == pytest.approx([10.0, np.sqrt(300.0)])
-    record = free_decay(poles, chain_shapes(2), np.array([1.0, 0.5j]), 100.0, 4.0)
-    found = identify_modes([record], 100.0)
-    assert_poles(found, poles, 1e-10)
-    np.testing.assert_allclose(found.shapes.T, [[1, 1], [1, -1]], atol=1e-8)
-
-
 @pytest.mark.parametrize("zeta", [0.0, 0.02, 0.9])
 def test_one_channel_with_one_mode(zeta: float) -> None:
     pole = oscillators([2.0], [zeta])
@@ -309,14 +291,6 @@ def test_the_diagram_marks_what_comes_again() -> None:
 
 
 # The limits of the choice of poles, each from both sides ------------------------------------------
-
-
-def test_a_record_of_a_few_samples_is_realised_by_half_of_them() -> None:
-    """Two states need two blocks at least; of 8 samples there are four and five columns."""
-    pole = complex(-1.0, 30.0)
-    record = np.exp(pole * np.arange(8) / 100.0).real[:, None]
-    (found,) = realised_modes([record], 100.0, 2).poles
-    assert found == pytest.approx(pole, rel=1e-9)
 
 
 def diagram(
