@@ -265,11 +265,6 @@ def quiet_noise(records: Sequence[Record]) -> dict[str, float]:
     }
 
 
-def rest_levels(record: Record) -> dict[str, float]:
-    """Return each channel's mean at rest before the bump, SI; empty without a quiet stretch."""
-    return {name: float(values.mean()) for name, values in _rest(record).items()}
-
-
 def coarse_steps(records: Sequence[Record]) -> dict[str, float]:
     """Return the steps of the channels that show fewer than half a step of noise at rest, SI.
 
