@@ -111,7 +111,7 @@ def test_covariance_is_the_cramer_rao_bound_by_brute_force() -> None:
 
 def test_errors_are_as_large_as_stated_and_intervals_cover() -> None:
     errors, stated = [], []
-    for seed in range(12):
+    for seed in range(20):
         records = paper_records(200.0, 30.0, seed)
         decays = tuple(r.decay(START_S) for r in records)
         best = fit(BOX, decays, noise_of(records, 200.0), BOX.unknowns(CAR))
