@@ -91,17 +91,6 @@ BUMPS: Mapping[Excitation, BumpKind] = {
 
 
 @cache
-def mirror_images(wheels: Wheels) -> frozenset[Wheels]:
-    """Return the given wheels, and their mirror images on the other side, axle or both."""
-    places = {(corner.front, corner.side): corner for corner in Corner}
-    return frozenset(
-        Wheels(places[corner.front is not other_axle, corner.side * side] for corner in wheels)
-        for other_axle in (False, True)
-        for side in (1, -1)
-    )
-
-
-@cache
 def kinds_of(wheels: Wheels, planned: tuple[Excitation, ...]) -> tuple[Excitation, ...]:
     """Return the kinds of bump as which a campaign accepts the struck wheels; may be empty.
 
@@ -110,6 +99,11 @@ def kinds_of(wheels: Wheels, planned: tuple[Excitation, ...]) -> tuple[Excitatio
 
     `wheels`: the wheels that were struck.  `planned`: the kinds of the campaign.
     """
+    places = {(corner.front, corner.side): corner for corner in Corner}
+    mirror_images = {
+        Wheels(places[corner.front is not other_axle, corner.side * side] for corner in wheels)
+        for other_axle in (False, True)
+        for side in (1, -1)
+    }
     exact = tuple(kind for kind in planned if BUMPS[kind].wheels == wheels)
-    alike = (kind for kind, bump in BUMPS.items() if wheels in mirror_images(bump.wheels))
-    return exact or tuple(alike)
+    return exact or tuple(kind for kind, bump in BUMPS.items() if bump.wheels in mirror_images)
