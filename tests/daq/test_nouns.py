@@ -284,5 +284,15 @@ def test_the_expected_car_has_the_loads_and_lengths_that_were_measured(
     assert car.m_s + 2 * car.m_uf + 2 * car.m_ur == pytest.approx(1000.0)
     assert car.m_s * car.b / (car.a + car.b) + 2 * car.m_uf == pytest.approx(600.0)
     assert (car.a + car.b, 2 * car.t_f, 2 * car.t_r) == pytest.approx((2.4, 1.4, 1.5))
+    front_kg, rear_kg = (car.m_s * length / 2.4 for length in (car.b, car.a))
+    assert [car.k_sf / front_kg, car.k_sr / rear_kg, car.I_yy / (car.m_s * car.a * car.b)] == (
+        pytest.approx(
+            [
+                usual.k_sf / (usual.m_s * usual.b / (usual.a + usual.b)),
+                usual.k_sr / (usual.m_s * usual.a / (usual.a + usual.b)),
+                usual.I_yy / (usual.m_s * usual.a * usual.b),
+            ]
+        )
+    )
     geometry = VehicleGeometry(1.1, 1.3, 0.7, 0.75)
     assert expected_car(Vehicle("car", geometry, facts=reported)).geometry == geometry

@@ -277,6 +277,11 @@ def test_a_campaign_opens_its_buses_first_and_a_daemon_waits_for_them(
     def no_bus(*_: object) -> Any:
         raise BusError("can0", "no such device", "plug it in")
 
+    def second_fails(bus: object, number: int) -> Any:
+        return no_bus() if number else Source()
+
+    two = replace(BENCH, buses=BENCH.buses * 2)
+    recorded_at_once(Traffic(two, second_fails), tmp_path, lifetime)
     traffic = replace(traffic, open_source=no_bus)
     if keep_on:
         recorded_at_once(traffic, tmp_path, lifetime)

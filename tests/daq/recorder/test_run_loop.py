@@ -179,11 +179,12 @@ def test_three_like_rejects_in_a_row_halt_it() -> None:
     assert bench.run("wrong_mode").loop.halted == "wrong_mode"
 
 
-def test_what_a_person_rejects_does_not_halt_it() -> None:
+@pytest.mark.parametrize("codes", [(), ("too_weak",)])
+def test_what_a_person_rejects_does_not_halt_it(codes: tuple[str, ...]) -> None:
     bench = LoopBench().arm()
     for _ in range(4):
         label = bench.bump()
-        bench.end()
+        bench.end(*codes)
         assert bench.decide(Code.REJECT, label).phase == Phase.REJECTED
         assert bench.turn(3.0).phase == Phase.ARMED
 
@@ -404,7 +405,7 @@ def test_weights_that_change_are_asked_for_when_the_run_is_armed() -> None:
             armed(order, loaded, done)
     armed(Arm(mass_state="added"), loaded, done)
     armed(Arm(Until.COMPLETE), loaded, done)
-    back = RunLog(runs=(LoggedRun("added_roll_1", ADDED, Excitation.ROLL, 1, 0),))
+    back = RunLog(runs=(*done.runs, LoggedRun("added_roll_1", ADDED, Excitation.ROLL, 1, 0)))
     with pytest.raises(OrderError, match=r'weights off[?].* arm with "mass_state": "baseline"'):
         armed(Arm(), first, back)
 
