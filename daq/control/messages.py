@@ -271,38 +271,26 @@ class Setup:
 
     origin: Origin
     bench_crc32: int | None = None
-    """CRC of bench.toml as read from the file and its DBC; this and the following are None if a
-    terminal expects none."""
-    buses: tuple[str, ...] | None = None
-    """Interface and channel of each bus."""
-
-
-_WORDS = {
-    Origin.REAL: "a real bus",
-    Origin.SIMULATED: "a simulated car",
-    Origin.REPLAYED: "a replayed recording",
-}
+    """CRC of bench.toml as read from the file and its DBC; None if a terminal expects none."""
 
 
 def setup_of(bench: Bench) -> Setup:
     """Return the setup of a recorder that is started with a bench."""
-    return Setup(
-        bench.origin,
-        zlib.crc32((bench.text + bench.dbc_text).encode()),
-        tuple(f"{bus.interface} {bus.channel}" for bus in bench.buses),
-    )
+    return Setup(bench.origin, zlib.crc32((bench.text + bench.dbc_text).encode()))
 
 
 def differences(running: Setup, wanted: Setup) -> tuple[str, ...]:
     """Return in words how a running recorder differs from the wanted one; empty if it does not."""
+    words = {
+        Origin.REAL: "a real bus",
+        Origin.SIMULATED: "a simulated car",
+        Origin.REPLAYED: "a replayed recording",
+    }
     texts = []
     if running.origin is not wanted.origin:
-        texts.append(f"it records {_WORDS[running.origin]}, not {_WORDS[wanted.origin]}")
+        texts.append(f"it records {words[running.origin]}, not {words[wanted.origin]}")
     if wanted.bench_crc32 is not None and running.bench_crc32 != wanted.bench_crc32:
         texts.append("it was started with another bench.toml or DBC")
-    if wanted.buses is not None and running.buses != wanted.buses:
-        names = [", ".join(setup.buses or ()) for setup in (running, wanted)]
-        texts.append(f"it records {names[0]}, not {names[1]}")
     return tuple(texts)
 
 

@@ -148,14 +148,14 @@ def test_what_is_not_named_may_be_anything(tmp_path: Path) -> None:
     assert wanted_setup(None, None, None, False, None) == Setup(Origin.REAL)
     assert wanted_setup(None, None, None, True, None) == Setup(Origin.SIMULATED)
     assert wanted_setup(None, None, None, False, tmp_path) == Setup(Origin.REPLAYED)
-    demo = wanted_setup(bench, None, None, True, None)
-    assert (demo.origin, demo.buses) == (Origin.SIMULATED, None)
-    named = wanted_setup(bench, "udp_multicast", "239.74.163.9", False, None)
-    assert named.origin is Origin.REAL
-    assert named.buses is not None
-    bus = wanted_setup(None, "udp_multicast", "239.74.163.9", False, None)
-    assert bus == Setup(Origin.REAL, buses=named.buses)
-    assert named != bus
+    bus = ("udp_multicast", "239.74.163.9")
+    assert wanted_setup(None, *bus, False, None) == Setup(Origin.REAL)
+    demo, named = (
+        wanted_setup(bench, None, None, True, None),
+        wanted_setup(bench, *bus, False, None),
+    )
+    assert (demo.origin, named.origin) == (Origin.SIMULATED, Origin.REAL)
+    assert demo.bench_crc32 == named.bench_crc32 is not None
 
 
 @pytest.mark.parametrize(

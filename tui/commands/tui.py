@@ -132,7 +132,7 @@ def tui(
 def wanted_setup(
     bench: Path | None, interface: str | None, channel: str | None, demo: bool, replay: Path | None
 ) -> Setup:
-    """Return the setup that the terminal is started for; parts that are not named may be any.
+    """Return the setup that the terminal is started for; a bench that is not named may be any.
 
     Raises InputError if the bench that is named is bad, also if a recorder runs already.
     """
@@ -148,7 +148,5 @@ def wanted_setup(
 
     from ..bench import shared_bench
 
-    if demo:
-        return replace(setup_of(load_bench(bench)), origin=origin, buses=None)
-    setup = setup_of(shared_bench(bench, interface, channel))
-    return setup if bench else Setup(origin, buses=setup.buses)
+    described = load_bench(bench) if demo else shared_bench(bench, interface, channel)
+    return replace(setup_of(described), origin=origin) if bench else Setup(origin)
