@@ -100,26 +100,21 @@ class BusWatch:
         self.good_s = now_s if good or not link.connected else self.good_s
         self.error_s = now_s if errors else self.error_s
         if link.connected:
-            self._follow_controller(errors, error_rows, n, now_s)
+            self._follow_controller(errors, now_s)
         else:  # a controller that was opened again has a new state
             self.controller = self.tx_errors = self.rx_errors = None
 
-    def _follow_controller(
-        self, errors: list[ErrorFrame], error_rows: NDArray[np.intp], n: int, now_s: float
-    ) -> None:
+    def _follow_controller(self, errors: list[ErrorFrame], now_s: float) -> None:
         """Take the controller's state from error frames, or end it when it is disproven."""
-        state_row = -1  # of the last frame that reports a state
-        for row, error in zip(error_rows.tolist(), errors, strict=True):
-            if error.state is not None:
-                self.controller, state_row = error.state, row
+        for error in errors:
+            self.controller = error.state or self.controller
             if error.tx_errors is not None:
                 self.tx_errors, self.rx_errors = error.tx_errors, error.rx_errors
-        received_after = n - 1 - state_row > int(np.count_nonzero(error_rows > state_row))
+        receives = self.good_s > self.error_s  # good frames in a later cycle than the last error
         # Time without an error, s, after which a controller that receives counts as error-active
         # again: many drivers do not report the change.
-        is_calm = now_s - self.error_s >= 2.0 and self.good_s > self.error_s
-        proven = received_after if self.controller is ControllerState.BUS_OFF else is_calm
-        if self.controller is not None and proven:
+        is_calm = now_s - self.error_s >= 2.0
+        if self.controller and receives and (is_calm or self.controller is ControllerState.BUS_OFF):
             self.controller = ControllerState.ACTIVE
             self.tx_errors = self.rx_errors = None
 
