@@ -50,8 +50,8 @@ from ..runs import Event, Losses, RunStatus
 from ..samples import converter as health
 from ..samples import trigger
 from ..samples.mapping import SampleBlock, Trace, bench_mapping, mapped_block
+from ..verdict.checks import peak_left
 from ..verdict.judge import judge
-from ..verdict.motion import peak_left
 from ..verdict.window import RunMeasure, RunWindow
 from ..verdict.words import finding
 from .run_loop import OrderError, RunLoop, Surroundings, configured, due_of, order_event, tallies_of

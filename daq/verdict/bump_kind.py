@@ -17,7 +17,7 @@ from ..bumps import Wheels, kinds_of
 from ..channels import Quantity
 from ..runs import Excitation
 from ..vehicle import Corner
-from .motion import of_quantity
+from .checks import of_quantity
 from .window import Trace
 from .words import finding
 

@@ -14,20 +14,20 @@ from dbc.words import Finding
 from ..bench.campaign import Step
 from ..bench.config import Bench
 from ..channels import Quantity
-from . import motion, traffic
+from . import checks
 from .bump_kind import patterns, wrong_mode
 from .window import RunMeasure, RunWindow, Trace, kind_of, traces
 from .words import finding
 
 _BEFORE_KIND = (
-    traffic.stale,
-    traffic.lost_frames,
-    traffic.overload,
-    traffic.frozen,
-    motion.not_at_rest,
-    motion.too_weak,
-    motion.double_bump,
-    motion.too_strong,
+    checks.stale,
+    checks.lost_frames,
+    checks.overload,
+    checks.frozen,
+    checks.not_at_rest,
+    checks.too_weak,
+    checks.double_bump,
+    checks.too_strong,
 )
 """The checks that go before the kind of the bump."""
 PEAK_RATIO = 1.4
@@ -53,15 +53,15 @@ def judge(
     """
     signals = traces(bench.channels, window)
     if not signals:
-        findings = list(traffic.stale(bench, window, signals))
+        findings = list(checks.stale(bench, window, signals))
         text = "no channel has samples before and after the bump"
         return (*findings, finding("no_data", False, 0.0, 1.0, "", text)), RunMeasure()
     kinds = patterns(bench, signals)
     measure = RunMeasure({trace.name: trace.peak for trace in signals}, waves(signals))
     findings = [each for check in _BEFORE_KIND for each in check(bench, window, signals)]
     findings += [each for way in kinds for each in wrong_mode(step.excitation, way)]
-    findings += motion.not_decayed(bench, window, signals)
-    findings += motion.rest_changed(bench, window, signals)
+    findings += checks.not_decayed(bench, window, signals)
+    findings += checks.rest_changed(bench, window, signals)
     findings += not_repeatable(signals, measure, accepted) if accepted else ()
     purity = kinds[0].likeness[step.excitation] if kinds else None
     wave = body_wave(signals, bench.campaign.bump_s)
@@ -104,7 +104,7 @@ def body_wave(signals: tuple[Trace, ...], bump_s: float) -> tuple[float, float] 
     """
     start_s, step_s = bump_s + 0.2, 0.08
     swinging = [t for t in signals if t.peak > 5.0 * t.noise and t.time_s[-1] > start_s + 1.0]
-    shown = next(filter(None, (motion.of_quantity(swinging, *group) for group in _BODY)), None)
+    shown = next(filter(None, (checks.of_quantity(swinging, *group) for group in _BODY)), None)
     if shown is None:
         return None
     clearest = max(shown, key=lambda trace: trace.rms(start_s, np.inf) / max(trace.noise, 1e-12))

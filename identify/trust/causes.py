@@ -466,7 +466,7 @@ def second_bump(estimation: Estimation) -> Cause | None:
 
     Free wheels only decay.  Up to the second bump the decays must fit.
     """
-    from daq.verdict.motion import STRUCK_GUARD_S, STRUCK_S, STRUCK_SHARE, second_strike
+    from daq.verdict.checks import STRUCK_GUARD_S, STRUCK_S, STRUCK_SHARE, second_strike
     from daq.verdict.window import Trace  # both with the bench, which is slow to import
 
     ends_s, places, noise = [], [], estimation.noise

@@ -12,8 +12,7 @@ from daq.bench.campaign import Method, Step
 from daq.channels import Channel, Quantity
 from daq.runs import BASELINE, Excitation
 from daq.vehicle import Corner
-from daq.verdict.judge import body_wave, judge, not_repeatable, waves
-from daq.verdict.motion import (
+from daq.verdict.checks import (
     double_bump,
     not_at_rest,
     not_decayed,
@@ -21,6 +20,7 @@ from daq.verdict.motion import (
     too_strong,
     too_weak,
 )
+from daq.verdict.judge import body_wave, judge, not_repeatable, waves
 from daq.verdict.window import RunMeasure, traces
 from dbc.words import Finding
 

@@ -10,7 +10,7 @@ import pytest
 
 from daq.channels import Channel
 from daq.runs import Losses
-from daq.verdict.traffic import frozen, lost_frames, overload, stale
+from daq.verdict.checks import frozen, lost_frames, overload, stale
 from daq.verdict.window import traces
 from dbc.words import Finding
 

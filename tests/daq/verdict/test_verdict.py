@@ -32,8 +32,8 @@ from daq.sim.motion import (
     pushed_down,
 )
 from daq.vehicle import FORD_GRANADA, AddedMass
+from daq.verdict.checks import peak_left
 from daq.verdict.judge import judge
-from daq.verdict.motion import peak_left
 from daq.verdict.window import RunMeasure, RunWindow
 from daq.verdict.words import WORDS
 from dbc.words import Finding
