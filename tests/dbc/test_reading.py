@@ -153,7 +153,7 @@ REFUSED = {
     "attribute": (f'{HEAD}{M}BA_ "GenMsgOther" BO_ 256 10;\n', "not a valid DBC: 'GenMsgOther'"),
     "huge": (signal('s : 0|999999@1- (1,0) [0|0] "g"'), "x.dbc:12: .* lies outside any payload"),
     "huge message": (f"{HEAD}{M}BO_ 9 L: 999999999 A\n", "x.dbc:.* lies outside any payload"),
-    "quotes": ('CM_ "\n' * 2000, "x.dbc:"),
+    "quotes": ('CM_ "\n' * 200, "x.dbc:"),
     "recursion": (
         f'{HEAD}BO_ 1 M: 8 A\n SG_ s0 M : 0|8@1+ (1,0) [0|0] "" B\n'
         + "".join(f' SG_ s{k} m1M : 0|8@1+ (1,0) [0|0] "" B\n' for k in range(1, 1200))

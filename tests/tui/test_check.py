@@ -54,13 +54,13 @@ def a_log(rest: FrameBatch, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_sound_bench_in_a_log_of_any_name(
     a_log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for name in ("rest.log", "rest.anything"):
-        (tmp_path / name).write_bytes(a_log.read_bytes())
-        assert run(["check", str(tmp_path / name)]) == 0
-        out = capsys.readouterr().out
-        assert "OK   message HUB_Front" in out
-        assert "+1 g" in out
-        assert out.splitlines()[-1].startswith("OK: ")
+    log = tmp_path / "rest.anything"
+    log.write_bytes(a_log.read_bytes())
+    assert run(["check", str(log)]) == 0
+    out = capsys.readouterr().out
+    assert "OK   message HUB_Front" in out
+    assert "+1 g" in out
+    assert out.splitlines()[-1].startswith("OK: ")
 
 
 def test_a_file_without_a_suffix_or_toml_is_a_bench(

@@ -58,6 +58,12 @@ def write_log(path: Path, frames: FrameBatch) -> Path:
     return path
 
 
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a log of the four bumps of the campaign."""
+    return write_log(tmp_path_factory.mktemp("logs") / "all.log", bumps(small_codec(), 4))
+
+
 @pytest.fixture
 def bench(tmp_path: Path) -> str:
     (tmp_path / "bench.toml").write_text(BENCH)
@@ -79,11 +85,10 @@ def labels(document: dict[str, Any]) -> list[str]:
 
 
 def test_one_log_of_many_runs_is_labelled_in_the_order_of_the_campaign(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, bench: str
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, campaign: Path, bench: str
 ) -> None:
-    log = write_log(tmp_path / "all.log", bumps(small_codec(), 4))
     out = tmp_path / "s.h5"
-    document, err = done(capsys, "import", str(log), bench, "--out", str(out))
+    document, err = done(capsys, "import", str(campaign), bench, "--out", str(out))
     assert err == ""
     assert labels(document) == CAMPAIGN
     session = daq.read_session(out)
@@ -151,10 +156,10 @@ def test_a_run_that_lies_across_two_files_of_one_logger_is_whole(
 
 
 def test_a_loss_in_the_log_is_reported_and_is_exit_code_3(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, bench: str
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, campaign: Path, bench: str
 ) -> None:
-    log = write_log(tmp_path / "all.log", bumps(small_codec(), 4))
-    log.write_bytes(log.read_bytes()[:-9])
+    log = tmp_path / "all.log"
+    log.write_bytes(campaign.read_bytes()[:-9])
     out = tmp_path / "s.h5"
     document, err = done(capsys, "import", str(log), bench, "--out", str(out), code=3)
     assert labels(document) == CAMPAIGN
@@ -180,14 +185,13 @@ def test_a_loss_in_the_log_is_reported_and_is_exit_code_3(
 def test_what_cannot_be_imported_is_said_in_one_line(
     capsys: pytest.CaptureFixture[str],
     tmp_path: Path,
+    campaign: Path,
     bench: str,
     arguments: list[str],
     why: str,
 ) -> None:
-    frames = bumps(small_codec(), 4)
-    log = write_log(tmp_path / "all.log", frames)
-    still = write_log(tmp_path / "still.log", frames.select(slice(0, 400)))
-    given = [argument.format(log=log, still=still) for argument in arguments]
+    still = write_log(tmp_path / "still.log", bumps(small_codec(), 1).select(slice(0, 400)))
+    given = [argument.format(log=campaign, still=still) for argument in arguments]
     out = [] if "--out" in given else ["--out", str(tmp_path / "s.h5")]
     assert run(["import", *given, *out, bench]) == 2
     err = capsys.readouterr().err
@@ -197,11 +201,10 @@ def test_what_cannot_be_imported_is_said_in_one_line(
 
 
 def test_a_session_is_decoded_anew_with_a_corrected_dbc(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, bench: str
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, campaign: Path, bench: str
 ) -> None:
-    log = write_log(tmp_path / "all.log", bumps(small_codec(), 4))
     old = tmp_path / "s.h5"
-    done(capsys, "import", str(log), bench, "--out", str(old))
+    done(capsys, "import", str(campaign), bench, "--out", str(old))
     before = old.read_bytes()
     lines = shipped_dbc().splitlines()
     row = next(i for i, line in enumerate(lines) if "SG_ acc_fl" in line)
@@ -284,10 +287,9 @@ def test_two_logs_in_one_file_whose_clocks_begin_anew_follow_each_other(
 
 
 def test_lines_that_are_lost_are_counted_in_one_run(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, bench: str
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, campaign: Path, bench: str
 ) -> None:
-    log = write_log(tmp_path / "all.log", bumps(small_codec(), 4))
-    lines = log.read_text().splitlines()
+    log, lines = tmp_path / "all.log", campaign.read_text().splitlines()
     rows = [lines[i : i + 50] for i in range(0, len(lines), 50)]
     log.write_text("\n(1.0) can0 1x0#00\n".join("\n".join(row) for row in rows) + "\n")
     out = str(tmp_path / "s.h5")
