@@ -48,23 +48,13 @@ _KNOWN = {
 }
 _KNOWN["degC"] = SiUnit(1.0, 273.15, "K")
 
-# Different characters that editors write for the same sign.
-_SPELLINGS = (
-    (" ", ""),
-    ("\u00b2", "2"),  # superscript two
-    ("\u207b\u00b9", "-1"),
-    ("\u207b", "-"),
-    ("\u00b7", "."),  # middle dot
-    ("\u22c5", "."),
-    ("*s", ".s"),
-    ("s^-", "s-"),
-    ("^2", "2"),
-    ("**2", "2"),
-    ("\u00ba", "deg"),  # masculine ordinal, taken for a degree sign
-    ("\u00b0", "deg"),
-    ("\u03bc", "u"),  # Greek mu
-    ("\u00b5", "u"),  # micro sign
+_CHARACTERS = str.maketrans(
+    {" ": "", "\u00b2": "2", "\u00b9": "1", "\u207b": "-", "\u00b7": ".", "\u22c5": "."}
+    | dict.fromkeys("\u00ba\u00b0", "deg")  # the first is a masculine ordinal
+    | dict.fromkeys("\u03bc\u00b5", "u")  # Greek mu, and the sign of micro
 )
+"""Different characters that editors write for the same sign."""
+_NOTATIONS = (("*s", ".s"), ("s^-", "s-"), ("^2", "2"), ("**2", "2"))
 _OTHERS = {
     "": "none None n/a Unit_None",
     "m/s2": """m/s/s m/sec2 mps2 m.s-2 meter/s2 meters/s2 m/s^2 Unit_MeterPerSeconSquar
@@ -107,6 +97,7 @@ def known_si(unit: str) -> SiUnit | None:
     """Return what `to_si` returns; None if the table does not hold the unit."""
     with suppress(UnicodeError):  # UTF-8 that was read as Windows-1252 has a wrong letter more
         unit = unit.encode("cp1252").decode("utf-8")
-    for written, plain in _SPELLINGS:
+    unit = unit.translate(_CHARACTERS)
+    for written, plain in _NOTATIONS:
         unit = unit.replace(written, plain)
     return _KNOWN.get(_WORDS.get(unit, unit))
