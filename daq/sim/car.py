@@ -96,8 +96,6 @@ class ClockTruth:
 class Truth:
     """All drawn values of one campaign, which are hidden from the identification."""
 
-    parameters: VehicleParameters
-    """The unloaded car."""
     mass_states: Mapping[str, AddedMass]
     """The true weights."""
     sensors: Mapping[str, SensorTruth]
@@ -184,7 +182,7 @@ class SimulatedCar:
                     x_m, y_m = weight.position_sigma_m * rng.standard_normal(2)
                     weights[i] = replace(weight, x_m=weight.x_m + x_m, y_m=weight.y_m + y_m)
             loads[state.name] = replace(state.added, weights=tuple(weights))
-        return Truth(self.parameters, loads, sensors, clocks)
+        return Truth(loads, sensors, clocks)
 
 
 _FINE_S = 1e-4
