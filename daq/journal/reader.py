@@ -309,10 +309,12 @@ def read_windows(
         if not len(t_ns):
             continue
         first_ns, last_ns = int(t_ns.min()), int(t_ns.max())
-        touched = [k for k, (a, b) in enumerate(windows) if a <= last_ns and first_ns < b]
-        frames = block.frames if touched else FrameBatch.empty()  # most frames are in no window
-        for k in touched:
-            pieces[k].append(frames.within([windows[k]]))
+        frames: FrameBatch | None = None  # most blocks are in no window
+        for k, (start_ns, stop_ns) in enumerate(windows):
+            if start_ns <= last_ns and first_ns < stop_ns:
+                frames = frames or block.frames
+                is_whole = start_ns <= first_ns and last_ns < stop_ns
+                pieces[k].append(frames if is_whole else frames.within([windows[k]]))
     table = np.array(rows, np.int64).reshape(-1, 5)
     hops = HopCounts(table[:, 0], table[:, 1:])
     contents = JournalContents(recording.head, FrameBatch.empty(), tuple(events), hops, reader.lost)

@@ -131,6 +131,8 @@ class JournalWriter:
             if error.errno not in (errno.ENOSPC, errno.EIO, errno.EDQUOT):
                 what = f"cannot write the journal: {self._failed}"
                 raise JournalError(str(folder), what, "choose another folder") from error
+            # It may work a second later, before anyone reads the status.
+            self._warn(f"the first file could not be written: {self._failed}")
 
     def begin(self, head: JournalHead) -> bool:
         """End the recording and begin the next one; return whether this was possible.

@@ -161,8 +161,8 @@ def test_a_block_that_is_in_two_segments_counts_once(tmp_path: Path, nth: int) -
 
 
 def test_a_warning_lasts_a_minute(tmp_path: Path) -> None:
-    with JournalWriter(tmp_path, HEAD, NO_RESERVE, FailingDisk("eio", 4).create) as writer:
-        warning = "journal_0001.bbj: Input/output error; left as it was"
+    with JournalWriter(tmp_path, HEAD, NO_RESERVE, FailingDisk("eio", 2).create) as writer:
+        warning = "the first file could not be written: Input/output error"
         for now_s, says in ((5000.0, warning), (5060.0, warning), (5061.0, "")):
             writer.append(block(0, 10), HopLosses())
             writer.maintain(now_s)
