@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import inf, isfinite, nan
+from math import nan
 
 import numpy as np
 
@@ -31,7 +31,6 @@ from ..fit.likelihood import HOLD, residuals
 from ..fit.uncertainty import determined
 from .finding import MOST, Cause, Judgement, Loss, Survival, listed
 from .gates import (
-    CHI2_LIMIT,
     chi2_by_run,
     misfit_findings,
     mode_snr_db,
@@ -92,9 +91,6 @@ _DRIFT_SIGMAS = 6.0
 """Size of a drift, in standard deviations by the scatter of the runs, from which it is none by
 chance."""
 
-_RIVAL = 0.5
-"""Share of the best cause's explanation above which another cause may be the true one."""
-_UNEXPLAINED = "no cause that was tried explains the misfit"
 _UNEXPLAINED_TEXT = (
     "the misfit is not explained: half of it or more is due to none of wrong signs, units and "
     "gains, swapped channels and mass states, lateness, low-passes, drifts, clocks that jump, "
@@ -222,9 +218,8 @@ def judge(
     causes = causes or Causes()
     if linear and not causes.findings and (sure or not holds):
         causes = likely_causes(estimation)
-    # A named cause may be the reason why stated values disagree with the runs.
-    codes = {finding.code for finding in causes.findings} - {"amplitude"}
-    explained = bool(codes) and (not holds or "added_weights_off_by_a_common_factor" in codes)
+    # Where all weights are wrong, each load disagrees with the runs.
+    explained = "added_weights_off_by_a_common_factor" in {f.code for f in causes.findings}
     misfit = tuple(f for f in misfit_findings(estimation) if sure or f.code != "convergence")
     # What causes a misfit is as grave as the misfit, and comes first.
     grave = max((f.severity for f in misfit if f.code == "chi2"), default=Severity.NOTE)
@@ -245,12 +240,12 @@ def judge(
         *(named if holds else []),
         *(whiteness_findings(estimation) if sure and holds else ()),
     ]
-    rivals = [replace(c, explained=inf) if holds else c for c in causes.tried]
+    rivals = list(causes.tried)
     contradicted = contradictions(estimation) if sure and not explained else ()
-    if contradicted:  # one cause; without a misfit, all compete
+    if contradicted:  # one cause
         name = "; ".join(one.name for one in contradicted)
         moved = contradicted_shift(estimation, contradicted)
-        rivals.append(Cause(name, explained=inf, moved=moved))
+        rivals.append(Cause(name, moved=moved))
     return Judgement(
         tuple(findings),
         estimation.chi2_per_n,
@@ -264,8 +259,7 @@ def survival(estimation: Estimation, causes: Sequence[Cause]) -> Survival:
     """Divide the parameters into those that survive and those that are lost.
 
     The intervals of a nonlinear fit that converged include the little that it leaves unexplained.
-    In a linear fit with a misfit, a parameter survives only if the known causes explain nearly all
-    of the misfit.
+    In a linear fit with a misfit none survives.
 
     `causes`: all that were refitted or sized, and that stand out of the noise.
     """
@@ -275,21 +269,26 @@ def survival(estimation: Estimation, causes: Sequence[Cause]) -> Survival:
         return Survival((), dict.fromkeys(box.names, Loss("the fit did not converge")))
     known = zip(names, determined(box, fit.covariance), strict=True)
     lost = {name: Loss("not determined") for name, is_known in known if not is_known}
-    rivals = list(causes)
     if linear and not estimation.holds:
-        best = max((h.explained for h in causes if isfinite(h.explained)), default=0.0)
-        unexplained = 1.0 + (estimation.chi2_per_n - 1.0) * (1.0 - min(best, 1.0))
-        if best <= MOST or unexplained > CHI2_LIMIT:
-            return Survival((), dict.fromkeys(box.names, Loss(_UNEXPLAINED)) | lost)
-        rivals = [h for h in causes if h.explained >= _RIVAL * best]
+        best = max(causes, key=lambda cause: cause.explained, default=Cause(""))
+        unexplained = Loss("no cause that was tried explains the misfit")
+        is_named = best.explained > MOST
+        every = {name: _loss_to(best, name) if is_named else unexplained for name in box.names}
+        return Survival((), every | lost)
     std = np.sqrt(np.diag(fit.covariance)[: len(names)])
     for name, within in zip(names, std.tolist(), strict=True):
         # Two causes may be one shift in two words: rounding must not choose which of them is named.
-        worst = max(rivals, key=lambda h: float(f"{abs(h.moved[name]):.6g}"), default=None)
+        worst = max(causes, key=lambda h: float(f"{abs(h.moved[name]):.6g}"), default=None)
         if name not in lost and worst is not None and abs(worst.moved[name]) > within:
-            by = float(np.expm1(np.clip(worst.moved[name], -_LARGEST_LOG, _LARGEST_LOG)))
-            lost[name] = Loss(worst.name, nan if name in SIGNED else by)
+            lost[name] = _loss_to(worst, name)
     return Survival(tuple(name for name in box.names if name not in lost), lost)
+
+
+def _loss_to(cause: Cause, name: str) -> Loss:
+    if name in SIGNED or name not in cause.moved:
+        return Loss(cause.name)
+    moved = np.clip(cause.moved[name], -_LARGEST_LOG, _LARGEST_LOG)
+    return Loss(cause.name, float(np.expm1(moved)))
 
 
 # Channels -----------------------------------------------------------------------------------------

@@ -44,8 +44,7 @@ class Cause:
     explained: float = 0.0
     """Share of the excess of the squared residuals that the cause explains; 0 without a misfit."""
     moved: Mapping[str, float] = field(default_factory=dict)
-    """Change of each parameter's unknown by the cause: relative, or in its unit if it may be
-    zero."""
+    """Change of each parameter's unknown: relative, or in its unit if it may be zero."""
     certain: bool = False
     """True if it refuses the result even if it moves little: it can be put right."""
     code: str = ""
@@ -59,8 +58,7 @@ class Cause:
     gain: float = inf
     """Fall of the squared residuals by the cause, in units of the noise."""
     strength: float = inf
-    """That fall in units of what chance would give; noise stays below 1 except in one of a million
-    cases."""
+    """That fall over what chance gives in one of a million cases."""
 
     @property
     def shift(self) -> tuple[float, str]:
@@ -102,7 +100,6 @@ class Survival:
     surviving: tuple[str, ...] = ()
     """Parameters that no cause moves by more than their standard deviation."""
     lost: Mapping[str, Loss] = field(default_factory=dict)
-    """The other parameters, each with its cause."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -122,15 +122,11 @@ class _Richest(GreyBox):
                 if pitch in names and roll in names:
                     turned.append((group.name, names[pitch], names[roll]))
         first = len(self.parameters) + len(self.corrections)
-        imus = dict.fromkeys(group for group, _, _ in turned)
-        turns = {imu: place for place, imu in enumerate(imus, first)}
+        turns = {imu: i for i, imu in enumerate(dict.fromkeys(t[0] for t in turned), first)}
         prior_sigma = np.insert(self.prior_sigma, first, np.full(len(turns), np.inf))
-        for name, value in (
-            ("turns", turns),
-            ("_turned", tuple(turned)),
-            ("prior_sigma", prior_sigma),
-        ):
-            object.__setattr__(self, name, value)
+        object.__setattr__(self, "turns", turns)
+        object.__setattr__(self, "_turned", tuple(turned))
+        object.__setattr__(self, "prior_sigma", prior_sigma)
 
     def motion_rows(self, eta: NDArray[np.complex128]) -> dict[str, NDArray[np.complex128]]:
         """Return each channel's row on the seven motions, those of turned IMUs mixed."""

@@ -306,9 +306,10 @@ AXLES_KG = (
 )
 
 
-def _session(facts: tuple[Fact, ...], factor: float, sigma_kg: float) -> Session:
+def _session(facts: tuple[Fact, ...], factor: float, sigma_kg: float, repeats: int = 1) -> Session:
     """Return runs of the linear car whose stated weights are `factor` times the true ones."""
-    session = stress_session("linear", 1, 100.0, vehicle=Vehicle("x", facts=facts))
+    vehicle = Vehicle("x", facts=facts)
+    session = stress_session("linear", 1, 100.0, vehicle=vehicle, repeats=repeats)
     states = []
     for state in session.mass_states:
         weights = tuple(
@@ -387,7 +388,7 @@ def test_a_spring_contradicts_runs_beyond_what_their_laws_may_be_off(
         Fact("total_mass_kg", sum(AXLES_KG), 1.0),
         Fact("k_sf", factor * CAR.k_sf, 0.001 * CAR.k_sf),
     )
-    result = fitted(_session(facts, 1.0, 0.1))
+    result = fitted(_session(facts, 1.0, 0.1, repeats=2))
     assert contradictions(result)
     fit, box = result.fit, result.box
     decays = np.sum([fit.information[decay.label] for decay in result.decays], axis=0)
