@@ -4,7 +4,7 @@ BIN := .venv/bin
 UV := 0.13.8
 INSTALL = $(BIN)/python -m uv pip install --quiet --compile-bytecode --python $(BIN)/python --constraint constraints.txt
 
-.PHONY: demo test test-long test-pythons lint docs bench bursts coverage fleet mutate fuzz crash soak display-check pages-check pictures release-check test-service test-socketcan constraints clean
+.PHONY: demo test test-long test-pythons lint docs bench coverage fleet mutate fuzz crash soak display-check pages-check pictures release-check test-service test-socketcan constraints clean
 
 demo: .venv/demo
 	$(BIN)/bumpbench demo
@@ -38,10 +38,6 @@ docs: .venv/test
 
 bench: .venv/bench
 	$(BIN)/python -m tests.benchmarks
-
-# Keys as fast as a scanner types them, into every form: 0 of 500 may land wrong.
-bursts: .venv/test
-	$(BIN)/python -m tests.tui.terminal.bursts
 
 # Do the intervals hold the truth?  Some 3 s a campaign; CAR=granada-rough, with friction: 20 s.
 coverage: .venv/test

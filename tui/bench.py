@@ -28,11 +28,6 @@ def shared_bench(path: Path | None, interface: str | None, channel: str | None) 
     return reachable(bench, str(path or "bench.toml (shipped)"))
 
 
-def is_log(path: Path) -> bool:
-    """Return whether a file is a log, not a bench.toml, by its suffix."""
-    return path.suffix.lower() not in ("", ".toml")
-
-
 def reachable(bench: Bench, where: str) -> Bench:
     """Return the bench if its buses reach other processes.
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from math import isfinite
 
-from daq.vehicle import parameter_unit
 from identify import Estimate, Identification, Verdict
 from identify.compare import Comparison
 from identify.fit.uncertainty import ModeEstimate
@@ -38,19 +37,19 @@ def print_identification(result: Identification, truth: Mapping[str, float]) -> 
     """Write parameters, modes and verdict, with the truth where it is known."""
     if result.parameters:
         if truth:
-            _print_beside_truth(result.parameters, truth)
+            _print_estimates("Parameters", result.parameters, "truth", _truths(result, truth))
         else:
-            vague = result.undetermined
             rests_on = {
-                name: "" if name in vague else largest_share(shares)
+                name: largest_share(shares)
                 for name, shares in result.drivers.items()
+                if name not in result.undetermined
             }
-            _print_estimates("Parameters", "parameter", result.parameters, rests_on)
+            _print_estimates("Parameters", result.parameters, "mostly from", rests_on)
             print_line()
-            _print_estimates("Derived", "quantity", result.derived, {})
+            _print_estimates("Derived", result.derived)
         if result.motion_ratios:
             print_line()
-            _print_estimates("Motion ratios", "channel", result.motion_ratios, {})
+            _print_estimates("Motion ratios", result.motion_ratios)
         print_line()
         _print_modes(result)
         print_line()
@@ -66,35 +65,29 @@ def print_identification(result: Identification, truth: Mapping[str, float]) -> 
         print_item(line)
 
 
-def _print_beside_truth(parameters: Mapping[str, Estimate], truth: Mapping[str, float]) -> None:
-    """Write true and estimated parameters; the truth of one that the car does not have is zero."""
-    columns = ["parameter", "truth", "estimate", "95 % interval", "error", "unit"]
-    rows = []
-    for name, estimate in parameters.items():
+def _truths(result: Identification, truth: Mapping[str, float]) -> dict[str, str]:
+    """Return the true value of each parameter, zero where the car has none, and the error."""
+    texts = {}
+    for name, estimate in result.parameters.items():
         true = truth.get(name, 0.0)
-        if not estimate.determined:
-            error = ""
-        elif true:
-            error = f"{(estimate.value / true - 1) * 100:+.2f} %"
-        else:
-            error = number(estimate.value)
-        cells = [number(true), value_text(estimate), _interval(estimate), error, estimate.unit]
-        rows.append([name, *cells])
-    not_estimated = [name for name in truth if name not in parameters]
-    for name in not_estimated:
-        rows.append([name, number(truth[name]), "-", "", "", parameter_unit(name)])
-    print_table("Parameters", columns, rows)
+        error = f", {(estimate.value / true - 1) * 100:+.2f} %" if true else ""
+        texts[name] = f"{number(true)}{error if estimate.determined else ''}"
+    return texts
 
 
 def _print_estimates(
-    title: str, heading: str, estimates: Mapping[str, Estimate], rests_on: Mapping[str, str]
+    title: str,
+    estimates: Mapping[str, Estimate],
+    last_heading: str = "",
+    last: Mapping[str, str] | None = None,
 ) -> None:
+    """Write values with their intervals; `last`: texts of one more column, by name."""
+    columns = ["", "estimate", "95 % interval", "±", "unit"]
     rows = []
     for name, e in estimates.items():
         row = [name, value_text(e), _interval(e), half_text(e), unit_text(e.unit)]
-        rows.append([*row, rests_on.get(name, "")] if rests_on else row)
-    columns = [heading, "estimate", "95 % interval", "±", "unit"]
-    print_table(title, [*columns, "mostly from"] if rests_on else columns, rows)
+        rows.append([*row, last.get(name, "")] if last else row)
+    print_table(title, [*columns, last_heading] if last else columns, rows)
 
 
 def print_forces(forces: Forces) -> None:

@@ -143,7 +143,7 @@ def test_after_a_kill_of_the_last_terminal_the_demonstration_ends(
     address = control_address(folder)
     terminal = PtyTerminal("--demo", "--out", str(folder))
     try:
-        terminal.until(b"]2;")
+        terminal.until(b"Ford Granada")
         onlooker = Client(address, "onlooker", control=False)
         terminal.kill()
         looks_on_until_s = time.monotonic() + looks_on_s

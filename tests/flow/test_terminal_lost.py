@@ -18,7 +18,7 @@ SPEED = 2.0
 
 async def kill_the_terminal_in_mid_decay(bench: DemoBench) -> None:
     terminal = PtyTerminal("--demo", "--out", str(bench.folder), "--auto", "--operator", "MK")
-    terminal.until(b"]2;DECAY")
+    terminal.until(b"DECAY")
     during = bench.wait(lambda status: status.phase is Phase.DECAY)
     terminal.kill()
     killed_s = time.monotonic()

@@ -184,13 +184,12 @@ def test_an_identification_is_printed_with_intervals_and_what_they_rest_on(
 ) -> None:
     lines = printed(print_identification, judged(), {})
     for row in (
-        ["parameter", "estimate", "95 % interval", "±", "unit", "mostly from"],
+        ["estimate", "95 % interval", "±", "unit", "mostly from"],
         ["m_s", "1,380.0", "1,372.4 .. 1,387.6", "0.55 %", "kg", "baseline_bounce 75 %"],
         ["a", "1.2500", "given", "m"],
         ["t_f", "not determined", "m"],
-        ["quantity", "estimate", "95 % interval", "±", "unit"],
+        ["estimate", "95 % interval", "±", "unit"],
         ["damping_ratio_heave", "0.250", "0.239 .. 0.261", "4.4 %"],
-        ["channel", "estimate", "95 % interval", "±", "unit"],
         ["travel_fl", "0.700", "0.687 .. 0.713", "1.9 %"],
         ["baseline", "added"],
         ["1 body bounce", "1.200 Hz 25.0 %", "1.100 Hz 24.0 %"],

@@ -170,12 +170,8 @@ def test_a_loss_in_the_log_is_reported_and_is_exit_code_3(
 @pytest.mark.parametrize(
     ("arguments", "why"),
     [
-        ([], "names no log"),
-        (["{log}", "--run", "baseline:bounce:{log}"], "names both"),
-        (["--run", "baseline:{log}"], "not understood"),
         (["{log}", "--runs", "baseline:jump"], "is not a run"),
         (["{log}", "--runs", "loaded:bounce"], "not on this bench"),
-        (["{log}", "--skip", "9"], "no bump is left"),
         (["{log}", "--bus", "3"], "none of its"),
         (["{still}"], "no bump in 400 frames"),
         (["{log}", "--out", "{log}"], "is read here"),

@@ -379,7 +379,8 @@ def test_a_demonstration_prints_what_was_recorded_and_identified(
     assert paragraphs[0].endswith(f"session: {session}")
     assert paragraphs[1].splitlines()[0].strip() == "Parameters"
     row = next(line for line in paragraphs[1].splitlines() if line.startswith("m_s"))
-    assert row.split()[:3] == ["m_s", "1,380.0", "1,380.0"], "the truth, then the estimate"
+    assert row.split()[1] == "1,380.0"
+    assert row.endswith("1,380.0, +0.00 %"), "the truth, and the error of the estimate"
     next_lines = [f"  {command}" for command in next_commands(session)]
     assert paragraphs[-1].splitlines() == ["Next, to paste:", *next_lines]
     assert stages == {"record": [(0.5, "recording")], "identify": []}

@@ -80,7 +80,7 @@ def check(
     from daq.files import refuse_existing
     from dbc import Severity
 
-    from ..bench import is_log, shared_bench
+    from ..bench import shared_bench
     from ..output import print_json, print_labelled
     from ..proposal import TrafficSource, propose_bench, read_frames
 
@@ -91,8 +91,8 @@ def check(
         else:
             print_labelled(list(titles.items()))
         return ExitCode.OK
-    if bench is not None and log is None and is_log(bench):
-        bench, log = None, bench
+    if bench is not None and log is None and bench.suffix.lower() not in ("", ".toml"):
+        bench, log = None, bench  # a log that is named alone
     if propose is None:
         for option, value in (
             ("--layout", layout),

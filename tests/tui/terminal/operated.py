@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 from textual.app import App, ComposeResult
+from textual.events import Event, Key
+from textual.keys import _character_to_key
 from textual.pilot import Pilot
 from textual.widget import Widget
 
@@ -25,6 +27,7 @@ from identify.fit.uncertainty import ModeEstimate
 from identify.trust.finding import Loss, Survival
 from tui.jobs.worker import Outcome, Stage, Task, identify_session
 from tui.terminal.app import BenchApp
+from tui.terminal.device import KeyboardApp
 from tui.terminal.screens import work
 from tui.terminal.screens.results import ResultsScreen
 from tui.terminal.widgets import Table
@@ -330,3 +333,24 @@ def bench_of(recorder: FakeRecorder) -> Bench:
 
 def orders_of(recorder: FakeRecorder, kind: type) -> list[object]:
     return [order for order in recorder.orders if isinstance(order, kind)]
+
+
+_CHARACTERS = {"space": " ", "tab": "\t", "enter": "\r", "backspace": "\x7f"}
+
+
+async def burst(pilot: Pilot[None], *keys: str | Event) -> None:
+    """Post keys, or events among them, without a wait, as a scanner or a lagging line does."""
+    app = pilot.app
+    assert isinstance(app, KeyboardApp)
+    for key in keys:
+        app.post_message(_key(key) if isinstance(key, str) else key)
+    await asyncio.sleep(0)
+    while not app._idle:
+        await asyncio.sleep(0.001)
+    await pilot.pause()
+
+
+def _key(name: str) -> Key:
+    if len(name) == 1:
+        return Key(name if name.isalnum() else _character_to_key(name), name)
+    return Key(name, _CHARACTERS.get(name))

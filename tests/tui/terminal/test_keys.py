@@ -36,7 +36,6 @@ from tui.terminal.screens.vehicle import VehicleScreen
 from tui.terminal.widgets import HelpScreen, page_of
 
 from ...house.test_walks import walked
-from .bursts import burst
 from .conftest import screen_text
 from .fake_recorder import DOUBLE_BUMP, FakeRecorder
 from .operated import (
@@ -44,6 +43,7 @@ from .operated import (
     Make,
     Snapshot,
     at_every_size,
+    burst,
     commands,
     measured,
     orders_of,
