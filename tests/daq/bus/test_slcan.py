@@ -23,7 +23,6 @@ from daq.bus.slcan import (
 from daq.bus.source import BusError
 from dbc.frames import FrameBatch
 
-from ..adapters import pty_pair
 from ..formats.mixed import frames_in, message, mixed
 
 
@@ -132,17 +131,23 @@ def test_a_line_that_is_no_frame_is_counted_and_its_neighbours_are_kept(line: by
     assert source.losses().bus_garbled == 1
 
 
-def test_answers_and_commands_are_no_frames_and_no_errors() -> None:
-    frames, garbled, _ = parse_slcan(b"\r\az\rZ\r\r\at1231ab\r\a\rC\rS8\rO\r")
-    assert list(frames.can_id) == [0x123]
-    assert garbled == 0
-
-
-def test_lower_case_and_adapter_time_stamps_are_understood() -> None:
-    frames, _, _ = parse_slcan(b"T1abcdef02FfEe\rt1231abEA5F\r")
-    assert list(frames.can_id) == [0x1ABCDEF0, 0x123]
-    assert bytes(frames.data[0, :2]) == b"\xff\xee"
-    assert list(frames.length) == [2, 1]
+@pytest.mark.parametrize(
+    ("stream", "frames", "garbled"),
+    [
+        # Answers to this host, and commands of a computer at the other end, are no errors.
+        (b"\r\az\rZ\r\r\at1231ab\r\a\rC\rS8\rO\r", [(0x123, b"\xab")], 0),
+        # Lower case, and the time stamp of an adapter.
+        (b"T1abcdef02FfEe\rt1231abEA5F\r", [(0x1ABCDEF0, b"\xff\xee"), (0x123, b"\xab")], 0),
+        (b"t1231ab\at1231ab\r", [(0x123, b"\xab")], 1),  # the first ends in an error
+    ],
+)
+def test_what_an_adapter_may_send_beside_plain_frames(
+    stream: bytes, frames: list[tuple[int, bytes]], garbled: int
+) -> None:
+    batch, count, used = parse_slcan(stream)
+    rows = zip(batch.can_id.tolist(), batch.length.tolist(), batch.data, strict=True)
+    assert [(can_id, bytes(row[:length])) for can_id, length, row in rows] == frames
+    assert (count, used) == (garbled, len(stream))
 
 
 def test_each_frame_carries_the_stamp_of_the_read_that_ended_its_line() -> None:
@@ -185,33 +190,6 @@ def test_an_adapter_that_slept_through_its_setup_is_set_up_again(
     assert source._line.written == b"C\rS6\rO\r" * 2
 
 
-def test_frames_of_python_can_cross_a_serial_line() -> None:
-    sent = [
-        can.Message(arbitration_id=0x110 + i % 3, is_extended_id=False, data=i.to_bytes(8, "big"))
-        for i in range(200)
-    ]
-    with pty_pair() as (near, far):
-        source = open_slcan(near, 1_000_000, 0)
-        with can.Bus(
-            interface="slcan",
-            channel=far,
-            bitrate=1_000_000,
-            sleep_after_open=0,
-            ignore_config=True,
-        ) as bus:
-            got: list[FrameBatch] = []
-            for start in range(0, len(sent), 50):
-                for frame in sent[start : start + 50]:
-                    bus.send(frame)
-                while sum(map(len, got)) < start + 50:
-                    got.append(source.read(1.0))
-        source.close()
-    frames = FrameBatch.concatenate(got)
-    assert [int.from_bytes(row.tobytes(), "big") for row in frames.data] == list(range(200))
-    assert list(frames.can_id) == [frame.arbitration_id for frame in sent]
-    assert source.losses().bus_garbled == 0  # the sender's "C", "S8" and "O" are no frames, either
-
-
 def test_an_unplugged_adapter_is_a_bus_that_has_gone() -> None:
     master, slave = os.openpty()
     tty.setraw(slave)
@@ -238,11 +216,6 @@ def test_any_bytes_whatever_become_frames_or_counts(lines: list[bytes], tail: by
     ends = sum((line + b"\r").count(b"\r") + line.count(b"\a") for line in lines)
     ends += tail.count(b"\r") + tail.count(b"\a")
     assert len(got) + source.losses().bus_garbled <= ends
-
-
-def test_a_frame_that_ends_in_an_error_is_garbled() -> None:
-    frames, garbled, _ = parse_slcan(b"t1231ab\at1231ab\r")
-    assert (len(frames), garbled) == (1, 1)
 
 
 def test_a_line_is_opened_at_its_rate_and_the_bus_at_its_own(
