@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
@@ -35,4 +36,6 @@ def built_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
         def communicate(self) -> tuple[bytes, None]:
             return self.output, None
 
-    monkeypatch.setattr("daq.recorder.recorder.subprocess.Popen", Built)
+    # Of the recorder alone: libraries start processes, too.
+    started = SimpleNamespace(Popen=Built, DEVNULL=None, PIPE=None, STDOUT=None)
+    monkeypatch.setattr("daq.recorder.recorder.subprocess", started)

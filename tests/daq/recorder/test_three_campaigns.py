@@ -8,7 +8,10 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +21,7 @@ from daq import read_session
 from daq.bench.config import Bench, parse_bench
 from daq.bus.source import HopLosses
 from daq.control.address import control_address, is_running
-from daq.control.exchange import Client
+from daq.control.exchange import Client, OrderRefusedError
 from daq.control.messages import (
     Arm,
     AskStatus,
@@ -103,61 +106,45 @@ class Sender:
     def close(self) -> None: ...
 
 
-class Operator(threading.Thread):
-    """Leads a daemon through three campaigns; ends it with `end`."""
+def lead(folder: Path, sender: Sender, bench: Bench, end: threading.Event) -> str:
+    """Lead a daemon through three campaigns, then end it; return why it refused to arm between."""
+    refused = ""
+    try:
+        address = control_address(folder)
+        while not is_running(address):
+            time.sleep(0.05)
+        with closing(Client(address, "Anna", control=True)) as client:
+            for vehicle in (bench.vehicle.name, "Second", "Third"):
+                if vehicle != bench.vehicle.name:
+                    text = bench.text.replace('name = "Ford Granada"', f'name = "{vehicle}"')
+                    client.ask(Start(text), PATIENCE_S)
+                await_status(client, vehicle, lambda s: s.phase == "waiting")
+                sent = sender.campaign()
+                await_status(
+                    client, vehicle, lambda s: not s.recording and s.session.state == "ready"
+                )
+                await_status(client, vehicle, partial(has_stored, frames=sent + 1))
+                try:
+                    client.ask(Arm(), PATIENCE_S)
+                except OrderRefusedError as error:
+                    refused = str(error)
+    finally:
+        end.set()
+    return refused
 
-    def __init__(self, folder: Path, sender: Sender, bench: Bench) -> None:
-        super().__init__()
-        self._folder, self._sender, self._bench = folder, sender, bench
-        self.end = threading.Event()
-        self.error: BaseException | None = None
-        self.refused = ""
 
-    def run(self) -> None:
-        try:
-            address = control_address(self._folder)
-            while not is_running(address):
-                time.sleep(0.05)
-            client = Client(address, "Anna", control=True)
-            try:
-                self._lead(client)
-            finally:
-                client.close()
-        except BaseException as error:
-            self.error = error
-        finally:
-            self.end.set()
+def has_stored(status: Status, frames: int) -> bool:
+    return status.storage.stored_frames >= frames
 
-    def _lead(self, client: Client) -> None:
-        self._through_campaign(client, self._bench.vehicle.name)
-        try:
-            client.ask(Arm(), PATIENCE_S)
-        except Exception as error:
-            self.refused = str(error)
-        client.ask(Start(self._named("Second").text), PATIENCE_S)
-        self._through_campaign(client, "Second")
-        client.ask(Start(self._named("Third").text), PATIENCE_S)
-        self._through_campaign(client, "Third")
 
-    def _through_campaign(self, client: Client, vehicle: str) -> None:
-        def until(what: Callable[[Status], bool]) -> None:
-            deadline_s = time.monotonic() + PATIENCE_S
-            while True:
-                status = client.ask(AskStatus(), PATIENCE_S).status
-                if status is not None and status.vehicle == vehicle and what(status):
-                    return
-                assert time.monotonic() < deadline_s, status
-                time.sleep(0.02)
-
-        until(lambda s: s.phase == "waiting")
-        total = self._sender.campaign()
-        until(lambda s: not s.recording and s.session.state is SessionState.READY)
-        until(lambda s: s.storage.stored_frames > total)
-
-    def _named(self, vehicle: str) -> Bench:
-        text = self._bench.text.replace('name = "Ford Granada"', f'name = "{vehicle}"')
-        assert text != self._bench.text
-        return replace(self._bench, text=text, vehicle=replace(self._bench.vehicle, name=vehicle))
+def await_status(client: Client, vehicle: str, condition: Callable[[Status], bool]) -> None:
+    deadline_s = time.monotonic() + PATIENCE_S
+    while True:
+        status = client.ask(AskStatus(), PATIENCE_S).status
+        if status is not None and status.vehicle == vehicle and condition(status):
+            return
+        assert time.monotonic() < deadline_s, status.session if status else None
+        time.sleep(0.02)
 
 
 @pytest.mark.usefixtures("built_at_once")
@@ -165,18 +152,14 @@ def test_no_frame_is_lost_over_three_campaigns_and_between_them(
     quick: Bench, codec: Codec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)  # a Unix socket's path is short
-    sender = Sender(codec)
-    operator = Operator(tmp_path, sender, quick)
+    sender, end = Sender(codec), threading.Event()
     log = tmp_path / "recorder.log"
     traffic = Traffic(quick, lambda *_: sender)
-    lifetime = Lifetime(arm=True, keep_on=True, end=operator.end)
-    operator.start()
-    with Log(log) as lines, progress("test") as stage:
+    lifetime = Lifetime(arm=True, keep_on=True, end=end)
+    with ThreadPoolExecutor(1) as operator, Log(log) as lines, progress("test") as stage:
+        refused = operator.submit(lead, tmp_path, sender, quick, end)
         last = record_campaign(traffic, tmp_path, lifetime, lines, stage)
-    operator.join()
-    if operator.error:
-        raise operator.error
-    assert operator.refused == "no campaign is under way: begin one first"
+    assert refused.result() == "no campaign is under way: begin one first"
     assert last.recording == ""
     assert last.storage.stored_frames == sender.sent + sender.bumped
     assert "not_recording" not in log.read_text()
