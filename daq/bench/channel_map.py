@@ -143,8 +143,8 @@ def load_channel_map(path: Path) -> ChannelMap:
     runs = []
     for run in table.run:
         if run.mass_state not in states:
-            what = f"mass state {run.mass_state!r} is not on this bench"
-            raise InputError(where, what, f"use one of {', '.join(states)}")
+            fault = f"mass state {run.mass_state!r} is not on this bench"
+            raise InputError(where, fault, f"use one of {', '.join(states)}")
         done[run.mass_state, run.excitation] += 1
         step = Step(run.mass_state, run.excitation, done[run.mass_state, run.excitation])
         runs.append(GivenRun(step, run.start_s, run.stop_s))

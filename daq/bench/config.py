@@ -194,8 +194,8 @@ class SensorTable(Table):
         if len(matching) != 1:
             stated = "states no bus" if self.bus is None else f"is on bus {self.bus}"
             known = ", ".join(bus.label for bus in buses)
-            what = f"sensor {self.name} {stated}, which matches {len(matching)} buses"
-            raise InputError(where, what, f"state bus, one of {known}, or its position from 0")
+            fault = f"sensor {self.name} {stated}, which matches {len(matching)} buses"
+            raise InputError(where, fault, f"state bus, one of {known}, or its position from 0")
         return Sensor(self.name, self.database, matching[0], self.id_offset, self.ids)
 
 
@@ -401,11 +401,11 @@ def bench_of(table: DescribedCar, text: str, where: str) -> Bench:
     positive = (*FactQuantity, *parameter_names(Structure(structure.symmetric)))
     for fact in table.fact:
         if fact.quantity not in known:
-            what = f"fact {fact.quantity}: is not a quantity of this vehicle"
-            raise InputError(where, what, f"use one of {', '.join(known)}")
+            fault = f"fact {fact.quantity}: is not a quantity of this vehicle"
+            raise InputError(where, fault, f"use one of {', '.join(known)}")
         if fact.value <= 0.0 and fact.quantity in positive:
-            what = f"fact {fact.quantity}: is {fact.value:g}"
-            raise InputError(where, what, "state a value above 0")
+            fault = f"fact {fact.quantity}: is {fact.value:g}"
+            raise InputError(where, fault, "state a value above 0")
     require_unique("kind of bump", table.campaign.excitations, where)
     lengths = VehicleGeometry(*geometry.model_dump().values()) if geometry else None
     weights = AddedMass(tuple(weight.weight() for weight in table.weight))
@@ -460,8 +460,8 @@ def on_bus(bench: Bench, interface: str | None, channel: str | None) -> Bench:
     if not (interface or channel):
         return bench
     if len({sensor.bus for sensor in bench.sensors}) > 1:
-        what = f"name the bus of a bench with one bus; here sensors are on {len(bench.buses)}"
-        raise InputError("--interface, --channel", what, f"change the [[bus]] of {bench.where}")
+        fault = f"name the bus of a bench with one bus; here sensors are on {len(bench.buses)}"
+        raise InputError("--interface, --channel", fault, f"change the [[bus]] of {bench.where}")
     first = bench.buses[0]
     bus = replace(first, interface=interface or first.interface, channel=channel or first.channel)
     return replace(bench, buses=(bus,))
@@ -474,8 +474,8 @@ def with_database(bench: Bench, path: Path) -> Bench:
     """
     n_databases, text = len({sensor.database for sensor in bench.sensors}), read_dbc(path)
     if n_databases > 1:
-        what = f"is one database, but the bench has {n_databases}"
-        raise InputError(str(path), what, "name a bench.toml that states the corrected one")
+        fault = f"is one database, but the bench has {n_databases}"
+        raise InputError(str(path), fault, "name a bench.toml that states the corrected one")
     if not bench.sensors:
         return replace(bench, dbc_text=text, dbc_name=str(path))
     # Read again, because the full names of the channels depend on the databases.

@@ -149,8 +149,8 @@ def read_databases(
             else:
                 continue
         except InputError as error:
-            what = f"{key}: {error.where}: {error.what}"
-            raise InputError(where, what, error.advice) from error
+            fault = f"{key}: {error.where}: {error.what}"
+            raise InputError(where, fault, error.advice) from error
         databases.append(Database(name, content))
     return tuple(databases)
 
@@ -173,8 +173,8 @@ def stored_databases(text: str) -> tuple[Database, ...]:
         stored = json.loads(text)[_KEY]
         return tuple(Database(name, each) for name, each in stored.items())
     except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
-        what = "the list of databases is damaged"
-        raise InputError("bench", what, "name the databases with --config") from error
+        fault = "the list of databases is damaged"
+        raise InputError("bench", fault, "name the databases with --config") from error
 
 
 @lru_cache(maxsize=32)
@@ -227,8 +227,9 @@ def sensors_codec(
         # A single database has every name.
         text = databases[0].text if len(databases) == 1 else texts.get(sensor.database)
         if text is None:
-            what = f"the database {sensor.database} is missing"
-            raise InputError(f"sensor {sensor.name}", what, "correct that [[sensor]] in bench.toml")
+            fault = f"the database {sensor.database} is missing"
+            advice = "correct that [[sensor]] in bench.toml"
+            raise InputError(f"sensor {sensor.name}", fault, advice)
         codec = database_codec(text, sensor.database)
         left_out |= dict.fromkeys(codec.left_out)
         notes |= dict.fromkeys(codec.notes)
@@ -268,13 +269,13 @@ def _sent_messages(sensor: Sensor, codec: Codec, bus: int | None) -> list[Messag
             can_id = message.can_id + sensor.id_offset
         bits = 29 if message.is_extended else 11
         if not 0 <= can_id < 1 << bits:
-            what = f"{message.name} would have the identifier {can_id:#x}, not one of {bits} bits"
-            raise InputError(where, what, "correct id_offset or ids")
+            fault = f"{message.name} would have the identifier {can_id:#x}, not one of {bits} bits"
+            raise InputError(where, fault, "correct id_offset or ids")
         full = f"{sensor.name}.{message.name}"
         sent.append(replace(message, name=full, can_id=can_id, bus=bus))
     for key in unused_keys:
-        what = f"ids names {key}, which is not in {sensor.database}"
-        raise InputError(where, what, "name a message of the database, or its identifier")
+        fault = f"ids names {key}, which is not in {sensor.database}"
+        raise InputError(where, fault, "name a message of the database, or its identifier")
     return sent
 
 
@@ -294,8 +295,8 @@ def full_name(signal: str, messages: Sequence[MessageLayout]) -> str:
     if owner in names:
         return signal
     if len(names) > 1:
-        what = f"{signal} is in {' and in '.join(names[:2])}"
-        raise InputError("bench.toml", what, f"write {names[0]}.{name} or {names[1]}.{name}")
+        fault = f"{signal} is in {' and in '.join(names[:2])}"
+        raise InputError("bench.toml", fault, f"write {names[0]}.{name} or {names[1]}.{name}")
     return f"{names[0]}.{name}" if names else signal
 
 
@@ -370,20 +371,20 @@ def ruled_codec(codec: Codec, rules: Sequence[MessageRule], dbc_name: str) -> Co
         where = f"message {rule.name}"
         if rule.name not in messages:
             raise InputError(where, f"is not in {dbc_name}", CORRECT_MESSAGE)
-        message, what = messages[rule.name], ""
+        message, fault = messages[rule.name], ""
         if rule.counter is not None:
             signal = _plain_signal(message, "counter", rule.counter)
             modulus = rule.counter_modulus or 1 << min(signal.length, 33)
             if signal.length > 32 or modulus > 1 << signal.length:
-                what = f"counter {signal.name} of {signal.length} bits cannot run to {modulus}"
+                fault = f"counter {signal.name} of {signal.length} bits cannot run to {modulus}"
             message = replace(message, counter=CounterRule(signal.name, modulus))
         if rule.crc is not None:
             signal = _plain_signal(message, "crc", rule.crc)
             if signal.length != 8 or not signal.is_whole_bytes:
-                what = f"checksum {signal.name} is not one whole byte"
+                fault = f"checksum {signal.name} is not one whole byte"
             message = replace(message, crc=signal.name, crc_rule=rule.crc_rule)
-        if what:
-            raise InputError(where, what, CORRECT_MESSAGE)
+        if fault:
+            raise InputError(where, fault, CORRECT_MESSAGE)
         if rule.cycle_ms is not None:
             message = replace(message, cycle_s=rule.cycle_ms * 1e-3)
         messages[rule.name] = message
@@ -395,8 +396,8 @@ def _plain_signal(message: MessageLayout, key: str, name: str) -> SignalLayout:
     """Return a signal that is an unsigned whole number in every frame."""
     signal = _signal(message, key, name, CORRECT_MESSAGE)
     if not signal.is_plain:
-        what = f"{name} is not a plain unsigned number"
-        raise InputError(f"message {message.name}", what, CORRECT_MESSAGE)
+        fault = f"{name} is not a plain unsigned number"
+        raise InputError(f"message {message.name}", fault, CORRECT_MESSAGE)
     return signal
 
 
@@ -405,8 +406,8 @@ def _signal(message: MessageLayout, key: str, name: str, advice: str) -> SignalL
     try:
         return message.signal(name)
     except KeyError as error:
-        what = f"has no signal {name}, which {key} names"
-        raise InputError(f"message {message.name}", what, advice) from error
+        fault = f"has no signal {name}, which {key} names"
+        raise InputError(f"message {message.name}", fault, advice) from error
 
 
 def sensor_clocks(codec: Codec, rules: Sequence[MessageRule]) -> Mapping[str, SensorClock]:
@@ -423,11 +424,11 @@ def sensor_clocks(codec: Codec, rules: Sequence[MessageRule]) -> Mapping[str, Se
         unit = rule.time_unit or signal.unit
         si = known_si(unit)
         if si is None or si.unit != "s" or signal.selector is not None:
-            what = f"time signal {name} has the unit {unit!r}, not one of time"
-            raise InputError(where, what, "state time_unit as s, ms, us or ns")
+            fault = f"time signal {name} has the unit {unit!r}, not one of time"
+            raise InputError(where, fault, "state time_unit as s, ms, us or ns")
         if rule.time_wrap is None and signal.is_float:
-            what = f"time signal {name} is a float, whose bits set no wrap"
-            raise InputError(where, what, "state time_wrap in its unit")
+            fault = f"time signal {name} is a float, whose bits set no wrap"
+            raise InputError(where, fault, "state time_wrap in its unit")
         wrap = rule.time_wrap or abs(signal.factor) * float(1 << signal.length)
         clocks[rule.name] = SensorClock(f"{rule.name}.{name}", si.factor, wrap)
     return clocks
@@ -462,8 +463,8 @@ def check_sets(codec: Codec, rules: Sequence[MessageRule], sets: Sequence[Sample
         counter = messages[carrier].counter
         is_time = carrier in clocks and clocks[carrier].signal == f"{carrier}.{signal}"
         if not is_time and (counter is None or counter.signal != signal):
-            what = f"{carrier}.{signal} is neither the counter nor the time_signal of its message"
-            raise InputError(where, what, f"state it in [[message]] name = {carrier!r}")
+            fault = f"{carrier}.{signal} is neither the counter nor the time_signal of its message"
+            raise InputError(where, fault, f"state it in [[message]] name = {carrier!r}")
         if not is_time and messages[carrier].cycle_s is None:
-            what = f"{carrier} has no cycle time, and a counter alone gives no time"
-            raise InputError(where, what, f"state cycle_ms in [[message]] name = {carrier!r}")
+            fault = f"{carrier} has no cycle time, and a counter alone gives no time"
+            raise InputError(where, fault, f"state cycle_ms in [[message]] name = {carrier!r}")

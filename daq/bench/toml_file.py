@@ -32,8 +32,8 @@ def toml_text(path: Path, advice: str) -> str:
     """
     try:
         if path.exists() and not path.is_file():  # a FIFO waits for ever, a device never ends
-            what = "is a directory" if path.is_dir() else "is not a regular file"
-            raise InputError(str(path), what, advice)
+            fault = "is a directory" if path.is_dir() else "is not a regular file"
+            raise InputError(str(path), fault, advice)
         if path.stat().st_size > MAX_CONFIG_BYTES:
             raise InputError(str(path), "is larger than 1 MB", advice)
         return path.read_text("utf-8-sig")
@@ -52,10 +52,10 @@ def toml_tables(text: str, where: str) -> dict[str, Any]:
     try:
         document = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
-        what = str(error)
-        if line := re.search(r" \(at line (\d+), column (\d+)\)", what):
-            where, what = f"{where}:{line[1]}", f"{what[: line.start()]}, column {line[2]}"
-        raise InputError(where, f"is not TOML: {what}", "correct that line") from error
+        fault = str(error)
+        if line := re.search(r" \(at line (\d+), column (\d+)\)", fault):
+            where, fault = f"{where}:{line[1]}", f"{fault[: line.start()]}, column {line[2]}"
+        raise InputError(where, f"is not TOML: {fault}", "correct that line") from error
     for place, value in _values(document, ()):
         fault = "has the character NUL" if isinstance(value, str) and "\0" in value else ""
         if isinstance(value, bool) and "structure" not in place:
@@ -89,14 +89,14 @@ def validated(document: Mapping[str, Any], where: str, model: type[_File]) -> _F
             same = (o for o in others if o["loc"][:-1] == first["loc"][:-1])
             first = next((o for o in same if o["type"] == "extra_forbidden"), first)
         key = key_at(document, first["loc"])
-        what = first["msg"].removeprefix("Value error, ")  # prefix for errors of our own checks
-        what = what.replace("Input should be", "must be").replace("tuple", "list")
-        what, advice = f"{key}: {what.partition(', unable to parse')[0]}", "correct that value"
+        fault = first["msg"].removeprefix("Value error, ")  # prefix for errors of our own checks
+        fault = fault.replace("Input should be", "must be").replace("tuple", "list")
+        fault, advice = f"{key}: {fault.partition(', unable to parse')[0]}", "correct that value"
         if first["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
-            what, advice = f"unknown key {key}", "remove it or correct its name"
+            fault, advice = f"unknown key {key}", "remove it or correct its name"
         elif first["type"] == "missing":
-            what, advice = f"{key} is missing", "state it"
-        raise InputError(where, what, advice) from error
+            fault, advice = f"{key} is missing", "state it"
+        raise InputError(where, fault, advice) from error
 
 
 def key_at(document: Mapping[str, Any], place: Sequence[str | int]) -> str:
