@@ -223,13 +223,11 @@ class _Channel:
 
 
 class Sensors:
-    """The channels of a bench, and those that were at the end of their range."""
+    """The channels of a bench."""
 
     def __init__(self) -> None:
         self._mapped: Sequence[MappedChannel] = ()
         self._channels: tuple[_Channel, ...] = ()
-        self.overloaded: tuple[str, ...] = ()
-        """Channels that reached the end of their range since the last acknowledgement."""
 
     def advance(
         self, mapped: Sequence[MappedChannel], decoded: Decoded | None, counts: Counts
@@ -242,8 +240,6 @@ class Sensors:
             samples = decoded.samples.get(channel.signal) if decoded else None
             if samples is not None and len(samples.t_ns):
                 channel.count(samples, counts)
-            if ("saturated", channel.name) in counts:
-                self.overloaded = tuple(dict.fromkeys((*self.overloaded, channel.name)))
 
 
 # Watches each message: arrival, length, checksum; and frames that no DBC describes ----------------

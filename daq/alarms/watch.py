@@ -71,6 +71,8 @@ class Watch:
         """State of each bus."""
         self.sensors_alive = self.sensors_expected = 0
         """Number of messages with channels of the bench: those received, and all."""
+        self.overloaded: tuple[str, ...] = ()
+        """Channels that reached the end of their range since `acknowledge`."""
         self._watches: list[BusWatch] = []
         self._traffic, self._sensors = Traffic(), Sensors()
         self._alarms: dict[Key, Alarm] = {}
@@ -98,20 +100,13 @@ class Watch:
         """The alarm on a bus with channels of the bench that delivers no good frame."""
         return next((a for a in self.alarms if a.code in DEAD and a.subject in self._quiet), None)
 
-    @property
-    def overloaded(self) -> tuple[str, ...]:
-        """Channels that reached the end of their range since `acknowledge`."""
-        return self._sensors.overloaded
-
     def acknowledge(self) -> None:
         """Switch the overload lamps off."""
-        self._sensors.overloaded = ()
+        self.overloaded = ()
 
     def adopt(self) -> None:
         """Begin anew with other channels; earlier counts do not raise alarms again."""
-        overloaded = self._sensors.overloaded
         self._traffic, self._sensors = Traffic(self._traffic.missing), Sensors()
-        self._sensors.overloaded = overloaded
 
     def advance(
         self, config: RecorderConfig, codec: Codec, mapped: Sequence[MappedChannel], cycle: Cycle
@@ -129,6 +124,8 @@ class Watch:
         counts["queue_dropped", ""] = cycle.hops.queue_dropped - self._queue_dropped, ""
         self._queue_dropped = cycle.hops.queue_dropped
         new = {key: count for key, count in counts.items() if count[0] > 0}
+        saturated = (subject for code, subject in new if code == "saturated")
+        self.overloaded = tuple(dict.fromkeys((*self.overloaded, *saturated)))
         totals = self._totals(new, now_s)
         expected = tuple(dict.fromkeys(m.message.name for m in mapped))  # messages with channels
         self.sensors_alive = self._traffic.alive(expected, now_s)

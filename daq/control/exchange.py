@@ -312,23 +312,19 @@ class Client:
                 if answer is None:
                     self._replies.put(None)  # for the next caller
                     raise self._gone("the connection has ended")
-                reply = self._reply(answer)
-                if reply is not None:
+                try:
+                    number, body = answer.split(b" ", 1)
+                    reply: Reply = REPLY.validate_json(body)
+                    is_late = int(number) not in (0, self._number)  # to an earlier request
+                except ValueError as error:
+                    raise self._gone("the recorder is of another version") from error
+                if not is_late:
                     break
         if reply.error:
             raise OrderRefusedError(reply.error)
         if isinstance(order, Hello):
             self.in_control = order.control
         return reply
-
-    def _reply(self, answer: bytes) -> Reply | None:
-        """Return an answer; None if it is a late one to an earlier request."""
-        try:
-            number, body = answer.split(b" ", 1)
-            reply: Reply = REPLY.validate_json(body)
-            return reply if int(number) in (0, self._number) else None
-        except ValueError as error:
-            raise self._gone("the recorder is of another version") from error
 
     def news(self, timeout_s: float) -> Status | Live | None:
         """Return the next published message, None if there is none in time; for one thread.
