@@ -21,8 +21,7 @@ from .change import Change, change_of
 from .fit.grey_box import weight_sigmas
 from .fit.uncertainty import COVERAGE_95, Estimate
 from .model.chi_squared import chance_of_more
-from .nonlinear.forces import force_quantities
-from .nonlinear.release import AS_PARAMETERS
+from .nonlinear.forces import AS_PARAMETERS, force_quantities
 from .result import Identification
 
 LEVEL = 0.05

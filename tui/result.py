@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from math import isfinite
+from typing import TYPE_CHECKING
 
 from identify import Estimate, Identification, Verdict
-from identify.compare import Comparison
 from identify.fit.uncertainty import ModeEstimate
 from identify.nonlinear.forces import Forces
 from identify.numbers import (
@@ -15,8 +15,6 @@ from identify.numbers import (
     number,
     rounded,
 )
-from identify.report.comparison import comparison_sections, headline_of
-from identify.report.page import Table
 from identify.words import (
     SEVERITY,
     damper_columns,
@@ -31,6 +29,9 @@ from identify.words import (
 )
 
 from .output import print_item, print_line, print_table
+
+if TYPE_CHECKING:
+    from identify.compare import Comparison
 
 
 def print_identification(result: Identification, truth: Mapping[str, float]) -> None:
@@ -144,6 +145,9 @@ def _print_modes(result: Identification) -> None:
 
 def print_comparison(comparison: Comparison) -> None:
     """Write what changed, and the tables of the page without the quantities that do not differ."""
+    from identify.report.comparison import comparison_sections, headline_of
+    from identify.report.page import Table
+
     print_line(headline_of(comparison))
     for section in comparison_sections(comparison):
         for table in section.blocks:

@@ -16,7 +16,7 @@ from ..fit.varpro import evaluate, linear_parts
 from ..model.matrices import SYMMETRIC, Full, full_matrices
 from .car import PULL, Model, car
 from .laws import knee
-from .path import InitialState, travel_speeds
+from .path import InitialState
 from .problem import Problem
 
 # Finds the common factor of all masses and forces, which the motion does not show -----------------
@@ -159,7 +159,7 @@ def initial_states_of(
     for decay, part in zip(decays, parts, strict=True):
         motion = part.solution[:14].copy()
         motion[:7] += sags[decay.mass_state]  # the linear model moves about the position at rest
-        speed = travel_speeds(cars[decay.mass_state], motion)
+        speed = cars[decay.mass_state].travel_speeds(motion)
         # At 0.02 m/s most of the friction acts in the direction of the motion.
         friction, mounts = np.tanh(speed / 0.02), np.zeros(4)
         result.append(InitialState(motion, friction, mounts))

@@ -221,6 +221,18 @@ class Car:
         """True if a damper has a compliant mount, or may have one."""
         return bool(self.corner[:, MOUNT].any() or self.d_corner[:, MOUNT].any())
 
+    def travel_speeds(self, motion: NDArray[np.float64], first: int = 7) -> NDArray[np.float64]:
+        """Return the speeds of the four suspensions, (..., 4) m/s, compression positive.
+
+        With `first` 0 instead of 7, their travels.
+        """
+        body = (
+            motion[..., first : first + 1]
+            - motion[..., first + 1 : first + 2] * self.corner[:, X]
+            + motion[..., first + 2 : first + 3] * self.corner[:, Y]
+        )
+        return np.asarray(motion[..., first + 3 : first + 7] - body)
+
 
 def car(model: Model, eta: NDArray[np.float64], state: MassState, free: NDArray[np.intp]) -> Car:
     """Return a mass state at `eta`, (P,), and its derivatives by the unknowns at `free`, (F,)."""

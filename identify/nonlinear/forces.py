@@ -15,7 +15,6 @@ from ..fit.grey_box import SIGNED
 from ..fit.uncertainty import COVERAGE_95, Estimate
 from .car import F_C, FALL, GAP, KINDS, KNEE_M_S, KNEES, SURPLUS, C, Car
 from .laws import knee, sliding_share, sliding_slopes
-from .path import travel_speeds
 
 if TYPE_CHECKING:
     from .fit import Optimum
@@ -26,6 +25,8 @@ _SHARE = 0.01
 """Share of the time at either end that a curve leaves out, because few samples support it there."""
 MOUNT_LABEL = "mount"
 """Name of a mount in the result, which gives its stiffness; the unknown is its compliance."""
+AS_PARAMETERS = frozenset({"anti_roll_bars", "cg_offset", "tyre_damping"})
+"""Groups of elements that are also parameters of the linear model."""
 
 
 def element_in_words(name: str) -> str:
@@ -157,8 +158,8 @@ def _axle(
     one, speeds, most_m = best.point.cars[0], [], -inf
     for car, predicted in zip(best.point.cars, best.point.predicted, strict=True):
         x = predicted.path.states
-        most_m = max(most_m, float(travel_speeds(car, x, 0)[:, corners].max()))
-        of_dampers = predicted.path.speeds if car.has_mount else travel_speeds(car, x)
+        most_m = max(most_m, float(car.travel_speeds(x, 0)[:, corners].max()))
+        of_dampers = predicted.path.speeds if car.has_mount else car.travel_speeds(x)
         speeds.append(of_dampers[:, corners].ravel())
     low, high = np.quantile(np.concatenate(speeds), [_SHARE, 1.0 - _SHARE])
     grid = np.union1d(np.linspace(min(low, 0.0), max(high, 0.0), _POINTS), [0.0])

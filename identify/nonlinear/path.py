@@ -142,19 +142,6 @@ class Path:
         return self.slopes[:, 7:14] if derivative == 2 else self.states[:, 7 * derivative :][:, :7]
 
 
-def travel_speeds(car: Car, motion: Array, first: int = 7) -> Array:
-    """Return the speeds of the four suspensions, (..., 4) m/s, compression positive.
-
-    With `first` 0 instead of 7, their travels.
-    """
-    body = (
-        motion[..., first : first + 1]
-        - motion[..., first + 1 : first + 2] * car.corner[:, X]
-        + motion[..., first + 2 : first + 3] * car.corner[:, Y]
-    )
-    return np.asarray(motion[..., first + 3 : first + 7] - body)
-
-
 def damper_curve(car: Car, speed: Array, width: float) -> tuple[Array, Array]:
     """Return force and slope of the axle's curve at the four dampers' speeds, (..., 4) each."""
     force, slope = car.corner[:, C] * speed, car.corner[:, C] + 0.0 * speed
@@ -178,7 +165,7 @@ def path_of(
     car: Car, initial: InitialState, end_s: float, step_s: float, level: Level
 ) -> Path | None:
     """Return the path of a run up to its end or just after; None if it does not stay finite."""
-    speed = travel_speeds(car, initial.motion)
+    speed = car.travel_speeds(initial.motion)
     force, _ = damper_curve(car, speed, level.knee_m_s)
     mount = car.corner[:, MOUNT] * car.corner[:, RATIO] * force + initial.mount
     first = np.concatenate([initial.motion, initial.friction, mount])
@@ -303,9 +290,9 @@ def first_columns(car: Car, initial: InitialState, level: Level) -> Array:
     if not car.has_mount:
         return columns
     p, d_corner = car.corner, car.d_corner
-    speed = travel_speeds(car, initial.motion)
+    speed = car.travel_speeds(initial.motion)
     force, slope = damper_curve(car, speed, level.knee_m_s)
-    d_speed = travel_speeds(car, columns[:14].T).T
+    d_speed = car.travel_speeds(columns[:14].T).T
     d_speed[:, n_own:] += initial.motion[8] * d_corner[:, X] - initial.motion[9] * d_corner[:, Y]
     sigma, ratio = p[:, MOUNT], p[:, RATIO]
     columns[18:] += (sigma * ratio * slope)[:, None] * d_speed
@@ -327,9 +314,9 @@ def tangent_steps(car: Car, path: Path, grade: Grade) -> tuple[NDArray[np.int64]
     part = grade.fine_steps
     p, x = car.corner, path.states
     load = tyre_load(x[:, 3:7], p[:, K_T], p[:, BETA], p[:, STATIC])
-    signs = [travel_speeds(car, x) > 0.0, load > 0.0]
+    signs = [car.travel_speeds(x) > 0.0, load > 0.0]
     if p[:, K_B].any() or car.d_corner[:, K_B].any():
-        signs.append(travel_speeds(car, x, 0) > p[:, GAP])
+        signs.append(car.travel_speeds(x, 0) > p[:, GAP])
     state = np.concatenate(signs, axis=1)
     turns = (state[1:] != state[:-1]).any(axis=1)
     events = np.add.reduceat(turns, np.arange(0, nodes, length)) > 0

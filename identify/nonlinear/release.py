@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from .begin import at_likely_scale, initial_states_of, refined, weak_priors
 from .car import KNOTS, Model
 from .fit import Clock, Optimum, fit, gain_of, inverse
-from .path import POLISH, ROUGH, InitialState, travel_speeds
+from .path import POLISH, ROUGH, InitialState
 from .problem import Problem, Run
 
 # Groups of unknowns that are released, tested and named together: the elements of a structure -----
@@ -73,8 +73,6 @@ GROUPS = (
     Group("bump_stops", ("k_b", "g_b", "p_b"), positive=True),
 )
 BY_NAME = {group.name: group for group in GROUPS}
-AS_PARAMETERS = frozenset({"anti_roll_bars", "cg_offset", "tyre_damping"})
-"""Groups that are also parameters of the linear model."""
 
 STAGES = (
     (
@@ -447,7 +445,7 @@ def begin_stops(best: Optimum, log: Callable[[str], None]) -> NDArray[np.float64
     rates = np.array([names.index(f"k_b{axle}") for axle in "fr"])
     gaps = np.array([names.index(f"g_b{axle}") for axle in "fr"])
     corners = [
-        travel_speeds(car, run.path.states, 0).max(axis=0)
+        car.travel_speeds(run.path.states, 0).max(axis=0)
         for car, run in zip(best.point.cars, best.point.predicted, strict=True)
     ]
     # At least 10 mm: a gap has no logarithm at zero.

@@ -31,7 +31,6 @@ from identify.nonlinear.path import (
     filtered,
     first_columns,
     path_of,
-    travel_speeds,
 )
 from identify.nonlinear.path import Path as Motion
 
@@ -104,7 +103,7 @@ def test_bare_coulomb_friction_stays_stable_at_high_speed(lag_s: float, finite: 
     eta[[model.names.index(name) for name in ("d_cf", "d_cr")]] = np.log(0.01e-3)
     one = car(model, eta, BASELINE, np.zeros(0, dtype=np.intp))
     motion = own.motion.copy()
-    motion[7:] *= 3.0 / np.abs(travel_speeds(one, motion)).max()
+    motion[7:] *= 3.0 / np.abs(one.travel_speeds(motion)).max()
     own, step_s = replace(own, motion=motion), paths.step_of([one], POLISH)
     assert (path_of(one, own, END_S, step_s, PATH._replace(lag_s=lag_s)) is not None) is finite
 
@@ -116,7 +115,7 @@ def test_the_mounts_give_at_first_by_the_force_of_their_dampers() -> None:
 
     def deflected(at: np.ndarray) -> np.ndarray:
         one = car(model, at, BASELINE, free)
-        force, _ = damper_curve(one, travel_speeds(one, own.motion), PATH.knee_m_s)
+        force, _ = damper_curve(one, one.travel_speeds(own.motion), PATH.knee_m_s)
         return np.asarray(one.corner[:, MOUNT] * one.corner[:, RATIO] * force)
 
     found = first_columns(car(model, eta, BASELINE, free), own, PATH)[18:, 22:]

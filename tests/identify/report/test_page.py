@@ -442,8 +442,8 @@ def test_the_page_has_words_in_the_place_of_numbers() -> None:
     assert "nan" not in re.sub(r"<[^>]*>", " ", page).split()
 
 
-def test_the_report_of_a_linear_car_loads_no_nonlinear_code() -> None:
-    """Numba takes half a second, in the process of the command and in that of its helpers."""
-    lines = "import sys, identify.report.content, identify.report.typeset\n"
+def test_a_linear_car_loads_no_nonlinear_code() -> None:
+    """Numba takes half a second, in the process of a command and in that of its helpers."""
+    lines = "import sys, identify.report.content, identify.report.typeset, tui.result\n"
     lines += "sys.exit('numba' in sys.modules)"
     subprocess.run([sys.executable, "-c", lines], check=True)
