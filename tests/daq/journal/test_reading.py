@@ -25,7 +25,7 @@ from daq.journal.reader import (
     scan,
     segments_in,
 )
-from daq.journal.segment import HEADER, MAGIC
+from daq.journal.segment import HEADER, MAGIC, Segment
 from daq.journal.writer import JournalWriter
 from daq.runs import Event
 from dbc.frames import FrameBatch
@@ -373,6 +373,16 @@ def test_a_sealed_segment_states_what_walking_through_it_finds(tmp_path: Path) -
         path.write_bytes(whole[:-1])  # without its proper end it is walked through
         assert scan(path) == summarised
         path.write_bytes(whole)
+
+
+def test_a_segment_without_blocks_takes_none_from_the_one_before_it(tmp_path: Path) -> None:
+    segment(tmp_path)  # blocks 0, 1 and 2
+    path = tmp_path / "journal_0002.bbj"
+    with QuickFile(path) as file:
+        Segment(file, path, HEAD, 2)
+    tail = last_recording(tmp_path)
+    assert tail is not None
+    assert tail.frames == 300
 
 
 def test_one_recording_ends_and_the_next_begins(tmp_path: Path) -> None:
