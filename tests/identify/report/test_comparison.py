@@ -265,13 +265,3 @@ def test_elements_that_some_lack_are_no_part_of_the_test() -> None:
         "Changed: k_sf (+1.000 ± 0.098 %). Some of the sessions need friction, mounts, others do "
         "not: this has changed."
     )
-
-
-@pytest.mark.parametrize(
-    ("p", "text"), [(0.0512, "0.051"), (1e-9, "1e-09"), (0.99e-9, "below 1e-09")]
-)
-def test_a_chance_below_any_that_matters_is_no_number(p: float, text: str) -> None:
-    made = change("differs", (0.0, 10.0, 0.01))
-    made = replace(made, named=(replace(made.named[0], p=p),))
-    share, chance = texts(change_table(made))[0][6:]
-    assert (share, chance) == ("+1.0000 %", text)  # a change from nothing has no interval

@@ -25,7 +25,7 @@ from daq.files import strict
 from daq.runs import RunStatus
 from daq.vehicle import FORD_GRANADA, Vehicle
 from dbc.words import Finding, InputError, Severity
-from identify import Estimate, Identification, Judgement, StabilisationDiagram, plots
+from identify import Identification, Judgement, StabilisationDiagram, plots
 from identify.fit.uncertainty import Prediction
 from identify.numbers import half_width_percent
 from identify.report.cars import moving_car, outline, shape_of
@@ -44,6 +44,7 @@ from identify.report.page import (
 from identify.report.typeset import html_of, pdf_of
 from identify.trust.finding import Loss, Survival
 
+from ..results import estimate
 from .made import HOSTILE, SOURCE, hostile, made, reported, without_modes
 
 
@@ -140,10 +141,6 @@ def test_the_sections_stand_in_their_order_with_their_blocks_drawn_in_words() ->
 
 DOUBT = Finding("wide", Severity.WARNING, "wide intervals: repeat roll")
 REFUSAL = Finding("snr", Severity.ERROR, "nothing but noise")
-
-
-def estimate(value: float, half: float, unit: str, size: float = 0.0) -> Estimate:
-    return Estimate(value, half / 2.0, value - half, value + half, unit, size)
 
 
 def full() -> Identification:

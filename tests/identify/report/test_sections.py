@@ -28,13 +28,10 @@ from identify.report.parameters import damper_section, modes_section, parameter_
 from identify.words import damper_rows
 from tui.result import print_forces
 
+from ..results import estimate
 from .made import drawn, made, picture, tables, texts
 
 ONES = np.ones(2)
-
-
-def estimate(value: float, half: float, unit: str) -> Estimate:
-    return Estimate(value, half / 1.96, value - half, value + half, unit)
 
 
 def model(*poles: complex) -> ModalModel:

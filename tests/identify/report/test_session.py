@@ -196,26 +196,21 @@ def test_the_vehicle_as_stated_and_how_it_agrees_with_the_fit() -> None:
 
 
 def test_what_a_vehicle_has_beyond_the_usual_is_named() -> None:
-    car = Vehicle(
-        "car", FORD_GRANADA.geometry, Structure(False, True, True, True),
-        (Fact("m_s", 1.0, 1.0), Fact("k_sf", 1.0, 1.0)),
-    )  # fmt: skip
+    facts = (Fact("m_s", 1.0, 1.0), Fact("k_sf", 1.0, 1.0))
+    car = Vehicle("car", FORD_GRANADA.geometry, Structure(False, True, True, True), facts)
     weight = BodyWeight(50.0, -1.0, 0.5, 0.2, 0.1, 0.003)
-    made = replace(
-        session(), vehicle=car, mass_states=(MassState("laden", AddedMass((weight,))),)
-    )  # fmt: skip
-    fitted = estimation()
-    box = GreyBox(fitted.box.groups[:0], (), None)
-    fitted = replace(fitted, box=box)
-    section = vehicle_section(made, fitted)
-    found = tables(section)
-    assert list(found) == ["Model of the vehicle", "Weights of mass state laden"]
-    assert [row[1] for row in texts(found["Model of the vehicle"])] == [
+    states = (MassState("laden", AddedMass((weight,))),)
+    fitted = replace(estimation(), box=GreyBox((), (), None))
+    made = replace(session(), vehicle=car, mass_states=states)
+    found = tables(vehicle_section(made, fitted))
+    assert [row[1] for row in texts(found.pop("Model of the vehicle"))] == [
         "each for itself", "anti roll bars, tyre damping, cg offset", "given", "2", "laden",
     ]  # fmt: skip
-    assert texts(found["Weights of mass state laden"]) == [
-        ["body", "-1.000", "0.500", "0.200", "0.003", "50.000", "0.1"]
-    ]
+    assert {title: texts(table) for title, table in found.items()} == {
+        "Weights of mass state laden": [
+            ["body", "-1.000", "0.500", "0.200", "0.003", "50.000", "0.1"]
+        ]
+    }
 
 
 # The certificate: what a result is cited by -------------------------------------------------------
