@@ -83,7 +83,7 @@ def test_an_edit_that_changes_nothing_leaves_the_text_as_it_was_written() -> Non
 @pytest.mark.parametrize(
     "text",
     [
-        "weight = [{mass_kg = 3, hub = 'FL'}]\n[vehicle]\nname = 'k'\n",
+        "weight = [{mass_kg = 3, hub = 'FL'}]\ndbc = ''\n[vehicle]\nname = 'k'\n",
         "[[weight]]\nmass_kg = 3\nhub = 'FL'\n[bus]\n[[weight]]\nmass_kg = 3\nhub = 'FR'\n",
         "vehicle.name = 'k'\n# no newline at the end",
         "\r\n[vehicle]\r\nname = 'k'\r\n[[weight]]\r\nmass_kg = 3\r\nhub = 'FL'\r\n",
