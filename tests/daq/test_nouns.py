@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -134,14 +132,6 @@ def test_added_mass_is_a_matrix_of_seven_that_nobody_changes() -> None:
 @pytest.mark.parametrize("text", ["plain words", "[1]", '[{"by": 1}]', "{", "[" * 100_000, "7"])
 def test_what_is_not_as_we_write_it_is_returned_as_it_is(text: str) -> None:
     assert notes_of({"notes": text}) == overrides_of({"overrides": text}) == (text,)
-
-
-# What the packages offer by name, and what they load for it -------------------------------------
-
-
-def test_the_recorder_does_not_load_the_library_of_session_files() -> None:
-    code = "import sys, daq.recorder.recorder; assert 'h5py' not in sys.modules"
-    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 # The table of the kinds of bump, and which struck wheels count as which kind --------------------
