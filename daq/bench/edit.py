@@ -114,8 +114,6 @@ def _edited(text: str, change: Callable[[_Tables], None]) -> str:
     change(tables)
     if tables == toml_tables(text, WHERE):
         return text
-    # Keys of the file itself come before its tables.
-    in_order = sorted(tables.items(), key=lambda item: isinstance(item[1], dict | list))
-    after = tomlkit.dumps(dict(in_order))
+    after = tomlkit.dumps(tables)
     parse_bench(after, WHERE, Path(), "")
     return after
