@@ -313,11 +313,7 @@ def _pooled_noise(best: Estimation) -> dict[str, float]:
 
 def _chi2_per_n(box: GreyBox, residuals: Sequence[Residuals], sigma: dict[str, float]) -> float:
     """Return the mean square residual in units of `sigma`, by degrees of freedom."""
-    squares = sum(
-        float(values @ values) / sigma[name] ** 2
-        for decay in residuals
-        for name, values in decay.values.items()
-    )
+    squares = sum(decay.chi2(sigma) for decay in residuals)
     freedom = sum(sum(decay.freedom.values()) for decay in residuals) - len(box.parameters)
     return squares / freedom if freedom > 0 else float("inf")
 

@@ -86,6 +86,10 @@ class Residuals:
     freedom: Mapping[str, float]
     """Samples less the share of the fitted constants and initial states."""
 
+    def chi2(self, noise: Noise) -> float:
+        """Return the squared residuals in units of the noise, summed over all channels."""
+        return sum(float(v @ v) / noise[name] ** 2 for name, v in self.values.items())
+
 
 def fit(
     box: GreyBox,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -251,16 +250,11 @@ def leave_one_out(estimation: Estimation) -> tuple[Prediction, ...]:
             with suppress(FloatingPointError):
                 eta = fit.eta - finite @ block.gradient
                 (without,) = engine.residuals((decay,), estimation.sigma, eta)
-                predicted = _chi2(without.values, noise) / freedom
+                predicted = without.chi2(noise) / freedom
                 by_parameters = float(np.trace(finite @ block.information)) / freedom
                 spread = 5.0 * float(np.sqrt(2.0 / freedom + 2.0 / (quiet or freedom)))
                 # Clocks fitted to arrival times, and quantisation, may cause 0.05 in one run.
                 limit = 1.0 + by_parameters + max(0.05, spread)
-        fitted = _chi2(residuals.values, noise) / freedom
+        fitted = residuals.chi2(noise) / freedom
         predictions.append(Prediction(decay.label, fitted, predicted, limit))
     return tuple(predictions)
-
-
-def _chi2(values: Mapping[str, Real], noise: Mapping[str, float]) -> float:
-    """Return the squared residuals in units of the noise, summed over all channels."""
-    return sum(float(column @ column) / noise[name] ** 2 for name, column in values.items())

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import isqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -201,16 +200,6 @@ class Waves:
         out[..., p:, p:] = c2 * f0 + 2.0 * c1 * f1 + c0 * f2 + q2
         return out[0], out[1]
 
-    def sums(self) -> Complex:
-        """Return the sums of ``exp(rate t)`` and of ``t exp(rate t)``, (r, 2 p)."""
-        fine = _with_time(self.fine, self.series.fine_s).sum(axis=1)
-        coarse = _with_time(self.coarse, self.coarse_s).sum(axis=1)
-        p = self.fine.shape[2]
-        plain = coarse[:, :p] * fine[:, :p]
-        timed = coarse[:, p:] * fine[:, :p] + coarse[:, :p] * fine[:, p:]
-        tail = _with_time(self.tail, self.tail_s).sum(axis=1)
-        return np.asarray(np.concatenate([plain, timed], axis=1) + tail)
-
     def with_samples(self) -> Complex:
         """Return the sums of the samples times ``exp(rate t)``, ``t exp(rate t)``, (r, k, 2 p)."""
         steps, tail = self.series.steps, self.series.tail
@@ -251,30 +240,10 @@ def waves_of(series: Series, rates: Complex, late_s: Real | float = 0.0) -> Wave
     """Evaluate ``exp(rate t)`` at the times of some series less `late_s`, one or one for each."""
     late = np.broadcast_to(late_s, len(series.members))[:, None]
     coarse_s, tail_s = series.coarse_s - late, series.tail_s - late
-    n, width, q = coarse_s.shape[1], series.fine_s.shape[1], tail_s.shape[1]
-    if width == 1:  # not even, and nothing is left over
-        coarse, fine = np.exp(np.multiply.outer(coarse_s, rates)), _powers(series.step_s, rates, 1)
-    else:
-        fine = _powers(series.step_s, rates, width)
-        coarse = _powers(width * series.step_s, rates, n)
-        coarse *= np.exp(np.multiply.outer(coarse_s[:, :1], rates))
-    tail: Complex = fine[:, :q] * np.exp(np.multiply.outer(tail_s[:, :1], rates))
-    tail *= series.present[..., None]
-    return Waves(series, coarse_s, tail_s, coarse, fine, tail)
-
-
-def _powers(step_s: Real, rates: Complex, count: int) -> Complex:
-    """Return ``exp(rate k step)`` for k below `count` and each step, (r, count, p).
-
-    Each k is a coarse and a fine step once more: exponentials take longer than their products.
-    """
-    inner = isqrt(count)
-    outer = -(-count // inner)
-    turned = np.multiply.outer(step_s, rates)[:, None]
-    fine = np.exp(np.arange(inner)[:, None] * turned)
-    coarse = np.exp(np.arange(0, outer * inner, inner)[:, None] * turned)
-    table = coarse[:, :, None] * fine[:, None]
-    return np.asarray(table.reshape(len(step_s), -1, len(rates))[:, :count])
+    coarse, fine, tail = (
+        np.exp(np.multiply.outer(time_s, rates)) for time_s in (coarse_s, series.fine_s, tail_s)
+    )
+    return Waves(series, coarse_s, tail_s, coarse, fine, tail * series.present[..., None])
 
 
 def _width(time_s: Real) -> int:

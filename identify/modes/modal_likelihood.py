@@ -151,8 +151,10 @@ def condense(samples: Samples, poles: _Complex) -> Condensed:
     functions = np.zeros((len(samples.blocks) + 1, 4 * m, 2 * m), complex)  # the last is block -1
     values = np.zeros((*samples.block.shape, 4 * m))
     for series in samples.series if m else ():
-        at = waves_of(series, poles)
-        total, (across, along) = at.sums(), at.grams()
+        at = waves_of(series, np.append(poles, 0.0))  # with a constant
+        grams, no_constant = at.grams(), np.delete(np.arange(2 * m + 2), [m, 2 * m + 1])
+        across, along = (gram[:, no_constant[:, None], no_constant] for gram in grams)
+        total = grams[1][:, m, no_constant]
         whole = np.einsum("rii->ri", across.real)
         level = total / series.count[:, None]
         across = across - total.conj()[:, :, None] * level[:, None]
@@ -168,7 +170,7 @@ def condense(samples: Samples, poles: _Complex) -> Condensed:
         )
         root, inverse = _roots(gram / 2.0, whole)
         functions[list(series.members)] = root[..., : 2 * m] - 1j * root[..., 2 * m :]
-        coordinates = _real_parts(at.with_samples()) @ inverse
+        coordinates = _real_parts(at.with_samples()[..., no_constant]) @ inverse
         for number, each in zip(series.members, coordinates, strict=True):
             runs, channels = samples.blocks[number].runs, samples.blocks[number].channels
             values[np.ix_(runs, channels)] = each.reshape(len(runs), len(channels), -1)

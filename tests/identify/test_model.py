@@ -274,7 +274,7 @@ def test_sums_are_those_of_a_table(kind: str) -> None:
     for series in series_of(TIMES_EXPONENTIAL_SUMS[kind], samples):
         at = waves_of(series, RATES, late_s)
         mixed, plain = at.grams()
-        sums, plain_sums = at.with_samples(), at.sums()
+        sums = at.with_samples()
         for i, member in enumerate(series.members):
             time, values = TIMES_EXPONENTIAL_SUMS[kind][member] - late_s, samples[member]
             wave = np.exp(np.outer(time, RATES))
@@ -283,7 +283,6 @@ def test_sums_are_those_of_a_table(kind: str) -> None:
                 (mixed[i], table.conj().T @ table),
                 (plain[i], table.T @ table),
                 (sums[i], values.T @ table),
-                (plain_sums[i], table.sum(axis=0)),
                 (series.power[i], np.sum(values**2, axis=0)),
             ):
                 np.testing.assert_allclose(
