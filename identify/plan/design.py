@@ -277,13 +277,14 @@ def _weights(plan: Plan) -> Iterator[Candidate]:
     hubs = tuple(HubWeight(_HUB_KG, corner) for corner in Corner)
     floor = tuple(BodyWeight(_FLOOR_KG, *_above_wheel(plan, corner)) for corner in Corner)
     loaded = next((s for s in plan.mass_states if s.added.weights or s.added.matrix.any()), None)
-    places = (
-        (hubs, f"{_HUB_KG:.0f} kg{{}} on every hub"),
-        (floor, f"{_FLOOR_KG:.0f} kg{{}} on the floor near each wheel"),
-    )
-    for weights, words in places:
+    for weights, kg, place in (
+        (hubs, _HUB_KG, "on every hub"),
+        (floor, _FLOOR_KG, "on the floor near each wheel"),
+    ):
         if loaded is None:
-            action = f"{words.format('')} as mass state {ADDED}, with one run of each kind at least"
+            action = (
+                f"{kg:.0f} kg {place} as mass state {ADDED}, with one run of each kind at least"
+            )
             others = (s for s in plan.mass_states if s.name != ADDED)
             states = (*others, MassState(ADDED, AddedMass(weights)))
             planned = {r.excitation for r in plan.runs if r.mass_state == ADDED}
@@ -291,7 +292,7 @@ def _weights(plan: Plan) -> Iterator[Candidate]:
             runs = (*plan.runs, *(Runs(ADDED, excitation) for excitation in kinds))
             yield Candidate(action, replace(plan, mass_states=states, runs=runs))
         elif any(r.mass_state == loaded.name for r in plan.runs):  # else `_runs` offers one
-            action = f"{words.format(' more')} in mass state {loaded.name}"
+            action = f"{kg:.0f} kg more {place} in mass state {loaded.name}"
             added = AddedMass((*loaded.added.weights, *weights), loaded.added.matrix)
             states = tuple(replace(s, added=added) if s is loaded else s for s in plan.mass_states)
             yield Candidate(action, replace(plan, mass_states=states))
