@@ -46,7 +46,6 @@ from identify.study.paper import (
     fig2_study,
     fig8_study,
     fig9_study,
-    filtered,
     mass_error_study,
     table2_study,
     table3_campaign,
@@ -146,16 +145,6 @@ def test_the_low_pass_passes_16_hz_and_stops_60(rate_hz: float) -> None:
 
     assert [gain(f) for f in (0.0, 1.0, 11.0, 16.0)] == pytest.approx([1.0] * 4, abs=0.015)
     assert max(gain(f) for f in np.linspace(60.0, rate_hz / 2, 50)) < 0.02
-
-
-def test_a_filtered_decay_is_the_same_decay() -> None:
-    rate_hz, pole = 1000.0, -17.0 + 65.0j
-    decay = np.exp(np.outer(np.arange(400) / rate_hz, [pole]))
-    passed = filtered(np.hstack([decay.real, decay.imag]), rate_hz)
-    half = len(taps(rate_hz)) // 2
-    ratio = (passed[:, 0] + 1j * passed[:, 1]) / decay[half:-half, 0]
-    np.testing.assert_allclose(ratio, ratio[0], rtol=1e-12)  # one factor: pole and shape stand
-    assert abs(ratio[0].imag) < 0.2 * abs(ratio[0])
 
 
 # Campaigns, their bound, and errors at the bound --------------------------------------------------

@@ -336,17 +336,6 @@ def test_it_is_butterworths(order: int) -> None:
     np.testing.assert_allclose(low_pass.gain_slope(s), (up - down) / (2.0 * step), rtol=1e-6)
 
 
-@pytest.mark.parametrize("order", [1, 2, 3, 4])
-def test_its_transients_are_the_motions_of_its_poles(order: int) -> None:
-    time_s = np.linspace(0.0, 0.1, 101)
-    low_pass = low_pass_of(_filtered(order))
-    transients = low_pass.transients(time_s)
-    assert transients.shape == (len(time_s), order)
-    of_poles = np.exp(np.multiply.outer(time_s, low_pass.poles))
-    mix = np.linalg.lstsq(transients.astype(complex), of_poles, rcond=None)[0]
-    np.testing.assert_allclose(transients @ mix, of_poles, atol=1e-9)
-
-
 def test_without_a_cut_off_there_is_none() -> None:
     none = low_pass_of(replace(_filtered(2), low_pass_hz=0.0))
     assert none.gain(np.array([3j])) == 1.0

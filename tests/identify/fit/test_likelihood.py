@@ -345,7 +345,7 @@ def _session(seed: int) -> Session:
 
 @pytest.mark.parametrize(
     ("campaigns", "most", "held"),
-    [(2, 2.5, (0.85, 1.0)), pytest.param(12, 1.6, (0.90, 0.99), marks=pytest.mark.long)],
+    [(1, 3.0, (0.8, 1.0)), pytest.param(12, 1.6, (0.90, 0.99), marks=pytest.mark.long)],
 )
 def test_intervals_cover_whatever_the_clocks_do(
     campaigns: int, most: float, held: tuple[float, float]
