@@ -114,9 +114,8 @@ def read_content(path: Path | str) -> tuple[Content, bool]:
     try:
         image = path.read_bytes()
     except OSError as error:
-        raise InputError(
-            where, f"cannot be read: {error.strerror}", "get read permission"
-        ) from error
+        what = f"cannot be read: {error.strerror}"
+        raise InputError(where, what, "get read permission") from error
     end = len(image) - len(MARK) - 9  # where the last line begins
     is_marked = end > 0 and image.startswith(MARK, end)
     is_as_written = is_marked and image[end:] == b"%s%08x\n" % (MARK, crc32(image[:end]))
