@@ -561,7 +561,7 @@ LONG = [pytest.mark.long]
 @pytest.mark.parametrize(
     "change",
     [
-        pytest.param(further(0, 0.1), id="one 0.1 m off"),
+        pytest.param(further(0, 0.1), id="one 0.1 m off", marks=LONG),
         pytest.param(further(2, 0.1), id="one behind 0.1 m off", marks=LONG),
         pytest.param(further(None, 0.03), id="all 30 mm off", marks=LONG),
         pytest.param(further(0, 0.0, 1.03), id="one 3 % heavy", marks=LONG),
