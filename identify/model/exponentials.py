@@ -67,7 +67,7 @@ def low_pass_of(channel: Channel) -> LowPass:
 
 
 def waves(time_s: Real, rates: Complex) -> Complex:
-    """Return ``exp(rate t)`` of every rate at every time, (n_samples, n_rates)."""
+    """Return ``exp(rate t)`` of every rate at every time, (.., n_rates)."""
     return np.asarray(np.exp(np.multiply.outer(time_s, rates)))
 
 
@@ -240,10 +240,9 @@ def waves_of(series: Series, rates: Complex, late_s: Real | float = 0.0) -> Wave
     """Evaluate ``exp(rate t)`` at the times of some series less `late_s`, one or one for each."""
     late = np.broadcast_to(late_s, len(series.members))[:, None]
     coarse_s, tail_s = series.coarse_s - late, series.tail_s - late
-    coarse, fine, tail = (
-        np.exp(np.multiply.outer(time_s, rates)) for time_s in (coarse_s, series.fine_s, tail_s)
-    )
-    return Waves(series, coarse_s, tail_s, coarse, fine, tail * series.present[..., None])
+    coarse, fine, tail = (waves(time_s, rates) for time_s in (coarse_s, series.fine_s, tail_s))
+    tail = np.where(series.present[..., None] > 0.0, tail, 0.0)
+    return Waves(series, coarse_s, tail_s, coarse, fine, tail)
 
 
 def _width(time_s: Real) -> int:
