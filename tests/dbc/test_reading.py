@@ -144,6 +144,14 @@ def test_a_repair_loses_nothing_and_is_said(case: str) -> None:
     assert codec.message("M").is_extended == (case == "11 bits")
 
 
+def test_a_signal_outside_of_a_message_costs_nothing_else() -> None:
+    table, stray = 'VAL_ 256 t 255 "invalid" ;\n', ' SG_ x : 0|8@1+ (1,0) [0|0] "" A\n'
+    codec = parse_codec(HEAD + M + table + stray + N, "x.dbc")
+    assert names(codec) == ["M.s", "M.t", "N.s"]
+    assert codec.message("M").signal("t").sentinels == (255,)
+    assert [each.text for each in codec.left_out] == ["signal x is not valid DBC"]
+
+
 REFUSED = {
     "empty": ("", "empty"),
     "prose": ("A bump test over CAN.\n", "not valid DBC"),
