@@ -19,7 +19,7 @@ from ..vehicle import Corner
 
 ORDER = (Corner.FRONT_LEFT, Corner.FRONT_RIGHT, Corner.REAR_LEFT, Corner.REAR_RIGHT)
 """The order in which the corners are pushed."""
-_LEAST = {
+_LEAST_PUSH = {
     Quantity.SUSPENSION_TRAVEL: 3e-3,
     Quantity.PITCH_RATE: 0.01,
     Quantity.ROLL_RATE: 0.01,
@@ -51,11 +51,13 @@ class PushResult:
 
 
 class _Move(NamedTuple):
-    """The motion of a channel: its largest deviation, and its first direction."""
+    """The motion of a channel in a push."""
 
     channel: Channel
-    size: float
-    first: int
+    peak: float
+    """Largest deviation from rest, SI, without its sign."""
+    first_sign: int
+    """Sign of the deviation at the beginning of the motion."""
 
 
 def spoken(corner: Corner) -> str:
@@ -65,7 +67,7 @@ def spoken(corner: Corner) -> str:
 
 def shows_push(channels: Sequence[Channel]) -> bool:
     """Return whether any channel of a bench shows a push by hand."""
-    return any(channel.quantity in _LEAST for channel in channels)
+    return any(channel.quantity in _LEAST_PUSH for channel in channels)
 
 
 def judge_push(
@@ -75,16 +77,49 @@ def judge_push(
     begin: int,
     bin_s: float,
 ) -> PushResult:
-    """Judge the push on one corner from the data so far.
+    """Return the result of the push on one corner, from the data so far.
 
     `lanes`: the last seconds as an envelope, NaN where there is no sample; all have the same bins,
     and most bins are at rest.  `begin`: the first bin that counts: before it another corner may
     have been pushed; a motion that goes on there does not count either.  `bin_s`: width of a bin,
     s.
     """
-    deviations = {}  # from rest, and the least that is a movement
+    deviations = _deviations(channels, lanes)
+    ask_for_push = PushResult(corner, False, False, f"push DOWN at the {spoken(corner)}, let go")
+    wait_for_rest = PushResult(corner, False, False, "moving: let it come to rest")
+    if not deviations:
+        return ask_for_push
+    is_moving = np.any([np.abs(away) >= least for away, least in deviations.values()], axis=0)
+    n_bins, settling_bins = len(is_moving), round(_SETTLED_S / bin_s)
+    # Begin after a motion that was there before: its first direction is not seen.
+    for moving_bin in np.flatnonzero(is_moving).tolist():
+        if begin - settling_bins <= moving_bin < begin:
+            begin = min(moving_bin + settling_bins + 1, n_bins)
+    moves = []
+    for channel, (deviation, least) in deviations.items():
+        size = np.abs(deviation[begin:])
+        peak = float(np.max(size, initial=0.0))
+        if peak >= least:
+            # 0.4 of the peak is clearly more than noise, and reached before the swing back.
+            onset_bin = begin + int(np.argmax(size >= 0.4 * peak))
+            moves.append(_Move(channel, peak, int(np.sign(deviation[onset_bin]))))
+    if not moves:
+        return wait_for_rest if begin == n_bins and is_moving.any() else ask_for_push
+    first_moving_bin, last_moving_bin = begin + np.flatnonzero(is_moving[begin:])[[0, -1]]
+    since_onset_s = (n_bins - 1 - first_moving_bin) * bin_s
+    quiet_s = (n_bins - 1 - last_moving_bin) * bin_s
+    if quiet_s < _SETTLED_S and since_onset_s < 5.0:  # a longer motion is judged without rest
+        return wait_for_rest
+    return _judged(corner, moves, channels)
+
+
+def _deviations(
+    channels: Sequence[Channel], lanes: Mapping[str, Envelope]
+) -> dict[Channel, tuple[NDArray[np.float64], float]]:
+    """Return for each channel its deviation from rest in each bin, and the least that is motion."""
+    deviations = {}
     for channel in channels:
-        if channel.quantity not in _LEAST or channel.name not in lanes:
+        if channel.quantity not in _LEAST_PUSH or channel.name not in lanes:
             continue
         low, high = lanes[channel.name]
         middle = (low + high) / 2.0
@@ -93,62 +128,40 @@ def judge_push(
             level = float(np.median(known))
             # A push changes no median; 1.48 makes a standard deviation of normal noise of it.
             noise = 1.48 * float(np.median(np.abs(known - level)))
-            least = max(_LEAST[channel.quantity], 6.0 * noise)
+            least = max(_LEAST_PUSH[channel.quantity], 6.0 * noise)
             deviations[channel] = np.nan_to_num(middle - level), least
-    asked = PushResult(corner, False, False, f"push DOWN at the {spoken(corner)}, let go")
-    moving = PushResult(corner, False, False, "moving: let it come to rest")
-    if not deviations:
-        return asked
-    loud = np.any([np.abs(away) >= least for away, least in deviations.values()], axis=0)
-    settling = round(_SETTLED_S / bin_s)
-    # Begin after a motion that was there before: its first direction is not seen.
-    for number in np.flatnonzero(loud).tolist():
-        if begin - settling <= number < begin:
-            begin = min(number + settling + 1, len(loud))
-    moves = []
-    for channel, (away, least) in deviations.items():
-        size = np.abs(away[begin:])
-        peak = float(np.max(size, initial=0.0))
-        if peak >= least:
-            # Clearly more than noise, and reached before the swing back.
-            first = away[begin + int(np.argmax(size >= 0.4 * peak))]
-            moves.append(_Move(channel, peak, int(np.sign(first))))
-    if not moves:
-        return moving if begin == len(loud) and loud.any() else asked
-    first_loud, last_loud = begin + np.flatnonzero(loud[begin:])[[0, -1]]
-    moving_s, quiet_s = (len(loud) - 1 - first_loud) * bin_s, (len(loud) - 1 - last_loud) * bin_s
-    if quiet_s < _SETTLED_S and moving_s < 5.0:
-        return moving
-    return _judged(corner, moves, channels)
+    return deviations
 
 
 def _judged(corner: Corner, moves: Sequence[_Move], channels: Sequence[Channel]) -> PushResult:
-    """Judge a push that is over, by the channels that moved."""
+    """Return the result of a push that is over, from the channels that moved."""
     travels = [m for m in moves if m.channel.quantity is Quantity.SUSPENSION_TRAVEL]
-    most = max(travels, key=lambda m: m.size, default=None)
-    due = next(
+    largest = max(travels, key=lambda m: m.peak, default=None)
+    own_travel = next(
         (c for c in channels if c.quantity is Quantity.SUSPENSION_TRAVEL and c.corner is corner),
         None,
     )
-    if due is not None and most is None:
-        text, advice = f"{due.name} did not move", "check its plug and its rod, then push again"
+    if own_travel is not None and largest is None:
+        name = own_travel.name
+        text, advice = f"{name} did not move", "check its plug and its rod, then push again"
         return PushResult(corner, True, False, text, advice)
-    if due is not None and most is not None and most.channel.corner is not corner:
-        moved = most.channel
-        text = f"{moved.corner} moved: another corner was pushed, or {due.name} and {moved.name} "
-        text += "are swapped"
+    if own_travel and largest and largest.channel.corner is not corner:
+        other = largest.channel
+        text = f"{other.corner} moved: another corner was pushed, or "
+        text += f"{own_travel.name} and {other.name} are swapped"
         advice = f"press R and push the {spoken(corner)}; if it repeats, swap their plugs"
         return PushResult(corner, True, False, text, advice)
-    wrong = [m.channel.name for m in moves if _expected(corner, m.channel) == -m.first]
+    wrong = [m.channel.name for m in moves if _expected(corner, m.channel) == -m.first_sign]
     if wrong:
         text = f"{', '.join(wrong)} moved the wrong way"
         advice = f"I inverts the sign of {wrong[0]}"
         return PushResult(corner, True, False, text, advice, tuple(wrong))
-    shown = most or moves[0]
-    size = f"{shown.first * shown.size:+.2g} {shown.channel.unit}"
+    shown = largest or moves[0]
+    deviation = shown.first_sign * shown.peak
+    motion = f"{deviation:+.2g} {shown.channel.unit}"
     if shown.channel.unit == "m":
-        size = f"{shown.first * shown.size * 1e3:+.0f} mm"
-    return PushResult(corner, True, True, f"{shown.channel.name} moved {size}, sign right")
+        motion = f"{deviation * 1e3:+.0f} mm"
+    return PushResult(corner, True, True, f"{shown.channel.name} moved {motion}, sign right")
 
 
 def _expected(corner: Corner, channel: Channel) -> int | None:
@@ -194,49 +207,52 @@ class Mounting:
 
 def axis_of(direction: Vector) -> tuple[str, int]:
     """Return the axis of the sensor along a direction of the car, and its sign."""
-    place = int(np.argmax(np.abs(direction)))
-    return AXES[place], 1 if direction[place] > 0 else -1
+    largest = int(np.argmax(np.abs(direction)))
+    return AXES[largest], 1 if direction[largest] > 0 else -1
 
 
 def mounting(
     gravity_g: Mapping[str, float],
-    turns: Mapping[Corner, Mapping[str, float]] | None,
+    angles: Mapping[Corner, Mapping[str, float]] | None,
 ) -> Mounting | None:
     """Return how a sensor is mounted; None if no axis is vertical.
 
-    `gravity_g`: reading of each of the three axes at rest, in g.  `turns`: the angle by which the
+    `gravity_g`: reading of each of the three axes at rest, in g.  `angles`: the angle by which the
     body turned about each axis in a push on each corner, any unit; None without pushes: x is then
     assumed to be forward, or z if x is vertical.
     """
-    reading = np.array([gravity_g[axis] for axis in AXES])
-    size = float(np.linalg.norm(reading))
-    share = reading / size if size > 0 else reading
-    vertical = int(np.argmax(np.abs(share)))
-    if abs(size - 1) > NEAR_1_G or abs(share[vertical]) < 0.9:
-        return None  # or tilted by more than 26 deg
+    reading_g = np.array([gravity_g[axis] for axis in AXES])
+    size_g = float(np.linalg.norm(reading_g))
+    unit = reading_g / size_g if size_g > 0 else reading_g
+    vertical = int(np.argmax(np.abs(unit)))
+    # 0.9 is the cosine of a tilt of 26 deg: between two axes it is not known which was meant.
+    if abs(size_g - 1) > NEAR_1_G or abs(unit[vertical]) < 0.9:
+        return None
     up = np.zeros(3)
-    up[vertical] = np.sign(share[vertical])
-    # The four directions that may be forward.
-    level = [sign * e for e in np.eye(3) if not np.any(up * e) for sign in (1.0, -1.0)]
-    if turns:
-        fits = [_fit(up, forward, turns) for forward in level]
+    up[vertical] = np.sign(unit[vertical])
+    horizontal = [sign * e for e in np.eye(3) if not np.any(up * e) for sign in (1.0, -1.0)]
+    if angles:
+        fits = [_fit(up, forward, angles) for forward in horizontal]
         best, second = np.argsort(fits)[:-3:-1].tolist()
         if fits[best] > _CLEAR * max(fits[second], 0.0):
-            return Mounting(up, level[best], True)
+            return Mounting(up, horizontal[best], True)
     # x is forward; where x is vertical it is z, or -z if x points up.
     usual = -up[0] * np.eye(3)[2] if up[0] else np.eye(3)[0]
     return Mounting(up, usual, False)
 
 
-def _fit(up: Vector, forward: Vector, turns: Mapping[Corner, Mapping[str, float]]) -> float:
-    """Return how well a forward direction explains pitch and roll in the pushes."""
+def _fit(up: Vector, forward: Vector, angles: Mapping[Corner, Mapping[str, float]]) -> float:
+    """Return how well a forward direction explains pitch and roll in the pushes.
+
+    The sum over the corners, each from -sqrt(2), pitch and roll both of the wrong sign, to sqrt(2).
+    """
     left = np.cross(up, forward)
     total = 0.0
-    for corner, angles in turns.items():
-        turn = np.array([angles.get(axis, 0.0) for axis in AXES])
-        size = float(np.linalg.norm(turn))
+    for corner, by_axis in angles.items():
+        rotation = np.array([by_axis.get(axis, 0.0) for axis in AXES])
+        size = float(np.linalg.norm(rotation))
         if size > 0:
-            pitch, roll = float(turn @ left), float(turn @ forward)
+            pitch, roll = float(rotation @ left), float(rotation @ forward)
             # Positive pitch is nose down; positive roll lifts the left side, which a push lowers.
             total += ((1.0 if corner.front else -1.0) * pitch - corner.side * roll) / size
     return total
@@ -252,7 +268,8 @@ def pushed_corner(
     """
     best, second = sorted(peaks, key=lambda corner: -abs(peaks[corner]))[:2]
     size = abs(peaks[best])
-    if not size or size < _CLEAR * abs(peaks[second]) or any(abs(o[best]) > size for o in others):
+    another_moves_more = any(abs(other[best]) > size for other in others)
+    if not size or size < _CLEAR * abs(peaks[second]) or another_moves_more:
         return None
     return best, 1 if peaks[best] > 0 else -1
 
@@ -260,8 +277,10 @@ def pushed_corner(
 # Cuts a recording of a push on each corner, with rest between them, and measures the signals ------
 
 _BIN_S = 0.05
+"""Width of the bins in which motion is found, s."""
 _QUIET_S = 0.5
-"""Rest between two pushes, s."""
+"""Shortest rest between two pushes, s."""
+_SHORTEST_PUSH_S = 0.15
 _REST_S = 0.5
 """Rest at the beginning, from which level and noise are taken, s."""
 
@@ -280,16 +299,17 @@ class Pushes:
 
     def peaks(self, name: str) -> dict[Corner, float]:
         """Return the largest deviation of a signal from rest in each push, signed."""
-        return {corner: _largest(value) for corner, _, value in self._parts(name)}
+        return {corner: _largest(value) for corner, _, value in self._by_corner(name)}
 
     def turns(self, name: str) -> dict[Corner, float]:
         """Return the largest angle in each push, from a signal that is a rate, signed."""
         return {
             corner: _largest(np.cumsum(rate[:-1] * np.diff(t_ns)) * 1e-9)
-            for corner, t_ns, rate in self._parts(name)
+            for corner, t_ns, rate in self._by_corner(name)
         }
 
-    def _parts(self, name: str) -> list[tuple[Corner, NDArray[np.int64], NDArray[np.float64]]]:
+    def _by_corner(self, name: str) -> list[tuple[Corner, NDArray[np.int64], NDArray[np.float64]]]:
+        """Return for each push its corner, the times, ns, and a signal's deviations from rest."""
         t_ns, value = self.traces[name]
         level = np.median(value[t_ns < t_ns[0] + round(_REST_S * 1e9)])
         inside = {c: (t_ns >= start) & (t_ns < end) for c, (start, end) in self.spans.items()}
@@ -297,6 +317,7 @@ class Pushes:
 
 
 def _largest(value: NDArray[np.float64]) -> float:
+    """Return the value of largest magnitude, with its sign; 0 if there is none."""
     return float(value[np.argmax(np.abs(value))]) if len(value) else 0.0
 
 
@@ -308,27 +329,40 @@ def find_pushes(traces: Mapping[str, Trace], moved: Sequence[str]) -> tuple[Push
     usable = [traces[name] for name in moved if name in traces and len(traces[name][0]) > 1]
     if not usable:
         return None, 0
-    first = min(int(t_ns[0]) for t_ns, _ in usable)
-    last = max(int(t_ns[-1]) for t_ns, _ in usable)
-    active = np.zeros(int((last - first) * 1e-9 / _BIN_S) + 1, bool)
+    start_ns = min(int(t_ns[0]) for t_ns, _ in usable)
+    end_ns = max(int(t_ns[-1]) for t_ns, _ in usable)
+    is_moving = np.zeros(int((end_ns - start_ns) * 1e-9 / _BIN_S) + 1, bool)
     for t_ns, value in usable:
-        before = value[t_ns < first + round(_REST_S * 1e9)]
-        if len(before) < 3:
-            continue
-        away = np.abs(value - np.median(before))
-        noise = float(np.std(before)) + float(np.ptp(value)) * 1e-3
-        largest = float(away.max())
-        if largest > 8.0 * noise:
-            far = t_ns[away > max(8.0 * noise, 0.2 * largest)]
-            active[((far - first) * 1e-9 / _BIN_S).astype(int)] = True
-    bins = np.flatnonzero(active)
-    cuts = np.flatnonzero(np.diff(bins) > _QUIET_S / _BIN_S) + 1  # with little rest it is one push
+        moving_ns = _moving_ns(t_ns, value, start_ns + round(_REST_S * 1e9))
+        is_moving[((moving_ns - start_ns) * 1e-9 / _BIN_S).astype(int)] = True
+    moving_bins = np.flatnonzero(is_moving)
+    # Motions with less rest between them than `_QUIET_S` are one push.
+    cuts = np.flatnonzero(np.diff(moving_bins) > _QUIET_S / _BIN_S) + 1
     bin_ns, margin_ns = round(_BIN_S * 1e9), round(_QUIET_S / 2 * 1e9)
-    spans = [
-        (first + int(p[0]) * bin_ns - margin_ns, first + int(p[-1] + 1) * bin_ns + margin_ns)
-        for p in np.split(bins, cuts)  # the bins of one push
-        if len(p) and (p[-1] + 1 - p[0]) * _BIN_S >= 0.15  # s, the shortest push
+    spans_ns = [
+        (
+            start_ns + int(bins[0]) * bin_ns - margin_ns,
+            start_ns + int(bins[-1] + 1) * bin_ns + margin_ns,
+        )
+        for bins in np.split(moving_bins, cuts)  # one push each
+        if len(bins) and (bins[-1] + 1 - bins[0]) * _BIN_S >= _SHORTEST_PUSH_S
     ]
-    if len(spans) != len(ORDER):
-        return None, len(spans)
-    return Pushes(dict(zip(ORDER, spans, strict=True)), traces), len(spans)
+    if len(spans_ns) != len(ORDER):
+        return None, len(spans_ns)
+    return Pushes(dict(zip(ORDER, spans_ns, strict=True)), traces), len(spans_ns)
+
+
+def _moving_ns(
+    t_ns: NDArray[np.int64], value: NDArray[np.float64], rest_end_ns: int
+) -> NDArray[np.int64]:
+    """Return the times, ns, at which a signal is clearly away from its rest at the beginning."""
+    rest = value[t_ns < rest_end_ns]
+    if len(rest) < 3:  # no level and noise can be taken
+        return t_ns[:0]
+    deviation = np.abs(value - np.median(rest))
+    # A thousandth of the span stands for the noise of a signal that is constant at rest.
+    noise = float(np.std(rest)) + float(np.ptp(value)) * 1e-3
+    largest, beyond_noise = float(deviation.max()), 8.0 * noise
+    if largest <= beyond_noise:
+        return t_ns[:0]
+    return t_ns[deviation > max(beyond_noise, 0.2 * largest)]
