@@ -69,8 +69,8 @@ class Systemd:
         """
         stalled = standstill(heartbeats, now_s)
         lines = [] if stalled else ["WATCHDOG=1"]
-        tried = all(cycle_s > 0 for _, cycle_s in heartbeats.readers)
-        if not self._ready and tried and heartbeats.durable_s:
+        all_buses_tried = all(cycle_s > 0 for _, cycle_s in heartbeats.readers)
+        if not self._ready and all_buses_tried and heartbeats.durable_s:
             self._ready = True
             lines.append("READY=1")
         text = stalled or status_line(status)
@@ -98,14 +98,14 @@ def status_line(status: Status) -> str:
     """Return buses, frame rate, lag of the disk and free room in one line."""
     healthy = sum(bus.state in (BusState.OK, BusState.ERROR_PASSIVE) for bus in status.buses)
     rate = sum(bus.frames_per_s for bus in status.buses)
-    free = status.disk.free_bytes
-    room = f"{free / 1e9:.0f} GB" if free >= 1e9 else f"{free / 1e6:.0f} MB"
-    parts = [
+    free_bytes = status.disk.free_bytes
+    room = f"{free_bytes / 1e9:.0f} GB" if free_bytes >= 1e9 else f"{free_bytes / 1e6:.0f} MB"
+    facts = [
         f"{healthy}/{counted(len(status.buses), 'bus', 'buses')}",
         f"{rate:,.0f} frames/s",
         f"lag {status.disk.lag_s * 1e3:.0f} ms",
         f"{room} free",
     ]
     if status.losses.words:
-        parts.append(status.losses.words)
-    return ", ".join(parts)
+        facts.append(status.losses.words)
+    return ", ".join(facts)

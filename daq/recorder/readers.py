@@ -34,27 +34,28 @@ class StorageWatch:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._received = self._stored = 0
-        self._unstored_s: float | None = None
+        # Arrival of the first frame since a frame was stored last; None if none has arrived.
+        self._unstored_since_s: float | None = None
 
     def received(self, frames: int, now_s: float) -> None:
         """Count frames that a reader has received at a monotonic time, s."""
         with self._lock:
             self._received += frames
-            if frames and self._unstored_s is None:
-                self._unstored_s = now_s
+            if frames and self._unstored_since_s is None:
+                self._unstored_since_s = now_s
 
     def stored(self, total: int) -> None:
         """Set the number of frames on the disk."""
         with self._lock:
             if total > self._stored:
                 self._stored = total
-                self._unstored_s = None  # the next frame that arrives must also be stored in time
+                self._unstored_since_s = None  # the next frame that arrives is timed anew
 
     def status(self, now_s: float) -> StorageStatus:
         """Return the counts, and for how long frames have arrived without one being stored."""
         with self._lock:
-            since_s = self._unstored_s
-            late_s = 0.0 if since_s is None else max(now_s - since_s, 0.0)
+            unstored_s = self._unstored_since_s
+            late_s = 0.0 if unstored_s is None else max(now_s - unstored_s, 0.0)
             return StorageStatus(self._received, self._stored, late_s)
 
 
@@ -77,21 +78,21 @@ class PieceQueue:
     """A queue that is bounded in blocks and in bytes; `put` never waits."""
 
     def __init__(self, blocks: int = QUEUE_BLOCKS, size: int = QUEUE_BYTES) -> None:
-        self._most, self._most_bytes = blocks, size
+        self._most_pieces, self._most_bytes = blocks, size
         self._pieces: deque[Piece] = deque()
         self._bytes = 0
-        self._high = 0
+        self._most_used = 0  # highest number of pieces until now
         self._lock = threading.Lock()
 
     def put(self, piece: Piece) -> bool:
         """Append a piece; return whether there was room."""
         with self._lock:
-            full = len(self._pieces) >= self._most
-            if full or self._bytes + piece.size > self._most_bytes:
+            is_full = len(self._pieces) >= self._most_pieces
+            if is_full or self._bytes + piece.size > self._most_bytes:
                 return False
             self._pieces.append(piece)
             self._bytes += piece.size
-            self._high = max(self._high, len(self._pieces))
+            self._most_used = max(self._most_used, len(self._pieces))
             return True
 
     def take(self, frames: int) -> list[Piece]:
@@ -109,7 +110,7 @@ class PieceQueue:
     @property
     def status(self) -> QueueStatus:
         """Present, highest and largest possible number of blocks."""
-        return QueueStatus(len(self._pieces), self._high, self._most)
+        return QueueStatus(len(self._pieces), self._most_used, self._most_pieces)
 
 
 class Reader(threading.Thread):
@@ -124,7 +125,7 @@ class Reader(threading.Thread):
 
     def run(self) -> None:
         """Read until halted; the link never raises."""
-        reported, frames = HopLosses(), FrameBatch.empty()
+        queued_losses, frames = HopLosses(), FrameBatch.empty()
         while not self._halt.is_set() or (
             # More frames than the last block may have arrived before the halt.
             len(frames) >= BLOCK_FRAMES and time.monotonic() - self._halted_s < DRAIN_S
@@ -132,9 +133,9 @@ class Reader(threading.Thread):
             frames = self.link.read(0.1)  # s: counts of losses are published at least so often
             now_s, losses = time.monotonic(), self.losses()
             self._watch.received(len(frames), now_s)
-            if len(frames) or losses != reported:
+            if len(frames) or losses != queued_losses:
                 if self._pieces.put(Piece(self.number, frames, losses, now_s)):
-                    reported = losses
+                    queued_losses = losses
                 else:
                     self._dropped += len(frames)
         self.link.close()
@@ -160,7 +161,9 @@ class Readers:
 
     def start(self, links: Sequence[Link]) -> None:
         """Start a reader for each link."""
-        self._readers = [Reader(n, k, self._pieces, self._watch) for n, k in enumerate(links)]
+        self._readers = [
+            Reader(number, link, self._pieces, self._watch) for number, link in enumerate(links)
+        ]
         for reader in self._readers:
             reader.start()
 
@@ -184,8 +187,8 @@ class Readers:
 
     def hops(self) -> HopLosses:
         """Return the losses up to the pieces taken last, over all readers."""
-        rows = [HopLosses(), *self._losses.values()]
-        return HopLosses(*map(sum, zip(*rows, strict=True)))
+        of_readers = [HopLosses(), *self._losses.values()]
+        return HopLosses(*map(sum, zip(*of_readers, strict=True)))  # field by field
 
     def facts(self) -> tuple[LinkFacts, ...]:
         """Return the state of each link."""

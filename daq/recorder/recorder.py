@@ -58,6 +58,11 @@ BLOCK_S = 0.1
 """Time between two blocks of the journal, s; a power cut loses the frames since the last one."""
 BLOCK_FRAMES = 65_536
 """Number of frames in a full block: after a stall the journal gets several blocks at once."""
+UNWATCHED_LOOK_S = 0.3
+"""Time between two looks at the frames without a client, s: a look costs three times as much as a
+block, and a bump or an alarm has the time stamps of the frames in any case."""
+SESSION_DELAY_S = 0.3
+"""Time from the end of a run until its session file is built, s: all buses have then delivered."""
 HALT_S = 2.0
 """Time to wait at the end for a reader that hangs in its driver, s."""
 JOURNAL_FOLDER = "journal"
@@ -77,8 +82,8 @@ class OpenRecording:
     """Its segments that were written by this recorder."""
     session: Path
     """Path of its session file, if it is a campaign."""
-    before: tuple[Path, ...] = ()
-    """Segments written by earlier recorders."""
+    earlier: tuple[Path, ...] = ()
+    """Its segments that were written by earlier recorders."""
 
     @property
     def campaign(self) -> str:
@@ -89,13 +94,13 @@ class OpenRecording:
     def segments(self) -> tuple[Path, ...]:
         """All existing segments, in order; the oldest may have been deleted."""
         return (
-            *(path for path in self.before if path.exists()),
+            *(path for path in self.earlier if path.exists()),
             *(segment.path for segment in self.written),
         )
 
 
 def new_head(bench: Bench, software: str, now: Now, *, campaign: bool) -> JournalHead:
-    """Return the head of a new recording."""
+    """Return the head of a new recording, with a new identity, that begins now."""
     return JournalHead(
         bench.text,
         bench.dbc_text,
@@ -115,20 +120,20 @@ def resumable(journal: Path, bench: Bench) -> tuple[RecordingInfo, Bench] | str:
     the buses and limits given now.  With another DBC it cannot be resumed.  If a campaign cannot be
     resumed, the reason is logged and returned; it is empty if there is none.
     """
-    why: object = ""
+    reason: object = ""
     try:
         tail = last_recording(journal)
         if tail is None or tail.ended or not tail.head.campaign:
             return ""
-        text = fold(tail.events).bench_text or tail.head.bench_text
+        own_text = fold(tail.events).bench_text or tail.head.bench_text
         if tail.head.origin != bench.origin:
-            why = f"its frames are {tail.head.origin}, not {bench.origin}"
+            reason = f"its frames are {tail.head.origin}, not {bench.origin}"
         elif tail.head.dbc_text != bench.dbc_text:
-            why = "it has another DBC"
-        elif text == bench.text:
+            reason = "it has another DBC"
+        elif own_text == bench.text:
             return tail, bench
         else:
-            recorded = parse_bench(text, "bench.toml in the journal", Path(), bench.dbc_text)
+            recorded = parse_bench(own_text, "bench.toml in the journal", Path(), bench.dbc_text)
             _log.warning(
                 "the resumed recording continues with its own bench.toml, not with the one in the "
                 "file: start a new campaign to use that"
@@ -141,10 +146,12 @@ def resumable(journal: Path, bench: Bench) -> tuple[RecordingInfo, Bench] | str:
                 origin=bench.origin,
             )
     except (BumpbenchError, OSError) as error:  # the old recording is not changed
-        why = error
-    text = f"the last recording was not ended and cannot be resumed ({why}): a new one is begun"
-    _log.warning("%s", text)
-    return f"{text}; `bumpbench recover` builds the session of the last"
+        reason = error
+    notice = (
+        f"the last recording was not ended and cannot be resumed ({reason}): a new one is begun"
+    )
+    _log.warning("%s", notice)
+    return f"{notice}; `bumpbench recover` builds the session of the last"
 
 
 # Builds session files, each in a process ----------------------------------------------------------
@@ -171,7 +178,7 @@ class Derivation:
             self._jobs[target].cancel()  # if it waits: the new one has all runs
         self.status = building
         job = self._builder.submit(self._build, building, tuple(segments))
-        self._jobs = {path: one for path, one in self._jobs.items() if not one.done()}
+        self._jobs = {path: other for path, other in self._jobs.items() if not other.done()}
         self._jobs[target] = job
 
     def close(self) -> None:
@@ -182,11 +189,11 @@ class Derivation:
         self._builder.shutdown(cancel_futures=True)
 
     def _build(self, building: SessionStatus, segments: Sequence[Path]) -> None:
-        state, text = self._outcome(building.path, segments)
-        if self.status is building:  # else the next one is being built
+        state, text = self._built(building.path, segments)
+        if self.status is building:  # else another session file was ordered meanwhile
             self.status = replace(building, state=state, text=text)
 
-    def _outcome(self, target: str, segments: Sequence[Path]) -> tuple[SessionState, str]:
+    def _built(self, target: str, segments: Sequence[Path]) -> tuple[SessionState, str]:
         """Build a session file; return its state, and the reason of a failure or the losses."""
         try:
             process = subprocess.Popen(
@@ -203,13 +210,13 @@ class Derivation:
             process.kill()
         output, _ = process.communicate()
         lines = output.decode("utf-8", "replace").splitlines()
-        last, text = lines[-1] if lines else "", ""
-        with suppress(ValueError, AttributeError):  # its JSON line has an error, or losses
-            result = json.loads(last)
+        last_line, text = lines[-1] if lines else "", ""
+        with suppress(ValueError, AttributeError):  # the last line is JSON, unless it has crashed
+            result = json.loads(last_line)
             text = printable(str(result.get("error") or result.get("loss") or ""), 400)
         if process.returncode in (DONE, DONE_WITH_LOSS):
             return SessionState.READY, text
-        failure = printable(f"ended with code {process.returncode}: {last}")
+        failure = printable(f"ended with code {process.returncode}: {last_line}")
         return SessionState.FAILED, text or failure
 
 
@@ -253,11 +260,11 @@ class Recorder:
         self._ended = False
         self._writer: JournalWriter
         self._opened: OpenRecording  # since `run` began, as the writer
-        self._hops_before = HopLosses()
+        self._earlier_hops = HopLosses()  # counted before this recording began
         self._lag_s: float  # of the last block
-        self._begun = ""
+        self._begun = ""  # how the recording began, in words for the status
         self._build_s: float | None = None  # when the session file is to be built
-        self._next_s = self._looked_s = 0.0
+        self._next_block_s = self._looked_s = 0.0
         self._heartbeats = Heartbeats((), self._clock().monotonic_s, 0.0)
 
     def submit(self, order: Order, by: str) -> Future[Reply]:
@@ -317,24 +324,23 @@ class Recorder:
 
     def _cycle(self, publish: Publish, is_watched: bool) -> None:
         """Wait for the next block and store it; at every look, execute orders and publish."""
-        if not self._pieces.status.blocks or self._next_s > self._clock().monotonic_s:
-            self._order_came.wait(max(self._next_s - self._clock().monotonic_s, 0.0))
+        if not self._pieces.status.blocks or self._next_block_s > self._clock().monotonic_s:
+            self._order_came.wait(max(self._next_block_s - self._clock().monotonic_s, 0.0))
         self._order_came.clear()
-        self._next_s = max(self._next_s + BLOCK_S, self._clock().monotonic_s)
+        self._next_block_s = max(self._next_block_s + BLOCK_S, self._clock().monotonic_s)
+        unlooked_s = self._clock().monotonic_s - self._looked_s
         # Half a block early, because the cycles are not exactly equidistant.
-        # Time between two looks at the frames without a client, s: a look costs three times as much
-        # as a block, and a bump or an alarm has the time stamps of the frames in any case.
-        is_due = self._clock().monotonic_s - self._looked_s >= 0.3 - BLOCK_S / 2
+        is_due = unlooked_s >= UNWATCHED_LOOK_S - BLOCK_S / 2
         if not (is_watched or is_due or not self._orders.empty()):
-            self._store()
+            self._store_block()
             return
-        self._look()
+        self._store_and_look()
         while not self._orders.empty():  # this thread alone takes them
             order, by, answer = self._orders.get_nowait()
             if not answer.set_running_or_notify_cancel():
                 continue
             try:
-                reply = self._answer(order, by, answer)
+                reply = self._execute(order, by, answer)
                 if reply is not None:
                     answer.set_result(reply)
             except Exception as error:  # any exception is reported; the recording continues
@@ -343,43 +349,46 @@ class Recorder:
             self._build(self._opened)
         self._publish(publish)
 
-    def _look(self, links: Sequence[LinkFacts] | None = None) -> bool:
-        """Store a block, and look at all frames since the last look; return what `_store` does."""
-        stored, now = self._store(), self._clock()
-        facts, disk = links or self._readers.facts(), self._writer.status
-        storage = self._storage.status(now.monotonic_s)
-        events = self._recording.look(now, facts, disk, storage)
-        if any(event.code == Code.RUN_END for event in events):
-            # Time from the end of a run until its session is built, s: all buses have then
-            # delivered.
-            self._build_s = now.monotonic_s + 0.3
-        self._looked_s = now.monotonic_s
-        return stored
+    def _store_and_look(self, links: Sequence[LinkFacts] | None = None) -> bool:
+        """Store a block, and process all frames since the last look; return whether it had any.
 
-    def _store(self) -> bool:
+        `links`: state of the buses, for the alarms; by default their present one.
+        """
+        had_frames, now = self._store_block(), self._clock()
+        links, disk = links or self._readers.facts(), self._writer.status
+        storage = self._storage.status(now.monotonic_s)
+        events = self._recording.look(now, links, disk, storage)
+        if any(event.code == Code.RUN_END for event in events):
+            self._build_s = now.monotonic_s + SESSION_DELAY_S
+        self._looked_s = now.monotonic_s
+        return had_frames
+
+    def _store_block(self) -> bool:
         """Store the frames that were read as one block; return whether there were any."""
         pieces = self._readers.take(BLOCK_FRAMES)
         batch = FrameBatch.concatenate([piece.frames for piece in pieces])
-        self._recording.store(batch, self._readers.hops().since(self._hops_before))
+        self._recording.store(batch, self._readers.hops().since(self._earlier_hops))
         self._writer.maintain(self._clock().monotonic_s)
         self._storage.stored(self._writer.stored_frames)
         disk = self._writer.status
-        done_s = self._clock().monotonic_s
-        self._lag_s = max((done_s - piece.received_s for piece in pieces), default=0.0)
-        durable = not (disk.failed or disk.held_frames)
+        stored_s = self._clock().monotonic_s
+        self._lag_s = max((stored_s - piece.received_s for piece in pieces), default=0.0)
+        is_durable = not (disk.failed or disk.held_frames)
         self._heartbeats = Heartbeats(
             tuple((link.name, link.heartbeat_s) for link in self._readers.facts()),
-            done_s,
-            done_s if durable else self._heartbeats.durable_s,
+            stored_s,
+            stored_s if is_durable else self._heartbeats.durable_s,
         )
         return bool(pieces)
 
     def _publish(self, publish: Publish) -> None:
+        """Publish the status and the samples since the last call; a failure is only noted."""
         now = self._clock()
         live = self._barrier.value("live", now, None, self._recording.live)
         self._barrier.value("publish", now, None, lambda: publish(self._status(now), live))
 
     def _status(self, now: Now) -> Status:
+        """Return the status of the recording, with that of disk, queue and session file."""
         disk = self._writer.status
         return replace(
             self._recording.status(now),
@@ -393,8 +402,11 @@ class Recorder:
             begun=self._begun,
         )
 
-    def _answer(self, order: Order, by: str, answer: Future[Reply]) -> Reply | None:
-        """Execute an order; return None if the answer comes later."""
+    def _execute(self, order: Order, by: str, answer: Future[Reply]) -> Reply | None:
+        """Execute an order of the client `by`; return its reply, or None if `answer` gets it later.
+
+        Raises OrderError if the order is not possible now.
+        """
         now = self._clock()
         match order:
             case Hello() | AskStatus():
@@ -408,16 +420,16 @@ class Recorder:
                 return None
             case Start():
                 bench = configured(self._bench, order.bench_text or self._recording.bench.text)
-                self._go_on(bench, "a new campaign was begun", now, campaign=True)
+                self._begin_next(bench, "a new campaign was begun", now, campaign=True)
             case Stop():
-                bench = self._campaign().recording.bench
-                self._go_on(bench, "the campaign was ended", now, campaign=False)
+                bench = self._opened_campaign().recording.bench
+                self._begin_next(bench, "the campaign was ended", now, campaign=False)
             case Build():
-                self._build(self._campaign())
+                self._build(self._opened_campaign())
             case ShutDown():
                 self._ended = True
             case _:
-                self._campaign().recording.carry_out(order, by, now)
+                self._opened_campaign().recording.carry_out(order, by, now)
                 self._writer.limits = self._recording.bench.recorder
         return Reply(status=self._status(now))
 
@@ -427,7 +439,8 @@ class Recorder:
     def _recording(self) -> Recording:
         return self._opened.recording
 
-    def _campaign(self) -> OpenRecording:
+    def _opened_campaign(self) -> OpenRecording:
+        """Return the campaign; raises OrderError between two campaigns."""
         if not self._opened.campaign:
             raise OrderError("no campaign is under way: begin one first")
         return self._opened
@@ -449,31 +462,35 @@ class Recorder:
         self._open(bench, run_log, tail.segments if tail else ())
         if tail is not None:
             self._recording.note(Code.RESUMED, float(tail.frames), self._software, now)
-            if run_log.runs:  # its session file may lack the last of them
+            if run_log.runs:  # its session file may lack the last of these runs
                 recording = tail.head.recording
                 self._derivation.begin(
                     self._opened.session, tail.segments, recording, run_log.revision
                 )
 
-    def _open(self, bench: Bench, run_log: RunLog, before: tuple[Path, ...] = ()) -> None:
-        """Process the recording that the writer has begun."""
+    def _open(self, bench: Bench, run_log: RunLog, earlier: tuple[Path, ...] = ()) -> None:
+        """Set `_opened` to the recording that the writer has begun.
+
+        `earlier`: its segments that were written by earlier recorders.
+        """
         codec, head = bench_codec(bench), self._writer.head
         recording = Recording(bench, codec, self._writer, run_log, self._barrier)
         session = self._folder / head.session_name
-        self._opened = OpenRecording(recording, head, self._writer.written, session, before)
+        self._opened = OpenRecording(recording, head, self._writer.written, session, earlier)
 
-    def _go_on(self, bench: Bench, why: str, now: Now, *, campaign: bool) -> None:
+    def _begin_next(self, bench: Bench, why: str, now: Now, *, campaign: bool) -> None:
         """End the recording, start building its session file, and begin the next recording.
 
-        `why`: the reason, for the run that is being recorded.  Raises InputError if bench.toml and
+        `why`: the reason, for the run that is being recorded.  `campaign`: False if the next
+        recording is the traffic between two campaigns.  Raises InputError if bench.toml and
         DBC contradict each other, and OrderError if the disk refuses the frames that wait in
         memory; this recording then continues.
         """
-        self._look()
-        bench_mapping(bench, bench_codec(bench))
-        before, writer = self._opened, self._writer
+        self._store_and_look()
+        bench_mapping(bench, bench_codec(bench))  # raises before anything is changed
+        previous, writer = self._opened, self._writer
         if writer.flush():
-            before.recording.cut(why)
+            previous.recording.cut(why)
         if not writer.begin(new_head(bench, self._software, now, campaign=campaign)):
             disk = writer.status
             wait = counted(disk.held_frames, "frame waits", "frames wait")
@@ -483,16 +500,17 @@ class Recorder:
         self._open(bench, RunLog())
         STEADY_CLOCK.begin()  # only here, because within a recording a set clock must not move time
         self._bench, self._begun = bench, ""
-        self._hops_before = self._readers.hops()  # earlier losses are not losses of this recording
-        if before.campaign:
-            self._derive(before)
+        self._earlier_hops = self._readers.hops()
+        if previous.campaign:
+            self._derive(previous)
 
     def _build(self, opened: OpenRecording) -> None:
         """Start building the present session file, from files that no longer change."""
-        self._writer.cut()
+        self._writer.cut()  # a new segment: the others are complete
         self._derive(opened)
 
     def _derive(self, opened: OpenRecording) -> None:
+        """Start building the session file of a recording from its segments."""
         self._build_s = None
         revision = opened.recording.run_log.revision
         self._derivation.begin(opened.session, opened.segments, opened.campaign, revision)
@@ -502,10 +520,10 @@ class Recorder:
         self._refuse_orders()
         links = self._readers.facts()  # the state before they end, because their end is not a fault
         self._readers.halt(HALT_S)
-        while self._look(links):
+        while self._store_and_look(links):
             pass
         self._readers.settle()
-        self._look(links)
+        self._store_and_look(links)  # without frames, for the last counts of losses
         self._writer.close(ended=not self._opened.campaign)
         if waiting := self._writer.status.held_frames:
             were = counted(waiting, "frame was", "frames were")

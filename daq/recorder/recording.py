@@ -124,8 +124,8 @@ class Recent:
                 for name, piece in block.samples.items():
                     pieces.setdefault(name, []).append(piece)
         samples: dict[str, Trace] = {}
-        for name, columns in pieces.items():
-            t_ns, value = (np.concatenate(parts) for parts in zip(*columns, strict=True))
+        for name, traces in pieces.items():
+            t_ns, value = (np.concatenate(columns) for columns in zip(*traces, strict=True))
             within = (t_ns >= start_ns) & (t_ns < stop_ns)
             samples[name] = (t_ns[within], value[within])
         return samples
@@ -136,11 +136,11 @@ class Recent:
         Losses of a pause of the bus, which the first block after it has, are not those of a run
         that ends in the pause.
         """
-        before = [block for block in self._blocks if block.last_ns < start_ns]
-        until = [block for block in self._blocks if block.first_ns < stop_ns]
-        counted_before = (before[-1] if before else self._blocks[0]).losses
-        counted_until = (until[-1] if until else self._blocks[0]).losses
-        return Losses(*map(sub, astuple(counted_until), astuple(counted_before)))
+        before_start = [block for block in self._blocks if block.last_ns < start_ns]
+        until_stop = [block for block in self._blocks if block.first_ns < stop_ns]
+        counted_at_start = (before_start[-1] if before_start else self._blocks[0]).losses
+        counted_at_stop = (until_stop[-1] if until_stop else self._blocks[0]).losses
+        return Losses(*map(sub, astuple(counted_at_stop), astuple(counted_at_start)))
 
 
 # Judges the runs ----------------------------------------------------------------------------------
@@ -168,10 +168,10 @@ class Judge:
 
     def verdict(self, step: Step, bump_ns: int, run_log: RunLog) -> tuple[Finding, ...]:
         """Judge the run of a step, and keep its measure for the comparison with later runs."""
-        span = self._bench.trigger.window_ns(bump_ns)
-        samples, lost = self._recent.samples(*span), self._recent.losses(*span)
+        span_ns = self._bench.trigger.window_ns(bump_ns)
+        samples, losses = self._recent.samples(*span_ns), self._recent.losses(*span_ns)
         saturated = tuple(name for name, t_ns in self.saturated.items() if t_ns >= bump_ns)
-        window = RunWindow(bump_ns, samples, lost, saturated=saturated, timed=self._timed)
+        window = RunWindow(bump_ns, samples, losses, saturated=saturated, timed=self._timed)
         accepted = [
             self._measures[run.label]
             for run in run_log.of(step.mass_state, step.excitation)
@@ -195,8 +195,8 @@ LATE_S = 0.1
 """Time, s, after its end at which a bin counts as complete: buses do not deliver at the same
 time."""
 _BIN_NS = round(BIN_S * 1e9)
-# Length of the ring, s: the longest time that is published at once, after a gap in time.
 _BINS = round(10.0 / BIN_S)
+"""Number of bins in the ring: 10 s, the longest time that is published at once, after a gap."""
 
 
 class LiveRing:
@@ -209,40 +209,45 @@ class LiveRing:
         self._row = {name: row for row, name in enumerate(channels)}
         self._low = np.full((len(channels), _BINS), np.nan)
         self._high = self._low.copy()
-        self._first = 0  # the ring holds nothing before this bin
-        self._sent = 0  # bins before this one were published
-        self._end = 0  # bins before this one are or were in the ring
+        # Bins are numbered by data time; bin n is in column n modulo `_BINS`.
+        self._first_bin = 0  # the ring holds nothing before this bin
+        self._unsent_bin = 0  # bins before this one were published
+        self._end_bin = 0  # bins before this one are or were in the ring
 
     def add(self, block: SampleBlock) -> None:
         """Add a block of samples in order of arrival; values that are not finite are left out."""
-        times = [t_ns for t_ns, _ in block.values() if len(t_ns)]
-        if not times:
+        stamps_ns = [t_ns for t_ns, _ in block.values() if len(t_ns)]
+        if not stamps_ns:
             return
-        end = max(int(t_ns[-1]) for t_ns in times) // _BIN_NS + 1
-        if self._end == 0 or abs(end - self._end) > _BINS:  # the first data, or a clock was set
-            self._first = self._sent = self._end = min(int(t_ns[0]) for t_ns in times) // _BIN_NS
-        if end > self._end:
-            new = np.arange(max(self._end, end - _BINS), end) % _BINS
-            self._low[:, new] = self._high[:, new] = np.nan
-            self._end, self._first = end, max(self._first, end - _BINS)
+        end_bin = max(int(t_ns[-1]) for t_ns in stamps_ns) // _BIN_NS + 1
+        is_clock_set = abs(end_bin - self._end_bin) > _BINS
+        if self._end_bin == 0 or is_clock_set:  # the ring begins with these data
+            begin_bin = min(int(t_ns[0]) for t_ns in stamps_ns) // _BIN_NS
+            self._first_bin = self._unsent_bin = self._end_bin = begin_bin
+        if end_bin > self._end_bin:
+            new_columns = np.arange(max(self._end_bin, end_bin - _BINS), end_bin) % _BINS
+            self._low[:, new_columns] = self._high[:, new_columns] = np.nan
+            self._end_bin, self._first_bin = end_bin, max(self._first_bin, end_bin - _BINS)
         for name, (t_ns, value) in block.items():
-            number = t_ns // _BIN_NS
-            good = np.isfinite(value) & (number >= self._first) & (number < self._end)
-            place, value = number[good] % _BINS, value[good]
+            sample_bin = t_ns // _BIN_NS
+            in_ring = (sample_bin >= self._first_bin) & (sample_bin < self._end_bin)
+            good = np.isfinite(value) & in_ring
+            column, value = sample_bin[good] % _BINS, value[good]
             # A bin may begin in one block and end in the next, or occur twice if stamps go back.
-            np.fmin.at(self._low[self._row[name]], place, value)
-            np.fmax.at(self._high[self._row[name]], place, value)
+            np.fmin.at(self._low[self._row[name]], column, value)
+            np.fmax.at(self._high[self._row[name]], column, value)
 
     def fresh(self) -> Live | None:
-        """Return the complete bins that were not published yet."""
-        complete = self._end - math.ceil(LATE_S / BIN_S)
-        if complete <= self._sent:
+        """Return the complete bins that were not published yet; None if there is none."""
+        incomplete_bin = self._end_bin - math.ceil(LATE_S / BIN_S)  # the first one
+        if incomplete_bin <= self._unsent_bin:
             return None
-        first, self._sent = max(self._sent, self._first), complete
-        columns = np.arange(first, complete) % _BINS
+        begin_bin = max(self._unsent_bin, self._first_bin)
+        self._unsent_bin = incomplete_bin
+        columns = np.arange(begin_bin, incomplete_bin) % _BINS
         low, high = self._low[:, columns], self._high[:, columns]
         lanes = (Lane(name, _plain(low[row]), _plain(high[row])) for name, row in self._row.items())
-        return Live(first, BIN_S, tuple(lanes))
+        return Live(begin_bin, BIN_S, tuple(lanes))
 
 
 def _plain(values: NDArray[np.float64]) -> tuple[float | None, ...]:
@@ -301,12 +306,13 @@ class Recording:
         self.run_log = run_log or RunLog()
         self.measures: dict[str, RunMeasure] = {}
         self._barrier = barrier or FaultBarrier()
-        self._hops = self._looked_hops = HopLosses()
+        self._hops = self._looked_hops = HopLosses()  # until now, and until the last look
         self._unseen: list[FrameBatch] = []
         self._events: list[Event] = []  # since the last look
         self._loop = RunLoop()
         self._health = health.HealthState()
-        self._t_ns = self._first_ns = self._bump_ns = 0
+        self._t_ns = self._first_ns = 0  # of the latest frame, and of the first on its clock
+        self._bump_ns = 0  # of the last planned bump
         self._recent = Recent(bench.trigger.pre_s + bench.trigger.post_s)
         self._alarms = Watch()
         self.adopt(bench, codec)
@@ -324,6 +330,7 @@ class Recording:
         self._recent.kept_s = bench.trigger.pre_s + bench.trigger.post_s
         self._judge = Judge(bench, codec, self._recent, self.measures)
         self._trigger = trigger.TriggerState()
+        # The log of which the runs were counted, the step that is due, and the counts.
         self._counted: tuple[RunLog, Due | None, tuple[Tally, ...]] | None = None
         self._alarms.adopt()
         # The campaign may now be complete, because the new bench plans fewer runs or the recorder
@@ -374,42 +381,44 @@ class Recording:
         if len(batch):
             decoded = barrier.value("decode", now, None, lambda: self._decode(batch))
         if decoded is not None:
-            barrier.value("samples", now, None, lambda: self._take(batch, decoded, now))
+            barrier.value("samples", now, None, lambda: self._find_bumps(batch, decoded, now))
         barrier.value("run loop", now, None, lambda: self._loop.turn(self._surroundings()))
         cycle = Cycle(
             now, batch, decoded, self._health, links, self._hops, disk, storage, barrier.failed(now)
         )
-        barrier.value("alarms", now, None, lambda: self._watch(cycle))
+        barrier.value("alarms", now, None, lambda: self._raise_alarms(cycle))
         for text in barrier.new:
             self._log(Event(self._t_ns or now.wall_ns, CONSUMER_FAILED, 1.0, text))
         barrier.new.clear()
         return tuple(self._events)
 
     def _decode(self, batch: FrameBatch) -> Decoded:
+        """Return the signals in the frames; update the health of the sensors' counters."""
         decoded = self._codec.decode(batch)
         self._health = health.advance(self._codec.messages, self._health, decoded)
         return decoded
 
-    def _take(self, batch: FrameBatch, decoded: Decoded, now: Now) -> None:
-        """Keep the samples, and process the bumps found in them."""
+    def _find_bumps(self, batch: FrameBatch, decoded: Decoded, now: Now) -> None:
+        """Keep the samples, and process the bumps and ends of runs that are found in them."""
         block = mapped_block(self._mapped, decoded)
         self._recent.add(batch, block, self.losses)
         self._live.add(block)
-        triggers = {name: piece for name, piece in block.items() if name in self._triggers}
+        triggers = {name: trace for name, trace in block.items() if name in self._triggers}
         self._trigger, events = trigger.advance(self.bench.trigger, self._trigger, triggers)
         for event in events:
             if event.code == trigger.BUMP:
-                self._bumped(event)
+                self._begin_run(event)
             elif event.code == trigger.RUN_END:
-                self._ended(event, int(batch.t_ns[0]), now)
+                self._judge_run(event, int(batch.t_ns[0]), now)
             else:
                 self._log(event)
                 if event.code == trigger.CLOCK_STEP:
                     self._first_ns = event.t_ns
                     self.cut("the time stamps went back")
 
-    def _bumped(self, event: Event) -> None:
-        at_bump = replace(self._surroundings(), t_ns=event.t_ns, ready=self._is_full)
+    def _begin_run(self, event: Event) -> None:
+        """Begin the run that is due with a bump; without an armed run it is only logged."""
+        at_bump = replace(self._surroundings(), t_ns=event.t_ns, ready=self._pre_trigger_is_full)
         self._loop.turn(at_bump)
         due = self._due
         if due is None or self._loop.phase is not Phase.ARMED:
@@ -419,7 +428,7 @@ class Recording:
         self._loop.bump(due.step.label, event.t_ns)
         self._bump_ns = event.t_ns
 
-    def _ended(self, event: Event, block_start_ns: int, now: Now) -> None:
+    def _judge_run(self, event: Event, block_start_ns: int, now: Now) -> None:
         """Judge the run whose end is seen in the block that begins at `block_start_ns`."""
         label = self.running
         if not label:
@@ -439,7 +448,8 @@ class Recording:
         seen_ns = max(event.t_ns, block_start_ns)
         self._loop.judge(replace(self._surroundings(), t_ns=seen_ns))
 
-    def _watch(self, cycle: Cycle) -> None:
+    def _raise_alarms(self, cycle: Cycle) -> None:
+        """Log the alarms that begin and end; reject the present run if its bus is dead."""
         events = self._alarms.advance(self.bench.recorder, self._codec, self._mapped, cycle)
         saturated = [alarm.subject for alarm in self._alarms.alarms if alarm.code == "saturated"]
         self._judge.saturated |= dict.fromkeys(saturated, self._t_ns)
@@ -470,15 +480,15 @@ class Recording:
         due = self._due.step if self._due else None
         t_ns = self._t_ns or now.wall_ns
         event = order_event(order, by, t_ns, self.run_log, self.bench, due)
-        bench = None
+        new_bench = None
         if isinstance(order, Configure):
             if self.running:
                 raise OrderError(f"{self.running} is being recorded: wait for its end")
-            bench = configured(self.bench, order.bench_text)
+            new_bench = configured(self.bench, order.bench_text)
         if event is not None:
             self._log(event)
-        if bench is not None:
-            self.adopt(bench, bench_codec(bench))
+        if new_bench is not None:
+            self.adopt(new_bench, bench_codec(new_bench))
         match order:
             case Arm():
                 self._loop.arm(order.until, self._surroundings())
@@ -506,10 +516,10 @@ class Recording:
     def status(self, now: Now) -> Status:
         """Return the status as far as the recording knows it."""
         loop, alarms, log, bench = self._loop, self._alarms, self.run_log, self.bench
-        surroundings, peak_left = self._surroundings(), None
-        waits_for = trigger.not_at_rest(bench.trigger, self._trigger)
+        surroundings, share_left = self._surroundings(), None
+        moving = trigger.not_at_rest(bench.trigger, self._trigger)
         if loop.phase is Phase.DECAY:
-            peak_left = self._barrier.value(
+            share_left = self._barrier.value(
                 "verdict", now, None, lambda: self._judge.peak_left(self._bump_ns, self._t_ns)
             )
         return Status(
@@ -520,9 +530,9 @@ class Recording:
             phase=loop.phase,
             phase_s=max(self._t_ns - loop.since_ns, 0) * 1e-9,
             countdown_s=loop.countdown_s(surroundings),
-            not_at_rest=waits_for if loop.phase is Phase.WAITING else (),
+            not_at_rest=moving if loop.phase is Phase.WAITING else (),
             bump_ns=self._bump_ns,
-            peak_left=peak_left,
+            peak_left=share_left,
             halted=loop.halted,
             due=self._due,
             tallies=self._counts[1],
@@ -551,18 +561,19 @@ class Recording:
 
     @property
     def _due(self) -> Due | None:
+        """The next step of the campaign; None if it is complete."""
         return self._counts[0]
 
     @property
     def _counts(self) -> tuple[Due | None, tuple[Tally, ...]]:
-        """The next step, and the numbers of runs; kept until the log changes: it may be long."""
+        """The next step, and the numbers of runs; counted again only when the log changes."""
         if self._counted is None or self._counted[0] is not self.run_log:
             tallies = tallies_of(self.bench, self.run_log)
             self._counted = self.run_log, due_of(self.bench, self.run_log, tallies), tallies
         return self._counted[1:]
 
     @property
-    def _is_full(self) -> bool:
+    def _pre_trigger_is_full(self) -> bool:
         """True if the trigger channels reach back over the whole pre-trigger."""
         return trigger.pre_trigger_full(self.bench.trigger, self._trigger, self._first_ns)
 
@@ -571,7 +582,7 @@ class Recording:
         is_armed = self._trigger.phase is trigger.TriggerPhase.ARMED  # all trigger channels rest
         return Surroundings(
             t_ns=self._t_ns,
-            ready=is_armed and self._is_full,
+            ready=is_armed and self._pre_trigger_is_full,
             run_log=self.run_log,
             due=self._due.step if self._due else None,
             bump_s=self.bench.campaign.bump_s,

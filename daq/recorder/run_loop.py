@@ -81,8 +81,8 @@ class RunLoop:
         self.halted = ""
         """Code of the finding for which the loop stopped; empty if it did not."""
         self._until: Until | None = None  # None if the last order to arm is completed
-        self._kind: tuple[str, Excitation] | None = None  # due when the loop was armed
-        self._runs_before = 0  # when the loop was armed: earlier rejects do not halt it
+        self._armed_kind: tuple[str, Excitation] | None = None  # due when the loop was armed
+        self._runs_at_arming = 0  # number of runs: earlier rejects do not halt the loop
 
     @property
     def running(self) -> bool:
@@ -91,10 +91,10 @@ class RunLoop:
 
     def countdown_s(self, now: Surroundings) -> float | None:
         """Return the time until the next run is armed, s; None if no run will be armed."""
-        goes_on = self._until is Until.COMPLETE or (
-            self._until is Until.EXCITATION and now.kind == self._kind
+        is_continued = self._until is Until.COMPLETE or (
+            self._until is Until.EXCITATION and now.kind == self._armed_kind
         )
-        if not self._is_judged or now.due is None or not goes_on:
+        if not self._is_judged or now.due is None or not is_continued:
             return None
         return max(now.accept_after_s - (now.t_ns - self.since_ns) * 1e-9, 0.0)
 
@@ -104,7 +104,8 @@ class RunLoop:
         if now.due is None:
             self.phase, self._until = Phase.COMPLETE, None
             return
-        self._until, self._kind, self._runs_before = until, now.kind, len(now.run_log.runs)
+        self._until, self._armed_kind = until, now.kind
+        self._runs_at_arming = len(now.run_log.runs)
         if not self.running and self.phase not in (Phase.WAITING, Phase.ARMED):
             self.label = ""
             self._enter(Phase.WAITING, now.t_ns)
@@ -149,11 +150,11 @@ class RunLoop:
 
     def judge(self, now: Surroundings) -> None:
         """Continue after the verdict on the run that was being recorded."""
-        self._enter(self._verdict(now), now.t_ns)
+        self._enter(self._judged_phase(now), now.t_ns)
         # Three runs in a row that the recorder rejects for one reason: a person must find it.
-        last = now.run_log.runs[self._runs_before :][-3:]
-        codes = {run.failed.code if run.failed and not run.by else "" for run in last}
-        alike = len(last) == 3 and len(codes) == 1 and "" not in codes
+        last_runs = now.run_log.runs[self._runs_at_arming :][-3:]
+        codes = {run.failed.code if run.failed and not run.by else "" for run in last_runs}
+        alike = len(last_runs) == 3 and len(codes) == 1 and "" not in codes
         if alike and self._until is not Until.COMPLETE:
             self._enter(Phase.IDLE, now.t_ns)
             self._until, self.halted = None, codes.pop()
@@ -165,8 +166,8 @@ class RunLoop:
         campaign is rejected, the campaign is no longer complete.
         """
         if self._is_judged and now.run_log.run(self.label) is not None:
-            if self._verdict(now) is not self.phase:
-                self._enter(self._verdict(now), now.t_ns)
+            if self._judged_phase(now) is not self.phase:
+                self._enter(self._judged_phase(now), now.t_ns)
         elif self.phase is Phase.COMPLETE and now.due is not None:
             self._enter(Phase.IDLE, now.t_ns)
         elif now.due is None and not self.running:
@@ -179,7 +180,8 @@ class RunLoop:
     def _is_judged(self) -> bool:
         return self.phase in (Phase.ACCEPTED, Phase.REJECTED)
 
-    def _verdict(self, now: Surroundings) -> Phase:
+    def _judged_phase(self, now: Surroundings) -> Phase:
+        """Return the phase after the verdict that the log has on the last run."""
         run = now.run_log.run(self.label)
         accepted = run is not None and run.status is RunStatus.ACCEPTED
         return Phase.ACCEPTED if accepted else Phase.REJECTED
@@ -190,7 +192,7 @@ class RunLoop:
         A person has to move the boards first, and then arm again.
         """
         is_armed = self.phase in (Phase.WAITING, Phase.ARMED)
-        if is_armed and now.kind != self._kind and self._until is not Until.COMPLETE:
+        if is_armed and now.kind != self._armed_kind and self._until is not Until.COMPLETE:
             self._until = None
             self._enter(Phase.IDLE, now.t_ns)
 
@@ -222,9 +224,9 @@ def due_of(bench: Bench, run_log: RunLog, tallies: tuple[Tally, ...]) -> Due | N
     if step is None:
         return None
     kind = (step.mass_state, step.excitation)
-    counts = [(t.accepted, t.planned, t.rejected) for t in tallies if kind == t.kind]
-    text = instruction(bench.campaign, step.excitation)
-    return Due(step, *(counts[0] if counts else (0, 0, 0)), text)
+    counts_of_kind = [(t.accepted, t.planned, t.rejected) for t in tallies if kind == t.kind]
+    task = instruction(bench.campaign, step.excitation)
+    return Due(step, *(counts_of_kind[0] if counts_of_kind else (0, 0, 0)), task)
 
 
 # Converts orders to events of the run log, or refuses them in one line for a person ---------------
@@ -251,9 +253,9 @@ def order_event(
         case Arm():
             if due is None:
                 raise OrderError("the campaign is complete: choose a run first")
-            is_seen = order.mass_state == due.mass_state or order.until is Until.COMPLETE
-            changes = bool(run_log.runs) and run_log.runs[-1].mass_state != due.mass_state
-            if changes and not is_seen:
+            is_confirmed = order.mass_state == due.mass_state or order.until is Until.COMPLETE
+            is_reloaded = bool(run_log.runs) and run_log.runs[-1].mass_state != due.mass_state
+            if is_reloaded and not is_confirmed:
                 weights = "weights off" if due.mass_state == BASELINE else "weights on"
                 state = printable(due.mass_state, 40)
                 raise OrderError(
@@ -338,13 +340,13 @@ def configured(old: Bench, text: str) -> Bench:
     try:
         bench = parse_bench(text, "bench.toml", Path(), old.dbc_text)
         bench_mapping(bench, bench_codec(bench))
-        before = parse_bench(old.text, "bench.toml", Path(), old.dbc_text)
+        unchanged = parse_bench(old.text, "bench.toml", Path(), old.dbc_text)
     except InputError as error:
         raise OrderError(str(error)) from error
     # The present buses may come from the command line, so the two files are compared.
-    if bench.buses != before.buses:
+    if bench.buses != unchanged.buses:
         raise OrderError("bench.toml names other buses: end the recorder and start it with them")
-    if bench.dbc_name != before.dbc_name:
+    if bench.dbc_name != unchanged.dbc_name:
         raise OrderError("bench.toml names another DBC: end the recorder and start it with it")
     return replace(bench, buses=old.buses, dbc_name=old.dbc_name, origin=old.origin)
 
