@@ -9,7 +9,7 @@ multiplier test, Rao 1948): no other fit is needed.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -68,9 +68,9 @@ _TYRE_BAR = 0.5
 """Strength that proves tyre damping: every tyre has some, so that one in a thousand is enough."""
 _EARLY_BAR = 0.98
 """Factor on the strength of earliness: lateness of the others explains the same."""
-_SEEN = 1e-9
+_LEAST_REMAINING = 1e-9
 """Least share of an effect's information that the unknowns must leave for it to be testable."""
-_PULLS = 1e-6
+_LEAST_PULLING = 1e-6
 """Least share of the strongest direction's information with which a direction counts in a pull."""
 _LARGE_S = 0.4
 """Time, s, after which the wheels are at rest and the body moves with half its first amplitude."""
@@ -98,7 +98,7 @@ class _Effect(NamedTuple):
     factor: float
     """Printed unit of its size, and factor from one step in its direction to it."""
     direction: Mapping[int, float]
-    """Step of each unknown of the richest problem, by its place; 0 for the others."""
+    """Step of each unknown of the richest problem, by its index; 0 for the others."""
 
 
 class _Richest(GreyBox):
@@ -108,42 +108,43 @@ class _Richest(GreyBox):
     each other.
     """
 
-    turns: Mapping[str, int]
-    """Place of the turn of each IMU among the unknowns, by its group."""
-    _turned: tuple[tuple[str, str, str], ...]
-    """Group, pitch channel and roll channel."""
+    index_of_turn: Mapping[str, int]
+    """Index of the turn of each IMU among the unknowns, by its group."""
+    _imu_channels: tuple[tuple[str, str, str], ...]
+    """Group, pitch channel and roll channel of each IMU."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        turned = []
+        imu_channels = []
         for group in self.groups:
             names = {c.quantity: c.name for c in group.channels}
             for pitch, roll in ROTATIONS:
                 if pitch in names and roll in names:
-                    turned.append((group.name, names[pitch], names[roll]))
-        first = len(self.parameters) + len(self.corrections)
-        turns = {imu: i for i, imu in enumerate(dict.fromkeys(t[0] for t in turned), first)}
-        prior_sigma = np.insert(self.prior_sigma, first, np.full(len(turns), np.inf))
-        object.__setattr__(self, "turns", turns)
-        object.__setattr__(self, "_turned", tuple(turned))
+                    imu_channels.append((group.name, names[pitch], names[roll]))
+        first_index = len(self.parameters) + len(self.corrections)
+        imus = dict.fromkeys(imu for imu, _, _ in imu_channels)
+        index_of_turn = {imu: i for i, imu in enumerate(imus, first_index)}
+        prior_sigma = np.insert(self.prior_sigma, first_index, np.full(len(index_of_turn), np.inf))
+        object.__setattr__(self, "index_of_turn", index_of_turn)
+        object.__setattr__(self, "_imu_channels", tuple(imu_channels))
         object.__setattr__(self, "prior_sigma", prior_sigma)
 
     def motion_rows(self, eta: NDArray[np.complex128]) -> dict[str, NDArray[np.complex128]]:
         """Return each channel's row on the seven motions, those of turned IMUs mixed."""
         rows = super().motion_rows(eta)
-        for imu, pitch, roll in self._turned:
-            turn = eta[:, self.turns[imu], None]
+        for imu, pitch, roll in self._imu_channels:
+            turn_rad = eta[:, self.index_of_turn[imu], None]
             rows[pitch], rows[roll] = (
-                rows[pitch] - turn * rows[roll],
-                rows[roll] + turn * rows[pitch],
+                rows[pitch] - turn_rad * rows[roll],
+                rows[roll] + turn_rad * rows[pitch],
             )
         return rows
 
 
 def rank_causes(estimation: Estimation) -> tuple[Cause, ...]:
-    """Test every hypothesis on the residuals of a linear fit; the one that explains most is first.
+    """Return every hypothesis as a cause, sized by the residuals of a linear fit, the surest first.
 
-    Its unknowns and priors are those of the fit; a step in the direction of a hypothesis is free.
+    The unknowns and priors are those of the fit; a step in the direction of a hypothesis is free.
     """
     box, eta = estimation.box, estimation.fit.eta
     decays = tuple(
@@ -155,50 +156,51 @@ def rank_causes(estimation: Estimation) -> tuple[Cause, ...]:
     for state in box.mass_states:
         weights = tuple(replace(w, sigma_kg=w.mass_kg) for w in state.added.weights)
         states.append(replace(state, added=replace(state.added, weights=weights)))
-    rich = _Richest(groups, tuple(states), None, RICHEST, box.facts)
-    fitted = _places_of_unknowns(box, rich)
-    # What is open here alone is zero at the fit.
-    rich_eta = rich.unknowns_of(estimation.full)
-    rich_eta[len(rich.parameters) :] = (fitted @ eta)[len(rich.parameters) :]
-    blocks = normal_blocks(rich, decays, estimation.noise, rich_eta)
-    measured = [block for label, block in blocks.items() if label != PRIORS]
-    H = np.sum([block.information for block in measured], axis=0)
-    g = np.sum([block.gradient for block in measured], axis=0)
+    richest = _Richest(groups, tuple(states), None, RICHEST, box.facts)
+    E = _embedding(box, richest)  # (R, P)
+    # Unknowns that only the richest problem has are zero at the fit.
+    richest_eta = richest.unknowns_of(estimation.full)
+    richest_eta[len(richest.parameters) :] = (E @ eta)[len(richest.parameters) :]
+    blocks = normal_blocks(richest, decays, estimation.noise, richest_eta)
+    of_decays = [block for label, block in blocks.items() if label != PRIORS]
+    H = np.sum([block.information for block in of_decays], axis=0)
+    g = np.sum([block.gradient for block in of_decays], axis=0)
     prior = box.prior_sigma**-2
-    covariance = np.linalg.pinv(fitted.T @ H @ fitted + np.diag(prior), hermitian=True)
-    step = covariance @ (fitted.T @ g - prior * eta)  # nothing, but for rounding and another noise
+    covariance = np.linalg.pinv(E.T @ H @ E + np.diag(prior), hermitian=True)
+    step = covariance @ (E.T @ g - prior * eta)  # nothing, but for rounding and another noise
 
-    members: dict[str, list[_Effect]] = {}
-    for effect in _effects(box, rich):
+    effects_of: dict[str, list[_Effect]] = {}
+    for effect in _effects(box, richest):
         name = TABLE[effect.kind].name.format(effect.label)
-        members.setdefault(name, []).append(effect)
+        effects_of.setdefault(name, []).append(effect)
     n_values = sum(decay.n_values for decay in decays)
     causes = []
-    for name, effects in members.items():
-        D = np.zeros((len(rich_eta), len(effects)))
+    for name, effects in effects_of.items():
+        D = np.zeros((len(richest_eta), len(effects)))  # a column is the direction of an effect
         for k, effect in enumerate(effects):
             D[list(effect.direction), k] = list(effect.direction.values())
-        mixed = D.T @ H @ fitted
+        mixed = D.T @ H @ E  # of the effects with the unknowns of the fit
         information = D.T @ H @ D
         gradient = D.T @ g - mixed @ step
         remaining = information - mixed @ covariance @ mixed.T
         scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
         values, vectors = np.linalg.eigh(remaining * np.outer(scale, scale))
-        seen = values > _SEEN
-        inverse = (vectors[:, seen] / values[seen]) @ vectors[:, seen].T * np.outer(scale, scale)
+        testable = values > _LEAST_REMAINING
+        axes = vectors[:, testable]
+        inverse = (axes / values[testable]) @ axes.T * np.outer(scale, scale)
         sizes, stds = inverse @ gradient, np.sqrt(np.diag(inverse))
         gain = float(gradient @ sizes)
         moved = (-covariance @ mixed.T @ sizes)[: len(box.parameters)].tolist()
-        row = TABLE[effects[0].kind]
+        hypothesis = TABLE[effects[0].kind]
         chance = exceeded_by_chance(len(effects), _CHANCE)
         strength = gain / max(1.0, estimation.chi2_per_n) / chance
-        if row.kind == "tyre damping":
+        if hypothesis.kind == "tyre damping":
             below_zero = bool((sizes < -BELOW_SIGMAS * stds).any())
             strength = 0.0 if below_zero else strength / _TYRE_BAR
-        elif row.kind == "late" and sizes[0] < 0.0:
+        elif hypothesis.kind == "late" and sizes[0] < 0.0:
             strength *= _EARLY_BAR
         cause = replace(
-            row,
+            hypothesis,
             name=name,
             sizes=_in_words(effects, sizes, stds),
             explained=gain / max((estimation.chi2_per_n - 1.0) * n_values, 1e-9),
@@ -211,77 +213,82 @@ def rank_causes(estimation: Estimation) -> tuple[Cause, ...]:
     return tuple(sorted(causes, key=lambda cause: -cause.strength))
 
 
-def _places_of_unknowns(box: GreyBox, rich: GreyBox) -> Array:
-    """Return the matrix from the unknowns of a problem to those of the richest one, (R, P).
+def _embedding(box: GreyBox, richest: GreyBox) -> Array:
+    """Return the matrix from the P unknowns of a problem to the R of the richest one, (R, P).
 
-    A parameter of both sides is two there; the cross weight, if there is one, is the last of both.
+    A parameter of both sides is two there; the cross weight, if there is one, comes last in both.
     """
-    E = np.zeros((len(rich.prior_sigma), len(box.prior_sigma)))
+    E = np.zeros((len(richest.prior_sigma), len(box.prior_sigma)))
     for p, name in enumerate(box.parameters):
-        sides = [name] if name in rich.parameters else [f"{name}l", f"{name}r"]
-        E[[rich.parameters.index(side) for side in sides], p] = 1.0
-    open_names = list(rich.corrections)
+        sides = [name] if name in richest.parameters else [f"{name}l", f"{name}r"]
+        E[[richest.parameters.index(side) for side in sides], p] = 1.0
+    unplaced = list(richest.corrections)
     for p, name in enumerate(box.corrections, len(box.parameters)):
-        place = open_names.index(name)
-        open_names[place] = ""  # two groups of one clock have one name
-        E[len(rich.parameters) + place, p] = 1.0
+        index = unplaced.index(name)
+        unplaced[index] = ""  # two groups of one clock have one name
+        E[len(richest.parameters) + index, p] = 1.0
     if len(box.prior_sigma) > len(box.parameters) + len(box.corrections):
         E[-1, -1] = 1.0
     return E
 
 
-def _effects(box: GreyBox, rich: _Richest) -> Iterator[_Effect]:
-    """Yield what the structure lacks, then what may be wrong with lengths, weights and sensors."""
-    place = {name: i for i, name in enumerate(rich.parameters)}
-    kinds = {"k_a": "bars", "c_t": "tyre damping", "y_s": "cg"}
+def _effects(box: GreyBox, richest: _Richest) -> Iterator[_Effect]:
+    """Yield what the structure lacks, then the errors of lengths, weights and sensors.
+
+    `box`: the fitted problem, `richest`: the one whose unknowns the directions are of.
+    """
+    index_of = {name: i for i, name in enumerate(richest.parameters)}
+    kind_of_parameter = {"k_a": "bars", "c_t": "tyre damping", "y_s": "cg"}
     for name, scale in SIGNED.items():
         if name not in box.parameters:
-            yield _Effect(kinds[name[:3]], name, parameter_unit(name), scale, {place[name]: 1.0})
+            kind, direction = kind_of_parameter[name[:3]], {index_of[name]: 1.0}
+            yield _Effect(kind, name, parameter_unit(name), scale, direction)
     if box.structure.symmetric:
         for name in ("m_uf", "m_ur", "k_sf", "k_sr", "k_tf", "k_tr", "c_sf", "c_sr"):
-            sides = {place[f"{name}l"]: 1.0, place[f"{name}r"]: -1.0}
+            sides = {index_of[f"{name}l"]: 1.0, index_of[f"{name}r"]: -1.0}
             yield _Effect("sides", name, "% more left than right", 200.0, sides)
     if box.geometry is not None:
         for name in ("a", "b", "t_f", "t_r"):
-            yield _Effect("length", name, "%", 100.0, {place[name]: 1.0})
+            yield _Effect("length", name, "%", 100.0, {index_of[name]: 1.0})
     # Decays alone do not show a factor that all weights have in common.
-    if rich.weight_masses and scale_facts(box):
-        yield _Effect("weights", "all weights", "%", 100.0, rich.weight_masses)
-    late: dict[str, dict[int, float]] = {}
-    of_kind: dict[str, list[str]] = {}
-    for i, group in enumerate(rich.groups):
-        kind, delay = kind_of_sensor(group.channels[0]), rich.delay_index(i)
+    if richest.weight_masses and scale_facts(box):
+        yield _Effect("weights", "all weights", "%", 100.0, richest.weight_masses)
+    late_groups: dict[str, dict[int, float]] = {}
+    late_kinds: dict[str, dict[int, float]] = {}
+    groups_of_kind: dict[str, list[str]] = {}
+    for i, group in enumerate(richest.groups):
+        kind, delay = kind_of_sensor(group.channels[0]), richest.delay_index(i)
         if delay is not None:
-            late.setdefault(group.name, {})[delay] = 1.0
-            late.setdefault(kind, {})[delay] = 1.0
-            of_kind.setdefault(kind, []).append(group.name)
-    for names in of_kind.values():
-        if len(names) == 1:  # the kind has no other group
-            late.pop(names[0], None)
-    for name, delays in late.items():
+            late_groups.setdefault(group.name, {})[delay] = 1.0
+            late_kinds.setdefault(kind, {})[delay] = 1.0
+            groups_of_kind.setdefault(kind, []).append(group.name)
+    for names in groups_of_kind.values():
+        if len(names) == 1:  # it is late with its kind, which has no other group
+            late_groups.pop(names[0], None)
+    for name, delays in (late_groups | late_kinds).items():
         yield _Effect("late", name, "ms", 1e3, delays)
-    for i, channel in rich.scaled.items():
+    for i, channel in richest.scaled.items():
         yield _Effect("gain", channel.name, "%", 100.0, {i: 1.0})
-    for name, i in rich.turns.items():
+    for name, i in richest.index_of_turn.items():
         yield _Effect("turn", name, "deg", 180.0 / np.pi, {i: 1.0})
 
 
 def _in_words(effects: Sequence[_Effect], sizes: Array, stds: Array) -> str:
-    """Return the sizes of the three surest parts with their 95 % intervals."""
-    rows = []
+    """Write the sizes of the three surest effects of a cause with their 95 % intervals."""
+    parts = []
     for effect, size, std in zip(effects, sizes.tolist(), stds.tolist(), strict=True):
         if std > 0.0:
-            half = COVERAGE_95 * std * abs(effect.factor)
-            text = f"{effect.label} {with_half(size * effect.factor, half)} {effect.unit}"
-            rows.append((abs(size / std), text))
-    return ", ".join(text for _, text in sorted(rows, reverse=True)[:3])
+            half_interval = COVERAGE_95 * std * abs(effect.factor)
+            part = f"{effect.label} {with_half(size * effect.factor, half_interval)} {effect.unit}"
+            parts.append((abs(size / std), part))
+    return ", ".join(part for _, part in sorted(parts, reverse=True)[:3])
 
 
 # Whether all runs, and the large and the small motion, show the same vehicle ----------------------
 
 
 class Pull(NamedTuple):
-    """Pull of a part of the data away from the common optimum."""
+    """Pull of a part of the data away from the optimum of all data."""
 
     strength: float
     """Square of the pull in units of what chance would give; noise stays below 1."""
@@ -296,61 +303,62 @@ class Pull(NamedTuple):
         return f"({self.parameter} {self.change * 100:+.0f} %)"
 
 
-def pull_of(estimation: Estimation, parts: Iterable[NormalBlock]) -> Pull:
-    """Return the pull of some parts of the data."""
-    chosen = tuple(parts)
-    H = np.sum([part.information for part in chosen], axis=0)
-    g = np.sum([part.gradient for part in chosen], axis=0)
-    C = np.where(np.isfinite(estimation.fit.covariance), estimation.fit.covariance, 0.0)
-    V = H - H @ C @ H
+def pull_of(estimation: Estimation, blocks: Sequence[NormalBlock]) -> Pull:
+    """Return the pull of a part of the data, given by its normal blocks."""
+    H = np.sum([block.information for block in blocks], axis=0)
+    g = np.sum([block.gradient for block in blocks], axis=0)
+    covariance = np.where(np.isfinite(estimation.fit.covariance), estimation.fit.covariance, 0.0)
+    V = H - H @ covariance @ H
     diagonal = np.maximum(np.diag(V), 1e-300)
     scale = 1.0 / np.sqrt(diagonal)
     values, vectors = np.linalg.eigh(V * np.outer(scale, scale))
-    seen = values > _PULLS * values[-1]
-    square = float(np.sum((vectors[:, seen].T @ (g * scale)) ** 2 / values[seen]))
-    chance = (np.sqrt(np.sum(seen)) + 5.0) ** 2 * max(1.0, estimation.chi2_per_n)
+    kept = values > _LEAST_PULLING * values[-1]
+    pull_squared = float(np.sum((vectors[:, kept].T @ (g * scale)) ** 2 / values[kept]))
+    # Noise in n directions pulls by about sqrt(n), and hardly ever by five more.
+    chance_squared = (np.sqrt(np.sum(kept)) + 5.0) ** 2 * max(1.0, estimation.chi2_per_n)
     names = estimation.box.parameters
-    worst = int(np.argmax(np.abs((g * scale)[: len(names)])))
-    return Pull(square / float(chance), names[worst], float(g[worst] / diagonal[worst]))
+    hardest = int(np.argmax(np.abs((g * scale)[: len(names)])))
+    strength = pull_squared / float(chance_squared)
+    return Pull(strength, names[hardest], float(g[hardest] / diagonal[hardest]))
 
 
-def _hardest(estimation: Estimation) -> tuple[tuple[str, ...], Pull]:
+def _most_odd(estimation: Estimation) -> tuple[tuple[str, ...], Pull]:
     """Return the labels of the runs that disagree most, and their pull.
 
     They are one run, or those of a mass state from some repeat on: its weights were changed.
     """
     repeats: dict[str, list[tuple[int, str]]] = {}
     for decay in estimation.decays:
-        number = decay.label.rpartition("_")[2]
-        repeat = int(number) if number.isdecimal() else 0
+        suffix = decay.label.rpartition("_")[2]
+        repeat = int(suffix) if suffix.isdecimal() else 0
         repeats.setdefault(decay.mass_state, []).append((repeat, decay.label))
-    suspected: list[tuple[str, ...]] = [(decay.label,) for decay in estimation.decays]
-    for of_state in repeats.values():
-        for first in sorted({repeat for repeat, _ in of_state})[1:]:
-            later = tuple(label for repeat, label in of_state if repeat >= first)
-            suspected += [later] if len(later) > 1 else []
+    suspects: list[tuple[str, ...]] = [(decay.label,) for decay in estimation.decays]
+    for runs_of_state in repeats.values():
+        for first_odd in sorted({repeat for repeat, _ in runs_of_state})[1:]:
+            odd = tuple(label for repeat, label in runs_of_state if repeat >= first_odd)
+            suspects += [odd] if len(odd) > 1 else []
     blocks = linearised_at(estimation).blocks
-    pulls = {odd: pull_of(estimation, [blocks[label] for label in odd]) for odd in suspected}
+    pulls = {odd: pull_of(estimation, [blocks[label] for label in odd]) for odd in suspects}
     return max(pulls.items(), key=lambda item: item[1].strength)
 
 
 def _fit_without(estimation: Estimation, labels: Collection[str]) -> tuple[float, Array]:
-    """Return chi2 per degree of freedom of a fit without some runs, and its unknowns."""
+    """Return chi2 per degree of freedom of a fit without the labelled runs, and its unknowns."""
     decays = tuple(d.thinned(_RATE_HZ) for d in estimation.decays if d.label not in labels)
     box, noise = estimation.box, estimation.noise
-    eta = fit(box, decays, noise, estimation.fit.eta, 0.1, 20).eta
-    parts = estimation.engine.residuals(decays, noise, eta)
+    eta = fit(box, decays, noise, estimation.fit.eta, tolerance=0.1, max_iterations=20).eta
+    residuals = estimation.engine.residuals(decays, noise, eta)
     squares = sum(
-        float(v @ v) / noise[name] ** 2 for part in parts for name, v in part.values.items()
+        float(v @ v) / noise[name] ** 2 for run in residuals for name, v in run.values.items()
     )
-    return squares / sum(sum(part.freedom.values()) for part in parts), eta
+    return squares / sum(sum(run.freedom.values()) for run in residuals), eta
 
 
 def some_runs_are_wrong(estimation: Estimation) -> bool:
     """Return whether a fit that does not hold would hold without the runs that pull hardest."""
     if len(estimation.decays) < 3:
         return False
-    labels, _ = _hardest(estimation)
+    labels, _ = _most_odd(estimation)
     return _fit_without(estimation, labels)[0] <= estimation.chi2_limit
 
 
@@ -359,43 +367,44 @@ def odd_runs(estimation: Estimation, rival: float) -> tuple[Finding, Cause] | No
 
     `rival`: strength of the likeliest cause that all runs share: it may also make runs disagree.
     """
-    labels, pull = _hardest(estimation)
-    odd = pull.strength > max(1.0, rival) and abs(pull.change) > _MATTERS
-    if len(estimation.decays) < 3 or (estimation.holds and not odd):
+    labels, pull = _most_odd(estimation)
+    pulls_hard = pull.strength > max(1.0, rival) and abs(pull.change) > _MATTERS
+    if len(estimation.decays) < 3 or (estimation.holds and not pulls_hard):
         return None
-    chi2, (without, eta) = estimation.chi2_per_n, _fit_without(estimation, labels)
-    if not estimation.holds and without > 1.0 + 0.5 * (chi2 - 1.0):
+    chi2_with, (chi2_without, eta_without) = estimation.chi2_per_n, _fit_without(estimation, labels)
+    if not estimation.holds and chi2_without > 1.0 + 0.5 * (chi2_with - 1.0):
         return None
     names = ", ".join(labels)
-    better = f"chi2/n is {without:.3f} instead of {chi2:.3f}"
+    both_chi2 = f"chi2/n is {chi2_without:.3f} instead of {chi2_with:.3f}"
     text = (
-        f"run {names} disagrees with the others {pull.in_words}: without it {better}; reject it "
+        f"run {names} disagrees with the others {pull.in_words}: without it {both_chi2}; reject it "
         "and repeat it, or look for what changed (a second bump, a warm damper, a loose weight)"
     )
     if len(labels) > 1:  # and which of them are wrong is not known
         text = (
-            f"runs {names} disagree with the others {pull.in_words}: without them {better}; other "
-            "weights were on the car: give these runs a mass state of their own, or reject those "
-            "with the wrong weights"
+            f"runs {names} disagree with the others {pull.in_words}: without them {both_chi2}; "
+            "other weights were on the car: give these runs a mass state of their own, or reject "
+            "those with the wrong weights"
         )
     severity = Severity.ERROR if len(labels) > 1 else Severity.WARNING
-    moved = dict(zip(estimation.box.parameters, (eta - estimation.fit.eta).tolist(), strict=False))
-    explained = 1.0 - (without - 1.0) / max(chi2 - 1.0, 1e-9)
+    steps = (eta_without - estimation.fit.eta).tolist()
+    moved = dict(zip(estimation.box.parameters, steps, strict=False))
+    explained = 1.0 - (chi2_without - 1.0) / max(chi2_with - 1.0, 1e-9)
     cause = Cause(f"run {names}", explained=explained, moved=moved)
-    return Finding("odd_run", severity, text, subject=names, value=without), cause
+    return Finding("odd_run", severity, text, subject=names, value=chi2_without), cause
 
 
 def amplitude_findings(estimation: Estimation) -> Iterator[Finding]:
     """Yield a finding where the small motion after the first 0.4 s asks for another vehicle."""
-    late = [
+    small = [
         replace(d, recordings=tuple(r.between(_LARGE_S, np.inf) for r in d.recordings))
         for d in estimation.decays
     ]
-    late = [d for d in late if all(len(r.time_s) > 50 for r in d.recordings)]
-    if not late:
+    small = [d for d in small if all(len(r.time_s) > 50 for r in d.recordings)]
+    if not small:
         return
-    blocks = normal_blocks(estimation.box, tuple(late), estimation.noise, estimation.fit.eta)
-    pull = pull_of(estimation, [blocks[d.label] for d in late])
+    blocks = normal_blocks(estimation.box, tuple(small), estimation.noise, estimation.fit.eta)
+    pull = pull_of(estimation, [blocks[d.label] for d in small])
     if pull.strength > 1.0 and abs(pull.change) >= _MATTERS:
         text = (
             f"the small motion after 0.4 s asks for other parameters {pull.in_words}: the vehicle "

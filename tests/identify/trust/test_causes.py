@@ -13,6 +13,7 @@ from daq.runs import SampleGroup
 from daq.sessions import Session
 from daq.vehicle import FORD_GRANADA
 from dbc.words import Severity
+from identify.decays.decay import Recording
 from identify.decays.usable import usable
 from identify.fit.estimation import Estimation, estimate, first_estimate, generic_vehicles
 from identify.fit.grey_box import GreyBox
@@ -24,6 +25,7 @@ from identify.trust.causes import judge, survival, wrong_channel, wrong_sensors
 from identify.trust.finding import Cause, Verdict
 from identify.trust.hypotheses import (
     amplitude_findings,
+    kind_of_sensor,
     odd_runs,
     pull_of,
     rank_causes,
@@ -106,6 +108,20 @@ def test_lateness_is_sized_and_its_shift_is_that_of_a_refit() -> None:
     shift, shifted = late.shift
     assert shift == pytest.approx(np.max(np.abs(moved)), rel=0.1)
     assert shift == pytest.approx(abs(moved[result.box.parameters.index(shifted)]), rel=0.1)
+
+
+def test_a_lone_group_with_the_name_of_its_kind_may_be_late() -> None:
+    result = shortly_estimated("linear", 1)
+
+    def named_by_kind(r: Recording) -> Recording:
+        return replace(r, group=replace(r.group, name=kind_of_sensor(r.group.channels[0])))
+
+    decays = tuple(
+        replace(d, recordings=tuple(map(named_by_kind, d.recordings))) for d in result.decays
+    )
+    causes = rank_causes(replace(result, decays=decays))
+    late = {cause.name for cause in causes if cause.kind == "late"}
+    assert late == {"body sensors late", "hub sensors late"}
 
 
 def test_tyre_damping_is_named_and_sized_although_a_linear_model_without_it_holds() -> None:
