@@ -29,7 +29,7 @@ from ..fit.estimation import Estimation, generic_vehicles
 from ..fit.grey_box import SIGNED
 from ..fit.likelihood import HOLD, residuals
 from ..fit.uncertainty import determined
-from .finding import MOST, Cause, Judgement, Loss, Survival, listed
+from .finding import NAMED_SHARE, Cause, Judgement, Loss, Survival, listed
 from .gates import (
     chi2_by_run,
     misfit_findings,
@@ -66,27 +66,30 @@ from .trials import (
     wrong_weight,
 )
 
-_FEWEST = 3
+_FEWEST_CHANNELS = 3
 """Least number of channels of which one can be wrong."""
 _SUSPECTED = 3
 """Number of channels whose gain is suspected that are left out in turn."""
 _CLEARS = 0.9
 """Share of the misfit that must disappear without a channel to call it wrong, and above which no
 other cause is sought."""
-_LEAST, _MOST = 0.7, 1.4
+_LEAST_GAIN, _MOST_GAIN = 0.7, 1.4
 """Gains beyond which a unit is wrong rather than a calibration."""
-_CHOICE = 1.5
+_CHOICE_FACTOR = 1.5
 """Factor on what a low-pass leaves: it looks like lateness, and has more to choose from."""
 _LATE_SIGMA_S = 0.03
+"""Standard deviation of an unknown delay, s."""
 _COARSE_HZ = (15.0, 40.0)
 _FINE_HZ = (8.0, 10.0, 20.0, 28.0, 56.0, 80.0)
-_LEAST_S = 0.1
+"""Cutoffs of a low-pass that are tried, Hz: first the coarse ones, then fine ones near the best."""
+_LEAST_LENGTH_S = 0.1
 """Least length of the samples of a group that are fitted alone, s."""
 _BUMP_S = 0.2
 """Length of a bump that is not stated, s."""
 _MARGIN_S, _FEWEST_AT_REST = 0.005, 20
 """Time before the onset that does not count as rest, s, and least number of samples at rest."""
 _ALONE_STEPS = 30
+"""Largest number of steps of a fit to changed decays alone, which begins at a generic car."""
 _DRIFT_SIGMAS = 6.0
 """Size of a drift, in standard deviations by the scatter of the runs, from which it is none by
 chance."""
@@ -138,19 +141,19 @@ def swapped_or_late(estimation: Estimation) -> Causes:
 def first_cause(
     estimation: Estimation,
     searches: Sequence[Callable[[Estimation], Cause | None]],
-    least: float = MOST,
+    least_share: float = NAMED_SHARE,
 ) -> Causes:
     """Return the first cause of a table of searches that explains enough of a misfit.
 
     Where one run is odd, no weight that is wrong in all runs is sought.
 
-    `least`: share of the misfit that it must explain.
+    `least_share`: share of the misfit that it must explain.
     """
     for search in () if estimation.holds else searches:
         if search is wrong_weight and some_runs_are_wrong(estimation):
             break
         cause = search(estimation)
-        if cause and cause.explained > least:
+        if cause and cause.explained > least_share:
             return Causes((cause.finding,), (cause,))
     return Causes()
 
@@ -165,33 +168,34 @@ def likely_causes(estimation: Estimation) -> Causes:
         finding, cause = odd
         return Causes((finding,), (cause,))
     worst = next(iter(contradictions(estimation)), None) if holds else None
-    if worst and worst.name.startswith(("x of ", "y of ")):  # a gain, or a bar, explains some of it
-        scored = tuple(s for s in scored if s.gain > worst.sigmas**2)
-    best = [replace(c, explained=0.0) if holds else c for c in scored if c.strength > 1.0]
-    tried = list(best)
-    for cause in (c for c in best if c.kind == "weights"):  # or these are right, and the scales off
+    # Of a wrong place of a weight, a gain or a bar explains some.
+    if worst and worst.name.startswith(("x of ", "y of ")):
+        scored = tuple(c for c in scored if c.gain > worst.sigmas**2)
+    strong = [replace(c, explained=0.0) if holds else c for c in scored if c.strength > 1.0]
+    tried = list(strong)
+    for cause in (c for c in strong if c.kind == "weights"):  # or the scales are off instead
         moved = shift_without_scales(estimation)
         tried.append(replace(cause, name="scales off by a common factor", moved=moved))
     amplitude = tuple(amplitude_findings(estimation))
-    if not best or (holds and amplitude):  # no linear cause makes the small motion differ
+    if not strong or (holds and amplitude):  # no linear cause makes the small motion differ
         return Causes(amplitude, tuple(tried))
-    named = best[0]
+    named = strong[0]
     if named.kind == "gain":
         gain = gain_of(estimation, named.subject)
         named = replace(named, sizes=gain.sizes, advice=gain.advice)
     elif named.kind == "weights":  # either may be wrong: that which moves more is held against it
         facts = " and ".join(scale_facts(estimation.box))
         advice = f"weigh them again, or {facts}: one of the two scales shows too much"
-        heavier = max(named, tried[-1], key=lambda one: one.shift)
-        named = replace(named, advice=advice, moved=heavier.moved)
-    if holds and (swap := swapped_labels(estimation)):  # else: `swapped_or_late`
-        named = swap
-        tried.append(swap)
+        worse = max(named, tried[-1], key=lambda cause: cause.shift)
+        named = replace(named, advice=advice, moved=worse.moved)
+    if holds and (swapped := swapped_labels(estimation)):  # else: `swapped_or_late`
+        named = swapped
+        tried.append(swapped)
     elif not holds and named.explained < _CLEARS:
         sensors = wrong_sensors(estimation)
         tried += sensors
         named = sensors[-1] if sensors[-1].explained > _CLEARS else named
-    is_named = holds or named.explained > MOST
+    is_named = holds or named.explained > NAMED_SHARE
     return Causes((named.finding,) if is_named else amplitude, tuple(tried))
 
 
@@ -213,18 +217,18 @@ def judge(
     found before, if any.
     """
     linear, holds = estimation.nonlinear is None, estimation.holds
-    sure = not undetermined(estimation)
+    all_determined = not undetermined(estimation)
     snr_db = mode_snr_db(estimation)
     causes = causes or Causes()
-    if linear and not causes.findings and (sure or not holds):
+    if linear and not causes.findings and (all_determined or not holds):
         causes = likely_causes(estimation)
     # Where all weights are wrong, each load disagrees with the runs.
-    explained = "added_weights_off_by_a_common_factor" in {f.code for f in causes.findings}
-    misfit = tuple(f for f in misfit_findings(estimation) if sure or f.code != "convergence")
+    weights_explain = "added_weights_off_by_a_common_factor" in {f.code for f in causes.findings}
+    misfit = [f for f in misfit_findings(estimation) if all_determined or f.code != "convergence"]
     # What causes a misfit is as grave as the misfit, and comes first.
-    grave = max((f.severity for f in misfit if f.code == "chi2"), default=Severity.NOTE)
+    gravity = max((f.severity for f in misfit if f.code == "chi2"), default=Severity.NOTE)
     named = [
-        f if holds or f.code == "amplitude" else replace(f, severity=max(f.severity, grave))
+        f if holds or f.code == "amplitude" else replace(f, severity=max(f.severity, gravity))
         for f in causes.findings
     ]
     if linear and not (holds or named):
@@ -234,16 +238,16 @@ def judge(
         *unused,
         *([] if holds else named),  # what to do before what is wrong
         *misfit,
-        *(f for f in of_parameters if not (explained and f.code == "contradiction")),
-        *(unseen_findings(estimation.box, session.mass_states) if sure else ()),
+        *(f for f in of_parameters if not (weights_explain and f.code == "contradiction")),
+        *(unseen_findings(estimation.box, session.mass_states) if all_determined else ()),
         *sample_findings(session, estimation.records),
         *(named if holds else []),
-        *(whiteness_findings(estimation) if sure and holds else ()),
+        *(whiteness_findings(estimation) if all_determined and holds else ()),
     ]
     rivals = list(causes.tried)
-    contradicted = contradictions(estimation) if sure and not explained else ()
+    contradicted = contradictions(estimation) if all_determined and not weights_explain else ()
     if contradicted:  # one cause
-        name = "; ".join(one.name for one in contradicted)
+        name = "; ".join(c.name for c in contradicted)
         moved = contradicted_shift(estimation, contradicted)
         rivals.append(Cause(name, moved=moved))
     return Judgement(
@@ -267,20 +271,20 @@ def survival(estimation: Estimation, causes: Sequence[Cause]) -> Survival:
     names, linear = box.parameters, estimation.nonlinear is None
     if not fit.converged and (linear or not estimation.holds):
         return Survival((), dict.fromkeys(box.names, Loss("the fit did not converge")))
-    known = zip(names, determined(box, fit.covariance), strict=True)
-    lost = {name: Loss("not determined") for name, is_known in known if not is_known}
+    determined_or_not = zip(names, determined(box, fit.covariance), strict=True)
+    lost = {name: Loss("not determined") for name, is_known in determined_or_not if not is_known}
     if linear and not estimation.holds:
-        best = max(causes, key=lambda cause: cause.explained, default=Cause(""))
+        likeliest = max(causes, key=lambda cause: cause.explained, default=Cause(""))
         unexplained = Loss("no cause that was tried explains the misfit")
-        is_named = best.explained > MOST
-        every = {name: _loss_to(best, name) if is_named else unexplained for name in box.names}
-        return Survival((), every | lost)
-    std = np.sqrt(np.diag(fit.covariance)[: len(names)])
-    for name, within in zip(names, std.tolist(), strict=True):
+        is_named = likeliest.explained > NAMED_SHARE
+        all_lost = {n: _loss_to(likeliest, n) if is_named else unexplained for n in box.names}
+        return Survival((), all_lost | lost)
+    stds = np.sqrt(np.diag(fit.covariance)[: len(names)])
+    for name, std in zip(names, stds.tolist(), strict=True):
         # Two causes may be one shift in two words: rounding must not choose which of them is named.
-        worst = max(causes, key=lambda h: float(f"{abs(h.moved[name]):.6g}"), default=None)
-        if name not in lost and worst is not None and abs(worst.moved[name]) > within:
-            lost[name] = _loss_to(worst, name)
+        mover = max(causes, key=lambda cause: float(f"{abs(cause.moved[name]):.6g}"), default=None)
+        if name not in lost and mover is not None and abs(mover.moved[name]) > std:
+            lost[name] = _loss_to(mover, name)
     return Survival(tuple(name for name in box.names if name not in lost), lost)
 
 
@@ -301,129 +305,137 @@ def wrong_channel(estimation: Estimation) -> Cause | None:
     all others, and the prediction shows by how much that one is off.
     """
     names = [c.name for group in estimation.box.groups for c in group.channels]
-    if len(names) < _FEWEST:
+    if len(names) < _FEWEST_CHANNELS:
         return None
-    rough, without = ranked(estimation, map(_without, names))[0]
-    others = refit(estimation, without, rough.fit.eta)
-    if others.excess > estimation.chi2_limit - 1.0:
+    rough_fit, trial = ranked(estimation, map(_without, names))[0]
+    fit_without = refit(estimation, trial, rough_fit.fit.eta)
+    if fit_without.excess > estimation.chi2_limit - 1.0:
         return None
-    before = refit(estimation)
-    gain = _gain(estimation, before, others, without.name)
-    if np.isnan(gain) or _LEAST < gain < _MOST:
+    stated_fit = refit(estimation)
+    gain = _gain(estimation, stated_fit, fit_without, trial.name)
+    if np.isnan(gain) or _LEAST_GAIN < gain < _MOST_GAIN:
         return None
-    return replace(_of_gain(before, others, without.name, gain), certain=True)
+    return replace(_gain_cause(stated_fit, fit_without, trial.name, gain), certain=True)
 
 
 def _without(name: str) -> Trial:
     return Trial(name, channel=lambda c: None if c.name == name else c)
 
 
-def gain_of(estimation: Estimation, name: str, before: Refit | None = None) -> Cause:
-    """Return the gain of one channel by the prediction of all others."""
-    before = before or refit(estimation)
-    others = refit(estimation, _without(name), before.fit.eta)
-    return _of_gain(before, others, name, _gain(estimation, before, others, name))
+def gain_of(estimation: Estimation, name: str, stated_fit: Refit | None = None) -> Cause:
+    """Return the gain of one channel by the prediction of all others, as a cause."""
+    stated_fit = stated_fit or refit(estimation)
+    fit_without = refit(estimation, _without(name), stated_fit.fit.eta)
+    gain = _gain(estimation, stated_fit, fit_without, name)
+    return _gain_cause(stated_fit, fit_without, name, gain)
 
 
-def _gain(estimation: Estimation, before: Refit, others: Refit, name: str) -> float:
-    """Return the motion that a channel shows, as a multiple of what all others predict."""
-    eta = parameters_as_start(before.box, others.box, others.fit.eta)
+def _gain(estimation: Estimation, stated_fit: Refit, fit_without: Refit, name: str) -> float:
+    """Return the motion that a channel shows, as a multiple of what all others predict.
+
+    NaN where they predict none.
+    """
+    eta = parameters_as_start(stated_fit.box, fit_without.box, fit_without.fit.eta)
+    # With so large a noise, the channel has no influence on the motion that is fitted.
     noise = {**estimation.noise, name: 1e3 * estimation.noise[name]}
-    predicted, measured = 0.0, 0.0
-    each = residuals(before.box, before.decays, noise, eta)
-    for decay, one in zip(before.decays, each, strict=True):
+    predicted_squared, measured_by_predicted = 0.0, 0.0
+    residuals_by_run = residuals(stated_fit.box, stated_fit.decays, noise, eta)
+    for decay, of_run in zip(stated_fit.decays, residuals_by_run, strict=True):
         for r in decay.recordings:
             for channel, values in zip(r.group.channels, r.values.T, strict=True):
                 if channel.name == name:
-                    model = values - one.values[name]
-                    model = model - model.mean()
-                    predicted += float(model @ model)
-                    measured += float(model @ values)
-    return measured / predicted if predicted > 0.0 else nan
+                    predicted = values - of_run.values[name]
+                    predicted = predicted - predicted.mean()
+                    predicted_squared += float(predicted @ predicted)
+                    measured_by_predicted += float(predicted @ values)
+    return measured_by_predicted / predicted_squared if predicted_squared > 0.0 else nan
 
 
-def _of_gain(before: Refit, others: Refit, name: str, gain: float) -> Cause:
+def _gain_cause(stated_fit: Refit, fit_without: Refit, name: str, gain: float) -> Cause:
     advice = "check its calibration, unit and sign"
     if abs(gain + 1.0) < 0.2:
         advice = "it is upside down: turn its sign"
-    elif gain > 0.0 and not _LEAST < gain < _MOST:
+    elif gain > 0.0 and not _LEAST_GAIN < gain < _MOST_GAIN:
         advice = "its unit or gain is wrong: check the unit in the DBC (g, mg, m/s2, deg/s, rad/s)"
     sizes = f"it shows {gain:.3g} times what the other channels predict"
-    return compared(before, others, Cause(f"gain of {name}", advice, sizes))
+    return compared(stated_fit, fit_without, Cause(f"gain of {name}", advice, sizes))
 
 
 def wrong_sensors(estimation: Estimation) -> list[Cause]:
-    """Return what a faulty sensor would explain, the best last.
+    """Return what faulty sensors would explain, as causes, the best last.
 
     `estimation`: a fit that does not hold.
     """
-    scored, before = rank_causes(estimation), refit(estimation)
+    scored, stated_fit = rank_causes(estimation), refit(estimation)
     causes: list[Cause] = []
-    channels = [c for group in before.box.groups for c in group.channels]
-    places = {kind: [c.name for c in channels if kind_of_sensor(c) == kind]
+    channels = [c for group in stated_fit.box.groups for c in group.channels]
+    channels_by_kind = {kind: [c.name for c in channels if kind_of_sensor(c) == kind]
               for kind in dict.fromkeys(map(kind_of_sensor, channels))}  # fmt: skip
     latest = next(cause.subject for cause in scored if cause.kind == "late")
-    suspects = places.get(latest) or [
-        c.name for group in before.box.groups if group.name == latest for c in group.channels
+    suspects = channels_by_kind.get(latest) or [
+        c.name for group in stated_fit.box.groups if group.name == latest for c in group.channels
     ]
     if len(suspects) < len(channels):
-        causes.append(_late(estimation, before, latest, suspects))
-    every = [c.name for c in channels]
-    causes.append(_low_pass(estimation, before, {**places, "all sensors": every}))
+        causes.append(_late(estimation, stated_fit, latest, suspects))
+    all_names = [c.name for c in channels]
+    causes.append(_low_pass(estimation, stated_fit, {**channels_by_kind, "all sensors": all_names}))
     if all(cause.explained <= _CLEARS for cause in causes):  # a late one is no worse left out
         gains = [c.subject for c in scored if c.kind == "gain" and c.strength > 1.0]
-        causes += [gain_of(estimation, name, before) for name in gains[:_SUSPECTED]]
+        causes += [gain_of(estimation, name, stated_fit) for name in gains[:_SUSPECTED]]
 
-    def remaining(cause: Cause) -> float:
-        factor = _CHOICE if cause.name == "low-pass" else 1.0
+    def unexplained_share(cause: Cause) -> float:
+        factor = _CHOICE_FACTOR if cause.name == "low-pass" else 1.0
         return max(1.0 - cause.explained, 0.0) * factor
 
-    return sorted(causes, key=remaining, reverse=True)
+    return sorted(causes, key=unexplained_share, reverse=True)
 
 
-def _late(estimation: Estimation, before: Refit, place: str, suspects: Collection[str]) -> Cause:
-    """Return the lateness of the channels of one place against all others, or of these."""
+def _late(estimation: Estimation, stated_fit: Refit, sensors: str, names: Collection[str]) -> Cause:
+    """Return the lateness of some sensors against all others, or of the others.
+
+    `sensors`: what they are called; `names`: their channels.
+    """
 
     def of_unknown_delay(c: Channel) -> Channel:
-        return replace(c, delay_sigma_s=_LATE_SIGMA_S) if c.name in suspects else c
+        return replace(c, delay_sigma_s=_LATE_SIGMA_S) if c.name in names else c
 
-    after = refit(estimation, Trial("late", channel=of_unknown_delay), before.fit.eta)
-    delays_s = after.box.delays_s(after.fit.eta).tolist()
+    fit_with_delay = refit(estimation, Trial("late", channel=of_unknown_delay), stated_fit.fit.eta)
+    delays_s = fit_with_delay.box.delays_s(fit_with_delay.fit.eta).tolist()
     late_s = [
         delay_s
-        for delay_s, group in zip(delays_s, after.box.groups, strict=True)
-        if group.channels[0].name in suspects
+        for delay_s, group in zip(delays_s, fit_with_delay.box.groups, strict=True)
+        if group.channels[0].name in names
     ]
     late_ms = 1e3 * float(np.mean(late_s))
     # The fit determines differences only, and no sensor shows a motion before it happens.
-    name = f"{place} late" if late_ms > 0.0 else f"all but {place} late"
-    return compared(before, after, Cause(name, LATE_ADVICE, f"{abs(late_ms):#.2g} ms"))
+    name = f"{sensors} late" if late_ms > 0.0 else f"all but {sensors} late"
+    return compared(stated_fit, fit_with_delay, Cause(name, LATE_ADVICE, f"{abs(late_ms):#.2g} ms"))
 
 
 def _low_pass(
-    estimation: Estimation, before: Refit, places: Mapping[str, Collection[str]]
+    estimation: Estimation, stated_fit: Refit, names_of: Mapping[str, Collection[str]]
 ) -> Cause:
-    """Return the low-pass filter on the channels of one place that explains most of a misfit.
+    """Return the low-pass filter on some sensors that explains most of a misfit.
 
-    `places`: names of the channels of each place.
+    `names_of`: names of the channels of each kind of sensors, which are tried in turn.
     """
 
-    def filtered(place: str, hz: float) -> Trial:
-        def slow(c: Channel) -> Channel:
-            return replace(c, low_pass_hz=hz) if c.name in places[place] else c
+    def trial_of(sensors: str, hz: float) -> Trial:
+        def with_low_pass(c: Channel) -> Channel:
+            return replace(c, low_pass_hz=hz) if c.name in names_of[sensors] else c
 
-        return Trial(f"near {hz:.0f} Hz on {place}", channel=slow)
+        return Trial(f"near {hz:.0f} Hz on {sensors}", channel=with_low_pass)
 
-    coarse = {filtered(place, hz): (place, hz) for place in places for hz in _COARSE_HZ}
-    tried = ranked(estimation, coarse, before.fit.eta)
-    rough, near = tried[0]
-    place, near_hz = coarse[near]
-    fine = [filtered(place, hz) for hz in _FINE_HZ if 0.4 < hz / near_hz < 2.5]
-    tried += ranked(estimation, fine, rough.fit.eta)
-    rough, best = min(tried, key=lambda one: one[0].fit.cost)
-    after = refit(estimation, best, rough.fit.eta)
+    coarse = {trial_of(sensors, hz): (sensors, hz) for sensors in names_of for hz in _COARSE_HZ}
+    tried = ranked(estimation, coarse, stated_fit.fit.eta)
+    rough_fit, best = tried[0]
+    sensors, coarse_hz = coarse[best]
+    fine = [trial_of(sensors, hz) for hz in _FINE_HZ if 0.4 < hz / coarse_hz < 2.5]
+    tried += ranked(estimation, fine, rough_fit.fit.eta)
+    rough_fit, best = min(tried, key=lambda pair: pair[0].fit.cost)
+    fit_with_low_pass = refit(estimation, best, rough_fit.fit.eta)
     advice = "state low_pass_hz of these channels from the data sheet, or switch the filter off"
-    return compared(before, after, Cause("low-pass", advice, best.name))
+    return compared(stated_fit, fit_with_low_pass, Cause("low-pass", advice, best.name))
 
 
 # Clocks, second bumps, drifts ---------------------------------------------------------------------
@@ -436,24 +448,24 @@ def clock_jump(estimation: Estimation) -> Cause | None:
     the samples after it have wrong times, and no model explains both sides, or this group and the
     others.  Up to the jump the decays must fit.
     """
-    ends_s, lengths_s, names = [], [], []
+    ends_s, jumps_s, groups = [], [], []
     for record in estimation.records:
         end_s = np.inf
         for r in record.recordings:
-            steps = np.diff(r.time_s)
-            period_s = float(np.median(steps)) if len(steps) > 1 else np.inf
-            if steps.max(initial=0.0) > longest_gap_s(period_s):
-                worst = int(np.argmax(steps))
-                end_s = min(end_s, float(r.time_s[worst]))
-                lengths_s.append(float(steps[worst]) - period_s)
-                names.append(r.group.name)
+            steps_s = np.diff(r.time_s)
+            period_s = float(np.median(steps_s)) if len(steps_s) > 1 else np.inf
+            if steps_s.max(initial=0.0) > longest_gap_s(period_s):
+                gap = int(np.argmax(steps_s))
+                end_s = min(end_s, float(r.time_s[gap]))
+                jumps_s.append(float(steps_s[gap]) - period_s)
+                groups.append(r.group.name)
         ends_s.append(end_s)
-    everywhere = len(set(names)) == len(estimation.box.groups)
-    jumping = np.count_nonzero(np.isfinite(ends_s))
-    median_s = float(np.median(lengths_s)) if lengths_s else 0.0
+    all_jump = len(set(groups)) == len(estimation.box.groups)
+    n_jumping = np.count_nonzero(np.isfinite(ends_s))
+    median_jump_s = float(np.median(jumps_s)) if jumps_s else 0.0
     sizes = (
-        f"{'all sensors' if everywhere else listed(names)} by about {median_s:.2g} s in {jumping} "
-        f"of {counted(len(ends_s), 'run')}; up to there the decays fit"
+        f"{'all sensors' if all_jump else listed(groups)} by about {median_jump_s:.2g} s in "
+        f"{n_jumping} of {counted(len(ends_s), 'run')}; up to there the decays fit"
     )
     advice = "correct the times of the samples after the gap, or record again"
     cause = Cause("clocks that jump", advice, sizes, certain=True)
@@ -468,7 +480,7 @@ def second_bump(estimation: Estimation) -> Cause | None:
     from daq.verdict.checks import STRUCK_GUARD_S, STRUCK_S, STRUCK_SHARE, second_strike
     from daq.verdict.window import Trace  # both with the bench, which is slow to import
 
-    ends_s, places, noise = [], [], estimation.noise
+    ends_s, struck, noise = [], [], estimation.noise
     for record in estimation.records:
         onset, end_s = onset_s(record), np.inf
         if onset is None:
@@ -482,12 +494,12 @@ def second_bump(estimation: Estimation) -> Cause | None:
                     value = column - column[r.time_s < onset].mean()
                     trace = Trace(channel, r.time_s - onset, value, noise[channel.name], 0.0)
                     strikes.append((*second_strike(trace, guard_s), channel.name))
-        share, after_s, name = max(strikes)
-        if share > STRUCK_SHARE:
-            end_s = onset + after_s - STRUCK_S
-            places.append(f"{name} in {record.label} at +{after_s:.2f} s")
+        strength, strike_s, name = max(strikes)
+        if strength > STRUCK_SHARE:
+            end_s = onset + strike_s - STRUCK_S
+            struck.append(f"{name} in {record.label} at +{strike_s:.2f} s")
         ends_s.append(end_s)
-    sizes = f"in {len(places)} of {counted(len(ends_s), 'run')}: {listed(places)}"
+    sizes = f"in {len(struck)} of {counted(len(ends_s), 'run')}: {listed(struck)}"
     advice = "drive over one bump, and let the car come to rest"
     cause = Cause("a second bump", advice, sizes, certain=True)
     return _if_most_fit_before(estimation, ends_s, cause)
@@ -496,13 +508,16 @@ def second_bump(estimation: Estimation) -> Cause | None:
 def _if_most_fit_before(
     estimation: Estimation, ends_s: Sequence[float], cause: Cause
 ) -> Cause | None:
-    """Return a cause that ends the decays of most runs, s in the run, if they fit until then."""
+    """Return a cause that spoils most runs from some time on, if the decays fit until then.
+
+    `ends_s`: that time in each run, s; infinite where the run is not spoilt.
+    """
     if 2 * np.count_nonzero(np.isfinite(ends_s)) <= len(ends_s):
         return None
     decays = []
     for decay, end_s in zip(estimation.decays, ends_s, strict=True):
         length_s = end_s - decay.start_s
-        if length_s >= _LEAST_S:
+        if length_s >= _LEAST_LENGTH_S:
             cut = tuple(r.between(0.0, length_s) for r in decay.recordings)
             decays.append(replace(decay, recordings=cut))
     return _if_explained_by(estimation, decays, cause)
@@ -511,17 +526,20 @@ def _if_most_fit_before(
 def _if_explained_by(
     estimation: Estimation, decays: Sequence[FreeDecay], cause: Cause
 ) -> Cause | None:
-    """Return a cause if other decays, or parts of them, fit by themselves; None if not."""
+    """Return a cause, sized, if the decays without its effect fit by themselves; None if not.
+
+    `decays`: those of the runs cut short of the effect, or corrected for it.
+    """
     if not decays:
         return None
     generic = estimation.box.unknowns(generic_vehicles()[0])
-    part = replace(estimation, decays=tuple(decays))
-    alone = refit(part, AS_STATED, generic, HOLD, _ALONE_STEPS, np.inf)
+    changed = replace(estimation, decays=tuple(decays))
+    fit_alone = refit(changed, AS_STATED, generic, HOLD, _ALONE_STEPS, np.inf)
     excess = estimation.chi2_per_n - 1.0
-    if alone.excess > max(estimation.chi2_limit - 1.0, (1.0 - _CLEARS) * excess):
+    if fit_alone.excess > max(estimation.chi2_limit - 1.0, (1.0 - _CLEARS) * excess):
         return None
-    moved = compared(refit(estimation, length_s=np.inf), alone, cause)
-    return replace(moved, explained=1.0 - max(alone.excess, 0.0) / excess)
+    compared_cause = compared(refit(estimation, length_s=np.inf), fit_alone, cause)
+    return replace(compared_cause, explained=1.0 - max(fit_alone.excess, 0.0) / excess)
 
 
 def drift(estimation: Estimation) -> Cause | None:
@@ -542,22 +560,22 @@ def drift(estimation: Estimation) -> Cause | None:
 
 def _slopes_at_rest(records: Sequence[Record]) -> dict[str, float]:
     """Return the slope before the bumps of each channel that drifts there, SI a second."""
-    slopes: dict[str, list[float]] = {}
+    slopes_by_channel: dict[str, list[float]] = {}
     for record in records:
         onset = onset_s(record)
         if onset is None:
             continue
         for r in record.recordings:
-            quiet = r.time_s < onset - _MARGIN_S
-            if np.count_nonzero(quiet) >= _FEWEST_AT_REST:
-                of_run = np.polyfit(r.time_s[quiet], r.values[quiet], 1)[0].tolist()
-                for channel, slope in zip(r.group.channels, of_run, strict=True):
-                    slopes.setdefault(channel.name, []).append(slope)
+            at_rest = r.time_s < onset - _MARGIN_S
+            if np.count_nonzero(at_rest) >= _FEWEST_AT_REST:
+                slopes_of_run = np.polyfit(r.time_s[at_rest], r.values[at_rest], 1)[0].tolist()
+                for channel, slope in zip(r.group.channels, slopes_of_run, strict=True):
+                    slopes_by_channel.setdefault(channel.name, []).append(slope)
     return {
-        name: float(np.mean(of_runs))
-        for name, of_runs in slopes.items()
-        if len(of_runs) > 2
-        and abs(np.mean(of_runs)) > _DRIFT_SIGMAS * np.std(of_runs, ddof=1) / len(of_runs) ** 0.5
+        name: float(np.mean(slopes))
+        for name, slopes in slopes_by_channel.items()
+        if len(slopes) > 2
+        and abs(np.mean(slopes)) > _DRIFT_SIGMAS * np.std(slopes, ddof=1) / len(slopes) ** 0.5
     }
 
 

@@ -13,7 +13,7 @@ from ..fit.grey_box import SIGNED
 
 _MATTERS, _REFUSES = 0.02, 0.10
 """Relative changes of a parameter above which a cause makes the result doubtful, and refuses it."""
-MOST = 0.5
+NAMED_SHARE = 0.5
 """Share of a misfit above which what explains it is named as its cause."""
 
 
@@ -63,20 +63,21 @@ class Cause:
     @property
     def shift(self) -> tuple[float, str]:
         """Largest relative change of a parameter by the cause, and that parameter."""
-        sizes = {name: 0.0 if name in SIGNED else abs(by) for name, by in self.moved.items()}
-        worst = max(sizes, key=lambda name: sizes[name])
-        return sizes[worst], worst
+        # A parameter that may be zero has no relative change.
+        shares = {n: 0.0 if n in SIGNED else abs(change) for n, change in self.moved.items()}
+        worst = max(shares, key=lambda name: shares[name])
+        return shares[worst], worst
 
     @property
     def finding(self) -> Finding:
         """The cause in words."""
-        shift, shifted = self.shift
+        largest, parameter = self.shift
         severity = Severity.NOTE
-        if self.certain or shift > _MATTERS:
-            severity = Severity.ERROR if self.certain or shift > _REFUSES else Severity.WARNING
-        share = f"explains {min(self.explained, 1.0) * 100:.0f} % of the misfit"
-        size = ", ".join(part for part in (self.sizes, share if self.explained else "") if part)
-        moves = f"moves {shifted} by about {min(shift, 1.0) * 100:.1f} %"
+        if self.certain or largest > _MATTERS:
+            severity = Severity.ERROR if self.certain or largest > _REFUSES else Severity.WARNING
+        explains = f"explains {min(self.explained, 1.0) * 100:.0f} % of the misfit"
+        size = ", ".join(part for part in (self.sizes, explains if self.explained else "") if part)
+        moves = f"moves {parameter} by about {min(largest, 1.0) * 100:.1f} %"
         details = f"{size}; {moves}" if size else moves
         text = f"likely cause: {self.name} ({details}): {self.advice}"
         code = self.code or self.name.split(" of ")[0].replace(" ", "_")
@@ -134,8 +135,8 @@ class Judgement:
         return tuple(finding.text for finding in self.findings)
 
 
-def listed(places: Iterable[str]) -> str:
-    """Return the first three different places, and the number of the others."""
-    unique = tuple(dict.fromkeys(places))
+def listed(texts: Iterable[str]) -> str:
+    """Return the first three different texts, and the number of the others, as one text."""
+    unique = tuple(dict.fromkeys(texts))
     first, others = unique[:3], len(unique) - 3
     return ", ".join(first) + (f" and {others} more" if others > 0 else "")

@@ -68,18 +68,18 @@ def with_widest_intervals(estimation: Estimation) -> Estimation:
     std = np.sqrt(np.diag(covariance)[: len(names)])
     std[[name in SIGNED for name in names]] = 0.0
     std[~np.isfinite(std)] = 0.0
-    worst = int(np.argmax(std))
-    if not std[worst] > _WEAK or estimation.nonlinear is not None:
+    weakest = int(np.argmax(std))
+    if not std[weakest] > _WEAK or estimation.nonlinear is not None:
         return estimation
-    step = np.where(np.isfinite(covariance[:, worst]), covariance[:, worst], 0.0) / std[worst]
-    step *= min(_REACH_SIGMAS, _REACH / std[worst])
-    best = estimation.fit
-    for eta in (best.eta - step, best.eta + step):
+    step = np.where(np.isfinite(covariance[:, weakest]), covariance[:, weakest], 0.0) / std[weakest]
+    step *= min(_REACH_SIGMAS, _REACH / std[weakest])
+    widest = estimation.fit
+    for eta in (widest.eta - step, widest.eta + step):
         blocks = normal_blocks(estimation.box, estimation.decays, estimation.noise, eta)
         wider = covariance_of(np.sum([part.information for part in blocks.values()], axis=0))
-        if wider[worst, worst] > best.covariance[worst, worst]:
-            best = replace(best, covariance=wider)
-    return replace(estimation, fit=best)
+        if wider[weakest, weakest] > widest.covariance[weakest, weakest]:
+            widest = replace(widest, covariance=wider)
+    return replace(estimation, fit=widest)
 
 
 def undetermined(estimation: Estimation) -> tuple[str, ...]:
@@ -96,14 +96,14 @@ def undetermined(estimation: Estimation) -> tuple[str, ...]:
 
 
 def parameter_findings(estimation: Estimation) -> Iterator[Finding]:
-    """Judge the estimates of the parameters."""
+    """Yield findings on the estimates of the parameters."""
     known = estimates(estimation.box, estimation.fit)
-    if vague := undetermined(estimation):
+    if open_names := undetermined(estimation):
         advice = (
             "record bounce, pitch and roll (warp helps most) in both mass states, with sensors on "
             "body and wheels"
         )
-        if set(vague) == {n for n, e in known.items() if n not in SIGNED and e.unit != "m"}:
+        if set(open_names) == {n for n, e in known.items() if n not in SIGNED and e.unit != "m"}:
             advice = (
                 "their ratios are known, but the added weights are too light to fix their scale: "
                 "add heavier ones, or weigh the vehicle (total and front axle) and state the loads "
@@ -111,12 +111,12 @@ def parameter_findings(estimation: Estimation) -> Iterator[Finding]:
             )
         elif missing := missing_runs(estimation):
             advice = f"record {missing} runs in both mass states"
-        text = f"these runs do not determine {', '.join(vague)}: {advice}"
+        text = f"these runs do not determine {', '.join(open_names)}: {advice}"
         yield Finding("undetermined", Severity.ERROR, text)
         return
-    share = _WIDE_SHARE if estimation.nonlinear is None else _WIDE_SHARE_NONLINEAR
-    relative = {name: e.std / abs(e.value) for name, e in known.items() if name not in SIGNED}
-    if wide := {name: std for name, std in relative.items() if std > share}:
+    limit = _WIDE_SHARE if estimation.nonlinear is None else _WIDE_SHARE_NONLINEAR
+    stds = {name: e.std / abs(e.value) for name, e in known.items() if name not in SIGNED}
+    if wide := {name: std for name, std in stds.items() if std > limit}:
         worst = max(wide, key=lambda name: wide[name])
         half = COVERAGE_95 * wide[worst]
         text = (
@@ -125,8 +125,8 @@ def parameter_findings(estimation: Estimation) -> Iterator[Finding]:
             "heavier weights, or scales as facts"
         )
         yield Finding("wide", Severity.WARNING, text)
-    if odd := list(_implausible(estimation)):
-        text = f"not a usual vehicle: {'; '.join(odd)}: check weights, units and positions"
+    if unusual := list(_implausible(estimation)):
+        text = f"not a usual vehicle: {'; '.join(unusual)}: check weights, units and positions"
         yield Finding("implausible", Severity.WARNING, text)
     yield from contradiction_findings(estimation)
 
@@ -146,9 +146,9 @@ def _implausible(estimation: Estimation) -> Iterator[str]:
     values = derived_quantities(full)
     for name, (low, high) in _PLAUSIBLE.items():
         quantity, unit = values[name]
-        value, of = float(quantity.real), "" if unit == "1" else f" {unit}"
+        value, unit_text = float(quantity.real), "" if unit == "1" else f" {unit}"
         if not low < value < high:
-            yield f"{name} {value:.3g}{of} (usual {low:g} .. {high:,g})"
+            yield f"{name} {value:.3g}{unit_text} (usual {low:g} .. {high:,g})"
     whole = whole_vehicle_indices(full)
     for name, (low, high) in _MEASURED.items():
         value = float(whole[name].real)
@@ -157,10 +157,11 @@ def _implausible(estimation: Estimation) -> Iterator[str]:
     for name, e in estimates(estimation.box, estimation.fit).items():
         if name not in SIGNED or e.value >= -BELOW_SIGMAS * e.std:
             continue
-        axle = Full.K_S + 2 * name.endswith("r")
+        left = Full.K_S + 2 * name.endswith("r")
+        k_s = float(full[left : left + 2].real.mean())  # of the axle's two springs
         # The springs of a solid axle act on a shorter lever in roll: its bar is below zero.  In
         # roll an axle has the stiffness of its springs and twice that of its bar.
-        if name.startswith("k_a") and e.value < -0.5 * float(full[axle : axle + 2].real.mean()):
+        if name.startswith("k_a") and e.value < -0.5 * k_s:
             yield f"{name} {e.value:.3g} N/m leaves the axle no stiffness in roll"
         elif name.startswith("c_t"):
             yield f"{name} {e.value:.3g} {e.unit} below zero"
@@ -172,7 +173,7 @@ SNR_LIMIT_DB = 20.0
 """A decaying wave whose energy is E times the noise shows its frequency to ``2 zeta / sqrt(E)``.
 At 20 dB and a damping ratio of 0.25 that is 5 %: as much as the added masses shift a frequency,
 from which all inertias follow."""
-_FLOOR = 1e-3  # of the noise; -30 dB stands for nothing
+_FLOOR = 1e-3  # of the noise: -30 dB stands for a mode that does not show
 
 
 def mode_snr_db(estimation: Estimation) -> dict[str, tuple[float, ...]]:
@@ -184,20 +185,21 @@ def mode_snr_db(estimation: Estimation) -> dict[str, tuple[float, ...]]:
 
     Returns dB, in the order of `identify.modes.modal_model.modes_of` for the run's mass state.
     """
-    model = linearised_at(estimation)
+    linearised = linearised_at(estimation)
     snr_db = {}
-    for decay, linear in zip(estimation.decays, model.linear, strict=True):
-        modes = model.points[decay.mass_state].modes
+    for decay, linear in zip(estimation.decays, linearised.linear, strict=True):
+        modes = linearised.points[decay.mass_state].modes
         state = linear.solution[: 2 * N_DOF]
         covariance = linear.normal_inverse[: 2 * N_DOF, : 2 * N_DOF]
         upper = np.flatnonzero(modes.poles.imag > 0.0)
-        of_run = []
+        of_modes = []
         for k in upper[np.argsort(np.abs(modes.poles[upper]), kind="stable")].tolist():
             rows = np.array([modes.W[k].real, modes.W[k].imag])  # from the state to the share
             share = rows @ state
             inverse = np.linalg.pinv(rows @ covariance @ rows.T, hermitian=True)
-            of_run.append(10.0 * float(np.log10(max(float(share @ inverse @ share), _FLOOR))))
-        snr_db[decay.label] = tuple(of_run)
+            energy = max(float(share @ inverse @ share), _FLOOR)
+            of_modes.append(10.0 * float(np.log10(energy)))
+        snr_db[decay.label] = tuple(of_modes)
     return snr_db
 
 
@@ -237,19 +239,19 @@ def chi2_by_run(estimation: Estimation) -> dict[str, dict[str, float]]:
 
 
 def misfit_findings(estimation: Estimation) -> Iterator[Finding]:
-    """Judge convergence, chi2/n, the noise at rest, and where the decays start."""
+    """Yield findings on convergence, chi2/n, the noise at rest, and where the decays start."""
     nonlinear = estimation.nonlinear is not None
-    forbid = "forbid in [vehicle.structure] the elements that the car does not have"
+    advice_to_forbid = "forbid in [vehicle.structure] the elements that the car does not have"
     if estimation.unreached:
         text = (
             f"the search ended for want of time, not finished: {listed(estimation.unreached)}; "
-            f"its numbers may be away from the optimum: {forbid}"
+            f"its numbers may be away from the optimum: {advice_to_forbid}"
         )
         yield Finding("convergence", Severity.WARNING, text)
     elif not estimation.fit.converged:
         advice = "check units, signs and positions of the channels"
         if nonlinear:
-            advice = f"its numbers may be away from the optimum; add runs, or {forbid}"
+            advice = f"its numbers may be away from the optimum; add runs, or {advice_to_forbid}"
         steps = counted(estimation.fit.iterations, "iteration")
         # The nonlinear fit ends near its optimum even if it has not converged.
         severity = Severity.WARNING if nonlinear else Severity.ERROR
@@ -328,13 +330,15 @@ _WHITE = _Correlation(0.0, np.inf)
 
 
 def whiteness_findings(estimation: Estimation) -> Iterator[Finding]:
-    """Compare the lag-1 autocorrelation of the residuals with that of the channel at rest.
+    """Yield findings where residuals, or the noise at rest, correlate from sample to sample.
+
+    The lag-1 autocorrelation of the residuals is compared with that of the channel at rest.
 
     All runs are pooled; a gap in the sampling makes no pair.
     """
     noise = estimation.noise
     at_rest = _correlations(_noise_before_motion(estimation), noise)
-    coloured = {name: one for name, one in at_rest.items() if one.z(_WHITE) > Z_LIMIT}
+    coloured = {name: seen for name, seen in at_rest.items() if seen.z(_WHITE) > Z_LIMIT}
     if coloured:
         names = sorted(coloured, key=lambda name: -coloured[name].r)
         worst = coloured[names[0]]
@@ -351,10 +355,10 @@ def whiteness_findings(estimation: Estimation) -> Iterator[Finding]:
     excess: dict[str, tuple[float, float, str]] = {}  # largest z of a channel, its r, its window
     windows = {f"the first {EARLY_S:g} s of the decays": EARLY_S, "the decays": np.inf}
     for window, end_s in windows.items():
-        for name, one in _correlations(_residuals_until(estimation, end_s), noise).items():
-            z = one.z(at_rest.get(name, _WHITE))
+        for name, seen in _correlations(_residuals_until(estimation, end_s), noise).items():
+            z = seen.z(at_rest.get(name, _WHITE))
             if z > max(Z_LIMIT, excess.get(name, (0.0,))[0]):
-                excess[name] = (z, one.r, window)
+                excess[name] = (z, seen.r, window)
     if excess:
         names = sorted(excess, key=lambda name: -excess[name][0])
         z, r, window = excess[names[0]]
@@ -415,21 +419,21 @@ def _correlations(
         if len(stretch.time_s) > 1:
             pooled.setdefault(stretch.channel, []).append(stretch)
     result = {}
-    for name, parts in pooled.items():
+    for name, of_channel in pooled.items():
         products, squares, n_pairs = 0.0, 0.0, 0
-        for part in parts:
-            interval_s = np.diff(part.time_s)
+        for stretch in of_channel:
+            interval_s = np.diff(stretch.time_s)
             period_s = np.median(interval_s)
             is_pair = np.abs(interval_s - period_s) < 0.5 * period_s  # no sample is missing
-            before, after = part.values[:-1][is_pair], part.values[1:][is_pair]
-            products += float(before @ after)
-            squares += float(before @ before + after @ after) / 2.0
+            earlier, later = stretch.values[:-1][is_pair], stretch.values[1:][is_pair]
+            products += float(earlier @ later)
+            squares += float(earlier @ earlier + later @ later) / 2.0
             n_pairs += int(is_pair.sum())
-        above_rounding = squares > _SILENT * noise[name] ** 2 * n_pairs
-        fine = any(len(np.unique(part.values)) >= _FEWEST_LEVELS for part in parts)
-        if n_pairs >= _FEWEST and above_rounding and fine:
+        is_above_rounding = squares > _SILENT * noise[name] ** 2 * n_pairs
+        is_fine = any(len(np.unique(stretch.values)) >= _FEWEST_LEVELS for stretch in of_channel)
+        if n_pairs >= _FEWEST and is_above_rounding and is_fine:
             # Each fitted constant takes a smooth part, of correlation 1, out of the residuals:
             # one pair's worth, which is added again.
-            r = products / squares + sum(part.constants for part in parts) / n_pairs
+            r = products / squares + sum(stretch.constants for stretch in of_channel) / n_pairs
             result[name] = _Correlation(min(max(r, -_LARGEST_R), _LARGEST_R), n_pairs)
     return result

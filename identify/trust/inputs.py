@@ -81,19 +81,19 @@ def sample_findings(session: Session, records: Sequence[Record]) -> Iterator[Fin
         )
         yield Finding("stuck_channels", Severity.WARNING, text)
     starts_s = {record.label: decay_start_s(record) - GUARD_S for record in records}
-    tops = [
-        (stop - first, f"{column[first]:.4g} {channel.unit}", f"{channel.name} in {record.label}")
+    tops = [  # number of equal samples, their value, and where
+        (stop - start, f"{column[start]:.4g} {channel.unit}", f"{channel.name} in {record.label}")
         for record in records
         for r in record.recordings
         for channel, column in zip(r.group.channels, r.values.T, strict=True)
-        for first, stop in flat_tops(column)
+        for start, stop in flat_tops(column)
         if r.time_s[stop - 1] >= starts_s[record.label]
     ]
     if tops:
         tops.sort(key=lambda top: -top[0])
         text = (
             f"flat tops in the free decay, {tops[0][0]} equal samples at {tops[0][1]}, which is "
-            f"not by chance: {listed(place for *_, place in tops)}; the sensor saturates and the "
+            f"not by chance: {listed(where for *_, where in tops)}; the sensor saturates and the "
             "true motion is larger: use a lower bump or a sensor with a wider range"
         )
         yield Finding("saturation", Severity.WARNING, text)
@@ -127,8 +127,8 @@ def _lacking(records: Sequence[Record], session: Session) -> Iterator[tuple[str,
         yield "no_runs", text
         return
     names = [record.label for record in records]
-    if twice := [name for name in dict.fromkeys(names) if names.count(name) > 1]:
-        yield "run_names", f"two accepted runs are named {listed(twice)}: number the repeats"
+    if repeated := [name for name in dict.fromkeys(names) if names.count(name) > 1]:
+        yield "run_names", f"two accepted runs are named {listed(repeated)}: number the repeats"
         return
     channels = {c for record in records for r in record.recordings for c in r.group.channels}
     if all(c.quantity is Quantity.UNUSED for c in channels):
@@ -139,8 +139,8 @@ def _lacking(records: Sequence[Record], session: Session) -> Iterator[tuple[str,
             f"one channel only ({channels.pop().name}): it cannot separate body from wheels; "
             "record an IMU on the body and an accelerometer on each hub",
         )
-    times = [r.time_s for one in records for r in one.recordings if len(r.time_s) > 1]
-    step_s = min((np.median(np.diff(time_s)) for time_s in times), default=0.0)
+    times_s = [r.time_s for record in records for r in record.recordings if len(r.time_s) > 1]
+    step_s = min((np.median(np.diff(time_s)) for time_s in times_s), default=0.0)
     if step_s * _LEAST_RATE_HZ > 1.0:  # mostly a wrong unit of time
         advice = "sample at 50 Hz or more"
         for unit, factor in (("ns", 1e-9), ("us", 1e-6), ("ms", 1e-3)):
@@ -153,17 +153,17 @@ def _lacking(records: Sequence[Record], session: Session) -> Iterator[tuple[str,
 
 def _wrong_units(records: Sequence[Record]) -> Iterator[str]:
     """Yield a text for each unit in which several channels show more than a car can move."""
-    peaks: dict[str, dict[str, float]] = {}
+    peaks: dict[str, dict[str, float]] = {}  # largest peak to peak by unit and channel
     for recording in (r for record in records for r in record.recordings):
         for channel, column in zip(recording.group.channels, recording.values.T, strict=True):
             of_unit = peaks.setdefault(channel.unit, {})
             of_unit[channel.name] = max(of_unit.get(channel.name, 0.0), float(np.ptp(column)))
-    for unit, (limit, likely) in _LARGEST.items():
-        far = [name for name, peak in peaks.get(unit, {}).items() if peak > limit]
-        if len(far) > 1:  # a single wrong one is found by the others, with its factor
-            most = max(peaks[unit][name] for name in far)
-            moves = f"{listed(far)} change by up to {most:.3g} {unit}, more than a car can move"
-            yield f"{moves}: are they in {likely}? State the unit of the signals"
+    for unit, (limit, likely_unit) in _LARGEST.items():
+        too_large = [name for name, peak in peaks.get(unit, {}).items() if peak > limit]
+        if len(too_large) > 1:  # a single wrong one is found by the others, with its factor
+            largest = max(peaks[unit][name] for name in too_large)
+            fault = f"{listed(too_large)} change by up to {largest:.3g} {unit}, more than a car"
+            yield f"{fault} can move: are they in {likely_unit}? State the unit of the signals"
 
 
 def _no_known_mass(records: Sequence[Record], session: Session) -> Iterator[str]:
@@ -194,14 +194,14 @@ def _no_known_mass(records: Sequence[Record], session: Session) -> Iterator[str]
 
 
 def unused_findings(session: Session, used: Usable) -> Iterator[Finding]:
-    """Name what `identify.decays.usable` left out of a session, with the reasons.
+    """Yield a finding on all that was left out of a session, with the reasons.
 
-    `used`: what is usable of it.
+    `used`: what `identify.decays.usable` left of it.
     """
     units = session.units
     reasons: dict[str, list[str]] = {}
-    for before, run in zip(session.runs, used.session.runs, strict=True):
-        if run.status != before.status:
+    for recorded, run in zip(session.runs, used.session.runs, strict=True):
+        if run.status != recorded.status:
             reasons.setdefault("; ".join(run.reasons), []).append(run.label)
     absurd = listed(
         f"{one.channel} in {one.run} ({one.count}: {one.value:g} {units[one.channel]})"
@@ -213,7 +213,7 @@ def unused_findings(session: Session, used: Usable) -> Iterator[Finding]:
     )
     left_out = "; ".join(f"{listed(labels)}: {why}" for why, labels in reasons.items())
     channels = zip(session.channels, used.session.channels, strict=True)
-    dead = listed(was.name for was, now in channels if was.quantity != now.quantity)
+    dead = listed(c.name for c, left in channels if c.quantity != left.quantity)
     for code, fault, places, advice in (
         ("absurd_values", "values that no sensor shows", absurd,
          "they are taken as missing: check byte order, scale and unit of the signal in the DBC, "
@@ -296,15 +296,16 @@ class _Stated:
 
     def __init__(self, estimation: Estimation) -> None:
         box, eta = estimation.box, estimation.fit.eta
-        of_facts, slopes = estimation.engine.fact_misfits(eta)
+        fact_misfits, fact_slopes = estimation.engine.fact_misfits(eta)
         n, pulls = len(box.parameters), box.pulls(eta)
-        rows = np.zeros((len(pulls), len(eta)))  # elements may follow the unknowns of the grey box
-        place = np.arange(len(pulls))
-        rows[place, n + place] = 1.0 / box.prior_sigma[n + place]
+        # Elements may follow the unknowns of the grey box.
+        pull_slopes = np.zeros((len(pulls), len(eta)))
+        k = np.arange(len(pulls))
+        pull_slopes[k, n + k] = 1.0 / box.prior_sigma[n + k]
         self.parameters = box.parameters
-        self.rows = np.vstack([slopes, rows])
+        self.rows = np.vstack([fact_slopes, pull_slopes])
         """Slopes in their sigmas, (n_stated, P)."""
-        self.misfits = np.concatenate([of_facts, -pulls])
+        self.misfits = np.concatenate([fact_misfits, -pulls])
         """Misfits in their sigmas, (n_stated,)."""
         # Not the covariance of the fit: what widens that does not draw the fit to what is stated.
         covariance = covariance_of(np.sum(list(estimation.fit.information.values()), axis=0))
@@ -316,20 +317,20 @@ class _Stated:
         """Covariance of the misfits, (n_stated, n_stated)."""
 
     def sizes(self, directions: Array) -> Array:
-        """Return the multiple of each direction, (n_stated, k), by which what is stated is off."""
+        """Return by what multiple of each direction, (n_stated, k), statements are off, (k,)."""
         D = directions
         return np.linalg.solve(D.T @ self.redundancy @ D, D.T @ self.misfits)
 
     def shifts(self, directions: Array) -> dict[str, float]:
         """Return the relative change of each parameter without the statements of some directions.
 
-        It is zero for parameters that may be zero.
+        It is given as zero for parameters that may be zero.  `directions`: (n_stated, k).
         """
-        off = directions @ self.sizes(directions)
-        moved = (-self.covariance @ (self.rows.T @ off))[: len(self.parameters)].tolist()
+        errors = directions @ self.sizes(directions)
+        moved = (-self.covariance @ (self.rows.T @ errors))[: len(self.parameters)].tolist()
         return {
-            name: 0.0 if name in SIGNED else by
-            for name, by in zip(self.parameters, moved, strict=True)
+            name: 0.0 if name in SIGNED else change
+            for name, change in zip(self.parameters, moved, strict=True)
         }
 
 
@@ -343,9 +344,9 @@ def contradiction_findings(estimation: Estimation) -> Iterator[Finding]:
     corrections = dict(zip(estimation.box.corrections, estimation.box.stated, strict=True))
     named = []
     for one, size in zip(wrong, stated.sizes(directions).tolist(), strict=True):
-        which = corrections.get(one.name)
-        words = f", {which.in_words(-size * which.sigma)}" if which else ""
-        named.append(f"{one.name} by {one.sigmas:.1f} sigma{words}")
+        statement = corrections.get(one.name)
+        corrected = f", {statement.in_words(-size * statement.sigma)}" if statement else ""
+        named.append(f"{one.name} by {one.sigmas:.1f} sigma{corrected}")
     text = (
         f"the runs contradict what is stated: {'; '.join(named)} (limit {_LIMIT_SIGMAS:g}; moves a "
         f"parameter by about {min(moved, 1.0) * 100:.1f} %): measure it again"
@@ -368,37 +369,39 @@ def contradictions(estimation: Estimation) -> tuple[Contradiction, ...]:
     unit = 1.0 if estimation.holds else np.sqrt(max(1.0, estimation.chi2_per_n))
     misfits, Q = stated.misfits / unit, stated.redundancy
     names, D = _suspects(estimation.box)
-    first = np.einsum("ik,ij,jk->k", D, Q, D)
-    scale = np.maximum(np.einsum("ik,ik->k", D, D), 1e-300)
+    power_at_first = np.einsum("ik,ij,jk->k", D, Q, D)
+    squared_length = np.maximum(np.einsum("ik,ik->k", D, D), 1e-300)
+    has_redundancy = power_at_first > _LEAST_REDUNDANCY * squared_length
     wrong: list[Contradiction] = []
     while names:
         power = np.einsum("ik,ij,jk->k", D, Q, D)
-        testable = (first > _LEAST_REDUNDANCY * scale) & (power > 1e-3 * first)
+        testable = has_redundancy & (power > 1e-3 * power_at_first)
         sigmas = np.where(testable, (D.T @ misfits) / np.sqrt(np.where(testable, power, 1.0)), 0.0)
         worst = int(np.argmax(np.abs(sigmas)))
         if not abs(sigmas[worst]) > _LIMIT_SIGMAS:
             break
         d = D[:, worst]
         alike = np.abs(D.T @ Q @ d) / np.sqrt(np.where(testable, power, np.inf) * power[worst])
-        same = [names[k] for k in np.flatnonzero(alike > _ALIKE).tolist() if k != worst]
-        name = " or ".join([names[worst], *same])
+        alike_names = [names[k] for k in np.flatnonzero(alike > _ALIKE).tolist() if k != worst]
+        name = " or ".join([names[worst], *alike_names])
         wrong.append(Contradiction(name, float(abs(sigmas[worst])), d))
-        out = Q @ d / power[worst]
-        misfits = misfits - out * (d @ misfits)
-        Q = Q - np.outer(out, Q @ d)
+        # The error in this direction is taken out of the misfits and their covariance.
+        response = Q @ d / power[worst]
+        misfits = misfits - response * (d @ misfits)
+        Q = Q - np.outer(response, Q @ d)
     return tuple(wrong)
 
 
 def _suspects(box: GreyBox) -> tuple[tuple[str, ...], Array]:
-    """Return the suspects: each statement alone, and all weights together, (n_stated, k)."""
+    """Return k suspects, each statement and all weights: names, and directions, (n_stated, k)."""
     labels = [f"{fact.quantity} = {fact.value:g} ± {fact.sigma:g}" for fact in box.facts]
     names = [*labels, *box.corrections]
     together = np.zeros(len(names))
     for state in box.mass_states:
         for i, weight in enumerate(state.added.weights, start=1):
             if weight.sigma_kg > 0.0:
-                place = names.index(f"weight {i} of state {state.name}")
-                together[place] = weight.mass_kg / weight.sigma_kg
+                row = names.index(f"weight {i} of state {state.name}")
+                together[row] = weight.mass_kg / weight.sigma_kg
     alone = np.eye(len(names))
     # Without a fact nothing else fixes the scale: the second-order effect of gravity is too weak.
     if np.count_nonzero(together) > 1 and scale_facts(box):
@@ -407,6 +410,7 @@ def _suspects(box: GreyBox) -> tuple[tuple[str, ...], Array]:
 
 
 def _directions(wrong: Sequence[Contradiction]) -> Array:
+    """Return the directions of contradictions as columns, (n_stated, k)."""
     return np.column_stack([one.direction for one in wrong])
 
 

@@ -22,7 +22,7 @@ from ..fit.estimation import Estimation, generic_vehicles
 from ..fit.grey_box import GreyBox
 from ..fit.likelihood import HOLD, Fit, fit
 from ..model.matrices import SCALED
-from .finding import MOST, Cause
+from .finding import NAMED_SHARE, Cause
 from .hypotheses import ROTATIONS
 
 _RATE_HZ = 250.0
@@ -85,15 +85,16 @@ class Refit(NamedTuple):
 def refit(
     estimation: Estimation,
     trial: Trial = AS_STATED,
-    near: NDArray[np.float64] | None = None,
+    start_eta: NDArray[np.float64] | None = None,
     hold: float = 0.0,
     steps: int = _STEPS,
     length_s: float = LENGTH_S,
 ) -> Refit:
-    """Fit the thinned decays as described by a trial.
+    """Return the fit of the thinned decays as a trial describes them.
 
-    `near`: where to begin; otherwise at the optimum of the fit.  `hold`: of the first steps
-    (`identify.fit.likelihood.fit`).  `steps`: their largest number.  `length_s`: of the decays.
+    `start_eta`: unknowns of the estimation's box, (P,), at which the fit begins; by default its
+    optimum.  `hold`: damping of the first steps (`identify.fit.likelihood.fit`).  `steps`: largest
+    number of steps.  `length_s`: length to which the decays are cut.
     """
     decays = []
     for whole in estimation.decays:
@@ -106,51 +107,54 @@ def refit(
     old = estimation.box
     states, facts = map(trial.state, old.mass_states), map(trial.fact, old.facts)
     box = GreyBox(tuple(groups), tuple(states), old.geometry, old.structure, tuple(facts))
-    start = parameters_as_start(box, old, estimation.fit.eta if near is None else near)
-    done = fit(box, tuple(decays), estimation.noise, start, _TOLERANCE, steps, hold)
-    return Refit(box, tuple(decays), done)
+    start = parameters_as_start(box, old, estimation.fit.eta if start_eta is None else start_eta)
+    found = fit(box, tuple(decays), estimation.noise, start, _TOLERANCE, steps, hold)
+    return Refit(box, tuple(decays), found)
 
 
 def ranked(
     estimation: Estimation,
     trials: Iterable[Trial],
-    near: NDArray[np.float64] | None = None,
+    start_eta: NDArray[np.float64] | None = None,
     steps: int = _RANKING_STEPS,
 ) -> list[tuple[Refit, Trial]]:
-    """Return roughly fitted trials, the one of the lowest cost first.
+    """Return the trials, each with its rough fit to one decay of each kind, the best first.
 
-    On one decay of each kind.  From `near`, else from a generic car: the fit as stated may have
-    gone astray.
+    The fits begin at `start_eta`, (P,), or at a generic car: that as stated may be astray.
     """
-    start = estimation.box.unknowns(generic_vehicles()[0]) if near is None else near
+    first_eta = estimation.box.unknowns(generic_vehicles()[0]) if start_eta is None else start_eta
     few = with_first_repeats(estimation)
-    fitted = [(refit(few, trial, start, HOLD, steps), trial) for trial in trials]
-    return sorted(fitted, key=lambda one: one[0].excess)
+    fitted = [(refit(few, trial, first_eta, HOLD, steps), trial) for trial in trials]
+    return sorted(fitted, key=lambda pair: pair[0].excess)
 
 
 def parameters_as_start(
-    box: GreyBox, other: GreyBox, eta: NDArray[np.float64]
+    box: GreyBox, fitted_box: GreyBox, eta: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the parameters of a fit as unknowns of a problem of the same structure."""
-    n = len(other.parameters)
+    """Return unknowns of `box` with the parameters of a fit of `fitted_box`, and no corrections.
+
+    Both have the same structure.  `eta`: the unknowns of that fit.
+    """
+    n = len(fitted_box.parameters)
     return np.concatenate([eta[:n], np.zeros(len(box.prior_sigma) - n)])
 
 
-def compared(before: Refit, after: Refit, cause: Cause) -> Cause:
-    """Return a cause with the share of the misfit and the changes that two fits show."""
-    n = len(before.box.parameters)
-    moved = (after.fit.eta[:n] - before.fit.eta[:n]).tolist()
+def compared(stated_fit: Refit, changed_fit: Refit, cause: Cause) -> Cause:
+    """Return a cause with what it explains and moves, by the fits without and with it."""
+    n = len(stated_fit.box.parameters)
+    moved = (changed_fit.fit.eta[:n] - stated_fit.fit.eta[:n]).tolist()
     return replace(
         cause,
-        explained=1.0 - after.excess / before.excess,
-        moved=dict(zip(before.box.parameters, moved, strict=True)),
+        explained=1.0 - changed_fit.excess / stated_fit.excess,
+        moved=dict(zip(stated_fit.box.parameters, moved, strict=True)),
     )
 
 
 def with_first_repeats(estimation: Estimation) -> Estimation:
-    """Return the problem with one decay of each excitation and mass state, thinned."""
-    first = {decay.label.rpartition("_")[0]: decay for decay in reversed(estimation.decays)}
-    few = tuple(decay.thinned(_COMPARED_HZ) for decay in reversed(first.values()))
+    """Return the estimation with only the first repeat of each bump and mass state, thinned."""
+    # A label is mass state, bump and number of the repeat; the first repeat overwrites later ones.
+    first_by_kind = {decay.label.rpartition("_")[0]: decay for decay in reversed(estimation.decays)}
+    few = tuple(decay.thinned(_COMPARED_HZ) for decay in reversed(first_by_kind.values()))
     return replace(estimation, decays=few)
 
 
@@ -162,15 +166,16 @@ def swapped_labels(estimation: Estimation) -> Cause | None:
 
     No swap has more unknowns than the fit as stated, so the costs are compared directly.
     """
-    tried = ranked(estimation, _swaps(estimation))
-    if not tried:
+    swaps = ranked(estimation, _swaps(estimation))
+    if not swaps:
         return None
-    rough, swap = tried[0]
-    before, after = refit(estimation), refit(estimation, swap, rough.fit.eta)
+    rough_fit, swap = swaps[0]
+    stated_fit, swapped_fit = refit(estimation), refit(estimation, swap, rough_fit.fit.eta)
     code = "swapped_labels" if "swapped" in swap.name else "pounds"
-    cause = compared(before, after, Cause(swap.name, swap.advice, certain=True, code=code))
-    clear = cause.explained > MOST and before.fit.cost - after.fit.cost >= _LEAST_GAIN
-    return cause if clear else None
+    named = Cause(swap.name, swap.advice, certain=True, code=code)
+    cause = compared(stated_fit, swapped_fit, named)
+    gain = stated_fit.fit.cost - swapped_fit.fit.cost
+    return cause if cause.explained > NAMED_SHARE and gain >= _LEAST_GAIN else None
 
 
 def _swaps(estimation: Estimation) -> Iterator[Trial]:
@@ -178,14 +183,14 @@ def _swaps(estimation: Estimation) -> Iterator[Trial]:
     channels = [c for group in estimation.box.groups for c in group.channels]
     present = sorted({decay.mass_state for decay in estimation.decays})
     if len(present) == 2:
-        other = dict(zip(present, reversed(present), strict=True))
+        opposite = dict(zip(present, reversed(present), strict=True))
         advice = "runs labelled with the weights were made without them: label them the other way"
-        yield Trial("mass states swapped", advice, mass_state=other.__getitem__)
+        yield Trial("mass states swapped", advice, mass_state=opposite.__getitem__)
     for quantity in dict.fromkeys(c.quantity for c in channels if c.corner is not None):
-        at = {c.corner: c for c in channels if c.quantity is quantity}
+        channel_at = {c.corner: c for c in channels if c.quantity is quantity}
         for where, exchange in _EXCHANGES.items():
-            pairs = {at[a].name: at[b] for a, b in exchange.items() if a in at and b in at}
-            if len(pairs) == len(exchange):
+            if exchange.keys() <= channel_at.keys():
+                pairs = {channel_at[a].name: channel_at[b] for a, b in exchange.items()}
                 yield _swapped(f"{quantity.replace('_', ' ')} of {where} swapped", pairs)
     rates = {c.quantity: c for c in channels if c.corner is None}
     for a, b in ((rates.get(pitch), rates.get(roll)) for pitch, roll in ROTATIONS):
@@ -193,32 +198,34 @@ def _swaps(estimation: Estimation) -> Iterator[Trial]:
             yield _swapped(f"{a.name} and {b.name} swapped", {a.name: b, b.name: a})
     if any(fact.quantity in SCALED for fact in estimation.box.facts):
 
-        def of_scales(fact: Fact) -> Fact:
-            share = _LB_KG if fact.quantity in SCALED else 1.0
-            return replace(fact, value=share * fact.value, sigma=share * fact.sigma)
+        def loads_in_lb(fact: Fact) -> Fact:
+            kg_per_unit = _LB_KG if fact.quantity in SCALED else 1.0
+            return replace(fact, value=kg_per_unit * fact.value, sigma=kg_per_unit * fact.sigma)
 
-        def of_weights(state: MassState) -> MassState:
+        def weights_in_lb(state: MassState) -> MassState:
             weights = (replace(w, mass_kg=_LB_KG * w.mass_kg) for w in state.added.weights)
             return replace(state, added=replace(state.added, weights=tuple(weights)))
 
-        yield Trial("scales in lb", "state the loads of the car in kg", fact=of_scales)
-        yield Trial("added weights in lb", "state the weights in kg", state=of_weights)
+        yield Trial("scales in lb", "state the loads of the car in kg", fact=loads_in_lb)
+        yield Trial("added weights in lb", "state the weights in kg", state=weights_in_lb)
 
 
-def _swapped(name: str, other: Mapping[str, Channel]) -> Trial:
-    def carries(c: Channel) -> Channel:
-        """Return a channel's samples described as those of the other; their clock stays."""
-        if c.name not in other:
+def _swapped(name: str, described_as: Mapping[str, Channel]) -> Trial:
+    """Return the trial `name`; `described_as`: the true description of each swapped channel."""
+
+    def as_other_channel(c: Channel) -> Channel:
+        """Return the description of the other channel with this one's clock and low-pass."""
+        if c.name not in described_as:
             return c
         return replace(
-            other[c.name],
+            described_as[c.name],
             delay_s=c.delay_s,
             delay_sigma_s=c.delay_sigma_s,
             low_pass_hz=c.low_pass_hz,
             low_pass_order=c.low_pass_order,
         )
 
-    return Trial(name, "exchange their signals in bench.toml, or their plugs", carries)
+    return Trial(name, "exchange their signals in bench.toml, or their plugs", as_other_channel)
 
 
 # One added weight whose stated mass or place is grossly wrong -------------------------------------
@@ -246,7 +253,7 @@ class _Change(NamedTuple):
 
     state: str
     number: int
-    """`state`, `number`: mass state, and place among its weights."""
+    """`state`, `number`: mass state, and index among its weights, from 0."""
     stated: Weight
     tried: Weight
 
@@ -261,31 +268,31 @@ class _Change(NamedTuple):
 
     @property
     def trial(self) -> Trial:
-        def changed(state: MassState) -> MassState:
+        def with_tried_weight(state: MassState) -> MassState:
             if state.name != self.state:
                 return state
             weights = list(state.added.weights)
             weights[self.number] = self.tried
             return replace(state, added=replace(state.added, weights=tuple(weights)))
 
-        return Trial(self.name, state=changed)
+        return Trial(self.name, state=with_tried_weight)
 
-    def fitted(self, few: Estimation, near: NDArray[np.float64]) -> tuple[Refit, _Change]:
-        """Fit with what differs among the unknowns; return the weight as the runs show it."""
-        w = self.tried
+    def fitted(self, few: Estimation, start_eta: NDArray[np.float64]) -> tuple[Refit, _Change]:
+        """Return the fit with mass or place of the weight free, and the weight as it finds it."""
+        weight = self.tried
         if self.factor != 1.0:
-            w = replace(w, sigma_kg=w.mass_kg)
-        elif isinstance(w, BodyWeight):
-            w = replace(w, position_sigma_m=1.0)
-        after = refit(few, self._replace(tried=w).trial, near)
-        sizes = after.fit.eta[len(after.box.parameters) :].tolist()
-        off = dict(zip(after.box.corrections, sizes, strict=False))
+            weight = replace(weight, sigma_kg=weight.mass_kg)
+        elif isinstance(weight, BodyWeight):
+            weight = replace(weight, position_sigma_m=1.0)
+        changed_fit = refit(few, self._replace(tried=weight).trial, start_eta)
+        sizes = changed_fit.fit.eta[len(changed_fit.box.parameters) :].tolist()
+        errors = dict(zip(changed_fit.box.corrections, sizes, strict=False))
         if self.factor != 1.0:
-            w = replace(w, mass_kg=w.mass_kg + off[self.name])
-        elif isinstance(w, BodyWeight):
-            x_m, y_m = w.x_m + off[f"x of {self.name}"], w.y_m + off[f"y of {self.name}"]
-            w = replace(w, x_m=x_m, y_m=y_m)
-        return after, self._replace(tried=w)
+            weight = replace(weight, mass_kg=weight.mass_kg + errors[self.name])
+        elif isinstance(weight, BodyWeight):
+            dx_m, dy_m = (errors[f"{axis} of {self.name}"] for axis in "xy")
+            weight = replace(weight, x_m=weight.x_m + dx_m, y_m=weight.y_m + dy_m)
+        return changed_fit, self._replace(tried=weight)
 
     @property
     def in_words(self) -> str:
@@ -312,9 +319,9 @@ def wrong_weight(estimation: Estimation) -> Cause | None:
     """
     limit = estimation.chi2_limit - 1.0
 
-    def explains(after: float, stated: float, unloaded: float) -> bool:
+    def explains(with_change: float, as_stated: float, unloaded: float) -> bool:
         allowed = _SPREAD * max(unloaded, 0.0) + limit
-        return stated > allowed and after - allowed <= (1.0 - _EXPLAINS) * stated
+        return as_stated > allowed and with_change - allowed <= (1.0 - _EXPLAINS) * as_stated
 
     return _wrong_weight(estimation, explains, 1.0)
 
@@ -331,9 +338,9 @@ def mistyped_weight(estimation: Estimation) -> Cause | None:
     `estimation`: a linear fit that does not hold, for no fault of the bench.
     """
 
-    def explains(after: float, stated: float, unloaded: float) -> bool:
-        surplus = stated - unloaded
-        return surplus > _TYPED * unloaded and abs(after - unloaded) <= _REMAINS * surplus
+    def explains(with_change: float, as_stated: float, unloaded: float) -> bool:
+        surplus = as_stated - unloaded
+        return surplus > _TYPED * unloaded and abs(with_change - unloaded) <= _REMAINS * surplus
 
     return _wrong_weight(estimation, explains, _TYPING)
 
@@ -343,40 +350,46 @@ def _wrong_weight(
 ) -> Cause | None:
     """Return the weights one of which is wrong; None if none is, or no runs show it.
 
-    `explains`: whether the excess with another weight is explained, from it, that with the weights
-    as stated, and that of the runs without weights.  `least_factor`: of the mass; 1: places, too.
+    `explains`: whether a change explains the misfit, from the excess with the change, with the
+    weights as stated, and of the runs without weights.  `least_factor`: factor by which a mass must
+    be wrong; with 1, places are tried, too.
     """
     box, few = estimation.box, with_first_repeats(estimation)
     empty = {s.name for s in box.mass_states if not (s.added.weights or s.added.matrix.any())}
-    bare = replace(few, decays=tuple(d for d in few.decays if d.mass_state in empty))
-    if not bare.decays or len(bare.decays) == len(few.decays):
+    unloaded_runs = replace(few, decays=tuple(d for d in few.decays if d.mass_state in empty))
+    if not unloaded_runs.decays or len(unloaded_runs.decays) == len(few.decays):
         return None
-    unloaded = refit(bare, AS_STATED, box.unknowns(generic_vehicles()[0]), HOLD)
-    near = unloaded.fit.eta
-    stated = refit(few, AS_STATED, near, steps=_RANKING_STEPS)
-    if not explains(unloaded.excess, stated.excess, unloaded.excess):
+    unloaded_fit = refit(unloaded_runs, AS_STATED, box.unknowns(generic_vehicles()[0]), HOLD)
+    unloaded_eta = unloaded_fit.fit.eta
+    stated_fit = refit(few, AS_STATED, unloaded_eta, steps=_RANKING_STEPS)
+    if not explains(unloaded_fit.excess, stated_fit.excess, unloaded_fit.excess):
         return None  # not even if the runs with weights fitted as well as the others
     changes = {change.trial: change for change in _changes(box)}
-    likely: dict[str, tuple[Refit, _Change]] = {}
-    for rough, trial in ranked(few, changes, near, _WEIGHT_STEPS):
-        likely.setdefault(trial.name, (rough, changes[trial]))
-    fitted = [change.fitted(few, rough.fit.eta) for rough, change in [*likely.values()][:_FITTED]]
-    fitted.sort(key=lambda one: one[0].fit.cost)
+    best_by_weight: dict[str, tuple[Refit, _Change]] = {}
+    for rough_fit, trial in ranked(few, changes, unloaded_eta, _WEIGHT_STEPS):
+        best_by_weight.setdefault(trial.name, (rough_fit, changes[trial]))
+    likeliest = [*best_by_weight.values()][:_FITTED]
+    fitted = [change.fitted(few, rough_fit.fit.eta) for rough_fit, change in likeliest]
+    fitted.sort(key=lambda pair: pair[0].fit.cost)
     named: list[tuple[Refit, _Change]] = []
-    for after, change in fitted:
+    for changed_fit, change in fitted:
         near_stated = 1.0 / least_factor < change.factor < least_factor
-        possible = change.factor > 0.0 and not near_stated
-        best = named[0][0].excess if named else after.excess
-        as_well = after.excess <= best + estimation.chi2_limit - 1.0
-        if possible and as_well and explains(after.excess, stated.excess, unloaded.excess):
-            named.append((after, change))
+        is_possible = change.factor > 0.0 and not near_stated
+        best_excess = named[0][0].excess if named else changed_fit.excess
+        explains_as_well = changed_fit.excess <= best_excess + estimation.chi2_limit - 1.0
+        if (
+            is_possible
+            and explains_as_well
+            and explains(changed_fit.excess, stated_fit.excess, unloaded_fit.excess)
+        ):
+            named.append((changed_fit, change))
     if not named:
         return None
     # Another weight may explain the runs as well: that of the same place on the other axle.
     sizes = ", or ".join(change.in_words for _, change in named)
     advice = "weigh it again, and measure its place from the middle of the front axle"
     cause = Cause("an added weight is wrong", advice, sizes, certain=True)
-    return compared(stated, named[0][0], cause)
+    return compared(stated_fit, named[0][0], cause)
 
 
 def _changes(box: GreyBox) -> Iterator[_Change]:
