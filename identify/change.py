@@ -401,17 +401,11 @@ def _named(
             for j, candidate in enumerate(candidates)
             if candidate.parameter not in taken and candidate.design.shape[1] == n
         ]
-        kind = "drifts" if i < len(words) else "varies"
-        named.append(
-            NamedChange(
-                words[parameter],
-                "differs" if n_sessions == 2 else kind,
-                tuple(changes),
-                tuple(shares),
-                chance_of_more(n, explained - free.gain(others)),
-                tuple(words[other] for gained, other in sorted(rivals)[::-1] if gained > limit),
-            )
-        )
+        # Over more than two sessions, the candidates that drift come first, one for each parameter.
+        kind = "differs" if n_sessions == 2 else "drifts" if i < len(words) else "varies"
+        p = chance_of_more(n, explained - free.gain(others))
+        instead = tuple(words[rival] for gain, rival in sorted(rivals)[::-1] if gain > limit)
+        named.append(NamedChange(words[parameter], kind, tuple(changes), tuple(shares), p, instead))
     return tuple(sorted(named, key=lambda one: one.p))
 
 

@@ -17,12 +17,7 @@ from dbc.words import Finding, InputError, Severity, counted
 
 from .decays.decay import FreeDecay, Record
 from .decays.usable import usable
-from .fit.estimation import (
-    Estimation,
-    first_estimate,
-    generic_vehicles,
-    later_estimate,
-)
+from .fit.estimation import Estimation, first_estimate, generic_vehicles, later_estimate
 from .fit.grey_box import GreyBox
 from .fit.uncertainty import (
     correlation,

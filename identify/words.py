@@ -11,13 +11,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from .fit.uncertainty import Estimate
-from .numbers import (
-    NOT_DETERMINED,
-    half_width,
-    half_width_percent,
-    interval,
-    rounded,
-)
+from .numbers import NOT_DETERMINED, half_width, half_width_percent, interval, rounded
 from .trust.finding import Judgement, Verdict
 
 if TYPE_CHECKING:

@@ -122,14 +122,10 @@ def begun(decay: FreeDecay) -> FreeDecay:
 
 def _models(box: GreyBox, decided: Mapping[str, bool]) -> tuple[Model, GreyBox]:
     """Return the rich model, and the linear one with bars from which it starts."""
-    bars = decided.get("anti_roll_bars", True)
-    rich = Structure(
-        box.structure.symmetric,
-        bars,
-        decided.get("tyre_damping", True),
-        decided.get("cg_offset", True),
-    )
-    simple = Structure(box.structure.symmetric, bars, False, False)
+    symmetric, bars = box.structure.symmetric, decided.get("anti_roll_bars", True)
+    tyre_damping, cg_offset = (decided.get(name, True) for name in ("tyre_damping", "cg_offset"))
+    rich = Structure(symmetric, bars, tyre_damping, cg_offset)
+    simple = Structure(symmetric, bars, tyre_damping=False, cg_offset=False)
     model = Model(replace(box.with_structure(rich), lifts=True), KNOTS["K3"])
     return model, box.with_structure(simple)
 
@@ -170,14 +166,8 @@ def _result(
     initials = {r.decay.label: own for r, own in zip(problem.runs, at.initials, strict=True)}
     engine = NonlinearEngine(problem, at.eta, initials, shown)
     parts = engine.parts(at)
-    fit = Fit(
-        at.eta[shown],
-        full,
-        best.cost,
-        {label: part.information for label, part in parts.items()},
-        best.iterations,
-        best.converged,
-    )
+    information = {label: part.information for label, part in parts.items()}
+    fit = Fit(at.eta[shown], full, best.cost, information, best.iterations, best.converged)
     estimation = Estimation(
         box=model.box,
         records=linear.records,
@@ -242,16 +232,9 @@ def _choices(
             gain = float(x @ inverse(plain[np.ix_(at, at)]) @ x) / max(1.0, chi2) if real else 0.0
             shown.append((gain, len(part) * float(np.log(freedom))))
         gain, threshold = max(shown, key=lambda one: one[0] - one[1])
-        result.append(
-            ElementChoice(
-                group.name,
-                gain,
-                threshold,
-                decided.get(group.name, gain > threshold),
-                group.name in decided,
-                {n: values[n] for n in members},
-            )
-        )
+        kept, is_decided = decided.get(group.name, gain > threshold), group.name in decided
+        estimates = {n: values[n] for n in members}
+        result.append(ElementChoice(group.name, gain, threshold, kept, is_decided, estimates))
     return tuple(result)
 
 
@@ -279,19 +262,13 @@ class NonlinearEngine:
         return {name: place for place, name in enumerate(shown) if name in sized}
 
     def normal_blocks(
-        self,
-        decays: tuple[FreeDecay, ...],
-        sigma: Mapping[str, float],
-        eta: NDArray[np.float64],
+        self, decays: tuple[FreeDecay, ...], sigma: Mapping[str, float], eta: NDArray[np.float64]
     ) -> dict[str, NormalBlock]:
         """Return what each decay, the facts and the priors contribute at the shown unknowns."""
         return self.parts(self._at(decays, sigma, eta))
 
     def residuals(
-        self,
-        decays: tuple[FreeDecay, ...],
-        sigma: Mapping[str, float],
-        eta: NDArray[np.float64],
+        self, decays: tuple[FreeDecay, ...], sigma: Mapping[str, float], eta: NDArray[np.float64]
     ) -> tuple[Residuals, ...]:
         """Return the residuals of each decay at the shown unknowns."""
         return residuals_of(self._at(decays, sigma, eta))

@@ -157,18 +157,10 @@ def change_table(change: Change) -> Table:
             half = e.high - e.value
             _, low, high = rounded(e.value, e.low, e.high)
             half_share = abs(half / e.value * share) if e.value else 0.0
-            rows.append(
-                (
-                    name if len(one.changes) == 1 else f"{name}, session {number}",
-                    one.kind,
-                    signed(e.value, half),
-                    low,
-                    high,
-                    unit_text(e.unit),
-                    "" if isnan(share) else f"{signed(100.0 * share, 100.0 * half_share)} %",
-                    _chance_text(one.p),
-                )
-            )
+            what = name if len(one.changes) == 1 else f"{name}, session {number}"
+            by, unit, chance = signed(e.value, half), unit_text(e.unit), _chance_text(one.p)
+            percent = "" if isnan(share) else f"{signed(100.0 * share, 100.0 * half_share)} %"
+            rows.append((what, one.kind, by, low, high, unit, percent, chance))
     columns = ("what changed", "", "#by", "#from", "#to", "unit", "#share", "#chance")
     return Table(title, columns, tuple(rows), note)
 

@@ -50,14 +50,9 @@ def vehicle_section(session: Session, estimation: Estimation) -> Section:
     if facts := estimation.box.facts:
         misfits, _ = estimation.engine.fact_misfits(estimation.fit.eta)
         rows = tuple(
-            (
-                plain(fact.quantity),
-                number(fact.value),
-                number(fact.sigma),
-                number(fact.value - misfit * fact.sigma),
-                f"{misfit:+.2f}",
-            )
+            (plain(fact.quantity), *map(number, values), f"{misfit:+.2f}")
             for fact, misfit in zip(facts, misfits.tolist(), strict=True)
+            for values in [(fact.value, fact.sigma, fact.value - misfit * fact.sigma)]
         )
         columns: tuple[str, ...] = (
             "fact", "#stated", "#uncertainty", "#identified", "#stated less identified, sigma",
@@ -144,13 +139,10 @@ def run_section(session: Session, result: Identification) -> Section:
             if e.code not in (BUMP, "run_end")
         ]
     columns = ("run", "status", "#decay from, s", "#length, s", "#frames", "losses", "reasons")
+    title = "Notes, faults and decisions during the runs"
     tables = (
         Table("Runs of the session", columns, tuple(runs)),
-        Table(
-            "Notes, faults and decisions during the runs",
-            ("run", "#at, s", "what", "words"),
-            tuple(notes),
-        ),
+        Table(title, ("run", "#at, s", "what", "words"), tuple(notes)),
     )
     return Section(
         "runs",
@@ -177,10 +169,7 @@ def provenance_section(session: Session, result: Identification, source: Source)
         trace.append(("sha256 of the DBC", hashlib.sha256(database.encode()).hexdigest()))
     columns = ("channel", "measures", "where", "#scale", "#delay, ms", "#noise", "unit", "signal")
     rows = tuple(_channel_row(c, result.noise.get(c.name)) for c in session.channels)
-    blocks: list[Block] = [
-        Table("Trace", ("", ""), tuple(trace)),
-        Table("Channels", columns, rows),
-    ]
+    blocks: list[Block] = [Table("Trace", ("", ""), tuple(trace)), Table("Channels", columns, rows)]
     if settings := session.provenance.get("bench_toml"):
         blocks.append(Table("Settings of the recording: bench.toml", ("",), ((settings,),)))
     return Section(
@@ -237,14 +226,9 @@ def certificate_section(session: Session, result: Identification, source: Source
         if not run.is_accepted
     ]
     sensors = tuple(
-        (
-            c.name,
-            plain(c.quantity),
-            c.signal,
-            c.serial_number or _UNSTATED,
-            c.calibrated or _UNSTATED,
-        )
+        (c.name, plain(c.quantity), c.signal, *(text or _UNSTATED for text in of_calibration))
         for c in session.used_channels
+        for of_calibration in [(c.serial_number, c.calibrated)]
     )
     blocks: list[Block] = [
         Table("Result", ("", ""), tuple((name, text or _UNSTATED) for name, text in citation)),

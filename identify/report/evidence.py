@@ -234,12 +234,8 @@ def information_section(result: Identification) -> Section:
         texts = {run: {c: f"{x:.3f}" for c, x in row.items()} for run, row in by_run.items()}
         note = "1 where the residuals are noise alone."
         blocks.append(_grid("chi2/n of each run and channel", "run", channels, texts, note))
-    return Section(
-        "information",
-        "What each run contributed",
-        "Which run shows which mode, and which run each parameter rests on.",
-        tuple(blocks),
-    )
+    lead = "Which run shows which mode, and which run each parameter rests on."
+    return Section("information", "What each run contributed", lead, tuple(blocks))
 
 
 def _grid(

@@ -331,10 +331,7 @@ def gain_of(estimation: Estimation, name: str, stated_fit: Refit | None = None) 
 
 
 def _gain(estimation: Estimation, stated_fit: Refit, fit_without: Refit, name: str) -> float:
-    """Return the motion that a channel shows, as a multiple of what all others predict.
-
-    NaN where they predict none.
-    """
+    """Return the motion that a channel shows, as a multiple of what all others predict, or NaN."""
     eta = parameters_as_start(stated_fit.box, fit_without.box, fit_without.fit.eta)
     # With so large a noise, the channel has no influence on the motion that is fitted.
     noise = {**estimation.noise, name: 1e3 * estimation.noise[name]}
@@ -391,10 +388,7 @@ def wrong_sensors(estimation: Estimation) -> list[Cause]:
 
 
 def _late(estimation: Estimation, stated_fit: Refit, sensors: str, names: Collection[str]) -> Cause:
-    """Return the lateness of some sensors against all others, or of the others.
-
-    `sensors`: what they are called; `names`: their channels.
-    """
+    """Return the lateness of some sensors, whose channels have `names`, or of all others."""
 
     def of_unknown_delay(c: Channel) -> Channel:
         return replace(c, delay_sigma_s=_LATE_SIGMA_S) if c.name in names else c
@@ -526,10 +520,7 @@ def _if_most_fit_before(
 def _if_explained_by(
     estimation: Estimation, decays: Sequence[FreeDecay], cause: Cause
 ) -> Cause | None:
-    """Return a cause, sized, if the decays without its effect fit by themselves; None if not.
-
-    `decays`: those of the runs cut short of the effect, or corrected for it.
-    """
+    """Return a cause, sized, if the decays cut or corrected for it fit by themselves; else None."""
     if not decays:
         return None
     generic = estimation.box.unknowns(generic_vehicles()[0])

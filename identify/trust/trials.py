@@ -217,13 +217,8 @@ def _swapped(name: str, described_as: Mapping[str, Channel]) -> Trial:
         """Return the description of the other channel with this one's clock and low-pass."""
         if c.name not in described_as:
             return c
-        return replace(
-            described_as[c.name],
-            delay_s=c.delay_s,
-            delay_sigma_s=c.delay_sigma_s,
-            low_pass_hz=c.low_pass_hz,
-            low_pass_order=c.low_pass_order,
-        )
+        own = ("delay_s", "delay_sigma_s", "low_pass_hz", "low_pass_order")
+        return replace(described_as[c.name], **{name: getattr(c, name) for name in own})
 
     return Trial(name, "exchange their signals in bench.toml, or their plugs", as_other_channel)
 
