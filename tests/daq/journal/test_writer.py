@@ -231,6 +231,23 @@ def test_a_full_disk_stops_recording_and_frames_wait(tmp_path: Path) -> None:
     assert [(one.frames, one.ended) for one in recordings(tmp_path)] == [(10, True), (0, False)]
 
 
+def test_no_block_overtakes_those_that_wait(tmp_path: Path) -> None:
+    """A folder that lost its files is written anew, though its disk has no room yet."""
+    disk = Checks()
+    with JournalWriter(tmp_path, HEAD, LIMITS, QuickFile, room=disk.room) as writer:
+        for now_s, free in ((0.0, 10**12), (1.0, 0), (2.0, 0), (3.0, 10**12)):
+            disk.free = free
+            writer.maintain(now_s)
+            writer.append(block(round(10 * now_s), 10), HopLosses())
+            if now_s == 1.0:
+                writer.paths[0].unlink()
+                assert writer.status.held_frames == 10
+            elif now_s == 2.0:
+                assert "10 recorded frames are lost" in writer.status.warning
+                assert writer.status.held_frames == 20
+    assert numbers(read_journal(writer.paths).frames).tolist() == list(range(10, 40))
+
+
 def test_a_disk_that_cannot_be_asked_is_said_and_asked_again(tmp_path: Path) -> None:
     disk = Checks()
     with JournalWriter(tmp_path, HEAD, NO_RESERVE, QuickFile, room=disk.room) as writer:

@@ -118,17 +118,6 @@ def test_repeated_frames_have_no_time_and_do_not_shift_the_others() -> None:
     np.testing.assert_allclose(times.time_s[~repeated], t[~repeated], atol=2e-6)
 
 
-@pytest.mark.parametrize(
-    ("counter", "n"), [(np.zeros(500, np.int64), 500), (np.arange(12), 12)], ids=["stuck", "few"]
-)
-def test_a_counter_that_shows_nothing_leaves_the_arrival_times(
-    counter: NDArray[np.int64], n: int
-) -> None:
-    t_ns = T0_NS + np.sort(np.random.default_rng(6).integers(0, 10**9, n))
-    times = sensor_times(counter, 256, t_ns, 1e-3, T0_NS)
-    np.testing.assert_array_equal(times.time_s, arrival_times(t_ns, T0_NS).time_s)
-
-
 def test_arrival_times_increase_strictly_even_if_the_stamps_do_not() -> None:
     t_ns = T0_NS + np.array([0, 1000, 1000, 1000, 500, 5000])
     times = arrival_times(t_ns, T0_NS).time_s
@@ -169,12 +158,12 @@ CYCLE_S = 0.005
 
 
 def arrivals(
-    jitter_s: float, drift: float, lost: float = 0.01
+    jitter_s: float, drift: float, lost: float = 0.01, seed: int = 4, most_cycles: float = 0.5
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return when samples were taken and when their frames arrived, ns."""
-    rng = np.random.default_rng(4)
+    rng = np.random.default_rng(seed)
     tick_s = 0.0013 + CYCLE_S * (1 + drift) * np.arange(700)
-    late_s = np.minimum(rng.exponential(jitter_s, 700), CYCLE_S / 2)
+    late_s = np.minimum(rng.exponential(jitter_s, 700), most_cycles * CYCLE_S)
     kept = rng.random(700) >= lost
     t_ns = np.rint((tick_s + late_s)[kept] * 1e9).astype(np.int64)
     return np.asarray(tick_s[kept], np.float64), np.asarray(t_ns, np.int64)
@@ -188,6 +177,15 @@ def test_late_frames_of_an_even_sensor_are_put_on_its_clock(jitter_s: float, dri
     assert np.max(np.abs(found.time_s - taken_s)) < jitter_s / 15
     tick = (taken_s - 0.0013) / (CYCLE_S * (1 + drift))
     assert_array_equal(np.cumsum(found.step)[1:] - 1, np.rint(tick)[1:])
+
+
+@pytest.mark.parametrize(("seed", "lost"), [(0, 0.02), (4, 0.02), (4, 0.0)])
+def test_each_guess_of_the_cycle_finds_a_clock_that_the_other_two_miss(
+    seed: int, lost: float
+) -> None:
+    """At a jitter of 0.2 cycles: the median gap, the mean gap, and the length of the whole run."""
+    taken_s, t_ns = arrivals(0.2 * CYCLE_S, 0.0, lost, seed, 0.9)
+    assert np.abs(even_times(t_ns, 0).time_s - taken_s).max() < 0.05 * CYCLE_S
 
 
 def test_frames_that_come_when_they_like_keep_their_arrival() -> None:
@@ -218,30 +216,37 @@ def stalled(every: int) -> NDArray[np.float64]:
     return late_s
 
 
-def is_on_a_clock(late_s: NDArray[np.float64]) -> bool:
-    arrival_s = 0.0013 + CYCLE_S * np.arange(240) + late_s
-    t_ns = np.rint(np.maximum.accumulate(arrival_s) * 1e9).astype(np.int64)
-    return bool(np.all(np.diff(even_times(t_ns, 0).time_s) > 0.9 * CYCLE_S))
-
-
-@pytest.mark.parametrize(("late_share", "is_found"), [(0.08, True), (0.12, False)])
-def test_some_of_forty_frames_must_be_punctual(late_share: float, is_found: bool) -> None:
-    late_s = stalled(9)
-    late_s[96:144] += late_share * CYCLE_S
-    assert is_on_a_clock(late_s) == is_found
-
-
-@pytest.mark.parametrize(("every", "is_found"), [(9, True), (7, False)])
-def test_frames_that_are_read_in_blocks_keep_their_arrival(every: int, is_found: bool) -> None:
-    # Two of nine come with the one before them, 22 %; of seven, 29 %.
-    assert is_on_a_clock(stalled(every)) == is_found
-
-
 def errors(late_s: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return how far the times that are found lie from the ticks, in cycles."""
     tick_s = 0.0013 + CYCLE_S * np.arange(len(late_s))
     t_ns = np.rint(np.maximum.accumulate(tick_s + late_s) * 1e9).astype(np.int64)
     return np.asarray((even_times(t_ns, 0).time_s - tick_s) / CYCLE_S)
+
+
+def with_late(late_s: NDArray[np.float64], share: float) -> NDArray[np.float64]:
+    """Return the lateness with 48 frames later by a share of a cycle."""
+    return late_s + share * CYCLE_S * ((np.arange(240) >= 96) & (np.arange(240) < 144))
+
+
+@pytest.mark.parametrize(
+    ("late_s", "is_found"),
+    [
+        # Some of forty frames must be punctual.
+        (with_late(stalled(9), 0.08), True),
+        (with_late(stalled(9), 0.12), False),
+        # Frames that are read in blocks: two of nine come with the one before them, 22 %; of
+        # seven, 29 %.
+        (stalled(9), True),
+        (stalled(7), False),
+        # A clock that is not followed is none.
+        (with_late(np.zeros(240), 0.2), True),
+        (with_late(np.zeros(240), 0.3), False),
+    ],
+)
+def test_frames_are_on_a_clock_or_keep_their_arrival(
+    late_s: NDArray[np.float64], is_found: bool
+) -> None:
+    assert (np.std(errors(late_s)) < 0.01) == is_found
 
 
 @pytest.mark.parametrize("place", [0, 239])
@@ -262,13 +267,6 @@ def test_the_ticks_of_jitter_beyond_a_cycle_are_found_or_the_arrival_is_kept() -
             found.append(np.max(np.abs(error)))
     assert len(found) > 16
     assert max(found) < 0.1
-
-
-@pytest.mark.parametrize(("late_share", "is_found"), [(0.2, True), (0.3, False)])
-def test_a_clock_that_is_not_followed_is_none(late_share: float, is_found: bool) -> None:
-    late_s = np.zeros(240)
-    late_s[96:144] += late_share * CYCLE_S
-    assert (np.std(errors(late_s)) < 0.01) == is_found
 
 
 @pytest.mark.parametrize("missing", [None, 350])
