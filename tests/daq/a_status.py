@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from daq.control.messages import (
     Alarm,
     BusState,
@@ -15,7 +13,6 @@ from daq.control.messages import (
     Status,
 )
 from daq.runs import Losses
-from dbc.words import Finding, Severity
 
 
 def a_status(t_ns: int = 0, alarms: tuple[Alarm, ...] = ()) -> Status:
@@ -54,10 +51,3 @@ def a_status(t_ns: int = 0, alarms: tuple[Alarm, ...] = ()) -> Status:
         queue=QueueStatus(1, 5, 600),
         session=SessionStatus(),
     )
-
-
-# A run log of weeks -----------------------------------------------------------------------------
-
-
-FINE = Finding("too_weak", Severity.NOTE, "3 of 2 m/s2 " * 8, "", "", 3.0, 2.0, "m/s2")
-WEAK = replace(FINE, severity=Severity.ERROR, text="1 of 2 m/s2", advice="bump harder")

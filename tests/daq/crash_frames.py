@@ -9,7 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -212,18 +212,8 @@ def journal_of_runs(folder: Path, frames: int, recording: str = "ab" * 16) -> tu
     writer = JournalWriter(folder, head, RecorderConfig(segment_bytes=frames * 10.0), QuickFile)
     for first in range(0, frames, _BLOCK_FRAMES):
         n = np.arange(first, min(first + _BLOCK_FRAMES, frames))
-        part = one.select(n % len(one))
-        writer.append(
-            FrameBatch(
-                BUMPS_START_NS + n * _STEP_NS,
-                part.can_id,
-                part.flags,
-                part.bus,
-                part.length,
-                part.data,
-            ),
-            HopLosses(),
-        )
+        part = replace(one.select(n % len(one)), t_ns=BUMPS_START_NS + n * _STEP_NS)
+        writer.append(part, HopLosses())
         for label, place in zip(LABELS, places, strict=True):
             if first <= place < first + _BLOCK_FRAMES:
                 writer.append_events([Event(BUMPS_START_NS + place * _STEP_NS, "bump", 9.0, label)])

@@ -10,7 +10,9 @@ import numpy as np
 
 from daq.bench.config import Bench, parse_bench
 from daq.bench.sensors import Database, stored_text
-from dbc.frames import FrameBatch, FrameFlag
+from dbc.frames import FrameBatch
+
+from .small_campaign import frames_at
 
 START_NS = 1_800_000_000_000_000_000
 
@@ -18,7 +20,7 @@ Row = tuple[float, int, bytes]
 """Seconds since the start, identifier, payload."""
 
 
-def frame_batch(rows: Iterable[Row], extended: bool = False) -> FrameBatch:
+def frame_batch(rows: Iterable[Row]) -> FrameBatch:
     """Return frames in order of time; those at one time keep their order."""
     ordered = sorted(rows, key=lambda row: row[0])
     n = len(ordered)
@@ -26,14 +28,9 @@ def frame_batch(rows: Iterable[Row], extended: bool = False) -> FrameBatch:
     data = np.zeros((n, 64 if wide else 8), np.uint8)
     for i, (_, _, payload) in enumerate(ordered):
         data[i, : len(payload)] = np.frombuffer(payload, np.uint8)
-    return FrameBatch(
-        np.array([START_NS + round(row[0] * 1e9) for row in ordered], np.int64),
-        np.array([row[1] for row in ordered], np.uint32),
-        np.full(n, FrameFlag.EXTENDED if extended else 0, np.uint16),
-        np.zeros(n, np.uint8),
-        np.array([len(row[2]) for row in ordered], np.uint8),
-        data,
-    )
+    t_ns = [START_NS + round(row[0] * 1e9) for row in ordered]
+    length = [len(row[2]) for row in ordered]
+    return frames_at(t_ns, data, [row[1] for row in ordered], length)
 
 
 # A bench of sensors: two like IMUs on two buses, four like string pots, four hub sensors --------

@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from daq.bench.campaign import Campaign
 from daq.bench.config import Bench, TriggerConfig, load_bench
@@ -34,6 +35,22 @@ def small_codec() -> Codec:
     return parse_codec(small_bench().dbc_text, "shipped")
 
 
+def frames_at(
+    t_ns: ArrayLike,
+    data: NDArray[np.uint8] | None = None,
+    can_id: ArrayLike = 0,
+    length: ArrayLike = 8,
+    flags: ArrayLike = 0,
+    bus: ArrayLike = 0,
+) -> FrameBatch:
+    """Return frames at these times; a column may be one number for all, and data zeros."""
+    stamps = np.asarray(t_ns, np.int64)
+    n = len(stamps)
+    columns = (np.broadcast_to(column, n) for column in (can_id, flags, bus, length))
+    payloads = np.zeros((n, 8), np.uint8) if data is None else data
+    return FrameBatch(stamps, *columns, data=payloads)
+
+
 def bumps(codec: Codec, count: int, message: str = "HUB_Front") -> FrameBatch:
     """Frames of one message at 1 kHz: every 1.2 s, after 0.5 s of rest, 20 m/s2 for 0.2 s."""
     layout = codec.message(message)
@@ -43,14 +60,7 @@ def bumps(codec: Codec, count: int, message: str = "HUB_Front") -> FrameBatch:
     acc_g = np.where((phase_s > 0) & (phase_s < 0.2), 20 / 9.80665, 0.0)
     names = [s.name for s in layout.signals if s.name.startswith("acc")]
     data = codec.encode(message, dict.fromkeys(names, acc_g))
-    return FrameBatch(
-        START_NS + np.arange(n) * 1_000_000,
-        np.full(n, layout.can_id, np.uint32),
-        np.zeros(n, np.uint16),
-        np.zeros(n, np.uint8),
-        np.full(n, layout.length, np.uint8),
-        data,
-    )
+    return frames_at(START_NS + np.arange(n) * 1_000_000, data, layout.can_id, layout.length)
 
 
 def blocks(frames: FrameBatch, size: int = 100) -> list[FrameBatch]:

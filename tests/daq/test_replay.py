@@ -20,6 +20,7 @@ from dbc import FrameBatch
 from dbc.words import InputError
 
 from .formats.mixed import batch_of, mixed
+from .small_campaign import frames_at
 from .small_session import small_session
 
 START_NS = 1_700_000_000_000_000_000
@@ -66,21 +67,14 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> FalseTime:
     return false
 
 
-def frames_at(times_s: list[float], bus: list[int] | None = None) -> FrameBatch:
-    n = len(times_s)
-    return FrameBatch(
-        np.array([START_NS + round(t * S) for t in times_s], np.int64),
-        np.arange(n, dtype=np.uint32),
-        np.zeros(n, np.uint16),
-        np.array(bus or [0] * n, np.uint8),
-        np.zeros(n, np.uint8),
-        np.zeros((n, 8), np.uint8),
-    )
+def frames_after(times_s: list[float], bus: list[int] | None = None) -> FrameBatch:
+    t_ns = [START_NS + round(t * S) for t in times_s]
+    return frames_at(t_ns, can_id=np.arange(len(t_ns)), length=0, bus=bus or 0)
 
 
 def test_paced_frames_leave_at_their_own_times_without_drift(clock: FalseTime) -> None:
     wire = Wire(clock)
-    batch = frames_at([0.00025 * k for k in range(4000)])
+    batch = frames_after([0.00025 * k for k in range(4000)])
     list(play([batch], wire, 1.0))
     left_s = np.array([at for at, _ in wire.sent])
     due_s = (batch.t_ns - START_NS) * 1e-9
@@ -112,7 +106,7 @@ def test_every_kind_of_frame_is_sent_as_it_is_but_no_error_frame(clock: FalseTim
 
 def test_a_frame_goes_to_the_bus_of_its_number_or_to_the_first(clock: FalseTime) -> None:
     wires = [Wire(clock), Wire(clock), Wire(clock)]
-    batch = frames_at([0.0] * 5, [0, 2, 1, 3, 255])
+    batch = frames_after([0.0] * 5, [0, 2, 1, 3, 255])
     assert list(play([batch], wires[0], None, *wires[1:])) == [5]
     sent = [[message.arbitration_id for _, message in wire.sent] for wire in wires]
     assert sent == [[0, 3, 4], [2], [1]]
@@ -125,10 +119,10 @@ def test_a_bus_has_two_seconds_to_take_a_frame(
     # Pauses of 0.5 ms, 1 ms, 2 ms ...: twelve of them are 2.0475 s, eleven 1.0235 s.
     wire = Wire(clock, refusals=refusals)
     if taken:
-        assert list(play([frames_at([0.0])], wire, None)) == [1]
+        assert list(play([frames_after([0.0])], wire, None)) == [1]
     else:
         with pytest.raises(BusError):
-            list(play([frames_at([0.0])], wire, None))
+            list(play([frames_after([0.0])], wire, None))
     assert sum(clock.slept_s) == pytest.approx(2.0475)
 
 
@@ -138,7 +132,7 @@ def test_a_bus_has_two_seconds_to_take_a_frame(
 def test_time_stamps_keep_their_distances_and_long_gaps_become_three_seconds(
     clock: FalseTime,
 ) -> None:
-    source = RecordedSource(frames_at([5, 6, 8.9, 11.9, 15, 14, 14.5]), 0, 1.0, 7 * S)
+    source = RecordedSource(frames_after([5, 6, 8.9, 11.9, 15, 14, 14.5]), 0, 1.0, 7 * S)
     assert not source.done
     clock.now_s += 20
     frames = source.read(0.0)
@@ -154,7 +148,7 @@ def test_time_stamps_keep_their_distances_and_long_gaps_become_three_seconds(
 def test_the_first_frame_comes_after_a_second_and_the_others_at_their_speed(
     clock: FalseTime, speed: float, second_s: float
 ) -> None:
-    source = RecordedSource(frames_at([0, 0.5]), 0, speed, 0)
+    source = RecordedSource(frames_after([0, 0.5]), 0, speed, 0)
     assert source.read(10.0).can_id.tolist() == [0]
     assert source.read(10.0).can_id.tolist() == [1]
     assert clock.slept_s == pytest.approx([1.0, second_s], abs=1e-3)
@@ -167,7 +161,7 @@ def _session(*spans: tuple[float, float]) -> Session:
         times = np.arange(round(10 * first_s), round(10 * last_s) + 1) / 10
         run = small_session().runs[0]
         t0_ns = START_NS + round(first_s * S)
-        runs.append(replace(run, repeat=number, t0_ns=t0_ns, frames=frames_at(times.tolist())))
+        runs.append(replace(run, repeat=number, t0_ns=t0_ns, frames=frames_after(times.tolist())))
     return replace(small_session(), runs=tuple(runs))
 
 
@@ -180,7 +174,7 @@ def _journal(folder: Path, times_s: list[float], began_ns: int = START_NS) -> No
     limits = RecorderConfig(reserve_bytes=0.0)
     with JournalWriter(folder, head, limits) as journal:
         for time_s in times_s:
-            journal.append(frames_at([time_s]), HopLosses())
+            journal.append(frames_after([time_s]), HopLosses())
 
 
 def test_the_frames_around_the_runs_are_played_from_the_recording_that_has_the_runs(
@@ -221,14 +215,14 @@ def test_a_session_whose_journal_has_less_than_it_cannot_be_played_alone(
 def test_how_long_a_recording_takes(
     clock: FalseTime, times_s: list[float], passed_s: float
 ) -> None:
-    list(play([frames_at(times_s)], Wire(clock), 1.0))
+    list(play([frames_after(times_s)], Wire(clock), 1.0))
     assert clock.now_s - 100.0 == pytest.approx(passed_s, abs=1e-3)
 
 
 def test_a_frame_that_a_bus_can_never_take_ends_it_at_once(clock: FalseTime) -> None:
     wire = Wire(clock, refusals=1, error=ValueError("no CAN FD"))
     with pytest.raises(BusError, match="no CAN FD"):
-        list(play([frames_at([0.0])], wire, None))
+        list(play([frames_after([0.0])], wire, None))
     assert not clock.slept_s
 
 
@@ -238,14 +232,14 @@ def test_patience_begins_anew_with_each_frame(clock: FalseTime) -> None:
             super().send(msg, timeout)
             self.refusals = 3
 
-    list(play([frames_at([0.0, 0.1])], Moody(clock, refusals=3), None))
+    list(play([frames_after([0.0, 0.1])], Moody(clock, refusals=3), None))
     assert clock.slept_s == pytest.approx([0.0005, 0.001, 0.002] * 2)
 
 
 def test_nobody_waits_longer_than_asked_or_shorter_than_it_takes_to_gather(
     clock: FalseTime,
 ) -> None:
-    source = RecordedSource(frames_at([0, 0.001, 0.5]), 0, 1.0, 0)
+    source = RecordedSource(frames_after([0, 0.001, 0.5]), 0, 1.0, 0)
     assert len(source.read(0.3)) == 0
     assert source.read(9.0).can_id.tolist() == [0]
     assert source.read(9.0).can_id.tolist() == [1]
@@ -257,10 +251,10 @@ def test_nobody_waits_longer_than_asked_or_shorter_than_it_takes_to_gather(
 
 
 def test_frames_of_other_buses_are_left_out_and_a_block_has_at_most_2048(clock: FalseTime) -> None:
-    source = RecordedSource(frames_at([0, 2, 4, 5], [1, 0, 1, 0]), 0, 1.0, 0)
+    source = RecordedSource(frames_after([0, 2, 4, 5], [1, 0, 1, 0]), 0, 1.0, 0)
     clock.now_s += 20
     assert source.read(0.0).t_ns.tolist() == [2 * S, 5 * S]
-    source = RecordedSource(frames_at([0.0] * 3000), 0, 1.0, 0)
+    source = RecordedSource(frames_after([0.0] * 3000), 0, 1.0, 0)
     clock.now_s += 2
     assert [len(source.read(0.0)) for _ in range(3)] == [2048, 952, 0]
 

@@ -15,7 +15,6 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 from unittest import mock
 
@@ -47,6 +46,8 @@ from daq.recorder.recorder import Recorder
 from daq.runs import RunStatus
 from dbc import Codec, FrameBatch
 
+from .small_campaign import frames_at
+
 PERIOD_S = 1.024
 """A whole number of turns of every counter, so one bump can follow itself."""
 START_NS = 1_800_000_000_000_000_000
@@ -74,18 +75,10 @@ def one_bump(codec: Codec, seed: int = 1) -> FrameBatch:
             for signal in layout.signals
             if signal.name not in ("counter", "crc")
         }
-        parts.append(
-            FrameBatch(
-                np.rint(t_s * 1e9).astype(np.int64) + place * 100_000,
-                np.full(n, layout.can_id, np.uint32),
-                np.zeros(n, np.uint16),
-                np.zeros(n, np.uint8),
-                np.full(n, layout.length, np.uint8),
-                codec.encode(layout.name, values),
-            )
-        )
-    frames = FrameBatch.concatenate(parts)
-    return frames.by_time()
+        t_ns = np.rint(t_s * 1e9) + place * 100_000
+        data = codec.encode(layout.name, values)
+        parts.append(frames_at(t_ns, data, layout.can_id, layout.length))
+    return FrameBatch.concatenate(parts).by_time()
 
 
 class TirelessBench:
@@ -207,12 +200,7 @@ class Soak(AbstractContextManager["Soak"]):
         self._client = Client(address, "soak", control=True)
         self._recording, self._seen = "", 0
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._client.close()
         self._stop.set()
         self._writer.join(PATIENCE_S)

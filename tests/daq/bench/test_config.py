@@ -13,8 +13,9 @@ from daq.bench.config import Bench, bench_codec, load_bench, parse_bench
 from daq.runs import Excitation
 from daq.samples.mapping import map_channels
 from daq.vehicle import Structure
-from dbc.frames import FrameBatch
 from dbc.words import InputError
+
+from ..small_campaign import frames_at
 
 DBC = """VERSION ""
 BU_: A B
@@ -238,12 +239,7 @@ def test_the_checksum_rule_of_the_bench_decides_which_frames_count() -> None:
     codec = bench_codec(parse_bench(text + CHANNEL, "b", Path(), DBC))
     data = np.zeros((2, 8), np.uint8)
     data[:, :4] = [[1, 2, 4, 7], [1, 2, 4, 6]]
-    n = np.zeros(2)
-    frames = FrameBatch(
-        np.arange(2), np.full(2, 16, np.uint32), n.astype(np.uint16), n.astype(np.uint8),
-        np.full(2, 4, np.uint8), data,
-    )  # fmt: skip
-    decoded = codec.decode(frames)
+    decoded = codec.decode(frames_at(np.arange(2), data, 16, 4))
     assert decoded.counts.crc_bad == 1
     assert (decoded["Acc.up"].quality != 0).tolist() == [False, True]
     sent = codec.encode("Acc", {"up": np.array([5.13])})

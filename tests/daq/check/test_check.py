@@ -26,6 +26,7 @@ from dbc.words import Finding, Severity
 
 from ...flow.coverage import simulated_session
 from ..sensor_bench import START_NS
+from ..small_campaign import frames_at
 
 TODAY = date(2026, 6, 1)
 REST_S = 3.0
@@ -105,22 +106,15 @@ def test_a_missing_message() -> None:
     frames = _rest()
     rear = CODEC.message("SUSP_Rear").can_id
     can_id = np.where(frames.can_id == rear, 0x3A1, frames.can_id).astype(np.uint32)
-    moved = FrameBatch(frames.t_ns, can_id, frames.flags, frames.bus, frames.length, frames.data)
-    unknown, missing, *channels = _bad(_check(moved))
+    unknown, missing, *channels = _bad(_check(replace(frames, can_id=can_id)))
     assert unknown.text.startswith("1 identifier is not in the DBC: 0x3a1 (500 Hz)")
     assert (missing.severity, missing.subject) == (Severity.ERROR, "message SUSP_Rear")
     assert [line.subject for line in channels] == ["channel travel_rl", "channel travel_rr"]
 
 
 def test_error_frames_and_foreign_traffic_are_warnings() -> None:
-    extra = FrameBatch(
-        START_NS + np.arange(20) * 10_000_000,
-        np.full(20, 0x7FF, np.uint32),
-        np.where(np.arange(20) % 2, FrameFlag.ERROR, 0).astype(np.uint16),
-        np.zeros(20, np.uint8),
-        np.full(20, 8, np.uint8),
-        np.zeros((20, 8), np.uint8),
-    )
+    flags = np.where(np.arange(20) % 2, FrameFlag.ERROR, 0)
+    extra = frames_at(START_NS + np.arange(20) * 10_000_000, can_id=0x7FF, flags=flags)
     frames = FrameBatch.concatenate([_rest(), extra])
     report = _check(frames.by_time())
     assert [line.text.split(":")[0] for line in _bad(report)] == [

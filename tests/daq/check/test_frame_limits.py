@@ -19,6 +19,8 @@ from dbc import Codec, FrameBatch, parse_codec
 from dbc.codec import CounterRule, MessageLayout
 from dbc.words import Finding, Severity
 
+from ..small_campaign import frames_at
+
 T_NS = 1_800_000_000_000_000_000
 WARN, FAIL, OK = Severity.WARNING, Severity.ERROR, Severity.NOTE
 DBC = """VERSION ""
@@ -45,13 +47,9 @@ def message(cycle_s: float | None = 0.01, plain: MessageLayout = MESSAGE) -> Mes
 def sent(times_s: Sequence[float] | NDArray[np.float64], can_id: int = 256, **columns: Any) -> Any:
     """Return frames at these times whose second byte changes; other columns as stated."""
     t_ns = T_NS + np.rint(np.asarray(times_s) * 1e9).astype(np.int64)
-    n = len(t_ns)
-    data = np.zeros((n, 8), np.uint8)
-    data[:, 1] = np.arange(n) * 7
-    given: dict[str, Any] = {"can_id": can_id, "flags": 0, "bus": 0, "length": 8, **columns}
-    kinds = {"can_id": np.uint32, "flags": np.uint16, "bus": np.uint8, "length": np.uint8}
-    arrays = {name: np.full(n, given[name], kind) for name, kind in kinds.items()}
-    return FrameBatch(t_ns, data=given.get("data", data), **arrays)
+    data = np.zeros((len(t_ns), 8), np.uint8)
+    data[:, 1] = np.arange(len(t_ns)) * 7
+    return frames_at(t_ns, **{"data": data, "can_id": can_id, **columns})
 
 
 def beats(n: int, period_s: float = 0.01) -> NDArray[np.float64]:

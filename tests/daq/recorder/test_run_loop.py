@@ -40,7 +40,6 @@ from daq.recorder.run_loop import (
     tallies_of,
 )
 from daq.runlog import (
-    Change,
     Code,
     LoggedRun,
     RunLog,
@@ -318,7 +317,6 @@ BENCH: Bench = small_bench()
 FIRST = LoggedRun("baseline_roll_1", BASELINE, Excitation.ROLL, 1, 5, RunStatus.ACCEPTED)
 LAST = replace(FIRST, label="baseline_roll_2", repeat=2, status=RunStatus.REJECTED)
 OPEN = replace(FIRST, label="baseline_roll_3", repeat=3, status=RunStatus.OPEN)
-CHANGE = (Change(LAST, FIRST),)
 
 
 def event(order: Order, *runs: LoggedRun, **facts: Any) -> Event | None:

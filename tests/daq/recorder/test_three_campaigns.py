@@ -44,7 +44,7 @@ from tui.recorders.log import Log
 from tui.recorders.traffic import Traffic
 
 from ..recorder_run import ENDED, PATIENCE_S, Gated, Running, Script, quick, sources, stored
-from ..small_campaign import LABELS, START_NS, blocks, bumps
+from ..small_campaign import LABELS, START_NS, blocks, bumps, frames_at
 
 __all__ = ["quick"]
 
@@ -55,14 +55,8 @@ HOUR_FRAMES = 1_200
 
 
 def numbered(first: int, count: int, t_ns: int, step_ns: int) -> FrameBatch:
-    return FrameBatch(
-        t_ns + np.arange(count) * step_ns,
-        np.full(count, NUMBERED_ID, np.uint32),
-        np.zeros(count, np.uint16),
-        np.zeros(count, np.uint8),
-        np.full(count, 8, np.uint8),
-        np.arange(first, first + count, dtype="<u8").view(np.uint8).reshape(count, 8),
-    )
+    data = np.arange(first, first + count, dtype="<u8").view(np.uint8).reshape(count, 8)
+    return frames_at(t_ns + np.arange(count) * step_ns, data, NUMBERED_ID)
 
 
 class Sender:

@@ -18,7 +18,7 @@ from daq.channels import Channel, Quantity
 from daq.journal.reader import HopCounts
 from daq.journal.segment import JournalHead
 from daq.journal.writer import JournalWriter
-from daq.runlog import Code, entry, verdict_entry
+from daq.runlog import Code, entry, finding_record, verdict_entry
 from daq.runs import Event, Excitation, Run, RunStatus
 from daq.session import read_session
 from daq.session.build import Derived, build_session, derive
@@ -27,19 +27,9 @@ from daq.vehicle import Corner
 from dbc import Codec, FrameBatch, Quality
 from dbc.words import Finding, InputError, Severity
 
-from ..small_campaign import PERIOD_S, START_NS, blocks, bumps, small_bench, small_codec
+from ..small_campaign import PERIOD_S, START_NS, blocks, bumps, frames_at, small_bench, small_codec
 
 CODEC = small_codec()
-WEAK_STORED = {
-    "code": "too_weak",
-    "passed": False,
-    "subject": "",
-    "value": 1.0,
-    "limit": 6.0,
-    "unit": "m/s2",
-    "text": "weak bump",
-    "advice": "harder",
-}
 WEAK = Finding("too_weak", Severity.ERROR, "weak bump", "", "harder", 1.0, 6.0, "m/s2")
 BUMP = Event(START_NS + 1_000_000_000, "bump", 9.0, "baseline_bounce_1")
 RUN_END = Event(START_NS + 1_500_000_000, "run_end", 0.0, "baseline_bounce_1")
@@ -60,19 +50,12 @@ def _frames(codec: Codec, message: str, n: int = 2000, **signals: float) -> Fram
     layout = codec.message(message)
     given = signals or {layout.signals[0].name: 0.0}
     cycle_ns = round((layout.cycle_s or 0.001) * 1e9)
-    return FrameBatch(
-        START_NS + np.arange(n) * cycle_ns,
-        np.full(n, layout.can_id, np.uint32),
-        np.zeros(n, np.uint16),
-        np.zeros(n, np.uint8),
-        np.full(n, layout.length, np.uint8),
-        codec.encode(message, {name: np.full(n, value) for name, value in given.items()}),
-    )
+    data = codec.encode(message, {name: np.full(n, value) for name, value in given.items()})
+    return frames_at(START_NS + np.arange(n) * cycle_ns, data, layout.can_id, layout.length)
 
 
 def _merge(*batches: FrameBatch) -> FrameBatch:
-    frames = FrameBatch.concatenate(batches)
-    return frames.by_time()
+    return FrameBatch.concatenate(batches).by_time()
 
 
 def _session(bench: Bench, frames: FrameBatch, hops: HopCounts = NO_HOPS) -> Session:
@@ -129,8 +112,7 @@ def test_garbled_lost_and_repeated_frames() -> None:
     data[[900, 1100, 1101, 1200], 0] ^= 1  # a flipped bit that the checksum finds
     keep = np.delete(np.arange(2000), [1300, 1301, 1202])
     keep = np.sort(np.append(keep, 1400))
-    garbled = FrameBatch(frames.t_ns, frames.can_id, frames.flags, frames.bus, frames.length, data)
-    run = _run(_bench(ACC_FL), garbled.select(keep))
+    run = _run(_bench(ACC_FL), replace(frames, data=data).select(keep))
     (group,) = run.groups
     # The first has no counter and no neighbour; the repeated one is no second sample.
     sample = np.delete(np.arange(901, 1500), [1300 - 901, 1301 - 901, 1202 - 901])
@@ -205,7 +187,7 @@ def test_the_last_bench_toml_holds_and_what_persons_said_goes_along(tmp_path: Pa
     assert session.vehicle.name == "Other car"
     assert session.provenance["bench_toml"] == newer
     assert session.provenance["uuid"].replace("-", "") == "ab" * 16
-    assert json.loads(session.provenance["verdicts"]) == {BUMP.text: [WEAK_STORED]}
+    assert json.loads(session.provenance["verdicts"]) == {BUMP.text: [finding_record(WEAK)]}
     assert [event.code for event in session.runs[0].events] == ["bump", "alarm"]
     assert len(session.runs[0].events[1].text) == 160
     (note,) = json.loads(session.provenance["notes"])
