@@ -57,7 +57,8 @@ from .crash_writer import (
     faults,
     images,
     mounted_disk,
-    read_only,
+    read_only_disk,
+    run_full,
     take_away,
     unmounted,
 )
@@ -302,7 +303,7 @@ def _taken(folder: Path, count: int) -> str:
     for i in range(count):
         for name, how in TAKINGS.items():
             slowest = max(slowest, take_away(folder / f"{name}{i}" / "journal", how))
-        read_only(folder / f"read-only{i}")
+        run_full(read_only_disk(folder / f"read-only{i}"), 0.0, full_s=3.0)
         told_s = unmounted(folder / f"unmounted{i}")
         slowest = max(slowest, told_s or 0.0)
     mounted = "" if told_s is not None else " (no right to mount: not unmounted)"

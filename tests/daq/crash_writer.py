@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import errno
+import itertools
 import os
 import shutil
 import subprocess
+import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -403,44 +405,25 @@ def take_away(folder: Path, how: Callable[[Path], object]) -> float:
     return told_s
 
 
-def read_only(folder: Path) -> None:
-    """Refuse every write for three seconds: nothing is lost, and it is said."""
-    refuse = [False]
+def read_only_disk(folder: Path) -> Disk:
+    """Return a disk that refuses every write from the 40th operation on."""
+    operations = itertools.count()
+    room = threading.Event()
+
+    def refuse() -> None:
+        if next(operations) >= 40 and not room.is_set():
+            raise OSError(errno.EROFS, os.strerror(errno.EROFS))
 
     class ReadOnlyFile(QuickFile):
         def write(self, data: Any) -> int:
-            _refuse()
+            refuse()
             return super().write(data)
 
-    def _refuse() -> None:
-        if refuse[0]:
-            raise OSError(errno.EROFS, os.strerror(errno.EROFS))
-
     def create(path: Path) -> SyncedFile:
-        _refuse()
+        refuse()
         return ReadOnlyFile(path)
 
-    writer = JournalWriter(folder, HEAD, RecorderConfig(reserve_bytes=0.0), create)
-    _refused(writer, lambda: refuse.__setitem__(0, True), lambda: refuse.__setitem__(0, False))
-
-
-def _refused(writer: JournalWriter, begin: Callable[[], object], end: Callable[[], object]) -> None:
-    for k in range(80):
-        if k == 20:
-            begin()
-        if k == 50:
-            assert "ead-only" in writer.status.failed
-            assert writer.status.held_frames > 0
-            assert writer.status.lag_s > 2.0
-            end()
-        writer.append(block(k * _TAKEN_FRAMES, _TAKEN_FRAMES), HopLosses())
-        writer.maintain(0.1 * k)
-    assert not writer.status.failed
-    assert writer.status.recorded_frames == 80 * _TAKEN_FRAMES
-    writer.close()
-    contents = read_journal(writer.paths)
-    assert np.array_equal(numbers(contents.frames), np.arange(80 * _TAKEN_FRAMES))
-    assert not contents.lost.any, contents.lost.text
+    return Disk(folder, create, room_on, room.set, "read-only")
 
 
 def unmounted(folder: Path) -> float | None:

@@ -46,9 +46,9 @@ def frames_at(
     """Return frames at these times; a column may be one number for all, and data zeros."""
     stamps = np.asarray(t_ns, np.int64)
     n = len(stamps)
-    columns = (np.broadcast_to(column, n) for column in (can_id, flags, bus, length))
-    payloads = np.zeros((n, 8), np.uint8) if data is None else data
-    return FrameBatch(stamps, *columns, data=payloads)
+    columns = {"can_id": can_id, "flags": flags, "bus": bus, "length": length}
+    full = {name: np.broadcast_to(column, n) for name, column in columns.items()}
+    return FrameBatch(stamps, data=np.zeros((n, 8), np.uint8) if data is None else data, **full)
 
 
 def bumps(codec: Codec, count: int, message: str = "HUB_Front") -> FrameBatch:

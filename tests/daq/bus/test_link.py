@@ -6,6 +6,7 @@ import itertools
 import socket
 import struct
 import time
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -33,14 +34,14 @@ class Source:
 
     name = "test"
 
-    def __init__(self, clock: Clock, given: list[FrameBatch | Exception]) -> None:
+    def __init__(self, clock: Clock, given: Sequence[FrameBatch | BaseException]) -> None:
         self.clock, self.given, self.closed = clock, iter(given), False
         self.frames = 0
 
     def read(self, timeout_s: float) -> FrameBatch:
         self.clock.now_s += timeout_s
         found = next(self.given, FrameBatch.empty())
-        if isinstance(found, Exception):
+        if isinstance(found, BaseException):
             raise found
         self.frames += len(found)
         return found
@@ -55,13 +56,13 @@ class Source:
         raise RuntimeError("cannot say goodbye")
 
 
-def link_to(clock: Clock, *found: FrameSource | Exception, interface: str = "gs_usb") -> Link:
+def link_to(clock: Clock, *found: FrameSource | BaseException, interface: str = "gs_usb") -> Link:
     config = BusConfig(interface, "0", 500_000)
     opened = iter(found)
 
     def open_source(_: BusConfig, number: int) -> FrameSource:
         result = next(opened)
-        if isinstance(result, Exception):
+        if isinstance(result, BaseException):
             raise result
         return result
 
@@ -308,31 +309,20 @@ def test_a_link_that_has_ended_opens_nothing_any_more(ended: str) -> None:
 def test_a_driver_that_ends_the_program_is_one_more_lost_bus(raised: BaseException) -> None:
     """The reader goes on, and opens the bus again."""
 
-    class Fatal:
-        name = "fatal"
-
-        def read(self, timeout_s: float) -> Any:
-            raise raised
-
+    class Fatal(Source):
         def losses(self) -> Any:
             raise raised
 
         def close(self) -> None:
             raise raised
 
-    openings: list[int] = []
-
-    def open_fatal(_: BusConfig, number: int) -> Any:
-        openings.append(number)
-        if len(openings) == 2:
-            raise raised
-        return Fatal()
-
-    now_s = iter(range(0, 100_000, 10))
-    link = Link(BusConfig("kvaser", "0", 500_000), 3, open_fatal, lambda: float(next(now_s)))
+    clock = Clock()
+    fatal = [Fatal(clock, [raised]) for _ in range(3)]
+    link = link_to(clock, fatal[0], raised, *fatal[1:], interface="kvaser")
     for _ in range(7):
         assert not len(link.read(0.0))
-    assert openings == [3] * 4
+        clock.now_s += 10.0
+    assert not any(list(source.given) for source in fatal)
     assert not link.facts().connected
     assert type(raised).__name__ in link.facts().error
     link.close()

@@ -23,7 +23,7 @@ from dbc.frames import FrameFlag
 from dbc.words import InputError
 
 from ..crash_frames import block
-from ..small_session import mixed_frames, small_run, small_session
+from ..small_session import mixed_frames, small_session
 from .mixed import START_S, Frame, batch_of, frames_in, message, mixed
 
 FRAMES = mixed(640)
@@ -484,17 +484,6 @@ def test_candump(tmp_path: Path) -> None:
         SENT.select(~IS_ERROR & ~remote), t_ns=SENT.t_ns[~IS_ERROR & ~remote] // 1000 * 1000
     )
     assert not export_session(small_session(whole), tmp_path / "b.log", ExportFormat.CANDUMP).notes
-
-
-def test_frames_of_overlapping_runs_are_written_once(tmp_path: Path) -> None:
-    session = small_session()
-    first = small_run(1, SENT.select(slice(0, 150)))
-    second = small_run(2, SENT.select(slice(100, 250)))
-    overlapping = replace(session, runs=(first, second))
-    export_session(overlapping, tmp_path / "car.blf", ExportFormat.BLF)
-    with can.BLFReader(tmp_path / "car.blf") as reader:
-        messages = list(reader)
-    _is_kept(SENT.select(slice(0, 250)), messages, lambda i: {"is_rx"} if IS_ERROR[i] else set())
 
 
 @pytest.mark.parametrize("form", [ExportFormat.BLF, ExportFormat.ASC, ExportFormat.CANDUMP])

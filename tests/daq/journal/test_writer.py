@@ -29,7 +29,7 @@ from ..crash_writer import (
     faults,
     images,
     mounted_disk,
-    read_only,
+    read_only_disk,
     run_full,
     small_disk,
     take_away,
@@ -99,7 +99,9 @@ def test_what_is_taken_away_is_reported(tmp_path: Path, how: Callable[[Path], ob
 
 
 def test_a_disk_that_turns_read_only_is_waited_for(tmp_path: Path) -> None:
-    read_only(tmp_path / "journal")
+    full = run_full(read_only_disk(tmp_path / "journal"), 0.0, full_s=3.0)
+    assert (full.kind, full.dropped) == ("read-only", 0)
+    assert full.alarm_s <= 1.0
 
 
 # Files that fail ----------------------------------------------------------------------------------
@@ -120,25 +122,6 @@ def test_a_file_that_takes_nothing_is_a_full_disk_and_leaves_no_trace(tmp_path: 
     with pytest.raises(OSError, match="No space left"):
         Segment(StubbornFile(path, 20, 7), path, HEAD, 0)
     assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize("extra", [0, 1, 60, 200])
-def test_a_write_that_fails_starts_a_new_file_and_loses_nothing(tmp_path: Path, extra: int) -> None:
-    left = iter([2000 + extra, 1 << 30])
-    made: list[StubbornFile] = []
-
-    def create(path: Path) -> StubbornFile:
-        made.append(StubbornFile(path, next(left)))
-        return made[-1]
-
-    with JournalWriter(tmp_path, HEAD, NO_RESERVE, create) as journal:
-        for k in range(20):
-            journal.append(block(2 * k, 2), HopLosses())
-    assert len(journal.paths) == 2
-    assert all(file.closed for file in made)
-    contents = read_journal(journal.paths[::-1])
-    assert numbers(contents.frames).tolist() == list(range(40))
-    assert not contents.lost.any
 
 
 @pytest.mark.parametrize("nth", [3, 4, 9])

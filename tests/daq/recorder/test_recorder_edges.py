@@ -21,11 +21,9 @@ from daq.control.messages import (
     PROTOCOL,
     Arm,
     Build,
-    Configure,
     Live,
     Mark,
     Phase,
-    Reject,
     SessionState,
     Start,
     Status,
@@ -36,7 +34,7 @@ from daq.journal.reader import last_recording, read_journal, recordings, segment
 from daq.journal.segment import SyncedFile, end_of
 from daq.recorder.recorder import Derivation
 from daq.recorder.run_loop import OrderError
-from dbc import Codec, FrameBatch
+from dbc import Codec
 from tui.recorders.lines import status_lines
 
 from ..crash_frames import block, numbers
@@ -244,29 +242,6 @@ def test_a_recording_taken_up_never_goes_back_in_time(
             assert STEADY_CLOCK.now_ns() < ahead_ns
     finally:
         STEADY_CLOCK.begin()
-
-
-def test_a_run_that_is_recorded_can_be_neither_configured_nor_rejected(
-    quick: Bench, codec: Codec, tmp_path: Path
-) -> None:
-    frames = bumps(codec, 2)
-    gate, rest = threading.Event(), threading.Event()
-
-    class TwoGates(Gated):
-        def read(self, timeout_s: float) -> FrameBatch:
-            held = len(self.given) == len(frames) // 50 - 14  # in the midst of the first run
-            return FrameBatch.empty() if held and not rest.wait(0.01) else super().read(timeout_s)
-
-    script = TwoGates(gate, blocks(frames, 50))
-    with Running(quick, tmp_path, sources(script)) as running:
-        running.order(Arm(Until.COMPLETE))
-        gate.set()
-        running.until(lambda s: s.phase in (Phase.TRIGGERED, Phase.DECAY))
-        for order in (Reject(), Configure(quick.text)):
-            with pytest.raises(OrderError, match="baseline_bounce_1 is being recorded"):
-                running.order(order)
-        rest.set()
-        running.until(lambda s: len(s.runs) == 2 and s.runs[1].status != "open")
 
 
 def test_a_status_that_fails_stops_nothing(

@@ -327,6 +327,7 @@ def event(order: Order, *runs: LoggedRun, **facts: Any) -> Event | None:
     ("order", "runs", "why"),
     [
         (Accept(""), (FIRST, OPEN), "baseline_roll_3 is being recorded"),
+        (Reject(), (FIRST, OPEN), "baseline_roll_3 is being recorded"),
         (Accept("baseline_roll_3", "x"), (FIRST, OPEN), "baseline_roll_3 is being recorded"),
         (Accept("", "x"), (LAST, FIRST), "baseline_roll_1 is already accepted"),
         (Accept("baseline_roll_1", "x"), (FIRST, LAST), "baseline_roll_1 is already accepted"),

@@ -123,20 +123,33 @@ def test_a_changed_session_is_refused_by_the_commands(
     assert f"error: /{RUN}: was changed or damaged" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(
-    ("place", "part"),
-    [
-        ("mass_states/added/mass_kg", "/mass_states"),
-        ("config/dbc", "/config"),
-        (f"{RUN}/raw_bus0/data", f"/{RUN}"),
-    ],
-)
-def test_an_edited_value_is_named_with_its_part(path: Path, place: str, part: str) -> None:
-    with h5py.File(path, "r+") as file:
+def _incremented(place: str) -> Callable[[h5py.File], None]:
+    def edit(file: h5py.File) -> None:
         values = file[place][()]
         values.flat[0] += 1
         file[place][...] = values
+
+    return edit
+
+
+@pytest.mark.parametrize(
+    ("edit", "part"),
+    [
+        (_incremented("mass_states/added/mass_kg"), "/mass_states"),
+        (_incremented("config/dbc"), "/config"),
+        (_incremented(f"{RUN}/raw_bus0/data"), f"/{RUN}"),
+        (lambda file: file[f"{HUB}/hub_fl"].attrs.modify("units", "mm/s2"), f"/{RUN}"),
+        (lambda file: file.__delitem__(RUN), "/runs"),
+        (lambda file: file[RUN].attrs.modify("content_sha256", "0" * 64), f"/{RUN}"),
+    ],
+)
+def test_an_edited_value_name_or_attribute_is_named_with_its_part(
+    path: Path, edit: Callable[[h5py.File], None], part: str
+) -> None:
+    with h5py.File(path, "r+") as file:
+        edit(file)
     _refused(path, f"{part} was changed or damaged")
+    assert _errors(path)
 
 
 def test_results_beside_a_session_do_not_change_it(path: Path) -> None:
@@ -224,21 +237,6 @@ def test_what_is_no_session_is_refused(tmp_path: Path, path: Path) -> None:
         "pipe.h5": "is not a regular file",
     }.items():
         _refused(tmp_path / name, what)
-
-
-@pytest.mark.parametrize(
-    "edit",
-    [
-        lambda file: file[f"{HUB}/hub_fl"].attrs.modify("units", "mm/s2"),
-        lambda file: file.__delitem__(RUN),
-        lambda file: file[RUN].attrs.modify("content_sha256", "0" * 64),
-    ],
-)
-def test_names_attributes_and_runs_count(path: Path, edit: Callable[[h5py.File], None]) -> None:
-    with h5py.File(path, "r+") as file:
-        edit(file)
-    _refused(path, "was changed or damaged")
-    assert _errors(path)
 
 
 # What breaks the schema in a file of an older or another program ----------------------------------
