@@ -65,6 +65,13 @@ def pty_pair() -> Iterator[tuple[str, str]]:
 # A device on a bus that can be broken and repaired, behind python-can's own base class ----------
 
 
+def parse_error(text: str = "could not unpack received message") -> Exception:
+    """Return what a backend raises on bytes that are no frame: a parser's error behind its own."""
+    error = can.CanOperationError(text)
+    error.__cause__ = UnicodeDecodeError("utf-8", b"\xff", 0, 1, "invalid start byte")
+    return error
+
+
 @dataclass
 class Device:
     """An adapter that fails as it is set to."""
@@ -87,7 +94,7 @@ class SickBus(can.BusABC):
     def __init__(self, device: Device) -> None:
         super().__init__("sick")
         self.device = device
-        self.deaf = False
+        self.deaf = self.closed = False
         self.waits: list[float | None] = []
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
@@ -109,6 +116,7 @@ class SickBus(can.BusABC):
 
     def shutdown(self) -> None:
         super().shutdown()
+        self.closed = True
         if self.device.fault is not None:
             raise self.device.fault
 

@@ -8,7 +8,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daq.channels import Channel, Quantity
 from daq.runs import Event, Excitation, Losses, Run, RunStatus, SampleGroup
@@ -25,44 +24,18 @@ from daq.vehicle import (
     Vehicle,
     VehicleGeometry,
 )
-from dbc.frames import FrameBatch, FrameFlag
+from dbc.frames import FrameBatch
+
+from .formats.mixed import batch_of, mixed
 
 START_NS = 1_700_000_000_123_456_789
-_FD_LENGTHS = np.array([0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64])
 
 
 def mixed_frames(n: int, seed: int = 1) -> FrameBatch:
     """Frames of two buses: standard, extended, FD with BRS and ESI, remote, error, transmitted."""
-    rng = np.random.default_rng(seed)
-
-    def some(share: float) -> NDArray[np.bool_]:
-        return np.asarray(rng.random(n) < share)
-
-    extended, kind = some(0.4), rng.integers(0, 4, n)
-    fd, remote, error = kind == 1, kind == 2, kind == 3
-    flags = np.zeros(n, np.uint16)
-    marks = {
-        FrameFlag.EXTENDED: extended,
-        FrameFlag.REMOTE: remote,
-        FrameFlag.ERROR: error,
-        FrameFlag.FD: fd,
-        FrameFlag.BITRATE_SWITCH: fd & some(0.5),
-        FrameFlag.ERROR_STATE: fd & some(0.3),
-        FrameFlag.TRANSMITTED: some(0.2),
-    }
-    for flag, mark in marks.items():
-        flags |= mark * np.uint16(flag)
-    length = np.where(fd, rng.choice(_FD_LENGTHS, n), rng.integers(0, 9, n)).astype(np.uint8)
-    data = rng.integers(0, 256, (n, 64)).astype(np.uint8)
-    data[np.arange(64) >= np.where(remote, 0, length)[:, np.newaxis]] = 0
-    return FrameBatch(
-        START_NS + np.cumsum(rng.integers(1, 400_000, n)),
-        rng.integers(0, np.where(extended | error, 1 << 29, 1 << 11)).astype(np.uint32),
-        flags,
-        rng.integers(0, 2, n).astype(np.uint8),
-        length,
-        data,
-    )
+    frames, rng = batch_of(mixed(n, seed)), np.random.default_rng(seed)
+    t_ns = START_NS + np.cumsum(rng.integers(1, 400_000, n))
+    return replace(frames, t_ns=t_ns, bus=frames.bus % 2)
 
 
 def small_run(repeat: int, frames: FrameBatch) -> Run:

@@ -17,8 +17,8 @@ from daq.bus.socketcan import FrameBuffers, SocketCanSource
 from daq.bus.source import FrameSource, HopLosses, Link, SteadyClock
 from dbc import FrameBatch
 
-from ..adapters import Device, opener
-from ..watched_bench import FOREIGN_ID, START_NS, WatchedBench
+from ..adapters import Device, opener, parse_error
+from ..watched_bench import FOREIGN_ID, WatchedBench
 
 HEALTHY_TURNS, FAULTY_TURNS = 4, 20
 NAMED_WITHIN_S, OVER_WITHIN_S = 1.2, 5.0
@@ -71,30 +71,13 @@ class TwoBuses:
 
 
 def message(bench: WatchedBench, **other: Any) -> can.Message:
-    fields = {"is_extended_id": False, "data": bytes(8), "timestamp": bench.t_ns * 1e-9, **other}
-    return can.Message(arbitration_id=FOREIGN_ID, **fields)
-
-
-def impossible(**fields: Any) -> can.Message:
-    made = can.Message(arbitration_id=FOREIGN_ID, is_extended_id=False, data=bytes(8))
-    made.timestamp = START_NS * 1e-9
-    for name, value in fields.items():
-        setattr(made, name, value)
-    return made
+    fields = {"arbitration_id": FOREIGN_ID, "is_extended_id": False, "data": bytes(8), **other}
+    return can.Message(timestamp=bench.t_ns * 1e-9, **fields)
 
 
 def error_frame(bench: WatchedBench, error_class: int) -> can.Message:
     """Return an error frame as python-can's socketcan hands it out."""
-    return can.Message(
-        timestamp=bench.t_ns * 1e-9, arbitration_id=error_class, is_error_frame=True, data=bytes(8)
-    )
-
-
-def parse_error() -> Exception:
-    """python-can's slcan on a byte that is no UTF-8: a parser's exception behind a CanError."""
-    error = can.CanOperationError("Could not read from serial device")
-    error.__cause__ = UnicodeDecodeError("utf-8", b"\xff", 0, 1, "invalid start byte")
-    return error
+    return message(bench, arbitration_id=error_class, is_error_frame=True)
 
 
 @dataclass(frozen=True)
@@ -137,7 +120,7 @@ SICKNESSES = {
         "garbled", each_turn=lambda b: [parse_error(), message(b)], count=FAULTY_TURNS
     ),
     "length code 9": Sickness(
-        "garbled", each_turn=lambda b: [message(b), impossible(dlc=9)], count=FAULTY_TURNS
+        "garbled", each_turn=lambda b: [message(b), message(b, dlc=9)], count=FAULTY_TURNS
     ),
     "error frames only": Sickness("check_bitrate", each_turn=lambda b: [error_frame(b, 0x88)]),
 }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import socket
 import time
+from collections import deque
 from collections.abc import Callable
 from typing import Any
 
@@ -22,48 +23,28 @@ from daq.bus.interfaces import (
 from daq.bus.source import BusError, FrameSource, wire_bits
 from dbc.frames import FrameBatch, FrameFlag
 
-from ..adapters import own_group
+from ..adapters import Device, SickBus, own_group, parse_error
 
 NOW_NS = 1_800_000_000_123_456_789
 GROUP, OTHER_GROUP = own_group(74), own_group(75)
 
 
-class ScriptedBus(can.BusABC):
-    """A bus that returns or raises what the script says, then nothing any more."""
-
-    def __init__(self, *script: can.Message | Exception | None) -> None:
-        super().__init__("scripted")
-        self.script = list(script)
-        self.waits: list[float | None] = []
-
-    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-        self.waits.append(timeout)
-        item = self.script.pop(0) if self.script else None
-        if isinstance(item, Exception):
-            raise item
-        return item, False
-
-    def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Buses are only listened to."""
+def scripted(*script: can.Message | Exception) -> SickBus:
+    """Return a bus that hands out or raises what the script says, then nothing any more."""
+    return SickBus(Device(sent=deque(script)))
 
 
 def source_on(bus: can.BusABC, gather_s: float = 0.0) -> PythonCanSource:
     return PythonCanSource(bus, "scripted 0", 2, gather_s, lambda: NOW_NS)
 
 
-def source_of(*script: can.Message | Exception | None, gather_s: float = 0.0) -> PythonCanSource:
-    return source_on(ScriptedBus(*script), gather_s)
+def source_of(*script: can.Message | Exception) -> PythonCanSource:
+    return source_on(scripted(*script))
 
 
 def frame(can_id: Any = 0x100, **other: Any) -> can.Message:
     fields = {"timestamp": NOW_NS * 1e-9, "is_extended_id": False, "data": b"\1\2", **other}
     return can.Message(arbitration_id=can_id, **fields)
-
-
-def parse_error() -> Exception:
-    error = can.CanOperationError("could not unpack received message")
-    error.__cause__ = ValueError("bad")
-    return error
 
 
 def read_until(source: FrameSource, count: int, deadline_s: float = 10.0) -> FrameBatch:
@@ -254,7 +235,7 @@ def test_a_bus_that_cannot_be_opened_is_one_line_with_advice(
 
 
 def test_what_gathered_unread_is_read_without_a_wait_by_the_wall_clock() -> None:
-    bus = ScriptedBus(*[frame(i) for i in range(5)])
+    bus = scripted(*[frame(i) for i in range(5)])
     source = source_on(bus, gather_s=0.02)
     began_s = time.monotonic()
     assert list(source.read(0.1).can_id) == list(range(5))
@@ -263,21 +244,10 @@ def test_what_gathered_unread_is_read_without_a_wait_by_the_wall_clock() -> None
     assert set(bus.waits) == {0.0}
 
 
-class LostBus(ScriptedBus):
-    """A bus whose device was pulled out."""
-
-    shut = False
-
-    def shutdown(self) -> None:
-        super().shutdown()
-        self.shut = True
-        raise OSError("no such device")
-
-
 def test_closing_a_lost_device_raises_nothing() -> None:
-    bus = LostBus()
+    bus = SickBus(Device(fault=OSError("no such device")))
     source_on(bus).close()
-    assert bus.shut
+    assert bus.closed
 
 
 # What each interface of python-can is opened with, and the one line where it cannot be ----------

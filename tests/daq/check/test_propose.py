@@ -374,20 +374,6 @@ def test_without_pushes_forward_is_asked_and_with_pushes_that_show_nothing_so_is
         assert (pot.corner, pot.is_proven, pot.ask) == (Corner.FRONT_LEFT, False, "")
 
 
-def test_pushes_show_how_an_imu_is_turned() -> None:
-    """Its y axis points forward: it turns about x as the nose goes down, backwards."""
-    traces = {
-        "Rate.GyrY": trace([-1.0, 1.0, -1.0, 1.0]),  # roll: down on the left is negative
-        "Rate.GyrX": trace([-1.0, -1.0, 1.0, 1.0]),  # pitch about -x: nose down is positive
-    }
-    found = device(traces)
-    roll, pitch = found["Rate.GyrY"], found["Rate.GyrX"]
-    assert (roll.quantity, roll.sign, roll.ask) == (Quantity.ROLL_RATE, 1, "")
-    assert (pitch.quantity, pitch.sign, pitch.ask) == (Quantity.PITCH_RATE, -1, "")
-    assert roll.is_proven
-    assert pitch.is_proven
-
-
 @pytest.mark.parametrize(
     ("heights", "corner", "sign", "ask"),
     [
