@@ -38,7 +38,7 @@ class CounterSteps:
     restarted: NDArray[np.bool_]
     """True where the sensor began to count again (more frames than can have been sent in the time),
     or paused, shape (n - 1,).  `step` then follows from the time, and is at least 1."""
-    late_s: float
+    last_delay_s: float
     """Delay of the last frame compared with the most punctual one, s."""
 
     @property
@@ -52,51 +52,52 @@ def counter_steps(
     modulus: int,
     t_ns: NDArray[np.int64],
     cycle_s: float | None,
-    late_s: float = 0.0,
+    delay_before_s: float = 0.0,
 ) -> CounterSteps:
-    """Return the numbers of frames sent between neighbours.
+    """Return the numbers of frames that a sensor sent between neighbouring received ones.
 
     `counter`, (n,) int64, n > 0: values of the rolling counter, 0..modulus - 1.  `modulus`: its
     range.  `t_ns`, (n,) int64: arrival of the frames.  `cycle_s`: nominal time between two frames.
-    Without it complete wraps and restarts are not detected.  `late_s`: `CounterSteps.late_s` of the
-    block that ended with the first frame of this one.
+    Without it complete wraps and restarts are not detected.  `delay_before_s`: `last_delay_s` of
+    the block that ended with the first frame of this one.
     """
     step = (counter[1:] - counter[:-1]) % modulus
     if cycle_s is None or not len(step):
-        return CounterSteps(step, np.zeros(len(step), bool), late_s)
-    arrival = (t_ns - t_ns[0]) * 1e-9 / cycle_s  # in cycles, as all times below
-    late_before = late_s / cycle_s
-    # The latest time at which each can have been sent: each later frame took at least this time.
-    least = np.arange(len(arrival)) * FASTEST
-    latest = np.minimum.accumulate((arrival - least)[::-1])[::-1] + least
-    elapsed = latest[1:] - latest[:-1]
-    drift = (1 - FASTEST) * float(arrival[-1])  # of a sensor slower than nominal: that is not late
-    if step.min() == step.max() == 1 and elapsed.max() <= modulus / 2:  # the usual case, quickly
-        phase = latest - np.arange(len(latest))
-        late_last = float(phase[-1]) - min(float(phase.min()), float(phase[0]) - late_before)
+        return CounterSteps(step, np.zeros(len(step), bool), delay_before_s)
+    arrival_cycles = (t_ns - t_ns[0]) * 1e-9 / cycle_s  # in cycles, as all times below
+    delay_before = delay_before_s / cycle_s
+    # The latest time at which each frame can have been sent: before all later ones arrived, which
+    # followed it at the shortest cycle.
+    shortest = np.arange(len(arrival_cycles)) * FASTEST
+    sent_cycles = np.minimum.accumulate((arrival_cycles - shortest)[::-1])[::-1] + shortest
+    elapsed_cycles = sent_cycles[1:] - sent_cycles[:-1]
+    largest_drift = (1 - FASTEST) * float(arrival_cycles[-1])  # of a slow sensor: no delay
+    if step.min() == step.max() == 1 and elapsed_cycles.max() <= modulus / 2:  # the usual case
+        phase = sent_cycles - np.arange(len(sent_cycles))
+        last_delay = float(phase[-1]) - min(float(phase.min()), float(phase[0]) - delay_before)
         restarted = np.zeros(len(step), bool)
-        return CounterSteps(step, restarted, max(late_last - drift, 0.0) * cycle_s)
-    wraps = np.maximum(np.rint((elapsed - step) / modulus), 0).astype(np.int64)
+        return CounterSteps(step, restarted, max(last_delay - largest_drift, 0.0) * cycle_s)
+    wraps = np.maximum(np.rint((elapsed_cycles - step) / modulus), 0).astype(np.int64)
     # Time without a frame, s, from which a counter that continues where it stopped means that the
     # sender paused: it is far less likely that exactly a multiple of its range was lost.
-    paused = (step == 1) & (wraps > 0) & (elapsed * cycle_s >= 1.0)
+    paused = (step == 1) & (wraps > 0) & (elapsed_cycles * cycle_s >= 1.0)
     step = step + modulus * wraps
-    late = _lateness(latest, step, late_before)
+    delay = _delays(sent_cycles, step, delay_before)
     # A counter may be two frames ahead of the time without a restart.
-    restarted = paused | (step > elapsed + late[:-1] + 2.0)
+    restarted = paused | (step > elapsed_cycles + delay[:-1] + 2.0)
     if np.any(restarted):
-        by_time = np.maximum(np.rint(elapsed), 1).astype(np.int64)
-        step = np.where(restarted, by_time, step)
-        late = _lateness(latest, step, late_before)
-    return CounterSteps(step, restarted, max(float(late[-1]) - drift, 0.0) * cycle_s)
+        steps_by_time = np.maximum(np.rint(elapsed_cycles), 1).astype(np.int64)
+        step = np.where(restarted, steps_by_time, step)
+        delay = _delays(sent_cycles, step, delay_before)
+    return CounterSteps(step, restarted, max(float(delay[-1]) - largest_drift, 0.0) * cycle_s)
 
 
-def _lateness(
-    sent: NDArray[np.float64], step: NDArray[np.int64], late_before: float
+def _delays(
+    sent_cycles: NDArray[np.float64], step: NDArray[np.int64], delay_before: float
 ) -> NDArray[np.float64]:
     """Return the delays of frames after the most punctual one until then, (n,); all in cycles."""
-    phase = sent - np.concatenate([[0], np.cumsum(step)])
-    most_punctual = np.minimum(np.minimum.accumulate(phase), phase[0] - late_before)
+    phase = sent_cycles - np.concatenate([[0], np.cumsum(step)])
+    most_punctual = np.minimum(np.minimum.accumulate(phase), phase[0] - delay_before)
     return np.asarray(phase - most_punctual)
 
 
@@ -162,10 +163,10 @@ def sensor_times(
         return arrival_times(t_ns, t0_ns)
     index: NDArray[np.float64] = np.cumsum(step).astype(np.float64)
     arrival_s = np.asarray((t_ns - t0_ns) * 1e-9, np.float64)
-    return _between_restarts(index, arrival_s, step, steps.restarted, cycle_s)
+    return _times_between_restarts(index, arrival_s, step, steps.restarted, cycle_s)
 
 
-def _between_restarts(
+def _times_between_restarts(
     sensor_time: NDArray[np.float64],
     arrival_s: NDArray[np.float64],
     step: NDArray[np.int64],
@@ -176,12 +177,12 @@ def _between_restarts(
 
     `sensor_time`, (n,): number of the sample, or the sensor's own time, in units of `unit_s`.
     """
-    fresh = step > 0
+    is_sample = step > 0
     time_s = np.full(len(arrival_s), np.nan)
     for part in np.split(np.arange(len(arrival_s)), np.flatnonzero(restarted) + 1):
-        rows = part[fresh[part]]
-        time_s[rows] = _fitted(sensor_time[rows], arrival_s[rows], unit_s)
-    time_s[fresh] = _increasing(time_s[fresh])
+        rows = part[is_sample[part]]
+        time_s[rows] = _fitted_times(sensor_time[rows], arrival_s[rows], unit_s)
+    time_s[is_sample] = _increasing(time_s[is_sample])
     return SensorTimes(time_s, step)
 
 
@@ -205,13 +206,13 @@ def even_times(t_ns: NDArray[np.int64], t0_ns: int) -> SensorTimes:
     # sixteenth too fast and of which every sixteenth frame is missing; the mean of the gaps in
     # which no frame is missing does not.
     mean_s = float(np.mean(gap_s[gap_s < 1.5 * median_s]))
-    tried = [_punctual_ticks(arrival_s, rough_s) for rough_s in (median_s, mean_s)]
-    explaining = [ticks for ticks in (*tried, _all_ticks(arrival_s)) if ticks is not None]
-    best = min(explaining, key=lambda ticks: ticks.unlikeliness, default=None)
+    punctual = [_punctual_ticks(arrival_s, rough_s) for rough_s in (median_s, mean_s)]
+    clocks = [clock for clock in (*punctual, _consecutive_ticks(arrival_s)) if clock is not None]
+    best = min(clocks, key=lambda clock: clock.unlikeliness, default=None)
     if best is None:
         return arrival_times(t_ns, t0_ns)
     step = np.concatenate([[1], np.diff(best.index)]).astype(np.int64)
-    return SensorTimes(_increasing(_fitted(best.index, arrival_s, best.cycle_s)), step)
+    return SensorTimes(_increasing(_fitted_times(best.index, arrival_s, best.cycle_s)), step)
 
 
 @dataclass(frozen=True, slots=True)
@@ -247,9 +248,9 @@ def _punctual_ticks(arrival_s: NDArray[np.float64], rough_s: float) -> _Ticks | 
     gaps = np.flatnonzero(np.diff(index) > 1)
     # Delay, in cycles, that some frames of each stretch must not exceed if the frames follow the
     # clock.
-    follows = _latest_stretch_s(late_s) < 0.25 * cycle_s
+    follows_clock = _least_delay_of_latest_stretch_s(late_s) < 0.25 * cycle_s
     # Share of frames after a gap, from which the assumed clock may be twice too fast.
-    if too_late or not follows or len(gaps) > 0.1 * len(index):
+    if too_late or not follows_clock or len(gaps) > 0.1 * len(index):
         return None
     return _Ticks(index, late_s, cycle_s)
 
@@ -257,31 +258,32 @@ def _punctual_ticks(arrival_s: NDArray[np.float64], rough_s: float) -> _Ticks | 
 def _ticks(
     arrival_s: NDArray[np.float64], rough_s: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-    """Return the tick of an even clock that sent each frame and its delay, s, (n,); and the cycle.
+    """Return the tick of each frame and the delay after it, s, both (n,); and the cycle, s.
 
     The median gap is wrong by a part of the scatter, so the clock is fitted to the first frames and
     then to a quarter more frames in each step.  A frame that seems to come after the next tick was
     sent before this tick if a later frame was: frames of one message do not overtake each other.
     """
-    n, cycle_s = _FEWEST, rough_s
+    n_fitted, cycle_s = _FEWEST, rough_s
     since_s = arrival_s - arrival_s[0]
-    start_s = float(np.min(since_s[:n] - cycle_s * np.rint(since_s[:n] / cycle_s)))
+    start_s = float(np.min(since_s[:n_fitted] - cycle_s * np.rint(since_s[:n_fitted] / cycle_s)))
     while True:
-        part_s = since_s[:n]
-        count = np.arange(len(part_s))
-        # Cycles by which a frame may come before its tick, within the accuracy of the tick.
-        missing = np.floor((part_s - start_s) / cycle_s + 0.2) - count
-        index = np.asarray(np.minimum.accumulate(missing[::-1])[::-1] + count, np.float64)
+        first_s = since_s[:n_fitted]
+        count = np.arange(len(first_s))
+        # Number of ticks without a frame before each.  A frame may seem to come up to 0.2 cycles
+        # before its tick, within the accuracy of the tick.
+        skipped = np.floor((first_s - start_s) / cycle_s + 0.2) - count
+        index = np.asarray(np.minimum.accumulate(skipped[::-1])[::-1] + count, np.float64)
         middle = float(index.mean())
-        k = np.asarray(index - middle, np.float64)
-        middle_s, cycle_s = lower_line(k, part_s, cycle_s, LARGEST_TOLERANCE)
+        from_middle = np.asarray(index - middle, np.float64)
+        middle_s, cycle_s = lower_line(from_middle, first_s, cycle_s, LARGEST_TOLERANCE)
         start_s = middle_s - cycle_s * middle
-        if n >= len(since_s):
-            return index, np.asarray(part_s - start_s - cycle_s * index, np.float64), cycle_s
-        n += n // 4
+        if n_fitted >= len(since_s):
+            return index, np.asarray(first_s - start_s - cycle_s * index, np.float64), cycle_s
+        n_fitted += n_fitted // 4
 
 
-def _all_ticks(arrival_s: NDArray[np.float64]) -> _Ticks | None:
+def _consecutive_ticks(arrival_s: NDArray[np.float64]) -> _Ticks | None:
     """Return the tick of each frame and the cycle, if a frame for each tick explains the arrivals.
 
     Then some of any 20 to 40 consecutive frames are punctual; after a missing frame all would be
@@ -291,21 +293,21 @@ def _all_ticks(arrival_s: NDArray[np.float64]) -> _Ticks | None:
     # The first and the last frame may be late by several cycles, which changes their distance.
     since_s = arrival_s - arrival_s[0]
     rough_s = float(since_s[-1]) / (len(since_s) - 1)
-    at_once = np.diff(arrival_s) < _PUNCTUAL_SHARE * rough_s
+    is_at_once = np.diff(arrival_s) < _PUNCTUAL_SHARE * rough_s
     # Share of frames at the same time as the previous one, from which the reader takes blocks.
-    if not rough_s > 0.0 or np.mean(at_once) > 0.25:
+    if not rough_s > 0.0 or np.mean(is_at_once) > 0.25:
         return None
     index: NDArray[np.float64] = np.arange(len(since_s), dtype=np.float64)
-    k = index - index.mean()
-    middle_s, cycle_s = lower_line(k, since_s, rough_s, LARGEST_TOLERANCE)
-    late_s = since_s - middle_s - cycle_s * k
-    if _latest_stretch_s(late_s) >= _PUNCTUAL_SHARE * cycle_s:
+    from_middle = index - index.mean()
+    middle_s, cycle_s = lower_line(from_middle, since_s, rough_s, LARGEST_TOLERANCE)
+    late_s = since_s - middle_s - cycle_s * from_middle
+    if _least_delay_of_latest_stretch_s(late_s) >= _PUNCTUAL_SHARE * cycle_s:
         return None
     return _Ticks(index, late_s, cycle_s)
 
 
-def _latest_stretch_s(late_s: NDArray[np.float64]) -> float:
-    """Return the largest delay, s, of the most punctual of 20 to 40 consecutive frames.
+def _least_delay_of_latest_stretch_s(late_s: NDArray[np.float64]) -> float:
+    """Return the least delay in each stretch of 20 to 40 frames, s, of the latest stretch.
 
     If one frame has a wrong tick, all later frames have one too, and are later than those before.
     """
@@ -332,19 +334,19 @@ def stamped_times(
     elapsed_s: NDArray[np.float64] = np.diff(arrival_s)
     gap_s += wrap_s * np.maximum(np.rint((elapsed_s - gap_s) / wrap_s), 0)  # complete wraps
     restarted = _restarts(gap_s, elapsed_s, arrival_s)
-    usual_s = gap_s[(gap_s > 0) & ~restarted]
-    if len(usual_s) < len(gap_s) / 3:  # two thirds of the frames repeat a stamp
+    spacing_s = gap_s[(gap_s > 0) & ~restarted]
+    if len(spacing_s) < len(gap_s) / 3:  # two thirds of the frames repeat a stamp
         return arrival_times(t_ns, t0_ns)
     rate = float(np.sum(elapsed_s[~restarted]) / np.sum(gap_s[~restarted]))
     if not _BELIEVED_RATE[0] < rate < _BELIEVED_RATE[1]:
         return arrival_times(t_ns, t0_ns)
     # A microsecond around a restart, so that the times of samples increase.
     gap_s = np.where(restarted, np.maximum(elapsed_s, 1e-6), gap_s)
-    cycle_s = float(np.median(usual_s))
+    cycle_s = float(np.median(spacing_s))
     step = np.where(gap_s > 0, np.maximum(np.rint(gap_s / cycle_s), 1), 0).astype(np.int64)
     step = np.concatenate([[1], step])
     sensor_s = np.concatenate([[0.0], np.cumsum(gap_s)])
-    return _between_restarts(sensor_s, arrival_s, step, restarted, unit_s=1.0)
+    return _times_between_restarts(sensor_s, arrival_s, step, restarted, unit_s=1.0)
 
 
 def _restarts(
@@ -361,40 +363,45 @@ def _restarts(
     # A restart may be between two frames whose stamps and arrivals differ by more than this time,
     # and by more than this share of the time between them.
     threshold_s = 0.05 + 0.05 * elapsed_s
-    delay_s = np.concatenate([[0.0], np.cumsum(elapsed_s - gap_s)])  # compared with the first frame
-    first = 0  # since the last restart; delays before it cannot be compared with those after it
+    delay_s = np.concatenate([[0.0], np.cumsum(elapsed_s - gap_s)])  # after that of the first frame
+    first_comparable = 0  # frame after the last restart, across which delays cannot be compared
     for i in np.flatnonzero(np.abs(elapsed_s - gap_s) > threshold_s).tolist():
-        start = max(first, int(np.searchsorted(arrival_s, arrival_s[i] - _WINDOW_S)))
-        stop = int(np.searchsorted(arrival_s, arrival_s[i + 1] + _WINDOW_S, "right"))
-        shift_s = float(np.min(delay_s[i + 1 : stop]) - np.min(delay_s[start : i + 1]))
+        begin = max(first_comparable, int(np.searchsorted(arrival_s, arrival_s[i] - _WINDOW_S)))
+        end = int(np.searchsorted(arrival_s, arrival_s[i + 1] + _WINDOW_S, "right"))
+        shift_s = float(np.min(delay_s[i + 1 : end]) - np.min(delay_s[begin : i + 1]))
         if abs(shift_s) > threshold_s[i]:
             restarted[i] = True
-            first = i + 1
+            first_comparable = i + 1
     return restarted
 
 
-def _fitted(
+def _fitted_times(
     sensor_time: NDArray[np.float64], arrival_s: NDArray[np.float64], unit_s: float
 ) -> NDArray[np.float64]:
-    """Return the times of one part, s, from the line below its arrivals; for few, the arrivals."""
+    """Return the times of the samples of one part, s, (n,); of fewer than 20, their arrivals.
+
+    They lie on the line below the arrivals, or on that of least squares if the stamps are noisy and
+    not late.  `sensor_time`: as in `_times_between_restarts`, increasing.
+    """
     if len(sensor_time) < _FEWEST:
         return arrival_s
-    k = sensor_time - sensor_time.mean()
+    from_middle = sensor_time - sensor_time.mean()
     origin_s = arrival_s[0]
     since_s = arrival_s - origin_s
-    middle_s, rate = lower_line(k, since_s, unit_s, NOMINAL_TOLERANCE)
-    if abs(rate / unit_s - 1) > 0.999 * NOMINAL_TOLERANCE:  # at the limit; else the same line
-        free_s, free_rate = lower_line(k, since_s, unit_s, LARGEST_TOLERANCE)
-        if np.mean(since_s) - middle_s > 2 * (np.mean(since_s) - free_s):  # k has mean 0
-            middle_s, rate = free_s, free_rate
-    delay_s = since_s - rate * k  # from any origin: only its scatter counts
+    middle_s, rate = lower_line(from_middle, since_s, unit_s, NOMINAL_TOLERANCE)
+    if abs(rate / unit_s - 1) > 0.999 * NOMINAL_TOLERANCE:  # else wider limits change nothing
+        wide_middle_s, wide_rate = lower_line(from_middle, since_s, unit_s, LARGEST_TOLERANCE)
+        # Believed only if it halves the mean delay, which is this because `from_middle` has mean 0.
+        if np.mean(since_s) - middle_s > 2 * (np.mean(since_s) - wide_middle_s):
+            middle_s, rate = wide_middle_s, wide_rate
+    delay_s = since_s - rate * from_middle  # from any origin: only its scatter counts
     low_s, median_s, high_s = np.quantile(delay_s, [0.25, 0.5, 0.75]).tolist()
     # Distance of quartiles, s, below which the scatter is the noise of a stamping clock and not
     # delays.
     if high_s - low_s < 15e-6:
-        usual = np.abs(delay_s - median_s) <= max(_OUTLIER * (high_s - low_s), _LEAST_OUTLIER_S)
-        rate, middle_s = np.polyfit(k[usual], since_s[usual], 1).tolist()
-    return np.asarray(origin_s + middle_s + rate * k)
+        is_usual = np.abs(delay_s - median_s) <= max(_OUTLIER * (high_s - low_s), _LEAST_OUTLIER_S)
+        rate, middle_s = np.polyfit(from_middle[is_usual], since_s[is_usual], 1).tolist()
+    return np.asarray(origin_s + middle_s + rate * from_middle)
 
 
 def lower_line(
@@ -411,24 +418,25 @@ def lower_line(
     `tolerance`: the slope is kept within ``cycle_s (1 +- tolerance)``.  Returns start and slope of
     the line ``start + slope k``.
     """
-    slowest, fastest = cycle_s * (1 + tolerance), cycle_s * (1 - tolerance)
-    before, after = int(np.argmin(y - fastest * k)), int(np.argmin(y - slowest * k))
-    if k[before] >= 0:
-        return float(y[before] - fastest * k[before]), fastest
-    if k[after] <= 0:
-        return float(y[after] - slowest * k[after]), slowest
+    largest_slope, smallest_slope = cycle_s * (1 + tolerance), cycle_s * (1 - tolerance)
+    before_mean = int(np.argmin(y - smallest_slope * k))
+    after_mean = int(np.argmin(y - largest_slope * k))
+    if k[before_mean] >= 0:
+        return float(y[before_mean] - smallest_slope * k[before_mean]), smallest_slope
+    if k[after_mean] <= 0:
+        return float(y[after_mean] - largest_slope * k[after_mean]), largest_slope
     while True:
-        slope = float((y[after] - y[before]) / (k[after] - k[before]))
+        slope = float((y[after_mean] - y[before_mean]) / (k[after_mean] - k[before_mean]))
         height = y - slope * k
         lowest = int(np.argmin(height))
         # Points on one line differ by rounding, and each would in turn be the lowest, without end.
         # Difference, s, below which two heights above a line count as equal.
-        if height[lowest] >= min(height[before], height[after]) - 1e-12:
+        if height[lowest] >= min(height[before_mean], height[after_mean]) - 1e-12:
             return float(height[lowest]), slope
         if k[lowest] < 0:
-            before = lowest
+            before_mean = lowest
         else:
-            after = lowest
+            after_mean = lowest
 
 
 def _increasing(time_s: NDArray[np.float64]) -> NDArray[np.float64]:

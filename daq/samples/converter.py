@@ -32,28 +32,29 @@ def flat_tops(value: NDArray[np.float64]) -> tuple[tuple[int, int], ...]:
     `value`, (n,) float64: one channel of one run, evenly sampled, in any unit; finite.
     """
     change = np.flatnonzero(np.diff(value))
-    first, stop = change[:-1] + 1, change[1:] + 1  # of each plateau with a step on either side
-    if not len(first):
+    first_row, stop_row = change[:-1] + 1, change[1:] + 1  # of plateaus with steps on both sides
+    if not len(first_row):
         return ()
-    low, high = value.min(), value.max()
-    samples = stop - first
-    at_end = (value[first] == low) | (value[first] == high)
-    if not (at_end & (samples > 1)).any():  # true of most channels, which need no sorting
+    lowest, highest = value.min(), value.max()
+    n_samples = stop_row - first_row
+    is_extreme = (value[first_row] == lowest) | (value[first_row] == highest)
+    if not (is_extreme & (n_samples > 1)).any():  # true of most channels, which need no sorting
         return ()
-    steps = np.diff(np.sort(value))
+    sorted_steps = np.diff(np.sort(value))
     # Number of converter steps by which a signal must jump into a flat top and out of it: a
     # parabola that stays within one step for three samples leaves it by three steps, four with
     # rounding.
-    jump = 4.5 * steps[steps > 0.0].min()
-    into, out = np.abs(value[first] - value[first - 1]), np.abs(value[stop] - value[stop - 1])
+    jump = 4.5 * sorted_steps[sorted_steps > 0.0].min()
+    step_in = np.abs(value[first_row] - value[first_row - 1])
+    step_out = np.abs(value[stop_row] - value[stop_row - 1])
     # Rate of repeats of a value reached by a steep step, where nothing is cut (rule of succession).
-    inner = (into > jump) & ~at_end
-    repeats = (np.sum(samples[inner] > 1) + 1) / (np.sum(inner) + 2)
+    is_steep_inside = (step_in > jump) & ~is_extreme
+    repeats = (np.sum(n_samples[is_steep_inside] > 1) + 1) / (np.sum(is_steep_inside) + 2)
     # Probability below which equal samples are not equal by chance: a campaign has about 10,000
     # extremes.
-    unlikely = samples * repeats ** (samples - 1.0) < 1e-6
-    flat = at_end & (np.minimum(into, out) > jump) & unlikely
-    return tuple(zip(first[flat].tolist(), stop[flat].tolist(), strict=True))
+    is_unlikely = n_samples * repeats ** (n_samples - 1.0) < 1e-6
+    is_flat = is_extreme & (np.minimum(step_in, step_out) > jump) & is_unlikely
+    return tuple(zip(first_row[is_flat].tolist(), stop_row[is_flat].tolist(), strict=True))
 
 
 def share_changed(value: NDArray[np.float64]) -> float:
@@ -62,16 +63,17 @@ def share_changed(value: NDArray[np.float64]) -> float:
     return float(np.mean(np.diff(value) != 0.0)) if len(value) >= 20 else float("nan")
 
 
-def is_stuck(equal: int, changes: float = 1.0) -> bool:
+def is_stuck(n_equal: int, share_changing: float = 1.0) -> bool:
     """Return whether a value was held for too many samples.
 
-    `equal`: number of consecutive equal samples.  `changes`: share of samples at which this channel
-    changes when it is healthy, 0..1 (NaN: unknown); 1 for a sensor whose noise is above its steps.
+    `n_equal`: number of consecutive equal samples.  `share_changing`: share of samples at which
+    this channel changes when it is healthy, 0..1 (NaN: unknown); 1 for a sensor whose noise is
+    above its steps.
     """
     # Expected number of changes of value, during a hold, from which a channel counts as stuck. If
     # one sample in two changes, the probability that none of 20 expected changes occurs is below 1
     # to 500 million.
-    return bool(equal * changes >= 20.0)
+    return bool(n_equal * share_changing >= 20.0)
 
 
 def is_fine(quantity: Quantity, unit: str, step: float) -> bool:
@@ -110,13 +112,13 @@ class Hold:
     constant: bool
     """True if the channel has one value in the whole run."""
 
-    def is_frozen(self, changes: float) -> bool:
+    def is_frozen(self, share_changing: float) -> bool:
         """Return whether the hold is too long to be chance.
 
-        `changes`: share of samples at which the channel changes when it is healthy, 0..1; NaN if it
-        is unknown.
+        `share_changing`: share of samples at which the channel changes when it is healthy, 0..1;
+        NaN if it is unknown.
         """
-        return self.length_s >= FROZEN_S and is_stuck(self.last - self.first + 1, changes)
+        return self.length_s >= FROZEN_S and is_stuck(self.last - self.first + 1, share_changing)
 
 
 def longest_hold(
@@ -127,16 +129,17 @@ def longest_hold(
     `time_s`, `value`: its samples, (n,) float64, n at least 1.  `rest_s`, `start_s`: end of the
     rest before the bump and start of the decay, on the axis of `time_s`.
     """
-    last = np.flatnonzero(np.diff(value, append=np.nan) != 0.0)
-    first = np.concatenate([[0], last[:-1] + 1])
-    # After half a second, a coarse sensor may stay at one step of its converter.
-    within = (time_s[last] > start_s) & (time_s[first] < start_s + 0.5)
-    length_s = np.where(within, time_s[last] - time_s[first], 0.0)
-    k = int(length_s.argmax())
+    last_rows = np.flatnonzero(np.diff(value, append=np.nan) != 0.0)
+    first_rows = np.concatenate([[0], last_rows[:-1] + 1])
+    # A hold counts if it reaches into the decay and begins in its first half second: after that, a
+    # coarse sensor may stay at one step of its converter.
+    is_in_decay = (time_s[last_rows] > start_s) & (time_s[first_rows] < start_s + 0.5)
+    length_s = np.where(is_in_decay, time_s[last_rows] - time_s[first_rows], 0.0)
+    longest = int(length_s.argmax())
     return Hold(
-        int(first[k]),
-        int(last[k]),
-        float(length_s[k]),
+        int(first_rows[longest]),
+        int(last_rows[longest]),
+        float(length_s[longest]),
         rest_rate=share_changed(value[time_s < rest_s]),
         decay_rate=share_changed(value[time_s >= start_s]),
         constant=bool(np.all(value == value[0])),
@@ -156,12 +159,12 @@ def longest_hold(
 class CounterHealth:
     """History of one message's counter."""
 
-    last: int
+    last_value: int
     """Last reliable counter value; `_NO_VALUE` before the first."""
     t_ns: int
     """Arrival time of that frame, ns."""
-    late_s: float = 0.0
-    """Delay of that frame, s (`daq.samples.clock`)."""
+    last_delay_s: float = 0.0
+    """Delay of that frame, s (`CounterSteps.last_delay_s`)."""
     unreadable: int = 0
     """Number of frames with a wrong checksum since then."""
     received: int = 0
@@ -198,46 +201,50 @@ def advance(messages: Sequence[MessageLayout], state: HealthState, decoded: Deco
     for message in messages:
         name = f"{message.name}.{message.counter.signal}" if message.counter else ""
         if name in decoded.samples and len(decoded.samples[name].t_ns):
-            counters[message.name] = _count(message, counters.get(message.name), decoded)
+            counters[message.name] = _counter_health(message, counters.get(message.name), decoded)
     block = Losses(**{name: getattr(decoded.counts, name) for name in DecodeCounts.__slots__})
     return HealthState(counters, losses_added(state.counts, block))
 
 
-def _count(message: MessageLayout, before: CounterHealth | None, decoded: Decoded) -> CounterHealth:
+def _counter_health(
+    message: MessageLayout, earlier: CounterHealth | None, decoded: Decoded
+) -> CounterHealth:
     """Return the history of a message's counter after a block with at least one of its frames.
 
     Frames with a wrong checksum between two good ones look missing, and are subtracted.
     """
     assert message.counter is not None  # ensured by the caller
     samples = decoded[f"{message.name}.{message.counter.signal}"]
-    health = before or CounterHealth(_NO_VALUE, 0)
-    good = samples.usable  # mask of the frames whose counter can be read, (n,)
-    received = int(np.count_nonzero(good))
-    unreadable = health.unreadable + len(good) - received
-    is_first = health.last <= _NO_VALUE
+    health = earlier or CounterHealth(_NO_VALUE, 0)
+    is_readable = samples.usable  # mask of the frames whose counter can be read, (n,)
+    received = int(np.count_nonzero(is_readable))
+    unreadable = health.unreadable + len(is_readable) - received
+    is_first = health.last_value <= _NO_VALUE
     if not received:
         return replace(health, unreadable=0 if is_first else unreadable)
-    value, t_ns = samples.value[good].astype(np.int64), samples.t_ns[good]
-    trailing = int(np.argmax(good[::-1]))  # unreadable frames after the last good one
-    between = unreadable - trailing
+    value, t_ns = samples.value[is_readable].astype(np.int64), samples.t_ns[is_readable]
+    unreadable_at_end = int(np.argmax(is_readable[::-1]))  # after the last readable frame
+    unreadable_between = unreadable - unreadable_at_end
     if is_first:
-        between -= int(np.argmax(good))  # those before the first good frame of all
+        unreadable_between -= int(np.argmax(is_readable))  # before the first readable one of all
     else:
-        value = np.concatenate([[health.last], value])
+        value = np.concatenate([[health.last_value], value])
         t_ns = np.concatenate([[health.t_ns], t_ns])
-    steps = counter_steps(value, message.counter.modulus, t_ns, message.cycle_s, health.late_s)
+    steps = counter_steps(
+        value, message.counter.modulus, t_ns, message.cycle_s, health.last_delay_s
+    )
     return CounterHealth(
-        last=int(value[-1]),
+        last_value=int(value[-1]),
         t_ns=int(t_ns[-1]),
-        late_s=steps.late_s,
-        unreadable=trailing,
+        last_delay_s=steps.last_delay_s,
+        unreadable=unreadable_at_end,
         received=health.received + received,
-        missing=health.missing + max(steps.missing - between, 0),
+        missing=health.missing + max(steps.missing - unreadable_between, 0),
         restarts=health.restarts + int(np.count_nonzero(steps.restarted)),
     )
 
 
-def losses_added(first: Losses, second: Losses) -> Losses:
+def losses_added(one_hop: Losses, other_hop: Losses) -> Losses:
     """Return the sum of losses counted at different hops."""
     names = Losses.__slots__
-    return Losses(*(getattr(first, name) + getattr(second, name) for name in names))
+    return Losses(*(getattr(one_hop, name) + getattr(other_hop, name) for name in names))

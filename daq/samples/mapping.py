@@ -223,7 +223,7 @@ def bind(
     rows: NDArray[np.intp],
     t_ns: NDArray[np.int64],
 ) -> Bound:
-    """Find the sample numbers of the frames of a message from the carrier frames around them.
+    """Return the frames of a message with their sample numbers, by the carrier frames around them.
 
     A sensor sends all frames of a sample in one burst, so a frame belongs to the carrier before it
     or, for messages that are sent ahead of the carrier, to the carrier after it: to the one that is
@@ -234,11 +234,11 @@ def bind(
     int64: their arrival, in order.  `rows`, (m,) int: the frames.  `t_ns`, (m,) int64: their
     arrival, in order.
     """
-    behind = np.searchsorted(carrier_ns, t_ns, "right") - 1
-    ahead = np.searchsorted(carrier_ns, t_ns, "left")
-    inside = (behind >= 0) & (ahead < len(carrier_ns))
-    since_ns = t_ns[inside] - carrier_ns[behind[inside]]
-    until_ns = carrier_ns[ahead[inside]] - t_ns[inside]
+    carrier_before = np.searchsorted(carrier_ns, t_ns, "right") - 1
+    carrier_after = np.searchsorted(carrier_ns, t_ns, "left")
+    has_both = (carrier_before >= 0) & (carrier_after < len(carrier_ns))
+    since_ns = t_ns[has_both] - carrier_ns[carrier_before[has_both]]
+    until_ns = carrier_ns[carrier_after[has_both]] - t_ns[has_both]
     if len(since_ns) and np.median(until_ns) < np.median(since_ns):
         # The same search with reversed time.
         rows, numbers = _bind_behind(-number[::-1], -carrier_ns[::-1], rows[::-1], -t_ns[::-1])
@@ -252,19 +252,24 @@ def _bind_behind(
     rows: NDArray[np.intp],
     t_ns: NDArray[np.int64],
 ) -> Bound:
-    """Bind frames to the carrier before them: in order if none is missing, else by time."""
+    """Return frames with their sample numbers, as `bind`, from the carrier before each.
+
+    The frames between two received carriers are counted if none is missing, else placed by time.
+    """
     carrier = np.searchsorted(carrier_ns, t_ns, "right") - 1  # row of the carrier before each
     rows, t_ns, carrier = rows[carrier >= 0], t_ns[carrier >= 0], carrier[carrier >= 0]
-    sent = np.append(np.diff(number), 1)[carrier]  # samples until the next received carrier
-    count = np.bincount(carrier, minlength=len(number))  # frames until the next received carrier
-    rank = np.arange(len(carrier)) - (np.cumsum(count) - count)[carrier]
-    samples = max(int(number[-1] - number[0]), 1)
-    cycle_ns = max(float(carrier_ns[-1] - carrier_ns[0]) / samples, 1.0)
-    # Expected delay of a frame after its carrier, in cycles.
-    by_time = np.rint((t_ns - carrier_ns[carrier]) / cycle_ns - 0.25).astype(np.int64)
-    offset = np.where(count[carrier] == sent, rank, np.clip(by_time, 0, sent - 1))
-    numbers, first = np.unique(number[carrier] + offset, return_index=True)
-    return rows[first], numbers
+    samples_to_next = np.append(np.diff(number), 1)[carrier]  # up to the next received carrier
+    frames_of_carrier = np.bincount(carrier, minlength=len(number))
+    rank = np.arange(len(carrier)) - (np.cumsum(frames_of_carrier) - frames_of_carrier)[carrier]
+    n_samples = max(int(number[-1] - number[0]), 1)
+    cycle_ns = max(float(carrier_ns[-1] - carrier_ns[0]) / n_samples, 1.0)
+    # A frame follows the carrier of its own sample by about a quarter of a cycle.
+    samples_by_time = np.rint((t_ns - carrier_ns[carrier]) / cycle_ns - 0.25).astype(np.int64)
+    is_complete = frames_of_carrier[carrier] == samples_to_next
+    samples_by_time = np.clip(samples_by_time, 0, samples_to_next - 1)
+    samples_after = np.where(is_complete, rank, samples_by_time)
+    numbers, first_of_number = np.unique(number[carrier] + samples_after, return_index=True)
+    return rows[first_of_number], numbers
 
 
 def bind_counted(
@@ -275,25 +280,25 @@ def bind_counted(
     counter: Samples,
     modulus: int,
 ) -> Bound:
-    """Find the sample numbers of a message that also has the carrier's counter.
+    """Return the frames of a message that also has the carrier's counter, with sample numbers.
 
-    Each is that of the carrier nearest in time, plus the shortest way between the two counters.
+    Each number is that of the carrier nearest in time, plus the shortest way between both counters.
 
     `number`, `carrier_value`, `carrier_ns`, (n,) array: sample number, counter and arrival of the
     carrier frames, in order.  `rows`, (m,) int: frames of the message with a readable counter.
     `counter`: of all its frames.  `modulus`: its range.
     """
     t_ns = counter.t_ns[rows]
-    last = len(carrier_ns) - 1
-    ahead = np.clip(np.searchsorted(carrier_ns, t_ns), min(1, last), last)
-    behind = np.maximum(ahead - 1, 0)
-    is_nearer = t_ns - carrier_ns[behind] < carrier_ns[ahead] - t_ns
-    nearest = np.where(is_nearer, behind, ahead)  # row of the carrier nearest in time
-    ahead_by = (counter.value[rows] - carrier_value[nearest]).astype(np.int64)
-    numbers = number[nearest] + (ahead_by + modulus // 2) % modulus - modulus // 2
+    last_carrier = len(carrier_ns) - 1
+    carrier_after = np.clip(np.searchsorted(carrier_ns, t_ns), min(1, last_carrier), last_carrier)
+    carrier_before = np.maximum(carrier_after - 1, 0)
+    is_nearer = t_ns - carrier_ns[carrier_before] < carrier_ns[carrier_after] - t_ns
+    nearest = np.where(is_nearer, carrier_before, carrier_after)  # in time: row of that carrier
+    counter_ahead = (counter.value[rows] - carrier_value[nearest]).astype(np.int64)
+    numbers = number[nearest] + (counter_ahead + modulus // 2) % modulus - modulus // 2
     is_recorded = (numbers >= number[0]) & (numbers <= number[-1])
-    numbers, first = np.unique(numbers[is_recorded], return_index=True)
-    return rows[is_recorded][first], numbers
+    numbers, first_of_number = np.unique(numbers[is_recorded], return_index=True)
+    return rows[is_recorded][first_of_number], numbers
 
 
 # The groups ---------------------------------------------------------------------------------------
@@ -323,7 +328,8 @@ def sample_groups(
 
     `t0_ns`: origin of the times.  No group is empty.
     """
-    names = group_names([m.channel.signal if m.is_multiplexed else m.message.name for m in mapped])
+    sources = [m.channel.signal if m.is_multiplexed else m.message.name for m in mapped]
+    name_in_file = group_names(sources)
     set_of = {  # by message; only sets whose carrier was received
         message: sample_set
         for sample_set in keeping.sets
@@ -331,9 +337,9 @@ def sample_groups(
         for message in sample_set.messages
     }
     members: dict[str, list[MappedChannel]] = {}
-    for m in mapped:
+    for m, source in zip(mapped, sources, strict=True):
         if m.channel.signal in decoded.samples:
-            name = names[m.channel.signal if m.is_multiplexed else m.message.name]
+            name = name_in_file[source]
             if m.message.name in set_of and not m.is_multiplexed:
                 name = set_of[m.message.name].name
             members.setdefault(name, []).append(m)
@@ -362,12 +368,13 @@ def group_names(names: Sequence[str]) -> dict[str, str]:
 def _message_group(
     name: str, channels: Sequence[MappedChannel], decoded: Decoded, keeping: Timekeeping, t0_ns: int
 ) -> SampleGroup:
-    first = channels[0]
-    t_ns = decoded[first.channel.signal].t_ns
-    times = None if first.is_multiplexed else _clock_times(first.message, decoded, keeping, t0_ns)
+    """Return the samples of channels of one message, or those of a multiplexed channel."""
+    message, is_multiplexed = channels[0].message, channels[0].is_multiplexed
+    t_ns = decoded[channels[0].channel.signal].t_ns
+    times = None if is_multiplexed else _clock_times(message, decoded, keeping, t0_ns)
     if times is None:
         rows, quality = np.arange(len(t_ns)), np.zeros(len(t_ns), np.uint8)
-        by_arrival = arrival_times if first.is_multiplexed else even_times
+        by_arrival = arrival_times if is_multiplexed else even_times
         time_s = by_arrival(t_ns, t0_ns).time_s
     else:
         rows, time_s, quality = _all_samples(*times)
@@ -384,38 +391,41 @@ def _clock_times(
     clock, counter = keeping.clocks.get(message.name), message.counter
     if clock is not None:
         samples = decoded[clock.signal]
-        good = np.flatnonzero(samples.usable)
-        stamp_s = samples.value[good] * clock.factor
-        return good, stamped_times(stamp_s, clock.wrap * clock.factor, samples.t_ns[good], t0_ns)
+        clock_rows = np.flatnonzero(samples.usable)
+        stamp_s, t_ns = samples.value[clock_rows] * clock.factor, samples.t_ns[clock_rows]
+        return clock_rows, stamped_times(stamp_s, clock.wrap * clock.factor, t_ns, t0_ns)
     if counter is not None and message.cycle_s is not None:
         samples = decoded[f"{message.name}.{counter.signal}"]
-        good = np.flatnonzero(samples.usable)
-        value, t_ns = samples.value[good].astype(np.int64), samples.t_ns[good]
-        return good, sensor_times(value, counter.modulus, t_ns, message.cycle_s, t0_ns)
+        clock_rows = np.flatnonzero(samples.usable)
+        value, t_ns = samples.value[clock_rows].astype(np.int64), samples.t_ns[clock_rows]
+        return clock_rows, sensor_times(value, counter.modulus, t_ns, message.cycle_s, t0_ns)
     return None
 
 
 def _all_samples(
-    good: NDArray[np.intp], times: SensorTimes
+    clock_rows: NDArray[np.intp], times: SensorTimes
 ) -> tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.uint8]]:
     """Return rows, times, s, and quality of the frames that are samples; each of shape (k,).
+
+    `clock_rows`: rows of the frames with a readable clock.  `times`: of these frames.
 
     A frame with a wrong checksum has no clock: its time is interpolated between its neighbours, and
     at the edge of a run it is left out.  A repeated frame is not a sample.
     """
-    if not len(good):
-        return good, np.zeros(0), np.zeros(0, np.uint8)
-    fresh = times.step > 0
-    timed, time_s, step = good[fresh], times.time_s[fresh], times.step[fresh]
-    first, last = timed[0], timed[-1]
-    is_sample = np.ones(last + 1 - first, bool)  # of the rows from the first to the last timed one
-    repeated = good[~fresh]
-    is_sample[repeated[(repeated > first) & (repeated < last)] - first] = False
-    rows = np.flatnonzero(is_sample) + first
-    place = np.searchsorted(rows, timed)
+    if not len(clock_rows):
+        return clock_rows, np.zeros(0), np.zeros(0, np.uint8)
+    is_new = times.step > 0
+    timed_rows, time_s, step = clock_rows[is_new], times.time_s[is_new], times.step[is_new]
+    first_row, last_row = timed_rows[0], timed_rows[-1]
+    is_sample = np.ones(last_row + 1 - first_row, bool)  # from the first to the last timed row
+    repeated = clock_rows[~is_new]
+    is_sample[repeated[(repeated > first_row) & (repeated < last_row)] - first_row] = False
+    rows = np.flatnonzero(is_sample) + first_row
+    timed_position = np.searchsorted(rows, timed_rows)
     quality = np.zeros(len(rows), np.uint8)
-    quality[place[1:][step[1:] > np.diff(place)]] = Quality.COUNTER_GAP
-    return rows, np.interp(rows, timed, time_s), quality
+    # Where the clock counts more samples than rows since the last timed row, frames are missing.
+    quality[timed_position[1:][step[1:] > np.diff(timed_position)]] = Quality.COUNTER_GAP
+    return rows, np.interp(rows, timed_rows, time_s), quality
 
 
 def _set_group(
@@ -426,13 +436,13 @@ def _set_group(
     t0_ns: int,
 ) -> SampleGroup:
     """Align the messages of a set: row k is sample k, whichever of its frames came."""
-    carrier, signal = sample_set.carrier
+    carrier, counter_signal = sample_set.carrier
     times = _clock_times(keeping.messages[carrier], decoded, keeping, t0_ns)
     assert times is not None  # ensured by bench.sensors.check_sets
-    good, clock = times
-    fresh = clock.step > 0
-    carrier_rows, number = good[fresh], np.cumsum(clock.step)[fresh]
-    carriers = decoded[f"{carrier}.{signal}"]
+    clock_rows, clock = times
+    is_new = clock.step > 0
+    carrier_rows, carrier_number = clock_rows[is_new], np.cumsum(clock.step)[is_new]
+    carriers = decoded[f"{carrier}.{counter_signal}"]
     carrier_ns, carrier_value = carriers.t_ns[carrier_rows], carriers.value[carrier_rows]
     bound: dict[str, Bound] = {}
     for m in channels:
@@ -440,29 +450,45 @@ def _set_group(
         if message.name in bound:
             continue
         if message.name == carrier:
-            bound[message.name] = carrier_rows, number
+            bound[message.name] = carrier_rows, carrier_number
         elif "." not in sample_set.bound_by and message.counter is not None:
-            counter = decoded[f"{message.name}.{signal}"]
+            counter = decoded[f"{message.name}.{counter_signal}"]
             rows, modulus = np.flatnonzero(counter.usable), message.counter.modulus
             bound[message.name] = bind_counted(
-                number, carrier_value, carrier_ns, rows, counter, modulus
+                carrier_number, carrier_value, carrier_ns, rows, counter, modulus
             )
         else:
-            bound[message.name] = bind(number, carrier_ns, np.arange(len(t_ns)), t_ns)
-    numbers = np.unique(np.concatenate([received for _, received in bound.values()]))
-    arrived = np.full(len(numbers), np.iinfo(np.int64).max)
-    quality = np.zeros(len(numbers), np.uint8)
-    quality[1:][np.diff(numbers) > 1] = Quality.COUNTER_GAP
-    values = {m.channel.name: np.full(len(numbers), np.nan) for m in channels}
+            bound[message.name] = bind(carrier_number, carrier_ns, np.arange(len(t_ns)), t_ns)
+    sample_number = np.unique(np.concatenate([numbers for _, numbers in bound.values()]))
+    time_s = np.interp(sample_number, carrier_number, clock.time_s[is_new])
+    return _aligned_group(sample_set.name, channels, decoded, bound, sample_number, time_s)
+
+
+def _aligned_group(
+    name: str,
+    channels: Sequence[MappedChannel],
+    decoded: Decoded,
+    bound: Mapping[str, Bound],
+    sample_number: NDArray[np.int64],
+    time_s: NDArray[np.float64],
+) -> SampleGroup:
+    """Return the channels of a set as columns of one row for each sample number, at its time.
+
+    `bound`: by message.  `sample_number`, (n,): all numbers in it, increasing.
+    """
+    n = len(sample_number)
+    first_arrival_ns = np.full(n, np.iinfo(np.int64).max)
+    quality = np.zeros(n, np.uint8)
+    quality[1:][np.diff(sample_number) > 1] = Quality.COUNTER_GAP
+    values = {m.channel.name: np.full(n, np.nan) for m in channels}
     for m in channels:
-        rows, received = bound[m.message.name]
-        place, samples = np.searchsorted(numbers, received), decoded[m.channel.signal]
-        quality[~np.isin(numbers, received)] |= np.uint8(Quality.MISSING)
-        values[m.channel.name][place] = m.values(samples)[rows]
-        quality[place] |= samples.quality[rows]
-        arrived[place] = np.minimum(arrived[place], samples.t_ns[rows])
-    time_s = np.interp(numbers, number, clock.time_s[fresh])
-    return SampleGroup(sample_set.name, time_s, arrived, values, quality)
+        rows, numbers = bound[m.message.name]
+        position, samples = np.searchsorted(sample_number, numbers), decoded[m.channel.signal]
+        quality[~np.isin(sample_number, numbers)] |= np.uint8(Quality.MISSING)
+        values[m.channel.name][position] = m.values(samples)[rows]
+        quality[position] |= samples.quality[rows]
+        first_arrival_ns[position] = np.minimum(first_arrival_ns[position], samples.t_ns[rows])
+    return SampleGroup(name, time_s, first_arrival_ns, values, quality)
 
 
 def timekeeping(bench: Bench, codec: Codec) -> Timekeeping:

@@ -43,20 +43,21 @@ class ChannelRest:
     quiet_since_ns: int
     """Time of the last sample away from rest (or of the first sample), ns."""
     slot: int
-    first: float
-    level: float = float("nan")
+    first_value: float
+    rest_level: float = float("nan")
     """Value at rest; NaN until a slot is complete."""
     total: float = 0.0
     count: int = 0
     """The present slot: its index, sum and number of samples, and its first value."""
-    side: int = 0
-    """+1 or -1 if the last sample was above or below rest by more than the level, else 0."""
-    side_ns: int = 0
+    last_side: int = 0
+    """+1 or -1 if the last sample was above or below rest by more than `TriggerConfig.level`, else
+    0."""
+    last_ns: int = 0
     """Time stamp of the last sample, ns."""
 
     def rested(self, now_ns: int, since_ns: int, rest_ns: int) -> bool:
         """Return True if the channel has rested for `rest_ns`, counted from `since_ns` or later."""
-        known = not np.isnan(self.level)
+        known = not np.isnan(self.rest_level)
         return known and now_ns - max(self.quiet_since_ns, since_ns) >= rest_ns
 
 
@@ -85,30 +86,30 @@ def advance(
     `bump` at the first of two consecutive samples that leave rest on the same side; `run_end` at
     ``t_bump + post_s`` when the data have passed it; `clock_step` if the time stamps went back.
     """
-    pieces = {
+    finite = {
         name: (t_ns[good], value[good])
         for name, (t_ns, value) in block.items()
         if (good := np.isfinite(value)).any()
     }
-    if not pieces:
+    if not finite:
         return state, ()
     events: list[Event] = []
-    latest = max(int(t_ns[-1]) for t_ns, _ in pieces.values())
+    latest = max(int(t_ns[-1]) for t_ns, _ in finite.values())
     # Stamps that go back by more than a second mean that a clock was set, and not late frames.
     if state.now_ns is not None and latest < state.now_ns - 1_000_000_000:
         events.append(Event(latest, CLOCK_STEP, (latest - state.now_ns) * 1e-9))
         state = TriggerState()
     if not state.channels:
-        state = replace(state, since_ns=min(int(t_ns[0]) for t_ns, _ in pieces.values()))
+        state = replace(state, since_ns=min(int(t_ns[0]) for t_ns, _ in finite.values()))
     slot_ns = round(config.rest_s * 1e9)
-    slots = {name: t_ns // slot_ns for name, (t_ns, _) in pieces.items()}
+    slots = {name: t_ns // slot_ns for name, (t_ns, _) in finite.items()}
     for slot in np.unique(np.concatenate(list(slots.values()))).tolist():
-        part = {
+        slot_block = {
             name: (t_ns[rows], value[rows])
-            for name, (t_ns, value) in pieces.items()
+            for name, (t_ns, value) in finite.items()
             if (rows := slots[name] == slot).any()
         }
-        state = _advance_slot(config, state, slot, part, events)
+        state = _advance_slot(config, state, slot, slot_block, events)
     return state, tuple(events)
 
 
@@ -127,33 +128,38 @@ def not_at_rest(config: TriggerConfig, state: TriggerState) -> tuple[str, ...]:
     )
 
 
-def pre_trigger_full(config: TriggerConfig, state: TriggerState, first_ns: int) -> bool:
-    """Return True if the samples kept since `first_ns` reach `pre_s` back from the latest one."""
-    return state.now_ns is not None and state.now_ns - first_ns >= round(config.pre_s * 1e9)
+def pre_trigger_full(config: TriggerConfig, state: TriggerState, kept_since_ns: int) -> bool:
+    """Return whether the samples kept since a time reach `pre_s` back from the latest one."""
+    return state.now_ns is not None and state.now_ns - kept_since_ns >= round(config.pre_s * 1e9)
 
 
 def _advance_slot(
-    config: TriggerConfig, state: TriggerState, slot: int, part: SampleBlock, events: list[Event]
+    config: TriggerConfig,
+    state: TriggerState,
+    slot: int,
+    block: SampleBlock,
+    events: list[Event],
 ) -> TriggerState:
+    """Return the state after the samples of one slot; adds what happened in it to `events`."""
     slot_ns = round(config.rest_s * 1e9)
     channels = dict(state.channels)
     for name, channel in state.channels.items():
         if channel.slot < slot:  # the mean of the last slot becomes the level
-            level = channel.total / channel.count if channel.count else channel.level
-            channels[name] = replace(channel, slot=slot, level=level, total=0.0, count=0)
+            rest_level = channel.total / channel.count if channel.count else channel.rest_level
+            channels[name] = replace(channel, slot=slot, rest_level=rest_level, total=0.0, count=0)
     now_ns = slot * slot_ns
     has_rested = all(c.rested(now_ns, state.since_ns, slot_ns) for c in channels.values())
     if state.phase is TriggerPhase.WAITING and channels and has_rested:
         state = replace(state, phase=TriggerPhase.ARMED, since_ns=now_ns)
     onsets = []
-    for name, (t_ns, value) in part.items():
-        before = channels.get(name) or ChannelRest(int(t_ns[0]), slot, float(value[0]))
+    for name, (t_ns, value) in block.items():
+        earlier = channels.get(name) or ChannelRest(int(t_ns[0]), slot, float(value[0]))
         channels[name], onset_ns, size = _excursion(
-            before, t_ns, value, config.level, state.since_ns
+            earlier, t_ns, value, config.level, state.since_ns
         )
         if onset_ns is not None:
             onsets.append((onset_ns, name, size))
-    latest_ns = max(int(t_ns[-1]) for t_ns, _ in part.values())
+    latest_ns = max(int(t_ns[-1]) for t_ns, _ in block.values())
     now_ns = latest_ns if state.now_ns is None else max(state.now_ns, latest_ns)
     state = replace(state, now_ns=now_ns, channels=channels)
     if state.phase is TriggerPhase.ARMED and onsets:
@@ -171,29 +177,30 @@ def _excursion(
     channel: ChannelRest,
     t_ns: NDArray[np.int64],
     value: NDArray[np.float64],
-    level: float,
+    threshold: float,
     since_ns: int,
 ) -> tuple[ChannelRest, int | None, float]:
     """Return the channel after these samples, and time and size of the first onset, if any.
 
+    `threshold`: deviation from rest, in the channel's unit, above which a sample is away from it.
     One sample away from rest is not yet motion (a spike); two on the same side are: the onset is
     the first of them, at `since_ns` or later, and its size is the deviation of the second.
     """
-    rest_level = channel.first if np.isnan(channel.level) else channel.level
+    rest_level = channel.first_value if np.isnan(channel.rest_level) else channel.rest_level
     deviation = value - rest_level
-    side = np.where(np.abs(deviation) > level, np.sign(deviation), 0.0).astype(np.int8)
-    before = np.concatenate([[channel.side], side[:-1]])
-    before_ns = np.concatenate([[channel.side_ns], t_ns[:-1]])
-    moving = np.flatnonzero((side != 0) & (side == before))
+    side = np.where(np.abs(deviation) > threshold, np.sign(deviation), 0.0).astype(np.int8)
+    previous_side = np.concatenate([[channel.last_side], side[:-1]])
+    previous_ns = np.concatenate([[channel.last_ns], t_ns[:-1]])
+    moving = np.flatnonzero((side != 0) & (side == previous_side))
     after = replace(
         channel,
         total=channel.total + float(value.sum()),
         count=channel.count + len(value),
-        side=int(side[-1]),
-        side_ns=int(t_ns[-1]),
+        last_side=int(side[-1]),
+        last_ns=int(t_ns[-1]),
         quiet_since_ns=int(t_ns[moving[-1]]) if len(moving) else channel.quiet_since_ns,
     )
-    fresh = moving[before_ns[moving] >= since_ns]
-    if not len(fresh):
+    onset_rows = moving[previous_ns[moving] >= since_ns]
+    if not len(onset_rows):
         return after, None, 0.0
-    return after, int(before_ns[fresh[0]]), float(deviation[fresh[0]])
+    return after, int(previous_ns[onset_rows[0]]), float(deviation[onset_rows[0]])
