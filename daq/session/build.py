@@ -52,9 +52,9 @@ def journal_provenance(
 
     `frames`: of each run.  `loss`: the losses of the journal, in words.
     """
-    of_runs = (hashlib.sha256(run.data.data.tobytes() + run.t_ns.data.tobytes()) for run in frames)
-    digest = hashlib.sha256("".join(run.hexdigest() for run in of_runs).encode()).hexdigest()
-    said = {
+    hashes = (hashlib.sha256(run.data.data.tobytes() + run.t_ns.data.tobytes()) for run in frames)
+    digest = hashlib.sha256("".join(run.hexdigest() for run in hashes).encode()).hexdigest()
+    documents = {
         "verdicts": {
             run.label: [finding_record(finding) for finding in run.findings]
             for run in run_log.runs
@@ -71,7 +71,7 @@ def journal_provenance(
         "origin": str(head.origin),
         "frames_sha256": digest,
         "journal_losses": loss or "none",
-        **{name: json.dumps(items) for name, items in said.items() if items},
+        **{name: json.dumps(items) for name, items in documents.items() if items},
     }
 
 
@@ -110,24 +110,29 @@ def session_of_runs(
     hops: HopCounts,
     provenance: dict[str, str],
 ) -> Session:
-    """Return the session of the runs of a log; as `build_session`, of the frames of each run."""
-    states = [state.name for state in bench.mass_states]
+    """Return the session of the runs of a log, as `build_session`.
+
+    `frames`: those of each run, in the order of the log.
+    """
+    state_names = [state.name for state in bench.mass_states]
     for event in events:
-        bumped = run_log.run(event.text) if event.code == trigger.BUMP else None
-        if event.code == trigger.BUMP and (bumped is None or bumped.mass_state not in states):
+        if event.code != trigger.BUMP:
+            continue
+        bumped_run = run_log.run(event.text)
+        if bumped_run is None or bumped_run.mass_state not in state_names:
             what = f"the recording has a bump {event.text!r}, which is not a run of this bench"
             raise InputError("bench.toml", what, "use the bench.toml of the recording")
     mapped = mapped_channels(bench, codec)
     runs: dict[int, Run] = {}
-    for number, run in sorted(enumerate(run_log.runs), key=lambda pair: pair[1].t_ns):
-        runs[number] = _run(bench, codec, mapped, run, frames[number], events, hops)
+    for position, run in sorted(enumerate(run_log.runs), key=lambda pair: pair[1].t_ns):
+        runs[position] = _decoded_run(bench, codec, mapped, run, frames[position], events, hops)
         hops = hops.after(bench.trigger.window_ns(run.t_ns)[1])  # two runs may share a block
     channels = tuple(m.channel for m in mapped)
-    in_order = tuple(runs[number] for number in sorted(runs))
+    in_order = tuple(runs[position] for position in sorted(runs))
     return Session(bench.vehicle, channels, bench.mass_states, in_order, provenance)
 
 
-def _run(
+def _decoded_run(
     bench: Bench,
     codec: Codec,
     mapped: Sequence[MappedChannel],
@@ -136,21 +141,21 @@ def _run(
     events: Iterable[Event],
     hops: HopCounts,
 ) -> Run:
-    """Return a run with the verdict on it.
+    """Return a run with its samples, and with the verdict on it.
 
     `frames`: frames in its window.  `events`: all events; those in its window are kept.
     """
     start_ns, stop_ns = bench.trigger.window_ns(run.t_ns)
-    kept = []
+    run_events = []
     for event in events:
         if not start_ns <= event.t_ns <= stop_ns or event.code in _NOT_OF_A_RUN:
             continue
-        if len(raw := event.text.encode()) > _TEXT_BYTES:
-            event = replace(event, text=f"{raw[: _TEXT_BYTES - 3].decode('utf-8', 'ignore')}...")
-        kept.append(event)
+        if len(text := event.text.encode()) > _TEXT_BYTES:
+            event = replace(event, text=f"{text[: _TEXT_BYTES - 3].decode('utf-8', 'ignore')}...")
+        run_events.append(event)
     decoded = codec.decode(frames)
     groups = sample_groups(mapped, decoded, timekeeping(bench, codec), start_ns)
-    reasons = (*run.reasons, *_shortcomings(mapped, groups, frames, start_ns, stop_ns))
+    reasons = (*run.reasons, *_coverage_faults(mapped, groups, frames, start_ns, stop_ns))
     rejected = bool(reasons) or run.status is RunStatus.REJECTED
     sensors = health.advance(codec.messages, health.HealthState(), decoded).losses
     return Run(
@@ -163,12 +168,12 @@ def _run(
         status=RunStatus.REJECTED if rejected else RunStatus.ACCEPTED,
         reasons=reasons,
         losses=health.losses_added(sensors, hops.between(start_ns, stop_ns).of_a_run),
-        events=tuple(kept),
+        events=tuple(run_events),
         frames=frames,
     )
 
 
-def _shortcomings(
+def _coverage_faults(
     mapped: Sequence[MappedChannel],
     groups: Sequence[SampleGroup],
     frames: FrameBatch,
@@ -185,6 +190,7 @@ def _shortcomings(
     for m in mapped:
         if m.channel.quantity is Quantity.UNUSED:
             continue
+        # At an edge of the run two frames may be missing.
         group, edge_s = group_of.get(m.channel.name), EDGE_S + 2 * (m.message.cycle_s or 0.0)
         if group is None:
             reasons[f"no frame of {m.message.name} ({m.message.can_id:#x}) was received"] = None
@@ -220,23 +226,23 @@ def derive(segments: Sequence[Path], target: Path, *, replacing: bool = True) ->
         raise InputError(str(target), what, "check the folder; the journal still holds everything")
     recording = recording_of(segments)
     run_log = fold(recording.events)
-    text = run_log.bench_text or recording.head.bench_text
+    bench_text = run_log.bench_text or recording.head.bench_text
     dbc_text = recording.head.dbc_text
-    bench = parse_bench(text, "bench.toml in the journal", Path(), dbc_text)
+    bench = parse_bench(bench_text, "bench.toml in the journal", Path(), dbc_text)
     windows = [bench.trigger.window_ns(run.t_ns) for run in run_log.runs]
     contents, frames = read_windows(recording, windows)
     loss = contents.lost.text if contents.lost.any else ""
-    about = journal_provenance(recording.head, run_log, frames, loss)
-    about |= {"dbc": dbc_text, "bench_toml": text}
+    provenance = journal_provenance(recording.head, run_log, frames, loss)
+    provenance |= {"dbc": dbc_text, "bench_toml": bench_text}
     codec, events, hops = bench_codec(bench), recording.events, contents.hops
-    session = session_of_runs(bench, codec, run_log, frames, events, hops, about)
+    session = session_of_runs(bench, codec, run_log, frames, events, hops, provenance)
     if not replacing:
-        _refuse_less(target, session)
+        _refuse_to_lose_runs(target, session)
     write_session(target, session)
     return Derived(session, loss)
 
 
-def _refuse_less(target: Path, new: Session) -> None:
+def _refuse_to_lose_runs(target: Path, new: Session) -> None:
     """Raise InputError if there is a file that has something that a new session has not.
 
     A journal whose segments were deleted or damaged gives fewer runs, or runs with fewer frames,
@@ -248,16 +254,16 @@ def _refuse_less(target: Path, new: Session) -> None:
         return
     advice = "name another file with --out, or use --force"
     try:
-        before = read_session(target)
+        existing = read_session(target)
     except InputError as error:
         what = "exists already, and is no session or a changed one"
         raise InputError(str(target), what, advice) from error
-    if before.provenance.get("uuid") != new.provenance["uuid"]:
+    if existing.provenance.get("uuid") != new.provenance["uuid"]:
         raise InputError(str(target), "exists already, of another recording", advice)
-    frames = {run.label: len(run.frames) for run in new.runs}
-    less = [run.label for run in before.runs if frames.get(run.label, -1) < len(run.frames)]
-    if less:
-        what = f"exists already, and has more of {', '.join(less)} than the journal now"
+    new_frames = {run.label: len(run.frames) for run in new.runs}
+    shrunk = [run.label for run in existing.runs if new_frames.get(run.label, -1) < len(run.frames)]
+    if shrunk:
+        what = f"exists already, and has more of {', '.join(shrunk)} than the journal now"
         raise InputError(str(target), what, advice)
 
 

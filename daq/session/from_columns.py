@@ -56,37 +56,43 @@ def recording(channel_map: ChannelMap, file: Columns) -> Recording:
     """
     start_ns = file.start_ns
     channels = []
-    members: list[_Members] = []
+    together: list[_SampledTogether] = []
     for stated in channel_map.bench.channels:
         column = file.columns[stated.signal]
         si = si_unit(stated, column.unit, file.where)
         channel = replace(stated, unit=si.unit)
         channels.append(channel)
-        clock, time_s, zero_ns = _times(channel, column, channel_map.clocks[channel.name], file)
+        clock, time_s, zero_ns = _clock_of(channel, column, channel_map.clocks[channel.name], file)
         start_ns = zero_ns or start_ns
         raw = np.asarray(column.values, np.float64)
         value = channel_values(channel, si.factor, si.offset, raw)
-        for group in members:
+        for group in together:
             if group.clock == clock and group.is_sampled_with(value):
                 group.values[channel.name] = value
                 break
         else:
-            members.append(_Members(clock, time_s, {channel.name: value}))
-    labels = []
-    for group in members:
-        several = sum(each.clock == group.clock for each in members) > 1
-        label = f"{group.clock} {next(iter(group.values))}" if several else group.clock
-        labels.append(label.replace("/", "_"))
-    names = group_names(labels)
+            together.append(_SampledTogether(clock, time_s, {channel.name: value}))
+    names = _group_names(together)
     groups = [
-        group.samples(names[label], start_ns, file.where)
-        for label, group in zip(labels, members, strict=True)
+        group.samples(name, start_ns, file.where)
+        for name, group in zip(names, together, strict=True)
     ]
     return Recording(start_ns, tuple(channels), tuple(g for g in groups if len(g.time_s)))
 
 
+def _group_names(groups: Sequence[_SampledTogether]) -> list[str]:
+    """Return a name for each group: its clock, with a channel where several share the clock."""
+    names = []
+    for group in groups:
+        shares_clock = sum(each.clock == group.clock for each in groups) > 1
+        name = f"{group.clock} {next(iter(group.values))}" if shares_clock else group.clock
+        names.append(name.replace("/", "_"))
+    valid_names = group_names(names)
+    return [valid_names[name] for name in names]
+
+
 @dataclass(slots=True)
-class _Members:
+class _SampledTogether:
     """Channels that were sampled together."""
 
     clock: str
@@ -97,27 +103,28 @@ class _Members:
 
     def is_sampled_with(self, value: NDArray[np.float64]) -> bool:
         """Return whether a channel has values in the rows of the first of these channels."""
-        first, second = np.isfinite(next(iter(self.values.values()))), np.isfinite(value)
-        either = np.count_nonzero(first | second)
-        return bool(np.count_nonzero(first & second) >= 0.9 * either)
+        has_first, has_value = np.isfinite(next(iter(self.values.values()))), np.isfinite(value)
+        n_either = np.count_nonzero(has_first | has_value)
+        # A tenth may differ: a channel has no value where its sensor failed.
+        return bool(np.count_nonzero(has_first & has_value) >= 0.9 * n_either)
 
     def samples(self, name: str, start_ns: int, where: str) -> SampleGroup:
         """Return the rows in which any channel has a value; raises InputError for their times."""
-        filled = np.isfinite(np.stack(list(self.values.values())))
-        rows = np.flatnonzero(filled.any(axis=0) & np.isfinite(self.time_s))
+        has_value = np.isfinite(np.stack(list(self.values.values())))
+        rows = np.flatnonzero(has_value.any(axis=0) & np.isfinite(self.time_s))
         time_s = self.time_s[rows]
-        back = np.flatnonzero(np.diff(time_s) <= 0.0)
-        if len(back):
-            last_s, shown = time_s[back[0]], printable(name, 100)
-            what = f"the times of {shown} do not increase after {last_s:.6g} s"
+        not_increasing = np.flatnonzero(np.diff(time_s) <= 0.0)
+        if len(not_increasing):
+            last_s, clock_name = time_s[not_increasing[0]], printable(name, 100)
+            what = f"the times of {clock_name} do not increase after {last_s:.6g} s"
             raise InputError(where, what, "name another column of times, or cut the file there")
-        quality = np.where(filled[:, rows].all(axis=0), 0, np.uint8(Quality.MISSING))
+        quality = np.where(has_value[:, rows].all(axis=0), 0, np.uint8(Quality.MISSING))
         t_ns = start_ns + np.rint(time_s * 1e9).astype(np.int64)
         values = {channel: value[rows] for channel, value in self.values.items()}
         return SampleGroup(name, time_s, t_ns, values, quality.astype(np.uint8))
 
 
-def _times(
+def _clock_of(
     channel: Channel, column: Column, clock: Clock, file: Columns
 ) -> tuple[str, NDArray[np.float64], int]:
     """Return name and times, s, (n,), of a channel's clock, and the UTC of its zero, ns, or 0."""
@@ -145,10 +152,11 @@ def _times(
 
 
 def _seconds(stamps: Column, stated: str, channel: Channel) -> tuple[NDArray[np.float64], int]:
-    """Return times, s; those from 1970 are counted from the whole second in which they begin.
+    """Return times, s, (n,), and the UTC of their zero, ns, or 0 if they do not count from 1970.
 
-    Whole numbers are subtracted before they are rounded: in nanoseconds since 1970 a float64 steps
-    by 256.
+    Times from 1970 are counted from the whole second in which they begin.  It is subtracted before
+    they are rounded: in nanoseconds since 1970 a float64 steps by 256.  `stated`: their unit in the
+    map; empty: as in the file.
     """
     unit = stated or stamps.unit or "s"
     try:
@@ -159,17 +167,18 @@ def _seconds(stamps: Column, stated: str, channel: Channel) -> tuple[NDArray[np.
         what = f"its times {printable(stamps.name, 100)} are in {unit!r}"
         raise InputError(f"channel {channel.name}", what, "state the unit of time: s, ms, us or ns")
     values = stamps.values
-    good = values[np.isfinite(values)] if values.dtype.kind == "f" else values
-    first = good[0] if len(good) else 0
-    if len(good) and float(np.abs(good).max()) * si.factor >= 4_102_444_800.0:
-        what = f"its times {printable(stamps.name, 100)} reach {good.max():g} {unit}, after 2100"
+    finite = values[np.isfinite(values)] if values.dtype.kind == "f" else values
+    first_stamp = finite[0] if len(finite) else 0
+    year_2100_s = 4_102_444_800.0  # since 1970
+    if len(finite) and float(np.abs(finite).max()) * si.factor >= year_2100_s:
+        what = f"its times {printable(stamps.name, 100)} reach {finite.max():g} {unit}, after 2100"
         raise InputError(f"channel {channel.name}", what, "state their unit: s, ms, us or ns")
-    if float(first) * si.factor < 1e8:  # s: no recording lasts three years
+    if float(first_stamp) * si.factor < 1e8:  # s: no recording lasts three years
         return np.asarray(values * si.factor, np.float64), 0
     units_per_s = round(1.0 / si.factor)
-    whole_s = int(first) // units_per_s
-    since = values - values.dtype.type(whole_s * units_per_s)
-    return np.asarray(since, np.float64) * si.factor, whole_s * 1_000_000_000
+    whole_s = int(first_stamp) // units_per_s
+    after_whole = values - values.dtype.type(whole_s * units_per_s)  # in `unit`
+    return np.asarray(after_whole, np.float64) * si.factor, whole_s * 1_000_000_000
 
 
 def bumps_in(channel_map: ChannelMap, recorded: Recording) -> tuple[Event, ...]:
@@ -189,16 +198,17 @@ def bumps_in(channel_map: ChannelMap, recorded: Recording) -> tuple[Event, ...]:
     }
     state, events = trigger.TriggerState(), list[Event]()
     # Pieces of one second: the trigger's work grows with the square of their length.
-    first = min((int(t_ns[0]) for t_ns, _ in traces.values()), default=0)
-    seconds = {s for t, _ in traces.values() for s in np.unique((t - first) // _BLOCK_NS).tolist()}
+    first_ns = min((int(t_ns[0]) for t_ns, _ in traces.values()), default=0)
+    since_ns = [t_ns - first_ns for t_ns, _ in traces.values()]
+    seconds = {second for ns in since_ns for second in np.unique(ns // _BLOCK_NS).tolist()}
     for second in sorted(seconds):
-        span = first + second * _BLOCK_NS, first + (second + 1) * _BLOCK_NS
+        span_ns = first_ns + second * _BLOCK_NS, first_ns + (second + 1) * _BLOCK_NS
         block = {}
         for name, (t_ns, value) in traces.items():
-            rows = slice(*np.searchsorted(t_ns, span))
+            rows = slice(*np.searchsorted(t_ns, span_ns))
             block[name] = t_ns[rows], value[rows]
-        state, fresh = trigger.advance(channel_map.bench.trigger, state, block)
-        events += fresh
+        state, new_events = trigger.advance(channel_map.bench.trigger, state, block)
+        events += new_events
     return tuple(event for event in events if event.code == trigger.BUMP)
 
 
@@ -223,15 +233,8 @@ def given_run(channel_map: ChannelMap, recorded: Recording, given: GivenRun) -> 
         if len(time_s):
             columns = (time_s, group.t_ns[rows], values, group.quality[rows])
             groups.append(SampleGroup(group.name, *columns))
-        if used & values.keys():
-            length_s = stop_s - start_s
-            if len(time_s) < 2:
-                reasons.append(f"{group.name} has {counted(len(time_s), 'sample')}")
-                continue
-            edge_s = EDGE_S + 2.0 * float(np.median(np.diff(time_s)))
-            if time_s[0] > edge_s or time_s[-1] < length_s - edge_s:
-                span = f"{time_s[0]:.2f} to {time_s[-1]:.2f} s of {length_s:.2f} s"
-                reasons.append(f"{group.name} reaches only from {span}")
+        if used & values.keys() and (fault := _coverage_fault(time_s, stop_s - start_s)):
+            reasons.append(f"{group.name} {fault}")
     missing = used - {name for group in recorded.groups for name in group.values}
     reasons += [f"{name} has no value" for name in sorted(missing)]
     return Run(
@@ -244,6 +247,17 @@ def given_run(channel_map: ChannelMap, recorded: Recording, given: GivenRun) -> 
         status=RunStatus.REJECTED if reasons else RunStatus.ACCEPTED,
         reasons=tuple(reasons),
     )
+
+
+def _coverage_fault(time_s: NDArray[np.float64], length_s: float) -> str:
+    """Return why samples do not cover a window from 0 to `length_s`; empty if they do."""
+    if len(time_s) < 2:
+        return f"has {counted(len(time_s), 'sample')}"
+    # At an edge of the window two samples may be missing.
+    edge_s = EDGE_S + 2.0 * float(np.median(np.diff(time_s)))
+    if time_s[0] > edge_s or time_s[-1] < length_s - edge_s:
+        return f"reaches only from {time_s[0]:.2f} to {time_s[-1]:.2f} s of {length_s:.2f} s"
+    return ""
 
 
 def session_from_columns(
@@ -263,7 +277,7 @@ def session_from_columns(
             digest.update(group.time_s.tobytes())
             for value in group.values.values():
                 digest.update(value.tobytes())
-    about = {
+    full_provenance = {
         # The same files give the same uuid, however often they are imported.
         "uuid": str(uuid.UUID(bytes=digest.digest()[:16])),
         "created": utc_text(runs[0].t0_ns if runs else 0),
@@ -271,4 +285,4 @@ def session_from_columns(
         **provenance,
     }
     bench = channel_map.bench
-    return Session(bench.vehicle, tuple(channels), bench.mass_states, tuple(runs), about)
+    return Session(bench.vehicle, tuple(channels), bench.mass_states, tuple(runs), full_provenance)

@@ -62,12 +62,12 @@ class Intake:
     def __init__(self, bench: Bench, codec: Codec) -> None:
         self._bench, self._codec = bench, codec
         mapped, triggers = bench_mapping(bench, codec)
-        self._feeds = tuple(m for m in mapped if m.channel.name in triggers)
+        self._trigger_channels = tuple(m for m in mapped if m.channel.name in triggers)
         self._trigger = trigger.TriggerState()
         self._unknown_id = 0
         self._end_ns: int | None = None
         self._events: list[Event] = []
-        self._windows: list[tuple[int, int]] = []
+        self._windows_ns: list[tuple[int, int]] = []
         self._recent: list[FrameBatch] = []
         self._kept: list[FrameBatch] = []
         self._losses: list[tuple[int, ...]] = []
@@ -86,16 +86,16 @@ class Intake:
         # frames before the block, however long the block is.
         config = self._bench.trigger
         # Some frames arrive late, up to 2 s.
-        horizon_ns = config.window_ns(int(batch.t_ns.min()))[0] - 2_000_000_000
-        while self._recent and int(self._recent[0].t_ns.max()) < horizon_ns:
+        needed_from_ns = config.window_ns(int(batch.t_ns.min()))[0] - 2_000_000_000
+        while self._recent and int(self._recent[0].t_ns.max()) < needed_from_ns:
             self._keep(self._recent.pop(0))
         decoded = self._codec.decode(batch)
         self._unknown_id += decoded.counts.unknown_id
-        block = mapped_block(self._feeds, decoded)
+        block = mapped_block(self._trigger_channels, decoded)
         self._trigger, events = trigger.advance(config, self._trigger, block)
         bumps = [event for event in events if event.code == trigger.BUMP]
         self._events += events
-        self._windows += [config.window_ns(event.t_ns) for event in bumps]
+        self._windows_ns += [config.window_ns(event.t_ns) for event in bumps]
         self._end_ns = int(batch.t_ns[-1])
         return len(bumps)
 
@@ -109,9 +109,10 @@ class Intake:
         return LogPart(frames, tuple(self._events), hops, self._unknown_id)
 
     def _keep(self, frames: FrameBatch) -> None:
-        wanted = frames.within(self._windows)  # one block may hold many bumps
-        if len(wanted):
-            self._kept.append(wanted)
+        """Keep the frames of a block that are around bumps, of which it may hold many."""
+        around_bumps = frames.within(self._windows_ns)
+        if len(around_bumps):
+            self._kept.append(around_bumps)
 
 
 def parse_runs(text: str) -> tuple[Step, ...]:
@@ -130,15 +131,15 @@ def numbered(labels: Iterable[Sequence[str]]) -> tuple[Step, ...]:
     Raises InputError as `parse_runs`.
     """
     steps: list[Step] = []
-    done: Counter[tuple[str, str]] = Counter()
+    repeats: Counter[tuple[str, str]] = Counter()
     for label in labels:
         if len(label) != 2 or label[1] not in set(Excitation):
             kinds = ", ".join(Excitation)
             what = f"{':'.join(label)!r} is not a run"
             raise InputError("runs", what, f"write MASS_STATE:EXCITATION, one of {kinds}")
         state, kind = label[0], Excitation(label[1])
-        done[state, kind] += 1
-        steps.append(Step(state, kind, done[state, kind]))
+        repeats[state, kind] += 1
+        steps.append(Step(state, kind, repeats[state, kind]))
     return tuple(steps)
 
 
@@ -147,20 +148,20 @@ def with_steps(bench: Bench, steps: Sequence[Step]) -> Bench:
 
     Raises InputError if the bench has no such mass state.
     """
-    states = [state.name for state in bench.mass_states]
+    state_names = [state.name for state in bench.mass_states]
     for step in steps:
-        if step.mass_state not in states:
+        if step.mass_state not in state_names:
             what = f"mass state {step.mass_state!r} is not on this bench"
-            raise InputError("runs", what, f"use one of {', '.join(states)}")
+            raise InputError("runs", what, f"use one of {', '.join(state_names)}")
     if set(steps) <= set(bench.campaign.steps):
         return bench
-    wider = replace(
+    wider_campaign = replace(
         bench.campaign,
         excitations=tuple(dict.fromkeys(step.excitation for step in steps)),
         repeats=max(step.repeat for step in steps),
         mass_states=tuple(dict.fromkeys(step.mass_state for step in steps)),
     )
-    return replace(bench, campaign=wider)
+    return replace(bench, campaign=wider_campaign)
 
 
 def labelled(parts: Sequence[LogPart], steps: Sequence[Step], skip: int) -> tuple[LogPart, ...]:
@@ -168,14 +169,14 @@ def labelled(parts: Sequence[LogPart], steps: Sequence[Step], skip: int) -> tupl
 
     Bumps without a step are kept as `unplanned_bump`.
     """
-    numbers = count(-skip)  # of the steps; below 0 for a bump that is skipped
+    step_numbers = count(-skip)  # of the bumps' steps; below 0 for a bump that is skipped
 
     def relabelled(events: Iterable[Event]) -> Iterator[Event]:
         step: Step | None = None
         for event in events:
             if event.code == trigger.BUMP:
-                number = next(numbers)
-                step = steps[number] if 0 <= number < len(steps) else None
+                step_number = next(step_numbers)
+                step = steps[step_number] if 0 <= step_number < len(steps) else None
             if event.code not in (trigger.BUMP, trigger.RUN_END):
                 yield event
             elif step is None:
@@ -199,7 +200,7 @@ def session_from_parts(
     for part in parts:
         digest.update(part.frames.data.tobytes() + part.frames.t_ns.tobytes())
     first_ns = int(parts[0].frames.t_ns[0]) if len(parts[0].frames) else 0
-    about = {
+    full_provenance = {
         # The same logs give the same uuid, however often they are imported.
         "uuid": str(uuid.UUID(bytes=digest.digest()[:16])),
         "created": utc_text(first_ns),
@@ -209,7 +210,8 @@ def session_from_parts(
         **provenance,
     }
     sessions = [
-        build_session(bench, codec, part.frames, part.events, part.hops, about) for part in parts
+        build_session(bench, codec, part.frames, part.events, part.hops, full_provenance)
+        for part in parts
     ]
     return replace(sessions[0], runs=tuple(run for each in sessions for run in each.runs))
 
@@ -221,28 +223,31 @@ def redecoded(session: Session, bench: Bench, where: str, provenance: Mapping[st
     decoding did not give comes from the operator and is kept.  `provenance`: entries beside DBC
     and bench.toml. Raises InputError if a run has no raw frames, or channels and DBC do not fit.
     """
-    new = _built(session, bench, where)
-    texts = session.provenance
+    new = _rebuilt(session, bench, where)
+    old_texts = session.provenance
     decoded_reasons: list[tuple[str, ...]] = [() for _ in session.runs]  # of the old decoding
     with suppress(KeyError, BumpbenchError):  # then every reason counts as the operator's
-        old_bench = parse_bench(texts["bench_toml"], "bench.toml", Path(), texts["dbc"])
-        decoded_reasons = [run.reasons for run in _built(session, old_bench, where).runs]
+        old_bench = parse_bench(old_texts["bench_toml"], "bench.toml", Path(), old_texts["dbc"])
+        decoded_reasons = [run.reasons for run in _rebuilt(session, old_bench, where).runs]
     runs = []
-    for old, run, by_decoder in zip(session.runs, new.runs, decoded_reasons, strict=True):
-        by_operator = (r for r in old.reasons if r not in by_decoder and r not in run.reasons)
+    for old, run, by_old_decoding in zip(session.runs, new.runs, decoded_reasons, strict=True):
+        by_operator = (r for r in old.reasons if r not in by_old_decoding and r not in run.reasons)
         reasons = (*run.reasons, *by_operator)
         is_rejected = bool(reasons) or (old.status is RunStatus.REJECTED and not old.reasons)
         status = RunStatus.REJECTED if is_rejected else RunStatus.ACCEPTED
         runs.append(replace(run, events=old.events, reasons=reasons, status=status))
-    old_uuid = texts.get("uuid", "")
+    old_uuid = old_texts.get("uuid", "")
     new_uuid = uuid.uuid5(uuid.NAMESPACE_OID, old_uuid + bench.dbc_text + bench.text)
-    about = {**texts, **provenance, "dbc": bench.dbc_text, "bench_toml": bench.text}
-    about |= {"uuid": str(new_uuid), "redecoded": old_uuid}
-    return replace(new, runs=tuple(runs), provenance=about)
+    new_provenance = {**old_texts, **provenance, "dbc": bench.dbc_text, "bench_toml": bench.text}
+    new_provenance |= {"uuid": str(new_uuid), "redecoded": old_uuid}
+    return replace(new, runs=tuple(runs), provenance=new_provenance)
 
 
-def _built(session: Session, bench: Bench, where: str) -> Session:
-    """Build each run separately: their windows may overlap, and their clocks need not agree."""
+def _rebuilt(session: Session, bench: Bench, where: str) -> Session:
+    """Return a session decoded from its raw frames with a bench.
+
+    Each run is built separately: their windows may overlap, and their clocks need not agree.
+    """
     advice = "name a session that was recorded or imported"
     if not session.runs:
         raise InputError(where, "has no run", advice)
@@ -256,13 +261,13 @@ def _built(session: Session, bench: Bench, where: str) -> Session:
             lacks = "raw frames" if bumps else "time of its bump"
             raise InputError(where, f"run {run.label} has no {lacks}", advice)
         # Losses between wire and session are kept; the others are counted again.
-        lost = HopLosses(
+        lost_before_decoding = HopLosses(
             bus_dropped=run.losses.bus_dropped,
             bus_garbled=run.losses.bus_garbled,
             queue_dropped=run.losses.queue_dropped,
         )
         end_ns = np.array([int(run.frames.t_ns.max())])
-        hops = HopCounts(end_ns, np.array([lost], np.int64))
-        built = build_session(bench, codec, run.frames, bumps[:1], hops, {})
-        runs += built.runs
-    return replace(built, runs=tuple(runs))
+        hops = HopCounts(end_ns, np.array([lost_before_decoding], np.int64))
+        rebuilt = build_session(bench, codec, run.frames, bumps[:1], hops, {})
+        runs += rebuilt.runs
+    return replace(rebuilt, runs=tuple(runs))

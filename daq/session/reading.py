@@ -90,11 +90,11 @@ def _changed_parts(content: Content) -> tuple[str, ...]:
     """Return the parts of a file that do not match their checksums; none without checksums."""
     if not _has_checksums(content):
         return ()
-    true = digests(content)
+    computed = digests(content)
     return tuple(
         part
-        for part in (*PARTS, *sorted(set(true) - set(PARTS)))
-        if part not in true or content[part].attributes.get(CHECKSUM) != true[part]
+        for part in (*PARTS, *sorted(set(computed) - set(PARTS)))
+        if part not in computed or content[part].attributes.get(CHECKSUM) != computed[part]
     )
 
 
@@ -130,15 +130,15 @@ def read_content(path: Path | str) -> tuple[Content, bool]:
     items: list[tuple[str, h5py.Group | h5py.Dataset]] = [("/", file)]
     try:
         with file:
-            about = _plain_attributes(file)
-            if about.get("schema") != SCHEMA:
+            root_attributes = _plain_attributes(file)
+            if root_attributes.get("schema") != SCHEMA:
                 raise InputError(where, "is HDF5, but not a bench session", _ADVICE)
-            version = about.get("schema_version")
+            version = root_attributes.get("schema_version")
             if version != VERSION:
                 what = f"has schema version {version}, this program reads {VERSION}"
                 raise InputError(where, what, "use a newer bumpbench")
             file.visititems(lambda name, item: items.append((f"/{name}", item)))
-            _check(items, len(image))
+            _check_datasets(items, len(image))
             content = {
                 name: Item(
                     _plain_attributes(item), item[()] if isinstance(item, h5py.Dataset) else None
@@ -153,13 +153,15 @@ def read_content(path: Path | str) -> tuple[Content, bool]:
     return content, is_as_written
 
 
-def _check(items: Sequence[tuple[str, h5py.Group | h5py.Dataset]], file_bytes: int) -> None:
+def _check_datasets(
+    items: Sequence[tuple[str, h5py.Group | h5py.Dataset]], file_bytes: int
+) -> None:
     """Raise SchemaError if a file states types or sizes that no session has."""
     import h5py
 
     # Unpacked at most 8 GB, and 64 times the file beyond 128 MB: zeros pack a thousandfold, but
     # measurements do not.
-    spare = min(8 << 30, (128 << 20) + 64 * file_bytes)
+    bytes_left = min(8 << 30, (128 << 20) + 64 * file_bytes)
     for path, item in items:
         if isinstance(item, h5py.Group):
             continue
@@ -171,28 +173,29 @@ def _check(items: Sequence[tuple[str, h5py.Group | h5py.Dataset]], file_bytes: i
             raise SchemaError(path, f"has shape {item.shape}, which no session has")
         if item.is_virtual or item.external:
             raise SchemaError(path, "is not a dataset of this file")
-        whole = prod(item.shape) * dtype.itemsize
-        chunk = prod(item.chunks or ()) * dtype.itemsize
-        spare -= whole
-        if spare < 0 or chunk > 64 << 20:
-            raise SchemaError(path, f"claims {whole} bytes in chunks of {chunk}, too much")
+        dataset_bytes = prod(item.shape) * dtype.itemsize
+        chunk_bytes = prod(item.chunks or ()) * dtype.itemsize
+        bytes_left -= dataset_bytes
+        if bytes_left < 0 or chunk_bytes > 64 << 20:
+            sizes = f"{dataset_bytes} bytes in chunks of {chunk_bytes}"
+            raise SchemaError(path, f"claims {sizes}, too much")
 
 
 def _plain_attributes(item: h5py.Group | h5py.Dataset) -> Mapping[str, Attribute]:
     """Return the attributes of simple types; sessions have no others."""
-    result: dict[str, Attribute] = {}
-    stored = item.attrs
+    attributes: dict[str, Attribute] = {}
+    h5_attributes = item.attrs
     # With these HDF5 stores dimension scales; they hold references, not data.
-    of_hdf5 = {"CLASS", "NAME", "DIMENSION_LIST", "REFERENCE_LIST", "DIMENSION_LABELS"}
-    for name in stored:
-        value = None if name in of_hdf5 else stored[name]
+    hdf5_names = {"CLASS", "NAME", "DIMENSION_LIST", "REFERENCE_LIST", "DIMENSION_LABELS"}
+    for name in h5_attributes:
+        value = None if name in hdf5_names else h5_attributes[name]
         if isinstance(value, np.ndarray):
-            simple = value.dtype.kind in "iufS"
+            is_simple = value.dtype.kind in "iufS"
         else:
-            simple = isinstance(value, str | bytes | np.integer | np.floating)
-        if simple:
-            result[_plain(name)] = _plain(value)
-    return result
+            is_simple = isinstance(value, str | bytes | np.integer | np.floating)
+        if is_simple:
+            attributes[_plain(name)] = _plain(value)
+    return attributes
 
 
 def _plain(value: Any) -> Any:
@@ -206,8 +209,8 @@ def _plain(value: Any) -> Any:
 
 def groups_in(content: Content, path: str) -> list[str]:
     """Return the names of the groups in a group, sorted."""
-    groups = (name.rpartition("/") for name, item in content.items() if item.values is None)
-    return sorted(last for above, _, last in groups if above == path)
+    groups = (group.rpartition("/") for group, item in content.items() if item.values is None)
+    return sorted(name for parent, _, name in groups if parent == path)
 
 
 def session_of(content: Content, where: str) -> Session:
@@ -217,19 +220,19 @@ def session_of(content: Content, where: str) -> Session:
     itself.
     """
     try:
-        about = _attributes(content, "/session")
+        session_attributes = _attributes(content, "/session")
         provenance = {
             name.removeprefix("provenance_"): str(value)
-            for name, value in about.items()
+            for name, value in session_attributes.items()
             if name.startswith("provenance_")
         }
         for path in content:
             folder, _, name = path.rpartition("/")
             if folder == "/config":
-                raw = _values(content, path, "u1")
-                provenance[name] = raw.tobytes().decode("utf-8", "surrogateescape")
-        states = [f"/mass_states/{name}" for name in groups_in(content, "/mass_states")]
-        states.sort(key=lambda path: _attribute(content, path, "order", int))
+                file_bytes = _values(content, path, "u1")
+                provenance[name] = file_bytes.tobytes().decode("utf-8", "surrogateescape")
+        state_paths = [f"/mass_states/{name}" for name in groups_in(content, "/mass_states")]
+        state_paths.sort(key=lambda path: _attribute(content, path, "order", int))
         rows = _rows(content, "/channels", CHANNEL_COLUMNS, {"name", "quantity", "unit"})
         for row in rows:
             row["corner"] = row.get("corner") or None
@@ -242,7 +245,7 @@ def session_of(content: Content, where: str) -> Session:
         return Session(
             vehicle=_vehicle(content),
             channels=channels,
-            mass_states=tuple(_read_mass_state(content, path) for path in states),
+            mass_states=tuple(_read_mass_state(content, path) for path in state_paths),
             runs=runs,
             provenance=provenance,
         )
@@ -252,11 +255,13 @@ def session_of(content: Content, where: str) -> Session:
 
 
 def _vehicle(content: Content) -> Vehicle:
-    about = _attributes(content, "/session")
-    lengths = [f"{field.name}_m" for field in fields(VehicleGeometry)]
-    if 0 < len([name for name in lengths if name in about]) < len(lengths):
-        raise SchemaError("/session", f"has not all of {', '.join(lengths)}")
-    measured = [_attribute(content, "/session", n, float) for n in lengths if n in about]
+    """Return the vehicle from the attributes and the facts of the session's group."""
+    session_attributes = _attributes(content, "/session")
+    length_names = [f"{field.name}_m" for field in fields(VehicleGeometry)]
+    present = [name for name in length_names if name in session_attributes]
+    if 0 < len(present) < len(length_names):
+        raise SchemaError("/session", f"has not all of {', '.join(length_names)}")
+    lengths_m = [_attribute(content, "/session", name, float) for name in present]
     defaults = {f"structure_{field.name}": bool(field.default) for field in fields(Structure)}
     structure = [_attribute(content, "/session", n, int, int(d)) for n, d in defaults.items()]
     facts = []
@@ -264,18 +269,19 @@ def _vehicle(content: Content) -> Vehicle:
         facts = _rows(content, "/session/facts", FACT_COLUMNS, set(FACT_COLUMNS))
     return Vehicle(
         _attribute(content, "/session", "vehicle", str),
-        VehicleGeometry(*measured) if measured else None,
+        VehicleGeometry(*lengths_m) if lengths_m else None,
         Structure(*map(bool, structure)),
         tuple(Fact(**row) for row in facts),
         {
             name: bool(_attribute(content, "/session", f"element_{name}", int))
             for name in ELEMENTS
-            if f"element_{name}" in about
+            if f"element_{name}" in session_attributes
         },
     )
 
 
 def _read_mass_state(content: Content, path: str) -> MassState:
+    """Return the mass state in a group, from its table of weights and its matrix."""
     weights: list[BodyWeight | HubWeight] = []
     needed = set(WEIGHT_COLUMNS) - {"position_sigma_m"}  # files of 2026 do not have it
     for row in _rows(content, path, WEIGHT_COLUMNS, needed):
@@ -289,21 +295,22 @@ def _read_mass_state(content: Content, path: str) -> MassState:
 
 
 def _read_run(content: Content, path: str) -> Run:
+    """Return the run in a group, with its samples, raw frames and events."""
     losses = {
         field.name: _attribute(content, path, f"lost_{field.name}", int, 0)
         for field in fields(Losses)
     }
     groups = []
     for name in _lines(content, path, "sample_groups"):
-        place = f"{path}/{name}"
-        channels = _lines(content, place, "channels")
+        group_path = f"{path}/{name}"
+        channels = _lines(content, group_path, "channels")
         groups.append(
             SampleGroup(
                 name=name,
-                time_s=_values(content, f"{place}/time", "f8"),
-                t_ns=_values(content, f"{place}/t_ns", "i8"),
-                values={each: _values(content, f"{place}/{each}", "f8") for each in channels},
-                quality=_values(content, f"{place}/quality", "u1"),
+                time_s=_values(content, f"{group_path}/time", "f8"),
+                t_ns=_values(content, f"{group_path}/t_ns", "i8"),
+                values={c: _values(content, f"{group_path}/{c}", "f8") for c in channels},
+                quality=_values(content, f"{group_path}/quality", "u1"),
             )
         )
     buses = [name for name in groups_in(content, path) if name.startswith(RAW_PREFIX)]
@@ -325,6 +332,7 @@ def _read_run(content: Content, path: str) -> Run:
 
 
 def _frames(content: Content, path: str) -> FrameBatch:
+    """Return the raw frames in the group of one bus."""
     bus = _attribute(content, path, "bus", int)
     if not 0 <= bus <= 255:
         raise SchemaError(path, f"is of bus {bus}, which there is not")
@@ -339,6 +347,7 @@ def _frames(content: Content, path: str) -> FrameBatch:
 
 
 def _attributes(content: Content, path: str) -> Mapping[str, Any]:
+    """Return the attributes of a group; raises SchemaError if there is no such group."""
     if path not in content or content[path].values is not None:
         raise SchemaError(path, "is absent")
     return content[path].attributes
@@ -357,22 +366,26 @@ def _attribute(
 
 
 def _lines(content: Content, path: str, name: str) -> tuple[str, ...]:
+    """Return the lines of an attribute of text, without empty ones."""
     return tuple(line for line in _attribute(content, path, name, str).split("\n") if line)
 
 
 def _values(
     content: Content, path: str, dtype: str, shape: tuple[int, ...] | None = None
 ) -> NDArray[Any]:
-    """Return the values of a dataset; `shape`: default any column.  Raises SchemaError."""
+    """Return the values of a dataset as `dtype`; the default of `shape` is a column of any length.
+
+    Raises SchemaError if it is absent, or has another kind of type or another shape.
+    """
     values = content[path].values if path in content else None
     if values is None:
         raise SchemaError(path, "is absent")
-    kind, stored = np.dtype(dtype).kind, values.dtype.kind
-    is_kind = stored == kind or {stored, kind} <= {"i", "u"}
-    fits = values.ndim == 1 if shape is None else values.shape == shape
-    if not fits or not is_kind:
+    wanted_kind, stored_kind = np.dtype(dtype).kind, values.dtype.kind
+    is_of_kind = stored_kind == wanted_kind or {stored_kind, wanted_kind} <= {"i", "u"}
+    has_shape = values.ndim == 1 if shape is None else values.shape == shape
+    if not has_shape or not is_of_kind:
         raise SchemaError(path, f"has type {values.dtype} and shape {values.shape}")
-    return values if kind == "S" else values.astype(dtype, copy=False)
+    return values if wanted_kind == "S" else values.astype(dtype, copy=False)
 
 
 def _rows(
@@ -434,7 +447,7 @@ def check_session(session: Session) -> Iterator[Finding]:
     """Yield findings on contradictions and implausible values in a session."""
     for state in session.mass_states:
         matrix, where = state.added.matrix, f"/mass_states/{state.name}"
-        # Also not a number: that is no difference below any limit.
+        # Not symmetric beyond rounding, or not a number, which is below no limit.
         if not np.all(np.abs(matrix - matrix.T) <= 1e-9 * np.abs(matrix).max()):
             yield _error(where, "delta_mass is not finite and symmetric")
     names = [channel.name for channel in session.channels]
@@ -466,8 +479,8 @@ def _sample_findings(group: SampleGroup, where: str) -> Iterator[Finding]:
         yield _error(where, "time is not increasing")
     usable = (group.quality & UNUSABLE) == 0
     for name, values in group.values.items():
-        if endless := int(np.isinf(values).sum()):
-            what = counted(endless, "value is infinite", "values are infinite")
+        if n_infinite := int(np.isinf(values).sum()):
+            what = counted(n_infinite, "value is infinite", "values are infinite")
             yield _error(f"{where}/{name}", what)
         if len(values) and np.isnan(values).all():
             yield _warning(f"{where}/{name}", "has no value in this run")

@@ -103,24 +103,24 @@ def digests(content: Content) -> dict[str, str]:
     value as Python's `ascii` writes them), and of a dataset the type, the shape and the bytes,
     little endian; of a run, in `/runs`, its path and its checksum.
     """
-    runs = sorted(path for path in content if path.startswith("/runs/") and path.count("/") == 2)
-    totals = {part: sha256() for part in (*runs, *PARTS) if part in content}
+    run_paths = sorted(p for p in content if p.startswith("/runs/") and p.count("/") == 2)
+    hashes = {part: sha256() for part in (*run_paths, *PARTS) if part in content}
     for path in sorted(content):
-        parts = path.split("/")
-        run = "/".join(parts[:3])
-        total = totals.get(run) or totals.get("/".join(parts[:2]))
-        if total is not None:
+        names = path.split("/")
+        run_path = "/".join(names[:3])
+        part_hash = hashes.get(run_path) or hashes.get("/".join(names[:2]))
+        if part_hash is not None:
             item = content[path]
-            shown = {k: v for k, v in item.attributes.items() if k != CHECKSUM}
-            total.update(ascii((path, sorted(shown.items()))).encode())
+            attributes = {k: v for k, v in item.attributes.items() if k != CHECKSUM}
+            part_hash.update(ascii((path, sorted(attributes.items()))).encode())
             if item.values is not None:
                 values = np.asarray(item.values, item.values.dtype.newbyteorder("<"), order="C")
-                total.update(ascii((values.dtype.str, values.shape)).encode())
-                total.update(values.tobytes())
-    for run in runs:
-        stated = content[run].attributes.get(CHECKSUM, totals[run].hexdigest())
-        totals["/runs"].update(ascii((run, stated)).encode())
-    return {part: total.hexdigest() for part, total in totals.items()}
+                part_hash.update(ascii((values.dtype.str, values.shape)).encode())
+                part_hash.update(values.tobytes())
+    for run_path in run_paths:
+        run_checksum = content[run_path].attributes.get(CHECKSUM, hashes[run_path].hexdigest())
+        hashes["/runs"].update(ascii((run_path, run_checksum)).encode())
+    return {part: part_hash.hexdigest() for part, part_hash in hashes.items()}
 
 
 def write_session(path: Path | str, session: Session) -> None:
@@ -153,12 +153,12 @@ def _content(session: Session) -> Content:
         if not name.isprintable() or not 0 < len(name.encode()) <= 64 or set(name) & set("/."):
             what = f"name {name!r} cannot be written"
             raise InputError("session", what, "use 1 to 64 printable bytes without / and .")
-    taken = channels & {"time", "t_ns", "quality"}
-    taken |= {name for name in groups if name.startswith((RAW_PREFIX, "events"))}
-    if taken:
-        what = f"name {min(taken)!r} has another meaning in a session file"
+    reserved = channels & {"time", "t_ns", "quality"}
+    reserved |= {name for name in groups if name.startswith((RAW_PREFIX, "events"))}
+    if reserved:
+        what = f"name {min(reserved)!r} has another meaning in a session file"
         raise InputError("session", what, "choose another name")
-    root: dict[str, Attribute] = {
+    root_attributes: dict[str, Attribute] = {
         "Conventions": "CF-1.10",
         "NX_class": "NXroot",
         "schema": SCHEMA,
@@ -166,25 +166,25 @@ def _content(session: Session) -> Content:
     }
     runs = [(f"/runs/r{n:03d}_{run.label}", run) for n, run in enumerate(session.runs, start=1)]
     if runs and runs[0][1].groups:
-        root["default"] = f"{runs[0][0][1:]}/{runs[0][1].groups[0].name}"
+        root_attributes["default"] = f"{runs[0][0][1:]}/{runs[0][1].groups[0].name}"
     vehicle = session.vehicle
     geometry = {} if vehicle.geometry is None else asdict(vehicle.geometry)
     texts = {name: text for name, text in session.provenance.items() if name not in TEXTS}
-    about: dict[str, Attribute] = {
+    session_attributes: dict[str, Attribute] = {
         "vehicle": vehicle.name,
         **{f"{name}_m": float(value) for name, value in geometry.items()},
         **{f"structure_{name}": int(value) for name, value in asdict(vehicle.structure).items()},
         **{f"element_{name}": int(value) for name, value in vehicle.elements.items()},
         **{f"provenance_{name}": text for name, text in texts.items()},
     }
-    content = {"/": Item(root), "/session": Item(about), "/config": Item()}
+    content = {"/": Item(root_attributes), "/session": Item(session_attributes), "/config": Item()}
     facts = [asdict(fact) for fact in vehicle.facts]
     content |= _table("/session/facts", "fact", FACT_COLUMNS, facts)
     for name, text in session.provenance.items():
         if name in TEXTS:
             raw = text.encode("utf-8", "surrogateescape")
-            hashed = {"sha256": sha256(raw).hexdigest()}
-            content[f"/config/{name}"] = Item(hashed, np.frombuffer(raw, np.uint8), (name,))
+            checksum = {"sha256": sha256(raw).hexdigest()}
+            content[f"/config/{name}"] = Item(checksum, np.frombuffer(raw, np.uint8), (name,))
     rows = [asdict(channel) | {"corner": channel.corner or ""} for channel in session.channels]
     content |= _table("/channels", "channel", CHANNEL_COLUMNS, rows)
     content["/mass_states"] = Item()
@@ -197,6 +197,7 @@ def _content(session: Session) -> Content:
 
 
 def _mass_state(path: str, order: int, state: MassState) -> Content:
+    """Return the group of a mass state: a table of its weights, and its matrix."""
     rows: list[dict[str, Any]] = []
     for weight in state.added.weights:
         row: dict[str, Any] = dict.fromkeys(WEIGHT_COLUMNS, 0.0) | {"hub": ""}
@@ -213,7 +214,7 @@ def _mass_state(path: str, order: int, state: MassState) -> Content:
 
 def _run(path: str, run: Run, channels: Sequence[Channel]) -> Content:
     """Return the group of a run: its samples, the raw frames of each bus, and its events."""
-    about: dict[str, Attribute] = {
+    run_attributes: dict[str, Attribute] = {
         "NX_class": "NXentry",
         "mass_state": run.mass_state,
         "excitation": str(run.excitation),
@@ -225,45 +226,47 @@ def _run(path: str, run: Run, channels: Sequence[Channel]) -> Content:
         "sample_groups": "\n".join(samples.name for samples in run.groups),
         **{f"lost_{name}": int(count) for name, count in asdict(run.losses).items()},
     }
-    content = {path: Item(about)}
+    content = {path: Item(run_attributes)}
     for samples in run.groups:
         content |= _samples(f"{path}/{samples.name}", samples, channels)
     for bus in np.unique(run.frames.bus):
         frames = run.frames.select(run.frames.bus == bus)
-        place = f"{path}/{RAW_PREFIX}{bus}"
+        bus_path = f"{path}/{RAW_PREFIX}{bus}"
         columns = {n: np.asarray(getattr(frames, n), dtype) for n, dtype in FRAME_COLUMNS.items()}
-        content[place] = Item({"bus": int(bus)})
-        content |= _columns(place, ("frame", "byte"), frames.data.shape, columns)
+        content[bus_path] = Item({"bus": int(bus)})
+        content |= _columns(bus_path, ("frame", "byte"), frames.data.shape, columns)
     events = [asdict(event) for event in run.events]
     return content | _table(f"{path}/events", "event", EVENT_COLUMNS, events)
 
 
 def _samples(path: str, samples: SampleGroup, channels: Sequence[Channel]) -> Content:
+    """Return the group of samples of one clock: its times, its quality and its channels."""
     names = list(samples.values)
-    about: dict[str, Attribute] = {
+    group_attributes: dict[str, Attribute] = {
         "NX_class": "NXdata",
         "axes": "time",
         "channels": "\n".join(names),
         **({"signal": names[0]} if names else {}),
         **({"auxiliary_signals": tuple(names[1:])} if names[1:] else {}),
     }
-    since = {"units": "s", "long_name": "time since t0 of the run"}
-    stamps = {"units": "ns", "long_name": "bus time since 1970-01-01 UTC"}
-    flags: dict[str, Attribute] = {
+    of_time = {"units": "s", "long_name": "time since t0 of the run"}
+    of_stamps = {"units": "ns", "long_name": "bus time since 1970-01-01 UTC"}
+    of_quality: dict[str, Attribute] = {
         "flag_masks": (1, 2, 4, 8, 16, 32),
         "flag_meanings": "counter_gap crc_bad sentinel out_of_range interpolated missing",
     }
     content = {
-        path: Item(about),
-        f"{path}/time": Item(since, samples.time_s, ("time",)),
-        f"{path}/t_ns": Item(stamps, samples.t_ns, ("time",)),
-        f"{path}/quality": Item(flags, samples.quality, ("time",)),
+        path: Item(group_attributes),
+        f"{path}/time": Item(of_time, samples.time_s, ("time",)),
+        f"{path}/t_ns": Item(of_stamps, samples.t_ns, ("time",)),
+        f"{path}/quality": Item(of_quality, samples.quality, ("time",)),
     }
-    described = {channel.name: channel for channel in channels}
+    channel_of = {channel.name: channel for channel in channels}
     for name, values in samples.values.items():
-        channel = described[name]
-        said = {"units": channel.unit, "quantity": str(channel.quantity)}
-        content[f"{path}/{name}"] = Item(said | {"dbc_signal": channel.signal}, values, ("time",))
+        channel = channel_of[name]
+        attributes = {"units": channel.unit, "quantity": str(channel.quantity)}
+        attributes["dbc_signal"] = channel.signal
+        content[f"{path}/{name}"] = Item(attributes, values, ("time",))
     return content
 
 
@@ -294,7 +297,10 @@ def _columns(
     shape: Sequence[int],
     columns: Mapping[str, NDArray[Any]],
 ) -> Content:
-    """Return datasets along dimensions that are counted from 0, and the counts."""
+    """Return the columns as datasets of a group, and for each dimension one that counts its rows.
+
+    `shape`: number of rows along each dimension.
+    """
     counts = {
         f"{path}/{name}": Item({}, np.arange(n, dtype=np.int64), (name,))
         for name, n in zip(dimensions, shape, strict=True)
@@ -319,10 +325,10 @@ def _image(content: Content) -> memoryview:
         parents: dict[str, h5py.Group] = {"": file}
         scales: dict[str, h5py.Dataset] = {}
         for path, item in content.items():
-            place, _, name = path.rpartition("/")
+            parent, _, name = path.rpartition("/")
             values = item.values
             if values is None:
-                made = parents[path] = parents[place].create_group(name) if name else file
+                node = parents[path] = parents[parent].create_group(name) if name else file
                 scales.clear()  # an open dataset holds its last chunk in memory
             else:
                 packed: dict[str, Any] = {}
@@ -331,23 +337,23 @@ def _image(content: Content) -> memoryview:
                     # A higher level than 1 packs hardly better.
                     packed |= {"compression": "gzip", "compression_opts": 1}
                     packed |= {"shuffle": True, "fletcher32": True}
-                made = parents[place].create_dataset(name, data=values, **packed)
+                node = parents[parent].create_dataset(name, data=values, **packed)
                 for axis, scale in enumerate(item.scales):
                     if scale == name:
-                        made.make_scale(name)
-                        scales[scale] = made
+                        node.make_scale(name)
+                        scales[scale] = node
                     else:
-                        made.dims[axis].attach_scale(scales[scale])
+                        node.dims[axis].attach_scale(scales[scale])
             for key, value in item.attributes.items():
-                made.attrs[key] = _stored(value)
+                node.attrs[key] = _h5_attribute(value)
             if path in checksums:
-                made.attrs[CHECKSUM] = checksums[path]
+                node.attrs[CHECKSUM] = checksums[path]
     image.seek(0, SEEK_END)
     image.write(b"%s%08x\n" % (MARK, crc32(image.getvalue())))
     return image.getbuffer()
 
 
-def _stored(value: Attribute) -> Any:
+def _h5_attribute(value: Attribute) -> Any:
     """Return an attribute as h5py writes it: texts of fixed length, masks as narrow integers."""
     if not isinstance(value, tuple):
         return value
