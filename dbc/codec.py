@@ -39,8 +39,7 @@ class SignalLayout:
     unit: str
     """Unit as in the DBC; may be empty."""
     start: int
-    """Start bit as in the DBC: the lowest bit of an Intel signal, the highest of a Motorola one,
-    counted as 8 * byte + bit."""
+    """Start bit as in the DBC, 8 * byte + bit: the lowest of an Intel signal, else the highest."""
     length: int
     """Number of bits, 1..64."""
     byte_order: Literal["big", "little"]
@@ -51,8 +50,7 @@ class SignalLayout:
     """True for an IEEE 754 number of 16, 32 or 64 bits."""
     factor: int | float
     offset: int | float
-    """value = raw * factor + offset.  Whole numbers stay `int`, because arithmetic with them is
-    exact."""
+    """value = raw * factor + offset.  Whole numbers stay `int`: their arithmetic is exact."""
     limits: tuple[float, float] | None
     """Lowest and highest valid value in `unit`; None where the DBC states none."""
     selector: str | None
@@ -109,8 +107,7 @@ class MessageLayout:
     """One message of a DBC."""
 
     name: str
-    """Name, unique in the codec; on a bench with a list of sensors it begins with the sensor's name
-    and a dot."""
+    """Name, unique in the codec; on a bench of several sensors it begins with `sensor.`."""
     can_id: int
     """Identifier of 11 or 29 bits, without flag bits."""
     is_extended: bool
@@ -128,8 +125,7 @@ class MessageLayout:
     crc_rule: str = "crc8_j1850"
     """Rule by which the checksum is computed, a name in `CRC_RULES`."""
     bus: int | None = None
-    """Number of the only bus on which frames with this identifier are this message; None: any
-    bus."""
+    """Number of the only bus on which this identifier is this message; None: any bus."""
 
     def signal(self, name: str) -> SignalLayout:
         """Return the signal called `name`; raises KeyError if the message has none."""
@@ -180,8 +176,7 @@ AUTOSAR, the CRC of SMBus, and the exclusive or and the sum modulo 256 of all by
 def covered(payload: NDArray[np.uint8], byte: int, length: int) -> NDArray[np.uint8]:
     """Return the bytes that a checksum in `byte` covers.
 
-    A checksum in the first byte of a message of `length` bytes covers all bytes after it; in any
-    other byte it covers the bytes before it.
+    In the first byte of a message of `length` bytes it covers all after it, else those before it.
     """
     return payload[:, 1:length] if byte == 0 else payload[:, :byte]
 
@@ -245,8 +240,7 @@ class Decoded:
     """The result of decoding a batch of frames."""
 
     samples: Mapping[str, Samples]
-    """Signals of the messages that occur in the batch.  Signals of one (not multiplexed) message
-    share one `t_ns` array."""
+    """Samples by signal, of the messages in the batch.  Signals of all frames share `t_ns`."""
     counts: DecodeCounts
     """Numbers of frames that were not decoded."""
 
@@ -299,11 +293,11 @@ class Codec:
     def find(self, can_id: int, is_extended: bool, bus: int = 0) -> MessageLayout | None:
         """Return the message that frames with this identifier carry on a bus, or None."""
         key = _key(min(bus, self._n_buses), is_extended, can_id)
-        place = int(np.searchsorted(self._keys, key))
-        return self.messages[self._index_of_key[place]] if self._keys[place] == key else None
+        position = int(np.searchsorted(self._keys, key))
+        return self.messages[self._index_of_key[position]] if self._keys[position] == key else None
 
     def classify(self, batch: FrameBatch) -> NDArray[np.uint16]:
-        """Return the positions of the frames' messages.
+        """Return the position of each frame's message among the messages, (n,).
 
         It is the number of messages for unknown identifiers, one more for error frames and two more
         for remote frames, which have no data.
@@ -311,8 +305,8 @@ class Codec:
         unknown = len(self.messages)
         is_extended = batch.flags & np.uint16(FrameFlag.EXTENDED) != 0
         keys = _key(np.minimum(batch.bus, self._n_buses), is_extended, batch.can_id)
-        place = np.searchsorted(self._keys, keys)
-        index = np.where(self._keys[place] == keys, self._index_of_key[place], unknown)
+        position = np.searchsorted(self._keys, keys)
+        index = np.where(self._keys[position] == keys, self._index_of_key[position], unknown)
         index[batch.flags & np.uint16(FrameFlag.REMOTE) != 0] = unknown + 2
         index[batch.flags & np.uint16(FrameFlag.ERROR) != 0] = unknown + 1
         return index.astype(np.uint16)
@@ -322,20 +316,19 @@ class Codec:
 
         They are in the DBC's own units, by `Message.signal`, of the messages that occur in the
         block.  Error and remote frames and unknown identifiers are counted and not decoded.  A
-        frame that is shorter than its message gives NaN (`Quality.MISSING`) for the signals that it
-        does not hold; the excess bytes of a longer frame are ignored; both are counted as frames of
-        wrong length.
+        frame shorter than its message gives NaN (`Quality.MISSING`) for the signals that it does
+        not hold; excess bytes of a longer one are ignored; both count as of wrong length.
         """
-        index = self.classify(batch)
-        count = np.bincount(index, minlength=len(self.messages) + 3)
-        order = np.argsort(index, kind="stable")
+        message_index = self.classify(batch)
+        n_frames = np.bincount(message_index, minlength=len(self.messages) + 3)
+        order = np.argsort(message_index, kind="stable")
         samples: dict[str, Samples] = {}
         wrong_length = crc_bad = 0
-        stops = np.cumsum(count)
+        stops = np.cumsum(n_frames)
         words = batch.data.view(np.uint64)
-        for i in np.flatnonzero(count[: len(self.messages)]).tolist():
+        for i in np.flatnonzero(n_frames[: len(self.messages)]).tolist():
             message = self.messages[i]
-            rows = order[stops[i] - count[i] : stops[i]]
+            rows = order[stops[i] - n_frames[i] : stops[i]]
             if message.length <= 8:
                 payload = words[:, 0].take(rows)[:, None]
             else:
@@ -343,11 +336,11 @@ class Codec:
                 payload[:, : words.shape[1]] = words.take(rows, axis=0)
             t_ns, length = batch.t_ns.take(rows), batch.length.take(rows)
             with np.errstate(invalid="ignore", over="ignore"):  # a payload may hold any float
-                decoded, bad = _decoded(message, t_ns, payload.view(np.uint8), length)
+                decoded, n_bad = _decoded(message, t_ns, payload.view(np.uint8), length)
             samples.update(decoded)
-            crc_bad += bad
+            crc_bad += n_bad
             wrong_length += int(np.count_nonzero(length != message.length))
-        unknown, errors, remote = count[len(self.messages) :].tolist()
+        unknown, errors, remote = n_frames[len(self.messages) :].tolist()
         counts = DecodeCounts(unknown, wrong_length, crc_bad, errors, remote)
         return Decoded(samples, counts)
 
@@ -359,9 +352,8 @@ class Codec:
         `values`: by signal, (n,), in the DBC's own units, rounded to the nearest raw value; all
         bits of other signals are 0.  `counter_start`: counter of the first frame; it grows by one
         with each, and wraps.  Counter and checksum are filled in here.  Raises KeyError if the DBC
-        has no such message or signal, ValueError if a value does not fit in its bits (a
-        saturating sensor must saturate before), columns differ in length, or a signal is
-        multiplexed.
+        has no such message or signal, ValueError if a value exceeds its bits (a saturating sensor
+        must saturate before), columns differ in length, or a signal is multiplexed.
         """
         layout = self.message(message)
         columns = {name: np.asarray(value, np.float64) for name, value in values.items()}
@@ -377,10 +369,10 @@ class Codec:
                 raise ValueError(f"{message}.{name} is multiplexed and cannot be sent")
             raw = _nearest_raw(message, signal, column)
             bits = np.unpackbits(raw.view(np.uint8).reshape(n, 8), axis=1)[:, 64 - signal.length :]
-            place = slice(signal.first_bit, signal.first_bit + signal.length)
-            whole = np.zeros((n, 8 * width), np.uint8)
-            whole[:, place] = bits if signal.byte_order == "big" else bits[:, ::-1]
-            payload |= np.packbits(whole, axis=1, bitorder=signal.byte_order)
+            signal_bits = slice(signal.first_bit, signal.first_bit + signal.length)
+            payload_bits = np.zeros((n, 8 * width), np.uint8)
+            payload_bits[:, signal_bits] = bits if signal.byte_order == "big" else bits[:, ::-1]
+            payload |= np.packbits(payload_bits, axis=1, bitorder=signal.byte_order)
         if layout.crc is not None:
             byte = layout.signal(layout.crc).first_byte
             payload[:, byte] = CRC_RULES[layout.crc_rule](covered(payload, byte, layout.length))
@@ -405,14 +397,14 @@ def _raw_values(signal: SignalLayout, payload: NDArray[np.uint8]) -> NDArray[Any
         offset = signal.first_byte
         return np.ndarray((n,), f"{kind}{length // 8}", payload.data, offset, (width,))
     octets = payload[:, signal.first_byte : signal.last_byte + 1]
-    first = signal.first_bit % 8
-    bits = np.unpackbits(octets, axis=1, bitorder=signal.byte_order)[:, first : first + length]
+    begin = signal.first_bit % 8
+    bits = np.unpackbits(octets, axis=1, bitorder=signal.byte_order)[:, begin : begin + length]
     bits = bits if signal.byte_order == "big" else bits[:, ::-1]  # now the highest is the first
-    whole = np.zeros((n, 64), np.uint8)
-    whole[:, 64 - length :] = bits
+    word_bits = np.zeros((n, 64), np.uint8)
+    word_bits[:, 64 - length :] = bits
     if signal.is_signed and not signal.is_float:
-        whole[:, : 64 - length] = bits[:, :1]
-    packed = np.packbits(whole, axis=1)
+        word_bits[:, : 64 - length] = bits[:, :1]
+    packed = np.packbits(word_bits, axis=1)
     if signal.is_float:
         return packed[:, 8 - length // 8 :].copy().view(f">f{length // 8}")[:, 0]
     return packed.view(f">{kind}8")[:, 0]
@@ -429,23 +421,24 @@ def _decoded(
     A multiplexed signal has samples only of the frames whose selector names it; frames of a wrong
     length do not count as frames with a wrong checksum.
     """
-    bad = np.zeros(len(t_ns), np.bool_)
+    is_crc_bad = np.zeros(len(t_ns), np.bool_)
     if message.crc is not None:
         byte = message.signal(message.crc).first_byte
         computed = CRC_RULES[message.crc_rule](covered(payload, byte, message.length))
-        bad = (computed != payload[:, byte]) & (length > byte)
-    quality = bad.view(np.uint8) * np.uint8(Quality.CRC_BAD)
-    shortest = int(length.min())
+        is_crc_bad = (computed != payload[:, byte]) & (length > byte)
+    quality = is_crc_bad.view(np.uint8) * np.uint8(Quality.CRC_BAD)
+    shortest_frame = int(length.min())
     times = read_only(t_ns)  # one array: what depends on it alone is computed once
     samples = {}
     for signal in message.signals:
         name = f"{message.name}.{signal.name}"
         limits, last_byte = signal.limits, signal.last_byte
-        part, marks, stamps, size = payload, quality, times, length
+        # Of the frames that hold the signal.
+        octets, marks, stamps_ns, sizes = payload, quality, times, length
         if signal.selector is not None:
-            rows = np.flatnonzero(_presence(message, signal, payload, length))
-            part, marks, stamps, size = payload[rows], quality[rows], t_ns[rows], length[rows]
-        raw = _raw_values(signal, part)
+            rows = np.flatnonzero(_is_present(message, signal, payload, length))
+            octets, marks, stamps_ns, sizes = payload[rows], quality[rows], t_ns[rows], length[rows]
+        raw = _raw_values(signal, octets)
         value = raw.astype(np.float64)
         if signal.factor != 1:
             value *= float(signal.factor)
@@ -453,39 +446,39 @@ def _decoded(
             value += float(signal.offset)
         if signal.sentinels:
             codes = np.array(signal.sentinels, raw.dtype.newbyteorder("="))
-            named = np.isin(raw, codes, kind="sort")  # NumPy 2.0's table: not 2^64 - 1
-            value[named] = np.nan
-            marks = _marked(marks, named, Quality.SENTINEL)
+            is_sentinel = np.isin(raw, codes, kind="sort")  # NumPy 2.0's table: not 2^64 - 1
+            value[is_sentinel] = np.nan
+            marks = _marked(marks, is_sentinel, Quality.SENTINEL)
         if limits is not None:
-            outside = (value < limits[0]) | (value > limits[1])
-            marks = _marked(marks, outside, Quality.OUT_OF_RANGE)
-        if shortest <= last_byte:
-            cut = size <= last_byte
-            value[cut] = np.nan
+            is_outside = (value < limits[0]) | (value > limits[1])
+            marks = _marked(marks, is_outside, Quality.OUT_OF_RANGE)
+        if shortest_frame <= last_byte:
+            is_cut = sizes <= last_byte
+            value[is_cut] = np.nan
             # Marks from bits that were not received are wrong.
             wrong_marks = np.uint8(Quality.OUT_OF_RANGE | Quality.SENTINEL)
-            marks = np.where(cut, marks & ~wrong_marks, marks)
-            marks = _marked(marks, cut, Quality.MISSING)
-        samples[name] = Samples(name, read_only(stamps), read_only(value), read_only(marks))
-    return samples, int(np.count_nonzero(bad & (length == message.length)))
+            marks = np.where(is_cut, marks & ~wrong_marks, marks)
+            marks = _marked(marks, is_cut, Quality.MISSING)
+        samples[name] = Samples(name, read_only(stamps_ns), read_only(value), read_only(marks))
+    return samples, int(np.count_nonzero(is_crc_bad & (length == message.length)))
 
 
-def _presence(
+def _is_present(
     message: MessageLayout,
     signal: SignalLayout,
     payload: NDArray[np.uint8],
     length: NDArray[np.uint8],
 ) -> NDArray[np.bool_]:
     """Return a mask of the frames whose selectors, at every level, name a signal."""
-    present = np.ones(len(length), np.bool_)
+    is_present = np.ones(len(length), np.bool_)
     while signal.selector is not None:
         selector = message.signal(signal.selector)
         raw = _raw_values(selector, payload)
-        named = [(raw >= low) & (raw <= high) for low, high in signal.selected_by]
-        present &= np.logical_or.reduce(named)
-        present &= length > selector.last_byte
+        in_ranges = [(raw >= low) & (raw <= high) for low, high in signal.selected_by]
+        is_present &= np.logical_or.reduce(in_ranges)
+        is_present &= length > selector.last_byte
         signal = selector
-    return present
+    return is_present
 
 
 def _marked(
@@ -498,12 +491,12 @@ def _marked(
 def _nearest_raw(
     message: str, signal: SignalLayout, value: NDArray[np.float64]
 ) -> NDArray[np.uint64]:
-    """Return the signal's bits as the nearest raw value, (n,), big-endian uint64."""
-    scaled = (value - signal.offset) / signal.factor
+    """Return the raw value nearest to each value, as the signal's bits, (n,), big-endian uint64."""
+    raw = (value - signal.offset) / signal.factor
     if signal.is_float:
-        size = signal.length // 8
-        return scaled.astype(f"f{size}").view(f"u{size}").astype(">u8")
-    nearest = np.rint(scaled)
+        n_bytes = signal.length // 8
+        return raw.astype(f"f{n_bytes}").view(f"u{n_bytes}").astype(">u8")
+    nearest = np.rint(raw)
     low, high = signal.raw_range
     if not np.all((nearest >= low) & (nearest < high + 1)):
         lowest, highest = signal.span

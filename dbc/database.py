@@ -84,10 +84,10 @@ def parse_codec(text: str, name: str) -> Codec:
     if huge := _HUGE.search(text):
         where = f"{name}:{text.count(chr(10), 0, huge.end()) + 1}"
         raise InputError(where, f"{huge[0].strip()!r} lies outside any payload", PICK)
-    kind = _kind(text, name)
+    kind = _format_of(text, name)
     source = _DbcText("" if kind else text, name)
     layouts: list[MessageLayout] = []
-    for message in _read_other(text, name, kind) if kind else source.messages():
+    for message in _read_with_cantools(text, name, kind) if kind else source.messages():
         can_id = message.frame_id | _EXTENDED * message.is_extended_frame
         if can_id in source.lost:
             continue
@@ -101,29 +101,29 @@ def parse_codec(text: str, name: str) -> Codec:
             source.report(f"{message.name}.{signal}", fault)
     # A message that is passed on from one bus to another means the same on both.
     layouts = [*{replace(each, cycle_s=None): each for each in layouts}.values()]
-    identifiers = Counter((each.can_id, each.is_extended) for each in layouts)
-    named = Counter(each.name for each in layouts)
+    id_counts = Counter((each.can_id, each.is_extended) for each in layouts)
+    name_counts = Counter(each.name for each in layouts)
     by_name: dict[str, MessageLayout] = {}
     for each in layouts:
-        subject, unique = f"message {each.name}", each.name
-        if identifiers[each.can_id, each.is_extended] > 1:
+        subject, unique_name = f"message {each.name}", each.name
+        if id_counts[each.can_id, each.is_extended] > 1:
             source.report(subject, f"has the identifier 0x{each.can_id:X} of another")
             continue
-        if named[each.name] > 1:
-            unique += f"_0x{each.can_id:X}"
-            unique += "x" if unique in by_name else ""  # that one has 11 bits
-            said = f"has the name of another: it is {unique} here"
-            source.report(subject, said, Severity.WARNING)
-        by_name[unique] = replace(each, name=unique)
+        if name_counts[each.name] > 1:
+            unique_name += f"_0x{each.can_id:X}"
+            unique_name += "x" if unique_name in by_name else ""  # that one has 11 bits
+            renamed = f"has the name of another: it is {unique_name} here"
+            source.report(subject, renamed, Severity.WARNING)
+        by_name[unique_name] = replace(each, name=unique_name)
     if not by_name:
-        first = source.findings[0].text if source.findings else "has no messages"
-        raise InputError(name, first, PICK)
+        first_fault = source.findings[0].text if source.findings else "has no messages"
+        raise InputError(name, first_fault, PICK)
     left_out = tuple(each for each in source.findings if not each.passed)
     notes = tuple(each for each in source.findings if each.passed)
     return Codec(tuple(by_name.values()), left_out, notes)
 
 
-def _kind(text: str, name: str) -> str:
+def _format_of(text: str, name: str) -> str:
     """Return the format of a database from its content, or else its suffix; "" for a DBC."""
     root = re.match(r"\s*<.{0,4000}?<?(?:\w+:)?(NetworkDefinition|AUTOSAR)\b", text, re.DOTALL)
     if root:
@@ -134,20 +134,20 @@ def _kind(text: str, name: str) -> str:
     return suffix if suffix in ("kcd", "sym", "arxml") else ""
 
 
-def _read_other(text: str, name: str, kind: str) -> Sequence[Message]:
+def _read_with_cantools(text: str, name: str, file_format: str) -> Sequence[Message]:
     """Return the messages of a KCD, SYM or ARXML."""
     from cantools.database.can.formats import arxml, kcd, sym
 
-    load: Any = {"kcd": kcd, "sym": sym, "arxml": arxml}[kind]
+    parser: Any = {"kcd": kcd, "sym": sym, "arxml": arxml}[file_format]
     logger = logging.getLogger("cantools")
-    before, logger.disabled = logger.disabled, True  # it prints what it does not support
+    was_disabled, logger.disabled = logger.disabled, True  # it prints what it does not support
     try:
         # Without a line feed at the end, cantools would search from each // to the end of the text.
-        return [*load.load_string(f"{text}\n", strict=False).messages]
+        return [*parser.load_string(f"{text}\n", strict=False).messages]
     except Exception as error:
-        raise _refused(name, kind.upper(), error) from error
+        raise _refused(name, file_format.upper(), error) from error
     finally:
-        logger.disabled = before
+        logger.disabled = was_disabled
 
 
 def _refused(name: str, kind: str, error: Exception) -> InputError:
@@ -164,7 +164,7 @@ _HARMLESS = {"VERSION", "NS_", "BS_", "BU_", "BA_", "BA_DEF_", "CM_", "EV_", "BA
 _HARMLESS |= {"BA_REL_", "BA_DEF_REL_", "BA_DEF_DEF_REL_", "BO_TX_BU_", "VAL_TABLE_"}
 _HARMLESS |= {"SIG_GROUP_", "ENVVAR_DATA_"}
 _COMMENT = re.compile(r'^[ \t]*CM_[ \t]+[^"\n;]*"(?:\\"|[^"])*"\s*;', re.MULTILINE)
-_ABOUT = re.compile(r'^(\s*\w+\s+(?:"[^"\n]*"\s+)?(?:[A-Z_]+_\s+)?)(\d{1,19})\b', re.MULTILINE)
+_BEGIN = re.compile(r'^(\s*\w+\s+(?:"[^"\n]*"\s+)?(?:[A-Z_]+_\s+)?)(\d{1,19})\b', re.MULTILINE)
 """Beginning of a statement, with the identifier of the message that it is about."""
 
 
@@ -181,22 +181,22 @@ class _DbcText:
         self._name = name
         self._is_cut = not text.endswith(("\n", ";"))
         self._message_names: dict[int, str] = {}
-        self._lines = self._with_marks(text).split("\n")
+        self._lines = self._with_extended_marks(text).split("\n")
         message_id = -1
-        for place, line in enumerate(tuple(self._lines)):
+        for row, line in enumerate(tuple(self._lines)):
             if message := re.match(r"\s*BO_\s+(\d+)\s+(\w+)", line):
                 message_id = int(message[1])
                 self._message_names[message_id] = message[2]
                 bits = (message_id & ~_EXTENDED).bit_length()
                 if bits > 29 and message[2] != "VECTOR__INDEPENDENT_SIG_MSG":
-                    self._leave_out(place, f"has an identifier of {bits} bits, not 11 or 29")
+                    self._leave_out(row, f"has an identifier of {bits} bits, not 11 or 29")
             elif signal := re.match(r"\s*SG_\s+(\w+)\s+m", line):
                 self.multiplexed[message_id].add(signal[1])
             elif line.lstrip().startswith("SG_MUL_VAL_"):
                 ranges = re.findall(r"(\d{1,20})\s*-\s*(\d{1,20})", line)
-                values = sum(max(int(high) - int(low) + 1, 0) for low, high in ranges)
-                if values > 1 << 16:  # cantools lists them one by one
-                    self._leave_out(place, f"has {values:,} values of a selector")
+                n_values = sum(max(int(high) - int(low) + 1, 0) for low, high in ranges)
+                if n_values > 1 << 16:  # cantools lists them one by one
+                    self._leave_out(row, f"has {n_values:,} values of a selector")
 
     def messages(self) -> Sequence[Message]:
         """Return the messages; leaves out what cantools refuses until it reads the rest.
@@ -215,15 +215,15 @@ class _DbcText:
                 return dbc.load_string(text, strict=False).messages
             except ParseError as error:
                 n_errors += 1
-                place = self._wrong_line(text, error.offset)
+                row = self._wrong_line(text, error.offset)
                 # With more than 40 it is no DBC; 10 million characters are some 20 s of work.
                 if n_errors > 40 or n_errors * len(text) > 10_000_000:
                     what = f"the text has more than {n_errors - 1} errors of syntax"
-                    raise InputError(f"{self._name}:{place + 1}", what, _CORRECT) from error
-                if self._is_cut and not any(line.strip() for line in self._lines[place + 1 :]):
+                    raise InputError(f"{self._name}:{row + 1}", what, _CORRECT) from error
+                if self._is_cut and not any(line.strip() for line in self._lines[row + 1 :]):
                     what = "the text ends within a definition"
-                    raise InputError(f"{self._name}:{place + 1}", what, _CORRECT) from error
-                self._leave_out(place, "is not valid DBC")
+                    raise InputError(f"{self._name}:{row + 1}", what, _CORRECT) from error
+                self._leave_out(row, "is not valid DBC")
             except Exception as error:  # it raises many kinds: ValueError, KeyError, AssertionError
                 if not self._leave_out_strays(str(error)):
                     raise _refused(self._name, "DBC", error) from error
@@ -237,35 +237,35 @@ class _DbcText:
         where = f"{self._name}:{line}" if line else self._name
         self.findings.append(Finding(code, severity, f"{subject} {text}", subject, where=where))
 
-    def _with_marks(self, text: str) -> str:
+    def _with_extended_marks(self, text: str) -> str:
         """Return the text with a mark at each identifier that only a frame of 29 bits can have."""
-        stated = re.finditer(r"^\s*BO_\s+(\d{4,9})\s+(\w+)", text, re.MULTILINE)
-        unmarked = {int(each[1]): each for each in stated if 1 << 11 <= int(each[1]) < 1 << 29}
+        statements = re.finditer(r"^\s*BO_\s+(\d{4,9})\s+(\w+)", text, re.MULTILINE)
+        unmarked = {int(each[1]): each for each in statements if 1 << 11 <= int(each[1]) < 1 << 29}
         for each in unmarked.values():
-            said = "is marked as 11-bit, but its identifier is longer: it is read as 29-bit"
+            repair = "is marked as 11-bit, but its identifier is longer: it is read as 29-bit"
             line = text.count("\n", 0, each.end()) + 1
-            self.report(f"message {each[2]}", said, Severity.WARNING, line)
-        return _ABOUT.sub(
-            lambda about: f"{about[1]}{int(about[2]) | _EXTENDED * (int(about[2]) in unmarked)}",
+            self.report(f"message {each[2]}", repair, Severity.WARNING, line)
+        return _BEGIN.sub(
+            lambda begin: f"{begin[1]}{int(begin[2]) | _EXTENDED * (int(begin[2]) in unmarked)}",
             text,
         )
 
-    def _keyword(self, place: int) -> str:
+    def _keyword(self, row: int) -> str:
         """Return the first word of a line; empty if it has none."""
-        return "".join(re.findall(r"^\s*(\w+)", self._lines[place]))
+        return "".join(re.findall(r"^\s*(\w+)", self._lines[row]))
 
     def _wrong_line(self, text: str, offset: int) -> int:
         """Return the number, from 0, of the line with the error of syntax at `offset`.
 
         What lacks its end is refused where the next statement begins: the line before is wrong.
         """
-        place = text.count("\n", 0, offset)
-        filled = [i for i, line in enumerate(self._lines[: place + 1]) if line.strip()]
-        is_in_line = text[text.rfind("\n", 0, offset) + 1 : offset].strip()
-        if is_in_line or filled[-1] < place or not filled[1:]:
+        row = text.count("\n", 0, offset)
+        filled = [i for i, line in enumerate(self._lines[: row + 1]) if line.strip()]
+        text_before_error = text[text.rfind("\n", 0, offset) + 1 : offset].strip()
+        if text_before_error or filled[-1] < row or not filled[1:]:
             return filled[-1]
-        keyword, before = (self._keyword(i) for i in (filled[-1], filled[-2]))
-        if keyword == "SG_" and before not in ("BO_", "SG_"):  # itself wrong in this place
+        keyword, keyword_before = (self._keyword(i) for i in (filled[-1], filled[-2]))
+        if keyword == "SG_" and keyword_before not in ("BO_", "SG_"):  # itself wrong in this place
             return filled[-1]
         return filled[-2] if keyword in _DECISIVE | _HARMLESS | {"BO_", "SG_"} else filled[-1]
 
@@ -275,25 +275,25 @@ class _DbcText:
         A message with a stray `SIG_VALTYPE_` is lost, because another signal may be meant.
         """
         strays = set(re.findall(r"(?:VAL_|SIG_VALTYPE_) \d+ \w+", complaint))
-        for place, line in enumerate(self._lines):
+        for row, line in enumerate(self._lines):
             statement = " ".join(line.replace(":", " ").split()[:3])
             if statement in strays:
-                self._lines[place] = ""
-                said, severity = "is left out: it names no signal", Severity.WARNING
+                self._lines[row] = ""
+                fate, severity = "is left out: it names no signal", Severity.WARNING
                 if statement.startswith("SIG_VALTYPE_"):
                     self.lost.add(int(statement.split()[1]))
-                    said, severity = "names no signal: its message is left out", Severity.ERROR
-                self.report(statement, said, severity, place + 1)
+                    fate, severity = "names no signal: its message is left out", Severity.ERROR
+                self.report(statement, fate, severity, row + 1)
         return bool(strays)
 
-    def _leave_out(self, place: int, why: str) -> None:
+    def _leave_out(self, row: int, why: str) -> None:
         """Leave out a line, with the signal or the message that it states or is about."""
-        line, keyword, stop = self._lines[place], self._keyword(place), place + 1
+        line, keyword, stop = self._lines[row], self._keyword(row), row + 1
         while keyword != "SG_" and stop < len(self._lines) and self._keyword(stop) in ("SG_", ""):
             stop += 1  # the signals must not become those of the message before
-        is_message = keyword == "BO_" or any(each.strip() for each in self._lines[place + 1 : stop])
-        about = _ABOUT.match(line)
-        message_id = int(about[2]) if about else -1
+        is_message = keyword == "BO_" or any(each.strip() for each in self._lines[row + 1 : stop])
+        begin = _BEGIN.match(line)
+        message_id = int(begin[2]) if begin else -1
         message = self._message_names.get(message_id, "")
         subject, severity = f"message {message or '?'}", Severity.ERROR
         if keyword == "SG_":
@@ -303,11 +303,11 @@ class _DbcText:
             why = f"has a {keyword} that {why}"
         elif not is_message and keyword in _DECISIVE:
             what = f"the text has a {keyword} of an unknown message that {why}"
-            raise InputError(f"{self._name}:{place + 1}", what, _CORRECT)
+            raise InputError(f"{self._name}:{row + 1}", what, _CORRECT)
         elif not is_message:
             subject, severity = f"the statement {keyword}", Severity.WARNING
-        self.report(subject, why, severity, place + 1)
-        self._lines[place:stop] = [""] * (stop - place)
+        self.report(subject, why, severity, row + 1)
+        self._lines[row:stop] = [""] * (stop - row)
 
 
 # Messages and signals of cantools as layouts ------------------------------------------------------
@@ -318,19 +318,18 @@ def _layout(
 ) -> tuple[MessageLayout, Mapping[str, str]]:
     """Return a message without the signals that cannot be decoded, and their faults by name.
 
-    `multiplexed`: signals that only some frames hold.  Raises ValueError with the reason if the
-    message cannot be decoded.
+    `multiplexed`: signals that only some frames hold.  Raises ValueError with the reason.
     """
     if message.is_container:
         raise ValueError("is a container of other messages")
     if message.length > 64:
         raise ValueError(f"has {message.length} bytes, not 0 to 64")
-    stated = Counter(signal.name for signal in message.signals)
+    name_counts = Counter(signal.name for signal in message.signals)
     signals = {signal.name: _signal(signal) for signal in message.signals}
     roles = {signal.name: _role(signal) for signal in message.signals}
     faults: dict[str, str] = {}
     for name, signal in signals.items():
-        if stated[name] > 1:
+        if name_counts[name] > 1:
             faults[name] = "is defined twice"
         elif name in multiplexed and not signal.selected_by:
             faults[name] = "is multiplexed without one clear selector"
@@ -401,6 +400,7 @@ def _fault_of_selector(signal: SignalLayout, by_name: Mapping[str, SignalLayout]
 
 
 def _signal(signal: Signal) -> SignalLayout:
+    """Return a signal of cantools as a layout."""
     conversion = signal.conversion
     low, high = signal.minimum, signal.maximum
     limits = None
@@ -453,11 +453,12 @@ def _sentinels(signal: SignalLayout, table: Mapping[int, str]) -> tuple[int, ...
     no_values = [raw for raw, label in table.items() if names_no_value(label)]
     if signal.is_float:
         return tuple(sorted(no_values))
-    size, high = 1 << signal.length, signal.raw_range[1]
-    if len({raw % size for raw in table if -(size >> 1) <= raw < size}) == size:
+    n_raw, highest = 1 << signal.length, signal.raw_range[1]
+    lowest = -(n_raw >> 1)
+    if len({raw % n_raw for raw in table if lowest <= raw < n_raw}) == n_raw:
         return ()
-    codes = {raw % size for raw in no_values if -(size >> 1) <= raw < size}
-    return tuple(sorted(raw - size if raw > high else raw for raw in codes))
+    bit_patterns = {raw % n_raw for raw in no_values if lowest <= raw < n_raw}
+    return tuple(sorted(raw - n_raw if raw > highest else raw for raw in bit_patterns))
 
 
 # Names in value tables that say that there is no value: "SNA", "open circuit" ---------------------

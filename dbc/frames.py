@@ -41,8 +41,7 @@ def freeze_arrays(record: object, *names: str) -> None:
 
 
 FD_LENGTHS = read_only(np.array([*range(9), 12, 16, 20, 24, 32, 48, 64], np.uint8))
-"""Number of payload bytes of each data length code, 0 to 15 (ISO 11898-1); a classic frame has at
-most 8."""
+"""Number of payload bytes of each data length code, 0 to 15 (ISO 11898-1); classic: at most 8."""
 LENGTH_ALLOWED = np.zeros((2, 256), bool)
 """True where the column number is a valid payload length, bytes: row 0 for classic frames, row 1
 for FD frames."""

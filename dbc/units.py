@@ -55,7 +55,7 @@ _CHARACTERS = str.maketrans(
 )
 """Different characters that editors write for the same sign."""
 _NOTATIONS = (("*s", ".s"), ("s^-", "s-"), ("^2", "2"), ("**2", "2"))
-_OTHERS = {
+_SPELLINGS = {
     "": "none None n/a Unit_None",
     "m/s2": """m/s/s m/sec2 mps2 m.s-2 meter/s2 meters/s2 m/s^2 Unit_MeterPerSeconSquar
         Unit_MeterPerSecondSquared Unit_MeterPerSquareSecond""",
@@ -78,7 +78,7 @@ _OTHERS = {
     "ms": "millisecond milliseconds Unit_MilliSecon",
 }
 """Other spellings of these units in public databases."""
-_WORDS = {word: unit for unit, words in _OTHERS.items() for word in words.split()}
+_UNIT_OF_SPELLING = {word: unit for unit, words in _SPELLINGS.items() for word in words.split()}
 
 
 def to_si(unit: str) -> SiUnit:
@@ -94,10 +94,10 @@ def to_si(unit: str) -> SiUnit:
 
 
 def known_si(unit: str) -> SiUnit | None:
-    """Return what `to_si` returns; None if the table does not hold the unit."""
+    """Return the conversion of a DBC's unit to SI; None if the table does not hold the unit."""
     with suppress(UnicodeError):  # UTF-8 that was read as Windows-1252 has a wrong letter more
         unit = unit.encode("cp1252").decode("utf-8")
     unit = unit.translate(_CHARACTERS)
-    for written, plain in _NOTATIONS:
-        unit = unit.replace(written, plain)
-    return _KNOWN.get(_WORDS.get(unit, unit))
+    for variant, plain in _NOTATIONS:
+        unit = unit.replace(variant, plain)
+    return _KNOWN.get(_UNIT_OF_SPELLING.get(unit, unit))

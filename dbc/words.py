@@ -1,8 +1,7 @@
 """Texts for users: errors of one line, findings, numbers of things, times, and foreign text.
 
-An error is one line for a person: which file, what is wrong, what to do.  Foreign text (file
-content, signal names) is made printable in this module, so that no control character reaches a
-terminal.
+An error is one line for a person: which file, what is wrong, what to do.  Foreign text (files,
+signal names) is made printable here: no control character reaches a terminal.
 """
 
 from __future__ import annotations
@@ -52,8 +51,7 @@ class Finding:
     """One thing that was judged, with the figure, its limit and what to do."""
 
     code: str
-    """Name of the judged property: a word or two with underscores (`overload`, `chi2`,
-    `left_out`)."""
+    """Name of the judged property, with underscores (`overload`, `chi2`, `left_out`)."""
     severity: Severity
     """Severity of the finding."""
     text: str
@@ -65,8 +63,7 @@ class Finding:
     value: float = 0.0
     """The measured value, in `unit`."""
     limit: float = 0.0
-    """Limit of the value, in `unit`; `value` and `limit` are both 0 if the finding does not rest on
-    a single figure."""
+    """Limit of the value, in `unit`; both are 0 if the finding does not rest on one figure."""
     unit: str = ""
     """SI unit; empty for a ratio or a count."""
     where: str = ""
@@ -96,8 +93,8 @@ def plural(number: int, one: str, many: str = "") -> str:
 
 def seconds_text(t_ns: int) -> str:
     """Return a time, ns, in seconds with nine decimals."""
-    seconds, rest_ns = divmod(abs(t_ns), 1_000_000_000)
-    return f"{'-' if t_ns < 0 else ''}{seconds}.{rest_ns:09d}"
+    seconds, remaining_ns = divmod(abs(t_ns), 1_000_000_000)
+    return f"{'-' if t_ns < 0 else ''}{seconds}.{remaining_ns:09d}"
 
 
 def csv_text(text: str) -> str:
