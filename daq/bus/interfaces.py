@@ -38,29 +38,27 @@ _FLAGS = {
 """Flag of a frame by attribute of a message."""
 
 
-def _checked(message: can.Message, arrived_ns: int) -> tuple[int, int, int, int, bytes]:
+def _frame_fields(message: can.Message, arrived_ns: int) -> tuple[int, int, int, int, bytes]:
     """Return time stamp (0: that of the arrival), identifier, flags, length and payload.
 
-    Raises ValueError, TypeError or OverflowError if the message cannot be a frame: a backend need
-    not have checked it.
+    Raises ValueError, TypeError or OverflowError if it cannot be a frame: backends need not check.
     """
     flags = sum(int(flag) for name, flag in _FLAGS.items() if getattr(message, name))
     flags |= 0 if message.is_rx else FrameFlag.TRANSMITTED
     can_id, length, payload = index(message.arbitration_id), index(message.dlc), message.data
     is_fd, is_remote = bool(flags & FrameFlag.FD), bool(flags & FrameFlag.REMOTE)
-    bits = 29 if flags & (FrameFlag.EXTENDED | FrameFlag.ERROR) else 11
+    id_bits = 29 if flags & (FrameFlag.EXTENDED | FrameFlag.ERROR) else 11
     is_allowed = 0 <= length <= 64 and LENGTH_ALLOWED[int(is_fd), length]
-    if not 0 <= can_id < 1 << bits or not is_allowed or (is_fd and is_remote):
+    if not 0 <= can_id < 1 << id_bits or not is_allowed or (is_fd and is_remote):
         raise ValueError("no identifier or length of a frame")
     if len(payload) != (0 if is_remote else length):
         raise ValueError("another payload than the length says")
     t_ns, stamp_s = 0, message.timestamp
-    # Difference from the host's clock, s, above which a stamp is taken to have another epoch (boot,
-    # adapter reset) or none.
+    # Difference from the host's clock, s, above which a stamp has another epoch (boot, reset).
     if abs(stamp_s - arrived_ns * 1e-9) < 86_400.0:  # False for NaN
         # Near 1.8e18 a float64 of nanoseconds steps by 256, and one of seconds by 238 ns.
-        whole = int(stamp_s)
-        t_ns = whole * 1_000_000_000 + round((stamp_s - whole) * 1e9)
+        whole_s = int(stamp_s)
+        t_ns = whole_s * 1_000_000_000 + round((stamp_s - whole_s) * 1e9)
     return t_ns, can_id, flags, length, bytes(payload)
 
 
@@ -151,6 +149,7 @@ def open_buses(configs: Sequence[BusConfig]) -> Iterator[tuple[can.BusABC, ...]]
 
 
 def _name(config: BusConfig) -> str:
+    """Return the name of a bus for messages, like `socketcan can0`."""
     return f"{config.interface} {config.channel}".rstrip()
 
 
@@ -178,6 +177,7 @@ def _backend_errors(config: BusConfig) -> Iterator[None]:
 
 
 def _reason(error: BaseException) -> str:
+    """Return the text of an exception, with that of the system's error which caused it."""
     text, cause = str(error) or type(error).__name__, error.__cause__
     return f"{text}: {cause}" if isinstance(cause, OSError) and str(cause) not in text else text
 
@@ -219,8 +219,7 @@ class PythonCanSource:
                 message = self._bus.recv(0.0 if self._gather_s else wait_s)
             except Exception as error:  # backends also raise ValueError, IndexError, NameError...
                 self._garbled_in_a_row += 1
-                # Number of consecutive unreadable pieces, without a pause, after which the
-                # interface counts as lost.
+                # After so many consecutive unreadable pieces the interface counts as lost.
                 if _is_fault(error) or self._garbled_in_a_row >= 10_000:
                     if received:
                         break  # the next call raises
@@ -257,7 +256,7 @@ class PythonCanSource:
         rows = []
         for message, arrived_ns in received:
             try:
-                stamp_ns, *others = _checked(message, arrived_ns)
+                stamp_ns, *others = _frame_fields(message, arrived_ns)
             except (TypeError, ValueError, OverflowError):
                 self._garbled += 1
             else:
@@ -285,10 +284,10 @@ def _is_fault(error: BaseException) -> bool:
     A fault has an error of the operating system as its cause, or no other cause than the backend
     itself; unreadable input has the exception of a parser as its cause.
     """
-    chain: list[BaseException] = []
+    causes: list[BaseException] = []
     cause: BaseException | None = error
-    while cause is not None and cause not in chain:  # a driver may raise one object repeatedly
-        chain.append(cause)
+    while cause is not None and cause not in causes:  # a driver may raise one object repeatedly
+        causes.append(cause)
         cause = cause.__cause__ or cause.__context__
-    is_of_backend = isinstance(error, can.CanError) and len(chain) == 1
-    return is_of_backend or any(isinstance(each, OSError) for each in chain)
+    is_of_backend = isinstance(error, can.CanError) and len(causes) == 1
+    return is_of_backend or any(isinstance(each, OSError) for each in causes)

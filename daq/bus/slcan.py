@@ -21,11 +21,8 @@ from dbc.frames import FD_LENGTHS, FrameBatch, FrameFlag
 
 from .source import BLOCK_FRAMES, GATHER_S, STEADY_CLOCK, BusError, HopLosses
 
-_RATES = (
-    *(10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 750_000, 1_000_000),
-    83_300,
-)
-BITRATE_CODES = {rate: f"S{code}" for code, rate in enumerate(_RATES)}
+_KBIT_S = (10, 20, 50, 100, 125, 250, 500, 750, 1000, 83.3)
+BITRATE_CODES = {round(1000 * kbit_s): f"S{code}" for code, kbit_s in enumerate(_KBIT_S)}
 """Command that sets each bit rate of the bus."""
 SILENCE_S = 2.0
 """Silence after opening, s, after which the setup is sent again: some adapters reset when their
@@ -68,43 +65,44 @@ def parse_slcan(stream: bytes) -> tuple[FrameBatch, int, int]:
     octets = np.frombuffer(stream, np.uint8)
     ends = np.flatnonzero((octets == _CR) | (octets == _BELL))
     starts = np.concatenate([[0], ends[:-1] + 1]) if len(ends) else ends
-    sizes = ends - starts
-    used = int(ends[-1]) + 1 if len(ends) else 0
-    kinds = octets[starts] if used else octets[:0]
-    is_answer = (sizes == 0) | ((sizes == 1) & np.isin(kinds, _ANSWERS))
-    is_answer |= (sizes == 2) & (kinds == _SET_BITRATE)
+    line_lengths = ends - starts
+    n_used = int(ends[-1]) + 1 if len(ends) else 0
+    kinds = octets[starts] if n_used else octets[:0]
+    is_answer = (line_lengths == 0) | ((line_lengths == 1) & np.isin(kinds, _ANSWERS))
+    is_answer |= (line_lengths == 2) & (kinds == _SET_BITRATE)
 
     can_id = np.zeros(len(ends), np.uint32)
     flags = np.zeros(len(ends), np.uint16)
     length = np.zeros(len(ends), np.uint8)
     data = np.zeros((len(ends), 64), np.uint8)
-    good = np.zeros(len(ends), bool)
+    is_frame_line = np.zeros(len(ends), bool)
     for kind, properties in _KINDS.items():
-        digits = 8 if properties & FrameFlag.EXTENDED else 3
+        id_digits = 8 if properties & FrameFlag.EXTENDED else 3
         lines = np.flatnonzero(
-            (kinds == kind) & (sizes >= digits + 2) & (octets[ends] == _CR) & ~is_answer
+            (kinds == kind) & (line_lengths >= id_digits + 2) & (octets[ends] == _CR) & ~is_answer
         )
-        codes = _NIBBLE[octets[starts[lines] + digits + 1]]
+        codes = _NIBBLE[octets[starts[lines] + id_digits + 1]]
         length_codes = 16 if properties & _FD else 9  # a classic frame has 0 to 8 bytes
         for code in np.unique(codes[codes < length_codes]):
-            size = 0 if properties & FrameFlag.REMOTE else int(FD_LENGTHS[code])
-            width = digits + 2 + 2 * size
+            n_payload = 0 if properties & FrameFlag.REMOTE else int(FD_LENGTHS[code])
+            n_characters = id_digits + 2 + 2 * n_payload
             rows = lines[codes == code]
-            rows = rows[(sizes[rows] == width) | (sizes[rows] == width + _STAMP_DIGITS)]
-            nibbles = _NIBBLE[octets[starts[rows, None] + np.arange(1, width)]]
-            powers = 16 ** np.arange(digits - 1, -1, -1, dtype=np.int64)
-            ids = nibbles[:, :digits].astype(np.int64) @ powers
-            is_frame = (nibbles != _NO_DIGIT).all(axis=1)
-            is_frame &= ids < (1 << 29 if properties & FrameFlag.EXTENDED else 1 << 11)
-            rows, payload = rows[is_frame], nibbles[is_frame, digits + 1 :]
-            can_id[rows] = ids[is_frame]
+            stamp_digits = line_lengths[rows] - n_characters
+            rows = rows[(stamp_digits == 0) | (stamp_digits == _STAMP_DIGITS)]
+            nibbles = _NIBBLE[octets[starts[rows, None] + np.arange(1, n_characters)]]
+            place_values = 16 ** np.arange(id_digits - 1, -1, -1, dtype=np.int64)
+            ids = nibbles[:, :id_digits].astype(np.int64) @ place_values
+            is_valid = (nibbles != _NO_DIGIT).all(axis=1)
+            is_valid &= ids < (1 << 29 if properties & FrameFlag.EXTENDED else 1 << 11)
+            rows, payload = rows[is_valid], nibbles[is_valid, id_digits + 1 :]
+            can_id[rows] = ids[is_valid]
             flags[rows] = properties
             length[rows] = FD_LENGTHS[code]
-            data[rows, :size] = payload[:, ::2] << 4 | payload[:, 1::2]
-            good[rows] = True
-    width = 8 if length.max(initial=0) <= 8 else 64
-    frames = FrameBatch(ends, can_id, flags, np.zeros_like(length), length, data[:, :width])
-    return frames.select(good), int(np.sum(~good & ~is_answer)), used
+            data[rows, :n_payload] = payload[:, ::2] << 4 | payload[:, 1::2]
+            is_frame_line[rows] = True
+    data_width = 8 if length.max(initial=0) <= 8 else 64
+    frames = FrameBatch(ends, can_id, flags, np.zeros_like(length), length, data[:, :data_width])
+    return frames.select(is_frame_line), int(np.sum(~is_frame_line & ~is_answer)), n_used
 
 
 class SlcanSource:
@@ -130,7 +128,7 @@ class SlcanSource:
         self._setup = f"C\r{BITRATE_CODES[bitrate]}\rO\r".encode()
         self._index = index
         self._now_ns = now_ns
-        self._begun = b""  # the last line, as far as it was read
+        self._unfinished = b""  # the last line, as far as it was read
         self._garbled = 0
         line.write(self._setup)
         self._repeat_setup_s: float | None = time.monotonic() + SILENCE_S
@@ -183,18 +181,19 @@ class SlcanSource:
         return first + self._line.read(self._line.in_waiting) if first else b""
 
     def _batch(self, pieces: list[bytes], read_ns: list[int]) -> FrameBatch:
+        """Return the frames that end in pieces of input, each with the time of reading its end."""
         if not pieces:
             return FrameBatch.empty()
         self._repeat_setup_s = None
-        sizes = [len(self._begun) + len(pieces[0]), *map(len, pieces[1:])]
-        stream = self._begun + b"".join(pieces)
-        frames, garbled, used = parse_slcan(stream)
+        sizes = [len(self._unfinished) + len(pieces[0]), *map(len, pieces[1:])]
+        stream = self._unfinished + b"".join(pieces)
+        frames, garbled, n_used = parse_slcan(stream)
         self._garbled += garbled
         # A line that is too long is replaced by a character with which no line begins: it counts as
         # one garbled line when it ends, and memory stays bounded.
-        self._begun = stream[used:] if len(stream) - used <= LONGEST_LINE else b"?"
-        piece = np.searchsorted(np.cumsum(sizes), frames.t_ns, side="right")
-        t_ns, bus = np.array(read_ns, np.int64)[piece], np.full(len(frames), self._index)
+        self._unfinished = stream[n_used:] if len(stream) - n_used <= LONGEST_LINE else b"?"
+        piece_index = np.searchsorted(np.cumsum(sizes), frames.t_ns, side="right")
+        t_ns, bus = np.array(read_ns, np.int64)[piece_index], np.full(len(frames), self._index)
         return replace(frames, t_ns=t_ns, bus=bus)
 
 

@@ -80,12 +80,12 @@ class FrameBuffers:
         self.control = np.zeros((capacity, _CONTROL_WORDS), np.int64)
         self.headers = np.zeros(capacity, _HEADER)
         self._pieces = np.zeros(capacity, _PIECE)
-        place = np.arange(capacity, dtype=np.uintp)
-        self._pieces["base"] = self.frames.ctypes.data + place * FRAME.itemsize
+        row = np.arange(capacity, dtype=np.uintp)
+        self._pieces["base"] = self.frames.ctypes.data + row * FRAME.itemsize
         self._pieces["size"] = FRAME.itemsize
-        self.headers["pieces"] = self._pieces.ctypes.data + place * _PIECE.itemsize
+        self.headers["pieces"] = self._pieces.ctypes.data + row * _PIECE.itemsize
         self.headers["count"] = 1
-        self.headers["control"] = self.control.ctypes.data + place * _CONTROL_WORDS * _WORD
+        self.headers["control"] = self.control.ctypes.data + row * _CONTROL_WORDS * _WORD
         self.headers["control_bytes"] = _CONTROL_WORDS * _WORD
         self._address = self.headers.ctypes.data
 
@@ -130,41 +130,40 @@ def frame_columns(
     int64: stamps.  `bus`: number of the bus for the frames.
     """
     frames, size = buffers.frames[:count], buffers.headers["size"][:count]
-    marks = buffers.headers["flags"][:count]
+    message_flags = buffers.headers["flags"][:count]
     can_id, length = frames["can_id"], frames["length"].copy()  # the next call overwrites them
     buses = np.full(count, bus, np.uint8)
     if not (
         np.count_nonzero(size != CLASSIC_BYTES)
-        or np.count_nonzero(marks)
+        or np.count_nonzero(message_flags)
         or np.count_nonzero(can_id > 0x7FF)
         or np.count_nonzero(length != 8)
     ):  # Between two blocks other work fills the processor's caches: each operation saved counts.
         data = frames["data"][:, :8].copy()
         batch = FrameBatch(t_ns, can_id.copy(), np.zeros(count, np.uint16), buses, length, data)
         return batch, np.ones(count, bool)
-    top, fd = can_id >> 29, size == FD_BYTES
+    id_flags, is_fd = can_id >> 29, size == FD_BYTES
     can_id = can_id & np.uint32(0x1FFFFFFF)
-    flags = _FLAGS[top] | np.where(fd, _FD_FLAGS[frames["flags"] & 3], np.uint16(0))
-    echo = marks & socket.MSG_DONTROUTE != 0
-    flags |= echo.astype(np.uint16) * np.uint16(FrameFlag.TRANSMITTED)
-    remote = flags & np.uint16(FrameFlag.REMOTE) != 0
+    flags = _FLAGS[id_flags] | np.where(is_fd, _FD_FLAGS[frames["flags"] & 3], np.uint16(0))
+    is_echo = message_flags & socket.MSG_DONTROUTE != 0
+    flags |= is_echo.astype(np.uint16) * np.uint16(FrameFlag.TRANSMITTED)
+    is_remote = flags & np.uint16(FrameFlag.REMOTE) != 0
 
-    good = (fd | (size == CLASSIC_BYTES)) & (marks & socket.MSG_TRUNC == 0)
-    good &= (can_id < _ID_LIMIT[top]) & LENGTH_ALLOWED[fd.view(np.uint8), length]
-    good &= ~(fd & remote)
+    is_good = (is_fd | (size == CLASSIC_BYTES)) & (message_flags & socket.MSG_TRUNC == 0)
+    is_good &= (can_id < _ID_LIMIT[id_flags]) & LENGTH_ALLOWED[is_fd.view(np.uint8), length]
+    is_good &= ~(is_fd & is_remote)
     # After the payload there are bytes left by the sender or by an earlier frame.
-    width = 64 if fd.any() else 8
-    payload = np.where(remote, np.uint8(0), length)
+    width = 64 if is_fd.any() else 8
+    payload = np.where(is_remote, np.uint8(0), length)
     data = frames["data"][:, :width] * (_OCTET[:width] < payload[:, None])
     batch = FrameBatch(t_ns, can_id, flags, buses, length, data)
-    return (batch if good.all() else batch.select(good)), good
+    return (batch if is_good.all() else batch.select(is_good)), is_good
 
 
 # Sizes the buffer of a bus that is a socket, and counts the datagrams that it had no room for -----
 
 RECEIVE_BUFFER_BYTES = 8 << 20
-"""Receive buffer requested from the kernel, bytes: about 21,900 frames, 2.4 s of a full bus of 1
-Mbit/s; the default one holds 31 ms."""
+"""Receive buffer requested from the kernel, bytes: 21,900 frames, 2.4 s of a bus of 1 Mbit/s."""
 _SO_RCVBUFFORCE, _SO_MEMINFO = 33, 55
 _IP_MULTICAST_ALL = 49
 _COUNTS = struct.Struct("=9I")
@@ -230,11 +229,7 @@ class SocketCanSource:
     """
 
     def __init__(
-        self,
-        sock: socket.socket,
-        name: str,
-        index: int,
-        steady_clock: SteadyClock = STEADY_CLOCK,
+        self, sock: socket.socket, name: str, index: int, steady_clock: SteadyClock = STEADY_CLOCK
     ) -> None:
         self.name = name
         self._socket, self._index, self._steady_clock = sock, index, steady_clock
@@ -245,7 +240,7 @@ class SocketCanSource:
         self._buffers = FrameBuffers(BLOCK_FRAMES)
         self._arrival = select.poll()
         self._arrival.register(sock, select.POLLIN)
-        self._more = self._down = self._older = False
+        self._may_have_more = self._is_down = self._has_older = False
         self._fault: OSError | None = None
         self._losses = HopLosses()
         self._drop_counter = 0
@@ -256,18 +251,18 @@ class SocketCanSource:
         An interface that is taken down raises no error: the socket receives again once it is up.
         """
         wait_ms = math.ceil(max(timeout_s, 0.0) * 1e3)
-        if not (self._more or self._fault) and self._arrival.poll(wait_ms):
+        if not (self._may_have_more or self._fault) and self._arrival.poll(wait_ms):
             time.sleep(self._gather_s)  # others join the first
         count = self._receive()
-        self._more = count == BLOCK_FRAMES
-        older, self._older = self._older, self._older and self._more
+        self._may_have_more = count == BLOCK_FRAMES
+        may_be_older, self._has_older = self._has_older, self._has_older and self._may_have_more
         counter = drop_counter(self._socket)
         if counter is not None and counter != self._drop_counter:
             dropped = (counter - self._drop_counter) & 0xFFFFFFFF  # it has 32 bits and wraps
             self._drop_counter = counter
             self._losses = self._losses.plus(HopLosses(dropped))
         if count:
-            return self._batch(count, older)
+            return self._batch(count, may_be_older)
         if self._fault:
             problem = f"has gone: {self._fault.strerror}"
             advice = "check plug and power, then start again"
@@ -281,7 +276,7 @@ class SocketCanSource:
     @property
     def interface_down(self) -> bool:
         """True if the interface was taken down and no frame has come since."""
-        return self._down
+        return self._is_down
 
     def close(self) -> None:
         """Close the socket."""
@@ -290,8 +285,7 @@ class SocketCanSource:
     def _receive(self) -> int:
         """Fill the buffers and return the number of datagrams.
 
-        The kernel returns a fault before the frames that were queued earlier, so a second attempt
-        follows a fault.
+        The kernel returns a fault before earlier frames, so a second attempt follows a fault.
         """
         for _ in range(2):
             try:
@@ -300,25 +294,29 @@ class SocketCanSource:
                 return 0
             except OSError as error:
                 if error.errno == errno.ENETDOWN:
-                    self._down = self._older = True
+                    self._is_down = self._has_older = True
                 else:
                     self._fault = error
         return 0
 
-    def _batch(self, count: int, older: bool) -> FrameBatch:
+    def _batch(self, count: int, may_be_older: bool) -> FrameBatch:
+        """Return the frames among the first datagrams as a batch.
+
+        `may_be_older`: True if they were queued before the interface was taken down.
+        """
         buffers, used = self._buffers, self._buffers.headers["control_bytes"][:count]
         kernel_ns = kernel_stamps(buffers.control[:count], used)
         used[:] = _CONTROL_WORDS * _WORD
-        stamped = kernel_ns != 0
+        is_stamped = kernel_ns != 0
         t_ns = self._steady_clock.from_wall(kernel_ns)
-        if np.count_nonzero(stamped) < count:
-            t_ns = np.where(stamped, t_ns, self._steady_clock.now_ns())
-        batch, good = frame_columns(buffers, count, t_ns, self._index)
-        garbled, restamped = count - len(batch), int(np.count_nonzero(good > stamped))
+        if np.count_nonzero(is_stamped) < count:
+            t_ns = np.where(is_stamped, t_ns, self._steady_clock.now_ns())
+        batch, is_good = frame_columns(buffers, count, t_ns, self._index)
+        garbled, restamped = count - len(batch), int(np.count_nonzero(is_good > is_stamped))
         if garbled or restamped:
             self._losses = self._losses.plus(HopLosses(0, garbled, restamped))
-        if len(batch) and not older:  # older frames, queued before, do not mean that it is up
-            self._down = False
+        if len(batch) and not may_be_older:
+            self._is_down = False
         return batch
 
 

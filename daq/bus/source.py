@@ -58,7 +58,7 @@ class HopLosses(NamedTuple):
 
     def plus(self, other: HopLosses) -> HopLosses:
         """Return the sum of both."""
-        return HopLosses(*(one + two for one, two in zip(self, other, strict=True)))
+        return HopLosses(*(a + b for a, b in zip(self, other, strict=True)))
 
     def since(self, before: HopLosses) -> HopLosses:
         """Return the losses since an earlier count."""
@@ -176,7 +176,7 @@ class SteadyClock:
         with self._lock:
             monotonic_ns, self._offset_ns = self._clocks()
             self._zero_ns = max(self._offset_ns, not_before_ns - monotonic_ns)
-            self._before: tuple[tuple[int, int], ...] = ()  # end, monotonic, and earlier offset
+            self._earlier_offsets = list[tuple[int, int]]()  # end, monotonic, and offset until then
 
     def _clocks(self) -> tuple[int, int]:
         """Return the monotonic time, and how far the wall clock is ahead of it, ns.
@@ -202,21 +202,21 @@ class SteadyClock:
         monotonic_ns, offset_ns = self._clocks()
         with self._lock:
             if abs(offset_ns - self._offset_ns) > STEP_NS:
-                self._before = (*self._before, (monotonic_ns, self._offset_ns))
+                self._earlier_offsets.append((monotonic_ns, self._offset_ns))
                 self._offset_ns = offset_ns
-            if self._before and monotonic_ns - self._before[0][0] > QUEUED_NS:
-                self._before = self._before[1:]
+            if self._earlier_offsets and monotonic_ns - self._earlier_offsets[0][0] > QUEUED_NS:
+                self._earlier_offsets.pop(0)
             offset_ns, zero_ns = self._offset_ns, self._zero_ns
-            offsets = (offset_ns, *(before for _, before in self._before))
+            offsets = (offset_ns, *(offset for _, offset in self._earlier_offsets))
         if len(offsets) == 1:
             return wall_ns if offset_ns == zero_ns else wall_ns - (offset_ns - zero_ns)
         # Each stamp was made with the offset that gives the latest monotonic time not after now,
         # give or take 5 ms: the two clocks cannot be read at the same instant.
-        candidates_ns = wall_ns[:, None] - np.array(offsets, np.int64)  # (n, offsets)
-        age_ns = monotonic_ns - candidates_ns
+        axis_ns = wall_ns[:, None] - np.array(offsets, np.int64)  # (n, offsets)
+        age_ns = monotonic_ns - axis_ns
         age_ns = np.where(age_ns >= -5_000_000, age_ns, np.iinfo(np.int64).max)
-        likely = age_ns.argmin(axis=1)[:, None]
-        return np.take_along_axis(candidates_ns, likely, axis=1)[:, 0] + zero_ns
+        likeliest = age_ns.argmin(axis=1)[:, None]
+        return np.take_along_axis(axis_ns, likeliest, axis=1)[:, 0] + zero_ns
 
 
 STEADY_CLOCK = SteadyClock()
@@ -261,7 +261,7 @@ class Link:
         self._clock = clock
         self._halted = threading.Event()
         self._source: FrameSource | None = None
-        self._before = HopLosses()  # of the sources that are closed
+        self._closed_losses = HopLosses()  # of the sources that are closed
         self._pause_s = BACK_OFF_S[0]
         self._next_try_s = self._alive_s = clock()
         self._had_frames = self._was_open = False
@@ -304,7 +304,7 @@ class Link:
         """Close the bus permanently."""
         self._halted.set()
         self._drop()
-        self._facts = replace(self._facts, connected=False, losses=self._before)
+        self._facts = replace(self._facts, connected=False, losses=self._closed_losses)
 
     def _open(self, timeout_s: float) -> None:
         """Open the bus once the pause after a failure is over; wait at most `timeout_s` for it."""
@@ -338,7 +338,7 @@ class Link:
         """Close the source and keep its counts."""
         if self._source is None:
             return
-        self._before = self._losses()
+        self._closed_losses = self._losses()
         source, self._source = self._source, None
         with suppress(BaseException):  # an unplugged device cannot be closed properly
             source.close()
@@ -348,4 +348,4 @@ class Link:
         if self._source is not None:
             with suppress(BaseException):
                 now = self._source.losses()
-        return self._before.plus(now)
+        return self._closed_losses.plus(now)

@@ -160,7 +160,7 @@ def test_each_frame_carries_the_stamp_of_the_read_that_ended_its_line() -> None:
 def test_a_line_without_end_neither_grows_nor_hides_what_follows() -> None:
     source = source_of(*[b"0" * 1000] * 50, b"\rt1231ab\r")
     got = read_all(source)
-    assert len(source._begun) <= LONGEST_LINE
+    assert len(source._unfinished) <= LONGEST_LINE
     assert list(got.can_id) == [0x123]
     assert source.losses().bus_garbled == 1
 
