@@ -36,8 +36,7 @@ from .segment import (
 class SegmentInfo:
     """A segment, without its frames.
 
-    `writer`: the process that wrote it, as `JournalHead.wall_ns`.  `head`: None if each copy of it
-    is damaged.
+    `writer`: the process that wrote it, as `JournalHead.wall_ns`.  `head`: None if damaged.
     """
 
     path: Path
@@ -165,22 +164,23 @@ def recordings_of(segments: Sequence[Path]) -> tuple[RecordingInfo, ...]:
     A file that cannot be read, or whose recording has no head, is the last of the recording before
     it, so that a reader counts what is lost with it.  Raises InputError if none can be read.
     """
-    fault = InputError("journal", "holds no recording with a bench.toml and DBC", ADVICE)
+    reason = InputError("journal", "holds no recording with a bench.toml and DBC", ADVICE)
     groups: dict[str, list[SegmentInfo]] = {}
     for info in _scanned(sorted(segments, key=segment_number, reverse=True)):
         if isinstance(info, InputError):
-            fault = info
+            reason = info
         else:
             groups.setdefault(info.recording, []).insert(0, info)
-    recorded = [recording for infos in groups.values() if (recording := _recording(infos))][::-1]
-    if not recorded:
-        raise fault
-    readable = {path for recording in recorded for path in recording.segments}
-    firsts = [segment_number(recording.segments[0]) for recording in recorded]
+    found = [recording for infos in groups.values() if (recording := _recording(infos))][::-1]
+    if not found:
+        raise reason
+    readable = {path for recording in found for path in recording.segments}
+    first_numbers = [segment_number(recording.segments[0]) for recording in found]
     for path in sorted(set(segments) - readable, key=segment_number):
-        k = max(0, sum(first < segment_number(path) for first in firsts) - 1)
-        recorded[k] = replace(recorded[k], segments=(*recorded[k].segments, path))
-    return tuple(recorded)
+        begun_before = sum(number < segment_number(path) for number in first_numbers)
+        owner = max(0, begun_before - 1)
+        found[owner] = replace(found[owner], segments=(*found[owner].segments, path))
+    return tuple(found)
 
 
 def recording_of(segments: Sequence[Path]) -> RecordingInfo:
@@ -188,11 +188,11 @@ def recording_of(segments: Sequence[Path]) -> RecordingInfo:
 
     Raises InputError also if they belong to several recordings.
     """
-    one, *others = recordings_of(segments)
+    recording, *others = recordings_of(segments)
     if others:
-        problem = f"belongs to another recording than {one.segments[0].name}"
+        problem = f"belongs to another recording than {recording.segments[0].name}"
         raise InputError(str(others[0].segments[0]), problem, "read one recording at a time")
-    return one
+    return recording
 
 
 # Reads the blocks of a recording ------------------------------------------------------------------
@@ -243,21 +243,21 @@ class HopCounts:
 
         A loss belongs to a block, not to a frame, so the span is extended to complete blocks.
         """
-        before = int(np.searchsorted(self.t_ns, start_ns, side="left")) - 1
-        last = min(int(np.searchsorted(self.t_ns, stop_ns, side="left")), len(self.t_ns) - 1)
-        if last < 0:
+        row_before = int(np.searchsorted(self.t_ns, start_ns, side="left")) - 1
+        last_row = min(int(np.searchsorted(self.t_ns, stop_ns, side="left")), len(self.t_ns) - 1)
+        if last_row < 0:
             return HopLosses()
-        lost = self.counts[last] - (self.counts[before] if before >= 0 else 0)
+        lost = self.counts[last_row] - (self.counts[row_before] if row_before >= 0 else 0)
         return HopLosses(*map(int, lost))
 
     def after(self, stop_ns: int) -> HopCounts:
         """Return the counts without the losses that `between` returns up to a time."""
-        last = min(int(np.searchsorted(self.t_ns, stop_ns, side="left")), len(self.t_ns) - 1)
-        if last < 0:
+        last_row = min(int(np.searchsorted(self.t_ns, stop_ns, side="left")), len(self.t_ns) - 1)
+        if last_row < 0:
             return self
-        t_ns = self.t_ns[last:].copy()
+        t_ns = self.t_ns[last_row:].copy()
         t_ns[0] = np.iinfo(np.int64).min
-        return HopCounts(t_ns, self.counts[last:])
+        return HopCounts(t_ns, self.counts[last_row:])
 
 
 @dataclass(frozen=True, slots=True)
@@ -294,18 +294,18 @@ def read_windows(
     reader = JournalReader(recording)
     pieces: list[list[FrameBatch]] = [[] for _ in windows]
     events: list[Event] = []
-    rows: list[tuple[int, ...]] = []  # of `HopCounts`
+    hop_rows: list[tuple[int, ...]] = []  # of `HopCounts`: time stamp, losses
     latest_ns = 0
     for losses, block in reader:
         t_ns = block.t_ns
         events += block.events
         latest_ns = int(t_ns.max(initial=latest_ns))
-        row = (latest_ns, *losses)
+        hop_row = (latest_ns, *losses)
         # `HopCounts.between` uses the row before a span and the first one after it.  Because both
         # ends of every level are kept, it returns the same losses.
-        if len(rows) >= 2 and rows[-1][1:] == row[1:] == rows[-2][1:]:
-            rows.pop()
-        rows.append(row)
+        if len(hop_rows) >= 2 and hop_rows[-1][1:] == hop_row[1:] == hop_rows[-2][1:]:
+            hop_rows.pop()
+        hop_rows.append(hop_row)
         if not len(t_ns):
             continue
         first_ns, last_ns = int(t_ns.min()), int(t_ns.max())
@@ -315,8 +315,8 @@ def read_windows(
                 frames = frames or block.frames
                 is_whole = start_ns <= first_ns and last_ns < stop_ns
                 pieces[k].append(frames if is_whole else frames.within([windows[k]]))
-    table = np.array(rows, np.int64).reshape(-1, 5)
-    hops = HopCounts(table[:, 0], table[:, 1:])
+    hop_table = np.array(hop_rows, np.int64).reshape(-1, 5)
+    hops = HopCounts(hop_table[:, 0], hop_table[:, 1:])
     contents = JournalContents(recording.head, FrameBatch.empty(), tuple(events), hops, reader.lost)
     joined = []
     while pieces:  # joined one after another, so that not all of them are in memory twice
@@ -327,8 +327,7 @@ def read_windows(
 class JournalReader:
     """Iterates once over the blocks of a recording; `lost` is exact after that.
 
-    `head`: that of the recording.  Yields blocks of frames or events, each with the losses of all
-    processes up to it.
+    `head`: that of the recording.  Yields blocks of frames or events, with the losses up to each.
     """
 
     def __init__(self, recording: RecordingInfo) -> None:
@@ -341,30 +340,30 @@ class JournalReader:
     @property
     def lost(self) -> JournalLoss:
         """The losses found; exact once all blocks have been read."""
-        lost = [*self._lost, *self._torn]
-        for name, first, stop in self._missing:
-            missing = stop - first
-            for begin, end in sorted(self._deleted):
-                missing -= max(0, min(stop, end) - max(first, begin))
-                first = max(first, end)
+        losses = [*self._lost, *self._torn]
+        for name, first_missing, stop in self._missing:
+            missing = stop - first_missing
+            for first_deleted, stop_deleted in sorted(self._deleted):
+                missing -= max(0, min(stop, stop_deleted) - max(first_missing, first_deleted))
+                first_missing = max(first_missing, stop_deleted)
             if missing > 0:
                 note = f"{name}: {counted(missing, 'block')} missing before it"
-                lost.append(JournalLoss(blocks_missing=missing, notes=(note,)))
+                losses.append(JournalLoss(blocks_missing=missing, notes=(note,)))
         return JournalLoss(
-            sum(each.bytes_cut for each in lost),
-            sum(each.blocks_missing for each in lost),
-            tuple(note for each in lost for note in each.notes),
+            sum(each.bytes_cut for each in losses),
+            sum(each.blocks_missing for each in losses),
+            tuple(note for each in losses for note in each.notes),
         )
 
     def __iter__(self) -> Iterator[tuple[HopLosses, Block]]:
         expected, writer = 0, self.head.wall_ns
-        losses = before = HopLosses()
+        losses = earlier_losses = HopLosses()
         for path in self._segments:
             for block in self._blocks(path):
-                is_of_another = block.writer != writer  # a process that repeats no block
-                if is_of_another:
-                    before, writer = losses, block.writer
-                if is_of_another or block.number > expected:
+                is_new_writer = block.writer != writer  # a process that repeats no block
+                if is_new_writer:
+                    earlier_losses, writer = losses, block.writer
+                if is_new_writer or block.number > expected:
                     self._lost += self._torn
                     self._torn.clear()
                 if block.number < expected:
@@ -377,7 +376,7 @@ class JournalReader:
                 self._torn.clear()  # the block that was cut off before is this one
                 expected = block.number + 1
                 if block.kind == Kind.FRAMES:
-                    losses = before.plus(block.losses)
+                    losses = earlier_losses.plus(block.losses)
                 for event in block.events:
                     self._deleted |= set(deleted_blocks(event))
                 yield losses, block

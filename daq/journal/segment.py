@@ -73,8 +73,7 @@ class JournalHead:
     writer.  `wall_ns`, `monotonic_ns`: the host's clocks, read together when the recording was
     begun or resumed.  `recording`: its identity, 32 hexadecimal digits, kept when it is resumed.
     `first_segment`: number of its first segment, also after that was deleted.  `campaign`: False
-    for a recording between two campaigns, which has no runs.  `origin`: of the frames, a value of
-    `Origin`.
+    for a recording between two campaigns, which has no runs.  `origin`: an `Origin`, of the frames.
     """
 
     bench_text: str
@@ -143,8 +142,8 @@ class Block(NamedTuple):  # a frozen dataclass takes four times as long to make
     def stored(self) -> bytes:
         """The block as it is stored."""
         identity = bytes.fromhex(self.recording)
-        fields = self.kind, len(self.content), self.number, self.writer, identity
-        header = HEADER.pack(MAGIC, 0, *fields)[_CHECKED_FROM:]
+        header_fields = self.kind, len(self.content), self.number, self.writer, identity
+        header = HEADER.pack(MAGIC, 0, *header_fields)[_CHECKED_FROM:]
         crc = zlib.crc32(self.content, zlib.crc32(header))
         return b"".join((MAGIC, crc.to_bytes(4, "little"), header, self.content))
 
@@ -170,12 +169,12 @@ class Block(NamedTuple):  # a frozen dataclass takes four times as long to make
         """Its frames, unpacked at each access."""
         if not self.size:
             return FrameBatch.empty()
-        size, width, *_ = _FRAMES.unpack_from(self.content)
-        columns, begin = {}, _FRAMES.size
+        n_frames, width, *_ = _FRAMES.unpack_from(self.content)
+        columns, offset = {}, _FRAMES.size
         for name, form in (*_COLUMNS, ("data", np.dtype((np.uint8, width)))):
             # A copy is aligned, and does not keep the whole piece of the file in memory.
-            columns[name] = np.frombuffer(self.content, form, size, begin).copy()
-            begin += form.itemsize * size
+            columns[name] = np.frombuffer(self.content, form, n_frames, offset).copy()
+            offset += form.itemsize * n_frames
         return FrameBatch(**columns)
 
     @property
@@ -222,8 +221,8 @@ def read_segment(path: Path) -> tuple[list[Block], int]:
             offset = end = offset + HEADER.size + len(block.content)
             blocks.append(block)
     torn_bytes = len(data) - end
-    is_headed = torn_bytes >= HEADER.size and data.startswith(MAGIC, end)
-    if is_headed and HEADER.unpack_from(data, end)[2] in (Kind.HEAD, Kind.END):
+    begins_block = torn_bytes >= HEADER.size and data.startswith(MAGIC, end)
+    if begins_block and HEADER.unpack_from(data, end)[2] in (Kind.HEAD, Kind.END):
         torn_bytes = 0
     return blocks, torn_bytes
 
@@ -242,8 +241,8 @@ def _block_at(data: memoryview, offset: int) -> Block | None:
 
 def end_of(path: Path) -> Block | None:
     """Return the block with which a sealed segment ends; None if it has no proper end."""
-    for wanted in (1 << 16, 1 << 24):  # most ends are short
-        data = _last_bytes(path, wanted)
+    for n_bytes in (1 << 16, 1 << 24):  # most ends are short
+        data = _last_bytes(path, n_bytes)
         offset = data.rfind(MAGIC)
         if offset >= 0:
             block = _block_at(memoryview(data), offset)
@@ -252,12 +251,12 @@ def end_of(path: Path) -> Block | None:
     return None
 
 
-def _last_bytes(path: Path, wanted: int | None = None) -> bytes:
+def _last_bytes(path: Path, n_bytes: int | None = None) -> bytes:
     """Return the last bytes of a file; None: all."""
     try:
         with path.open("rb") as file:
             size = os.fstat(file.fileno()).st_size
-            file.seek(0 if wanted is None else max(size - wanted, 0))
+            file.seek(0 if n_bytes is None else max(size - n_bytes, 0))
             return file.read()
     except OSError as error:
         what = f"cannot be read ({error.strerror or error})"
@@ -278,8 +277,8 @@ def pack_events(events: Sequence[Event]) -> bytes:
 def pack_frames(frames: FrameBatch, losses: HopLosses) -> bytes:
     """Return the content of a block of kind FRAMES; `losses`: counted up to it."""
     columns = (getattr(frames, name).astype(form).tobytes() for name, form in _COLUMNS)
-    size = _FRAMES.pack(len(frames), frames.data.shape[1], *losses)
-    return b"".join((size, *columns, frames.data.tobytes()))
+    sizes = _FRAMES.pack(len(frames), frames.data.shape[1], *losses)
+    return b"".join((sizes, *columns, frames.data.tobytes()))
 
 
 class SyncedFile(FileIO):
@@ -305,9 +304,9 @@ class Segment:
         self.path, self.file, self.size = path, file, 0
         self.summary = Summary(number, number)
         self._head = head
-        self._state = os.fstat(file.fileno())
+        self._identity = os.fstat(file.fileno())
         try:
-            self._write([self._headed(Kind.HEAD, asdict(head))])
+            self._write([self._head_block(Kind.HEAD, asdict(head))])
             sync_folder(path.parent)
         except OSError:
             self.abandon()
@@ -322,7 +321,7 @@ class Segment:
     def is_in_place(self) -> bool:
         """False if another process removed or replaced the file."""
         try:
-            return os.path.samestat(self.path.stat(), self._state)
+            return os.path.samestat(self.path.stat(), self._identity)
         except OSError as error:
             return error.errno not in (errno.ENOENT, errno.ENOTDIR)
 
@@ -334,9 +333,9 @@ class Segment:
         summary = self.summary.extended(blocks)
         # Number of blocks after which a segment repeats its head, about a second: then no damage to
         # the beginning of a segment that never got its end costs all of it.
-        before, after = (each.stop - each.first for each in (self.summary, summary))
-        if before < 10 <= after:
-            head = self._headed(Kind.HEAD, asdict(self._head))
+        n_before, n_after = (each.stop - each.first for each in (self.summary, summary))
+        if n_before < 10 <= n_after:
+            head = self._head_block(Kind.HEAD, asdict(self._head))
             blocks = [*blocks, head._replace(number=summary.stop)]
         self._write(blocks)
         self.summary = summary
@@ -349,7 +348,7 @@ class Segment:
         events = [[number, *astuple(event)] for number, event in self.summary.events]
         summary = {**asdict(replace(self.summary, events=())), "events": events}
         try:
-            self._write([self._headed(Kind.END, {**asdict(self._head), "summary": summary})])
+            self._write([self._head_block(Kind.END, {**asdict(self._head), "summary": summary})])
         finally:
             self._close()
 
@@ -365,7 +364,7 @@ class Segment:
             self.file.close()
         self.summary = replace(self.summary, events=())  # a recorder keeps thousands of segments
 
-    def _headed(self, kind: Kind, fields: dict[str, Any]) -> Block:
+    def _head_block(self, kind: Kind, fields: dict[str, Any]) -> Block:
         """Return a block with the head, behind the blocks on the disk."""
         content = json.dumps(fields).encode()
         return Block(kind, self.summary.stop, self._head.wall_ns, self._head.recording, content)

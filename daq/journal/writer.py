@@ -103,7 +103,7 @@ class JournalWriter:
         self._folder, self.limits = folder, limits or RecorderConfig()
         self._create, self._room_on = create, room
         first = next_segment(folder) if resume is None else resume.head.first_segment
-        self._adopt(replace(head, first_segment=first))
+        self._begin_counts(replace(head, first_segment=first))
         if resume is not None:
             self._number, self._t_ns = resume.next_number, resume.last_ns
             self._recorded = resume.frames
@@ -115,8 +115,8 @@ class JournalWriter:
         self._segment: Segment | None = None
         self._now_s = self._opened_s = self._warned_s = 0.0
         self._checked_s = -inf
-        self._failed = self._warning = ""
-        self._room, self._full = Room(0, 0), False
+        self._failure = self._warning = ""
+        self._room, self._is_full = Room(0, 0), False
         self._sizes: dict[Path, int] = {}
         """Sizes of the segments in the folder except the open one, bytes."""
         self._infos: dict[Path, SegmentInfo | None] = {}
@@ -124,21 +124,20 @@ class JournalWriter:
             folder.mkdir(parents=True, exist_ok=True)
             self._measure()
             self._sizes = {p: p.stat().st_size for p in segments_in(folder) if p.is_file()}
-            if not self._full:
+            if not self._is_full:
                 self._segment = self._new_segment()
         except OSError as error:
-            self._failed = _reason(error)
+            self._failure = _reason(error)
             if error.errno not in (errno.ENOSPC, errno.EIO, errno.EDQUOT):
-                what = f"cannot write the journal: {self._failed}"
+                what = f"cannot write the journal: {self._failure}"
                 raise JournalError(str(folder), what, "choose another folder") from error
             # It may work a second later, before anyone reads the status.
-            self._warn(f"the first file could not be written: {self._failed}")
+            self._warn(f"the first file could not be written: {self._failure}")
 
     def begin(self, head: JournalHead) -> bool:
         """End the recording and begin the next one; return whether this was possible.
 
-        It is not possible while blocks wait in memory: they belong to the present recording, which
-        then continues.
+        It is not possible while blocks of the present recording wait in memory; it then continues.
 
         `head`: of the next recording; the number of its first segment is set here.
         """
@@ -148,7 +147,7 @@ class JournalWriter:
         if self._waiting:
             return False
         self._seal()
-        self._adopt(replace(head, first_segment=next_segment(self._folder)))
+        self._begin_counts(replace(head, first_segment=next_segment(self._folder)))
         self._open_next()
         return True
 
@@ -156,8 +155,7 @@ class JournalWriter:
         """Store a block of frames; `status.recorded_frames` counts frames on the disk.
 
         `frames`: empty if there are only losses to report.  `losses`: cumulative counts of this
-        process up to this block.  Frames that the writer itself dropped are added to
-        `queue_dropped` in the journal.
+        process up to this block.  The writer adds those that it dropped to `queue_dropped`.
         """
         self._t_ns = int(frames.t_ns.max(initial=self._t_ns))
         self._losses = losses
@@ -190,7 +188,7 @@ class JournalWriter:
             recorded_frames=self._recorded,
             lag_s=self._now_s - self._waits_since_s if self._waiting else 0.0,
             held_frames=sum(block.size for block in self._waiting),
-            failed=self._failed,
+            failed=self._failure,
             dropped_frames=self._dropped,
             warning=self._warning,
             total_bytes=self._room.total,
@@ -230,7 +228,7 @@ class JournalWriter:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _adopt(self, head: JournalHead) -> None:
+    def _begin_counts(self, head: JournalHead) -> None:
         """Begin to count for a recording from 0."""
         self.head = head
         self._number = self._t_ns = self._recorded = self._reported = 0
@@ -259,8 +257,8 @@ class JournalWriter:
         if is_stored:
             return
         # Additional bytes for events: they are few, and runs depend on them.
-        room = HELD_BYTES if block.size else HELD_BYTES + 4_000_000
-        if self._waiting_bytes + len(block.content) > room:
+        limit_bytes = HELD_BYTES if block.size else HELD_BYTES + 4_000_000
+        if self._waiting_bytes + len(block.content) > limit_bytes:
             self._dropped += block.size
             return
         if not self._waiting:
@@ -278,11 +276,11 @@ class JournalWriter:
             try:
                 self._segment.write(blocks)
             except OSError as error:
-                self._failed = _reason(error)
-                self._warn(f"{self._segment.path.name}: {self._failed}; left as it was")
-                self._leave(Segment.abandon)
+                self._failure = _reason(error)
+                self._warn(f"{self._segment.path.name}: {self._failure}; left as it was")
+                self._end_segment(Segment.abandon)
                 continue
-            self._failed = ""
+            self._failure = ""
             self.written += [self._segment] if is_first else []
             frames = sum(block.size for block in blocks)
             self._recorded += frames
@@ -292,7 +290,7 @@ class JournalWriter:
 
     def _drain(self) -> None:
         """Write waiting blocks until the disk refuses one."""
-        if self._full or (self._segment is None and not self._open_next()):
+        if self._is_full or (self._segment is None and not self._open_next()):
             return
         while self._waiting:
             blocks = list(islice(self._waiting, 40))  # synced together
@@ -309,6 +307,7 @@ class JournalWriter:
     # Segments ----------------------------------------------------------------------------------
 
     def _new_segment(self) -> Segment:
+        """Create the next file, for the waiting blocks or else the next one; raises OSError."""
         self._folder.mkdir(parents=True, exist_ok=True)
         path = self._folder / f"journal_{next_segment(self._folder):04d}.bbj"
         first = self._waiting[0].number if self._waiting else self._number
@@ -318,25 +317,25 @@ class JournalWriter:
     def _open_next(self) -> bool:
         """Open a segment; return whether this succeeded."""
         try:
-            self._segment, self._failed = self._new_segment(), ""
+            self._segment, self._failure = self._new_segment(), ""
         except OSError as error:
-            self._failed = _reason(error)
+            self._failure = _reason(error)
         return self._segment is not None
 
-    def _leave(self, end: Callable[[Segment], None]) -> None:
+    def _end_segment(self, method: Callable[[Segment], None]) -> None:
         """End the open segment by one of its methods."""
         segment, self._segment = self._segment, None
         if segment is None:
             return
         try:
-            end(segment)
+            method(segment)
         except OSError as error:
             self._warn(f"{segment.path.name}: {_reason(error)}; not closed properly")
         if not segment.is_empty:
             self._sizes[segment.path] = segment.size
 
     def _seal(self) -> None:
-        self._leave(Segment.finish)
+        self._end_segment(Segment.finish)
 
     def _rotate(self) -> None:
         """End a segment that is large or old enough."""
@@ -357,8 +356,8 @@ class JournalWriter:
         self._room = self._room_on(self._folder)
         # Free space, as a multiple of the reserve, from which a stopped recording continues: more
         # than that at which it stops, so that it does not stop again at once.
-        reserves = 1.05 if self._full else 1.0
-        self._full = self._room.free < reserves * self.limits.reserve_bytes
+        reserves = 1.05 if self._is_full else 1.0
+        self._is_full = self._room.free < reserves * self.limits.reserve_bytes
 
     def _check_disk(self) -> None:
         """Check that the files of the recording exist, and the free space."""
@@ -367,24 +366,24 @@ class JournalWriter:
         newest = self._segment or (self.written[-1] if self.written else None)
         if newest is not None and not newest.is_in_place:
             self._replace_removed(newest.path.name)
-        was_full = self._full
+        was_full = self._is_full
         try:
             self._measure()
         except OSError as error:
-            self._failed = _reason(error)
+            self._failure = _reason(error)
             return
-        if self._full:
+        if self._is_full:
             if not was_full:
                 self._seal()
             reserve = self.limits.reserve_bytes / 1e6
-            self._failed = f"the disk is full except for the reserve of {reserve:.0f} MB"
+            self._failure = f"the disk is full except for the reserve of {reserve:.0f} MB"
 
     def _replace_removed(self, name: str) -> None:
         """Report the files that another process removed, the newest of them `name`; open a new one.
 
         A removed folder or an unmounted disk takes all files with it.
         """
-        self._leave(Segment.abandon)
+        self._end_segment(Segment.abandon)
         removed = [segment for segment in self.written if not segment.is_in_place]
         for segment in removed:
             self.written.remove(segment)
@@ -448,7 +447,7 @@ class JournalWriter:
 
 
 def _memory_bytes(block: Block) -> int:
-    """Return the memory of a block, which is larger than its content."""
+    """Return the memory of a block, bytes: its content, and the 400 of its objects."""
     return len(block.content) + 400
 
 
