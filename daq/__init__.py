@@ -8,16 +8,7 @@ from dbc.words import BumpbenchError, InputError
 
 from .bus.source import BusError
 from .channels import Channel, Quantity, paper_channels
-from .runs import (
-    ADDED,
-    BASELINE,
-    Event,
-    Excitation,
-    Losses,
-    Run,
-    RunStatus,
-    SampleGroup,
-)
+from .runs import ADDED, BASELINE, Event, Excitation, Losses, Run, RunStatus, SampleGroup
 from .session import read_session, validate_session, write_session
 from .sessions import Session, session_from_arrays
 from .vehicle import (

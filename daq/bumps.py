@@ -16,12 +16,7 @@ from .vehicle import Corner
 Wheels = frozenset[Corner]
 
 _FL, _FR, _RL, _RR = Corner
-_ALL, _FRONT, _REAR, _LEFT = (
-    Wheels(Corner),
-    Wheels({_FL, _FR}),
-    Wheels({_RL, _RR}),
-    Wheels({_FL, _RL}),
-)
+_FRONT, _REAR, _LEFT = Wheels({_FL, _FR}), Wheels({_RL, _RR}), Wheels({_FL, _RL})
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +44,7 @@ class BumpKind:
 
 BUMPS: Mapping[Excitation, BumpKind] = {
     Excitation.BOUNCE: BumpKind(
-        _ALL,
+        Wheels(Corner),
         "Boards of {mm} mm before all four wheels: roll over them at walking pace and stop.",
         "All four wheels on blocks of {mm} mm: pull all blocks away at once.",
         "Push the body {mm} mm down in its middle, from both sides, and let go at once.",
@@ -99,11 +94,11 @@ def kinds_of(wheels: Wheels, planned: tuple[Excitation, ...]) -> tuple[Excitatio
 
     `wheels`: the wheels that were struck.  `planned`: the kinds of the campaign.
     """
-    places = {(corner.front, corner.side): corner for corner in Corner}
+    corner_at = {(corner.front, corner.side): corner for corner in Corner}
     mirror_images = {
-        Wheels(places[corner.front is not other_axle, corner.side * side] for corner in wheels)
-        for other_axle in (False, True)
-        for side in (1, -1)
+        Wheels(corner_at[c.front is not swaps_axles, c.side * side_sign] for c in wheels)
+        for swaps_axles in (False, True)
+        for side_sign in (1, -1)
     }
     exact = tuple(kind for kind in planned if BUMPS[kind].wheels == wheels)
     return exact or tuple(kind for kind, bump in BUMPS.items() if bump.wheels in mirror_images)

@@ -43,17 +43,8 @@ SI_UNITS = {
     Quantity.HUB_DISPLACEMENT: "m",
 }
 
-TIME_DERIVATIVE = {
-    Quantity.BODY_ACCELERATION: 2,
-    Quantity.PITCH_ACCELERATION: 2,
-    Quantity.ROLL_ACCELERATION: 2,
-    Quantity.HUB_ACCELERATION: 2,
-    Quantity.PITCH_RATE: 1,
-    Quantity.ROLL_RATE: 1,
-    Quantity.SUSPENSION_TRAVEL: 0,
-    Quantity.BODY_DISPLACEMENT: 0,
-    Quantity.HUB_DISPLACEMENT: 0,
-}
+_ORDERS = {"m/s2": 2, "rad/s2": 2, "rad/s": 1, "m": 0}
+TIME_DERIVATIVE = {quantity: _ORDERS[unit] for quantity, unit in SI_UNITS.items()}
 """Order of each quantity as a time derivative of a displacement."""
 
 LARGEST = 1e6
@@ -83,8 +74,7 @@ class Channel:
     unit: str = ""
     """SI unit of the stored value; empty: that of the quantity."""
     signal: str = ""
-    """`Message.signal` in the DBC, or the column of a file; empty for data that come from
-    neither."""
+    """`Message.signal` in the DBC, or the column of a file; empty for data of neither."""
     corner: Corner | None = None
     """Corner, for quantities at a wheel; may be given as text: ``"FL"``."""
     x_m: _PlaceM = 0.0
@@ -100,8 +90,7 @@ class Channel:
     gain: Annotated[float, Gt(0)] = 1.0
     """Scale factor that corrects the sensor."""
     gain_sigma: Annotated[float, Interval(ge=0, le=0.3)] = 0.0
-    """Relative standard uncertainty of the sensor's scale (calibration, data sheet); 0 means
-    exact."""
+    """Relative standard uncertainty of the sensor's scale (from its data sheet); 0 means exact."""
     tare: float = 0.0
     """Reading to be subtracted, in the unit of the channel."""
     motion_ratio: Annotated[float, Gt(0), Le(10)] = 1.0
@@ -113,8 +102,7 @@ class Channel:
     delay_sigma_s: Annotated[float, Interval(ge=0, le=1)] = 0.0
     """Standard uncertainty of the delay, s."""
     low_pass_hz: Annotated[float, Ge(0)] = 0.0
-    """Cut-off frequency (-3 dB) of the sensor's Butterworth low-pass (data sheet), Hz; 0 means
-    none."""
+    """Cut-off frequency (-3 dB) of the sensor's Butterworth low-pass (data sheet), Hz; 0: none."""
     low_pass_order: Annotated[int, Interval(ge=1, le=8)] = 2
     """Order of that low-pass."""
     signal_unit: Annotated[str, MaxLen(16)] = ""
@@ -143,8 +131,7 @@ class Channel:
     def placed(self) -> Channel:
         """Return the channel with an uncertainty of its place: no place on a body is exact.
 
-        Where none is stated it is that of a tape measure, or 0.2 m at the CG, whose own place is
-        not known.
+        Where none is stated it is that of a tape measure, or 0.2 m at the CG, which is not known.
         """
         if self.position_sigma_m or self.quantity not in ON_BODY:
             return self

@@ -65,10 +65,9 @@ def refuse_existing(
     Every command replaces an existing file only after the explicit word ``--force`` (`replace`),
     because it may hold measured data or somebody's work.  Made again without it are pages and
     figures, the table of a batch, and the session of a recording whose journal has it all.  What a
-    command reads it never replaces.  `option`: the option that names the file.  `inputs`: files
-    that are read.
+    command reads it never replaces.  `option`: it names the file.  `inputs`: files that are read.
     """
-    if path.resolve() in {one.resolve() for one in inputs}:
+    if path.resolve() in {input_path.resolve() for input_path in inputs}:
         raise InputError(str(path), "is read here", f"name another file with {option}")
     if path.is_dir():
         raise InputError(str(path), "is a directory", f"name a file with {option}")
@@ -116,32 +115,32 @@ def replaced(targets: Sequence[Path]) -> Iterator[list[Path]]:
     link is replaced, not followed.  What a killed process left is deleted after an hour.  Raises
     OSError if a file cannot be written, synced or moved; the targets are then unchanged.
     """
-    parts: list[Path] = []
+    new_files: list[Path] = []
     try:
         for target in targets:
             stem, suffix = glob.escape(target.stem), glob.escape(target.suffix)
             with suppress(OSError):
-                for old in target.parent.glob(f".{stem}.*.tmp{suffix}"):
-                    if time.time() - old.stat().st_mtime > 3600.0:
-                        old.unlink()
-            part = target.parent / f".{target.stem}.{secrets.token_hex(8)}.tmp{target.suffix}"
-            os.close(os.open(part, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o666))
-            parts.append(part)
-        yield list(parts)
-        for part, target in zip(parts, targets, strict=True):
-            with part.open("r+b") as file:
+                for leftover in target.parent.glob(f".{stem}.*.tmp{suffix}"):
+                    if time.time() - leftover.stat().st_mtime > 3600.0:
+                        leftover.unlink()
+            new_file = target.parent / f".{target.stem}.{secrets.token_hex(8)}.tmp{target.suffix}"
+            os.close(os.open(new_file, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o666))
+            new_files.append(new_file)
+        yield list(new_files)
+        for new_file, target in zip(new_files, targets, strict=True):
+            with new_file.open("r+b") as file:
                 os.fsync(file.fileno())
             with suppress(OSError):  # a new file has the rights that the umask gives
-                before = target.lstat()
-                if stat.S_ISREG(before.st_mode):
-                    part.chmod(stat.S_IMODE(before.st_mode))
-        for part, target in zip(parts, targets, strict=True):
-            part.replace(target)
+                old_state = target.lstat()
+                if stat.S_ISREG(old_state.st_mode):
+                    new_file.chmod(stat.S_IMODE(old_state.st_mode))
+        for new_file, target in zip(new_files, targets, strict=True):
+            new_file.replace(target)
         for folder in {target.parent for target in targets}:
             sync_folder(folder)
     finally:
-        for part in parts:
-            part.unlink(missing_ok=True)
+        for new_file in new_files:
+            new_file.unlink(missing_ok=True)
 
 
 def sync_data(fd: int) -> None:
@@ -153,10 +152,10 @@ def sync_data(fd: int) -> None:
     with suppress(ModuleNotFoundError):  # Windows has no fcntl
         import fcntl
 
-        whole: int | None = getattr(fcntl, "F_FULLFSYNC", None)
-        if whole is not None:
+        full_sync: int | None = getattr(fcntl, "F_FULLFSYNC", None)
+        if full_sync is not None:
             with suppress(OSError):
-                fcntl.fcntl(fd, whole)
+                fcntl.fcntl(fd, full_sync)
                 return
     getattr(os, "fdatasync", os.fsync)(fd)
 

@@ -30,20 +30,20 @@ LONGEST_GAP_S = 3.0
 
 
 def play(
-    batches: Iterable[FrameBatch], bus: can.BusABC, speed: float | None, *more: can.BusABC
+    batches: Iterable[FrameBatch], bus: can.BusABC, speed: float | None, *others: can.BusABC
 ) -> Iterator[int]:
     """Send frames in the order given; yield the number sent, after each block.
 
     Frames are sent while the result is iterated.  Error frames are left out: no controller can be
-    made to send one.  `bus`, `more`: a frame is sent on the bus of its number, or on the first.
+    made to send one.  `bus`, `others`: a frame is sent on the bus of its number, or on the first.
     `speed`: 1 sends each frame at its own time after the first one; None as fast as the bus accepts
     them.  Raises BusError if the bus refuses a frame for 2 s.
     """
     from .bus.interfaces import messages_of
 
-    buses = (bus, *more)
+    buses = (bus, *others)
     first_ns = last_ns = sent = 0
-    origin_s: float | None = None
+    first_sent_s: float | None = None
     for batch in batches:
         frames = batch.select((batch.flags & FrameFlag.ERROR) == 0)
         for start in range(0, len(frames), SENT_FRAMES):
@@ -52,12 +52,12 @@ def play(
             rows = zip(numbers, block.t_ns.tolist(), messages_of(block), strict=True)
             for number, t_ns, message in rows:
                 if speed:
-                    step_s = (t_ns - last_ns) * 1e-9
-                    if origin_s is None or not -1.0 < step_s < LONGEST_SILENCE_S:
-                        first_ns, origin_s = t_ns, time.monotonic()
+                    since_last_s = (t_ns - last_ns) * 1e-9
+                    if first_sent_s is None or not -1.0 < since_last_s < LONGEST_SILENCE_S:
+                        first_ns, first_sent_s = t_ns, time.monotonic()
                     last_ns = t_ns
                     # Deadlines count from the first frame, so that errors do not add up.
-                    due_s = origin_s + (t_ns - first_ns) * 1e-9 / speed
+                    due_s = first_sent_s + (t_ns - first_ns) * 1e-9 / speed
                     if (remaining_s := due_s - time.monotonic()) > 0:
                         time.sleep(remaining_s)
                 _send(buses[number], message)
@@ -96,15 +96,14 @@ def whole_frames(session: Session, path: Path) -> FrameBatch:
     `path`: its file; the journal from which it was built is in the folder `journal` in its folder.
     Raises InputError if the journal is missing or incomplete.
     """
-    runs = session.frames
-    if len(runs):
-        # The trigger needs the rest before a run, and the recorder ends a run at the first frame
-        # after it: 2 s.
-        span = (int(runs.t_ns.min()) - 2_000_000_000, int(runs.t_ns.max()) + 2_000_000_000)
+    of_runs = session.frames
+    if len(of_runs):
+        # 2 s: the trigger needs the rest before a run, and a run ends at the first frame after it.
+        span_ns = (int(of_runs.t_ns.min()) - 2_000_000_000, int(of_runs.t_ns.max()) + 2_000_000_000)
         for recording in recordings(path.parent / "journal"):
-            _, (whole,) = read_windows(recording, [span])
-            if len(whole) >= len(runs):
-                return whole
+            _, (recorded,) = read_windows(recording, [span_ns])
+            if len(recorded) >= len(of_runs):
+                return recorded
     problem = "cannot be replayed alone: it has the runs, but not the frames between them"
     advice = "name a session next to its journal, or replay it on a bus with `bumpbench replay`"
     raise InputError(str(path), problem, advice)
@@ -124,10 +123,10 @@ class RecordedSource:
         t_ns = start_ns + np.cumsum(np.clip(gap_ns, 0, round(LONGEST_GAP_S * 1e9)))
         on_bus = frames.bus == bus
         self._frames = replace(frames, t_ns=t_ns).select(on_bus)
-        self._after_s = (t_ns[on_bus] - start_ns) * 1e-9 / speed  # due, after `_begun_s`
+        self._due_s = (t_ns[on_bus] - start_ns) * 1e-9 / speed  # after `_start_s`
         self._next = 0  # row of the first frame that is not read
         # A pause of 1 s, in which the recorder is armed, also for an early first bump.
-        self._begun_s = time.monotonic() + 1.0
+        self._start_s = time.monotonic() + 1.0
 
     @property
     def name(self) -> str:
@@ -147,13 +146,13 @@ class RecordedSource:
         """
         wait_s = timeout_s
         if not self.done:
-            due_in_s = self._begun_s + float(self._after_s[self._next]) - time.monotonic()
+            due_in_s = self._start_s + float(self._due_s[self._next]) - time.monotonic()
             wait_s = min(max(due_in_s, GATHER_S), timeout_s)
         time.sleep(wait_s)
-        first = self._next
-        due = int(np.searchsorted(self._after_s, time.monotonic() - self._begun_s, "right"))
-        self._next = min(due, first + BLOCK_FRAMES)
-        return self._frames.select(slice(first, self._next))
+        begin = self._next
+        stop = int(np.searchsorted(self._due_s, time.monotonic() - self._start_s, "right"))
+        self._next = min(stop, begin + BLOCK_FRAMES)
+        return self._frames.select(slice(begin, self._next))
 
     def losses(self) -> HopLosses:
         """Return no losses: frames lost when recorded are missing from the recording."""

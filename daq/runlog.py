@@ -184,8 +184,8 @@ class RunLog:
 
     def accepted(self, mass_state: str, excitation: Excitation) -> int:
         """Return the number of accepted runs of one mass state and excitation."""
-        kind = self.of(mass_state, excitation)
-        return sum(run.status is RunStatus.ACCEPTED for run in kind)
+        runs = self.of(mass_state, excitation)
+        return sum(run.status is RunStatus.ACCEPTED for run in runs)
 
 
 def next_step(campaign: Campaign, log: RunLog) -> Step | None:
@@ -194,16 +194,16 @@ def next_step(campaign: Campaign, log: RunLog) -> Step | None:
     The repeat of the step counts attempts, so every attempt has its own label.
     """
     kinds = list(dict.fromkeys((s.mass_state, s.excitation) for s in campaign.steps))
-    wanted = [kind for kind in kinds if log.accepted(*kind) < campaign.repeats]
+    kinds_to_do = [kind for kind in kinds if log.accepted(*kind) < campaign.repeats]
     if log.open is not None:
         kind = (log.open.mass_state, log.open.excitation)
         return Step(*kind, log.open.repeat)
     if log.chosen is not None:
-        wanted.insert(0, log.chosen)
-    if not wanted:
+        kinds_to_do.insert(0, log.chosen)
+    if not kinds_to_do:
         return None
-    attempts = (run.repeat for run in log.of(*wanted[0]))
-    return Step(*wanted[0], 1 + max(attempts, default=0))
+    attempts = (run.repeat for run in log.of(*kinds_to_do[0]))
+    return Step(*kinds_to_do[0], 1 + max(attempts, default=0))
 
 
 def parse_label(label: str) -> Step | None:
@@ -232,8 +232,7 @@ def fold(events: Iterable[Event], log: RunLog | None = None) -> RunLog:
 def advance(log: RunLog, event: Event) -> RunLog:
     """Return the log after one event.
 
-    Other events, and events that cannot be read, change nothing: a journal of another version must
-    not stop a recovery.
+    Other events change nothing, nor do unreadable ones: no old journal must stop a recovery.
     """
     try:
         after = _advanced(log, event)
@@ -262,23 +261,23 @@ def _advanced(log: RunLog, event: Event) -> RunLog:
             mark = LoggedNote(t_ns, text, revision=log.revision)
             return replace(log, notes=(*log.notes, mark))
         case Code.UNDO if log.done:
-            back = log.done[-1]
-            if back.before.status is RunStatus.OPEN:
+            change = log.done[-1]
+            if change.before.status is RunStatus.OPEN:
                 # A run that the recorder has judged cannot be open again: its verdict turns round.
-                accepted = back.after.status is RunStatus.ACCEPTED
-                other = RunStatus.REJECTED if accepted else RunStatus.ACCEPTED
-                turned = replace(back.after, status=other, by="undo", reason="")
-                back = back._replace(before=turned)
-            runs = _replaced(log, back.before)
-            return replace(log, runs=runs, done=log.done[:-1], undone=(*log.undone, back))
+                accepted = change.after.status is RunStatus.ACCEPTED
+                opposite = RunStatus.REJECTED if accepted else RunStatus.ACCEPTED
+                reversed_run = replace(change.after, status=opposite, by="undo", reason="")
+                change = change._replace(before=reversed_run)
+            runs = _replaced(log, change.before)
+            return replace(log, runs=runs, done=log.done[:-1], undone=(*log.undone, change))
         case Code.REDO if log.undone:
-            forth = log.undone[-1]
-            runs = _replaced(log, forth.after)
-            return replace(log, runs=runs, done=(*log.done, forth), undone=log.undone[:-1])
+            redone = log.undone[-1]
+            runs = _replaced(log, redone.after)
+            return replace(log, runs=runs, done=(*log.done, redone), undone=log.undone[:-1])
         case Code.RESUMED if log.open:
             words = "cut: the recorder was stopped in mid-run"
-            cut = Finding("cut", Severity.ERROR, words, advice="bump again")
-            judged = replace(log.open, status=RunStatus.REJECTED, findings=(cut,))
+            finding = Finding("cut", Severity.ERROR, words, advice="bump again")
+            judged = replace(log.open, status=RunStatus.REJECTED, findings=(finding,))
             return _decided(log, Change(log.open, judged))
         case Code.VERDICT | Code.ACCEPT | Code.REJECT | Code.CHOOSE | Code.NOTE | Code.OVERRIDE:
             return _entered(log, Code(event.code), t_ns, json.loads(text))
@@ -302,8 +301,8 @@ def _entered(log: RunLog, code: Code, t_ns: int, body: Mapping[str, Any]) -> Run
     accepted = code is Code.ACCEPT or (code is Code.VERDICT and body["accepted"])
     status = RunStatus.ACCEPTED if accepted else RunStatus.REJECTED
     if code is not Code.VERDICT:
-        person = replace(run, status=status, by=body["by"], reason=body["reason"])
-        return _decided(log, Change(run, person))
+        decided = replace(run, status=status, by=body["by"], reason=body["reason"])
+        return _decided(log, Change(run, decided))
     judged = replace(run, findings=tuple(read_finding(record) for record in body["findings"]))
     if run.status is not RunStatus.OPEN:  # a person decided before, in journals of November 2026
         return replace(log, runs=_replaced(log, judged))

@@ -49,8 +49,7 @@ class SampleGroup:
     """Name of the message."""
     time_s: NDArray[np.float64]
     """Time of each sample since the run's t0, s: the sensor's clock fitted to the bus time where
-    the message has a counter (`daq.samples.clock`), else the bus time, shape (n,).  Strictly
-    increasing."""
+    the message has a counter (`daq.samples.clock`), else the bus time; increasing, shape (n,)."""
     t_ns: NDArray[np.int64]
     """Bus time stamps as received, shape (n,)."""
     values: Mapping[str, NDArray[np.float64]]
@@ -206,16 +205,15 @@ def longest_silence(time_s: NDArray[np.floating], begin_s: float, end_s: float) 
     time_s = np.sort(time_s, kind="stable")  # fast where they are in order, as most are
     cycle_s = float(np.median(np.diff(time_s))) if len(time_s) > 2 else 0.0
     edges = np.concatenate([[begin_s], np.clip(time_s, begin_s, end_s), [end_s]])
-    worst = int(np.argmax(np.diff(edges)))
+    longest = int(np.argmax(np.diff(edges)))
     limit_s = max(STALE_S, 10.0 * cycle_s)  # a slow message may be silent for ten cycles
-    return Silence(float(edges[worst]), float(edges[worst + 1]), limit_s)
+    return Silence(float(edges[longest]), float(edges[longest + 1]), limit_s)
 
 
 def longest_gap_s(period_s: float) -> float:
     """Return the longest gap that is allowed while the wheels move, s.
 
     A quarter of their period: a decay that starts so late loses a fifth of the precision.  Two
-    consecutive lost samples are no gap, however slow the message.  `period_s`: time between
-    samples, s.
+    consecutive lost samples are no gap in any message.  `period_s`: between samples.
     """
-    return max(0.02, 3.5 * period_s)
+    return max(0.02, 3.5 * period_s)  # two lost samples: three periods, and some scatter

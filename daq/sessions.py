@@ -63,16 +63,15 @@ class Session:
 def notes_of(provenance: Mapping[str, str]) -> tuple[str, ...]:
     """Return the notes that persons wrote, each with its run and its writer.
 
-    `provenance`: provenance of a session from any source; text that is not our JSON is returned
-    unchanged.
+    `provenance`: provenance of a session from any source; other text than our JSON stays as it is.
     """
 
-    def words(note: Mapping[str, Any]) -> str:
-        about = f"{note['label']}: " if note["label"] else ""
+    def note_words(note: Mapping[str, Any]) -> str:
+        run_words = f"{note['label']}: " if note["label"] else ""
         # A note without a name is a mark set by the terminal, not written by a person.
-        return f"{about}{note['text']} ({note['by']})" if note["by"] else ""
+        return f"{run_words}{note['text']} ({note['by']})" if note["by"] else ""
 
-    return _parsed(provenance.get("notes", ""), words)
+    return _parsed(provenance.get("notes", ""), note_words)
 
 
 def overrides_of(provenance: Mapping[str, str]) -> tuple[str, ...]:
@@ -80,10 +79,10 @@ def overrides_of(provenance: Mapping[str, str]) -> tuple[str, ...]:
     return _parsed(provenance.get("overrides", ""), "{0[subject]}: {0[reason]} ({0[by]})".format)
 
 
-def _parsed(text: str, words: Callable[[Mapping[str, Any]], str]) -> tuple[str, ...]:
+def _parsed(text: str, words_of: Callable[[Mapping[str, Any]], str]) -> tuple[str, ...]:
     """Return the items of a list in JSON as words, each once; the text itself if it is no list."""
     try:
-        return tuple(dict.fromkeys(line for item in json.loads(text) if (line := words(item))))
+        return tuple(dict.fromkeys(line for item in json.loads(text) if (line := words_of(item))))
     except (ValueError, KeyError, TypeError, RecursionError):
         return (text,) if text else ()
 
@@ -111,37 +110,37 @@ def session_from_arrays(
     duration of the bump, s; NaN: the start of the decay is found from the misfit.  Raises
     InputError, with run and channel, if the data are inconsistent.
     """
-    described = tuple(paper_channels() if channels is None else channels)
-    known = {channel.name: channel for channel in described}
-    if len(known) < len(described):
+    channels_given = tuple(paper_channels() if channels is None else channels)
+    known = {channel.name: channel for channel in channels_given}
+    if len(known) < len(channels_given):
         raise InputError("channels", "two have the same name", "give each its own name")
     counts: dict[tuple[str, Excitation], int] = {}
-    result = []
+    session_runs = []
     for number, (mass_state, excitation, records) in enumerate(runs, start=1):
         where = f"run {number}"
         if mass_state not in (BASELINE, ADDED):
             raise InputError(where, f"mass state {mass_state!r}", f"use {BASELINE} or {ADDED}")
         if excitation not in list(Excitation):
             raise InputError(where, f"excitation {excitation!r}", f"use {', '.join(Excitation)}")
-        key = (mass_state, Excitation(excitation))
-        counts[key] = counts.get(key, 0) + 1
-        result.append(
+        kind = (mass_state, Excitation(excitation))
+        counts[kind] = counts.get(kind, 0) + 1
+        session_runs.append(
             Run(
                 mass_state=mass_state,
-                excitation=key[1],
-                repeat=counts[key],
+                excitation=kind[1],
+                repeat=counts[kind],
                 t0_ns=0,
                 bump_s=bump_s,
                 groups=_groups(where, records, known),
                 status=RunStatus.ACCEPTED,
             )
         )
-    used = {name for run in result for group in run.groups for name in group.values}
+    used = {name for run in session_runs for group in run.groups for name in group.values}
     return Session(
         vehicle=vehicle if isinstance(vehicle, Vehicle) else Vehicle(vehicle or "vehicle"),
         channels=tuple(channel for name, channel in known.items() if name in used),
         mass_states=(MassState(BASELINE), MassState(ADDED, _added_mass(delta_mass))),
-        runs=tuple(result),
+        runs=tuple(session_runs),
         provenance={"source": "arrays"},
     )
 
@@ -150,7 +149,7 @@ def _groups(
     where: str, records: Mapping[str, tuple[ArrayLike, ArrayLike]], known: Mapping[str, Channel]
 ) -> tuple[SampleGroup, ...]:
     """Group the channels that share their times."""
-    clocks: dict[bytes, tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]] = {}
+    groups: dict[bytes, tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]] = {}
     for name, (times, samples) in records.items():
         if name not in known:
             what = f"channel {name!r} is not described"
@@ -162,20 +161,20 @@ def _groups(
         if not (np.isfinite(t_s).all() and (np.diff(t_s) > 0).all()):
             what = f"channel {name}: times are not increasing numbers"
             raise InputError(where, what, "sort them and remove doubles")
-        clocks.setdefault(t_s.tobytes(), (t_s, {}))[1][name] = values
-    if not clocks:
+        groups.setdefault(t_s.tobytes(), (t_s, {}))[1][name] = values
+    if not groups:
         raise InputError(where, "has no channel", "give at least one")
     return tuple(
         SampleGroup(
-            name=next(iter(members)),
+            name=next(iter(channel_values)),
             time_s=t_s,
             t_ns=np.rint(t_s * 1e9).astype(np.int64),
-            values=members,
+            values=channel_values,
             quality=np.asarray(
-                np.isnan([*members.values()]).any(axis=0) * np.uint8(Quality.MISSING)
+                np.isnan([*channel_values.values()]).any(axis=0) * np.uint8(Quality.MISSING)
             ),
         )
-        for t_s, members in clocks.values()
+        for t_s, channel_values in groups.values()
     )
 
 

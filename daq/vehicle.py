@@ -327,8 +327,7 @@ def expected_car(vehicle: Vehicle) -> VehicleParameters:
     """Return a typical car: that of the paper, scaled to the weighed and measured facts.
 
     Masses, springs and dampers are proportional to the load that they carry, so that the
-    frequencies are those of a usual car; inertias are also proportional to the square of the
-    lengths.
+    frequencies are those of a usual car; inertias also to the square of the lengths.
     """
     facts = {fact.quantity: fact.value for fact in vehicle.facts}
     usual = FORD_GRANADA
@@ -340,25 +339,26 @@ def expected_car(vehicle: Vehicle) -> VehicleParameters:
         front_kg, rear_kg = sum(corners_kg[:2]), sum(corners_kg[2:])
     is_weighed = bool(front_kg and rear_kg)
     axles_kg = front_kg + rear_kg if is_weighed else usual_kg
-    size = facts.get(FactQuantity.TOTAL_MASS, axles_kg) / usual_kg
-    m_uf, m_ur = size * usual.m_uf, size * usual.m_ur
-    usual_share = share = usual.a / (usual.a + usual.b)
+    mass_ratio = facts.get(FactQuantity.TOTAL_MASS, axles_kg) / usual_kg
+    m_uf, m_ur = mass_ratio * usual.m_uf, mass_ratio * usual.m_ur
+    usual_cg_share = cg_share = usual.a / (usual.a + usual.b)
     if is_weighed:
-        share = min(max((rear_kg - 2.0 * m_ur) / (axles_kg - 2.0 * (m_uf + m_ur)), 0.1), 0.9)
+        cg_share = min(max((rear_kg - 2.0 * m_ur) / (axles_kg - 2.0 * (m_uf + m_ur)), 0.1), 0.9)
     wheelbase_m = facts.get(FactQuantity.WHEELBASE, usual.a + usual.b)
     lengths = vehicle.geometry or VehicleGeometry(
-        a=share * wheelbase_m,
-        b=(1.0 - share) * wheelbase_m,
+        a=cg_share * wheelbase_m,
+        b=(1.0 - cg_share) * wheelbase_m,
         t_f=facts.get(FactQuantity.FRONT_TRACK, 2.0 * usual.t_f) / 2.0,
         t_r=facts.get(FactQuantity.REAR_TRACK, 2.0 * usual.t_r) / 2.0,
     )
-    wide = (lengths.t_f + lengths.t_r) / (usual.t_f + usual.t_r)
-    deep = lengths.a * lengths.b / (usual.a * usual.b)
+    width_ratio = (lengths.t_f + lengths.t_r) / (usual.t_f + usual.t_r)
+    arm_ratio_squared = lengths.a * lengths.b / (usual.a * usual.b)
     rear_share = lengths.a / (lengths.a + lengths.b)
-    front = size * (1.0 - rear_share) / (1.0 - usual_share)
-    rear = size * rear_share / usual_share
-    scales = {"m_s": size, "I_yy": size * deep, "I_xx": size * wide**2, "m_uf": size, "m_ur": size}
-    scales |= dict.fromkeys(("k_sf", "k_tf", "c_sf"), front)
-    scales |= dict.fromkeys(("k_sr", "k_tr", "c_sr"), rear)
+    front_ratio = mass_ratio * (1.0 - rear_share) / (1.0 - usual_cg_share)
+    rear_ratio = mass_ratio * rear_share / usual_cg_share
+    scales = dict.fromkeys(("m_s", "m_uf", "m_ur"), mass_ratio)
+    scales |= {"I_yy": mass_ratio * arm_ratio_squared, "I_xx": mass_ratio * width_ratio**2}
+    scales |= dict.fromkeys(("k_sf", "k_tf", "c_sf"), front_ratio)
+    scales |= dict.fromkeys(("k_sr", "k_tr", "c_sr"), rear_ratio)
     scaled = {name: scale * getattr(usual, name) for name, scale in scales.items()}
     return VehicleParameters(**scaled, **asdict(lengths))

@@ -8,8 +8,7 @@ mean distance from them is the maximum-likelihood line for exponential delays.  
 distribution, its error is about the smallest delay divided by the number of punctual frames,
 because it only requires that some frames are punctual.  Stalls do not move it.
 
-If the scatter is so small that it is the noise of a hardware clock, which has two sides, least
-squares is better.
+If the scatter is only the noise of a hardware clock, which has two sides, least squares is better.
 """
 
 from __future__ import annotations
@@ -66,8 +65,7 @@ def counter_steps(
         return CounterSteps(step, np.zeros(len(step), bool), delay_before_s)
     arrival_cycles = (t_ns - t_ns[0]) * 1e-9 / cycle_s  # in cycles, as all times below
     delay_before = delay_before_s / cycle_s
-    # The latest time at which each frame can have been sent: before all later ones arrived, which
-    # followed it at the shortest cycle.
+    # Latest times of sending: before each later frame arrived, by at least the shortest cycles.
     shortest = np.arange(len(arrival_cycles)) * FASTEST
     sent_cycles = np.minimum.accumulate((arrival_cycles - shortest)[::-1])[::-1] + shortest
     elapsed_cycles = sent_cycles[1:] - sent_cycles[:-1]
@@ -109,20 +107,12 @@ only if the data show it clearly."""
 
 LARGEST_TOLERANCE = 1 - FASTEST
 
-_OUTLIER, _LEAST_OUTLIER_S = 5.0, 1e-6  # from the median: in quartile distances; least, s
-
 _FEWEST = 20  # frames to which a clock is fitted, and frames of a stretch
 
-_NEARLY_ALL, _LATEST_SHARE = 0.95, 0.9
-"""Share of frames, and their delay, in cycles, from which a tick may be the next one."""
 _PUNCTUAL_SHARE = 0.1
 """Delay, in cycles, below which a frame counts as punctual if frames come up to a cycle late."""
-_BELIEVED_RATE = (0.8, 1.25)
-"""Lowest and highest rate, seconds of the bus per second of the sensor; outside, the stated unit or
-wrap is wrong."""
 _WINDOW_S = 5.0
-"""Time, s, over which delays before and after a suspected restart are compared; longer than any
-stall."""
+"""Time, s, over which delays around a suspected restart are compared; longer than any stall."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,8 +120,7 @@ class SensorTimes:
     """Times of the samples of one message."""
 
     time_s: NDArray[np.float64]
-    """Time of each sample since the given origin, s, strictly increasing, shape (n,); NaN for
-    repeated frames."""
+    """Time of each sample since the origin, s, increasing, shape (n,); NaN for repeated frames."""
     step: NDArray[np.int64]
     """Number of samples taken since the previous frame, shape (n,): 1 if none is missing, 0 for a
     repeated frame, which is not a new sample."""
@@ -244,10 +233,10 @@ def _punctual_ticks(arrival_s: NDArray[np.float64], rough_s: float) -> _Ticks | 
     `rough_s`: the approximate cycle of the first frames, s.
     """
     index, late_s, cycle_s = _ticks(arrival_s, rough_s)
-    too_late = np.quantile(late_s, _NEARLY_ALL) > _LATEST_SHARE * cycle_s
+    # One frame in 20 may come so late, in cycles, that its tick may be the next one.
+    too_late = np.quantile(late_s, 0.95) > 0.9 * cycle_s
     gaps = np.flatnonzero(np.diff(index) > 1)
-    # Delay, in cycles, that some frames of each stretch must not exceed if the frames follow the
-    # clock.
+    # Delay, in cycles, below which each stretch has a frame if they follow the clock.
     follows_clock = _least_delay_of_latest_stretch_s(late_s) < 0.25 * cycle_s
     # Share of frames after a gap, from which the assumed clock may be twice too fast.
     if too_late or not follows_clock or len(gaps) > 0.1 * len(index):
@@ -338,7 +327,7 @@ def stamped_times(
     if len(spacing_s) < len(gap_s) / 3:  # two thirds of the frames repeat a stamp
         return arrival_times(t_ns, t0_ns)
     rate = float(np.sum(elapsed_s[~restarted]) / np.sum(gap_s[~restarted]))
-    if not _BELIEVED_RATE[0] < rate < _BELIEVED_RATE[1]:
+    if not 0.8 < rate < 1.25:  # s of the bus per s of the sensor: its stated unit or wrap is wrong
         return arrival_times(t_ns, t0_ns)
     # A microsecond around a restart, so that the times of samples increase.
     gap_s = np.where(restarted, np.maximum(elapsed_s, 1e-6), gap_s)
@@ -396,10 +385,10 @@ def _fitted_times(
             middle_s, rate = wide_middle_s, wide_rate
     delay_s = since_s - rate * from_middle  # from any origin: only its scatter counts
     low_s, median_s, high_s = np.quantile(delay_s, [0.25, 0.5, 0.75]).tolist()
-    # Distance of quartiles, s, below which the scatter is the noise of a stamping clock and not
-    # delays.
+    # Distance of quartiles, s, below which the scatter is the noise of a clock and not delays.
     if high_s - low_s < 15e-6:
-        is_usual = np.abs(delay_s - median_s) <= max(_OUTLIER * (high_s - low_s), _LEAST_OUTLIER_S)
+        # An outlier is five distances of quartiles from the median, and at least a microsecond.
+        is_usual = np.abs(delay_s - median_s) <= max(5.0 * (high_s - low_s), 1e-6)
         rate, middle_s = np.polyfit(from_middle[is_usual], since_s[is_usual], 1).tolist()
     return np.asarray(origin_s + middle_s + rate * from_middle)
 

@@ -42,16 +42,14 @@ def flat_tops(value: NDArray[np.float64]) -> tuple[tuple[int, int], ...]:
         return ()
     sorted_steps = np.diff(np.sort(value))
     # Number of converter steps by which a signal must jump into a flat top and out of it: a
-    # parabola that stays within one step for three samples leaves it by three steps, four with
-    # rounding.
+    # parabola that stays within one step for three samples leaves it by three, four with rounding.
     jump = 4.5 * sorted_steps[sorted_steps > 0.0].min()
     step_in = np.abs(value[first_row] - value[first_row - 1])
     step_out = np.abs(value[stop_row] - value[stop_row - 1])
     # Rate of repeats of a value reached by a steep step, where nothing is cut (rule of succession).
     is_steep_inside = (step_in > jump) & ~is_extreme
     repeats = (np.sum(n_samples[is_steep_inside] > 1) + 1) / (np.sum(is_steep_inside) + 2)
-    # Probability below which equal samples are not equal by chance: a campaign has about 10,000
-    # extremes.
+    # Probability below which equal samples are no chance: a campaign has about 10,000 extremes.
     is_unlikely = n_samples * repeats ** (n_samples - 1.0) < 1e-6
     is_flat = is_extreme & (np.minimum(step_in, step_out) > jump) & is_unlikely
     return tuple(zip(first_row[is_flat].tolist(), stop_row[is_flat].tolist(), strict=True))
@@ -67,12 +65,10 @@ def is_stuck(n_equal: int, share_changing: float = 1.0) -> bool:
     """Return whether a value was held for too many samples.
 
     `n_equal`: number of consecutive equal samples.  `share_changing`: share of samples at which
-    this channel changes when it is healthy, 0..1 (NaN: unknown); 1 for a sensor whose noise is
-    above its steps.
+    this channel changes when it is healthy, 0..1 (NaN: unknown); 1 if its noise is above its steps.
     """
     # Expected number of changes of value, during a hold, from which a channel counts as stuck. If
-    # one sample in two changes, the probability that none of 20 expected changes occurs is below 1
-    # to 500 million.
+    # one sample in two changes, 20 expected changes fail to occur once in 500 million.
     return bool(n_equal * share_changing >= 20.0)
 
 
@@ -80,20 +76,17 @@ def is_fine(quantity: Quantity, unit: str, step: float) -> bool:
     """Return whether a sensor's noise is above its steps, so that it never holds a value.
 
     `quantity` and `unit`: of the channel, SI.  Displacements do not have this noise: a
-    potentiometer rests on one value.  `step`: of the converter, in `unit`; 0 for a floating-point
-    signal.
+    potentiometer rests on one value.  `step`: of the converter, in `unit`; 0 for floating point.
     """
     return TIME_DERIVATIVE.get(quantity, 0) > 0 and step < FINE_STEP[unit]
 
 
 # Finds the longest time for which a channel held one value while the vehicle moved ----------------
 #
-# The verdict on a run and the identification use the same rule, so that the desk does not leave
-# out a run that the bench has accepted.
+# Verdict and identification use one rule: the desk leaves out no run that the bench accepted.
 
 FROZEN_S = 0.2
-"""Time, s, after which a constant channel counts as frozen: two periods of the wheels, too long for
-a saturated top."""
+"""Time, s, after which a constant channel is frozen, not saturated: two periods of the wheels."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,8 +108,7 @@ class Hold:
     def is_frozen(self, share_changing: float) -> bool:
         """Return whether the hold is too long to be chance.
 
-        `share_changing`: share of samples at which the channel changes when it is healthy, 0..1;
-        NaN if it is unknown.
+        `share_changing`: share of samples at which the healthy channel changes; NaN: unknown.
         """
         return self.length_s >= FROZEN_S and is_stuck(self.last - self.first + 1, share_changing)
 

@@ -167,8 +167,7 @@ def bench_mapping(bench: Bench, codec: Codec) -> tuple[tuple[MappedChannel, ...]
 
     Raises InputError if a channel contradicts the DBC, or no channel can trigger.
     """
-    # All channels are mapped although only some trigger, so that errors are found before the first
-    # bump and not after the last.
+    # All channels are mapped, not only triggers: errors are found before the first bump.
     mapped = mapped_channels(bench, codec)
     triggers = frozenset(c.name for c in trigger_channels(bench.channels, bench.campaign.method))
     if not triggers:
@@ -231,8 +230,7 @@ def bind(
     assigned by their number or, if frames are lost as well, by their time.
 
     `number`, (n,) int64: sample number of each carrier frame, increasing.  `carrier_ns`, (n,)
-    int64: their arrival, in order.  `rows`, (m,) int: the frames.  `t_ns`, (m,) int64: their
-    arrival, in order.
+    int64: their arrival, in order.  `rows`, (m,) int: the frames.  `t_ns`, (m,) int64: of these.
     """
     carrier_before = np.searchsorted(carrier_ns, t_ns, "right") - 1
     carrier_after = np.searchsorted(carrier_ns, t_ns, "left")

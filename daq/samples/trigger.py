@@ -50,8 +50,7 @@ class ChannelRest:
     count: int = 0
     """The present slot: its index, sum and number of samples, and its first value."""
     last_side: int = 0
-    """+1 or -1 if the last sample was above or below rest by more than `TriggerConfig.level`, else
-    0."""
+    """+1 or -1 if the last sample was far above or below rest (`TriggerConfig.level`), else 0."""
     last_ns: int = 0
     """Time stamp of the last sample, ns."""
 
@@ -134,11 +133,7 @@ def pre_trigger_full(config: TriggerConfig, state: TriggerState, kept_since_ns: 
 
 
 def _advance_slot(
-    config: TriggerConfig,
-    state: TriggerState,
-    slot: int,
-    block: SampleBlock,
-    events: list[Event],
+    config: TriggerConfig, state: TriggerState, slot: int, block: SampleBlock, events: list[Event]
 ) -> TriggerState:
     """Return the state after the samples of one slot; adds what happened in it to `events`."""
     slot_ns = round(config.rest_s * 1e9)

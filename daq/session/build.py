@@ -37,8 +37,7 @@ from ..samples.mapping import MappedChannel, mapped_channels, sample_groups, tim
 from ..sessions import Session
 
 _NOT_OF_A_RUN = (Code.BENCH, Code.VERDICT, Code.UNDO, Code.REDO, Code.NOTE, Code.OVERRIDE)
-"""Codes of events that a session stores elsewhere, or that do not concern the run at whose time
-they occur."""
+"""Codes of events that a session stores elsewhere, or that do not concern the run they fall in."""
 _TEXT_BYTES = 160
 """Length of an event's text in a session file, bytes."""
 EDGE_S = 0.05
@@ -245,8 +244,7 @@ def derive(segments: Sequence[Path], target: Path, *, replacing: bool = True) ->
 def _refuse_to_lose_runs(target: Path, new: Session) -> None:
     """Raise InputError if there is a file that has something that a new session has not.
 
-    A journal whose segments were deleted or damaged gives fewer runs, or runs with fewer frames,
-    than it did before.
+    A journal whose segments were deleted or damaged gives fewer runs or frames than before.
     """
     from .reading import read_session
 

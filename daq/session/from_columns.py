@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dbc.codec import Quality
-from dbc.units import to_si
+from dbc.units import known_si
 from dbc.words import InputError, counted, printable
 
 from ..bench.campaign import Step
@@ -51,8 +51,7 @@ class Recording:
 def recording(channel_map: ChannelMap, file: Columns) -> Recording:
     """Return the channels of a map that a file holds, in SI.
 
-    Raises InputError if a unit does not fit, or a channel has no times or times that do not
-    increase.
+    Raises InputError if a unit does not fit, or a channel has no increasing times.
     """
     start_ns = file.start_ns
     channels = []
@@ -159,10 +158,7 @@ def _seconds(stamps: Column, stated: str, channel: Channel) -> tuple[NDArray[np.
     map; empty: as in the file.
     """
     unit = stated or stamps.unit or "s"
-    try:
-        si = to_si(unit)
-    except InputError:
-        si = None
+    si = known_si(unit)
     if si is None or si.unit != "s":
         what = f"its times {printable(stamps.name, 100)} are in {unit!r}"
         raise InputError(f"channel {channel.name}", what, "state the unit of time: s, ms, us or ns")
@@ -268,8 +264,7 @@ def session_from_columns(
 ) -> Session:
     """Return the session of runs that were cut from files.
 
-    `channels`: with their units.  `provenance`: software and sources; uuid, date and the map are
-    added.
+    `channels`: with their units.  `provenance`: software and sources, without uuid, date and map.
     """
     digest = hashlib.sha256()
     for run in runs:

@@ -118,11 +118,9 @@ class Intake:
 def parse_runs(text: str) -> tuple[Step, ...]:
     """Return the steps of a list like ``baseline:bounce,baseline:bounce,added:roll``.
 
-    Repeats are counted in its order.  Raises InputError if an entry is not a mass state and an
-    excitation.
+    Repeats are counted in its order.  Raises InputError if an entry is no such pair.
     """
-    labels = [tuple(item.strip().split(":")) for item in text.split(",")]
-    return numbered(labels)
+    return numbered(item.strip().split(":") for item in text.split(","))
 
 
 def numbered(labels: Iterable[Sequence[str]]) -> tuple[Step, ...]:

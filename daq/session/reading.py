@@ -159,8 +159,7 @@ def _check_datasets(
     """Raise SchemaError if a file states types or sizes that no session has."""
     import h5py
 
-    # Unpacked at most 8 GB, and 64 times the file beyond 128 MB: zeros pack a thousandfold, but
-    # measurements do not.
+    # Unpacked at most 8 GB, and 64 times the file beyond 128 MB: only zeros pack a thousandfold.
     bytes_left = min(8 << 30, (128 << 20) + 64 * file_bytes)
     for path, item in items:
         if isinstance(item, h5py.Group):
@@ -216,8 +215,7 @@ def groups_in(content: Content, path: str) -> list[str]:
 def session_of(content: Content, where: str) -> Session:
     """Return the session that a file's content describes.
 
-    `where`: the file, for the error.  Raises InputError if anything is absent or contradicts
-    itself.
+    `where`: the file, for the error.  Raises InputError if anything is absent or contradictory.
     """
     try:
         session_attributes = _attributes(content, "/session")

@@ -62,15 +62,8 @@ CHANNEL_COLUMNS = {
     "serial_number": "S64",
     "calibrated": "S10",
 }
-WEIGHT_COLUMNS = {
-    "mass_kg": "f8",
-    "sigma_kg": "f8",
-    "x_m": "f8",
-    "y_m": "f8",
-    "height_m": "f8",
-    "position_sigma_m": "f8",
-    "hub": "S2",
-}
+_NUMBERS_OF_WEIGHT = ("mass_kg", "sigma_kg", "x_m", "y_m", "height_m", "position_sigma_m")
+WEIGHT_COLUMNS = dict.fromkeys(_NUMBERS_OF_WEIGHT, "f8") | {"hub": "S2"}
 FACT_COLUMNS = {"quantity": "S32", "value": "f8", "sigma": "f8"}
 EVENT_COLUMNS = {"t_ns": "i8", "code": "S32", "value": "f8", "text": "S160"}
 FRAME_COLUMNS = {"t_ns": "i8", "can_id": "u4", "flags": "u2", "length": "u1", "data": "u1"}
@@ -126,8 +119,7 @@ def digests(content: Content) -> dict[str, str]:
 def write_session(path: Path | str, session: Session) -> None:
     """Write a session file; after any failure it is complete or absent.  It replaces an older one.
 
-    Raises InputError if the file cannot be written (no permission, no space), or a name in the
-    session is not possible in HDF5.
+    Raises InputError if it cannot be written, or a name in the session is not possible in HDF5.
     """
     path = Path(path)
     image = _image(_content(session))
@@ -143,8 +135,7 @@ def write_session(path: Path | str, session: Session) -> None:
 def _content(session: Session) -> Content:
     """Return the content of a session's file.
 
-    Raises InputError for names that HDF5 would split into groups or truncate, and for those that
-    have another meaning in the file.
+    Raises InputError for names that HDF5 would split or truncate, or that mean something else.
     """
     groups = {group.name for run in session.runs for group in run.groups}
     channels = {channel.name for channel in session.channels}
@@ -292,10 +283,7 @@ def _table(
 
 
 def _columns(
-    path: str,
-    dimensions: Sequence[str],
-    shape: Sequence[int],
-    columns: Mapping[str, NDArray[Any]],
+    path: str, dimensions: Sequence[str], shape: Sequence[int], columns: Mapping[str, NDArray[Any]]
 ) -> Content:
     """Return the columns as datasets of a group, and for each dimension one that counts its rows.
 
@@ -315,8 +303,7 @@ def _columns(
 def _image(content: Content) -> memoryview:
     """Return the bytes of a session file with a content and its checksums.
 
-    Equal contents give equal bytes.  It is made in memory, because HDF5 crashes the process at its
-    end when a disk was full.
+    Equal contents give equal bytes.  It is made in memory: HDF5 crashes the process on a full disk.
     """
     import h5py
 
