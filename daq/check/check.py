@@ -69,7 +69,7 @@ def check_bench(bench: Bench, codec: Codec, frames: FrameBatch, today: date) -> 
         return CheckReport(0.0, 0, (line,))
     decoded = codec.decode(frames)
     keeping = timekeeping(bench, codec)
-    table = frame_table(codec.messages, frames)
+    table = frame_table(codec.messages, frames)  # without error and remote frames
     lines = check_buses(table, decoded.counts.error_frames, bench.buses)
     lines += check_messages(mapped, keeping, table, decoded)
     groups = {g.name: g for g in sample_groups(mapped, decoded, keeping, int(frames.t_ns[0]))}
@@ -84,12 +84,13 @@ def check_bench(bench: Bench, codec: Codec, frames: FrameBatch, today: date) -> 
         for _, mark, ask in [line.partition(ASK)]
         if mark
     ]
-    for each in mapped:
-        lines += check_channel(each, decoded, bench.calibration_days, today)
+    for channel in mapped:
+        lines += check_channel(channel, decoded, bench.calibration_days, today)
     return CheckReport(table.seconds, len(frames), tuple(lines))
 
 
 def _set_line(sample_set: SampleSet, group: SampleGroup) -> Finding:
+    """Return the line on a sample set: its rate, and the samples that lack a frame."""
     n = len(group.time_s)
     missing = int(np.sum(np.isnan(np.array(list(group.values.values()))).any(axis=0)))
     rate_hz = (n - 1) / float(group.time_s[-1] - group.time_s[0]) if n > 1 else 0.0
@@ -108,8 +109,8 @@ def _set_line(sample_set: SampleSet, group: SampleGroup) -> Finding:
 
 
 _GRAVITY_TOLERANCE = 0.06
-"""Cosine of 20 degrees, the largest acceptable tilt."""
-_NONE_G = 0.06
+"""Largest relative deviation from 1 g: a tilt of 20 degrees, the largest acceptable, has it."""
+_NO_GRAVITY_G = 0.06
 """Reading at rest, g, below which an accelerometer shows no gravity."""
 
 
@@ -194,29 +195,31 @@ def check_channel(
 
 
 def _rest(value: NDArray[np.float64], t_ns: NDArray[np.int64], unit: str) -> _Rest:
-    """Describe a channel at rest by statistics that a single knock does not change.
+    """Return a channel's statistics at rest, none of which a single knock changes.
 
     Noise comes from the steps between neighbours, without the largest hundredth; slow motion is the
     span of nine tenths of the means of blocks of 0.1 s.
     """
-    squares = np.sort(np.diff(value) ** 2)
-    most = squares[: len(squares) - len(squares) // 100]
+    squared_steps = np.sort(np.diff(value) ** 2)
+    usual_steps = squared_steps[: len(squared_steps) - len(squared_steps) // 100]
     # The variance of a step is twice that of a sample.
-    noise = math.sqrt(float(np.mean(most)) / 2) if len(most) else 0.0
-    block = (t_ns - t_ns[0]) // 100_000_000
-    starts = np.flatnonzero(np.diff(block, prepend=-1))
-    means = np.add.reduceat(value, starts) / np.diff(np.append(starts, len(value)))
+    noise = math.sqrt(float(np.mean(usual_steps)) / 2) if len(usual_steps) else 0.0
+    block_number = (t_ns - t_ns[0]) // 100_000_000  # blocks of 0.1 s
+    block_starts = np.flatnonzero(np.diff(block_number, prepend=-1))
+    block_sizes = np.diff(np.append(block_starts, len(value)))
+    means = np.add.reduceat(value, block_starts) / block_sizes
     low, high = np.quantile(means, [0.05, 0.95])
     return _Rest(float(np.median(value)), noise, float(high - low), unit)
 
 
 def _calibration_faults(channel: Channel, days: int, today: date) -> Iterator[Fault]:
+    """Yield a warning if a channel was calibrated more than a number of days ago."""
     age = (today - date.fromisoformat(channel.calibrated)).days if channel.calibrated else 0
-    which = f" (serial number {channel.serial_number})" if channel.serial_number else ""
-    text = f"calibrated on {channel.calibrated}"
+    device = f" (serial number {channel.serial_number})" if channel.serial_number else ""
     if age > days:
+        text = f"calibrated on {channel.calibrated}, {counted(age, 'day')} ago{device}"
         advice = f"have it calibrated; the limit is {counted(days, 'day')}"
-        yield "calibration", WARN, f"{text}, {counted(age, 'day')} ago{which}", advice
+        yield "calibration", WARN, text, advice
 
 
 def _validity_faults(
@@ -230,27 +233,30 @@ def _validity_faults(
     if signal.is_float or signal.length < 2 or len(np.unique(samples.value[usable])) < 2:
         at_end[:] = False
 
-    def has(bit: Quality) -> NDArray[np.bool_]:
+    def flagged(bit: Quality) -> NDArray[np.bool_]:
         return np.asarray((samples.quality & bit) != 0)
 
-    outside, limits = usable & has(Quality.OUT_OF_RANGE), ""
+    outside, limits = usable & flagged(Quality.OUT_OF_RANGE), ""
     if outside.any() and signal.limits is not None:
         limits = f"{signal.limits[0]:g} to {signal.limits[1]:g} {signal.unit}"
-    see, out = "see its message", "check the sensor, or the range and factor in the DBC"
+    no_number = usable & ~np.isfinite(value)
+    see, correct = "see its message", "check the sensor, or the range and factor in the DBC"
     saturated = "it saturates, or reports that it has no value"
-    end = f"at the end of its range ({low:g} to {high:g})"
-    for code, samples_of, most, text, advice in (
-        ("unusable", has(Quality.CRC_BAD), 0.5, "unusable: the checksum does not match", see),
-        ("unusable", has(Quality.SENTINEL), 0.5, "unusable: the sensor says it has no value", see),
-        ("unusable", has(Quality.MISSING), 0.5, "unusable: the frame is too short to hold it", see),
-        ("no_number", usable & ~np.isfinite(value), 0.0, "no number", "check the DBC's type"),
-        ("out_of_range", outside, 0.5, f"outside {limits}", out),
-        ("overload", at_end, 0.01, end, saturated),
+    range_end = f"at the end of its range ({low:g} to {high:g})"
+    crc, sentinel, missing = Quality.CRC_BAD, Quality.SENTINEL, Quality.MISSING
+    # Code, samples concerned, share of all samples above which it fails, state, advice.
+    for code, concerned, fail_share, state, advice in (
+        ("unusable", flagged(crc), 0.5, "unusable: the checksum does not match", see),
+        ("unusable", flagged(sentinel), 0.5, "unusable: the sensor says it has no value", see),
+        ("unusable", flagged(missing), 0.5, "unusable: the frame is too short to hold it", see),
+        ("no_number", no_number, 0.0, "no number", "check the DBC's type"),
+        ("out_of_range", outside, 0.5, f"outside {limits}", correct),
+        ("overload", at_end, 0.01, range_end, saturated),
     ):
-        count = int(np.sum(samples_of))
+        count = int(np.sum(concerned))
         if count:
-            text = f"{count} of {n} samples {plural(count, 'is', 'are')} {text}"
-            yield code, FAIL if count > most * n else WARN, text, advice
+            text = f"{count} of {n} samples {plural(count, 'is', 'are')} {state}"
+            yield code, FAIL if count > fail_share * n else WARN, text, advice
 
 
 def _stuck_faults(
@@ -269,6 +275,7 @@ def _stuck_faults(
 
 
 def _rest_faults(mapped: MappedChannel, rest: _Rest) -> Iterator[Fault]:
+    """Yield the faults of motion, noise and level of a channel at rest."""
     channel = mapped.channel
     limits = _LIMITS.get(channel.quantity, _Limits(2e-3, 5e-3, 0.03, 1.0))  # a displacement
     if rest.motion > limits.motion:
@@ -287,9 +294,9 @@ def _rest_faults(mapped: MappedChannel, rest: _Rest) -> Iterator[Fault]:
 
 
 def _gravity(mapped: MappedChannel, rest: _Rest) -> Fault:
-    """Judge unit and sign of an acceleration by gravity."""
+    """Return the finding on unit, sign and tilt of an acceleration by gravity, also an OK one."""
     channel = mapped.channel
-    share = (rest.level + channel.tare) / G_M_S2
+    share = (rest.level + channel.tare) / G_M_S2  # of gravity; 1 for a sensor that is upright
     reading = f"reads {rest.level:.4g} m/s2 at rest"
     flip = f"set sign = {-channel.sign:.0f}"
     if abs(share - 1) < _GRAVITY_TOLERANCE:
@@ -300,10 +307,10 @@ def _gravity(mapped: MappedChannel, rest: _Rest) -> Fault:
     units = {1 / G_M_S2: "g", G_M_S2: "m/s2", 1e3 * G_M_S2: "mm/s2"}
     for factor, unit in units.items():
         if abs(abs(share) / factor - 1) < 0.08:
-            turn = f" and {flip}" if share < 0 else ""
+            and_flip = f" and {flip}" if share < 0 else ""
             text = f"{reading}: {factor:.4g} times gravity, so its unit is wrong"
-            return "gravity", FAIL, text, f'state signal_unit = "{unit}"{turn}'
-    if abs(share) < _NONE_G:
+            return "gravity", FAIL, text, f'state signal_unit = "{unit}"{and_flip}'
+    if abs(share) < _NO_GRAVITY_G:
         text = "reads no gravity: it is AC-coupled, tared in the sensor, or not the vertical axis"
         return "gravity", WARN, text, "take the signal of the vertical axis, if it is another one"
     tilt = math.degrees(math.acos(min(abs(share), 1.0)))

@@ -34,7 +34,7 @@ _EXTENDED_KEY, _BUS_KEY = 1 << 29, 1 << 30
 def findings(
     subject: str, faults: Iterable[Fault], figures: Mapping[str, float] | None = None
 ) -> list[Finding]:
-    """Return findings on one subject with its figures."""
+    """Return a finding for each fault of one subject; all have the same figures."""
     return [
         Finding(code, severity, text, subject, advice, figures=figures or {})
         for code, severity, text, advice in faults
@@ -53,6 +53,7 @@ class Arrivals:
     length: NDArray[np.uint8]
     """Number of bytes received, shape (n,)."""
     data: NDArray[np.uint8]
+    """Payloads, one a row, shape (n, 8 or 64)."""
     buses: tuple[int, ...]
     """Numbers of the buses on which they came."""
 
@@ -97,31 +98,31 @@ class FrameTable:
 
 def frame_table(messages: Sequence[MessageLayout], frames: FrameBatch) -> FrameTable:
     """Sort the data frames of a recording, which must not be empty, by message."""
-    special = np.uint16(FrameFlag.ERROR | FrameFlag.REMOTE)
-    data = frames.select((frames.flags & special) == 0)
+    no_data = np.uint16(FrameFlag.ERROR | FrameFlag.REMOTE)
+    data = frames.select((frames.flags & no_data) == 0)
     extended = (data.flags & np.uint16(FrameFlag.EXTENDED)) != 0
     index = Codec(tuple(messages)).classify(data)
-    key = data.can_id + _EXTENDED_KEY * extended + _BUS_KEY * data.bus.astype(np.int64)
+    frame_keys = data.can_id + _EXTENDED_KEY * extended + _BUS_KEY * data.bus.astype(np.int64)
     # Unknown frames keep this key; those of message i have the key -1 - i.
-    key = np.where(index == len(messages), key, -1 - index.astype(np.int64))
-    order = np.argsort(key, kind="stable")
-    keys, first = np.unique(key[order], return_index=True)
+    frame_keys = np.where(index == len(messages), frame_keys, -1 - index.astype(np.int64))
+    by_key = np.argsort(frame_keys, kind="stable")
+    keys, begins = np.unique(frame_keys[by_key], return_index=True)
     known, unknown = {}, []
-    for one, rows in zip(keys.tolist(), np.split(order, first[1:]), strict=False):
-        part = data.select(rows)
-        buses = tuple(np.unique(part.bus).tolist())
-        columns = part.t_ns, part.length, part.data, buses
-        if one < 0:
-            message = messages[-1 - one]
+    for key, rows in zip(keys.tolist(), np.split(by_key, begins[1:]), strict=False):
+        same_key = data.select(rows)
+        buses = tuple(np.unique(same_key.bus).tolist())
+        columns = same_key.t_ns, same_key.length, same_key.data, buses
+        if key < 0:
+            message = messages[-1 - key]
             known[message.name] = Arrivals(message.can_id, message.is_extended, *columns)
         else:
-            is_extended, can_id = divmod(one % _BUS_KEY, _EXTENDED_KEY)
+            is_extended, can_id = divmod(key % _BUS_KEY, _EXTENDED_KEY)
             unknown.append(Arrivals(can_id, bool(is_extended), *columns))
-    unknown.sort(key=lambda a: -len(a.t_ns))
-    bits, number = np.bincount(data.bus, wire_bits(data)), np.bincount(data.bus)
-    present = np.flatnonzero(number).tolist()
-    bits_of_bus = {bus: float(bits[bus]) for bus in present}
-    frames_of_bus = {bus: int(number[bus]) for bus in present}
+    unknown.sort(key=lambda arrivals: -len(arrivals.t_ns))
+    bits, counts = np.bincount(data.bus, wire_bits(data)), np.bincount(data.bus)
+    present_buses = np.flatnonzero(counts).tolist()
+    bits_of_bus = {bus: float(bits[bus]) for bus in present_buses}
+    frames_of_bus = {bus: int(counts[bus]) for bus in present_buses}
     end_ns, seconds = int(frames.t_ns.max()), float(np.ptp(frames.t_ns)) * 1e-9
     return FrameTable(known, tuple(unknown), end_ns, seconds, bits_of_bus, frames_of_bus)
 
@@ -154,19 +155,19 @@ def check_buses(table: FrameTable, error_frames: int, buses: Sequence[BusConfig]
         load = bits / (bus.bitrate * table.seconds) if table.seconds > 0 else 0.0
         text = f"{counted(frames, 'frame')} in {table.seconds:.2f} s"
         text += f", about {100 * load:.0f} % of the bit rate"
-        verdict, advice = OK, ""
+        severity, advice = OK, ""
         if load > 0.8:
             advice = "a full bus delays and loses frames: lower the rates or use two buses"
-            verdict = WARN
+            severity = WARN
         figures = {"frames": frames, "seconds": table.seconds, "load": load}
-        lines.append(Finding("load", verdict, text, subject, advice, figures=figures))
+        lines.append(Finding("load", severity, text, subject, advice, figures=figures))
     if error_frames:
         advice = "check termination (60 ohm between the wires), bit rate and plugs"
         text = counted(error_frames, "error frame")
         lines.append(Finding("error_frames", WARN, text, "bus", advice))
     if table.unknown:
         unknown = table.unknown
-        shown = ", ".join(f"{a} ({a.rate_hz:.0f} Hz)" for a in unknown[:6])
+        shown = ", ".join(f"{each} ({each.rate_hz:.0f} Hz)" for each in unknown[:6])
         more = f" and {len(unknown) - 6} more" if len(unknown) > 6 else ""
         are = counted(len(unknown), "identifier is", "identifiers are")
         advice = "foreign devices, or the DBC of another bus"
@@ -190,12 +191,12 @@ def check_messages(
     lines: list[Finding] = []
     for name in dict.fromkeys([*(m.message.name for m in mapped), *sorted(carriers)]):
         message, arrivals = keeping.messages[name], table.known.get(name)
-        fault = FAIL if name in used else WARN
+        severity = FAIL if name in used else WARN
         if arrivals is None:
             width = " with 29 bits" if message.is_extended else ""
             text = f"no frame with identifier {message.can_id:#x}{width}"
             advice = "is the sensor on, set to this identifier, and set to send?"
-            lines.append(Finding("absent", fault, text, f"message {name}", advice))
+            lines.append(Finding("absent", severity, text, f"message {name}", advice))
             continue
         counter = counters.get(name)
         received = len(arrivals.t_ns)
@@ -210,7 +211,7 @@ def check_messages(
             buses = " and ".join(map(str, arrivals.buses))
             advice = "describe each as a [[sensor]] with its bus; for a log, import one with --bus"
             text = f"comes on the buses {buses}: two sensors read as one"
-            faults.insert(0, ("mixed_buses", fault, text, advice))
+            faults.insert(0, ("mixed_buses", severity, text, advice))
         if not faults:
             text = f"{rate_hz:.1f} Hz, jitter {1e3 * arrivals.jitter_s:.2f} ms"
             faults = [("rate", OK, text, "")]
@@ -224,6 +225,7 @@ def _rate_faults(
 ) -> Iterator[Fault]:
     """Yield the faults of silence and rate; `has_time`: its frames state their time."""
     silent_s = (table.end_ns - int(arrivals.t_ns[-1])) * 1e-9
+    # Ten cycles, or 0.5 s, are longer than any jitter.
     if silent_s > max(0.5, 10 * (message.cycle_s or 0.0)):
         yield "stale", FAIL, f"silent for the last {silent_s:.2f} s", "check plug and power"
     state_cycle = f"state cycle_ms = {1e3 / max(rate_hz, 1e-3):.3g} for it"
@@ -235,8 +237,8 @@ def _rate_faults(
     deviation = abs(rate_hz * message.cycle_s - 1)
     if deviation > 0.02:
         text = f"{rate_hz:.1f} Hz instead of {1 / message.cycle_s:.1f} Hz"
-        verdict, advice = FAIL if deviation > RATE_FAIL else WARN, "set the sensor's rate, or "
-        yield "rate", verdict, text, advice + state_cycle
+        severity = FAIL if deviation > RATE_FAIL else WARN
+        yield "rate", severity, text, f"set the sensor's rate, or {state_cycle}"
 
 
 def _content_faults(
@@ -246,41 +248,47 @@ def _content_faults(
     n, length = len(arrivals.length), arrivals.length
     sizes = "/".join(map(str, np.unique(length[length != message.length])))
     short, long = np.sum(length < message.length), np.sum(length > message.length)
-    have = f"have {sizes} bytes; the DBC says {message.length}"
+    have_sizes = f"have {sizes} bytes; the DBC says {message.length}"
     if short:
-        yield "length", FAIL, f"{short} of {n} frames {have}", "correct the length, or the DBC"
+        text = f"{short} of {n} frames {have_sizes}"
+        yield "length", FAIL, text, "correct the length, or the DBC"
     elif long:
-        yield "length", WARN, f"{long} of {n} frames {have}", "the excess bytes are not decoded"
+        text = f"{long} of {n} frames {have_sizes}"
+        yield "length", WARN, text, "the excess bytes are not decoded"
     if message.crc is None:
         return
     quality = decoded[f"{message.name}.{message.crc}"].quality
     n, bad = len(quality), int(np.sum((quality & Quality.CRC_BAD) != 0))
     if not bad:
         return
-    verdict, advice = FAIL, f"no rule matches ({', '.join(CRC_RULES)}): leave it out"
-    others = fitting_rules(arrivals, message.signal(message.crc).first_byte, message.length)
-    if others:
-        advice = f"state crc_rule = {others[0]!r}, which matches"
-    elif bad <= n / 2:
-        verdict = FAIL if bad > _LOST_FAIL * n else WARN
+    severity, advice = FAIL, f"no rule matches ({', '.join(CRC_RULES)}): leave it out"
+    matching = fitting_rules(arrivals, message.signal(message.crc).first_byte, message.length)
+    if matching:
+        advice = f"state crc_rule = {matching[0]!r}, which matches"
+    elif bad <= n / 2:  # the stated rule is right, and some frames are damaged
+        severity = FAIL if bad > _LOST_FAIL * n else WARN
         advice = "check wiring and power of the sensor"
     have = plural(bad, "has", "have")
     text = f"{bad} of {n} frames {have} a wrong checksum ({message.crc_rule})"
-    yield "checksum", verdict, text, advice
+    yield "checksum", severity, text, advice
 
 
 def fitting_rules(arrivals: Arrivals, byte: int, length: int) -> list[str]:
-    """Return the checksum rules that all frames of full length pass, if that cannot be chance."""
-    whole = np.unique(arrivals.data[arrivals.length == length], axis=0)
-    if len(whole) < 4:  # a wrong rule passes one frame in 256
+    """Return the checksum rules that all frames of full length pass, if that cannot be chance.
+
+    `byte`: position of the checksum in the payload.  `length`: full length, bytes.
+    """
+    payloads = np.unique(arrivals.data[arrivals.length == length], axis=0)
+    if len(payloads) < 4:  # a wrong rule passes one frame in 256
         return []
-    head = covered(whole, byte, length)
-    return [n for n, rule in CRC_RULES.items() if np.array_equal(rule(head), whole[:, byte])]
+    checked, stated = covered(payloads, byte, length), payloads[:, byte]
+    return [name for name, rule in CRC_RULES.items() if np.array_equal(rule(checked), stated)]
 
 
 def _counter_faults(
     message: MessageLayout, counter: health.CounterHealth, decoded: Decoded
 ) -> Iterator[Fault]:
+    """Yield the fault of a rolling counter: constant, too large, with gaps, or restarted."""
     assert message.counter is not None  # ensured by health.advance
     name, modulus = f"the counter {message.counter.signal}", message.counter.modulus
     samples = decoded[f"{message.name}.{message.counter.signal}"]
@@ -296,9 +304,9 @@ def _counter_faults(
     if counter.missing:
         are = counted(counter.missing, "frame is", "frames are")
         text = f"{are} missing according to {name} (of {counter.received})"
-        verdict = FAIL if counter.missing > _LOST_FAIL * counter.received else WARN
+        severity = FAIL if counter.missing > _LOST_FAIL * counter.received else WARN
         advice = "frames are lost on the way, or the counter counts something else"
-        yield "counter", verdict, text, advice
+        yield "counter", severity, text, advice
     if counter.restarts:
         text = f"{name} started again {counter.restarts} times"
         yield "counter", FAIL, text, "the sensor restarts: check its power"
@@ -312,11 +320,12 @@ def _clock_faults(
     if clock is None:
         return
     samples = decoded[clock.signal]
-    stamp, t_ns = samples.value[samples.usable], samples.t_ns[samples.usable]
+    sensor_time, t_ns = samples.value[samples.usable], samples.t_ns[samples.usable]
     if len(t_ns) < 10 or t_ns[-1] <= t_ns[0]:
         return
     bus_s = float(t_ns[-1] - t_ns[0]) * 1e-9
-    rate = float(np.sum(np.diff(stamp) % clock.wrap)) * clock.factor / bus_s
-    if abs(rate - 1) > 0.2:
-        text = f"{clock.signal} runs {rate:.4g} times as fast as the bus's clock"
+    sensor_s = float(np.sum(np.diff(sensor_time) % clock.wrap)) * clock.factor
+    ratio = sensor_s / bus_s
+    if abs(ratio - 1) > 0.2:  # no clock is so bad: the unit or the wrap is wrong
+        text = f"{clock.signal} runs {ratio:.4g} times as fast as the bus's clock"
         yield "clock", FAIL, text, f"correct time_unit or time_wrap; {CORRECT_MESSAGE}"

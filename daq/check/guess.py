@@ -29,8 +29,8 @@ _WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
 
 def words(text: str) -> set[str]:
     """Return the words of a name in any case style, in lower case."""
-    parts = {part.lower() for part in _WORD.findall(text)}
-    return parts | {part.lower() for part in re.split(r"[^A-Za-z0-9]+", text) if part}
+    by_case = {word.lower() for word in _WORD.findall(text)}
+    return by_case | {word.lower() for word in re.split(r"[^A-Za-z0-9]+", text) if word}
 
 
 _CORNERS = {
@@ -63,18 +63,20 @@ def plain_name(text: str, fallback: str) -> str:
 
 
 def corner_by_name(name: str, message: str) -> tuple[Corner, str] | None:
-    """Return the wheel that a name or the name of its message states, and which of them."""
-    places = {
+    """Return the wheel that a name or that of its message states, and what states it, in words."""
+    words_of_source = {
         "name": words(name),
         "end of the name": {name.lower()[-2:]},
         "message": words(message),
     }
-    for place, name_words in places.items():
+    for source, name_words in words_of_source.items():
         stated = [
-            c for c, groups in _CORNERS.items() if any(group <= name_words for group in groups)
+            corner
+            for corner, spellings in _CORNERS.items()
+            if any(spelling <= name_words for spelling in spellings)
         ]
         if len(stated) == 1:
-            return stated[0], place
+            return stated[0], source
     return None
 
 
@@ -123,7 +125,7 @@ class Candidate:
     corner: Corner | None
     """Wheel that a name states."""
     corner_source: str
-    """Which of them states it."""
+    """What states it, in words: name, end of the name, or message; empty if nothing does."""
     span: float | None
     """Difference of its highest and lowest valid value, in its unit; None if it is not stated."""
     level: float | None
@@ -148,11 +150,11 @@ class Candidate:
     @property
     def axis(self) -> str | None:
         """Axis of the sensor that the name states: x, y or z."""
-        name_words, last = words(self.name), self.name[-1:].lower()
-        stated = [axis for axis, known in _AXES.items() if name_words & known]
+        name_words, last_letter = words(self.name), self.name[-1:].lower()
+        stated = [axis for axis, axis_words in _AXES.items() if name_words & axis_words]
         if len(stated) == 1:
             return stated[0]
-        return last if last in _AXES else None
+        return last_letter if last_letter in _AXES else None
 
     @property
     def gravity_g(self) -> float | None:
@@ -170,11 +172,11 @@ def candidate(full: str, signal: SignalLayout, values: NDArray[np.float64]) -> C
 
     `full`: its name with that of its message.  `values`: its samples, (n,), finite, in its unit.
     """
-    known = known_si(signal.unit)
-    describes = words("valid validity accuracy status sta state flag error quality alive temp")
-    if known is None or words(signal.name) & describes:
+    si = known_si(signal.unit)
+    state_words = words("valid validity accuracy status sta state flag error quality alive temp")
+    if si is None or words(signal.name) & state_words:
         return None
-    if known.unit not in ("m/s2", "rad/s", "rad/s2", "m"):
+    if si.unit not in ("m/s2", "rad/s", "rad/s2", "m"):
         return None
     span = level = None
     if signal.limits is not None:
@@ -182,7 +184,7 @@ def candidate(full: str, signal: SignalLayout, values: NDArray[np.float64]) -> C
     if len(values) >= FEWEST:
         level = float(np.median(values))
     corner, source = corner_by_name(signal.name, message_of(full)) or (None, "")
-    return Candidate(full, known.unit, signal.unit, corner, source, span, level)
+    return Candidate(full, si.unit, signal.unit, corner, source, span, level)
 
 
 def guess_channels(candidates: Iterable[Candidate], pushes: Pushes | None) -> dict[str, Guess]:
@@ -190,27 +192,29 @@ def guess_channels(candidates: Iterable[Candidate], pushes: Pushes | None) -> di
     groups: dict[tuple[str, Corner | None], list[Candidate]] = defaultdict(list)
     for each in candidates:
         groups[each.sensor, each.corner].append(each)
-    turning = {s.sensor for g in groups.values() for s in g if s.kind in ("rad/s", "rad/s2")}
+    with_gyroscope = {
+        s.sensor for group in groups.values() for s in group if s.kind in ("rad/s", "rad/s2")
+    }
     guesses: dict[str, Guess] = {}
     for (sensor, _), group in groups.items():
         guesses |= {s.full: guess for s in group if (guess := _by_name(s)) is not None}
         guesses |= _by_mounting(group, pushes)
         for s in group:
             # Without gyroscopes or an axis in its name it may be on a hub as well.
-            may_be_hub = not s.is_on_body and (s.axis is None or sensor not in turning)
+            may_be_hub = not s.is_on_body and (s.axis is None or sensor not in with_gyroscope)
             guess = guesses.get(s.full)
             is_body = guess is not None and guess.quantity is Quantity.BODY_ACCELERATION
             if guess is not None and is_body and may_be_hub and not guess.ask:
                 guesses[s.full] = replace(guess, ask=_WHICH_HUB, of_device=False)
-    lengths = [s for g in groups.values() for s in g if s.kind == "m" and s.full in guesses]
+    lengths = [s for group in groups.values() for s in group if s.kind == "m" and s.full in guesses]
     return guesses | _travels(lengths, guesses, pushes)
 
 
 # One signal, from its name ------------------------------------------------------------------------
 
 
-class _Turn(NamedTuple):
-    """A turn of the body: name, words, usual axis of a sensor, and the sense that is positive."""
+class _Rotation(NamedTuple):
+    """Pitch or roll: name, words, usual axis of a sensor, and the sense that is positive."""
 
     name: str
     words: set[str]
@@ -222,16 +226,17 @@ class _Turn(NamedTuple):
         return Quantity(f"{self.name}_{'rate' if unit == 'rad/s' else 'acceleration'}")
 
 
-_PITCH = _Turn("pitch", {"pitch", "nick"}, "y", "positive is nose down")
-_ROLL = _Turn("roll", {"roll", "wank"}, "x", "positive lifts the left side")
+_PITCH = _Rotation("pitch", {"pitch", "nick"}, "y", "positive is nose down")
+_ROLL = _Rotation("roll", {"roll", "wank"}, "x", "positive lifts the left side")
 
 
 def _by_name(s: Candidate) -> Guess | None:
     """Return the guess from names and unit."""
-    return {"m/s2": _acceleration, "m": _length}.get(s.kind, _turn)(s)
+    return {"m/s2": _guess_acceleration, "m": _guess_length}.get(s.kind, _guess_rotation)(s)
 
 
-def _acceleration(s: Candidate) -> Guess:
+def _guess_acceleration(s: Candidate) -> Guess:
+    """Return a guess for an acceleration: on the body, on a hub, or unused if not vertical."""
     unit = f"unit {s.unit}"
     is_vertical = s.axis == "z" or (s.axis is None and s.corner is not None)
     sign, proof = 1, "vertical by its name" if s.axis == "z" else "assumed to be vertical"
@@ -251,28 +256,30 @@ def _acceleration(s: Candidate) -> Guess:
     return Guess(Quantity.HUB_ACCELERATION, why, s.corner, sign)
 
 
-def _turn(s: Candidate) -> Guess:
+def _guess_rotation(s: Candidate) -> Guess:
+    """Return a guess for a rate of turn or an angular acceleration: pitch, roll, or unused."""
     unit = f"unit {s.unit}"
-    for text, place in ((s.name, "name"), (message_of(s.full), "message")):
+    for text, source in ((s.name, "name"), (message_of(s.full), "message")):
         name_words = words(text)
         if name_words & {"yaw", "gier"}:
             break
-        for turn in (_PITCH, _ROLL):
-            if name_words & turn.words:
-                why = f"{unit}, {turn.name} by its {place}; {turn.sense}"
-                return Guess(turn.quantity(s.kind), why)
-    for turn in (_PITCH, _ROLL):
-        if s.axis == turn.axis:
-            why = f"{unit}, about {turn.axis} by its name; {turn.sense}"
-            return Guess(turn.quantity(s.kind), why)
+        for rotation in (_PITCH, _ROLL):
+            if name_words & rotation.words:
+                why = f"{unit}, {rotation.name} by its {source}; {rotation.sense}"
+                return Guess(rotation.quantity(s.kind), why)
+    for rotation in (_PITCH, _ROLL):
+        if s.axis == rotation.axis:
+            why = f"{unit}, about {rotation.axis} by its name; {rotation.sense}"
+            return Guess(rotation.quantity(s.kind), why)
     return Guess(Quantity.UNUSED, f"{unit}, neither pitch nor roll by its name")
 
 
-def _length(s: Candidate) -> Guess | None:
-    """Return a guess for a length that may be a travel, not one of a radar or the road."""
-    factor = to_si(s.unit).factor
-    farthest = s.span if s.level is None else 2.0 * abs(s.level)
-    if words(s.full) & _NO_TRAVEL or (farthest or 0.0) * factor > 2 * _FARTHEST_M:
+def _guess_length(s: Candidate) -> Guess | None:
+    """Return a guess for a length that may be a travel; None for one of a radar or the road."""
+    # Twice the reading at rest, because a span has both ends: -1 m to 1 m.
+    span = s.span if s.level is None else 2.0 * abs(s.level)
+    span_m = (span or 0.0) * to_si(s.unit).factor
+    if words(s.full) & _NO_TRAVEL or span_m > 2 * _FARTHEST_M:
         return None
     if s.corner is not None:
         why = f"unit {s.unit}, corner by its {s.corner_source}"
@@ -288,23 +295,23 @@ def _length(s: Candidate) -> Guess | None:
 def _by_mounting(group: Sequence[Candidate], pushes: Pushes | None) -> dict[str, Guess]:
     """Return the guesses for a device with three accelerations, from how it is mounted."""
     accelerations = {s.axis: s for s in group if s.kind == "m/s2" and s.axis}
-    gravity = {a: s.gravity_g for a, s in accelerations.items() if s.gravity_g is not None}
-    if len(gravity) < len(AXES):
+    gravity_g = {axis: s.gravity_g for axis, s in accelerations.items() if s.gravity_g is not None}
+    if len(gravity_g) < len(AXES):
         return {}
-    rates = {s.axis: s for s in group if s.kind in ("rad/s", "rad/s2") and s.axis}
-    turns: dict[Corner, dict[str, float]] = defaultdict(dict)
-    for axis, s in rates.items():
+    gyroscopes = {s.axis: s for s in group if s.kind in ("rad/s", "rad/s2") and s.axis}
+    angles: dict[Corner, dict[str, float]] = defaultdict(dict)
+    for axis, s in gyroscopes.items():
         if pushes is not None and s.kind == "rad/s" and s.full in pushes.traces:
             for corner, angle in pushes.turns(s.full).items():
-                turns[corner][axis] = angle
-    how = mounting(gravity, turns)
-    vertical, sign = axis_of(how.up) if how else ("", 1)
+                angles[corner][axis] = angle
+    mounted = mounting(gravity_g, angles)
+    vertical, sign = axis_of(mounted.up) if mounted else ("", 1)
     guesses = {}
     for axis, s in accelerations.items():
-        why = f"reads {gravity[axis]:+.2f} g at rest"
+        why = f"reads {gravity_g[axis]:+.2f} g at rest"
         guess = Guess(Quantity.UNUSED, f"{why}: not vertical")
-        if how is None:
-            levels = ", ".join(f"{gravity[a]:+.2f}" for a in AXES)
+        if mounted is None:
+            levels = ", ".join(f"{gravity_g[a]:+.2f}" for a in AXES)
             ask = f"no axis is vertical: it reads {levels} g"
             guess = replace(guess, why="tilted", ask=ask, of_device=True)
         elif axis == vertical:
@@ -313,23 +320,27 @@ def _by_mounting(group: Sequence[Candidate], pushes: Pushes | None) -> dict[str,
             wheel = s.corner if is_on_hub else None
             guess = Guess(quantity, f"{why}: vertical", wheel, sign)
         guesses[s.full] = guess
-    if how is None or len(rates) < 2:
+    if mounted is None or len(gyroscopes) < 2:
         return guesses
-    ahead, sense = axis_of(how.forward)
-    proof = "proven" if how.surely_forward else "taken"
-    for axis, s in rates.items():
+    forward_axis, forward_sign = axis_of(mounted.forward)
+    proof = "proven" if mounted.surely_forward else "taken"
+    for axis, s in gyroscopes.items():
         if axis == vertical:
             why = f"about {axis}, the vertical axis of its sensor: yaw"
             guesses[s.full] = Guess(Quantity.UNUSED, why)
             continue
-        turn, direction = (_ROLL, how.forward) if axis == ahead else (_PITCH, how.left)
-        why = f"about {axis}; {ahead} is {proof} for the axis along the car; {turn.sense}"
+        rotation, direction = _PITCH, mounted.left
+        if axis == forward_axis:
+            rotation, direction = _ROLL, mounted.forward
+        why = f"about {axis}; {forward_axis} is {proof} for the axis along the car; "
+        why += rotation.sense
         ask = ""
-        if not how.surely_forward:
-            ask = f"does the sensor's {'+' if sense > 0 else '-'}{ahead} axis point forward?"
+        if not mounted.surely_forward:
+            plus = "+" if forward_sign > 0 else "-"
+            ask = f"does the sensor's {plus}{forward_axis} axis point forward?"
             ask += "  The pushes did not show it." if pushes is not None else ""
-        quantity, sign = turn.quantity(s.kind), axis_of(direction)[1]
-        guesses[s.full] = Guess(quantity, why, None, sign, ask, True, how.surely_forward)
+        quantity, sign = rotation.quantity(s.kind), axis_of(direction)[1]
+        guesses[s.full] = Guess(quantity, why, None, sign, ask, True, mounted.surely_forward)
     return guesses
 
 
@@ -345,10 +356,11 @@ def _travels(
     travels = {s.full: guesses[s.full] for s in lengths}
     for name, its_peaks in peaks.items():
         guess = travels[name]
-        shown = pushed_corner(its_peaks, [other for n, other in peaks.items() if n != name])
-        if shown is None:
+        other_peaks = [of_other for other, of_other in peaks.items() if other != name]
+        pushed = pushed_corner(its_peaks, other_peaks)
+        if pushed is None:
             continue
-        corner, sign = shown
+        corner, sign = pushed
         ask = ""
         if guess.corner not in (None, corner):
             ask = f"its name says {guess.corner}: are plugs swapped?"

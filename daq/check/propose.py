@@ -67,10 +67,10 @@ def propose_sensors(
     frames = frames if frames is not None and len(frames) else None
     sensors, missing = find_sensors(databases, frames)
     n_buses = max(len(buses), *(each.sensor.bus + 1 for each in sensors), 1)
-    one = len(databases) == 1 and len(sensors) == 1 and n_buses == 1
-    is_list = not (one and sensors[0].sensor.id_offset == 0)
+    is_single = len(databases) == 1 and len(sensors) == 1 and n_buses == 1
+    has_sensor_list = not (is_single and sensors[0].sensor.id_offset == 0)
     codec = sensors_codec([each.sensor for each in sensors], databases, n_buses)
-    if not is_list:
+    if not has_sensor_list:  # names of messages and signals then have no sensor before the dot
         plain = tuple(replace(m, name=signal_of(m.name)) for m in codec.messages)
         codec = replace(codec, messages=plain)
     messages = list(codec.messages)
@@ -84,31 +84,32 @@ def propose_sensors(
     measured = (candidate(full, signal, _usable(decoded, full)) for full, signal in signals)
     candidates = [each for each in measured if each is not None]
     questions: list[str] = []
-    moved = None
+    found_pushes = None
     if pushes is not None and len(pushes):
-        traces = {k: (s.t_ns, s.value) for k, s in codec.decode(pushes).samples.items()}
-        moved, number = find_pushes(traces, [each.full for each in candidates if each.shows_push])
-        if moved is None:
+        traces = {name: (s.t_ns, s.value) for name, s in codec.decode(pushes).samples.items()}
+        movable = [each.full for each in candidates if each.shows_push]
+        found_pushes, number = find_pushes(traces, movable)
+        if found_pushes is None:
             were = counted(number, "push was", "pushes were")
             questions.append(f"{were} found instead of one on each of four corners: repeat them")
-    guesses = guess_channels(candidates, moved)
-    ready = {
+    guesses = guess_channels(candidates, found_pushes)
+    in_ready_maps = {
         table["name"]
         for each in sensors
         for table in sensor_map(each.sensor.name, each.sensor.database).get("message", [])
     }
     tables = _ChannelTables(questions)
-    lines = _head(databases, sensors if is_list else (), buses, n_buses)
+    lines = _head(databases, sensors if has_sensor_list else (), buses, n_buses)
     for message in messages:
         channels: list[str] = []
         for signal in message.signals:
             full = f"{message.name}.{signal.name}"
             if full in guesses:
-                sensor = sensor_of(message.name) if is_list else ""
+                sensor = sensor_of(message.name) if has_sensor_list else ""
                 channels += tables.lines(full, guesses[full], sensor)
         arrivals = received.get(message.name)
         rule = []
-        if arrivals is not None and not (is_list and message.name in ready):
+        if arrivals is not None and not (has_sensor_list and message.name in in_ready_maps):
             rule = message_rule(message, arrivals, decoded, is_used=bool(channels))
         if channels or rule:
             lines += ["", f"# {printable(message.name)}", *rule, *channels]
@@ -119,7 +120,7 @@ def propose_sensors(
 
 
 def _usable(decoded: Decoded | None, full: str) -> NDArray[np.float64]:
-    """Return the usable samples of a signal."""
+    """Return the usable, finite samples of a signal, (n,); none without traffic."""
     samples = decoded.samples.get(full) if decoded is not None else None
     if samples is None:
         return np.zeros(0)
@@ -182,15 +183,15 @@ def find_sensors(
                 ids = ", ".join(f"{key[1]:#x}" for key in sorted(keys))
                 why = f"is {ids} yours, of this kind? Length and rate are as in its messages"
                 present.append(FoundSensor(Sensor("", name, bus, offset), why, False))
-    seen = {each.sensor.database for each in present}
-    return _named(present), [name for name in codecs if name not in seen]
+    with_traffic = {each.sensor.database for each in present}
+    return _named(present), [name for name in codecs if name not in with_traffic]
 
 
 def _offsets(
     messages: Sequence[MessageLayout], traffic: Mapping[Key, Arrivals], claimed: set[Key]
 ) -> list[tuple[int, int]]:
     """Return bus and identifier offset of further devices, those with the most messages first."""
-    rates = {(can_id, is_extended): a.rate_hz for (_, can_id, is_extended), a in traffic.items()}
+    rates_hz = {(can_id, is_extended): a.rate_hz for (_, can_id, is_extended), a in traffic.items()}
     votes: Counter[tuple[int, int]] = Counter()
     for key, arrivals in traffic.items():
         if key in claimed or len(arrivals.t_ns) < 10:
@@ -198,26 +199,27 @@ def _offsets(
         bus, can_id, is_extended = key
         for m in messages:
             offset = can_id - m.can_id
-            alike = (is_extended, arrivals.usual_length) == (m.is_extended, m.length)
-            if not alike or not 0 < abs(offset) <= 0x7F:  # the number of CANopen nodes
+            same_form = (is_extended, arrivals.usual_length) == (m.is_extended, m.length)
+            if not same_form or not 0 < abs(offset) <= 0x7F:  # the number of CANopen nodes
                 continue
-            stated = 1 / m.cycle_s if m.cycle_s else None
-            rate = rates.get((m.can_id, m.is_extended), stated)
-            if rate is None:  # CANopen nodes have the same function code
-                alike = not is_extended and can_id >> 7 == m.can_id >> 7
+            stated_hz = 1 / m.cycle_s if m.cycle_s else None
+            rate_hz = rates_hz.get((m.can_id, m.is_extended), stated_hz)
+            if rate_hz is None:  # CANopen nodes have the same function code
+                is_same_kind = not is_extended and can_id >> 7 == m.can_id >> 7
             else:
-                alike = abs(arrivals.rate_hz - rate) <= 0.1 * rate
-            if alike:
+                is_same_kind = abs(arrivals.rate_hz - rate_hz) <= 0.1 * rate_hz
+            if is_same_kind:
                 votes[bus, offset] += 1
-    return sorted(votes, key=lambda key: (-votes[key], abs(key[1]), key))
+    # Most votes first, then the smallest offset, then the lowest bus.
+    return sorted(votes, key=lambda device: (-votes[device], abs(device[1]), device))
 
 
 def _named(present: Sequence[FoundSensor]) -> list[FoundSensor]:
-    """Give each device the name of its database, with a number if several have that name."""
-    order = list(dict.fromkeys(each.sensor.database for each in present))
+    """Return the devices, each named by its database, with a number if several have that name."""
+    databases = list(dict.fromkeys(each.sensor.database for each in present))
     devices = sorted(
         present,
-        key=lambda p: (order.index(p.sensor.database), p.sensor.bus, p.sensor.id_offset),
+        key=lambda p: (databases.index(p.sensor.database), p.sensor.bus, p.sensor.id_offset),
     )
     files = [PurePath(each.sensor.database.removeprefix(PREFIX)) for each in devices]
     stems = [plain_name(file.stem.lower(), "sensor")[:24] for file in files]
@@ -248,9 +250,9 @@ def _head(
     if not sensors:
         lines.append(f"dbc = {json.dumps(databases[0].name)}")
     for number in range(n_buses):
-        known = number < len(buses)
-        bus = buses[number] if known else BusConfig("socketcan", f"can{number}", 500_000)
-        mark = "" if known else "  # FILL IN"
+        is_given = number < len(buses)
+        bus = buses[number] if is_given else BusConfig("socketcan", f"can{number}", 500_000)
+        mark = "" if is_given else "  # FILL IN"
         lines += [
             "",
             "[bus]" if n_buses == 1 else "[[bus]]",
@@ -268,10 +270,10 @@ def _head(
             *([f"id_offset = {sensor.id_offset}"] if sensor.id_offset else []),
             f"bus = {sensor.bus}  {'# ' if surely else ASK}{printable(why, 200)}",
         ]
-    return [*lines, *_REST]
+    return [*lines, *_TABLES_TO_FILL]
 
 
-_REST = """
+_TABLES_TO_FILL = """
 [vehicle]
 name = "vehicle"  # FILL IN
 
@@ -309,16 +311,18 @@ class _ChannelTables:
 
     def __init__(self, questions: list[str]) -> None:
         self._questions = questions
-        self._used: set[str] = set()
+        self._used_names: set[str] = set()
 
     def lines(self, full: str, guess: Guess, sensor: str) -> list[str]:
         """Return the table of a signal; `full`: its name with that of its message."""
         message, _, signal = full.rpartition(".")
         plain = plain_name(signal, "signal")
-        tried = [f"{sensor}_{plain}" if sensor else plain, f"{message.replace('.', '_')}_{plain}"]
-        tried += [f"{plain[:55]}_{number}" for number in range(2, 1000)]
-        name = next(t[:60] for t in tried if t[:60] not in self._used and t[0].isalpha())
-        self._used.add(name)
+        names = [f"{sensor}_{plain}" if sensor else plain, f"{message.replace('.', '_')}_{plain}"]
+        names += [f"{plain[:55]}_{number}" for number in range(2, 1000)]
+        # A name in bench.toml begins with a letter and has at most 60 characters.
+        valid = [name[:60] for name in names if name[0].isalpha()]
+        name = next(name for name in valid if name not in self._used_names)
+        self._used_names.add(name)
         subject = f"channel {name}"
         if guess.of_device:
             subject = f"sensor {sensor}" if sensor else "the IMU"
@@ -372,32 +376,32 @@ def message_rule(
     """
     lines = []
     rate_hz = arrivals.rate_hz if len(arrivals.t_ns) >= FEWEST else 0.0
-    measured = f"cycle_ms = {1e3 / rate_hz:.4g}  # measured {rate_hz:.1f} Hz" if rate_hz else ""
+    cycle_line = f"cycle_ms = {1e3 / rate_hz:.4g}  # measured {rate_hz:.1f} Hz" if rate_hz else ""
     if message.cycle_s is None:
-        lines += [measured] if measured else []
+        lines += [cycle_line] if cycle_line else []
     elif is_used and rate_hz and abs(rate_hz * message.cycle_s - 1) > RATE_FAIL:
-        lines.append(f"{measured}, not the {1 / message.cycle_s:.1f} Hz of its database")
+        lines.append(f"{cycle_line}, not the {1 / message.cycle_s:.1f} Hz of its database")
     counter: list[str] = []
     checksum: list[str] = []
     for signal in message.signals:  # the first of each kind
         if signal.is_plain:
             value = _usable(decoded, f"{message.name}.{signal.name}")
-            counter = counter or _counter(signal, value)
-            checksum = checksum or _checksum(signal, arrivals, message.length)
+            counter = counter or _counter_lines(signal, value)
+            checksum = checksum or _checksum_lines(signal, arrivals, message.length)
     lines += [] if message.counter else counter
     lines += [] if message.crc else checksum
     return ["[[message]]", f"name = {json.dumps(message.name)}", *lines] if lines else []
 
 
-def _counter(signal: SignalLayout, value: NDArray[np.float64]) -> list[str]:
-    """Return the lines on a counter, by the name of a signal and its steps."""
+def _counter_lines(signal: SignalLayout, value: NDArray[np.float64]) -> list[str]:
+    """Return the lines on a counter; none unless name and steps of the signal show one."""
     counter_words = words("counter cnt count alive rolling msgcnt seq sequence mc rc")
     is_counter = 2 <= signal.length <= 32 and words(signal.name) & counter_words
     if not is_counter or len(value) < FEWEST:
         return []
     step = np.diff(value)
     modulus = int(value.max()) + 1 if np.any(step < 0) else 1 << signal.length
-    if np.mean(step % modulus == 1) < 0.9:  # of the steps are by one
+    if np.mean(step % modulus == 1) < 0.9:  # the others are those of lost frames
         return []
     lines = [f"counter = {json.dumps(signal.name)}  # counts by one"]
     if modulus != 1 << signal.length:
@@ -405,10 +409,10 @@ def _counter(signal: SignalLayout, value: NDArray[np.float64]) -> list[str]:
     return lines
 
 
-def _checksum(signal: SignalLayout, arrivals: Arrivals, length: int) -> list[str]:
-    """Return the lines on a checksum, by the name of a signal and the rule that all frames pass."""
-    names = words("crc crc8 checksum chk chksum cs")
-    if signal.length != 8 or not signal.is_whole_bytes or not words(signal.name) & names:
+def _checksum_lines(signal: SignalLayout, arrivals: Arrivals, length: int) -> list[str]:
+    """Return the lines on a checksum; none unless its name shows one and all frames pass a rule."""
+    checksum_words = words("crc crc8 checksum chk chksum cs")
+    if signal.length != 8 or not signal.is_whole_bytes or not words(signal.name) & checksum_words:
         return []
     rules = fitting_rules(arrivals, signal.first_byte, length)[:1]
     crc = f"crc = {json.dumps(signal.name)}"

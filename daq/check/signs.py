@@ -19,9 +19,10 @@ from ..runs import Run
 from ..vehicle import Corner
 
 _RATE_HZ = 250.0
+"""Rate, Hz, of the grid on which all channels of a run are compared."""
 _BODY_HZ = (0.7, 2.5)
 """Band of frequencies, Hz, in which the body swings and the wheels hardly do."""
-_SHOWN = 0.3
+_TILT_SHARE = 0.3
 """Share of the travels' motion that must be roll (or pitch) for a run to show the sign of a rate: a
 bounce does not show that of the roll."""
 
@@ -40,6 +41,7 @@ class _Spectra:
     """Spectra of the channels of a run, on one grid of times."""
 
     hz: NDArray[np.float64]
+    """Frequencies, Hz, shape (m,)."""
     of: Mapping[str, Spectrum]
     """Spectra by name of the channel, shape (m,)."""
 
@@ -54,12 +56,13 @@ class _Spectra:
 
     def tilts(self, signs: Mapping[str, int]) -> bool:
         """Return whether the travels' motion is in large part that with these signs."""
-        each = sum(self.body_power(self.of[name]) for name in signs)
-        return self.body_power(self.sum(signs)) > _SHOWN * len(signs) * each
+        total = sum(self.body_power(self.of[name]) for name in signs)
+        # n equal travels with these signs have n**2 times the power of one, n times their total.
+        return self.body_power(self.sum(signs)) > _TILT_SHARE * len(signs) * total
 
 
 def opposed_signs(runs: Sequence[Run], channels: Sequence[Channel]) -> tuple[Finding, ...]:
-    """Name the travels that move against their hubs, and the rates that turn against the travels.
+    """Return findings that name travels opposed to their hubs, and rates opposed to the travels.
 
     `runs`: with their samples, SI, signs applied.  `channels`: of the session.  Travels are
     compared with the hub accelerometers; then, if every wheel has a travel, rates of pitch and roll
@@ -69,7 +72,7 @@ def opposed_signs(runs: Sequence[Run], channels: Sequence[Channel]) -> tuple[Fin
     spectra = [spectra for run in runs for spectra in _spectra(run)]
     travels = {c.corner: c.name for c in channels if c.quantity is Quantity.SUSPENSION_TRAVEL}
     hubs = {c.corner: c.name for c in channels if c.quantity is Quantity.HUB_ACCELERATION}
-    against = []
+    opposed_travels = []
     for corner in Corner:
         travel, hub = travels.get(corner, ""), hubs.get(corner, "")
         pairs = [
@@ -79,67 +82,83 @@ def opposed_signs(runs: Sequence[Run], channels: Sequence[Channel]) -> tuple[Fin
             if {travel, hub} <= set(s.of)
         ]
         if _is_opposed(pairs, (5.0, 15.0)):  # Hz, where wheels swing and the body hardly does
-            against.append(travel)
-    findings = _finding(against, "against the hub accelerometers")
+            opposed_travels.append(travel)
+    findings = _finding(opposed_travels, "against the hub accelerometers")
     if len(travels) < len(Corner):
         return findings
     for quantity, tilt in _TILTS.items():
-        signs = {travels[c]: -n if travels[c] in against else n for c, n in tilt.items()}
-        turned = []
+        signs = {
+            travels[corner]: -sign if travels[corner] in opposed_travels else sign
+            for corner, sign in tilt.items()
+        }
+        opposed_rates = []
         for name in (c.name for c in channels if c.quantity is quantity):
             pairs = [
+                # The rate that belongs to a tilt is its derivative.
                 (s, s.of[name], 2j * np.pi * s.hz * s.sum(signs))
                 for s in spectra
                 if {name, *signs} <= set(s.of) and s.tilts(signs)
             ]
             if _is_opposed(pairs, _BODY_HZ):
-                turned.append(name)
-        findings += _finding(turned, "against the travels")
+                opposed_rates.append(name)
+        findings += _finding(opposed_rates, "against the travels")
     return findings
 
 
-def _finding(names: Sequence[str], whom: str) -> tuple[Finding, ...]:
+def _finding(names: Sequence[str], against: str) -> tuple[Finding, ...]:
+    """Return one finding on all channels of these names; none if there is no name."""
     if not names:
         return ()
     subject = ", ".join(names)
-    text = f"{subject} {'moves' if len(names) == 1 else 'move'} {whom}"
+    text = f"{subject} {'moves' if len(names) == 1 else 'move'} {against}"
     advice = "change the sign of these channels"
     return (Finding("opposed_sign", Severity.ERROR, text, subject, advice),)
 
 
 def _spectra(run: Run) -> list[_Spectra]:
     """Return the spectra of the channels of a run; none if they have no second in common."""
-    known = [(g, v) for g in run.groups for v in g.values if np.isfinite(g.values[v]).sum() > 1]
-    start_s = max((float(group.time_s[0]) for group, _ in known), default=0.0)
-    end_s = min((float(group.time_s[-1]) for group, _ in known), default=0.0)
+    sampled = [
+        (group, name)
+        for group in run.groups
+        for name, value in group.values.items()
+        if np.isfinite(value).sum() > 1
+    ]
+    start_s = max((float(group.time_s[0]) for group, _ in sampled), default=0.0)
+    end_s = min((float(group.time_s[-1]) for group, _ in sampled), default=0.0)
     n = int((end_s - start_s) * _RATE_HZ)
-    if n < _RATE_HZ:
+    if n < _RATE_HZ:  # less than a second
         return []
     time_s = start_s + np.arange(n) / _RATE_HZ
-    of = {}
-    for group, name in known:
+    spectra = {}
+    for group, name in sampled:
         value = group.values[name]
         good = np.isfinite(value)
-        even = np.interp(time_s, group.time_s[good], value[good])
-        of[name] = np.asarray(np.fft.rfft(even - even.mean(), 2 * n), np.complex128)
-    return [_Spectra(np.asarray(np.fft.rfftfreq(2 * n, 1 / _RATE_HZ), np.float64), of)]
+        on_grid = np.interp(time_s, group.time_s[good], value[good])
+        # Twice the length, padded with zeros: a lag then brings in no values of the other end.
+        spectra[name] = np.asarray(np.fft.rfft(on_grid - on_grid.mean(), 2 * n), np.complex128)
+    hz = np.asarray(np.fft.rfftfreq(2 * n, 1 / _RATE_HZ), np.float64)
+    return [_Spectra(hz, spectra)]
 
 
 def _is_opposed(
     pairs: Sequence[tuple[_Spectra, Spectrum, Spectrum]], band_hz: tuple[float, float]
 ) -> bool:
-    """Return whether two signals, the same in each run, have opposite signs in a band."""
+    """Return whether two signals, the same in each run, have opposite signs in a band.
+
+    `pairs`: for each run its spectra, and those of the two signals.
+    """
     # Signals of equal signs look opposed if one is late, at 8 Hz by 0.06 s; then a lag makes them
     # agree better than they differ without one.
     lags_s = np.linspace(-0.06, 0.06, 25)
-    together, size = np.zeros(len(lags_s)), np.zeros(2)
-    for s, a, b in pairs:
-        chosen = (s.hz >= band_hz[0]) & (s.hz < band_hz[1])
-        shift = np.exp(2j * np.pi * np.outer(lags_s, s.hz[chosen]))
-        together += (shift @ (a[chosen].conj() * b[chosen])).real
-        size += np.sum(np.abs(a[chosen]) ** 2), np.sum(np.abs(b[chosen]) ** 2)
-    if not size.all():
+    product, powers = np.zeros(len(lags_s)), np.zeros(2)
+    for spectra, first, second in pairs:
+        in_band = (spectra.hz >= band_hz[0]) & (spectra.hz < band_hz[1])
+        a, b = first[in_band], second[in_band]
+        shift = np.exp(2j * np.pi * np.outer(lags_s, spectra.hz[in_band]))
+        product += (shift @ (a.conj() * b)).real
+        powers += np.sum(np.abs(a) ** 2), np.sum(np.abs(b) ** 2)
+    if not powers.all():
         return False
-    correlation = together / np.sqrt(size[0] * size[1])
-    at_once = float(correlation[len(lags_s) // 2])
-    return at_once < -0.5 and -at_once >= float(np.max(correlation))
+    correlation = product / np.sqrt(powers[0] * powers[1])
+    without_lag = float(correlation[len(lags_s) // 2])
+    return without_lag < -0.5 and -without_lag >= float(np.max(correlation))
