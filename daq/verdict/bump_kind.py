@@ -32,6 +32,7 @@ STRIKE_S = 0.1
 _GRID_S = 0.002
 """Spacing of the body's speeds, s."""
 _TINY = 1e-12
+"""Motion of a car that does not move, by which one can divide."""
 
 _FL, _FR, _RL, _RR = Corner
 _TOGETHER: Mapping[Wheels, str] = {
@@ -82,16 +83,16 @@ def patterns(bench: Bench, signals: tuple[Trace, ...]) -> tuple[Pattern, ...]:
             return (_pushed(bench, travels),)
     elif Quantity.HUB_ACCELERATION in four:
         # After 2.5 s the rear axle has met a board too, at walking pace.
-        size = [t.rms(-STRIKE_S / 2, 2.5) for t in four[Quantity.HUB_ACCELERATION]]
-        return (_of_wheels(bench, np.array(size), "hubs"),)
+        motion = [t.rms(-STRIKE_S / 2, 2.5) for t in four[Quantity.HUB_ACCELERATION]]
+        return (_of_wheels(bench, np.array(motion), "hubs"),)
     shown = []
     if four and bench.campaign.method is not Method.PUSH:
         # A wheel on the board goes up; the body rises after it and pulls the other wheels down.
         upwards = -1.0 if bench.campaign.method is Method.DROP else 1.0
         clearest = next(iter(four.values()))
-        parts = [upwards * trace.part(0.0, bench.campaign.bump_s) for trace in clearest]
-        size = [float(np.max(part, initial=0.0)) for part in parts]
-        shown.append(_of_wheels(bench, np.array(size), "travels"))
+        on_bump = [upwards * trace.part(0.0, bench.campaign.bump_s) for trace in clearest]
+        rise = [float(np.max(value, initial=0.0)) for value in on_bump]
+        shown.append(_of_wheels(bench, np.array(rise), "travels"))
     body = _moved_body(bench, signals)
     if body is not None:
         shown.append(_of_body(bench.campaign.excitations, body, "body's motion"))
@@ -100,39 +101,41 @@ def patterns(bench: Bench, signals: tuple[Trace, ...]) -> tuple[Pattern, ...]:
 
 def wrong_mode(due: Excitation, pattern: Pattern) -> Iterator[Finding]:
     """Compare the bump with the kind that is due."""
-    like, limit = pattern.likeness[due], pattern.limit
-    text = f"a {due.words} bump by the {pattern.by}, {like:.0%} pure (limit {limit:.0%})"
-    if like < limit:
-        text = (
-            f"looks like {pattern.words}, not {due.words} ({like:.0%} {due.words} by the "
-            f"{pattern.by}, at least {limit:.0%})"
-        )
-    yield finding("wrong_mode", like >= limit, like, limit, "", text)
+    purity, limit = pattern.likeness[due], pattern.limit
+    text = f"a {due.words} bump by the {pattern.by}, {purity:.0%} pure (limit {limit:.0%})"
+    if purity < limit:
+        text = f"looks like {pattern.words}, not {due.words} ({purity:.0%} {due.words} by the "
+        text += f"{pattern.by}, at least {limit:.0%})"
+    yield finding("wrong_mode", purity >= limit, purity, limit, "", text)
 
 
-def _likeness(
-    strikes: Mapping[Wheels, float], planned: tuple[Excitation, ...]
+def _likeness_of_kinds(
+    by_strike: Mapping[Wheels, float], planned: tuple[Excitation, ...]
 ) -> dict[Excitation, float]:
-    """Return the likeness to each kind of bump, from the likeness to each strike."""
-    likeness = dict.fromkeys(Excitation, 0.0)
-    for wheels, like in strikes.items():
+    """Return the likeness to each kind of bump: the largest to a strike that makes this kind."""
+    by_kind = dict.fromkeys(Excitation, 0.0)
+    for wheels, likeness in by_strike.items():
         for kind in kinds_of(wheels, planned):
-            likeness[kind] = max(likeness[kind], like)
-    return likeness
+            by_kind[kind] = max(by_kind[kind], likeness)
+    return by_kind
 
 
-def _of_wheels(bench: Bench, size: NDArray[np.float64], by: str) -> Pattern:
-    """Compare the strikes, which need not come at once; `size`, (4,): of each wheel's motion."""
-    size = size / max(float(np.linalg.norm(size)), _TINY)
-    like = {
-        wheels: float(sum(size[corner.position] for corner in wheels)) ** 2 / len(wheels)
+def _of_wheels(bench: Bench, motion: NDArray[np.float64], by: str) -> Pattern:
+    """Return the pattern of the struck wheels; they need not be struck at once.
+
+    `motion`, (4,): size of each wheel's motion, any unit.  The likeness to a strike is the squared
+    cosine between the motion and equal motion of only its wheels.
+    """
+    unit = motion / max(float(np.linalg.norm(motion)), _TINY)
+    by_strike = {
+        wheels: float(sum(unit[corner.position] for corner in wheels)) ** 2 / len(wheels)
         for wheels in _STRIKES
     }
     planned = bench.campaign.excitations
-    best = max(like, key=lambda wheels: like[wheels])
+    best = max(by_strike, key=lambda wheels: by_strike[wheels])
     kind = next((kind.words for kind in kinds_of(best, planned)), "no kind of bump")
     words = _TOGETHER.get(best, "one wheel only" if len(best) == 1 else "three wheels")
-    return Pattern(_likeness(like, planned), f"{kind}: {words}", by, PURITY)
+    return Pattern(_likeness_of_kinds(by_strike, planned), f"{kind}: {words}", by, PURITY)
 
 
 # From the motion of the body, if no sensor shows the wheels ---------------------------------------
@@ -151,7 +154,7 @@ class _Body(NamedTuple):
 
 
 def _of_body(planned: tuple[Excitation, ...], body: _Body, by: str) -> Pattern:
-    """Judge by heave, pitch and roll alone; warp moves the body hardly more than bounce does.
+    """Return the pattern of heave, pitch and roll; warp moves the body hardly more than bounce.
 
     A pitch bump heaves the body as much as it turns it: the likeness compares each turning with
     heave alone, and only motion that clearly belongs to another kind is refused.  The struck axle
@@ -163,18 +166,19 @@ def _of_body(planned: tuple[Excitation, ...], body: _Body, by: str) -> Pattern:
         """Return the likeness to a turn: from its share of both, in full from 0.4 of heave on."""
         return min(turn / heave / 0.4, 1.0) * turn**2 / max(turn**2 + other**2, _TINY**2)
 
-    def more(one: float, other: float) -> float:
-        return min(one / max(other, _TINY), 1.0)
+    def ratio(struck: float, opposite: float) -> float:
+        """Return the ratio of two ends or sides; 1 if the one that was struck moves more."""
+        return min(struck / max(opposite, _TINY), 1.0)
 
     # A body that turns by 0.9 of its heave does not bounce.
     level = 1.0 - min(max(body.pitch, body.roll) / heave / 0.9, 1.0) / 2
-    like = dict.fromkeys(_TOGETHER, level)
+    by_strike = dict.fromkeys(_TOGETHER, level)
     pitch, roll = turned(body.pitch, body.roll), turned(body.roll, body.pitch)
-    like[Wheels({_FL, _FR})] = more(body.front, body.rear) * pitch
-    like[Wheels({_RL, _RR})] = more(body.rear, body.front) * pitch
-    like[Wheels({_FL, _RL})] = more(body.left, body.right) * roll
-    like[Wheels({_FR, _RR})] = more(body.right, body.left) * roll
-    likeness = _likeness(like, planned)
+    by_strike[Wheels({_FL, _FR})] = ratio(body.front, body.rear) * pitch
+    by_strike[Wheels({_RL, _RR})] = ratio(body.rear, body.front) * pitch
+    by_strike[Wheels({_FL, _RL})] = ratio(body.left, body.right) * roll
+    by_strike[Wheels({_FR, _RR})] = ratio(body.right, body.left) * roll
+    likeness = _likeness_of_kinds(by_strike, planned)
     best = max(likeness, key=lambda kind: likeness[kind])
     words = "the body stays level"
     if likeness[best] > level and body.roll > body.pitch:
@@ -185,12 +189,12 @@ def _of_body(planned: tuple[Excitation, ...], body: _Body, by: str) -> Pattern:
     return Pattern(likeness, f"{best.words}: {words}", by, BODY_PURITY)
 
 
-def _pushed(bench: Bench, four: tuple[Trace, ...]) -> Pattern:
+def _pushed(bench: Bench, travels: tuple[Trace, ...]) -> Pattern:
     """Return the pattern of a push from the four travels, which the body moves all."""
-    grid = np.arange(0.0, min(trace.time_s[-1] for trace in four), 0.01)
-    rows = np.array([np.interp(grid, trace.time_s, trace.value) for trace in four])
-    u, _, _ = np.linalg.svd(rows, full_matrices=False)
-    fl, fr, rl, rr = u[:, 0].tolist()  # the strongest common pattern of the records
+    grid_s = np.arange(0.0, min(trace.time_s[-1] for trace in travels), 0.01)
+    on_grid = np.array([np.interp(grid_s, trace.time_s, trace.value) for trace in travels])
+    shapes, _, _ = np.linalg.svd(on_grid, full_matrices=False)
+    fl, fr, rl, rr = shapes[:, 0].tolist()  # the strongest common shape of the four records
     body = _Body(
         heave=abs(fl + fr + rl + rr) / 2,
         pitch=abs(fl + fr - rl - rr) / 2,
@@ -206,43 +210,45 @@ def _pushed(bench: Bench, four: tuple[Trace, ...]) -> Pattern:
 def _moved_body(bench: Bench, signals: tuple[Trace, ...]) -> _Body | None:
     """Return the largest speeds of the body, m/s; None with too few sensors."""
     geometry = bench.vehicle.geometry
-    length_m, width_m = 1.35, 0.75  # half lengths of a usual car: only their ratios count
+    # Half wheelbase and half track of a usual car: only their ratio counts.
+    half_base_m, half_track_m = 1.35, 0.75
     if geometry is not None:
-        length_m, width_m = (geometry.a + geometry.b) / 2, (geometry.t_f + geometry.t_r) / 2
+        half_base_m = (geometry.a + geometry.b) / 2
+        half_track_m = (geometry.t_f + geometry.t_r) / 2
     points = of_quantity(signals, Quantity.BODY_ACCELERATION)
     if not points:
         return None
-    grid = np.arange(-STRIKE_S / 2, bench.campaign.bump_s + STRIKE_S, _GRID_S)
-    values = np.array([_speed(trace, grid) for trace in points])
-    ahead_m = np.array([-length_m if t.channel.at_cg else t.channel.x_m for t in points])
+    grid_s = np.arange(-STRIKE_S / 2, bench.campaign.bump_s + STRIKE_S, _GRID_S)
+    point_speeds = np.array([_speed(trace, grid_s) for trace in points])
+    ahead_m = np.array([-half_base_m if t.channel.at_cg else t.channel.x_m for t in points])
     middle_m = float(np.mean(ahead_m))  # from the front axle, because the CG is not known
     rates = of_quantity(signals, Quantity.PITCH_RATE, Quantity.ROLL_RATE)
     turns = of_quantity(signals, Quantity.PITCH_ACCELERATION, Quantity.ROLL_ACCELERATION)
-    turning = {
-        t.channel.quantity.partition("_")[0]: _speed(t, grid) for t in (*turns[::-1], *rates[::-1])
-    }
-    if len(turning) == 2:
-        heave, pitch, roll = np.mean(values, axis=0), turning["pitch"], turning["roll"]
+    turning = (*turns[::-1], *rates[::-1])  # the last of a name counts: a rate, the first one
+    turning_speeds = {t.channel.quantity.partition("_")[0]: _speed(t, grid_s) for t in turning}
+    if len(turning_speeds) == 2:
+        heave = np.mean(point_speeds, axis=0)
+        pitch, roll = turning_speeds["pitch"], turning_speeds["roll"]
     else:
         left_m = [t.channel.y_m for t in points]
         rows = np.stack([np.ones(len(points)), middle_m - ahead_m, left_m], axis=1)
         if len(points) < 3 or np.linalg.matrix_rank(rows, tol=0.1) < 3:
             return None
-        heave, pitch, roll = np.linalg.lstsq(rows, values)[0]
-    speeds = (
+        heave, pitch, roll = np.linalg.lstsq(rows, point_speeds)[0]
+    speeds = (  # in the order of the fields of `_Body`
         heave,
-        length_m * pitch,
-        width_m * roll,
+        half_base_m * pitch,
+        half_track_m * roll,
         heave + middle_m * pitch,
-        heave + (middle_m + 2.0 * length_m) * pitch,
-        heave + width_m * roll,
-        heave - width_m * roll,
+        heave + (middle_m + 2.0 * half_base_m) * pitch,
+        heave + half_track_m * roll,
+        heave - half_track_m * roll,
     )
     return _Body(*(float(np.max(np.abs(speed))) for speed in speeds))
 
 
-def _speed(trace: Trace, grid: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the speed since rest; for a rate, the rate itself."""
-    value = np.interp(grid, trace.time_s, trace.value, right=0.0)
+def _speed(trace: Trace, grid_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the integral of an acceleration since rest; a rate of turn unchanged."""
+    value = np.interp(grid_s, trace.time_s, trace.value, right=0.0)
     is_rate = trace.channel.quantity in (Quantity.PITCH_RATE, Quantity.ROLL_RATE)
     return np.asarray(value if is_rate else np.cumsum(value) * _GRID_S)

@@ -71,31 +71,32 @@ _SLOW = (
 
 def stale(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterator[Finding]:
     """Find messages that were silent, and channels without a value, for a part of the run."""
-    messages = _best_of_message(bench, window)
-    for channel in bench.channels:  # those without a value although their frames come
+    judged_ns = _best_of_message(bench, window)  # time stamps by message, and by channel below
+    for channel in bench.channels:
         t_ns = _usable_ns(window, channel)
-        all_ns = messages.get(_message(channel), ())
-        if channel.quantity is not Quantity.UNUSED and len(t_ns) < 0.9 * len(all_ns):
-            messages[channel.name] = t_ns
+        of_message_ns = judged_ns.get(_message(channel), ())
+        # Without a tenth of the values of its message, a channel is judged separately.
+        if channel.quantity is not Quantity.UNUSED and len(t_ns) < 0.9 * len(of_message_ns):
+            judged_ns[channel.name] = t_ns
     span_s = -bench.trigger.pre_s, bench.trigger.post_s
     silence = {
         name: longest_silence((t_ns - window.bump_ns) * 1e-9, *span_s)
-        for name, t_ns in messages.items()
+        for name, t_ns in judged_ns.items()
     }
     if not silence:
         return
     worst = max(silence, key=lambda name: silence[name].length_s / silence[name].limit_s)
     gap_s, limit_s = silence[worst].length_s, silence[worst].limit_s
     silent = [name for name, each in silence.items() if each.is_stale]
-    all_ = f"all {len(silence)} messages"
+    all_messages = f"all {len(silence)} messages"
     if silent:
-        who = all_ if len(silent) == len(silence) > 1 else ", ".join(silent)
+        who = all_messages if len(silent) == len(silence) > 1 else ", ".join(silent)
         were = plural(len(silent), "was", "were")
         text = f"{who} {were} silent or without a usable value for {gap_s:.2f} s"
         text += f" (limit {limit_s:.2f} s)"
         yield finding("stale", False, gap_s, limit_s, "s", text, worst)
     else:
-        who = all_ if len(silence) > 1 else "the one message"
+        who = all_messages if len(silence) > 1 else "the one message"
         text = f"{who} came; longest silence {gap_s * 1e3:.0f} ms ({worst})"
         yield finding("stale", True, gap_s, limit_s, "s", text)
 
@@ -124,24 +125,23 @@ def _message(channel: Channel) -> str:
 def lost_frames(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterator[Finding]:
     """Compare missing with received frames; judge a gap in the wheels' motion separately."""
     lost = window.losses.measured
-    came = sum(map(len, _best_of_message(bench, window).values()))
-    share = lost / max(lost + came, 1)
-    gap_s, limit_s, name = 0.0, longest_gap_s(0.0), ""
+    received = sum(map(len, _best_of_message(bench, window).values()))
+    share = lost / max(lost + received, 1)
+    gap_s, limit_s, name = 0.0, longest_gap_s(0.0), ""  # the worst gap, relative to its limit
     for trace in signals:
         time_s = trace.time_s
         allowed_s = longest_gap_s(float(np.median(np.diff(time_s))))
         if _message(trace.channel) in window.timed:
             time_s = _latest_sent(time_s)
-        first, last = np.searchsorted(time_s, [0.0, WHEEL_MOTION_S])
-        gaps_s = np.diff(time_s[first - 1 : last + 1])  # a trace begins before the bump
+        begin, end = np.searchsorted(time_s, [0.0, WHEEL_MOTION_S])
+        # With one sample on either side; a trace begins before the bump.
+        gaps_s = np.diff(time_s[begin - 1 : end + 1])
         widest_s = float(np.max(gaps_s, initial=0.0))
         if widest_s / allowed_s > gap_s / limit_s:
             gap_s, limit_s, name = widest_s, allowed_s, trace.name
     if gap_s > limit_s and share <= LOST_SHARE:
-        text = (
-            f"no sample of {name} for {gap_s * 1e3:.0f} ms (limit {limit_s * 1e3:.0f}) while the "
-            "wheels moved"
-        )
+        text = f"no sample of {name} for {gap_s * 1e3:.0f} ms (limit {limit_s * 1e3:.0f}) "
+        text += "while the wheels moved"
         yield finding("lost_frames", False, gap_s, limit_s, "s", text, name)
         return
     text = f"{window.losses.words or '0 frames lost'}, {share:.1%} (limit {LOST_SHARE:.0%})"
@@ -154,36 +154,37 @@ def _latest_sent(time_s: NDArray[np.float64]) -> NDArray[np.float64]:
     A delayed reader delivers several frames at one instant.  They are late, but as many as fit into
     the gap before them; if frames are missing, there are too few.
     """
-    cycle_s = FASTEST * (time_s[-1] - time_s[0]) / (len(time_s) - 1)
-    sent_s = np.arange(len(time_s)) * cycle_s
-    return np.asarray(np.minimum.accumulate((time_s - sent_s)[::-1])[::-1] + sent_s)
+    cycle_s = FASTEST * (time_s[-1] - time_s[0]) / (len(time_s) - 1)  # of the fastest clock
+    since_first_s = np.arange(len(time_s)) * cycle_s
+    # The lateness of each frame is at most that of any later one: a minimum from the end.
+    late_s = np.minimum.accumulate((time_s - since_first_s)[::-1])[::-1]
+    return np.asarray(late_s + since_first_s)
 
 
 def overload(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterator[Finding]:
     """Find tops that were cut; on the bump itself they are harmless."""
-    cut = []
+    overloaded = []  # names of channels, on the bump or later
     passed = True
     for trace in signals:
-        flat = np.zeros(len(trace.value), bool)
-        for first, stop in flat_tops(trace.value):
-            flat[first:stop] = True
+        is_cut = np.zeros(len(trace.value), bool)
+        for begin, stop in flat_tops(trace.value):
+            is_cut[begin:stop] = True
         low, high = trace.value.min(), trace.value.max()
         if trace.name in window.saturated and low < high:  # any extreme sample counts
-            flat |= (trace.value == low) | (trace.value == high)
-        times_s = trace.time_s[flat & (trace.time_s > 0.0)]
-        cut += [trace.name] if len(times_s) else []
-        times_s = times_s[times_s > bench.campaign.bump_s]
-        if len(times_s):
+            is_cut |= (trace.value == low) | (trace.value == high)
+        cut_s = trace.time_s[is_cut & (trace.time_s > 0.0)]
+        overloaded += [trace.name] if len(cut_s) else []
+        later_s = cut_s[cut_s > bench.campaign.bump_s]
+        if len(later_s):
             passed = False
-            text = (
-                f"{trace.name} was at the end of its range in {counted(len(times_s), 'sample')} "
-                f"after the bump, the last at +{times_s[-1]:.2f} s"
-            )
-            yield finding("overload", False, len(times_s), 0.0, "", text, trace.name)
+            text = f"{trace.name} was at the end of its range in {counted(len(later_s), 'sample')} "
+            text += f"after the bump, the last at +{later_s[-1]:.2f} s"
+            yield finding("overload", False, len(later_s), 0.0, "", text, trace.name)
     if passed:
         text = "no sensor at the end of its range"
-        if cut:
-            text = f"{', '.join(cut)}: at the end of the range on the bump only, which is harmless"
+        if overloaded:
+            text = f"{', '.join(overloaded)}: at the end of the range on the bump only, "
+            text += "which is harmless"
         yield finding("overload", True, 0.0, 0.0, "", text)
 
 
@@ -196,26 +197,28 @@ def frozen(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Itera
     """
     holds = [longest_hold(t.time_s, t.value, -BEFORE_S, bench.campaign.bump_s) for t in signals]
     all_constant = all(hold.constant for hold in holds)
-    stuck = []
+    frozen_channels = []  # length of the hold, s, and name
     for trace, hold in zip(signals, holds, strict=True):
         # Share of samples at which a healthy channel changes, NaN if that is unknown.
-        kind, changes = kind_of(trace.channel), hold.rest_rate
-        if hold.constant or np.isnan(changes):
-            rates = [
+        kind, healthy_rate = kind_of(trace.channel), hold.rest_rate
+        if hold.constant or np.isnan(healthy_rate):
+            rates_of_kind = [
                 other.decay_rate
                 for t, other in zip(signals, holds, strict=True)
                 if kind_of(t.channel) == kind and other.decay_rate > 0.0
             ]
             without_others = nan if all_constant else 1.0
-            changes = nan if kind.startswith("rad") else max(rates, default=without_others)
-        if hold.is_frozen(changes):
-            stuck.append((hold.length_s, trace.name))
-    if not stuck:
+            healthy_rate = max(rates_of_kind, default=without_others)
+            if kind.startswith("rad"):
+                healthy_rate = nan
+        if hold.is_frozen(healthy_rate):
+            frozen_channels.append((hold.length_s, trace.name))
+    if not frozen_channels:
         text = f"no sensor held one value for {FROZEN_S:g} s"
         yield finding("frozen", True, 0.0, FROZEN_S, "s", text)
         return
-    length_s, worst = max(stuck)
-    names = ", ".join(name for _, name in stuck)
+    length_s, worst = max(frozen_channels)
+    names = ", ".join(name for _, name in frozen_channels)
     text = f"{names} held one value for {length_s:.2f} s (limit {FROZEN_S:.2f} s)"
     yield finding("frozen", False, length_s, FROZEN_S, "s", text, worst)
 
@@ -233,21 +236,19 @@ def not_at_rest(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> 
     largest = largest_peaks(signals)
     limits = {
         # Below three times the noise no motion can be detected; less than 3 % of the peak changes
-        # no amplitude by more than 4 %.
+        # no amplitude by more than 4 %.  A limit of 0 could not be divided by.
         t.name: max(3.0 * t.noise, 0.03 * largest[kind_of(t.channel)], 1e-9)
         for t in signals
     }
     worst = max(signals, key=lambda trace: trace.moved / limits[trace.name])
     limit, unit = limits[worst.name], worst.channel.unit
-    text = (
-        f"before the bump {worst.name} moved by {_sized(worst.moved, unit)} RMS "
-        f"(limit {_sized(limit, unit)})"
-    )
+    text = f"before the bump {worst.name} moved by {_size_text(worst.moved, unit)} RMS "
+    text += f"(limit {_size_text(limit, unit)})"
     passed = worst.moved <= limit
     yield finding("not_at_rest", passed, worst.moved, limit, unit, text, worst.name)
 
 
-def _sized(value: float, unit: str) -> str:
+def _size_text(value: float, unit: str) -> str:
     """Return a value as text: lengths in mm, angles in degrees."""
     if unit == "m":
         return f"{value * 1e3:.2g} mm"
@@ -259,14 +260,12 @@ def _sized(value: float, unit: str) -> str:
 def too_weak(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterator[Finding]:
     """Compare the peak with the trigger's level and with the noise."""
     names = {channel.name for channel in trigger_channels(bench.channels, bench.campaign.method)}
-    triggers = [trace for trace in signals if trace.name in names]
-    if triggers:
-        strongest = max(triggers, key=lambda trace: trace.peak)
+    trigger_traces = [trace for trace in signals if trace.name in names]
+    if trigger_traces:
+        strongest = max(trigger_traces, key=lambda trace: trace.peak)
         peak, limit = strongest.peak, WEAK_LEVELS * bench.trigger.level
-        text = (
-            f"peak {peak:.1f} m/s2 on {strongest.name} (at least {limit:.1f}: "
-            f"{WEAK_LEVELS:g} times the trigger's level)"
-        )
+        text = f"peak {peak:.1f} m/s2 on {strongest.name} (at least {limit:.1f}: "
+        text += f"{WEAK_LEVELS:g} times the trigger's level)"
         yield finding("too_weak", peak >= limit, peak, limit, "m/s2", text, strongest.name)
         if peak < limit:
             return
@@ -289,8 +288,8 @@ def double_bump(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> 
     Each hub is judged separately, so that a rear axle that passes the board after the front one is
     struck once.
     """
-    judged = of_quantity(signals, Quantity.HUB_ACCELERATION)
-    judged = judged or of_quantity(signals, Quantity.BODY_ACCELERATION) or signals
+    hubs = of_quantity(signals, Quantity.HUB_ACCELERATION)
+    judged = hubs or of_quantity(signals, Quantity.BODY_ACCELERATION) or signals
     largest = largest_peaks(signals)
     # The push down and the release are one strike.
     guard_s = 1.0 if bench.campaign.method is Method.PUSH else STRUCK_GUARD_S
@@ -301,10 +300,8 @@ def double_bump(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> 
     ]
     share, onset_s, name = max(strikes, default=(0.0, 0.0, ""))  # the largest share
     if share > STRUCK_SHARE:
-        text = (
-            f"second bump at +{onset_s:.2f} s: {name} with {share:.0%} of the first (limit "
-            f"{STRUCK_SHARE:.0%})"
-        )
+        text = f"second bump at +{onset_s:.2f} s: {name} with {share:.0%} of the first (limit "
+        text += f"{STRUCK_SHARE:.0%})"
         yield finding("double_bump", False, share, STRUCK_SHARE, "", text, name)
     else:
         text = f"one bump; nothing rises to more than {share:.0%} of it again"
@@ -317,29 +314,35 @@ def second_strike(trace: Trace, guard_s: float) -> tuple[float, float]:
     `guard_s`: time from the first strike in which motion belongs to it, s.  The envelope, the RMS
     over `STRUCK_S`, of wheels that swing freely only decays: a rise is a strike.
     """
-    grid = np.arange(0.0, trace.time_s[-1], _GRID_S)
-    if len(grid) * _GRID_S < guard_s + 2 * STRUCK_S:
+    grid_s = np.arange(0.0, trace.time_s[-1], _GRID_S)
+    if len(grid_s) * _GRID_S < guard_s + 2 * STRUCK_S:
         return 0.0, 0.0
-    quick = trace.value  # without the body's motion: its running mean over 0.15 s
-    n = round(0.15 / max(float(np.median(np.diff(trace.time_s))), 1e-4))
-    if n >= 3:
-        total = np.cumsum(np.pad(trace.value, (n // 2 + 1, n - 1 - n // 2), mode="edge"))
-        quick = trace.value - (total[n:] - total[:-n]) / n
-    energy = np.concatenate([[0.0], np.cumsum(quick**2)])
-    first, last = np.searchsorted(trace.time_s, [grid - STRUCK_S / 2, grid + STRUCK_S / 2])
-    envelope = np.sqrt((energy[last] - energy[first]) / np.maximum(last - first, 1))
-    stop = int(np.argmax(envelope > 0.5 * envelope.max())) + round(guard_s / _GRID_S)
-    size, later = float(envelope[:stop].max()), envelope[stop:]
-    floor = max(3.0 * trace.noise, 0.02 * size)  # a rise from less is noise
+    wheel_motion = _without_body(trace)
+    energy = np.concatenate([[0.0], np.cumsum(wheel_motion**2)])
+    begins, ends = np.searchsorted(trace.time_s, [grid_s - STRUCK_S / 2, grid_s + STRUCK_S / 2])
+    envelope = np.sqrt((energy[ends] - energy[begins]) / np.maximum(ends - begins, 1))
+    # The first strike is where the envelope reaches half of its maximum; the guard follows it.
+    guard_end = int(np.argmax(envelope > 0.5 * envelope.max())) + round(guard_s / _GRID_S)
+    first_peak, later = float(envelope[:guard_end].max()), envelope[guard_end:]
+    floor = max(3.0 * trace.noise, 0.02 * first_peak)  # a rise from less is noise
     lowest = np.maximum(np.minimum.accumulate(later), floor)
     risen = np.where(later > 3.0 * lowest, later, 0.0)  # free wheels only decay
     if not risen.any():
         return 0.0, 0.0
     # The envelope looks ahead; the strike itself is where the signal reaches half of its maximum.
-    onset_s, highest_s = grid[stop + np.array([np.argmax(risen > 0.0), np.argmax(risen)])]
-    near = (trace.time_s > onset_s - STRUCK_S) & (trace.time_s < highest_s + STRUCK_S)
-    high = np.where(near, np.abs(quick), 0.0)
-    return float(risen.max() / size), float(trace.time_s[np.argmax(high > high.max() / 2)])
+    onset_s, highest_s = grid_s[guard_end + np.array([np.argmax(risen > 0.0), np.argmax(risen)])]
+    is_near = (trace.time_s > onset_s - STRUCK_S) & (trace.time_s < highest_s + STRUCK_S)
+    size = np.where(is_near, np.abs(wheel_motion), 0.0)
+    return float(risen.max() / first_peak), float(trace.time_s[np.argmax(size > size.max() / 2)])
+
+
+def _without_body(trace: Trace) -> NDArray[np.float64]:
+    """Return a trace without the body's motion, which is its running mean over 0.15 s."""
+    n = round(0.15 / max(float(np.median(np.diff(trace.time_s))), 1e-4))  # samples of a mean
+    if n < 3:
+        return trace.value
+    total = np.cumsum(np.pad(trace.value, (n // 2 + 1, n - 1 - n // 2), mode="edge"))
+    return np.asarray(trace.value - (total[n:] - total[:-n]) / n)
 
 
 def too_strong(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterator[Finding]:
@@ -349,10 +352,8 @@ def too_strong(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> I
         return
     largest = max(travels, key=lambda trace: trace.peak)
     peak, limit = largest.peak, STRONG_HEIGHTS * bench.campaign.bump_height_m
-    text = (
-        f"{largest.name} moved by {peak * 1e3:.0f} mm (limit {limit * 1e3:.0f} mm: "
-        f"{STRONG_HEIGHTS:g} times the planned height)"
-    )
+    text = f"{largest.name} moved by {peak * 1e3:.0f} mm (limit {limit * 1e3:.0f} mm: "
+    text += f"{STRONG_HEIGHTS:g} times the planned height)"
     yield finding("too_strong", peak <= limit, peak, limit, "m", text, largest.name)
 
 
@@ -384,24 +385,24 @@ def _remaining(signals: tuple[Trace, ...], now_s: float) -> tuple[float | None, 
     """
     slow = of_quantity(signals, *_SLOW) or signals
     largest = largest_peaks(slow)
-    # No sensor is taken for better than a thousandth of the peak.
-    unit = [max(t.noise, 1e-3 * largest[kind_of(t.channel)], 1e-12) for t in slow]
-    whole = float(np.linalg.norm([t.peak / one for t, one in zip(slow, unit, strict=True)]))
-    if whole < WEAK_NOISE:
+    # No sensor is taken for better than a thousandth of the peak; 1e-12 is for one that is dead.
+    units = [max(t.noise, 1e-3 * largest[kind_of(t.channel)], 1e-12) for t in slow]
+    peak = float(np.linalg.norm([t.peak / unit for t, unit in zip(slow, units, strict=True)]))
+    if peak < WEAK_NOISE:
         return None, ""
-    moving = [_amplitude(t, now_s) / one for t, one in zip(slow, unit, strict=True)]
-    share = float(np.linalg.norm(moving)) / whole
-    return min(share, 1.0), slow[int(np.argmax(moving))].name
+    amplitudes = [_amplitude(t, now_s) / unit for t, unit in zip(slow, units, strict=True)]
+    share = float(np.linalg.norm(amplitudes)) / peak
+    return min(share, 1.0), slow[int(np.argmax(amplitudes))].name
 
 
 def _amplitude(trace: Trace, now_s: float) -> float:
     """Return the amplitude of the last half period, relative to the final position of the car."""
-    part = trace.part(now_s - END_S, now_s)
-    if not len(part):
+    half_period = trace.part(now_s - END_S, now_s)
+    if not len(half_period):
         return 0.0
     # Early in the run a mean over a period still includes the bump.
     level = float(np.mean(trace.part(now_s - 2 * END_S, now_s))) if now_s > 4 * END_S else 0.0
-    power = float(np.mean((part - level) ** 2)) - trace.noise**2
+    power = float(np.mean((half_period - level) ** 2)) - trace.noise**2
     return float(np.sqrt(2.0 * max(power, 0.0)))
 
 
@@ -411,11 +412,11 @@ def rest_changed(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) ->
     if bench.campaign.method is Method.DROP or not travels:
         return
     end_s = bench.trigger.post_s
-    parts = [trace.part(end_s - 2 * END_S, end_s) for trace in travels]
-    changed_m = [abs(float(np.mean(part))) if len(part) else 0.0 for part in parts]
-    value, name = max(changed_m), travels[int(np.argmax(changed_m))].name
+    last_periods = [trace.part(end_s - 2 * END_S, end_s) for trace in travels]
+    changes_m = [abs(float(np.mean(value))) if len(value) else 0.0 for value in last_periods]
+    change_m, name = max(changes_m), travels[int(np.argmax(changes_m))].name
     # Friction holds a car with leaf springs at 0.16 after a roll, other cars at 0.02: more is a
     # slipped weight or a person on the car.
-    limit = 0.2 * max(trace.peak for trace in travels)
-    text = f"{name} rests {value * 1e3:.1f} mm from where it was (limit {limit * 1e3:.1f} mm)"
-    yield finding("rest_changed", value <= limit, value, limit, "m", text, name)
+    limit_m = 0.2 * max(trace.peak for trace in travels)
+    text = f"{name} rests {change_m * 1e3:.1f} mm from where it was (limit {limit_m * 1e3:.1f} mm)"
+    yield finding("rest_changed", change_m <= limit_m, change_m, limit_m, "m", text, name)

@@ -35,7 +35,7 @@ PEAK_RATIO = 1.4
 bump had another speed or height."""
 LIKENESS = 0.85
 """Least correlation of the slow motion with the median: below it, the motion is another one."""
-MAIN = 0.3
+MAIN_SHARE = 0.3
 """Share of the largest peak of its kind that a channel must exceed to count, because small motions
 differ much."""
 
@@ -56,14 +56,14 @@ def judge(
         findings = list(checks.stale(bench, window, signals))
         text = "no channel has samples before and after the bump"
         return (*findings, finding("no_data", False, 0.0, 1.0, "", text)), RunMeasure()
-    kinds = patterns(bench, signals)
+    bump_patterns = patterns(bench, signals)
     measure = RunMeasure({trace.name: trace.peak for trace in signals}, waves(signals))
     findings = [each for check in _BEFORE_KIND for each in check(bench, window, signals)]
-    findings += [each for way in kinds for each in wrong_mode(step.excitation, way)]
+    findings += [each for pattern in bump_patterns for each in wrong_mode(step.excitation, pattern)]
     findings += checks.not_decayed(bench, window, signals)
     findings += checks.rest_changed(bench, window, signals)
     findings += not_repeatable(signals, measure, accepted) if accepted else ()
-    purity = kinds[0].likeness[step.excitation] if kinds else None
+    purity = bump_patterns[0].likeness[step.excitation] if bump_patterns else None
     wave = body_wave(signals, bench.campaign.bump_s)
     return (*findings, _motion(signals, wave, purity)), measure
 
@@ -71,18 +71,21 @@ def judge(
 def _motion(
     signals: tuple[Trace, ...], wave: tuple[float, float] | None, purity: float | None
 ) -> Finding:
-    """Return size, frequency and damping of the motion, for information."""
+    """Return size, frequency and damping of the motion, for information.
+
+    `wave`: frequency, Hz, and damping ratio.  `purity`: likeness to the kind that was due, 0..1.
+    """
     peak, travel_m = (
         max((t.peak for t in signals if t.channel.unit == unit), default=None)
         for unit in ("m/s2", "m")
     )
-    parts = [
+    facts = [
         f"peak {peak:.1f} m/s2" if peak is not None else "",
         f"{travel_m * 1e3:.0f} mm" if travel_m is not None else "",
         f"f {wave[0]:.2f} Hz, zeta {wave[1]:.2f}" if wave else "",
         f"{purity:.0%} pure" if purity is not None else "",
     ]
-    text = ", ".join(filter(None, parts)) or "nothing measured"
+    text = ", ".join(filter(None, facts)) or "nothing measured"
     return finding("motion", True, wave[0] if wave else 0.0, 0.0, "Hz", text)
 
 
@@ -110,9 +113,10 @@ def body_wave(signals: tuple[Trace, ...], bump_s: float) -> tuple[float, float] 
     clearest = max(shown, key=lambda trace: trace.rms(start_s, np.inf) / max(trace.noise, 1e-12))
     edges_s = np.arange(start_s, clearest.time_s[-1], step_s)
     mean = np.diff(_area(clearest, edges_s)) / step_s
-    before = np.stack([mean[1:-1], mean[:-2], np.ones(len(mean) - 2)], axis=1)
-    last, last_but_one, _ = np.linalg.lstsq(before, mean[2:])[0]
-    root = np.roots([1.0, -last, -last_but_one])[0]
+    # The third column is the level about which the wave swings.
+    two_before = np.stack([mean[1:-1], mean[:-2], np.ones(len(mean) - 2)], axis=1)
+    of_last, of_last_but_one, _ = np.linalg.lstsq(two_before, mean[2:])[0]
+    root = np.roots([1.0, -of_last, -of_last_but_one])[0]
     if root.imag == 0.0:  # no wave
         return None
     pole = np.log(root) / step_s
@@ -127,11 +131,11 @@ def waves(signals: tuple[Trace, ...]) -> dict[str, NDArray[np.float64]]:
 
     Each value is the mean over 60 ms, against the jitter of the trigger.
     """
-    grid, width_s = np.arange(0.1, 1.5, 0.02), 0.06
+    grid_s, width_s = np.arange(0.1, 1.5, 0.02), 0.06
     means = {}
     for trace in signals:
         if trace.channel.quantity is not Quantity.HUB_ACCELERATION:
-            area = _area(trace, grid + width_s / 2) - _area(trace, grid - width_s / 2)
+            area = _area(trace, grid_s + width_s / 2) - _area(trace, grid_s - width_s / 2)
             means[trace.name] = read_only(area / width_s)
     return means
 
@@ -140,10 +144,10 @@ def _area(trace: Trace, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the integral, up to given times, of the straight lines between the samples."""
     time_s, value = trace.time_s, trace.value
     steps = np.diff(time_s) * (value[1:] + value[:-1]) / 2.0
-    before = np.searchsorted(time_s, t_s) - 1  # a trace begins before the bump
-    mean = (value[before] + np.interp(t_s, time_s, value)) / 2.0
+    previous = np.searchsorted(time_s, t_s) - 1  # sample before each time: a trace begins earlier
+    mean_since = (value[previous] + np.interp(t_s, time_s, value)) / 2.0
     total = np.concatenate([[0.0], np.cumsum(steps)])
-    return np.asarray(total[before] + (t_s - time_s[before]) * mean)
+    return np.asarray(total[previous] + (t_s - time_s[previous]) * mean_since)
 
 
 def not_repeatable(
@@ -157,10 +161,10 @@ def not_repeatable(
     kinds = {t.name: kind_of(t.channel) for t in signals if t.name in known}
     usual = {name: float(np.median([run.peaks[name] for run in accepted])) for name in kinds}
     size = {name: max(measured.peaks[name], usual[name]) for name in kinds}
-    largest = {k: max(size[n] for n in size if kinds[n] == k) for k in set(kinds.values())}
+    largest = {kind: max(size[n] for n in size if kinds[n] == kind) for kind in kinds.values()}
     ratio, ratio_name = 1.0, ""  # the peak that differs most
     likeness, course_name = 1.0, ""  # the course that is least alike
-    for name in [name for name in size if size[name] > MAIN * largest[kinds[name]]]:
+    for name in [name for name in size if size[name] > MAIN_SHARE * largest[kinds[name]]]:
         peak_ratio = max(measured.peaks[name], 1e-12) / max(usual[name], 1e-12)
         # Half and twice the size are equally far from equal.
         if abs(math.log(peak_ratio)) > abs(math.log(ratio)):
@@ -172,17 +176,13 @@ def not_repeatable(
             cosine = float(wave @ median_wave) / product if product > 0.0 else 0.0
             if cosine < likeness:
                 likeness, course_name = cosine, name
-    text = (
-        f"peak of {ratio_name or 'every channel'} is {ratio:.2f} times that of the accepted runs "
-        f"({1.0 / PEAK_RATIO:.2f} to {PEAK_RATIO:.2f} is allowed)"
-    )
+    text = f"peak of {ratio_name or 'every channel'} is {ratio:.2f} times that of "
+    text += f"the accepted runs ({1.0 / PEAK_RATIO:.2f} to {PEAK_RATIO:.2f} is allowed)"
     limit = PEAK_RATIO if ratio > 1.0 else 1.0 / PEAK_RATIO
     passed = 1.0 / PEAK_RATIO <= ratio <= PEAK_RATIO
     yield finding("not_repeatable", passed, ratio, limit, "", text, ratio_name)
     if course_name:
-        text = (
-            f"course of {course_name} is {likeness:.0%} like the accepted runs (at least "
-            f"{LIKENESS:.0%})"
-        )
+        text = f"course of {course_name} is {likeness:.0%} like the accepted runs (at least "
+        text += f"{LIKENESS:.0%})"
         passed = likeness >= LIKENESS
         yield finding("not_repeatable", passed, likeness, LIKENESS, "", text, course_name)

@@ -71,13 +71,13 @@ class Trace:
 
     def part(self, start_s: float, stop_s: float) -> NDArray[np.float64]:
         """Return the values between two times."""
-        first, last = np.searchsorted(self.time_s, [start_s, stop_s])
-        return self.value[first:last]
+        begin, end = np.searchsorted(self.time_s, [start_s, stop_s])
+        return self.value[begin:end]
 
     def rms(self, start_s: float, stop_s: float) -> float:
         """Return the RMS between two times, without the noise; 0 if there are no samples."""
-        part = self.part(start_s, stop_s)
-        power = float(np.mean(part**2)) if len(part) else 0.0
+        value = self.part(start_s, stop_s)
+        power = float(np.mean(value**2)) if len(value) else 0.0
         return float(np.sqrt(max(power - self.noise**2, 0.0)))
 
     @property
@@ -97,13 +97,14 @@ def traces(channels: Iterable[Channel], window: RunWindow) -> tuple[Trace, ...]:
         time_s = np.asarray((t_ns[good] - window.bump_ns) * 1e-9, dtype=np.float64)
         order = np.argsort(time_s, kind="stable")
         time_s, value = time_s[order], value[good][order]
-        before = value[time_s < -BEFORE_S]
-        if len(value) < _FEWEST or not len(before):
+        rest = value[time_s < -BEFORE_S]
+        if len(value) < _FEWEST or not len(rest):
             continue
-        level = float(np.median(before))
-        noise = float(np.std(np.diff(before)) / np.sqrt(2.0)) if len(before) > 2 else 0.0
+        level = float(np.median(rest))
+        # The variance of a difference of neighbours is twice that of a sample.
+        noise = float(np.std(np.diff(rest)) / np.sqrt(2.0)) if len(rest) > 2 else 0.0
         deviation = read_only(np.asarray(value - level, dtype=np.float64))
-        moved = float(np.std(before))
+        moved = float(np.std(rest))
         judged.append(Trace(channel, read_only(time_s), deviation, noise, moved))
     return tuple(judged)
 
