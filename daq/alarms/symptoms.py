@@ -35,9 +35,9 @@ DEAD = ("disconnected", "bus_off", "interface_down", "bus_silent", "check_bitrat
 class _BusCycle:
     """The frames of a bus in one cycle of the recorder."""
 
-    now_s: float  # monotonic
-    good: int
-    errors: int  # numbers of good frames and of error frames
+    now_s: float  # monotonic time of the cycle
+    good: int  # number of good frames
+    errors: int  # number of error frames
     bits: float  # of the good frames on the wire
     last_ns: int  # latest time stamp until this cycle; 0 before the first
 
@@ -80,11 +80,11 @@ class BusWatch:
         good = n - len(error_rows)
         errors = error_frames_of(batch.select(error_rows)) if len(error_rows) else []
         self.error_text = errors[-1].text if errors else self.error_text
-        losses, before = link.losses, self.losses
+        losses, earlier = link.losses, self.losses
         overruns = sum(error.overrun for error in errors)
         bus_off = sum(ErrorClass.BUS_OFF in error.classes for error in errors)
-        counts["overrun", self.name] = losses.bus_dropped - before.bus_dropped + overruns, ""
-        counts["garbled", self.name] = losses.bus_garbled - before.bus_garbled, ""
+        counts["overrun", self.name] = losses.bus_dropped - earlier.bus_dropped + overruns, ""
+        counts["garbled", self.name] = losses.bus_garbled - earlier.bus_garbled, ""
         counts["error_frames", self.name] = len(error_rows), self.error_text
         counts["bus_off", self.name] = bus_off, self.error_text
         self.losses = losses
@@ -92,8 +92,8 @@ class BusWatch:
             self.recent = [replace(cycle, last_ns=int(t_ns[0])) for cycle in self.recent]
         self.last_ns = int(t_ns[-1]) if n else self.last_ns
         good_bits = float(bits.sum()) - float(bits[error_rows].sum())
-        old = [cycle for cycle in self.recent if cycle.now_s <= now_s - WINDOW_S]
-        self.recent = self.recent[max(len(old) - 1, 0) :]
+        n_old = sum(cycle.now_s <= now_s - WINDOW_S for cycle in self.recent)
+        self.recent = self.recent[max(n_old - 1, 0) :]  # the last of the old ones begins the window
         self.recent.append(_BusCycle(now_s, good, len(error_rows), good_bits, self.last_ns))
         self.frames += good
         self.error_frames += len(error_rows)
@@ -105,7 +105,7 @@ class BusWatch:
             self.controller = self.tx_errors = self.rx_errors = None
 
     def _follow_controller(self, errors: list[ErrorFrame], now_s: float) -> None:
-        """Take the controller's state from error frames, or end it when it is disproven."""
+        """Set the controller's state from error frames, or to active when good frames prove it."""
         for error in errors:
             self.controller = error.state or self.controller
             if error.tx_errors is not None:
@@ -120,10 +120,10 @@ class BusWatch:
 
     def status(self, link: LinkFacts, silent_s: float, now_s: float) -> BusStatus:
         """Return the status of the bus."""
-        first, last, cycles = self.recent[0], self.recent[-1], self.recent[1:]
+        begin, end, cycles = self.recent[0], self.recent[-1], self.recent[1:]
         # A replay faster than real time does not load a bus: its time stamps give the time it took.
-        stamped_s = (last.last_ns - first.last_ns) * 1e-9 if first.last_ns else 0.0
-        span_s = max(now_s - first.now_s, stamped_s, WINDOW_S / 10)
+        stamped_s = (end.last_ns - begin.last_ns) * 1e-9 if begin.last_ns else 0.0
+        span_s = max(now_s - begin.now_s, stamped_s, WINDOW_S / 10)
         state = BusState.OK
         if not link.connected:
             state = BusState.DISCONNECTED
@@ -149,7 +149,7 @@ class BusWatch:
         self, link: LinkFacts, status: BusStatus, silent_s: float, now_s: float
     ) -> Iterable[Finding]:
         """Yield the faulty states of the bus; counted faults are not among them."""
-        name, quiet = self.name, f"{now_s - self.good_s:.1f} s"
+        name, silence = self.name, f"{now_s - self.good_s:.1f} s"
         if status.state is BusState.DISCONNECTED:
             if link.error or now_s - link.heartbeat_s >= silent_s:  # else it is being opened
                 yield fault("disconnected", name, link.error or "not connected", link.advice)
@@ -163,10 +163,10 @@ class BusWatch:
             yield fault("interface_down", name, "the interface is down", advice)
         elif status.state is BusState.SILENT and errors:
             frames = counted(errors, "error frame")
-            text = f"{frames} in the last second and no good frame for {quiet}"
+            text = f"{frames} in the last second and no good frame for {silence}"
             yield fault("check_bitrate", name, text)
         elif status.state is BusState.SILENT:
-            yield fault("bus_silent", name, f"no frame for {quiet}")
+            yield fault("bus_silent", name, f"no frame for {silence}")
         # Load from which a bus counts as full: its frames of lowest priority are never sent.
         elif status.load >= 0.95:
             text = f"load {status.load:.0%} of {link.bitrate / 1e3:g} kbit/s"
@@ -182,7 +182,7 @@ class BusWatch:
 # Watches each channel: without a value, or at the end of its range --------------------------------
 
 
-class _Channel:
+class _ChannelRange:
     """Range of a channel: that of its bits, or that of the DBC if it is narrower.
 
     A 16-bit sensor that measures up to 4 g stops there.
@@ -206,13 +206,13 @@ class _Channel:
         """Count the samples of a cycle without a value, and those at the end of the range."""
         value = samples.value
         lowest, highest = float(value.min()), float(value.max())
-        is_shown = max(-lowest, highest) <= self.largest  # False if one is not a number
-        if not is_shown or samples.quality.any():
+        all_possible = max(-lowest, highest) <= self.largest  # False if one is not a number
+        if not all_possible or samples.quality.any():
             usable = (samples.quality & np.uint8(UNUSABLE)) == 0
-            shown = np.isfinite(value) & (np.abs(value) <= self.largest)
-            no_value = (samples.quality & np.uint8(Quality.SENTINEL) != 0) | (usable & ~shown)
+            possible = np.isfinite(value) & (np.abs(value) <= self.largest)
+            no_value = (samples.quality & np.uint8(Quality.SENTINEL) != 0) | (usable & ~possible)
             counts["no_value", self.name] = int(np.count_nonzero(no_value)), ""
-            value = value[usable & shown]
+            value = value[usable & possible]
             if not len(value):
                 return
             lowest, highest = float(value.min()), float(value.max())
@@ -227,7 +227,7 @@ class Sensors:
 
     def __init__(self) -> None:
         self._mapped: Sequence[MappedChannel] = ()
-        self._channels: tuple[_Channel, ...] = ()
+        self._ranges: tuple[_ChannelRange, ...] = ()
 
     def advance(
         self, mapped: Sequence[MappedChannel], decoded: Decoded | None, counts: Counts
@@ -235,8 +235,8 @@ class Sensors:
         """Process a block; add to the counts."""
         if self._mapped is not mapped:
             used = [m for m in mapped if m.channel.quantity is not Quantity.UNUSED]
-            self._mapped, self._channels = mapped, tuple(_Channel(m) for m in used)
-        for channel in self._channels:
+            self._mapped, self._ranges = mapped, tuple(_ChannelRange(m) for m in used)
+        for channel in self._ranges:
             samples = decoded.samples.get(channel.signal) if decoded else None
             if samples is not None and len(samples.t_ns):
                 channel.count(samples, counts)
@@ -258,7 +258,7 @@ def _timeout_s(layout: MessageLayout) -> float:
 
 
 @dataclass(slots=True)
-class _Message:
+class _LastFrame:
     """The last frame of a message."""
 
     layout: MessageLayout
@@ -276,7 +276,7 @@ class Traffic:
 
     def __init__(self, missing: Mapping[str, int] = MappingProxyType({})) -> None:
         self._began_s: float | None = None
-        self._known: dict[str, _Message] = {}
+        self._known: dict[str, _LastFrame] = {}
         self._unknown: dict[str, float] = {}  # monotonic time of the last frame, by identifier
         self.missing = dict(missing)
 
@@ -295,13 +295,13 @@ class Traffic:
             if layout is None:
                 self._unknown[f"{can_id:#x}{'x' if is_extended else ''}"] = now_s
                 continue
-            self._known[layout.name] = _Message(layout, now_s, bus)
+            self._known[layout.name] = _LastFrame(layout, now_s, bus)
             if length != layout.length:
                 earlier, _ = counts.get(("wrong_length", layout.name), (0, ""))
                 lengths = f"{counted(length, 'byte')}; the DBC says {layout.length}"
                 counts["wrong_length", layout.name] = earlier + frames, lengths
         # An identifier is present for 2 s after its last frame.
-        self._unknown = {k: s for k, s in self._unknown.items() if now_s - s <= 2.0}
+        self._unknown = {k: seen_s for k, seen_s in self._unknown.items() if now_s - seen_s <= 2.0}
         if decoded is not None and decoded.counts.crc_bad:
             for message in codec.messages:
                 samples = decoded.samples.get(f"{message.name}.{message.crc}")
@@ -315,11 +315,7 @@ class Traffic:
             self._began_s = now_s
 
     def symptoms(
-        self,
-        codec: Codec,
-        expected: Sequence[str],
-        delivers: Sequence[bool],
-        now_s: float,
+        self, codec: Codec, expected: Sequence[str], delivers: Sequence[bool], now_s: float
     ) -> Iterator[Finding]:
         """Yield the faulty states of the traffic.
 
@@ -335,12 +331,12 @@ class Traffic:
             text = f"no frame of a message of the DBC in {waited_s:.1f} s, but {identifiers}"
             yield fault("none_of_dbc", "", text)
             return
-        for name, message in self._known.items():
-            silent_s, cycle_s = now_s - message.seen_s, message.layout.cycle_s
+        for name, last in self._known.items():
+            silent_s, cycle_s = now_s - last.seen_s, last.layout.cycle_s
             # A message that no channel needs has ended, not failed, after 60 s of silence.
             is_watched = name in expected or (cycle_s and silent_s <= 60.0)
-            is_late = silent_s > _timeout_s(message.layout)
-            if is_watched and is_late and message.bus < len(delivers) and delivers[message.bus]:
+            is_late = silent_s > _timeout_s(last.layout)
+            if is_watched and is_late and last.bus < len(delivers) and delivers[last.bus]:
                 due = f"; one is due every {1e3 * cycle_s:.3g} ms" if cycle_s else ""
                 yield fault("stale", name, f"no frame for {silent_s:.1f} s{due}")
         for name in expected if any(delivers) else ():
@@ -355,20 +351,20 @@ class Traffic:
 
     def alive(self, expected: Sequence[str], now_s: float) -> int:
         """Return the number of expected messages that are received."""
-        known = [self._known[name] for name in expected if name in self._known]
-        return sum(now_s - message.seen_s <= _timeout_s(message.layout) for message in known)
+        received = [self._known[name] for name in expected if name in self._known]
+        return sum(now_s - last.seen_s <= _timeout_s(last.layout) for last in received)
 
 
 def _distinct(batch: FrameBatch) -> list[tuple[int, int, bool, int, int]]:
     """Return the kinds of data frames: bus, identifier, is extended, length, number of frames."""
-    special = np.uint16(FrameFlag.ERROR | FrameFlag.REMOTE)
+    no_data = np.uint16(FrameFlag.ERROR | FrameFlag.REMOTE)
     key = batch.can_id.astype(np.int64)
     key |= batch.bus.astype(np.int64) << _BUS_SHIFT
     key |= batch.length.astype(np.int64) << _LENGTH_SHIFT
     if np.count_nonzero(batch.flags):
         is_extended = batch.flags & np.uint16(FrameFlag.EXTENDED) != 0
         key |= is_extended.astype(np.int64) << _EXTENDED_BIT
-        key = key[(batch.flags & special) == 0]
+        key = key[(batch.flags & no_data) == 0]
     kinds, numbers = np.unique(key, return_counts=True)
     return [
         (

@@ -73,11 +73,11 @@ class Watch:
         """Number of messages with channels of the bench: those received, and all."""
         self.overloaded: tuple[str, ...] = ()
         """Channels that reached the end of their range since `acknowledge`."""
-        self._watches: list[BusWatch] = []
+        self._bus_watches: list[BusWatch] = []
         self._traffic, self._sensors = Traffic(), Sensors()
         self._alarms: dict[Key, Alarm] = {}
         self._seen_s: dict[Key, float] = {}  # when the symptom of an alarm was last present
-        self._counts: deque[tuple[float, Counts]] = deque()
+        self._counts: deque[tuple[float, Counts]] = deque()  # time, s, and counts of each cycle
         self._quiet: frozenset[str] = frozenset()  # buses with channels, without good frames now
         self._queue_dropped = self._t_ns = 0
 
@@ -130,45 +130,46 @@ class Watch:
         expected = tuple(dict.fromkeys(m.message.name for m in mapped))  # messages with channels
         self.sensors_alive = self._traffic.alive(expected, now_s)
         self.sensors_expected = len(expected)
-        pairs = list(zip(self._watches, cycle.links, strict=True))  # history and link of each bus
-        self.buses = tuple(bus.status(link, config.silent_s, now_s) for bus, link in pairs)
+        watched_links = list(zip(self._bus_watches, cycle.links, strict=True))
+        self.buses = tuple(bus.status(link, config.silent_s, now_s) for bus, link in watched_links)
         delivers = [
             status.state in (BusState.OK, BusState.ERROR_PASSIVE) and now_s - bus.good_s < _QUIET_S
-            for bus, status in zip(self._watches, self.buses, strict=True)
+            for bus, status in zip(self._bus_watches, self.buses, strict=True)
         ]
-        homes = {self._traffic.home_of(name) for name in expected}
+        used_buses = {self._traffic.home_of(name) for name in expected}
         self._quiet = frozenset(
             bus.name
-            for number, bus in enumerate(self._watches)
-            if number in homes and not delivers[number]
+            for number, bus in enumerate(self._bus_watches)
+            if number in used_buses and not delivers[number]
         )
         symptoms = [*_not_recording(cycle.storage), *_disk_symptoms(config, cycle.disk)]
         symptoms += [fault("consumer_failed", name, why) for name, why in cycle.failed.items()]
-        for (bus, link), status in zip(pairs, self.buses, strict=True):
+        for (bus, link), status in zip(watched_links, self.buses, strict=True):
             symptoms += bus.symptoms(link, status, config.silent_s, now_s)
         symptoms += self._traffic.symptoms(codec, expected, delivers, now_s)
         for (code, subject), (number, detail) in totals.items():
             text = f"{number} {EXPLAINED[code].counted} in the last second"
             symptoms.append(fault(code, subject, f"{text}: {detail}" if detail else text))
-        present: dict[Key, Finding] = {}
+        by_key: dict[Key, Finding] = {}
         for symptom in symptoms:
-            present.setdefault((symptom.code, symptom.subject), symptom)
-        return tuple(self._keep(present, new, totals, cycle.now))
+            by_key.setdefault((symptom.code, symptom.subject), symptom)
+        return tuple(self._keep(by_key, new, totals, cycle.now))
 
     def _advance_buses(self, cycle: Cycle, counts: Counts) -> None:
+        """Process the frames of each bus; begin anew with another link; add to the counts."""
         now_s, batch, bits = cycle.now.monotonic_s, cycle.batch, wire_bits(cycle.batch)
         for number, link in enumerate(cycle.links):
-            if number == len(self._watches):
-                self._watches.append(BusWatch(link.name, now_s, losses=link.losses))
-            elif self._watches[number].name != link.name:
-                self._watches[number] = BusWatch(link.name, now_s, losses=link.losses)
+            if number == len(self._bus_watches):
+                self._bus_watches.append(BusWatch(link.name, now_s, losses=link.losses))
+            elif self._bus_watches[number].name != link.name:
+                self._bus_watches[number] = BusWatch(link.name, now_s, losses=link.losses)
             on_bus = batch.bus == number
-            part = batch if on_bus.all() else batch.select(on_bus.nonzero()[0])
-            self._watches[number].advance(link, part, bits[on_bus], now_s, counts)
-        del self._watches[len(cycle.links) :]
+            of_bus = batch if on_bus.all() else batch.select(on_bus.nonzero()[0])
+            self._bus_watches[number].advance(link, of_bus, bits[on_bus], now_s, counts)
+        del self._bus_watches[len(cycle.links) :]
 
     def _totals(self, counts: Counts, now_s: float) -> Counts:
-        """Return the counts of the last second, this cycle included."""
+        """Return the sums of the counts of the last second, this cycle included, and a detail."""
         if counts:
             self._counts.append((now_s, counts))
         while self._counts and self._counts[0][0] <= now_s - WINDOW_S:
@@ -176,29 +177,31 @@ class Watch:
         totals: Counts = {}
         for _, each in self._counts:
             for key, (number, detail) in each.items():
-                before, earlier = totals.get(key, (0, ""))
-                totals[key] = before + number, detail or earlier
-        # Least number of error frames in a second that is an alarm: CAN survives single
-        # disturbances.
-        return {k: t for k, t in totals.items() if k[0] != "error_frames" or t[0] >= 5}
+                earlier_number, earlier_detail = totals.get(key, (0, ""))
+                totals[key] = earlier_number + number, detail or earlier_detail
+        # CAN survives single disturbances: fewer than five error frames in a second are no alarm.
+        few = [key for key, (n, _) in totals.items() if key[0] == "error_frames" and n < 5]
+        return {key: total for key, total in totals.items() if key not in few}
 
     def _keep(
-        self, present: Mapping[Key, Finding], new: Counts, totals: Counts, now: Now
+        self, symptoms: Mapping[Key, Finding], new: Counts, totals: Counts, now: Now
     ) -> Iterator[Event]:
         """Begin, continue and end alarms by the symptoms of a cycle; yield their events."""
         now_s = now.monotonic_s
-        for key, symptom in present.items():
+        for key, symptom in symptoms.items():
             since_ns, count = now.wall_ns, totals.get(key, (0, ""))[0]
-            if (before := self._alarms.get(key)) is not None:
-                since_ns, count = before.since_ns, before.count + new.get(key, (0, ""))[0]
+            if (present_alarm := self._alarms.get(key)) is not None:
+                since_ns = present_alarm.since_ns
+                count = present_alarm.count + new.get(key, (0, ""))[0]
             alarm = Alarm(*key, symptom.text, symptom.advice, since_ns, count)
             self._alarms[key], self._seen_s[key] = alarm, now_s
-            if before is None:
+            if present_alarm is None:
                 yield self._event(ALARM, alarm)
         for key in [k for k in self._alarms if now_s - self._seen_s[k] >= HOLD_S]:
             yield self._event(ALARM_END, self._alarms.pop(key))
 
     def _event(self, code: str, alarm: Alarm) -> Event:
+        """Return the event of an alarm that begins or ends."""
         subject = f" {alarm.subject}" if alarm.subject else ""
         return Event(self._t_ns, code, alarm.count, f"{alarm.code}{subject}: {alarm.text}")
 
@@ -216,6 +219,7 @@ def _together(alarms: Sequence[Alarm]) -> Alarm:
 
 
 def _disk_symptoms(config: RecorderConfig, disk: DiskStatus) -> Iterator[Finding]:
+    """Yield the faults of the disk: it refuses, had to be worked around, or is nearly full."""
     if disk.failed:
         frames = counted(disk.held_frames, "frame is", "frames are")
         waiting = f"; {frames} held in memory" if disk.held_frames else ""
@@ -225,13 +229,13 @@ def _disk_symptoms(config: RecorderConfig, disk: DiskStatus) -> Iterator[Finding
     # Ten reserves, or a tenth of the disk.
     if disk.free_bytes < max(10 * config.reserve_bytes, 0.1 * disk.total_bytes):
         share = disk.free_bytes / max(disk.total_bytes, 1)
-        text = f"{disk.free_bytes / 1e6:,.0f} MB ({share:.0%}) left on the disk"
-        yield fault(
-            "disk_low", "", f"{text}; recording stops at {config.reserve_bytes / 1e6:,.0f} MB"
-        )
+        text = f"{disk.free_bytes / 1e6:,.0f} MB ({share:.0%}) left on the disk; "
+        text += f"recording stops at {config.reserve_bytes / 1e6:,.0f} MB"
+        yield fault("disk_low", "", text)
 
 
 def _not_recording(storage: StorageStatus) -> Iterator[Finding]:
+    """Yield the fault that frames arrive and are not stored."""
     if storage.late_s >= _NOT_RECORDING_S:
         text = f"frames arrive, and none was stored for {storage.late_s:.1f} s"
         yield fault("not_recording", "", text)

@@ -161,9 +161,8 @@ class Readers:
 
     def start(self, links: Sequence[Link]) -> None:
         """Start a reader for each link."""
-        self._readers = [
-            Reader(number, link, self._pieces, self._watch) for number, link in enumerate(links)
-        ]
+        queue, watch = self._pieces, self._watch
+        self._readers = [Reader(n, link, queue, watch) for n, link in enumerate(links)]
         for reader in self._readers:
             reader.start()
 

@@ -147,11 +147,9 @@ def resumable(journal: Path, bench: Bench) -> tuple[RecordingInfo, Bench] | str:
             )
     except (BumpbenchError, OSError) as error:  # the old recording is not changed
         reason = error
-    notice = (
-        f"the last recording was not ended and cannot be resumed ({reason}): a new one is begun"
-    )
-    _log.warning("%s", notice)
-    return f"{notice}; `bumpbench recover` builds the session of the last"
+    text = f"the last recording was not ended and cannot be resumed ({reason}): a new one is begun"
+    _log.warning("%s", text)
+    return f"{text}; `bumpbench recover` builds the session of the last"
 
 
 # Builds session files, each in a process ----------------------------------------------------------
@@ -463,10 +461,8 @@ class Recorder:
         if tail is not None:
             self._recording.note(Code.RESUMED, float(tail.frames), self._software, now)
             if run_log.runs:  # its session file may lack the last of these runs
-                recording = tail.head.recording
-                self._derivation.begin(
-                    self._opened.session, tail.segments, recording, run_log.revision
-                )
+                session, recording = self._opened.session, tail.head.recording
+                self._derivation.begin(session, tail.segments, recording, run_log.revision)
 
     def _open(self, bench: Bench, run_log: RunLog, earlier: tuple[Path, ...] = ()) -> None:
         """Set `_opened` to the recording that the writer has begun.
@@ -526,8 +522,6 @@ class Recorder:
         self._store_and_look(links)  # without frames, for the last counts of losses
         self._writer.close(ended=not self._opened.campaign)
         if waiting := self._writer.status.held_frames:
-            were = counted(waiting, "frame was", "frames were")
-            _log.error(
-                "%s in memory, and the disk did not take %s", were, plural(waiting, "it", "them")
-            )
+            were, them = counted(waiting, "frame was", "frames were"), plural(waiting, "it", "them")
+            _log.error("%s in memory, and the disk did not take %s", were, them)
         self._publish(publish)

@@ -438,10 +438,7 @@ class Recording:
         step = parse_label(label)
         assert step is not None  # given by the recorder
         findings = self._barrier.value(
-            "verdict",
-            now,
-            UNJUDGED,
-            lambda: self._judge.verdict(step, self._bump_ns, self.run_log),
+            "verdict", now, UNJUDGED, lambda: self._judge.verdict(step, self._bump_ns, self.run_log)
         )
         self._log(verdict_entry(event.t_ns, label, findings))
         # The countdown begins when the end is seen: the bus may have paused after the end itself.

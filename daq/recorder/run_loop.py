@@ -36,13 +36,7 @@ from ..control.messages import (
     Undo,
     Until,
 )
-from ..runlog import (
-    Code,
-    LoggedRun,
-    RunLog,
-    entry,
-    next_step,
-)
+from ..runlog import Code, LoggedRun, RunLog, entry, next_step
 from ..runs import BASELINE, Event, Excitation, RunStatus
 from ..samples.mapping import bench_mapping
 
@@ -237,12 +231,7 @@ class OrderError(Exception):
 
 
 def order_event(
-    order: Order,
-    by: str,
-    t_ns: int,
-    run_log: RunLog,
-    bench: Bench,
-    due: Step | None,
+    order: Order, by: str, t_ns: int, run_log: RunLog, bench: Bench, due: Step | None
 ) -> Event | None:
     """Return the event of an order on the runs; None if the order has no event.
 
