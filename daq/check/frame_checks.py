@@ -140,11 +140,8 @@ def check_buses(table: FrameTable, error_frames: int, buses: Sequence[BusConfig]
     """Check each bus as a whole: load, error frames, unknown identifiers."""
     lines = []
     for number, bus in enumerate(buses):
-        subject, frames, bits = (
-            f"bus {bus.label}",
-            table.frames.get(number, 0),
-            table.bits.get(number, 0.0),
-        )
+        subject = f"bus {bus.label}"
+        frames, bits = table.frames.get(number, 0), table.bits.get(number, 0.0)
         if len(buses) == 1:  # logs number a single bus in different ways
             subject, frames, bits = "bus", sum(table.frames.values()), sum(table.bits.values())
         if not frames:
@@ -248,13 +245,11 @@ def _content_faults(
     n, length = len(arrivals.length), arrivals.length
     sizes = "/".join(map(str, np.unique(length[length != message.length])))
     short, long = np.sum(length < message.length), np.sum(length > message.length)
-    have_sizes = f"have {sizes} bytes; the DBC says {message.length}"
+    of_frames = f"of {n} frames have {sizes} bytes; the DBC says {message.length}"
     if short:
-        text = f"{short} of {n} frames {have_sizes}"
-        yield "length", FAIL, text, "correct the length, or the DBC"
+        yield "length", FAIL, f"{short} {of_frames}", "correct the length, or the DBC"
     elif long:
-        text = f"{long} of {n} frames {have_sizes}"
-        yield "length", WARN, text, "the excess bytes are not decoded"
+        yield "length", WARN, f"{long} {of_frames}", "the excess bytes are not decoded"
     if message.crc is None:
         return
     quality = decoded[f"{message.name}.{message.crc}"].quality

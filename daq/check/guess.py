@@ -33,7 +33,7 @@ def words(text: str) -> set[str]:
     return by_case | {word.lower() for word in re.split(r"[^A-Za-z0-9]+", text) if word}
 
 
-_CORNERS = {
+_CORNERS = {  # sets of words of which one must be in the name
     Corner.FRONT_LEFT: ({"fl"}, {"lf"}, {"vl"}, {"front", "left"}, {"vorn", "links"}),
     Corner.FRONT_RIGHT: ({"fr"}, {"rf"}, {"vr"}, {"front", "right"}, {"vorn", "rechts"}),
     Corner.REAR_LEFT: ({"rl"}, {"lr"}, {"hl"}, {"rear", "left"}, {"hinten", "links"}),
@@ -71,9 +71,7 @@ def corner_by_name(name: str, message: str) -> tuple[Corner, str] | None:
     }
     for source, name_words in words_of_source.items():
         stated = [
-            corner
-            for corner, spellings in _CORNERS.items()
-            if any(spelling <= name_words for spelling in spellings)
+            corner for corner, sets in _CORNERS.items() if any(each <= name_words for each in sets)
         ]
         if len(stated) == 1:
             return stated[0], source
@@ -192,9 +190,8 @@ def guess_channels(candidates: Iterable[Candidate], pushes: Pushes | None) -> di
     groups: dict[tuple[str, Corner | None], list[Candidate]] = defaultdict(list)
     for each in candidates:
         groups[each.sensor, each.corner].append(each)
-    with_gyroscope = {
-        s.sensor for group in groups.values() for s in group if s.kind in ("rad/s", "rad/s2")
-    }
+    grouped = [s for group in groups.values() for s in group]
+    with_gyroscope = {s.sensor for s in grouped if s.kind in ("rad/s", "rad/s2")}
     guesses: dict[str, Guess] = {}
     for (sensor, _), group in groups.items():
         guesses |= {s.full: guess for s in group if (guess := _by_name(s)) is not None}
@@ -206,7 +203,7 @@ def guess_channels(candidates: Iterable[Candidate], pushes: Pushes | None) -> di
             is_body = guess is not None and guess.quantity is Quantity.BODY_ACCELERATION
             if guess is not None and is_body and may_be_hub and not guess.ask:
                 guesses[s.full] = replace(guess, ask=_WHICH_HUB, of_device=False)
-    lengths = [s for group in groups.values() for s in group if s.kind == "m" and s.full in guesses]
+    lengths = [s for s in grouped if s.kind == "m" and s.full in guesses]
     return guesses | _travels(lengths, guesses, pushes)
 
 

@@ -21,14 +21,7 @@ from dbc.frames import FrameBatch
 from dbc.words import counted, plural, printable
 
 from ..bench.config import BusConfig
-from ..bench.sensors import (
-    PREFIX,
-    Database,
-    Sensor,
-    database_codec,
-    sensor_map,
-    sensors_codec,
-)
+from ..bench.sensors import PREFIX, Database, Sensor, database_codec, sensor_map, sensors_codec
 from ..channels import AT_CORNER, ON_BODY, Quantity, sensor_of, signal_of
 from .frame_checks import RATE_FAIL, Arrivals, fitting_rules, frame_table
 from .guess import FEWEST, Guess, candidate, guess_channels, plain_name, words

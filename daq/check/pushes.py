@@ -157,10 +157,8 @@ def _judged(corner: Corner, moves: Sequence[_Move], channels: Sequence[Channel])
         advice = f"I inverts the sign of {wrong[0]}"
         return PushResult(corner, True, False, text, advice, tuple(wrong))
     shown = largest or moves[0]
-    deviation = shown.first_sign * shown.peak
-    motion = f"{deviation:+.2g} {shown.channel.unit}"
-    if shown.channel.unit == "m":
-        motion = f"{deviation * 1e3:+.0f} mm"
+    deviation, unit = shown.first_sign * shown.peak, shown.channel.unit
+    motion = f"{deviation * 1e3:+.0f} mm" if unit == "m" else f"{deviation:+.2g} {unit}"
     return PushResult(corner, True, True, f"{shown.channel.name} moved {motion}, sign right")
 
 
@@ -212,8 +210,7 @@ def axis_of(direction: Vector) -> tuple[str, int]:
 
 
 def mounting(
-    gravity_g: Mapping[str, float],
-    angles: Mapping[Corner, Mapping[str, float]] | None,
+    gravity_g: Mapping[str, float], angles: Mapping[Corner, Mapping[str, float]] | None
 ) -> Mounting | None:
     """Return how a sensor is mounted; None if no axis is vertical.
 
@@ -339,14 +336,11 @@ def find_pushes(traces: Mapping[str, Trace], moved: Sequence[str]) -> tuple[Push
     # Motions with less rest between them than `_QUIET_S` are one push.
     cuts = np.flatnonzero(np.diff(moving_bins) > _QUIET_S / _BIN_S) + 1
     bin_ns, margin_ns = round(_BIN_S * 1e9), round(_QUIET_S / 2 * 1e9)
-    spans_ns = [
-        (
-            start_ns + int(bins[0]) * bin_ns - margin_ns,
-            start_ns + int(bins[-1] + 1) * bin_ns + margin_ns,
-        )
-        for bins in np.split(moving_bins, cuts)  # one push each
-        if len(bins) and (bins[-1] + 1 - bins[0]) * _BIN_S >= _SHORTEST_PUSH_S
-    ]
+    spans_ns = []
+    for bins in np.split(moving_bins, cuts):  # those of one push
+        if len(bins) and (bins[-1] + 1 - bins[0]) * _BIN_S >= _SHORTEST_PUSH_S:
+            begin_ns, stop_ns = (start_ns + int(b) * bin_ns for b in (bins[0], bins[-1] + 1))
+            spans_ns.append((begin_ns - margin_ns, stop_ns + margin_ns))
     if len(spans_ns) != len(ORDER):
         return None, len(spans_ns)
     return Pushes(dict(zip(ORDER, spans_ns, strict=True)), traces), len(spans_ns)

@@ -19,15 +19,16 @@ from .reader import LATEST_NS, LONGEST_NS, LogLoss, possible_frames
 
 BLOCK_BYTES = 1 << 19
 MAX_OBJECT_BYTES = 1 << 24
-_FILE = struct.Struct("<4sL8BQQLL8H8H")
-_OBJECT = struct.Struct("<4sHHLL")
-_CONTAINER = struct.Struct("<H6xL4x")
+_FILE_HEADER = struct.Struct("<4sL8BQQLL8H8H")  # mark, its size, ..., bytes of the file, dates
+_OBJECT_BASE = struct.Struct("<4sHHLL")  # mark, size and version of the header, size, type
+_CONTAINER = struct.Struct("<H6xL4x")  # method of packing, bytes of the content
 _ADVICE = "check what it is; its suffix may be wrong"
-_GAP = 8
-"""Limit of the padding after an object, bytes: it is shorter."""
+_GAP_BYTES = 8
+"""Number of bytes that are too many for the padding after an object."""
 
 
 def _layout(itemsize: int, /, **fields: tuple[str, int]) -> np.dtype[np.void]:
+    """Return the type of a structure, from the type and the offset in bytes of each field."""
     return np.dtype(
         {
             "names": list(fields),
@@ -42,7 +43,7 @@ _HEADER = _layout(
     32, version=("<u2", 6), size=("<u4", 8), kind=("<u4", 12), unit=("<u4", 16), stamp=("<u8", 24)
 )
 _CLASSIC = _layout(16, bus=("<u2", 0), flags=("u1", 2), dlc=("u1", 3), can_id=("<u4", 4))
-_KINDS = {
+_FRAME_KINDS = {
     1: (_CLASSIC, 8),
     86: (_CLASSIC, 8),
     2: (_layout(4, bus=("<u2", 0)), 0),  # error frame; with data, and of CAN FD
@@ -85,34 +86,34 @@ def read_blf(file: BinaryIO, where: str, size: int, loss: LogLoss) -> Iterator[F
     `file`: at its beginning.  `where`: its name, for messages.  `size`: its length in bytes.
     Raises InputError if it is not a BLF.
     """
-    start = file.read(_FILE.size)
-    if start[:4] != b"LOGG":
+    header = file.read(_FILE_HEADER.size)
+    if header[:4] != b"LOGG":
         raise InputError(where, "is not a BLF: it does not begin with LOGG", _ADVICE)
-    if len(start) < _FILE.size:
+    if len(header) < _FILE_HEADER.size:
         raise InputError(where, "is cut off within its header", "get the whole file")
-    fields = _FILE.unpack(start)
-    header_bytes, claimed = fields[1], fields[10]
-    if not _FILE.size <= header_bytes <= 1 << 16:
+    fields = _FILE_HEADER.unpack(header)
+    header_bytes, stated_bytes = fields[1], fields[10]
+    if not _FILE_HEADER.size <= header_bytes <= 1 << 16:
         raise InputError(where, f"is not a BLF: its header has {header_bytes} bytes", _ADVICE)
-    file.read(header_bytes - _FILE.size)
+    file.read(header_bytes - _FILE_HEADER.size)
     year, month, _, day, hour, minute, second, milliseconds = fields[14:22]
     start_ns = 0  # the header has no date: times are relative
     with suppress(ValueError):
         date = datetime(year, month, day, hour, minute, second, milliseconds * 1000, tzinfo=UTC)
         start_ns = max(round(date.timestamp() * 1000) * 1_000_000, 0)
-    if size < claimed:
-        what = f"has {size} of the {claimed} bytes that its header states"
-        loss.add(what, bytes_cut=claimed - size)
-    data, known, unpacked = b"", False, 0
-    for piece, is_whole in _pieces(file, size, loss):
-        data += piece
-        unpacked += len(piece)
+    if size < stated_bytes:
+        what = f"has {size} of the {stated_bytes} bytes that its header states"
+        loss.add(what, bytes_cut=stated_bytes - size)
+    data, has_objects, unpacked_bytes = b"", False, 0
+    for content, is_whole in _contents(file, size, loss):
+        data += content
+        unpacked_bytes += len(content)
         if is_whole and len(data) < BLOCK_BYTES:
             continue
         places, used = find_objects(data, loss)
-        known |= len(places) > 0
-        if not known and unpacked > MAX_OBJECT_BYTES:
-            raise InputError(where, f"has no object in its first {unpacked} bytes", _ADVICE)
+        has_objects |= len(places) > 0
+        if not has_objects and unpacked_bytes > MAX_OBJECT_BYTES:
+            raise InputError(where, f"has no object in its first {unpacked_bytes} bytes", _ADVICE)
         yield frames_of(data, places, start_ns, loss)
         if not is_whole:  # an object that was begun must not continue after the gap
             loss.add("an object extends into lost data", bytes_cut=len(data) - used)
@@ -120,64 +121,69 @@ def read_blf(file: BinaryIO, where: str, size: int, loss: LogLoss) -> Iterator[F
         data = data[used:]
     places, used = find_objects(data, loss)
     yield frames_of(data, places, start_ns, loss)
-    if len(data) - used >= _GAP:
+    if len(data) - used >= _GAP_BYTES:
         loss.add("its last object is incomplete", bytes_cut=len(data) - used)
 
 
-def _pieces(file: BinaryIO, file_bytes: int, loss: LogLoss) -> Iterator[tuple[bytes, bool]]:
+def _contents(file: BinaryIO, file_bytes: int, loss: LogLoss) -> Iterator[tuple[bytes, bool]]:
     """Yield the contents of containers, and objects outside them; and whether they are complete."""
-    while head := file.read(_OBJECT.size):
-        if len(head) < _OBJECT.size:
+    while head := file.read(_OBJECT_BASE.size):
+        if len(head) < _OBJECT_BASE.size:
             loss.add("its last container is incomplete", bytes_cut=len(head))
             return
-        mark, _, _, size, kind = _OBJECT.unpack(head)
-        if mark != b"LOBJ" or not _OBJECT.size < size <= MAX_OBJECT_BYTES:
-            place = file.tell() - len(head)
-            loss.add(f"after byte {place} there is no container", bytes_cut=file_bytes - place)
+        mark, _, _, size, kind = _OBJECT_BASE.unpack(head)
+        if mark != b"LOBJ" or not _OBJECT_BASE.size < size <= MAX_OBJECT_BYTES:
+            position = file.tell() - len(head)
+            lost_bytes = file_bytes - position
+            loss.add(f"after byte {position} there is no container", bytes_cut=lost_bytes)
             return
-        body = file.read(size - _OBJECT.size)
+        body_bytes = size - _OBJECT_BASE.size
+        body = file.read(body_bytes)
         padding = file.read(size % 4)
         if kind == 10:  # a container
-            yield _unpacked(body, size - _OBJECT.size, loss)
+            yield _unpacked(body, body_bytes, loss)
         else:
             yield head + body + padding, True
-        if len(body) < size - _OBJECT.size:
+        if len(body) < body_bytes:
             return
 
 
 def _unpacked(body: bytes, size: int, loss: LogLoss) -> tuple[bytes, bool]:
-    """Return the content of a container, and whether it is complete; `size`: bytes of `body`."""
+    """Return the content of a container, and whether it is complete.
+
+    `size`: bytes that `body` should have.
+    """
     if len(body) < size:
         loss.add("its last container is incomplete", bytes_cut=size - len(body))
     if len(body) < _CONTAINER.size:
         return b"", False
-    method, claimed = _CONTAINER.unpack_from(body)
+    method, content_bytes = _CONTAINER.unpack_from(body)
     packed = body[_CONTAINER.size :]
     if method == 0:  # not packed
         return packed, len(body) == size
-    if method != 2 or claimed > MAX_OBJECT_BYTES:
-        what = f"a container is packed in an unknown way ({method}, {claimed})"
+    if method != 2 or content_bytes > MAX_OBJECT_BYTES:  # 2: zlib
+        what = f"a container is packed in an unknown way ({method}, {content_bytes})"
         loss.add(what, bytes_cut=len(packed))
         return b"", False
     unpacker = zlib.decompressobj()
     try:
         # The length that a container states also limits a decompression bomb.  One more byte is
         # requested so that the checksum after the last byte is verified.
-        data = unpacker.decompress(packed, claimed + 1)
+        data = unpacker.decompress(packed, content_bytes + 1)
     except zlib.error as error:
-        loss.add(f"a container cannot be unpacked: {error}", bytes_cut=claimed)
+        loss.add(f"a container cannot be unpacked: {error}", bytes_cut=content_bytes)
         return b"", False
-    is_whole = unpacker.eof and len(data) == claimed
+    is_whole = unpacker.eof and len(data) == content_bytes
     if len(body) == size and not is_whole:
-        lost = max(claimed - len(data), 1)
+        lost = max(content_bytes - len(data), 1)
         loss.add("a container has another content than it states", bytes_cut=lost)
     return data, is_whole
 
 
 def _records(text: NDArray[np.uint8], places: NDArray[Any], layout: np.dtype[Any]) -> NDArray[Any]:
-    """Return the structures of a NumPy type that begin at places, (n,)."""
-    raw = text[places[:, None] + np.arange(layout.itemsize)]
-    return np.ascontiguousarray(raw).view(layout).reshape(len(places))
+    """Return the structures of a NumPy type that begin at places in a text, (n,) each."""
+    rows = text[places[:, None] + np.arange(layout.itemsize)]
+    return np.ascontiguousarray(rows).view(layout).reshape(len(places))
 
 
 def find_objects(data: bytes, loss: LogLoss) -> tuple[NDArray[np.intp], int]:
@@ -187,32 +193,32 @@ def find_objects(data: bytes, loss: LogLoss) -> tuple[NDArray[np.intp], int]:
     is not taken as an object.  Data to which no chain leads are counted as lost.
     """
     text = np.frombuffer(data, np.uint8)
-    header = _HEADER.itemsize  # bytes; an object is at least as long
-    marks = np.flatnonzero(text[: max(len(data) - header + 1, 0)] == ord("L"))
-    for place, letter in enumerate(b"LOBJ"):
-        marks = marks[text[marks + place] == letter]
+    header_bytes = _HEADER.itemsize  # an object is at least as long
+    marks = np.flatnonzero(text[: max(len(data) - header_bytes + 1, 0)] == ord("L"))
+    for letter_number, letter in enumerate(b"LOBJ"):
+        marks = marks[text[marks + letter_number] == letter]
     size = _records(text, marks, _HEADER)["size"].astype(np.int64)
     ends = marks + size
-    is_object = ((size >= header) & (size <= MAX_OBJECT_BYTES)).tolist()
-    following = np.searchsorted(marks, ends).tolist()  # first mark after each object
+    is_object = ((size >= header_bytes) & (size <= MAX_OBJECT_BYTES)).tolist()
+    next_mark = np.searchsorted(marks, ends).tolist()  # index of the first mark after each object
     begins, stops, chain = marks.tolist(), ends.tolist(), list[int]()
-    i = lost = expected = used = 0  # index of a mark; bytes lost; end of the chain; bytes processed
+    i = lost = chain_end = used = 0  # index of a mark; bytes lost; end of `chain`; bytes processed
     while i < len(begins):
         if not is_object[i]:
             i += 1
             continue
-        if begins[i] - expected >= _GAP:
-            lost += begins[i] - expected
+        if begins[i] - chain_end >= _GAP_BYTES:
+            lost += begins[i] - chain_end
         used = begins[i]
         if stops[i] > len(data):
             break
         chain.append(begins[i])
-        used = expected = stops[i]
-        i = following[i]
+        used = chain_end = stops[i]
+        i = next_mark[i]
     else:  # no object is begun: what no object can be long enough to need is lost
         if len(data) - used >= MAX_OBJECT_BYTES:
-            lost += len(data) - used - header
-            used = len(data) - header
+            lost += len(data) - used - header_bytes
+            used = len(data) - header_bytes
     if lost:
         many = "bytes between objects are not objects"
         loss.add(counted(lost, "byte between objects is no object", many), bytes_cut=lost)
@@ -223,16 +229,17 @@ def frames_of(data: bytes, places: NDArray[np.intp], start_ns: int, loss: LogLos
     """Return the frames among the objects at `places`, in their order; others are ignored."""
     text = np.frombuffer(data, np.uint8)
     head = _records(text, places, _HEADER)
-    begin = places + np.where(head["version"] == 2, 40, 32)
-    room = places + head["size"] - begin
+    begin = places + np.where(head["version"] == 2, 40, 32)  # of the body, after the header
+    body_bytes = places + head["size"] - begin
     unit_ns = np.where(head["unit"] == 1, 10_000, 1)
     is_timed = head["stamp"] < (LONGEST_NS if start_ns else LATEST_NS) // unit_ns
     t_ns = start_ns + np.where(is_timed, head["stamp"], 0).astype(np.int64) * unit_ns
-    orders: list[NDArray[np.intp]] = []
+    rows_of_batches: list[NDArray[np.intp]] = []  # indices into `places`
     batches: list[FrameBatch] = []
-    for kind, (layout, offset) in _KINDS.items():
+    for kind, (layout, offset) in _FRAME_KINDS.items():
         rows = np.flatnonzero(head["kind"] == kind)
-        good = (room[rows] >= layout.itemsize) & is_timed[rows] & (head["version"][rows] <= 2)
+        good = (body_bytes[rows] >= layout.itemsize) & (head["version"][rows] <= 2)
+        good &= is_timed[rows]
         if torn := len(rows) - int(good.sum()):
             many = f"objects of type {kind} are not frames"
             loss.add(counted(torn, f"object of type {kind} is not a frame", many), garbled=torn)
@@ -245,29 +252,30 @@ def frames_of(data: bytes, places: NDArray[np.intp], start_ns: int, loss: LogLos
         if "extra" in names:
             # More bytes may be stated as valid than exist: the missing ones are zero.  Data that
             # may follow the payload begin at `extra`, counted from the start of the object.
-            whole, extra = head["size"][rows].astype(np.intp), record["extra"].astype(np.intp)
-            stop = np.where(extra > 0, np.minimum(extra, whole), whole)
+            object_bytes = head["size"][rows].astype(np.intp)
+            extra = record["extra"].astype(np.intp)
+            stop = np.where(extra > 0, np.minimum(extra, object_bytes), object_bytes)
             size = np.minimum(size, stop - (begin[rows] - places[rows]) - offset)
         can_id = np.zeros(len(rows), np.uint32)
         if "can_id" in names:
             can_id |= record["can_id"] & 0x1FFF_FFFF
         width = 8 if length.max(initial=0) <= 8 else 64
-        index = (begin[rows] + offset)[:, None] + np.arange(width)
-        payload = text[np.minimum(index, len(text) - 1)]
+        byte_index = (begin[rows] + offset)[:, None] + np.arange(width)
+        payload = text[np.minimum(byte_index, len(text) - 1)]
         payload = np.where(np.arange(width) < size[:, None], payload, 0).astype(np.uint8)
         bus = (np.clip(record["bus"], 1, 256) - 1).astype(np.uint8)
         lengths = length.astype(np.uint8)
         batches.append(FrameBatch(t_ns[rows], can_id, flags, bus, lengths, payload))
-        orders.append(rows)
-    lost = np.flatnonzero((head["kind"] == 126) & (room >= _LOST.itemsize))
-    for row in lost.tolist():
+        rows_of_batches.append(rows)
+    loss_rows = np.flatnonzero((head["kind"] == 126) & (body_bytes >= _LOST.itemsize))
+    for row in loss_rows.tolist():
         count = int(_records(text, begin[row : row + 1], _LOST)["count"][0])
         when = np.datetime64(int(t_ns[row]), "ns")
         what = f"the log states {counted(count, 'lost event')} at {when}Z"
         loss.add(what, dropped=count)
     if not batches:
         return FrameBatch.empty()
-    order = np.argsort(np.concatenate(orders), kind="stable")
+    order = np.argsort(np.concatenate(rows_of_batches), kind="stable")
     return possible_frames(FrameBatch.concatenate(batches).select(order), loss)
 
 
@@ -276,11 +284,11 @@ def _properties(
 ) -> tuple[NDArray[np.uint16], NDArray[np.intp], NDArray[np.intp]]:
     """Return flags, stated length and number of stored bytes of objects of one type."""
     n, names = len(record), record.dtype.names or ()
-    none = np.zeros(n, bool)
-    extended = record["can_id"] >> 31 != 0 if "can_id" in names else none
-    error = kind in (2, 73, 104)
+    never = np.zeros(n, bool)
+    extended = record["can_id"] >> 31 != 0 if "can_id" in names else never
+    is_error = kind in (2, 73, 104)
     bits = record["flags"] if "flags" in names else np.zeros(n, np.uint8)
-    fd, brs, esi, remote, sent = none, none, none, bits & 0x80 != 0, bits & 0x01 != 0
+    fd, brs, esi, remote, sent = never, never, never, bits & 0x80 != 0, bits & 0x01 != 0
     if kind == 100:
         fd, brs, esi = (record["fd"] & bit != 0 for bit in (1, 2, 4))
     elif kind == 101:
@@ -290,8 +298,8 @@ def _properties(
     dlc = record["dlc"] if "dlc" in names else np.zeros(n, np.uint8)
     length = np.where(fd, FD_LENGTHS[np.minimum(dlc, 15)], np.minimum(dlc, 8)).astype(np.intp)
     stored = np.minimum(length, record["valid"]) if "valid" in names else length
-    flags = np.full(n, FrameFlag.ERROR if error else 0, np.uint16)
-    for bit, marks in (
+    flags = np.full(n, FrameFlag.ERROR if is_error else 0, np.uint16)
+    for bit, is_set in (
         (FrameFlag.EXTENDED, extended),
         (FrameFlag.REMOTE, remote),
         (FrameFlag.FD, fd),
@@ -299,5 +307,5 @@ def _properties(
         (FrameFlag.ERROR_STATE, fd & esi),
         (FrameFlag.TRANSMITTED, sent),
     ):
-        flags |= marks * np.uint16(bit)
+        flags |= is_set * np.uint16(bit)
     return flags, length, np.where(remote, 0, stored)

@@ -226,10 +226,8 @@ def write_uff(session: Session, path: Path) -> tuple[str, ...]:
                         missing += int(np.sum(~np.isfinite(values)))
     if not missing:
         return frames_left_out(session)
-    note = (
-        f"{counted(missing, 'missing sample is', 'missing samples are')} left out: "
-        f"{plural(missing, 'its record is', 'their records are')} not equidistant"
-    )
+    note = f"{counted(missing, 'missing sample is', 'missing samples are')} left out: "
+    note += f"{plural(missing, 'its record is', 'their records are')} not equidistant"
     return (note, *frames_left_out(session))
 
 
@@ -421,12 +419,7 @@ _WRITERS = {
 
 
 def export_session(
-    session: Session,
-    path: Path,
-    form: ExportFormat,
-    *,
-    decimal: str = ".",
-    force: bool = False,
+    session: Session, path: Path, form: ExportFormat, *, decimal: str = ".", force: bool = False
 ) -> Exported:
     """Write a session in a format of other tools; files are complete or absent.
 

@@ -52,12 +52,7 @@ _PARSERS: dict[LogFormat, Callable[[], LineParser]] = {
 """Maker of the parser of each text format."""
 NAMES = "BLF, ASC, TRC, candump -L, CSV of python-can, MF4, journal"
 """Names of the formats, for messages."""
-_MAGIC = {
-    b"LOGG": BLF,
-    b"MDF     ": MF4,
-    b"UnFinMF ": MF4,
-    MAGIC: JOURNAL,
-}
+_MAGIC = {b"LOGG": BLF, b"MDF     ": MF4, b"UnFinMF ": MF4, MAGIC: JOURNAL}
 
 
 def detect(path: Path) -> LogFormat:
@@ -71,16 +66,17 @@ def detect(path: Path) -> LogFormat:
     for magic, form in _MAGIC.items():
         if head.startswith(magic):
             return form
-    lines, best, most = head_of(head), None, 0.0
+    lines, best, best_score = head_of(head), None, 0.0
     for form, make_parser in _PARSERS.items():
         parser = make_parser()
-        read = parsed(lines, parser)
-        score = len(read.frames) + (0.5 if parser.has_header else 0.0)
-        if score > most and len(read.bad) <= score:
-            best, most = form, score
+        result = parsed(lines, parser)
+        # Half a frame for a header, which decides only between formats that read as many frames.
+        score = len(result.frames) + (0.5 if parser.has_header else 0.0)
+        if score > best_score and len(result.bad) <= score:
+            best, best_score = form, score
     if best is None:
-        first = next((line for line in lines.splitlines() if line.strip()), b"")
-        shown = printable(first.strip().decode("ascii", "backslashreplace"), 40)
+        first_line = next((line for line in lines.splitlines() if line.strip()), b"")
+        shown = printable(first_line.strip().decode("ascii", "backslashreplace"), 40)
         what = f"begins with no line of a known log: {shown!r}"
         raise InputError(str(path), what, f"use {NAMES}")
     return best
@@ -111,8 +107,8 @@ class Log:
         self._hops = HopLosses()
         self._journal = JournalReader(recording_of(self.paths)) if self.format is JOURNAL else None
         self._last_ns: int | None = None
-        self._first: tuple[int, int, bytes] | None = None
-        self._shift_ns = 0
+        self._first_frame: tuple[int, int, bytes] | None = None
+        self._shift_ns = 0  # is added to the time stamps of the present part
 
     @property
     def name(self) -> str:
@@ -160,6 +156,7 @@ class Log:
             raise InputError(self.name, what, "check that it is the right log")
 
     def _batches(self) -> Iterator[FrameBatch]:
+        """Yield the frames as they are in the file, block by block."""
         if self._journal is not None:
             for losses, block in self._journal:
                 self._hops = losses
@@ -180,25 +177,25 @@ class Log:
         if not len(batch):
             return batch
         last_ns = int(batch.t_ns[0]) if self._last_ns is None else self._last_ns
-        self._first = self._first or _frame(batch, 0)
+        self._first_frame = self._first_frame or _frame(batch, 0)
         batch = self._without_strays(batch, last_ns)
         raw_ns = batch.t_ns
         t_ns = raw_ns + self._shift_ns
-        for place in np.flatnonzero(np.diff(raw_ns, prepend=last_ns) < -RESTART_NS).tolist():
-            new_ns, frames = int(raw_ns[place]), self.frames + place
-            old_ns = int(raw_ns[place - 1]) if place else last_ns
-            went = f"its times go back from {old_ns * 1e-9:.3f} to {new_ns * 1e-9:.3f} s"
-            went = f"{went} after frame {frames}"
-            if _frame(batch, place) == self._first:
+        for row in np.flatnonzero(np.diff(raw_ns, prepend=last_ns) < -RESTART_NS).tolist():
+            restart_ns, frames = int(raw_ns[row]), self.frames + row
+            end_ns = int(raw_ns[row - 1]) if row else last_ns  # of the part before
+            step_back = f"its times go back from {end_ns * 1e-9:.3f} to {restart_ns * 1e-9:.3f} s"
+            step_back = f"{step_back} after frame {frames}"
+            if _frame(batch, row) == self._first_frame:
                 what = f"stores the same frames twice: they begin again after frame {frames}"
                 raise InputError(self.name, what, "cut the log there")
             if len(self.remarks) >= MOST_PARTS:
-                what = f"{went}, and {MOST_PARTS} times before"
+                what = f"{step_back}, and {MOST_PARTS} times before"
                 raise InputError(self.name, what, "record with one clock, or cut the log there")
-            self._shift_ns += old_ns + PAUSE_NS - new_ns
-            t_ns[place:] = raw_ns[place:] + self._shift_ns
+            self._shift_ns += end_ns + PAUSE_NS - restart_ns
+            t_ns[row:] = raw_ns[row:] + self._shift_ns
             later = f"the rest is taken as a later part, {self._shift_ns * 1e-9:.3f} s later"
-            self.remarks.append(f"{went}: {later}")
+            self.remarks.append(f"{step_back}: {later}")
         self._last_ns = int(raw_ns[-1])
         return replace(batch, t_ns=read_only(t_ns)) if self._shift_ns else batch
 
@@ -207,17 +204,17 @@ class Log:
 
         `last_ns`: time stamp of the frame before the block.
         """
-        before = np.concatenate([[last_ns], batch.t_ns[:-1]])
-        after = np.append(batch.t_ns[1:], batch.t_ns[-1])
-        is_stray = np.abs(before - after) <= RESTART_NS
-        is_stray &= np.abs(batch.t_ns - before) > RESTART_NS
-        is_stray &= np.abs(batch.t_ns - after) > RESTART_NS
+        previous_ns = np.concatenate([[last_ns], batch.t_ns[:-1]])
+        next_ns = np.append(batch.t_ns[1:], batch.t_ns[-1])
+        is_stray = np.abs(previous_ns - next_ns) <= RESTART_NS
+        is_stray &= np.abs(batch.t_ns - previous_ns) > RESTART_NS
+        is_stray &= np.abs(batch.t_ns - next_ns) > RESTART_NS
         n = int(is_stray.sum())
         if not n:
             return batch
         what = f"{counted(n, 'time stamp')} out of line with {plural(n, 'its', 'their')}"
-        number = self.frames + int(np.flatnonzero(is_stray)[0]) + 1
-        self._loss.add(f"{what} neighbours, the first at frame {number}", garbled=n)
+        frame_number = self.frames + int(np.flatnonzero(is_stray)[0]) + 1  # counted from 1
+        self._loss.add(f"{what} neighbours, the first at frame {frame_number}", garbled=n)
         return batch.select(~is_stray)
 
 
@@ -236,11 +233,11 @@ def read_logs(paths: Sequence[Path]) -> list[Log]:
 
     Raises InputError as `Log`.
     """
-    rows: list[tuple[LogFormat, list[Path]]] = []
+    files_of_logs: list[tuple[LogFormat, list[Path]]] = []
     for path in paths:
         form = detect(path)
-        if form is JOURNAL and rows and rows[-1][0] is JOURNAL:
-            rows[-1][1].append(path)
+        if form is JOURNAL and files_of_logs and files_of_logs[-1][0] is JOURNAL:
+            files_of_logs[-1][1].append(path)
         else:
-            rows.append((form, [path]))
-    return [Log(row, form) for form, row in rows]
+            files_of_logs.append((form, [path]))
+    return [Log(files, form) for form, files in files_of_logs]

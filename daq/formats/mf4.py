@@ -33,6 +33,7 @@ _BITS = {
     "Dir": FrameFlag.TRANSMITTED,
 }
 _BLOCK_FRAMES = 1 << 18
+"""Number of frames that are read together."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,14 +97,15 @@ def _blocks(mdf: Any, where: str, loss: LogLoss) -> Iterator[FrameBatch]:
         advice = "import decoded channels with --channels"
         raise InputError(where, "holds no CAN bus logging", advice)
     start_ns = round(mdf.header.start_time.timestamp() * 1e6) * 1000
-    rising = [np.maximum.accumulate(group.time_s) for group in groups]
-    ends_s = np.append(np.sort(np.concatenate(rising))[_BLOCK_FRAMES::_BLOCK_FRAMES], np.inf)
+    # A time that goes back does not move the end of a block back.
+    rising_s = [np.maximum.accumulate(group.time_s) for group in groups]
+    ends_s = np.append(np.sort(np.concatenate(rising_s))[_BLOCK_FRAMES::_BLOCK_FRAMES], np.inf)
     begins = [0] * len(groups)  # first record of each group that was not yet read
     lowest_bus: int | None = None
     for end_s in ends_s.tolist():
         batches = []
         for i, group in enumerate(groups):
-            end = int(np.searchsorted(rising[i], end_s, side="right"))
+            end = int(np.searchsorted(rising_s[i], end_s, side="right"))
             if end > begins[i]:
                 batches.append(_frames(mdf, group, slice(begins[i], end), start_ns, loss))
                 begins[i] = end
@@ -124,12 +126,12 @@ def _bus_logging(mdf: Any, where: str, loss: LogLoss) -> Iterator[_Group]:
                 for index, name in enumerate(names)
                 if name.startswith(f"{kind}.")
             }
-            stated = int(group.channel_group.cycles_nr)
-            if "ID" not in fields or not stated:
+            stated_records = int(group.channel_group.cycles_nr)
+            if "ID" not in fields or not stated_records:
                 continue
             with redirect_stdout(StringIO()):
                 time_s = np.asarray(mdf.get_master(number), np.float64)
-            if missing := max(stated - len(time_s), 0):
+            if missing := max(stated_records - len(time_s), 0):
                 loss.add(f"{counted(missing, 'record')} of {kind} missing", garbled=missing)
             if kind == "CAN_DataFrame" and "DataBytes" not in fields:
                 what = f"its {kind} has no DataBytes"
@@ -156,14 +158,14 @@ def _frames(mdf: Any, group: _Group, rows: slice, start_ns: int, loss: LogLoss) 
             payload = np.frombuffer(payload.tobytes(), np.uint8).reshape(n, -1)
     size = np.full(n, payload.shape[1])
     if "DLC" in fields:
-        code = fields["DLC"].clip(0, 15)
-        size = np.where(is_fd, FD_LENGTHS[code], np.minimum(code, 8)).astype(np.int64)
+        dlc = fields["DLC"].clip(0, 15)
+        size = np.where(is_fd, FD_LENGTHS[dlc], np.minimum(dlc, 8)).astype(np.int64)
     size = fields.get("DataLength", size)
     # The length of a remote frame is the one that it requests; it has no data.
     length = np.where(is_remote, np.minimum(fields.get("DLC", size), 8), size)
-    since_ns = group.time_s[rows] * 1e9
-    is_timed = np.isfinite(since_ns) & (np.abs(since_ns) < LONGEST_NS)
-    t_ns = start_ns + np.rint(np.where(is_timed, since_ns, 0.0)).astype(np.int64)
+    since_start_ns = group.time_s[rows] * 1e9
+    is_timed = np.isfinite(since_start_ns) & (np.abs(since_start_ns) < LONGEST_NS)
+    t_ns = start_ns + np.rint(np.where(is_timed, since_start_ns, 0.0)).astype(np.int64)
     good = is_timed & (t_ns < LATEST_NS) & (length >= 0) & (length <= np.where(is_fd, 64, 8))
     if bad := n - int(good.sum()):
         many = f"records of {group.kind} are not frames"
@@ -173,26 +175,27 @@ def _frames(mdf: Any, group: _Group, rows: slice, start_ns: int, loss: LogLoss) 
     data[:, : payload.shape[1]] = payload[:, :width]
     data[np.arange(width) >= np.where(is_remote, 0, length)[:, None]] = 0
     bus = fields.get("BusChannel", np.zeros(n, np.int64)).clip(0, 255)
-    numbers = can_id.astype(np.uint32), flags, bus.astype(np.uint8)
-    return FrameBatch(t_ns, *numbers, length.clip(0, 64).astype(np.uint8), data).select(good)
+    lengths, buses = length.clip(0, 64).astype(np.uint8), bus.astype(np.uint8)
+    return FrameBatch(t_ns, can_id.astype(np.uint32), flags, buses, lengths, data).select(good)
 
 
 def _samples(mdf: Any, group: _Group, name: str, rows: slice, *, raw: bool) -> NDArray[Any]:
     """Return a field of records; `raw`: as it is stored."""
-    about = {"group": group.number, "index": group.fields[name], "raw": raw}
-    about |= {"record_offset": rows.start, "record_count": rows.stop - rows.start}
+    selection = {"group": group.number, "index": group.fields[name], "raw": raw}
+    selection |= {"record_offset": rows.start, "record_count": rows.stop - rows.start}
     with redirect_stdout(StringIO()):  # it prints what it does not understand
-        columns = mdf.get(**about, samples_only=True, ignore_invalidation_bits=True)
+        columns = mdf.get(**selection, samples_only=True, ignore_invalidation_bits=True)
     return np.asarray(columns[0])
 
 
 def _flags(kind: str, fields: Mapping[str, NDArray[np.int64]]) -> NDArray[np.uint16]:
     """Return the flags; without a field IDE, bit 31 or the size of an identifier shows 29 bits."""
-    stated = fields["ID"]
-    flags = np.full(len(stated), _KINDS[kind], np.uint16)
+    identifier = fields["ID"]
+    flags = np.full(len(identifier), _KINDS[kind], np.uint16)
     is_set = {bit: fields[field] != 0 for field, bit in _BITS.items() if field in fields}
     if "IDE" not in fields:
-        is_set[FrameFlag.EXTENDED] = (stated >> 31 & 1 != 0) | (stated & 0x1FFF_FFFF >= 1 << 11)
-    for bit, where in is_set.items():
-        flags[where] |= np.uint16(bit)
+        is_long = identifier & 0x1FFF_FFFF >= 1 << 11
+        is_set[FrameFlag.EXTENDED] = (identifier >> 31 & 1 != 0) | is_long
+    for bit, rows in is_set.items():
+        flags[rows] |= np.uint16(bit)
     return flags

@@ -295,11 +295,7 @@ def standing(plant: Plant, stuck: Array | None = None) -> Array:
 
 
 def drive(
-    plant: Plant,
-    bump: Bump,
-    end_s: float,
-    start: Array | None = None,
-    step_s: float = STEP_S,
+    plant: Plant, bump: Bump, end_s: float, start: Array | None = None, step_s: float = STEP_S
 ) -> Motion:
     """Drive a car over a bump.
 
