@@ -79,7 +79,7 @@ class Samples:
     blocks: tuple[Block, ...]
     series: tuple[Series, ...]
     """The blocks laid out for sums with any poles, those that are sampled alike together."""
-    block: NDArray[np.intp]
+    block_of: NDArray[np.intp]
     """Number of the block of each series, -1 where there is none, (n_runs, n_channels)."""
     power: _Real
     """Sum of the squares of each series, (n_runs, n_channels)."""
@@ -97,26 +97,27 @@ class Samples:
         Each free number gains about 1, so a mode's gain is chi-squared distributed; and noise may
         look like a mode at as many frequencies as there are samples, the best of which is chosen.
         """
-        numbers = sum(self.block.shape)
-        chance = FALSE_ALARM / (self.count.sum() // len(self.count))
-        pairs = int(np.sum(poles.imag > 0.0))
-        gain = pairs * exceeded_by_chance(2 * numbers, chance)
-        return gain + (len(poles) - pairs) * exceeded_by_chance(numbers, chance)
+        n_unknowns = sum(self.block_of.shape)  # an amplitude a run, an entry a channel
+        n_samples = self.count.sum() // len(self.count)  # of one channel
+        chance = FALSE_ALARM / n_samples
+        n_pairs = int(np.sum(poles.imag > 0.0))  # their unknowns are complex
+        gain = n_pairs * exceeded_by_chance(2 * n_unknowns, chance)
+        return gain + (len(poles) - n_pairs) * exceeded_by_chance(n_unknowns, chance)
 
 
 def gathered(blocks: Sequence[Block]) -> Samples:
-    """Gather some blocks, once for all fits of them."""
+    """Return the samples of some blocks, laid out once for all fits of them."""
     n_runs = 1 + max(int(block.runs.max()) for block in blocks)
     n_channels = 1 + max(int(block.channels.max()) for block in blocks)
-    number = np.full((n_runs, n_channels), -1)
+    block_of = np.full((n_runs, n_channels), -1)
     power, count = np.zeros((n_runs, n_channels)), np.zeros(n_channels)
     for i, block in enumerate(blocks):
-        number[np.ix_(block.runs, block.channels)] = i
+        block_of[np.ix_(block.runs, block.channels)] = i
         power[np.ix_(block.runs, block.channels)] = np.sum(block.values**2, axis=0)
         count[block.channels] += len(block.time_s) * len(block.runs)
     values = [block.values.reshape(len(block.time_s), -1) for block in blocks]
     series = series_of([block.time_s for block in blocks], values)
-    return Samples(tuple(blocks), series, number, power, count)
+    return Samples(tuple(blocks), series, block_of, power, count)
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,58 +140,60 @@ class Condensed:
     beyond: _Real
     """Sum of the squares of what no exponential can follow, (n_channels,)."""
 
-    def chosen(self, which: NDArray[np.intp]) -> Condensed:
-        """Return the samples with some of the poles."""
-        wave, timed = self.wave[..., which], self.timed[..., which]
-        return Condensed(self.samples, self.poles[which], wave, timed, self.values, self.beyond)
+    def chosen(self, kept: NDArray[np.intp]) -> Condensed:
+        """Return the samples and exponentials of some of the poles, by their indices."""
+        wave, timed = self.wave[..., kept], self.timed[..., kept]
+        return Condensed(self.samples, self.poles[kept], wave, timed, self.values, self.beyond)
 
 
 def condense(samples: Samples, poles: _Complex) -> Condensed:
     """Return all samples in the directions of the exponentials of some poles."""
     m = len(poles)
     functions = np.zeros((len(samples.blocks) + 1, 4 * m, 2 * m), complex)  # the last is block -1
-    values = np.zeros((*samples.block.shape, 4 * m))
+    values = np.zeros((*samples.block_of.shape, 4 * m))
     for series in samples.series if m else ():
-        at = waves_of(series, np.append(poles, 0.0))  # with a constant
-        grams, no_constant = at.grams(), np.delete(np.arange(2 * m + 2), [m, 2 * m + 1])
-        across, along = (gram[:, no_constant[:, None], no_constant] for gram in grams)
-        total = grams[1][:, m, no_constant]
-        whole = np.einsum("rii->ri", across.real)
-        level = total / series.count[:, None]
-        across = across - total.conj()[:, :, None] * level[:, None]
-        along = along - total[:, :, None] * level[:, None]
-        plus, minus = across + along, across - along
+        # exp(pole t), 1, t exp(pole t), t: products with the constant are sums of the others.
+        with_constant = waves_of(series, np.append(poles, 0.0))
+        grams, of_poles = with_constant.grams(), np.delete(np.arange(2 * m + 2), [m, 2 * m + 1])
+        conjugate, plain = (gram[:, of_poles[:, None], of_poles] for gram in grams)
+        sums = grams[1][:, m, of_poles]
+        squares = np.einsum("rii->ri", conjugate.real)
+        means = sums / series.count[:, None]
+        conjugate = conjugate - sums.conj()[:, :, None] * means[:, None]
+        plain = plain - sums[:, :, None] * means[:, None]
+        real_sum, real_gap = conjugate + plain, conjugate - plain
         # Real parts of all functions, then their imaginary parts with the opposite sign.
         gram = np.concatenate(
             [
-                np.concatenate([plus.real, -plus.imag], axis=2),
-                np.concatenate([minus.imag, minus.real], axis=2),
+                np.concatenate([real_sum.real, -real_sum.imag], axis=2),
+                np.concatenate([real_gap.imag, real_gap.real], axis=2),
             ],
             axis=1,
         )
-        root, inverse = _roots(gram / 2.0, whole)
+        root, inverse = _roots(gram / 2.0, squares)
         functions[list(series.members)] = root[..., : 2 * m] - 1j * root[..., 2 * m :]
-        coordinates = _real_parts(at.with_samples()[..., no_constant]) @ inverse
-        for number, each in zip(series.members, coordinates, strict=True):
+        coordinates = _real_parts(with_constant.with_samples()[..., of_poles]) @ inverse
+        for number, of_block in zip(series.members, coordinates, strict=True):
             runs, channels = samples.blocks[number].runs, samples.blocks[number].channels
-            values[np.ix_(runs, channels)] = each.reshape(len(runs), len(channels), -1)
+            values[np.ix_(runs, channels)] = of_block.reshape(len(runs), len(channels), -1)
+    # What no exponential follows: the squares of the samples less those of their coordinates.
     beyond = (samples.power - np.sum(values**2, axis=2)).sum(axis=0)
     power = samples.power.sum(axis=0)
     if m and np.any(beyond < _CANCELLED * power):
         beyond = np.zeros(len(power))
         for number, block in enumerate(samples.blocks):
             wave = waves(block.time_s, poles)
-            both = np.hstack([wave, block.time_s[:, None] * wave])
+            both = np.hstack([wave, block.time_s[:, None] * wave])  # exp and t exp
             basis, root = np.linalg.qr(_real_parts(both - both.mean(axis=0)))
             functions[number, : len(root)] = root[:, : 2 * m] - 1j * root[:, 2 * m :]
             coordinates = np.einsum("np,nrc->rcp", basis, block.values)
-            follow = np.einsum("np,rcp->nrc", basis, coordinates)
+            followed = np.einsum("np,rcp->nrc", basis, coordinates)
             runs, channels = np.ix_(block.runs, block.channels)
             values[runs, channels] = 0.0
             values[runs, channels, : len(root)] = coordinates
-            beyond[block.channels] += np.sum((block.values - follow) ** 2, axis=(0, 1))
+            beyond[block.channels] += np.sum((block.values - followed) ** 2, axis=(0, 1))
     beyond += _LEAST_NOISE * power
-    wave, timed = functions[..., :m][samples.block], functions[..., m:][samples.block]
+    wave, timed = functions[..., :m][samples.block_of], functions[..., m:][samples.block_of]
     return Condensed(samples, poles, wave, timed, values, beyond)
 
 
@@ -209,25 +212,25 @@ def _complex(parts: _Real) -> _Complex:
     return np.asarray(parts[..., :half] + 1j * parts[..., half:])
 
 
-def _unit(normal: _Real) -> tuple[_Real, _Real]:
-    """Return normal matrices with a diagonal of 1 or 0, and the factors that made it."""
+def _unit_diagonal(normal: _Real) -> tuple[_Real, _Real]:
+    """Return normal matrices scaled to a diagonal of 1 (or 0), and the factors of the unknowns."""
     diagonal = np.einsum("...ii->...i", normal)
     scale = np.where(diagonal > 0.0, 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0)), 0.0)
     return normal * scale[..., None, :] * scale[..., None], scale
 
 
-def _roots(normal: _Real, whole: _Real | None = None) -> tuple[_Real, _Real]:
+def _roots(normal: _Real, squares: _Real | None = None) -> tuple[_Real, _Real]:
     """Return upper roots R of normal matrices, ``R^T R``, and their inverses, each (.., 2 k, 2 k).
 
     Of each complex unknown the real part is in the first half, the imaginary part in the second.
     Unknowns without effect are zero in both roots; what rounding decides is held by a ridge.
 
-    `whole`, (.., k): squares of which the matrices' rounding is a share, by default their own.
+    `squares`, (.., k): sums of squares of which rounding is a share, by default the matrices' own.
     """
     diagonal = np.einsum("...ii->...i", normal)
-    if whole is None:
-        whole = np.add(*np.split(diagonal, 2, axis=-1))
-    size = np.tile(np.sqrt(np.where(whole > 0.0, whole, 1.0)), 2)
+    if squares is None:
+        squares = np.add(*np.split(diagonal, 2, axis=-1))
+    size = np.tile(np.sqrt(np.where(squares > 0.0, squares, 1.0)), 2)
     unit = normal / (size[..., None, :] * size[..., None])
     lower = np.linalg.cholesky(unit + _UNKNOWN * np.eye(unit.shape[-1]))
     upper, has_effect = lower.swapaxes(-1, -2), diagonal > 0.0
@@ -275,17 +278,20 @@ class Point:
         return self.log_likelihood - self.condensed.samples.gain_by_noise(self.poles)
 
     def least_needed(self) -> tuple[int, float]:
-        """Return the mode whose absence costs the least likelihood, and about how much.
+        """Return the mode whose absence costs the least likelihood, and about this cost.
 
         The amplitudes of all other modes follow; their poles and shapes stay.
         """
-        m, turning = len(self.poles), self.poles.imag > 0.0
+        m, is_pair = len(self.poles), self.poles.imag > 0.0
+        # An amplitude (x, y) with the covariance [[xx, xy], [xy, yy]] costs its square in units of
+        # that; that of a real pole has no y.
         covariance = self.inverse @ self.inverse.swapaxes(1, 2)
-        a, d = np.split(np.einsum("rii->ri", covariance), 2, axis=1)
-        b = np.einsum("rii->ri", covariance[:, :m, m:])
+        xx, yy = np.split(np.einsum("rii->ri", covariance), 2, axis=1)
+        xy = np.einsum("rii->ri", covariance[:, :m, m:])
         x, y = self.amplitudes.real, self.amplitudes.imag
-        pair = (d * x**2 - 2.0 * b * x * y + a * y**2) / np.maximum(a * d - b**2, 1e-300)
-        costs = np.where(turning, pair, x**2 / np.maximum(a, 1e-300)).sum(axis=0)
+        square = yy * x**2 - 2.0 * xy * x * y + xx * y**2
+        of_pairs = square / np.maximum(xx * yy - xy**2, 1e-300)  # never a division by zero
+        costs = np.where(is_pair, of_pairs, x**2 / np.maximum(xx, 1e-300)).sum(axis=0)
         least = int(np.argmin(costs))
         return least, float(costs[least])
 
@@ -296,16 +302,16 @@ class Point:
 
 
 def point_at(condensed: Condensed, shapes: _Complex, weight: _Real) -> Point:
-    """Return the point of given shapes; `weight`: inverse noise variances."""
-    by_amplitude = _real_parts(condensed.wave * shapes[:, None])
-    weighted = (by_amplitude * weight[:, None, None]).swapaxes(2, 3)
-    _, inverse = _roots((weighted @ by_amplitude).sum(axis=1))
-    solved, residuals = np.zeros((*inverse.shape[:2], 1)), condensed.values
+    """Return the point of given shapes; `weight`: inverse noise variances, (n_channels,)."""
+    slopes = _real_parts(condensed.wave * shapes[:, None])
+    weighted_slopes = (slopes * weight[:, None, None]).swapaxes(2, 3)
+    _, inverse = _roots((weighted_slopes @ slopes).sum(axis=1))
+    solution, residuals = np.zeros((*inverse.shape[:2], 1)), condensed.values
     for _ in range(3):  # the second and third time take back what the ridge holds
-        target = (weighted @ residuals[..., None]).sum(axis=1)
-        solved = solved + inverse @ (inverse.swapaxes(1, 2) @ target)
-        residuals = condensed.values - (by_amplitude @ solved[:, None])[..., 0]
-    amplitudes = _complex(solved[..., 0])
+        target = (weighted_slopes @ residuals[..., None]).sum(axis=1)
+        solution = solution + inverse @ (inverse.swapaxes(1, 2) @ target)
+        residuals = condensed.values - (slopes @ solution[:, None])[..., 0]
+    amplitudes = _complex(solution[..., 0])
     squares = np.einsum("rcp,rcp->c", residuals, residuals) + condensed.beyond
     return Point(condensed, shapes, amplitudes, inverse, residuals, squares)
 
@@ -316,8 +322,8 @@ def fitted_at(condensed: Condensed, shapes: _Complex, sweeps: int = 1) -> Point:
     In each sweep amplitudes and then shapes are fitted by least squares.
     """
     samples = condensed.samples
-    real_of_real = np.where(condensed.poles.imag > 0.0, shapes, shapes.real)
-    point = point_at(condensed, real_of_real, samples.count / samples.power.sum(axis=0))
+    start_shapes = np.where(condensed.poles.imag > 0.0, shapes, shapes.real)  # of a real pole
+    point = point_at(condensed, start_shapes, samples.count / samples.power.sum(axis=0))
     for _ in range(sweeps):
         point = _with_best_shapes(point)
     return point
@@ -325,10 +331,10 @@ def fitted_at(condensed: Condensed, shapes: _Complex, sweeps: int = 1) -> Point:
 
 def _with_best_shapes(point: Point) -> Point:
     """Return the point with the shapes that fit its amplitudes best, and their best amplitudes."""
-    by_shape = _real_parts(point.condensed.wave * point.amplitudes[:, None, None])
-    transposed = by_shape.swapaxes(2, 3)
+    slopes = _real_parts(point.condensed.wave * point.amplitudes[:, None, None])
+    transposed = slopes.swapaxes(2, 3)
     target = (transposed @ point.residuals[..., None]).sum(axis=0)
-    _, inverse = _roots((transposed @ by_shape).sum(axis=0))
+    _, inverse = _roots((transposed @ slopes).sum(axis=0))
     step = _complex((inverse @ (inverse.swapaxes(1, 2) @ target))[..., 0])
     return point_at(point.condensed, point.shapes + step, point.weight)
 
@@ -342,10 +348,10 @@ _LEAST_PERIODS = 0.25
 """Periods within the longest series below which an oscillation is a drift of the record."""
 _SETTLED = 1e-3
 """Gain of likelihood (in units of 1) below which a step is the last."""
-_DAMPING = 1e-3
-_FAR = 1.0
+_FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 1e-12, 1e8
+"""Levenberg-Marquardt damping of unknowns whose normal matrix has a diagonal of 1."""
+_FAR_DAMPING = 1.0
 """Least damping after a first step that fails: the start is far from the optimum."""
-_MAX_DAMPING = 1e8
 _MAX_GROWTH = 30.0
 """Largest growth within the longest series, nepers; a faster growth would overflow."""
 
@@ -364,19 +370,19 @@ class System:
     scale: _Real
     """Units of the unknowns, (N,); 0 if held."""
 
-    def solved(self, damping: float) -> _Real:
-        """Return the step of all unknowns in their units."""
+    def scaled_step(self, damping: float) -> _Real:
+        """Return the step of all unknowns as multiples of `scale`, (N,)."""
         damped = self.normal + (damping + _UNKNOWN) * np.eye(len(self.scale))
         return np.asarray(np.linalg.solve(damped, self.gradient))
 
     @property
     def promised_gain(self) -> float:
         """Gain of likelihood by a whole step, if the equations were linear."""
-        return float(self.gradient @ self.solved(0.0))
+        return float(self.gradient @ self.scaled_step(0.0))
 
     def step(self, damping: float) -> tuple[_Complex, _Complex]:
         """Return the steps of poles, (m,), and shapes, (n_channels, m)."""
-        step = self.scale * self.solved(damping)
+        step = self.scale * self.scaled_step(damping)
         poles, *shapes = _complex(step.reshape(-1, 2 * self.n_poles))
         return poles, np.array(shapes)
 
@@ -384,36 +390,39 @@ class System:
         """Return the covariance of the real and then the imaginary parts of the poles."""
         n = 2 * self.n_poles
         normal = self.normal + np.diag((self.scale == 0.0) + _RIDGE)
-        across = normal[:n, n:]
-        information = normal[:n, :n] - across @ np.linalg.solve(normal[n:, n:], across.T)
+        mixed = normal[:n, n:]
+        information = normal[:n, :n] - mixed @ np.linalg.solve(normal[n:, n:], mixed.T)
         # A mode without information has no bound: its variance is left large.
-        unit, size = _unit(information)
-        strength, directions = np.linalg.eigh(unit)
+        scaled, size = _unit_diagonal(information)
+        strength, directions = np.linalg.eigh(scaled)
         inverse = (directions / np.maximum(strength, 1e-15)) @ directions.T
         factor = self.scale[:n] * size
         return np.asarray(inverse * factor * factor[:, None])
 
 
 def linearised(point: Point) -> System:
-    """Return the normal equations at a point (Gauss-Newton)."""
+    """Return the normal equations of poles and shapes at a point (Gauss-Newton)."""
     condensed, m, weight = point.condensed, len(point.poles), point.weight
     point = point_at(condensed, point.shapes, weight)
-    each_run, n_channels = point.amplitudes[:, None], len(point.shapes)
-    factors = point.shapes, each_run, each_run * point.shapes
+    amplitudes, n_channels = point.amplitudes[:, None], len(point.shapes)
+    # Slopes of the motion by the amplitudes of a run, the shapes, and the poles.
+    factors = point.shapes, amplitudes, amplitudes * point.shapes
     functions = condensed.wave, condensed.wave, condensed.timed
-    table = np.concatenate(
+    slopes = np.concatenate(
         [
             _real_parts(function * factor[..., None, :])
             for function, factor in zip(functions, factors, strict=True)
         ],
         axis=-1,
     )
-    weighted = (table * weight[:, None, None]).swapaxes(2, 3)
-    products, gradients = weighted @ table, (weighted @ point.residuals[..., None])[..., 0]
+    weighted_slopes = (slopes * weight[:, None, None]).swapaxes(2, 3)
+    products = weighted_slopes @ slopes
+    gradients = (weighted_slopes @ point.residuals[..., None])[..., 0]
     amplitude, shape, pole = (slice(start, start + 2 * m) for start in (0, 2 * m, 4 * m))
-    border = np.empty((len(products), 2 * m, 1 + n_channels, 2 * m))
-    border[:, :, 0] = products[:, :, amplitude, pole].sum(axis=1)
-    border[:, :, 1:] = products[:, :, amplitude, shape].swapaxes(1, 2)
+    # Products of the amplitudes with the poles (first) and with the shapes of each channel.
+    mixed = np.empty((len(products), 2 * m, 1 + n_channels, 2 * m))
+    mixed[:, :, 0] = products[:, :, amplitude, pole].sum(axis=1)
+    mixed[:, :, 1:] = products[:, :, amplitude, shape].swapaxes(1, 2)
     normal = np.zeros((1 + n_channels, 2 * m, 1 + n_channels, 2 * m))
     channels = np.arange(1, 1 + n_channels)
     normal[0, :, 0] = products[:, :, pole, pole].sum(axis=(0, 1))
@@ -424,16 +433,16 @@ def linearised(point: Point) -> System:
         [gradients[:, :, pole].sum(axis=(0, 1)), gradients[:, :, shape].sum(axis=0)]
     )
     # Amplitudes are eliminated run by run; they are the best ones, and add nothing to the gradient.
-    through = point.inverse.swapaxes(1, 2) @ border.reshape(len(border), 2 * m, -1)
-    through = through.reshape(-1, gradient.size)
-    reduced = normal.reshape(gradient.size, -1) - through.T @ through
+    eliminated = point.inverse.swapaxes(1, 2) @ mixed.reshape(len(mixed), 2 * m, -1)
+    eliminated = eliminated.reshape(-1, gradient.size)
+    reduced = normal.reshape(gradient.size, -1) - eliminated.T @ eliminated
     # The largest entry of each shape sets its scale.
-    free = np.ones((1 + n_channels, 2, m), dtype=bool)
-    free[1 + np.argmax(np.abs(point.shapes), axis=0), :, np.arange(m)] = False
-    _, scale = _unit(normal.reshape(gradient.size, -1))
-    scale *= free.ravel()
-    unit = reduced * scale * scale[:, None]
-    return System(m, unit, scale * gradient.ravel(), scale)
+    is_free = np.ones((1 + n_channels, 2, m), dtype=bool)
+    is_free[1 + np.argmax(np.abs(point.shapes), axis=0), :, np.arange(m)] = False
+    _, scale = _unit_diagonal(normal.reshape(gradient.size, -1))
+    scale *= is_free.ravel()
+    scaled = reduced * scale * scale[:, None]
+    return System(m, scaled, scale * gradient.ravel(), scale)
 
 
 @dataclass(frozen=True, slots=True)
@@ -461,23 +470,23 @@ class LikelyModes:
     @property
     def noise(self) -> _Real:
         """Standard deviation of each channel, (n_channels,)."""
-        share = _share(self.n_unknowns, self.point.condensed.samples.count)
+        share = _noise_share(self.n_unknowns, self.point.condensed.samples.count)
         return np.asarray(np.sqrt(1.0 / self.point.weight / share))
 
     def model(self) -> ModalModel:
         """Return the modes that vibrate, with their deviations by the Cramer-Rao bound."""
         poles, size, m = self.poles, np.abs(self.poles), len(self.poles)
-        x, y = poles.real, poles.imag
-        by_frequency = np.hstack([np.diag(x / size), np.diag(y / size)]) / (2.0 * np.pi)
-        by_damping = np.hstack([np.diag(-(y**2) / size**3), np.diag(x * y / size**3)])
+        real, imag = poles.real, poles.imag
+        by_frequency = np.hstack([np.diag(real / size), np.diag(imag / size)]) / (2.0 * np.pi)
+        by_damping = np.hstack([np.diag(-(imag**2) / size**3), np.diag(real * imag / size**3)])
         frequency_std_hz, damping_std = (
             np.sqrt(np.einsum("ij,jk,ik->i", slope, self.pole_covariance, slope))
             for slope in (by_frequency.reshape(m, -1), by_damping.reshape(m, -1))
         )
         periods = size * self.point.condensed.samples.longest_s / (2.0 * np.pi)
-        which = vibrates(poles) & (periods > _LEAST_PERIODS)
+        is_mode = vibrates(poles) & (periods > _LEAST_PERIODS)
         return ModalModel(
-            poles[which], self.shapes[:, which], frequency_std_hz[which], damping_std[which]
+            poles[is_mode], self.shapes[:, is_mode], frequency_std_hz[is_mode], damping_std[is_mode]
         )
 
 
@@ -486,55 +495,55 @@ def most_likely_modes(
     poles: _Complex,
     shapes: _Complex,
     most_steps: int = _STEPS,
-    wanted: float = -np.inf,
-    settled: float = _SETTLED,
+    wanted_likelihood: float = -np.inf,
+    least_gain: float = _SETTLED,
 ) -> LikelyModes:
-    """Fit poles, shapes and amplitudes to all samples at once.
+    """Return the poles, shapes and amplitudes that all samples at once make most likely.
 
     `poles` (m,) rad/s, imaginary parts of at least zero, m >= 1, and `shapes` (n_channels, m):
-    where to start; a real pole stays real.  A step that gains less than `settled` is the last.
-    After `most_steps`, or as soon as the log-likelihood `wanted` is clearly out of reach, the fit
-    ends unsettled.
+    where to start; a real pole stays real.  A step that gains less than `least_gain` is the last.
+    After `most_steps`, or as soon as `wanted_likelihood` (that of a `Point`) is clearly out of
+    reach, the fit ends unsettled.
     """
     start = point = fitted_at(condense(samples, poles), shapes)
-    damping = _DAMPING
+    damping = _FIRST_DAMPING
     system = linearised(point)
     for _ in range(most_steps):
-        if system.promised_gain < settled:
+        if system.promised_gain < least_gain:
             break
-        before = point.log_likelihood
-        while damping < _MAX_DAMPING:
+        old_likelihood = point.log_likelihood
+        while damping < _MOST_DAMPING:
             trial = _moved(point, system, damping)
             if trial:
-                damping, point = max(damping / 10.0, 1e-12), trial
+                damping, point = max(damping / 10.0, _LEAST_DAMPING), trial
                 break
-            damping = max(damping * 10.0, _FAR if point is start else 0.0)
-        gain = point.log_likelihood - before
+            damping = max(damping * 10.0, _FAR_DAMPING if point is start else 0.0)
+        gain = point.log_likelihood - old_likelihood
         system = linearised(point)
-        if gain < settled or _REACH * gain < wanted - point.log_likelihood:
+        if gain < least_gain or _REACH * gain < wanted_likelihood - point.log_likelihood:
             break
-    turning = np.where(point.poles.imag > 0.0, 2, 1)
-    n_levels = np.sum(samples.block >= 0)
-    n_motion = np.sum(system.scale > 0.0) + len(point.amplitudes) * turning.sum()
+    real_numbers = np.where(point.poles.imag > 0.0, 2, 1)  # of one amplitude of each mode
+    n_levels = np.sum(samples.block_of >= 0)
+    n_motion = np.sum(system.scale > 0.0) + len(point.amplitudes) * real_numbers.sum()
     n_unknowns = int(n_motion + n_levels)
-    covariance = system.pole_covariance() / _share(n_unknowns, samples.count)
+    covariance = system.pole_covariance() / _noise_share(n_unknowns, samples.count)
     return LikelyModes(point, read_only(covariance), n_unknowns)
 
 
-def _share(n_unknowns: int, count: _Real) -> float:
+def _noise_share(n_unknowns: int, count: _Real) -> float:
     """Return the share of the samples' power that a fit of noise leaves."""
-    return max(1.0 - n_unknowns / float(count.sum()), 1e-3)
+    return max(1.0 - n_unknowns / float(count.sum()), 1e-3)  # above zero for few samples
 
 
 def _moved(point: Point, system: System, damping: float) -> Point | None:
     """Return the point after a step; None if it is not better."""
     samples = point.condensed.samples
-    by_poles, by_shapes = system.step(damping)
-    poles = point.poles + by_poles
+    pole_step, shape_step = system.step(damping)
+    poles = point.poles + pole_step
     is_pair = point.poles.imag > 0.0
     is_growing = poles.real * samples.longest_s > _MAX_GROWTH
     if np.any(poles.imag[is_pair] <= 0.0) or np.any(is_growing):
         return None
     condensed = condense(samples, poles)
-    trial = _with_best_shapes(point_at(condensed, point.shapes + by_shapes, point.weight))
+    trial = _with_best_shapes(point_at(condensed, point.shapes + shape_step, point.weight))
     return trial if trial.log_likelihood >= point.log_likelihood else None

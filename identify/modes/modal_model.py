@@ -22,8 +22,8 @@ from ..model.exponentials import low_pass_of
 from ..model.matrices import N_DOF, motion_row
 
 _MOST_DAMPING, _MOST_GROWTH = 0.98, 0.005
-"""Shares of critical damping, and below zero, beyond which a pole is no mode: noise makes a mode
-that hardly decays grow by less, and a growing pair follows a drift of the record."""
+"""Largest damping ratio of a mode, and the largest below zero: noise makes a mode that hardly
+decays grow by less, and a pair that grows faster follows a drift of the record."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,19 +116,20 @@ def modes_of(A: NDArray[np.float64]) -> ModalModel:
 
 def vibrates(poles: NDArray[np.complex128]) -> NDArray[np.bool_]:
     """Return which poles represent a mode; of a pair, the one with positive imaginary part."""
-    decay, size = -poles.real, np.abs(poles)
-    inside = (decay > -_MOST_GROWTH * size) & (decay < _MOST_DAMPING * size)
-    return np.asarray((poles.imag > 0.0) & inside)
+    decay_rate, size = -poles.real, np.abs(poles)
+    is_in_range = (decay_rate > -_MOST_GROWTH * size) & (decay_rate < _MOST_DAMPING * size)
+    return np.asarray((poles.imag > 0.0) & is_in_range)
 
 
-def mac(left: NDArray[np.complex128], right: NDArray[np.complex128]) -> NDArray[np.float64]:
-    """Return the modal assurance criterion between shapes (n, m) and (n, k), (m, k) float64.
+def mac(shapes: NDArray[np.complex128], others: NDArray[np.complex128]) -> NDArray[np.float64]:
+    """Return the modal assurance criterion of shapes (n, m) and others (n, k), (m, k) float64.
 
     1 for shapes that are equal except for a complex factor, 0 for orthogonal ones and for a zero
     shape.  A single shape (n,) has no axis in the result.
     """
-    product = np.abs(left.conj().T @ right) ** 2
-    size = np.multiply.outer(np.sum(np.abs(left) ** 2, axis=0), np.sum(np.abs(right) ** 2, axis=0))
+    product = np.abs(shapes.conj().T @ others) ** 2
+    size, other_size = (np.sum(np.abs(each) ** 2, axis=0) for each in (shapes, others))
+    size = np.multiply.outer(size, other_size)
     return np.asarray(np.divide(product, size, out=np.zeros_like(product), where=size > 0.0))
 
 
@@ -164,10 +165,10 @@ def displacement_shapes(
         )
     rows = sensor_rows(channels, geometry)
     _, strength, directions = np.linalg.svd(rows, full_matrices=True)
-    rank = int(np.sum(strength > 1e-9 * strength.max(initial=0.0)))
+    rank = int(np.sum(strength > 1e-9 * strength.max(initial=0.0)))  # the others are rounding
     if rank < len(DOF):
-        unseen = np.max(np.abs(directions[rank:]), axis=0) > 1e-6
-        names = ", ".join(name for name, missing in zip(DOF, unseen, strict=True) if missing)
+        unseen = np.max(np.abs(directions[rank:]), axis=0) > 1e-6  # above rounding
+        names = ", ".join(name for name, is_unseen in zip(DOF, unseen, strict=True) if is_unseen)
         raise InputError(
             "modal conversion",
             f"the sensors do not determine {names}",
@@ -221,7 +222,8 @@ def mode_names(model: ModalModel, geometry: VehicleGeometry) -> tuple[str, ...]:
     """
     z, theta, phi, A, B, C, D = model.shapes
     wheelbase = geometry.a + geometry.b
-    half_width = (geometry.t_f + geometry.t_r) / 2.0
+    half_width = (geometry.t_f + geometry.t_r) / 2.0  # they are half tracks
+    # Lengths of the vectors of the four corners' (and wheels') displacements.
     body = 2.0 * z, theta * wheelbase, 2.0 * phi * half_width
     wheels = np.array([A + B, A - B, C + D, C - D]) / np.sqrt(2.0)
     share = np.abs(np.vstack([*body, *wheels])) ** 2
@@ -295,7 +297,7 @@ def originals(
     shapes: NDArray[np.complex128],
     amplitudes: NDArray[np.complex128],
 ) -> NDArray[np.intp]:
-    """Return the numbers of the modes without copies of others, in their order.
+    """Return the indices of the modes that are no copies of others, ascending.
 
     Of several poles that are one mode the strongest stays.  With one channel there is no shape, and
     no pole is a copy.  `poles` (m,) rad/s; `shapes` (n_channels, m), all channels scaled alike;
@@ -307,10 +309,11 @@ def originals(
     power = np.sum(np.abs(shapes) ** 2, axis=0) * np.sum(np.abs(amplitudes) ** 2, axis=0)
     energy = power / np.maximum(np.abs(poles.real), np.finfo(float).tiny)
     size = np.abs(poles)
-    near = np.abs(poles[:, None] - poles) < _NEAR * np.maximum(size[:, None], size)
-    same = near & (mac(shapes, shapes) > _ALIKE) & (poles.imag > 0.0)[:, None] & (poles.imag > 0.0)
+    is_near = np.abs(poles[:, None] - poles) < _NEAR * np.maximum(size[:, None], size)
+    is_pair = poles.imag > 0.0
+    is_copy = is_near & (mac(shapes, shapes) > _ALIKE) & is_pair[:, None] & is_pair
     kept: list[int] = []
     for mode in np.argsort(-energy, kind="stable").tolist():
-        if not any(same[mode, other] for other in kept):
+        if not any(is_copy[mode, other] for other in kept):
             kept.append(mode)
     return np.sort(np.array(kept, dtype=np.intp))

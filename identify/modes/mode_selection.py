@@ -58,15 +58,17 @@ _GAP = 100.0
 _ROUNDING = 1e-11
 """Noise-free: singular values drop by `_GAP` to below `_ROUNDING` of the largest."""
 _SAME_POLE_CLEAN = 1e-4
+"""Largest relative difference of a pole of noise-free records in two layouts: rounding."""
 
-_LIKE = 0.003
-"""Largest relative difference of sets of poles that lead to the same optimum."""
+_SAME_SET = 0.003
+"""Largest relative difference of the poles of two sets that lead to the same optimum."""
 _COMBINATIONS = 16
 """Combinations of records in which modes are sought and copies removed."""
 _MOST_SETS = 24
 """Sets of poles of which the best is the start; neighbours in rank differ in one or two poles."""
 
 _MOST_SPLITS = 4
+"""Second modes that are looked for next to others, one after the other."""
 _SORTING_FITS = 8
 _SORTING_STEPS = 8
 """`_SORTING_FITS`, `_SORTING_STEPS`: fits, and steps of each, in which copies are removed; a fit
@@ -74,7 +76,7 @@ with copies settles slowly."""
 _ROUGH = 0.1
 """Gain of likelihood below which a step is the last as long as modes come and go."""
 _DETUNED = 1.03
-"""Factor from the first to the start of the second of two poles: near it, but not equal."""
+"""Factor from a pole to the start value of a second one: near it, but not equal."""
 _NEEDED = 4.0
 """Multiple of the gain by noise above which a mode is certainly needed, although poles and shapes
 of the others could follow some of its motion."""
@@ -94,7 +96,7 @@ def identify_modes(records: Sequence[ArrayLike], rate_hz: float) -> ModalModel:
     different numbers of channels, fewer than 8 samples, values that are not finite, or a rate that
     is not positive.
     """
-    return _modes(records, rate_hz, settled=True)
+    return _modes(records, rate_hz, by_likelihood=True)
 
 
 def regression_modes(records: Sequence[ArrayLike], rate_hz: float) -> ModalModel:
@@ -102,31 +104,32 @@ def regression_modes(records: Sequence[ArrayLike], rate_hz: float) -> ModalModel
 
     Parameters and Raises are those of `identify_modes`.
     """
-    return _modes(records, rate_hz, settled=False)
+    return _modes(records, rate_hz, by_likelihood=False)
 
 
-def _modes(records: Sequence[ArrayLike], rate_hz: float, *, settled: bool) -> ModalModel:
-    decays, size = scaled_records(records, rate_hz)
-    alive = np.any([np.ptp(decay, axis=0) > 0.0 for decay in decays], axis=0)  # no stuck sensor
-    if not np.any(alive):
-        return ModalModel(np.zeros(0, complex), np.zeros((len(size), 0), complex))
+def _modes(records: Sequence[ArrayLike], rate_hz: float, *, by_likelihood: bool) -> ModalModel:
+    """Return the modes, of noisy records by regression and then, if asked for, by likelihood."""
+    decays, unit = scaled_records(records, rate_hz)
+    moves = np.any([np.ptp(decay, axis=0) > 0.0 for decay in decays], axis=0)  # not stuck
+    if not np.any(moves):
+        return ModalModel(np.zeros(0, complex), np.zeros((len(unit), 0), complex))
     # With equal noise in all channels, directions of noise do not stand out like those of motion.
-    noise = noise_levels([decay[:, alive] for decay in decays])
-    scaled = [decay[:, alive] / noise for decay in decays]
-    size[alive] *= noise
+    noise = noise_levels([decay[:, moves] for decay in decays])
+    scaled = [decay[:, moves] / noise for decay in decays]
+    unit[moves] *= noise
     spaces = [delay_space(scaled, rate_hz, delays) for delays in layouts(scaled)]
     model = clean_modes(spaces)
     if model is None:
-        few = gathered(even_blocks(_strongest(scaled), rate_hz))
-        start = _best_start(spaces, few, max(len(decay) for decay in scaled) / rate_hz)
+        strongest = gathered(even_blocks(_strongest_sums(scaled), rate_hz))
+        start = _best_start(spaces, strongest, max(len(decay) for decay in scaled) / rate_hz)
         poles, shapes = start.poles, start.shapes
-        if settled and len(poles):
+        if by_likelihood and len(poles):
             samples = gathered(even_blocks(scaled, rate_hz))
-            model = likely_modes(samples, poles, shapes, sorting=few).model()
+            model = likely_modes(samples, poles, shapes, sorting=strongest).model()
         else:
             model = ModalModel(poles, shapes)
-    shapes = np.zeros((len(size), len(model)), dtype=complex)
-    shapes[alive] = model.shapes * size[alive, None]
+    shapes = np.zeros((len(unit), len(model)), dtype=complex)
+    shapes[moves] = model.shapes * unit[moves, None]
     return ModalModel(model.poles, shapes, model.frequency_std_hz, model.damping_ratio_std)
 
 
@@ -136,25 +139,26 @@ def clean_modes(spaces: Sequence[DelaySpace]) -> ModalModel | None:
     `spaces`: the records in several layouts, the preferred first.  The modes are taken from the
     layout that shows most, and must recur in another one.
     """
-    candidates: list[Poles] = []
+    by_layout: list[Poles] = []
     for space in spaces:
+        # A singular value of zero counts as a sixteenth of rounding, to divide by it.
         relative = np.maximum(space.strength / space.strength[0], np.finfo(float).eps / 16.0)
         drop = np.where(relative[1:] < _ROUNDING, relative[:-1] / relative[1:], 0.0)
         if drop.max(initial=0.0) > _GAP:
             poles, shapes = poles_of_rank(space, int(np.argmax(drop)) + 1)
-            modes = vibrates(poles)
-            candidates.append((poles[modes], shapes[:, modes]))
-    if not candidates:
+            vibrating = vibrates(poles)
+            by_layout.append((poles[vibrating], shapes[:, vibrating]))
+    if not by_layout:
         return None
-    poles, shapes = most = max(candidates, key=lambda layout: len(layout[0]))
+    poles, shapes = richest = max(by_layout, key=lambda found: len(found[0]))
     tolerance = _SAME_POLE_CLEAN * np.abs(poles)
-    again = [seen_in(most, other, tolerance) for other in candidates if other is not most]
+    again = [seen_in(richest, other, tolerance) for other in by_layout if other is not richest]
     confirmed = np.any(again, axis=0) if again else np.ones(len(poles), dtype=bool)
     exact = np.zeros(int(confirmed.sum()))
     return ModalModel(poles[confirmed], shapes[:, confirmed], exact, exact)
 
 
-def _strongest(decays: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
+def _strongest_sums(decays: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
     """Return, for each length, up to `_COMBINATIONS` orthonormal sums of records that move most.
 
     Such sums have the modes of the records, (n_samples, n_channels), and noise that is as white.
@@ -163,13 +167,14 @@ def _strongest(decays: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float64
     for decay in decays:
         by_length.setdefault(len(decay), []).append(decay)
     combined: list[NDArray[np.float64]] = []
-    for alike in by_length.values():
-        if len(alike) > _COMBINATIONS:
-            flat = np.stack([decay.ravel() for decay in alike])
-            _, directions = np.linalg.eigh(flat @ flat.T)  # those that move most come last
-            flat = directions[:, -_COMBINATIONS:].T @ flat
-            alike = list(flat.reshape(_COMBINATIONS, *alike[0].shape))
-        combined += alike
+    for same_length in by_length.values():
+        if len(same_length) <= _COMBINATIONS:
+            combined += same_length
+            continue
+        flat = np.stack([decay.ravel() for decay in same_length])  # one record a row
+        _, directions = np.linalg.eigh(flat @ flat.T)  # those that move most come last
+        sums = directions[:, -_COMBINATIONS:].T @ flat
+        combined += list(sums.reshape(_COMBINATIONS, *same_length[0].shape))
     return combined
 
 
@@ -178,25 +183,27 @@ def _best_start(spaces: Sequence[DelaySpace], samples: Samples, duration_s: floa
 
     Up to `_MOST_SETS` different sets, with at least half of the most poles, are fitted.
     """
-    stable = [s for space in spaces for s in diagram_of(space, duration_s).stable_sets]
-    most = max((len(poles) for poles, _ in stable), default=0)
+    stable_sets = [s for space in spaces for s in diagram_of(space, duration_s).stable_sets]
+    most_poles = max((len(poles) for poles, _ in stable_sets), default=0)
     sets: list[Poles] = []
-    for poles, shapes in stable:
+    for poles, shapes in stable_sets:
         is_repeated = any(
-            len(poles) == len(other) and np.all(np.abs(poles - other) < _LIKE * np.abs(other))
-            for other, _ in sets
+            len(poles) == len(earlier)
+            and np.all(np.abs(poles - earlier) < _SAME_SET * np.abs(earlier))
+            for earlier, _ in sets
         )
-        if 2 * len(poles) >= most and not is_repeated:
+        if 2 * len(poles) >= most_poles and not is_repeated:
             sets.append((poles, shapes))
-    nothing = np.zeros(0, complex), np.zeros((len(samples.count), 0), complex)
-    sets = sets[:: max(1, ceil(len(sets) / _MOST_SETS))] or [nothing]
+    no_mode = np.zeros(0, complex), np.zeros((len(samples.count), 0), complex)
+    every_kth = max(1, ceil(len(sets) / _MOST_SETS))
+    sets = sets[::every_kth] or [no_mode]
     starts = (fitted_at(condense(samples, poles), shapes, sweeps=2) for poles, shapes in sets)
     return _without_needless(max(starts, key=lambda start: start.merit))
 
 
-def _without_needless(point: Point, least: int = 0) -> Point:
-    """Remove one mode after the other as long as this raises the merit, and `least` remain."""
-    while len(point.poles) > least:
+def _without_needless(point: Point, least_modes: int = 0) -> Point:
+    """Remove one mode after the other as long as this raises the merit and `least_modes` remain."""
+    while len(point.poles) > least_modes:
         fewer = point.without(point.least_needed()[0])
         if fewer.merit <= point.merit:
             break
@@ -217,16 +224,17 @@ def likely_modes(
     poles: NDArray[np.complex128],
     shapes: NDArray[np.complex128],
     sorting: Samples | None = None,
-    most: int = 1000,
+    most_modes: int = 1000,
 ) -> LikelyModes:
     """Return the set of modes with the highest merit near a given one.
 
     `samples`: from `gathered`.  `poles` (m,) and `shapes` (n_channels, m): the set to start from,
     with real poles; m >= 1.  `sorting`: fewer samples of the same motion, in which copies show;
-    `samples` by default.  `most`: so many modes hide no further one.
+    `samples` by default.  `most_modes`: so many modes hide no further one.
     """
     sorting = sorting or samples
     start = poles, shapes
+    # On few samples: take away needless modes, and copies of others, until there is no copy.
     for _ in range(_SORTING_FITS):
         modes = most_likely_modes(sorting, *start, _SORTING_STEPS)
         needed = _without_needless(modes.point, 1)
@@ -234,19 +242,22 @@ def likely_modes(
         start = needed.poles[kept], needed.shapes[:, kept]
         if len(kept) == len(modes.poles):
             break
-    best = most_likely_modes(samples, *start, settled=_ROUGH)
+    # On all samples: take away the copies that show only there.
+    best = most_likely_modes(samples, *start, least_gain=_ROUGH)
     while len(kept := _originals(best)) < len(best.poles):
-        best = most_likely_modes(samples, best.poles[kept], best.shapes[:, kept], settled=_ROUGH)
+        best = most_likely_modes(samples, best.poles[kept], best.shapes[:, kept], least_gain=_ROUGH)
+    # Look for modes that nearly coincide with another one.
     for _ in range(_MOST_SPLITS):
-        if np.sum(vibrates(best.poles)) >= most:
+        if np.sum(vibrates(best.poles)) >= most_modes:
             break
-        more = most_likely_modes(sorting, *_split(best), _SORTING_STEPS)
-        if len(_originals(more)) < len(more.poles):
+        split = most_likely_modes(sorting, *_split(best), _SORTING_STEPS)
+        if len(_originals(split)) < len(split.poles):
             break
-        trial = _better(best, more.poles, more.shapes)
+        trial = _better(best, split.poles, split.shapes)
         if trial is None or len(_originals(trial)) < len(trial.poles):
             break
         best = trial
+    # Take away modes as long as the likelihood of the others, fitted anew, hardly falls.
     while len(best.poles) > 1:
         mode, cost = best.point.least_needed()
         if cost > _NEEDED * samples.gain_by_noise(best.poles[[mode]]):
@@ -259,29 +270,32 @@ def likely_modes(
 
 
 def _originals(modes: LikelyModes) -> NDArray[np.intp]:
+    """Return the indices of the modes that are no copies of others."""
     return originals(modes.poles, modes.shapes, modes.point.amplitudes)
 
 
 def _better(
     modes: LikelyModes, poles: NDArray[np.complex128], shapes: NDArray[np.complex128]
 ) -> LikelyModes | None:
-    """Return the modes from another start; None if their merit is not above that of some modes."""
+    """Return the modes that a fit from another start finds; None if their merit is not above."""
     samples = modes.point.condensed.samples
     wanted = modes.point.merit + samples.gain_by_noise(poles)
-    trial = most_likely_modes(samples, poles, shapes, wanted=wanted, settled=_ROUGH)
-    return trial if trial.point.log_likelihood > wanted else None
+    found = most_likely_modes(samples, poles, shapes, wanted_likelihood=wanted, least_gain=_ROUGH)
+    return found if found.point.log_likelihood > wanted else None
 
 
 def _split(modes: LikelyModes) -> Poles:
-    """Return the modes with a second one next to the mode that hides it best."""
+    """Return the modes and a second one next to that whose pole slope the residuals follow most."""
     residuals = modes.point.residuals / modes.noise[:, None]
-    slope = modes.point.condensed.timed
-    size = np.linalg.norm(slope, axis=2, keepdims=True) + np.finfo(float).tiny  # may decay at once
-    u, strength, _ = np.linalg.svd(np.einsum("rcpm,rcp->mcr", (slope / size).conj(), residuals))
-    hiding = int(np.argmax(np.where(modes.poles.imag > 0.0, strength[:, 0], -1.0)))
-    shape = u[hiding, :, 0] * modes.noise
+    pole_slope = modes.point.condensed.timed
+    # A mode may decay at once, and leave no slope.
+    size = np.linalg.norm(pole_slope, axis=2, keepdims=True) + np.finfo(float).tiny
+    along = np.einsum("rcpm,rcp->mcr", (pole_slope / size).conj(), residuals)
+    hidden_shapes, strength, _ = np.linalg.svd(along)  # of each mode
+    mode = int(np.argmax(np.where(modes.poles.imag > 0.0, strength[:, 0], -1.0)))
+    shape = hidden_shapes[mode, :, 0] * modes.noise
     return (
-        np.append(modes.poles, modes.poles[hiding] * _DETUNED),
+        np.append(modes.poles, modes.poles[mode] * _DETUNED),
         np.column_stack([modes.shapes, shape / np.linalg.norm(shape)]),
     )
 
@@ -293,7 +307,7 @@ def _split(modes: LikelyModes) -> Poles:
 
 _RATE_HZ = 125.0  # ten times the fastest mode of a vehicle
 _LENGTH_S = 1.5  # two time constants of the slowest mode; what follows is mostly noise
-_BLUR = 0.03
+_BLUR = 0.03  # noise that is added, as a share of the channel's rms
 _LASTING = 0.5
 """Least length of a group, as a share of the longest one of the decay."""
 
@@ -314,7 +328,7 @@ def sensed_modes(records: Sequence[Record], decays: Sequence[FreeDecay]) -> Sens
     Channels that are not in all decays are left out.  Raises InputError if the decays are too short
     or have no channel in common.
     """
-    channels, slowest_hz = _common(decays)
+    channels, slowest_hz = _shared_channels(decays)
     if not channels:
         raise InputError("free decays", "no channel is in every run", "record the same sensors")
     rate_hz = slowest_hz / max(1, round(slowest_hz / _RATE_HZ))
@@ -327,10 +341,10 @@ def sensed_modes(records: Sequence[Record], decays: Sequence[FreeDecay]) -> Sens
         # comes from these grids.
         rng, blur = np.random.default_rng(0), _BLUR * np.std(np.concatenate(grids), axis=0)
         grids = [grid + blur * rng.standard_normal(grid.shape) for grid in grids]
-    start = model = regression_modes(grids, rate_hz)
-    if len(start):
+    regression = model = regression_modes(grids, rate_hz)
+    if len(regression):
         samples = gathered(_blocks(decays, moving))
-        model = likely_modes(samples, start.poles, start.shapes, most=N_DOF).model()
+        model = likely_modes(samples, regression.poles, regression.shapes, most_modes=N_DOF).model()
     shapes = np.zeros((len(channels), len(model)), dtype=complex)
     shapes[moves] = model.shapes
     return SensedModes(channels, replace(model, shapes=shapes))
@@ -343,7 +357,7 @@ def vehicle_diagram(
 
     None if they are too short or have no channel in common.
     """
-    channels, slowest_hz = _common(decays)
+    channels, slowest_hz = _shared_channels(decays)
     if not channels:
         return None
     rate_hz = min(_RATE_HZ, slowest_hz)
@@ -353,63 +367,68 @@ def vehicle_diagram(
     return stabilisation_diagram(grids, rate_hz)
 
 
-def _common(decays: Sequence[FreeDecay]) -> tuple[tuple[Channel, ...], float]:
-    """Return the channels that all decays show, and the rate of the slowest group, Hz."""
-    shown = [_lasting(decay) for decay in decays]
-    common = set.intersection(*({c.name for r in own for c in r.group.channels} for own in shown))
-    channels = tuple(c for r in shown[0] for c in r.group.channels if c.name in common)
-    return channels, min((_rate_hz(r.time_s) for own in shown for r in own), default=0.0)
+def _shared_channels(decays: Sequence[FreeDecay]) -> tuple[tuple[Channel, ...], float]:
+    """Return the channels of lasting groups in all decays, and the slowest group's rate, Hz."""
+    lasting = [_lasting_recordings(decay) for decay in decays]
+    names = ({c.name for r in groups for c in r.group.channels} for groups in lasting)
+    shared = set.intersection(*names)
+    channels = tuple(c for r in lasting[0] for c in r.group.channels if c.name in shared)
+    rates_hz = (_rate_hz(r.time_s) for groups in lasting for r in groups)
+    return channels, min(rates_hz, default=0.0)
 
 
-def _lasting(decay: FreeDecay) -> tuple[Recording, ...]:
+def _lasting_recordings(decay: FreeDecay) -> tuple[Recording, ...]:
     """Return the groups that last for half of a decay: the others end before its slow modes do."""
-    begun = [r for r in decay.recordings if len(r.time_s) > 1]
-    lengths = [float(r.time_s[-1] - r.time_s[0]) for r in begun]
-    least_s = _LASTING * max(lengths, default=0.0)
-    return tuple(r for r, s in zip(begun, lengths, strict=True) if s >= least_s)
+    timed = [r for r in decay.recordings if len(r.time_s) > 1]
+    durations_s = [float(r.time_s[-1] - r.time_s[0]) for r in timed]
+    least_s = _LASTING * max(durations_s, default=0.0)
+    return tuple(r for r, s in zip(timed, durations_s, strict=True) if s >= least_s)
 
 
 def _blocks(decays: Sequence[FreeDecay], channels: Sequence[Channel]) -> list[Block]:
-    """Return the samples of some channels; the level of each sensor is unknown."""
-    position = {channel.name: number for number, channel in enumerate(channels)}
+    """Return a block of each recording with some channels, numbered as in `channels`."""
+    row_of = {channel.name: number for number, channel in enumerate(channels)}
     blocks = []
     for run, decay in enumerate(decays):
         for recording in decay.recordings:
             names = [channel.name for channel in recording.group.channels]
-            columns = [number for number, name in enumerate(names) if name in position]
+            columns = [number for number, name in enumerate(names) if name in row_of]
             if columns and len(recording.time_s):
-                mine = np.array([position[names[column]] for column in columns])
+                rows = np.array([row_of[names[column]] for column in columns])
                 values = recording.values[:, None, columns]
-                blocks.append(Block(recording.time_s, values, np.array([run]), mine))
+                blocks.append(Block(recording.time_s, values, np.array([run]), rows))
     return blocks
 
 
 def _rate_hz(time_s: NDArray[np.float64]) -> float:
+    """Return the mean number of samples a second."""
     return (len(time_s) - 1) / float(time_s[-1] - time_s[0])
 
 
 def _on_grid(
     record: Record, decay: FreeDecay, channels: Sequence[Channel], rate_hz: float
 ) -> NDArray[np.float64]:
-    """Interpolate a decay, less the level at rest, on a common grid, (n, n_channels).
+    """Return a decay, less the level at rest, on an even grid of its channels, (n, n_channels).
 
     Fast groups are averaged in blocks first: a mean of exponentials has the same exponents, and
     less noise.
     """
     onset = onset_s(record)
     columns: dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
-    for after in _lasting(decay):
-        before = record.whole(after)
-        width = max(1, round(_rate_hz(after.time_s) / rate_hz))
-        n = len(after.time_s) // width
-        time = after.time_s[: n * width].reshape(n, width).mean(axis=1)
-        level = 0.0
+    for recording in _lasting_recordings(decay):
+        whole = record.whole(recording)
+        # n means of `width` successive samples each.
+        width = max(1, round(_rate_hz(recording.time_s) / rate_hz))
+        n = len(recording.time_s) // width
+        mean_time_s = recording.time_s[: n * width].reshape(n, width).mean(axis=1)
+        rest_level = 0.0
         if onset is not None:
-            level = before.values[before.time_s < onset].mean(axis=0)
-        values = (after.values - level)[: n * width].reshape(n, width, -1).mean(axis=1)
-        for channel, column in zip(after.group.channels, values.T, strict=True):
-            columns[channel.name] = (time, column)
-    first = max(float(columns[channel.name][0][0]) for channel in channels)
-    last = min(float(columns[channel.name][0][-1]) for channel in channels)
-    grid = first + np.arange(int(min(last - first, _LENGTH_S) * rate_hz)) / rate_hz
-    return np.column_stack([np.interp(grid, *columns[channel.name]) for channel in channels])
+            rest_level = whole.values[whole.time_s < onset].mean(axis=0)
+        motion = recording.values - rest_level
+        means = motion[: n * width].reshape(n, width, -1).mean(axis=1)
+        for channel, column in zip(recording.group.channels, means.T, strict=True):
+            columns[channel.name] = (mean_time_s, column)
+    first_s = max(float(columns[channel.name][0][0]) for channel in channels)
+    last_s = min(float(columns[channel.name][0][-1]) for channel in channels)
+    grid_s = first_s + np.arange(int(min(last_s - first_s, _LENGTH_S) * rate_hz)) / rate_hz
+    return np.column_stack([np.interp(grid_s, *columns[channel.name]) for channel in channels])

@@ -34,8 +34,8 @@ _NOISY = 1e-5
 """Weakest direction relative to the strongest above which products of the samples serve: their
 rounding, 1e-16, is then far below the noise in every direction."""
 
-_ALONE = 24
-"""Delays of one channel alone, in which up to six modes leave half of the directions to noise."""
+_DELAYS_ALONE = 24
+"""Delays of one channel, in which up to six modes leave half of the directions to noise."""
 
 _WHERE = "free-decay records"
 
@@ -93,25 +93,25 @@ def scaled_records(
             decay = np.asarray(decay, np.float64) if decay.dtype.kind in "fiu" else np.empty(0)
         except (TypeError, ValueError):  # ragged
             decay = np.empty(0)
-        wrong = ""
+        fault = ""
         if decay.ndim != 2 or decay.shape[1] == 0:
-            wrong = "is no (n_samples, n_channels) array of real numbers"
+            fault = "is no (n_samples, n_channels) array of real numbers"
             remedy = "give time along the first axis and one column a channel"
         elif decays and decay.shape[1] != decays[0].shape[1]:
-            wrong = f"has {decay.shape[1]} channels, record 1 has {decays[0].shape[1]}"
+            fault = f"has {decay.shape[1]} channels, record 1 has {decays[0].shape[1]}"
             remedy = "give the same channels in every record"
         elif len(decay) < _MIN_SAMPLES:
-            wrong = f"has {counted(len(decay), 'sample')}"
+            fault = f"has {counted(len(decay), 'sample')}"
             remedy = f"give at least {_MIN_SAMPLES}, better some periods of the slowest mode"
         elif not np.all(np.isfinite(decay)):
-            wrong = "holds values that are not finite"
+            fault = "holds values that are not finite"
             remedy = "cut the record where it is whole"
-        if wrong:
-            raise InputError(_WHERE, f"record {number} {wrong}", remedy)
+        if fault:
+            raise InputError(_WHERE, f"record {number} {fault}", remedy)
         decays.append(decay)
-    size = np.sqrt(np.mean(np.concatenate(decays) ** 2, axis=0))
-    size[size == 0.0] = 1.0
-    return [decay / size for decay in decays], size
+    rms = np.sqrt(np.mean(np.concatenate(decays) ** 2, axis=0))
+    rms[rms == 0.0] = 1.0
+    return [decay / rms for decay in decays], rms
 
 
 def noise_levels(decays: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
@@ -121,12 +121,12 @@ def noise_levels(decays: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
 
     `decays`: records, each (n_i, n_channels), no channel of zeros.
     """
-    blocks = min(_ALONE, max(len(decay) for decay in decays) // 2)
-    long = [decay for decay in decays if len(decay) > blocks]
+    blocks = min(_DELAYS_ALONE, max(len(decay) for decay in decays) // 2)
+    long_enough = [decay for decay in decays if len(decay) > blocks]
     levels = []
     for channel in range(decays[0].shape[1]):
-        alone = [decay[:, channel : channel + 1] for decay in long]
-        squares = np.linalg.eigvalsh(_products(alone, Delays(blocks, 1)), "U")
+        of_channel = [decay[:, channel : channel + 1] for decay in long_enough]
+        squares = np.linalg.eigvalsh(_products(of_channel, Delays(blocks, 1)), "U")
         levels.append(max(np.median(squares), _NOISY**2 * squares[-1]) ** 0.5)
     return np.array(levels)
 
@@ -143,14 +143,15 @@ def layouts(decays: Sequence[NDArray[np.float64]]) -> tuple[Delays, ...]:
     for decay in decays:
         spectrum = np.fft.rfft(decay - decay.mean(axis=0), longest, axis=0)
         power += np.sum(np.abs(spectrum) ** 2, axis=1)
-    share = np.cumsum(power)
+    energy_below = np.cumsum(power)
     # Frequency, in periods of the longest record, below which 98 % of the energy lies.
-    highest = max(1, int(np.searchsorted(share, 0.98 * share[-1])))
-    coarse = min(max(1, int(longest / (10.0 * highest))), max(1, longest // 16))
+    highest = max(1, int(np.searchsorted(energy_below, 0.98 * energy_below[-1])))
+    # Ten steps a period, and sixteen or more in the longest record.
+    coarse_step = min(max(1, int(longest / (10.0 * highest))), max(1, longest // 16))
     chosen = []
-    for step in (coarse, 1):
-        most = max(4, min(_MAX_ROWS // decays[0].shape[1], longest // (2 * step)))
-        chosen += [Delays(max(4, most // part), step) for part in (1, 2)]
+    for step in (coarse_step, 1):
+        most_delays = max(4, min(_MAX_ROWS // decays[0].shape[1], longest // (2 * step)))
+        chosen += [Delays(max(4, most_delays // divisor), step) for divisor in (1, 2)]
     return tuple(dict.fromkeys(chosen))
 
 
@@ -162,24 +163,24 @@ def delay_space(
     `decays`: records (n_i, n_channels), scaled alike; those too short for one delay vector do not
     count.
     """
-    step, span = delays.step, delays.step * delays.blocks
+    step, span = delays.step, delays.step * delays.blocks  # samples
     # Means of successive samples: a running sum would accumulate rounding.
-    parts = (
+    shifted = (
         [decay[shift : len(decay) - step + 1 + shift] for shift in range(step)]
         for decay in decays
         if len(decay) > span
     )
-    smooth = [np.add.reduce(part) / step for part in parts]
-    n_channels, behind = decays[0].shape[1], step * (delays.blocks - 1)
+    averaged = [np.add.reduce(shifts) / step for shifts in shifted]
+    n_channels, last_delay = decays[0].shape[1], step * (delays.blocks - 1)
     noisy = False
     # Products square the condition: they are used where noise is far above rounding, at a tenth of
     # the cost of a decomposition of long tables, which grows with the number of records too.
-    if sum(len(record) - behind for record in smooth) >= delays.blocks * n_channels:
-        squares, directions = np.linalg.eigh(_products(smooth, delays), "U")
-        noisy = bool(squares[0] >= _NOISY**2 * squares[-1])
-    tables = [_table(record, delays) for record in smooth] if step > 1 or not noisy else []
+    if sum(len(record) - last_delay for record in averaged) >= delays.blocks * n_channels:
+        squared_strength, directions = np.linalg.eigh(_products(averaged, delays), "U")
+        noisy = bool(squared_strength[0] >= _NOISY**2 * squared_strength[-1])
+    tables = [_table(record, delays) for record in averaged] if step > 1 or not noisy else []
     if noisy:
-        strength, directions = np.sqrt(squares[::-1]), directions[:, ::-1]
+        strength, directions = np.sqrt(squared_strength[::-1]), directions[:, ::-1]
     else:
         triangle = np.linalg.qr(np.vstack(tables), mode="r")
         _, strength, rows = np.linalg.svd(triangle, full_matrices=False)
@@ -204,26 +205,26 @@ def _table(record: NDArray[np.float64], delays: Delays) -> NDArray[np.float64]:
 
 
 def _products(records: Sequence[NDArray[np.float64]], delays: Delays) -> NDArray[np.float64]:
-    """Return the products of the delay vectors, (blocks c, blocks c), on and above the diagonal.
+    """Return sums of products of delay vectors, (blocks c, blocks c), on and above the diagonal.
 
     A block equals the block before it along the diagonal, corrected for the samples that a shift of
     the window adds and removes.
     """
     blocks, step, c = delays.blocks, delays.step, records[0].shape[1]
-    out = np.zeros((blocks, c, blocks, c))
-    change = np.zeros((blocks * c - c, blocks * c - c))
+    products = np.zeros((blocks, c, blocks, c))
+    by_shift = np.zeros((blocks * c - c, blocks * c - c))
     for record in records:
         n = len(record) - step * (blocks - 1)
         windows = np.lib.stride_tricks.sliding_window_view(record, n, axis=0)[::step]
-        out[0] += (windows @ record[:n]).transpose(2, 0, 1)
+        products[0] += (windows @ record[:n]).transpose(2, 0, 1)
         lost, gained = record[:-n].reshape(blocks - 1, step, c), record[n:].reshape(-1, step, c)
-        for sign, ends in ((-1.0, lost), (1.0, gained)):
-            rows = ends.swapaxes(0, 1).reshape(step, -1)
-            change += sign * (rows.T @ rows)
-    between = change.reshape(blocks - 1, c, blocks - 1, c)
+        for sign, samples in ((-1.0, lost), (1.0, gained)):
+            rows = samples.swapaxes(0, 1).reshape(step, -1)
+            by_shift += sign * (rows.T @ rows)
+    change = by_shift.reshape(blocks - 1, c, blocks - 1, c)
     for i in range(1, blocks):
-        out[i, :, i:] = out[i - 1, :, i - 1 : -1] + between[i - 1, :, i - 1 :]
-    return out.reshape(blocks * c, blocks * c)
+        products[i, :, i:] = products[i - 1, :, i - 1 : -1] + change[i - 1, :, i - 1 :]
+    return products.reshape(blocks * c, blocks * c)
 
 
 def poles_of_rank(
@@ -240,21 +241,22 @@ def poles_of_rank(
     # U is orthonormal, so that the products of all rows except the last are the identity less the
     # products of the last: their inverse needs a matrix of n_channels only (Woodbury).
     last = U[-space.n_channels :]
-    products = U[: -space.n_channels].T @ U[space.n_channels :]
-    ahead = np.linalg.solve(np.eye(space.n_channels) - last @ last.T, last @ products)
-    transition = products + last.T @ ahead
+    shifted = U[: -space.n_channels].T @ U[space.n_channels :]
+    correction = np.linalg.solve(np.eye(space.n_channels) - last @ last.T, last @ shifted)
+    transition = shifted + last.T @ correction
     z, vectors = np.linalg.eig(transition)
     step = space.delays.step
-    turns = np.zeros(rank)
+    whole_turns = np.zeros(rank)
     if step > 1:
         inverse = np.linalg.pinv(vectors)
-        product = np.zeros(rank, dtype=complex)
+        # Each modal coordinate times itself one sample before: its angle is that of one sample.
+        lag_product = np.zeros(rank, dtype=complex)
         for coordinates in space.coordinates:
             modal = coordinates[:, :rank] @ inverse.T
-            product += np.sum(modal[:-1].conj() * modal[1:], axis=0)
-        turns = np.round((np.angle(product) * step - np.angle(z)) / (2.0 * np.pi))
-    size = np.maximum(np.abs(z), np.finfo(float).tiny)
-    ln_z = np.log(size) + 1j * (np.angle(z) + 2.0 * np.pi * turns)
+            lag_product += np.sum(modal[:-1].conj() * modal[1:], axis=0)
+        whole_turns = np.round((np.angle(lag_product) * step - np.angle(z)) / (2.0 * np.pi))
+    magnitude = np.maximum(np.abs(z), np.finfo(float).tiny)
+    ln_z = np.log(magnitude) + 1j * (np.angle(z) + 2.0 * np.pi * whole_turns)
     return ln_z * space.rate_hz / step, U[: space.n_channels] @ vectors
 
 
@@ -266,10 +268,11 @@ def poles_of_rank(
 
 _ROWS_S = 0.25
 """Length of a column: some periods of the wheels, a quarter of one of the body."""
-_OF_NOISE = 2.858
+_TIMES_MEDIAN = 2.858
 """Singular values below this multiple of their median are best left out (Gavish and Donoho
 2014)."""
 _OF_ROUNDING = 1e-11
+"""Singular values below this share of the largest are rounding."""
 _LEAST_BLOCKS = 4
 
 
@@ -282,24 +285,25 @@ def realised_modes(
     for each mode; by default as many as stand out from the noise.  Returns all pairs of poles that
     oscillate and decay, spurious ones among them; shapes in the channels' own quantities.
     """
-    decays, size = scaled_records(records, rate_hz)
+    decays, rms = scaled_records(records, rate_hz)
     shortest = min(len(decay) for decay in decays)
     blocks = min(max(_LEAST_BLOCKS, round(_ROWS_S * rate_hz)), shortest // 2)
     space = delay_space(decays, rate_hz, Delays(blocks, 1))
     if order is None:
-        floor = max(_OF_NOISE * np.median(space.strength), _OF_ROUNDING * float(space.strength[0]))
-        order = int(np.sum(space.strength > floor))
+        noise = _TIMES_MEDIAN * np.median(space.strength)
+        rounding = _OF_ROUNDING * float(space.strength[0])
+        order = int(np.sum(space.strength > max(noise, rounding)))
     poles, shapes = poles_of_rank(space, order)
-    modes = (poles.imag > 0.0) & (poles.real < 0.0)
-    return ModalModel(poles[modes], shapes[:, modes] * size[:, None])
+    is_mode = (poles.imag > 0.0) & (poles.real < 0.0)
+    return ModalModel(poles[is_mode], shapes[:, is_mode] * rms[:, None])
 
 
 # Stabilisation: which poles of the State Variable Method recur when its rank is raised ------------
 #
 # A pole of the structure is found at every rank above its own; a pole that follows noise moves.
 
-_SAME_POLE = 0.05
-_SAME_SHAPE = 0.9
+_SAME_POLE = 0.05  # largest relative difference
+_SAME_SHAPE = 0.9  # least MAC
 _SEEN_AGAIN = 2
 """Number of ranks at which a pole must recur."""
 _MORE_RANKS = 12
@@ -330,12 +334,12 @@ class StabilisationDiagram:
     @property
     def stable_sets(self) -> list[Poles]:
         """Stable poles of each rank that has any, in order of frequency."""
-        found = []
+        sets = []
         for rank in sorted(set(self.rank[self.stable].tolist())):
-            which = np.flatnonzero(self.stable & (self.rank == rank))
-            which = which[np.argsort(np.abs(self.poles[which]))]
-            found.append((self.poles[which], self.shapes[:, which]))
-        return found
+            found_here = np.flatnonzero(self.stable & (self.rank == rank))
+            found_here = found_here[np.argsort(np.abs(self.poles[found_here]))]
+            sets.append((self.poles[found_here], self.shapes[:, found_here]))
+        return sets
 
 
 def stabilisation_diagram(records: Sequence[ArrayLike], rate_hz: float) -> StabilisationDiagram:
@@ -343,10 +347,10 @@ def stabilisation_diagram(records: Sequence[ArrayLike], rate_hz: float) -> Stabi
 
     Parameters and Raises are those of `identify_modes`; shapes are in the channels' quantities.
     """
-    decays, size = scaled_records(records, rate_hz)
+    decays, rms = scaled_records(records, rate_hz)
     space = delay_space(decays, rate_hz, layouts(decays)[0])
     diagram = diagram_of(space, max(len(decay) for decay in decays) / rate_hz)
-    return replace(diagram, shapes=diagram.shapes * size[:, None])
+    return replace(diagram, shapes=diagram.shapes * rms[:, None])
 
 
 def diagram_of(space: DelaySpace, duration_s: float) -> StabilisationDiagram:
@@ -355,32 +359,35 @@ def diagram_of(space: DelaySpace, duration_s: float) -> StabilisationDiagram:
     Real poles are kept: they are not modes, but an offset or a filter's transient has one, and if a
     fit left it out it would be taken for a mode.  `duration_s` is the length of the longest record.
     """
-    highest = space.directions.shape[1] - space.n_channels - 1
+    highest_rank = space.directions.shape[1] - space.n_channels - 1
     standing_out = int(np.sum(space.strength > 2.0 * np.median(space.strength)))
-    highest = min(highest, standing_out + _MORE_RANKS)
-    found = []
-    for rank in range(1, highest + 1):
+    highest_rank = min(highest_rank, standing_out + _MORE_RANKS)
+    by_rank = []
+    for rank in range(1, highest_rank + 1):
         poles, shapes = poles_of_rank(space, rank)
         upper = poles.imag >= 0.0
-        found.append((poles[upper], shapes[:, upper]))
-    stable = []
-    for number, (poles, shapes) in enumerate(found):
-        keep = poles.real * duration_s < _MAX_GROWTH
+        by_rank.append((poles[upper], shapes[:, upper]))
+    stable_by_rank = []
+    for i, (poles, shapes) in enumerate(by_rank):
+        is_stable = poles.real * duration_s < _MAX_GROWTH
         tolerance = _SAME_POLE * np.maximum(np.abs(poles), 1.0 / duration_s)
-        following = found[number + 1 : number + 1 + _SEEN_AGAIN]
-        keep &= len(following) == _SEEN_AGAIN
-        for again in following:
-            keep &= seen_in((poles, shapes), again, tolerance)
-        stable.append(keep)
+        following = by_rank[i + 1 : i + 1 + _SEEN_AGAIN]
+        is_stable &= len(following) == _SEEN_AGAIN
+        for at_higher_rank in following:
+            is_stable &= seen_in((poles, shapes), at_higher_rank, tolerance)
+        stable_by_rank.append(is_stable)
     return StabilisationDiagram(
-        np.repeat(np.arange(1, len(found) + 1), [len(poles) for poles, _ in found]),
-        np.concatenate([np.zeros(0, complex), *(poles for poles, _ in found)]),
-        np.hstack([np.zeros((space.n_channels, 0), complex), *(shapes for _, shapes in found)]),
-        np.concatenate([np.zeros(0, bool), *stable]),
+        np.repeat(np.arange(1, len(by_rank) + 1), [len(poles) for poles, _ in by_rank]),
+        np.concatenate([np.zeros(0, complex), *(poles for poles, _ in by_rank)]),
+        np.hstack([np.zeros((space.n_channels, 0), complex), *(shapes for _, shapes in by_rank)]),
+        np.concatenate([np.zeros(0, bool), *stable_by_rank]),
     )
 
 
 def seen_in(candidates: Poles, others: Poles, tolerance: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which candidates recur among the others, by pole and by shape, (m,)."""
+    """Return which candidates recur among the others, by pole and by shape, (m,).
+
+    `tolerance`, (m,): largest distance of the poles, rad/s.
+    """
     near = np.abs(candidates[0][:, None] - others[0]) < tolerance[:, None]
     return np.asarray(np.any(near & (mac(candidates[1], others[1]) > _SAME_SHAPE), axis=1))
