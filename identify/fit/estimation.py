@@ -35,6 +35,7 @@ from .likelihood import (
     Fit,
     LinearEngine,
     Linearised,
+    Noise,
     Residuals,
     fit,
     linearised,
@@ -136,86 +137,85 @@ def linearised_at(estimation: Estimation) -> Linearised:
 
 
 def estimate(box: GreyBox, records: Sequence[Record], starts: Sequence[Real]) -> Estimation:
-    """Find the most likely parameters of all records.
-
-    The decays start where the stated bump ends; if the model does not fit from there, a later start
-    is tried.  Once it fits, the samples before the start show how far back a decay reaches.
+    """Return the fit of all records from the stated end of the bump or, if none holds, from later.
 
     `starts`, sequence of (15,) float64: parameters to begin from, the most trusted first; further
     ones are tried only where the earlier ones find no optimum.
     """
-    first = first_estimate(box, records, starts)
-    return first if first.holds else later_estimate(first, starts)
+    from_stated_end = first_estimate(box, records, starts)
+    return from_stated_end if from_stated_end.holds else later_estimate(from_stated_end, starts)
 
 
 def first_estimate(box: GreyBox, records: Sequence[Record], starts: Sequence[Real]) -> Estimation:
-    """Fit the decays from the stated end of the bump; arguments as in `estimate`."""
+    """Return the fit from the stated end of the bump; arguments as in `estimate`."""
     records = tuple(records)
     start_s = np.array([decay_start_s(record) for record in records])
-    rest = quiet_noise(records)
-    near = basin(box, records, rest, start_s, [box.unknowns(theta) for theta in starts])
-    trial = _fitted_from(box, records, rest, start_s, near)
-    return settled(trial) if trial.holds else trial
+    rest_noise = quiet_noise(records)
+    near_eta = basin(box, records, rest_noise, start_s, [box.unknowns(theta) for theta in starts])
+    fitted = _fitted_from(box, records, rest_noise, start_s, near_eta)
+    return with_earlier_starts(fitted) if fitted.holds else fitted
 
 
 def later_estimate(first: Estimation, starts: Sequence[Real]) -> Estimation:
     """Return the fit from the first later start from which the model holds, else the first fit.
 
-    A bump may be longer than stated; one that is not stated is taken as long enough.  A model that
-    holds from some start holds from any later one: first of all the last is tried, roughly.
+    A bump may be longer than stated; one that is not stated is taken as long enough.
     """
-    box, records, rest = first.box, first.records, first.rest
-    # With the bump's last force in the window the first search may have gone astray.
-    begin = first.fit.eta, box.unknowns(starts[0])
-    first_s = np.array([decay_start_s(record) for record in records])
+    box, records, rest_noise = first.box, first.records, first.rest
+    # With the bump's last force in the window the first fit may have gone astray.
+    start_etas = first.fit.eta, box.unknowns(starts[0])
+    stated_s = np.array([decay_start_s(record) for record in records])
     # The shortest decay, too, keeps half a period of the wheels, 0.05 s.
-    longest_s = min(r.end_s - s for r, s in zip(records, first_s, strict=True)) - 0.05
-    laters_s = [later_s for later_s in _LATER_S if later_s < longest_s]
-    if not (laters_s and all(np.isfinite(record.bump_s) for record in records)):
+    longest_delay_s = min(r.end_s - s for r, s in zip(records, stated_s, strict=True)) - 0.05
+    delays_s = [delay_s for delay_s in _LATER_S if delay_s < longest_delay_s]
+    if not (delays_s and all(np.isfinite(record.bump_s) for record in records)):
         return first
 
-    def nearest(later_s: float) -> _Search:
-        """Return the best of the searches on the decays that begin later."""
-        searches = (_search(box, records, rest, first_s + later_s, eta) for eta in begin)
+    def best_search(delay_s: float) -> _Search:
+        """Return the better of the searches on the decays that begin so much later."""
+        start_s = stated_s + delay_s
+        searches = (_search(box, records, rest_noise, start_s, eta) for eta in start_etas)
         return min(searches, key=lambda search: search.chi2_per_n)
 
-    if nearest(laters_s[-1]).chi2_per_n >= _BASIN_CHI2:
+    # A model that holds from some start holds from any later one: a search from the last one shows
+    # whether the others are worth a fit.
+    if best_search(delays_s[-1]).chi2_per_n >= _BASIN_CHI2:
         return first
-    for later_s in laters_s:
-        near = nearest(later_s).eta
-        trial = _fitted_from(box, records, rest, first_s + later_s, near)
-        if trial.holds:
-            return settled(replace(trial, later_s=later_s))
+    for delay_s in delays_s:
+        near_eta = best_search(delay_s).eta
+        fitted = _fitted_from(box, records, rest_noise, stated_s + delay_s, near_eta)
+        if fitted.holds:
+            return with_earlier_starts(replace(fitted, later_s=delay_s))
     return first
 
 
 def basin(
     box: GreyBox,
     records: tuple[Record, ...],
-    rest: dict[str, float],
+    rest_noise: dict[str, float],
     start_s: Real,
     etas: Sequence[Real],
 ) -> Real:
     """Return an optimum, (P,), that explains nearly all, or that two starts led to.
 
-    Else it is the best that any start led to.  `rest`: noise at rest, SI.  `start_s`, (n_records,):
-    starts of the decays.  `etas`: where to begin, each (P,), at least one.
+    Else it is the best that any start led to.  `rest_noise`: noise at rest.  `start_s`,
+    (n_records,): starts of the decays.  `etas`: where to begin, each (P,), at least one.
     """
-    best = _search(box, records, rest, start_s, etas[0])
+    best = _search(box, records, rest_noise, start_s, etas[0])
     for eta in etas[1:]:
         if best.explains:
             break
-        search = _search(box, records, rest, start_s, eta)
+        found = _search(box, records, rest_noise, start_s, eta)
         # Two searches whose costs differ by less than 1 % have led to one optimum.
-        again = abs(search.chi2_per_n / best.chi2_per_n - 1.0) < 0.01
-        best = min(best, search, key=lambda one: one.chi2_per_n)
-        if again:
+        is_same_optimum = abs(found.chi2_per_n / best.chi2_per_n - 1.0) < 0.01
+        best = min(best, found, key=lambda found: found.chi2_per_n)
+        if is_same_optimum:
             break
     return best.eta
 
 
-def settled(late: Estimation) -> Estimation:
-    """Move each decay's start as far back as the model holds; weigh the channels by their noise."""
+def with_earlier_starts(late: Estimation) -> Estimation:
+    """Return the fit with each decay's start as far back as the model holds, with pooled noise."""
     best = late
     # Each fit shows a little more of the motion, so the starts are moved back three times at most.
     for _ in range(3):
@@ -230,8 +230,8 @@ def settled(late: Estimation) -> Estimation:
         ]
         if best is not late and starts_s == [d.start_s for d in best.decays]:
             break
-        sigma, eta = _pooled_noise(best), best.fit.eta
-        moved = _fitted_from(best.box, best.records, best.rest, np.array(starts_s), eta, sigma)
+        noise, eta = _pooled_noise(best), best.fit.eta
+        moved = _fitted_from(best.box, best.records, best.rest, np.array(starts_s), eta, noise)
         if not moved.holds:
             break
         best = replace(moved, later_s=late.later_s)
@@ -248,73 +248,74 @@ class _Search:
 
 
 def _search(
-    box: GreyBox, records: tuple[Record, ...], rest: dict[str, float], start_s: Real, eta: Real
+    box: GreyBox, records: tuple[Record, ...], rest_noise: Noise, start_s: Real, eta: Real
 ) -> _Search:
-    """Search an optimum on thinned samples, from `eta`, which may be far off."""
+    """Return what a search on thinned samples finds from `eta`, which may be far off."""
     decays = tuple(
         r.decay(float(s)).thinned(_SEARCH_RATE_HZ) for r, s in zip(records, start_s, strict=True)
     )
-    sigma = floored(rest or rough_noise(decays), decays)
-    n = sum(decay.n_values for decay in decays)
-    power = 0.0  # of the motion, in units of the noise's power
+    sigma = floored(rest_noise or rough_noise(decays), decays)
+    n_values = sum(decay.n_values for decay in decays)
+    motion_power = 0.0  # in units of the noise's power
     for recording in (r for decay in decays for r in decay.recordings):
         motion = recording.values - recording.values.mean(axis=0)
         noise = [sigma[c.name] for c in recording.group.channels]
-        power += float(np.sum((motion / noise) ** 2))
+        motion_power += float(np.sum((motion / noise) ** 2))
     # To a tenth of a standard deviation: a search is followed by a fit.
-    rough = fit(box, decays, sigma, eta, 0.1, _SEARCH_STEPS, HOLD)
+    fitted = fit(box, decays, sigma, eta, 0.1, _SEARCH_STEPS, HOLD)
     # In the right basin even a wrong model leaves no more than 3 % of the motion's power.
-    explains = rough.cost < _BASIN_CHI2 * n + 0.03 * power
-    return _Search(rough.eta, rough.cost / n, explains)
+    explains = fitted.cost < _BASIN_CHI2 * n_values + 0.03 * motion_power
+    return _Search(fitted.eta, fitted.cost / n_values, explains)
 
 
 def _fitted_from(
     box: GreyBox,
     records: tuple[Record, ...],
-    rest: dict[str, float],
+    rest_noise: dict[str, float],
     start_s: Real,
     eta: Real,
-    pooled: dict[str, float] | None = None,
+    known_noise: dict[str, float] | None = None,
 ) -> Estimation:
-    """Fit the decays that begin at the given times, (n_records,), from near the optimum.
+    """Return the fit of the decays that begin at `start_s`, (n_records,), from near its optimum.
 
-    `rest`: noise at rest, SI, which chi2/n is measured by.  `pooled`: noise by which the channels
-    are weighted, if another one is known.
+    `rest_noise`: noise at rest, which chi2/n is measured by.  `known_noise`: noise by which the
+    channels are weighted, if another one is known.
     """
     decays = tuple(r.decay(float(s)) for r, s in zip(records, start_s, strict=True))
-    sigma = floored(pooled or rest or rough_noise(decays), decays)
+    sigma = floored(known_noise or rest_noise or rough_noise(decays), decays)
     # Without rest, noise and fit settle together in two more fits.
-    for _ in range(1 if rest else 3):
-        fine = fit(box, decays, sigma, eta, max_iterations=_FIT_STEPS)
-        eta = fine.eta
+    for _ in range(1 if rest_noise else 3):
+        fitted = fit(box, decays, sigma, eta, max_iterations=_FIT_STEPS)
+        eta = fitted.eta
         residuals = residuals_of(linearised(box, decays, sigma, eta), decays, sigma)
-        weights = sigma
-        if not rest:
+        fit_sigma = sigma
+        if not rest_noise:
             sigma = floored(_residual_noise(residuals), decays)
-    noise = floored(rest, decays) if rest else weights
+    noise = floored(rest_noise, decays) if rest_noise else fit_sigma
     chi2 = _chi2_per_n(box, residuals, noise)
-    return Estimation(box, records, fine, decays, weights, rest, residuals, chi2)
+    return Estimation(box, records, fitted, decays, fit_sigma, rest_noise, residuals, chi2)
 
 
-def _pooled_noise(best: Estimation) -> dict[str, float]:
+def _pooled_noise(estimation: Estimation) -> dict[str, float]:
     """Return the noise at rest, a few dozen samples perhaps, pooled with that of the residuals.
 
     Empty without rest.
     """
-    counts = quiet_counts(best.records)
+    rest_freedom = quiet_counts(estimation.records)
     pooled = {}
-    for name, std in best.rest.items():
-        in_runs = [decay for decay in best.residuals if name in decay.values]
-        squares = sum(float(decay.values[name] @ decay.values[name]) for decay in in_runs)
-        freedom = sum(decay.freedom[name] for decay in in_runs)
-        pooled[name] = float(np.sqrt((counts[name] * std**2 + squares) / (counts[name] + freedom)))
+    for name, std in estimation.rest.items():
+        with_channel = [run for run in estimation.residuals if name in run.values]
+        squares = sum(float(run.values[name] @ run.values[name]) for run in with_channel)
+        freedom = sum(run.freedom[name] for run in with_channel)
+        squares += rest_freedom[name] * std**2
+        pooled[name] = float(np.sqrt(squares / (rest_freedom[name] + freedom)))
     return pooled
 
 
 def _chi2_per_n(box: GreyBox, residuals: Sequence[Residuals], sigma: dict[str, float]) -> float:
     """Return the mean square residual in units of `sigma`, by degrees of freedom."""
-    squares = sum(decay.chi2(sigma) for decay in residuals)
-    freedom = sum(sum(decay.freedom.values()) for decay in residuals) - len(box.parameters)
+    squares = sum(run.chi2(sigma) for run in residuals)
+    freedom = sum(sum(run.freedom.values()) for run in residuals) - len(box.parameters)
     return squares / freedom if freedom > 0 else float("inf")
 
 
@@ -330,14 +331,14 @@ def rough_noise(decays: Sequence[FreeDecay]) -> dict[str, float]:
 def _residual_noise(residuals: Sequence[Residuals]) -> dict[str, float]:
     """Return each channel's noise, SI: the rough part of its residuals, over all decays alike."""
     variances: dict[str, list[Real]] = {}
-    for decay in residuals:
-        for name, values in decay.values.items():
+    for run in residuals:
+        for name, values in run.values.items():
             variances.setdefault(name, []).append(difference_noise(values) ** 2)
     return {name: float(np.sqrt(np.mean(each))) for name, each in variances.items()}
 
 
-def floored(sigma: dict[str, float], decays: Sequence[FreeDecay]) -> dict[str, float]:
-    """Keep noise levels above what rounding makes of noise-free data, 1e-5 of a channel's rms."""
+def floored(sigma: Noise, decays: Sequence[FreeDecay]) -> dict[str, float]:
+    """Return noise levels of at least 1e-5 of a channel's rms: noise-free data have rounding."""
     columns = by_channel(recording for decay in decays for recording in decay.recordings)
     rms = {
         name: float(np.sqrt(np.mean([values @ values / len(values) for values in each])))
@@ -388,29 +389,29 @@ def _earliest_start_s(
     linear part.
     """
     start_s, onset = decay.start_s, onset_s(record)
-    lower_s = record.start_s if onset is None else onset  # no decay can start before
+    lowest_s = record.start_s if onset is None else onset  # no decay can start before
     # The force ends near the expected start: what is 30 ms before it is seldom looked at.
-    for first_s in dict.fromkeys((max(lower_s, start_s - 0.03), lower_s)):
-        early = _early(point, covariance, record, decay, linear, first_s)
-        instants_s, failed_s = _free_instants(*early)
-        if failed_s is not None:
+    for from_s in dict.fromkeys((max(lowest_s, start_s - 0.03), lowest_s)):
+        values_before = _values_before(point, covariance, record, decay, linear, from_s)
+        instants_s, forced_s = _free_instants(*values_before)
+        if forced_s is not None:
             channels = [c for r in decay.recordings for c in r.group.channels]
             at_once = any(c.quantity is Quantity.HUB_ACCELERATION for c in channels)
-            end_s = failed_s + (_SHOWN_AT_ONCE_S if at_once else _SHOWN_LATE_S)
-            instants_s = [instant for instant in instants_s if instant > end_s]
+            force_end_s = forced_s + (_SHOWN_AT_ONCE_S if at_once else _SHOWN_LATE_S)
+            instants_s = [instant for instant in instants_s if instant > force_end_s]
             break
     return start_s + min(instants_s) - _SLACK_S if instants_s else start_s
 
 
-def _early(
+def _values_before(
     point: Evaluated,
     covariance: Real,
     record: Record,
     decay: FreeDecay,
     linear: LinearPart,
-    first_s: float,
+    from_s: float,
 ) -> tuple[Real, Real, Real, Real]:
-    """Return the n values from `first_s` to the start, the last one first, in units of sigma.
+    """Return the n values from `from_s` to the start, the last one first, in units of sigma.
 
     Returns their times from the start, s, negative, (n,); their slopes by the unknowns of the fit
     and the linear part of the run, (n, n_unknown); measured less predicted, (n,); and the
@@ -425,19 +426,20 @@ def _early(
     ):
         group = point.group(recording.group)
         J = slopes(point, group, modal_state)
-        over_sigma = np.sqrt(group.weight)[:, None]
+        per_sigma = np.sqrt(group.weight)[:, None]
         mixed += over_two(stack * group.weight[:, None, None], product.gram[:, group.motion] @ J)
-        before = record.whole(recording).between(first_s, decay.start_s)
-        early = replace(before, time_s=before.time_s + (first_s - decay.start_s))  # below zero
-        basis = point.basis(early)
+        cut = record.whole(recording).between(from_s, decay.start_s)
+        before_start = replace(cut, time_s=cut.time_s + (from_s - decay.start_s))  # below zero
+        basis = point.basis(before_start)
         by_unknown, by_linear = basis[:, group.motion] @ J, basis @ stack  # (n_channels, n, ..)
-        by_both = np.concatenate([by_unknown, by_linear], axis=2) * over_sigma[..., None]
-        times_s.append(np.tile(early.time_s, len(stack)))
+        by_both = np.concatenate([by_unknown, by_linear], axis=2) * per_sigma[..., None]
+        times_s.append(np.tile(before_start.time_s, len(stack)))
         rows.append(by_both.reshape(-1, by_both.shape[2]))
-        errors.append(((early.values.T - by_linear @ linear.solution) * over_sigma).ravel())
+        errors.append(((before_start.values.T - by_linear @ linear.solution) * per_sigma).ravel())
     time_s = np.concatenate(times_s)
     order = np.argsort(-time_s, kind="stable")
-    # The linear part follows the unknowns, and has its own error with all of them known.
+    # Covariances: the linear part follows the unknowns (`across`), and has an error of its own with
+    # all of them known.
     across = -linear.normal_inverse @ mixed @ covariance
     of_linear = linear.normal_inverse - across @ mixed.T @ linear.normal_inverse
     joint = np.block([[covariance, across.T], [across, of_linear]])
@@ -447,23 +449,24 @@ def _early(
 def _free_instants(
     time_s: Real, by_unknown: Real, errors: Real, covariance: Real
 ) -> tuple[list[float], float | None]:
-    """Return the free instants, and the first one, backwards, that is not free; None if all are.
+    """Return the times of free decay before the start, and that of the last force; None if none.
 
-    Arguments are those that `_early` returns.
+    Backwards from the start, the accepted instants predict the next one.  Arguments are those that
+    `_values_before` returns.
     """
-    change = np.zeros(by_unknown.shape[1])
+    change = np.zeros(by_unknown.shape[1])  # of the unknowns, by the accepted instants
     accepted: list[float] = []
-    squares: list[tuple[float, int]] = []  # of the errors at each instant, and their number
+    chi2s: list[tuple[float, int]] = []  # of the errors at each instant, and their number
     begins = np.flatnonzero(np.diff(time_s, prepend=np.inf))  # first value of each instant
-    for first, end in pairwise([*begins, len(time_s)]):
-        rows, instant_s = by_unknown[first:end], float(time_s[first])
-        error = errors[first:end] - rows @ change
+    for begin, end in pairwise([*begins, len(time_s)]):
+        rows, instant_s = by_unknown[begin:end], float(time_s[begin])
+        error = errors[begin:end] - rows @ change
         shared = rows @ covariance
-        of_error = np.eye(len(error)) + shared @ rows.T  # covariance; the noise has sigma 1
-        gain_and_error = np.linalg.solve(of_error, np.column_stack([shared, error]))
+        error_covariance = np.eye(len(error)) + shared @ rows.T  # the noise has sigma 1
+        gain_and_error = np.linalg.solve(error_covariance, np.column_stack([shared, error]))
         gain, whitened = gain_and_error[:, :-1], gain_and_error[:, -1]
-        squares.append((float(error @ whitened), len(error)))
-        if _is_forced(squares):
+        chi2s.append((float(error @ whitened), len(error)))
+        if _is_forced(chi2s):
             return accepted, instant_s
         accepted.append(instant_s)
         change = change + shared.T @ whitened
@@ -471,18 +474,18 @@ def _free_instants(
     return accepted, None
 
 
-def _is_forced(squares: Sequence[tuple[float, int]]) -> bool:
-    """Return True if any window of last instants is not free decay.
+def _is_forced(chi2s: Sequence[tuple[float, int]]) -> bool:
+    """Return whether the last instants, in a window of any of `_WINDOWS`, are no free decay.
 
-    `squares`: chi2 of the errors of prediction at each instant, and how many errors it is of.
+    `chi2s`: chi2 of the errors of prediction at each instant, and how many errors it is of.
     """
     # Only windows that are no longer than what has been looked at.
-    for width in _WINDOWS[: 1 + int(np.log2(len(squares)))]:
-        total = sum(chi2 for chi2, _ in squares[-width:])
-        freedom = sum(n for _, n in squares[-width:])
+    for width in _WINDOWS[: 1 + int(np.log2(len(chi2s)))]:
+        window_chi2 = sum(chi2 for chi2, _ in chi2s[-width:])
+        freedom = sum(n_errors for _, n_errors in chi2s[-width:])
         # The limit of chi2 by Wilson and Hilferty (1931), at a normal deviate of 4.5: one false
         # alarm in 300,000.
-        spread = 2.0 / (9.0 * freedom)
-        if total > freedom * (1.0 - spread + 4.5 * np.sqrt(spread)) ** 3:
+        variance = 2.0 / (9.0 * freedom)
+        if window_chi2 > freedom * (1.0 - variance + 4.5 * np.sqrt(variance)) ** 3:
             return True
     return False

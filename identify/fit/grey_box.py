@@ -50,7 +50,7 @@ SIGNED = {"k_af": 1e4, "k_ar": 1e4, "c_tf": 100.0, "c_tr": 100.0, "y_s": 0.1}
 """Parameters that may be zero or negative, each with the size that counts as one unknown."""
 
 
-_OFF = {
+_DEVIATION_WORDS = {
     "x": (1.0, "m further forward", "m further back"),
     "y": (1.0, "m further left", "m further right"),
     "gain": (100.0, "% larger", "% smaller"),
@@ -59,7 +59,7 @@ _OFF = {
 }
 """Size of a correction in words, by its kind: factor to the printed unit, more, and less than
 stated.  The kind without a name is the mass of a weight."""
-_OF_WEIGHT = ("", "x", "y")
+_WEIGHT_KINDS = ("", "x", "y")
 """Kinds of the corrections of a weight, in the order of `weight_sigmas`."""
 
 
@@ -68,7 +68,7 @@ class Correction:
     """One thing that is stated with an uncertainty: an unknown whose prior is its sigma."""
 
     kind: str
-    """A key of `_OFF`."""
+    """A key of `_DEVIATION_WORDS`."""
     subject: str
     """Channel, channel group or weight that it is of."""
     sigma: float
@@ -81,7 +81,7 @@ class Correction:
 
     def in_words(self, size: float) -> str:
         """Return how far the true value lies from the stated one, `size` in the unit of sigma."""
-        factor, more, less = _OFF[self.kind]
+        factor, more, less = _DEVIATION_WORDS[self.kind]
         return f"{abs(size) * factor:.2g} {more if size > 0.0 else less} than stated"
 
 
@@ -136,8 +136,8 @@ class GreyBox:
         parameters = tuple(name for name in names if name not in measured)
         channels = {c.name: c for group in self.groups for c in group.channels}
         corrections = _corrections(tuple(channels.values()), self.groups, self.mass_states)
-        sigmas = [np.inf] * len(parameters) + [one.sigma for one in corrections.values()]
-        if self._crossed:
+        sigmas = [np.inf] * len(parameters) + [c.sigma for c in corrections.values()]
+        if self._has_cross_weight:
             sigmas.append(np.inf)
         index = {key: p for p, key in enumerate(corrections, len(parameters))}
         for name, value in (
@@ -155,18 +155,18 @@ class GreyBox:
         return GreyBox(self.groups, self.mass_states, self.geometry, structure, self.facts)
 
     @property
-    def _crossed(self) -> bool:
+    def _has_cross_weight(self) -> bool:
         """True if the cross weight is an unknown, the last one."""
         return self.lifts or any(fact.quantity in CORNERS for fact in self.facts)
 
     @property
     def corrections(self) -> tuple[str, ...]:
         """Names of the stated uncertainties, in the order of the unknowns after the parameters."""
-        return tuple(one.name for one in self.stated)
+        return tuple(correction.name for correction in self.stated)
 
     @property
     def scaled(self) -> dict[int, Channel]:
-        """Return the channels whose gain is fitted, by the place of the unknown."""
+        """Return the channels whose gain is fitted, by the index of its unknown."""
         return {
             self._index["gain", c.name]: c
             for c in self._channels
@@ -187,11 +187,11 @@ class GreyBox:
 
         Where the structure has one parameter for both corners, it is their geometric mean.
         """
-        E = expansion(self.structure)
+        to_full = expansion(self.structure)
         eta = np.zeros(len(self.prior_sigma))
         for i, name in enumerate(self.parameters):
-            values = full[E[:, self.names.index(name)] > 0]  # of one corner, or of both
-            eta[i] = values[0] / SIGNED[name] if name in SIGNED else np.mean(np.log(values))
+            of_corners = full[to_full[:, self.names.index(name)] > 0]  # of one corner, or of both
+            eta[i] = of_corners[0] / SIGNED[name] if name in SIGNED else np.mean(np.log(of_corners))
         return eta
 
     def values(self, eta: Real) -> Real:
@@ -222,11 +222,11 @@ class GreyBox:
 
     def delays_s(self, eta: Real) -> Real:
         """Return the lateness of each group beyond its nominal one, (n_groups,) s."""
-        places = [self.delay_index(group) for group in range(len(self.groups))]
-        return np.array([0.0 if p is None else eta[p] for p in places])
+        indices = [self.delay_index(group) for group in range(len(self.groups))]
+        return np.array([0.0 if p is None else eta[p] for p in indices])
 
     def delay_index(self, group: int) -> int | None:
-        """Return which unknown is the lateness of a group, None if it is exact."""
+        """Return the index of the unknown that is a group's lateness, None if it is exact."""
         return self._index.get(("delay", group))
 
     def systems(self, eta: Real, mass_states: Collection[str]) -> dict[str, System]:
@@ -239,8 +239,8 @@ class GreyBox:
         for state in self.mass_states:
             if state.name not in mass_states:
                 continue
-            off = self.off_weights(points, state)
-            added = delta_mass(state.added, full[:, Full.A], full[:, Full.Y_S], off)
+            deviations = self.off_weights(points, state)
+            added = delta_mass(state.added, full[:, Full.A], full[:, Full.Y_S], deviations)
             A = state_matrix(M + added, C, K)
             rows = {c.name: _output_row(c, motion_rows[c.name], A) for c in self._channels}
             systems[state.name] = System(
@@ -261,18 +261,18 @@ class GreyBox:
 
     def cross_kg(self, eta: Complex) -> Complex:
         """Return what the front left corner carries beyond its share, (n,) kg, at `eta`, (n, P)."""
-        if not self._crossed:
+        if not self._has_cross_weight:
             return np.zeros(len(eta), dtype=complex)
         return np.asarray(CROSS_SCALE_KG * eta[:, len(self.prior_sigma) - 1])
 
     @property
     def weight_masses(self) -> dict[int, float]:
-        """Stated mass of each weight that has a sigma, kg, by the position of its unknown."""
+        """Stated mass of each weight that has a sigma, kg, by the index of its unknown."""
         return {
-            self._index["", _weight(state, i)]: weight.mass_kg
+            self._index["", _weight_name(state, i)]: weight.mass_kg
             for state in self.mass_states
             for i, weight in enumerate(state.added.weights)
-            if ("", _weight(state, i)) in self._index
+            if ("", _weight_name(state, i)) in self._index
         }
 
     def off_weights(self, eta: Complex, state: MassState) -> Complex:
@@ -280,11 +280,11 @@ class GreyBox:
 
         `eta`: unknowns, (n, P).  Returns (n, n_weights, 3): kg, and m forward and to the left.
         """
-        off = np.zeros((len(eta), len(state.added.weights), 3), dtype=complex)
+        deviations = np.zeros((len(eta), len(state.added.weights), 3), dtype=complex)
         for i in range(len(state.added.weights)):
-            for k, kind in enumerate(_OF_WEIGHT):
-                off[:, i, k] = self._correction(eta, kind, _weight(state, i))
-        return off
+            for k, kind in enumerate(_WEIGHT_KINDS):
+                deviations[:, i, k] = self._correction(eta, kind, _weight_name(state, i))
+        return deviations
 
     def _correction(self, eta: Complex, kind: str, subject: str) -> Complex:
         """Return the correction of what is stated, (n,) SI, at `eta`, (n, P); 0 if it is exact."""
@@ -328,25 +328,25 @@ def _corrections(
     channels: Sequence[Channel], groups: Sequence[ChannelGroup], mass_states: Sequence[MassState]
 ) -> dict[tuple[str, str | int], Correction]:
     """Return what is stated with an uncertainty above zero, by the keys of `GreyBox._index`."""
-    each: dict[tuple[str, str | int], Correction] = {
+    corrections: dict[tuple[str, str | int], Correction] = {
         (axis, c.name): Correction(axis, c.name, c.position_sigma_m)
         for c in channels
         if c.quantity in ON_BODY
         for axis in "xy"
     }
-    each |= {("gain", c.name): Correction("gain", c.name, c.scale_sigma) for c in channels}
-    each |= {
+    corrections |= {("gain", c.name): Correction("gain", c.name, c.scale_sigma) for c in channels}
+    corrections |= {
         ("delay", i): Correction("delay", group.name, group.delay_sigma_s)
         for i, group in enumerate(groups)
     }
-    each |= {
-        (kind, _weight(state, i)): Correction(kind, _weight(state, i), sigma)
+    corrections |= {
+        (kind, _weight_name(state, i)): Correction(kind, _weight_name(state, i), sigma)
         for state in mass_states
         for i, weight in enumerate(state.added.weights)
         # The weight of a hub has no place.
-        for kind, sigma in zip(_OF_WEIGHT, weight_sigmas(weight), strict=False)
+        for kind, sigma in zip(_WEIGHT_KINDS, weight_sigmas(weight), strict=False)
     }
-    return {key: one for key, one in each.items() if one.sigma > 0}
+    return {key: correction for key, correction in corrections.items() if correction.sigma > 0}
 
 
 def weight_sigmas(weight: BodyWeight | HubWeight) -> tuple[float, ...]:
@@ -356,6 +356,6 @@ def weight_sigmas(weight: BodyWeight | HubWeight) -> tuple[float, ...]:
     return (weight.sigma_kg,)
 
 
-def _weight(state: MassState, index: int) -> str:
-    """Return the name of a weight."""
+def _weight_name(state: MassState, index: int) -> str:
+    """Return how a weight of a mass state is named; `index`: from 0."""
     return f"weight {index + 1} of state {state.name}"

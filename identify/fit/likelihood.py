@@ -100,7 +100,7 @@ def fit(
     max_iterations: int = 60,
     hold: float = 0.0,
 ) -> Fit:
-    """Find the most likely unknowns.
+    """Return the fit with the most likely unknowns.
 
     `sigma`: standard deviation of the noise, SI.  `start`, (P,) float64: where to begin.
     `tolerance`: stop when the next step will change no unknown by more than this share of its
@@ -112,7 +112,7 @@ def fit(
     """
     eta = start.copy()
     model = linearised(box, decays, sigma, eta)
-    here = _sum(model.blocks)
+    normal = _total(model.blocks)
     # Rounding error of a difference of large sums: costs cannot be compared more precisely.
     rounding = 1e-13 * sum(
         float(np.sum((r.values / [sigma[c.name] for c in r.group.channels]) ** 2))
@@ -122,47 +122,48 @@ def fit(
     # From near the optimum the first step may be the last.
     damping = _FAR_DAMPING if hold else _NEAR_DAMPING
     converged = False
-    iterations, size_before = 0, 0.0
-    n = sum(decay.n_values for decay in decays)
-    let_go = 1e-3 * hold
+    iterations, last_size = 0, 0.0
+    n_values = sum(decay.n_values for decay in decays)
+    least_hold = 1e-3 * hold
     # Noise alone would drive an unknown that no run informs to zero or infinity.  With a standard
     # deviation of a factor e^2 before any run it stays near where the search began; unknowns that
     # the runs determine move by less than a hundredth of their standard deviations.
-    weak = np.isinf(box.prior_sigma) / 2.0**2
+    weak_prior = np.isinf(box.prior_sigma) / 2.0**2
     while iterations < max_iterations and not converged:
         iterations += 1
         # A fit is held only while it is bad: above chi2/n 2.
-        firm = hold * here.cost / n if here.cost > 2.0 * n and hold > let_go else 0.0
-        pull = weak + firm  # inverse variance of each unknown about the start
-        diagonal = np.diag(here.information) + pull
+        is_held = normal.cost > 2.0 * n_values and hold > least_hold
+        # Inverse variance of each unknown about the start.
+        prior = weak_prior + (hold * normal.cost / n_values if is_held else 0.0)
+        diagonal = np.diag(normal.information) + prior
         scale = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
-        H = (here.information + np.diag(pull)) / np.outer(scale, scale)
-        downhill = here.gradient - pull * (eta - start)
-        step = np.linalg.solve(H + damping * np.eye(len(eta)), downhill / scale) / scale
+        H = (normal.information + np.diag(prior)) / np.outer(scale, scale)
+        gradient = normal.gradient - prior * (eta - start)
+        step = np.linalg.solve(H + damping * np.eye(len(eta)), gradient / scale) / scale
         # A logarithm changes by 0.5 at most in one iteration.
         step *= min(1.0, 0.5 / max(float(np.max(np.abs(step))), 1e-300))
         trial_model = linearised(box, decays, sigma, eta + step, model.layout)
-        trial = _sum(trial_model.blocks)
-        more_pull = float(pull @ ((eta + step - start) ** 2 - (eta - start) ** 2))
-        if np.isfinite(trial.cost) and trial.cost + more_pull <= here.cost + rounding:
+        trial = _total(trial_model.blocks)
+        prior_change = float(prior @ ((eta + step - start) ** 2 - (eta - start) ** 2))
+        if np.isfinite(trial.cost) and trial.cost + prior_change <= normal.cost + rounding:
             # Where the model does not hold, residuals are larger than sigma says, and so is the
             # uncertainty that a step is measured by.
-            small = tolerance * max(1.0, trial.cost / n) ** 0.5
+            small = tolerance * max(1.0, trial.cost / n_values) ** 0.5
             size = float(np.max(np.abs(step) * scale))
-            next_size = size * (min(1.0, size / size_before) if size_before else 1.0)
-            converged = not firm and damping < _LIGHT_DAMPING and next_size < small
-            size_before = size
-            eta, here, model = eta + step, trial, trial_model
+            next_size = size * (min(1.0, size / last_size) if last_size else 1.0)
+            converged = not is_held and damping < _LIGHT_DAMPING and next_size < small
+            last_size = size
+            eta, normal, model = eta + step, trial, trial_model
             damping = max(damping / 10, _LEAST_DAMPING)
             hold *= 0.7
         elif damping > _MOST_DAMPING:
             break
         else:
             damping *= 10
-            size_before = 0.0  # such a step says nothing about the next one
-    information = {label: part.information for label, part in model.blocks.items()}
-    covariance = covariance_of(here.information)
-    return Fit(eta, covariance, here.cost, information, iterations, converged)
+            last_size = 0.0  # such a step says nothing about the next one
+    information = {label: block.information for label, block in model.blocks.items()}
+    covariance = covariance_of(normal.information)
+    return Fit(eta, covariance, normal.cost, information, iterations, converged)
 
 
 def normal_blocks(box: GreyBox, decays: Decays, sigma: Noise, eta: Real) -> dict[str, NormalBlock]:
@@ -191,7 +192,7 @@ def linearised(
     return Linearised(points, layout, linear, blocks)
 
 
-def _sum(blocks: Mapping[str, NormalBlock]) -> NormalBlock:
+def _total(blocks: Mapping[str, NormalBlock]) -> NormalBlock:
     """Return the normal equations of all runs, facts and stated uncertainties together."""
     return NormalBlock(
         sum(block.cost for block in blocks.values()),
@@ -204,13 +205,13 @@ def covariance_of(normal: Real) -> Real:
     """Invert the normal matrix; unknowns it leaves undetermined get an infinite variance."""
     diagonal = np.diag(normal)
     scale = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
-    values, vectors = np.linalg.eigh(normal * np.outer(scale, scale))
+    strengths, directions = np.linalg.eigh(normal * np.outer(scale, scale))
     # Directions below this share of the strongest are undetermined.
-    good = values > 1e-11 * values[-1]
-    inverse = np.where(good, 1 / np.where(good, values, 1.0), 0.0)
-    covariance = (vectors * inverse) @ vectors.T * np.outer(scale, scale)
+    is_determined = strengths > 1e-11 * strengths[-1]
+    inverse = np.where(is_determined, 1 / np.where(is_determined, strengths, 1.0), 0.0)
+    covariance = (directions * inverse) @ directions.T * np.outer(scale, scale)
     # So is an unknown with a thousandth or more of itself in such a direction.
-    undetermined = (np.abs(vectors[:, ~good]) > 1e-3).any(axis=1)
+    undetermined = (np.abs(directions[:, ~is_determined]) > 1e-3).any(axis=1)
     covariance[undetermined, undetermined] = np.inf  # on the diagonal
     return np.asarray(covariance)
 
@@ -232,14 +233,15 @@ def residuals_of(model: Linearised, decays: Decays, sigma: Noise) -> tuple[Resid
         values: dict[str, Real] = {}
         freedom: dict[str, float] = {}
         point = model.points[decay.mass_state]
-        for recording, product, stack in zip(
+        for recording, product, coefficients in zip(
             decay.recordings, linear.products, linear.coefficients, strict=True
         ):
-            normal = stack.swapaxes(1, 2) @ product.gram @ stack  # of unit noise, by channel
+            # Of each channel, for noise of 1.
+            normal = coefficients.swapaxes(1, 2) @ product.gram @ coefficients
             traces = np.sum(normal * linear.normal_inverse, axis=(1, 2)).tolist()
-            columns = (recording.values - point.basis(recording) @ (stack @ linear.solution).T).T
+            fitted = point.basis(recording) @ (coefficients @ linear.solution).T
             for channel, column, trace in zip(
-                recording.group.channels, columns, traces, strict=True
+                recording.group.channels, (recording.values - fitted).T, traces, strict=True
             ):
                 values[channel.name] = column
                 freedom[channel.name] = len(column) - trace / sigma[channel.name] ** 2

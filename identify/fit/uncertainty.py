@@ -127,7 +127,7 @@ def motion_ratio_estimates(box: GreyBox, fit: Fit) -> dict[str, Estimate]:
 
 
 def mode_estimates(box: GreyBox, fit: Fit, mass_state: str) -> tuple[ModeEstimate, ...]:
-    """Return frequency and damping of each oscillating mode of a mass state, by frequency.
+    """Return frequency and damping ratio of each mode of a mass state, in order of frequency.
 
     A pole moves by ``w dA v`` with its left and right eigenvector, so its error follows from that
     of the parameters.  The frequency is the undamped one, ``|pole| / 2 pi``, and the damping ratio
@@ -225,36 +225,34 @@ class Prediction:
 
 
 def leave_one_out(estimation: Estimation) -> tuple[Prediction, ...]:
-    """Predict every run from all the others.
+    """Return the prediction of every run from all the others; none if there is but one run.
 
     The optimum without a run is one Gauss-Newton step from the optimum of all: what is left out
     moves the unknowns by a fraction of their standard deviation, over which the problem is linear.
-
-    One prediction for each run; none if there is but one run.
     """
     if len(estimation.decays) < 2:
         return ()
     fit, noise, engine = estimation.fit, estimation.noise, estimation.engine
     blocks = engine.normal_blocks(estimation.decays, estimation.sigma, fit.eta)
-    whole = np.sum([block.information for block in blocks.values()], axis=0)
-    quiet = sum(quiet_counts(estimation.records).values()) if estimation.rest else 0
+    information = np.sum([block.information for block in blocks.values()], axis=0)
+    rest_freedom = sum(quiet_counts(estimation.records).values()) if estimation.rest else 0
     predictions = []
     for decay, residuals in zip(estimation.decays, estimation.residuals, strict=True):
         block = blocks[decay.label]
-        of_others = covariance_of(whole - block.information)
-        finite = np.where(np.isfinite(of_others), of_others, 0.0)
+        covariance_of_others = covariance_of(information - block.information)
+        finite_covariance = np.where(np.isfinite(covariance_of_others), covariance_of_others, 0.0)
         freedom = sum(residuals.freedom.values())
         predicted = limit = np.nan
         # Over a step that the others do not determine the problem is not linear, nor finite.
-        if determined(estimation.box, of_others).all():
+        if determined(estimation.box, covariance_of_others).all():
             with suppress(FloatingPointError):
-                eta = fit.eta - finite @ block.gradient
-                (without,) = engine.residuals((decay,), estimation.sigma, eta)
-                predicted = without.chi2(noise) / freedom
-                by_parameters = float(np.trace(finite @ block.information)) / freedom
-                spread = 5.0 * float(np.sqrt(2.0 / freedom + 2.0 / (quiet or freedom)))
+                eta = fit.eta - finite_covariance @ block.gradient
+                (predicted_residuals,) = engine.residuals((decay,), estimation.sigma, eta)
+                predicted = predicted_residuals.chi2(noise) / freedom
+                by_parameters = float(np.trace(finite_covariance @ block.information)) / freedom
+                five_sigma = 5.0 * float(np.sqrt(2.0 / freedom + 2.0 / (rest_freedom or freedom)))
                 # Clocks fitted to arrival times, and quantisation, may cause 0.05 in one run.
-                limit = 1.0 + by_parameters + max(0.05, spread)
+                limit = 1.0 + by_parameters + max(0.05, five_sigma)
         fitted = residuals.chi2(noise) / freedom
         predictions.append(Prediction(decay.label, fitted, predicted, limit))
     return tuple(predictions)

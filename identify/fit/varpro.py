@@ -27,7 +27,7 @@ from ..model.exponentials import (
 from ..model.matrices import Complex, Real
 from .grey_box import GreyBox
 
-_N = 14  # states of the vehicle
+_N_STATES = 14  # 7 positions, 7 velocities
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,14 +43,14 @@ class GroupAt:
     """All rates, rad/s, shape (p,)."""
     motion: NDArray[np.intp]
     """Numbers of the functions that the vehicle's motion consists of, shape (4 h,)."""
-    free: NDArray[np.intp]
+    channel_functions: NDArray[np.intp]
     """Numbers of the functions that each channel has by itself: the transients of its low-pass and
     a constant."""
     on_state: Real
     """Matrices from the initial state to the functions of the motion, (n_channels, 4 h, 14)."""
     gained: Complex
     """Shape (n_channels, h)."""
-    bent: Complex
+    gain_slope: Complex
     """The rows times the derivative of the gain by the pole, s, shape (n_channels, h)."""
     d_gained: Complex
     """Change of `gained` with each unknown, by the rows and by the eigenvectors, shape (n_channels,
@@ -73,12 +73,13 @@ class Evaluated:
     """Eigenvalues and eigenvectors of the state matrix."""
     apart: Complex
     together: Complex
-    """`apart`, `together`: change of the state matrix with each unknown (`Spectrum.change`)."""
+    """`apart`, `together`: change of the state matrix with each unknown, first and third of
+    `Spectrum.change`."""
     groups: tuple[GroupAt, ...]
     """Channel groups in the order of `box.groups`."""
 
     def group(self, group: ChannelGroup) -> GroupAt:
-        """Return the group at this point."""
+        """Return a channel group at this point."""
         return self.groups[self.box.groups.index(group)]
 
     def basis(self, recording: Recording) -> Real:
@@ -109,23 +110,26 @@ def evaluate(
             zip(box.groups, box.delays_s(eta).tolist(), strict=True)
         ):
             low_pass = low_pass_of(group.channels[0])  # all channels of a group have it
-            of_filter = low_pass.poles[low_pass.poles.imag >= 0.0]
-            rates = np.concatenate([modes.poles[half], of_filter, [0.0]])
-            p, turning = len(rates), len(half) + np.flatnonzero(of_filter.imag > 0.0)
-            gain, slope = low_pass.gain(modes.poles), low_pass.gain_slope(modes.poles)
+            filter_poles = low_pass.poles[low_pass.poles.imag >= 0.0]
+            rates = np.concatenate([modes.poles[half], filter_poles, [0.0]])
+            # Functions of p rates: Re exp, t Re exp, Im exp, t Im exp; real rates have no Im.
+            p, oscillating = len(rates), len(half) + np.flatnonzero(filter_poles.imag > 0.0)
+            gain, gain_slope = low_pass.gain(modes.poles), low_pass.gain_slope(modes.poles)
             rows = np.array([system.rows[c.name] for c in group.channels]) @ modes.V
             d_rows = np.array([system.d_rows[c.name] for c in group.channels]) @ modes.V
             gained = (rows * gain)[:, half]
-            through = _along(rows, apart_into) * gain[half, None]
+            by_eigenvectors = _along(rows, apart_into) * gain[half, None]
             groups.append(
                 GroupAt(
                     rates=rates,
                     motion=np.add.outer(p * np.arange(4), np.arange(len(half))).ravel(),
-                    free=np.concatenate([np.arange(len(half), p), 2 * p + turning]),
+                    channel_functions=np.concatenate(
+                        [np.arange(len(half), p), 2 * p + oscillating]
+                    ),
                     on_state=modes.on_real_functions(gained[..., None] * modes.W[half]),
                     gained=gained,
-                    bent=(rows * slope)[:, half],
-                    d_gained=(d_rows * gain)[..., half].swapaxes(1, 2) - through,
+                    gain_slope=(rows * gain_slope)[:, half],
+                    d_gained=(d_rows * gain)[..., half].swapaxes(1, 2) - by_eigenvectors,
                     weight=np.array([sigma[c.name] ** -2 for c in group.channels]),
                     late_s=late_s,
                     late_index=box.delay_index(i),
@@ -136,7 +140,7 @@ def evaluate(
 
 
 def _along(vectors: Complex, matrices: Complex) -> Complex:
-    """Multiply some vectors, (.., n), with P matrices, (n, h, P): (.., h, P)."""
+    """Return the products of some vectors, (.., n), with P matrices, (n, h, P): (.., h, P)."""
     product = vectors @ matrices.reshape(len(matrices), -1)
     return product.reshape(*vectors.shape[:-1], *matrices.shape[1:])
 
@@ -174,8 +178,8 @@ def laid_out(decays: Sequence[FreeDecay]) -> tuple[Alike, ...]:
     places_of: defaultdict[tuple[str, float, int], list[tuple[int, int]]] = defaultdict(list)
     for d, decay in enumerate(decays):
         for r, recording in enumerate(decay.recordings):
-            first = recording.group.channels[0]  # all channels of a group have its low-pass
-            places_of[decay.mass_state, first.low_pass_hz, first.low_pass_order].append((d, r))
+            channel = recording.group.channels[0]  # all channels of a group have its low-pass
+            places_of[decay.mass_state, channel.low_pass_hz, channel.low_pass_order].append((d, r))
     result = []
     for (mass_state, _, _), places in places_of.items():
         recordings = [decays[d].recordings[r] for d, r in places]
@@ -234,8 +238,8 @@ def products_of(
         grams = np.concatenate([upper, lower], axis=1) / 2.0
         sums = wave.with_samples()  # (r, n_channels, 2 p)
         crosses = np.concatenate([sums.real, sums.imag], axis=2).swapaxes(1, 2)
-        for (d, r), *one in zip(alike.places, grams, crosses, alike.series.power, strict=True):
-            by_recording[d][r] = Products(*one)
+        for (d, r), *products in zip(alike.places, grams, crosses, alike.series.power, strict=True):
+            by_recording[d][r] = Products(*products)
     return [[of_decay[r] for r in range(len(of_decay))] for of_decay in by_recording]
 
 
@@ -246,15 +250,16 @@ def linear_coefficients(point: Evaluated, decay: FreeDecay) -> tuple[Real, ...]:
     the transients of its low-pass and its constant.  Each (n_channels, m, n_linear).
     """
     groups = [point.group(r.group) for r in decay.recordings]
-    total = sum(len(group.free) * len(group.weight) for group in groups)
+    n_own = sum(len(group.channel_functions) * len(group.weight) for group in groups)
     result = []
-    column = _N
+    column = _N_STATES
     for group in groups:
-        stack = np.zeros((len(group.weight), 4 * len(group.rates), _N + total))
-        stack[:, group.motion, :_N] = group.on_state
-        for of_channel in stack:
-            of_channel[group.free, column + np.arange(len(group.free))] = 1.0
-            column += len(group.free)
+        stack = np.zeros((len(group.weight), 4 * len(group.rates), _N_STATES + n_own))
+        stack[:, group.motion, :_N_STATES] = group.on_state
+        n_functions = len(group.channel_functions)
+        for of_channel in stack:  # a column for each function that it has by itself
+            of_channel[group.channel_functions, column + np.arange(n_functions)] = 1.0
+            column += n_functions
         result.append(stack)
     return tuple(result)
 
@@ -292,7 +297,7 @@ def slopes(point: Evaluated, group: GroupAt, z: Complex) -> Real:
     together = _along(z, point.together)[..., None, :, :]
     of_half = z[..., None, modes.half, None]
     on_exp = group.gained[..., None] * apart
-    on_exp += group.bent[..., None] * together
+    on_exp += group.gain_slope[..., None] * together
     on_exp += group.d_gained * of_half
     if group.late_index is not None:
         speed = (modes.poles * z)[..., None, modes.half]  # what is later shows an earlier motion
@@ -300,9 +305,9 @@ def slopes(point: Evaluated, group: GroupAt, z: Complex) -> Real:
     return modes.on_real_functions(on_exp, group.gained[..., None] * together)
 
 
-def over_two(left: Real, right: Real) -> Real:
-    """Multiply (n, m, p) with (n, m, q), summed over the first two axes."""
-    return np.asarray(left.reshape(-1, left.shape[-1]).T @ right.reshape(-1, right.shape[-1]))
+def over_two(first: Real, second: Real) -> Real:
+    """Return the product of (n, m, p) and (n, m, q) over the first two axes, (p, q)."""
+    return np.asarray(first.reshape(-1, first.shape[-1]).T @ second.reshape(-1, second.shape[-1]))
 
 
 # Normal equations of many decays at one point of the unknowns -------------------------------------
@@ -328,12 +333,12 @@ def blocks_of(
     by_decay: dict[int, tuple[NormalBlock, LinearPart]] = {}
     for members in same_channels.values():
         first = decays[members[0]]
-        blocks = _blocks_like(points[first.mass_state], first, [of_decays[d] for d in members])
+        blocks = _blocks_of_alike(points[first.mass_state], first, [of_decays[d] for d in members])
         by_decay |= dict(zip(members, blocks, strict=True))
     return [by_decay[d] for d in range(len(decays))]
 
 
-def _blocks_like(
+def _blocks_of_alike(
     point: Evaluated, first: FreeDecay, of_decays: Sequence[Sequence[Products]]
 ) -> Iterator[tuple[NormalBlock, LinearPart]]:
     """Yield the shares and linear parts of n decays with the same channels as the first.
@@ -343,34 +348,34 @@ def _blocks_like(
     """
     stacks = linear_coefficients(point, first)
     n, n_linear, P = len(of_decays), stacks[0].shape[-1], len(point.box.prior_sigma)
-    normal, right = np.zeros((n, n_linear, n_linear)), np.zeros((n, n_linear))
+    normal, rhs = np.zeros((n, n_linear, n_linear)), np.zeros((n, n_linear))
     cost = np.zeros(n)
-    parts = []
+    by_recording = []
     for i, (recording, stack) in enumerate(zip(first.recordings, stacks, strict=True)):
         group = point.group(recording.group)
         weight = group.weight
-        gram = np.stack([one[i].gram for one in of_decays])[:, None]  # (n, 1, m, m)
-        cross = np.stack([one[i].cross.T for one in of_decays])  # (n, n_channels, m)
+        gram = np.stack([products[i].gram for products in of_decays])[:, None]  # (n, 1, m, m)
+        cross = np.stack([products[i].cross.T for products in of_decays])  # (n, n_channels, m)
         weighted_stack = (stack * weight[:, None, None]).reshape(-1, n_linear)
         normal += weighted_stack.T @ (gram @ stack).reshape(n, -1, n_linear)
-        right += cross.reshape(n, -1) @ weighted_stack
-        cost += np.stack([one[i].power for one in of_decays]) @ weight
-        parts.append((group, stack, weighted_stack, gram, cross))
+        rhs += cross.reshape(n, -1) @ weighted_stack
+        cost += np.stack([products[i].power for products in of_decays]) @ weight
+        by_recording.append((group, stack, weighted_stack, gram, cross))
     inverse = pseudo_inverse(normal)
-    solution = (inverse @ right[..., None])[..., 0]
-    modal_state = solution[:, :_N] @ point.modes.W.T
-    H, mixed, g = np.zeros((n, P, P)), np.zeros((n, n_linear, P)), np.zeros((n, P))
-    for group, stack, weighted_stack, gram, cross in parts:
+    solution = (inverse @ rhs[..., None])[..., 0]
+    modal_state = solution[:, :_N_STATES] @ point.modes.W.T
+    information, mixed, gradient = np.zeros((n, P, P)), np.zeros((n, n_linear, P)), np.zeros((n, P))
+    for group, stack, weighted_stack, gram, cross in by_recording:
         fitted = np.moveaxis(stack @ solution.T, 2, 0)  # (n, n_channels, m)
         residual_cross = cross - (fitted[:, :, None] @ gram)[:, :, 0]  # basis times residuals
         J = slopes(point, group, modal_state)  # (n, n_channels, 4 h, P)
         GJ = gram[..., group.motion] @ J
         weighted_J = (J * group.weight[:, None, None]).reshape(n, -1, P)
         cost -= np.sum(fitted * (cross + residual_cross), axis=2) @ group.weight
-        H += weighted_J.swapaxes(1, 2) @ GJ[:, :, group.motion].reshape(n, -1, P)
+        information += weighted_J.swapaxes(1, 2) @ GJ[:, :, group.motion].reshape(n, -1, P)
         mixed += weighted_stack.T @ GJ.reshape(n, -1, P)
-        g += (residual_cross[:, :, group.motion].reshape(n, 1, -1) @ weighted_J)[:, 0]
-    H -= mixed.swapaxes(1, 2) @ inverse @ mixed  # the linear part follows the unknowns
-    for i, one in enumerate(of_decays):
-        linear = LinearPart(tuple(one), stacks, inverse[i], solution[i])
-        yield NormalBlock(float(cost[i]), H[i], g[i]), linear
+        gradient += (residual_cross[:, :, group.motion].reshape(n, 1, -1) @ weighted_J)[:, 0]
+    information -= mixed.swapaxes(1, 2) @ inverse @ mixed  # the linear part follows the unknowns
+    for i, products in enumerate(of_decays):
+        linear = LinearPart(tuple(products), stacks, inverse[i], solution[i])
+        yield NormalBlock(float(cost[i]), information[i], gradient[i]), linear
