@@ -53,6 +53,9 @@ _SEARCH_STEPS = 40
 _FIT_STEPS = 30
 
 
+Records = tuple[Record, ...]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimation:
     """A fit with everything that it is based on.
@@ -62,7 +65,7 @@ class Estimation:
 
     box: GreyBox
     """Structure of the problem."""
-    records: tuple[Record, ...]
+    records: Records
     """All runs."""
     fit: Fit
     """The optimum."""
@@ -190,11 +193,7 @@ def later_estimate(first: Estimation, starts: Sequence[Real]) -> Estimation:
 
 
 def basin(
-    box: GreyBox,
-    records: tuple[Record, ...],
-    rest_noise: dict[str, float],
-    start_s: Real,
-    etas: Sequence[Real],
+    box: GreyBox, records: Records, rest_noise: Noise, start_s: Real, etas: Sequence[Real]
 ) -> Real:
     """Return an optimum, (P,), that explains nearly all, or that two starts led to.
 
@@ -247,9 +246,7 @@ class _Search:
     explains: bool
 
 
-def _search(
-    box: GreyBox, records: tuple[Record, ...], rest_noise: Noise, start_s: Real, eta: Real
-) -> _Search:
+def _search(box: GreyBox, records: Records, rest_noise: Noise, start_s: Real, eta: Real) -> _Search:
     """Return what a search on thinned samples finds from `eta`, which may be far off."""
     decays = tuple(
         r.decay(float(s)).thinned(_SEARCH_RATE_HZ) for r, s in zip(records, start_s, strict=True)
@@ -270,7 +267,7 @@ def _search(
 
 def _fitted_from(
     box: GreyBox,
-    records: tuple[Record, ...],
+    records: Records,
     rest_noise: dict[str, float],
     start_s: Real,
     eta: Real,

@@ -92,10 +92,7 @@ class Evaluated:
 
 
 def evaluate(
-    box: GreyBox,
-    eta: Real,
-    mass_states: Collection[str],
-    sigma: Mapping[str, float],
+    box: GreyBox, eta: Real, mass_states: Collection[str], sigma: Mapping[str, float]
 ) -> dict[str, Evaluated]:
     """Evaluate some mass states at the unknowns `eta`, what they share once.
 
@@ -233,9 +230,8 @@ def products_of(
         # Re f Im g = Im(conj(f) g + f g) / 2, and Im f Im g = Re(conj(f) g - f g) / 2.
         conjugate, plain = wave.grams()
         total, gap = conjugate + plain, conjugate - plain
-        upper = np.concatenate([total.real, total.imag], axis=2)
-        lower = np.concatenate([total.imag.swapaxes(1, 2), gap.real], axis=2)
-        grams = np.concatenate([upper, lower], axis=1) / 2.0
+        transposed = total.imag.swapaxes(1, 2)
+        grams = np.block([[total.real, total.imag], [transposed, gap.real]]) / 2.0
         sums = wave.with_samples()  # (r, n_channels, 2 p)
         crosses = np.concatenate([sums.real, sums.imag], axis=2).swapaxes(1, 2)
         for (d, r), *products in zip(alike.places, grams, crosses, alike.series.power, strict=True):
