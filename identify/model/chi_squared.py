@@ -15,14 +15,14 @@ def exceeded_by_chance(freedom: int, chance: float) -> float:
 
     `freedom`: degrees of freedom, at least 1.  `chance`: at most 1/20.
     """
-    rarity = -log(chance)
+    minus_log_chance = -log(chance)
     # A bound from above (Laurent and Massart).  The logarithm of the tail is concave, nearly so for
     # one degree, and Newton's method comes down from there without a step too far.
-    value = step = freedom + 2.0 * sqrt(freedom * rarity) + 2.0 * rarity
+    value = step = freedom + 2.0 * sqrt(freedom * minus_log_chance) + 2.0 * minus_log_chance
     while abs(step) > 1e-13 * value:
         tail = chance_of_more(freedom, value)
         density = exp(_log_term(freedom / 2.0 - 1.0, value / 2.0)) / 2.0
-        step = (log(tail) + rarity) * tail / density
+        step = (log(tail) + minus_log_chance) * tail / density
         value += step
     return value
 
@@ -32,8 +32,8 @@ def chance_of_more(freedom: int, value: float) -> float:
     if value <= 0.0:
         return 1.0
     powers = [freedom / 2.0 - 1.0 - k for k in range(freedom // 2)]
-    rest = erfc(sqrt(value / 2.0)) if freedom % 2 else 0.0
-    return rest + sum(exp(_log_term(power, value / 2.0)) for power in powers)
+    odd_term = erfc(sqrt(value / 2.0)) if freedom % 2 else 0.0
+    return odd_term + sum(exp(_log_term(power, value / 2.0)) for power in powers)
 
 
 def _log_term(power: float, half: float) -> float:

@@ -45,10 +45,10 @@ class LowPass:
 
     def transients(self, time_s: Real) -> Real:
         """Return the functions of time that the filter's own motion consists of, (n, order)."""
-        upper = self.poles[self.poles.imag > 0]
-        real = self.poles[self.poles.imag == 0].real
-        wave = np.exp(np.multiply.outer(time_s, upper))
-        return np.hstack([wave.real, wave.imag, np.exp(np.multiply.outer(time_s, real))])
+        upper_poles = self.poles[self.poles.imag > 0]
+        real_poles = self.poles[self.poles.imag == 0].real
+        wave = np.exp(np.multiply.outer(time_s, upper_poles))
+        return np.hstack([wave.real, wave.imag, np.exp(np.multiply.outer(time_s, real_poles))])
 
 
 def low_pass_of(channel: Channel) -> LowPass:
@@ -58,8 +58,8 @@ def low_pass_of(channel: Channel) -> LowPass:
     n = channel.low_pass_order
     angle = np.pi * (2 * np.arange(n // 2) + n + 1) / (2 * n)  # left half-plane, upper half
     upper = np.exp(1j * angle)
-    unit = np.concatenate([np.column_stack([upper, upper.conj()]).ravel(), [-1.0] * (n % 2)])
-    poles = 2.0 * np.pi * channel.low_pass_hz * unit
+    poles_at_1 = np.concatenate([np.column_stack([upper, upper.conj()]).ravel(), [-1.0] * (n % 2)])
+    poles = 2.0 * np.pi * channel.low_pass_hz * poles_at_1
     return LowPass(poles.astype(np.complex128))
 
 
@@ -104,11 +104,11 @@ class Spectrum:
         """
         modal = self.W @ dA @ self.V
         gap = self.poles[:, None] - self.poles[None, :]
-        scale = np.abs(self.poles)[:, None] + np.abs(self.poles)[None, :]
+        size = np.abs(self.poles)[:, None] + np.abs(self.poles)[None, :]
         # Eigenvalues that are closer are one double eigenvalue.
-        same = np.abs(gap) < 1e-7 * scale
-        inverse = np.where(same, 0.0, 1.0 / np.where(same, 1.0, gap))
-        apart, together = modal * inverse, modal * same
+        is_same = np.abs(gap) < 1e-7 * size
+        inverse_gap = np.where(is_same, 0.0, 1.0 / np.where(is_same, 1.0, gap))
+        apart, together = modal * inverse_gap, modal * is_same
         return (
             np.ascontiguousarray(apart[:, self.half].T),
             np.ascontiguousarray(apart[:, :, self.half].transpose(1, 2, 0)),
@@ -120,10 +120,10 @@ class Spectrum:
 
         ``c exp + conj(c exp)`` is ``2 Re c Re exp - 2 Im c Im exp``; a real pole has no conjugate.
         """
-        share = np.where(self.poles[self.half].imag > 0.0, 2.0, 1.0)[:, None]
-        plain, timed = plain * share, timed * share + np.zeros_like(plain)
-        parts = (plain.real, timed.real, -plain.imag, -timed.imag)
-        return np.concatenate(parts, axis=-2)
+        count = np.where(self.poles[self.half].imag > 0.0, 2.0, 1.0)[:, None]
+        plain, timed = plain * count, timed * count + np.zeros_like(plain)
+        on_functions = (plain.real, timed.real, -plain.imag, -timed.imag)
+        return np.concatenate(on_functions, axis=-2)
 
 
 def spectrum(A: Real) -> Spectrum:
@@ -194,11 +194,11 @@ class Waves:
         f0, f1, f2 = _moments(self.fine, self.series.fine_s)
         q0, q1, q2 = _moments(self.tail, self.tail_s)
         p = self.fine.shape[2]
-        out = np.empty((2, len(self.fine), 2 * p, 2 * p), dtype=complex)
-        out[..., :p, :p] = c0 * f0 + q0
-        out[..., :p, p:] = out[..., p:, :p] = c1 * f0 + c0 * f1 + q1
-        out[..., p:, p:] = c2 * f0 + 2.0 * c1 * f1 + c0 * f2 + q2
-        return out[0], out[1]
+        sums = np.empty((2, len(self.fine), 2 * p, 2 * p), dtype=complex)
+        sums[..., :p, :p] = c0 * f0 + q0
+        sums[..., :p, p:] = sums[..., p:, :p] = c1 * f0 + c0 * f1 + q1
+        sums[..., p:, p:] = c2 * f0 + 2.0 * c1 * f1 + c0 * f2 + q2
+        return sums[0], sums[1]
 
     def with_samples(self) -> Complex:
         """Return the sums of the samples times ``exp(rate t)``, ``t exp(rate t)``, (r, k, 2 p)."""
@@ -208,12 +208,12 @@ class Waves:
         # Real samples times complex functions, as products of real tables: half of the work.
         within_steps = (steps.reshape(r, n * k, w) @ fine.view(np.float64)).view(np.complex128)
         within_steps = within_steps.reshape(r, n, k, 2, -1)
-        plain, timed = within_steps[..., 0, :], within_steps[..., 1, :]
+        on_exp, on_t_exp = within_steps[..., 0, :], within_steps[..., 1, :]
         coarse = self.coarse[:, :, None]
         sums = np.empty((r, k, 2, fine.shape[2] // 2), dtype=complex)
-        sums[:, :, 0] = np.sum(coarse * plain, axis=1)
-        # t is the coarse time and the fine one, which is in `timed`.
-        by_time = self.coarse_s[:, :, None, None] * plain + timed
+        sums[:, :, 0] = np.sum(coarse * on_exp, axis=1)
+        # t is the coarse time and the fine one, which is in `on_t_exp`.
+        by_time = self.coarse_s[:, :, None, None] * on_exp + on_t_exp
         sums[:, :, 1] = np.sum(coarse * by_time, axis=1)
         tail_functions = _with_time(self.tail, self.tail_s).view(np.float64)
         tail_sums = (tail.swapaxes(1, 2) @ tail_functions).view(np.complex128)
@@ -221,13 +221,13 @@ class Waves:
 
 
 def series_of(times_s: Sequence[Real], samples: Sequence[Real]) -> tuple[Series, ...]:
-    """Lay out recordings, times (n_i,), s, and samples (n_i, k_i): those that are alike together.
+    """Return recordings, times (n_i,), s, and samples (n_i, k_i), laid out: alike ones together.
 
-    Alike are those with as many fine steps (`_width`), coarse steps and channels.
+    Alike are those with as many fine steps (`_fine_steps`), coarse steps and channels.
     """
     alike: dict[tuple[int, int, int], list[int]] = {}
     for i, (time_s, values) in enumerate(zip(times_s, samples, strict=True)):
-        width = _width(time_s)
+        width = _fine_steps(time_s)
         n_coarse, n_channels = len(time_s) // width, values.shape[1]
         alike.setdefault((width, n_coarse, n_channels), []).append(i)
     return tuple(
@@ -237,7 +237,7 @@ def series_of(times_s: Sequence[Real], samples: Sequence[Real]) -> tuple[Series,
 
 
 def waves_of(series: Series, rates: Complex, late_s: Real | float = 0.0) -> Waves:
-    """Evaluate ``exp(rate t)`` at the times of some series less `late_s`, one or one for each."""
+    """Return ``exp(rate t)`` of some series; t: their times less `late_s`, one or one for each."""
     late = np.broadcast_to(late_s, len(series.members))[:, None]
     coarse_s, tail_s = series.coarse_s - late, series.tail_s - late
     coarse, fine, tail = (waves(time_s, rates) for time_s in (coarse_s, series.fine_s, tail_s))
@@ -245,40 +245,40 @@ def waves_of(series: Series, rates: Complex, late_s: Real | float = 0.0) -> Wave
     return Waves(series, coarse_s, tail_s, coarse, fine, tail)
 
 
-def _width(time_s: Real) -> int:
+def _fine_steps(time_s: Real) -> int:
     """Return how many fine steps a coarse one has; 1 where times are few or not even."""
     n = len(time_s)
     if n < 64:  # steps would save nothing
         return 1
-    line = time_s[0] + float(time_s[-1] - time_s[0]) / (n - 1) * np.arange(n)
+    even_times_s = time_s[0] + float(time_s[-1] - time_s[0]) / (n - 1) * np.arange(n)
     # Even times may depart from their line by eight spacings of float64.
-    even = np.abs(time_s - line).max() <= 8.0 * np.spacing(np.abs(time_s).max())
-    return int(2 ** round(np.log2(n) / 2.0)) if even else 1
+    is_even = np.abs(time_s - even_times_s).max() <= 8.0 * np.spacing(np.abs(time_s).max())
+    return int(2 ** round(np.log2(n) / 2.0)) if is_even else 1
 
 
 def _one_series(recordings: Sequence[tuple[int, Real, Real]], width: int) -> Series:
-    """Lay out recordings, (index, times, samples), with the same number of whole steps.
+    """Return recordings, (index, times, samples), with as many whole steps, laid out together.
 
     `width`: samples of a coarse step.
     """
     members, times, samples = zip(*recordings, strict=True)
     n, k = len(times[0]) // width, samples[0].shape[1]
-    whole = n * width  # samples in whole steps
-    q = max(len(time) for time in times) - whole
+    n_whole = n * width  # samples in whole steps
+    q = max(len(time) for time in times) - n_whole
     tail_s, present = np.zeros((len(times), q)), np.zeros((len(times), q))
     tail = np.zeros((len(times), q, k))
     for i, (time, values) in enumerate(zip(times, samples, strict=True)):
-        n_tail = len(time) - whole
-        tail_s[i, :n_tail], present[i, :n_tail] = time[whole:], 1.0
-        tail[i, :n_tail] = values[whole:]
-    steps = np.stack([values[:whole].reshape(n, width, k) for values in samples])
+        n_tail = len(time) - n_whole
+        tail_s[i, :n_tail], present[i, :n_tail] = time[n_whole:], 1.0
+        tail[i, :n_tail] = values[n_whole:]
+    steps = np.stack([values[:n_whole].reshape(n, width, k) for values in samples])
     duration = np.array([time[-1] - time[0] for time in times])
     count = np.array([len(time) for time in times])
     step_s = duration / np.maximum(count - 1, 1)
     return Series(
         members,
         count,
-        np.stack([time[:whole:width] for time in times]),
+        np.stack([time[:n_whole:width] for time in times]),
         step_s,
         np.multiply.outer(step_s, np.arange(width)),
         tail_s,
@@ -298,8 +298,8 @@ def _moments(wave: Complex, time_s: Real) -> tuple[Complex, ...]:
     """Return the sums of ``conj(f) g`` and ``f g``, times 1, t and t squared, each (2, r, p, p)."""
     r, _, p = wave.shape
     time = time_s[..., None]
-    timed = time * wave
-    right = np.concatenate([wave, timed, time * timed], axis=2)
-    left = np.concatenate([wave.conj(), wave], axis=2).swapaxes(1, 2)
-    sums = (left @ right).reshape(r, 2, p, 3, p)
+    by_time = time * wave
+    with_powers = np.concatenate([wave, by_time, time * by_time], axis=2)
+    both = np.concatenate([wave.conj(), wave], axis=2).swapaxes(1, 2)
+    sums = (both @ with_powers).reshape(r, 2, p, 3, p)
     return tuple(sums[:, :, :, power].swapaxes(0, 1) for power in range(3))

@@ -38,9 +38,10 @@ FULL_NAMES = parameter_names(Structure(False, True, True, True))
 
 
 class Full(IntEnum):
-    """Places of the full parameters in `FULL_NAMES`.
+    """Indices of the full parameters in `FULL_NAMES`.
 
     M_U, K_S, K_T, C_S: of the front left corner; front right, rear left and rear right follow.
+    T_F, T_R: half tracks.
     """
 
     M_S = 0
@@ -62,9 +63,9 @@ class Full(IntEnum):
 
 
 FRONT_WHEELS, REAR_WHEELS = slice(Full.M_U, Full.M_U + 2), slice(Full.M_U + 2, Full.M_U + 4)
-"""Places of the wheels' masses of each axle in `FULL_NAMES`."""
+"""Indices of the wheels' masses of each axle in `FULL_NAMES`."""
 
-_AXLE_DIFFERENCE = np.array([[1.0, -1.0, 0.0, 0.0], [0.0, 0.0, 1.0, -1.0]])
+_LEFT_LESS_RIGHT = np.array([[1.0, -1.0, 0.0, 0.0], [0.0, 0.0, 1.0, -1.0]])
 
 
 def stepped(eta: Real) -> Complex:
@@ -106,8 +107,8 @@ def expansion(structure: Structure) -> Real:
     names = parameter_names(structure)
     matrix = np.zeros((len(FULL_NAMES), len(names)))
     for i, full_name in enumerate(FULL_NAMES):
-        without_side = full_name[:-1]
-        name = full_name if full_name in names else without_side
+        both_corners = full_name[:-1]
+        name = full_name if full_name in names else both_corners
         if name in names:
             matrix[i, names.index(name)] = 1.0
     return matrix
@@ -125,11 +126,11 @@ def full_matrices(full: Complex) -> tuple[Complex, Complex, Complex]:
     derivatives can be taken by a complex step.
     """
     m_u, k_s, k_t, c_s = (  # each of the four corners
-        full[..., first : first + 4] for first in (Full.M_U, Full.K_S, Full.K_T, Full.C_S)
+        full[..., kind : kind + 4] for kind in (Full.M_U, Full.K_S, Full.K_T, Full.C_S)
     )
     bars, tyre_dampers = full[..., Full.K_AF : Full.K_AR + 1], full[..., Full.C_TF : Full.C_TR + 1]
     travel = travel_rows(full)
-    twist = _AXLE_DIFFERENCE @ travel
+    twist = _LEFT_LESS_RIGHT @ travel
     wheels = np.eye(N_DOF)[3:]
     masses = np.concatenate([full[..., : Full.M_U], m_u], axis=-1)
     M: Complex = np.asarray(masses[..., None] * np.eye(N_DOF))
@@ -244,10 +245,10 @@ def motion_row(channel: Channel, x: ArrayLike, y: ArrayLike, lengths: ArrayLike)
             row[..., 3 + channel.corner.position] = 1.0
             if channel.quantity is Quantity.SUSPENSION_TRAVEL:  # wheel less corner of the body
                 a, b, t_f, t_r, *y_s = np.moveaxis(lengths, -1, 0)
-                along, half = (a, t_f) if channel.corner.front else (-b, t_r)
+                to_axle, half_track = (a, t_f) if channel.corner.front else (-b, t_r)
                 row[..., 0] = -1.0
-                row[..., 1] = along
-                row[..., 2] = sum(y_s) - channel.corner.side * half
+                row[..., 1] = to_axle
+                row[..., 2] = sum(y_s) - channel.corner.side * half_track
         case _:
             where = f"channel {channel.name}"
             raise InputError(where, f"{channel.quantity} is not a motion", "leave it out")
@@ -276,7 +277,7 @@ def predicted(fact: Fact, full: Complex, cross_kg: Complex) -> Complex:
     a, b, t_f, t_r = (full[..., i] for i in (Full.A, Full.B, Full.T_F, Full.T_R))
     front, rear = full[..., FRONT_WHEELS].sum(axis=-1), full[..., REAR_WHEELS].sum(axis=-1)
     body = full[..., Full.M_S]
-    direct = {
+    values = {
         FactQuantity.TOTAL_MASS: body + front + rear,
         FactQuantity.FRONT_AXLE: body * b / (a + b) + front,
         FactQuantity.REAR_AXLE: body * a / (a + b) + rear,
@@ -284,13 +285,13 @@ def predicted(fact: Fact, full: Complex, cross_kg: Complex) -> Complex:
         FactQuantity.FRONT_TRACK: 2.0 * t_f,
         FactQuantity.REAR_TRACK: 2.0 * t_r,
     }
-    if fact.quantity in direct:
-        return np.asarray(direct[FactQuantity(fact.quantity)])
+    if fact.quantity in values:
+        return np.asarray(values[FactQuantity(fact.quantity)])
     if fact.quantity in CORNERS:
         return corner_load(CORNERS[FactQuantity(fact.quantity)], full, cross_kg)
     # The fact is a parameter; one of a symmetric vehicle is that of both corners of its axle.
-    places = [i for i, name in enumerate(FULL_NAMES) if fact.quantity in (name, name[:-1])]
-    return np.asarray(full[..., places].mean(axis=-1))
+    indices = [i for i, name in enumerate(FULL_NAMES) if fact.quantity in (name, name[:-1])]
+    return np.asarray(full[..., indices].mean(axis=-1))
 
 
 def misfits_of(facts: Sequence[Fact], full: Complex, cross_kg: Complex) -> tuple[Real, Real]:
@@ -301,23 +302,24 @@ def misfits_of(facts: Sequence[Fact], full: Complex, cross_kg: Complex) -> tuple
     """
     misfits, slopes = np.zeros(len(facts)), np.zeros((len(facts), len(full) - 1))
     for i, fact in enumerate(facts):
-        value = predicted(fact, full, cross_kg)
-        misfits[i] = (fact.value - value[0].real) / fact.sigma
-        slopes[i] = value[1:].imag / COMPLEX_STEP / fact.sigma
+        stepped_value = predicted(fact, full, cross_kg)
+        misfits[i] = (fact.value - stepped_value[0].real) / fact.sigma
+        slopes[i] = stepped_value[1:].imag / COMPLEX_STEP / fact.sigma
     return misfits, slopes
 
 
 def corner_load(corner: Corner, full: Complex, cross_kg: Complex) -> Complex:
-    """Return what the scales show under one wheel, kg; arguments as in `predicted`."""
+    """Return what scales show under one wheel, kg, (...); arguments as in `predicted`."""
     a, b, t_f, t_r = (full[..., i] for i in (Full.A, Full.B, Full.T_F, Full.T_R))
     half_width, to_other_axle = (t_f, b) if corner.front else (t_r, a)
-    axle = full[..., Full.M_S] * to_other_axle / (a + b)  # share of the body on this axle
-    diagonal = corner.side * (1.0 if corner.front else -1.0)
+    axle_kg = full[..., Full.M_S] * to_other_axle / (a + b)  # share of the body on this axle
+    diagonal_sign = corner.side * (1.0 if corner.front else -1.0)
     # The cross weights of both axles must have no roll moment: they are proportional to 1 / half
     # width.
-    cross = diagonal * cross_kg * t_f / half_width
-    offset = corner.side * axle * full[..., Full.Y_S] / (2.0 * half_width)
-    return np.asarray(axle / 2.0 + offset + cross + full[..., Full.M_U + corner.position])
+    cross_here = diagonal_sign * cross_kg * t_f / half_width
+    by_offset = corner.side * axle_kg * full[..., Full.Y_S] / (2.0 * half_width)
+    wheel = full[..., Full.M_U + corner.position]
+    return np.asarray(axle_kg / 2.0 + by_offset + cross_here + wheel)
 
 
 # Quantities that follow from the parameters and that engineers quote for a vehicle ----------------
@@ -349,9 +351,9 @@ def derived_quantities(full: Complex) -> dict[str, Value]:
     for corner in Corner:
         load = corner_load(corner, full, np.zeros_like(m_s))
         result[f"corner_load_{corner.lower()}"] = (load, "kg")
-    for axle, first, to_other_axle in (("front", 0, b), ("rear", 2, a)):
-        m_u, k_s, k_t, c_s = (  # means of the axle's two corners, which begin at `first`
-            full[..., kind + first : kind + first + 2].mean(axis=-1)
+    for axle, left_corner, to_other_axle in (("front", 0, b), ("rear", 2, a)):
+        m_u, k_s, k_t, c_s = (  # means of the axle's two corners, left and right
+            full[..., kind + left_corner : kind + left_corner + 2].mean(axis=-1)
             for kind in (Full.M_U, Full.K_S, Full.K_T, Full.C_S)
         )
         body = m_s * to_other_axle / (a + b) / 2.0  # mass on one corner
@@ -364,16 +366,16 @@ def derived_quantities(full: Complex) -> dict[str, Value]:
 
 
 def whole_vehicle_indices(full: Complex) -> dict[str, Complex]:
-    """Return two ratios in which vehicles of all sizes are alike, wheels included.
+    """Return two ratios, by name, in which vehicles of all sizes are alike, wheels included.
 
-    `roll_gyration_over_track`: radius of gyration in roll over the mean track.  `pitch_index`:
-    k_y^2 / (a b) about the centre of gravity of the whole.
+    `roll_gyration_over_track`: radius of gyration in roll over the mean track, t_f + t_r, as both
+    are half tracks.  `pitch_index`: k_y^2 / (a b), about the whole vehicle's centre of gravity.
     """
     m_s, I_yy, I_xx = (full[..., i] for i in (Full.M_S, Full.I_YY, Full.I_XX))
     a, b, t_f, t_r = (full[..., i] for i in (Full.A, Full.B, Full.T_F, Full.T_R))
     front, rear = full[..., FRONT_WHEELS].sum(axis=-1), full[..., REAR_WHEELS].sum(axis=-1)
     mass = m_s + front + rear
-    x = (front * a - rear * b) / mass  # centre of the whole, forward of that of the body
+    x = (front * a - rear * b) / mass  # the vehicle's centre of gravity, forward of the body's
     pitch = I_yy + m_s * x**2 + front * (a - x) ** 2 + rear * (b + x) ** 2
     roll = I_xx + front * t_f**2 + rear * t_r**2
     return {

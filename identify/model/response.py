@@ -63,25 +63,25 @@ def exact_response(
     if a rate or duration is not positive, or the bump starts before t = 0.
     """
     time = _grid(bump, rate_hz, duration_s)
-    tolerance = 1e-9 / rate_hz
+    tolerance = 1e-9 / rate_hz  # of a sample's time: rounding
     on_bump = (time > bump.start_s + tolerance) & (time <= bump.end_s + tolerance)
     after = time > bump.end_s + tolerance
 
     omega = np.pi / bump.duration_s
     n = 2 * N_DOF
-    road = np.zeros((n + 2, n + 2))
-    road[:n, :n] = model.A
-    road[N_DOF:n, -2] = np.linalg.solve(model.M, _road_force(model, excitation))
-    road[-2, -1] = 1.0
-    road[-1, -2] = -(omega**2)
-    foot = np.zeros(n + 2)
-    foot[-1] = bump.height_m * omega
+    with_road = np.zeros((n + 2, n + 2))
+    with_road[:n, :n] = model.A
+    with_road[N_DOF:n, -2] = np.linalg.solve(model.M, _road_force(model, excitation))
+    with_road[-2, -1] = 1.0
+    with_road[-1, -2] = -(omega**2)
+    at_foot = np.zeros(n + 2)
+    at_foot[-1] = bump.height_m * omega
 
     state = np.zeros((len(time), n + 2))
-    state[on_bump] = _free(road, foot, time[on_bump] - bump.start_s)
-    (at_end,) = _free(road, foot, np.array([bump.duration_s]))
-    state[after, :n] = _free(model.A, at_end[:n], time[after] - bump.end_s)
-    rate_of_change = state @ road.T
+    state[on_bump] = _free_motion(with_road, at_foot, time[on_bump] - bump.start_s)
+    (at_end,) = _free_motion(with_road, at_foot, np.array([bump.duration_s]))
+    state[after, :n] = _free_motion(model.A, at_end[:n], time[after] - bump.end_s)
+    rate_of_change = state @ with_road.T
     return Response(time, state[:, :N_DOF], state[:, N_DOF:n], rate_of_change[:, N_DOF:n])
 
 
@@ -96,28 +96,28 @@ def wilson_response(
     """
     time = _grid(bump, rate_hz, duration_s)
     on_bump = (time >= bump.start_s) & (time <= bump.end_s)
-    height = np.where(on_bump, np.sin(np.pi * (time - bump.start_s) / bump.duration_s), 0.0)
-    force = bump.height_m * height[:, None] * _road_force(model, excitation)
+    shape = np.where(on_bump, np.sin(np.pi * (time - bump.start_s) / bump.duration_s), 0.0)
+    force = bump.height_m * shape[:, None] * _road_force(model, excitation)
 
     M, C, K = model.M, model.C, model.K
     dt = 1.0 / rate_hz
-    ahead = WILSON_THETA * dt
+    theta_dt = WILSON_THETA * dt
     # Solved for the acceleration: solved for the displacement, as textbooks print it, the same
     # equation divides by dt^2 and loses three digits at 1 kHz.
-    inverse = np.linalg.inv(M + ahead / 2.0 * C + ahead**2 / 6.0 * K)
-    x, v, w = (np.zeros((len(time), N_DOF)) for _ in range(3))
+    inverse = np.linalg.inv(M + theta_dt / 2.0 * C + theta_dt**2 / 6.0 * K)
+    x, v, accel = (np.zeros((len(time), N_DOF)) for _ in range(3))
     for k in range(len(time) - 1):
-        load = force[k] + WILSON_THETA * (force[k + 1] - force[k])
-        load = load - C @ (v[k] + ahead / 2.0 * w[k])
-        load = load - K @ (x[k] + ahead * v[k] + ahead**2 / 3.0 * w[k])
-        w[k + 1] = w[k] + (inverse @ load - w[k]) / WILSON_THETA
-        v[k + 1] = v[k] + 0.5 * dt * (w[k + 1] + w[k])
-        x[k + 1] = x[k] + dt * v[k] + dt**2 / 6.0 * (w[k + 1] + 2.0 * w[k])
-    return Response(time, x, v, w)
+        rhs = force[k] + WILSON_THETA * (force[k + 1] - force[k])
+        rhs = rhs - C @ (v[k] + theta_dt / 2.0 * accel[k])
+        rhs = rhs - K @ (x[k] + theta_dt * v[k] + theta_dt**2 / 3.0 * accel[k])
+        accel[k + 1] = accel[k] + (inverse @ rhs - accel[k]) / WILSON_THETA
+        v[k + 1] = v[k] + 0.5 * dt * (accel[k + 1] + accel[k])
+        x[k + 1] = x[k] + dt * v[k] + dt**2 / 6.0 * (accel[k + 1] + 2.0 * accel[k])
+    return Response(time, x, v, accel)
 
 
 def _grid(bump: Bump, rate_hz: float, duration_s: float) -> NDArray[np.float64]:
-    """Return the time of every sample after checking rates and durations."""
+    """Return the time of every sample, s; raises InputError for rates and durations below zero."""
     if not (rate_hz > 0.0 and duration_s > 0.0 and bump.duration_s > 0.0 and bump.start_s >= 0.0):
         raise InputError(
             "simulation",
@@ -138,7 +138,7 @@ def _road_force(model: PhysicalModel, excitation: Excitation) -> NDArray[np.floa
     return np.concatenate([np.zeros(3), tyres[3:] * np.array(BUMPS[excitation].shares)])
 
 
-def _free(
+def _free_motion(
     A: NDArray[np.float64], start: NDArray[np.float64], time_s: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return ``expm(A t) start`` at some times, (n, len(A)), by the eigenvectors of A."""
