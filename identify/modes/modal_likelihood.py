@@ -163,13 +163,7 @@ def condense(samples: Samples, poles: _Complex) -> Condensed:
         plain = plain - sums[:, :, None] * means[:, None]
         real_sum, real_gap = conjugate + plain, conjugate - plain
         # Real parts of all functions, then their imaginary parts with the opposite sign.
-        gram = np.concatenate(
-            [
-                np.concatenate([real_sum.real, -real_sum.imag], axis=2),
-                np.concatenate([real_gap.imag, real_gap.real], axis=2),
-            ],
-            axis=1,
-        )
+        gram = np.block([[real_sum.real, -real_sum.imag], [real_gap.imag, real_gap.real]])
         root, inverse = _roots(gram / 2.0, squares)
         functions[list(series.members)] = root[..., : 2 * m] - 1j * root[..., 2 * m :]
         coordinates = _real_parts(with_constant.with_samples()[..., of_poles]) @ inverse
@@ -408,13 +402,8 @@ def linearised(point: Point) -> System:
     # Slopes of the motion by the amplitudes of a run, the shapes, and the poles.
     factors = point.shapes, amplitudes, amplitudes * point.shapes
     functions = condensed.wave, condensed.wave, condensed.timed
-    slopes = np.concatenate(
-        [
-            _real_parts(function * factor[..., None, :])
-            for function, factor in zip(functions, factors, strict=True)
-        ],
-        axis=-1,
-    )
+    pairs = zip(functions, factors, strict=True)
+    slopes = np.concatenate([_real_parts(f * factor[..., None, :]) for f, factor in pairs], axis=-1)
     weighted_slopes = (slopes * weight[:, None, None]).swapaxes(2, 3)
     products = weighted_slopes @ slopes
     gradients = (weighted_slopes @ point.residuals[..., None])[..., 0]

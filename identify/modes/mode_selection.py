@@ -57,8 +57,7 @@ from .state_variable_method import (
 _GAP = 100.0
 _ROUNDING = 1e-11
 """Noise-free: singular values drop by `_GAP` to below `_ROUNDING` of the largest."""
-_SAME_POLE_CLEAN = 1e-4
-"""Largest relative difference of a pole of noise-free records in two layouts: rounding."""
+_SAME_POLE_CLEAN = 1e-4  # relative difference that rounding makes of a pole
 
 _SAME_SET = 0.003
 """Largest relative difference of the poles of two sets that lead to the same optimum."""
@@ -67,8 +66,7 @@ _COMBINATIONS = 16
 _MOST_SETS = 24
 """Sets of poles of which the best is the start; neighbours in rank differ in one or two poles."""
 
-_MOST_SPLITS = 4
-"""Second modes that are looked for next to others, one after the other."""
+_MOST_SPLITS = 4  # modes that are looked for next to others, one after the other
 _SORTING_FITS = 8
 _SORTING_STEPS = 8
 """`_SORTING_FITS`, `_SORTING_STEPS`: fits, and steps of each, in which copies are removed; a fit
@@ -188,15 +186,13 @@ def _best_start(spaces: Sequence[DelaySpace], samples: Samples, duration_s: floa
     sets: list[Poles] = []
     for poles, shapes in stable_sets:
         is_repeated = any(
-            len(poles) == len(earlier)
-            and np.all(np.abs(poles - earlier) < _SAME_SET * np.abs(earlier))
-            for earlier, _ in sets
+            len(poles) == len(kept) and np.all(np.abs(poles - kept) < _SAME_SET * np.abs(kept))
+            for kept, _ in sets
         )
         if 2 * len(poles) >= most_poles and not is_repeated:
             sets.append((poles, shapes))
     no_mode = np.zeros(0, complex), np.zeros((len(samples.count), 0), complex)
-    every_kth = max(1, ceil(len(sets) / _MOST_SETS))
-    sets = sets[::every_kth] or [no_mode]
+    sets = sets[:: max(1, ceil(len(sets) / _MOST_SETS))] or [no_mode]  # each k-th
     starts = (fitted_at(condense(samples, poles), shapes, sweeps=2) for poles, shapes in sets)
     return _without_needless(max(starts, key=lambda start: start.merit))
 
