@@ -85,7 +85,7 @@ class Record:
     @property
     def end_s(self) -> float:
         """Time just after the last sample of the group that ends last."""
-        return max(float(r.time_s[-1]) for r in self.recordings) + 1e-9
+        return max(float(r.time_s[-1]) for r in self.recordings) + 1e-9  # s
 
     def decay(self, start_s: float) -> FreeDecay:
         """Return the free decay from `start_s` to the end of the record.
@@ -93,13 +93,13 @@ class Record:
         A group of which it has fewer than two samples is left out: the level of a sensor is
         unknown, so one sample states nothing.
         """
-        parts = (r.between(start_s, np.inf) for r in self.recordings)
-        recordings = tuple(part for part in parts if len(part.time_s) > 1)
+        cut = (r.between(start_s, np.inf) for r in self.recordings)
+        recordings = tuple(r for r in cut if len(r.time_s) > 1)
         return FreeDecay(self.label, self.mass_state, start_s, recordings)
 
-    def whole(self, part: Recording) -> Recording:
-        """Return the recording that a recording of the decay is a part of."""
-        return next(r for r in self.recordings if r.group == part.group)
+    def whole(self, cut: Recording) -> Recording:
+        """Return the recording of the record that one of its decay is cut from."""
+        return next(r for r in self.recordings if r.group == cut.group)
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,18 +134,18 @@ def record_of(run: Run, channels: tuple[Channel, ...]) -> Record:
     used = {c.name: c.placed() for c in channels if c.quantity is not Quantity.UNUSED}
     recordings = []
     for group in run.groups:
-        shown = (name for name, column in group.values.items() if np.isfinite(column).any())
-        for members in _alike(tuple(used[name] for name in shown if name in used)):
+        with_values = (name for name, column in group.values.items() if np.isfinite(column).any())
+        for members in _sampled_alike(tuple(used[name] for name in with_values if name in used)):
             values = np.column_stack([group.values[c.name] for c in members])
-            good = np.isfinite(values).all(axis=1)
-            time = group.time_s[good] - members[0].delay_s
-            if good.any():
+            complete = np.isfinite(values).all(axis=1)
+            time_s = group.time_s[complete] - members[0].delay_s
+            if complete.any():
                 channel_group = ChannelGroup(group.name, members)
-                recordings.append(Recording(channel_group, time, values[good]))
+                recordings.append(Recording(channel_group, time_s, values[complete]))
     return Record(run.label, run.mass_state, run.bump_s, tuple(recordings))
 
 
-def _alike(channels: tuple[Channel, ...]) -> list[tuple[Channel, ...]]:
+def _sampled_alike(channels: tuple[Channel, ...]) -> list[tuple[Channel, ...]]:
     """Group the channels of one sample group that are equally late and have one low-pass."""
     groups: defaultdict[tuple[float, ...], list[Channel]] = defaultdict(list)
     for c in channels:
@@ -163,7 +163,7 @@ def with_channels(decay: FreeDecay, change: Callable[[Channel], Channel | None])
     for r in decay.recordings:
         changed = [change(c) for c in r.group.channels]
         column = {c.name: number for number, c in enumerate(changed) if c is not None}
-        for members in _alike(tuple(c for c in changed if c is not None)):
+        for members in _sampled_alike(tuple(c for c in changed if c is not None)):
             columns = [column[c.name] for c in members]
             group = ChannelGroup(r.group.name, members)
             recordings.append(Recording(group, r.time_s, r.values[:, columns]))
@@ -185,11 +185,11 @@ _ROUNDING = 1e-12  # of a channel's largest value: scatter that rounding alone m
 _QUIET_SAMPLES = 100  # fewer do not give a noise level to 10 %
 _QUIET_MARGIN_S = 0.005  # the onset is seen a little late
 _SAME_VALUE = 1e-9  # of a channel's largest value: a smaller distance of two values is rounding
-_RUNS = 256
+_CACHED_RUNS = 256
 """Runs whose onset and rest are kept: many gates ask for them."""
 
 
-@lru_cache(maxsize=_RUNS)
+@lru_cache(maxsize=_CACHED_RUNS)
 def onset_s(record: Record) -> float | None:
     """Return the first time at which a channel leaves its level at rest, s.
 
@@ -199,24 +199,24 @@ def onset_s(record: Record) -> float | None:
     onsets_s = []
     for recording in record.recordings:
         values = recording.values
-        resting = recording.time_s < record.start_s + _REST_S
+        is_early = recording.time_s < record.start_s + _REST_S
         # A slow group has too few samples in so short a rest; the others show whether there is one.
-        if resting.sum() < _REST_SAMPLES:
+        if is_early.sum() < _REST_SAMPLES:
             continue
-        level, spread = values[resting].mean(axis=0), values[resting].std(axis=0)
+        level, spread = values[is_early].mean(axis=0), values[is_early].std(axis=0)
         # The last fifth: there the motion has died away.
         noise = difference_noise(values[-max(len(values) // 5, _REST_SAMPLES) :])
         largest_still = np.maximum(_MOVING * noise, _ONSET_SHARE * values.std(axis=0))
         if (spread > largest_still).any():
             return None
         away = np.abs(values - level)
-        limit = np.maximum(
+        onset_limit = np.maximum(
             _ONSET_SIGMA * np.maximum(spread, noise), _ONSET_SHARE * away.max(axis=0)
         )
-        above = away > limit
-        moved = above[:-1] & above[1:]  # one sample alone is a glitch
-        first = [np.argmax(column) for column in moved.T if column.any()]
-        onsets_s += [float(recording.time_s[i]) for i in first]
+        is_beyond = away > onset_limit
+        has_moved = is_beyond[:-1] & is_beyond[1:]  # one sample alone is a glitch
+        first_moved = [np.argmax(column) for column in has_moved.T if column.any()]
+        onsets_s += [float(recording.time_s[i]) for i in first_moved]
     return min(onsets_s) if onsets_s else None
 
 
@@ -253,15 +253,15 @@ def quiet_noise(records: Sequence[Record]) -> dict[str, float]:
     In SI units; at least that of rounding to the step of a coarse sensor.  Empty if a channel has
     fewer than 100 samples at rest.
     """
-    counts, rests = quiet_counts(records), _rests(records)
-    names = {c.name for r in records for q in r.recordings for c in q.group.channels}
+    counts, rests = quiet_counts(records), _rests_by_channel(records)
+    names = {c.name for r in records for each in r.recordings for c in each.group.channels}
     if any(counts.get(name, 0) < _QUIET_SAMPLES for name in names):
         return {}
     steps = coarse_steps(records)
     squares = {name: sum(len(v) * np.var(v) for v in each) for name, each in rests.items()}
     return {
-        name: max(float(np.sqrt(squares[name] / n)), steps.get(name, 0.0) / np.sqrt(12.0))
-        for name, n in counts.items()
+        name: max(float(np.sqrt(squares[name] / n_values)), steps.get(name, 0.0) / np.sqrt(12.0))
+        for name, n_values in counts.items()
     }
 
 
@@ -271,23 +271,25 @@ def coarse_steps(records: Sequence[Record]) -> dict[str, float]:
     Their values at rest are few, so that rounding hides the noise.  The step is the least distance
     of two values in the whole records.
     """
-    whole = by_channel(r for record in records if _rest(record) for r in record.recordings)
+    resting = [record for record in records if _rest_by_channel(record)]
+    all_values = by_channel(r for record in resting for r in record.recordings)
     steps = {}
-    for name, parts in _rests(records).items():
-        quiet = np.sort(np.concatenate(parts))
-        changes_seldom = 2 * np.count_nonzero(np.diff(quiet)) < len(quiet)
+    for name, rests in _rests_by_channel(records).items():
+        rest_values = np.sort(np.concatenate(rests))
+        changes_seldom = 2 * np.count_nonzero(np.diff(rest_values)) < len(rest_values)
         if changes_seldom:
-            values = np.sort(np.concatenate(whole[name]))
+            values = np.sort(np.concatenate(all_values[name]))
             distances = np.diff(values)
             distances = distances[distances > _SAME_VALUE * np.abs(values[[0, -1]]).max()]
-            if len(distances) and quiet.std() < distances.min() / 2.0:
+            if len(distances) and rest_values.std() < distances.min() / 2.0:
                 steps[name] = float(distances.min())
     return steps
 
 
 def quiet_counts(records: Sequence[Record]) -> dict[str, int]:
     """Return the degrees of freedom of each level of `quiet_noise`: one a run goes for its mean."""
-    return {name: sum(len(v) - 1 for v in each) for name, each in _rests(records).items()}
+    rests = _rests_by_channel(records)
+    return {name: sum(len(v) - 1 for v in each) for name, each in rests.items()}
 
 
 def by_channel(recordings: Iterable[Recording]) -> dict[str, list[Real]]:
@@ -299,17 +301,17 @@ def by_channel(recordings: Iterable[Recording]) -> dict[str, list[Real]]:
     return columns
 
 
-def _rests(records: Iterable[Record]) -> dict[str, list[Real]]:
+def _rests_by_channel(records: Iterable[Record]) -> dict[str, list[Real]]:
     """Return the values of each channel at rest, one array for each record that shows them."""
     rests: defaultdict[str, list[Real]] = defaultdict(list)
     for record in records:
-        for name, values in _rest(record).items():
+        for name, values in _rest_by_channel(record).items():
             rests[name].append(values)
     return rests
 
 
-@lru_cache(maxsize=_RUNS)
-def _rest(record: Record) -> Mapping[str, Real]:
+@lru_cache(maxsize=_CACHED_RUNS)
+def _rest_by_channel(record: Record) -> Mapping[str, Real]:
     """Return the values of each channel before the onset; of a group with enough of them."""
     onset = onset_s(record)
     end_s = -np.inf if onset is None else onset - _QUIET_MARGIN_S

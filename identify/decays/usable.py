@@ -77,18 +77,18 @@ def usable(session: Session) -> Usable:
     silences = {run.label: _silences(run, used) for run in session.accepted}
     records = {run.label: record_of(run, session.channels) for run in session.accepted}
     holds = frozen([record for record in records.values() if record.recordings])
-    shown = [name for of_run in silences.values() for name in of_run]
+    shown_names = [name for of_run in silences.values() for name in of_run]
     often_silent = _silent_in_most(silences.values())
-    often_frozen = _faulty_in_most([hold.channel for hold in holds], shown)
+    often_frozen = _faulty_in_most([hold.channel for hold in holds], shown_names)
     runs = []
     for run in session.runs:
         if run.is_accepted:
             of_run = [h for h in holds if h.run == run.label and h.channel not in often_frozen]
             reasons = (  # of the first kind of fault that it has
-                tuple(_back(run, used))
-                or tuple(_silent(silences[run.label], often_silent))
-                or tuple(_frozen(of_run))
-                or tuple(_without_decay(records[run.label]))
+                tuple(_backward_clocks(run, used))
+                or tuple(_silence_lines(silences[run.label], often_silent))
+                or tuple(_hold_lines(of_run))
+                or tuple(_no_decay_lines(records[run.label]))
             )
             if reasons:
                 run = replace(run, status=RunStatus.REJECTED, reasons=(*run.reasons, *reasons))
@@ -108,14 +108,14 @@ def _without_constant(session: Session) -> tuple[Channel, ...]:
 
     A channel without values stays as it is.
     """
-    changes: dict[str, bool] = {}
+    varies: dict[str, bool] = {}
     for group in (g for run in session.accepted for g in run.groups):
         for name, values in group.values.items():
             finite = values[np.isfinite(values)]
             if len(finite):
-                changes[name] = changes.get(name, False) or bool((finite != finite[0]).any())
+                varies[name] = varies.get(name, False) or bool((finite != finite[0]).any())
     return tuple(
-        c if changes.get(c.name, True) else replace(c, quantity=Quantity.UNUSED, corner=None)
+        c if varies.get(c.name, True) else replace(c, quantity=Quantity.UNUSED, corner=None)
         for c in session.channels
     )
 
@@ -150,29 +150,28 @@ def _silences(run: Run, used: set[str]) -> _Silences:
     times_s = {name: time_s for name, time_s in times_s.items() if len(time_s)}
     if not times_s:
         return {}
-    times_s[_ALL] = together_s = np.unique(np.concatenate(list(times_s.values())))
-    begin_s, end_s = float(together_s[0]), float(together_s[-1])
+    times_s[_ALL] = all_times_s = np.unique(np.concatenate(list(times_s.values())))
+    begin_s, end_s = float(all_times_s[0]), float(all_times_s[-1])
     return {name: longest_silence(time_s, begin_s, end_s) for name, time_s in times_s.items()}
 
 
-def _back(run: Run, used: set[str]) -> Iterator[str]:
+def _backward_clocks(run: Run, used: set[str]) -> Iterator[str]:
     """Yield a line for each clock of used channels that goes back."""
     for group in run.groups:
-        back = np.flatnonzero(np.diff(group.time_s) < 0.0)
-        if used & group.values.keys() and len(back):
-            yield f"the times of {group.name} go back after {group.time_s[back[0]]:.2f} s"
+        backward = np.flatnonzero(np.diff(group.time_s) < 0.0)
+        if used & group.values.keys() and len(backward):
+            yield f"the times of {group.name} go back after {group.time_s[backward[0]]:.2f} s"
 
 
-def _silent(silences: _Silences, usual: Sequence[str]) -> Iterator[str]:
+def _silence_lines(silences: _Silences, often_silent: Sequence[str]) -> Iterator[str]:
     """Yield a line for each span of time in which channels were silent together.
 
-    `usual`: channels that are silent in most runs.  A silence of all sensors hides those of single
-    ones.
+    Not of those in `often_silent`.  A silence of all sensors hides those of single ones.
     """
     spans: defaultdict[str, list[str]] = defaultdict(list)
     all_silent = bool(silences) and silences[_ALL].is_stale
     for name, silence in silences.items():
-        if silence.is_stale and name not in usual and (name == _ALL or not all_silent):
+        if silence.is_stale and name not in often_silent and (name == _ALL or not all_silent):
             begin_s = max(silence.begin_s, 0.0)  # the first sample may come before 0
             span = f"from {begin_s:.2f} to {silence.end_s:.2f} s (limit {silence.limit_s:.2f} s)"
             spans[span].append(name or "all sensors")
@@ -180,7 +179,7 @@ def _silent(silences: _Silences, usual: Sequence[str]) -> Iterator[str]:
         yield f"{', '.join(names)} sent nothing {span}"
 
 
-def _frozen(holds: Sequence[ChannelHold]) -> Iterator[str]:
+def _hold_lines(holds: Sequence[ChannelHold]) -> Iterator[str]:
     """Yield a line for each length of time for which channels held one value."""
     lengths: defaultdict[str, list[str]] = defaultdict(list)
     for hold in holds:
@@ -189,7 +188,7 @@ def _frozen(holds: Sequence[ChannelHold]) -> Iterator[str]:
         yield f"{', '.join(names)} held one value for {length} (limit {FROZEN_S:.2f} s)"
 
 
-def _without_decay(record: Record) -> Iterator[str]:
+def _no_decay_lines(record: Record) -> Iterator[str]:
     """Yield the reason why a run with samples shows no free decay."""
     if not record.recordings:
         return
@@ -209,37 +208,37 @@ def frozen(records: Sequence[Record]) -> tuple[ChannelHold, ...]:
     rest before the bump, or, if it is constant there too, in a repeat of the run.
     """
     # Where a stuck channel hides the onset, the decay begins as in most other runs.
-    known_s = [decay_start_s(record) for record in records if onset_s(record) is not None]
-    usual_s = float(np.median(known_s)) if known_s else -np.inf
+    starts_s = [decay_start_s(record) for record in records if onset_s(record) is not None]
+    usual_start_s = float(np.median(starts_s)) if starts_s else -np.inf
     holds = []
     for record in records:
-        rest_s, start_s = onset_s(record), decay_start_s(record)
-        if rest_s is None:
-            rest_s = start_s = max(usual_s, record.start_s)
+        rest_end_s, start_s = onset_s(record), decay_start_s(record)
+        if rest_end_s is None:
+            rest_end_s = start_s = max(usual_start_s, record.start_s)
         kind = record.label.rpartition("_")[0]
         for recording in record.recordings:
             for channel, column in zip(recording.group.channels, recording.values.T, strict=True):
-                longest = longest_hold(recording.time_s, column, rest_s, start_s)
+                longest = longest_hold(recording.time_s, column, rest_end_s, start_s)
                 holds.append(ChannelHold(channel.name, record.label, kind, longest))
-    counted = []
-    for one in holds:
-        rate = one.longest.rest_rate
+    frozen_holds = []
+    for hold in holds:
+        rate = hold.longest.rest_rate
         # Of one value in the whole run, or with too few samples at rest: as in the run's repeats.
-        if one.longest.length_s >= FROZEN_S and (one.longest.constant or np.isnan(rate)):
-            key = one.channel, one.kind
-            repeats = [h for h in holds if (h.channel, h.kind) == key and h.run != one.run]
+        if hold.longest.length_s >= FROZEN_S and (hold.longest.constant or np.isnan(rate)):
+            key = hold.channel, hold.kind
+            repeats = [h for h in holds if (h.channel, h.kind) == key and h.run != hold.run]
             rates = [h.longest.decay_rate for h in repeats]
             rate = float(np.mean(rates)) if rates else np.nan
-        if one.longest.is_frozen(rate):
-            counted.append(one)
-    return tuple(sorted(counted, key=lambda one: -one.longest.length_s))
+        if hold.longest.is_frozen(rate):
+            frozen_holds.append(hold)
+    return tuple(sorted(frozen_holds, key=lambda hold: -hold.longest.length_s))
 
 
 # Takes values that no motion shows out of a session: absurd ones, and spikes ----------------------
 
 _ROUNDING = 1e-12
 """Magnitude, SI, below which a channel shows only a simulation's rounding: it is taken as zero."""
-_LONGEST = 3
+_MOST_SAMPLES = 3
 """Most samples of a spike."""
 _STEEP = 12.0
 """Least height in units of the usual change from one sample to the next, which is about the noise:
@@ -250,8 +249,8 @@ _CURVED = 6.0
 """Least height in units of the curvature on either side.  Peaks of motion that is sampled at 20 Hz
 or more do not reach it, neither those of wheels that strike the bump; of 4, some do."""
 _NEAR_S, _NEAR_SAMPLES = 0.05, 12
-"""Length of a side: the longer of the two."""
-_MOST = 0.01
+"""Length of a side in time and in samples: the longer of the two."""
+_MOST_SHARE = 0.01
 """Share of the samples above which spikes belong to the signal."""
 
 
@@ -285,28 +284,28 @@ def without_bad_values(
     for run in session.runs:
         groups = []
         for group in run.groups if run.is_accepted else ():
-            columns = dict(group.values)
+            cleaned = dict(group.values)
             for name, column in group.values.items():
                 if name not in used:
                     continue
                 values = column.copy()
                 if np.fmax.reduce(np.abs(values), initial=0.0) <= _ROUNDING:
                     values[np.isfinite(values)] = 0.0
-                large = np.flatnonzero(np.abs(values) > LARGEST)  # false for NaN
-                if len(large):
-                    time_s, value = float(group.time_s[large[0]]), float(values[large[0]])
-                    absurd.append(BadValue(name, run.label, time_s, value, len(large)))
-                    values[large] = np.nan
+                absurd_at = np.flatnonzero(np.abs(values) > LARGEST)  # false for NaN
+                if len(absurd_at):
+                    time_s, value = float(group.time_s[absurd_at[0]]), float(values[absurd_at[0]])
+                    absurd.append(BadValue(name, run.label, time_s, value, len(absurd_at)))
+                    values[absurd_at] = np.nan
                 finite = np.flatnonzero(np.isfinite(values))
                 for spike in spikes(group.time_s[finite], values[finite]):
-                    first = finite[spike][0]
-                    time_s, value = float(group.time_s[first]), float(values[first])
+                    spike_at = finite[spike][0]
+                    time_s, value = float(group.time_s[spike_at]), float(values[spike_at])
                     spiked.append(BadValue(name, run.label, time_s, value))
                     values[finite[spike]] = np.nan
                 if not np.array_equal(values, column, equal_nan=True):
-                    columns[name] = values
-            unchanged = all(columns[name] is column for name, column in group.values.items())
-            groups.append(group if unchanged else replace(group, values=columns))
+                    cleaned[name] = values
+            unchanged = all(cleaned[name] is column for name, column in group.values.items())
+            groups.append(group if unchanged else replace(group, values=cleaned))
         runs.append(replace(run, groups=tuple(groups)) if groups else run)
     return replace(session, runs=tuple(runs)), tuple(absurd), tuple(spiked)
 
@@ -322,45 +321,46 @@ def spikes(time_s: Real, values: Real) -> list[slice]:
         return []
     least = max(_STEEP * float(np.median(change)), _STEPS * float(change[change > 0.0].min()))
     # Beyond its ends a record goes on as in most samples there.
-    ends = 2 * _LONGEST + 1
+    ends = 2 * _MOST_SAMPLES + 1
     padded = np.concatenate([[np.median(values[:ends])], values, [np.median(values[-ends:])]])
-    first = np.flatnonzero(np.abs(np.diff(padded[:-1])) > least)  # where a spike may begin
-    if not len(first):
+    steps = np.flatnonzero(np.abs(np.diff(padded[:-1])) > least)  # where a spike may begin
+    if not len(steps):
         return []
     period_s = float(np.median(np.diff(time_s)))
     bad = np.zeros(n, bool)
     spikes = []
-    for length in range(_LONGEST, 0, -1):
-        begin = first[first + length <= n]
-        inside = values[begin[:, None] + np.arange(length)]
-        sides = padded[begin[:, None] + [0, length + 1]]
-        above, below = (
-            inside.min(axis=1) - sides.max(axis=1),
-            sides.min(axis=1) - inside.max(axis=1),
-        )
-        height = np.maximum(above, below)
-        for b, h in zip(begin[height > least].tolist(), height[height > least], strict=True):
-            before, after = max(b - 1, 0), min(b + length, n - 1)
+    for length in range(_MOST_SAMPLES, 0, -1):
+        begins = steps[steps + length <= n]
+        inside = values[begins[:, None] + np.arange(length)]
+        sides = padded[begins[:, None] + [0, length + 1]]
+        above = inside.min(axis=1) - sides.max(axis=1)
+        height = np.maximum(above, sides.min(axis=1) - inside.max(axis=1))
+        high = height > least
+        for i, its_height in zip(begins[high].tolist(), height[high], strict=True):
+            spike = slice(i, i + length)
+            before, after = max(i - 1, 0), min(i + length, n - 1)
             # Where samples are missing beside it, the motion went on meanwhile.
-            whole = time_s[after] - time_s[before] <= 1.5 * (after - before) * period_s
-            spike = slice(b, b + length)
-            if whole and not bad[spike].any() and h > _CURVED * _curvature(time_s, values, spike):
+            has_gap = time_s[after] - time_s[before] > 1.5 * (after - before) * period_s
+            if has_gap or bad[spike].any():
+                continue
+            if its_height > _CURVED * _curvature(time_s, values, spike):
                 bad[spike] = True
                 spikes.append(spike)
-    return spikes if np.count_nonzero(bad) <= max(_LONGEST, _MOST * n) else []
+    return spikes if np.count_nonzero(bad) <= max(_MOST_SAMPLES, _MOST_SHARE * n) else []
 
 
 def _curvature(time_s: Real, values: Real, spike: slice) -> float:
     """Return the larger curvature of the two sides, over the length of the spike."""
-    width = spike.stop - spike.start + 1
-    near_s = time_s[[spike.start, spike.stop - 1]] + [-_NEAR_S, _NEAR_S]
-    begin, end = np.searchsorted(time_s, near_s).tolist()
+    shift = spike.stop - spike.start + 1
+    sides_s = time_s[[spike.start, spike.stop - 1]] + [-_NEAR_S, _NEAR_S]
+    begin, end = np.searchsorted(time_s, sides_s).tolist()
     sides = (
         values[max(min(begin, spike.start - _NEAR_SAMPLES), 0) : spike.start],
         values[spike.stop : max(end, spike.stop + _NEAR_SAMPLES)],
     )
+    # From the mean of the two samples that lie as far before and after as those beside the spike.
     bends = [
-        np.abs(side[width:-width] - (side[: -2 * width] + side[2 * width :]) / 2.0)
+        np.abs(side[shift:-shift] - (side[: -2 * shift] + side[2 * shift :]) / 2.0)
         for side in sides
     ]
     # One in ten samples of a side may belong to other spikes.

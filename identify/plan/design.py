@@ -25,7 +25,7 @@ from daq.vehicle import (
 from dbc.frames import read_only
 from dbc.words import InputError
 
-from ..model.matrices import FULL_NAMES, SYMMETRIC
+from ..model.matrices import CORNERS, FULL_NAMES, SYMMETRIC
 from ..model.response import Bump
 
 TYPICAL_NOISE: Mapping[Quantity, float] = MappingProxyType(
@@ -69,7 +69,7 @@ class Sensor:
 
 
 def full_vector(parameters: Mapping[str, float]) -> NDArray[np.float64]:
-    """Return the parameters of a vehicle of any structure, (28,), by their names.
+    """Return the full parameters, (28,), of a vehicle of any structure from those by name.
 
     A name without a side sets both corners; parameters that are not named are zero.
     """
@@ -137,21 +137,21 @@ class Plan:
             ("channel", [s.channel.name for s in self.sensors]),
             ("mass state", [s.name for s in self.mass_states]),
         ):
-            twice = [name for name in names if names.count(name) > 1]
-            if twice:
-                raise InputError("plan", f"{kind} {twice[0]} occurs twice", "name each once")
-        strange = {r.mass_state for r in self.runs} - {s.name for s in self.mass_states}
-        if strange:
-            runs = f"runs in the mass state {min(strange)}, which is not described"
+            repeated = [name for name in names if names.count(name) > 1]
+            if repeated:
+                raise InputError("plan", f"{kind} {repeated[0]} occurs twice", "name each once")
+        undescribed = {r.mass_state for r in self.runs} - {s.name for s in self.mass_states}
+        if undescribed:
+            runs = f"runs in the mass state {min(undescribed)}, which is not described"
             raise InputError("plan", runs, "describe its weights")
-        for size, value in (
-            *((f"a bump of {h * 1e3:g} mm", h) for h in map(self.height_m, self.runs)),
+        for words, value in (
+            *((f"a bump of {h_m * 1e3:g} mm", h_m) for h_m in map(self.height_m, self.runs)),
             (f"a bump of {self.bump.height_m * 1e3:g} mm", self.bump.height_m),
             (f"a bump of {self.bump.duration_s:g} s", self.bump.duration_s),
             (f"a free decay of {self.decay_s:g} s", self.decay_s),
         ):
             if not 0.0 < value < np.inf:
-                raise InputError("plan", size, "give a size above 0")
+                raise InputError("plan", words, "give a size above 0")
 
     def height_m(self, runs: Runs) -> float:
         """Return the height of the bump of some runs, m."""
@@ -163,18 +163,11 @@ class Plan:
 HIGHEST_BUMP_M = 0.05
 """Above this a wheel may lift off the ground (docs/method.md, "Excitation")."""
 
-_HIGHEST_RATE_HZ = 1000.0
-_HUB_KG = 5.0
-_FLOOR_KG = 30.0
-_SCALES_KG, _TAPE_M = 1.0, 0.003
+_HIGHEST_RATE_HZ = 1000.0  # of samples that a step asks for
+_HUB_KG, _FLOOR_KG = 5.0, 30.0  # weights on one hub, and on the floor near one wheel
+_SCALES_KG, _TAPE_M = 1.0, 0.003  # standard uncertainties
 _AXLES = (FactQuantity.FRONT_AXLE, FactQuantity.REAR_AXLE)
 _LENGTHS = (FactQuantity.WHEELBASE, FactQuantity.FRONT_TRACK, FactQuantity.REAR_TRACK)
-_CORNER_LOADS = {
-    FactQuantity.CORNER_FL,
-    FactQuantity.CORNER_FR,
-    FactQuantity.CORNER_RL,
-    FactQuantity.CORNER_RR,
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,26 +183,31 @@ class Candidate:
 def candidates(plan: Plan) -> tuple[Candidate, ...]:
     """Return all additions to a plan that are worth considering."""
     return (
-        *_runs(plan), *_bump(plan), *_rate(plan), *_sensors(plan), *_weights(plan), *_facts(plan)
+        *_with_more_runs(plan), *_with_higher_bump(plan), *_with_faster_samples(plan),
+        *_with_new_sensors(plan), *_with_weights(plan), *_with_measured_facts(plan),
     )  # fmt: skip
 
 
-def _runs(plan: Plan) -> Iterator[Candidate]:
+def _with_more_runs(plan: Plan) -> Iterator[Candidate]:
+    """Yield plans with one more run of each kind in each mass state."""
+    planned = {(runs.mass_state, runs.excitation) for runs in plan.runs}
     for state in plan.mass_states:
         for excitation in Excitation:
-            done = any((r.mass_state, r.excitation) == (state.name, excitation) for r in plan.runs)
-            action = f"one {'more ' * done}{excitation.words} run in mass state {state.name}"
+            is_planned = (state.name, excitation) in planned
+            action = f"one {'more ' * is_planned}{excitation.words} run in mass state {state.name}"
             yield Candidate(action, replace(plan, runs=(*plan.runs, Runs(state.name, excitation))))
 
 
-def _bump(plan: Plan) -> Iterator[Candidate]:
+def _with_higher_bump(plan: Plan) -> Iterator[Candidate]:
+    """Yield plans with the highest bump."""
     if plan.bump.height_m < HIGHEST_BUMP_M:
         now_mm, then_mm = plan.bump.height_m * 1e3, HIGHEST_BUMP_M * 1e3
         action = f"a bump of {then_mm:.3g} mm instead of {now_mm:.3g} mm"
         yield Candidate(action, replace(plan, bump=replace(plan.bump, height_m=HIGHEST_BUMP_M)))
 
 
-def _rate(plan: Plan) -> Iterator[Candidate]:
+def _with_faster_samples(plan: Plan) -> Iterator[Candidate]:
+    """Yield plans with twice the rate of slow sensors."""
     slow = [s for s in plan.sensors if s.rate_hz < _HIGHEST_RATE_HZ]
     if slow:
         rates = [max(s.rate_hz, min(2.0 * s.rate_hz, _HIGHEST_RATE_HZ)) for s in plan.sensors]
@@ -220,39 +218,39 @@ def _rate(plan: Plan) -> Iterator[Candidate]:
         yield Candidate(action, replace(plan, sensors=faster))
 
 
-def _sensors(plan: Plan) -> Iterator[Candidate]:
+def _with_new_sensors(plan: Plan) -> Iterator[Candidate]:
+    """Yield plans with sensors for what none of the plan's sees."""
     present = [s.channel for s in plan.sensors]
     rate_hz = max(s.rate_hz for s in plan.sensors)
     for quantity, sensor_words in (
         (Quantity.HUB_ACCELERATION, "an accelerometer on the hub"),
         (Quantity.SUSPENSION_TRAVEL, "a travel sensor on the suspension"),
     ):
-        there = {c.corner for c in present if c.quantity is quantity}
-        missing = [corner for corner in Corner if corner not in there]
+        corners_with = {c.corner for c in present if c.quantity is quantity}
+        missing = [corner for corner in Corner if corner not in corners_with]
         if missing:
-            more = [_new(quantity, rate_hz, corner) for corner in missing]
-            yield _with_sensors(plan, f"{sensor_words} at {', '.join(missing)}", more)
+            new_sensors = [_new_sensor(quantity, rate_hz, corner) for corner in missing]
+            yield _with_sensors(plan, f"{sensor_words} at {', '.join(missing)}", new_sensors)
     places = {(c.x_m, c.y_m, c.at_cg) for c in present if c.quantity is Quantity.BODY_ACCELERATION}
     if len(places) < 3:
-        more = []
+        new_sensors = []
         for corner in Corner:
             x, y = _above_wheel(plan, corner)
             name = f"new_{Quantity.BODY_ACCELERATION}_{corner}"
-            place = Channel(name, Quantity.BODY_ACCELERATION, "m/s2", x_m=x, y_m=y)
-            more.append(sensor(place, rate_hz))
-        yield _with_sensors(plan, "accelerometers on the body above the four wheels", more)
-    kinds = {c.quantity for c in present}
-    for rate, acceleration, quantity_words in (
+            channel = Channel(name, Quantity.BODY_ACCELERATION, "m/s2", x_m=x, y_m=y)
+            new_sensors.append(sensor(channel, rate_hz))
+        yield _with_sensors(plan, "accelerometers on the body above the four wheels", new_sensors)
+    quantities = {c.quantity for c in present}
+    for rate_quantity, acceleration, quantity_words in (
         (Quantity.PITCH_RATE, Quantity.PITCH_ACCELERATION, "pitch rate"),
         (Quantity.ROLL_RATE, Quantity.ROLL_ACCELERATION, "roll rate"),
     ):
-        if not kinds & {rate, acceleration}:
-            yield _with_sensors(
-                plan, f"a gyro for the {quantity_words} of the body", [_new(rate, rate_hz)]
-            )
+        if not quantities & {rate_quantity, acceleration}:
+            action = f"a gyro for the {quantity_words} of the body"
+            yield _with_sensors(plan, action, [_new_sensor(rate_quantity, rate_hz)])
 
 
-def _new(quantity: Quantity, rate_hz: float, corner: Corner | None = None) -> Sensor:
+def _new_sensor(quantity: Quantity, rate_hz: float, corner: Corner | None = None) -> Sensor:
     name = f"new_{quantity}_{corner or 'body'}"
     return sensor(Channel(name, quantity, SI_UNITS[quantity], corner=corner), rate_hz)
 
@@ -262,48 +260,49 @@ def _above_wheel(plan: Plan, corner: Corner) -> tuple[float, float]:
     return (0.0, corner.side * t_f) if corner.front else (-a - b, corner.side * t_r)
 
 
-def _with_sensors(plan: Plan, action: str, more: list[Sensor]) -> Candidate:
+def _with_sensors(plan: Plan, action: str, new_sensors: list[Sensor]) -> Candidate:
     # What is known of a sensor of the bench will be known of a new one.
-    known = {
+    sigmas = {
         name: max(getattr(s.channel, name) for s in plan.sensors)
         for name in ("gain_sigma", "position_sigma_m")
     }
-    made = (replace(s, channel=replace(s.channel, **known)) for s in more)
-    return Candidate(action, replace(plan, sensors=(*plan.sensors, *made)))
+    described = (replace(s, channel=replace(s.channel, **sigmas)) for s in new_sensors)
+    return Candidate(action, replace(plan, sensors=(*plan.sensors, *described)))
 
 
-def _weights(plan: Plan) -> Iterator[Candidate]:
+def _with_weights(plan: Plan) -> Iterator[Candidate]:
     """Yield plans with weights; where there are some, with more of them."""
     hubs = tuple(HubWeight(_HUB_KG, corner) for corner in Corner)
     floor = tuple(BodyWeight(_FLOOR_KG, *_above_wheel(plan, corner)) for corner in Corner)
     loaded = next((s for s in plan.mass_states if s.added.weights or s.added.matrix.any()), None)
-    for weights, kg, place in (
+    for weights, kg, where in (
         (hubs, _HUB_KG, "on every hub"),
         (floor, _FLOOR_KG, "on the floor near each wheel"),
     ):
         if loaded is None:
             action = (
-                f"{kg:.0f} kg {place} as mass state {ADDED}, with one run of each kind at least"
+                f"{kg:.0f} kg {where} as mass state {ADDED}, with one run of each kind at least"
             )
             others = (s for s in plan.mass_states if s.name != ADDED)
             states = (*others, MassState(ADDED, AddedMass(weights)))
             planned = {r.excitation for r in plan.runs if r.mass_state == ADDED}
-            kinds = dict.fromkeys(r.excitation for r in plan.runs if r.excitation not in planned)
-            runs = (*plan.runs, *(Runs(ADDED, excitation) for excitation in kinds))
+            missing = dict.fromkeys(r.excitation for r in plan.runs if r.excitation not in planned)
+            runs = (*plan.runs, *(Runs(ADDED, excitation) for excitation in missing))
             yield Candidate(action, replace(plan, mass_states=states, runs=runs))
-        elif any(r.mass_state == loaded.name for r in plan.runs):  # else `_runs` offers one
-            action = f"{kg:.0f} kg more {place} in mass state {loaded.name}"
+        elif any(r.mass_state == loaded.name for r in plan.runs):  # else a run comes first
+            action = f"{kg:.0f} kg more {where} in mass state {loaded.name}"
             added = AddedMass((*loaded.added.weights, *weights), loaded.added.matrix)
             states = tuple(replace(s, added=added) if s is loaded else s for s in plan.mass_states)
             yield Candidate(action, replace(plan, mass_states=states))
 
 
-def _facts(plan: Plan) -> Iterator[Candidate]:
+def _with_measured_facts(plan: Plan) -> Iterator[Candidate]:
+    """Yield plans with readings of scales or tape."""
     known = {fact.quantity for fact in plan.facts}
-    corners = known >= _CORNER_LOADS
-    axles = corners or known >= set(_AXLES)
-    by_parts = known & {FactQuantity.TOTAL_MASS} and known & set(_AXLES)
-    if not (axles or by_parts):
+    has_corner_loads = known >= set(CORNERS)
+    has_axle_loads = has_corner_loads or known >= set(_AXLES)
+    has_total_and_axle = known & {FactQuantity.TOTAL_MASS} and known & set(_AXLES)
+    if not (has_axle_loads or has_total_and_axle):
         if FactQuantity.TOTAL_MASS not in known:
             total = (FactQuantity.TOTAL_MASS,)
             yield Candidate("weigh the vehicle to 1 kg", _with_facts(plan, total, _SCALES_KG))
@@ -317,8 +316,8 @@ def _facts(plan: Plan) -> Iterator[Candidate]:
 
 def _with_facts(plan: Plan, quantities: Sequence[FactQuantity], sigma: float) -> Plan:
     """Return a plan with more facts; their values do not matter: only the uncertainty informs."""
-    more = (Fact(quantity, 0.0, sigma) for quantity in quantities)
-    return replace(plan, facts=(*plan.facts, *more))
+    new_facts = (Fact(quantity, 0.0, sigma) for quantity in quantities)
+    return replace(plan, facts=(*plan.facts, *new_facts))
 
 
 # Whole campaigns to compare with a plan -----------------------------------------------------------
@@ -331,7 +330,7 @@ def campaigns(plan: Plan) -> tuple[Candidate, ...]:
     """
     kinds = tuple(dict.fromkeys(runs.excitation for runs in plan.runs))
     loaded = [s for s in plan.mass_states if s.added.weights or s.added.matrix.any()]
-    bare = next((s for s in plan.mass_states if s not in loaded), MassState(BASELINE))
+    baseline = next((s for s in plan.mass_states if s not in loaded), MassState(BASELINE))
     if not kinds:
         return ()
 
@@ -342,15 +341,15 @@ def campaigns(plan: Plan) -> tuple[Candidate, ...]:
 
     names = ", ".join(kind.words for kind in kinds)
     known = {fact.quantity for fact in plan.facts}
-    loads = [q for q in (FactQuantity.TOTAL_MASS, *_AXLES) if q not in known]
-    lengths = [q for q in _LENGTHS if q not in known]
-    weighed = _with_facts(once(bare), loads, _SCALES_KG)
+    unknown_loads = [q for q in (FactQuantity.TOTAL_MASS, *_AXLES) if q not in known]
+    unknown_lengths = [q for q in _LENGTHS if q not in known]
+    weighed = _with_facts(once(baseline), unknown_loads, _SCALES_KG)
     action = f"{names} once, no weights, axles weighed to 1 kg"
-    others = [Candidate(action, weighed)]
+    alternatives = [Candidate(action, weighed)]
     if not plan.geometry:
-        taped = _with_facts(weighed, lengths, _TAPE_M)
-        others.append(Candidate(f"{action}, wheelbase and tracks by tape", taped))
+        taped = _with_facts(weighed, unknown_lengths, _TAPE_M)
+        alternatives.append(Candidate(f"{action}, wheelbase and tracks by tape", taped))
     if loaded:
         action = f"{names} once in each mass state, bumps of {HIGHEST_BUMP_M * 1e3:g} mm"
-        others.append(Candidate(action, once(bare, *loaded)))
-    return tuple(others)
+        alternatives.append(Candidate(action, once(baseline, *loaded)))
+    return tuple(alternatives)

@@ -62,15 +62,16 @@ class KnownRuns:
         box = GreyBox(tuple(rates), plan.mass_states, plan.geometry, plan.structure, plan.facts)
         eta = box.unknowns_of(plan.vehicle)
         sigma = {s.channel.name: s.noise for s in plan.sensors}
-        common = _common(plan)
-        total = np.sum([s.information for s in normal_blocks(box, (), sigma, eta).values()], axis=0)
+        shared = _shared_key(plan)
+        blocks = normal_blocks(box, (), sigma, eta)  # of facts and stated uncertainties
+        total = np.sum([block.information for block in blocks.values()], axis=0)
         for state in plan.mass_states:
             evaluated: Evaluated | None = None
             for runs in plan.runs:
                 if runs.mass_state != state.name:
                     continue
                 added = state.added
-                key = (common, state.name, added.weights, added.matrix.tobytes(), runs.excitation)
+                key = (shared, state.name, added.weights, added.matrix.tobytes(), runs.excitation)
                 if key not in self._known:
                     evaluated = evaluated or evaluate(box, eta, {state.name}, sigma)[state.name]
                     decay = _planned_decay(plan, state, runs.excitation, rates, evaluated, eta)
@@ -82,7 +83,7 @@ class KnownRuns:
         return Fisher(box, eta, total)
 
 
-def _common(plan: Plan) -> tuple[Any, ...]:
+def _shared_key(plan: Plan) -> tuple[Any, ...]:
     """Return all that the information of a run depends on, except its mass state and excitation."""
     uncertain = tuple(
         (state.name, i, *weight_sigmas(weight))
@@ -106,8 +107,8 @@ def _channel_groups(plan: Plan) -> dict[ChannelGroup, float]:
     groups: defaultdict[tuple[Any, ...], list[Channel]] = defaultdict(list)
     for sensor in plan.sensors:
         c = sensor.channel
-        alike = (c.delay_s, c.delay_sigma_s, c.low_pass_hz, c.low_pass_order)
-        groups[(c.signal.rpartition(".")[0], sensor.rate_hz, *alike)].append(c)
+        lateness_and_filter = (c.delay_s, c.delay_sigma_s, c.low_pass_hz, c.low_pass_order)
+        groups[(c.signal.rpartition(".")[0], sensor.rate_hz, *lateness_and_filter)].append(c)
     return {ChannelGroup(key[0], tuple(channels)): key[1] for key, channels in groups.items()}
 
 
@@ -122,23 +123,23 @@ def _planned_decay(
     """Return the free decay after a bump of 1 m, without noise, as the sensors sample it."""
     bump_s = plan.bump.duration_s
     model = loaded_model(evaluated.box.full(eta.astype(complex)).real, state.added)
-    run = exact_response(model, excitation, Bump(1.0, 0.0, bump_s), 1.0 / bump_s, bump_s)
-    start = np.concatenate([run.displacement[-1], run.velocity[-1]])
+    on_bump = exact_response(model, excitation, Bump(1.0, 0.0, bump_s), 1.0 / bump_s, bump_s)
+    at_end = np.concatenate([on_bump.displacement[-1], on_bump.velocity[-1]])
     empty = []
     for group, rate_hz in rates.items():
         time_s = np.arange(int(plan.decay_s * rate_hz)) / rate_hz
         empty.append(Recording(group, time_s, np.zeros((len(time_s), len(group.channels)))))
     silent = FreeDecay("planned", state.name, 0.0, tuple(empty))
-    filled = tuple(
-        Recording(r.group, r.time_s, evaluated.basis(r) @ (stack[..., : len(start)] @ start).T)
-        for r, stack in zip(empty, linear_coefficients(evaluated, silent), strict=True)
+    recordings = tuple(
+        Recording(r.group, r.time_s, evaluated.basis(r) @ (linear[..., : len(at_end)] @ at_end).T)
+        for r, linear in zip(empty, linear_coefficients(evaluated, silent), strict=True)
     )
-    return FreeDecay("planned", state.name, 0.0, filled)
+    return FreeDecay("planned", state.name, 0.0, recordings)
 
 
 # The outlook --------------------------------------------------------------------------------------
 
-_FLOOR = 1e-13  # of the largest eigenvalue: rounding
+_ROUNDING = 1e-13  # of the largest eigenvalue
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,34 +165,33 @@ class Outlook:
 
 
 def expected(fisher: Fisher) -> Outlook:
-    """Return the precision of each parameter if the estimate reaches the Cramer-Rao bound."""
+    """Return the outlook of a plan's information, if the estimate reaches the Cramer-Rao bound."""
     box, H, n = fisher.box, fisher.information, len(fisher.box.parameters)
     if n < len(H):  # the corrections are eliminated
         mixed = H[n:, :n]
         H = H[:n, :n] - mixed.T @ pseudo_inverse(H[n:, n:]) @ mixed
-    values, vectors = np.linalg.eigh(H)
-    floored = np.maximum(values, _FLOOR * max(float(values[-1]), 1.0))
-    std = np.sqrt(np.square(vectors) @ (1.0 / floored))  # of logarithms
-    lost = [
-        name for name, s in zip(box.parameters, std.tolist(), strict=True) if s > largest_std(name)
-    ]
+    eigenvalues, eigenvectors = np.linalg.eigh(H)
+    floored = np.maximum(eigenvalues, _ROUNDING * max(float(eigenvalues[-1]), 1.0))
+    unknown_std = np.sqrt(np.square(eigenvectors) @ (1.0 / floored))  # of logarithms
+    unknown_stds = dict(zip(box.parameters, unknown_std.tolist(), strict=True))
+    undetermined = [name for name, s in unknown_stds.items() if s > largest_std(name)]
     slopes = box.parameter_slopes(fisher.eta)
-    known = dict(zip(box.parameters, (std * slopes).tolist(), strict=True))
+    parameter_std = dict(zip(box.parameters, (unknown_std * slopes).tolist(), strict=True))
     parameters, relative = {}, {}
     for name, value in zip(box.names, box.values(fisher.eta).tolist(), strict=True):
-        one = np.inf if name in lost else known.get(name, 0.0)
-        half = COVERAGE_95 * one
-        parameters[name] = Estimate(value, one, value - half, value + half, parameter_unit(name))
-        if name in known and name not in SIGNED:
+        std = np.inf if name in undetermined else parameter_std.get(name, 0.0)
+        half = COVERAGE_95 * std
+        parameters[name] = Estimate(value, std, value - half, value + half, parameter_unit(name))
+        if name in parameter_std and name not in SIGNED:
             relative[name] = half / value
-    finite = [share for share in relative.values() if np.isfinite(share)] or [np.inf]
+    determined = [share for share in relative.values() if np.isfinite(share)] or [np.inf]
     return Outlook(
         parameters=parameters,
         relative=relative,
-        undetermined=tuple(lost),
-        reasons=_reasons(fisher, H, lost),
-        worst=max(finite),
-        mean=float(np.mean(finite)),
+        undetermined=tuple(undetermined),
+        reasons=_reasons(fisher, H, undetermined),
+        worst=max(determined),
+        mean=float(np.mean(determined)),
         # A standard deviation above 1, of a logarithm or of a unit.
         open_directions=int(np.sum(floored < 1.0)),
     )
@@ -206,32 +206,34 @@ def vague(parameters: Mapping[str, Estimate]) -> tuple[str, ...]:
     )
 
 
-def _reasons(fisher: Fisher, H: NDArray[np.float64], lost: list[str]) -> tuple[str, ...]:
+def _reasons(fisher: Fisher, H: NDArray[np.float64], undetermined: list[str]) -> tuple[str, ...]:
     """Return why parameters are undetermined, from the information, (n, n), on all parameters."""
     box = fisher.box
     diagonal = np.diag(H).tolist()
-    blind = [
-        name
-        for name, h in zip(box.parameters, diagonal, strict=True)
-        if h < largest_std(name) ** -2
-    ]
+    pairs = zip(box.parameters, diagonal, strict=True)
+    unseen = [name for name, h in pairs if h < largest_std(name) ** -2]
     # All masses, springs and dampers larger by one factor: the free decays stay as they are.
-    scaled = [name[0] in "mIkc" for name in box.parameters]
-    change = [fisher.eta[i] if n in SIGNED else 1.0 for i, n in enumerate(box.parameters)]
-    v = np.array(change) * scaled
-    no_scale = float(v @ H @ v) < LARGEST_SHARE**-2
-    explained = {*blind, *(n for n, s in zip(box.parameters, scaled, strict=True) if s * no_scale)}
-    mixed = [name for name in lost if name not in explained]
+    is_scaled = [name[0] in "mIkc" for name in box.parameters]
+    relative_change = [fisher.eta[i] if n in SIGNED else 1.0 for i, n in enumerate(box.parameters)]
+    direction = np.array(relative_change) * is_scaled
+    lacks_scale = float(direction @ H @ direction) < LARGEST_SHARE**-2
+    explained = {
+        *unseen,
+        *(n for n, s in zip(box.parameters, is_scaled, strict=True) if s * lacks_scale),
+    }
+    unseparated = [name for name in undetermined if name not in explained]
     reasons = []
-    if blind:
-        reasons.append(f"nothing that is planned depends noticeably on {', '.join(blind)}")
-    if no_scale:
+    if unseen:
+        reasons.append(f"nothing that is planned depends noticeably on {', '.join(unseen)}")
+    if lacks_scale:
         reasons.append(
             "nothing that is planned fixes the scale: all masses, springs and dampers could be"
             " larger by one factor"
         )
-    if mixed:
-        reasons.append(f"what is planned does not separate {', '.join(mixed)}, or is too noisy")
+    if unseparated:
+        reasons.append(
+            f"what is planned does not separate {', '.join(unseparated)}, or is too noisy"
+        )
     return tuple(reasons)
 
 
@@ -320,15 +322,18 @@ def compare_campaigns(
 
 
 def _ranked(plan: Plan, known: KnownRuns) -> list[tuple[Candidate, Outlook]]:
+    """Return all possible next steps with their outlooks, the best first."""
     judged = [(c, expected(known.fisher(c.plan))) for c in candidates(plan)]
     return sorted(judged, key=lambda pair: _rank(pair[1]))
 
 
 def _rank(outlook: Outlook) -> tuple[int, int, float]:
+    """Return what outlooks are compared by, the smallest the best."""
     return outlook.open_directions, len(outlook.undetermined), outlook.worst * outlook.mean
 
 
 def _helps(after: Outlook, now: Outlook) -> bool:
+    """Return whether an outlook after a step is worth the step."""
     if now.undetermined:  # first things first
         return _rank(after)[:2] < _rank(now)[:2]
     # A step that gains less than half a per cent is not worth its line.
