@@ -90,7 +90,7 @@ def _to_place(value: float, place: int) -> str:
 
 
 def by_kind(shares: Mapping[str, float]) -> dict[str, float]:
-    """Add up the shares of runs that differ only in their repeat, the largest first.
+    """Return the shares by kind, of runs that differ only in their repeat added up, largest first.
 
     `shares`: as in `identify.fit.uncertainty.drivers`: run labels, facts, stated uncertainties.
     """
@@ -103,7 +103,7 @@ def by_kind(shares: Mapping[str, float]) -> dict[str, float]:
 
 
 def largest_share(shares: Mapping[str, float]) -> str:
-    """Return the kind of runs, or the facts, that most of a parameter's precision rests on."""
-    for kind, share in by_kind(shares).items():
+    """Write the kind of runs, or the facts, that most of a parameter's precision rests on."""
+    for kind, share in by_kind(shares).items():  # the first is the largest
         return f"{kind} {share * 100:.0f} %"
     return ""

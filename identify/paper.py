@@ -48,27 +48,27 @@ def sequential_vehicle(
     theta[stiffness] = _linear_parameters(theta, stiffness, 2, used, model.K)
     theta[damping] = _linear_parameters(theta, damping, 1, used, model.C)
     if geometry is None:
-        linear = np.zeros((N_DOF, N_DOF), dtype=bool)
-        linear[1:3, 3:] = linear[1:3, 0] = True
-        theta[lengths] = _linear_parameters(theta, lengths, 2, linear | linear.T, model.K)
+        has_length = np.zeros((N_DOF, N_DOF), dtype=bool)
+        has_length[1:3, 3:] = has_length[1:3, 0] = True
+        theta[lengths] = _linear_parameters(theta, lengths, 2, has_length | has_length.T, model.K)
     return VehicleParameters(*theta.tolist())
 
 
 def _linear_parameters(
-    theta: Floats, unknown: slice, which: int, used: NDArray[np.bool_], matrix: Floats
+    theta: Floats, unknown: slice, matrix_index: int, used: NDArray[np.bool_], matrix: Floats
 ) -> Floats:
     """Return the unknown parameters, which enter the used elements linearly, by least squares.
 
-    `theta`, (15,): the other parameters.  `which`: 1 for C, 2 for K, as `matrices` returns them.
-    `used`, (7, 7): mask of elements of the identified `matrix`, (7, 7).
+    `theta`, (15,): the other parameters.  `matrix_index`: 1 for C, 2 for K, as `matrices` returns
+    them.  `used`, (7, 7): mask of elements of the identified `matrix`, (7, 7).
     """
-    trial = theta.copy()
-    trial[unknown] = 0.0
-    constant = matrices(trial)[which].real[used]
+    trial_theta = theta.copy()
+    trial_theta[unknown] = 0.0
+    constant = matrices(trial_theta)[matrix_index].real[used]
     columns = []
     for unit in np.eye(len(theta[unknown])):
-        trial[unknown] = unit
-        columns.append(matrices(trial)[which].real[used] - constant)
+        trial_theta[unknown] = unit
+        columns.append(matrices(trial_theta)[matrix_index].real[used] - constant)
     return np.asarray(np.linalg.lstsq(np.array(columns).T, matrix[used] - constant)[0])
 
 
@@ -104,10 +104,10 @@ def identify_parameters(
     A, A_added = state_matrix_of(baseline), state_matrix_of(added)
     model = physical_matrices(A, A_added, delta_M)
     C_added = -(model.M + delta_M) @ A_added[N_DOF:, N_DOF:]
-    ways = {"baseline": model.C, "added": C_added, "mean": (model.C + C_added) / 2.0}
+    C_by_way = {"baseline": model.C, "added": C_added, "mean": (model.C + C_added) / 2.0}
     damping = {
         way: {"c_sf": float(-C[0, 3:5].mean()), "c_sr": float(-C[0, 5:].mean())}
-        for way, C in ways.items()
+        for way, C in C_by_way.items()
     }
     vehicle = sequential_vehicle(model, geometry)
     if not _is_near(vehicle, model):
@@ -129,8 +129,8 @@ def _is_near(vehicle: VehicleParameters, model: PhysicalModel) -> bool:
     if not np.all(parameters > 0.0):  # NaN, too
         return False
     for exact, identified in zip(matrices(parameters), (model.M, model.C, model.K), strict=True):
-        root = np.sqrt(np.diag(exact.real))
-        if np.any(np.abs(identified - exact.real) > np.outer(root, root)):
+        size = np.sqrt(np.diag(exact.real))
+        if np.any(np.abs(identified - exact.real) > np.outer(size, size)):
             return False
     return True
 
@@ -167,10 +167,10 @@ def physical_matrices(A: Floats, A_added: Floats, delta_M: Floats) -> PhysicalMo
     InputError if `delta_M` is singular: Eq. 30 then leaves a part of M undetermined.
     """
     n = len(delta_M)
-    if bare := massless_motions(delta_M):
+    if motions := massless_motions(delta_M):
         where = "to the body at three places or more and to each of the four hubs"
         raise InputError(
-            "added mass", f"no mass moves with {', '.join(bare)}", f"add weights {where}"
+            "added mass", f"no mass moves with {', '.join(motions)}", f"add weights {where}"
         )
     A21, A22, A21_added = A[n:, :n], A[n:, n:], A_added[n:, :n]
     M = delta_M @ np.linalg.solve((A21 - A21_added).T, A21_added.T).T
@@ -182,9 +182,9 @@ def massless_motions(delta_M: Floats) -> tuple[str, ...]:
     size = np.sqrt(np.abs(np.diag(delta_M)))
     size = np.where(size > 0.0, size, 1.0)
     _, strength, directions = np.linalg.svd(delta_M / np.outer(size, size))
-    massless = directions[strength < 1e-9] / size
-    bare = np.max(np.abs(massless), axis=0, initial=0.0) > 1e-9
-    return tuple(name for name, massless in zip(DOF, bare, strict=True) if massless)
+    massless = directions[strength < 1e-9] / size  # below 1e-9 is rounding, here and there
+    is_part = np.max(np.abs(massless), axis=0, initial=0.0) > 1e-9
+    return tuple(name for name, moves in zip(DOF, is_part, strict=True) if moves)
 
 
 # The closed form ----------------------------------------------------------------------------------
@@ -214,5 +214,5 @@ def closed_form(
                 "the maximum-likelihood estimate does not need them one by one",
             )
         shapes.append(displacement_shapes(modes.model, modes.channels, geometry))
-    light, heavy = (delta_mass(state.added, geometry.a).real for state in mass_states)
-    return identify_parameters(shapes[0], shapes[1], heavy - light, known)
+    added_M = [delta_mass(state.added, geometry.a).real for state in mass_states]
+    return identify_parameters(shapes[0], shapes[1], added_M[1] - added_M[0], known)

@@ -18,14 +18,7 @@ from numpy.typing import NDArray
 
 from daq.channels import TIME_DERIVATIVE, Channel, Quantity, paper_channels
 from daq.runs import ADDED, BASELINE, Excitation
-from daq.vehicle import (
-    FORD_GRANADA,
-    PARAMETER_NAMES,
-    AddedMass,
-    Corner,
-    MassState,
-    VehicleGeometry,
-)
+from daq.vehicle import FORD_GRANADA, PARAMETER_NAMES, AddedMass, Corner, MassState, VehicleGeometry
 from dbc.words import InputError, counted
 
 from ..decays.decay import ChannelGroup, Record, Recording
@@ -75,6 +68,7 @@ an IMU with the accelerations of the four hubs, with the four suspension travels
 
 BUMP = Bump()
 RECORD_S = 3.0
+_MOST_CHI2, _MOST_STD_PERCENT = 1.5, 25.0  # chi2/n and standard deviations of usable fits
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,11 +117,11 @@ def records_of(campaign: Campaign, seed: int) -> tuple[Record, ...]:
     rng = np.random.default_rng(seed)
     records = []
     for state in campaign.mass_states:
-        levels = _noise(campaign, state)
+        levels = _noise_stds(campaign, state)
         for case in campaign.cases:
             noisy = tuple(
                 Recording(r.group, r.time_s, r.values + level * rng.standard_normal(r.values.shape))
-                for r, level in zip(_without_noise(campaign, state, case), levels, strict=True)
+                for r, level in zip(_clean_recordings(campaign, state, case), levels, strict=True)
             )
             label = f"{state.name}_{case}_1"
             records.append(Record(label, state.name, BUMP.duration_s, noisy))
@@ -136,7 +130,7 @@ def records_of(campaign: Campaign, seed: int) -> tuple[Record, ...]:
 
 def noise_levels(campaign: Campaign) -> dict[str, float]:
     """Return each channel's noise, SI, pooled over its mass states, which differ little."""
-    levels = [np.concatenate(_noise(campaign, state)) for state in campaign.mass_states]
+    levels = [np.concatenate(_noise_stds(campaign, state)) for state in campaign.mass_states]
     names = [channel.name for group in campaign.groups for channel in group.channels]
     return dict(zip(names, np.sqrt(np.mean(np.square(levels), axis=0)).tolist(), strict=True))
 
@@ -147,27 +141,27 @@ def box_of(campaign: Campaign) -> GreyBox:
     return GreyBox(campaign.groups, states, campaign.geometry)
 
 
-def _without_noise(campaign: Campaign, state: MassState, case: Excitation) -> list[Recording]:
+def _clean_recordings(campaign: Campaign, state: MassState, case: Excitation) -> list[Recording]:
     """Return what the sensors see in one case of one mass state."""
     loaded = physical_model(FORD_GRANADA).with_mass(delta_mass(state.added, FORD_GRANADA.a).real)
-    run = exact_response(loaded, case, BUMP, campaign.rate_hz, RECORD_S)
-    motion = run.displacement, run.velocity, run.acceleration
+    response = exact_response(loaded, case, BUMP, campaign.rate_hz, RECORD_S)
+    motion = response.displacement, response.velocity, response.acceleration
     recordings = []
     for group in campaign.groups:
         rows = sensor_rows(group.channels, FORD_GRANADA.geometry)
         derivatives = [TIME_DERIVATIVE[channel.quantity] for channel in group.channels]
         columns = [motion[d] @ row for d, row in zip(derivatives, rows, strict=True)]
-        recordings.append(Recording(group, run.time_s, np.column_stack(columns)))
+        recordings.append(Recording(group, response.time_s, np.column_stack(columns)))
     return recordings
 
 
-def _noise(campaign: Campaign, state: MassState) -> list[Floats]:
+def _noise_stds(campaign: Campaign, state: MassState) -> list[Floats]:
     """Return the standard deviation of the noise of each group's channels in one mass state."""
-    share = 10 ** (-campaign.noise_db / 20)
-    runs = [_without_noise(campaign, state, case) for case in PAPER_CASES]
+    noise_share = 10 ** (-campaign.noise_db / 20)
+    by_case = [_clean_recordings(campaign, state, case) for case in PAPER_CASES]
     return [
-        share * np.sqrt(np.mean([np.mean(r.values**2, axis=0) for r in recordings], axis=0))
-        for recordings in zip(*runs, strict=True)
+        noise_share * np.sqrt(np.mean([np.mean(r.values**2, axis=0) for r in recordings], axis=0))
+        for recordings in zip(*by_case, strict=True)
     ]
 
 
@@ -193,29 +187,32 @@ def outcome(campaign: Campaign, seed: int) -> Outcome:
     identified = estimates(box, estimation.fit)
     values = [identified[name].value for name in PARAMETER_NAMES]
     stds = _stds_percent(identified)
-    usable = estimation.fit.converged and estimation.chi2_per_n <= 1.5 and np.all(stds <= 25.0)
+    holds = estimation.fit.converged and estimation.chi2_per_n <= _MOST_CHI2
+    usable = holds and np.all(stds <= _MOST_STD_PERCENT)
     return Outcome(percent(values, FORD_GRANADA.to_array()), stds, lost=not usable)
 
 
 def bound_percent(campaign: Campaign) -> Floats:
-    """Return the Cramer-Rao bound, (15,): no unbiased estimate has a smaller standard deviation.
+    """Return the Cramer-Rao bound of each parameter's standard deviation, (15,), in % of its value.
 
-    In per cent; infinite where the campaign does not determine a parameter, zero for a length
-    that is given.
+    No unbiased estimate has a smaller one.  Infinite where the campaign does not determine a
+    parameter, zero for a length that is given.
 
     Raises InputError if the campaign has no noise, or noise below rounding.
     """
     require_noise(campaign)
     box = box_of(campaign)
-    clean = records_of(replace(campaign, noise_db=inf), 0)
-    decays = tuple(record.decay(BUMP.end_s - 1e-9) for record in clean)
+    clean_records = records_of(replace(campaign, noise_db=inf), 0)
+    # From just before the sample at the end of the bump, which is one of the decay.
+    decays = tuple(record.decay(BUMP.end_s - 1e-9) for record in clean_records)
     truth = box.unknowns(FORD_GRANADA.to_array())
     bound = _stds_percent(estimates(box, fit(box, decays, noise_levels(campaign), truth)))
-    # Above this a parameter is not determined: the bound is infinite except for rounding.
+    # Above 1e6 % a parameter is not determined: the bound is infinite except for rounding.
     return np.where(bound < 1e6, bound, inf)
 
 
 def _stds_percent(parameters: dict[str, Estimate]) -> Floats:
+    """Return each parameter's standard deviation, (15,), in % of its true value."""
     stds = np.array([parameters[name].std for name in PARAMETER_NAMES])
     return np.asarray(100.0 * stds / FORD_GRANADA.to_array())
 
@@ -224,26 +221,26 @@ def noise_study(campaign: Campaign, bound: Floats, outcomes: Sequence[Outcome]) 
     """Return the statistics of many campaigns; `bound`, (15,): as `bound_percent` has it."""
     names = PARAMETER_NAMES if campaign.geometry is None else PARAMETER_NAMES[:11]
     n, bound = len(names), bound[: len(names)]
-    used = [one for one in outcomes if not one.lost]
-    rms = stated = covered = np.full(n, np.nan)
-    if used:
-        errors = np.array([one.errors_percent[:n] for one in used])
-        stds = np.array([one.stds_percent[:n] for one in used])
-        rms, stated = (np.sqrt(np.mean(each**2, axis=0)) for each in (errors, stds))
-        covered = 100.0 * np.mean(np.abs(errors) <= COVERAGE_95 * stds, axis=0)
+    identified = [outcome for outcome in outcomes if not outcome.lost]
+    rms = stated_rms = coverage = np.full(n, np.nan)
+    if identified:
+        errors = np.array([outcome.errors_percent[:n] for outcome in identified])
+        stds = np.array([outcome.stds_percent[:n] for outcome in identified])
+        rms, stated_rms = (np.sqrt(np.mean(each**2, axis=0)) for each in (errors, stds))
+        coverage = 100.0 * np.mean(np.abs(errors) <= COVERAGE_95 * stds, axis=0)
     ratio = rms / bound
     notes = [
-        f"lost: {len(outcomes) - len(used)} of {len(outcomes)} (not converged, chi2/n above 1.5, or"
-        " a standard deviation above 25 %)"
+        f"lost: {len(outcomes) - len(identified)} of {len(outcomes)} (not converged, chi2/n above"
+        f" {_MOST_CHI2:g}, or a standard deviation above {_MOST_STD_PERCENT:g} %)"
     ]
-    if undetermined := [name for name, limit in zip(names, bound, strict=True) if limit == inf]:
-        cases = "take bounce, pitch and roll"
-        notes.append(f"these cases do not determine {', '.join(undetermined)}: {cases}")
-    if used:
+    if undetermined := [name for name, std in zip(names, bound, strict=True) if std == inf]:
+        remedy = "take bounce, pitch and roll"
+        notes.append(f"these cases do not determine {', '.join(undetermined)}: {remedy}")
+    if identified:
         notes += [
             f"rms error {rms.max():.3f} % at most; {ratio.min():.3f} .. {ratio.max():.3f} times"
             f" the bound, {sqrt(np.mean(ratio**2)):.3f} in the mean square",
-            f"95 % intervals hold the truth in {covered.mean():.1f} % of all cases",
+            f"95 % intervals hold the truth in {coverage.mean():.1f} % of all cases",
         ]
     return Study(
         title=f"Noise study: {counted(len(outcomes), 'campaign')} at {campaign.noise_db:g} dB,"
@@ -256,6 +253,6 @@ def noise_study(campaign: Campaign, bound: Floats, outcomes: Sequence[Outcome]) 
             Column("ratio", "error / bound", ".3f"),
             Column("coverage_percent", "coverage %", ".1f"),
         ),
-        rows=rows_of(names, rms, stated, bound, ratio, covered),
+        rows=rows_of(names, rms, stated_rms, bound, ratio, coverage),
         notes=tuple(notes),
     )

@@ -54,25 +54,22 @@ _TABLE2_PERCENT = np.array(
 """Error of each parameter without noise, as printed.  The values printed next to them have a
 misprint (a = 1.282 m instead of 1.248 m) and are rounded for t_f and t_r."""
 _TABLE3_PERCENT = np.array(
-    [
-        *(-2.307, 3.536, -2.918, 1.928, -2.379),
-        *(1.594, -3.784, -2.248, 1.555, -3.647, 2.271),
-    ]
+    [*(-2.307, 3.536, -2.918, 1.928, -2.379), *(1.594, -3.784, -2.248, 1.555, -3.647, 2.271)]
 )
 """Error of each parameter with 30 dB of noise, a 16 Hz low-pass and the geometry measured."""
 
 
 def table2_study(response: Literal["exact", "wilson"]) -> Study:
     """Identify the paper's vehicle from its accelerations, in the paper's order of estimation."""
-    respond = exact_response if response == "exact" else wilson_response
+    response_of = exact_response if response == "exact" else wilson_response
     rate_hz = 1000.0
-    states = []
+    state_matrices = []
     for model in (_VEHICLE, _VEHICLE.with_mass(_DELTA_M)):
-        runs = [respond(model, case, BUMP, rate_hz, RECORD_S) for case in PAPER_CASES]
+        runs = [response_of(model, case, BUMP, rate_hz, RECORD_S) for case in PAPER_CASES]
         decays = [run.acceleration[run.time_s > BUMP.end_s - 0.5 / rate_hz] for run in runs]
-        states.append(_state_matrix(identify_modes(decays, rate_hz)))
-    light, heavy = states
-    values = sequential_vehicle(physical_matrices(light, heavy, _DELTA_M)).to_array()
+        state_matrices.append(_state_matrix(identify_modes(decays, rate_hz)))
+    A, A_added = state_matrices
+    values = sequential_vehicle(physical_matrices(A, A_added, _DELTA_M)).to_array()
     errors = percent(values, KNOWN)
     notes = {
         "exact": (
@@ -108,7 +105,7 @@ def _state_matrix(sensed: ModalModel) -> Floats:
 
 PASS_HZ = 16.0
 """Section 4.3."""
-_N = len(_TABLE3_PERCENT)
+_N = len(_TABLE3_PERCENT)  # parameters that are not measured
 _ROUTES = {
     "chain_filtered": f"chain, {PASS_HZ:g} Hz",
     "chain_unfiltered": "chain, unfiltered",
@@ -164,18 +161,18 @@ def attempt(campaign: Campaign, seed: int) -> dict[str, Floats]:
     low-pass, and of the `likelihood`; NaN where there is no answer.
     """
     rate_hz = campaign.rate_hz
-    raw: dict[str, list[Floats]] = {}
+    by_state: dict[str, list[Floats]] = {}
     for record in records_of(campaign, seed):
         (recording,) = record.recordings
         decay = recording.values[recording.time_s > BUMP.end_s - 0.5 / rate_hz]
         # What follows after 1.5 s is mostly noise.
-        raw.setdefault(record.mass_state, []).append(decay[: round(1.5 * rate_hz)])
-    low = [[filtered(decay, rate_hz) for decay in decays] for decays in raw.values()]
-    best = outcome(campaign, seed)
+        by_state.setdefault(record.mass_state, []).append(decay[: round(1.5 * rate_hz)])
+    low_passed = [[filtered(decay, rate_hz) for decay in decays] for decays in by_state.values()]
+    likelihood = outcome(campaign, seed)
     return {
-        "chain_filtered": _chain_errors(low, rate_hz),
-        "chain_unfiltered": _chain_errors(raw.values(), rate_hz),
-        "likelihood": np.full(_N, np.nan) if best.lost else best.errors_percent[:_N],
+        "chain_filtered": _chain_errors(low_passed, rate_hz),
+        "chain_unfiltered": _chain_errors(by_state.values(), rate_hz),
+        "likelihood": np.full(_N, np.nan) if likelihood.lost else likelihood.errors_percent[:_N],
     }
 
 
@@ -184,19 +181,19 @@ def _chain_errors(states: Iterable[Sequence[Floats]], rate_hz: float) -> Floats:
 
     The modes are those of the State Variable Method of known order (Eqs. 14-21).
     """
-    matrices = []
+    state_matrices = []
     try:
         for decays in states:
-            size = np.sqrt(np.mean(np.concatenate(list(decays)) ** 2, axis=0))
+            rms = np.sqrt(np.mean(np.concatenate(list(decays)) ** 2, axis=0))
             # Steps of 10 ms over 0.3 s: of 8, 15 and 30 steps the most robust.
             delays = Delays(30, max(1, round(0.01 * rate_hz)))
-            space = delay_space([decay / size for decay in decays], rate_hz, delays)
+            space = delay_space([decay / rms for decay in decays], rate_hz, delays)
             poles, shapes = poles_of_rank(space, 2 * N_DOF)
             vibrating = poles.imag > 0.0
-            modes = ModalModel(poles[vibrating], (shapes * size[:, None])[:, vibrating])
-            matrices.append(_state_matrix(modes))
-        light, heavy = matrices
-        model = physical_matrices(light, heavy, PAPER_ADDED_MASS.matrix)
+            modes = ModalModel(poles[vibrating], (shapes * rms[:, None])[:, vibrating])
+            state_matrices.append(_state_matrix(modes))
+        A, A_added = state_matrices
+        model = physical_matrices(A, A_added, PAPER_ADDED_MASS.matrix)
         vehicle = sequential_vehicle(model, FORD_GRANADA.geometry)
     except (InputError, np.linalg.LinAlgError):
         return np.full(_N, np.nan)
@@ -212,16 +209,16 @@ def table3_study(campaign: Campaign, attempts: Sequence[Mapping[str, Floats]]) -
     columns = [Column("parameter", "parameter"), Column("paper_percent", "paper", ".3f")]
     cells, notes = [printed], []
     for route, label in _ROUTES.items():
-        size = np.abs(np.array([errors[route] for errors in attempts]))
-        answered = size[~np.isnan(size).any(axis=1)]
+        error_size = np.abs(np.array([errors[route] for errors in attempts]))
+        answered = error_size[~np.isnan(error_size).any(axis=1)]
         median = worst = np.full(_N, np.nan)
         if len(answered):
             median, worst = np.median(answered, axis=0), answered.max(axis=0)
         columns.append(Column(f"{route}_median_percent", f"{label}: median", ".3g"))
         columns.append(Column(f"{route}_worst_percent", "worst", ".3g"))
         cells += [median, worst]
-        missing = len(size) - len(answered)
-        notes.append(f"{label}: no answer in {missing} of {counted(len(size), 'campaign')}.")
+        missing = len(error_size) - len(answered)
+        notes.append(f"{label}: no answer in {missing} of {counted(len(error_size), 'campaign')}.")
     return Study(
         title=f"Table 3, size of the errors in % at {campaign.noise_db:g} dB,"
         f" {campaign.rate_hz:g} Hz, geometry measured, {counted(len(attempts), 'campaign')}",
@@ -266,13 +263,14 @@ def fig2_study() -> Study:
     ``1 / sqrt(1 + share)``; dampers make some modes fall more and some less.
     """
     shares = np.arange(2.0, 15.0, 2.0)
-    before = modes_of(_VEHICLE.A)
+    baseline = modes_of(_VEHICLE.A)
     changes = []  # of frequency and damping ratio, (2, 7) for each share
     for share in shares / 100.0:
-        after = modes_of(_VEHICLE.with_mass(share * _VEHICLE.M).A)
-        partner = pair_modes(before, after).added  # wheel modes change places at 12 %
-        frequency = percent(after.frequencies_hz[partner], before.frequencies_hz)
-        changes.append((frequency, percent(after.damping_ratios[partner], before.damping_ratios)))
+        loaded = modes_of(_VEHICLE.with_mass(share * _VEHICLE.M).A)
+        partner = pair_modes(baseline, loaded).added  # wheel modes change places at 12 %
+        frequency = percent(loaded.frequencies_hz[partner], baseline.frequencies_hz)
+        damping = percent(loaded.damping_ratios[partner], baseline.damping_ratios)
+        changes.append((frequency, damping))
     by_mode = np.transpose(changes)  # (7, 2, n_shares)
     panels = [
         Panel(
@@ -281,10 +279,10 @@ def fig2_study() -> Study:
             "change / %",
             tuple(
                 Curve(str(i + 1), shares, change, hue=1 if i < 3 else 2)
-                for i, change in enumerate(by_mode[:, which])
+                for i, change in enumerate(by_mode[:, k])
             ),
         )
-        for which, title in enumerate(("Natural frequency", "Damping ratio"))
+        for k, title in enumerate(("Natural frequency", "Damping ratio"))
     ]
     return Study(
         title="Fig. 2, change of the modal frequencies in % by added mass in % of M",
@@ -293,7 +291,7 @@ def fig2_study() -> Study:
             Column("frequency_hz", "f / Hz", ".3f"),
             *(Column(f"at_{share:g}_percent", f"{share:g} %") for share in shares),
         ),
-        rows=rows_of(range(1, 8), before.frequencies_hz, by_mode[:, 0]),
+        rows=rows_of(range(1, 8), baseline.frequencies_hz, by_mode[:, 0]),
         notes=(
             "Paper: -0.98 % at 2 % of mass to -6.8 % at 14 %.",
             "Frequency is |lambda| / 2 pi. Modes are paired by shape: from 12 % on 4 and 5 swap.",
@@ -310,13 +308,13 @@ def mass_error_study(figure: str) -> Study:
 
     `figure`: a key of `MASS_ERRORS`.
     """
-    quantity, dofs, paper = MASS_ERRORS[figure]
-    light, heavy = _VEHICLE.A, _VEHICLE.with_mass(_DELTA_M).A
+    quantity, diagonal, paper_words = MASS_ERRORS[figure]
+    A, A_added = _VEHICLE.A, _VEHICLE.with_mass(_DELTA_M).A
     identified = []
     for error in _ERRORS_PERCENT:
         stated = _DELTA_M.copy()
-        stated[dofs, dofs] *= 1.0 - error / 100.0
-        identified.append(sequential_vehicle(physical_matrices(light, heavy, stated)).to_array())
+        stated[diagonal, diagonal] *= 1.0 - error / 100.0
+        identified.append(sequential_vehicle(physical_matrices(A, A_added, stated)).to_array())
     errors = percent(np.array(identified), KNOWN)  # (11, 15)
     return Study(
         title=f"Fig. {figure.removeprefix('fig')}, identified parameters by an error in {quantity}",
@@ -328,7 +326,7 @@ def mass_error_study(figure: str) -> Study:
         ),
         rows=rows_of(PARAMETER_NAMES, errors[0], errors[-1], (errors[6] - errors[4]) / 2.0),
         notes=(
-            paper,
+            paper_words,
             "Error e: the identification is given (1 - e) times what is on board. Row i of M, C and"
             " K is then (1 - e) times its true self, so K is no longer symmetric and least squares"
             " settles between its two halves.",
@@ -398,26 +396,26 @@ def fig9_study(rate_hz: float, noise_db: float, seed: int) -> Study:
     require_noise(campaign)
     noisy = records_of(campaign, seed)[0].recordings[0]
     clean = records_of(replace(campaign, noise_db=inf), seed)[0].recordings[0]
-    low, clean_low = (filtered(values, rate_hz) for values in (noisy.values, clean.values))
-    half = len(taps(rate_hz)) // 2
+    noisy_low, clean_low = (filtered(values, rate_hz) for values in (noisy.values, clean.values))
+    half = len(taps(rate_hz)) // 2  # samples on either side that the filter needs
     time, time_low = noisy.time_s, noisy.time_s[half : len(noisy.time_s) - half]
-    decay, decay_low = time > BUMP.end_s, time_low > BUMP.end_s + half / rate_hz
+    free, free_low = time > BUMP.end_s, time_low > BUMP.end_s + half / rate_hz
     rows: list[tuple[Cell, ...]] = []
     panels = []
     for name, title in {"z_s": "Body, vertical (z_s)", "z_uA": "Front left hub (z_uA)"}.items():
         c = [channel.name for channel in noisy.group.channels].index(name)
         signal, signal_low = clean.values[:, c], clean_low[:, c]
-        noise, noise_low = noisy.values[:, c] - signal, low[:, c] - signal_low
+        noise, noise_low = noisy.values[:, c] - signal, noisy_low[:, c] - signal_low
         rows.append(
             (
                 name,
                 *(_rms(values) for values in (signal, noise, noise_low)),
-                20.0 * float(np.log10(_rms(signal[decay]) / _rms(noise[decay]))),
-                20.0 * float(np.log10(_rms(signal_low[decay_low]) / _rms(noise_low[decay_low]))),
+                20.0 * float(np.log10(_rms(signal[free]) / _rms(noise[free]))),
+                20.0 * float(np.log10(_rms(signal_low[free_low]) / _rms(noise_low[free_low]))),
             )
         )
-        curves = ("noisy", time, noisy.values[:, c], 0), ("filtered", time_low, low[:, c], 2)
-        parts = [
+        curves = ("noisy", time, noisy.values[:, c], 0), ("filtered", time_low, noisy_low[:, c], 2)
+        stretches = [
             tuple(
                 Curve(label, t[shown], values[shown], hue)
                 for label, t, values, hue in curves
@@ -425,11 +423,11 @@ def fig9_study(rate_hz: float, noise_db: float, seed: int) -> Study:
             )
             for from_s, to_s in ((0.0, 1.2), (0.5, 0.8))
         ]
-        words = "acceleration / (m/s²)"
+        y_label = "acceleration / (m/s²)"
         panels.append(
             (
-                Panel(title, "time / s", words, parts[0]),
-                Panel("The same, enlarged", "time / s", f"{words}, enlarged", parts[1]),
+                Panel(title, "time / s", y_label, stretches[0]),
+                Panel("The same, enlarged", "time / s", f"{y_label}, enlarged", stretches[1]),
             )
         )
     return Study(
@@ -455,4 +453,5 @@ def fig9_study(rate_hz: float, noise_db: float, seed: int) -> Study:
 
 
 def _rms(values: Floats) -> float:
+    """Return the root of the mean square."""
     return float(np.sqrt(np.mean(values**2)))

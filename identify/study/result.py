@@ -75,12 +75,12 @@ def svg(study: Study) -> str:
 
     from ..report.page import FAINT, PALETTE, SETTINGS
 
-    down, across = len(study.panels), len(study.panels[0])
+    n_rows, n_cols = len(study.panels), len(study.panels[0])
     panels = [panel for row in study.panels for panel in row]
-    is_alike = len({panel.y_label for panel in panels}) == 1
+    same_unit = len({panel.y_label for panel in panels}) == 1
     with matplotlib.rc_context(dict(SETTINGS)):
-        figure = Figure(figsize=(9.0, 3.2 * down), layout="constrained")
-        grid = figure.subplots(down, across, squeeze=False, sharey="row" if is_alike else "none")
+        figure = Figure(figsize=(9.0, 3.2 * n_rows), layout="constrained")
+        grid = figure.subplots(n_rows, n_cols, squeeze=False, sharey="row" if same_unit else "none")
         for axes, panel in zip(grid.flat, panels, strict=True):
             axes.set_title(panel.title)
             axes.set_xlabel(panel.x_label)
