@@ -140,7 +140,7 @@ def linearised_at(estimation: Estimation) -> Linearised:
 
 
 def estimate(box: GreyBox, records: Sequence[Record], starts: Sequence[Real]) -> Estimation:
-    """Return the fit of all records from the stated end of the bump or, if none holds, from later.
+    """Return the fit of all records from the stated end of the bump, or from later if it must be.
 
     `starts`, sequence of (15,) float64: parameters to begin from, the most trusted first; further
     ones are tried only where the earlier ones find no optimum.
@@ -160,7 +160,7 @@ def first_estimate(box: GreyBox, records: Sequence[Record], starts: Sequence[Rea
 
 
 def later_estimate(first: Estimation, starts: Sequence[Real]) -> Estimation:
-    """Return the fit from the first later start from which the model holds, else the first fit.
+    """Return the fit from the earliest later start from which the model holds, else `first`.
 
     A bump may be longer than stated; one that is not stated is taken as long enough.
     """

@@ -94,18 +94,13 @@ class Evaluated:
 def evaluate(
     box: GreyBox, eta: Real, mass_states: Collection[str], sigma: Mapping[str, float]
 ) -> dict[str, Evaluated]:
-    """Evaluate some mass states at the unknowns `eta`, what they share once.
-
-    `sigma`: standard deviation of the noise, SI.
-    """
-    points = {}
+    """Return some mass states at the unknowns `eta`; `sigma`: noise of each channel, SI."""
+    points, delays_s = {}, box.delays_s(eta).tolist()
     for name, system in box.systems(eta, mass_states).items():
         modes = spectrum(system.A)
         half, (apart, apart_into, together) = modes.half, modes.change(system.dA)
         groups = []
-        for i, (group, late_s) in enumerate(
-            zip(box.groups, box.delays_s(eta).tolist(), strict=True)
-        ):
+        for i, (group, late_s) in enumerate(zip(box.groups, delays_s, strict=True)):
             low_pass = low_pass_of(group.channels[0])  # all channels of a group have it
             filter_poles = low_pass.poles[low_pass.poles.imag >= 0.0]
             rates = np.concatenate([modes.poles[half], filter_poles, [0.0]])
@@ -120,9 +115,7 @@ def evaluate(
                 GroupAt(
                     rates=rates,
                     motion=np.add.outer(p * np.arange(4), np.arange(len(half))).ravel(),
-                    channel_functions=np.concatenate(
-                        [np.arange(len(half), p), 2 * p + oscillating]
-                    ),
+                    channel_functions=np.r_[len(half) : p, 2 * p + oscillating],
                     on_state=modes.on_real_functions(gained[..., None] * modes.W[half]),
                     gained=gained,
                     gain_slope=(rows * gain_slope)[:, half],

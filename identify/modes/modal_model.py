@@ -128,8 +128,7 @@ def mac(shapes: NDArray[np.complex128], others: NDArray[np.complex128]) -> NDArr
     shape.  A single shape (n,) has no axis in the result.
     """
     product = np.abs(shapes.conj().T @ others) ** 2
-    size, other_size = (np.sum(np.abs(each) ** 2, axis=0) for each in (shapes, others))
-    size = np.multiply.outer(size, other_size)
+    size = np.multiply.outer(*(np.sum(np.abs(each) ** 2, axis=0) for each in (shapes, others)))
     return np.asarray(np.divide(product, size, out=np.zeros_like(product), where=size > 0.0))
 
 

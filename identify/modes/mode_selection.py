@@ -290,10 +290,8 @@ def _split(modes: LikelyModes) -> Poles:
     hidden_shapes, strength, _ = np.linalg.svd(along)  # of each mode
     mode = int(np.argmax(np.where(modes.poles.imag > 0.0, strength[:, 0], -1.0)))
     shape = hidden_shapes[mode, :, 0] * modes.noise
-    return (
-        np.append(modes.poles, modes.poles[mode] * _DETUNED),
-        np.column_stack([modes.shapes, shape / np.linalg.norm(shape)]),
-    )
+    poles = np.append(modes.poles, modes.poles[mode] * _DETUNED)
+    return poles, np.column_stack([modes.shapes, shape / np.linalg.norm(shape)])
 
 
 # Modes of a vehicle as its sensors see them -------------------------------------------------------

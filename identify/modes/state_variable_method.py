@@ -271,8 +271,7 @@ _ROWS_S = 0.25
 _TIMES_MEDIAN = 2.858
 """Singular values below this multiple of their median are best left out (Gavish and Donoho
 2014)."""
-_OF_ROUNDING = 1e-11
-"""Singular values below this share of the largest are rounding."""
+_OF_ROUNDING = 1e-11  # as a share of the largest
 _LEAST_BLOCKS = 4
 
 
@@ -385,9 +384,6 @@ def diagram_of(space: DelaySpace, duration_s: float) -> StabilisationDiagram:
 
 
 def seen_in(candidates: Poles, others: Poles, tolerance: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which candidates recur among the others, by pole and by shape, (m,).
-
-    `tolerance`, (m,): largest distance of the poles, rad/s.
-    """
+    """Return which of m candidates recur: poles within a tolerance, (m,) rad/s, shapes alike."""
     near = np.abs(candidates[0][:, None] - others[0]) < tolerance[:, None]
     return np.asarray(np.any(near & (mac(candidates[1], others[1]) > _SAME_SHAPE), axis=1))
