@@ -245,7 +245,7 @@ def advance(log: RunLog, event: Event) -> RunLog:
 
 
 def _advanced(log: RunLog, event: Event) -> RunLog:
-    """Return the log after one event; raises what reading its text raises."""
+    """Return the log after one event; raises an error if its text cannot be read."""
     t_ns, text = event.t_ns, event.text
     match event.code:
         case Code.BUMP:

@@ -148,8 +148,8 @@ def session_from_arrays(
 def _groups(
     where: str, records: Mapping[str, tuple[ArrayLike, ArrayLike]], known: Mapping[str, Channel]
 ) -> tuple[SampleGroup, ...]:
-    """Group the channels that share their times."""
-    groups: dict[bytes, tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]] = {}
+    """Return the samples of a run: channels with the same times are in one group."""
+    by_times: dict[bytes, tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]] = {}
     for name, (times, samples) in records.items():
         if name not in known:
             what = f"channel {name!r} is not described"
@@ -161,8 +161,8 @@ def _groups(
         if not (np.isfinite(t_s).all() and (np.diff(t_s) > 0).all()):
             what = f"channel {name}: times are not increasing numbers"
             raise InputError(where, what, "sort them and remove doubles")
-        groups.setdefault(t_s.tobytes(), (t_s, {}))[1][name] = values
-    if not groups:
+        by_times.setdefault(t_s.tobytes(), (t_s, {}))[1][name] = values
+    if not by_times:
         raise InputError(where, "has no channel", "give at least one")
     return tuple(
         SampleGroup(
@@ -174,7 +174,7 @@ def _groups(
                 np.isnan([*channel_values.values()]).any(axis=0) * np.uint8(Quality.MISSING)
             ),
         )
-        for t_s, channel_values in groups.values()
+        for t_s, channel_values in by_times.values()
     )
 
 

@@ -342,7 +342,7 @@ def expected_car(vehicle: Vehicle) -> VehicleParameters:
     mass_ratio = facts.get(FactQuantity.TOTAL_MASS, axles_kg) / usual_kg
     m_uf, m_ur = mass_ratio * usual.m_uf, mass_ratio * usual.m_ur
     usual_cg_share = cg_share = usual.a / (usual.a + usual.b)
-    if is_weighed:
+    if is_weighed:  # the CG is between the axles, whatever the scales say
         cg_share = min(max((rear_kg - 2.0 * m_ur) / (axles_kg - 2.0 * (m_uf + m_ur)), 0.1), 0.9)
     wheelbase_m = facts.get(FactQuantity.WHEELBASE, usual.a + usual.b)
     lengths = vehicle.geometry or VehicleGeometry(

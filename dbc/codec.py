@@ -403,7 +403,7 @@ def _raw_values(signal: SignalLayout, payload: NDArray[np.uint8]) -> NDArray[Any
     word_bits = np.zeros((n, 64), np.uint8)
     word_bits[:, 64 - length :] = bits
     if signal.is_signed and not signal.is_float:
-        word_bits[:, : 64 - length] = bits[:, :1]
+        word_bits[:, : 64 - length] = bits[:, :1]  # the sign
     packed = np.packbits(word_bits, axis=1)
     if signal.is_float:
         return packed[:, 8 - length // 8 :].copy().view(f">f{length // 8}")[:, 0]

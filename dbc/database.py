@@ -99,28 +99,36 @@ def parse_codec(text: str, name: str) -> Codec:
         layouts.append(layout)
         for signal, fault in faults.items():
             source.report(f"{message.name}.{signal}", fault)
-    # A message that is passed on from one bus to another means the same on both.
-    layouts = [*{replace(each, cycle_s=None): each for each in layouts}.values()]
-    id_counts = Counter((each.can_id, each.is_extended) for each in layouts)
-    name_counts = Counter(each.name for each in layouts)
-    by_name: dict[str, MessageLayout] = {}
-    for each in layouts:
-        subject, unique_name = f"message {each.name}", each.name
-        if id_counts[each.can_id, each.is_extended] > 1:
-            source.report(subject, f"has the identifier 0x{each.can_id:X} of another")
-            continue
-        if name_counts[each.name] > 1:
-            unique_name += f"_0x{each.can_id:X}"
-            unique_name += "x" if unique_name in by_name else ""  # that one has 11 bits
-            renamed = f"has the name of another: it is {unique_name} here"
-            source.report(subject, renamed, Severity.WARNING)
-        by_name[unique_name] = replace(each, name=unique_name)
+    by_name = _by_unique_names(layouts, source)
     if not by_name:
         first_fault = source.findings[0].text if source.findings else "has no messages"
         raise InputError(name, first_fault, PICK)
     left_out = tuple(each for each in source.findings if not each.passed)
     notes = tuple(each for each in source.findings if each.passed)
     return Codec(tuple(by_name.values()), left_out, notes)
+
+
+def _by_unique_names(
+    layouts: Sequence[MessageLayout], source: _DbcText
+) -> dict[str, MessageLayout]:
+    """Return messages by names that differ; those with the identifier of another are left out."""
+    # A message that is passed on from one bus to another means the same on both.
+    layouts = [*{replace(layout, cycle_s=None): layout for layout in layouts}.values()]
+    id_counts = Counter((layout.can_id, layout.is_extended) for layout in layouts)
+    name_counts = Counter(layout.name for layout in layouts)
+    by_name: dict[str, MessageLayout] = {}
+    for layout in layouts:
+        subject, name = f"message {layout.name}", layout.name
+        if id_counts[layout.can_id, layout.is_extended] > 1:
+            source.report(subject, f"has the identifier 0x{layout.can_id:X} of another")
+            continue
+        if name_counts[layout.name] > 1:
+            name += f"_0x{layout.can_id:X}"
+            name += "x" if name in by_name else ""  # that one has 11 bits
+            renamed = f"has the name of another: it is {name} here"
+            source.report(subject, renamed, Severity.WARNING)
+        by_name[name] = replace(layout, name=name)
+    return by_name
 
 
 def _format_of(text: str, name: str) -> str:
@@ -276,7 +284,7 @@ class _DbcText:
         """
         strays = set(re.findall(r"(?:VAL_|SIG_VALTYPE_) \d+ \w+", complaint))
         for row, line in enumerate(self._lines):
-            statement = " ".join(line.replace(":", " ").split()[:3])
+            statement = " ".join(line.replace(":", " ").split()[:3])  # keyword, message, signal
             if statement in strays:
                 self._lines[row] = ""
                 fate, severity = "is left out: it names no signal", Severity.WARNING
@@ -406,12 +414,12 @@ def _signal(signal: Signal) -> SignalLayout:
     limits = None
     if low is not None and high is not None and -math.inf < low < high < math.inf:
         limits = float(low), float(high)
-    ranges: list[tuple[int, int]] = []
+    selector_ranges: list[tuple[int, int]] = []
     for value in sorted(signal.multiplexer_ids or ()):
-        if ranges and value <= ranges[-1][1] + 1:
-            ranges[-1] = ranges[-1][0], value
+        if selector_ranges and value <= selector_ranges[-1][1] + 1:
+            selector_ranges[-1] = selector_ranges[-1][0], value
         else:
-            ranges.append((value, value))
+            selector_ranges.append((value, value))
     layout = SignalLayout(
         name=signal.name,
         unit=signal.unit or "",
@@ -424,7 +432,7 @@ def _signal(signal: Signal) -> SignalLayout:
         offset=conversion.offset,
         limits=limits,
         selector=signal.multiplexer_signal,
-        selected_by=tuple(ranges),
+        selected_by=tuple(selector_ranges),
         sentinels=(),
     )
     if not conversion.choices or _role(signal) != "value":

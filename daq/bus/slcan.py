@@ -89,6 +89,7 @@ def parse_slcan(stream: bytes) -> tuple[FrameBatch, int, int]:
             rows = lines[codes == code]
             stamp_digits = line_lengths[rows] - n_characters
             rows = rows[(stamp_digits == 0) | (stamp_digits == _STAMP_DIGITS)]
+            # Identifier, length code and payload of each line, without its kind.
             nibbles = _NIBBLE[octets[starts[rows, None] + np.arange(1, n_characters)]]
             place_values = 16 ** np.arange(id_digits - 1, -1, -1, dtype=np.int64)
             ids = nibbles[:, :id_digits].astype(np.int64) @ place_values

@@ -263,7 +263,7 @@ class Link:
         self._source: FrameSource | None = None
         self._closed_losses = HopLosses()  # of the sources that are closed
         self._pause_s = BACK_OFF_S[0]
-        self._next_try_s = self._alive_s = clock()
+        self._next_try_s = self._alive_s = clock()  # due next opening; last opening or frame
         self._had_frames = self._was_open = False
         name = f"{config.interface} {config.channel}".strip()
         none = HopLosses()

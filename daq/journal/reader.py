@@ -165,13 +165,13 @@ def recordings_of(segments: Sequence[Path]) -> tuple[RecordingInfo, ...]:
     it, so that a reader counts what is lost with it.  Raises InputError if none can be read.
     """
     reason = InputError("journal", "holds no recording with a bench.toml and DBC", ADVICE)
-    groups: dict[str, list[SegmentInfo]] = {}
+    infos_of: dict[str, list[SegmentInfo]] = {}
     for info in _scanned(sorted(segments, key=segment_number, reverse=True)):
         if isinstance(info, InputError):
             reason = info
         else:
-            groups.setdefault(info.recording, []).insert(0, info)
-    found = [recording for infos in groups.values() if (recording := _recording(infos))][::-1]
+            infos_of.setdefault(info.recording, []).insert(0, info)
+    found = [recording for infos in infos_of.values() if (recording := _recording(infos))][::-1]
     if not found:
         raise reason
     readable = {path for recording in found for path in recording.segments}
@@ -256,7 +256,7 @@ class HopCounts:
         if last_row < 0:
             return self
         t_ns = self.t_ns[last_row:].copy()
-        t_ns[0] = np.iinfo(np.int64).min
+        t_ns[0] = np.iinfo(np.int64).min  # before any span: its counts are subtracted from all
         return HopCounts(t_ns, self.counts[last_row:])
 
 

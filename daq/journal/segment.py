@@ -115,12 +115,12 @@ class Summary:
         stamps_ns = [block.t_ns for block in blocks if block.size]
         firsts_ns = [int(t_ns.min()) for t_ns in stamps_ns]
         return Summary(
-            self.first if self.stop > self.first else blocks[0].number,
-            blocks[-1].number + 1,
-            self.frames + sum(map(len, stamps_ns)),
-            min([*firsts_ns, self.first_ns] if self.frames else firsts_ns, default=0),
-            max((int(t_ns.max()) for t_ns in stamps_ns), default=self.last_ns),
-            (*self.events, *((block.number, event) for block in blocks for event in block.events)),
+            first=self.first if self.stop > self.first else blocks[0].number,
+            stop=blocks[-1].number + 1,
+            frames=self.frames + sum(map(len, stamps_ns)),
+            first_ns=min([*firsts_ns, self.first_ns] if self.frames else firsts_ns, default=0),
+            last_ns=max((int(t_ns.max()) for t_ns in stamps_ns), default=self.last_ns),
+            events=(*self.events, *((b.number, event) for b in blocks for event in b.events)),
         )
 
 
@@ -207,22 +207,22 @@ def segment_number(path: Path) -> int:
 def read_segment(path: Path) -> tuple[list[Block], int]:
     """Return the whole blocks of a segment as it is now, and the number of bytes after them.
 
-    These are 0 if they were a head or an end, with which nothing is lost.  Raises InputError if it
-    is not a regular file or cannot be opened.
+    That number is 0 if they begin a head or an end, with which nothing is lost.  Raises InputError
+    if the file cannot be read.
     """
     data = _last_bytes(path)
     view, blocks = memoryview(data), []
-    offset = end = 0  # where a block may begin, and where the last whole one ends
+    offset = whole_bytes = 0  # where a block may begin; size up to the end of the last whole one
     while 0 <= offset < len(data):
         block = _block_at(view, offset)
         if block is None:
             offset = data.find(MAGIC, offset + 1)
         else:
-            offset = end = offset + HEADER.size + len(block.content)
+            offset = whole_bytes = offset + HEADER.size + len(block.content)
             blocks.append(block)
-    torn_bytes = len(data) - end
-    begins_block = torn_bytes >= HEADER.size and data.startswith(MAGIC, end)
-    if begins_block and HEADER.unpack_from(data, end)[2] in (Kind.HEAD, Kind.END):
+    torn_bytes = len(data) - whole_bytes
+    begins_block = torn_bytes >= HEADER.size and data.startswith(MAGIC, whole_bytes)
+    if begins_block and HEADER.unpack_from(data, whole_bytes)[2] in (Kind.HEAD, Kind.END):
         torn_bytes = 0
     return blocks, torn_bytes
 

@@ -159,8 +159,8 @@ class JournalWriter:
         """
         self._t_ns = int(frames.t_ns.max(initial=self._t_ns))
         self._losses = losses
-        losses = losses.plus(HopLosses(queue_dropped=self._dropped))
-        self._put(Kind.FRAMES, pack_frames(frames, losses))
+        total_losses = losses.plus(HopLosses(queue_dropped=self._dropped))
+        self._put(Kind.FRAMES, pack_frames(frames, total_losses))
 
     def append_events(self, events: Sequence[Event]) -> None:
         """Store events; as `append`."""

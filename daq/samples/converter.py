@@ -114,26 +114,26 @@ class Hold:
 
 
 def longest_hold(
-    time_s: NDArray[np.float64], value: NDArray[np.float64], rest_s: float, start_s: float
+    time_s: NDArray[np.float64], value: NDArray[np.float64], rest_end_s: float, decay_start_s: float
 ) -> Hold:
     """Return the longest hold of a channel in a run.
 
-    `time_s`, `value`: its samples, (n,) float64, n at least 1.  `rest_s`, `start_s`: end of the
-    rest before the bump and start of the decay, on the axis of `time_s`.
+    `time_s`, `value`: its samples, (n,) float64, n at least 1.  `rest_end_s`, `decay_start_s`: end
+    of the rest before the bump, and start of the decay, on the axis of `time_s`.
     """
     last_rows = np.flatnonzero(np.diff(value, append=np.nan) != 0.0)
     first_rows = np.concatenate([[0], last_rows[:-1] + 1])
     # A hold counts if it reaches into the decay and begins in its first half second: after that, a
     # coarse sensor may stay at one step of its converter.
-    is_in_decay = (time_s[last_rows] > start_s) & (time_s[first_rows] < start_s + 0.5)
+    is_in_decay = (time_s[last_rows] > decay_start_s) & (time_s[first_rows] < decay_start_s + 0.5)
     length_s = np.where(is_in_decay, time_s[last_rows] - time_s[first_rows], 0.0)
     longest = int(length_s.argmax())
     return Hold(
         int(first_rows[longest]),
         int(last_rows[longest]),
         float(length_s[longest]),
-        rest_rate=share_changed(value[time_s < rest_s]),
-        decay_rate=share_changed(value[time_s >= start_s]),
+        rest_rate=share_changed(value[time_s < rest_end_s]),
+        decay_rate=share_changed(value[time_s >= decay_start_s]),
         constant=bool(np.all(value == value[0])),
     )
 

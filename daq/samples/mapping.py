@@ -320,33 +320,32 @@ class Timekeeping:
 def sample_groups(
     mapped: Sequence[MappedChannel], decoded: Decoded, keeping: Timekeeping, t0_ns: int
 ) -> tuple[SampleGroup, ...]:
-    """Group the channels by sample set or message.
+    """Return the samples of the channels in groups: one for each sample set or message.
 
-    Each multiplexed channel has its own group, because it comes less often.
-
-    `t0_ns`: origin of the times.  No group is empty.
+    Each multiplexed channel has its own group, because it comes less often.  `t0_ns`: origin of the
+    times.  No group is empty.
     """
     sources = [m.channel.signal if m.is_multiplexed else m.message.name for m in mapped]
     name_in_file = group_names(sources)
-    set_of = {  # by message; only sets whose carrier was received
+    set_of_message = {  # by message; only sets whose carrier was received
         message: sample_set
         for sample_set in keeping.sets
         if (carrier := decoded.samples.get(".".join(sample_set.carrier))) and carrier.usable.any()
         for message in sample_set.messages
     }
-    members: dict[str, list[MappedChannel]] = {}
+    channels_of_group: dict[str, list[MappedChannel]] = {}
     for m, source in zip(mapped, sources, strict=True):
         if m.channel.signal in decoded.samples:
             name = name_in_file[source]
-            if m.message.name in set_of and not m.is_multiplexed:
-                name = set_of[m.message.name].name
-            members.setdefault(name, []).append(m)
-    sets = {sample_set.name: sample_set for sample_set in set_of.values()}
+            if m.message.name in set_of_message and not m.is_multiplexed:
+                name = set_of_message[m.message.name].name
+            channels_of_group.setdefault(name, []).append(m)
+    sets = {sample_set.name: sample_set for sample_set in set_of_message.values()}
     groups = (
         _set_group(sets[name], channels, decoded, keeping, t0_ns)
         if name in sets
         else _message_group(name, channels, decoded, keeping, t0_ns)
-        for name, channels in members.items()
+        for name, channels in channels_of_group.items()
     )
     return tuple(group for group in groups if len(group.time_s))
 

@@ -86,17 +86,17 @@ def advance(
     ``t_bump + post_s`` when the data have passed it; `clock_step` if the time stamps went back.
     """
     finite = {
-        name: (t_ns[good], value[good])
+        name: (t_ns[is_finite], value[is_finite])
         for name, (t_ns, value) in block.items()
-        if (good := np.isfinite(value)).any()
+        if (is_finite := np.isfinite(value)).any()
     }
     if not finite:
         return state, ()
     events: list[Event] = []
-    latest = max(int(t_ns[-1]) for t_ns, _ in finite.values())
+    latest_ns = max(int(t_ns[-1]) for t_ns, _ in finite.values())
     # Stamps that go back by more than a second mean that a clock was set, and not late frames.
-    if state.now_ns is not None and latest < state.now_ns - 1_000_000_000:
-        events.append(Event(latest, CLOCK_STEP, (latest - state.now_ns) * 1e-9))
+    if state.now_ns is not None and latest_ns < state.now_ns - 1_000_000_000:
+        events.append(Event(latest_ns, CLOCK_STEP, (latest_ns - state.now_ns) * 1e-9))
         state = TriggerState()
     if not state.channels:
         state = replace(state, since_ns=min(int(t_ns[0]) for t_ns, _ in finite.values()))

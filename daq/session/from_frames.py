@@ -68,9 +68,9 @@ class Intake:
         self._end_ns: int | None = None
         self._events: list[Event] = []
         self._windows_ns: list[tuple[int, int]] = []
-        self._recent: list[FrameBatch] = []
-        self._kept: list[FrameBatch] = []
-        self._losses: list[tuple[int, ...]] = []
+        self._recent: list[FrameBatch] = []  # blocks in which a run of a later bump may begin
+        self._kept: list[FrameBatch] = []  # frames around bumps, of earlier blocks
+        self._losses: list[tuple[int, ...]] = []  # latest time stamp, ns, and `HopLosses`
 
     def goes_on_with(self, batch: FrameBatch) -> bool:
         """Return True if a block follows the earlier blocks without a gap of a second."""

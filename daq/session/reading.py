@@ -389,7 +389,7 @@ def _values(
 def _rows(
     content: Content, path: str, columns: Mapping[str, str], needed: Collection[str]
 ) -> list[dict[str, Any]]:
-    """Return the rows of a table; a column that an older file does not have gets its default."""
+    """Return the rows of a table by column, without columns that an older file does not have."""
     _attributes(content, path)
     present = [name for name in columns if name in needed or f"{path}/{name}" in content]
     cells = {

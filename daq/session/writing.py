@@ -240,17 +240,17 @@ def _samples(path: str, samples: SampleGroup, channels: Sequence[Channel]) -> Co
         **({"signal": names[0]} if names else {}),
         **({"auxiliary_signals": tuple(names[1:])} if names[1:] else {}),
     }
-    of_time = {"units": "s", "long_name": "time since t0 of the run"}
-    of_stamps = {"units": "ns", "long_name": "bus time since 1970-01-01 UTC"}
-    of_quality: dict[str, Attribute] = {
+    time_attributes = {"units": "s", "long_name": "time since t0 of the run"}
+    stamp_attributes = {"units": "ns", "long_name": "bus time since 1970-01-01 UTC"}
+    quality_attributes: dict[str, Attribute] = {
         "flag_masks": (1, 2, 4, 8, 16, 32),
         "flag_meanings": "counter_gap crc_bad sentinel out_of_range interpolated missing",
     }
     content = {
         path: Item(group_attributes),
-        f"{path}/time": Item(of_time, samples.time_s, ("time",)),
-        f"{path}/t_ns": Item(of_stamps, samples.t_ns, ("time",)),
-        f"{path}/quality": Item(of_quality, samples.quality, ("time",)),
+        f"{path}/time": Item(time_attributes, samples.time_s, ("time",)),
+        f"{path}/t_ns": Item(stamp_attributes, samples.t_ns, ("time",)),
+        f"{path}/quality": Item(quality_attributes, samples.quality, ("time",)),
     }
     channel_of = {channel.name: channel for channel in channels}
     for name, values in samples.values.items():
@@ -268,7 +268,10 @@ def _table(
     rows: Sequence[Mapping[str, Any]],
     attributes: Mapping[str, Attribute] | None = None,
 ) -> Content:
-    """Return a group with rows as one dataset per column."""
+    """Return a table: a group with a dataset for each column, and one that counts its rows.
+
+    `dimension`: name of the latter.  `columns`: types by name.
+    """
     arrays = {}
     for name, dtype in columns.items():
         cells = [row[name] for row in rows]
@@ -318,13 +321,13 @@ def _image(content: Content) -> memoryview:
                 node = parents[path] = parents[parent].create_group(name) if name else file
                 scales.clear()  # an open dataset holds its last chunk in memory
             else:
-                packed: dict[str, Any] = {}
+                options: dict[str, Any] = {}
                 if values.size:  # HDF5 has no chunks of size 0
-                    packed["chunks"] = (min(len(values), 8192), *values.shape[1:])
+                    options["chunks"] = (min(len(values), 8192), *values.shape[1:])
                     # A higher level than 1 packs hardly better.
-                    packed |= {"compression": "gzip", "compression_opts": 1}
-                    packed |= {"shuffle": True, "fletcher32": True}
-                node = parents[parent].create_dataset(name, data=values, **packed)
+                    options |= {"compression": "gzip", "compression_opts": 1}
+                    options |= {"shuffle": True, "fletcher32": True}
+                node = parents[parent].create_dataset(name, data=values, **options)
                 for axis, scale in enumerate(item.scales):
                     if scale == name:
                         node.make_scale(name)
