@@ -95,7 +95,7 @@ def kinds_of(wheels: Wheels, planned: tuple[Excitation, ...]) -> tuple[Excitatio
     `wheels`: the wheels that were struck.  `planned`: the kinds of the campaign.
     """
     corner_at = {(corner.front, corner.side): corner for corner in Corner}
-    mirror_images = {
+    mirror_images = {  # `is not` exchanges the axles where `swaps_axles` is true
         Wheels(corner_at[c.front is not swaps_axles, c.side * side_sign] for c in wheels)
         for swaps_axles in (False, True)
         for side_sign in (1, -1)

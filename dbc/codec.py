@@ -328,7 +328,7 @@ class Codec:
         words = batch.data.view(np.uint64)
         for i in np.flatnonzero(n_frames[: len(self.messages)]).tolist():
             message = self.messages[i]
-            rows = order[stops[i] - n_frames[i] : stops[i]]
+            rows = order[stops[i] - n_frames[i] : stops[i]]  # of the frames of this message
             if message.length <= 8:
                 payload = words[:, 0].take(rows)[:, None]
             else:

@@ -213,6 +213,7 @@ class PythonCanSource:
         """Return a block of at most `BLOCK_FRAMES` frames; see `FrameSource`."""
         received: list[tuple[can.Message, int]] = []  # with the time of arrival, ns
         end_s = time.monotonic() + timeout_s
+        # Frames that gather in the interface are asked for; otherwise `recv` waits for each.
         while len(received) < BLOCK_FRAMES:
             wait_s = 0.0 if self._gather_s and received else max(end_s - time.monotonic(), 0.0)
             try:

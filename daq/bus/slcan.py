@@ -193,6 +193,7 @@ class SlcanSource:
         # A line that is too long is replaced by a character with which no line begins: it counts as
         # one garbled line when it ends, and memory stays bounded.
         self._unfinished = stream[n_used:] if len(stream) - n_used <= LONGEST_LINE else b"?"
+        # `parse_slcan` stamps a frame with the place of the end of its line.
         piece_index = np.searchsorted(np.cumsum(sizes), frames.t_ns, side="right")
         t_ns, bus = np.array(read_ns, np.int64)[piece_index], np.full(len(frames), self._index)
         return replace(frames, t_ns=t_ns, bus=bus)

@@ -324,6 +324,7 @@ class Link:
         self._facts = replace(self._facts, connected=True, error="", advice="", reopened=reopened)
 
     def _fail(self, error: BaseException) -> None:
+        """Close the source after a failure, report why, and set the pause before it is opened."""
         self._drop()
         self._next_try_s = self._clock() + self._pause_s
         self._pause_s = min(2 * self._pause_s, BACK_OFF_S[1])

@@ -99,13 +99,15 @@ def scan(path: Path, later: SegmentInfo | None = None) -> SegmentInfo:
     blocks, _ = read_segment(path)
     if not blocks:
         raise InputError(str(path), "has no whole block of a journal", ADVICE)
-    first = blocks[0]
+    first_block = blocks[0]
     heads = [block.head[0] for block in blocks if block.kind == Kind.HEAD]
     kept = [block for block in blocks if block.kind in (Kind.EVENTS, Kind.FRAMES)]
-    if later is not None and later.recording == first.recording:
+    if later is not None and later.recording == first_block.recording:
         kept = [block for block in kept if block.number < later.summary.first]
-    summary = Summary(first.number, first.number).extended(kept)
-    return SegmentInfo(path, first.recording, first.writer, heads[-1] if heads else None, summary)
+    summary = Summary(first_block.number, first_block.number).extended(kept)
+    return SegmentInfo(
+        path, first_block.recording, first_block.writer, heads[-1] if heads else None, summary
+    )
 
 
 def _scanned(newest_first: Iterable[Path]) -> Iterator[SegmentInfo | InputError]:
@@ -356,7 +358,7 @@ class JournalReader:
         )
 
     def __iter__(self) -> Iterator[tuple[HopLosses, Block]]:
-        expected, writer = 0, self.head.wall_ns
+        expected, writer = 0, self.head.wall_ns  # number of the next block; process that writes
         losses = earlier_losses = HopLosses()
         for path in self._segments:
             for block in self._blocks(path):
@@ -370,7 +372,7 @@ class JournalReader:
                     continue  # written twice: the first time its fdatasync failed
                 if block.number > expected:
                     self._missing.append((path.name, expected, block.number))
-                if block.kind == Kind.END:
+                if block.kind == Kind.END:  # its number is that of the next block
                     expected = block.number
                     continue
                 self._torn.clear()  # the block that was cut off before is this one

@@ -257,18 +257,18 @@ def _ticks(
     since_s = arrival_s - arrival_s[0]
     start_s = float(np.min(since_s[:n_fitted] - cycle_s * np.rint(since_s[:n_fitted] / cycle_s)))
     while True:
-        first_s = since_s[:n_fitted]
-        count = np.arange(len(first_s))
+        fitted_s = since_s[:n_fitted]
+        count = np.arange(len(fitted_s))
         # Number of ticks without a frame before each.  A frame may seem to come up to 0.2 cycles
         # before its tick, within the accuracy of the tick.
-        skipped = np.floor((first_s - start_s) / cycle_s + 0.2) - count
+        skipped = np.floor((fitted_s - start_s) / cycle_s + 0.2) - count
         index = np.asarray(np.minimum.accumulate(skipped[::-1])[::-1] + count, np.float64)
         middle = float(index.mean())
         from_middle = np.asarray(index - middle, np.float64)
-        middle_s, cycle_s = lower_line(from_middle, first_s, cycle_s, LARGEST_TOLERANCE)
+        middle_s, cycle_s = lower_line(from_middle, fitted_s, cycle_s, LARGEST_TOLERANCE)
         start_s = middle_s - cycle_s * middle
         if n_fitted >= len(since_s):
-            return index, np.asarray(first_s - start_s - cycle_s * index, np.float64), cycle_s
+            return index, np.asarray(fitted_s - start_s - cycle_s * index, np.float64), cycle_s
         n_fitted += n_fitted // 4
 
 

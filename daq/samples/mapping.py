@@ -96,7 +96,7 @@ def channel_values(
 def map_channels(
     channels: Sequence[Channel], messages: Sequence[MessageLayout], dbc_name: str
 ) -> tuple[MappedChannel, ...]:
-    """Find the signal of every channel and check that its unit fits the quantity.
+    """Return each channel with its signal, whose unit must fit the quantity.
 
     Raises InputError if a signal is not in the DBC, or its unit is unknown or of another quantity.
     """
@@ -432,7 +432,7 @@ def _set_group(
     keeping: Timekeeping,
     t0_ns: int,
 ) -> SampleGroup:
-    """Align the messages of a set: row k is sample k, whichever of its frames came."""
+    """Return the samples of a set of messages: a row for each, whichever of its frames came."""
     carrier, counter_signal = sample_set.carrier
     times = _clock_times(keeping.messages[carrier], decoded, keeping, t0_ns)
     assert times is not None  # ensured by bench.sensors.check_sets

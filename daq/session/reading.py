@@ -116,7 +116,7 @@ def read_content(path: Path | str) -> tuple[Content, bool]:
     except OSError as error:
         what = f"cannot be read: {error.strerror}"
         raise InputError(where, what, "get read permission") from error
-    end = len(image) - len(MARK) - 9  # where the last line begins
+    end = len(image) - len(MARK) - 9  # where the last line begins: mark, eight digits, line feed
     is_marked = end > 0 and image.startswith(MARK, end)
     is_as_written = is_marked and image[end:] == b"%s%08x\n" % (MARK, crc32(image[:end]))
     if is_marked and not is_as_written:
