@@ -114,8 +114,7 @@ class RecordedSource:
 
     Time stamps keep their intervals; gaps longer than `LONGEST_GAP_S` are shortened to it.
 
-    `speed`: seconds of the recording that pass in one second.  `start_ns`: time stamp of the first
-    frame, ns since 1970 UTC.
+    `speed`: seconds of the recording that pass in one second.  `start_ns`: first stamp, ns UTC.
     """
 
     def __init__(self, frames: FrameBatch, bus: int, speed: float, start_ns: int) -> None:

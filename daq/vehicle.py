@@ -254,8 +254,7 @@ def parameter_unit(name: str) -> str:
 class FactQuantity(StrEnum):
     """Quantities of the vehicle without added mass, known from scales and a tape measure.
 
-    A load is what the scales under the wheels show, kg; a track is the full width between the
-    middles of the tyres, m.
+    A load is what scales under the wheels show, kg; a track is the width between tyre middles, m.
     """
 
     TOTAL_MASS = "total_mass_kg"

@@ -25,8 +25,7 @@ _KBIT_S = (10, 20, 50, 100, 125, 250, 500, 750, 1000, 83.3)
 BITRATE_CODES = {round(1000 * kbit_s): f"S{code}" for code, kbit_s in enumerate(_KBIT_S)}
 """Command that sets each bit rate of the bus."""
 SILENCE_S = 2.0
-"""Silence after opening, s, after which the setup is sent again: some adapters reset when their
-line is opened, and miss the setup."""
+"""Silence after which the setup is sent again, s: some adapters reset on opening, and miss it."""
 _BLOCK_BYTES = BLOCK_FRAMES * 22  # standard frames of 8 bytes; FD frames make smaller blocks
 _STAMP_DIGITS = 4
 LONGEST_LINE = 1 + 8 + 1 + 2 * 64 + _STAMP_DIGITS  # kind, identifier, length code, payload

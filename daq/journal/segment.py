@@ -7,8 +7,7 @@ read whatever has become of the bytes before it.  bench.toml and DBC stand in th
 segment, in another a second later, and in the last one.
 
 After `Segment.write` has returned, neither a kill nor a power cut loses the blocks.  After the
-first write error a file is not touched again: a repeated write in the same file leaves holes in
-data that were reported as written.
+first write error a file is not touched again: a repeated write would leave holes in it.
 """
 
 from __future__ import annotations
@@ -43,8 +42,7 @@ from ..runs import Event
 MAGIC = b"\xb5BUMP\r\n\x01"
 """The first bytes of each block."""
 HEADER = struct.Struct("<8sIIIQQ16s")
-"""Magic, CRC-32 of all that follows it, kind, length of the content in bytes, number, writer,
-recording."""
+"""Magic, CRC-32 of all after it, kind, bytes of the content, number, writer, recording."""
 _CHECKED_FROM = 12
 """Position in a block from which its checksum is calculated, bytes."""
 _FRAMES = struct.Struct("<II4Q")
@@ -128,8 +126,7 @@ class Block(NamedTuple):  # a frozen dataclass takes four times as long to make
     """A block whose checksum matches.
 
     `number`: in the recording; of a head or an end that of the next block.  `writer`: the process
-    that wrote it, as `JournalHead.wall_ns`.  `recording`: its identity.  `content`: the bytes after
-    the header.
+    that wrote it, as `JournalHead.wall_ns`.  `recording`: its identity.  `content`: without header.
     """
 
     kind: int

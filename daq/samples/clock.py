@@ -403,9 +403,8 @@ def lower_line(
     and a point after the mean is replaced by the point furthest below the chord, until there is
     none below it.
 
-    `k`, (n,) float64: abscissae with mean 0.  `y`, (n,) float64: ordinates.  `cycle_s` and
-    `tolerance`: the slope is kept within ``cycle_s (1 +- tolerance)``.  Returns start and slope of
-    the line ``start + slope k``.
+    `k`, (n,) float64: abscissae with mean 0.  `y`, (n,) float64: ordinates.  The slope is kept
+    within ``cycle_s (1 +- tolerance)``.  Returns start and slope of ``start + slope k``.
     """
     largest_slope, smallest_slope = cycle_s * (1 + tolerance), cycle_s * (1 - tolerance)
     before_mean = int(np.argmin(y - smallest_slope * k))

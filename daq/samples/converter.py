@@ -1,7 +1,6 @@
 """Detects effects of a sensor's converter: cut tops, values that do not change, coarse steps.
 
-Bench check, alarms, verdict and identification all use these functions, so that they cannot
-disagree about the same samples.
+Bench check, alarms, verdict and identification use them, and so agree about the same samples.
 """
 
 from __future__ import annotations

@@ -71,8 +71,7 @@ class SchemaError(ValueError):
 def read_session(path: Path | str) -> Session:
     """Return the session in a file, with its raw frames.
 
-    Raises InputError if the file does not exist, is not a session, has a newer schema, is
-    damaged, or was changed after it was written.
+    Raises InputError if there is no file, or it is no session, of a newer schema, or was changed.
     """
     content, is_as_written = read_content(path)
     if not is_as_written and (changed := _changed_parts(content)):
@@ -101,8 +100,7 @@ def _changed_parts(content: Content) -> tuple[str, ...]:
 def read_content(path: Path | str) -> tuple[Content, bool]:
     """Return the content of a session file, and whether its bytes are as they were written.
 
-    Raises InputError if the file does not exist, is not a session, has a newer schema, states what
-    no session has, or cannot be unpacked.
+    Raises InputError if there is no file, or it is no session, of a newer schema, or damaged.
     """
     import h5py
 
