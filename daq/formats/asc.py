@@ -69,13 +69,13 @@ class AscParser:
             return None if line.strip() else 0
 
     def _parsed(self, line: bytes) -> Record | int:
-        """Return what `__call__` does; raises ValueError or IndexError for an unreadable line."""
+        """Return the frame in a line, or 0; raises ValueError or IndexError if it is unreadable."""
         # Fields of the short form: bus, identifier, direction, d or r, DLC, payload.
         time, *fields = line.split(None, 6)
         try:
             t_ns = nanoseconds(time)
         except ValueError:
-            return self._header(line.strip())
+            return self._read_header(line.strip())
         if self._start_ns and t_ns >= LONGEST_NS:
             raise ValueError(line)
         if self._is_relative:
@@ -93,8 +93,8 @@ class AscParser:
             raise ValueError(line)
         return 0
 
-    def _header(self, raw: bytes) -> int:
-        """Remember a line without a time; raises ValueError if none of ASC is such."""
+    def _read_header(self, raw: bytes) -> int:
+        """Return 0 for a line without a time, and keep what it states; ValueError if it is none."""
         line = raw.decode("utf-8" if b"\xc3" in raw else "cp1252", "replace")
         stated = line.lower()
         if base := re.match(r"base\s+(hex|dec)(?:\s+timestamps\s+(absolute|relative))?", stated):
@@ -124,11 +124,11 @@ class AscParser:
             # A DLC of 9 to 15 means 8 bytes.  Some loggers write FD frames in this form, with a
             # length; others with a DLC in decimal, whatever the base.
             pattern = rb"[0-9A-Fa-f]{1,2}" if self._base == 16 else rb"\d{1,3}"
-            follow = len(list(takewhile(lambda t: re.fullmatch(pattern, t), text.split())))
-            code = int(stated[0]) if stated[0].isdigit() else 99
-            coded = code < len(_FD_LENGTHS) and follow == _FD_LENGTHS[code]
-            if coded or dlc in _FD_LENGTHS[10:]:
-                length, flags = _FD_LENGTHS[code] if coded else dlc, flags | FD
+            n_bytes = len(list(takewhile(lambda t: re.fullmatch(pattern, t), text.split())))
+            decimal_dlc = int(stated[0]) if stated[0].isdigit() else 99  # 99: it is none
+            fits = decimal_dlc < len(_FD_LENGTHS) and n_bytes == _FD_LENGTHS[decimal_dlc]
+            if fits or dlc in _FD_LENGTHS[10:]:
+                length, flags = _FD_LENGTHS[decimal_dlc] if fits else dlc, flags | FD
             elif dlc > 15:
                 raise ValueError(fields)
         return t_ns, can_id, flags, bus, length, spaced_bytes(text, length, self._base)
@@ -140,11 +140,11 @@ class AscParser:
             return t_ns, 0, ERROR | sent, bus, 0, b""
         can_id, flags = _identifier(tokens[4], self._base)
         # There may be a symbolic name between the identifier and the bits BRS and ESI.
-        place = 5 if len(tokens[5]) == 1 and tokens[5].isdigit() else 6
-        brs, esi = number(tokens[place], 2), number(tokens[place + 1], 2)
-        dlc, length = number(tokens[place + 2], 16), number(tokens[place + 3], 10)
-        stop = place + 4 + length
-        data = spaced_bytes(b" ".join(tokens[place + 4 :]), length, self._base)
+        first = 5 if len(tokens[5]) == 1 and tokens[5].isdigit() else 6  # the token of BRS
+        brs, esi = number(tokens[first], 2), number(tokens[first + 1], 2)
+        dlc, length = number(tokens[first + 2], 16), number(tokens[first + 3], 10)
+        stop = first + 4 + length
+        data = spaced_bytes(b" ".join(tokens[first + 4 :]), length, self._base)
         # After the payload: duration, bits on the wire, flags.  Bit 12 is FDF: without it, the
         # frame is a classic one in the long form, and bit 4 marks a remote frame.  Some loggers
         # never set bit 12; such a frame is FD if it has properties that only FD has.

@@ -60,13 +60,13 @@ def named(headings: Sequence[Heading], wanted: str, where: str) -> Heading:
     Raises InputError if there is not exactly one.
     """
     exact = [each for each in headings if each.name == wanted]
-    same = exact or [each for each in headings if each.name.endswith(f"/{wanted}")]
-    if len(same) == 1:
-        return same[0]
+    matching = exact or [each for each in headings if each.name.endswith(f"/{wanted}")]
+    if len(matching) == 1:
+        return matching[0]
     shown = printable(wanted, 100)
-    if same:
-        full = printable(", ".join(each.name for each in same[:4]), 300)
-        raise InputError(where, f"has {len(same)} columns {shown!r}", f"write one of {full}")
+    if matching:
+        full = printable(", ".join(each.name for each in matching[:4]), 300)
+        raise InputError(where, f"has {len(matching)} columns {shown!r}", f"write one of {full}")
     names = printable(", ".join(each.name for each in headings), 300)
     raise InputError(where, f"has no column {shown!r}", f"it has {names}")
 
@@ -89,15 +89,15 @@ def read_columns(path: Path, names: Sequence[str]) -> Columns:
         raise InputError(where, "is HDF5, not a table", "save a MAT with -v7, or a Parquet table")
     readers = {b"PAR1": _read_parquet, b"MDF     ": _read_mdf, b"MATLAB 5.0": _read_matlab}
     read = next((read for magic, read in readers.items() if head.startswith(magic)), _read_csv)
-    wanted: dict[str, Heading] = {}  # by the name under which a column is returned
+    wanted: dict[str, Heading] = {}  # by the name under which a column is returned; see `choose`
 
     def choose(headings: Sequence[Heading]) -> Sequence[Heading]:
         if not headings:
             raise InputError(where, "has no column of numbers", "name a file of channels")
-        wanted.update({each.name: each for each in headings[:2000]})  # enough for a proposal
         if names:
-            wanted.clear()
             wanted.update({name: named(headings, name, where) for name in names})
+        else:
+            wanted.update({each.name: each for each in headings[:2000]})  # enough for a proposal
         return list(dict.fromkeys(wanted.values()))
 
     try:
@@ -130,9 +130,9 @@ def _read_parquet(path: Path, choose: Choose) -> Table:
         headings = []
         for column in file.schema_arrow:
             if any(is_kind(column.type) for is_kind in kinds):
-                about = column.metadata or {}
-                stated = [about[key] for key in (b"unit", b"units", b"Unit") if key in about]
-                unit = stated[0].decode("utf-8", "replace") if stated else ""
+                metadata = column.metadata or {}
+                units = [metadata[key] for key in (b"unit", b"units", b"Unit") if key in metadata]
+                unit = units[0].decode("utf-8", "replace") if units else ""
                 unit = "ns" if pa.types.is_timestamp(column.type) else unit
                 headings.append(Heading(column.name, unit, "table"))
         chosen = choose(headings)
@@ -152,7 +152,7 @@ def _read_parquet(path: Path, choose: Choose) -> Table:
 def _read_mdf(path: Path, choose: Choose) -> Table:
     """Return channels of an MDF file; those of a group have the times of its master."""
     with open_mdf(path, str(path)) as mdf, redirect_stdout(StringIO()):
-        places: dict[str, tuple[int, int]] = {}
+        places: dict[str, tuple[int, int]] = {}  # numbers of group and channel, by full name
         headings, clocks = [], {}
         for number, group in enumerate(mdf.groups):
             name = getattr(group.channel_group, "acq_name", "") or f"group {number}"
@@ -164,8 +164,8 @@ def _read_mdf(path: Path, choose: Choose) -> Table:
                 if index == mdf.masters_db.get(number) or full in places:
                     continue
                 places[full] = number, index
-                rule = getattr(channel, "conversion", None)
-                unit = str(channel.unit or getattr(rule, "unit", "") or "")
+                conversion = getattr(channel, "conversion", None)
+                unit = str(channel.unit or getattr(conversion, "unit", "") or "")
                 headings.append(Heading(full, unit, clock))
         chosen = choose(headings)
         values = {}
@@ -174,8 +174,8 @@ def _read_mdf(path: Path, choose: Choose) -> Table:
             signal = mdf.get(group=group, index=index, ignore_invalidation_bits=True)
             samples, invalid = np.asarray(signal.samples), signal.invalidation_bits
             if invalid is not None and samples.dtype.kind in "iuf":
-                bits = np.asarray(getattr(invalid, "bits", invalid), bool)
-                samples = np.where(bits, np.nan, samples)
+                is_invalid = np.asarray(getattr(invalid, "bits", invalid), bool)
+                samples = np.where(is_invalid, np.nan, samples)
             values[each.name] = samples
         times = {
             clock: np.asarray(mdf.get_master(number), np.float64)
@@ -236,25 +236,27 @@ def _form(path: Path) -> tuple[str, str, int, tuple[Heading, ...]]:
     of numbers.
     """
     with path.open("rb") as file:
-        raw = file.read(1 << 17)  # longer than the head of any table
-    encoding = "utf-16" if raw[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
-    is_whole = len(raw) < 1 << 17
+        head = file.read(1 << 17)  # longer than the head of any table
+    encoding = "utf-16" if head[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
+    is_whole = len(head) < 1 << 17
     try:  # a character that the end of the head cuts is left out
-        text = codecs.getincrementaldecoder(encoding)().decode(raw, final=is_whole)
+        text = codecs.getincrementaldecoder(encoding)().decode(head, final=is_whole)
     except UnicodeDecodeError:
-        encoding, text = "cp1252", raw.decode("cp1252", "replace")
+        encoding, text = "cp1252", head.decode("cp1252", "replace")
     if "\0" in text:
         raise InputError(str(path), "is not a table of numbers", "name a file of channels")
     lines = text.splitlines()
     lines = lines if is_whole else lines[:-1]
     for separator in (";", "\t", ","):
         rows = [next(csv.reader([line], delimiter=separator), []) for line in lines[:2000]]
-        full = next((i for i, row in enumerate(rows) if _is_data(row, separator)), None)
-        if full is not None:
-            first = full  # lines above it with one value and gaps are data too
-            while first > 0 and _is_sparse_data(rows[first - 1], separator, len(rows[full])):
-                first -= 1
-            return encoding, separator, first, _headings(rows[:first], rows[full])
+        first_full = next((i for i, row in enumerate(rows) if _is_data(row, separator)), None)
+        if first_full is not None:
+            first_data = first_full  # lines above it with one value and gaps are data too
+            while first_data > 0 and _is_sparse_data(
+                rows[first_data - 1], separator, len(rows[first_full])
+            ):
+                first_data -= 1
+            return encoding, separator, first_data, _headings(rows[:first_data], rows[first_full])
     what = "is not a table of numbers with ; tabulator or , between the columns"
     raise InputError(str(path), what, "name a file of channels, or export it with one of these")
 
@@ -277,6 +279,7 @@ def _is_sparse_data(row: Sequence[str], separator: str, n_cells: int) -> bool:
 
 
 def _is_number(cell: str, separator: str) -> bool:
+    """Return whether a cell is a number; a comma that separates the columns cannot be in it."""
     return bool(_NUMBER.match(cell)) and (separator != "," or "," not in cell)
 
 
@@ -284,22 +287,22 @@ def _headings(head: Sequence[Sequence[str]], data: Sequence[str]) -> tuple[Headi
     """Return the columns from the lines of the head and the first line of data; see `_form`."""
     n = len(data)
     # One cell more or less: some tools end the lines of the head or of the data with a separator.
-    wide = [[cell.strip() for cell in row] for row in head if abs(len(row) - n) <= 1]
-    wide = [[*row, ""][:n] for row in wide]  # n cells each
+    full_rows = [[cell.strip() for cell in row] for row in head if abs(len(row) - n) <= 1]
+    full_rows = [[*row, ""][:n] for row in full_rows]  # n cells each
     names, units = [""] * n, [""] * n
-    if wide:
-        names = wide[-1]
+    if full_rows:
+        names = full_rows[-1]
         are_units = all(c.strip("[]()") != c or known_si(c) is not None for c in names)
-        if len(wide) > 1 and are_units and any(names):
-            names, units = wide[-2], [cell.strip("[]()") for cell in names]
+        if len(full_rows) > 1 and are_units and any(names):
+            names, units = full_rows[-2], [cell.strip("[]()") for cell in names]
     headings = list[Heading]()
     for i, name in enumerate(names):
         match = _UNIT.match(name)
         if match and not units[i]:
             name, units[i] = match[1], match[2]
         name, unit = name or f"column {i + 1}", "ns" if _DATE.match(data[i]) else units[i]
-        taken = any(each.name == name for each in headings)  # then it gets its column's number
-        headings.append(Heading(f"{name}:{i + 1}" if taken else name, unit, "table"))
+        is_taken = any(each.name == name for each in headings)  # then it gets its column's number
+        headings.append(Heading(f"{name}:{i + 1}" if is_taken else name, unit, "table"))
     return tuple(headings)
 
 
@@ -310,7 +313,7 @@ def _read_csv(path: Path, choose: Choose) -> Table:
     stated.
     """
     pandas = optional("pandas", "data")
-    encoding, separator, first, headings = _form(path)
+    encoding, separator, first_line, headings = _form(path)
     wanted, n = choose(headings), len(headings)
     positions = [headings.index(each) for each in wanted]
     table = pandas.read_csv(
@@ -318,14 +321,14 @@ def _read_csv(path: Path, choose: Choose) -> Table:
         sep=separator,
         header=None,
         names=range(n + 1),  # a row with a field too many has a value in the last one
-        skiprows=first,
+        skiprows=first_line,
         skip_blank_lines=False,
         encoding=encoding,
         encoding_errors="replace",
         index_col=False,
         low_memory=False,
     )
-    table.index += first + 1  # the number of the line, from 1
+    table.index += first_line + 1  # the number of the line, from 1
     too_long = table.index[table[n].notna()]
     table = table.drop(index=too_long)
     unread = []
@@ -333,18 +336,18 @@ def _read_csv(path: Path, choose: Choose) -> Table:
         rows = counted(len(too_long), "row has", "rows have")
         unread.append(f"{rows} a field too many, the first in line {min(too_long)}")
     has_point = any(_has_point(table[position]) for position in positions)
-    is_comma = separator != "," and not has_point
-    values, bad = {}, []
+    comma_is_decimal = separator != "," and not has_point
+    values, unreadable = {}, []  # line and column of each unreadable cell
     for heading, position in zip(wanted, positions, strict=True):
         column = table[position]
         if column.dtype.kind in "iuf":
             values[heading.name] = np.asarray(column)
             continue
-        values[heading.name], wrong = _numbers(pandas, column, is_comma)
-        bad += [(int(line), heading.name) for line in table.index[wrong]]
-    if bad:
-        line, name = min(bad)
-        cells = counted(len(bad), "cell is no number", "cells are no numbers")
+        values[heading.name], is_unreadable = _numbers(pandas, column, comma_is_decimal)
+        unreadable += [(int(line), heading.name) for line in table.index[is_unreadable]]
+    if unreadable:
+        line, name = min(unreadable)
+        cells = counted(len(unreadable), "cell is no number", "cells are no numbers")
         unread.append(f"{cells}, the first in line {line}, column {printable(name, 60)}")
     return Table(values, unread=tuple(unread))
 
@@ -359,21 +362,22 @@ def _has_point(column: Any) -> bool:
     return bool(column.astype("string").str.contains(_POINT).any())
 
 
-def _numbers(pandas: Any, column: Any, is_comma: bool) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+def _numbers(
+    pandas: Any, column: Any, comma_is_decimal: bool
+) -> tuple[NDArray[Any], NDArray[np.bool_]]:
     """Return the numbers in a column of text, and a mask of the cells that are none.
 
-    Gaps are no wrong cells.  Times of day become int64, ns since 1970, other numbers float64.
-    `is_comma`: True if a comma is the decimal mark.
+    Gaps are not among these.  Times of day become int64, ns since 1970, other numbers float64.
     """
     text = column.astype("string").str.strip()
     text = text.mask(text.isin(["", "-", "--"]))
-    filled = text.notna().to_numpy()
-    first_filled = text[filled].head(1)
+    is_filled = text.notna().to_numpy()
+    first_filled = text[is_filled].head(1)
     if bool(first_filled.str.match(_DATE.pattern).fillna(False).any()):
         times = pandas.to_datetime(text, utc=True, errors="coerce", format="ISO8601")
         stamps = np.asarray(times.dt.tz_localize(None), "M8[ns]").astype(np.int64)
-        return stamps, filled & times.isna().to_numpy()
-    if is_comma:
+        return stamps, is_filled & times.isna().to_numpy()
+    if comma_is_decimal:
         text = text.str.replace(",", ".", regex=False)
     values = np.asarray(pandas.to_numeric(text, errors="coerce"), np.float64)
-    return values, filled & np.isnan(values)
+    return values, is_filled & np.isnan(values)

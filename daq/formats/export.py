@@ -54,10 +54,10 @@ def csv_groups(session: Session, path: Path) -> dict[Path, SampleGroup]:
         for group in run.groups:
             name = f"{run.label}_{group.name}"
             plain = "".join(c if c.isalnum() or c in "-+_" else "_" for c in name)
-            place = path.with_name(f"{path.stem}_{plain}.csv")
-            if place in groups:
-                raise InputError(str(place), "would be the file of two runs", "choose with --run")
-            groups[place] = group
+            file = path.with_name(f"{path.stem}_{plain}.csv")
+            if file in groups:
+                raise InputError(str(file), "would be the file of two runs", "choose with --run")
+            groups[file] = group
     if not groups:
         raise InputError("session", "its runs hold no samples", "choose other runs")
     return groups
@@ -72,6 +72,7 @@ def write_csv(group: SampleGroup, units: dict[str, str], path: Path, decimal: st
     """
 
     def cells(values: NDArray[np.float64]) -> list[str]:
+        # Only NaN differs from itself.
         texts = ["" if value != value else repr(value) for value in values.tolist()]
         return [text.replace(".", decimal) for text in texts]
 
@@ -106,11 +107,12 @@ def write_parquet(session: Session, path: Path) -> tuple[str, ...]:
         for run in session.runs
         for group in run.groups
     ]
-    fixed = ["run", "group", "status", "time_s", "t_ns", "quality"]
+    first_columns = ["run", "group", "status", "time_s", "t_ns", "quality"]
     names = [channel.name for channel in session.channels]
     joined = pandas.concat(tables, ignore_index=True) if tables else pandas.DataFrame()
-    frame = joined.reindex(columns=[*fixed, *names])
-    frame = frame.astype(dict.fromkeys(fixed[:3], "category") | dict.fromkeys(names, "f8"))
+    frame = joined.reindex(columns=[*first_columns, *names])
+    words = dict.fromkeys(("run", "group", "status"), "category")  # few words in many rows
+    frame = frame.astype(words | dict.fromkeys(names, "f8"))
     units = {"time_s": "s", "t_ns": "ns", **session.units}
     frame.attrs = {"units": units, "vehicle": session.vehicle.name}
     frame.to_parquet(path, engine="pyarrow", compression="zstd", index=False)
@@ -134,12 +136,12 @@ def write_mf4(session: Session, path: Path) -> tuple[str, ...]:
             for group in run.groups:
                 columns: dict[str, NDArray[Any]] = {**group.values, "quality": group.quality}
                 columns |= {"time_s": group.time_s, "t_ns": group.t_ns}
-                about = {
+                shared = {
                     "timestamps": group.time_s + (run.t0_ns - start_s * 1_000_000_000) * 1e-9,
                     "comment": f"{run.label} ({run.status})",
                 }
                 signals = [
-                    asammdf.Signal(np.array(values), name=name, unit=units.get(name, ""), **about)
+                    asammdf.Signal(np.array(values), name=name, unit=units.get(name, ""), **shared)
                     for name, values in columns.items()
                 ]
                 mdf.append(signals, acq_name=f"{run.label}/{group.name}", common_timebase=True)
@@ -173,7 +175,8 @@ def write_mat(session: Session, path: Path) -> tuple[str, ...]:
 
 
 def _matlab_run(run: Run, units: dict[str, str]) -> dict[str, Any]:
-    about = {
+    """Return the fields of a run: what it is, and its groups."""
+    properties = {
         "mass_state": run.mass_state,
         "excitation": str(run.excitation),
         "repeat": run.repeat,
@@ -184,12 +187,12 @@ def _matlab_run(run: Run, units: dict[str, str]) -> dict[str, Any]:
     }
     groups = {}
     for group in run.groups:
-        fixed = {"t": group.time_s, "t_ns": group.t_ns, "quality": group.quality}
-        taken = [*fixed, "units"]
-        named = _fields(((name, units[name]) for name in group.values), taken)
-        fixed |= {"units": {"t": "s", **named}}
-        groups[group.name] = fixed | _fields(group.values.items(), taken)
-    return about | _fields(groups.items(), about)
+        common = {"t": group.time_s, "t_ns": group.t_ns, "quality": group.quality}
+        taken = [*common, "units"]
+        units_by_field = _fields(((name, units[name]) for name in group.values), taken)
+        common |= {"units": {"t": "s", **units_by_field}}
+        groups[group.name] = common | _fields(group.values.items(), taken)
+    return properties | _fields(groups.items(), properties)
 
 
 def _fields(items: Iterable[tuple[str, Any]], taken: Collection[str] = ()) -> dict[str, Any]:
@@ -214,15 +217,16 @@ def write_uff(session: Session, path: Path) -> tuple[str, ...]:
     """
     missing = 0
     with path.open("wb") as stream:
-        one = f"{'1.0000000000000000D+00':>25}"
-        units = [f"{1:10d}{'SI: metre, newton':>20}{2:10d}", one * 3]
-        stream.write(_block([f"{164:6d}{'':74}", *units, f"{'2.7314999999999998D+02':>25}"]))
+        # Factors of length, force and temperature, then the offset of the temperature, K.
+        factor, kelvin = f"{'1.0000000000000000D+00':>25}", f"{'2.7314999999999998D+02':>25}"
+        units = [f"{1:10d}{'SI: metre, newton':>20}{2:10d}", factor * 3, kelvin]
+        stream.write(_dataset([f"{164:6d}{'':74}", *units]))
         for run in session.runs:
             for group in run.groups:
                 for number, channel in enumerate(session.channels, start=1):
                     values = group.values.get(channel.name)
                     if values is not None and np.isfinite(values).sum() > 1:
-                        stream.write(_record(run, group, channel, number))
+                        stream.write(_dataset_58b(run, group, channel, number))
                         missing += int(np.sum(~np.isfinite(values)))
     if not missing:
         return frames_left_out(session)
@@ -231,13 +235,13 @@ def write_uff(session: Session, path: Path) -> tuple[str, ...]:
     return (note, *frames_left_out(session))
 
 
-def _block(lines: Sequence[str], tail: bytes = b"") -> bytes:
-    """Return a dataset between its delimiters."""
+def _dataset(lines: Sequence[str], data: bytes = b"") -> bytes:
+    """Return a dataset, lines and binary data, between its delimiters."""
     text = "".join(f"{line}\n" for line in ["    -1", *lines])
-    return text.encode("ascii", "replace") + tail + b"    -1\n"
+    return text.encode("ascii", "replace") + data + b"    -1\n"
 
 
-def _record(run: Run, group: SampleGroup, channel: Channel, number: int) -> bytes:
+def _dataset_58b(run: Run, group: SampleGroup, channel: Channel, number: int) -> bytes:
     """Return dataset 58b: a channel without its missing samples.
 
     Nodes 1..4 are the corners FL FR RL RR; a channel without a corner has its `number`, + 100.
@@ -245,17 +249,17 @@ def _record(run: Run, group: SampleGroup, channel: Channel, number: int) -> byte
     4 x (I10,3I5,2(1X,20A1)), then the data.
     """
     values = group.values[channel.name]
-    there = np.isfinite(values)
-    time_s, values = group.time_s[there], values[there]
+    is_present = np.isfinite(values)
+    time_s, values = group.time_s[is_present], values[is_present]
     # The head has only six digits; if these do not give the times, every sample has its own.
-    step = float(f"{(time_s[-1] - time_s[0]) / (len(time_s) - 1):13.5e}")
-    start = float(f"{time_s[0]:13.5e}")
-    even = int(np.array_equal(start + step * np.arange(len(time_s)), time_s))
-    data = values if even else np.column_stack([time_s, values])
-    tail = np.ascontiguousarray(data, "<f8").tobytes()
-    when = datetime.fromtimestamp(run.t0_ns // 1_000_000_000, UTC)
-    kinds = {None: 0, 0: 8, 1: 11, 2: 12}  # unknown, displacement, velocity, acceleration
-    kind = kinds[TIME_DERIVATIVE.get(channel.quantity)]
+    step_s = float(f"{(time_s[-1] - time_s[0]) / (len(time_s) - 1):13.5e}")
+    start_s = float(f"{time_s[0]:13.5e}")
+    even = int(np.array_equal(start_s + step_s * np.arange(len(time_s)), time_s))
+    columns = values if even else np.column_stack([time_s, values])
+    data = np.ascontiguousarray(columns, "<f8").tobytes()
+    begin = datetime.fromtimestamp(run.t0_ns // 1_000_000_000, UTC)
+    data_types = {None: 0, 0: 8, 1: 11, 2: 12}  # unknown, displacement, velocity, acceleration
+    data_type = data_types[TIME_DERIVATIVE.get(channel.quantity)]
     node = number + 100 if channel.corner is None else channel.corner.position + 1
     about_y = (Quantity.PITCH_RATE, Quantity.PITCH_ACCELERATION)
     about_x = (Quantity.ROLL_RATE, Quantity.ROLL_ACCELERATION)
@@ -266,23 +270,23 @@ def _record(run: Run, group: SampleGroup, channel: Channel, number: int) -> byte
     texts = (
         channel.name,
         f"{run.label} {group.name} ({run.status})",
-        f"{when:%d-%b-%y %H:%M:%S}".upper(),
+        f"{begin:%d-%b-%y %H:%M:%S}".upper(),
         f"mass state {run.mass_state}, {run.excitation}, repeat {run.repeat}",
         channel.signal,
     )
-    axes = ((17, "time", "s"), (kind, str(channel.quantity), channel.unit))
+    axes = ((17, "time", "s"), (data_type, str(channel.quantity), channel.unit))
     head = [
-        f"{58:6d}b{1:6d}{2:6d}{11:12d}{len(tail):12d}{0:6d}{0:6d}{0:12d}{0:12d}",
+        f"{58:6d}b{1:6d}{2:6d}{11:12d}{len(data):12d}{0:6d}{0:6d}{0:12d}{0:12d}",
         *(f"{printable(text, 80) or 'NONE':<80}" for text in texts),
         f"{1:5d}{0:10d}{0:5d}{0:10d} {entity or 'NONE':<10}{node:10d}{direction:4d}"
         f" {'NONE':<10}{0:10d}{0:4d}",
-        f"{4:10d}{len(values):10d}{even:10d}{even * start:13.5e}{even * step:13.5e}{0.0:13.5e}",
+        f"{4:10d}{len(values):10d}{even:10d}{even * start_s:13.5e}{even * step_s:13.5e}{0.0:13.5e}",
         *(
             f"{code:10d}{0:5d}{0:5d}{0:5d} {label[:20]:<20} {unit[:20] or 'NONE':<20}"
             for code, label, unit in (*axes, (0, "NONE", "NONE"), (0, "NONE", "NONE"))
         ),
     ]
-    return _block(head, tail)
+    return _dataset(head, data)
 
 
 # Raw frames, with python-can ----------------------------------------------------------------------
@@ -362,6 +366,7 @@ def write_candump(session: Session, path: Path) -> tuple[str, ...]:
 
 
 def _lost_in_text(frames: FrameBatch, name: str) -> tuple[str, ...]:
+    """Return notes on what a text format of this name cannot hold of the frames."""
     notes = [f"{name} rounds times to 1 µs"] if (frames.t_ns % 1000).any() else []
     errors = int(np.count_nonzero(frames.flags & FrameFlag.ERROR))
     if errors:
@@ -435,10 +440,10 @@ def export_session(
             refuse_existing(target, replace=force)
         for target in targets:
             make_room(target)
-        with replaced(targets) as parts:
-            for part, group in zip(parts, groups.values(), strict=False):
-                write_csv(group, session.units, part, decimal)
-            notes = frames_left_out(session) if groups else _WRITERS[form](session, parts[0])
+        with replaced(targets) as new_files:
+            for new_file, group in zip(new_files, groups.values(), strict=False):
+                write_csv(group, session.units, new_file, decimal)
+            notes = frames_left_out(session) if groups else _WRITERS[form](session, new_files[0])
         return Exported(tuple(targets), notes)
     except InputError:
         raise

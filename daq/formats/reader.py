@@ -70,8 +70,8 @@ class LogLoss:
             (self.bytes_cut, "bytes cut off"),
             (self.dropped, "frames lost by its recorder"),
         ]
-        parts = [f"{number} {what}" for number, what in counts if number]
-        return "; ".join([", ".join(parts), *self.notes]) if parts else ""
+        losses = [f"{number} {kind}" for number, kind in counts if number]
+        return "; ".join([", ".join(losses), *self.notes]) if losses else ""
 
 
 def file_head(path: Path, size: int, advice: str) -> bytes:
@@ -100,16 +100,16 @@ def possible_frames(frames: FrameBatch, loss: LogLoss) -> FrameBatch:
 
     No bus carries another frame, so it is left out and counted, and the rest of the log is read.
     """
-    long = frames.flags & (FrameFlag.EXTENDED | FrameFlag.ERROR) != 0
-    wrong = np.flatnonzero(frames.can_id >= np.where(long, 1 << 29, 1 << 11))
-    if not len(wrong):
+    has_29_bits = frames.flags & (FrameFlag.EXTENDED | FrameFlag.ERROR) != 0
+    impossible = np.flatnonzero(frames.can_id >= np.where(has_29_bits, 1 << 29, 1 << 11))
+    if not len(impossible):
         return frames
-    first = wrong[0]
-    n, when = len(wrong), np.datetime64(int(frames.t_ns[first]), "ns")
-    what = f"0x{int(frames.can_id[first]):X} with {29 if long[first] else 11} bits at {when}Z"
+    first, n = impossible[0], len(impossible)
+    bits, when = 29 if has_29_bits[first] else 11, np.datetime64(int(frames.t_ns[first]), "ns")
+    example = f"0x{int(frames.can_id[first]):X} with {bits} bits at {when}Z"
     have = counted(n, "frame has", "frames have")
-    loss.add(f"{have} an impossible identifier, the first {what}", garbled=n)
-    return frames.select(np.delete(np.arange(len(frames)), wrong))
+    loss.add(f"{have} an impossible identifier, the first {example}", garbled=n)
+    return frames.select(np.delete(np.arange(len(frames)), impossible))
 
 
 BLOCK_BYTES = 1 << 18
@@ -172,13 +172,13 @@ def parsed(block: bytes, parse: LineParser) -> Parsed:
 
 def _frames(records: Sequence[Record]) -> tuple[FrameBatch, NDArray[np.bool_]]:
     """Return frames of all records, and whether each is possible; others have wrong values."""
-    stamps, ids, marks, buses, lengths, payloads = zip(*records, strict=True)
+    stamps, ids, flag_bits, buses, lengths, payloads = zip(*records, strict=True)
     try:
         t_ns = np.array(stamps, np.int64)
     except OverflowError:
         t_ns = np.array([stamp if abs(stamp) < LATEST_NS else LATEST_NS for stamp in stamps])
     can_id = np.array(ids, np.int64)
-    flags, length = np.array(marks, np.uint16), np.array(lengths, np.int64)
+    flags, length = np.array(flag_bits, np.uint16), np.array(lengths, np.int64)
     size = np.fromiter(map(len, payloads), np.int64, len(records))
     width = 8 if max(lengths) <= 8 else 64
     padded = b"".join([payload.ljust(width, b"\0")[:width] for payload in payloads])
@@ -245,19 +245,19 @@ def _without_zeros(data: bytes) -> tuple[bytes, int, int]:
     """
     if b"\0" not in data:
         return data, 0, 0
-    torn, kept = 0, []
+    n_cut, lines = 0, []
     for line in data.split(b"\n"):
-        before, zero, after = line.rpartition(b"\0")
-        torn += bool(before.replace(b"\0", b"").strip())
-        kept.append(after if zero else line)
-    return b"\n".join(kept), data.count(0), torn
+        before_zeros, zero, after_zeros = line.rpartition(b"\0")
+        n_cut += bool(before_zeros.replace(b"\0", b"").strip())
+        lines.append(after_zeros if zero else line)
+    return b"\n".join(lines), data.count(0), n_cut
 
 
 def head_of(data: bytes) -> bytes:
     """Return the complete lines at the beginning of a text log; its one line if it has no other."""
     text = _without_zeros(data.removeprefix(_BOM))[0]
-    whole, newline, tail = text.rpartition(b"\n")
-    return whole + newline if newline else tail
+    lines, newline, cut_line = text.rpartition(b"\n")
+    return lines + newline if newline else cut_line
 
 
 def read_lines(
@@ -268,23 +268,23 @@ def read_lines(
     `file`: at its beginning.  `where`: its name, for messages.  Raises InputError if it is not
     text, or nothing in its first block is of that format.
     """
-    tail, lines_before, known, more = b"", 0, False, True
-    recent = FrameBatch.empty()
-    while more:
+    cut_line, lines_before, is_known, is_end = b"", 0, False, False
+    recent = FrameBatch.empty()  # frames of the last block, to judge a last line without an end
+    while not is_end:
         piece = file.read(BLOCK_BYTES)
-        more = bool(piece)
-        data, zeros, torn = _without_zeros(tail + piece)
+        is_end = not piece
+        data, zeros, n_cut = _without_zeros(cut_line + piece)
         data = data if lines_before else data.removeprefix(_BOM)
-        whole, newline, tail = data.rpartition(b"\n")
-        if len(tail) > 1 << 16:
+        lines, newline, cut_line = data.rpartition(b"\n")
+        if len(cut_line) > 1 << 16:
             raise InputError(where, "is not a text log", "check what it is")
-        blocks = [whole + newline] if newline else []
-        if tail.strip() and not more:
-            blocks.append(tail)
+        blocks = [lines + newline] if newline else []
+        if cut_line.strip() and is_end:
+            blocks.append(cut_line)
         for block in blocks:
             result = parsed(block, parse)
-            known |= parse.has_header or len(result.frames) > 0
-            if not known:
+            is_known |= parse.has_header or len(result.frames) > 0
+            if not is_known:
                 raise InputError(where, "begins with no line of a known log", "check what it is")
             if block.endswith(b"\n") or _is_whole(block, result.frames, recent, parse):
                 if result.bad:
@@ -303,23 +303,24 @@ def read_lines(
             lines_before += block.count(b"\n")
         if zeros:
             loss.add(f"{zeros} zero bytes up to line {lines_before + 1}", bytes_cut=zeros)
-        if torn:
-            lines = counted(torn, "line")
-            loss.add(f"zero bytes cut {lines} up to line {lines_before + 1}", garbled=torn)
+        if n_cut:
+            cut = counted(n_cut, "line")
+            loss.add(f"zero bytes cut {cut} up to line {lines_before + 1}", garbled=n_cut)
 
 
-def _is_whole(text: bytes, frames: FrameBatch, before: FrameBatch, parse: LineParser) -> bool:
+def _is_whole(line: bytes, frames: FrameBatch, recent: FrameBatch, parse: LineParser) -> bool:
     """Return whether a last line without an end is a complete frame.
 
-    If no length is stated, it is complete if it is as long as another frame of its identifier.
+    `frames`: those in the line.  `recent`: those of the lines before it.  If no length is stated,
+    it is complete if it is as long as another frame of its identifier.
     """
     if len(frames) != 1:
         return False
     if frames.flags[0] & REMOTE:
         return True
     if parse.spaced:
-        shorter = parsed(text.rstrip()[:-1], parse).frames
+        shorter = parsed(line.rstrip()[:-1], parse).frames
         if len(shorter) != 1 or shorter.length[0] != frames.length[0]:
             return False
-    same = (before.can_id == frames.can_id[0]) & (before.flags == frames.flags[0])
-    return parse.states_length or bool((same & (before.length == frames.length[0])).any())
+    same = (recent.can_id == frames.can_id[0]) & (recent.flags == frames.flags[0])
+    return parse.states_length or bool((same & (recent.length == frames.length[0])).any())

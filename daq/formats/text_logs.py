@@ -45,8 +45,8 @@ class CandumpParser:
         """Return the frame in a line, or the number of frames that it states as lost."""
         match = _FRAME.match(line)
         if match is None:  # candump states the frames that its socket lost
-            stated = re.search(rb"DROPCOUNT: dropped (\d{1,9}) CAN frames?", line)
-            return int(stated[1]) if stated else None if line.strip() else 0
+            lost = re.search(rb"DROPCOUNT: dropped (\d{1,9}) CAN frames?", line)
+            return int(lost[1]) if lost else None if line.strip() else 0
         try:
             time, interface, identifier, fd, request, digits, direction = match.groups()
             can_id, flags = _identifier(identifier)
@@ -99,11 +99,11 @@ class CsvParser:
         if len(cells) == 6:  # a frame without data
             cells.append(b"")
         try:
-            time, identifier, *marks, dlc, data = cells
-            extended, remote, error = ({b"0": False, b"1": True}[mark] for mark in marks)
+            time, identifier, *digits, dlc, data = cells
+            extended, remote, error = ({b"0": False, b"1": True}[digit] for digit in digits)
             length = number(dlc, 10)
-            letters = 0 if remote else (length + 2) // 3 * 4  # base64: 4 for up to 3 bytes
-            if identifier[:2] != b"0x" or len(data) != letters:
+            n_letters = 0 if remote else (length + 2) // 3 * 4  # base64: 4 for up to 3 bytes
+            if identifier[:2] != b"0x" or len(data) != n_letters:
                 return None
             flags = EXTENDED * extended | REMOTE * remote | ERROR * error  # each true or false
             flags |= FD if length > 8 else 0  # not stated, but no classic frame is longer
@@ -172,17 +172,18 @@ class TrcParser:
             return None if line.strip() else 0
 
     def _parsed(self, line: bytes) -> Record | int:
+        """Return the frame in a line that is not of the header, or the overruns that it states."""
         place = self._place
         tokens = line.split(None, place["D"])
-        text = tokens[place["D"]] if len(tokens) > place["D"] else b""
-        word = text[:5].lower()
+        data_text = tokens[place["D"]] if len(tokens) > place["D"] else b""
+        data_word = data_text[:5].lower()  # version 1.0 has words in place of data
         if "T" in place:
             types = _TYPES_2 if self._is_version_2 else _TYPES_1
             flags = types[tokens[place["T"]].lower()]
         elif tokens[place["I"]].upper() == b"FFFFFFFF":  # a line about the bus
             flags = None
         else:  # 2) 1842 0008 4 ERROR 00 19 08 08
-            flags = ERROR if word == b"error" else 0
+            flags = ERROR if data_word == b"error" else 0
         if flags is None:
             return int(bool(_OVERRUN.search(line)))
         offset_ns = nanoseconds(tokens[place["O"]].replace(b",", b".")) // 1000
@@ -195,7 +196,7 @@ class TrcParser:
             return t_ns, 0, ERROR, bus, 0, b""
         identifier = tokens[place["I"]]
         flags |= EXTENDED if len(identifier) > 4 else 0
-        flags |= REMOTE if word.startswith(b"rtr") else 0
+        flags |= REMOTE if data_word.startswith(b"rtr") else 0
         flags |= SENT if "d" in place and tokens[place["d"]].lower() == b"tx" else 0
         length = number(tokens[place["l" if "l" in place else "L"]], 10)
         if "l" not in place and self._is_version_2:
@@ -203,10 +204,11 @@ class TrcParser:
                 length = _FD_LENGTHS[length]
             elif length < 16:  # a code of 9 to 15 means 8 bytes
                 length = min(length, 8)
-        data = b"" if flags & REMOTE else spaced_bytes(text, length, 16)
+        data = b"" if flags & REMOTE else spaced_bytes(data_text, length, 16)
         return t_ns, number(identifier, 16), flags, bus, length, data
 
     def _read_header(self, line: bytes) -> None:
+        """Keep the version, start time or columns that a line of the header states."""
         name, _, value = (word.strip() for word in line.decode("ascii", "replace").partition("="))
         if name == ";$FILEVERSION":
             self.has_header = True
@@ -224,4 +226,4 @@ class TrcParser:
 
     def _set_columns(self, version: str, letters: str) -> None:
         self._is_version_2 = version >= "2"
-        self._place = {letter: place for place, letter in enumerate(letters)}
+        self._place = {letter: i for i, letter in enumerate(letters)}  # in the tokens of a line
