@@ -299,7 +299,7 @@ def _by_mounting(group: Sequence[Candidate], pushes: Pushes | None) -> dict[str,
     angles: dict[Corner, dict[str, float]] = defaultdict(dict)
     for axis, s in gyroscopes.items():
         if pushes is not None and s.kind == "rad/s" and s.full in pushes.traces:
-            for corner, angle in pushes.turns(s.full).items():
+            for corner, angle in pushes.angles(s.full).items():
                 angles[corner][axis] = angle
     mounted = mounting(gravity_g, angles)
     vertical, sign = axis_of(mounted.up) if mounted else ("", 1)

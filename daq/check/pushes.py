@@ -298,7 +298,7 @@ class Pushes:
         """Return the largest deviation of a signal from rest in each push, signed."""
         return {corner: _largest(value) for corner, _, value in self._by_corner(name)}
 
-    def turns(self, name: str) -> dict[Corner, float]:
+    def angles(self, name: str) -> dict[Corner, float]:
         """Return the largest angle in each push, from a signal that is a rate, signed."""
         return {
             corner: _largest(np.cumsum(rate[:-1] * np.diff(t_ns)) * 1e-9)

@@ -49,7 +49,7 @@ PUSH_N, PUSH_S, PAUSE_S = 400.0, 1.2, 1.6
 """Force and duration of a push by a person on a corner, who lets go gently; rest after it, s."""
 _MARGIN_S = 0.2
 """Margin at the end of an act, s, because an act ends with the piece that is being sampled."""
-_AGAIN_S = 0.84
+_SECOND_BUMP_S = 0.84
 """Time between the two bumps of a double bump, s."""
 _LOST_S = (0.3, 0.42)
 """Begin and end of the time after a bump in which frames are lost, s: more frames than the few that
@@ -99,14 +99,14 @@ class Acts:
         length_s, lead_s = LEAD_S + SWING_S, LEAD_S
         motion: Moving
         if campaign.method is Method.ROLL_OVER or twice:
-            length_s += _AGAIN_S if twice else 0.0
+            length_s += _SECOND_BUMP_S if twice else 0.0
             bump = Bump(kind, campaign.bump_height_m, LEAD_S, campaign.bump_s)
             first = drive(plant, bump, length_s + _MARGIN_S)
             motion = first
             if twice:
-                again = replace(bump, start_s=bump.start_s + _AGAIN_S)
-                state = first.states(np.array([again.start_s]))
-                motion = Spliced(first, drive(plant, again, length_s + _MARGIN_S, state))
+                second_bump = replace(bump, start_s=bump.start_s + _SECOND_BUMP_S)
+                state = first.states(np.array([second_bump.start_s]))
+                motion = Spliced(first, drive(plant, second_bump, length_s + _MARGIN_S, state))
         elif campaign.method is Method.PUSH and BUMPS[kind].hand is not None:
             length_s += PUSHED_S
             motion = pushed_down(plant, kind, campaign.bump_height_m, LEAD_S, length_s + _MARGIN_S)
@@ -133,12 +133,12 @@ def push_frames(
         plan += [(acts.push(BASELINE, corner), PUSH_S), (standing, PAUSE_S)]
     acts.close()
     rng, free_ns = np.random.default_rng([seed, 2]), [start_ns] * len(bench.buses)
-    done_s = 0.0
+    sampled_s = 0.0  # time up to which the car is sampled
     for act, length_s in [*plan, (standing, np.inf)]:
-        begun_s = done_s
-        while done_s < begun_s + length_s:
-            span_s = (done_s, min(done_s + PIECE_S, begun_s + length_s))
-            done_s = span_s[1]
+        begun_s = sampled_s
+        while sampled_s < begun_s + length_s:
+            span_s = (sampled_s, min(sampled_s + PIECE_S, begun_s + length_s))
+            sampled_s = span_s[1]
             if len(batch := rig.frames(act, begun_s, span_s, rng, start_ns, free_ns)):
                 yield batch
 
@@ -150,7 +150,7 @@ class SimulatedBench:
     `read` returns piece after piece.  Counters, clocks and noise always continue.  `seed`:
     determines every draw and all noise.  `wish`: returns the recorder's status; the car is bumped
     when the recorder is armed, with the bump that is due; None: it is not bumped.  `fault`: spoils
-    only the second bump. `start_ns`: time stamp of the start.  Raises InputError as
+    only the second bump.  `start_ns`: time stamp of the start.  Raises InputError as
     `daq.sim.ecu.campaign_frames`.
     """
 
@@ -173,19 +173,20 @@ class SimulatedBench:
         self._rng = np.random.default_rng([seed, 2])
         self._mass_state = BASELINE
         self._act = self._acts.rest(BASELINE)
-        self._begun_s = 0.0  # the present act
-        self._done_s = 0.0  # time up to which it is sampled
-        self._due_s = np.inf  # the next bump
-        self._bumps = 0
-        self._judged = -1  # runs that the recorder had judged at the last bump
-        self._again_s = 0.0  # earliest time of a bump without a new verdict
+        # Times since the start, s, in the car's time.
+        self._act_begun_s = 0.0  # when the present act began
+        self._sampled_s = 0.0  # up to which the car is sampled
+        self._bump_due_s = np.inf  # of the next bump
+        self._unjudged_bump_s = 0.0  # earliest time of a bump without a new verdict
         self._lost_s = (np.inf, np.inf)  # begin and end of the time without frames
-        self._unplug_s = np.inf
+        self._unplug_s = np.inf  # when the adapter is unplugged
         self._plugged_s = 0.0  # from which the adapter is there again
-        self._asked: deque[Corner] = deque()  # pushes
-        self._notes: int | None = None  # number of the recording's notes that were read
+        self._n_bumps = 0
+        self._n_judged = -1  # runs that the recorder had judged at the last bump
+        self._asked_pushes: deque[Corner] = deque()
+        self._notes_read: int | None = None  # number of the recording's notes that were read
         self._others: dict[int, deque[FrameBatch]] = {}  # frames of further buses, by number
-        self._host_s = time.monotonic()
+        self._start_host_s = time.monotonic()
 
     @property
     def name(self) -> str:
@@ -203,7 +204,7 @@ class SimulatedBench:
         Raises BusError while the adapter is unplugged.
         """
         if np.isfinite(self._speed):
-            self._done_s = max(self._done_s, self._now_s())
+            self._sampled_s = max(self._sampled_s, self._now_s())
         self._check_plug()
         return self
 
@@ -213,19 +214,19 @@ class SimulatedBench:
         Raises BusError while the adapter is unplugged.
         """
         if np.isfinite(self._speed):
-            wait_s = (self._done_s - self._now_s()) / self._speed + BLOCK_S
+            wait_s = (self._sampled_s - self._now_s()) / self._speed + BLOCK_S
             time.sleep(min(max(wait_s, 0.0), timeout_s))
         self._check_plug()
         self._choose(self._wish())
-        stop_s = min(self._now_s(), self._done_s + self._piece_s)
+        stop_s = min(self._now_s(), self._sampled_s + self._piece_s)
         if stop_s >= self._unplug_s:
             self._unplug_s = np.inf
             speed = self._speed if np.isfinite(self._speed) else 1.0
             self._plugged_s = stop_s + 3.0 * speed  # 3 s of the host
-        span_s = (self._done_s, max(stop_s, self._done_s))
-        self._done_s = span_s[1]
+        span_s = (self._sampled_s, max(stop_s, self._sampled_s))
+        self._sampled_s = span_s[1]
         batch = self._rig.frames(
-            self._act, self._begun_s, span_s, self._rng, self._start_ns, self._free_ns
+            self._act, self._act_begun_s, span_s, self._rng, self._start_ns, self._free_ns
         )
         if not len(batch):
             return batch
@@ -248,19 +249,21 @@ class SimulatedBench:
         self._acts.close()
 
     def _now_s(self) -> float:
+        """Return the present time of the car, s."""
         if not np.isfinite(self._speed):
-            return self._done_s + PIECE_S
-        return (time.monotonic() - self._host_s) * self._speed
+            return self._sampled_s + PIECE_S
+        return (time.monotonic() - self._start_host_s) * self._speed
 
     def _check_plug(self) -> None:
-        if self._done_s < self._plugged_s:
-            self._done_s = min(self._now_s(), self._plugged_s)  # frames sent now are lost
-            where, what = self.name, "the adapter is gone (a fault of the demo)"
-            raise BusError(where, what, "wait: it is plugged in again after 3 s")
+        """Raise BusError while the adapter is unplugged."""
+        if self._sampled_s < self._plugged_s:
+            self._sampled_s = min(self._now_s(), self._plugged_s)  # frames sent now are lost
+            what = "the adapter is gone (a fault of the demo)"
+            raise BusError(self.name, what, "wait: it is plugged in again after 3 s")
 
     def _choose(self, status: Status | None) -> None:
-        """Choose the next act of the car."""
-        if self._done_s >= self._begun_s + self._act.length_s:
+        """Begin the next act of the car, if it is time for one: rest, a bump, or a push."""
+        if self._sampled_s >= self._act_begun_s + self._act.length_s:
             self._begin(self._acts.rest(self._mass_state))
         if status is None or self._act.length_s < np.inf:
             return
@@ -268,50 +271,50 @@ class SimulatedBench:
         if step is not None and step.mass_state in self._rig.plants:
             self._acts.prepare(step, self._next_fault is Fault.DOUBLE_BUMP)
             if step.mass_state != self._mass_state:
-                self._mass_state, self._due_s = step.mass_state, np.inf
+                self._mass_state, self._bump_due_s = step.mass_state, np.inf
                 self._begin(self._acts.rest(step.mass_state))
             elif status.phase is Phase.ARMED:
                 self._wait_and_bump(step, status)
                 return
-        self._due_s = np.inf
-        read = len(status.notes) if self._notes is None else self._notes
-        if read > len(status.notes):  # another recording begins at 0
-            read = 0
-        for note in status.notes[read:]:  # the bench check marks `push FL`
+        self._bump_due_s = np.inf
+        n_read = len(status.notes) if self._notes_read is None else self._notes_read
+        if n_read > len(status.notes):  # another recording begins at 0
+            n_read = 0
+        for note in status.notes[n_read:]:  # the bench check marks `push FL`
             word, _, corner = note.text.partition(" ")
             if word == "push" and corner in set(Corner):
-                self._asked.append(Corner(corner))
-        self._notes = len(status.notes)
-        if self._asked:
-            self._begin(self._acts.push(self._mass_state, self._asked.popleft()))
+                self._asked_pushes.append(Corner(corner))
+        self._notes_read = len(status.notes)
+        if self._asked_pushes:
+            self._begin(self._acts.push(self._mass_state, self._asked_pushes.popleft()))
 
     @property
     def _next_fault(self) -> Fault | None:
         """The fault of the next bump: only the second is spoilt, after a good run."""
-        return self._fault if self._bumps == 1 else None
+        return self._fault if self._n_bumps == 1 else None
 
     def _wait_and_bump(self, step: Step, status: Status) -> None:
         """Bump an armed car after a person's time to react."""
-        judged = sum(run.status is not RunStatus.OPEN for run in status.runs)
-        if judged == self._judged and self._done_s < self._again_s:
+        n_judged = sum(run.status is not RunStatus.OPEN for run in status.runs)
+        if n_judged == self._n_judged and self._sampled_s < self._unjudged_bump_s:
             return  # on a busy machine its status is that before the last bump
-        if self._due_s == np.inf:
-            self._due_s = self._done_s + self._rng.uniform(1.0, 1.6)
-        if self._done_s < self._due_s:
+        if self._bump_due_s == np.inf:
+            self._bump_due_s = self._sampled_s + self._rng.uniform(1.0, 1.6)
+        if self._sampled_s < self._bump_due_s:
             return
         fault = self._next_fault
-        self._due_s, self._judged = np.inf, judged
-        self._bumps += 1
+        self._bump_due_s, self._n_judged = np.inf, n_judged
+        self._n_bumps += 1
         self._begin(self._acts.prepare(step, fault is Fault.DOUBLE_BUMP).result())
-        bump_s = self._begun_s + self._act.bump_s
-        self._again_s = bump_s + 10.0  # then it is bumped although the recorder judged no run
+        bump_s = self._act_begun_s + self._act.bump_s
+        self._unjudged_bump_s = bump_s + 10.0  # then the recorder will judge no run any more
         if fault is Fault.LOST_FRAMES:
             self._lost_s = (bump_s + _LOST_S[0], bump_s + _LOST_S[1])
         elif fault is Fault.UNPLUG:
             self._unplug_s = bump_s + 0.5
 
     def _begin(self, act: Act) -> None:
-        self._act, self._begun_s = act, self._done_s
+        self._act, self._act_begun_s = act, self._sampled_s
 
 
 class OtherBus:

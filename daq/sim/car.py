@@ -144,7 +144,7 @@ class SimulatedCar:
         gain_rng = np.random.default_rng([seed, 4])  # separate: a stated gain changes no other draw
         messages = dict.fromkeys(message_of(channel.signal) for channel in channels)
         # One message is one device: a delay of one of its signals is a delay of all.
-        delay_errors = {message: rng.standard_normal() for message in messages}  # in sigmas
+        delay_in_sigmas = {message: rng.standard_normal() for message in messages}
         clocks = {
             message: ClockTruth(rng.uniform(), self.clock_error * rng.standard_normal())
             for message in messages
@@ -152,37 +152,40 @@ class SimulatedCar:
         cg = (-self.parameters.a, cg_left_m(self.plant(AddedMass()).corners))
         sensors = {}
         for channel in channels:
-            delay_error = delay_errors[message_of(channel.signal)]
+            delay_error_s = channel.delay_sigma_s * delay_in_sigmas[message_of(channel.signal)]
             position_error_m = channel.position_sigma_m * rng.standard_normal(2)
             unit = SI_UNITS.get(channel.quantity, "")
             bias = self.bias.of(channel.quantity, unit) * rng.standard_normal()
             x_m, y_m = cg if channel.at_cg else (channel.x_m, channel.y_m)
-            on_body = channel.quantity in ON_BODY
+            has_position = channel.quantity in ON_BODY
             gain = 1.0
             if channel.scale_sigma:
                 gain += channel.scale_sigma * float(gain_rng.standard_normal())
             sensors[channel.name] = SensorTruth(
-                x_m=x_m + position_error_m[0] if on_body else math.nan,
-                y_m=y_m + position_error_m[1] if on_body else math.nan,
+                x_m=x_m + position_error_m[0] if has_position else math.nan,
+                y_m=y_m + position_error_m[1] if has_position else math.nan,
                 # A sensor cannot be early: a draw below zero gives a sensor without delay.
-                delay_s=max(0.0, channel.delay_s + channel.delay_sigma_s * delay_error),
+                delay_s=max(0.0, channel.delay_s + delay_error_s),
                 bias=bias,
                 low_pass_hz=channel.low_pass_hz,
                 low_pass_order=channel.low_pass_order,
                 gain=gain,
             )
-        loads = {}
-        for state in mass_states:
-            weights = [
-                replace(weight, mass_kg=weight.mass_kg + weight.sigma_kg * rng.standard_normal())
-                for weight in state.added.weights
-            ]
-            for i, weight in enumerate(weights):
-                if isinstance(weight, BodyWeight):
-                    x_m, y_m = weight.position_sigma_m * rng.standard_normal(2)
-                    weights[i] = replace(weight, x_m=weight.x_m + x_m, y_m=weight.y_m + y_m)
-            loads[state.name] = replace(state.added, weights=tuple(weights))
+        loads = {state.name: _drawn_load(state.added, rng) for state in mass_states}
         return Truth(loads, sensors, clocks)
+
+
+def _drawn_load(stated: AddedMass, rng: np.random.Generator) -> AddedMass:
+    """Return weights whose masses and places differ from the stated ones by drawn errors."""
+    weights = [
+        replace(weight, mass_kg=weight.mass_kg + weight.sigma_kg * rng.standard_normal())
+        for weight in stated.weights
+    ]
+    for i, weight in enumerate(weights):
+        if isinstance(weight, BodyWeight):
+            dx_m, dy_m = weight.position_sigma_m * rng.standard_normal(2)
+            weights[i] = replace(weight, x_m=weight.x_m + dx_m, y_m=weight.y_m + dy_m)
+    return replace(stated, weights=tuple(weights))
 
 
 _FINE_S = 1e-4
@@ -251,7 +254,7 @@ def _body_point(motion: Array, x_m: float, y_m: float) -> Array:
 
 
 def low_pass(values: Array, step_s: float, cutoff_hz: float, order: int) -> Array:
-    """Pass a signal that begins at rest through an analogue Butterworth low-pass.
+    """Return a signal that begins at rest after an analogue Butterworth low-pass.
 
     The signal is assumed to be straight between the samples, and the filter's response to it is
     exact (first-order hold), so the error falls with the square of the step.
@@ -263,8 +266,8 @@ def low_pass(values: Array, step_s: float, cutoff_hz: float, order: int) -> Arra
 
     analogue = butter(order, 2.0 * math.pi * cutoff_hz, analog=True)
     numerator, denominator, _ = cont2discrete(analogue, step_s, method="foh")
-    change = lfilter(np.ravel(numerator), denominator, values - values[0])
-    return np.asarray(values[0] + change, dtype=np.float64)
+    from_rest = lfilter(np.ravel(numerator), denominator, values - values[0])
+    return np.asarray(values[0] + from_rest, dtype=np.float64)
 
 
 def low_passed(

@@ -44,8 +44,8 @@ class Sender:
         """Return the number of the first tick in start_s..end_s, and the times of all its ticks."""
         period_s = self.cycle_s * (1.0 + self.clock.error)
         phase_s = self.clock.phase * self.cycle_s
-        first, last = np.ceil((np.array([start_s, end_s]) - phase_s) / period_s).astype(int)
-        return int(first), phase_s + period_s * np.arange(first, last)
+        begin, end = np.ceil((np.array([start_s, end_s]) - phase_s) / period_s).astype(int)
+        return int(begin), phase_s + period_s * np.arange(begin, end)
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,15 +86,14 @@ class Rig:
 
     def act(self, motion: Moving, sampled_s: float, length_s: float, bump_s: float = np.inf) -> Act:
         """Return a motion for sampling from 0 to `sampled_s`; `length_s`, `bump_s`: as in `Act`."""
-        smooth = {}
+        outputs = {}  # of the low-passes
         for channel in (channel for sender in self.senders for channel in sender.channels):
             sensor = self.drawn.sensors[channel.name]
             if sensor.low_pass_hz:
                 span_s = (-sensor.delay_s, sampled_s - sensor.delay_s)
-                smooth[channel.name] = low_passed(
-                    channel, sensor, self.installation, motion, span_s
-                )
-        return Act(motion, length_s, bump_s, smooth)
+                car = self.installation
+                outputs[channel.name] = low_passed(channel, sensor, car, motion, span_s)
+        return Act(motion, length_s, bump_s, outputs)
 
     def frames(
         self,
@@ -122,24 +121,24 @@ class Rig:
         span_s: tuple[float, float],
         rng: np.random.Generator,
     ) -> Burst:
-        """Sample, encode and release the frames of one message; arguments as for `frames`."""
-        counter, tick_s = sender.ticks(*span_s)
+        """Return the frames of one message, sampled and encoded; arguments as for `frames`."""
+        first_tick, tick_s = sender.ticks(*span_s)
         motion_by_delay: dict[float, Kinematics] = {}  # sensors of one delay show one motion
         values = {}
         for channel in sender.channels:
             sensor = self.drawn.sensors[channel.name]
-            shown_s = tick_s - begun_s - sensor.delay_s
+            motion_s = tick_s - begun_s - sensor.delay_s  # of the motion that the sensor shows
             if channel.name in act.low_passed:
-                reading = np.interp(shown_s, *act.low_passed[channel.name])
+                reading = np.interp(motion_s, *act.low_passed[channel.name])
             else:
                 if sensor.delay_s not in motion_by_delay:
-                    motion_by_delay[sensor.delay_s] = act.motion.at(shown_s)
+                    motion_by_delay[sensor.delay_s] = act.motion.at(motion_s)
                 motion = motion_by_delay[sensor.delay_s]
                 reading = true_reading(channel, sensor, self.installation, motion)
             signal = sender.message.signal(signal_of(channel.signal))
             noise = self.car.noise
             values[signal.name] = signal_values(channel, signal, sensor, noise, reading, rng)
-        payload = self.codec.encode(sender.message.name, values, counter)
+        payload = self.codec.encode(sender.message.name, values, first_tick)
         # At most half a cycle, because frames of one message must not overtake each other.
         jitter_s = np.minimum(rng.exponential(self.car.jitter_s, len(tick_s)), sender.cycle_s / 2)
         return Burst(sender.message, tick_s + jitter_s, payload)
@@ -187,11 +186,11 @@ def bench_senders(bench: Bench, codec: Codec, drawn: Truth) -> tuple[Sender, ...
     Raises InputError if a channel's signal is not in the DBC, or its message cannot be sent in
     cycles.
     """
-    carried: dict[str, list[Channel]] = {}
+    channels_of: dict[str, list[Channel]] = {}
     for channel in bench.channels:
-        carried.setdefault(message_of(channel.signal), []).append(channel)
+        channels_of.setdefault(message_of(channel.signal), []).append(channel)
     senders = []
-    for name, channels in carried.items():
+    for name, channels in channels_of.items():
         for channel in channels:
             try:
                 message = codec.message(name)
@@ -213,7 +212,7 @@ def bench_senders(bench: Bench, codec: Codec, drawn: Truth) -> tuple[Sender, ...
 
 
 def rig_of(bench: Bench, codec: Codec, car: SimulatedCar, seed: int) -> Rig:
-    """Put a drawn car on a bench; raises as `campaign_frames`."""
+    """Return a bench with a car whose true values are drawn; raises as `campaign_frames`."""
     drawn = car.draw(bench.channels, bench.mass_states, seed)
     plants = {name: car.plant(added) for name, added in drawn.mass_states.items()}
     senders = bench_senders(bench, codec, drawn)
@@ -223,7 +222,7 @@ def rig_of(bench: Bench, codec: Codec, car: SimulatedCar, seed: int) -> Rig:
 def on_the_buses(
     bursts: Sequence[Burst], buses: Sequence[BusConfig], start_ns: int, free_ns: list[int]
 ) -> FrameBatch:
-    """Merge the frames of all messages as their buses carry them.
+    """Return the frames of all messages in the order in which their buses carry them.
 
     `free_ns`: time at which each bus is free again; updated here.
     """
@@ -233,7 +232,7 @@ def on_the_buses(
         if not on_bus:
             continue
         messages = [burst.message for burst in on_bus]
-        # Index into `messages` of each frame.
+        # Index into `messages` of each frame, first in order of message, later of time.
         owner = np.repeat(np.arange(len(on_bus)), [len(burst.release_s) for burst in on_bus])
         release_s = np.concatenate([burst.release_s for burst in on_bus])
         t_ns = transmit(

@@ -103,22 +103,22 @@ def _machine_code(function: Callable[..., Any]) -> Any:
 @_machine_code
 def _damper(c: Any, bends: Array, closing: float) -> tuple[float, float]:
     """Return force, N, and slope, N s/m, of the damper of a corner at a closing speed, m/s."""
-    way = 0 if closing > 0.0 else 1
+    direction = 0 if closing > 0.0 else 1  # compression, rebound
     slope, knee_n, knee_m_s = c.in_ns_m, c.in_knee_n, c.in_knee_m_s
-    if way == 1:
+    if direction == 1:
         slope, knee_n, knee_m_s = c.out_ns_m, c.out_knee_n, c.out_knee_m_s
     speed = abs(closing)
     force = slope * speed
     if knee_n != 0.0:
-        bent = np.tanh(speed / knee_m_s)
-        force += knee_n * bent
-        slope += knee_n / knee_m_s * (1.0 - bent * bent)
+        share = np.tanh(speed / knee_m_s)  # of the knee's force
+        force += knee_n * share
+        slope += knee_n / knee_m_s * (1.0 - share * share)
     for j in range(bends.shape[1]):
-        beyond = speed - bends[way, j, 0]
+        beyond = speed - bends[direction, j, 0]
         if beyond > 0.0:
-            force += bends[way, j, 1] * beyond
-            slope += bends[way, j, 1]
-    return (force if way == 0 else -force), slope
+            force += bends[direction, j, 1] * beyond
+            slope += bends[direction, j, 1]
+    return (force if direction == 0 else -force), slope
 
 
 @_machine_code
@@ -136,7 +136,7 @@ def _damper_speed(c: Any, bends: Array, force: float) -> float:
 
 
 @_machine_code
-def _closing(c: Any, state: Array, i: int) -> Any:
+def _closing_speed(c: Any, state: Array, i: int) -> Any:
     """Return the speed at which wheel i approaches the body, m/s; `c`: its corner."""
     return state[10 + i] - state[7] + c.x_m * state[8] - c.y_m * state[9]
 
@@ -161,7 +161,7 @@ def balance(
     compression = (suspension[0], suspension[1], suspension[2], suspension[3])
     for i in range(4):
         c, travel = corners[i], compression[i]
-        u = travel - c.ride_m
+        u = travel - c.ride_m  # compression from the pose of the unloaded car
         force = c.spring_n_m * travel + (c.quadratic_n_m2 + c.cubic_n_m3 * u) * u * u
         if u > c.stop_gap_m:
             force += c.stop_n_m * (u - c.stop_gap_m)
@@ -170,7 +170,7 @@ def balance(
         if c.mount_n_m < np.inf:
             force += c.mount_n_m * state[18 + i]
         else:
-            force += _damper(c, bends[i], _closing(c, state, i))[0]
+            force += _damper(c, bends[i], _closing_speed(c, state, i))[0]
         squash = road[i] - state[3 + i]
         beyond = max(squash - c.squash_m, c.tyre_turn_m)
         spring = c.tyre_n_m * squash + c.tyre_n_m2 * beyond * beyond
@@ -200,15 +200,20 @@ def balances(p: Plant, states: Array, road: Array, rise: Array) -> tuple[Array, 
 
 @_machine_code
 def _pass_over(
-    crest: Array, turn: float, begin_s: float, end_s: float, t_s: float, road: Array, rise: Array
+    crest: Array,
+    omega_rad_s: float,
+    begin_s: float,
+    end_s: float,
+    t_s: float,
+    road: Array,
+    rise: Array,
 ) -> None:
     """Set height and speed of the road under each wheel (Eq. 34): a half sine, then flat."""
-    on = begin_s <= t_s <= end_s
-    phase = turn * (t_s - begin_s)
+    phase = omega_rad_s * (t_s - begin_s)
     for i in range(4):
         road[i], rise[i] = 0.0, 0.0
-        if on:
-            road[i], rise[i] = crest[i] * np.sin(phase), crest[i] * turn * np.cos(phase)
+        if begin_s <= t_s <= end_s:
+            road[i], rise[i] = crest[i] * np.sin(phase), crest[i] * omega_rad_s * np.cos(phase)
 
 
 @_machine_code
@@ -224,14 +229,15 @@ def _rate(p: Plant, state: Array, road: Array, rise: Array, work: Array, rate: A
             rate[7 + i] += mobility[i, j] * total[j]
     for i in range(4):
         c = corners[i]
-        w, limit = _closing(c, state, i), 1.0
+        # Largest friction at this speed, as a share of the sliding one (Stribeck).
+        speed, limit = _closing_speed(c, state, i), 1.0
         if c.surplus != 0.0:
-            limit += c.surplus * np.exp(-((w / c.stribeck_m_s) ** 2))
+            limit += c.surplus * np.exp(-((speed / c.stribeck_m_s) ** 2))
         rate[14 + i], rate[18 + i] = 0.0, 0.0
         if c.friction_n != 0.0:
-            rate[14 + i] = (w - abs(w) * state[14 + i] / limit) / c.presliding_m
+            rate[14 + i] = (speed - abs(speed) * state[14 + i] / limit) / c.presliding_m
         if c.mount_n_m < np.inf:
-            rate[18 + i] = w - _damper_speed(c, bends[i], c.mount_n_m * state[18 + i])
+            rate[18 + i] = speed - _damper_speed(c, bends[i], c.mount_n_m * state[18 + i])
 
 
 @_machine_code
@@ -242,32 +248,34 @@ def integrate(
     span_s: tuple[float, float],
     bump_s: tuple[float, float],
     count: int,
-    each: int,
+    steps_per_state: int,
 ) -> tuple[Array, Array]:
     """Integrate the motion, with the classical method of fourth order.
 
     `start`: (22,) state at the begin of `span_s`.  `crest`: (4,) height of the bump under each
     wheel, m.  `bump_s`: begin and end of the bump, s; the span must not contain its end.
-    `count`: number of states that are returned after the first.  `each`: steps from one to the
-    next.  Returns states and their rates, (count + 1, 22).
+    `count`: number of states that are returned after the first.  `steps_per_state`: steps from one
+    to the next.  Returns states and their rates, (count + 1, 22).
     """
     states, rates = np.empty((count + 1, 22)), np.empty((count + 1, 22))
-    step = (span_s[1] - span_s[0]) / (count * each)
-    turn = np.pi / (bump_s[1] - bump_s[0])
-    bumpy = span_s[0] < bump_s[1]
-    end_s = span_s[1] + step if bumpy else -np.inf  # rounding must not leave the bump too early
+    n_steps = count * steps_per_state
+    step = (span_s[1] - span_s[0]) / n_steps
+    omega_rad_s = np.pi / (bump_s[1] - bump_s[0])
+    is_on_bump = span_s[0] < bump_s[1]
+    # Rounding must not leave the bump too early.
+    bump_end_s = span_s[1] + step if is_on_bump else -np.inf
     road, rise, state = np.zeros(4), np.zeros(4), start.copy()
-    work, k, between = np.empty(15), np.empty((4, 22)), np.empty(22)
-    for n in range(count * each + 1):
-        last = n == count * each
-        for stage in range(1 if last else 4):
+    work, k, between = np.empty(15), np.empty((4, 22)), np.empty(22)  # k: rates of the stages
+    for n in range(n_steps + 1):
+        for stage in range(1 if n == n_steps else 4):  # of the last state only the rate
             ahead = (0.0, 0.5, 0.5, 1.0)[stage] * step
-            _pass_over(crest, turn, bump_s[0], end_s, span_s[0] + n * step + ahead, road, rise)
+            t_s = span_s[0] + n * step + ahead
+            _pass_over(crest, omega_rad_s, bump_s[0], bump_end_s, t_s, road, rise)
             for j in range(22):
                 between[j] = state[j] + ahead * k[stage - 1, j] if stage else state[j]
             _rate(p, between, road, rise, work, k[stage])
-        if n % each == 0:
-            states[n // each], rates[n // each] = state, k[0]
+        if n % steps_per_state == 0:
+            states[n // steps_per_state], rates[n // steps_per_state] = state, k[0]
         for j in range(22):
             state[j] += step / 6.0 * (k[0, j] + 2.0 * k[1, j] + 2.0 * k[2, j] + k[3, j])
     return states, rates
@@ -279,13 +287,13 @@ def read(states: Array, rates: Array, begin_s: float, step_s: float, t_s: Array)
 
     `states`, `rates`: (m + 1, 22), from `begin_s` at intervals of `step_s`.  `t_s`: (n,).
     """
-    out = np.empty((22, len(t_s)))
+    between = np.empty((22, len(t_s)))
     for k in range(len(t_s)):
         steps = (t_s[k] - begin_s) / step_s
         i = min(max(int(steps), 0), len(states) - 2)
         x = min(max(steps - i, 0.0), 1.0)  # share of the step that has passed
         next_weight, rate_weight = x * x * (3.0 - 2.0 * x), x * (1.0 - x)
         for j in range(22):
-            out[j, k] = (1.0 - next_weight) * states[i, j] + next_weight * states[i + 1, j]
-            out[j, k] += rate_weight * step_s * ((1.0 - x) * rates[i, j] - x * rates[i + 1, j])
-    return out
+            between[j, k] = (1.0 - next_weight) * states[i, j] + next_weight * states[i + 1, j]
+            between[j, k] += rate_weight * step_s * ((1.0 - x) * rates[i, j] - x * rates[i + 1, j])
+    return between

@@ -28,15 +28,17 @@ def load_car(
     elements: Mapping[str, Array] | None = None,
     bends: Array | None = None,
 ) -> Plant:
-    """Put the added masses on a car.
+    """Return a car with the added masses on it.
 
     `parameters`: the unloaded car.  `added`: weights, which have gravity and inertia; a matrix
     given directly has only inertia.  `elements`: fields of `CORNER`, (4, 1) each, where the car is
     not the linear one with these parameters.  `bends`: kinks of its dampers, as in `Plant`.
     """
     p = parameters
-    one, endless = np.ones((4, 1)), np.full((4, 1), np.inf)
+    infinite = np.full((4, 1), np.inf)
     dampers = per_axle(p.c_sf, p.c_sr)
+    # By these one divides also where there is no knee and no friction.
+    divisors = ("in_knee_m_s", "out_knee_m_s", "presliding_m", "stribeck_m_s")
     fields = {
         "x_m": per_axle(p.a, -p.b),
         "y_m": per_axle(p.t_f, p.t_r) * np.array([[corner.side] for corner in Corner]),
@@ -45,23 +47,23 @@ def load_car(
         "tyre_n_m": per_axle(p.k_tf, p.k_tr),
         "in_ns_m": dampers,
         "out_ns_m": dampers,
-        "stop_gap_m": endless,
-        "mount_n_m": endless,
-        "tyre_turn_m": -endless,
-        **dict.fromkeys(("in_knee_m_s", "out_knee_m_s", "presliding_m", "stribeck_m_s"), one),
+        "stop_gap_m": infinite,
+        "mount_n_m": infinite,
+        "tyre_turn_m": -infinite,
+        **dict.fromkeys(divisors, np.ones((4, 1))),
     }
     corners = np.zeros(4, CORNER)
     for name, values in (fields | dict(elements or {})).items():
         corners[name] = values[:, 0]
-    mass = -inertia_forces(corners, p, added, np.eye(7))
-    mobility = np.asarray(np.linalg.inv(mass), dtype=np.float64)
+    inertia = -inertia_forces(corners, p, added, np.eye(7))  # of unit accelerations
+    mobility = np.asarray(np.linalg.inv(inertia), dtype=np.float64)
     kinks = np.zeros((4, 2, 0, 2)) if bends is None else bends
     plant = Plant(corners, kinks, _gravity(corners, p, added), mobility)
     # The progressive terms count from the pose of the unloaded car, which has linear springs.
-    bare = _linear(plant)._replace(weight_n=_gravity(corners, p, AddedMass()))
-    unloaded = static_pose(bare)
-    ride_m = unloaded[3:] - corner_motion(plant, unloaded)
-    return plant.other(ride_m=ride_m, squash_m=-unloaded[3:])
+    linear_car = _linear(plant)._replace(weight_n=_gravity(corners, p, AddedMass()))
+    unloaded_pose = static_pose(linear_car)
+    ride_m = unloaded_pose[3:] - corner_motion(plant, unloaded_pose)
+    return plant.other(ride_m=ride_m, squash_m=-unloaded_pose[3:])
 
 
 def _linear(plant: Plant) -> Plant:
@@ -149,7 +151,7 @@ def static_pose(
     further forces, N and N m.  Raises ValueError if the car does not stand on all four wheels (the
     weights would tip it over).
     """
-    height = np.zeros((4, 1)) if road is None else road
+    road_m = np.zeros((4, 1)) if road is None else road
     # The linear car first, far enough down for every tyre to touch: Newton's first step is exact
     # there, and the next removes rounding.  It is close enough for the real springs.
     pose = np.full((7, 1), -1.0)
@@ -158,14 +160,14 @@ def static_pose(
         for _ in range(most_iterations):
             poses = np.hstack([pose, pose + step * np.eye(7)])  # then each coordinate moved alone
             states = states_of(poses, np.zeros((7, 8)), friction)
-            force = balances(car, states, np.repeat(height, 8, axis=1), np.zeros((4, 8)))[2]
+            force = balances(car, states, np.repeat(road_m, 8, axis=1), np.zeros((4, 8)))[2]
             force = force if load is None else force + load
-            slope = (force[:, 1:] - force[:, :1]) / step
-            change = np.linalg.solve(slope, force[:, :1])
+            stiffness = (force[:, 1:] - force[:, :1]) / step
+            change = np.linalg.solve(stiffness, force[:, :1])
             pose = pose - change
             if np.abs(change).max() < 1e-13:  # rounding
                 break
-        if np.any(pose[3:] >= height):
+        if np.any(pose[3:] >= road_m):
             raise ValueError("a wheel is off the ground at rest: the weights are too far out")
     return np.asarray(pose, dtype=np.float64)
 
@@ -173,7 +175,7 @@ def static_pose(
 STEP_S = 5e-5
 """Step of the integration, s: short enough for a wheel that slides at 3 m/s through a pre-sliding
 length of 0.1 mm, and more than enough for a wheel that moves at 15 Hz."""
-EACH = 4
+STEPS_PER_STATE = 4
 """Steps from one stored state to the next; the cubic between them adds 1e-9 of the motion."""
 PRESS_S = 0.5
 """Time that hands take to push the body down, s."""
@@ -204,10 +206,11 @@ class Bump:
         The speed jumps where the bump begins and ends; those two instants count as on the bump.
         """
         crest_m = self.height_m * np.array(BUMPS[self.excitation].shares)[:, None]
-        turn_rad_s = np.pi / self.duration_s
+        omega_rad_s = np.pi / self.duration_s
         is_on = (t_s >= self.start_s) & (t_s <= self.end_s)
-        phase = turn_rad_s * (t_s - self.start_s)
-        height_m, speed_m_s = crest_m * np.sin(phase), crest_m * turn_rad_s * np.cos(phase)
+        phase_rad = omega_rad_s * (t_s - self.start_s)
+        height_m = crest_m * np.sin(phase_rad)
+        speed_m_s = crest_m * omega_rad_s * np.cos(phase_rad)
         return np.where(is_on, height_m, 0.0), np.where(is_on, speed_m_s, 0.0)
 
 
@@ -254,10 +257,10 @@ class Motion:
         bump_s = [self.bump.start_s, self.bump.end_s]
         on_bump, after = np.searchsorted(t_s, bump_s, side="right")  # first index of each span
         states = np.repeat(self.start, len(t_s), axis=1)
-        parts = slice(on_bump, after), slice(after, None)
-        for span, part in zip(self.spans, parts, strict=True):
-            times = np.ascontiguousarray(t_s[part], dtype=np.float64)
-            states[:, part] = read(span.states, span.rates, span.begin_s, span.step_s, times)
+        columns_of_spans = slice(on_bump, after), slice(after, None)
+        for span, columns in zip(self.spans, columns_of_spans, strict=True):
+            span_t_s = np.ascontiguousarray(t_s[columns], dtype=np.float64)
+            states[:, columns] = read(span.states, span.rates, span.begin_s, span.step_s, span_t_s)
         return states
 
     def at(self, t_s: Array) -> Kinematics:
@@ -297,7 +300,7 @@ def standing(plant: Plant, stuck: Array | None = None) -> Array:
 def drive(
     plant: Plant, bump: Bump, end_s: float, start: Array | None = None, step_s: float = STEP_S
 ) -> Motion:
-    """Drive a car over a bump.
+    """Return the motion of a car over a bump, and its free decay.
 
     `bump`: the road; it must begin at or after time 0.  `end_s`: end of the simulated free decay,
     s.  `start`, (22, 1): state at the beginning of the bump; default: the car is at rest.
@@ -309,8 +312,10 @@ def drive(
     state, spans = start[:, 0].copy(), []
     bump_s = (bump.start_s, bump.end_s)
     for begin_s, stop_s in (bump_s, (bump.end_s, max(end_s, bump.end_s + step_s))):
-        count = int(np.ceil((stop_s - begin_s) / (EACH * step_s)))
-        states, rates = integrate(plant, state, crest_m, (begin_s, stop_s), bump_s, count, EACH)
+        count = int(np.ceil((stop_s - begin_s) / (STEPS_PER_STATE * step_s)))
+        states, rates = integrate(
+            plant, state, crest_m, (begin_s, stop_s), bump_s, count, STEPS_PER_STATE
+        )
         spans.append(_Span(begin_s, (stop_s - begin_s) / count, states, rates))
         state = states[-1].copy()
     return Motion(plant, bump, start, (spans[0], spans[1]))
@@ -328,26 +333,29 @@ class Push:
     """Duration, s."""
     begin_s: float = 0.0
     """Time at which it begins, s."""
-    turns: float = 1.0
-    """1 presses and lets go; a half presses and holds."""
+    cycles: float = 1.0
+    """Number of cycles of the cosine: 1 presses and lets go; a half presses and holds."""
 
     def at(self, t_s: Array) -> Kinematics:
         """Return the motion at the times `t_s`, (n,) ascending, s; at rest outside the push."""
-        end_rad = 2.0 * np.pi * self.turns
-        turn_rad_s = end_rad / self.length_s
-        phase = np.clip(turn_rad_s * (t_s - self.begin_s), 0.0, end_rad)
-        moves = (phase > 0.0) & (phase < end_rad)
+        end_rad = 2.0 * np.pi * self.cycles
+        omega_rad_s = end_rad / self.length_s
+        phase_rad = np.clip(omega_rad_s * (t_s - self.begin_s), 0.0, end_rad)
+        is_moving = (phase_rad > 0.0) & (phase_rad < end_rad)
         return Kinematics(
-            self.rest + self.sink * (1.0 - np.cos(phase)) / 2,
-            np.where(moves, self.sink * turn_rad_s * np.sin(phase) / 2, 0.0),
-            np.where(moves, self.sink * turn_rad_s**2 * np.cos(phase) / 2, 0.0),
+            self.rest + self.sink * (1.0 - np.cos(phase_rad)) / 2,
+            np.where(is_moving, self.sink * omega_rad_s * np.sin(phase_rad) / 2, 0.0),
+            np.where(is_moving, self.sink * omega_rad_s**2 * np.cos(phase_rad) / 2, 0.0),
         )
 
 
 def dropped(
     plant: Plant, excitation: Excitation, height_m: float, go_s: float, end_s: float
 ) -> Spliced:
-    """Drop a car off blocks of a given height under the wheels that the bump lifts."""
+    """Return the motion of a car that drops off blocks under the wheels that the bump lifts.
+
+    `go_s`, `end_s`: the drop, and the end of the motion, s.
+    """
     pose = static_pose(plant, road=height_m * np.array(BUMPS[excitation].shares)[:, None])
     return _released(plant, pose, pose, go_s, go_s, end_s)
 
@@ -355,7 +363,7 @@ def dropped(
 def pushed_down(
     plant: Plant, excitation: Excitation, depth_m: float, start_s: float, end_s: float
 ) -> Spliced:
-    """Push the body of a car down at the place for the bump, hold it, and release it.
+    """Return the motion of a car whose body is pushed down for the bump, held, and released.
 
     `depth_m`: by how much that place sinks.  `start_s`, `end_s`: begin of the push and end of the
     motion, s.  Raises ValueError if a push cannot make that bump.
@@ -367,16 +375,16 @@ def pushed_down(
     front_x_m, _, rear_x_m, _ = plant.corners["x_m"]  # positive forwards
     hand_x_m = forward * float(front_x_m if forward > 0 else -rear_x_m)
     hand_y_m = to_left * float(np.mean(np.abs(plant.corners["y_m"])))
-    before = static_pose(plant)
-    pose_of_1_n = static_pose(plant, load=_down(1.0, hand_x_m, hand_y_m)) - before
+    rest = static_pose(plant)
+    pose_of_1_n = static_pose(plant, load=_down(1.0, hand_x_m, hand_y_m)) - rest
     heave_m, pitch_rad, roll_rad = pose_of_1_n[:3, 0]
     hand_sinks_m = abs(float(heave_m - pitch_rad * hand_x_m + roll_rad * hand_y_m))
-    lowest = before + pose_of_1_n * depth_m / hand_sinks_m
-    return _released(plant, before, lowest, start_s, start_s + PUSHED_S, end_s)
+    lowest = rest + pose_of_1_n * depth_m / hand_sinks_m
+    return _released(plant, rest, lowest, start_s, start_s + PUSHED_S, end_s)
 
 
 def _released(
-    plant: Plant, before: Array, pressed: Array, press_s: float, go_s: float, end_s: float
+    plant: Plant, rest: Array, pressed: Array, press_s: float, go_s: float, end_s: float
 ) -> Spliced:
     """Return the motion of a car that is pressed from one pose, (7, 1), to another, and released.
 
@@ -384,7 +392,7 @@ def _released(
     """
     flat = Bump(Excitation.BOUNCE, 0.0, go_s, 0.01)  # the release is a drive over no bump
     decay = drive(plant, flat, end_s, states_of(pressed, np.zeros((7, 1))))  # it begins at rest
-    press = Push(before, pressed - before, PRESS_S, press_s, turns=0.5)  # and holds
+    press = Push(rest, pressed - rest, PRESS_S, press_s, cycles=0.5)  # and holds
     return Spliced(press, decay)
 
 
@@ -396,7 +404,7 @@ def _down(force_n: float, x_m: float, y_m: float) -> Array:
 
 
 def pushed(plant: Plant, corner: Corner, force_n: float, length_s: float) -> Push:
-    """Press the body down at a corner with a force that rises and falls as a cosine."""
-    i, before = corner.position, static_pose(plant)
-    load = _down(force_n, plant.corners["x_m"][i], plant.corners["y_m"][i])
-    return Push(before, static_pose(plant, load=load) - before, length_s)
+    """Return a push on the body at a corner, by a force that rises and falls as a cosine."""
+    rest, at = static_pose(plant), plant.corners[corner.position]
+    pressed = static_pose(plant, load=_down(force_n, at["x_m"], at["y_m"]))
+    return Push(rest, pressed - rest, length_s)
