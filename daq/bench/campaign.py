@@ -50,8 +50,7 @@ class Campaign:
     repeats: Annotated[int, Field(ge=1, le=100)] = 2
     """Number of runs of each kind of bump in each mass state."""
     mass_states: tuple[str, ...] = (BASELINE, ADDED)
-    """The states of loading, in an order in which masses are changed as seldom as possible; not
-    from bench.toml."""
+    """The states of loading, in the order of the fewest changes of masses; not from bench.toml."""
     bump_s: Annotated[float, Field(gt=0, le=10)] = 0.2
     """Duration of the bump, s."""
     method: Method = Method.ROLL_OVER

@@ -216,8 +216,7 @@ def sensors_codec(
     different ways.  If two sensors have the same identifier on one bus, the message in use (`used`:
     those that bench.toml refers to) is kept and the other one is left out.
 
-    Raises InputError if a database or an identifier cannot be used, or two messages in use have the
-    same identifier.
+    Raises InputError if a database or identifier cannot be used, or two messages in use share one.
     """
     by_id: dict[tuple[int | None, int, bool], list[MessageLayout]] = defaultdict(list)
     left_out: dict[Finding, None] = {}  # each once, in order
@@ -363,8 +362,7 @@ class SensorClock:
 def ruled_codec(codec: Codec, rules: Sequence[MessageRule], dbc_name: str) -> Codec:
     """Return the codec with the rules of bench.toml; applying them twice changes nothing.
 
-    Raises InputError if a rule names a message or signal that is not in the DBC or cannot have that
-    role.
+    Raises InputError if a rule names what is not in the DBC, or a signal unfit for its role.
     """
     messages = {message.name: message for message in codec.messages}
     for rule in rules:

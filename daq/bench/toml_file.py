@@ -46,8 +46,7 @@ def toml_text(path: Path, advice: str) -> str:
 def toml_tables(text: str, where: str) -> dict[str, Any]:
     """Return the tables of a TOML text; `where`: its name, for messages.
 
-    Raises InputError if it is not TOML, has `true` in place of a number, or a text that no session
-    file can store.
+    Raises InputError if it is not TOML, or has `true` for a number, or a NUL, which HDF5 refuses.
     """
     try:
         document = tomllib.loads(text)

@@ -54,8 +54,7 @@ def propose_sensors(
     at rest, in order of arrival; if None, only names are used.  `pushes`: a push on each corner,
     with rest before each, in the order of `pushes.ORDER`.
 
-    Raises InputError if a database cannot be used, or two sensors would have one identifier on one
-    bus.
+    Raises InputError if a database cannot be used, or two sensors of a bus share an identifier.
     """
     frames = frames if frames is not None and len(frames) else None
     sensors, missing = find_sensors(databases, frames)

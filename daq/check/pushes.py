@@ -81,8 +81,7 @@ def judge_push(
 
     `lanes`: the last seconds as an envelope, NaN where there is no sample; all have the same bins,
     and most bins are at rest.  `begin`: the first bin that counts: before it another corner may
-    have been pushed; a motion that goes on there does not count either.  `bin_s`: width of a bin,
-    s.
+    have been pushed; a motion that goes on there does not count either.  `bin_s`: width of a bin.
     """
     deviations = _deviations(channels, lanes)
     ask_for_push = PushResult(corner, False, False, f"push DOWN at the {spoken(corner)}, let go")

@@ -30,8 +30,7 @@ _TILTS = {
     Quantity.ROLL_RATE: {corner: -corner.side for corner in Corner},
     Quantity.PITCH_RATE: {corner: 1 if corner.front else -1 for corner in Corner},
 }
-"""Signs of the travels' change while a rate is positive: the left side extends, the front is
-compressed."""
+"""Signs of the travels' change at a positive rate: left side extended, front compressed."""
 
 Spectrum = NDArray[np.complex128]
 

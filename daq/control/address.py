@@ -100,8 +100,7 @@ _LOCK = "recorder.lock"
 @contextmanager
 def group_readable() -> Iterator[None]:
     """Make new files of this process and its children have the mode 0640, and folders 0750."""
-    # All rights of others are removed: a recording belongs to its user and group, whatever the
-    # shell's umask.
+    # A recording belongs to its user and group, whatever the shell's umask.
     umask = os.umask(0o027)
     try:
         yield
@@ -115,8 +114,7 @@ def lone_recorder(folder: Path) -> Iterator[None]:
 
     Meanwhile files and folders are made as by `group_readable`.
 
-    Raises FolderLockedError if another process holds the lock, and InputError if the folder cannot
-    be written to.
+    Raises FolderLockedError if another process has it, InputError if the folder is not writable.
     """
     lock = FileLock(folder / _LOCK, timeout=0)
     with group_readable():

@@ -47,8 +47,7 @@ MAX_REQUEST_BYTES = 4_000_000
 MAX_UNREAD_BYTES = 4_000_000
 """Number of bytes that wait for a client, above which it gets no news: some seconds of them."""
 FIRST_S = 60.0
-"""Time, s, that the first client may take to connect: a terminal starts together with its
-recorder."""
+"""Time that the first client may take to connect, s: a terminal starts with its recorder."""
 _LAST_ANSWERS_S = 0.3
 """Longest time in which a server that is closed sends the last answers, s."""
 _NEWS = 100
@@ -71,8 +70,7 @@ class _Peer:
 class Server:
     """Answers requests and publishes until it is closed, in a separate thread.
 
-    No client can delay the recorder: a client that does not read gets no news, and no further
-    answers.
+    No client can delay the recorder: one that does not read gets no news and no further answers.
 
     `submit`: function of the recorder that takes an order and the name of its sender, and returns a
     future without blocking.  `address`: path of the socket; a stale one is replaced.  `setup`:

@@ -218,8 +218,7 @@ class Status:
     peak_left: float | None
     """Ratio of the present motion to its peak, in the phase DECAY."""
     halted: str
-    """Reason why the run loop stopped by itself: the code of three rejects in a row with one
-    reason."""
+    """Code for which the run loop stopped by itself: that of three rejects in a row."""
     due: Due | None
     """The step that is due; None when the campaign is complete."""
     tallies: tuple[Tally, ...]

@@ -24,8 +24,7 @@ class Heartbeats:
     writer_s: float
     """Last cycle of the writer."""
     durable_s: float
-    """Last time at which all received frames were on the disk; 0 before the first block is
-    stored."""
+    """Last time at which all received frames were on the disk; 0 before the first block."""
 
 
 def standstill(heartbeats: Heartbeats, now_s: float) -> str:
@@ -38,8 +37,7 @@ def standstill(heartbeats: Heartbeats, now_s: float) -> str:
             return f"the reader of {name} has had no cycle for {now_s - cycle_s:.1f} s"
     if now_s - heartbeats.writer_s > STILL_S:
         return f"the writer has had no cycle for {now_s - heartbeats.writer_s:.1f} s"
-    # Time, s, for which a disk may refuse data while blocks wait in memory; a restart then loses
-    # little more.
+    # Time, s, for which a disk may refuse data: what waits in memory is lost by a restart.
     if heartbeats.durable_s and now_s - heartbeats.durable_s > 60.0:
         return f"nothing has reached the disk for {now_s - heartbeats.durable_s:.0f} s"
     return ""

@@ -309,8 +309,7 @@ def _headings(head: Sequence[Sequence[str]], data: Sequence[str]) -> tuple[Headi
 def _read_csv(path: Path, choose: Choose) -> Table:
     """Return columns of a table with any separator, decimal mark and head of common tools.
 
-    Rows with one field too many are left out, and unreadable cells are missing values; both are
-    stated.
+    Rows with a field too many are left out, unreadable cells are missing values; both are stated.
     """
     pandas = optional("pandas", "data")
     encoding, separator, first_line, headings = _form(path)

@@ -320,8 +320,7 @@ def write_blf(session: Session, path: Path) -> tuple[str, ...]:
     frames = session_frames(session)
     start_ns = int(frames.t_ns[0]) // 1_000_000 * 1_000_000
     with can.BLFWriter(path) as writer:
-        # Times count from a start in whole milliseconds, because seconds since 1970 in a float64
-        # have steps of 238 ns.
+        # Times count from a start in whole ms: seconds since 1970 have steps of 238 ns in float64.
         writer.start_timestamp = 0.0
         for message in messages_of(frames, start_ns):
             writer.on_message_received(message)

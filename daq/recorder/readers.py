@@ -20,8 +20,7 @@ from ..control.messages import QueueStatus, StorageStatus
 DRAIN_S = 1.0
 """Longest time, s, for which a halted reader reads frames that arrived before."""
 QUEUE_BLOCKS = 4096
-"""Largest number of blocks in the queue: 10 s of four buses, with a block every 10 ms or 2048
-frames."""
+"""Largest number of blocks in the queue: 10 s of four buses, with a block every 10 ms."""
 QUEUE_BYTES = 128 << 20
 """Largest number of bytes in the queue."""
 _FRAME_BYTES = 16

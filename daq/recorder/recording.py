@@ -70,8 +70,7 @@ _SLACK_NS = 1_000_000_000
 """Time for which blocks are kept in addition, and by which the stamps of two buses may differ, ns;
 if they go back further, a clock was set."""
 BLOCKS_PER_S = 40
-"""Largest number of blocks kept for each second, in case the stamps of a bus do not advance: usual
-are ten."""
+"""Largest number of blocks kept for each second, if stamps do not advance: usual are ten."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,8 +153,7 @@ UNJUDGED: tuple[Finding, ...] = (
 class Judge:
     """Judges the runs of a bench.
 
-    `recent`: the last seconds of the recording.  `measures`: those of earlier runs, by label; later
-    ones are added.
+    `recent`: the last seconds of the recording.  `measures`: by label; those of runs are added.
     """
 
     def __init__(
@@ -192,8 +190,7 @@ class Judge:
 BIN_S = 0.02
 """Width of a bin, s."""
 LATE_S = 0.1
-"""Time, s, after its end at which a bin counts as complete: buses do not deliver at the same
-time."""
+"""Time after its end at which a bin counts as complete, s: a bus may deliver late."""
 _BIN_NS = round(BIN_S * 1e9)
 _BINS = round(10.0 / BIN_S)
 """Number of bins in the ring: 10 s, the longest time that is published at once, after a gap."""

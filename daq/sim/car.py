@@ -189,8 +189,7 @@ def _drawn_load(stated: AddedMass, rng: np.random.Generator) -> AddedMass:
 
 
 _FINE_S = 1e-4
-"""Time step of the motion at the input of a low-pass, s: wheel accelerations are then accurate to
-1e-4 m/s2."""
+"""Time step at the input of a low-pass, s: wheel accelerations are accurate to 1e-4 m/s2."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -183,8 +183,7 @@ def campaign_frames(
 def bench_senders(bench: Bench, codec: Codec, drawn: Truth) -> tuple[Sender, ...]:
     """Return the messages that carry the bench's channels.
 
-    Raises InputError if a channel's signal is not in the DBC, or its message cannot be sent in
-    cycles.
+    Raises InputError if a signal is not in the DBC, or its message cannot be sent in cycles.
     """
     channels_of: dict[str, list[Channel]] = {}
     for channel in bench.channels:
@@ -262,8 +261,7 @@ def on_the_buses(
 def frame_time_ns(message: MessageLayout, bitrate: int) -> int:
     """Return the time that a frame occupies the bus, ns.
 
-    Counted with the most stuff bits that can occur, and the gap between frames: no real frame is
-    longer.
+    With the most stuff bits that can occur, and the gap between frames: no real frame is longer.
     """
     # From start of frame to the end of the checksum bits may be stuffed: one in four after the
     # first.  The last 13 bits (delimiters, acknowledge, end, gap) never are.

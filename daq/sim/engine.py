@@ -65,8 +65,7 @@ class Plant(NamedTuple):
     corners: NDArray[np.void]
     """(4,) of `CORNER`, in the order of `daq.vehicle.Corner`."""
     bends: Array
-    """(4, 2, j, 2) Speed, m/s, and change of slope, N s/m, of each kink of a damper, compression
-    and rebound."""
+    """(4, 2, j, 2) Speed, m/s, and change of slope, N s/m, at j kinks in compression, rebound."""
     weight_n: Array
     """(7, 1) Gravity on each degree of freedom: N, and N m about the baseline CG."""
     mobility: Array

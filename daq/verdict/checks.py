@@ -25,14 +25,11 @@ from .window import BEFORE_S, RunWindow, Trace, kind_of, largest_peaks, traces
 from .words import finding
 
 LOST_SHARE = 0.02
-"""Largest share of lost frames: a loose plug loses most while the car moves most, and another bump
-costs only a minute."""
+"""Largest share of lost frames: a loose plug loses most of them while the car moves most."""
 WEAK_LEVELS = 2.0
-"""Least ratio of the peak to the trigger's level: a bump that only just reaches the level may have
-been a touch."""
+"""Least ratio of the peak to the trigger's level, which a mere touch may reach."""
 WEAK_NOISE = 10.0
-"""Least ratio of the peak to the noise of the best channel, 20 dB: as the identification requires
-of each mode."""
+"""Least ratio of peak to noise of the best channel, 20 dB: the identification needs as much."""
 STRONG_HEIGHTS = 1.5
 """Largest ratio of the suspension's travel to the planned height of a bump: bumps of that height
 move it by 0.8 to 1.0 times the height, and one that moves it by half more reaches bump stops and
@@ -45,11 +42,9 @@ END_S = 0.5
 STRUCK_S = 0.1
 """Time over which the energy of a strike is taken, s: one period of the wheels."""
 STRUCK_GUARD_S = 0.25
-"""Time after the bump that belongs to the same strike, s: a wheel that was in the air lands in
-it."""
+"""Time after the bump that belongs to the same strike, s: a wheel in the air lands in it."""
 STRUCK_SHARE = 0.25
-"""Ratio of the envelope of a second strike to that of the first: the body's swing shows less on the
-hubs."""
+"""Ratio of envelopes, second strike to first; on the hubs the body's swing shows less."""
 _GRID_S = 0.005
 """Step of the times at which the envelope of a strike is taken, s."""
 
@@ -285,8 +280,7 @@ def too_weak(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Ite
 def double_bump(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterator[Finding]:
     """Find a wheel (without hub sensors: the car) that was struck again.
 
-    Each hub is judged separately, so that a rear axle that passes the board after the front one is
-    struck once.
+    Each hub is judged separately: a rear axle that passes the board after the front is struck once.
     """
     hubs = of_quantity(signals, Quantity.HUB_ACCELERATION)
     judged = hubs or of_quantity(signals, Quantity.BODY_ACCELERATION) or signals
@@ -380,8 +374,7 @@ def peak_left(
 def _remaining(signals: tuple[Trace, ...], now_s: float) -> tuple[float | None, str]:
     """Return the ratio of the remaining motion to the peak, and the channel that moves most.
 
-    All channels count in units of their noise, so that one that this bump hardly moves has little
-    weight.
+    Channels count in units of their noise: one that this bump hardly moves has little weight.
     """
     slow = of_quantity(signals, *_SLOW) or signals
     largest = largest_peaks(slow)

@@ -36,8 +36,7 @@ bump had another speed or height."""
 LIKENESS = 0.85
 """Least correlation of the slow motion with the median: below it, the motion is another one."""
 MAIN_SHARE = 0.3
-"""Share of the largest peak of its kind that a channel must exceed to count, because small motions
-differ much."""
+"""Share of the largest peak of its kind above which a channel counts: small motions differ much."""
 
 
 def judge(

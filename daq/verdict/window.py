@@ -15,8 +15,7 @@ from ..runs import Losses
 from ..samples.mapping import SampleBlock
 
 BEFORE_S = 0.03
-"""Time directly before the trigger that is left out of the rest, s: a slow bump begins below the
-level."""
+"""Time before the trigger that is no rest, s: a slow bump begins below the level."""
 _FEWEST = 8
 """Least number of samples of a channel that is judged."""
 
