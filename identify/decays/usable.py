@@ -58,7 +58,7 @@ def usable_session(session: Session) -> Session:
 
 
 def usable(session: Session) -> Usable:
-    """Find what can be used of a session.
+    """Return what can be used of a session.
 
     Values that no motion shows are missing (`without_bad_values`).
 

@@ -201,7 +201,7 @@ def _real_parts(functions: _Complex) -> _Real:
 
 
 def _complex(parts: _Real) -> _Complex:
-    """Join real parts (the first half of the last axis) and imaginary parts."""
+    """Return complex numbers from their real parts (first half of the last axis) and imaginary."""
     half = parts.shape[-1] // 2
     return np.asarray(parts[..., :half] + 1j * parts[..., half:])
 

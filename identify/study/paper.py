@@ -60,7 +60,7 @@ _TABLE3_PERCENT = np.array(
 
 
 def table2_study(response: Literal["exact", "wilson"]) -> Study:
-    """Identify the paper's vehicle from its accelerations, in the paper's order of estimation."""
+    """Return the paper's vehicle as its accelerations give it by the paper's chain (Table 2)."""
     response_of = exact_response if response == "exact" else wilson_response
     rate_hz = 1000.0
     state_matrices = []
@@ -155,9 +155,9 @@ def table3_campaign(rate_hz: float, noise_db: float) -> Campaign:
 
 
 def attempt(campaign: Campaign, seed: int) -> dict[str, Floats]:
-    """Identify the campaign that `seed` draws by the paper's chain and by maximum likelihood.
+    """Return the errors of the paper's chain and of the likelihood on the campaign of a seed.
 
-    Returns the errors, (11,) %, of `chain_filtered` and `chain_unfiltered`, with and without the
+    They are the errors, (11,) %, of `chain_filtered` and `chain_unfiltered`, with and without the
     low-pass, and of the `likelihood`; NaN where there is no answer.
     """
     rate_hz = campaign.rate_hz
