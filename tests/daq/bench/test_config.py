@@ -434,6 +434,7 @@ def test_what_a_channel_map_may_not_say(tmp_path: Path, written: str, why: str) 
 def test_what_a_channel_map_says(tmp_path: Path) -> None:
     path = tmp_path / "map.toml"
     more = MAP.replace('"a"', '"b"').replace('"A"', text(120)) + 'time_column = "u"\n'
+    more += "x_m = -1.25\nposition_sigma_m = 0.01\ndelay_s = 0.002\n"
     third = MAP.replace('"a"', '"c"').replace('"A"', '"C"') + "rate_hz = 1e7\n"
     path.write_text(
         '[time]\ncolumn = "t"\nunit = "ms"\n' + MAP + more + third + RUN + "stop_s = 3610.0\n",
@@ -444,6 +445,8 @@ def test_what_a_channel_map_says(tmp_path: Path) -> None:
     assert (first.column, first.unit, first.rate_hz) == ("t", "ms", None)
     assert (second.column, second.unit, second.rate_hz) == ("u", "ms", None)
     assert (last.column, last.rate_hz) == ("", 1e7)
+    placed = found.bench.channels[1]
+    assert (placed.x_m, placed.position_sigma_m, placed.delay_s) == (-1.25, 0.01, 0.002)
     assert found.columns == ("A", "a" * 120, "C", "t", "u")
     (run,) = found.runs
     assert (run.step.label, run.start_s, run.stop_s) == ("baseline_roll_1", 10.0, 3610.0)

@@ -26,7 +26,7 @@ from dbc import Codec, FrameBatch
 
 from ..a_status import a_status
 from ..crash_frames import block
-from ..recorder_run import PATIENCE_S, Running, Script, quick, sources, stored
+from ..recorder_run import PATIENCE_S, Running, Script, sources, stored
 from ..small_campaign import blocks, bumps
 from ..watched_bench import WatchedBench
 
@@ -117,8 +117,6 @@ def test_a_bus_that_is_never_empty_holds_nothing_up(monkeypatch: pytest.MonkeyPa
 
 
 # Frames that arrive and are not stored: named after 3 s, whichever part is at fault ---------------
-
-__all__ = ["quick"]  # a fixture
 
 
 def codes(status: Status) -> list[str]:

@@ -57,14 +57,10 @@ from ..recorder_run import (
     Running,
     Script,
     on_bus,
-    quick,
     sources,
     stored,
-    two,
 )
 from ..small_campaign import LABELS, PLANNED, START_NS, blocks, bumps, codes
-
-__all__ = ["quick", "two"]
 
 
 def planned(events: tuple[Event, ...]) -> list[tuple[str, str]]:

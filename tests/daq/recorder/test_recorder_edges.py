@@ -44,13 +44,10 @@ from ..recorder_run import (
     Gated,
     Running,
     Script,
-    quick,
     sources,
     stored,
 )
 from ..small_campaign import LABELS, blocks, bumps
-
-__all__ = ["quick"]
 
 
 class Disk:

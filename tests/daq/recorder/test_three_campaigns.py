@@ -43,10 +43,8 @@ from tui.recorders.daemon import Lifetime, record_campaign
 from tui.recorders.log import Log
 from tui.recorders.traffic import Traffic
 
-from ..recorder_run import ENDED, PATIENCE_S, Gated, Running, Script, quick, sources, stored
+from ..recorder_run import ENDED, PATIENCE_S, Gated, Running, Script, sources, stored
 from ..small_campaign import LABELS, START_NS, blocks, bumps, frames_at
-
-__all__ = ["quick"]
 
 NUMBERED_ID = 0x7A0
 """A message that no DBC has; its payload is the sender's number of the frame."""
