@@ -14,10 +14,11 @@ import pytest
 
 from daq.bench.config import BusConfig
 from daq.bus.socketcan import FrameBuffers, SocketCanSource
-from daq.bus.source import FrameSource, HopLosses, Link, SteadyClock
+from daq.bus.source import FrameSource, Link, SteadyClock
 from dbc import FrameBatch
 
 from ..adapters import Device, opener, parse_error
+from ..recorder_run import Script
 from ..watched_bench import FOREIGN_ID, WatchedBench
 
 HEALTHY_TURNS, FAULTY_TURNS = 4, 20
@@ -25,22 +26,15 @@ NAMED_WITHIN_S, OVER_WITHIN_S = 1.2, 5.0
 """A bus is silent after a second, and a block takes a tenth."""
 
 
-class Steady:
+class Steady(Script):
     """A healthy source: a turn of the bench each time it is read."""
 
-    name = "can0"
-
     def __init__(self, bench: WatchedBench) -> None:
+        super().__init__([])
         self._bench = bench
 
     def read(self, timeout_s: float) -> FrameBatch:
         return self._bench.healthy()
-
-    def losses(self) -> HopLosses:
-        return HopLosses()
-
-    def close(self) -> None:
-        pass
 
 
 class TwoBuses:

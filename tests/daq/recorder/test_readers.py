@@ -64,12 +64,11 @@ def test_the_queue_has_room_for_4096_blocks_and_128_megabytes(
 # Readers that are halted --------------------------------------------------------------------------
 
 
-class Late:
+class Late(Script):
     """A bus whose reader gets no processor until the recorder was stopped."""
 
-    name = "late"
-
     def __init__(self, counts: Iterable[int]) -> None:
+        super().__init__([])
         self.counts = iter(counts)
         self.begun, self.awake = threading.Event(), threading.Event()
 
@@ -77,12 +76,6 @@ class Late:
         self.begun.set()
         assert self.awake.wait(PATIENCE_S)
         return block(0, next(self.counts))
-
-    def losses(self) -> HopLosses:
-        return HopLosses()
-
-    def close(self) -> None:
-        pass
 
 
 def read_after_the_stop(source: Late) -> list[int]:

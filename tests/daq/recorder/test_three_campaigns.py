@@ -19,7 +19,6 @@ import pytest
 
 from daq import read_session
 from daq.bench.config import Bench, parse_bench
-from daq.bus.source import HopLosses
 from daq.control.address import control_address, is_running
 from daq.control.exchange import Client, OrderRefusedError
 from daq.control.messages import (
@@ -57,12 +56,11 @@ def numbered(first: int, count: int, t_ns: int, step_ns: int) -> FrameBatch:
     return frames_at(t_ns + np.arange(count) * step_ns, data, NUMBERED_ID)
 
 
-class Sender:
+class Sender(Script):
     """A bus on which numbered frames never end, with the bumps of a campaign now and then."""
 
-    name = "sender"
-
     def __init__(self, codec: Codec) -> None:
+        super().__init__([])
         self._bumps = bumps(codec, len(LABELS))
         self._planned: list[FrameBatch] = []
         self._lock = threading.Lock()
@@ -91,11 +89,6 @@ class Sender:
             self.sent += 1
             self._t_ns += 1_000_000
             return numbered(self.sent - 1, 1, self._t_ns, 1)
-
-    def losses(self) -> HopLosses:
-        return HopLosses()
-
-    def close(self) -> None: ...
 
 
 def lead(folder: Path, sender: Sender, bench: Bench, end: threading.Event) -> str:
