@@ -223,7 +223,7 @@ class Soak(AbstractContextManager["Soak"]):
             )
             self.bench.rest(PATIENCE_S)
             own = self.bench.given - before
-            status = self._until(lambda status, own=own: status.disk.recorded_frames >= own)
+            status = self._until_recorded(own)
             lost = status.losses
             self.tally.lost += own - status.disk.recorded_frames + lost.counter_gaps
             self.tally.lost += lost.queue_dropped + status.disk.dropped_frames
@@ -266,6 +266,9 @@ class Soak(AbstractContextManager["Soak"]):
                 seen, patient_s = done, time.monotonic() + PATIENCE_S
             assert time.monotonic() < patient_s, status
             time.sleep(_TURN_S)
+
+    def _until_recorded(self, frames: int) -> Status:
+        return self._until(lambda status: status.disk.recorded_frames >= frames)
 
     def _look_at(self, status: Status) -> None:
         """Note something on each run; every eighth one is rejected, then accepted after all."""

@@ -379,34 +379,21 @@ def _messages(frames: FrameBatch, path: Path, form: ExportFormat) -> list[can.Me
         return list(reader)
 
 
+FIELDS = {
+    *("arbitration_id", "is_extended_id", "is_remote_frame", "is_error_frame", "is_fd", "channel"),
+    *("bitrate_switch", "error_state_indicator", "is_rx", "dlc", "data"),
+}
+
+
 def _is_kept(
     frames: FrameBatch,
     messages: list[can.Message],
     except_for: Callable[[int], set[str]] = lambda _: set(),
 ) -> None:
     """Hold every field of every frame, unless the format cannot hold it."""
-    assert len(messages) == len(frames)
-    flag = FrameFlag
-    for i, got in enumerate(messages):
-        bits, length = int(frames.flags[i]), int(frames.length[i])
-        remote = bool(bits & flag.REMOTE)
-        expected = {
-            "arbitration_id": int(frames.can_id[i]),
-            "is_extended_id": bool(bits & flag.EXTENDED),
-            "is_remote_frame": remote,
-            "is_error_frame": bool(bits & flag.ERROR),
-            "is_fd": bool(bits & flag.FD),
-            "bitrate_switch": bool(bits & flag.BITRATE_SWITCH),
-            "error_state_indicator": bool(bits & flag.ERROR_STATE),
-            "is_rx": not bits & flag.TRANSMITTED,
-            "dlc": length,
-            "data": b"" if remote else frames.data[i, :length].tobytes(),
-            "channel": int(frames.bus[i]),
-        }
-        for name in except_for(i):
-            del expected[name]
-        for name, value in expected.items():
-            assert getattr(got, name) == value, f"frame {i}: {name}"
+    for i, (got, frame) in enumerate(zip(messages, frames_in(frames), strict=True)):
+        for name in FIELDS - except_for(i):
+            assert getattr(got, name) == getattr(message(frame), name), f"frame {i}: {name}"
 
 
 def _times_s(messages: list[can.Message]) -> np.ndarray:
