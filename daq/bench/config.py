@@ -299,8 +299,7 @@ class Bench:
     dbc_name: str
     """Source of the DBC, for messages to the user."""
     dbc_text: str
-    """The DBC as read, or all databases of the sensors (`daq.bench.sensors`); stored in every
-    journal and session."""
+    """The DBC, or all databases of the sensors (`daq.bench.sensors`); stored like `text`."""
     buses: tuple[BusConfig, ...]
     """The buses, at least one; a frame's `bus` is a position in this tuple."""
     vehicle: Vehicle

@@ -200,8 +200,7 @@ class Sensor:
     """Difference between its identifiers and those of the database."""
     ids: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
     """Identifiers of its messages, by name or by identifier in the database, as ``0x181``; the
-    sensor does not send other messages.  Empty: all messages, with the identifiers of the
-    database."""
+    sensor does not send other messages.  Empty: all messages of the database, unchanged."""
 
 
 def sensors_codec(

@@ -4,8 +4,7 @@ The matrices of Eqs. 3-10 are not used here; they are assembled in `identify.mod
 test ensures that both agree.  Axes and degrees of freedom are those of `daq.vehicle`.
 Displacements are counted from the pose in which every spring and tyre has its free length, so the
 loads under gravity follow from the balance and are not given.  Rotations are small: lever arms are
-those of the level car.  A tyre can only push: where it would have to pull, the wheel is off the
-ground.
+those of the level car.  A tyre can only push: it does not pull a wheel that is off the ground.
 
 A state is 22 values: pose (7), velocity (7), share of sliding friction at each corner (4), and
 deflection of each damper's mount (4), positive when its damper pushes body and wheel apart.
