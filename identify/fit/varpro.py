@@ -284,10 +284,10 @@ def slopes(point: Evaluated, group: GroupAt, z: Complex) -> Real:
     modes = point.modes
     apart = _along(z, point.apart)[..., None, :, :]
     together = _along(z, point.together)[..., None, :, :]
-    of_half = z[..., None, modes.half, None]
+    half_state = z[..., None, modes.half, None]
     on_exp = group.gained[..., None] * apart
     on_exp += group.gain_slope[..., None] * together
-    on_exp += group.d_gained * of_half
+    on_exp += group.d_gained * half_state
     if group.late_index is not None:
         speed = (modes.poles * z)[..., None, modes.half]  # what is later shows an earlier motion
         on_exp[..., group.late_index] -= group.gained * speed

@@ -129,7 +129,7 @@ def taps(rate_hz: float) -> Floats:
         rate = f"{rate_hz:g} Hz leaves no room for a {PASS_HZ:g} Hz low-pass"
         raise InputError("rate", rate, f"give more than {2.0 * stop_hz:g} Hz")
     bands = (0.0, PASS_HZ, stop_hz, rate_hz / 2.0)
-    n = 2 * round(0.05 * rate_hz / 2.0) + 1
+    n = 2 * round(0.05 * rate_hz / 2.0) + 1  # odd, 50 ms
     return np.asarray(firls(n, bands, (1.0, 1.0, 0.0, 0.0), fs=rate_hz), dtype=np.float64)
 
 
