@@ -214,7 +214,7 @@ def with_day(channel: object) -> object:
 
 
 def as_a_person_states_it(channel: Channel) -> Channel:
-    """Raise ValueError if a channel has what a person cannot mean."""
+    """Return the channel; raises ValueError if it has what a person cannot mean."""
     if not re.fullmatch("[A-Za-z][A-Za-z0-9_]{0,59}", channel.name):
         raise ValueError("its name is not a letter, and at most 59 letters, digits and _ after it")
     if channel.sign not in (1, -1):
@@ -355,6 +355,7 @@ def parse_bench(text: str, where: str, folder: Path, dbc_text: str | None = None
     databases = read_databases(keys, where, folder if dbc_text is None else None)
     if dbc_text is None:
         dbc_text = stored_text(databases)
+    # Now with the tables of ready maps, which need not be stated.
     table = validated(completed(document, default_bench_text()), where, BenchFile)
     bench = bench_of(table, text, where)
     require_unique("sensor", [each.name for each in table.sensor], where)

@@ -283,7 +283,7 @@ def full_name(signal: str, messages: Sequence[MessageLayout]) -> str:
     A name that is in no message is returned unchanged.  Raises InputError if several messages of
     the sensor have the signal.
     """
-    owner, _, name = signal.rpartition(".")
+    owner, _, name = signal.rpartition(".")  # `sensor.Message`, or only `sensor`
     names = [
         message.name
         for message in messages

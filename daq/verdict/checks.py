@@ -1,7 +1,7 @@
 """Checks the data and the motion of one run.
 
 First the data: they arrived, move, and are within the sensors' range.  Then the motion: rest before
-the bump, its size, one strike, the decay.
+the bump, its size, one strike, the decay.  Each check yields a finding, also if the run passed it.
 """
 
 from __future__ import annotations
