@@ -15,7 +15,7 @@ from daq.channels import Channel, Quantity
 from daq.vehicle import Corner
 from identify.decays.decay import ChannelGroup
 from identify.fit.grey_box import GreyBox
-from identify.nonlinear.car import KNOTS, Model
+from identify.nonlinear.car import KNOTS, Car, Model
 from identify.nonlinear.fit import Clock
 from identify.nonlinear.path import ROUGH, Grade
 from identify.nonlinear.release import Attempt, release
@@ -84,7 +84,7 @@ class Script:
         there = SimpleNamespace(
             problem=problem,
             initials=tuple(f"{own}'" for own in initials),
-            cars=(SimpleNamespace(corner=np.zeros((4, 22))),) * len(problem.runs),
+            cars=(Car(np.zeros((4, 22)), *np.zeros((5, 0)), ()),) * len(problem.runs),
             predicted=tuple(SimpleNamespace(cost=cost, path=path) for _ in problem.runs),
         )
         return SimpleNamespace(
