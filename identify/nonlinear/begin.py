@@ -27,9 +27,9 @@ from .problem import Problem
 
 LENGTHS = ("a", "b", "t_f", "t_r", "y_s")
 """Parameters that a common factor of masses and forces does not change."""
-_WIDEST = 1.5
+_LARGEST_LOG = 1.5
 """Logarithm of the largest factor that is tried."""
-_GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
+_GOLDEN_SECTION = (np.sqrt(5.0) - 1.0) / 2.0
 
 
 def scaled(box: GreyBox, linear: NDArray[np.float64], factor: float) -> NDArray[np.float64]:
@@ -48,12 +48,12 @@ def all_scaled(problem: Problem, eta: NDArray[np.float64], factor: float) -> NDA
     model = problem.model
     box = model.box
     result = eta.copy()
-    result[: model.first] = scaled(box, eta[: model.first], factor)
+    result[: model.n_linear] = scaled(box, eta[: model.n_linear], factor)
     for i, kg in box.weight_masses.items():
         result[i] = factor * (kg + eta[i]) - kg
-    if model.names[model.first - 1] == "cross weight":
-        result[model.first - 1] *= factor
-    for i, element in enumerate(model.elements, start=model.first):
+    if model.names[model.n_linear - 1] == "cross weight":
+        result[model.n_linear - 1] *= factor
+    for i, element in enumerate(model.elements, start=model.n_linear):
         if element.unit.startswith("N"):
             result[i] *= factor
         elif element.unit.endswith("/N"):
@@ -77,23 +77,23 @@ def at_likely_scale(problem: Problem, eta: NDArray[np.float64]) -> NDArray[np.fl
         terms = (problem.fact_terms(scaled_eta)[0], problem.prior_terms(scaled_eta)[0])
         return sum(float(misfits @ misfits) for misfits in terms)
 
-    low, high = -_WIDEST, _WIDEST
+    low, high = -_LARGEST_LOG, _LARGEST_LOG
     while high - low > 1e-5:  # golden section, finer than any known scale
-        inner = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
+        inner = high - _GOLDEN_SECTION * (high - low), low + _GOLDEN_SECTION * (high - low)
         if cost(inner[0]) < cost(inner[1]):
             high = inner[1]
         else:
             low = inner[0]
-    best = 0.5 * (low + high)
-    return all_scaled(problem, eta, float(np.exp(best))) if cost(best) < cost(0.0) else eta
+    best_log = 0.5 * (low + high)
+    return all_scaled(problem, eta, float(np.exp(best_log))) if cost(best_log) < cost(0.0) else eta
 
 
-# The begin ----------------------------------------------------------------------------------------
+# The start ----------------------------------------------------------------------------------------
 
-_BEYOND = 2.0
+_MASS_FACTOR = 2.0
 """Factor by which a car may be lighter or heavier than all generic vehicles, whose range is
 wide."""
-_MISSHAPEN = 4.0
+_SHAPE_FACTOR = 4.0
 """Factor beyond all generic vehicles above which a parameter is impossible for a vehicle."""
 
 
@@ -108,7 +108,7 @@ def scaled_to_vehicle(
     """
     masses = [float(vehicle[0]) for vehicle in vehicles]
     mass = float(np.exp(eta[box.parameters.index("m_s")]))
-    if min(masses) / _BEYOND <= mass <= max(masses) * _BEYOND:
+    if min(masses) / _MASS_FACTOR <= mass <= max(masses) * _MASS_FACTOR:
         return eta
     return scaled(box, eta, masses[0] / mass)
 
@@ -121,11 +121,11 @@ def is_impossible(
     With friction as large as the rear wheels' load, a linear fit of a city car put its CG 4 mm
     behind the front axle: no search from there found the optimum, one from the usual vehicle did.
     """
-    usual = np.array([SYMMETRIC @ vehicle for vehicle in vehicles])
-    common = usual.all(axis=0)  # bars, tyre damping and offsets may be zero
-    values = box.full(eta.astype(complex)).real[common]
-    least, most = usual[:, common].min(axis=0), usual[:, common].max(axis=0)
-    return bool(((values < least / _MISSHAPEN) | (values > most * _MISSHAPEN)).any())
+    generic = np.array([SYMMETRIC @ vehicle for vehicle in vehicles])
+    in_all = generic.all(axis=0)  # bars, tyre damping and offsets may be zero
+    values = box.full(eta.astype(complex)).real[in_all]
+    least, most = generic[:, in_all].min(axis=0), generic[:, in_all].max(axis=0)
+    return bool(((values < least / _SHAPE_FACTOR) | (values > most * _SHAPE_FACTOR)).any())
 
 
 def position_at_rest(
@@ -134,10 +134,10 @@ def position_at_rest(
     """Return the displacement of the car under its added weights, (7,), by its linear springs."""
     no_unknowns = np.zeros(0, dtype=np.intp)
     loaded = car(model, eta, state, no_unknowns)
-    full = model.box.full(eta[: model.first].astype(complex))
+    full = model.box.full(eta[: model.n_linear].astype(complex))
     _, _, K = full_matrices(full)
-    pull = np.concatenate([loaded.pull, loaded.corner[:, PULL]])
-    return np.asarray(np.linalg.solve(K.real, pull))
+    force_n = np.concatenate([loaded.pull, loaded.corner[:, PULL]])
+    return np.asarray(np.linalg.solve(K.real, force_n))
 
 
 def initial_states_of(
@@ -146,22 +146,26 @@ def initial_states_of(
     decays: tuple[FreeDecay, ...],
     sigma: Mapping[str, float],
 ) -> tuple[InitialState, ...]:
-    """Return the initial state of each run by the linear model at `eta`, (P,)."""
+    """Return the state in which each decay begins, by the linear model at `eta`, (P,).
+
+    `sigma`: standard deviation of each channel's noise, SI.
+    """
     box = model.box
-    states = {s.name: s for s in box.mass_states}
+    state_of = {s.name: s for s in box.mass_states}
     present = {decay.mass_state for decay in decays}
-    linear = eta[: model.first]
-    parts = linear_parts(evaluate(box, linear, present, sigma), decays)
-    sags = {name: position_at_rest(model, eta, states[name]) for name in present}
+    linear = eta[: model.n_linear]
+    solutions = linear_parts(evaluate(box, linear, present, sigma), decays)
+    rest_positions = {name: position_at_rest(model, eta, state_of[name]) for name in present}
     no_unknowns = np.zeros(0, dtype=np.intp)
-    cars = {name: car(model, eta, states[name], no_unknowns) for name in present}
+    cars = {name: car(model, eta, state_of[name], no_unknowns) for name in present}
     result = []
-    for decay, part in zip(decays, parts, strict=True):
-        motion = part.solution[:14].copy()
-        motion[:7] += sags[decay.mass_state]  # the linear model moves about the position at rest
-        speed = cars[decay.mass_state].travel_speeds(motion)
+    for decay, linear_part in zip(decays, solutions, strict=True):
+        motion = linear_part.solution[:14].copy()  # 7 displacements, 7 speeds
+        # Those of the linear model are about the loaded car at rest, these about the bare one.
+        motion[:7] += rest_positions[decay.mass_state]
+        speeds_m_s = cars[decay.mass_state].travel_speeds(motion)
         # At 0.02 m/s most of the friction acts in the direction of the motion.
-        friction, mounts = np.tanh(speed / 0.02), np.zeros(4)
+        friction, mounts = np.tanh(speeds_m_s / 0.02), np.zeros(4)
         result.append(InitialState(motion, friction, mounts))
     return tuple(result)
 
@@ -194,47 +198,43 @@ _CROSS = 0.1
 def weak_priors(
     model: Model, eta: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return mean and standard deviation of each unknown, (P,), for a car about as at `eta`."""
-    full = model.box.full(eta[: model.first].astype(complex)).real
+    """Return mean and deviation of each unknown's prior, (P,), for a car about as at `eta`."""
+    full = model.box.full(eta[: model.n_linear].astype(complex)).real
     k_s, c_s = (  # geometric mean of the four corners
-        float(np.exp(np.mean(np.log(full[first : first + 4])))) for first in (Full.K_S, Full.C_S)
+        float(np.exp(np.mean(np.log(full[i : i + 4])))) for i in (Full.K_S, Full.C_S)
     )
-    priors = {  # standard deviation, SI, by the beginning of the element's name
+    sigmas = {  # standard deviation, SI, by the beginning of the element's name
         "k_2": _PROGRESSION_1_M * k_s,
-        # 45 % more stiffness after 5 cm.
-        "k_3": 60.0 * k_s,
+        "k_3": 60.0 * k_s,  # 45 % more stiffness after 5 cm
         "b_t": _PROGRESSION_1_M,
-        # The relative difference of the dampers of an axle.
-        "s_c": 0.3,
+        "s_c": 0.3,  # relative difference of the dampers of an axle
         "dF_": _FRICTION_SPLIT_N,
         "dk_": _CORNER_SPLIT,
         "dm_": _CORNER_SPLIT,
-        # The softest mounts of cars have 3e5 N/m.
-        "s_m": 3e-6,
+        "s_m": 3e-6,  # the softest mounts of cars have 3e5 N/m
         "k_b": _STOP * k_s,
     }
     of_elements = [e.prior for e in model.elements]
     for i, e in enumerate(model.elements):
-        kind = next((k for k in priors if e.name.startswith(k)), None)
-        if kind is not None:
-            of_elements[i] = priors[kind] / e.scale
+        prefix = next((p for p in sigmas if e.name.startswith(p)), None)
+        if prefix is not None:
+            of_elements[i] = sigmas[prefix] / e.scale
     for axle in "fr":
         for j, knot in enumerate(model.knots, start=1):
-            share = _SIDES if knot == 0.0 else _KNEE if abs(knot) < _FAST_M_S else _FAST_KNEE
-            i = model.names.index(f"h_{axle}{j}") - model.first
-            of_elements[i] = share * c_s / model.elements[i].scale
+            relative = _SIDES if knot == 0.0 else _KNEE if abs(knot) < _FAST_M_S else _FAST_KNEE
+            i = model.names.index(f"h_{axle}{j}") - model.n_linear
+            of_elements[i] = relative * c_s / model.elements[i].scale
     of_box = model.box.prior_sigma.copy()
     for i, name in enumerate(model.box.parameters):
         if name.startswith("c_t"):
-            # A fifth of the damper's coefficient.
-            of_box[i] = 0.2 * c_s / SIGNED[name]
+            of_box[i] = 0.2 * c_s / SIGNED[name]  # a fifth of the damper's coefficient
         elif name == "y_s":
             of_box[i] = _CG_M / SIGNED[name]
     if "cross weight" in model.names:
         wheel_share_kg = full[Full.M_S] / 4.0
         of_box[-1] = _CROSS * wheel_share_kg / CROSS_SCALE_KG
-    centre = np.concatenate([np.zeros(model.first), [e.unknown(e.rest) for e in model.elements]])
-    return centre, np.concatenate([of_box, of_elements])
+    mean = np.concatenate([np.zeros(model.n_linear), [e.unknown(e.rest) for e in model.elements]])
+    return mean, np.concatenate([of_box, of_elements])
 
 
 # Describes the same damper curves by more knees, which only the last steps of a fit need ----------
@@ -252,27 +252,27 @@ def refined(
     They pass through the points of the old curves at the new knees, so that no curve falls where
     the old one does not: on a mount, tangents would grow until they are useless.
     """
-    old = problem.model
-    model = Model(old.box, knots)
-    bends = _bends(knots, old.knots)
+    coarse = problem.model
+    model = Model(coarse.box, knots)
+    bends = _bends(knots, coarse.knots)
     # The slopes at the knees come last among the unknowns, those of the front axle first.
-    n_common = len(old.names) - 2 * len(old.knots)
+    n_common = len(coarse.names) - 2 * len(coarse.knots)
     front, rear = np.split(eta[n_common:], 2)
     refined_eta = np.concatenate([eta[:n_common], bends @ front, bends @ rear])
-    centre, prior = weak_priors(model, refined_eta)
+    mean, prior = weak_priors(model, refined_eta)
     # The priors of unknowns that both problems have stay the same.
-    centre[:n_common], prior[:n_common] = problem.centre[:n_common], problem.prior[:n_common]
-    return replace(problem, model=model, centre=centre, prior=prior), refined_eta
+    mean[:n_common], prior[:n_common] = problem.centre[:n_common], problem.prior[:n_common]
+    return replace(problem, model=model, centre=mean, prior=prior), refined_eta
 
 
-def _bends(knots: tuple[float, ...], old: tuple[float, ...]) -> NDArray[np.float64]:
+def _bends(knots: tuple[float, ...], old_knots: tuple[float, ...]) -> NDArray[np.float64]:
     """Return the change of slope of the old curve's chords at each knot by each old knee.
 
     A knee in rebound, at a negative speed, counts the change from zero speed outwards.  Returns
     (len(knots), len(old)).
     """
     speeds = np.array([-_FASTEST_M_S, *knots, _FASTEST_M_S])
-    forces = np.stack([knee(speeds, knot, _SHARP_M_S) for knot in old], axis=1)
+    forces = np.stack([knee(speeds, knot, _SHARP_M_S) for knot in old_knots], axis=1)
     slopes = np.diff(forces, axis=0) / np.diff(speeds)[:, None]
     outwards = np.where(np.array(knots) < 0.0, -1.0, 1.0)[:, None]
     return outwards * np.diff(slopes, axis=0)

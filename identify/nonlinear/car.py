@@ -103,13 +103,13 @@ KINDS = {label: kind for kind, label, *_ in _ROWS}
 @cache
 def elements(knots: tuple[float, ...]) -> tuple[Element, ...]:
     """Return the unknowns of all elements of both axles, for damper knees at `knots`, m/s."""
-    named = [Element(f"{kind}{axle}", *row) for kind, _, *row in _ROWS for axle in "fr"]
+    of_kinds = [Element(f"{kind}{axle}", *row) for kind, _, *row in _ROWS for axle in "fr"]
     slopes = [
         Element(f"h_{axle}{j + 1}", "N s/m", 1000.0, 0.0, -2e4, 2e4)
         for axle in "fr"
         for j in range(len(knots))
     ]
-    return (*named, *slopes)
+    return (*of_kinds, *slopes)
 
 
 # The car ------------------------------------------------------------------------------------------
@@ -152,38 +152,40 @@ class Model:
         return elements(self.knots)
 
     @property
-    def first(self) -> int:
-        """Position of the first unknown of the elements."""
+    def n_linear(self) -> int:
+        """Number of unknowns of the grey box, which come before those of the elements."""
         return len(self.box.prior_sigma)
 
     @property
     def names(self) -> tuple[str, ...]:
         """Name of every unknown."""
         known = (*self.box.parameters, *self.box.corrections)
-        cross = ("cross weight",) * (self.first - len(known))
+        cross = ("cross weight",) * (self.n_linear - len(known))
         return (*known, *cross, *(e.name for e in self.elements))
 
     def unknowns(self, linear: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return all unknowns, (P,), from those of the grey box, with elements at rest."""
-        rest = [e.unknown(e.rest) for e in self.elements]
-        return np.concatenate([linear, rest])
+        elements_at_rest = [e.unknown(e.rest) for e in self.elements]
+        return np.concatenate([linear, elements_at_rest])
 
     def element_values(self, eta: NDArray[np.complex128]) -> dict[str, NDArray[np.complex128]]:
         """Return the value of each element, SI, at `eta`, (..., P)."""
         result = {}
-        for i, e in enumerate(self.elements, start=self.first):
-            x = eta[..., i]
-            result[e.name] = np.exp(x) if e.logarithmic else e.scale * x
+        for i, e in enumerate(self.elements, start=self.n_linear):
+            unknown = eta[..., i]
+            result[e.name] = np.exp(unknown) if e.logarithmic else e.scale * unknown
         return result
 
     def full(self, eta: NDArray[np.complex128]) -> NDArray[np.complex128]:
         """Return the full parameters, (..., 28), with the differences of each corner."""
-        value = self.element_values(eta)
+        element = self.element_values(eta)
         full = self.box.full(eta).copy()
         for corner in Corner:
             axle = "f" if corner.front else "r"
-            for first, kind in ((Full.M_U, "dm_u"), (Full.K_S, "dk_s"), (Full.K_T, "dk_t")):
-                full[..., first + corner.position] *= 1.0 + corner.side * value[f"{kind}{axle}"]
+            for front_left, kind in ((Full.M_U, "dm_u"), (Full.K_S, "dk_s"), (Full.K_T, "dk_t")):
+                full[..., front_left + corner.position] *= (
+                    1.0 + corner.side * element[f"{kind}{axle}"]
+                )
         return full
 
     def fact_misfits(
@@ -205,7 +207,7 @@ class Car:
     corner: NDArray[np.float64]
     """(4, n) coefficients of the corners."""
     d_corner: NDArray[np.float64]
-    """(4, n, F)."""
+    """(4, n, F) their derivatives."""
     mass: NDArray[np.float64]
     """(3, 3) of the body with its load, kg and kg m2."""
     d_mass: NDArray[np.float64]
@@ -221,31 +223,33 @@ class Car:
         """True if a damper has a compliant mount, or may have one."""
         return bool(self.corner[:, MOUNT].any() or self.d_corner[:, MOUNT].any())
 
-    def travel_speeds(self, motion: NDArray[np.float64], first: int = 7) -> NDArray[np.float64]:
-        """Return the speeds of the four suspensions, (..., 4) m/s, compression positive.
+    def travels(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the travels of the four suspensions, (..., 4) m, compression positive.
 
-        With `first` 0 instead of 7, their travels.
+        `states`, (..., 7 or more): seven displacements, then perhaps their speeds and all else.
         """
-        body = (
-            motion[..., first : first + 1]
-            - motion[..., first + 1 : first + 2] * self.corner[:, X]
-            + motion[..., first + 2 : first + 3] * self.corner[:, Y]
-        )
-        return np.asarray(motion[..., first + 3 : first + 7] - body)
+        heave, pitch, roll = states[..., 0:1], states[..., 1:2], states[..., 2:3]
+        body = heave - pitch * self.corner[:, X] + roll * self.corner[:, Y]
+        return np.asarray(states[..., 3:7] - body)
+
+    def travel_speeds(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the speeds of the suspensions, (..., 4) m/s, from `states`, (..., 14 or more)."""
+        return self.travels(states[..., 7:14])
 
 
 def car(model: Model, eta: NDArray[np.float64], state: MassState, free: NDArray[np.intp]) -> Car:
     """Return a mass state at `eta`, (P,), and its derivatives by the unknowns at `free`, (F,)."""
+    # `eta` itself, then with a complex step in each free unknown.
     points = stepped(eta)[np.concatenate([[0], 1 + free])]
     corner, mass, pull = _coefficients(model, points, state)
-    slope = 1.0 / COMPLEX_STEP
+    per_step = 1.0 / COMPLEX_STEP
     return Car(
         np.ascontiguousarray(corner[0].real),
-        np.ascontiguousarray(np.moveaxis(corner[1:].imag, 0, -1) * slope),
+        np.ascontiguousarray(np.moveaxis(corner[1:].imag, 0, -1) * per_step),
         np.ascontiguousarray(mass[0].real),
-        np.ascontiguousarray(mass[1:].imag * slope),
+        np.ascontiguousarray(mass[1:].imag * per_step),
         np.ascontiguousarray(pull[0].real),
-        np.ascontiguousarray(pull[1:].imag * slope),
+        np.ascontiguousarray(pull[1:].imag * per_step),
         model.knots,
     )
 
@@ -259,7 +263,7 @@ def _coefficients(
     """
     box = model.box
     full = model.full(eta)
-    value = model.element_values(eta)
+    element = model.element_values(eta)
     weight_errors = box.off_weights(eta, state)  # kg, m, m
     added = delta_mass(state.added, full[:, Full.A], full[:, Full.Y_S], weight_errors)
     # Gravity accelerates body and wheels downwards alike: on (1, 0, 0, 1, 1, 1, 1).
@@ -269,25 +273,25 @@ def _coefficients(
     for corner in Corner:
         i, front = corner.position, corner.front
         axle = "f" if front else "r"
-        one = corners[:, i]
+        row = corners[:, i]  # (n, columns)
         for column, kind in _COLUMN_OF.items():
-            one[:, column] = value[f"{kind}{axle}"]
-        one[:, X] = full[:, Full.A] if front else -full[:, Full.B]
+            row[:, column] = element[f"{kind}{axle}"]
+        row[:, X] = full[:, Full.A] if front else -full[:, Full.B]
         half_width = full[:, Full.T_F if front else Full.T_R]
-        one[:, Y] = corner.side * half_width - full[:, Full.Y_S]
-        one[:, K_S], one[:, K_T] = full[:, Full.K_S + i], full[:, Full.K_T + i]
-        one[:, C] = full[:, Full.C_S + i]
-        one[:, K_A] = full[:, Full.K_AF if front else Full.K_AR]
-        one[:, C_T] = full[:, Full.C_TF if front else Full.C_TR]
-        one[:, F_C] += corner.side * value[f"dF_c{axle}"]
-        one[:, RATIO] = 1.0 + corner.side * value[f"s_c{axle}"]
-        one[:, STATIC] = GRAVITY_M_S2 * corner_load(corner, full, cross_kg)
-        one[:, MASS] = full[:, Full.M_U + i] + added[:, 3 + i, 3 + i]
-        one[:, PULL] = pull[:, 3 + i]
+        row[:, Y] = corner.side * half_width - full[:, Full.Y_S]
+        row[:, K_S], row[:, K_T] = full[:, Full.K_S + i], full[:, Full.K_T + i]
+        row[:, C] = full[:, Full.C_S + i]
+        row[:, K_A] = full[:, Full.K_AF if front else Full.K_AR]
+        row[:, C_T] = full[:, Full.C_TF if front else Full.C_TR]
+        row[:, F_C] += corner.side * element[f"dF_c{axle}"]
+        row[:, RATIO] = 1.0 + corner.side * element[f"s_c{axle}"]
+        row[:, STATIC] = GRAVITY_M_S2 * corner_load(corner, full, cross_kg)
+        row[:, MASS] = full[:, Full.M_U + i] + added[:, 3 + i, 3 + i]
+        row[:, PULL] = pull[:, 3 + i]
         for j, knot in enumerate(model.knots):
-            h = value[f"h_{axle}{j + 1}"]
-            one[:, KNEES + j] = h
-            one[:, C] -= h * secant_share(knot, KNEE_M_S)  # `c_s` is that of the secant
+            slope_change = element[f"h_{axle}{j + 1}"]
+            row[:, KNEES + j] = slope_change
+            row[:, C] -= slope_change * secant_share(knot, KNEE_M_S)  # `c_s` is that of the secant
     mass = added[:, :3, :3].copy()
     for k in (Full.M_S, Full.I_YY, Full.I_XX):
         mass[:, k, k] += full[:, k]

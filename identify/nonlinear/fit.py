@@ -67,16 +67,16 @@ class Clock:
         def is_over() -> bool:
             if np.isnan(self.began_s):
                 self.began_s = process_time()
-            over = process_time() - self.began_s > share * self.seconds
-            if over and work not in self.unreached:
+            is_late = process_time() - self.began_s > share * self.seconds
+            if is_late and work not in self.unreached:
                 self.unreached.append(work)
-            return over
+            return is_late
 
         return is_over
 
 
 def unit_size(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the roots of a diagonal; 1 for unknowns on which the data give no information."""
+    """Return the roots of a matrix's diagonal; 1 where the data give no information."""
     size = np.diag(matrix)
     return np.asarray(np.sqrt(np.where(size > 0.0, size, 1.0)))
 
@@ -85,8 +85,7 @@ def inverse(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
     """Invert a positive matrix after scaling; directions without information stay zero."""
     scale = 1.0 / unit_size(matrix)
     values, vectors = np.linalg.eigh(matrix * np.outer(scale, scale))
-    # Directions below 1e-13 of the strongest are not observed.
-    good = values > 1e-13 * values[-1]
+    good = values > 1e-13 * values[-1]  # weaker directions are not observed
     return np.asarray(
         (vectors[:, good] / values[good]) @ vectors[:, good].T * np.outer(scale, scale)
     )
@@ -99,37 +98,38 @@ class Eliminated:
     inverse: NDArray[np.float64]
     own: NDArray[np.float64]
     B: NDArray[np.float64]
+    """`inverse`, `own`, `B`: of the block's A, right-hand side and B (`problem.Block`)."""
     fixed: NDArray[np.float64]
     """Steps that are given; NaN for the others."""
 
     def step(self, shared: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the step of the run's own unknowns for a step of the shared ones."""
-        free = self.inverse @ (self.own - self.B @ shared)
-        return np.where(np.isnan(self.fixed), free, self.fixed)
+        best = self.inverse @ (self.own - self.B @ shared)
+        return np.where(np.isnan(self.fixed), best, self.fixed)
 
 
 def reduced(
-    given: Normal, damping: float = 0.0, fixed: Sequence[NDArray[np.float64]] | None = None
+    equations: Normal, damping: float = 0.0, fixed: Sequence[NDArray[np.float64]] | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], list[Eliminated]]:
-    """Eliminate the runs' own unknowns: matrix, right-hand side, and the eliminated unknowns."""
-    matrix, right = given.shared.copy(), given.right.copy()
+    """Return normal matrix and right-hand side without the runs' own unknowns, and these."""
+    matrix, right = equations.shared.copy(), equations.right.copy()
     runs = []
-    fixed = _nothing_fixed(given) if fixed is None else fixed
-    for b, known in zip(given.blocks, fixed, strict=True):
+    fixed = _nothing_fixed(equations) if fixed is None else fixed
+    for b, given_step in zip(equations.blocks, fixed, strict=True):
         A = b.A + damping * np.diag(np.diag(b.A))
-        held, loose = np.flatnonzero(np.isfinite(known)), np.flatnonzero(np.isnan(known))
-        spread = np.zeros_like(A)
-        spread[np.ix_(loose, loose)] = inverse(A[np.ix_(loose, loose)])
-        run = Eliminated(spread, b.own - A[:, held] @ known[held], b.B, known)
+        held, loose = np.flatnonzero(np.isfinite(given_step)), np.flatnonzero(np.isnan(given_step))
+        inverse_A = np.zeros_like(A)
+        inverse_A[np.ix_(loose, loose)] = inverse(A[np.ix_(loose, loose)])
+        run = Eliminated(inverse_A, b.own - A[:, held] @ given_step[held], b.B, given_step)
         runs.append(run)
-        X = b.B.T @ spread
+        X = b.B.T @ inverse_A
         matrix += b.C - X @ b.B
-        right += b.shared - X @ run.own - b.B[held].T @ known[held]
+        right += b.shared - X @ run.own - b.B[held].T @ given_step[held]
     return matrix, right, runs
 
 
-def _nothing_fixed(given: Normal) -> list[NDArray[np.float64]]:
-    return [np.full(len(b.A), np.nan) for b in given.blocks]
+def _nothing_fixed(equations: Normal) -> list[NDArray[np.float64]]:
+    return [np.full(len(b.A), np.nan) for b in equations.blocks]
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,9 +149,10 @@ def _step(
     low: NDArray[np.float64],
     high: NDArray[np.float64],
 ) -> _Step:
-    """Return a step; a share of friction that would exceed 1 stops at 1.
+    """Return the damped step; a share of friction that would exceed 1 stops at 1.
 
-    Damper curves that the step would make too flat are held up, others are not.
+    Damper curves that the step would make too flat are held up, others are not.  `low`, `high`:
+    least and largest step of each free unknown, (F,).
     """
     fixed = _nothing_fixed(equations)
     flat = equations.lacks > 0.0
@@ -162,14 +163,14 @@ def _step(
         lacks = equations.lacks - equations.lifts @ shared
         moves = [run.step(shared) for run in runs]
         beyond = [
-            _stop_friction(own, move, held)
-            for own, move, held in zip(initials, moves, fixed, strict=True)
+            _stop_friction(x0, move, held)
+            for x0, move, held in zip(initials, moves, fixed, strict=True)
         ]
         if not any(beyond) and ((lacks > 0.0) == flat).all():
             break
         flat = lacks > 0.0
-    steep = equations.holding(np.zeros_like(flat))
-    fall = 2.0 * float(steep.right @ shared) - float(shared @ steep.shared @ shared)
+    without_floor = equations.holding(np.zeros_like(flat))
+    fall = 2.0 * float(without_floor.right @ shared) - float(shared @ without_floor.shared @ shared)
     fall += float(np.sum(np.maximum(equations.lacks, 0.0) ** 2 - np.maximum(lacks, 0.0) ** 2))
     for b, move in zip(equations.blocks, moves, strict=True):
         fall += 2.0 * float(b.own @ move + b.shared @ shared) - float(
@@ -178,14 +179,17 @@ def _step(
     return _Step(shared, tuple(moves), fall)
 
 
-def _stop_friction(own: InitialState, move: NDArray[np.float64], held: NDArray[np.float64]) -> bool:
-    """Hold the friction that a move would take beyond sliding there; return False if none is."""
-    after = own.friction + move[14:18]
+def _stop_friction(x0: InitialState, move: NDArray[np.float64], held: NDArray[np.float64]) -> bool:
+    """Hold the friction that a move would take beyond sliding there; return False if none is.
+
+    `held`, (18,) or (22,): receives the steps that end at sliding.  Friction has entries 14 to 17.
+    """
+    after = x0.friction + move[14:18]
     excess = np.abs(after) - 1.0
     # The one furthest outside first: without it the others may stay inside.
-    out = 14 + np.flatnonzero(excess > max(1e-9, 0.5 * float(excess.max())))
-    held[out] = np.sign(after[out - 14]) - own.friction[out - 14]
-    return bool(len(out))
+    beyond = 14 + np.flatnonzero(excess > max(1e-9, 0.5 * float(excess.max())))
+    held[beyond] = np.sign(after[beyond - 14]) - x0.friction[beyond - 14]
+    return bool(len(beyond))
 
 
 def _solve(
@@ -206,13 +210,13 @@ def _solve(
     # Each solution has more unknowns held at their bounds; twelve at most.
     for _ in range(12):
         loose = ~held
-        rest = right / scale - H @ (step * held * scale)
-        step[loose] = np.linalg.solve(H[np.ix_(loose, loose)], rest[loose]) / scale[loose]
-        out = loose & ((step < low) | (step > high))
-        if not out.any():
+        right_of_loose = right / scale - H @ (step * held * scale)
+        step[loose] = np.linalg.solve(H[np.ix_(loose, loose)], right_of_loose[loose]) / scale[loose]
+        beyond = loose & ((step < low) | (step > high))
+        if not beyond.any():
             break
-        step[out] = np.clip(step, low, high)[out]
-        held |= out
+        step[beyond] = np.clip(step, low, high)[beyond]
+        held |= beyond
     return np.clip(step, low, high)
 
 
@@ -221,8 +225,8 @@ def _full_step(at: Point | None) -> _Step | None:
     if at is None or not at.normal.finite:
         return None
     low, high = at.problem.bounds
-    now = at.eta[at.problem.free]
-    return _step(at.normal, at.initials, 1e-12, low - now, high - now)
+    free_eta = at.eta[at.problem.free]
+    return _step(at.normal, at.initials, 1e-12, low - free_eta, high - free_eta)
 
 
 def fit(
@@ -235,7 +239,7 @@ def fit(
     max_iterations: int = 40,
     is_over: Callable[[], bool] = lambda: False,
 ) -> Optimum | None:
-    """Find the optimum from a start; None if the start has no finite path and tangents.
+    """Return the optimum that is found from a start; None without finite path and tangents there.
 
     A fit has converged if a full step would lower the cost by less than `tolerance` times chi2/n:
     then no combination of unknowns is further off than the square root of that, in standard
@@ -245,57 +249,59 @@ def fit(
     parameters do not move.  `is_over`: returns True when the time has passed; the fit then ends
     where it is.
     """
-    at = point(problem, eta, initials, grade)
-    full = _full_step(at)
-    if at is None or full is None:
+    current = point(problem, eta, initials, grade)
+    full_step = _full_step(current)
+    if current is None or full_step is None:
         return None
     low, high = problem.bounds
     n = sum(run.freedom for run in problem.runs)
-    damping, refused, iterations, slow = 1e-3, 0, 0, False
+    damping, refused, iterations, is_slow = 1e-3, 0, 0, False
     while True:
-        decrement = full.fall
-        now = at.eta[problem.free]
-        unit = max(1.0, at.cost / n)
-        small = slow or abs(decrement) < max(tolerance * unit, rough * at.cost)
+        decrement = full_step.fall
+        free_eta = current.eta[problem.free]
+        unit = max(1.0, current.cost / n)  # chi2/n, in which falls of the cost count
+        small = is_slow or abs(decrement) < max(tolerance * unit, rough * current.cost)
         if small or iterations >= max_iterations or refused >= _REFUSED or is_over():
-            matrix, _, _ = reduced(at.normal)
-            still = 0.0 <= decrement < _STILL_PROMISED * unit
-            settled = small or (refused >= _REFUSED and 0.0 <= decrement < _PROMISED * unit)
+            matrix, _, _ = reduced(current.normal)
+            hardly_moves = 0.0 <= decrement < _STILL_PROMISED * unit
+            converged = small or (refused >= _REFUSED and 0.0 <= decrement < _PROMISED * unit)
             # Where the car's parameters are held, or hardly move any more, the rest is shapes.
-            car = problem.free < len(problem.model.box.parameters)
-            std = np.sqrt(np.diag(inverse(matrix))) if car.any() else np.zeros(len(car))
-            settled |= still and bool((np.abs(full.shared) <= _STILL * std)[car].all())
-            return Optimum(at, matrix, iterations, decrement, settled)
-        near, ends = decrement < unit, decrement < _PROMISED * unit
+            is_parameter = problem.free < len(problem.model.box.parameters)
+            has_any = is_parameter.any()
+            std = np.sqrt(np.diag(inverse(matrix))) if has_any else np.zeros(len(is_parameter))
+            is_still = np.abs(full_step.shared) <= _STILL * std
+            converged |= hardly_moves and bool(is_still[is_parameter].all())
+            return Optimum(current, matrix, iterations, decrement, converged)
+        is_near, is_last = decrement < unit, decrement < _PROMISED * unit
         # A step by which the cost falls less counts as refused.
-        least = unit * (min(_LEAST_THERE, tolerance) if ends else 1e-3)
-        box = problem.reach
+        least_gain = unit * (min(_LEAST_THERE, tolerance) if is_last else 1e-3)
+        most_rise, reach = 0.5 * unit if is_near else -least_gain, problem.reach
         while refused < _REFUSED and iterations < max_iterations:
             iterations += 1
-            bounds = np.maximum(low - now, -box), np.minimum(high - now, box)
-            step = _step(at.normal, at.initials, damping, *bounds)
-            if ends and step.fall < least:  # damped more, it gains even less
+            bounds = np.maximum(low - free_eta, -reach), np.minimum(high - free_eta, reach)
+            step = _step(current.normal, current.initials, damping, *bounds)
+            if is_last and step.fall < least_gain:  # damped more, it gains even less
                 refused = _REFUSED
                 break
-            moved = at.eta.copy()
-            moved[problem.free] += step.shared
+            trial_eta = current.eta.copy()
+            trial_eta[problem.free] += step.shared
             initials = tuple(
-                own.moved(move) for own, move in zip(at.initials, step.initials, strict=True)
+                x0.moved(move) for x0, move in zip(current.initials, step.initials, strict=True)
             )
-            trial = point(problem, moved, initials, grade)
-            if trial is not None and trial.cost < at.cost + (0.5 * unit if near else -least):
+            trial = point(problem, trial_eta, initials, grade)
+            if trial is not None and trial.cost < current.cost + most_rise:
                 next_step = _full_step(trial)
                 # Where a curve falls, tangents grow until the full step is not a minimum any more.
                 if next_step and next_step.fall > -tolerance * unit:
                     # A damping that has just proved necessary stays for one step.
                     damping = damping if refused else max(damping / 10.0, 1e-8)
                     # A rough fit goes on while a step gains half of what is rough.
-                    slow = at.cost - trial.cost < 0.5 * rough * at.cost
-                    refused, at, full = 0, trial, next_step
+                    is_slow = current.cost - trial.cost < 0.5 * rough * current.cost
+                    refused, current, full_step = 0, trial, next_step
                     break
             refused += 1
             damping = max(damping * 10.0, 1e-3)
-            box = box / 2.0
+            reach = reach / 2.0
 
 
 # Gain of freeing each unknown that is still held, to first order ----------------------------------
@@ -320,12 +326,11 @@ def gain_of(
     new, old = np.searchsorted(free, extra), ~np.isin(free, extra)
     cross = matrix[np.ix_(new, old)] @ inverse(matrix[np.ix_(old, old)])
     alone = np.diag(matrix[np.ix_(new, new)])
-    left = alone - np.einsum("ij,ji->i", cross, matrix[np.ix_(old, new)])
-    push = right[new] - cross @ right[old]
-    # An unknown is separate where the free ones leave a share of its information.
-    separate = left > 1e-10 * alone
-    size = np.divide(push, left, out=np.zeros(len(extra)), where=separate)
-    return push * size, size
+    remaining = alone - np.einsum("ij,ji->i", cross, matrix[np.ix_(old, new)])
+    slope = right[new] - cross @ right[old]
+    separate = remaining > 1e-10 * alone  # the free ones leave a share of its information
+    size = np.divide(slope, remaining, out=np.zeros(len(extra)), where=separate)
+    return slope * size, size
 
 
 # Covariance that holds where a little is unexplained: from the scatter of the scores --------------
@@ -341,23 +346,24 @@ _BIN_S = 0.005
 
 def scatter(at: Point) -> NDArray[np.float64]:
     """Return the covariance of the scores, (F, F), by Bartlett's window of `LAG_S`."""
-    size = len(at.problem.free)
-    total = np.zeros((size, size))
+    n_free = len(at.problem.free)
+    covariance = np.zeros((n_free, n_free))
     lags = round(LAG_S / _BIN_S)
-    for run, predicted, b in zip(at.problem.runs, at.predicted, at.normal.blocks, strict=True):
-        own = len(b.A)
-        through = inverse(b.A) @ b.B
+    for run, predicted, block in zip(at.problem.runs, at.predicted, at.normal.blocks, strict=True):
+        n_own = len(block.A)
+        own_by_free = inverse(block.A) @ block.B
         bins = int(run.end_s / _BIN_S) + 2
-        scores = np.zeros((bins, size))
-        for r, left, J in zip(run.decay.recordings, predicted.left, b.jacobian, strict=True):
-            reduced = J[:, :, own:] - J[:, :, :own] @ through
-            which = np.clip((r.time_s / _BIN_S).astype(int), 0, bins - 1)
-            np.add.at(scores, which, np.einsum("ncf,nc->nf", reduced, left))
-        total += scores.T @ scores
+        scores = np.zeros((bins, n_free))
+        of_recordings = (run.decay.recordings, predicted.residuals, block.jacobian)
+        for r, residuals, J in zip(*of_recordings, strict=True):
+            J_free = J[:, :, n_own:] - J[:, :, :n_own] @ own_by_free
+            bin_index = np.clip((r.time_s / _BIN_S).astype(int), 0, bins - 1)
+            np.add.at(scores, bin_index, np.einsum("ncf,nc->nf", J_free, residuals))
+        covariance += scores.T @ scores
         for lag in range(1, min(lags + 1, bins)):
-            part = (1.0 - lag / (lags + 1.0)) * (scores[lag:].T @ scores[:-lag])
-            total += part + part.T
-    return total
+            term = (1.0 - lag / (lags + 1.0)) * (scores[lag:].T @ scores[:-lag])
+            covariance += term + term.T
+    return covariance
 
 
 def widened(covariance: NDArray[np.float64], scores: NDArray[np.float64]) -> NDArray[np.float64]:

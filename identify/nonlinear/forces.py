@@ -31,9 +31,9 @@ AS_PARAMETERS = frozenset({"anti_roll_bars", "cg_offset", "tyre_damping"})
 
 def element_in_words(name: str) -> str:
     """Return the name of an unknown element in words: `front friction` for `F_cf`."""
-    (label,) = (label for label, kind in KINDS.items() if kind == name[:-1])
+    (reported,) = (reported for reported, unknown in KINDS.items() if unknown == name[:-1])
     axle = _AXLES[name[-1] == "r"]
-    return f"{axle} {'mount compliance' if label == MOUNT_LABEL else label.replace('_', ' ')}"
+    return f"{axle} {'mount compliance' if reported == MOUNT_LABEL else reported.replace('_', ' ')}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,23 +117,24 @@ class Forces:
 def element_estimates(best: Optimum, covariance: NDArray[np.float64]) -> dict[str, Estimate]:
     """Return every free element, and every free parameter of an element, with its interval."""
     problem = best.point.problem
-    model, linear = problem.model, best.eta[: problem.model.first]
+    model, linear_eta = problem.model, best.eta[: problem.model.n_linear]
     box = model.box
-    by_name = {e.name: e for e in model.elements}
-    slopes = dict(zip(box.parameters, box.parameter_slopes(linear).tolist(), strict=True))
-    known = dict(zip(box.names, box.values(linear), strict=True))
+    element_by_name = {element.name: element for element in model.elements}
+    slopes = dict(zip(box.parameters, box.parameter_slopes(linear_eta).tolist(), strict=True))
+    parameter_values = dict(zip(box.names, box.values(linear_eta), strict=True))
     result = {}
     for j, i in enumerate(problem.free.tolist()):
         name = model.names[i]
         std = float(np.sqrt(covariance[j, j]))
-        if name in by_name:
-            e = by_name[name]
-            value = e.value(float(best.eta[i]))
-            std *= abs(value) if e.logarithmic else e.scale
-            unit, size = e.unit, 0.0 if e.logarithmic else e.scale
-        elif name in known:
+        if name in element_by_name:
+            element = element_by_name[name]
+            value = element.value(float(best.eta[i]))
+            std *= abs(value) if element.logarithmic else element.scale
+            unit, size = element.unit, 0.0 if element.logarithmic else element.scale
+        elif name in parameter_values:
             size = SIGNED.get(name, 0.0)
-            value, unit = float(known[name]), {"k": "N/m", "c": "N s/m", "y": "m"}.get(name[0], "")
+            value = float(parameter_values[name])
+            unit = {"k": "N/m", "c": "N s/m", "y": "m"}.get(name[0], "")
             std *= slopes[name]
         else:
             continue
@@ -153,59 +154,64 @@ def axle_forces(
 def _axle(
     best: Optimum, covariance: NDArray[np.float64], values: dict[str, Estimate], axle: int
 ) -> AxleForces:
+    """Return the forces of one axle, 0 front or 1 rear, from the free unknowns' covariance."""
     left, letter = 2 * axle, "fr"[axle]
     corners = slice(left, left + 2)
-    one, speeds, most_m = best.point.cars[0], [], -inf
+    first_car, speeds, reached_m = best.point.cars[0], [], -inf
     for car, predicted in zip(best.point.cars, best.point.predicted, strict=True):
-        x = predicted.path.states
-        most_m = max(most_m, float(car.travel_speeds(x, 0)[:, corners].max()))
-        of_dampers = predicted.path.speeds if car.has_mount else car.travel_speeds(x)
+        states = predicted.path.states
+        reached_m = max(reached_m, float(car.travels(states)[:, corners].max()))
+        of_dampers = predicted.path.speeds if car.has_mount else car.travel_speeds(states)
         speeds.append(of_dampers[:, corners].ravel())
     low, high = np.quantile(np.concatenate(speeds), [_SHARE, 1.0 - _SHARE])
-    grid = np.union1d(np.linspace(min(low, 0.0), max(high, 0.0), _POINTS), [0.0])
+    grid_m_s = np.union1d(np.linspace(min(low, 0.0), max(high, 0.0), _POINTS), [0.0])
     shown = {
         label: values[f"{kind}{letter}"]
         for label, kind in KINDS.items()
         if f"{kind}{letter}" in values and label != MOUNT_LABEL
     }
     notes = []
-    if "bump_stop" in shown and most_m < one.corner[left, GAP]:
+    if "bump_stop" in shown and reached_m < first_car.corner[left, GAP]:
         notes.append(
-            f"bump stop not reached: the travel went to {1e3 * most_m:.0f} mm in compression"
+            f"bump stop not reached: the travel went to {1e3 * reached_m:.0f} mm in compression"
         )
         shown = {label: e for label, e in shown.items() if not label.startswith("bump_stop")}
     mount = values.get(f"{KINDS[MOUNT_LABEL]}{letter}")
     if mount is not None and mount.value < 2.0 * mount.std:
         notes.append(f"damper mount rigid: at least {1.0 / max(mount.high, 1e-12):.1e} N/m")
     elif mount is not None:
-        k = 1.0 / mount.value
+        stiffness = 1.0 / mount.value
         # The interval is the inverse of that of the compliance, so it is not symmetric.
         softest, hardest = 1.0 / mount.high, 1.0 / mount.low if mount.low > 0.0 else inf
-        shown[MOUNT_LABEL] = Estimate(k, mount.std * k**2, softest, hardest, "N/m")
+        shown[MOUNT_LABEL] = Estimate(stiffness, mount.std * stiffness**2, softest, hardest, "N/m")
         if not shown[MOUNT_LABEL].determined:
             notes.append(f"damper mount: at least {softest:.1e} N/m")
-    return AxleForces(_AXLES[axle], _curve(one, left, grid, covariance), shown, tuple(notes))
+    curve = _curve(first_car, left, grid_m_s, covariance)
+    return AxleForces(_AXLES[axle], curve, shown, tuple(notes))
 
 
 def _curve(
-    one: Car, corner: int, speed: NDArray[np.float64], covariance: NDArray[np.float64]
+    car: Car, left_corner: int, speed: NDArray[np.float64], covariance: NDArray[np.float64]
 ) -> DamperCurve:
-    p, d = one.corner[corner], one.d_corner[corner]
-    force, slope = p[C] * speed, speed[:, None] * d[C]
-    for j, at in enumerate(one.knots):
-        bent = knee(speed, at, KNEE_M_S)
-        force = force + p[KNEES + j] * bent
-        slope = slope + bent[:, None] * d[KNEES + j]
-    other = corner + 1
-    friction = 0.5 * (p[F_C] + one.corner[other, F_C])
-    d_friction = 0.5 * (d[F_C] + one.d_corner[other, F_C])
+    """Return the curve of an axle's dampers at some speeds, (n,) m/s, compression positive."""
+    p, d = car.corner[left_corner], car.d_corner[left_corner]
+    force, by_unknowns = p[C] * speed, speed[:, None] * d[C]
+    for j, knot in enumerate(car.knots):
+        beyond_knot = knee(speed, knot, KNEE_M_S)
+        force = force + p[KNEES + j] * beyond_knot
+        by_unknowns = by_unknowns + beyond_knot[:, None] * d[KNEES + j]
+    right_corner = left_corner + 1
+    friction = 0.5 * (p[F_C] + car.corner[right_corner, F_C])
+    d_friction = 0.5 * (d[F_C] + car.d_corner[right_corner, F_C])
     share = np.sign(speed) * sliding_share(speed, p[SURPLUS], p[FALL])
     _, by_surplus, by_fall = sliding_slopes(speed, p[SURPLUS], p[FALL])
     d_share = by_surplus[:, None] * d[SURPLUS] + by_fall[:, None] * d[FALL]
-    both = slope + share[:, None] * d_friction + np.sign(speed)[:, None] * friction * d_share
+    total_by_unknowns = (
+        by_unknowns + share[:, None] * d_friction + np.sign(speed)[:, None] * friction * d_share
+    )
     std, total_std = (
-        np.sqrt(np.maximum(np.einsum("nf,fg,ng->n", by, covariance, by), 0.0))
-        for by in (slope, both)
+        np.sqrt(np.maximum(np.einsum("nf,fg,ng->n", slopes, covariance, slopes), 0.0))
+        for slopes in (by_unknowns, total_by_unknowns)
     )
     return DamperCurve(speed, force, std, force + share * friction, total_std)
 
@@ -230,17 +236,15 @@ class SpeedForce:
 
 
 def forces_at_speeds(curve: DamperCurve) -> tuple[SpeedForce, ...]:
-    """Return the force at each standard speed that occurred."""
-    speed = curve.speed_m_s
-    return tuple(
-        SpeedForce(
-            v,
-            _at(v, speed, curve.force_n, curve.std_n),
-            _at(v, speed, curve.total_n, curve.total_std_n),
-        )
-        for v in STANDARD_SPEEDS_M_S
-        if speed[0] <= v <= speed[-1]
-    )
+    """Return a damper's force, without and with friction, at each standard speed it reached."""
+    speeds_m_s = curve.speed_m_s
+    forces = []
+    for at_m_s in STANDARD_SPEEDS_M_S:
+        if speeds_m_s[0] <= at_m_s <= speeds_m_s[-1]:
+            damper = _force_at(at_m_s, speeds_m_s, curve.force_n, curve.std_n)
+            total = _force_at(at_m_s, speeds_m_s, curve.total_n, curve.total_std_n)
+            forces.append(SpeedForce(at_m_s, damper, total))
+    return tuple(forces)
 
 
 def force_quantities(forces: Forces) -> dict[str, Estimate]:
@@ -250,19 +254,20 @@ def force_quantities(forces: Forces) -> dict[str, Estimate]:
     friction together.
     """
     quantities: dict[str, Estimate] = {}
-    for one in forces.axles:
-        for name, e in one.values.items():
-            quantities[f"{one.axle} {name.replace('_', ' ')}"] = e
-        for at in forces_at_speeds(one.damper):
-            quantities[f"{one.axle} damper {at.speed_m_s:+.2f} m/s"] = at.damper
-            quantities[f"{one.axle} corner {at.speed_m_s:+.2f} m/s"] = at.total
+    for axle in forces.axles:
+        for name, estimate in axle.values.items():
+            quantities[f"{axle.axle} {name.replace('_', ' ')}"] = estimate
+        for at_speed in forces_at_speeds(axle.damper):
+            quantities[f"{axle.axle} damper {at_speed.speed_m_s:+.2f} m/s"] = at_speed.damper
+            quantities[f"{axle.axle} corner {at_speed.speed_m_s:+.2f} m/s"] = at_speed.total
     return quantities
 
 
-def _at(
-    v: float, speed: NDArray[np.float64], force: NDArray[np.float64], std: NDArray[np.float64]
+def _force_at(
+    at_m_s: float, speed: NDArray[np.float64], force: NDArray[np.float64], std: NDArray[np.float64]
 ) -> Estimate:
-    value, sigma = float(np.interp(v, speed, force)), float(np.interp(v, speed, std))
-    half = COVERAGE_95 * sigma
+    """Return the force at one speed, interpolated in a curve, with its 95 % interval."""
+    force_n, std_n = float(np.interp(at_m_s, speed, force)), float(np.interp(at_m_s, speed, std))
+    half_n = COVERAGE_95 * std_n
     # A damper may have nearly no force at a low speed: 50 N are the smallest that matter.
-    return Estimate(value, sigma, value - half, value + half, "N", 50.0)
+    return Estimate(force_n, std_n, force_n - half_n, force_n + half_n, "N", 50.0)

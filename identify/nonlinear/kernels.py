@@ -42,6 +42,11 @@ def kernel(function: Callable[..., Any]) -> Any:
 
 
 # The kernels --------------------------------------------------------------------------------------
+#
+# x: state of the path, (22,), as `path.STATES` says.  p: coefficients, (4, n), in the columns of
+# `car`.  knots, lines: knees of the damper curves and their hinges (`bends`).  level: rounding, a
+# `path.Level`.  u, w: travel and its speed; r: speed in the damper; k: the other side
+# (i ^ 1).  Columns of tangents are in blocks of `LANES`; j is a column of a block, m a row.
 
 for _law in vars(laws).values():
     if isinstance(_law, FunctionType):
@@ -75,7 +80,7 @@ def bends(p, knots, width):
 
 @kernel
 def curve(line, knots, r, width):
-    """Return the force of an axle's damper at a speed; the knots ascend."""
+    """Return the force of an axle's damper at the speed r; the knots ascend."""
     force = line[0] + line[1] * r
     for j in range(len(knots)):
         beyond = r - knots[j]
@@ -90,7 +95,7 @@ def curve(line, knots, r, width):
 
 @kernel
 def curve_slope(p, knots, r, width):
-    """Return the slope of that force."""
+    """Return the slope of the force of an axle's damper at the speed r."""
     slope = p[car.C]
     for j in range(len(knots)):
         slope += p[car.KNEES + j] * laws.knee_slope(r, knots[j], width)
@@ -99,11 +104,12 @@ def curve_slope(p, knots, r, width):
 
 @kernel
 def _damper_speed(p, line, knots, level, e, w, r):
+    """Return the speed in a damper whose mount has the deflection e, by Newton's method from r."""
     for _ in range(25):
-        force = p[car.RATIO] * curve(line, knots, r, level[0])
-        slope = p[car.RATIO] * curve_slope(p, knots, r, level[0])
-        left = laws.mount_misfit(r, force, e, w, p[car.MOUNT], level[3])
-        step = left / laws.mount_slope(slope, p[car.MOUNT], level[3])
+        force = p[car.RATIO] * curve(line, knots, r, level.knee_m_s)
+        slope = p[car.RATIO] * curve_slope(p, knots, r, level.knee_m_s)
+        misfit = laws.mount_misfit(r, force, e, w, p[car.MOUNT], level.loss_s)
+        step = misfit / laws.mount_slope(slope, p[car.MOUNT], level.loss_s)
         r -= step
         if abs(step) < _TIGHT:
             break
@@ -122,13 +128,13 @@ def rates(x, p, lines, knots, inverse, pull, level, mounted, r, out):
             r[i] = _damper_speed(one, lines[i], knots, level, x[18 + i], w, r[i])
         else:
             r[i] = w
-        force = one[car.RATIO] * curve(lines[i], knots, r[i], level[0])
+        force = one[car.RATIO] * curve(lines[i], knots, r[i], level.knee_m_s)
         force += (
             laws.spring_force(u, one[car.K_S], one[car.K_2], one[car.K_3])
             + one[car.F_C] * x[14 + i]
         )
-        if u > one[car.GAP] - level[4]:
-            force += laws.stop_force(u, one[car.K_B], one[car.GAP], one[car.POWER], level[4])
+        if u > one[car.GAP] - level.stop_m:
+            force += laws.stop_force(u, one[car.K_B], one[car.GAP], one[car.POWER], level.stop_m)
         if one[car.K_A] != 0.0:
             k = i ^ 1
             across = x[3 + k] - x[0] + p[k, car.X] * x[1] - p[k, car.Y] * x[2]
@@ -137,16 +143,15 @@ def rates(x, p, lines, knots, inverse, pull, level, mounted, r, out):
         f1 -= one[car.X] * force
         f2 += one[car.Y] * force
         load = laws.tyre_load(x[3 + i], one[car.K_T], one[car.BETA], one[car.STATIC])
-        road = laws.tyre_force(
-            laws.tyre_push(load, x[10 + i], one[car.C_T], level[5]), one[car.STATIC], level[5]
-        )
+        push = laws.tyre_push(load, x[10 + i], one[car.C_T], level.load_n)
+        road = laws.tyre_force(push, one[car.STATIC], level.load_n)
         out[10 + i] = (road - force + one[car.PULL]) / one[car.MASS]
-        limit = (
-            laws.sliding_share(w, one[car.SURPLUS], one[car.FALL])
-            if one[car.SURPLUS] != 0.0
-            else 1.0
+        limit = 1.0
+        if one[car.SURPLUS] != 0.0:
+            limit = laws.sliding_share(w, one[car.SURPLUS], one[car.FALL])
+        out[14 + i] = laws.friction_rate(
+            w, x[14 + i], one[car.LENGTH], limit, level.turn_m_s, level.lag_s
         )
-        out[14 + i] = laws.friction_rate(w, x[14 + i], one[car.LENGTH], limit, level[1], level[2])
         out[18 + i] = w - r[i] if mounted else 0.0
     for k in range(3):
         out[7 + k] = inverse[k, 0] * f0 + inverse[k, 1] * f1 + inverse[k, 2] * f2
@@ -156,8 +161,8 @@ def rates(x, p, lines, knots, inverse, pull, level, mounted, r, out):
 
 @kernel
 def path(x0, r0, steps, step_s, p, knots, inverse, pull, level, mounted, states, slopes, speeds):
-    """Integrate by RK4 and return the number of nodes that are finite."""
-    x, r, lines = x0.copy(), r0.copy(), bends(p, knots, level[0])
+    """Integrate a run by RK4, write its nodes, and return how many of them are finite."""
+    x, r, lines = x0.copy(), r0.copy(), bends(p, knots, level.knee_m_s)
     k1, k2, k3, k4 = np.empty(22), np.empty(22), np.empty(22), np.empty(22)
     y = np.empty(22)
     rates(x, p, lines, knots, inverse, pull, level, mounted, r, k1)
@@ -189,9 +194,9 @@ def path(x0, r0, steps, step_s, p, knots, inverse, pull, level, mounted, states,
 @kernel
 def sample(times, step_s, states, slopes, speeds, p, knots, inverse, pull, level, mounted,
            at, rate, speed):  # fmt: skip
-    """Write state, rates and dampers' speeds at given times by cubic Hermite between the nodes."""
+    """Write state, rates and dampers' speeds at given times: cubic Hermite between the nodes."""
     last = len(states) - 2
-    lines = bends(p, knots, level[0])
+    lines = bends(p, knots, level.knee_m_s)
     for n in range(len(times)):
         k = min(max(int(times[n] / step_s), 0), last)
         s = times[n] / step_s - k
@@ -259,8 +264,8 @@ def column_rates(x, slopes, inverse, forcing, rates):
             rates[rise] = (
                 tyre - slopes[s + PER_MASS] * force + forcing[(_ON_WHEELS + i) * LANES + j]
             )
-            turn = slopes[s + FRICTION_BY_SPEED] * w + slopes[s + FRICTION_BY_SHARE] * x[share]
-            rates[share] = turn + forcing[(_ON_FRICTION + i) * LANES + j]
+            slide = slopes[s + FRICTION_BY_SPEED] * w + slopes[s + FRICTION_BY_SHARE] * x[share]
+            rates[share] = slide + forcing[(_ON_FRICTION + i) * LANES + j]
             rates[mount] = w - r + forcing[(_ON_MOUNTS + i) * LANES + j]
         for k in range(3):
             rates[(7 + k) * LANES + j] = (
@@ -302,8 +307,8 @@ def linearise(x, rate, r, p, knots, level, mounted, of_corners, of_body, slopes,
     of each entry.  `of_body`: block and column of the unknowns that change the body, its mass by
     them, (n, 3, 3), and gravity, (n, 3).
     """
-    first, coefficients, blocks, columns, values = of_corners
-    width = level[0]
+    first_entry, coefficients, blocks, columns, values = of_corners
+    width = level.knee_m_s
     by, by_speed = np.zeros(p.shape[1]), np.zeros(p.shape[1])
     forcing[:] = 0.0
     for i in range(4):
@@ -324,9 +329,9 @@ def linearise(x, rate, r, p, knots, level, mounted, of_corners, of_body, slopes,
         by[car.C], by[car.RATIO], by[car.F_C] = ratio * r[i], curved, zeta
         stiff = laws.spring_stiffness(u, one[car.K_S], one[car.K_2], one[car.K_3]) + one[car.K_A]
         by[car.K_B], by[car.GAP], by[car.POWER] = 0.0, 0.0, 0.0
-        if u > one[car.GAP] - level[4]:
+        if u > one[car.GAP] - level.stop_m:
             hard, by[car.K_B], by[car.POWER] = laws.stop_slopes(
-                u, one[car.K_B], one[car.GAP], one[car.POWER], level[4]
+                u, one[car.K_B], one[car.GAP], one[car.POWER], level.stop_m
             )
             stiff += hard
             by[car.GAP] = -hard
@@ -342,36 +347,33 @@ def linearise(x, rate, r, p, knots, level, mounted, of_corners, of_body, slopes,
             w, one[car.SURPLUS], one[car.FALL]
         )
         by_w, by_zeta, by[car.LENGTH], by_limit = laws.friction_slopes(
-            w, zeta, one[car.LENGTH], limit, level[1], level[2]
+            w, zeta, one[car.LENGTH], limit, level.turn_m_s, level.lag_s
         )
         by_w += by_limit * share_by_w
         by[car.SURPLUS], by[car.FALL] = by_limit * share_by_surplus, by_limit * share_by_fall
         load = laws.tyre_load(z, one[car.K_T], one[car.BETA], one[car.STATIC])
-        by_load, damped = laws.tyre_slopes(load, x[10 + i], one[car.C_T], level[5])
+        by_load, contact = laws.tyre_slopes(load, x[10 + i], one[car.C_T], level.load_n)
         by[car.K_T] = -by_load * z * (1.0 - one[car.BETA] * z)
         by[car.BETA] = by_load * one[car.K_T] * z * z
-        by[car.C_T] = -damped * x[10 + i]
+        by[car.C_T] = -contact * x[10 + i]
         by[car.STATIC], by[car.MASS], by[car.PULL] = by_load - 1.0, -rate[10 + i], 1.0
-        turn, through = 0.0, 1.0
+        by_mount, through = 0.0, 1.0
         if mounted:
             sigma = one[car.MOUNT]
-            turn = 1.0 / laws.mount_slope(damping, sigma, level[3])
-            through = level[3] * turn
+            by_mount = 1.0 / laws.mount_slope(damping, sigma, level.loss_s)
+            through = level.loss_s * by_mount
             for j in range(len(knots)):
                 by_speed[car.KNEES + j] = -sigma * by[car.KNEES + j]
             by_speed[car.C], by_speed[car.RATIO] = -sigma * by[car.C], -sigma * curved
             by_speed[car.MOUNT] = -ratio * curved
         s = slopes[CORNER_SLOPES * i : CORNER_SLOPES * (i + 1)]
         s[AT_X], s[AT_Y], s[STIFF], s[BAR] = one[car.X], one[car.Y], stiff, one[car.K_A]
-        s[SLIDING], s[SPEED_BY_TRAVEL], s[SPEED_BY_MOUNT] = one[car.F_C], through, turn
-        s[DAMPING], s[PER_MASS], s[TYRE_DAMPING] = (
-            damping,
-            per_mass,
-            -damped * one[car.C_T] * per_mass,
-        )
+        s[SLIDING], s[SPEED_BY_TRAVEL], s[SPEED_BY_MOUNT] = one[car.F_C], through, by_mount
+        s[DAMPING], s[PER_MASS] = damping, per_mass
+        s[TYRE_DAMPING] = -contact * one[car.C_T] * per_mass
         s[TYRE] = -by_load * one[car.K_T] * (1.0 - 2.0 * one[car.BETA] * z) * per_mass
         s[FRICTION_BY_SPEED], s[FRICTION_BY_SHARE] = by_w, by_zeta
-        for n in range(first[i], first[i + 1]):
+        for n in range(first_entry[i], first_entry[i + 1]):
             kind, value, b, j = coefficients[n], values[n], blocks[n], columns[n]
             if kind == car.X or kind == car.Y:
                 du = x[1] * value if kind == car.X else -x[2] * value
@@ -389,7 +391,7 @@ def linearise(x, rate, r, p, knots, level, mounted, of_corners, of_body, slopes,
             elif kind in car.OF_WHEEL:
                 forcing[b, (_ON_WHEELS + i) * LANES + j] += by[kind] * value * per_mass
             else:
-                speed = by_speed[kind] * turn * value
+                speed = by_speed[kind] * by_mount * value
                 forcing[b, i * LANES + j] += by[kind] * value + damping * speed
                 forcing[b, (_ON_MOUNTS + i) * LANES + j] -= speed
     blocks, columns, d_mass, d_pull = of_body
@@ -403,33 +405,33 @@ def linearise(x, rate, r, p, knots, level, mounted, of_corners, of_body, slopes,
 
 @kernel
 def tangents(step_s, states, rates, speeds, p, knots, inverse, mounted, of_corners, of_body,
-             starts, lengths, fine, levels, first, samples, channels, out):  # fmt: skip
+             starts, lengths, fine, levels, first_columns, samples, channels, out):  # fmt: skip
     """Integrate the tangents along a path and write what channels see of them.
 
-    `first`: columns at the start, (blocks, rows).  `samples`, in the order of the steps: step,
+    `first_columns`: at the start, (blocks, rows).  `samples`, in the order of the steps: step,
     weights (3, 4), first row of `out`, first and last channel of each.  `channels`: time
     derivative, first entry, motions and their shares.  `out`: (rows, columns).
     """
     steps, weights, begin, first_channel, last_channel = samples
-    blocks = len(first)
+    blocks = len(first_columns)
     nodes = np.zeros((3, blocks, TANGENT_ROWS * LANES))
-    nodes[0] = first
+    nodes[0] = first_columns
     work = np.empty((5, STATE_ROWS * LANES))
     slopes = np.zeros((3, 4 * CORNER_SLOPES))
     forcing = np.empty((3, blocks, FORCING_ROWS * LANES))
-    known, done = -1, 0
+    known_level, seen = -1, 0
     for m in range(len(starts) + 1):
         before, here, after = nodes[(m + 2) % 3], nodes[m % 3], nodes[(m + 1) % 3]
         if m < len(starts):
-            which, length = fine[m], lengths[m]
+            fine_level, length = fine[m], lengths[m]
             for part in range(3):
-                if part == 0 and known == which:
+                if part == 0 and known_level == fine_level:
                     slopes[0], forcing[0] = slopes[2], forcing[2]
                     continue
                 node = starts[m] + part * length // 2
-                linearise(states[node], rates[node], speeds[node], p, knots, levels[which],
+                linearise(states[node], rates[node], speeds[node], p, knots, levels[fine_level],
                           mounted, of_corners, of_body, slopes[part], forcing[part])  # fmt: skip
-            known = which
+            known_level = fine_level
             for n in range(blocks):
                 rk4(here[n], slopes, inverse, forcing[0, n], forcing[1, n], forcing[2, n],
                     length * step_s, work, after[n])  # fmt: skip
@@ -437,21 +439,21 @@ def tangents(step_s, states, rates, speeds, p, knots, inverse, mounted, of_corne
             for n in range(blocks):
                 column_rates(here[n], slopes[2], inverse, forcing[2, n], work[1])
                 here[n, STATE_ROWS * LANES :] = work[1, 7 * LANES : 14 * LANES]
-        while done < len(steps) and steps[done] < m:
-            see(before, here, weights[done], channels, first_channel[done], last_channel[done],
-                out[begin[done] :])  # fmt: skip
-            done += 1
+        while seen < len(steps) and steps[seen] < m:
+            see(before, here, weights[seen], channels, first_channel[seen], last_channel[seen],
+                out[begin[seen] :])  # fmt: skip
+            seen += 1
 
 
 @kernel
 def see(before, after, weights, channels, first_channel, last_channel, out):
     """Write what some channels see of the columns between two nodes, a row of `out` each."""
-    orders, first, motions, shares = channels
+    orders, first_entry, motions, shares = channels
     count = out.shape[1]
     for c in range(first_channel, last_channel):
-        w0, w1, w2, w3 = weights[orders[c]]
+        w0, w1, w2, w3 = weights[orders[c]]  # of the values v0, v1 and slopes s0, s1 at both nodes
         value, slope = (7, STATE_ROWS) if orders[c] else (0, 7)
-        for m in range(first[c], first[c + 1]):
+        for m in range(first_entry[c], first_entry[c + 1]):
             share, at = shares[m], (value + motions[m]) * LANES
             then = (slope + motions[m]) * LANES
             for b in range(len(before)):
@@ -468,23 +470,23 @@ def see(before, after, weights, channels, first_channel, last_channel, out):
 
 @kernel
 def filter_pole(values, h, times, pole, residue, weights, out):
-    """Add a first-order filter's output at given times, ascending, to `out`; see `filtered`."""
+    """Add the output of a filter's pole at given times, ascending, to `out` (`path.filtered`)."""
     size = values.shape[1]
-    state, before = np.zeros(size, np.complex128), np.zeros(size, np.complex128)
-    turn = np.exp(pole * h)
-    n, last = 0, (len(values) - 1) // 2 - 1
-    for k in range(last + 1):
+    state, last_state = np.zeros(size, np.complex128), np.zeros(size, np.complex128)
+    decay = np.exp(pole * h)
+    n, last_step = 0, (len(values) - 1) // 2 - 1
+    for k in range(last_step + 1):
         first, middle, end = values[2 * k], values[2 * k + 1], values[2 * k + 2]
         for j in range(size):
-            before[j] = state[j]
+            last_state[j] = state[j]
             drive = weights[0] * first[j] + weights[1] * middle[j] + weights[2] * end[j]
-            state[j] = turn * state[j] + drive
-        while n < len(times) and (times[n] / h < k + 1 or k == last):
+            state[j] = decay * state[j] + drive
+        while n < len(times) and (times[n] / h < k + 1 or k == last_step):
             t = times[n] / h - k
             c, d = t * (1.0 - t) ** 2 * h, -(t**2) * (1.0 - t) * h
             at_begin = residue * ((1.0 + 2.0 * t) * (1.0 - t) ** 2 + c * pole)
             at_end = residue * (t**2 * (3.0 - 2.0 * t) + d * pole)
             for j in range(size):
-                out[n, j] += (at_begin * before[j] + at_end * state[j]).real
+                out[n, j] += (at_begin * last_state[j] + at_end * state[j]).real
                 out[n, j] += residue.real * (c * first[j] + d * end[j])
             n += 1

@@ -147,40 +147,38 @@ def damper_curve(car: Car, speed: Array, width: float) -> tuple[Array, Array]:
     force, slope = car.corner[:, C] * speed, car.corner[:, C] + 0.0 * speed
     for j, knot in enumerate(car.knots):
         h = car.corner[:, KNEES + j]
-        force, slope = (
-            force + h * knee(speed, knot, width),
-            slope + h * knee_slope(speed, knot, width),
-        )
+        force = force + h * knee(speed, knot, width)
+        slope = slope + h * knee_slope(speed, knot, width)
     return force, slope
 
 
 def step_of(cars: Iterable[Car], grade: Grade) -> float:
-    """Return the step that the shortest pre-sliding length allows, s."""
-    shortest = min(float(car.corner[:, LENGTH].min()) for car in cars)
-    short = shortest < _SHORT_M and grade.path.lag_s < _SHORT_M / _FAST_M_S
-    return grade.step_s / 2.0 if short else grade.step_s
+    """Return the step of the path that the shortest pre-sliding length of some cars allows, s."""
+    shortest_m = min(float(car.corner[:, LENGTH].min()) for car in cars)
+    needs_half = shortest_m < _SHORT_M and grade.path.lag_s < _SHORT_M / _FAST_M_S
+    return grade.step_s / 2.0 if needs_half else grade.step_s
 
 
 def path_of(
     car: Car, initial: InitialState, end_s: float, step_s: float, level: Level
 ) -> Path | None:
     """Return the path of a run up to its end or just after; None if it does not stay finite."""
-    speed = car.travel_speeds(initial.motion)
-    force, _ = damper_curve(car, speed, level.knee_m_s)
+    speeds_m_s = car.travel_speeds(initial.motion)
+    force, _ = damper_curve(car, speeds_m_s, level.knee_m_s)
     mount = car.corner[:, MOUNT] * car.corner[:, RATIO] * force + initial.mount
-    first = np.concatenate([initial.motion, initial.friction, mount])
+    first_state = np.concatenate([initial.motion, initial.friction, mount])
     steps = int(np.ceil(end_s / step_s / 8.0 - 1e-9)) * 8
     states, slopes = np.empty((steps + 1, STATES)), np.empty((steps + 1, STATES))
     speeds = np.empty((steps + 1, 4))
-    reached = kernels.path(
-        first, speed, steps, step_s, *_car_arrays(car), car.pull, level, car.has_mount,
+    n_finite = kernels.path(
+        first_state, speeds_m_s, steps, step_s, *_car_arrays(car), car.pull, level, car.has_mount,
         states, slopes, speeds,
     )  # fmt: skip
-    return Path(step_s, level, states, slopes, speeds) if reached == steps + 1 else None
+    return Path(step_s, level, states, slopes, speeds) if n_finite == steps + 1 else None
 
 
 def sample(car: Car, path: Path, times_s: Array) -> Path:
-    """Return the states at the given times, s."""
+    """Return the path at given times, s, in place of its nodes."""
     states, slopes = np.empty((len(times_s), STATES)), np.empty((len(times_s), STATES))
     speeds = np.empty((len(times_s), 4))
     kernels.sample(
@@ -191,7 +189,7 @@ def sample(car: Car, path: Path, times_s: Array) -> Path:
 
 
 def _car_arrays(car: Car) -> tuple[Array, Array, Array]:
-    """Return the coefficients of a car as machine code takes them: corners, knots, body."""
+    """Return what machine code takes of a car: corners, knots, inverse mass of the body."""
     return car.corner, np.array(car.knots), np.asarray(np.linalg.inv(car.mass))
 
 
@@ -215,49 +213,51 @@ def tangents(
 ) -> tuple[Array, ...]:
     """Return the derivatives of what channels see along a path, (times, channels, columns) each.
 
-    Columns are the run's own unknowns, those of `initial`, and then the free ones of the car.
+    `asked`: what is asked for, one entry of the result each.  Columns are the run's own unknowns,
+    those of `initial`, and then the free ones of the car.
     """
     columns = first_columns(car, initial, grade.path)
-    n_own, count = columns.shape[1] - car.d_corner.shape[2], columns.shape[1]
-    entries = [np.nonzero(d_corner) for d_corner in car.d_corner]
-    of_corners = (
-        np.cumsum([0, *(len(kinds) for kinds, _ in entries)]),
-        np.concatenate([kinds for kinds, _ in entries]),
-        *np.divmod(np.concatenate([unknowns + n_own for _, unknowns in entries]), LANES),
-        np.concatenate([d[entry] for d, entry in zip(car.d_corner, entries, strict=True)]),
+    n_own, n_columns = columns.shape[1] - car.d_corner.shape[2], columns.shape[1]
+    nonzero = [np.nonzero(d_corner) for d_corner in car.d_corner]
+    of_corners = (  # as `kernels.linearise` takes them
+        np.cumsum([0, *(len(kinds) for kinds, _ in nonzero)]),
+        np.concatenate([kinds for kinds, _ in nonzero]),
+        *np.divmod(np.concatenate([unknowns + n_own for _, unknowns in nonzero]), LANES),
+        np.concatenate([d[entry] for d, entry in zip(car.d_corner, nonzero, strict=True)]),
     )
     on_body = np.flatnonzero(car.d_mass.any(axis=(1, 2)) | car.d_pull.any(axis=1))
     of_body = (*np.divmod(on_body + n_own, LANES), car.d_mass[on_body], car.d_pull[on_body])
     starts, lengths, fine = tangent_steps(car, path, grade)
-    padded = np.zeros((kernels.TANGENT_ROWS, ceil(count / LANES) * LANES))
-    padded[:STATES, :count] = columns
-    first = padded.reshape(kernels.TANGENT_ROWS, -1, LANES).swapaxes(0, 1)
-    times_s = np.concatenate([one.times_s for one in asked])
-    n_channels = np.array([len(one.orders) for one in asked])
+    padded = np.zeros((kernels.TANGENT_ROWS, ceil(n_columns / LANES) * LANES))
+    padded[:STATES, :n_columns] = columns
+    first_blocks = padded.reshape(kernels.TANGENT_ROWS, -1, LANES).swapaxes(0, 1)
+    times_s = np.concatenate([c.times_s for c in asked])
+    n_channels = np.array([len(c.orders) for c in asked])
     ends = np.cumsum(n_channels)
-    which = np.repeat(np.arange(len(asked)), [len(one.times_s) for one in asked])
-    begin = np.cumsum(n_channels[which]) - n_channels[which]
+    # For each sample: which entry of `asked` it is of, and its first row of `out`.
+    i_asked = np.repeat(np.arange(len(asked)), [len(c.times_s) for c in asked])
+    first_rows = np.cumsum(n_channels[i_asked]) - n_channels[i_asked]
     steps, weights = _between_nodes(starts * path.step_s, lengths * path.step_s, times_s)
-    given = (steps, weights, begin, (ends - n_channels)[which], ends[which])
-    order = np.argsort(steps, kind="stable")
-    rows = np.concatenate([one.rows for one in asked])
-    channel, motions = np.nonzero(rows)
+    of_samples = (steps, weights, first_rows, (ends - n_channels)[i_asked], ends[i_asked])
+    by_step = np.argsort(steps, kind="stable")
+    rows = np.concatenate([c.rows for c in asked])
+    row_of_entry, motions = np.nonzero(rows)
     channels = (
-        np.concatenate([one.orders for one in asked]),
-        np.searchsorted(channel, np.arange(len(rows) + 1)),
+        np.concatenate([c.orders for c in asked]),
+        np.searchsorted(row_of_entry, np.arange(len(rows) + 1)),
         motions,
-        rows[channel, motions],
+        rows[row_of_entry, motions],
     )
-    out = np.zeros((int(n_channels[which].sum()), count))
+    out = np.zeros((int(n_channels[i_asked].sum()), n_columns))
     kernels.tangents(
         path.step_s, path.states, path.slopes, path.speeds, *_car_arrays(car), car.has_mount,
         of_corners, of_body, starts, lengths, fine, (grade.coarse, grade.fine),
-        first.reshape(len(first), -1), tuple(of_sample[order] for of_sample in given), channels,
-        out,
+        first_blocks.reshape(len(first_blocks), -1), tuple(value[by_step] for value in of_samples),
+        channels, out,
     )  # fmt: skip
-    parts = np.split(out, np.cumsum([len(one.times_s) * len(one.orders) for one in asked])[:-1])
+    parts = np.split(out, np.cumsum([len(c.times_s) * len(c.orders) for c in asked])[:-1])
     return tuple(
-        part.reshape(-1, len(one.orders), count) for part, one in zip(parts, asked, strict=True)
+        part.reshape(-1, len(c.orders), n_columns) for part, c in zip(parts, asked, strict=True)
     )
 
 
@@ -269,17 +269,17 @@ def _between_nodes(
     By time derivative: weights of the value before and after, and of its slope before and after.
     An acceleration is the slope of the cubic that gives the speed.
     """
-    k = np.searchsorted(begins_s, times_s + 1e-9, side="right") - 1
-    k = np.clip(k, 0, len(begins_s) - 1)
-    h = lengths_s[k]
-    s = (times_s - begins_s[k]) / h
+    step = np.searchsorted(begins_s, times_s + 1e-9, side="right") - 1
+    step = np.clip(step, 0, len(begins_s) - 1)
+    h = lengths_s[step]
+    s = (times_s - begins_s[step]) / h
     bend = 6.0 * s * (s - 1.0) / h
     value = [
         (1.0 + 2.0 * s) * (1.0 - s) * (1.0 - s), s * s * (3.0 - 2.0 * s),
         s * (1.0 - s) * (1.0 - s) * h, -s * s * (1.0 - s) * h,
     ]  # fmt: skip
     slope = [bend, -bend, (3.0 * s - 4.0) * s + 1.0, (3.0 * s - 2.0) * s]
-    return k, np.ascontiguousarray(np.array([value, value, slope]).transpose(2, 0, 1))
+    return step, np.ascontiguousarray(np.array([value, value, slope]).transpose(2, 0, 1))
 
 
 def first_columns(car: Car, initial: InitialState, level: Level) -> Array:
@@ -299,8 +299,8 @@ def first_columns(car: Car, initial: InitialState, level: Level) -> Array:
     by_coefficient = {MOUNT: ratio * force, RATIO: sigma * force, C: sigma * ratio * speed}
     for j, knot in enumerate(car.knots):
         by_coefficient[KNEES + j] = sigma * ratio * knee(speed, knot, level.knee_m_s)
-    for coefficient, by in by_coefficient.items():
-        columns[18:, n_own:] += by[:, None] * d_corner[:, coefficient]
+    for coefficient, derivative in by_coefficient.items():
+        columns[18:, n_own:] += derivative[:, None] * d_corner[:, coefficient]
     return columns
 
 
@@ -309,20 +309,20 @@ def tangent_steps(car: Car, path: Path, grade: Grade) -> tuple[NDArray[np.int64]
 
     Fine where a wheel reverses, leaves the road or meets its stop.
     """
-    nodes = len(path.states) - 1
+    n_steps = len(path.states) - 1
     length = grade.mounted_steps if car.has_mount else grade.tangent_steps
-    part = grade.fine_steps
-    p, x = car.corner, path.states
-    load = tyre_load(x[:, 3:7], p[:, K_T], p[:, BETA], p[:, STATIC])
-    signs = [car.travel_speeds(x) > 0.0, load > 0.0]
-    if p[:, K_B].any() or car.d_corner[:, K_B].any():
-        signs.append(car.travel_speeds(x, 0) > p[:, GAP])
-    state = np.concatenate(signs, axis=1)
-    turns = (state[1:] != state[:-1]).any(axis=1)
-    events = np.add.reduceat(turns, np.arange(0, nodes, length)) > 0
+    fine_length = grade.fine_steps
+    corner, states = car.corner, path.states
+    load = tyre_load(states[:, 3:7], corner[:, K_T], corner[:, BETA], corner[:, STATIC])
+    signs = [car.travel_speeds(states) > 0.0, load > 0.0]
+    if corner[:, K_B].any() or car.d_corner[:, K_B].any():
+        signs.append(car.travels(states) > corner[:, GAP])
+    side_of_event = np.concatenate(signs, axis=1)
+    changes = (side_of_event[1:] != side_of_event[:-1]).any(axis=1)
+    events = np.add.reduceat(changes, np.arange(0, n_steps, length)) > 0
     events &= grade.coarse != grade.fine
-    counts = np.where(events, length // part, 1)
-    lengths = np.repeat(np.where(events, part, length), counts)
+    counts = np.where(events, length // fine_length, 1)
+    lengths = np.repeat(np.where(events, fine_length, length), counts)
     fine = np.repeat(events.astype(np.int64), counts)
     return np.cumsum(lengths) - lengths, lengths, fine
 

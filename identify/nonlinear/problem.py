@@ -87,8 +87,8 @@ class Rows:
     """(F, 7)."""
     delays_s: NDArray[np.float64]
     """Lateness of each clock beyond its nominal one, s."""
-    late: tuple[int | None, ...]
-    """Index, among the free unknowns, of that lateness."""
+    delay_index: tuple[int | None, ...]
+    """Index of that lateness among the free unknowns; None where it is known."""
 
 
 def rows_of(model: Model, eta: NDArray[np.float64], free: NDArray[np.intp]) -> Rows:
@@ -96,15 +96,16 @@ def rows_of(model: Model, eta: NDArray[np.float64], free: NDArray[np.intp]) -> R
     points = stepped(eta)[np.concatenate([[0], 1 + free])]
     motions = model.box.motion_rows(points)
     box = model.box
-    late = []
+    delay_index = []
     for i in range(len(box.groups)):
-        p = box.delay_index(i)
-        late.append(int(np.flatnonzero(free == p)[0]) if p is not None and p in free else None)
+        position = box.delay_index(i)
+        is_free = position is not None and position in free
+        delay_index.append(int(np.flatnonzero(free == position)[0]) if is_free else None)
     return Rows(
         {name: row[0].real for name, row in motions.items()},
         {name: row[1:].imag / COMPLEX_STEP for name, row in motions.items()},
         box.delays_s(eta),
-        tuple(late),
+        tuple(delay_index),
     )
 
 
@@ -113,40 +114,44 @@ class Predicted:
     """A run's path, and the residuals that it leaves."""
 
     path: Path
-    left: tuple[NDArray[np.float64], ...]
+    residuals: tuple[NDArray[np.float64], ...]
     """Measured less predicted of each recording, (n, channels) in units of sigma; the channels' own
     functions are projected out."""
     cost: float
 
 
-def _times(run: Run, rows: Rows, model: Model, r: Recording) -> NDArray[np.float64]:
+def _path_times(run: Run, rows: Rows, model: Model, r: Recording) -> NDArray[np.float64]:
+    """Return the time on the path, s, at which each sample of a recording was taken, (n,)."""
     return np.asarray(r.time_s - rows.delays_s[model.box.groups.index(r.group)] + run.early_s)
 
 
 def _predicted(
-    model: Model, rows: Rows, step_s: float, grade: Grade, run: Run, one: Car, own: InitialState
+    model: Model, rows: Rows, step_s: float, grade: Grade, run: Run, car: Car, initial: InitialState
 ) -> Predicted | None:
     """Return a run's path and residuals; None if the path does not stay finite."""
-    path = path_of(one, own, run.end_s, step_s, grade.path)
+    path = path_of(car, initial, run.end_s, step_s, grade.path)
     if path is None:
         return None
-    left = []
+    residuals = []
     for r, weight, basis in zip(run.decay.recordings, run.weights, run.bases, strict=True):
-        error = (r.values - _values(one, rows, path, r, _times(run, rows, model, r))) * weight
-        left.append(error - basis @ (basis.T @ error))
-    return Predicted(path, tuple(left), float(sum(np.sum(e * e) for e in left)))
+        times_s = _path_times(run, rows, model, r)
+        misfit = (r.values - _values(car, rows, path, r, times_s)) * weight
+        residuals.append(misfit - basis @ (basis.T @ misfit))
+    return Predicted(path, tuple(residuals), float(sum(np.sum(e * e) for e in residuals)))
 
 
 def _values(
-    car: Car, rows: Rows, path: Path, r: Recording, times: NDArray[np.float64]
+    car: Car, rows: Rows, path: Path, r: Recording, times_s: NDArray[np.float64]
 ) -> NDArray[np.float64]:
+    """Return what the channels of a recording show at given times of the path, (n, channels)."""
     low_pass = low_pass_of(r.group.channels[0])
     if not len(low_pass.poles):
-        return _seen(rows, r, sample(car, path, times))
-    return filtered(low_pass, _seen(rows, r, path), path.step_s, times)
+        return _seen(rows, r, sample(car, path, times_s))
+    return filtered(low_pass, _seen(rows, r, path), path.step_s, times_s)
 
 
 def _seen(rows: Rows, r: Recording, sampled: Path) -> NDArray[np.float64]:
+    """Return what the channels see of a path before their low-pass, (n, channels)."""
     columns = [
         sampled.motion(TIME_DERIVATIVE[c.quantity]) @ rows.rows[c.name] for c in r.group.channels
     ]
@@ -160,9 +165,10 @@ class Block:
     A: NDArray[np.float64]
     B: NDArray[np.float64]
     C: NDArray[np.float64]
+    """`A`, `B`, `C`: normal matrix of the own, of own by free, and of the free unknowns."""
     own: NDArray[np.float64]
-    """Right-hand side of the run's own unknowns."""
     shared: NDArray[np.float64]
+    """`own`, `shared`: right-hand side of the own and of the free unknowns."""
     jacobian: tuple[NDArray[np.float64], ...]
     """Jacobian of each recording, (n, channels, own + free), in units of sigma."""
 
@@ -187,22 +193,23 @@ def too_flat(
     negative where a segment is steeper; and its fall per unit of each unknown, (segments, P).
     Negative values cost nothing.
     """
-    value = model.element_values(stepped(eta))
+    element = model.element_values(stepped(eta))
     full = model.box.full(stepped(eta))
     knots = np.array(model.knots)
     # A knot acts at all speeds beyond it, outwards from rest; a knot at 0 acts in compression.
     edges = np.union1d(knots, [0.0])
     middles = 0.5 * (edges[1:] + edges[:-1])
     speeds = np.concatenate([[edges[0] - 1.0], middles, [edges[-1] + 1.0]])
-    beyond = np.where(knots < 0.0, speeds[:, None] < knots, speeds[:, None] > knots)
-    beyond = beyond - np.array([secant_share(knot, KNEE_M_S) for knot in model.knots])
-    of_axles = []
-    for axle, left in (("f", Full.C_S), ("r", Full.C_S + 2)):
-        c = 0.5 * (full[:, left] + full[:, left + 1])
-        h = np.stack([value[f"h_{axle}{j + 1}"] for j in range(len(knots))], axis=1)
-        of_axles.append(1.0 + (h / c[:, None]) @ beyond.T)
-    shares = np.concatenate(of_axles, axis=1)
-    return (_FLOOR - shares[0].real) / _FLOOR_SD, shares[1:].imag.T / COMPLEX_STEP / _FLOOR_SD
+    slope_by_change = np.where(knots < 0.0, speeds[:, None] < knots, speeds[:, None] > knots)
+    of_secant = np.array([secant_share(knot, KNEE_M_S) for knot in model.knots])
+    slope_by_change = slope_by_change - of_secant
+    relative_slopes = []
+    for axle, left_damper in (("f", Full.C_S), ("r", Full.C_S + 2)):
+        c_s = 0.5 * (full[:, left_damper] + full[:, left_damper + 1])
+        slope_changes = np.stack([element[f"h_{axle}{j + 1}"] for j in range(len(knots))], axis=1)
+        relative_slopes.append(1.0 + (slope_changes / c_s[:, None]) @ slope_by_change.T)
+    relative = np.concatenate(relative_slopes, axis=1)
+    return (_FLOOR - relative[0].real) / _FLOOR_SD, relative[1:].imag.T / COMPLEX_STEP / _FLOOR_SD
 
 
 # The problem --------------------------------------------------------------------------------------
@@ -241,11 +248,12 @@ class Problem:
 
     def prior_terms(self, eta: NDArray[np.float64]) -> Terms:
         """Return misfits and slopes of the priors, and of damper curves that would fall."""
-        root = 1.0 / self.prior[self.free]
-        pull = (self.centre - eta)[self.free] * root
+        inverse_sigma = 1.0 / self.prior[self.free]
+        misfits = (self.centre - eta)[self.free] * inverse_sigma
         lacks, lifts = self.curve_terms(eta)
         flat = lacks > 0.0
-        return np.concatenate([pull, lacks[flat]]), np.vstack([np.diag(root), lifts[flat]])
+        slopes = np.vstack([np.diag(inverse_sigma), lifts[flat]])
+        return np.concatenate([misfits, lacks[flat]]), slopes
 
     def curve_terms(self, eta: NDArray[np.float64]) -> Terms:
         """Return the lack of slope of each segment of damper curves, (S,), and its fall, (S, F)."""
@@ -256,7 +264,7 @@ class Problem:
     def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Lowest and highest value of each free unknown."""
         low, high = np.full(len(self.centre), -np.inf), np.full(len(self.centre), np.inf)
-        for i, e in enumerate(self.model.elements, start=self.model.first):
+        for i, e in enumerate(self.model.elements, start=self.model.n_linear):
             low[i], high[i] = e.unknown(e.low), e.unknown(e.high)
         return low[self.free], high[self.free]
 
@@ -264,7 +272,7 @@ class Problem:
     def reach(self) -> NDArray[np.float64]:
         """Largest change of each free unknown in one step of a fit, (F,)."""
         reach = np.full(len(self.centre), REACH)
-        reach[self.model.first :] = [e.reach for e in self.model.elements]
+        reach[self.model.n_linear :] = [e.reach for e in self.model.elements]
         return reach[self.free]
 
 
@@ -321,7 +329,7 @@ class Normal:
 
     @property
     def finite(self) -> bool:
-        """True unless a tangent grew beyond all numbers: a path may be finite where it is not."""
+        """True unless a tangent grew beyond all numbers, which it may on a finite path."""
         return all(np.trace(b.A) + np.trace(b.C) < 1e100 for b in self.blocks)
 
 
@@ -334,46 +342,46 @@ def point(
     states = {s.name: s for s in model.box.mass_states if s.name in present}
     cars = {name: car(model, eta, state, problem.free) for name, state in states.items()}
     rows = rows_of(model, eta, problem.free)
-    each = tuple(cars[run.decay.mass_state] for run in problem.runs)
-    along = partial(_predicted, model, rows, step_of(cars.values(), grade), grade)
-    tried = for_each_run(along, problem.runs, each, initials)
-    predicted = tuple(one for one in tried if one is not None)
-    if len(predicted) < len(tried):
+    cars_of_runs = tuple(cars[run.decay.mass_state] for run in problem.runs)
+    predict = partial(_predicted, model, rows, step_of(cars.values(), grade), grade)
+    predictions = for_each_run(predict, problem.runs, cars_of_runs, initials)
+    predicted = tuple(one for one in predictions if one is not None)
+    if len(predicted) < len(predictions):
         return None
     cost = sum(one.cost for one in predicted)
-    cost += sum(float(own.friction @ own.friction) / _FRICTION_PRIOR**2 for own in initials)
-    for one, own in zip(each, initials, strict=True):
-        if one.has_mount:
-            cost += float(np.sum((own.mount / _mount_sd(one)) ** 2))
+    cost += sum(float(x0.friction @ x0.friction) / _FRICTION_PRIOR**2 for x0 in initials)
+    for vehicle, initial in zip(cars_of_runs, initials, strict=True):
+        if vehicle.has_mount:
+            cost += float(np.sum((initial.mount / _mount_sd(vehicle)) ** 2))
     for misfits, _ in (problem.fact_terms(eta), problem.prior_terms(eta)):
         cost += float(misfits @ misfits)
-    return Point(problem, eta, initials, each, rows, predicted, cost, grade)
+    return Point(problem, eta, initials, cars_of_runs, rows, predicted, cost, grade)
 
 
-def _mount_sd(one: Car) -> NDArray[np.float64]:
+def _mount_sd(car: Car) -> NDArray[np.float64]:
     # The mount's first deflection beyond its force has a deviation of 5e8 sigma^2, m.
-    return np.maximum(5e8 * one.corner[:, MOUNT] ** 2, 1e-9)
+    return np.maximum(5e8 * car.corner[:, MOUNT] ** 2, 1e-9)
 
 
-def _block(at: Point, run: Run, one: Car, own: InitialState, predicted: Predicted) -> Block:
+def _block(at: Point, run: Run, car: Car, initial: InitialState, predicted: Predicted) -> Block:
     """Return the normal equations of a run, with the priors of its own unknowns."""
-    jacobian = _jacobian(at, run, one, own, predicted.path)
+    jacobian = _jacobian(at, run, car, initial, predicted.path)
     size = jacobian[0].shape[2]
     n_own = size - len(at.problem.free)
     normal, right = np.zeros((size, size)), np.zeros(size)
     with np.errstate(over="ignore", invalid="ignore"):  # `finite` says so
-        for J, left in zip(jacobian, predicted.left, strict=True):
-            flat = J.reshape(-1, size)
-            normal += flat.T @ flat
-            right += flat.T @ left.ravel()
-    k = np.arange(14, 18)
-    normal[k, k] += _FRICTION_PRIOR**-2
-    right[k] -= own.friction * _FRICTION_PRIOR**-2
-    if one.has_mount:
-        k = np.arange(18, 22)
-        weight = _mount_sd(one) ** -2
-        normal[k, k] += weight
-        right[k] -= own.mount * weight
+        for J, residuals in zip(jacobian, predicted.residuals, strict=True):
+            rows = J.reshape(-1, size)
+            normal += rows.T @ rows
+            right += rows.T @ residuals.ravel()
+    index = np.arange(14, 18)  # of the shares of friction among the own unknowns
+    normal[index, index] += _FRICTION_PRIOR**-2
+    right[index] -= initial.friction * _FRICTION_PRIOR**-2
+    if car.has_mount:
+        index = np.arange(18, 22)  # of the mounts
+        weight = _mount_sd(car) ** -2
+        normal[index, index] += weight
+        right[index] -= initial.mount * weight
     return Block(
         normal[:n_own, :n_own], normal[:n_own, n_own:], normal[n_own:, n_own:],
         right[:n_own], right[n_own:], jacobian,
@@ -381,41 +389,42 @@ def _block(at: Point, run: Run, one: Car, own: InitialState, predicted: Predicte
 
 
 def _jacobian(
-    at: Point, run: Run, one: Car, own: InitialState, path: Path
+    at: Point, run: Run, car: Car, initial: InitialState, path: Path
 ) -> tuple[NDArray[np.float64], ...]:
     """Return the derivatives of each recording, (n, channels, own + free), in units of sigma."""
     model, rows = at.problem.model, at.rows
-    grid = np.arange(0.0, path.end_s + 1e-9, at.grade.filter_s)
-    grid = grid[: len(grid) - (len(grid) + 1) % 2]
-    seen = []
+    filter_grid_s = np.arange(0.0, path.end_s + 1e-9, at.grade.filter_s)
+    n_odd = len(filter_grid_s) - (len(filter_grid_s) + 1) % 2  # as `filtered` takes them
+    filter_grid_s = filter_grid_s[:n_odd]
+    of_recordings = []
     for r in run.decay.recordings:
-        filters = len(low_pass_of(r.group.channels[0]).poles) > 0
+        has_filter = len(low_pass_of(r.group.channels[0]).poles) > 0
         orders = np.array([TIME_DERIVATIVE[channel.quantity] for channel in r.group.channels])
         of_motion = np.stack([rows.rows[channel.name] for channel in r.group.channels])
-        times_s = grid if filters else _times(run, rows, model, r)
-        seen.append(Channels(times_s, orders, of_motion))
+        times_s = filter_grid_s if has_filter else _path_times(run, rows, model, r)
+        of_recordings.append(Channels(times_s, orders, of_motion))
     result = []
     for r, weight, basis, channels, J in zip(
-        run.decay.recordings, run.weights, run.bases, seen,
-        tangents(one, path, own, at.grade, seen), strict=True,
+        run.decay.recordings, run.weights, run.bases, of_recordings,
+        tangents(car, path, initial, at.grade, of_recordings), strict=True,
     ):  # fmt: skip
         n_own = J.shape[2] - len(at.problem.free)
-        sampled = sample(one, path, channels.times_s)
+        sampled = sample(car, path, channels.times_s)
         for c, channel in enumerate(r.group.channels):
-            moves = np.flatnonzero(rows.slopes[channel.name].any(axis=1))
+            row_unknowns = np.flatnonzero(rows.slopes[channel.name].any(axis=1))
             motion = sampled.motion(int(channels.orders[c]))
-            J[:, c, n_own + moves] += motion @ rows.slopes[channel.name][moves].T
-        if channels.times_s is grid:
+            J[:, c, n_own + row_unknowns] += motion @ rows.slopes[channel.name][row_unknowns].T
+        if channels.times_s is filter_grid_s:
             low_pass = low_pass_of(r.group.channels[0])
-            J = filtered(low_pass, J, at.grade.filter_s, _times(run, rows, model, r))
-        late = rows.late[model.box.groups.index(r.group)]
-        if late is not None:
-            asked = _times(run, rows, model, r)
-            both = np.concatenate([asked + _LATE_S, asked - _LATE_S])
-            after, before = np.split(_values(one, rows, path, r, both), 2)
-            J[:, :, n_own + late] -= (after - before) / (2.0 * _LATE_S)
+            J = filtered(low_pass, J, at.grade.filter_s, _path_times(run, rows, model, r))
+        delay_index = rows.delay_index[model.box.groups.index(r.group)]
+        if delay_index is not None:
+            times_s = _path_times(run, rows, model, r)
+            both_s = np.concatenate([times_s + _LATE_S, times_s - _LATE_S])
+            later, earlier = np.split(_values(car, rows, path, r, both_s), 2)
+            J[:, :, n_own + delay_index] -= (later - earlier) / (2.0 * _LATE_S)
         J *= weight[:, None]
-        flat = J.reshape(len(J), -1)
-        flat -= basis @ (basis.T @ flat)
+        columns = J.reshape(len(J), -1)
+        columns -= basis @ (basis.T @ columns)
         result.append(J)
     return tuple(result)

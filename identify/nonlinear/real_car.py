@@ -73,36 +73,38 @@ def real_car(
     decays = tuple(r.decay(float(s)) for r, s in zip(records, start_s, strict=True))
     sigma = floored(rest or rough_noise(decays), decays)
     model, simple = _models(linear.box, decided)
-    few = tuple(thinned(record) for record in records)
-    near = [simple.unknowns(theta) for theta in vehicles]
+    few_samples = tuple(thinned(record) for record in records)
+    generic = [simple.unknowns(theta) for theta in vehicles]
 
     def attempts() -> Iterator[Attempt]:
-        for late_s, linear_s, generic in _ATTEMPTS:
-            near_by = basin(simple, few, rest, start_s + linear_s, near)
-            sized = scaled_to_vehicle(simple, near_by, vehicles)
-            start = near[generic] if is_impossible(simple, sized, vehicles) else sized
-            full = simple.full(start.astype(complex)).real
+        for skipped_s, linear_s, which in _ATTEMPTS:
+            linear_eta = basin(simple, few_samples, rest, start_s + linear_s, generic)
+            sized_eta = scaled_to_vehicle(simple, linear_eta, vehicles)
+            is_useless = is_impossible(simple, sized_eta, vehicles)
+            start_eta = generic[which] if is_useless else sized_eta
+            full = simple.full(start_eta.astype(complex)).real
             eta = model.unknowns(model.box.unknowns_of(full))
-            own = tuple(r.decay(float(s)) for r, s in zip(records, start_s + late_s, strict=True))
+            starts_s = (start_s + skipped_s).tolist()
+            own_decays = [r.decay(s) for r, s in zip(records, starts_s, strict=True)]
             yield Attempt(
-                runs=tuple(run_of(model, decay, sigma) for decay in own),
-                searched=tuple(run_of(model, begun(decay), sigma) for decay in own),
+                runs=tuple(run_of(model, decay, sigma) for decay in own_decays),
+                searched=tuple(run_of(model, beginning_of(d), sigma) for d in own_decays),
                 eta=eta,
                 sigma=sigma,
-                late_s=late_s,
+                skipped_s=skipped_s,
             )
 
     clock = Clock(most_s)
     with threadpool_limits(1, "blas"):  # the runs of a fit share the processors instead
-        end = release(model, attempts(), lambda name: decided.get(name, True), log, clock)
-    if end is None:
+        found = release(model, attempts(), lambda name: decided.get(name, True), log, clock)
+    if found is None:
         return None
-    best, chosen = end
+    best, chosen = found
     fitted, moved = best.point.problem, np.zeros(len(best.point.problem.free))
-    if any(a.decay.start_s > b.start_s for a, b in zip(fitted.runs, decays, strict=True)):
-        first = tuple(begun(decay) for decay in decays)
-        runs = tuple(run_of(fitted.model, decay, sigma) for decay in first)
-        initials = initial_states_of(fitted.model, best.eta, first, sigma)
+    if any(run.decay.start_s > d.start_s for run, d in zip(fitted.runs, decays, strict=True)):
+        beginnings = tuple(beginning_of(decay) for decay in decays)
+        runs = tuple(run_of(fitted.model, decay, sigma) for decay in beginnings)
+        initials = initial_states_of(fitted.model, best.eta, beginnings, sigma)
         moved = moved_by_beginnings(best, runs, initials, clock)
     result = _result(linear, best, chosen, sigma, decided, moved)
     unreached = tuple(clock.unreached)
@@ -114,7 +116,7 @@ def thinned(record: Record) -> Record:
     return replace(record, recordings=tuple(r.thinned(_START_RATE_HZ) for r in record.recordings))
 
 
-def begun(decay: FreeDecay) -> FreeDecay:
+def beginning_of(decay: FreeDecay) -> FreeDecay:
     """Return the beginning of a decay, which holds nearly all information on a car."""
     first = tuple(r.between(0.0, 1.2) for r in decay.recordings)
     return replace(decay, recordings=first).thinned(_SEARCH_RATE_HZ)
@@ -138,15 +140,16 @@ def _result(
     decided: Mapping[str, bool],
     moved: NDArray[np.float64],
 ) -> RealCar:
+    """Return estimation and forces at an optimum; `moved`: by the beginnings left out, (F,)."""
     at, problem = best.point, best.point.problem
     model, free = problem.model, problem.free
-    left = residuals_of(at)
+    residuals = residuals_of(at)
     squares = sum(
         float(values @ values) / sigma[name] ** 2
-        for one in left
-        for name, values in one.values.items()
+        for of_run in residuals
+        for name, values in of_run.values.items()
     )
-    freedom = sum(sum(one.freedom.values()) for one in left) - len(free)
+    freedom = sum(sum(of_run.freedom.values()) for of_run in residuals) - len(free)
     chi2 = squares / freedom
     covariance = inverse(best.information)
     # Two standard deviations above 1 the intervals follow the scatter of the scores.
@@ -157,17 +160,17 @@ def _result(
     decays_share = inverse(best.information) @ (best.information - facts.T @ facts)
     laws = decays_share @ laws_covariance(model, free) @ decays_share.T + np.outer(moved, moved)
     covariance = covariance + laws
-    shown = np.union1d(np.arange(model.first), free)
-    place = np.searchsorted(shown, free)
-    full, of_laws = np.zeros((2, len(shown), len(shown)))
-    full[np.diag_indices(len(shown))] = np.inf
-    full[np.ix_(place, place)] = covariance
-    of_laws[np.ix_(place, place)] = laws
-    initials = {r.decay.label: own for r, own in zip(problem.runs, at.initials, strict=True)}
+    shown = np.union1d(np.arange(model.n_linear), free)
+    index_of_free = np.searchsorted(shown, free)
+    of_shown, laws_of_shown = np.zeros((2, len(shown), len(shown)))
+    of_shown[np.diag_indices(len(shown))] = np.inf
+    of_shown[np.ix_(index_of_free, index_of_free)] = covariance
+    laws_of_shown[np.ix_(index_of_free, index_of_free)] = laws
+    initials = {r.decay.label: x0 for r, x0 in zip(problem.runs, at.initials, strict=True)}
     engine = NonlinearEngine(problem, at.eta, initials, shown)
-    parts = engine.parts(at)
-    information = {label: part.information for label, part in parts.items()}
-    fit = Fit(at.eta[shown], full, best.cost, information, best.iterations, best.converged)
+    blocks = engine.parts(at)
+    information = {label: block.information for label, block in blocks.items()}
+    fit = Fit(at.eta[shown], of_shown, best.cost, information, best.iterations, best.converged)
     estimation = Estimation(
         box=model.box,
         records=linear.records,
@@ -175,10 +178,10 @@ def _result(
         decays=tuple(run.decay for run in problem.runs),
         sigma=sigma,
         rest=linear.rest,
-        residuals=left,
+        residuals=residuals,
         chi2_per_n=chi2,
         nonlinear=engine,
-        laws=of_laws,
+        laws=laws_of_shown,
     )
     values = element_estimates(best, covariance)
     choices = _choices(best, covariance, chosen, chi2, freedom, decided)
@@ -222,16 +225,17 @@ def _choices(
             continue
         # A length, a speed or a gap does not count: it has a prior, and no value at which its
         # element is absent.
-        sized = [n for n in members if not n.startswith(("d_c", "v_c", "g_b", "p_b"))]
-        place = {n: int(np.flatnonzero(problem.free == model.names.index(n))[0]) for n in sized}
-        shown = []
-        for part in group.parts(sized):
-            at = [place[n] for n in part]
-            x = best.eta[problem.free[at]]
-            real = bool((x > 0.0).all()) or not group.positive
-            gain = float(x @ inverse(plain[np.ix_(at, at)]) @ x) / max(1.0, chi2) if real else 0.0
-            shown.append((gain, len(part) * float(np.log(freedom))))
-        gain, threshold = max(shown, key=lambda one: one[0] - one[1])
+        sizes = [n for n in members if not n.startswith(("d_c", "v_c", "g_b", "p_b"))]
+        index_of = {n: int(np.flatnonzero(problem.free == model.names.index(n))[0]) for n in sizes}
+        tests = []
+        for part in group.parts(sizes):
+            indices = [index_of[n] for n in part]
+            x = best.eta[problem.free[indices]]
+            is_possible = bool((x > 0.0).all()) or not group.positive
+            rise = float(x @ inverse(plain[np.ix_(indices, indices)]) @ x)  # of cost without it
+            gain = rise / max(1.0, chi2) if is_possible else 0.0
+            tests.append((gain, len(part) * float(np.log(freedom))))
+        gain, threshold = max(tests, key=lambda test: test[0] - test[1])
         kept, is_decided = decided.get(group.name, gain > threshold), group.name in decided
         estimates = {n: values[n] for n in members}
         result.append(ElementChoice(group.name, gain, threshold, kept, is_decided, estimates))
@@ -281,75 +285,77 @@ class NonlinearEngine:
         return misfits, slopes[:, self.shown]
 
     def _every(self, eta: NDArray[np.float64]) -> NDArray[np.float64]:
-        every = self.eta.copy()
-        every[self.shown] = eta
-        return every
+        """Return all unknowns, (P,), with those shown at `eta`."""
+        full_eta = self.eta.copy()
+        full_eta[self.shown] = eta
+        return full_eta
 
     def parts(self, at: Point) -> dict[str, NormalBlock]:
         """Return what each decay, the facts and the priors contribute at a point."""
         problem = at.problem
-        place = np.searchsorted(self.shown, problem.free)
+        index = np.searchsorted(self.shown, problem.free)
         size = len(self.shown)
 
-        def spread(
+        def over_shown(
             cost: float, matrix: NDArray[np.float64], right: NDArray[np.float64]
         ) -> NormalBlock:
             H, g = np.zeros((size, size)), np.zeros(size)
-            H[np.ix_(place, place)], g[place] = matrix, right
+            H[np.ix_(index, index)], g[index] = matrix, right
             return NormalBlock(cost, H, g)
 
         result = {}
         for name, terms in ((FACTS, problem.fact_terms), (PRIORS, problem.prior_terms)):
             misfits, slopes = terms(at.eta)
-            result[name] = spread(float(misfits @ misfits), slopes.T @ slopes, slopes.T @ misfits)
+            cost = float(misfits @ misfits)
+            result[name] = over_shown(cost, slopes.T @ slopes, slopes.T @ misfits)
         for run, b, predicted in zip(problem.runs, at.normal.blocks, at.predicted, strict=True):
-            X = b.B.T @ inverse(b.A)
-            result[run.decay.label] = spread(predicted.cost, b.C - X @ b.B, b.shared - X @ b.own)
+            X = b.B.T @ inverse(b.A)  # eliminates the run's own unknowns
+            matrix, right = b.C - X @ b.B, b.shared - X @ b.own
+            result[run.decay.label] = over_shown(predicted.cost, matrix, right)
         return result
 
     def _at(
         self, decays: tuple[FreeDecay, ...], sigma: Mapping[str, float], eta: NDArray[np.float64]
     ) -> Point:
-        every = self._every(eta)
+        """Return the point of some decays at the shown unknowns, with the best initial states."""
+        full_eta = self._every(eta)
         problem = Problem(
             self.problem.model,
             tuple(run_of(self.problem.model, decay, sigma) for decay in decays),
             self.problem.centre, self.problem.prior, self.problem.free,
         )  # fmt: skip
         initials = tuple(self.initials[decay.label] for decay in decays)
-        at = point(problem, every, initials, POLISH)
+        at = point(problem, full_eta, initials, POLISH)
         if at is None:
             raise FloatingPointError("the path of a run is not finite at these unknowns")
-        # Four Gauss-Newton steps are enough: the initial states of runs are nearly linear.
-        for _ in range(4):
+        for _ in range(4):  # Gauss-Newton steps: the initial states of runs are nearly linear
             blocks = at.normal.blocks
             steps = [inverse(b.A) @ b.own for b in blocks]
             gain = sum(float(s @ b.own) for s, b in zip(steps, blocks, strict=True))
             if gain < 0.01 * len(initials):
                 break
-            initials = tuple(own.moved(step) for own, step in zip(at.initials, steps, strict=True))
-            moved = point(problem, every, initials, POLISH)
-            if moved is None or moved.cost > at.cost:
+            initials = tuple(x0.moved(step) for x0, step in zip(at.initials, steps, strict=True))
+            trial = point(problem, full_eta, initials, POLISH)
+            if trial is None or trial.cost > at.cost:
                 break
-            at = moved
+            at = trial
         return at
 
 
 def residuals_of(at: Point) -> tuple[Residuals, ...]:
     """Return the residuals of each decay, SI, with the degrees of freedom of each channel."""
     result = []
-    for run, predicted, b in zip(at.problem.runs, at.predicted, at.normal.blocks, strict=True):
-        own = len(b.A)
-        spread = inverse(b.A)
+    for run, predicted, block in zip(at.problem.runs, at.predicted, at.normal.blocks, strict=True):
+        n_own = len(block.A)
+        inverse_A = inverse(block.A)
         values: dict[str, NDArray[np.float64]] = {}
         freedom: dict[str, float] = {}
-        for r, left, weight, basis, J in zip(
-            run.decay.recordings, predicted.left, run.weights, run.bases, b.jacobian, strict=True
-        ):
+        of_recordings = (predicted.residuals, run.weights, run.bases, block.jacobian)
+        for r, misfits, weight, basis, J in zip(run.decay.recordings, *of_recordings, strict=True):
             for c, channel in enumerate(r.group.channels):
-                values[channel.name] = left[:, c] / weight[c]
-                mine = J[:, c, :own]
-                used = float(np.sum((mine @ spread) * mine))
-                freedom[channel.name] = len(left) - basis.shape[1] - used
+                values[channel.name] = misfits[:, c] / weight[c]
+                J_own = J[:, c, :n_own]
+                n_used = float(np.sum((J_own @ inverse_A) * J_own))
+                freedom[channel.name] = len(misfits) - basis.shape[1] - n_used
         result.append(Residuals(run.decay.label, values, freedom))
     return tuple(result)

@@ -110,7 +110,7 @@ def positions(model: Model, chosen: tuple[str, ...], corrections: bool) -> NDArr
 _ROUGH_SHARE = 2e-3
 """Share of the cost that a stage may leave to the next one."""
 _FIRST_FRICTION_N = 15.0
-_LATE = {"damper_mounts": 0.3, "static_friction": 0.2}
+_JOINING_SIZES = {"damper_mounts": 0.3, "static_friction": 0.2}
 """Groups that join where their gain is large enough, with the start of their sizes: a compliance of
 0.3e-6 m/N, beyond the local minimum at zero; static friction a fifth above the sliding one."""
 _LAST_KNOTS, _POLISHED_KNOTS = "K21", "K37"
@@ -118,14 +118,14 @@ _LAST_KNOTS, _POLISHED_KNOTS = "K21", "K37"
 0.7 standard deviations where scales narrow the intervals, and without the four beyond 0.3 m/s I_xx
 of a car with solid axles was up to 3 off."""
 _STAGE_STEPS = 25
-_FOLLOWED = 10.0
+_FOLLOWED_CHI2 = 10.0
 """Largest chi2/n of a first stage from which later stages come down to the noise (8.2 became 0.99,
 17.6 did not): where no attempt ends below, the next one is made."""
-_FOUND, _HOPELESS = 1.2, 10.0
+_FOUND_CHI2, _HOPELESS_CHI2 = 1.2, 10.0
 """chi2/n of the last stage between which the next best attempt is followed as well: a first stage
 that ends lower is not always nearer.  Where the best attempt ends higher, a sensor is wrong and not
 the start, unless it ends higher than its own first stage: then it has gone astray."""
-_HOLDS, _DISAGREE = 1.5, 3.0
+_HOLDS_CHI2, _DISAGREE_SIGMAS = 1.5, 3.0
 """chi2/n above which a fit is refused, and standard deviations by which an unknown must move with
 the beginnings that were left out: noise alone moved the one that moved most by 1.4 in a test."""
 _LAST_STEPS = 40
@@ -150,7 +150,7 @@ class Attempt:
     """Unknowns, (P,), with elements at rest."""
     sigma: Mapping[str, float]
     """Standard deviation of each channel's noise."""
-    late_s: float
+    skipped_s: float
     """Time after the beginning of the decays from which they are fitted, s."""
 
     def initials(self, model: Model, eta: NDArray[np.float64]) -> tuple[InitialState, ...]:
@@ -173,55 +173,57 @@ def release(
     """
     search = _Search(allowed, log, clock)
     chosen = tuple(name for name in STAGES[0] if allowed(name))
-    source = iter(attempts)
-    begun: list[Attempt] = []
-    waiting: list[tuple[float, Optimum, Attempt]] = []
-    ends: list[tuple[float, Optimum, Attempt, tuple[str, ...]]] = []
+    next_attempts = iter(attempts)
+    tried: list[Attempt] = []
+    first_ends: list[tuple[float, Optimum, Attempt]] = []
+    last_ends: list[tuple[float, Optimum, Attempt, tuple[str, ...]]] = []
     is_over = clock.limit(_SEARCH_SHARE, "other starts of the search")
-    while len(ends) < 3:  # attempts that are followed through the later stages
-        while all(_chi2(end) >= _FOLLOWED for _, end, _ in waiting):
-            if waiting and is_over():
+    while len(last_ends) < 3:  # attempts that are followed through the later stages
+        while all(_chi2(first_end) >= _FOLLOWED_CHI2 for _, first_end, _ in first_ends):
+            if first_ends and is_over():
                 break
-            attempt = next(source, None)
+            attempt = next(next_attempts, None)
             if attempt is None:
                 break
-            begun.append(attempt)
-            end = search.first_stage(model, attempt, chosen)
-            if end is not None:
+            tried.append(attempt)
+            first_end = search.first_stage(model, attempt, chosen)
+            if first_end is not None:
                 # A first stage that leaves out the beginnings ends three times lower from any
                 # start, because stops and lift-off are not in it.
-                likely = _chi2(end) * (3.0 if attempt.late_s > 0.0 else 1.0)
-                waiting = sorted([*waiting, (likely, end, attempt)], key=lambda one: one[0])
-        if not waiting:
+                likely_chi2 = _chi2(first_end) * (3.0 if attempt.skipped_s > 0.0 else 1.0)
+                first_ends.append((likely_chi2, first_end, attempt))
+                first_ends.sort(key=lambda entry: entry[0])
+        if not first_ends:
             break
-        _, start, taken = waiting.pop(0)
-        best, groups = search.later_stages(start, chosen)
-        if taken.late_s > 0.0:
-            best, taken = search.with_beginnings(best, taken, begun[0])
-            best, groups = search.with_late_groups(best, groups)
+        _, first_end, attempt = first_ends.pop(0)
+        best, groups = search.later_stages(first_end, chosen)
+        if attempt.skipped_s > 0.0:
+            best, attempt = search.with_beginnings(best, attempt, tried[0])
+            best, groups = search.with_joining_groups(best, groups)
         chi2 = _chi2(best)
-        ends.append((chi2, best, taken, groups))
-        if not (_FOUND < chi2 < _HOPELESS or chi2 > _chi2(start)) or is_over():
+        last_ends.append((chi2, best, attempt, groups))
+        if not (_FOUND_CHI2 < chi2 < _HOPELESS_CHI2 or chi2 > _chi2(first_end)) or is_over():
             break
-    if not ends:
+    if not last_ends:
         return None
-    _, best, taken, chosen = min(ends, key=lambda one: one[0])
-    polished = search.polish(best, replace(best.point.problem, runs=taken.runs), chosen)
+    _, best, attempt, chosen = min(last_ends, key=lambda entry: entry[0])
+    polished = search.polish(best, replace(best.point.problem, runs=attempt.runs), chosen)
     if polished is None:
         return None
     if "damper_mounts" in chosen and not polished.converged:
         problem = polished.point.problem
         # Rigid ones, at their bound, promise more than the paths give, and block all others.
-        if not (polished.eta[_sizes(problem.model, "damper_mounts")] > 0.0).any():
-            without = tuple(name for name in chosen if name != "damper_mounts")
-            again = search.polish(polished, problem, without)
-            if again is not None:
-                return again, without
+        if not (polished.eta[_size_positions(problem.model, "damper_mounts")] > 0.0).any():
+            other_groups = tuple(name for name in chosen if name != "damper_mounts")
+            without_mounts = search.polish(polished, problem, other_groups)
+            if without_mounts is not None:
+                return without_mounts, other_groups
     return polished, chosen
 
 
 def _chi2(end: Optimum) -> float:
     """Return the cost of a search over its samples less the runs' own unknowns."""
+    # 18 of a run: seven displacements, seven speeds, the friction at four corners.
     return end.cost / sum(run.freedom - 18.0 for run in end.point.problem.runs)
 
 
@@ -240,7 +242,7 @@ class _Search:
         eta = attempt.eta.copy()
         centre, prior = weak_priors(model, eta)
         if "friction" in chosen:
-            eta[_sizes(model, "friction")] = _FIRST_FRICTION_N / 50.0
+            eta[_size_positions(model, "friction")] = _FIRST_FRICTION_N / 50.0  # N of one unit
         problem = Problem(model, attempt.searched, centre, prior, positions(model, chosen, False))
         initials = attempt.initials(model, attempt.eta)
         return self._stage(chosen, problem, eta, initials, _STAGE_STEPS, _ROUGH_SHARE)
@@ -249,45 +251,47 @@ class _Search:
         self, best: Optimum, chosen: tuple[str, ...]
     ) -> tuple[Optimum, tuple[str, ...]]:
         """Return the optimum with the later stages released, and the groups in it."""
-        for k, stage in enumerate(STAGES[1:], start=1):
-            more = chosen + tuple(name for name in stage if self.allowed(name))
-            starts = [(more, best.eta)]
-            if "bump_stops" in more and (begun := begin_stops(best, self.log)) is not None:
-                starts.insert(0, (more, begun))
+        for number, stage in enumerate(STAGES[1:], start=1):
+            with_stage = chosen + tuple(name for name in stage if self.allowed(name))
+            starts = [(with_stage, best.eta)]
+            stops = begin_stops(best, self.log) if "bump_stops" in with_stage else None
+            if stops is not None:
+                starts.insert(0, (with_stage, stops))
             problem = best.point.problem
-            last = k == len(STAGES) - 1
-            if last and self._promises("damper_mounts", best):
-                joined = _joined(problem.model, starts[0][1], "damper_mounts")
-                starts.insert(0, ((*more, "damper_mounts"), joined))
-            steps, rough = (
-                (_LAST_STEPS, 0.1 * _ROUGH_SHARE) if last else (_STAGE_STEPS, _ROUGH_SHARE)
+            is_last = number == len(STAGES) - 1
+            if is_last and self._promises("damper_mounts", best):
+                with_mounts = _joined(problem.model, starts[0][1], "damper_mounts")
+                starts.insert(0, ((*with_stage, "damper_mounts"), with_mounts))
+            steps, rough_share = (
+                (_LAST_STEPS, 0.1 * _ROUGH_SHARE) if is_last else (_STAGE_STEPS, _ROUGH_SHARE)
             )
             for groups, eta in starts:
-                freed = problem
-                if last and "damper_knees" in more:
-                    freed, eta = refined(problem, eta, KNOTS[_LAST_KNOTS])
-                freed = freed.releasing(positions(freed.model, groups, k >= CORRECTIONS_FROM))
-                eta = at_likely_scale(freed, eta)
-                end = self._stage(stage, freed, eta, best.point.initials, steps, rough)
+                released = problem
+                if is_last and "damper_knees" in with_stage:
+                    released, eta = refined(problem, eta, KNOTS[_LAST_KNOTS])
+                free = positions(released.model, groups, number >= CORRECTIONS_FROM)
+                released = released.releasing(free)
+                eta = at_likely_scale(released, eta)
+                end = self._stage(stage, released, eta, best.point.initials, steps, rough_share)
                 # Else the new start of these groups has led it astray.
                 if end is not None and end.cost < best.cost:
                     best, chosen = end, groups
                     break
-        return self.with_late_groups(best, chosen)
+        return self.with_joining_groups(best, chosen)
 
-    def with_late_groups(
+    def with_joining_groups(
         self, best: Optimum, chosen: tuple[str, ...]
     ) -> tuple[Optimum, tuple[str, ...]]:
         """Return the optimum after groups of large gain have joined, and the groups in it."""
-        for name in _LATE:
+        for name in _JOINING_SIZES:
             if name in chosen or not self._promises(name, best):
                 continue
-            problem, more = best.point.problem, (*chosen, name)
-            freed = problem.releasing(positions(problem.model, more, True))
+            problem, with_group = best.point.problem, (*chosen, name)
+            released = problem.releasing(positions(problem.model, with_group, True))
             eta = _joined(problem.model, best.eta, name)
-            end = self._stage((name,), freed, eta, best.point.initials, _LAST_STEPS)
+            end = self._stage((name,), released, eta, best.point.initials, _LAST_STEPS)
             if end is not None and end.cost < best.cost:
-                best, chosen = end, more
+                best, chosen = end, with_group
         return best, chosen
 
     def _stage(
@@ -300,17 +304,17 @@ class _Search:
         rough: float = 0.0,
     ) -> Optimum | None:
         """Return the end of the fit that releases some groups; None without a finite path."""
-        words = ", ".join(names)
+        names_of_groups = ", ".join(names)
         end = fit(
             problem, eta, initials, ROUGH, tolerance=_CONVERGED, rough=rough, max_iterations=steps,
-            is_over=self.clock.limit(_SEARCH_SHARE, words.replace("_", " ")),
+            is_over=self.clock.limit(_SEARCH_SHARE, names_of_groups.replace("_", " ")),
         )  # fmt: skip
         if end is not None:
-            self.log(f"{words}: chi2/n {_chi2(end):.3f} after {end.iterations} steps")
+            self.log(f"{names_of_groups}: chi2/n {_chi2(end):.3f} after {end.iterations} steps")
         return end
 
     def with_beginnings(
-        self, best: Optimum, taken: Attempt, first: Attempt
+        self, best: Optimum, attempt: Attempt, first: Attempt
     ) -> tuple[Optimum, Attempt]:
         """Return the optimum with the beginnings that an attempt left out, and the attempt.
 
@@ -318,17 +322,18 @@ class _Search:
         vehicle does not explain stay as they were.  `first`: the attempt that leaves nothing out.
         """
         problem = best.point.problem
-        begun = first.initials(problem.model, best.eta)
-        runs, searched, initials = list(taken.runs), list(taken.searched), list(best.point.initials)
+        first_states = first.initials(problem.model, best.eta)
+        runs, searched = list(attempt.runs), list(attempt.searched)
+        initials = list(best.point.initials)
         is_over = self.clock.limit(_SEARCH_SHARE, "beginnings of the decays")
-        back = 0
+        n_back = 0
         for i, run in enumerate(first.searched):
-            alone = _first_motion(best, run, begun[i], is_over)
+            found = _first_motion(best, run, first_states[i], is_over)
             # Up to chi2/n 5 from its beginning, by a vehicle that was found without it, the
             # beginning is fitted, too.
-            if alone is not None and alone.point.predicted[0].cost < 5.0 * run.freedom:
-                runs[i], searched[i], initials[i] = first.runs[i], run, alone.point.initials[0]
-                back += 1
+            if found is not None and found.point.predicted[0].cost < 5.0 * run.freedom:
+                runs[i], searched[i], initials[i] = first.runs[i], run, found.point.initials[0]
+                n_back += 1
         end = fit(
             replace(problem, runs=tuple(searched)), best.eta, tuple(initials), ROUGH,
             tolerance=_CONVERGED, rough=0.1 * _ROUGH_SHARE, max_iterations=_LAST_STEPS,
@@ -337,12 +342,12 @@ class _Search:
         # Where chi2/n grows by more than a tenth, the model does not hold in the beginnings.
         if end is None or _chi2(end) > 1.1 * _chi2(best):
             self.log("the beginnings stay left out")
-            return best, taken
+            return best, attempt
         self.log(
-            f"beginnings of {back} of {len(runs)} runs: chi2/n {_chi2(end):.3f} after "
+            f"beginnings of {n_back} of {len(runs)} runs: chi2/n {_chi2(end):.3f} after "
             f"{end.iterations} steps"
         )
-        return end, replace(taken, runs=tuple(runs), searched=tuple(searched))
+        return end, replace(attempt, runs=tuple(runs), searched=tuple(searched))
 
     def polish(self, best: Optimum, whole: Problem, chosen: tuple[str, ...]) -> Optimum | None:
         """Return the optimum for whole runs, with curves on more knees; None without a path."""
@@ -366,18 +371,18 @@ class _Search:
         if not self.allowed(name) or (name == "static_friction" and not has_friction):
             return False
         n = sum(run.freedom for run in problem.runs)
-        promised = gain_of(problem, best, best.eta, _sizes(model, name))
-        gain = sum(g for g, size in zip(*promised, strict=True) if size > 0.0)
+        gains_and_sizes = gain_of(problem, best, best.eta, _size_positions(model, name))
+        gain = sum(of_axle for of_axle, size in zip(*gains_and_sizes, strict=True) if size > 0.0)
         gain /= max(1.0, best.cost / n)
         self.log(f"{name}: would lower the cost by {gain:.0f}")
         # Mounts join at twice the criterion's limit, static friction far below that for which it
         # is named: without it the sliding friction reads up to 20 % high and wheels 1 % light.
-        pays = 4.0 * float(np.log(n)) if name == "damper_mounts" else 4.0
-        return bool(gain > pays)
+        least_gain = 4.0 * float(np.log(n)) if name == "damper_mounts" else 4.0
+        return bool(gain > least_gain)
 
 
-def _sizes(model: Model, name: str) -> NDArray[np.intp]:
-    """Return the positions of a group's first unknown, front and rear."""
+def _size_positions(model: Model, name: str) -> NDArray[np.intp]:
+    """Return the positions of a group's first unknown, its size, front and rear."""
     kind = BY_NAME[name].kinds[0]
     return np.array([model.names.index(f"{kind}{axle}") for axle in "fr"])
 
@@ -385,23 +390,23 @@ def _sizes(model: Model, name: str) -> NDArray[np.intp]:
 def _joined(model: Model, eta: NDArray[np.float64], name: str) -> NDArray[np.float64]:
     """Return the unknowns with a group at its start values."""
     result = eta.copy()
-    result[_sizes(model, name)] = _LATE[name]
+    result[_size_positions(model, name)] = _JOINING_SIZES[name]
     return result
 
 
 def _first_motion(
-    best: Optimum, run: Run, begun: InitialState, is_over: Callable[[], bool]
+    best: Optimum, run: Run, initial: InitialState, is_over: Callable[[], bool]
 ) -> Optimum | None:
-    """Return the optimum of a run's own unknowns for the vehicle that was found."""
-    held = replace(best.point.problem, free=np.zeros(0, dtype=np.intp), runs=(run,))
+    """Return the optimum of a run's own unknowns with the vehicle of `best` held."""
+    held_vehicle = replace(best.point.problem, free=np.zeros(0, dtype=np.intp), runs=(run,))
     return fit(
-        held, best.eta, (begun,), ROUGH, is_over=is_over, tolerance=_CONVERGED,
+        held_vehicle, best.eta, (initial,), ROUGH, is_over=is_over, tolerance=_CONVERGED,
         max_iterations=_STAGE_STEPS,
     )  # fmt: skip
 
 
 def moved_by_beginnings(
-    best: Optimum, runs: tuple[Run, ...], begun: tuple[InitialState, ...], clock: Clock
+    best: Optimum, runs: tuple[Run, ...], first_states: tuple[InitialState, ...], clock: Clock
 ) -> NDArray[np.float64]:
     """Return by how much the free unknowns move, (F,), if the beginnings left out are fitted, too.
 
@@ -412,14 +417,16 @@ def moved_by_beginnings(
     """
     problem = replace(best.point.problem, runs=runs)
     is_over = clock.limit(1.0, "beginnings left out")
-    ends = [_first_motion(best, run, x0, is_over) for run, x0 in zip(runs, begun, strict=True)]
-    initials = tuple(e.point.initials[0] if e else x0 for e, x0 in zip(ends, begun, strict=True))
+    initials = []
+    for run, x0 in zip(runs, first_states, strict=True):
+        motion = _first_motion(best, run, x0, is_over)
+        initials.append(motion.point.initials[0] if motion else x0)
     share, steps = 0.1 * _ROUGH_SHARE, _LAST_STEPS
-    end = fit(problem, best.eta, initials, ROUGH, _CONVERGED, share, steps, is_over)
-    if end is None or _chi2(end) > _HOLDS:
+    end = fit(problem, best.eta, tuple(initials), ROUGH, _CONVERGED, share, steps, is_over)
+    if end is None or _chi2(end) > _HOLDS_CHI2:
         return np.zeros(len(problem.free))
     moved, variance = (end.eta - best.eta)[problem.free], np.diag(inverse(best.information))
-    return np.asarray(moved * bool((moved**2 > _DISAGREE**2 * variance).any()))
+    return np.asarray(moved * bool((moved**2 > _DISAGREE_SIGMAS**2 * variance).any()))
 
 
 # Finds the gap at which the bump stop of each axle begins in a fit --------------------------------
@@ -444,25 +451,24 @@ def begin_stops(best: Optimum, log: Callable[[str], None]) -> NDArray[np.float64
     n = sum(run.freedom for run in problem.runs)
     rates = np.array([names.index(f"k_b{axle}") for axle in "fr"])
     gaps = np.array([names.index(f"g_b{axle}") for axle in "fr"])
-    corners = [
-        car.travel_speeds(run.path.states, 0).max(axis=0)
+    largest_of_runs = [
+        car.travels(run.path.states).max(axis=0)
         for car, run in zip(best.point.cars, best.point.predicted, strict=True)
     ]
     # At least 10 mm: a gap has no logarithm at zero.
-    largest = np.maximum(np.max(corners, axis=0).reshape(2, 2).max(axis=1), 0.01)
+    largest_m = np.maximum(np.max(largest_of_runs, axis=0).reshape(2, 2).max(axis=1), 0.01)
     result = best.eta.copy()
-    most = np.full(2, 2.0 * np.log(n) * max(1.0, best.cost / n))
+    best_gains = np.full(2, 2.0 * np.log(n) * max(1.0, best.cost / n))
     for share in _SHARES:
-        tried = best.eta.copy()
-        tried[gaps] = np.log(share * largest)
-        gains, sizes = gain_of(problem, best, tried, rates)
+        trial = best.eta.copy()
+        trial[gaps] = np.log(share * largest_m)
+        gains, sizes = gain_of(problem, best, trial, rates)
         for i, axle in enumerate("fr"):
-            if sizes[i] > 0.0 and gains[i] > most[i]:
-                most[i] = gains[i]
-                result[gaps[i]] = tried[gaps[i]]
-                # It begins with 1.5e5 N/m at most.
-                result[rates[i]] = min(sizes[i], 1.5)
+            if sizes[i] > 0.0 and gains[i] > best_gains[i]:
+                best_gains[i] = gains[i]
+                result[gaps[i]] = trial[gaps[i]]
+                result[rates[i]] = min(sizes[i], 1.5)  # 1.5e5 N/m at most
                 result[[names.index(f"{kind}{axle}") for kind in _STOOD_IN]] = 0.0
-    begun = [f"{1e3 * np.exp(result[gaps[i]]):.0f} mm" for i in np.flatnonzero(result[rates])]
-    log(f"bump_stops: begin at {', '.join(begun) or 'nothing'}")
-    return result if begun else None
+    gaps_mm = [f"{1e3 * np.exp(result[gaps[i]]):.0f} mm" for i in np.flatnonzero(result[rates])]
+    log(f"bump_stops: begin at {', '.join(gaps_mm) or 'nothing'}")
+    return result if gaps_mm else None

@@ -243,7 +243,7 @@ def test_car_and_weights_times_a_factor_move_as_before(factor: float) -> None:
     before = cost_of_motion(given, eta)
     assert cost_of_motion(given, all_scaled(given, eta, factor)) == pytest.approx(before, rel=1e-4)
     alone = eta.copy()
-    first = given.model.first
+    first = given.model.n_linear
     alone[:first] = scaled(given.model.box, eta[:first], factor)
     assert cost_of_motion(given, alone) != pytest.approx(before, rel=0.01)
 

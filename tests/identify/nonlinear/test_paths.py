@@ -151,7 +151,7 @@ def scores(times_s: list[float], sizes: list[float]) -> Any:
     block = SimpleNamespace(A=np.array([[4.0]]), B=np.array([[2.0, 0.0]]), jacobian=(jacobian,))
     return SimpleNamespace(
         problem=problem,
-        predicted=(SimpleNamespace(left=(left,)),),
+        predicted=(SimpleNamespace(residuals=(left,)),),
         normal=SimpleNamespace(blocks=(block,)),
     )
 

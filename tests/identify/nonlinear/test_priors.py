@@ -308,7 +308,7 @@ def test_sensors_see_the_path_at_their_own_times_through_their_filters(late_ms: 
     path = found.predicted[0].path
     time = np.arange(len(path.states)) * path.step_s
     early = found.problem.runs[0].early_s
-    hub, travel = found.predicted[0].left
+    hub, travel = found.predicted[0].residuals
 
     x = path.states[:, :7]
     body = x[:, 0] + 1.51 * x[:, 1] + (-0.74 - 0.01) * x[:, 2]
@@ -338,7 +338,7 @@ def test_derivatives_of_what_sensors_see_are_the_differences(name: str) -> None:
     (block,) = at().normal.blocks
     column = len(block.A) + FREE.index(name)
     for J, after, before in zip(
-        block.jacobian, up.predicted[0].left, down.predicted[0].left, strict=True
+        block.jacobian, up.predicted[0].residuals, down.predicted[0].residuals, strict=True
     ):
         change = -(after - before) / (2.0 * step)
         size = float(np.abs(change).max())

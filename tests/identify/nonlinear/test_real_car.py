@@ -65,7 +65,7 @@ FACT = Fact(FactQuantity.TOTAL_MASS, 1560.0, 2.0)
 MODEL = Model(GreyBox((GROUP,), (BASELINE,), None, RICH, (FACT,)), KNOTS["K1"])
 TIMES = np.arange(0.0, 0.3, 0.005)
 FREE = tuple(MODEL.names.index(name) for name in ("m_s", "k_sf", "c_sr", "F_cf"))
-SHOWN = tuple(sorted({*range(MODEL.first), *FREE}))
+SHOWN = tuple(sorted({*range(MODEL.n_linear), *FREE}))
 
 
 def start() -> InitialState:
@@ -91,7 +91,7 @@ def measured() -> Problem:
     still = problem(np.zeros((len(TIMES), 4)))
     at = point(still, car(), (start(),), POLISH)
     assert at is not None
-    clean = -at.predicted[0].left[0] * np.array([SIGMA[c.name] for c in GROUP.channels])
+    clean = -at.predicted[0].residuals[0] * np.array([SIGMA[c.name] for c in GROUP.channels])
     turns = 0.5 * np.where(np.arange(len(TIMES)) % 2, 1.0, -1.0)
     return problem(clean + turns[:, None] * np.array(list(SIGMA.values())))
 
@@ -239,7 +239,7 @@ def test_parameters_and_intervals_are_those_of_the_linear_fit() -> None:
     assert found is not None
     std = np.sqrt(np.diag(linear.covariance))
     # The linear search is held weakly about its start, by less than 1 % of a standard deviation.
-    assert np.all(np.abs(found.eta[: model.first] - linear.eta) < 0.01 * std)
+    assert np.all(np.abs(found.eta[: model.n_linear] - linear.eta) < 0.01 * std)
     again = np.sqrt(np.diag(inverse(found.information)))
     assert np.allclose(again, std, rtol=1e-6)
 
@@ -464,14 +464,14 @@ def test_the_estimation_has_all_parameters_and_free_elements(
     result, best = found(monkeypatch, ("friction",), {})
     one = result.estimation
     assert one.chi2_per_n == pytest.approx(240 * 0.25 / (4 * 59 - 17.9 - 4), rel=1e-3)
-    assert len(one.fit.eta) == MODEL.first + 1
+    assert len(one.fit.eta) == MODEL.n_linear + 1
     held = [
         i
-        for i, name in enumerate(MODEL.names[: MODEL.first])
+        for i, name in enumerate(MODEL.names[: MODEL.n_linear])
         if name not in names(best.point.problem)
     ]
     assert np.all(np.isinf(np.diag(one.fit.covariance)[held]))
-    free = [i for i in range(MODEL.first + 1) if i not in held]
+    free = [i for i in range(MODEL.n_linear + 1) if i not in held]
     problem = best.point.problem
     expected = np.linalg.inv(best.information)
     _, facts = problem.fact_terms(best.eta)
@@ -480,7 +480,7 @@ def test_the_estimation_has_all_parameters_and_free_elements(
     assert one.fit.covariance[np.ix_(free, free)] == pytest.approx(expected, rel=1e-6, abs=1e-12)
     assert (one.fit.iterations, one.fit.converged, one.fit.cost) == (3, True, best.cost)
     assert list(one.fit.information) == [FACTS, PRIORS, "run"]
-    assert dict(one.engine.elements) == {"F_cf": MODEL.first}
+    assert dict(one.engine.elements) == {"F_cf": MODEL.n_linear}
 
 
 @pytest.mark.parametrize("late", [True, False])

@@ -333,7 +333,7 @@ def stop_off(gap_m: float, start_m: float) -> tuple[Problem, NDArray[np.float64]
     still = Problem(model, (run_of(model, decay, sigma),), *weak_priors(model, start), free)
     at = point(still, true, (moving(),), POLISH)
     assert at is not None
-    values = -at.predicted[0].left[0] / still.runs[0].weights[0]
+    values = -at.predicted[0].residuals[0] / still.runs[0].weights[0]
     moved = replace(decay, recordings=(replace(recording, values=values),))
     return replace(still, runs=(run_of(model, moved, sigma),)), start
 
