@@ -54,38 +54,38 @@ class Likelihood:
 
 
 def likelihood_of(
-    estimation: Estimation, elements: Sequence[str] = (), about: tuple[Floats, Floats] | None = None
+    estimation: Estimation, elements: Sequence[str] = (), point: tuple[Floats, Floats] | None = None
 ) -> Likelihood:
     """Return the likelihood of a session.
 
     The common unknowns are the parameters and, for a car that is not linear, the named `elements`.
 
-    `about`: common unknowns, (p,), and the others, (q,), about which it is a quadratic.  It is
+    `point`: common unknowns, (p,), and the others, (q,), about which it is a quadratic.  It is
     about the session's own optimum without them, for a nonlinear fit, and for one stored without
     its decays.
     """
     fit, p = estimation.fit, len(estimation.box.parameters)
     if estimation.nonlinear is not None:
-        places = estimation.nonlinear.elements
-        common = np.array([*range(p), *(places[name] for name in elements)])
+        index_of_element = estimation.nonlinear.elements
+        common = np.array([*range(p), *(index_of_element[name] for name in elements)])
         # The covariance of the intervals, which may be wider than the information says.
-        block = fit.covariance[np.ix_(common, common)]
-        determined = np.flatnonzero(np.isfinite(np.diag(block)))
+        covariance = fit.covariance[np.ix_(common, common)]
+        determined = np.flatnonzero(np.isfinite(np.diag(covariance)))
         known = np.ix_(determined, determined)
-        information = np.zeros_like(block)
-        information[known] = np.linalg.inv(block[known])
+        information = np.zeros_like(covariance)
+        information[known] = np.linalg.inv(covariance[known])
         return Likelihood(information, information @ fit.eta[common], np.delete(fit.eta, common))
     eta, gradient = fit.eta, np.zeros(len(fit.eta))
-    whole = np.sum(list(fit.information.values()), axis=0)
-    if about is not None and estimation.decays:
-        eta = np.concatenate(about)
+    full_information = np.sum(list(fit.information.values()), axis=0)
+    if point is not None and estimation.decays:
+        eta = np.concatenate(point)
         blocks = estimation.engine.normal_blocks(estimation.decays, estimation.sigma, eta).values()
-        whole = np.sum([block.information for block in blocks], axis=0)
+        full_information = np.sum([block.information for block in blocks], axis=0)
         gradient = np.sum([block.gradient for block in blocks], axis=0)
-    inverse = pseudo_inverse(whole[p:, p:])
-    across = whole[:p, p:] @ inverse
-    information = whole[:p, :p] - across @ whole[p:, :p]
-    target = information @ eta[:p] + gradient[:p] - across @ gradient[p:]
+    inverse = pseudo_inverse(full_information[p:, p:])
+    cross = full_information[:p, p:] @ inverse
+    information = full_information[:p, :p] - cross @ full_information[p:, :p]
+    target = information @ eta[:p] + gradient[:p] - cross @ gradient[p:]
     return Likelihood(information, target, eta[p:] + inverse @ gradient[p:])
 
 
@@ -111,28 +111,29 @@ class Differences:
     common: Floats
     """Common unknowns with no difference, (q,)."""
     follow: Floats
-    """Fall of the common unknowns per unit of each difference, (q, n)."""
+    """Fall of the best common unknowns per unit of each difference, (q, n)."""
     shown: NDArray[np.bool_]
     """True for the differences that the sessions determine, (n,)."""
 
     def gain(self, candidates: Sequence[int]) -> float:
         """Return the fall of the squared residuals by the differences of some candidates."""
-        which = self._together(candidates)
-        which = which[self.shown[which]]
-        target = self.target[which]
-        return float(target @ pseudo_inverse(self.information[np.ix_(which, which)]) @ target)
+        indices = self._indices_of(candidates)
+        indices = indices[self.shown[indices]]
+        target = self.target[indices]
+        return float(target @ pseudo_inverse(self.information[np.ix_(indices, indices)]) @ target)
 
     def best(self, candidates: Sequence[int]) -> tuple[Floats, list[Floats], list[Floats]]:
         """Return the common unknowns, and each candidate's differences with their deviations."""
-        which = self._together(candidates)
-        covariance = pseudo_inverse(self.information[np.ix_(which, which)])
-        steps = covariance @ self.target[which]
+        indices = self._indices_of(candidates)
+        covariance = pseudo_inverse(self.information[np.ix_(indices, indices)])
+        steps = covariance @ self.target[indices]
         ends = np.cumsum([len(self.places[i]) for i in candidates], dtype=np.intp)
-        common = self.common - self.follow[:, which] @ steps
+        common = self.common - self.follow[:, indices] @ steps
         stds = np.sqrt(np.diag(covariance))
         return common, np.split(steps, ends)[:-1], np.split(stds, ends)[:-1]
 
-    def _together(self, candidates: Sequence[int]) -> NDArray[np.intp]:
+    def _indices_of(self, candidates: Sequence[int]) -> NDArray[np.intp]:
+        """Return the indices of the differences of some candidates among all n."""
         return np.concatenate([np.zeros(0, np.intp), *(self.places[i] for i in candidates)])
 
 
@@ -145,20 +146,20 @@ def differences(
     """
     q = len(directions)
     normals, rights = [], []
-    for number, share in enumerate(shares):
-        moved = [np.outer(directions[:, c.parameter], c.design[number]) for c in candidates]
+    for session, share in enumerate(shares):
+        moved = [np.outer(directions[:, c.parameter], c.design[session]) for c in candidates]
         rows = np.hstack([np.eye(q), *moved])
         normals.append(rows.T @ share.information @ rows)
         rights.append(rows.T @ share.target)
     normal, right = np.sum(normals, axis=0), np.sum(rights, axis=0)
-    inverse, across = pseudo_inverse(normal[:q, :q]), normal[:q, q:]
-    common, follow, alone = inverse @ right[:q], inverse @ across, normal[q:, q:]
-    information = alone - across.T @ follow
+    inverse, cross = pseudo_inverse(normal[:q, :q]), normal[:q, q:]
+    common, follow, information_alone = inverse @ right[:q], inverse @ cross, normal[q:, q:]
+    information = information_alone - cross.T @ follow
     # Below this share of its information, what remains with the common ones free is rounding.
-    shown = np.diag(information) > 1e-9 * np.maximum(np.diag(alone), 1e-300)
+    shown = np.diag(information) > 1e-9 * np.maximum(np.diag(information_alone), 1e-300)
     edges = np.cumsum([0, *(c.design.shape[1] for c in candidates)])
     places = tuple(np.arange(start, end) for start, end in pairwise(edges))
-    target = right[q:] - across.T @ common
+    target = right[q:] - cross.T @ common
     return Differences(places, information, target, common, follow, shown)
 
 
@@ -253,7 +254,7 @@ class Change:
 
 
 def change_of(estimations: Sequence[Estimation], apart: tuple[str, ...] = ()) -> Change:
-    """Find what differs between two or more sessions, in their order.
+    """Return what differs between two or more sessions, in their order.
 
     `apart`: elements that some sessions need and others do not.
     """
@@ -261,8 +262,8 @@ def change_of(estimations: Sequence[Estimation], apart: tuple[str, ...] = ()) ->
     names = estimations[0].box.parameters
     if any(e.box.parameters != names for e in estimations):
         return Change("not compared", apart=apart)
-    every = [list(e.engine.elements) for e in estimations]
-    shared = [name for name in every[0] if all(name in some for some in every)]
+    element_names = [list(e.engine.elements) for e in estimations]
+    shared = [n for n in element_names[0] if all(n in of_one for of_one in element_names)]
     p, n_sessions = len(names) + len(shared), len(estimations)
     # A parameter may differ freely, or linearly over more than two sessions.
     designs = [np.eye(n_sessions)[:, 1:]]
@@ -274,11 +275,11 @@ def change_of(estimations: Sequence[Estimation], apart: tuple[str, ...] = ()) ->
     points: list[Floats] = []
     chosen: tuple[int, ...] | None = None
     for _ in range(4):  # linearised about the last answer; the second seldom changes it
-        free, before = differences(shares, np.eye(p), candidates), chosen
-        chosen = choose(free, candidates, n_values)
-        if chosen == before:
+        diffs, last_chosen = differences(shares, np.eye(p), candidates), chosen
+        chosen = choose(diffs, candidates, n_values)
+        if chosen == last_chosen:
             break
-        common, steps, _stds = free.best(chosen)
+        common, steps, _stds = diffs.best(chosen)
         points = [common.copy() for _ in estimations]
         for i, step in zip(chosen, steps, strict=True):
             for point, row in zip(points, candidates[i].design, strict=True):
@@ -288,33 +289,35 @@ def change_of(estimations: Sequence[Estimation], apart: tuple[str, ...] = ()) ->
             for e, point, share in zip(estimations, points, shares, strict=True)
         ]
     assert chosen is not None
-    answer = _tested(estimations, points, shares, [candidates[i] for i in chosen])
-    if answer.outcome == "nothing" and chosen:
-        named = _named(free, candidates, chosen, names, shared)
-        answer = replace(answer, outcome="parameters", named=named)
-    return replace(answer, apart=apart)
+    change = _tested(estimations, points, shares, [candidates[i] for i in chosen])
+    if change.outcome == "nothing" and chosen:
+        named = _named_changes(diffs, candidates, chosen, names, shared)
+        change = replace(change, outcome="parameters", named=named)
+    return replace(change, apart=apart)
 
 
-def choose(free: Differences, candidates: Sequence[Candidate], n_values: int) -> tuple[int, ...]:
+def choose(diffs: Differences, candidates: Sequence[Candidate], n_values: int) -> tuple[int, ...]:
     """Return the candidates, by their places, whose gain most exceeds its price."""
-    usable = [i for i, places in enumerate(free.places) if np.all(free.shown[places])]
+    usable = [i for i, places in enumerate(diffs.places) if np.all(diffs.shown[places])]
     n_sessions = len(candidates[0].design)
 
     def price(candidate: int, level: float) -> float:
-        size = len(free.places[candidate])
+        size = len(diffs.places[candidate])
         return max(exceeded_by_chance(size, level / len(usable)), size * log(max(n_values, 1)))
 
-    first, further = ({i: price(i, level) for i in usable} for level in (LEVEL, _FURTHER_LEVEL))
+    price_first = {i: price(i, LEVEL) for i in usable}
+    price_further = {i: price(i, _FURTHER_LEVEL) for i in usable}
     best: tuple[int, ...] = ()
-    worth = 0.0
+    best_surplus = 0.0
     # If more change at once, it is another car; over many sessions each has two ways to differ.
     for size in range(1, (3 if n_sessions == 2 else 2) + 1):
-        for some in combinations(usable, size):
-            if len({candidates[i].parameter for i in some}) < size:
+        for tried in combinations(usable, size):
+            if len({candidates[i].parameter for i in tried}) < size:
                 continue
-            surplus = free.gain(some) - first[some[0]] - sum(further[i] for i in some[1:])
-            if surplus > worth:
-                best, worth = some, surplus
+            gain, further = diffs.gain(tried), sum(price_further[i] for i in tried[1:])
+            surplus = gain - price_first[tried[0]] - further
+            if surplus > best_surplus:
+                best, best_surplus = tried, surplus
     return best
 
 
@@ -336,31 +339,31 @@ def _tested(
     """
     directions = np.eye(len(points[0]))
     if all(e.nonlinear is None and e.decays for e in estimations):
-        rich, wide = estimations[0].box.with_structure(RICHEST).parameters, []
+        rich, rich_likelihoods = estimations[0].box.with_structure(RICHEST).parameters, []
         for e, point, share in zip(estimations, points, shares, strict=True):
             box = e.box.with_structure(RICHEST)
             full = e.box.full(np.concatenate([point, share.nuisance]).astype(complex)).real
             eta = box.unknowns_of(full)[: len(rich)]
-            wide.append(likelihood_of(replace(e, box=box), (), (eta, share.nuisance)))
-        shares = wide
+            rich_likelihoods.append(likelihood_of(replace(e, box=box), (), (eta, share.nuisance)))
+        shares = rich_likelihoods
         # A parameter for both corners of an axle moves both alike.
-        both = [{name, f"{name}l", f"{name}r"} for name in estimations[0].box.parameters]
-        directions = np.array([[float(name in names) for names in both] for name in rich])
+        sides = [{name, f"{name}l", f"{name}r"} for name in estimations[0].box.parameters]
+        directions = np.array([[float(name in names) for names in sides] for name in rich])
     q, n_sessions = len(directions), len(estimations)
-    everything = [Candidate(i, np.eye(n_sessions)[:, 1:]) for i in range(q)]
-    free = differences(shares, np.eye(q), everything)
-    chi2, freedom = free.gain(range(q)), int(np.sum(free.shown))
+    free_candidates = [Candidate(i, np.eye(n_sessions)[:, 1:]) for i in range(q)]
+    diffs = differences(shares, np.eye(q), free_candidates)
+    chi2, freedom = diffs.gain(range(q)), int(np.sum(diffs.shown))
     explained = differences(shares, directions, chosen)
-    n = len(explained.target)
+    n_chosen = len(explained.target)
     rest_chi2 = max(chi2 - explained.gain(range(len(chosen))), 0.0)
-    rest_p = chance_of_more(freedom - n, rest_chi2) if freedom > n else 1.0
+    rest_p = chance_of_more(freedom - n_chosen, rest_chi2) if freedom > n_chosen else 1.0
     outcome = "other" if rest_p < _FURTHER_LEVEL else "nothing"
     p = chance_of_more(freedom, chi2)
-    return Change(outcome, (), chi2, freedom, p, rest_chi2, freedom - n, rest_p)
+    return Change(outcome, (), chi2, freedom, p, rest_chi2, freedom - n_chosen, rest_p)
 
 
-def _named(
-    free: Differences,
+def _named_changes(
+    diffs: Differences,
     candidates: Sequence[Candidate],
     chosen: tuple[int, ...],
     parameters: Sequence[str],
@@ -370,41 +373,41 @@ def _named(
 
     `parameters`, `shared`: names of the parameters and of the elements that all sessions have.
     """
-    sizes = {e.name: e for e in elements(())}
+    element_by_name = {e.name: e for e in elements(())}
     # Value of one unit of an unknown, SI; NaN where the unknown is the logarithm of the value.
-    scales = [SIGNED.get(n, nan) for n in parameters] + [sizes[n].scale for n in shared]
-    units = [parameter_unit(n) for n in parameters] + [sizes[n].unit for n in shared]
+    scales = [SIGNED.get(n, nan) for n in parameters] + [element_by_name[n].scale for n in shared]
+    units = [parameter_unit(n) for n in parameters] + [element_by_name[n].unit for n in shared]
     words = [*parameters, *(element_in_words(n) for n in shared)]
-    n_sessions, explained = len(candidates[0].design), free.gain(chosen)
-    common, steps, stds = free.best(chosen)
-    taken = {candidates[i].parameter for i in chosen}
+    n_sessions, explained = len(candidates[0].design), diffs.gain(chosen)
+    common, steps, stds = diffs.best(chosen)
+    chosen_parameters = {candidates[i].parameter for i in chosen}
     named = []
-    for i, steps_of_one, stds_of_one in zip(chosen, steps, stds, strict=True):
-        parameter, n = candidates[i].parameter, len(steps_of_one)
+    for i, steps_of_candidate, stds_of_candidate in zip(chosen, steps, stds, strict=True):
+        parameter, n = candidates[i].parameter, len(steps_of_candidate)
         changes, shares = [], []
-        for step, std in zip(steps_of_one.tolist(), stds_of_one.tolist(), strict=True):
+        for step, std in zip(steps_of_candidate.tolist(), stds_of_candidate.tolist(), strict=True):
             scale, share = scales[parameter], nan
             value = scale * step
             if not isfinite(scale):
-                share, first = float(np.expm1(step)), float(np.exp(common[parameter]))
-                value, scale = first * share, first * (1.0 + share)
+                share, first_value = float(np.expm1(step)), float(np.exp(common[parameter]))
+                value, scale = first_value * share, first_value * (1.0 + share)
             half = COVERAGE_95 * scale * std
             low, high = value - half, value + half
             changes.append(Estimate(value, scale * std, low, high, units[parameter]))
             shares.append(share)
-        others = [j for j in chosen if j != i]
+        other_chosen = [j for j in chosen if j != i]
         # If another parameter is the true one, adding the chosen one to it gains only what chance
         # gives: more than this limit in one of twenty cases.
-        limit = explained - exceeded_by_chance(n, LEVEL)
+        least_gain = explained - exceeded_by_chance(n, LEVEL)
         rivals = [
-            (free.gain([*others, j]), candidate.parameter)
+            (diffs.gain([*other_chosen, j]), candidate.parameter)
             for j, candidate in enumerate(candidates)
-            if candidate.parameter not in taken and candidate.design.shape[1] == n
+            if candidate.parameter not in chosen_parameters and candidate.design.shape[1] == n
         ]
         # Over more than two sessions, the candidates that drift come first, one for each parameter.
         kind = "differs" if n_sessions == 2 else "drifts" if i < len(words) else "varies"
-        p = chance_of_more(n, explained - free.gain(others))
-        instead = tuple(words[rival] for gain, rival in sorted(rivals)[::-1] if gain > limit)
+        p = chance_of_more(n, explained - diffs.gain(other_chosen))
+        instead = tuple(words[rival] for gain, rival in sorted(rivals)[::-1] if gain > least_gain)
         named.append(NamedChange(words[parameter], kind, tuple(changes), tuple(shares), p, instead))
     return tuple(sorted(named, key=lambda one: one.p))
 
@@ -418,21 +421,21 @@ def with_common_structure(estimations: Sequence[Estimation]) -> tuple[Estimation
     A car without anti-roll bars is one whose bars have no stiffness.  A nonlinear fit, and one
     stored without its decays, stays as it is.
     """
-    every = [e.box.structure for e in estimations]
+    structures = [e.box.structure for e in estimations]
     structure = Structure(
-        symmetric=all(one.symmetric for one in every),
-        anti_roll_bars=any(one.anti_roll_bars for one in every),
-        tyre_damping=any(one.tyre_damping for one in every),
-        cg_offset=any(one.cg_offset for one in every),
+        symmetric=all(s.symmetric for s in structures),
+        anti_roll_bars=any(s.anti_roll_bars for s in structures),
+        tyre_damping=any(s.tyre_damping for s in structures),
+        cg_offset=any(s.cg_offset for s in structures),
     )
     extended = []
     for e in estimations:
         if e.box.structure != structure and e.nonlinear is None and e.decays:
             box = e.box.with_structure(structure)
-            again = fit(box, e.decays, e.sigma, box.unknowns_of(e.full))
+            refit = fit(box, e.decays, e.sigma, box.unknowns_of(e.full))
             chi2 = e.chi2_per_n
             if e.freedom > 0.0:
-                chi2 += (again.cost - e.fit.cost) / e.freedom
-            e = replace(e, box=box, fit=again, chi2_per_n=chi2)
+                chi2 += (refit.cost - e.fit.cost) / e.freedom
+            e = replace(e, box=box, fit=refit, chi2_per_n=chi2)
         extended.append(e)
     return tuple(extended)

@@ -157,14 +157,14 @@ def compare(labels: Sequence[str], results: Sequence[Identification]) -> Compari
         _in_all([force_quantities(r.forces) if r.forces else {} for r in results]),
     ]
     # The tests are made among all quantities, in the order in which they are listed.
-    rows = {**kinds[0], **kinds[2], **kinds[1]}
-    differences = _differences(rows)
-    trends = _trends(rows) if len(results) > 2 else {}
+    quantities = {**kinds[0], **kinds[2], **kinds[1]}
+    differences = _differences(quantities)
+    trends = _trends(quantities) if len(results) > 2 else {}
     parameters, modes, forces = (
         tuple(Compared(name, e, differences[name], trends.get(name)) for name, e in kind.items())
         for kind in kinds
     )
-    vague = dict.fromkeys(name for result in results for name in result.undetermined)
+    undetermined = dict.fromkeys(name for result in results for name in result.undetermined)
     estimations = [r.estimation for r in results if r.estimation is not None]
     fitted = len(estimations) == len(results)
     return Comparison(
@@ -174,7 +174,7 @@ def compare(labels: Sequence[str], results: Sequence[Identification]) -> Compari
         modes,
         forces,
         _stated_alike(results) if fitted else (),
-        tuple(vague),
+        tuple(undetermined),
         stated_unlike(labels, results),
         change_of(estimations, _apart(results)) if fitted else None,
     )
@@ -183,16 +183,16 @@ def compare(labels: Sequence[str], results: Sequence[Identification]) -> Compari
 def _apart(results: Sequence[Identification]) -> tuple[str, ...]:
     """Name the elements that one session needs and another does not."""
     tried = [{c.name: c for c in r.forces.choices} if r.forces else {} for r in results]
-    needed = dict.fromkeys(n for some in tried for n, choice in some.items() if choice.kept)
+    needed = dict.fromkeys(c.name for choices in tried for c in choices.values() if c.kept)
     return tuple(
         name.replace("_", " ")
         for name in needed
-        if name not in AS_PARAMETERS and not all(name in some for some in tried)
+        if name not in AS_PARAMETERS and not all(name in choices for choices in tried)
     )
 
 
 def _modes(result: Identification) -> dict[str, Estimate]:
-    """Return frequencies and damping ratios by mass state and name: ranks may swap."""
+    """Return frequencies and damping ratios of modes by mass state and name: ranks may swap."""
     quantities: dict[str, Estimate] = {}
     for state, modes in result.modes.items():
         for name, mode in zip(result.mode_names[state], modes, strict=True):
@@ -203,45 +203,46 @@ def _modes(result: Identification) -> dict[str, Estimate]:
 
 def _in_all(sessions: Sequence[Mapping[str, Estimate]]) -> dict[str, tuple[Estimate, ...]]:
     """Return the quantities that every session identified, with the estimates of all sessions."""
-    known = [{n: e for n, e in one.items() if e.std > 0.0 and e.determined} for one in sessions]
-    return {
-        name: tuple(one[name] for one in known)
-        for name in known[0]
-        if all(name in one for one in known)
-    }
+    known = [{n: e for n, e in s.items() if e.std > 0.0 and e.determined} for s in sessions]
+    in_all = [name for name in known[0] if all(name in of_session for of_session in known)]
+    return {name: tuple(of_session[name] for of_session in known) for name in in_all}
 
 
 def _differences(rows: Mapping[str, tuple[Estimate, ...]]) -> dict[str, tuple[Difference, ...]]:
+    """Return the differences of each quantity from the first session, tested among all."""
     untested = []
     for first, *others in rows.values():
         for other in others:
             value, std = other.value - first.value, hypot(first.std, other.std)
             untested.append(Difference(value, std, value / std, _two_sided(value / std)))
     significant = _holm([d.p for d in untested])
-    tested = iter(replace(d, significant=yes) for d, yes in zip(untested, significant, strict=True))
-    return {name: tuple(next(tested) for _ in e[1:]) for name, e in rows.items()}
+    pairs = zip(untested, significant, strict=True)
+    tested = iter([replace(d, significant=is_significant) for d, is_significant in pairs])
+    return {name: tuple(next(tested) for _ in estimates[1:]) for name, estimates in rows.items()}
 
 
 def _trends(rows: Mapping[str, tuple[Estimate, ...]]) -> dict[str, Trend]:
+    """Return the trend of each quantity over the sessions, tested among all."""
     untested = []
     for estimates in rows.values():
-        value = np.array([e.value for e in estimates])
-        weight = np.array([e.std**-2 for e in estimates])
-        order = np.arange(len(value), dtype=np.float64)
-        order -= np.average(order, weights=weight)
-        slope_std = float(weight @ order**2) ** -0.5
-        slope = float((weight * order) @ value) * slope_std**2
-        chi2 = float(weight @ (value - np.average(value, weights=weight)) ** 2)
-        freedom, p = len(value) - 1, _two_sided(slope / slope_std)
+        values = np.array([e.value for e in estimates])
+        weights = np.array([e.std**-2 for e in estimates])
+        steps = np.arange(len(values), dtype=np.float64)
+        steps -= np.average(steps, weights=weights)
+        slope_std = float(weights @ steps**2) ** -0.5
+        slope = float((weights * steps) @ values) * slope_std**2
+        chi2 = float(weights @ (values - np.average(values, weights=weights)) ** 2)
+        freedom, p = len(values) - 1, _two_sided(slope / slope_std)
         untested.append(Trend(slope, slope_std, p, chi2, freedom, chance_of_more(freedom, chi2)))
     drifts, varies = _holm([t.slope_p for t in untested]), _holm([t.constant_p for t in untested])
     return {
-        name: replace(trend, drifts=drift, varies=vary)
-        for name, trend, drift, vary in zip(rows, untested, drifts, varies, strict=True)
+        name: replace(trend, drifts=drift, varies=varies_here)
+        for name, trend, drift, varies_here in zip(rows, untested, drifts, varies, strict=True)
     }
 
 
 def _two_sided(z: float) -> float:
+    """Return the chance of a normal deviate as far from zero as z."""
     return erfc(abs(z) / sqrt(2.0))
 
 
@@ -283,14 +284,14 @@ def stated_unlike(labels: Sequence[str], results: Sequence[Identification]) -> t
     Loads and masses are not compared: they may change between two campaigns.  What only one session
     states differs from nothing.
     """
-    stated: dict[str, dict[str, list[str]]] = {}
+    labels_by_text: dict[str, dict[str, list[str]]] = {}
     for label, result in zip(labels, results, strict=True):
         for subject, text in _identity(result).items():
-            stated.setdefault(subject, {}).setdefault(text, []).append(label)
+            labels_by_text.setdefault(subject, {}).setdefault(text, []).append(label)
     texts = []
-    for subject, kinds in stated.items():
-        if len(kinds) > 1:
-            parts = (f"{text} in {', '.join(of)}" for text, of in kinds.items())
+    for subject, labels_of in labels_by_text.items():
+        if len(labels_of) > 1:
+            parts = (f"{text} in {', '.join(names)}" for text, names in labels_of.items())
             texts.append(f"{subject} {'; '.join(parts)}")
     return tuple(texts)
 
@@ -301,8 +302,8 @@ def _identity(result: Identification) -> dict[str, str]:
     if result.estimation is None:
         return stated
     box = result.estimation.box
-    if (known := box.geometry) is not None:
-        sizes_m = (known.a + known.b, 2 * known.t_f, 2 * known.t_r)
+    if (geometry := box.geometry) is not None:
+        sizes_m = (geometry.a + geometry.b, 2 * geometry.t_f, 2 * geometry.t_r)
         stated |= {
             name: f"{size_m:.3f} m" for name, size_m in zip(_LENGTHS.values(), sizes_m, strict=True)
         }

@@ -248,9 +248,7 @@ def _with_elements(
         f"chi2/n {linear.chi2_per_n:.2f}"
     )
     most_s = max(_LONGEST_S - _JUDGING_S - process_time() + began_s, _LEAST_S)
-    vehicles = generic_vehicles(
-        expected_car(session.vehicle).to_array()
-    )  # scaled to scales and tape
+    vehicles = generic_vehicles(expected_car(session.vehicle).to_array())  # of the stated size
     real = real_car(linear, vehicles, session.vehicle.elements, log_stage, most_s)
     if real is None or not real.estimation.chi2_per_n <= CHI2_LIMIT:
         return None

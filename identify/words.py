@@ -150,13 +150,14 @@ def damper_rows(forces: Forces) -> list[list[str]]:
     """
     from .nonlinear.forces import forces_at_speeds
 
-    axles = [{at.speed_m_s: at for at in forces_at_speeds(one.damper)} for one in forces.axles]
+    axles = [{at.speed_m_s: at for at in forces_at_speeds(a.damper)} for a in forces.axles]
     rows = []
-    for speed in sorted({speed for axle in axles for speed in axle}):
+    for speed in sorted({speed for force_at in axles for speed in force_at}):
         row = [f"{speed:+.2f}"]
-        for axle in axles:
-            known = axle.get(speed)
-            row += [plus_minus_text(e) for e in (known.damper, known.total)] if known else ["", ""]
+        for force_at in axles:
+            reached = force_at.get(speed)
+            pair = (reached.damper, reached.total) if reached else ()
+            row += [plus_minus_text(e) for e in pair] or ["", ""]
         rows.append(row)
     return rows
 

@@ -250,13 +250,8 @@ def judge(
         name = "; ".join(c.name for c in contradicted)
         moved = contradicted_shift(estimation, contradicted)
         rivals.append(Cause(name, moved=moved))
-    return Judgement(
-        tuple(findings),
-        estimation.chi2_per_n,
-        chi2_by_run(estimation),
-        snr_db,
-        survival(estimation, rivals),
-    )
+    of_runs, divided = chi2_by_run(estimation), survival(estimation, rivals)
+    return Judgement(tuple(findings), estimation.chi2_per_n, of_runs, snr_db, divided)
 
 
 def survival(estimation: Estimation, causes: Sequence[Cause]) -> Survival:
@@ -502,10 +497,7 @@ def second_bump(estimation: Estimation) -> Cause | None:
 def _if_most_fit_before(
     estimation: Estimation, ends_s: Sequence[float], cause: Cause
 ) -> Cause | None:
-    """Return a cause that spoils most runs from some time on, if the decays fit until then.
-
-    `ends_s`: that time in each run, s; infinite where the run is not spoilt.
-    """
+    """Return a cause that spoils most runs from `ends_s` on, inf for none, if they fit before."""
     if 2 * np.count_nonzero(np.isfinite(ends_s)) <= len(ends_s):
         return None
     decays = []

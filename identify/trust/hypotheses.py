@@ -134,10 +134,9 @@ class _Richest(GreyBox):
         rows = super().motion_rows(eta)
         for imu, pitch, roll in self._imu_channels:
             turn_rad = eta[:, self.index_of_turn[imu], None]
-            rows[pitch], rows[roll] = (
-                rows[pitch] - turn_rad * rows[roll],
-                rows[roll] + turn_rad * rows[pitch],
-            )
+            pitch_row, roll_row = rows[pitch], rows[roll]
+            rows[pitch] = pitch_row - turn_rad * roll_row
+            rows[roll] = roll_row + turn_rad * pitch_row
         return rows
 
 
@@ -233,10 +232,7 @@ def _embedding(box: GreyBox, richest: GreyBox) -> Array:
 
 
 def _effects(box: GreyBox, richest: _Richest) -> Iterator[_Effect]:
-    """Yield what the structure lacks, then the errors of lengths, weights and sensors.
-
-    `box`: the fitted problem, `richest`: the one whose unknowns the directions are of.
-    """
+    """Yield what `box` lacks of the richest problem, then errors of lengths, weights, sensors."""
     index_of = {name: i for i, name in enumerate(richest.parameters)}
     kind_of_parameter = {"k_a": "bars", "c_t": "tyre damping", "y_s": "cg"}
     for name, scale in SIGNED.items():

@@ -131,10 +131,7 @@ def ranked(
 def parameters_as_start(
     box: GreyBox, fitted_box: GreyBox, eta: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return unknowns of `box` with the parameters of a fit of `fitted_box`, and no corrections.
-
-    Both have the same structure.  `eta`: the unknowns of that fit.
-    """
+    """Return unknowns of `box`: parameters at `eta` of `fitted_box`, like it, corrections zero."""
     n = len(fitted_box.parameters)
     return np.concatenate([eta[:n], np.zeros(len(box.prior_sigma) - n)])
 
