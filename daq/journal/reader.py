@@ -249,8 +249,7 @@ class HopCounts:
         last_row = min(int(np.searchsorted(self.t_ns, stop_ns, side="left")), len(self.t_ns) - 1)
         if last_row < 0:
             return HopLosses()
-        counted_before = self.counts[row_before] if row_before >= 0 else 0
-        lost = self.counts[last_row] - counted_before
+        lost = self.counts[last_row] - (self.counts[row_before] if row_before >= 0 else 0)
         return HopLosses(*map(int, lost))
 
     def after(self, stop_ns: int) -> HopCounts:

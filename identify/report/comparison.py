@@ -38,7 +38,7 @@ def comparison_html(comparison: Comparison) -> str:
 
 
 def comparison_sections(comparison: Comparison) -> tuple[Section, ...]:
-    """Return the differences and the trends."""
+    """Return the section of the differences, and with more than two sessions that of the trends."""
     labels, verdicts = comparison.labels, comparison.verdicts
     sessions = tuple(
         (str(i), label, verdict)
@@ -70,62 +70,55 @@ def comparison_sections(comparison: Comparison) -> tuple[Section, ...]:
 
 
 def _differences_table(title: str, rows: Sequence[Compared], which: int) -> Table:
+    """Return the differences of quantities between the first session and session `which` + 1."""
     columns = ("", "#first", "#this", "#difference", "#±", "#z", "at 95 %", "unit")
-    texts = tuple(
-        (
-            row.name,
-            value_text(row.estimates[0]),
-            value_text(row.estimates[which + 1]),
-            signed(d.value, d.half),
-            half_width(0.0, d.half),
-            f"{d.z:+.2f}",
-            "✓ differs" if d.significant else "· within chance",
-            unit_text(row.estimates[0].unit),
-        )
-        for row in rows
-        for d in [row.differences[which]]
-    )
-    return Table(title, columns, texts)
+    texts = []
+    for row in rows:
+        first, this, d = row.estimates[0], row.estimates[which + 1], row.differences[which]
+        values = (value_text(first), value_text(this), signed(d.value, d.half))
+        answer = "✓ differs" if d.significant else "· within chance"
+        half, z, unit = half_width(0.0, d.half), f"{d.z:+.2f}", unit_text(first.unit)
+        texts.append((row.name, *values, half, z, answer, unit))
+    return Table(title, columns, tuple(texts))
 
 
 def _trends(comparison: Comparison) -> Section:
+    """Return slope and constancy of each quantity over the sessions."""
     trends = [(row, row.trend) for row in comparison.quantities if row.trend is not None]
-    rows = tuple(
-        (
-            row.name,
-            plus_minus(trend.slope, trend.half),
-            unit_text(row.estimates[0].unit),
-            "✓ drifts" if trend.drifts else "· none",
-            f"{trend.chi2:.1f} / {trend.freedom}",
-            "✓ varies" if trend.varies else "· constant",
+    rows = []
+    for row, trend in trends:
+        slope, unit = plus_minus(trend.slope, trend.half), unit_text(row.estimates[0].unit)
+        drift = "✓ drifts" if trend.drifts else "· none"
+        constancy = "✓ varies" if trend.varies else "· constant"
+        rows.append(
+            (row.name, slope, unit, drift, f"{trend.chi2:.1f} / {trend.freedom}", constancy)
         )
-        for row, trend in trends
-    )
     columns = ("", "#per session", "unit", "slope at 95 %", "#chi2 / n", "constancy at 95 %")
     return Section(
         "trend",
         "Trend over the sessions",
         "Value against session in the order given: a weighted straight line, and how badly one "
         "constant value fits (chi2). Equal steps from session to session are assumed.",
-        (Table("Slopes and constancy", columns, rows),),
+        (Table("Slopes and constancy", columns, tuple(rows)),),
     )
 
 
 def headline_of(comparison: Comparison) -> str:
-    """Return what the joint fit and the quantities by themselves show, as one message."""
+    """Return what the joint fit and the quantities by themselves show, in a sentence or two."""
     change, rows = comparison.change, comparison.quantities
-    names = ", ".join(
+    differing = ", ".join(
         row.name
         for row in rows
         if (row.trend and row.trend.words) or any(d.significant for d in row.differences)
     )
-    if names:
-        each = f"Each by itself, at 95 % among all {len(rows)} quantities, these differ: {names}."
+    if differing:
+        which = f"at 95 % among all {len(rows)} quantities, these differ: {differing}"
+        alone = f"Each by itself, {which}."
     elif change is not None and change.outcome == "nothing" and not change.apart:
         return f"Nothing differs beyond chance: neither by the joint fit, nor any of {len(rows)}."
     else:
-        each = f"Each by itself, none of {len(rows)} quantities differs beyond chance."
-    return f"{change.sentence} {each}" if change is not None else each
+        alone = f"Each by itself, none of {len(rows)} quantities differs beyond chance."
+    return f"{change.sentence} {alone}" if change is not None else alone
 
 
 # What changed -------------------------------------------------------------------------------------
@@ -146,21 +139,22 @@ def unchanged_line(change: Change) -> str:
 
 
 def change_table(change: Change) -> Table:
-    """Return the named changes from the first session, with their intervals."""
+    """Return the named changes from the first session, with intervals, as a table."""
     title, note = "What changed, by one joint fit", unchanged_line(change)
     if not change.named:
         return Table(title, ("what changed", ""), ((change.sentence, ""),), note)
     rows = []
-    for one in change.named:
-        name = ", or instead ".join((one.name, *one.instead))
-        for number, (e, share) in enumerate(zip(one.changes, one.shares, strict=True), start=2):
+    for named in change.named:
+        name = ", or instead ".join((named.name, *named.instead))
+        pairs = zip(named.changes, named.shares, strict=True)
+        for session, (e, share) in enumerate(pairs, start=2):
             half = e.high - e.value
             _, low, high = rounded(e.value, e.low, e.high)
             half_share = abs(half / e.value * share) if e.value else 0.0
-            what = name if len(one.changes) == 1 else f"{name}, session {number}"
-            by, unit, chance = signed(e.value, half), unit_text(e.unit), _chance_text(one.p)
+            what = name if len(named.changes) == 1 else f"{name}, session {session}"
+            by, unit, chance = signed(e.value, half), unit_text(e.unit), _chance_text(named.p)
             percent = "" if isnan(share) else f"{signed(100.0 * share, 100.0 * half_share)} %"
-            rows.append((what, one.kind, by, low, high, unit, percent, chance))
+            rows.append((what, named.kind, by, low, high, unit, percent, chance))
     columns = ("what changed", "", "#by", "#from", "#to", "unit", "#share", "#chance")
     return Table(title, columns, tuple(rows), note)
 

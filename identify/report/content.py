@@ -35,7 +35,7 @@ _UNSTATED = "not stated"
 
 
 def vehicle_section(session: Session, estimation: Estimation) -> Section:
-    """Return structure, facts, stated uncertainties and added weights."""
+    """Return the section of structure, facts, stated uncertainties and added weights."""
     vehicle, structure = session.vehicle, session.vehicle.structure
     names = ("anti_roll_bars", "tyre_damping", "cg_offset")
     beyond = [plain(name) for name in names if getattr(structure, name)]
@@ -77,6 +77,7 @@ def vehicle_section(session: Session, estimation: Estimation) -> Section:
 
 
 def _weight_row(weight: BodyWeight | HubWeight) -> tuple[str, ...]:
+    """Return a row of the table of weights; a weight on a hub has no place."""
     place: tuple[str, ...] = ("", "", "", "")
     if isinstance(weight, BodyWeight):
         sizes_m = (weight.x_m, weight.y_m, weight.height_m, weight.position_sigma_m)
@@ -89,17 +90,17 @@ def _corrections_table(estimation: Estimation) -> Table:
     """Return what the decays say of the stated uncertainties, each in a unit of its size."""
     box, fit = estimation.box, estimation.fit
     n = len(box.parameters)
-    stated, fitted = box.prior_sigma[n:].tolist(), fit.eta[n:].tolist()
+    sigmas, values = box.prior_sigma[n:].tolist(), fit.eta[n:].tolist()
     stds = np.sqrt(np.diag(fit.covariance))[n:].tolist()
     # Factor from SI, and unit; places are in mm.
     units = {"delay": (1e3, "ms"), "gain": (100.0, "%"), "weight": (1.0, "kg")}
     rows = []
     for name, sigma, value, std, pull in zip(
-        box.corrections, stated, fitted, stds, box.pulls(fit.eta), strict=False
+        box.corrections, sigmas, values, stds, box.pulls(fit.eta), strict=False
     ):
         factor, unit = units.get(name.partition(" ")[0], (1e3, "mm"))
-        sizes = (f"{sigma * factor:.3g}", f"{value * factor:+.3f}", f"{std * factor:.3f}")
-        rows.append((name, *sizes, unit, f"{pull:+.2f}"))
+        texts = (f"{sigma * factor:.3g}", f"{value * factor:+.3f}", f"{std * factor:.3f}")
+        rows.append((name, *texts, unit, f"{pull:+.2f}"))
     return Table(
         "Stated uncertainties: what the decays say of them",
         ("what", "#stated sigma", "#found off by", "#± sigma", "unit", "#pull, sigma"),
@@ -113,8 +114,8 @@ def _corrections_table(estimation: Estimation) -> Table:
 
 
 def run_section(session: Session, result: Identification) -> Section:
-    """Return every run with its verdict, losses and notes."""
-    fitted: dict[str, tuple[str, str]] = {}
+    """Return the section of all runs with their status, losses and notes."""
+    fitted: dict[str, tuple[str, str]] = {}  # start and length of each decay, s
     if result.estimation is not None:
         for record, decay in zip(result.estimation.records, result.estimation.decays, strict=True):
             length_s = record.end_s - decay.start_s
@@ -123,16 +124,10 @@ def run_section(session: Session, result: Identification) -> Section:
     for run in session.runs:
         window = fitted.get(run.label) if run.is_accepted else None
         lost = [f"{plain(name)} {n}" for name, n in asdict(run.losses).items() if n]
-        runs.append(
-            (
-                run.label,
-                "✓ accepted" if run.is_accepted else "✕ rejected",
-                *(window or ("", "")),
-                f"{len(run.frames.t_ns):,}",
-                ", ".join(lost) or "none",
-                "; ".join(run.reasons),
-            )
-        )
+        status = "✓ accepted" if run.is_accepted else "✕ rejected"
+        frames, losses = f"{len(run.frames.t_ns):,}", ", ".join(lost) or "none"
+        reasons = "; ".join(run.reasons)
+        runs.append((run.label, status, *(window or ("", "")), frames, losses, reasons))
         notes += [
             (run.label, f"{(e.t_ns - run.t0_ns) * 1e-9:.3f}", plain(e.code), e.text)
             for e in run.events
@@ -153,7 +148,7 @@ def run_section(session: Session, result: Identification) -> Section:
 
 
 def provenance_section(session: Session, result: Identification, source: Source) -> Section:
-    """Return channels, hashes, versions and settings."""
+    """Return the section of hashes, versions, channels and settings."""
     trace = [
         ("session file", source.name),
         ("sha256 of the file", source.sha256),
@@ -200,24 +195,24 @@ def _channel_row(c: Channel, noise: float | None) -> tuple[str, ...]:
 
 
 def certificate_section(session: Session, result: Identification, source: Source) -> Section:
-    """Return the data to cite a result by: session, software, persons, sensors, overrides."""
-    stated, verdict = result.provenance, result.quality.verdict
-    origin = stated.get("origin", "origin not stated")
+    """Return the section to cite a result by: session, software, persons, sensors, overrides."""
+    provenance, verdict = result.provenance, result.quality.verdict
+    origin = provenance.get("origin", "origin not stated")
     data = {"real": "measured", "origin not stated": origin}.get(origin, f"{origin}, not measured")
     citation = (
         ("vehicle", session.vehicle.name),
         ("data", data),
         ("verdict", f"{verdict}: {HEADLINE[verdict]}"),
-        ("recorded", stated.get("created", "")),
-        ("session", stated.get("uuid", "")),
+        ("recorded", provenance.get("created", "")),
+        ("session", provenance.get("uuid", "")),
         ("file", source.name),
         ("sha256 of the file", source.sha256),
-        ("sha256 of the raw frames", stated.get("frames_sha256", "") or "no raw frames"),
+        ("sha256 of the raw frames", provenance.get("frames_sha256", "") or "no raw frames"),
         ("software", f"bumpbench {source.version}"),
         ("sha256 of the software", software_sha256()),
         ("report issued", source.issued),
     )
-    signed = (("operator", source.operator, "", ""), ("approved by", source.approver, "", ""))
+    signatures = (("operator", source.operator, "", ""), ("approved by", source.approver, "", ""))
     overridden = [text.partition(": ") for text in overrides_of(session.provenance)]
     waived = [("warning overridden", subject, why) for subject, _, why in overridden]
     waived += [
@@ -232,7 +227,7 @@ def certificate_section(session: Session, result: Identification, source: Source
     )
     blocks: list[Block] = [
         Table("Result", ("", ""), tuple((name, text or _UNSTATED) for name, text in citation)),
-        Table("Signed", ("", "name", "date", "signature"), signed),
+        Table("Signed", ("", "name", "date", "signature"), signatures),
     ]
     if waived:
         title = "What was overridden, and why"
@@ -303,7 +298,7 @@ def title_of(session: Session) -> str:
 
 
 def _highlights(result: Identification) -> tuple[tuple[str, str], ...]:
-    """Return what an engineer asks for first, marked if the session is refused."""
+    """Return names and values that an engineer asks for first, marked if the session is refused."""
     mark = f" ({REFUSED})" if result.quality.verdict is Verdict.REFUSED else ""
     asked = {
         "total mass": result.derived.get("total_mass"),
@@ -317,7 +312,7 @@ def _highlights(result: Identification) -> tuple[tuple[str, str], ...]:
 
 
 def _support(session: Session, result: Identification, checks: CrossChecks) -> str:
-    """Return misfit, predicted runs and used runs in one line."""
+    """Return in one line how many runs are used and predicted, and chi2/n."""
     parts = [f"{len(session.accepted)} of {counted(len(session.runs), 'run')} used"]
     if isfinite(result.quality.chi2_per_n):
         parts.append(f"chi2/n {result.quality.chi2_per_n:.3f}, 1 is noise alone")

@@ -67,9 +67,8 @@ def decay_pictures(estimation: Estimation) -> Iterator[Picture]:
     runs = zip(estimation.records, estimation.decays, estimation.residuals, strict=True)
     for record, decay, residuals in runs:
         motion_s = onset_s(record)
-        from_s = record.start_s
-        if motion_s is not None:
-            from_s = max(motion_s - 0.1, from_s)
+        # From a tenth of a second before the motion.
+        from_s = record.start_s if motion_s is None else max(motion_s - 0.1, record.start_s)
         traces = _traces(estimation.noise, record, decay, residuals, from_s)
         draw = partial(_draw_decay, traces, (from_s, record.end_s), decay.start_s, motion_s)
         yield Picture(f"decay_{decay.label}", decay.label, "", HALF_IN, 2.75, draw)
@@ -195,9 +194,9 @@ def cross_checks(estimation: Estimation) -> CrossChecks:
     records = estimation.records
     diagrams = {}
     for state in dict.fromkeys(record.mass_state for record in records):
-        mine = [i for i, record in enumerate(records) if record.mass_state == state]
-        decays = [estimation.decays[i].thinned(250.0) for i in mine]
-        diagram = vehicle_diagram([records[i] for i in mine], decays)
+        of_state = [i for i, record in enumerate(records) if record.mass_state == state]
+        decays = [estimation.decays[i].thinned(250.0) for i in of_state]
+        diagram = vehicle_diagram([records[i] for i in of_state], decays)
         if diagram is not None:
             diagrams[state] = diagram
     return CrossChecks(leave_one_out(estimation), diagrams)
@@ -304,25 +303,19 @@ def closed_form_section(result: Identification) -> Section:
         "the data. It is compared with the likelihood as a check by another method: a difference "
         "beyond the likelihood's interval is an error of the closed form where the verdict is good."
     )
-    rows = tuple(
-        (
-            name,
-            parameter_words(name),
-            number(value),
-            number(e.value),
-            f"{(value / e.value - 1.0) * 100.0:+.2f} %",
-            half_text(e),
-            unit_text(e.unit),
-        )
-        for name, value in result.closed_form.items()
-        if (e := result.parameters.get(name)) is not None and e.determined
-    )
+    rows = []
+    for name, value in result.closed_form.items():
+        e = result.parameters.get(name)
+        if e is not None and e.determined:
+            difference = f"{(value / e.value - 1.0) * 100.0:+.2f} %"
+            numbers = (number(value), number(e.value), difference, half_text(e))
+            rows.append((name, parameter_words(name), *numbers, unit_text(e.unit)))
     if not rows:
         reason = result.closed_form_reason or "the decays determine none of its parameters"
         lead += f" It has no answer for this session: {reason}."
         return Section("closed_form", title, lead, ())
     columns = ("", "parameter", "#closed form", "#likelihood", "#difference", "#±", "unit")
-    blocks: list[Block] = [Table("Both in numbers", columns, rows)]
+    blocks: list[Block] = [Table("Both in numbers", columns, tuple(rows))]
     if ways := result.closed_form_damping:
         heading = "Its damping by each way to the damping matrix, N s/m"
         texts = tuple((way, number(c["c_sf"]), number(c["c_sr"])) for way, c in ways.items())

@@ -63,7 +63,7 @@ _SOURCES = ("#0072b2", "#56b4e9", "#004468", "#d55e00", "#e69f00", "#8a3c00", "#
 
 
 def parameter_section(result: Identification) -> Section:
-    """Return the parameters and the derived quantities."""
+    """Return the section of the parameters and the derived quantities."""
     blocks: list[Block] = []
     if result.parameters:
         rests_on = {
@@ -127,7 +127,7 @@ def _estimates(
 
 
 def intervals_picture(result: Identification) -> Picture:
-    """Return the relative interval of each parameter, and the sources of its precision."""
+    """Return the picture of each parameter's interval, and of the sources of its precision."""
     known = {name: e for name, e in result.parameters.items() if e.determined and e.std and e.value}
     shares = [by_kind(result.drivers.get(name, {})) for name in known]
     # A source whose share is smaller for every parameter is not drawn.
@@ -181,14 +181,14 @@ def _draw_intervals(
         axes.tick_params(axis="y", length=0.0)
         axes.spines["left"].set_visible(False)
     # A bar of 2,000 %, of a value near zero, would make all others invisible.
-    shown = np.where(half_percents <= LARGEST_PERCENT, half_percents, 0.0)
-    left.barh(rows, 2.0 * shown, 0.55, left=-shown, color=PALETTE[1], alpha=0.45)
+    drawn_percents = np.where(half_percents <= LARGEST_PERCENT, half_percents, 0.0)
+    left.barh(rows, 2.0 * drawn_percents, 0.55, left=-drawn_percents, color=PALETTE[1], alpha=0.45)
     left.axvline(0.0, color=INK, lw=0.9)
-    for row, half, drawn in zip(rows, half_percents, shown, strict=True):
+    for row, half, drawn in zip(rows, half_percents, drawn_percents, strict=True):
         text = half_width_percent(100.0, 100.0 - half, 100.0 + half)
         text = f" ±{text}" if text else " may be zero"
         left.text(drawn, row, text, va="center", fontsize=7.5)
-    left.set_xlim(*about_zero(shown, 1.6))
+    left.set_xlim(*about_zero(drawn_percents, 1.6))
     left.set_xlabel("95 % interval about the estimate, %")
     left.set_title("How well each is known")
     ends = np.cumsum(shares * 100.0, axis=1)
@@ -216,40 +216,35 @@ def about_zero(values: Floats, room: float) -> tuple[float, float]:
 
 
 def damper_section(forces: Forces) -> Section:
-    """Return the section of dampers and friction."""
+    """Return the section of damper curves, friction and the other elements."""
     blocks: list[Block] = [damper_picture(forces)]
     columns = ("#speed, m/s", *(f"#{name}" for name in damper_columns(forces)))
-    blocks.append(
-        Table(
-            "Force of one corner at a speed, N",
-            columns,
-            tuple(tuple(row) for row in damper_rows(forces)),
-            "Of the damper, and with friction; each with half of its 95 % interval. Empty where "
-            "the speed did not occur. The split rests on the law of the friction, the sum does "
-            "not.",
-        )
+    rows = tuple(tuple(row) for row in damper_rows(forces))
+    note = (
+        "Of the damper, and with friction; each with half of its 95 % interval. Empty where the "
+        "speed did not occur. The split rests on the law of the friction, the sum does not."
     )
-    elements = tuple(
+    blocks.append(Table("Force of one corner at a speed, N", columns, rows, note))
+    element_rows = tuple(
         (one.axle, plain(name), value, low, high, unit)
         for one in forces.axles
         for name, e in one.values.items()
         for value, low, high, _, unit in [estimate_texts(e)]
     )
-    if elements:
+    if element_rows:
         columns = ("axle", "element", "#estimate", "#from", "#to", "unit")
         notes = "; ".join(f"{one.axle} {note}" for one in forces.axles for note in one.notes)
-        blocks.append(Table("Force elements of one corner", columns, elements, notes))
+        blocks.append(Table("Force elements of one corner", columns, element_rows, notes))
+    tried = tuple(
+        (plain(choice.name), number(choice.gain), number(choice.threshold), element_answer(choice))
+        for choice in forces.choices
+    )
+    note = (
+        "Gain is the fall of the squared residuals in units of the noise; needed is what the "
+        "Bayesian information criterion needs for its number of unknowns."
+    )
     blocks.append(
-        Table(
-            "Elements that were tried",
-            ("element", "#gain", "#needed", ""),
-            tuple(
-                (plain(one.name), number(one.gain), number(one.threshold), element_answer(one))
-                for one in forces.choices
-            ),
-            "Gain is the fall of the squared residuals in units of the noise; needed is what the "
-            "Bayesian information criterion needs for its number of unknowns.",
-        )
+        Table("Elements that were tried", ("element", "#gain", "#needed", ""), tried, note)
     )
     return Section(
         "dampers",
@@ -264,7 +259,7 @@ def damper_section(forces: Forces) -> Section:
 
 
 def damper_picture(forces: Forces) -> Picture:
-    """Return the curves of both axles with their bands."""
+    """Return the picture of the damper curves of both axles with their bands."""
     return Picture(
         "dampers",
         "Damper force over speed",
@@ -303,7 +298,7 @@ def _draw_dampers(forces: Forces, figure: FigureBase) -> None:
 
 
 def modes_section(result: Identification, diagrams: Mapping[str, StabilisationDiagram]) -> Section:
-    """Return the modes of every mass state."""
+    """Return the section of the modes of every mass state."""
     blocks: list[Block] = [_modes_table(result, state) for state in result.modal]
     blocks += [moving_cars(result, state) for state in result.modal]
     pictures = [
@@ -317,15 +312,13 @@ def modes_section(result: Identification, diagrams: Mapping[str, StabilisationDi
         if state in diagrams
     ]
     if pictures:
-        blocks.append(
-            Gallery(
-                "Stabilisation: which poles recur when the rank is raised",
-                "The State Variable Method alone, without a model of the car. Lines are the "
-                "modes of the identified vehicle; poles of the structure lie above them in "
-                "columns, poles of the noise are scattered.",
-                tuple(pictures),
-            )
+        title = "Stabilisation: which poles recur when the rank is raised"
+        caption = (
+            "The State Variable Method alone, without a model of the car. Lines are the modes of "
+            "the identified vehicle; poles of the structure lie above them in columns, poles of "
+            "the noise are scattered."
         )
+        blocks.append(Gallery(title, caption, tuple(pictures)))
     for state, model in result.sensed.items():
         columns = (
             (model.frequencies_hz, model.frequency_std_hz),
@@ -333,8 +326,8 @@ def modes_section(result: Identification, diagrams: Mapping[str, StabilisationDi
         )
         rows = []
         for i in range(len(model)):
-            texts = [with_half(float(v[i]), float(std[i])).partition(" ± ") for v, std in columns]
-            rows.append((f"{i + 1}", *(part for text in texts for part in text[::2])))
+            halves = [with_half(float(v[i]), float(std[i])).partition(" ± ") for v, std in columns]
+            rows.append((f"{i + 1}", *(part for half in halves for part in half[::2])))
         title = f"Mass state {state} without a model of the car: State Variable Method"
         headings = ("#", "#Hz", "#sigma", "#damping ratio", "#sigma")
         note = "Found in the decays alone; sigma is the standard deviation."
@@ -349,33 +342,37 @@ def modes_section(result: Identification, diagrams: Mapping[str, StabilisationDi
 
 
 def _modes_table(result: Identification, state: str) -> Table:
-    """Return the modes of a mass state, each with its rank in the first state."""
+    """Return the table of the modes of a mass state, each with its rank in the first state."""
     first = next(iter(result.modal))
     pairs, note = result.pairings.get(state), ""
-    partner = dict(zip(pairs.added.tolist(), pairs.baseline.tolist(), strict=True)) if pairs else {}
+    rank_in_first = (
+        dict(zip(pairs.added.tolist(), pairs.baseline.tolist(), strict=True)) if pairs else {}
+    )
     if pairs and pairs.swapped:
-        swaps = ", ".join(f"{i + 1} and {j + 1}" for i, j in pairs.swapped)
+        swapped = ", ".join(f"{i + 1} and {j + 1}" for i, j in pairs.swapped)
         note = (
-            f"Modes {swaps} of state {first} change their order in state {state}: "
+            f"Modes {swapped} of state {first} change their order in state {state}: "
             "they are paired by shape (MAC), not by frequency."
         )
     rows = []
     named = zip(result.mode_names[state], result.modes[state], strict=True)
     for i, (name, mode) in enumerate(named):
-        rank = (f"{partner[i] + 1}" if i in partner else "",) if partner else ()
+        first_rank = (
+            (f"{rank_in_first[i] + 1}" if i in rank_in_first else "",) if rank_in_first else ()
+        )
         texts = (*estimate_texts(mode.frequency)[:3], *estimate_texts(mode.damping_ratio)[:3])
-        rows.append((f"{i + 1}", name, *rank, *texts))
-    in_first = (f"#in {first}",) if partner else ()
+        rows.append((f"{i + 1}", name, *first_rank, *texts))
+    first_heading = (f"#in {first}",) if rank_in_first else ()
     return Table(
         f"Modes in mass state {state}",
-        ("#", "mode", *in_first, "#Hz", "#from", "#to", "#damping ratio", "#from", "#to"),
+        ("#", "mode", *first_heading, "#Hz", "#from", "#to", "#damping ratio", "#from", "#to"),
         tuple(rows),
         note,
     )
 
 
 def moving_cars(result: Identification, state: str) -> MovingCars:
-    """Return the mode shapes of one mass state."""
+    """Return the mode shapes of one mass state as moving cars."""
     modes = zip(
         result.mode_names[state], result.modes[state], result.modal[state].shapes.T, strict=True
     )
@@ -402,7 +399,7 @@ def _mode_text(mode: ModeEstimate) -> str:
 def stabilisation_picture(
     key: str, title: str, diagram: StabilisationDiagram, modes_hz: Floats
 ) -> Picture:
-    """Return frequency across and rank upwards, with lines at the modes, (m,) Hz."""
+    """Return the picture of poles by frequency and rank, with lines at the car's modes, (m,) Hz."""
     draw = partial(_draw_stabilisation, diagram, modes_hz)
     return Picture(key, title, "", HALF_IN, 2.7, draw)
 

@@ -217,12 +217,7 @@ def _part(block: Block, folder: Path) -> dict[str, Any]:
     for picture in pictures:
         (folder / f"{picture.key}.svg").write_text(svg_of(picture), "utf-8")
         subtitle = "" if picture is block else picture.title
-        shown.append(
-            {
-                "file": f"{picture.key}.svg",
-                "title": subtitle,
-                "alt": f"{block.title}: {subtitle}" if subtitle else block.title,
-                "width_in": picture.width_in,
-            }
-        )
+        alt = f"{block.title}: {subtitle}" if subtitle else block.title
+        entry = {"file": f"{picture.key}.svg", "title": subtitle, "alt": alt}
+        shown.append({**entry, "width_in": picture.width_in})
     return {"kind": "pictures", "title": block.title, "caption": block.caption, "pictures": shown}
