@@ -18,8 +18,8 @@ from ..terminal.campaign import (
     BUSY,
     cause_words,
     changed_weights,
-    first_obstacle,
     next_action,
+    shown_obstacle,
     weights_question,
 )
 from ..terminal.feed import Lost
@@ -203,7 +203,7 @@ def _view(status: Status) -> View:
 
 def headline(status: Status) -> Headline:
     """Return the word of a status."""
-    if (alarm := first_obstacle(status)) is not None:
+    if (alarm := shown_obstacle(status)) is not None:
         name, advice, _ = cause_words(alarm)
         return Headline(Kind.STOPPED, ("STOP",), name, advice)
     arms = status.phase in (Phase.IDLE, Phase.PAUSED) and next_action(status).order is not None

@@ -84,11 +84,11 @@ class RecorderLost(Message):
     """The recorder does not answer; `app.lost` says what to do."""
 
 
-def _screen(name: str) -> Screen[Any]:
+def _new_screen(name: str) -> Screen[Any]:
     """Return a new screen; its module is imported only now, to open the first screen at once."""
     module = import_module(f".screens.{_MODULES.get(name, name)}", __package__)
-    made: Screen[Any] = getattr(module, f"{name.capitalize()}Screen")()
-    return made
+    screen: Screen[Any] = getattr(module, f"{name.capitalize()}Screen")()
+    return screen
 
 
 class BenchApp(KeyboardApp):
@@ -96,7 +96,8 @@ class BenchApp(KeyboardApp):
 
     `folder`: the recorder's; sessions, reports and drafts are in it.  `operator`: the person; the
     journal stores this name with every verdict.  `auto`: press SPACE whenever there is a next
-    action.  `clock`: monotonic seconds, for held keys.  `wanted`: setup of its recorder.
+    action.  `clock`: monotonic seconds, for held keys.  `wanted`: setup that its recorder
+    should have; None if any will do.
     `display`: link of the display that was started with the terminal.
     """
 
@@ -107,7 +108,7 @@ class BenchApp(KeyboardApp):
     HORIZONTAL_BREAKPOINTS = _WIDTHS
     VERTICAL_BREAKPOINTS = _HEIGHTS
     SCREENS: ClassVar[dict[str, Callable[[], Screen[Any]]]] = {
-        name: partial(_screen, name) for name in (*SCREEN_OF.values(), "run", "results")
+        name: partial(_new_screen, name) for name in (*SCREEN_OF.values(), "run", "results")
     }
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("f1", "help", "Help", priority=True),
@@ -133,8 +134,8 @@ class BenchApp(KeyboardApp):
         display: DisplayLink | None = None,
     ) -> None:
         super().__init__(clock)
-        for made in THEMES:
-            self.register_theme(made)
+        for registered in THEMES:
+            self.register_theme(registered)
         self.theme = theme
         self.feed, self.folder, self.glyphs, self.operator = feed, folder, glyphs, operator
         self.auto, self.display_link = auto, display
@@ -147,11 +148,18 @@ class BenchApp(KeyboardApp):
         self.bench: Bench | None = None
         """The bench in force; None until the recorder has sent it."""
         self.bench_text = ""
+        """The bench.toml of `bench`."""
         self._news: deque[News] = deque(maxlen=MOST_NEWS)
+        """News that the feed has posted and that are not processed yet."""
         self._role = Role(False)
-        self._started = self._asks_setup = False
-        self._wanted = wanted
-        self._halted = ""
+        """The newest role, maybe not processed yet."""
+        self._has_begun = False
+        """True once the first screen of the campaign has been chosen."""
+        self._asks_setup = False
+        """True while the operator is asked whether to attach to a recorder of another setup."""
+        self._wanted_setup = wanted
+        self._shown_halt = ""
+        """Reason of the halt whose help was shown; empty while the recorder is not halted."""
 
     # News ---------------------------------------------------------------------------------------
 
@@ -180,24 +188,24 @@ class BenchApp(KeyboardApp):
         await self._process_news()
 
     async def _process_news(self) -> None:
-        """Process all queued news; of several statuses only the newest."""
+        """Process all queued news; of several statuses only the newest one after a loss."""
         if not self.screen_stack:  # the app is closing
             return
         status: Status | None = None
-        live = False
+        has_samples = False
         while self._news:
             news = self._news[0]
             if isinstance(news, Status):
                 status = news
             elif isinstance(news, Live):
                 self.lanes.add(news)
-                live = True
+                has_samples = True
             elif isinstance(news, Role):
                 if news.text:
                     self.warn(news.text)
             elif isinstance(news, Setup):
                 self._compare_setup(news)
-            else:
+            else:  # the recorder is lost, and so a status before it is out of date
                 self._ring(signal_of(self.lost, news))
                 self.lost, status = news, None
                 self._publish(RecorderLost())
@@ -207,26 +215,29 @@ class BenchApp(KeyboardApp):
         self.in_control = self._role.in_control
         if status is not None:
             await self._process_status(status)
-        if live:
+        if has_samples:
             self._publish(LiveArrived())
 
     async def _process_status(self, status: Status) -> None:
-        before, self.status, self.lost = self.status, status, None
-        if before is not None and before.recording != status.recording:
+        """Take in a status: change the screen where a run begins, ring, and tell the screen."""
+        previous, self.status, self.lost = self.status, status, None
+        if previous is not None and previous.recording != status.recording:
             self.lanes.clear()
-        home = self.screen is self.get_screen("home")  # a dialog in front would be stranded
-        if home and not self._started and not self._asks_setup:
-            self._started = True
+        run_begins = previous is not None and not in_run(previous) and in_run(status)
+        # While a dialog is in front no screen is changed: the dialog would be stranded.
+        home_in_front = self.screen is self.get_screen("home")
+        if home_in_front and not self._has_begun and not self._asks_setup:
+            self._has_begun = True
             await self._open_first(status)
-        elif before is not None and not in_run(before) and in_run(status) and self._gives_way(home):
+        elif run_begins and self._gives_way(home_in_front):
             await self.open("run")  # also if another terminal or the display armed
-        self._ring(signal_of(before, status))
+        self._ring(signal_of(previous, status))
         self._publish(StatusArrived())
-        if before is None or before.bench_crc32 != status.bench_crc32 or self.bench is None:
+        if previous is None or previous.bench_crc32 != status.bench_crc32 or self.bench is None:
             self.call_after_refresh(self._fetch_bench)  # the screen comes first
-        if status.halted and status.halted != self._halted:
+        if status.halted and status.halted != self._shown_halt:
             self.push_screen(HelpScreen(status.halted))
-        self._halted = status.halted
+        self._shown_halt = status.halted
 
     async def _open_first(self, status: Status) -> None:
         """Show the due step; ask for the operator's name unless the vehicle form does."""
@@ -240,14 +251,15 @@ class BenchApp(KeyboardApp):
                 self.operator = name
 
         if not self.operator and step is not BenchStep.VEHICLE:
-            self.question("Your name or initials, for every verdict", "name", answered)
+            self.ask_person("Your name or initials, for every verdict", "name", answered)
         if self.display_link is not None:
             self.action_display()
 
-    def _gives_way(self, home: bool) -> bool:
-        """Return True if the screen in front gives way to a run: home, or a screen before it."""
-        early = self.step in (BenchStep.VEHICLE, BenchStep.CHECK)
-        return home or (early and self.status is not None and waits_unarmed(self.status))
+    def _gives_way(self, home_in_front: bool) -> bool:
+        """Return True if the screen in front gives way to a run: home, or one of steps 1 and 2."""
+        before_bumps = self.step in (BenchStep.VEHICLE, BenchStep.CHECK)
+        unarmed = self.status is not None and waits_unarmed(self.status)
+        return home_in_front or (before_bumps and unarmed)
 
     def _publish(self, message: Message) -> None:
         """Send news to the screen in front; a worker may bring news after all are closed."""
@@ -256,6 +268,7 @@ class BenchApp(KeyboardApp):
 
     @work(group="bench", exclusive=True)
     async def _fetch_bench(self) -> None:
+        """Get the bench in force from the recorder, and tell the screen."""
         from daq.bench.config import parse_bench
 
         with suppress(OrderRefusedError, InputError):
@@ -267,9 +280,9 @@ class BenchApp(KeyboardApp):
 
     def _compare_setup(self, running: Setup) -> None:
         """Ask once whether to attach to a recorder of another setup than the wanted one."""
-        if self._wanted is None or not (texts := differences(running, self._wanted)):
+        if self._wanted_setup is None or not (texts := differences(running, self._wanted_setup)):
             return
-        self._wanted, self._asks_setup = None, True
+        self._wanted_setup, self._asks_setup = None, True
 
         def answered(attach: bool | None) -> None:
             self._asks_setup = False
@@ -311,8 +324,11 @@ class BenchApp(KeyboardApp):
         self.clear_notifications()
         self.notify(printable(text, 600), markup=False)
 
-    def question(self, words: str, field: str, answered: Callable[[str | None], Any]) -> None:
-        """Ask for a line of text."""
+    def ask_person(self, words: str, field: str, answered: Callable[[str | None], Any]) -> None:
+        """Ask the operator for a line of text; `answered` is called with it, or None after Esc.
+
+        `field`: what to type, as shown in the empty line.
+        """
         self.push_screen(Question(words, field), answered)
 
     # Screens ------------------------------------------------------------------------------------
@@ -360,7 +376,7 @@ class BenchApp(KeyboardApp):
             if text and await self.ask(Note(text)) is not None:
                 self.inform("the note is in the recording")
 
-        self.question("Note on the session", "what the sensors do not see", answered)
+        self.ask_person("Note on the session", "what the sensors do not see", answered)
 
     def action_display(self) -> None:
         """Show how to open the display at the bench."""
@@ -405,7 +421,7 @@ class BenchApp(KeyboardApp):
     def get_system_commands(self, screen: Screen[Any]) -> Iterator[SystemCommand]:
         """Yield the commands that have no key of their own, by name, for Ctrl+P."""
 
-        async def end() -> None:
+        async def shut_down() -> None:
             if await self.ask(ShutDown()) is not None:
                 self.exit()
 
@@ -414,7 +430,7 @@ class BenchApp(KeyboardApp):
             "end this recording and derive its session file",
             partial(self.ask, Stop()),
         )
-        yield SystemCommand("recorder: shut down", "end recorder and terminal", end)
+        yield SystemCommand("recorder: shut down", "end recorder and terminal", shut_down)
         if self.display_link is not None:
             words = "how to open the display at the bench"
             yield SystemCommand("display: link", words, self.action_display)

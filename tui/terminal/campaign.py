@@ -65,8 +65,8 @@ class Progress:
 def bump_step(status: Status) -> BenchStep:
     """Return the step of the next bumps: with weights as soon as these are on the car."""
     due = status.due
-    more_of_the_baseline = due is not None and due.step.mass_state == BASELINE
-    if more_of_the_baseline or not progress(status).reached(BenchStep.ADDED):
+    baseline_due = due is not None and due.step.mass_state == BASELINE
+    if baseline_due or not progress(status).reached(BenchStep.ADDED):
         return BenchStep.BASELINE
     return BenchStep.ADDED
 
@@ -81,10 +81,10 @@ def progress(status: Status | None) -> Progress:
     if status is None:
         return Progress(frozenset(), BenchStep.VEHICLE)
     done = {step for step in BenchStep if is_marked(status, step)}
-    for step, state in ((BenchStep.BASELINE, BASELINE), (BenchStep.ADDED, ADDED)):
-        if any(run.mass_state == state for run in status.runs):
-            done |= {before for before in BenchStep if before < step and before.mark}
-        tallies = [tally for tally in status.tallies if tally.mass_state == state]
+    for step, mass_state in ((BenchStep.BASELINE, BASELINE), (BenchStep.ADDED, ADDED)):
+        if any(run.mass_state == mass_state for run in status.runs):
+            done |= {earlier for earlier in BenchStep if earlier < step}
+        tallies = [tally for tally in status.tallies if tally.mass_state == mass_state]
         if tallies and all(tally.accepted >= tally.planned for tally in tallies):
             done.add(step)
         else:
@@ -94,11 +94,15 @@ def progress(status: Status | None) -> Progress:
 
 
 def is_marked(status: Status, step: BenchStep) -> bool:
-    """Return True if the operator has ended a step and the recording has not changed since."""
-    marks = {note.text: note.revision for note in status.notes if not note.by}
+    """Return True if the operator has ended a step, steps 6 and 7 on the recording as it is now.
+
+    Each change of runs, weights or vehicle gives the recording another revision.
+    """
+    # A note that a person wrote may have the text of a mark.
+    revisions = {note.text: note.revision for note in status.notes if not note.by}
     if step < BenchStep.IDENTIFY:
-        return step.mark in marks
-    return marks.get(step.mark) == status.revision
+        return step.mark in revisions
+    return revisions.get(step.mark) == status.revision
 
 
 def waits_unarmed(status: Status) -> bool:
@@ -111,8 +115,9 @@ def in_run(status: Status) -> bool:
     return status.phase not in (Phase.IDLE, Phase.COMPLETE)
 
 
-_UNRECORDED = ("journal_failed", "not_recording")
-_SENSORS = (
+_NOT_STORED_ALARMS = ("journal_failed", "not_recording")
+"""Alarms while which frames are not stored."""
+_BUS_ALARMS = (
     "disconnected",
     "bus_off",
     "interface_down",
@@ -122,7 +127,8 @@ _SENSORS = (
     "stale",
 )
 """Alarms that affect a run if sensors of the bench are silent."""
-_LOSSES = ("queue_dropped", "overrun", "bus_full", "counter_gap")
+_LOSS_ALARMS = ("queue_dropped", "overrun", "bus_full", "counter_gap")
+"""Alarms of lost frames."""
 _LASTING_NS = 3_000_000_000
 """Age above which an alarm of lost frames means more than one disturbance, ns: a single disturbance
 lasts for 2.5 s, because its frames are counted over 1 s and alarms are held for 1.5 s."""
@@ -131,12 +137,13 @@ RUNNING = (Phase.TRIGGERED, Phase.DECAY)
 """Phases in which a run is recorded."""
 
 
-def first_obstacle(status: Status) -> Alarm | None:
-    """Return the obstacle that is shown instead of the state; a verdict has priority."""
-    read = status.phase is Phase.REJECTED or (
+def shown_obstacle(status: Status) -> Alarm | None:
+    """Return the obstacle that is shown instead of the state; None while a verdict is shown."""
+    # The countdown after an accepted run ends by the time in the frames: without any it stays.
+    shows_verdict = status.phase is Phase.REJECTED or (
         status.phase is Phase.ACCEPTED and not frames_stand_still(status)
     )
-    return None if read else obstacle(status)
+    return None if shows_verdict else obstacle(status)
 
 
 def obstacle(status: Status) -> Alarm | None:
@@ -146,13 +153,13 @@ def obstacle(status: Status) -> Alarm | None:
     """
     if status.due is None or status.phase in RUNNING:
         return None
-    lacking = status.sensors_alive < status.sensors_expected
-    for alarm in status.alarms:
-        lasting = status.wall_ns - alarm.since_ns >= _LASTING_NS
+    sensors_lack = status.sensors_alive < status.sensors_expected
+    for alarm in status.alarms:  # the gravest first
+        lasts = status.wall_ns - alarm.since_ns >= _LASTING_NS
         if (
-            alarm.code in _UNRECORDED
-            or (alarm.code in _SENSORS and lacking)
-            or (alarm.code in _LOSSES and lasting)
+            alarm.code in _NOT_STORED_ALARMS
+            or (alarm.code in _BUS_ALARMS and sensors_lack)
+            or (alarm.code in _LOSS_ALARMS and lasts)
         ):
             return alarm
     return None
@@ -174,6 +181,7 @@ def cause_words(alarm: Alarm) -> tuple[str, str, str]:
 
 
 BUSY = (Phase.WAITING, Phase.ARMED, Phase.TRIGGERED, Phase.DECAY)
+"""Phases from the order to arm to the verdict."""
 _WITH_BUMPS = (BenchStep.BASELINE, BenchStep.ADDED)
 
 
@@ -190,15 +198,19 @@ class NextAction:
 
 
 def next_action(status: Status | None, in_control: bool = True) -> NextAction:
-    """Return the next action; for a viewer, to take control before an order."""
+    """Return the next action: an order to the recorder, or to go to the step that is due.
+
+    Before an order, that of a viewer is to take control.
+    """
     if status is None or status.phase in BUSY:
         return NextAction()
-    due = progress(status).due
-    go_on = NextAction(f"SPACE = step {due.title}", step=due)
-    more = status.due is not None and status.due.accepted >= status.due.planned
-    judged_or_paused = status.phase in (Phase.PAUSED, Phase.REJECTED)
-    if not more and due not in _WITH_BUMPS and not judged_or_paused:
-        return go_on
+    due_step = progress(status).due
+    go_to_step = NextAction(f"SPACE = step {due_step.title}", step=due_step)
+    # The operator has chosen a kind of bump whose planned runs are all accepted.
+    beyond_plan = status.due is not None and status.due.accepted >= status.due.planned
+    rejected_or_paused = status.phase in (Phase.PAUSED, Phase.REJECTED)
+    if not beyond_plan and due_step not in _WITH_BUMPS and not rejected_or_paused:
+        return go_to_step
     match status.phase:
         case Phase.PAUSED:
             words = "SPACE = go on"
@@ -209,10 +221,10 @@ def next_action(status: Status | None, in_control: bool = True) -> NextAction:
         case Phase.ACCEPTED:
             words = "SPACE = now"
         case _ if status.due is None:
-            return go_on
+            return go_to_step
         case _:
             kind = status.due.step.excitation.words
-            words = f"SPACE = one more {kind}" if more else "SPACE starts"
+            words = f"SPACE = one more {kind}" if beyond_plan else "SPACE starts"
     if not in_control:
         return NextAction("C = take control")
     return NextAction(words, Arm(mass_state=changed_weights(status)))
@@ -222,18 +234,18 @@ def changed_weights(status: Status | None) -> str:
     """Return the mass state of the next run if the last one was of another; else empty."""
     if status is None or status.due is None or not status.runs:
         return ""
-    state = status.due.step.mass_state
-    return state if status.runs[-1].mass_state != state else ""
+    due_state = status.due.step.mass_state
+    return due_state if status.runs[-1].mass_state != due_state else ""
 
 
 def weights_question(status: Status | None) -> str:
     """Return the question that comes before the first run of another mass state; else empty."""
-    state = changed_weights(status)
-    if not state:
+    mass_state = changed_weights(status)
+    if not mass_state:
         return ""
-    if state == BASELINE:
+    if mass_state == BASELINE:
         return "Weights off? The next run is of the car as it is (baseline)."
-    return f"Weights on? The next run is of the car with weights ({printable(state, 40)})."
+    return f"Weights on? The next run is of the car with weights ({printable(mass_state, 40)})."
 
 
 VEHICLE_FORM = "vehicle.json"
@@ -241,7 +253,7 @@ VEHICLE_FORM = "vehicle.json"
 
 
 def read_draft(path: Path) -> dict[str, Any]:
-    """Return the draft; empty if there is none that can be read."""
+    """Return the values of a stored form; empty if there is none that can be read."""
     try:
         form = json.loads(path.read_text("utf-8"))
     except (OSError, ValueError):
@@ -250,7 +262,7 @@ def read_draft(path: Path) -> dict[str, Any]:
 
 
 def write_draft(path: Path, values: Mapping[str, Any]) -> str:
-    """Write the draft in one step; return the reason if it could not be written, else ""."""
+    """Store the values of a form, all or nothing; return why that failed, or an empty text."""
     try:
         write_text(path, json.dumps(values))
     except OSError as error:

@@ -50,7 +50,7 @@ class LaneChart(Widget):
         height, width = self.size.height, self.size.width
         columns = width - _LABEL - _SCALE - 1
         rows: list[str] = []
-        if specs and columns > 8 and lanes.end:  # with fewer columns a decay cannot be seen
+        if specs and columns > 8 and lanes.end_bin:  # with fewer columns a decay cannot be seen
             lane_rows = min(height // len(specs), 3 * LANE_ROWS)
             trigger = None if window.trigger is None else int(window.trigger * columns)
             traces = [self._trace(lanes, spec, window) for spec in specs]
@@ -114,7 +114,7 @@ class LaneChart(Widget):
             highest[spec.scale] = max(highest.get(spec.scale, 0.0), peak if isfinite(peak) else 0.0)
         for spec in specs:
             before = self._ranges.get(spec.scale, 0.0)
-            self._ranges[spec.scale] = full_scale(highest[spec.scale], spec.least, before)
+            self._ranges[spec.scale] = full_scale(highest[spec.scale], spec.least_range, before)
 
     def _trace(self, lanes: Lanes, spec: LaneSpec, window: Window) -> Traced:
         """Return the trace of a channel, in the unit of its lane."""
@@ -135,7 +135,7 @@ class LaneChart(Widget):
         Otherwise the whole trace would tremble.
         """
         value = self._rest_values.get(spec.channel)
-        if value is None or abs(median - value) * spec.factor > 0.1 * spec.least:
+        if value is None or abs(median - value) * spec.factor > 0.1 * spec.least_range:
             self._rest_values[spec.channel] = value = median
         return value
 

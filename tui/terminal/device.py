@@ -23,9 +23,10 @@ FEWEST_PASSES = 2
 """Number of waits for one key: one after the key itself, one after the messages of its action."""
 LOCK_OUT_S = 0.3
 """Time between two presses, s, below which a key counts as held: keyboards repeat faster."""
-_SAME = {"pagedown": "space", "pageup": "backspace"}
-"""Keys of a presenter, which are those of the keyboard."""
+_KEYBOARD_KEYS = {"pagedown": "space", "pageup": "backspace"}
+"""Keys of a hand-held presenter, and the keys of the keyboard that do the same."""
 _REPEATING = {"up", "down", "left", "right", "home", "end", "tab", "shift+tab"}
+"""Keys that move something: each repetition of a held one counts."""
 
 
 class KeyboardApp(App[None]):
@@ -37,13 +38,14 @@ class KeyboardApp(App[None]):
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         super().__init__()
         self._clock = clock
-        self._pressed: tuple[str, float] = ("", float("-inf"))
+        self._last_press: tuple[str, float] = ("", float("-inf"))
+        """The last key, and when it was pressed or repeated, s of the clock."""
         self._waiting: deque[Event] = deque()
         """Input that has arrived but is not delivered yet."""
         self._delivered: Event | None = None
         """Input that passes through the app's queue for the second time."""
         self._effect: asyncio.Task[None] | None = None
-        """Waits until the last key has had its effect."""
+        """The wait for the effect of the last input; None if it has had its effect."""
 
     async def on_event(self, event: Event) -> None:
         """Deliver input if no other input is waiting; pass all other events on."""
@@ -53,7 +55,7 @@ class KeyboardApp(App[None]):
             await super().on_event(event)
         elif event is self._delivered or self._idle:
             self._delivered = None
-            self._effect = asyncio.create_task(self._await_effect(self._front))
+            self._effect = asyncio.create_task(self._await_effect(self._key_path))
             if not self._is_held(event):
                 await super().on_event(self._as_bound(event))
         else:
@@ -72,7 +74,7 @@ class KeyboardApp(App[None]):
             self._effect.cancel()
 
     def _as_bound(self, event: Event) -> Event:
-        """Return the small letter in place of a capital one that no field takes as text."""
+        """Return an event; a capital letter as the small one, unless a field takes it as text."""
         if not (isinstance(event, Key) and len(event.key) == 1 and event.key.isupper()):
             return event
         if self.focused and self.focused.check_consume_key(event.key, event.character):
@@ -85,9 +87,9 @@ class KeyboardApp(App[None]):
             return False
         if self.screen_stack and isinstance(self.focused, Input | TextArea):
             return False
-        key, now_s = _SAME.get(event.key, event.key), self._clock()
-        (before, before_s), self._pressed = self._pressed, (key, now_s)
-        return key == before and now_s - before_s < LOCK_OUT_S
+        key, now_s = _KEYBOARD_KEYS.get(event.key, event.key), self._clock()
+        (last_key, last_s), self._last_press = self._last_press, (key, now_s)
+        return key == last_key and now_s - last_s < LOCK_OUT_S
 
     @property
     def _idle(self) -> bool:
@@ -95,23 +97,28 @@ class KeyboardApp(App[None]):
         return self._effect is None and not self._waiting and self._delivered is None
 
     @property
-    def _front(self) -> Sequence[DOMNode]:
+    def _key_path(self) -> Sequence[DOMNode]:
         """The widget that takes the next key, and those around it up to the app."""
         if not self.screen_stack:
             return (self,)
         return (self.focused or self.screen).ancestors_with_self
 
     async def _await_effect(self, widgets: Sequence[DOMNode]) -> None:
-        """Wait until a key has had its effect, then deliver the next one."""
+        """Wait until an input has had its effect, then deliver the next one.
+
+        `widgets`: those that it may reach.  A pass waits for the queues of all; another pass
+        follows while an action moves the focus, since the next key goes elsewhere then.
+        """
         try:
             async with asyncio.timeout(PATIENCE_S):
                 passes = 0
                 while True:
                     for widget in widgets:
-                        await self._passed(widget)
+                        await self._await_queue(widget)
                     passes += 1
-                    before, widgets = widgets, self._front
-                    if passes >= FEWEST_PASSES and widgets[0] is before[0]:
+                    focused = widgets[0]
+                    widgets = self._key_path
+                    if passes >= FEWEST_PASSES and widgets[0] is focused:
                         break
         except TimeoutError:
             self.log.warning("a key has had no effect for too long; the next one is delivered")
@@ -120,22 +127,22 @@ class KeyboardApp(App[None]):
             self._delivered = self._waiting.popleft()
             self.post_message(self._delivered)
 
-    async def _passed(self, widget: DOMNode) -> None:
-        """Wait until a widget has processed all messages in its queue."""
-        passed = asyncio.Event()
-        if not widget.call_later(passed.set):
+    async def _await_queue(self, widget: DOMNode) -> None:
+        """Wait until a widget has processed all messages in its queue, or exists no more."""
+        processed = asyncio.Event()
+        if not widget.call_later(processed.set):
             return
-        while not passed.is_set() and (widget is self or widget.is_attached):
+        while not processed.is_set() and (widget is self or widget.is_attached):
             # Not `wait_for`: on Python 3.11 it drops a cancellation that comes with the result.
             with suppress(TimeoutError):
                 async with asyncio.timeout(LOOK_S):
-                    await passed.wait()
+                    await processed.wait()
 
 
 def _is_input(event: Event) -> bool:
     """Return True for a key, a click or a pasted text that comes from the terminal."""
-    kind = isinstance(event, (InputEvent, Paste)) and not isinstance(event, MouseMove)
-    return kind and not event.is_forwarded
+    is_input = isinstance(event, (InputEvent, Paste)) and not isinstance(event, MouseMove)
+    return is_input and not event.is_forwarded  # from one widget to another
 
 
 BENCH_DARK = Theme(

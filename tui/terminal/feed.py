@@ -30,6 +30,8 @@ RETRY_S = 0.5
 """Seconds between two attempts to connect."""
 SLICE_S = 0.25
 """Longest wait for news at a time, s: then stop and reconnection are looked at."""
+LOCK_CHECK_S = 0.1
+"""Seconds between two checks whether the previous recorder still holds its folder's lock."""
 ANSWER_S, SLOW_S = 2.0, 15.0
 """Seconds that an answer may take; that of a check, which listens to the bus, may take longer."""
 BIRTH_S = 30.0
@@ -90,11 +92,11 @@ class RecorderFeed:
         self._stop, self._reconnect = threading.Event(), threading.Event()
         self._take_over = False
         self._client: Client | None = None
-        self._started_s = 0.0
-        """Monotonic time of the last start of the recorder, s; -inf once it has answered."""
+        self._awaited_since_s = 0.0
+        """Monotonic time since which a recorder may be starting, s; -inf once it has answered."""
         self._post: Callable[[News], None] | None = None
-        self._reported: Lost | None = None
-        """The posted failure; None while the recorder answers, or is still to be reported lost."""
+        self._posted_loss: Lost | None = None
+        """The posted loss; None while the recorder answers, or while a loss is yet to be posted."""
         self._thread: threading.Thread | None = None
 
     def attach(self) -> None:
@@ -104,7 +106,7 @@ class RecorderFeed:
 
     def start(self, post: Callable[[News], None]) -> None:
         """Begin to post news, from a thread, until `stop`."""
-        self._post, self._started_s = post, time.monotonic()
+        self._post, self._awaited_since_s = post, time.monotonic()
         self._thread = threading.Thread(target=self._listen, args=(post,), name="news", daemon=True)
         self._thread.start()
 
@@ -121,9 +123,9 @@ class RecorderFeed:
         self._reconnect.set()
 
     def restart(self) -> None:
-        """Start a recorder as soon as the previous one has ended; the listener finds it.
+        """Wait until the previous recorder has ended, then start one; the listener connects to it.
 
-        Raises OrderRefusedError if it does not start, or the previous one does not end.
+        Raises OrderRefusedError if the previous one does not end, or the new one does not start.
         """
         deadline_s = time.monotonic() + END_S
         while is_locked(self._folder):
@@ -131,12 +133,13 @@ class RecorderFeed:
                 raise OrderRefusedError(
                     f"the recorder in {self._folder} has not ended: see its log"
                 )
-            time.sleep(RETRY_S / 5)
+            time.sleep(LOCK_CHECK_S)
         try:
             self._recorder = self._start_recorder()
         except BumpbenchError as error:
             raise OrderRefusedError(str(error)) from error
-        self._started_s, self._reported = time.monotonic(), None
+        # Until BIRTH_S have passed no loss is posted; then it is, also if one was posted before.
+        self._awaited_since_s, self._posted_loss = time.monotonic(), None
         if self._client is None and self._post is not None:
             self._post(STARTING)
 
@@ -165,52 +168,55 @@ class RecorderFeed:
             try:
                 client, role = self._connect()
             except BumpbenchError as error:
-                lost = self._lost(error)
+                loss = self._loss_of(error)
                 # A recorder that has just been started is not lost yet.
-                if self._reported is None and not self._is_starting():
-                    post(lost)
-                    self._reported = lost
+                if self._posted_loss is None and not self._is_starting():
+                    post(loss)
+                    self._posted_loss = loss
                 self._stop.wait(RETRY_S)
                 continue
-            self._reported, self._started_s = None, float("-inf")
+            self._posted_loss, self._awaited_since_s = None, float("-inf")
             self._client = client  # before the news, to which the terminal replies with requests
             post(role)
             if client.setup is not None:
                 post(client.setup)
             if client.first_status is not None:  # the next one comes in up to 0.1 s
                 post(client.first_status)
-            lost_text = self._post_news(client, post)
+            end_text = self._post_news(client, post)
             self._client = None
             client.close()
-            if lost_text:
-                lost_text = self._failure() or lost_text
-                self._reported = Lost(lost_text, "all frames up to then are on the disk")
-                post(self._reported)
+            if end_text:
+                reason = self._failure_text() or end_text
+                self._posted_loss = Lost(reason, "all frames up to then are on the disk")
+                post(self._posted_loss)
 
-    def _lost(self, error: BumpbenchError) -> Lost:
-        """Return why there is no connection: none runs, ours failed, or it cannot be reached."""
-        if words := unreachable_words(self._folder):
+    def _loss_of(self, error: BumpbenchError) -> Lost:
+        """Return why there is no connection: none runs, ours failed, or it cannot be reached.
+
+        `error`: of the attempt to connect.
+        """
+        if reason := unreachable_words(self._folder):
             advice = "it hangs, or was started with another HOME: end it, or name another --out"
-            return Lost(words, advice)
-        if words := self._failure():
-            return Lost(words, f"see {LOG} in its folder")
+            return Lost(reason, advice)
+        if reason := self._failure_text():
+            return Lost(reason, f"see {LOG} in its folder")
         return Lost(error.what, error.advice)
 
-    def _failure(self) -> str:
+    def _failure_text(self) -> str:
         """Return why the recorder that this terminal has started failed, or an empty text."""
         return failure(self._recorder, self._folder) if self._recorder is not None else ""
 
     def _is_starting(self) -> bool:
         """Return True while the process of a recorder may take longer to answer."""
-        begun = self._recorder is not None and self._recorder.poll() is None
-        exists = begun or is_locked(self._folder)
-        return exists and time.monotonic() - self._started_s <= BIRTH_S
+        started_here = self._recorder is not None and self._recorder.poll() is None
+        process_exists = started_here or is_locked(self._folder)
+        return process_exists and time.monotonic() - self._awaited_since_s <= BIRTH_S
 
     def _connect(self) -> tuple[Client, Role]:
-        """Return a connection: in control if control is free or requested, else looking on."""
+        """Return a connection and its role: in control if wanted and possible, else a viewer."""
         address = control_address(self._folder)
         take_over = self._take_over
-        self._take_over = False  # for one connection
+        self._take_over = False  # a request holds for one connection
         self._reconnect.clear()
         try:
             client = Client(address, self._name, self._control, take_over)
@@ -238,74 +244,80 @@ class RecorderFeed:
 
 
 RING_S = 60.0
+"""Seconds of samples that are kept."""
 
 
 class Lanes:
     """Rolling history of live samples.
 
     Lowest and highest value of each bin of each channel; NaN where there is no sample, or where a
-    message was lost.
+    message was lost.  Bin n begins at time stamp n * bin_s.
     """
 
     def __init__(self) -> None:
         self._low: dict[str, NDArray[np.float64]] = {}
         self._high: dict[str, NDArray[np.float64]] = {}
+        """Values of each channel; bin number n is at n modulo the length."""
         self.clear()
-
-    @property
-    def end_ns(self) -> int:
-        """Time stamp where the newest bin ends; 0 if there is none."""
-        return round(self.end * self.bin_s * 1e9)
 
     def clear(self) -> None:
         """Delete everything, because another recording begins."""
         self.bin_s = 0.0
-        self.end = 0
-        """The bin after the newest."""
+        self.end_bin = 0
+        """Number of the bin after the newest."""
         self._low.clear()
         self._high.clear()
 
     def add(self, live: Live) -> None:
         """Add live samples; bins older than the newest only fill gaps."""
-        count = max((len(lane.low) for lane in live.lanes), default=0)
-        if not count:
+        n_received = max((len(lane.low) for lane in live.lanes), default=0)
+        if not n_received:
             return
-        size = max(1, round(RING_S / live.bin_s))
-        if live.bin_s != self.bin_s or abs(live.first_bin - self.end) > size:
+        n_kept = max(1, round(RING_S / live.bin_s))
+        # Bins of another width, or farther away than a ring is long, share no ring with the old.
+        if live.bin_s != self.bin_s or abs(live.first_bin - self.end_bin) > n_kept:
             self._low, self._high = {}, {}
-            self.bin_s, self.end = live.bin_s, live.first_bin
-        bins = np.arange(live.first_bin, live.first_bin + count)
-        fresh = np.arange(self.end, max(self.end, bins[-1] + 1)) % size
+            self.bin_s, self.end_bin = live.bin_s, live.first_bin
+        bins = np.arange(live.first_bin, live.first_bin + n_received)
+        end_bin = max(self.end_bin, live.first_bin + n_received)
         for ring in (*self._low.values(), *self._high.values()):
-            ring[fresh] = np.nan
+            ring[np.arange(self.end_bin, end_bin) % n_kept] = np.nan  # values a minute old
+        fits = bins >= end_bin - n_kept
         for lane in live.lanes:
             for rings, received in ((self._low, lane.low), (self._high, lane.high)):
-                ring = rings.setdefault(lane.channel, np.full(size, np.nan))
-                values = np.array(received, dtype=np.float64)
-                kept = bins > max(self.end, bins[-1] + 1) - 1 - size
-                ring[bins[kept] % size] = values[kept]
-        self.end = int(max(self.end, bins[-1] + 1))
+                ring = rings.setdefault(lane.channel, np.full(n_kept, np.nan))
+                ring[bins[fits] % n_kept] = np.array(received, dtype=np.float64)[fits]
+        self.end_bin = end_bin
 
     def window(
         self, channel: str, first_bin: int, count: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return lowest and highest values of `count` bins from `first_bin`; NaN if not known."""
+        """Return the lowest and highest values of a channel in `count` bins from `first_bin`, SI.
+
+        NaN where they are not known.
+        """
         low, high = np.full(count, np.nan), np.full(count, np.nan)
         ring = self._low.get(channel)
         if ring is None:
             return low, high
         bins = np.arange(first_bin, first_bin + count)
-        known = (bins < self.end) & (bins >= self.end - len(ring))
+        known = (bins < self.end_bin) & (bins >= self.end_bin - len(ring))
         low[known] = ring[bins[known] % len(ring)]
         high[known] = self._high[channel][bins[known] % len(ring)]
         return low, high
 
 
 SPAN_S = 6.0
-_HELD = (Phase.TRIGGERED, Phase.DECAY, Phase.ACCEPTED, Phase.REJECTED)
-_LEAST = {"m/s2": 0.5, "rad/s": 0.05, "rad/s2": 0.5, "m": 0.002}
-_SHOWN = {"m": ("mm", 1e3)}
-_SHORT = {
+"""Width of the chart, s."""
+_LEAD_S = 1.0
+"""Seconds that the chart shows before a bump."""
+_WITH_BUMP = (Phase.TRIGGERED, Phase.DECAY, Phase.ACCEPTED, Phase.REJECTED)
+"""Phases in which the chart stays at the bump."""
+_LEAST_RANGES = {"m/s2": 0.5, "rad/s": 0.05, "rad/s2": 0.5, "m": 0.002}
+"""Smallest range of a lane, by unit, SI: noise at rest stays small in it."""
+_SHOWN_UNITS = {"m": ("mm", 1e3)}
+"""Units that are shown instead of those of SI, and their factors."""
+_SHORT_NAMES = {
     Quantity.BODY_ACCELERATION: "body",
     Quantity.BODY_DISPLACEMENT: "body",
     Quantity.HUB_ACCELERATION: "wheel",
@@ -316,6 +328,10 @@ _SHORT = {
     Quantity.PITCH_ACCELERATION: "pitch",
     Quantity.ROLL_ACCELERATION: "roll",
 }
+
+
+_LABEL_LENGTH = 10
+"""Most characters of a lane's label."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -330,7 +346,7 @@ class LaneSpec:
     """Unit as shown."""
     factor: float
     """Factor from SI to the shown unit."""
-    least: float
+    least_range: float
     """Smallest range, in the shown unit."""
     scale: str
     """Lanes with the same word share one scale: those of one quantity at the wheels."""
@@ -338,21 +354,20 @@ class LaneSpec:
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """Bins first_bin .. first_bin + count; `trigger` is the share of the width where the bump is.
-
-    None if it is not in view.
-    """
+    """The bins that are drawn: `count` of them, from number `first_bin`."""
 
     first_bin: int
     count: int
     trigger: float | None
+    """Place of the bump, as a share of the width; None if it is not in view."""
 
 
-def lane_specs(bench: Bench | None, page: int, room: int) -> list[LaneSpec]:
+def lane_specs(bench: Bench | None, first_group: int, most: int) -> list[LaneSpec]:
     """Return the lanes to draw: those of the body, then of each quantity at the wheels.
 
-    `bench`: None while it is not known; then there are none.  `page`: number of the first group,
-    modulo their number; further groups follow if they fit completely.  `room`: most lanes.
+    `bench`: None while it is not known; then there are none.  `first_group`: number of the group
+    to begin with, modulo the number of groups; others follow in turn where they fit completely.
+    `most`: largest number of lanes.
     """
     if bench is None:
         return []
@@ -361,34 +376,35 @@ def lane_specs(bench: Bench | None, page: int, room: int) -> list[LaneSpec]:
     for channel in sorted(used, key=lambda c: c.quantity in AT_CORNER):
         at_corner = channel.quantity in AT_CORNER
         groups.setdefault(channel.quantity if at_corner else "body", []).append(channel)
-    pages = list(groups.values())
-    shift = page % max(1, len(pages))
+    in_order = list(groups.values())
+    start = first_group % max(1, len(in_order))
     chosen: list[Channel] = []
-    for group in pages[shift:] + pages[:shift]:
-        if not chosen or len(chosen) + len(group) <= room:
-            chosen += group[:room]
-    return [_spec(channel, chosen) for channel in chosen]
+    for group in in_order[start:] + in_order[:start]:
+        if not chosen or len(chosen) + len(group) <= most:
+            chosen += group[:most]
+    return [_lane_spec(channel, chosen) for channel in chosen]
 
 
-def _spec(channel: Channel, chosen: list[Channel]) -> LaneSpec:
-    unit, factor = _SHOWN.get(channel.unit, (channel.unit, 1.0))
-    place = f"{_SHORT.get(channel.quantity, '')} {channel.corner or ''}".strip()
-    same = [c for c in chosen if (c.quantity, c.corner) == (channel.quantity, channel.corner)]
-    label = place if len(same) == 1 and place else channel.name
+def _lane_spec(channel: Channel, chosen: list[Channel]) -> LaneSpec:
+    """Return the lane of a channel; two sensors at one place are told apart by their names."""
+    unit, factor = _SHOWN_UNITS.get(channel.unit, (channel.unit, 1.0))
+    short_name = f"{_SHORT_NAMES.get(channel.quantity, '')} {channel.corner or ''}".strip()
+    alike = [c for c in chosen if (c.quantity, c.corner) == (channel.quantity, channel.corner)]
+    label = short_name if len(alike) == 1 and short_name else channel.name
     scale = str(channel.quantity) if channel.corner else channel.name
-    least = _LEAST[channel.unit] * factor
-    return LaneSpec(channel.name, label[:10], unit, factor, least, scale)
+    least_range = _LEAST_RANGES[channel.unit] * factor
+    return LaneSpec(channel.name, label[:_LABEL_LENGTH], unit, factor, least_range, scale)
 
 
-def window(status: Status | None, lanes: Lanes, span_s: float = SPAN_S) -> Window:
+def shown_window(status: Status | None, lanes: Lanes, span_s: float = SPAN_S) -> Window:
     """Return the window to draw: the run around its bump if there is one, else the last seconds."""
-    bin_s = lanes.bin_s or 0.02
+    bin_s = lanes.bin_s or 0.02  # any value will do where there are no samples
     count = round(span_s / bin_s)
+    newest = lanes.end_bin - count
     if status is None or not status.bump_ns:
-        return Window(lanes.end - count, count, None)
-    bump = int(status.bump_ns * 1e-9 / bin_s)
-    first = lanes.end - count
-    if status.phase in _HELD:
-        first = max(bump - round(1.0 / bin_s), lanes.end - count)
-    share = (bump - first) / count
-    return Window(first, count, share if 0.0 <= share < 1.0 else None)
+        return Window(newest, count, None)
+    bump_bin = int(status.bump_ns * 1e-9 / bin_s)
+    with_lead = bump_bin - round(_LEAD_S / bin_s)
+    first_bin = max(with_lead, newest) if status.phase in _WITH_BUMP else newest
+    share = (bump_bin - first_bin) / count
+    return Window(first_bin, count, share if 0.0 <= share < 1.0 else None)

@@ -12,7 +12,7 @@ from daq.runlog import LoggedRun
 from daq.runs import RunStatus
 from dbc.words import printable
 
-from .campaign import NextAction, cause_words, first_obstacle, frames_stand_still
+from .campaign import NextAction, cause_words, frames_stand_still, shown_obstacle
 from .feed import Lost
 
 
@@ -238,7 +238,7 @@ def banner(status: Status | None, lost: Lost | None, action: NextAction, glyphs:
         return Banner("bad", glyphs.bad, "RECORDER LOST", "X = start it again", text, advice)
     if status is None:
         return Banner("quiet", glyphs.paused, "CONNECTING", "", "waiting for the recorder")
-    if (alarm := first_obstacle(status)) is not None:
+    if (alarm := shown_obstacle(status)) is not None:
         name, advice, details = cause_words(alarm)
         return Banner("bad", glyphs.bad, "STOP", name, advice, details)
     instruction, title = instruction_words(status), due_words(status)

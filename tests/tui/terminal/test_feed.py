@@ -35,7 +35,7 @@ from tui.terminal.feed import (
     Role,
     Window,
     lane_specs,
-    window,
+    shown_window,
 )
 from tui.terminal.widgets import BannerBar
 from tui.terminal.words import Banner, choose_glyphs
@@ -48,9 +48,9 @@ from .operated import PLAIN, alone, text
 def test_a_recorder_that_cannot_be_reached_is_not_said_to_be_absent(tmp_path: Path) -> None:
     listener = RecorderFeed(tmp_path, "MK", lambda: None)
     gone = RecorderGoneError("here", "no recorder is running there", "start one")
-    assert listener._lost(gone) == Lost("no recorder is running there", "start one")
+    assert listener._loss_of(gone) == Lost("no recorder is running there", "start one")
     with FileLock(tmp_path / "recorder.lock"):
-        said = listener._lost(gone)
+        said = listener._loss_of(gone)
     assert said.text == "a recorder writes there, but does not answer here"
     assert "another HOME" in said.advice
 
@@ -122,7 +122,7 @@ def test_a_recorder_that_does_not_come_up_is_reported_with_the_reason_in_its_log
     listener = RecorderFeed(tmp_path, "MK", lambda: process)
     listener.attach()
     gone = RecorderGoneError("here", "no recorder is running there", "start one")
-    lost = listener._lost(gone)
+    lost = listener._loss_of(gone)
     assert lost.text == words
     if end:
         assert "recorder.log" in lost.advice
@@ -293,7 +293,7 @@ def test_history_is_rolled_and_gaps_stay_gaps() -> None:
     assert np.array_equal(high, expected, equal_nan=True)
     lanes.add(_live(102, [7.0, 8.0]))  # late
     assert lanes.window("a", 100, 6)[0][:5].tolist() == [1.0, 2.0, 7.0, 8.0, 3.0]
-    assert lanes.end == 106
+    assert lanes.end_bin == 106
     assert np.isnan(lanes.window("b", 100, 4)[0]).all()
 
 
@@ -306,7 +306,7 @@ def test_history_forgets_what_is_older_than_the_ring_and_begins_anew_after_a_lea
     lanes.add(_live(50 * size, [5.0]))
     assert np.isnan(lanes.window("a", 50 * size - 100, 100)[0]).all()
     lanes.clear()
-    assert lanes.end == 0
+    assert lanes.end_bin == 0
 
 
 def test_lanes_come_in_whole_groups_and_v_begins_with_another() -> None:
@@ -325,11 +325,11 @@ def test_a_run_stands_still_while_it_is_recorded() -> None:
     recorder, lanes = FakeRecorder(), Lanes()
     recorder.bump()
     lanes.add(recorder.live())
-    held = window(recorder.status, lanes)
+    held = shown_window(recorder.status, lanes)
     assert held.trigger == pytest.approx(1 / 6, abs=0.01)
-    rolling = window(replace(recorder.status, phase=Phase.ARMED), lanes)
-    assert rolling.first_bin + rolling.count == lanes.end
-    assert window(None, lanes).trigger is None
+    rolling = shown_window(replace(recorder.status, phase=Phase.ARMED), lanes)
+    assert rolling.first_bin + rolling.count == lanes.end_bin
+    assert shown_window(None, lanes).trigger is None
 
 
 def test_one_scale_for_each_quantity_at_the_wheels() -> None:

@@ -132,7 +132,7 @@ async def _push(
     """Push a corner for half a second between 11 s and `after_s` of rest, all in live samples."""
     app = pilot.app
     assert isinstance(app, BenchApp)
-    first, bins = app.lanes.end, round((11.5 + after_s) / BIN_S)
+    first, bins = app.lanes.end_bin, round((11.5 + after_s) / BIN_S)
     time = np.arange(bins) * BIN_S - 11.0
     hump = np.where((time > 0) & (time < 0.5), np.sin(np.pi * time / 0.5) ** 2, 0.0)
     pitch = np.where((time > 0) & (time < 0.5), np.sin(2 * np.pi * time / 0.5), 0.0)
@@ -211,7 +211,7 @@ async def test_a_push_is_asked_for_again_and_i_corrects_its_sign(
         for seconds, asked in ((14.9, 1), (0.2, 2), (14.8, 2), (0.4, 3)):
             still = (0.0,) * round(seconds / BIN_S)
             lanes = tuple(Lane(name, still, still) for name in names)
-            recorder.post(Live(app.lanes.end, BIN_S, lanes))
+            recorder.post(Live(app.lanes.end_bin, BIN_S, lanes))
             await pilot.pause()
             await until(pilot, partial(_asked, recorder, asked))
         assert "front LEFT not seen yet" in screen_text(app)

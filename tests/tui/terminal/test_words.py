@@ -20,11 +20,11 @@ from tui.terminal.campaign import (
     BenchStep,
     NextAction,
     bump_step,
-    first_obstacle,
     in_run,
     next_action,
     obstacle,
     progress,
+    shown_obstacle,
     waits_unarmed,
 )
 from tui.terminal.screens.bumping import (
@@ -351,9 +351,9 @@ def test_a_run_and_its_verdict_are_shown_before() -> None:
     for phase in (Phase.TRIGGERED, Phase.DECAY):
         assert obstacle(alarmed("stale", phase, alive=3)) is None
     for phase in (Phase.ACCEPTED, Phase.REJECTED):
-        assert first_obstacle(alarmed("stale", phase, alive=3)) is None
+        assert shown_obstacle(alarmed("stale", phase, alive=3)) is None
         assert obstacle(alarmed("stale", phase, alive=3)) is not None
-    assert first_obstacle(alarmed("disconnected", Phase.ACCEPTED, alive=0)) is not None
+    assert shown_obstacle(alarmed("disconnected", Phase.ACCEPTED, alive=0)) is not None
 
 
 def test_without_frames_no_countdown_is_shown() -> None:

@@ -37,7 +37,7 @@ from ..campaign import (
     weights_question,
 )
 from ..chart import LaneChart
-from ..feed import lane_specs, window
+from ..feed import lane_specs, shown_window
 from ..widgets import BannerBar, Cell, Confirm, Table, Words, right
 from ..words import Glyphs, accepted_words, banner, reason_words, run_words
 from .base import BenchScreen
@@ -231,7 +231,7 @@ class BumpingScreen(BenchScreen):
             return
         specs = lane_specs(app.bench, self._page, chart.room)
         overloaded = app.status.overloaded if app.status else ()
-        chart.show(app.lanes, specs, window(app.status, app.lanes), overloaded)
+        chart.show(app.lanes, specs, shown_window(app.status, app.lanes), overloaded)
 
     async def action_next(self) -> None:
         """Arm, or go to the step that is due; ask first where the weights change."""
@@ -289,7 +289,7 @@ class BumpingScreen(BenchScreen):
                 await self.bench_app.ask(Accept(run.label, reason))
 
         words = f"Take {run.mass_state} {run_words(run)} back although: {'; '.join(run.reasons)}"
-        self.bench_app.question(words, "reason", accept)
+        self.bench_app.ask_person(words, "reason", accept)
 
     @property
     def _next(self) -> NextAction:

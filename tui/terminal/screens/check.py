@@ -284,7 +284,7 @@ class CheckScreen(BenchScreen):
             return self.lost_words, None
         if corner is not None:
             words = push_words(corner, self._pushed.get(corner))
-            waited_s = (app.lanes.end - self._begin_bin) * app.lanes.bin_s
+            waited_s = (app.lanes.end_bin - self._begin_bin) * app.lanes.bin_s
             left_s = max(0.0, _ASK_AGAIN_S - waited_s)
             return f"{words[:1].upper()}{words[1:]}, {left_s:.0f} s left", None
         if self._hands_off_s:
@@ -378,7 +378,7 @@ class CheckScreen(BenchScreen):
                 await self._go_on()
             self._show_rows()
 
-        self.bench_app.question(f"{subject}: {question}", "reason", answered)
+        self.bench_app.ask_person(f"{subject}: {question}", "reason", answered)
 
     # The push test -------------------------------------------------------------------------------
 
@@ -400,7 +400,7 @@ class CheckScreen(BenchScreen):
             app.warn("a run is armed: pause it first")
             return
         self._pushed.pop(corner, None)
-        self._corner, self._begin_bin = corner, app.lanes.end
+        self._corner, self._begin_bin = corner, app.lanes.end_bin
         self._acknowledged = acknowledged
         self._show_rows()
         self._mark_row(push_subject(corner))
@@ -413,7 +413,7 @@ class CheckScreen(BenchScreen):
         app, corner = self.bench_app, self._corner
         if corner is None or app.bench is None or not app.lanes.bin_s:
             return
-        bin_s, end_bin = app.lanes.bin_s, app.lanes.end
+        bin_s, end_bin = app.lanes.bin_s, app.lanes.end_bin
         # From the begin, however late this screen gets its turn: a push is over in a second.
         begin_bin = max(self._begin_bin, end_bin - round(RING_S / bin_s))  # older bins are not kept
         n_before = round(_BEFORE_S / bin_s)
