@@ -18,9 +18,13 @@ from .words import Glyphs
 Floats = NDArray[np.float64]
 LANE_ROWS = 4
 """Least number of rows of a lane: with fewer, a decay looks like noise."""
-_LABEL, _SCALE = 11, 12
+_LABEL_COLUMNS, _FIGURE_COLUMNS = 11, 12
+"""Columns left of a trace for its label, and right of it for peak and range."""
+_FEWEST_COLUMNS = 9
+"""Least width of a trace: in fewer columns a decay cannot be seen."""
 Traced = tuple[Floats, Floats, float]
-"""Envelope of a channel about its value at rest, and its peak; NaN without samples."""
+"""Lowest and highest values of a channel from its value at rest, and the peak of both; NaN where
+there are no samples."""
 
 
 class LaneChart(Widget):
@@ -46,11 +50,11 @@ class LaneChart(Widget):
     def show(
         self, lanes: Lanes, specs: Sequence[LaneSpec], window: Window, overloaded: Collection[str]
     ) -> None:
-        """Draw lanes, each with its label, scale and peak."""
+        """Draw lanes, each with its label, scale and peak; those in `overloaded` with a lamp."""
         height, width = self.size.height, self.size.width
-        columns = width - _LABEL - _SCALE - 1
+        columns = width - _LABEL_COLUMNS - _FIGURE_COLUMNS - 1  # 1: the axis
         rows: list[str] = []
-        if specs and columns > 8 and lanes.end_bin:  # with fewer columns a decay cannot be seen
+        if specs and columns >= _FEWEST_COLUMNS and lanes.end_bin:
             lane_rows = min(height // len(specs), 3 * LANE_ROWS)
             trigger = None if window.trigger is None else int(window.trigger * columns)
             traces = [self._trace(lanes, spec, window) for spec in specs]
@@ -91,11 +95,11 @@ class LaneChart(Widget):
         low, high, peak = traced
         columns, lane_rows = canvas
         upper = self._ranges[spec.scale]
-        dots = columns * self._glyphs.dots[0]
-        drawn = trace(*pooled(low, high, dots), upper, lane_rows, self._glyphs)
+        sub_columns = columns * self._glyphs.dots[0]
+        drawn = trace(*pooled(low, high, sub_columns), upper, lane_rows, self._glyphs)
         labels, figures = [""] * lane_rows, [""] * lane_rows
         labels[lane_rows // 2] = spec.label
-        peak_text = f"{peak:.{_digits(upper)}f} {spec.unit}" if isfinite(peak) else "no data"
+        peak_text = f"{peak:.{_decimals(upper)}f} {spec.unit}" if isfinite(peak) else "no data"
         figures[lane_rows // 2] = peak_text
         figures[0] = f"+{upper:g}{'' if spec.scale == spec.channel else ' all'}"
         if overloaded:
@@ -104,22 +108,23 @@ class LaneChart(Widget):
         for label, cells, figure in zip(labels, drawn, figures, strict=True):
             if trigger is not None and cells[trigger] == " ":  # else the trace covers it
                 cells = f"{cells[:trigger]}{self._glyphs.trigger}{cells[trigger + 1 :]}"
-            rows.append(f"{label[:_LABEL].ljust(_LABEL)}{self._glyphs.axis}{cells} {figure}")
+            label = label[:_LABEL_COLUMNS].ljust(_LABEL_COLUMNS)
+            rows.append(f"{label}{self._glyphs.axis}{cells} {figure}")
         return rows
 
     def _share_scales(self, specs: Sequence[LaneSpec], peaks: Sequence[float]) -> None:
         """Find the range of each scale from the peaks of all lanes that share it."""
-        highest: dict[str, float] = {}
+        highest: dict[str, float] = {}  # peak of each scale
         for spec, peak in zip(specs, peaks, strict=True):
             highest[spec.scale] = max(highest.get(spec.scale, 0.0), peak if isfinite(peak) else 0.0)
         for spec in specs:
-            before = self._ranges.get(spec.scale, 0.0)
-            self._ranges[spec.scale] = full_scale(highest[spec.scale], spec.least_range, before)
+            previous = self._ranges.get(spec.scale, 0.0)
+            self._ranges[spec.scale] = full_scale(highest[spec.scale], spec.least_range, previous)
 
     def _trace(self, lanes: Lanes, spec: LaneSpec, window: Window) -> Traced:
-        """Return the trace of a channel, in the unit of its lane."""
+        """Return the trace of a channel about its value at rest, in the unit of its lane."""
         low, high = lanes.window(spec.channel, window.first_bin, window.count)
-        middles = np.sort(low + high) / 2.0  # NaN comes last
+        middles = np.sort(low + high) / 2.0  # of each bin; NaN comes last
         n_known = len(middles) - int(np.count_nonzero(np.isnan(middles)))
         median = 0.0
         if n_known:
@@ -130,9 +135,9 @@ class LaneChart(Widget):
         return low, high, peak
 
     def _rest_value(self, spec: LaneSpec, median: float) -> float:
-        """Return the value at rest: the median, once it has moved by a tenth of the least range.
+        """Return the value at rest of a channel, SI: the median of the window, but in steps.
 
-        Otherwise the whole trace would tremble.
+        It follows once the median is a tenth of the least range away: else the trace would tremble.
         """
         value = self._rest_values.get(spec.channel)
         if value is None or abs(median - value) * spec.factor > 0.1 * spec.least_range:
@@ -140,25 +145,27 @@ class LaneChart(Widget):
         return value
 
 
-def _digits(scale: float) -> int:
+def _decimals(scale: float) -> int:
+    """Return the decimals of a peak whose lane has this value at its upper edge."""
     return 0 if scale >= 100 else 1 if scale >= 5 else 2 if scale >= 0.5 else 3
 
 
 # Dots ----------------------------------------------------------------------------------------
 
 
-def _form(
+def _dot_set(
     weights: list[list[int]], characters: str
 ) -> tuple[NDArray[np.int64], NDArray[np.uint32]]:
+    """Return weights of dots, and the code points of the characters, by their sums of weights."""
     return np.array(weights, np.int64), np.array([ord(c) for c in characters], "<u4")
 
 
-_FORMS = {
-    (2, 4): _form(
+_DOT_SETS = {
+    (2, 4): _dot_set(
         [[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]],
         " " + "".join(chr(0x2800 + code) for code in range(1, 256)),
     ),
-    (2, 2): _form([[1, 2], [4, 8]], " ▘▝▀▖▌▞▛▗▚▐▜▄▙▟█"),
+    (2, 2): _dot_set([[1, 2], [4, 8]], " ▘▝▀▖▌▞▛▗▚▐▜▄▙▟█"),
 }
 """Weights of the dots of a character, by its dots across and down, and the character of each sum of
 weights."""
@@ -169,65 +176,57 @@ def packed(dots: NDArray[np.bool_], across: int, down: int) -> list[str]:
 
     `across` and `down`: dots of a character; the canvas has a multiple of them.
     """
-    weights, characters = _FORMS[across, down]
-    rows, columns = dots.shape
-    cells = dots.reshape(rows // down, down, columns // across, across)
-    codes = np.einsum("rdca,da->rc", cells, weights)
-    return [row.tobytes().decode("utf-32-le") for row in characters[codes]]
+    weights, characters = _DOT_SETS[across, down]
+    dot_rows, dot_columns = dots.shape
+    # Row and dot down of a character, then its column and dot across.
+    cells = dots.reshape(dot_rows // down, down, dot_columns // across, across)
+    sums = np.einsum("rdca,da->rc", cells, weights)
+    return [row.tobytes().decode("utf-32-le") for row in characters[sums]]
 
 
-_STEPS = (1.0, 2.0, 5.0)
-
-
-def trace(
-    low: Floats,
-    high: Floats,
-    full_scale: float,
-    rows: int,
-    glyphs: Glyphs,
-) -> list[str]:
+def trace(low: Floats, high: Floats, full_scale: float, rows: int, glyphs: Glyphs) -> list[str]:
     """Return the rows of a trace, zero on a dot row in the middle.
 
     `low` and `high`, (n,) float64: envelope from rest of each sub-column; NaN leaves it empty.
     `full_scale`: value at the upper edge.  `rows`: height, characters.  `glyphs`: with n a multiple
     of its sub-columns.
     """
-    wide, tall = glyphs.dots
-    height = rows * tall  # of the canvas, dots
-    zero = height // 2
-    half = max(1, height - 1 - zero)  # dots from zero to the edge
+    across, down = glyphs.dots  # of a character
+    height = rows * down  # of the canvas, dots
+    zero_row = height // 2
+    half_height = max(1, height - 1 - zero_row)  # dots from zero to the edge
     # Neighbours are joined, because a steep flank would otherwise have gaps.
-    before_low, before_high = np.roll(low, 1), np.roll(high, 1)
-    before_low[:1] = before_high[:1] = np.nan
-    bottom, top = np.fmin(low, before_high), np.fmax(high, before_low)
-    bottom[np.isnan(low)] = np.nan
+    left_low, left_high = np.roll(low, 1), np.roll(high, 1)
+    left_low[:1] = left_high[:1] = np.nan
+    bottom, top = np.fmin(low, left_high), np.fmax(high, left_low)
+    bottom[np.isnan(low)] = np.nan  # so that no comparison below holds, and no dot is set
     with np.errstate(invalid="ignore"):
-        upper = np.clip(np.rint(zero - top / full_scale * half), 0, height - 1)
-        lower = np.clip(np.rint(zero - bottom / full_scale * half), 0, height - 1)
-        y = np.arange(height)[:, None]
-        dots = (y >= upper) & (y <= lower)
-    return packed(dots, wide, tall)
+        top_row = np.clip(np.rint(zero_row - top / full_scale * half_height), 0, height - 1)
+        bottom_row = np.clip(np.rint(zero_row - bottom / full_scale * half_height), 0, height - 1)
+        dot_row = np.arange(height)[:, None]
+        dots = (dot_row >= top_row) & (dot_row <= bottom_row)
+    return packed(dots, across, down)
 
 
 def pooled(low: Floats, high: Floats, columns: int) -> tuple[Floats, Floats]:
-    """Return the envelope in so many sub-columns: bins pooled, or repeated if there are fewer."""
-    count = len(low)
-    if count < columns:
-        index = np.arange(columns) * count // columns
-        return low[index], high[index]
-    edges = np.arange(columns) * count // columns
-    return np.fmin.reduceat(low, edges), np.fmax.reduceat(high, edges)
+    """Return the envelope in so many columns: bins pooled, or repeated if there are fewer bins."""
+    n_bins = len(low)
+    first_bins = np.arange(columns) * n_bins // columns  # of each column
+    if n_bins < columns:
+        return low[first_bins], high[first_bins]
+    return np.fmin.reduceat(low, first_bins), np.fmax.reduceat(high, first_bins)
 
 
-def full_scale(peak: float, least: float, before: float) -> float:
+def full_scale(peak: float, least: float, previous: float) -> float:
     """Return the range of a lane: 1, 2 or 5 times a power of ten, and slow to shrink.
 
     `peak`: largest deviation shown.  `least`: smallest range, above 0, because noise at rest must
-    not fill the lane.  `before`: the range so far; 0 if none.  It is kept while the peak fills a
+    not fill the lane.  `previous`: the range so far; 0 if none.  It is kept while the peak fills a
     third of it.  All in the unit of the lane.
     """
-    wanted = max(peak, least)
-    if before / 3.0 <= wanted <= before:
-        return before
-    power = 10.0 ** np.floor(np.log10(wanted))
-    return float(next((s * power for s in _STEPS if s * power >= wanted), 10.0 * power))
+    needed = max(peak, least)
+    if previous / 3.0 <= needed <= previous:
+        return previous
+    power = 10.0 ** np.floor(np.log10(needed))
+    fitting = (step * power for step in (1.0, 2.0, 5.0) if step * power >= needed)
+    return float(next(fitting, 10.0 * power))

@@ -38,8 +38,7 @@ class KeyboardApp(App[None]):
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         super().__init__()
         self._clock = clock
-        self._last_press: tuple[str, float] = ("", float("-inf"))
-        """The last key, and when it was pressed or repeated, s of the clock."""
+        self._last_press: tuple[str, float] = ("", float("-inf"))  # key, and s of the clock
         self._waiting: deque[Event] = deque()
         """Input that has arrived but is not delivered yet."""
         self._delivered: Event | None = None
@@ -104,10 +103,9 @@ class KeyboardApp(App[None]):
         return (self.focused or self.screen).ancestors_with_self
 
     async def _await_effect(self, widgets: Sequence[DOMNode]) -> None:
-        """Wait until an input has had its effect, then deliver the next one.
+        """Wait until an input has had its effect on widgets, then deliver the next one.
 
-        `widgets`: those that it may reach.  A pass waits for the queues of all; another pass
-        follows while an action moves the focus, since the next key goes elsewhere then.
+        While the effect moves the focus, the wait goes on with the widgets around the new one.
         """
         try:
             async with asyncio.timeout(PATIENCE_S):
@@ -146,33 +144,15 @@ def _is_input(event: Event) -> bool:
 
 
 BENCH_DARK = Theme(
-    name="bench-dark",
-    primary="#4fb3ff",
-    secondary="#8fd3ff",
-    warning="#ffb000",
-    error="#ff5c5c",
-    success="#3ddc84",
-    accent="#ffd54a",
-    foreground="#ffffff",
-    background="#000000",
-    surface="#101418",
-    panel="#1c2228",
-    dark=True,
-    text_alpha=1.0,
-)
+    name="bench-dark", dark=True, text_alpha=1.0,
+    primary="#4fb3ff", secondary="#8fd3ff", accent="#ffd54a",
+    warning="#ffb000", error="#ff5c5c", success="#3ddc84",
+    foreground="#ffffff", background="#000000", surface="#101418", panel="#1c2228",
+)  # fmt: skip
 BENCH_LIGHT = Theme(
-    name="bench-light",
-    primary="#004a99",
-    secondary="#003366",
-    warning="#8a4b00",
-    error="#a80000",
-    success="#005c2e",
-    accent="#5b2a86",
-    foreground="#000000",
-    background="#ffffff",
-    surface="#f4f4f4",
-    panel="#e2e2e2",
-    dark=False,
-    text_alpha=1.0,
-)
+    name="bench-light", dark=False, text_alpha=1.0,
+    primary="#004a99", secondary="#003366", accent="#5b2a86",
+    warning="#8a4b00", error="#a80000", success="#005c2e",
+    foreground="#000000", background="#ffffff", surface="#f4f4f4", panel="#e2e2e2",
+)  # fmt: skip
 THEMES = (BENCH_DARK, BENCH_LIGHT)

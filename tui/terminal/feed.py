@@ -191,10 +191,7 @@ class RecorderFeed:
                 post(self._posted_loss)
 
     def _loss_of(self, error: BumpbenchError) -> Lost:
-        """Return why there is no connection: none runs, ours failed, or it cannot be reached.
-
-        `error`: of the attempt to connect.
-        """
+        """Return why there is no connection: none runs, ours failed, or it cannot be reached."""
         if reason := unreachable_words(self._folder):
             advice = "it hangs, or was started with another HOME: end it, or name another --out"
             return Lost(reason, advice)
@@ -292,10 +289,7 @@ class Lanes:
     def window(
         self, channel: str, first_bin: int, count: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the lowest and highest values of a channel in `count` bins from `first_bin`, SI.
-
-        NaN where they are not known.
-        """
+        """Return lowest and highest values of `count` bins from `first_bin`; NaN if not known."""
         low, high = np.full(count, np.nan), np.full(count, np.nan)
         ring = self._low.get(channel)
         if ring is None:
@@ -328,10 +322,6 @@ _SHORT_NAMES = {
     Quantity.PITCH_ACCELERATION: "pitch",
     Quantity.ROLL_ACCELERATION: "roll",
 }
-
-
-_LABEL_LENGTH = 10
-"""Most characters of a lane's label."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -390,10 +380,10 @@ def _lane_spec(channel: Channel, chosen: list[Channel]) -> LaneSpec:
     unit, factor = _SHOWN_UNITS.get(channel.unit, (channel.unit, 1.0))
     short_name = f"{_SHORT_NAMES.get(channel.quantity, '')} {channel.corner or ''}".strip()
     alike = [c for c in chosen if (c.quantity, c.corner) == (channel.quantity, channel.corner)]
-    label = short_name if len(alike) == 1 and short_name else channel.name
+    label = short_name if len(alike) == 1 and short_name else channel.name  # 10 characters fit
     scale = str(channel.quantity) if channel.corner else channel.name
     least_range = _LEAST_RANGES[channel.unit] * factor
-    return LaneSpec(channel.name, label[:_LABEL_LENGTH], unit, factor, least_range, scale)
+    return LaneSpec(channel.name, label[:10], unit, factor, least_range, scale)
 
 
 def shown_window(status: Status | None, lanes: Lanes, span_s: float = SPAN_S) -> Window:

@@ -117,7 +117,7 @@ def number(text: str) -> float | None:
     return value if math.isfinite(value) and "_" not in text else None
 
 
-def stated(typed: str) -> float:
+def checked_number(typed: str) -> float:
     """Return the number in a field that has been checked."""
     value = number(typed)
     assert value is not None  # check_fields guarantees it
@@ -170,49 +170,52 @@ class Form(VerticalScroll, can_focus=False):
                 for row in rows:
                     with Horizontal():
                         for field in row:
-                            yield from self._field(field)
+                            yield from self._compose_field(field)
 
-    def _field(self, field: Field) -> ComposeResult:
-        place: Input | Select[str] | Checkbox
-        label = Label(_label(field, " "), markup=False)
+    def _compose_field(self, field: Field) -> ComposeResult:
+        """Yield the label of a field and the widget for its entry, and keep both by its name."""
+        entry: Input | Select[str] | Checkbox
+        label = Label(_label_text(field, " "), markup=False)  # the mark of an error is one wide
         if field.choices == (YES, NO):
-            place = Flag(NO, compact=True)
+            entry = Flag(NO, compact=True)
         elif field.choices:
             options = [(choice, choice) for choice in field.choices]
-            place = Select(options, allow_blank=False, compact=True)
-            self._chosen[place] = field.choices[0]
+            entry = Select(options, allow_blank=False, compact=True)
+            self._chosen[entry] = field.choices[0]
         else:
-            most = max(field.most, 60)
-            place = Line(compact=True, max_length=most, classes="number" if field.unit else "")
-        self._fields[field.name], self._inputs[field.name] = field, place
+            max_length = max(field.most, 60)  # more than a short limit: an error, not a cut text
+            classes = "number" if field.unit else ""
+            entry = Line(compact=True, max_length=max_length, classes=classes)
+        self._fields[field.name], self._inputs[field.name] = field, entry
         self._labels[field.name] = label
         yield label
-        yield place
+        yield entry
 
     @property
     def values(self) -> dict[str, str]:
         """The texts of the fields, by name."""
-        return {name: _text(place) for name, place in self._inputs.items()}
+        return {name: _entry_text(entry) for name, entry in self._inputs.items()}
 
     def fill(self, values: Mapping[str, str]) -> None:
         """Set values; fields that are not named stay unchanged."""
         with self.prevent(Input.Changed, Select.Changed, Checkbox.Changed):
             for name, value in values.items():
-                place = self._inputs.get(name)
-                if isinstance(place, Checkbox):
-                    place.value = value == YES
-                elif isinstance(place, Input):
-                    place.value = value
-                elif place is not None and value in self._fields[name].choices:
-                    place.value = self._chosen[place] = value
+                entry = self._inputs.get(name)
+                if isinstance(entry, Checkbox):
+                    entry.value = value == YES
+                elif isinstance(entry, Input):
+                    entry.value = value
+                elif entry is not None and value in self._fields[name].choices:
+                    entry.value = self._chosen[entry] = value
 
     def mark(self, errors: Sequence[FieldError]) -> None:
         """Show which fields are wrong: by a mark before the label, and in colour."""
-        bad = {error.field for error in errors}
+        wrong_fields = {error.field for error in errors}
         for name, label in self._labels.items():
-            if label.has_class("bad") != (name in bad):
-                label.set_class(name in bad, "bad")
-                label.update(_label(self._fields[name], "!" if name in bad else " "))
+            is_wrong = name in wrong_fields
+            if label.has_class("bad") != is_wrong:
+                label.set_class(is_wrong, "bad")
+                label.update(_label_text(self._fields[name], "!" if is_wrong else " "))
 
     def enter(self, name: str = "") -> None:
         """Put the cursor into a field; into the first one without a name."""
@@ -221,9 +224,9 @@ class Form(VerticalScroll, can_focus=False):
     @property
     def current(self) -> Field | None:
         """The field with the cursor."""
-        focused = self.screen.focused
-        around = focused.ancestors_with_self if focused is not None else ()
-        names = (name for name, place in self._inputs.items() if place in around)
+        focused = self.screen.focused  # the entry of the field, or a widget inside of it
+        with_ancestors = focused.ancestors_with_self if focused is not None else ()
+        names = (name for name, entry in self._inputs.items() if entry in with_ancestors)
         return self._fields.get(next(names, ""))
 
     @on(Input.Changed)
@@ -247,12 +250,14 @@ class Form(VerticalScroll, can_focus=False):
             self.screen.focus_next()
 
 
-def _label(field: Field, mark: str) -> str:
+def _label_text(field: Field, mark: str) -> str:
+    """Return mark, label and unit of a field; of an uncertainty, beside its value, only ±."""
     label = "±" if field.name.endswith(".sigma") else field.label
     return f"{mark}{label}, {field.unit} " if field.unit and label != "±" else f"{mark}{label} "
 
 
-def _text(place: Widget) -> str:
-    if isinstance(place, Checkbox):
-        return YES if place.value else NO
-    return str(place.value) if isinstance(place, Input | Select) else ""
+def _entry_text(entry: Widget) -> str:
+    """Return what is typed or chosen in an entry, as text."""
+    if isinstance(entry, Checkbox):
+        return YES if entry.value else NO
+    return str(entry.value) if isinstance(entry, Input | Select) else ""

@@ -77,7 +77,7 @@ class Table(DataTable[Text]):
         ]
         chosen = self.cursor_row if cursor is None else cursor
         if self._content != (tuple(heads), cells):  # Text compares its words and spans
-            below = self.scroll_y
+            scrolled_rows = self.scroll_y  # `clear` scrolls to the top
             self._content = tuple(heads), cells
             self.clear(columns=True)
             self.show_header = any(heads)
@@ -89,7 +89,7 @@ class Table(DataTable[Text]):
                 self.add_column(title, width=max(cell.cell_len for cell in (title, *column)))
             for row in cells:
                 self.add_row(*row)
-            self.scroll_to(y=below, animate=False)
+            self.scroll_to(y=scrolled_rows, animate=False)
         self.choose(chosen)
 
     def choose(self, row: int) -> None:
@@ -103,9 +103,11 @@ class Table(DataTable[Text]):
 
 
 KINDS = ("armed", "moving", "good", "bad", "quiet")
-_WORD, _DIGITS = 9, 10
+"""Kinds of a banner, each with a colour."""
+_WORD_COLUMNS, _DIGITS_COLUMNS = 9, 10
 """Columns of the state's word, of which longer ones take more, and of the seconds."""
-_NEXT = r"SPACE (starts|= [\w ]*\w)"
+_SPACE_WORDS = r"SPACE (starts|= [\w ]*\w)"
+"""Pattern of the words that say what SPACE does."""
 
 
 class BannerBar(Horizontal):
@@ -124,20 +126,22 @@ class BannerBar(Horizontal):
         yield self._digits
 
     def show(self, banner: Banner) -> None:
-        """Show a banner; a first line that is too long may continue before the second."""
+        """Show a banner; a long `event` may continue before the `addition`."""
         if (banner, self.size.width) == self._shown:
             return
         self._shown = banner, self.size.width
         for kind in KINDS:
             self.set_class(kind == banner.kind, f"-{kind}")
-        first, second = banner.first, banner.second
+        second_line, third_line = banner.event, banner.addition
         if banner.folds:
-            first, *others = wrap(first, max(20, self.size.width - _DIGITS - 3)) or [""]
-            second = "  ".join(part for part in (" ".join(others), second) if part)
-        head = f" {banner.symbol} {banner.word:<{_WORD}} {banner.title}"
-        words = Content.assemble((head, "bold"), f"\n   {first}\n   {second}")
+            # Beside the digits and an indent of 3; at least 20 columns, however narrow.
+            columns = max(20, self.size.width - _DIGITS_COLUMNS - 3)
+            second_line, *folded = wrap(banner.event, columns) or [""]
+            third_line = "  ".join(filter(None, (" ".join(folded), banner.addition)))
+        head = f" {banner.symbol} {banner.word:<{_WORD_COLUMNS}} {banner.title}"
+        words = Content.assemble((head, "bold"), f"\n   {second_line}\n   {third_line}")
         # On the screen's own ground: the banner's colour would drown it.
-        words = words.highlight_regex(_NEXT, style=f"{SPACE_INK} on $background")
+        words = words.highlight_regex(_SPACE_WORDS, style=f"{SPACE_INK} on $background")
         self._words.update(words)
         self._digits.display = bool(banner.digits)
         self._digits.update(banner.digits)
@@ -260,14 +264,14 @@ class HelpScreen(ModalScreen[None]):
 
 
 def keys_of(screen: Screen[object]) -> list[str]:
-    """Return the keys of a screen, hidden ones included, with their actions: its own first."""
+    """Return a title, and a line for each key of a screen, hidden ones included: its own first."""
 
     def rank(node: DOMNode) -> int:
         return 0 if isinstance(node, Screen) else 1 if isinstance(node, App) else 2
 
-    actions: dict[str, str] = {}
+    actions: dict[str, str] = {}  # in words, by key
     bindings = screen.active_bindings.values()
-    for _, binding, enabled, _ in sorted(bindings, key=lambda key: rank(key[0])):
+    for _, binding, enabled, _ in sorted(bindings, key=lambda active: rank(active.node)):
         words = binding.tooltip or binding.description
         if enabled and words and words not in actions.values():
             actions[screen.app.get_key_display(binding)] = words

@@ -38,11 +38,11 @@ class Glyphs:
     overload: str
 
     def bar(self, done: int, planned: int, mark: str = "") -> str:
-        """Return a piece for each planned item, at most ten; `mark` is the next one."""
-        cells = min(planned, 10)
-        filled = min(done, planned) * cells // max(planned, 1)
-        bar = self.full * filled + (mark if filled < cells else "")
-        return bar.ljust(cells, self.empty)
+        """Return a piece for each planned item, at most ten; `mark` stands for the next one."""
+        n_pieces = min(planned, 10)
+        n_full = min(done, planned) * n_pieces // max(planned, 1)
+        bar = self.full * n_full + (mark if n_full < n_pieces else "")
+        return bar.ljust(n_pieces, self.empty)
 
 
 _BRAILLE = Glyphs("braille", (2, 4), "✓", "✗", "!", "▶", "●", "○", "■", "·", "┊", "│", "▲")
@@ -79,28 +79,28 @@ class Signal(Enum):
     LOST = (0.0, 0.2, 0.4, 1.0, 1.2, 1.4)
 
 
-_PHASES = {
+_PHASE_SIGNALS = {
     Phase.ARMED: Signal.ARMED,
     Phase.ACCEPTED: Signal.ACCEPTED,
     Phase.REJECTED: Signal.REJECTED,
 }
 
 
-def signal_of(before: Status | Lost | None, status: Status | Lost) -> Signal | None:
-    """Return the signal for news: a verdict first, then an alarm, then ARMED."""
-    if isinstance(status, Lost):
-        return None if status.starting or before is not None else Signal.LOST
-    if not isinstance(before, Status):
+def signal_of(previous: Status | Lost | None, news: Status | Lost) -> Signal | None:
+    """Return the signal for news: of a verdict first, then of an alarm or a loss, then ARMED."""
+    if isinstance(news, Lost):
+        return None if news.starting or previous is not None else Signal.LOST
+    if not isinstance(previous, Status):
         return None
-    of_phase = _PHASES.get(status.phase) if status.phase is not before.phase else None
-    earlier = {(alarm.code, alarm.subject) for alarm in before.alarms}
+    phase_signal = _PHASE_SIGNALS.get(news.phase) if news.phase is not previous.phase else None
+    known_alarms = {(alarm.code, alarm.subject) for alarm in previous.alarms}
     has_new_alarm = any(
-        alarm.code not in UNSIGNALLED and (alarm.code, alarm.subject) not in earlier
-        for alarm in status.alarms
+        alarm.code not in UNSIGNALLED and (alarm.code, alarm.subject) not in known_alarms
+        for alarm in news.alarms
     )
-    if has_new_alarm and of_phase in (None, Signal.ARMED):
+    if has_new_alarm and phase_signal in (None, Signal.ARMED):
         return Signal.ALARM
-    return of_phase
+    return phase_signal
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,28 +170,29 @@ def accepted_words(status: Status, run: LoggedRun | None) -> str:
     """Return in plain words how an accepted run compares with the first one of its kind."""
     if run is None or not (hz := _frequency_hz(run)):
         return "good: every check passed"
-    kind = (run.mass_state, run.excitation, RunStatus.ACCEPTED)
-    first = next((r for r in status.runs if (r.mass_state, r.excitation, r.status) == kind), run)
-    if first.label == run.label or not (first_hz := _frequency_hz(first)):
-        words = f"good: the car swings at {hz:.2f} Hz"
-    else:
-        percent = max(1, math.ceil(100.0 * abs(hz / first_hz - 1.0)))
-        words = f"good: like the first within {percent} %"
-    return words
+    accepted_kind = (run.mass_state, run.excitation, RunStatus.ACCEPTED)
+    like = (r for r in status.runs if (r.mass_state, r.excitation, r.status) == accepted_kind)
+    first_run = next(like, run)
+    if first_run.label == run.label or not (first_hz := _frequency_hz(first_run)):
+        return f"good: the car swings at {hz:.2f} Hz"
+    percent = max(1, math.ceil(100.0 * abs(hz / first_hz - 1.0)))
+    return f"good: like the first within {percent} %"
 
 
 def _frequency_hz(run: LoggedRun) -> float:
+    """Return the frequency of a run's motion, as its check found it; 0 if it found none."""
     return next((f.value for f in run.findings if f.code == "motion"), 0.0)
 
 
 def rejected_words(run: LoggedRun) -> tuple[str, str]:
     """Return why a run was rejected and what to do; a rejection by a person has no advice."""
-    failed = run.failed
-    if run.by or failed is None:
-        return printable("; ".join(run.reasons), 110), ""
-    advice = f"{failed.advice[:1].upper()}{failed.advice[1:]}".rstrip(".")
-    why = f"{reason_words(failed.code).upper()}: {failed.text}"
-    return printable(why, 110), printable(f"{advice}." if advice else "", 90)
+    failed_check = run.failed
+    most = 110  # characters, to be read from a distance
+    if run.by or failed_check is None:
+        return printable("; ".join(run.reasons), most), ""
+    advice = f"{failed_check.advice[:1].upper()}{failed_check.advice[1:]}".rstrip(".")
+    why = f"{reason_words(failed_check.code).upper()}: {failed_check.text}"
+    return printable(why, most), printable(f"{advice}." if advice else "", 90)
 
 
 def reason_words(code: str) -> str:
@@ -209,7 +210,7 @@ def halted_words(code: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Banner:
-    """Three lines, to be read from three metres."""
+    """Three lines, to be read from three metres: symbol, word and title; two lines of text."""
 
     kind: str
     """`armed`, `moving`, `good`, `bad`, `quiet`: chooses the colour, which only adds to the
@@ -219,14 +220,14 @@ class Banner:
     """The state in one word."""
     title: str
     """Action of SPACE, and the run: after symbol and word, so that no terminal cuts off the key."""
-    first: str
-    """Present event."""
-    second: str = ""
-    """Further news for the operator."""
+    event: str
+    """Second line: the present event."""
+    addition: str = ""
+    """Third line: further news for the operator."""
     digits: str = ""
     """Seconds, in digits three lines high; may be empty."""
     folds: bool = True
-    """True if a long `first` may continue in the second line; else it is cut."""
+    """True if a long `event` may continue in the third line; else it is cut."""
 
 
 def banner(status: Status | None, lost: Lost | None, action: NextAction, glyphs: Glyphs) -> Banner:
@@ -247,25 +248,18 @@ def banner(status: Status | None, lost: Lost | None, action: NextAction, glyphs:
             why = waiting_words(status)
             return Banner("armed", glyphs.paused, "WAITING", title, why, "Hands off until ARMED.")
         case Phase.ARMED:
-            good = glyphs.good
-            passed = f"at rest {good}  pre-trigger {good}"
-            return Banner(
-                "armed", glyphs.bus, "ARMED", f"{title}   {passed}", instruction, digits="-.-"
-            )
+            title += f"   at rest {glyphs.good}  pre-trigger {glyphs.good}"
+            return Banner("armed", glyphs.bus, "ARMED", title, instruction, digits="-.-")
         case Phase.TRIGGERED:
-            return Banner(
-                "moving", glyphs.now, "TRIGGERED", title, HANDS_OFF,
-                digits=_age(status),
-            )  # fmt: skip
+            age = _seconds_since_bump(status)
+            return Banner("moving", glyphs.now, "TRIGGERED", title, HANDS_OFF, digits=age)
         case Phase.DECAY:
-            return Banner(
-                "moving", glyphs.now, "DECAY", title, f"Hands off.  {_decay_words(status, glyphs)}",
-                digits=_age(status),
-            )  # fmt: skip
+            age, words = _seconds_since_bump(status), f"Hands off.  {_decay_words(status, glyphs)}"
+            return Banner("moving", glyphs.now, "DECAY", title, words, digits=age)
         case Phase.ACCEPTED:
-            return _accepted(status, action, glyphs)
+            return _accepted_banner(status, action, glyphs)
         case Phase.REJECTED:
-            return _rejected(status, action, glyphs)
+            return _rejected_banner(status, action, glyphs)
         case Phase.PAUSED:
             return Banner("quiet", glyphs.paused, "PAUSED", _spaced(action.words, title), PAUSED)
         case Phase.COMPLETE:
@@ -286,37 +280,39 @@ def _spaced(*parts: str) -> str:
     return "   ".join(filter(None, parts))
 
 
-def _age(status: Status) -> str:
+def _seconds_since_bump(status: Status) -> str:
     """Return the seconds since the bump as digits; empty without one."""
     return f"{max(0.0, (status.t_ns - status.bump_ns) * 1e-9):.1f}" if status.bump_ns else ""
 
 
 def _decay_words(status: Status, glyphs: Glyphs) -> str:
-    """Return the share of the peak that is left, with a bar that fills; empty if unknown."""
+    """Return the share of the peak that is left, and a bar of the rest; empty if unknown."""
     if status.peak_left is None:
         return ""
-    share = min(max(status.peak_left, 0.0), 1.0)
-    full = round((1.0 - share) * 20)  # of as many characters
-    return f"{share:3.0%} of the peak left  [{glyphs.full * full}{glyphs.empty * (20 - full)}]"
+    share_left = min(max(status.peak_left, 0.0), 1.0)
+    n_pieces = 20
+    n_full = round((1.0 - share_left) * n_pieces)
+    bar = f"{glyphs.full * n_full}{glyphs.empty * (n_pieces - n_full)}"
+    return f"{share_left:3.0%} of the peak left  [{bar}]"
 
 
-def _accepted(status: Status, action: NextAction, glyphs: Glyphs) -> Banner:
+def _accepted_banner(status: Status, action: NextAction, glyphs: Glyphs) -> Banner:
     run = last_judged(status)
     seconds = countdown_digits(status)
-    after = f"The next run arms itself in {seconds} s." if seconds else "The last of its kind."
-    counted_run = f"{run_words(run)}   {count_words(status, run)}" if run else ""
-    title, words = _spaced(action.words, counted_run), accepted_words(status, run)
-    second = _spaced(after, "Bksp = reject")
-    return Banner("good", glyphs.good, "ACCEPTED", title, words, second, seconds)
+    next_run = f"The next run arms itself in {seconds} s." if seconds else "The last of its kind."
+    run_and_count = f"{run_words(run)}   {count_words(status, run)}" if run else ""
+    title, words = _spaced(action.words, run_and_count), accepted_words(status, run)
+    addition = _spaced(next_run, "Bksp = reject")
+    return Banner("good", glyphs.good, "ACCEPTED", title, words, addition, seconds)
 
 
-def _rejected(status: Status, action: NextAction, glyphs: Glyphs) -> Banner:
+def _rejected_banner(status: Status, action: NextAction, glyphs: Glyphs) -> Banner:
     run = last_judged(status)
     if run is None:
         return Banner("bad", glyphs.bad, "REJECTED", action.words, "")
     seconds = countdown_digits(status)
-    space = f"{action.words}, or in {seconds} s" if seconds and action.words else action.words
-    title = _spaced(space, run_words(run), "kept, not counted")
+    again = f"{action.words}, or in {seconds} s" if seconds and action.words else action.words
+    title = _spaced(again, run_words(run), "kept, not counted")
     why, advice = rejected_words(run)
     return Banner(
         "bad", glyphs.bad, "REJECTED", title, why, advice or "U = undo.", seconds, folds=False

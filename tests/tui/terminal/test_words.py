@@ -58,7 +58,7 @@ def recorder() -> FakeRecorder:
 
 def said(status: Status) -> list[str]:
     shown = banner(status, None, next_action(status), PLAIN)
-    return [shown.word, shown.title, shown.first, shown.second, shown.digits]
+    return [shown.word, shown.title, shown.event, shown.addition, shown.digits]
 
 
 def test_a_verdict_compares_a_run_with_the_first_of_its_kind(recorder: FakeRecorder) -> None:
@@ -340,8 +340,8 @@ def test_the_first_line_is_the_cause_and_the_next_its_advice(
     status = alarmed(code, phase, alive)
     shown = banner(status, None, next_action(status), PLAIN)
     assert (shown.word, shown.title) == ("STOP", f"{name}  can0")
-    assert shown.first.startswith(advice)
-    assert shown.second == "what was seen"
+    assert shown.event.startswith(advice)
+    assert shown.addition == "what was seen"
     page = headline(status)
     assert (page.word, page.why) == (("STOP",), f"{name}  can0")
     assert page.advice.startswith(advice)

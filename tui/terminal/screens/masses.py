@@ -88,12 +88,13 @@ class MassesScreen(BenchScreen):
 
     @property
     def _error(self) -> str:
+        """What is wrong with the weights; empty if nothing is."""
         assert self.bench_app.bench is not None  # show_status returns earlier without one
         car = expected_car(self.bench_app.bench.vehicle)
         return check_inventory(self._weights, car.m_s + 2 * (car.m_uf + car.m_ur))
 
     @property
-    def _loose(self) -> list[int]:
+    def _loose_rows(self) -> list[int]:
         return [i for i, entry in enumerate(self._entries) if not entry.bolted]
 
     # Showing ------------------------------------------------------------------------------------
@@ -101,8 +102,8 @@ class MassesScreen(BenchScreen):
     def _show_all(self) -> None:
         glyphs = self.bench_app.glyphs
         rows = [
-            weight_cells(row, entry, glyphs.good, glyphs.bad)
-            for row, entry in enumerate(self._entries, 1)
+            weight_cells(number, entry, glyphs.good, glyphs.bad)
+            for number, entry in enumerate(self._entries, 1)
         ]
         self.query_one(Table).show(HEADS, rows or [["", "no weight: A adds one"]])
         self._show_next()
@@ -113,17 +114,17 @@ class MassesScreen(BenchScreen):
         self.query_one("#due", Words).say(Content("\n").join([self._next_line(), total]))
 
     def _next_line(self) -> Content:
-        bad, loose = self.bench_app.glyphs.bad, self._loose
+        bad, loose_rows = self.bench_app.glyphs.bad, self._loose_rows
         if self.lost_words:
             return Content.styled(self.lost_words, SPACE_INK)
         if self._error:
             return Content.styled(f"{bad} {self._error}", "bold $error")
         words = "SPACE = all are bolted: go on to step 5 Added"
-        if loose and self.query_one(Table).cursor_row == loose[0]:
-            words = f"SPACE = weight {loose[0] + 1} is bolted"
-        elif loose:
-            numbers = ", ".join(str(i + 1) for i in loose)
-            words = f"SPACE = look at {loose[0] + 1}   (not bolted: {numbers})"
+        if loose_rows and self.query_one(Table).cursor_row == loose_rows[0]:
+            words = f"SPACE = weight {loose_rows[0] + 1} is bolted"
+        elif loose_rows:
+            numbers = ", ".join(str(row + 1) for row in loose_rows)
+            words = f"SPACE = look at {loose_rows[0] + 1}   (not bolted: {numbers})"
         return Content.styled(words, SPACE_INK)
 
     def _choose(self, row: int) -> None:
@@ -136,9 +137,9 @@ class MassesScreen(BenchScreen):
 
     # Changing -----------------------------------------------------------------------------------
 
-    def _change(self, row: int, *new: Entry) -> None:
-        """Put an entry in place of one, or after the last; without a new one, remove it."""
-        self._entries = (*self._entries[:row], *new, *self._entries[row + 1 :])
+    def _change(self, row: int, *replacement: Entry) -> None:
+        """Replace the entry in a row, add one after the last, or remove it without another."""
+        self._entries = (*self._entries[:row], *replacement, *self._entries[row + 1 :])
         self._show_all()
         self.refresh_bindings()
         stored = {"entries": entry_values(self._entries)}
@@ -156,12 +157,14 @@ class MassesScreen(BenchScreen):
         self._edit(f"Weight {row + 1}", weight_values(entry.weight), row)
 
     def _edit(self, title: str, values: Mapping[str, str], row: int) -> None:
-        def done(typed: Typed | None) -> None:
+        """Let the operator fill the form; put its weight, not bolted yet, into a row."""
+
+        def put(typed: Typed | None) -> None:
             if typed is not None:
                 self._change(row, Entry(weight_of(typed)))
                 self._choose(row)
 
-        self.app.push_screen(WeightScreen(title, values), done)
+        self.app.push_screen(WeightScreen(title, values), put)
 
     def action_remove(self) -> None:
         """Remove the marked weight."""
@@ -171,19 +174,20 @@ class MassesScreen(BenchScreen):
 
     async def action_next(self) -> None:
         """Mark the first weight that is not bolted, then confirm it; go on when all are bolted."""
-        loose = self._loose
+        loose_rows = self._loose_rows
         if self._error:
             self.bench_app.warn(self._error)
-        elif loose and self.query_one(Table).cursor_row != loose[0]:
-            self._choose(loose[0])
-        elif loose:
-            self._change(loose[0], replace(self._entries[loose[0]], bolted=True))
-            if len(loose) > 1:
-                self._choose(loose[1])
+        elif loose_rows and self.query_one(Table).cursor_row != loose_rows[0]:
+            self._choose(loose_rows[0])
+        elif loose_rows:
+            self._change(loose_rows[0], replace(self._entries[loose_rows[0]], bolted=True))
+            if len(loose_rows) > 1:
+                self._choose(loose_rows[1])
         else:
             await self._apply()
 
     async def _apply(self) -> None:
+        """Send the weights to the recorder, mark the step as done, and go on to the bumps."""
         app = self.bench_app
         try:
             text = with_weights(app.bench_text, self._weights)

@@ -18,7 +18,7 @@ from daq.control.messages import Configure, Hello, Mark, Status
 from daq.vehicle import Fact, FactQuantity, Structure
 
 from ..campaign import VEHICLE_FORM, BenchStep, read_draft, write_draft
-from ..form import NO, YES, Field, FieldError, Form, Values, check_fields, number, stated
+from ..form import NO, YES, Field, FieldError, Form, Values, check_fields, checked_number, number
 from ..widgets import SPACE_INK, Words
 from .base import BenchScreen
 
@@ -43,49 +43,57 @@ _FLAGS = {
 }
 
 
-def _fact(name: FactQuantity) -> tuple[Field, Field]:
-    label, unit, low, high, why = _FACTS[name]
-    tool, least = ("the scales", 1e-3) if unit == "kg" else ("the tape", 1e-4)
+def _fact_fields(quantity: FactQuantity) -> tuple[Field, Field]:
+    """Return the fields of a quantity that may be measured, and of its uncertainty."""
+    label, unit, low, high, why = _FACTS[quantity]
+    tool, least_sigma = ("the scales", 1e-3) if unit == "kg" else ("the tape", 1e-4)
     method = "scales under the wheels, car as in the baseline" if unit == "kg" else "a tape measure"
+    advice = f"{method}; leave empty if it was not measured"
     return (
-        Field(name, label, unit, low, high, why, f"{method}; leave empty if it was not measured"),
-        Field(f"{name}.sigma", f"{label} ±", unit, least, 0.05 * high,
+        Field(quantity, label, unit, low, high, why, advice),
+        Field(f"{quantity}.sigma", f"{label} ±", unit, least_sigma, 0.05 * high,
               "an uncertainty of nothing would outweigh every sensor",
               f"what {tool} may be off by, one standard deviation"),
     )  # fmt: skip
 
 
-def _number(name: str, label: str, unit: str, why: str, text: str, *, whole: bool = False) -> Field:
+def _campaign_field(
+    name: str, label: str, unit: str, why: str, advice: str, *, whole: bool = False
+) -> Field:
+    """Return the field of a number under [campaign] in bench.toml, with the limits it has there."""
     low, high, above_low = campaign_limits(name)
-    return Field(name, label, unit, low, high, why, text, True, whole=whole, above_low=above_low)
+    return Field(name, label, unit, low, high, why, advice, True, whole=whole, above_low=above_low)
 
 
-def _flag(name: str, label: str, text: str) -> Field:
-    return Field(name, label, choices=(YES, NO), help=text)
+def _flag_field(name: str, label: str, advice: str) -> Field:
+    """Return a field that is yes or no."""
+    return Field(name, label, choices=(YES, NO), help=advice)
 
 
-_TIMES = "number of accepted runs of each kind, without and with the added mass"
-_STRUCTURE = [_flag(f"flag.{name}", label, text) for name, (label, text) in _FLAGS.items()]
+_REPEATS = "number of accepted runs of each kind, without and with the added mass"
+_STRUCTURE = [_flag_field(f"flag.{name}", *texts) for name, texts in _FLAGS.items()]
 _BUMPS = [
-    _flag(f"bump.{e}", e.words.capitalize(), f"whether {e.words} is bumped") for e in Excitation
+    _flag_field(f"bump.{e}", e.words.capitalize(), f"whether {e.words} is bumped")
+    for e in Excitation
 ]
 GROUPS: dict[str, list[tuple[Field, ...]]] = {
     "Car": [
         (Field("name", "Vehicle", needed=True, help="number plate or chassis number"),),
         (Field("operator", "Operator", needed=True, most=40, help="your name, for each verdict"),),
     ],
-    "Measured": [_fact(name) for name in _FACTS],
+    "Measured": [_fact_fields(quantity) for quantity in _FACTS],
     "Model": [tuple(_STRUCTURE[:2]), tuple(_STRUCTURE[2:])],
     "Bumps": [
         tuple(_BUMPS[:3]),
         tuple(_BUMPS[3:]),
-        (_number("repeats", "Repeats", "runs", _TIMES, _TIMES, whole=True),
-         _number("bump_height_mm", "Height", "mm", "above 50 mm wheels leave the ground",
-                 "height of board or block, or depth of the push: 50 mm or less")),
+        (_campaign_field("repeats", "Repeats", "runs", _REPEATS, _REPEATS, whole=True),
+         _campaign_field("bump_height_mm", "Height", "mm", "above 50 mm wheels leave the ground",
+                         "height of board or block, or depth of the push: 50 mm or less")),
         (Field("method", "Method", needed=True, choices=tuple(Method),
                help="roll over boards, drop off blocks, or push by hand"),
-         _number("accept_after_s", "Accept after", "s", "the operator's time to reject a run",
-                 "the next run arms itself after this")),
+         _campaign_field("accept_after_s", "Accept after", "s",
+                         "the operator's time to reject a run",
+                         "the next run arms itself after this")),
     ],
 }  # fmt: skip
 VEHICLE_FIELDS = tuple(field for rows in GROUPS.values() for row in rows for field in row)
@@ -93,24 +101,23 @@ _BY_NAME = {field.name: field for field in VEHICLE_FIELDS}
 
 
 def check_vehicle(values: Values) -> tuple[FieldError, ...]:
-    """Check the whole form of the vehicle: each field, then those that must fit together."""
+    """Return the errors in the form: of each field, then of those that must fit together."""
     errors = list(check_fields(VEHICLE_FIELDS, values))
-    wrong = {error.field for error in errors}
+    wrong_fields = {error.field for error in errors}
     measured = {
         quantity: value
         for quantity in _FACTS
-        if quantity not in wrong and (value := number(values.get(quantity, ""))) is not None
+        if quantity not in wrong_fields and (value := number(values.get(quantity, ""))) is not None
     }
     for quantity in measured:
         if not values.get(f"{quantity}.sigma", "").strip():
             field = _BY_NAME[f"{quantity}.sigma"]
             errors.append(field.error("a measured value needs the uncertainty that goes with it"))
-    axles_kg = [
-        measured.get(q, math.nan) for q in (FactQuantity.FRONT_AXLE, FactQuantity.REAR_AXLE)
-    ]
+    axles = (FactQuantity.FRONT_AXLE, FactQuantity.REAR_AXLE)
+    axles_kg = sum(measured.get(axle, math.nan) for axle in axles)
     total_kg = measured.get(FactQuantity.TOTAL_MASS, math.nan)
-    if abs(sum(axles_kg) - total_kg) > 0.01 * total_kg:
-        reason = f"the axles carry {sum(axles_kg):g} kg together, the total is {total_kg:g} kg"
+    if abs(axles_kg - total_kg) > 0.01 * total_kg:
+        reason = f"the axles carry {axles_kg:g} kg together, the total is {total_kg:g} kg"
         error = _BY_NAME[FactQuantity.TOTAL_MASS].error(reason, "axles and total within 1 %")
         errors.append(error)
     if not any(values.get(f"bump.{e}") == YES for e in Excitation):
@@ -120,7 +127,7 @@ def check_vehicle(values: Values) -> tuple[FieldError, ...]:
 
 
 def vehicle_values(bench: Bench, operator: str) -> dict[str, str]:
-    """Return the form filled with the bench in force."""
+    """Return the values of the form for the bench in force."""
     facts = {fact.quantity: fact for fact in bench.vehicle.facts}
     values = {"name": bench.vehicle.name, "operator": operator}
     for name, (_, unit, *_) in _FACTS.items():
@@ -162,10 +169,10 @@ def vehicle_text(text: str, bench: Bench, values: Values) -> str:
     return with_campaign(
         text,
         in_order,
-        round(stated(values["repeats"])),
+        round(checked_number(values["repeats"])),
         Method(values["method"]),
-        stated(values["bump_height_mm"]) * 1e-3,
-        stated(values["accept_after_s"]),
+        checked_number(values["bump_height_mm"]) * 1e-3,
+        checked_number(values["accept_after_s"]),
     )
 
 
@@ -212,6 +219,7 @@ class VehicleScreen(BenchScreen):
         self._advise()
 
     def _fill(self, bench: Bench, draft: Mapping[str, object]) -> None:
+        """Fill the form with the bench, and over it what a draft has."""
         values = vehicle_values(bench, self.bench_app.operator or os.environ.get("USER", ""))
         values |= {name: value for name, value in draft.items() if isinstance(value, str)}
         self.query_one(Form).fill(values)
@@ -269,12 +277,13 @@ class VehicleScreen(BenchScreen):
         return check_vehicle(self.query_one(Form).values) if self._filled else ()
 
     def _advise(self) -> None:
+        """Mark the wrong fields; show help on the field with the cursor, or the next action."""
         form, errors = self.query_one(Form), self._errors()
         form.mark(errors)
         field = form.current
         error = errors[0] if errors else None
         if field is not None:  # an error of its own comes first
-            error = next((each for each in errors if each.field == field.name), error)
+            error = next((own for own in errors if own.field == field.name), error)
         bad = self.bench_app.glyphs.bad
         error_line = Content.styled(f"{bad} {error.text}", "bold $error") if error else None
         if field is not None:

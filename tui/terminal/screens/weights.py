@@ -16,7 +16,7 @@ from textual.widgets import Static
 from daq import BodyWeight, Corner, HubWeight
 from daq.vehicle import Weight
 
-from ..form import Field, FieldError, Form, Values, check_fields, number, stated
+from ..form import Field, FieldError, Form, Values, check_fields, checked_number, number
 from ..widgets import Cell, Words, right
 
 Typed = dict[str, str]
@@ -44,43 +44,44 @@ WEIGHT_FIELDS: tuple[Field, ...] = (
           "how well x and y are known, one standard deviation"),
     Field("height_m", "Height", "m", -1.0, 2.0, _ON_CAR, "above the centre of gravity"),
 )  # fmt: skip
-_ON_BODY = ("height_m", "position_sigma_m", "x_m", "y_m")
+_POSITION_FIELDS = ("height_m", "position_sigma_m", "x_m", "y_m")
 
 
 def check_weight(values: Values) -> tuple[FieldError, ...]:
-    """Check the form of one weight; one on the body has a place, too."""
+    """Return the errors in the form of one weight; the position only counts on the body."""
     on_body = values.get("place") == BODY
-    fields = [field for field in WEIGHT_FIELDS if on_body or field.name not in _ON_BODY]
+    fields = [field for field in WEIGHT_FIELDS if on_body or field.name not in _POSITION_FIELDS]
     return check_fields(fields, values)
 
 
 def weight_of(values: Values) -> Weight:
     """Return the weight that a checked form describes."""
-    sigma = number(values.get("sigma_kg", "")) or 0.0
-    mass = stated(values["mass_kg"])
+    sigma_kg = number(values.get("sigma_kg", "")) or 0.0
+    mass_kg = checked_number(values["mass_kg"])
     if values["place"] != BODY:
-        return HubWeight(mass, Corner(values["place"]), sigma)
-    height = number(values.get("height_m", "")) or 0.0
-    place = number(values.get("position_sigma_m", "")) or 0.0
-    return BodyWeight(mass, stated(values["x_m"]), stated(values["y_m"]), height, sigma, place)
+        return HubWeight(mass_kg, Corner(values["place"]), sigma_kg)
+    x_m, y_m = checked_number(values["x_m"]), checked_number(values["y_m"])
+    height_m = number(values.get("height_m", "")) or 0.0
+    position_sigma_m = number(values.get("position_sigma_m", "")) or 0.0
+    return BodyWeight(mass_kg, x_m, y_m, height_m, sigma_kg, position_sigma_m)
 
 
 def weight_values(weight: Weight) -> Typed:
-    """Return the form of an existing weight."""
+    """Return the values of the form for an existing weight; at a hub its position is empty."""
     place = BODY if isinstance(weight, BodyWeight) else str(weight.corner)
-    figures = {name: value for name, value in asdict(weight).items() if name != "corner"}
-    return {"place": place} | dict.fromkeys(_ON_BODY, "") | {
-        name: f"{value:.10g}" for name, value in figures.items()
+    numbers = {name: value for name, value in asdict(weight).items() if name != "corner"}
+    return {"place": place} | dict.fromkeys(_POSITION_FIELDS, "") | {
+        name: f"{value:.10g}" for name, value in numbers.items()
     }  # fmt: skip
 
 
-def check_inventory(weights: Iterable[Weight], total_kg: float) -> str:
-    """Return what is wrong with all weights together; empty if they are some and not too much."""
-    added = sum(weight.mass_kg for weight in weights)
-    if not added:
+def check_inventory(weights: Iterable[Weight], car_kg: float) -> str:
+    """Return what is wrong with all weights together; empty if there are some, and not too much."""
+    added_kg = sum(weight.mass_kg for weight in weights)
+    if not added_kg:
         return "there is no weight: the added state would be the baseline again (A adds one)"
-    if added > 0.5 * total_kg:
-        return f"the weights are {added:g} kg together, more than half of the car's {total_kg:.0f}"
+    if added_kg > 0.5 * car_kg:
+        return f"the weights are {added_kg:g} kg together, more than half of the car's {car_kg:.0f}"
     return ""
 
 
@@ -108,25 +109,24 @@ def entries_of(weights: Sequence[Weight], draft: Mapping[str, Any]) -> tuple[Ent
 
 
 def entry_values(entries: Sequence[Entry]) -> list[dict[str, Any]]:
-    """Return the entries in the form that a draft stores."""
+    """Return the entries as a draft stores them; `entries_of` reads them back."""
     return [{**weight_values(e.weight), "bolted": e.bolted} for e in entries]
 
 
 HEADS = ("#", "bolted", "place", "kg", "± kg", "x m", "y m", "height m")
 
 
-def weight_cells(row: int, entry: Entry, yes: str, no: str) -> list[Cell]:
-    """Return the cells of a weight, m and kg; `yes` and `no` are marks."""
+def weight_cells(number: int, entry: Entry, yes: str, no: str) -> list[Cell]:
+    """Return the cells of a weight under `HEADS`; `yes` and `no` are marks."""
     weight = entry.weight
-    figures = [f"{weight.mass_kg:.2f}", f"{weight.sigma_kg:.2f}"]
+    masses = [f"{weight.mass_kg:.2f}", f"{weight.sigma_kg:.2f}"]
     if isinstance(weight, BodyWeight):
         place = "body"
-        figures += [f"{value:+.2f}" for value in (weight.x_m, weight.y_m, weight.height_m)]
+        position = [f"{value:+.2f}" for value in (weight.x_m, weight.y_m, weight.height_m)]
     else:
-        place = str(weight.corner)
-        figures += ["hub", "", ""]
+        place, position = str(weight.corner), ["hub", "", ""]
     bolted = f"{yes} yes" if entry.bolted else f"{no} NO"
-    return [right(str(row)), bolted, place, *map(right, figures)]
+    return [right(str(number)), bolted, place, *map(right, (*masses, *position))]
 
 
 class WeightScreen(ModalScreen[Typed | None]):
@@ -169,18 +169,19 @@ class WeightScreen(ModalScreen[Typed | None]):
         self.action_apply()
 
     def _advise(self) -> None:
+        """Mark the wrong fields; show help on the field with the cursor, and the first error."""
         form = self.query_one(Form)
         errors = check_weight(form.values)
         form.mark(errors)
         field = form.current
         if field is None:
             return
-        of_field = [error for error in errors if error.field == field.name]
-        error_line = [Content.styled(e.text, "bold $error") for e in (of_field or errors)[:1]]
+        own_errors = [error for error in errors if error.field == field.name]
+        error_line = [Content.styled(e.text, "bold $error") for e in (own_errors or errors)[:1]]
         self.query_one("#help", Words).say(Content("\n").join([Content(field.advice), *error_line]))
 
     def action_apply(self) -> None:
-        """Return the weight if it has no error."""
+        """Close and return the form's values; with an error, go to its field instead."""
         form = self.query_one(Form)
         if errors := check_weight(form.values):
             form.enter(errors[0].field)
