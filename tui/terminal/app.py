@@ -59,12 +59,7 @@ MOST_NEWS = 1200
 _WIDTHS = [(0, "-narrow"), (120, "-wide"), (180, "-huge")]
 _HEIGHTS = [(0, "-low"), (36, "-tall")]
 """Numbers of columns and rows from which a screen has a style class."""
-_MODULES = {
-    "home": "bumping",
-    "run": "bumping",
-    "identify": "work",
-    "report": "work",
-}
+_MODULES = {"home": "bumping", "run": "bumping", "identify": "work", "report": "work"}
 """Modules of screens that have another name than the screen."""
 
 
@@ -148,18 +143,12 @@ class BenchApp(KeyboardApp):
         self.bench: Bench | None = None
         """The bench in force; None until the recorder has sent it."""
         self.bench_text = ""
-        """The bench.toml of `bench`."""
-        self._news: deque[News] = deque(maxlen=MOST_NEWS)
-        """News that the feed has posted and that are not processed yet."""
-        self._role = Role(False)
-        """The newest role, maybe not processed yet."""
-        self._has_begun = False
-        """True once the first screen of the campaign has been chosen."""
-        self._asks_setup = False
-        """True while the operator is asked whether to attach to a recorder of another setup."""
+        self._news: deque[News] = deque(maxlen=MOST_NEWS)  # not processed yet
+        self._role = Role(False)  # the newest, maybe not processed yet
+        self._has_begun = False  # once the first screen of the campaign has been chosen
+        self._asks_setup = False  # while the operator decides on a recorder of another setup
         self._wanted_setup = wanted
-        self._shown_halt = ""
-        """Reason of the halt whose help was shown; empty while the recorder is not halted."""
+        self._shown_halt = ""  # reason of the halt whose help was shown; empty without a halt
 
     # News ---------------------------------------------------------------------------------------
 
@@ -325,10 +314,7 @@ class BenchApp(KeyboardApp):
         self.notify(printable(text, 600), markup=False)
 
     def ask_person(self, words: str, field: str, answered: Callable[[str | None], Any]) -> None:
-        """Ask the operator for a line of text; `answered` is called with it, or None after Esc.
-
-        `field`: what to type, as shown in the empty line.
-        """
+        """Ask for a line of text, a `field` by name; `answered` gets it, or None after Esc."""
         self.push_screen(Question(words, field), answered)
 
     # Screens ------------------------------------------------------------------------------------
@@ -425,11 +411,8 @@ class BenchApp(KeyboardApp):
             if await self.ask(ShutDown()) is not None:
                 self.exit()
 
-        yield SystemCommand(
-            "recorder: stop",
-            "end this recording and derive its session file",
-            partial(self.ask, Stop()),
-        )
+        words = "end this recording and derive its session file"
+        yield SystemCommand("recorder: stop", words, partial(self.ask, Stop()))
         yield SystemCommand("recorder: shut down", "end recorder and terminal", shut_down)
         if self.display_link is not None:
             words = "how to open the display at the bench"

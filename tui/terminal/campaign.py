@@ -94,11 +94,8 @@ def progress(status: Status | None) -> Progress:
 
 
 def is_marked(status: Status, step: BenchStep) -> bool:
-    """Return True if the operator has ended a step, steps 6 and 7 on the recording as it is now.
-
-    Each change of runs, weights or vehicle gives the recording another revision.
-    """
-    # A note that a person wrote may have the text of a mark.
+    """Return True if the operator has ended a step, steps 6 and 7 on the recording as it is now."""
+    # By the text of marks; a note that a person wrote may have the same text.
     revisions = {note.text: note.revision for note in status.notes if not note.by}
     if step < BenchStep.IDENTIFY:
         return step.mark in revisions
@@ -116,7 +113,7 @@ def in_run(status: Status) -> bool:
 
 
 _NOT_STORED_ALARMS = ("journal_failed", "not_recording")
-"""Alarms while which frames are not stored."""
+"""Alarms during which frames are not stored."""
 _BUS_ALARMS = (
     "disconnected",
     "bus_off",
@@ -198,10 +195,7 @@ class NextAction:
 
 
 def next_action(status: Status | None, in_control: bool = True) -> NextAction:
-    """Return the next action: an order to the recorder, or to go to the step that is due.
-
-    Before an order, that of a viewer is to take control.
-    """
+    """Return the next action: an order, for a viewer to take control first, or to go to a step."""
     if status is None or status.phase in BUSY:
         return NextAction()
     due_step = progress(status).due

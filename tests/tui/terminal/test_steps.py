@@ -172,14 +172,14 @@ async def test_corners_zero_and_warnings_lead_to_the_baseline(make_app: Make) ->
         await pilot.pause()
         assert "hands off the car" in screen_text(app)
         for _ in range(5):
-            await screen._tick()
+            await screen._check_again()
         await pilot.pause()
         assert "travel_fl +3.5 mm" in screen_text(app)
         recorder.check = (*check_items(), NOISY)
         await pilot.press("space")
         await until(pilot, lambda: orders_of(recorder, Configure))
         for _ in range(6):
-            await screen._tick()
+            await screen._check_again()
         await until(pilot, lambda: "SPACE = override 1 WARN" in screen_text(app))
         await pilot.press("space", *"old sensor", "enter")
         await until(pilot, lambda: "go on to step 3" in screen_text(app))
@@ -283,10 +283,10 @@ async def test_the_zero_is_measured_for_five_seconds_and_a_later_one_waits(make_
             if left == 5:
                 await pressed(pilot, *["down"] * 20, "r")
             else:
-                await screen._tick()
+                await screen._check_again()
                 await pilot.pause()
             assert f"hands off the car: {left} s more" in seen(app)
-        await screen._tick()
+        await screen._check_again()
         await pilot.pause()
         assert recorder.orders[-1] == AskCheck(5.0)
         assert "travel_fl +3.5 mm" in seen(app)
@@ -300,9 +300,9 @@ async def test_the_zero_is_measured_for_five_seconds_and_a_later_one_waits(make_
         assert "listening" in seen(app), "what was read before is void"
         asked = len(orders_of(recorder, AskCheck))
         for _ in range(3):
-            await screen._tick()
+            await screen._check_again()
         assert len(orders_of(recorder, AskCheck)) == asked
-        await screen._tick()
+        await screen._check_again()
         assert len(orders_of(recorder, AskCheck)) == asked + 1
         await until(pilot, lambda: "travels and rates read zero at rest" in screen_text(app))
         assert {c.name: c.tare for c in recorder.bench.channels}["travel_fl"] == 0.0035
@@ -368,14 +368,14 @@ async def test_the_check_asks_nothing_of_a_recorder_that_is_lost(make_app: Make)
         asked = len(orders_of(recorder, AskCheck))
         recorder.post(GONE)
         await pilot.pause()
-        await screen._tick()
+        await screen._check_again()
         assert "X = start the recorder again" in await pressed(pilot, "up")
         assert (screen.acts, screen.ready) == (False, False)
         assert len(orders_of(recorder, AskCheck)) == asked
         recorder.publish()
         await pilot.pause()
         recorder.refuse = "JL is in control"
-        await screen._tick()
+        await screen._check_again()
         await pilot.pause()
         assert "JL is in control" in seen(app)
         assert "upside down" in seen(app), "the last answer stays"
@@ -385,7 +385,7 @@ async def test_the_check_asks_nothing_of_a_recorder_that_is_lost(make_app: Make)
         await pressed(pilot, "i")
         assert orders_of(recorder, Configure) == []
         recorder.check = (*check_items(), NOISY)
-        await screen._tick()
+        await screen._check_again()
         await recorder.ask(OverrideWarning("channel hub_acc_rr", "old"))
         recorder.publish()
         await pilot.pause()

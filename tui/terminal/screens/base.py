@@ -24,9 +24,11 @@ from ..widgets import Words
 if TYPE_CHECKING:
     from daq.control.messages import Status
 
+    from ..words import Glyphs
+
 WIDE = 120
 """Columns from which a screen has room for more."""
-_ENOUGH = (80, 24)
+_LEAST_SIZE = (80, 24)
 """Columns and rows in which every screen shows everything important."""
 
 
@@ -47,7 +49,7 @@ class BenchScreen(Screen[None]):
 
     def __init__(self) -> None:
         super().__init__()
-        self._enabled: list[tuple[str, bool]] = []
+        self._actions: list[tuple[str, bool]] = []
         """The actions of the keys, and whether each does something now."""
 
     @property
@@ -118,21 +120,22 @@ class BenchScreen(Screen[None]):
         self.call_after_refresh(self._show)
 
     def _show(self) -> None:
+        """Show the lines that all screens have, then the screen's own part."""
         if not self.is_mounted or not self.query("#steps"):
             return
         status, (width, height) = self.bench_app.status, self.app.size
         self.query_one("#top", Words).say(top_line(self.bench_app, width))
         steps = step_line(status, self.step_shown, self.bench_app.glyphs.good)
-        if width < _ENOUGH[0] or height < _ENOUGH[1]:
+        if width < _LEAST_SIZE[0] or height < _LEAST_SIZE[1]:
             words = f" {width}x{height} is too small: make it 80x24, or the font smaller"
             steps = Content.styled(words, "bold $warning")
         self.query_one("#steps", Words).say(steps)
         if status is not None:
             self.show_status(status)
         bindings = self.active_bindings.values()
-        enabled = [(binding.action, enabled) for _, binding, enabled, _ in bindings]
-        if enabled != self._enabled:
-            self._enabled = enabled
+        actions = [(binding.action, enabled) for _, binding, enabled, _ in bindings]
+        if actions != self._actions:  # the footer is drawn anew only then
+            self._actions = actions
             self.refresh_bindings()
 
 
@@ -156,59 +159,63 @@ def step_line(status: Status | None, here: BenchStep | None, good: str) -> Conte
 
     `here`: step of the screen; None if it has none.  `good`: mark of a finished step.
     """
-    progressed = progress(status)
-    parts: list[tuple[str, str] | str] = []
+    so_far = progress(status)
+    styled_texts: list[tuple[str, str] | str] = []
     for step in BenchStep:
-        finished = step in progressed.done
+        finished = step in so_far.done
         text = f"{good if finished else ' '} {step.title} "
         if step is here:
-            parts += [(f"[{step.title}]", "bold reverse"), " "]
-        elif progressed.reached(step):
-            parts += [(text, "bold $success" if finished else "bold")]
+            styled_texts += [(f"[{step.title}]", "bold reverse"), " "]
+        elif so_far.reached(step):
+            styled_texts += [(text, "bold $success" if finished else "bold")]
         else:
-            parts += [(text, "$foreground")]
-    return Content.assemble(*parts)
+            styled_texts += [(text, "$foreground")]
+    return Content.assemble(*styled_texts)
 
 
 def top_line(app: BenchApp, width: int) -> Content:
-    """Return vehicle, day and operator; bus, losses, sensors and disk; the overload lamps."""
-    status, glyphs, lost = app.status, app.glyphs, app.lost
+    """Return vehicle, day and operator as far as they fit; overload lamps, buses, losses, disk."""
+    status, lost = app.status, app.lost
     if lost is not None:
-        first = "RECORDER LOST: X = start it again (in a field Esc, then X)"
-        if lost.starting:
-            first = "STARTING"
-        return Content.styled(f" {first}  {printable(lost.text)}", "bold reverse")
+        again = "RECORDER LOST: X = start it again (in a field Esc, then X)"
+        words = "STARTING" if lost.starting else again
+        return Content.styled(f" {words}  {printable(lost.text)}", "bold reverse")
     if status is None:
         return Content(" BUMP  waiting for the recorder")
-    wide = width >= WIDE
-    right: list[tuple[str, str] | str] = []
+    health = _health(status, app.glyphs, width >= WIDE)
+    person = f"op. {printable(app.operator, 12)}"
+    if not app.in_control:
+        person = f"VIEWER, {printable(status.controller or 'no terminal', 12)} in control"
+    day = datetime.fromtimestamp(status.wall_ns * 1e-9, UTC).astimezone().date().isoformat()
+    origin = "" if status.origin is Origin.REAL else f"{status.origin.upper()}  "
+    vehicle = printable(status.vehicle, 24)
+    heads = [f"{vehicle} · {day} · {person}", f"{vehicle} · {person}", person]
+    heads = [f" {origin}{head}" for head in heads]
+    columns = max(8, width - health.cell_length)
+    head = next((h for h in heads if Content(h).cell_length <= columns), heads[-1])
+    return Content(head).truncate(columns, pad=True) + health
+
+
+def _health(status: Status, glyphs: Glyphs, wide: bool) -> Content:
+    """Return overload lamps, buses, sensors, losses (if wide, also none) and disk."""
+    styled_texts: list[tuple[str, str]] = []
     if status.overloaded:
         names = printable(", ".join(status.overloaded), 24)
-        right += [(f"{glyphs.overload} OVERLOAD {names}  ", "bold reverse $error")]
+        styled_texts += [(f"{glyphs.overload} OVERLOAD {names}  ", "bold reverse $error")]
     for bus in status.buses:
         good = bus.state is BusState.OK
         word = f"{bus.load:.0%}" if good else bus.state.value.upper()
         most = 24 if wide else 9  # characters; of a longer name, the last word: the channel
         name = printable(bus.name if len(bus.name) <= most else bus.name.split()[-1], most)
         style = "$success" if good else "bold reverse $error"
-        right += [(f"{name} {glyphs.bus if good else glyphs.bad} {word}  ", style)]
-    lacking = status.sensors_alive < status.sensors_expected
+        styled_texts += [(f"{name} {glyphs.bus if good else glyphs.bad} {word}  ", style)]
+    sensors_lack = status.sensors_alive < status.sensors_expected
     alive = f"{status.sensors_alive}/{status.sensors_expected} alive  "
-    right += [(alive, "bold reverse $error" if lacking else "")]
-    measured = status.losses.measured
-    if wide or measured:
-        right += [(f"lost {measured}  ", "bold $warning" if measured else "")]
+    styled_texts += [(alive, "bold reverse $error" if sensors_lack else "")]
+    n_lost = status.losses.measured
+    if wide or n_lost:
+        styled_texts += [(f"lost {n_lost}  ", "bold $warning" if n_lost else "")]
     n_bytes = status.disk.free_bytes
     free = f"{n_bytes / 1e9:.0f} GB" if n_bytes >= 1e9 else f"{n_bytes / 1e6:.0f} MB"
-    right += [(f"disk {free}", "bold reverse $error" if status.disk.failed else "")]
-    tail = Content.assemble(" │ ", *right)
-    who = f"op. {printable(app.operator, 12)}"
-    if not app.in_control:
-        who = f"VIEWER, {printable(status.controller or 'no terminal', 12)} in control"
-    day = datetime.fromtimestamp(status.wall_ns * 1e-9, UTC).astimezone().date().isoformat()
-    mark = "" if status.origin is Origin.REAL else f"{status.origin.upper()}  "
-    vehicle = printable(status.vehicle, 24)
-    heads = (f" {mark}{vehicle} · {day} · {who}", f" {mark}{vehicle} · {who}", f" {mark}{who}")
-    columns = max(8, width - tail.cell_length)
-    head = next((h for h in heads if Content(h).cell_length <= columns), heads[-1])
-    return Content(head).truncate(columns, pad=True) + tail
+    styled_texts += [(f"disk {free}", "bold reverse $error" if status.disk.failed else "")]
+    return Content.assemble(" │ ", *styled_texts)

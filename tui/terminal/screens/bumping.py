@@ -28,14 +28,7 @@ from daq.runlog import LoggedRun
 from daq.runs import RunStatus
 from dbc.words import printable
 
-from ..campaign import (
-    RUNNING,
-    BenchStep,
-    NextAction,
-    bump_step,
-    next_action,
-    weights_question,
-)
+from ..campaign import RUNNING, BenchStep, NextAction, bump_step, next_action, weights_question
 from ..chart import LaneChart
 from ..feed import lane_specs, shown_window
 from ..widgets import BannerBar, Cell, Confirm, Table, Words, right
@@ -45,22 +38,18 @@ from .base import BenchScreen
 
 def tally_rows(status: Status, glyphs: Glyphs) -> list[list[Cell]]:
     """Return accepted, planned and rejected runs of each kind, the one that is due marked."""
-    due = status.due.step if status.due else None
-    due_kind = (due.mass_state, due.excitation) if due else None
+    due_step = status.due.step if status.due else None
+    due_kind = (due_step.mass_state, due_step.excitation) if due_step else None
     rows: list[list[Cell]] = []
     for tally in status.tallies:
         accepted, planned = tally.accepted, tally.planned
         is_due = due_kind == (tally.mass_state, tally.excitation)
-        kind = f"{glyphs.now if is_due else ' '} {tally.mass_state} {tally.excitation.words}"
-        more = f" +{accepted - planned}" if accepted > planned else ""
-        rows.append(
-            [
-                Text(kind, "bold" if is_due else "", no_wrap=True),
-                glyphs.bar(accepted, planned),
-                right(f"{min(accepted, planned)}/{planned}{more}"),
-                f"{tally.rejected} rejected" if tally.rejected else "",
-            ]
-        )
+        words = f"{glyphs.now if is_due else ' '} {tally.mass_state} {tally.excitation.words}"
+        kind = Text(words, "bold" if is_due else "", no_wrap=True)
+        extra = f" +{accepted - planned}" if accepted > planned else ""
+        count = right(f"{min(accepted, planned)}/{planned}{extra}")
+        rejected = f"{tally.rejected} rejected" if tally.rejected else ""
+        rows.append([kind, glyphs.bar(accepted, planned), count, rejected])
     return rows
 
 
@@ -88,11 +77,11 @@ def alarms_text(status: Status, glyphs: Glyphs, width: int) -> Content:
         return Content("")
     alarm, *others = status.alarms
     name = f"{glyphs.warn} {printable(reason_words(alarm.code).upper(), 40)}"
-    about = printable(f"{alarm.subject}: " if alarm.subject else "", 40)
-    text = f"{name} {about}{printable(alarm.text, 120)}: {printable(alarm.advice, 120)}"
-    first, *folded = wrap(text, width, subsequent_indent="  ")
-    lines = [Content.assemble((name, "bold $error"), first.removeprefix(name))]
-    lines += map(Content, folded[:2])
+    subject = printable(f"{alarm.subject}: " if alarm.subject else "", 40)
+    text = f"{name} {subject}{printable(alarm.text, 120)}: {printable(alarm.advice, 120)}"
+    first_line, *further_lines = wrap(text, width, subsequent_indent="  ")
+    lines = [Content.assemble((name, "bold $error"), first_line.removeprefix(name))]
+    lines += map(Content, further_lines[:2])
     if others:
         lines.append(Content(f"{glyphs.warn} and {len(others)} more"))
     return Content("\n").join(lines)
@@ -117,10 +106,8 @@ class BumpingScreen(BenchScreen):
     SHOWS_SKETCH: ClassVar[bool] = False
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding(
-            "backspace,pageup", "order('reject')", "Reject", key_display="Bksp",
-            tooltip="Reject the run in progress, or the last one",
-        ),
+        Binding("backspace,pageup", "order('reject')", "Reject", key_display="Bksp",
+                tooltip="Reject the run in progress, or the last one"),
         Binding("u", "order('undo')", "Undo", tooltip="Undo the last verdict"),
         Binding("r", "order('redo')", "Redo", tooltip="Redo what was undone"),
         Binding("t", "take_back", "Take back",
@@ -135,8 +122,8 @@ class BumpingScreen(BenchScreen):
 
     def __init__(self) -> None:
         super().__init__()
-        self._page = 0
-        """Group of lanes that the chart shows."""
+        self._view = 0
+        """Number of the chart's first group of lanes; an odd one shows runs, not the sketch."""
 
     def compose_body(self) -> ComposeResult:
         """Compose the banner with the next action, the chart and the lists."""
@@ -178,8 +165,9 @@ class BumpingScreen(BenchScreen):
         if status is None or self.bench_app.lost is not None:
             return action in ("view", "choose")
         if action == "order":
-            changeable = {"undo": status.undo, "redo": status.redo, "reject": status.runs}
-            return bool((changeable | {"lamp off": status.overloaded})[str(parameters[0])])
+            acts_on = {"undo": status.undo, "redo": status.redo, "reject": status.runs}
+            acts_on["lamp off"] = status.overloaded
+            return bool(acts_on[str(parameters[0])])
         if action == "take_back":
             return self._rejected is not None
         if action == "more":
@@ -187,6 +175,7 @@ class BumpingScreen(BenchScreen):
         return super().check_action(action, parameters)
 
     def _show(self) -> None:
+        """Show also the banner and the alarms, which do not wait for a first status."""
         super()._show()
         if self.is_mounted and self.query("#alarms"):
             app, alarms = self.bench_app, self.query_one("#alarms", Words)
@@ -211,8 +200,8 @@ class BumpingScreen(BenchScreen):
 
     def action_view(self) -> None:
         """Show the next group of lanes; where there is no chart, runs in place of the sketch."""
-        self._page += 1
-        self.set_class(self._page % 2 == 1, "-runs")
+        self._view += 1
+        self.set_class(self._view % 2 == 1, "-runs")
         self._show()
         self.draw_lanes()
 
@@ -229,7 +218,7 @@ class BumpingScreen(BenchScreen):
         chart, app = self.query_one(LaneChart), self.bench_app
         if not chart.display or not chart.size.height:
             return
-        specs = lane_specs(app.bench, self._page, chart.room)
+        specs = lane_specs(app.bench, self._view, chart.room)
         overloaded = app.status.overloaded if app.status else ()
         chart.show(app.lanes, specs, shown_window(app.status, app.lanes), overloaded)
 
@@ -245,7 +234,7 @@ class BumpingScreen(BenchScreen):
             await self._arm(True)
 
     async def _arm(self, confirmed: bool | None) -> None:
-        """Arm, unless the operator has said no to the question before."""
+        """Arm and show the run; nothing if the operator has not confirmed the weights."""
         order = self._next.order
         if confirmed and order is not None and await self.bench_app.ask(order) is not None:
             await self.bench_app.open("run")
@@ -288,8 +277,8 @@ class BumpingScreen(BenchScreen):
             if reason:
                 await self.bench_app.ask(Accept(run.label, reason))
 
-        words = f"Take {run.mass_state} {run_words(run)} back although: {'; '.join(run.reasons)}"
-        self.bench_app.ask_person(words, "reason", accept)
+        question = f"Take {run.mass_state} {run_words(run)} back although: {'; '.join(run.reasons)}"
+        self.bench_app.ask_person(question, "reason", accept)
 
     @property
     def _next(self) -> NextAction:

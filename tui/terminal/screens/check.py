@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from rich.text import Text
 from textual.app import ComposeResult
@@ -25,10 +25,13 @@ from ..feed import RING_S
 from ..widgets import SPACE_INK, Cell, Table, Words
 from .base import BenchScreen
 
+if TYPE_CHECKING:
+    from daq.bench.config import Bench
+
 OK, WARN, FAIL, NOW, WAIT = "OK", "WARN", "FAIL", "NOW", "wait"
 TARED = (Quantity.SUSPENSION_TRAVEL, Quantity.PITCH_RATE, Quantity.ROLL_RATE)
 """Quantities that are zero at rest; not accelerations, for which a tare would hide gravity."""
-_SMALL = {"m": 0.5e-3, "rad/s": 1e-3}
+_LARGEST_ZERO = {"m": 0.5e-3, "rad/s": 1e-3}
 """Largest offset that counts as zero, by unit: below what a tare can improve."""
 
 
@@ -59,30 +62,31 @@ def push_rows(
     """Return the lines of the guided push test, by corner.
 
     `results`: result of the last push on each corner.  `active`: the corner that is to be pushed
-    now; empty if none.  `skipped`: reason why a corner was left out.  `possible`: True if a sensor
-    of the bench can distinguish corners.
+    now; empty if none.  `skipped`: reason why a corner was left out, by the subject of its line.
+    `possible`: True if a sensor of the bench can distinguish corners.
     """
     if not possible:
         text = "no sensor of this bench can distinguish the corners"
         return (CheckRow(OK, "push", text),)
     rows = []
     for corner in ORDER:
-        subject, seen = push_subject(corner), results.get(corner)
+        subject, result = push_subject(corner), results.get(corner)
         if subject in skipped:
-            rows.append(CheckRow(WARN, subject, f"skipped: {skipped[subject]}", "", True))
+            row = CheckRow(WARN, subject, f"skipped: {skipped[subject]}", overridden=True)
         elif corner == active:
-            rows.append(CheckRow(NOW, subject, push_words(corner, seen)))
-        elif seen is None:
-            rows.append(CheckRow(WAIT, subject, spoken(corner)))
+            row = CheckRow(NOW, subject, push_words(corner, result))
+        elif result is None:
+            row = CheckRow(WAIT, subject, spoken(corner))
         else:
-            state = OK if seen.passed else FAIL
-            rows.append(CheckRow(state, subject, seen.text, seen.advice))
+            state = OK if result.passed else FAIL
+            row = CheckRow(state, subject, result.text, result.advice)
+        rows.append(row)
     return tuple(rows)
 
 
-def push_words(corner: Corner, seen: PushResult | None) -> str:
-    """Return what the person at the car does now: push, or wait until it rests."""
-    return seen.text if seen else f"push DOWN at the {spoken(corner)}, let go"
+def push_words(corner: Corner, result: PushResult | None) -> str:
+    """Return what the person at the car does now: push, or what the result so far says."""
+    return result.text if result else f"push DOWN at the {spoken(corner)}, let go"
 
 
 def push_subject(corner: str) -> str:
@@ -105,7 +109,7 @@ def zero_offsets(items: Sequence[Finding], channels: Sequence[Channel]) -> dict[
     offsets = {}
     for c in channels:
         level = levels.get(c.name, 0.0)
-        if c.quantity in TARED and abs(level) > _SMALL[c.unit]:
+        if c.quantity in TARED and abs(level) > _LARGEST_ZERO[c.unit]:
             offset = f"{level * 1e3:+.1f} mm" if c.unit == "m" else f"{level:+.4f} {c.unit}"
             offsets[c.name] = f"{c.name} {offset}"
     return offsets
@@ -114,11 +118,11 @@ def zero_offsets(items: Sequence[Finding], channels: Sequence[Channel]) -> dict[
 _INKS = {OK: "success", WARN: "warning", FAIL: "error", NOW: "accent"}
 """Colours of the theme for the states, which are words and symbols first."""
 
-AGAIN_S, WINDOW_S = 1.0, 3.0
+PERIOD_S, WINDOW_S = 1.0, 3.0
 """Seconds between two checks, and seconds of samples in each."""
 HANDS_OFF_S = 5.0
 """Seconds over which the zero is measured."""
-_BEFORE_S = 10.0
+_REST_S = 10.0
 """Seconds before a push that are looked at for the level at rest."""
 _ASK_AGAIN_S = 15.0
 """Seconds of the recording without a push after which it is asked for again."""
@@ -143,18 +147,18 @@ class CheckScreen(BenchScreen):
 
     def __init__(self) -> None:
         super().__init__()
-        self._items: tuple[Finding, ...] = ()
+        self._items: tuple[Finding, ...] = ()  # of the recorder's last check
         self._rows: list[CheckRow] = []
-        self._asking = self._asked = self._zeroed = False
-        self._corner: Corner | None = None
-        self._begin_bin = 0
+        self._asking = self._has_asked = False  # an answer is awaited; there was a request
+        self._zeroed = False  # once the recorder has checked samples with hands off the car
+        self._corner: Corner | None = None  # whose push is awaited
+        self._begin_bin = 0  # of the lanes: that push is looked for from there
         self._pushed: dict[Corner, PushResult] = {}
-        self._acknowledged = ""
-        """Answer of the sensors to the last push, in words."""
-        self._skipped: set[str] = set()
-        self._failing: set[str] = set()
-        self._hands_off_s = 0.0
-        self._still_s = 0.0
+        self._acknowledged = ""  # answer of the sensors to the last push, in words
+        self._skipped: set[str] = set()  # subjects of the corners that were skipped here
+        self._failing: set[str] = set()  # subjects of the lines that failed when shown last
+        self._hands_off_s = 0.0  # time that hands must still be off; 0: no zero is measured
+        self._settling_s = 0.0  # time in which a check would still have samples of a push
 
     def compose_body(self) -> ComposeResult:
         """Compose the lines, and below or beside them the explanation of the marked one."""
@@ -164,7 +168,7 @@ class CheckScreen(BenchScreen):
 
     def on_mount(self) -> None:
         """Request the check again each second."""
-        self.set_interval(AGAIN_S, self._tick)
+        self.set_interval(PERIOD_S, self._check_again)
 
     @property
     def acts(self) -> bool:
@@ -173,35 +177,35 @@ class CheckScreen(BenchScreen):
 
     def show_status(self, status: Status) -> None:
         """Show the lines."""
-        if not self._asked:  # then each second: an answer brings its own status
+        if not self._has_asked:  # then each second: an answer brings its own status
             self.run_worker(self._ask(WINDOW_S))
         self._show_rows()
 
     # Asking -------------------------------------------------------------------------------------
 
-    async def _tick(self) -> None:
-        """Ask again, except during a push and just after it."""
+    async def _check_again(self) -> None:
+        """Ask again, except during a push and just after it; called once a period."""
         if not self.is_current:
             return
         if self._hands_off_s:
-            left_s = max(0.0, self._hands_off_s - AGAIN_S)
-            if not left_s:  # the last second lasts until the answer arrives
+            remaining_s = max(0.0, self._hands_off_s - PERIOD_S)
+            if not remaining_s:  # the last second lasts until the answer arrives
                 self._zeroed = await self._ask(HANDS_OFF_S)
-            if left_s or self._zeroed:
-                self._hands_off_s = left_s
+            if remaining_s or self._zeroed:
+                self._hands_off_s = remaining_s
             self._show_rows()
-        elif self._still_s:
-            self._still_s = max(0.0, self._still_s - AGAIN_S)
+        elif self._settling_s:
+            self._settling_s = max(0.0, self._settling_s - PERIOD_S)
         elif self._corner is None:
             await self._ask(WINDOW_S)
 
-    async def _ask(self, seconds: float) -> bool:
+    async def _ask(self, window_s: float) -> bool:
         """Ask for the check of the last seconds; return True if the recorder answered."""
         if self._asking or self.bench_app.status is None or self.bench_app.lost is not None:
             return False
-        self._asking = self._asked = True
+        self._asking = self._has_asked = True
         try:
-            reply = await self.bench_app.ask(AskCheck(seconds))
+            reply = await self.bench_app.ask(AskCheck(window_s))
         finally:
             self._asking = False
         if reply is None:
@@ -213,36 +217,42 @@ class CheckScreen(BenchScreen):
     # Showing ------------------------------------------------------------------------------------
 
     def _show_rows(self) -> None:
-        app, status = self.bench_app, self.bench_app.status
-        if status is None or app.bench is None or not self.query("#explained"):
+        """Show the lines anew; the mark stays on its line, or goes to one that begins to fail."""
+        status, bench = self.bench_app.status, self.bench_app.bench
+        if status is None or bench is None or not self.query("#explained"):
             return
-        overridden = {o.subject: f"{o.reason} ({o.by})" for o in status.overrides}
-        rows = [
-            CheckRow(WORDS[item.severity], item.subject, item.text, item.advice)
-            for item in self._items
-        ]
-        if not self._items:
-            rows.append(CheckRow(WAIT, "sensors", "listening"))
-        for i, row in enumerate(rows):
-            if row.asks and row.subject in overridden:
-                advice = f"overridden: {overridden[row.subject]}"
-                rows[i] = replace(row, advice=advice, overridden=True)
-        active = self._corner or ""
-        rows += push_rows(self._pushed, active, overridden, shows_push(app.bench.channels))
-        rows.append(self._zero_row())
-        marked, self._rows = self._marked, rows
+        marked, rows = self._marked, self._current_rows(status, bench)
+        self._rows = rows
         lines = self.query_one(Table)
-        at = min(lines.cursor_row, len(rows) - 1)
-        if marked is not None and rows[at].subject != marked.subject:
-            at = next((i for i, row in enumerate(rows) if row.subject == marked.subject), at)
+        cursor = min(lines.cursor_row, len(rows) - 1)
+        if marked is not None and rows[cursor].subject != marked.subject:
+            at_subject = (i for i, row in enumerate(rows) if row.subject == marked.subject)
+            cursor = next(at_subject, cursor)
         failing = {row.subject for row in rows if row.blocks}
         if failing - self._failing:  # only once: then the person moves the mark
-            at = next(i for i, row in enumerate(rows) if row.blocks)
-        lines.show(("", "", ""), [self._cells(row) for row in rows], at)
+            cursor = next(i for i, row in enumerate(rows) if row.blocks)
+        lines.show(("", "", ""), [self._cells(row) for row in rows], cursor)
         self._failing = failing
         self._explain()
 
+    def _current_rows(self, status: Status, bench: Bench) -> list[CheckRow]:
+        """Return the lines of the check, of the push test and of the zero."""
+        overridden = {o.subject: f"{o.reason} ({o.by})" for o in status.overrides}
+        rows = []
+        for item in self._items:
+            row = CheckRow(WORDS[item.severity], item.subject, item.text, item.advice)
+            if row.asks and row.subject in overridden:
+                advice = f"overridden: {overridden[row.subject]}"
+                row = replace(row, advice=advice, overridden=True)
+            rows.append(row)
+        if not self._items:
+            rows.append(CheckRow(WAIT, "sensors", "listening"))
+        active = self._corner or ""
+        rows += push_rows(self._pushed, active, overridden, shows_push(bench.channels))
+        return [*rows, self._zero_row()]
+
     def _cells(self, row: CheckRow) -> list[Cell]:
+        """Return symbol and state, subject, and text of a line."""
         glyphs, table = self.bench_app.glyphs, self.query_one(Table)
         sign = {OK: glyphs.good, WARN: glyphs.warn, FAIL: glyphs.bad, NOW: glyphs.now}
         ink = table.ink(_INKS[row.state]) if row.state in _INKS else ""
@@ -266,14 +276,15 @@ class CheckScreen(BenchScreen):
         return CheckRow(NOW, _ZERO, text, advice)  # until SPACE takes it as zero
 
     def _explain(self) -> None:
+        """Show what SPACE does, then text and advice of the marked line, or of the push."""
         row, box = self._marked, self.query_one("#explained", Words)
         if row is None:
             return
         box.border_title = printable(row.subject, 50).replace("[", "(")
-        words = [row.text, row.advice]
+        texts = [row.text, row.advice]
         if self._corner is not None:  # the line on SPACE says what its row says
-            words = [self._acknowledged, "" if self._acknowledged else "S skips it, with a reason"]
-        lines = [Content(printable(text, 300)) for text in words if text]
+            texts = [self._acknowledged or "S skips it, with a reason"]
+        lines = [Content(printable(text, 300)) for text in texts if text]
         box.say(Content("\n").join([Content.styled(self._next[0], SPACE_INK), *lines]))
 
     @property
@@ -285,8 +296,8 @@ class CheckScreen(BenchScreen):
         if corner is not None:
             words = push_words(corner, self._pushed.get(corner))
             waited_s = (app.lanes.end_bin - self._begin_bin) * app.lanes.bin_s
-            left_s = max(0.0, _ASK_AGAIN_S - waited_s)
-            return f"{words[:1].upper()}{words[1:]}, {left_s:.0f} s left", None
+            remaining_s = max(0.0, _ASK_AGAIN_S - waited_s)
+            return f"{words[:1].upper()}{words[1:]}, {remaining_s:.0f} s left", None
         if self._hands_off_s:
             return "Hands off the car.", None
         if not self._items:
@@ -318,16 +329,17 @@ class CheckScreen(BenchScreen):
 
     @property
     def _marked(self) -> CheckRow | None:
-        row = self.query_one(Table).cursor_row
-        return self._rows[row] if row < len(self._rows) else None
+        """The marked line; None before there are lines."""
+        cursor = self.query_one(Table).cursor_row
+        return self._rows[cursor] if cursor < len(self._rows) else None
 
     # SPACE --------------------------------------------------------------------------------------
 
     async def action_next(self) -> None:
         """Do the first open one of these: push test, zero, warnings, next step."""
-        _, act = self._next
-        if act is not None:
-            await act()
+        _, action = self._next
+        if action is not None:
+            await action()
 
     async def _override_first(self) -> None:
         """Ask for the reason to override the first warning."""
@@ -343,9 +355,9 @@ class CheckScreen(BenchScreen):
     async def action_again(self) -> None:
         """Repeat the marked push, or measure the zero again."""
         row = self._marked
-        corner = next((c for c in ORDER if row and row.subject == push_subject(c)), None)
-        if again := self._corner or corner:
-            await self._begin_push(again)
+        marked_corner = next((c for c in ORDER if row and row.subject == push_subject(c)), None)
+        if corner := self._corner or marked_corner:
+            await self._begin_push(corner)
         elif row is not None and row.subject == _ZERO:
             await self._measure_zero()
 
@@ -360,21 +372,23 @@ class CheckScreen(BenchScreen):
         self._ask_reason(row.subject, f"{row.text}. Why is that acceptable here?")
 
     def action_skip(self) -> None:
-        """Skip the corner that is due, with a reason."""
-        row = self._marked
-        subject = push_subject(self._corner) if self._corner else row.subject if row else ""
+        """Skip the corner whose push is awaited, else the marked one, with a reason."""
+        marked = self._marked.subject if self._marked else ""
+        subject = push_subject(self._corner) if self._corner else marked
         if not subject.startswith("push "):
             self.bench_app.warn("S skips a corner of the push test: mark its line")
             return
         self._ask_reason(subject, "Why is this corner not pushed?")
 
     def _ask_reason(self, subject: str, question: str) -> None:
+        """Ask why a line is overridden, and tell the recorder; go on after a skipped corner."""
+
         async def answered(reason: str | None) -> None:
             if not reason or await self.bench_app.ask(OverrideWarning(subject, reason)) is None:
                 return
             if subject.startswith("push "):
                 self._skipped.add(subject)  # the recorder's status confirms it a moment later
-                self._pushed = {c: w for c, w in self._pushed.items() if push_subject(c) != subject}
+                self._pushed = {c: r for c, r in self._pushed.items() if push_subject(c) != subject}
                 await self._go_on()
             self._show_rows()
 
@@ -383,6 +397,7 @@ class CheckScreen(BenchScreen):
     # The push test -------------------------------------------------------------------------------
 
     def _next_corner(self) -> Corner | None:
+        """Return the next corner to push; None once each is pushed or skipped."""
         app = self.bench_app
         if app.bench is None or app.status is None or not shows_push(app.bench.channels):
             return None
@@ -416,10 +431,11 @@ class CheckScreen(BenchScreen):
         bin_s, end_bin = app.lanes.bin_s, app.lanes.end_bin
         # From the begin, however late this screen gets its turn: a push is over in a second.
         begin_bin = max(self._begin_bin, end_bin - round(RING_S / bin_s))  # older bins are not kept
-        n_before = round(_BEFORE_S / bin_s)
-        window = begin_bin - n_before, end_bin - begin_bin + n_before  # first bin, number of bins
-        envelopes = {c.name: app.lanes.window(c.name, *window) for c in app.bench.channels}
-        result = judge_push(corner, app.bench.channels, envelopes, n_before, bin_s)
+        n_rest = round(_REST_S / bin_s)
+        first_bin, n_bins = begin_bin - n_rest, end_bin - begin_bin + n_rest
+        channels = app.bench.channels
+        envelopes = {c.name: app.lanes.window(c.name, first_bin, n_bins) for c in channels}
+        result = judge_push(corner, channels, envelopes, n_rest, bin_s)
         self._pushed[corner] = result
         if result.done:
             await self._go_on(f"{spoken(corner)} seen: {result.text}")
@@ -432,12 +448,12 @@ class CheckScreen(BenchScreen):
             self._show_rows()
 
     async def _go_on(self, acknowledged: str = "") -> None:
-        """Acknowledge a push; ask for the next corner if it was right, else stop."""
+        """Ask for the next corner if the last push was right, as `acknowledged` says; else stop."""
         corner, self._corner = self._corner, None
-        self._still_s = WINDOW_S + AGAIN_S
-        right = corner is None or corner not in self._pushed or self._pushed[corner].passed
+        self._settling_s = WINDOW_S + PERIOD_S
+        was_right = corner is None or corner not in self._pushed or self._pushed[corner].passed
         following = self._next_corner()
-        if right and following is not None:
+        if was_right and following is not None:
             await self._begin_push(following, acknowledged)
         self._show_rows()
 
@@ -449,10 +465,11 @@ class CheckScreen(BenchScreen):
         if row is None or app.bench is None:
             return
         corner = next((c for c in ORDER if row.subject == push_subject(c)), None)
-        names = [row.subject.removeprefix("channel ")]
-        if corner is not None:
-            names = list(self._pushed[corner].inverted) if corner in self._pushed else []
-        channel = next((c for c in app.bench.channels if c.name in names[:1]), None)
+        name = row.subject.removeprefix("channel ")
+        if corner is not None:  # the first channel that moved the wrong way
+            inverted = self._pushed[corner].inverted if corner in self._pushed else ()
+            name = next(iter(inverted), "")
+        channel = next((c for c in app.bench.channels if c.name == name), None)
         if channel is None or row.state != FAIL:
             app.warn("I inverts the sign of a channel whose line says FAIL: mark one")
             return
@@ -462,11 +479,13 @@ class CheckScreen(BenchScreen):
                 await self._begin_push(corner)
 
     async def _measure_zero(self) -> None:
+        """Begin to measure the zero: hands off the car for some seconds."""
         self._hands_off_s, self._zeroed = HANDS_OFF_S, False
         self._show_rows()
         self._mark_row(_ZERO)
 
     def _offsets(self) -> dict[str, str]:
+        """Return what `zero_offsets` finds once the zero is measured; empty before."""
         bench = self.bench_app.bench
         return zero_offsets(self._items, bench.channels) if bench and self._zeroed else {}
 
@@ -481,11 +500,11 @@ class CheckScreen(BenchScreen):
         if not tares or not await self._configure(tares):
             return
         self._items = ()  # readings from before the new zero are invalid
-        self._still_s = WINDOW_S
+        self._settling_s = WINDOW_S
         self._show_rows()
 
     async def _configure(self, changes: Mapping[str, tuple[float | None, float]]) -> bool:
-        """Send new signs and tares to the recorder; return True if it accepted them."""
+        """Send new signs (None: as it is) and tares, SI; return True if the recorder took them."""
         app = self.bench_app
         text = app.bench_text
         try:

@@ -36,45 +36,45 @@ from ..words import Glyphs
 from .base import SessionScreen
 from .work import OUTDATED
 
-_SEVERITY = {Verdict.REFUSED: "REFUSED", Verdict.DOUBTFUL: "DOUBT", Verdict.OK: "note"}
+_SEVERITY_WORDS = {Verdict.REFUSED: "REFUSED", Verdict.DOUBTFUL: "DOUBT", Verdict.OK: "note"}
 
 
-def mark(verdict: str, glyphs: Glyphs) -> str:
-    """Return the symbol of a verdict or severity."""
+def symbol(verdict: str, glyphs: Glyphs) -> str:
+    """Return the character for a verdict on a result or a run, or for a severity."""
     return {"ok": glyphs.good, "accepted": glyphs.good, "doubtful": glyphs.warn}.get(
         verdict, glyphs.bad
     )
 
 
-def verdict_lines(outcome: Outcome, glyphs: Glyphs, width: int, most: int) -> list[str]:
-    """Return the verdict, then its reasons (notes only if there is none): at most `most` lines."""
+def verdict_lines(outcome: Outcome, glyphs: Glyphs, width: int, most_lines: int) -> list[str]:
+    """Return the verdict, then its reasons (notes only if there is none): `most_lines` at most."""
     quality = outcome.result.quality
     verdict = quality.verdict
     fit = f"   chi2/n {quality.chi2_per_n:.3f}" if isfinite(quality.chi2_per_n) else ""
-    head = f"{mark(verdict, glyphs)} {verdict.upper()}  {HEADLINE[verdict]}"
-    tail = f"{outcome.used} of {counted(len(outcome.runs), 'run')} used{fit}"
-    one_line = f"{head}   {tail}"
-    lines = [one_line] if len(one_line) <= width else [head, f"  {tail}"]
-    grave = [f for f in quality.findings if Verdict.of(f.severity) is not Verdict.OK]
-    for finding in grave or quality.findings:
+    head = f"{symbol(verdict, glyphs)} {verdict.upper()}  {HEADLINE[verdict]}"
+    basis = f"{outcome.used} of {counted(len(outcome.runs), 'run')} used{fit}"
+    one_line = f"{head}   {basis}"
+    lines = [one_line] if len(one_line) <= width else [head, f"  {basis}"]
+    reasons = [f for f in quality.findings if Verdict.of(f.severity) is not Verdict.OK]
+    for finding in reasons or quality.findings:
         lines += finding_lines(finding, glyphs, width)
     if not quality.findings:
         lines += wrap(MEANING[verdict], width - 2, initial_indent="  ", subsequent_indent="  ")
-    if len(lines) > most:
-        more = counted(len(lines) - most + 1, "more line")
-        lines = [*lines[: most - 1], f"  ... {more}: Tab to Findings"]
+    if len(lines) > most_lines:
+        left_out = counted(len(lines) - most_lines + 1, "more line")
+        lines = [*lines[: most_lines - 1], f"  ... {left_out}: Tab to Findings"]
     return lines
 
 
 def finding_lines(finding: Finding, glyphs: Glyphs, width: int) -> list[str]:
     """Return one finding, folded."""
     severity = Verdict.of(finding.severity)
-    head = f"{mark(severity, glyphs)} {_SEVERITY[severity]}: "
+    head = f"{symbol(severity, glyphs)} {_SEVERITY_WORDS[severity]}: "
     return wrap(head + printable(finding.text, 1000), width, subsequent_indent="    ")
 
 
-def findings_lines(outcome: Outcome, glyphs: Glyphs, width: int) -> list[str]:
-    """Return all findings, and the warnings that a person overrode."""
+def findings_page(outcome: Outcome, glyphs: Glyphs, width: int) -> list[str]:
+    """Return the lines of all findings, of usable parameters, and of overridden warnings."""
     quality = outcome.result.quality
     lines = [*wrap(MEANING[quality.verdict], width), ""]
     for finding in quality.findings:
@@ -82,9 +82,9 @@ def findings_lines(outcome: Outcome, glyphs: Glyphs, width: int) -> list[str]:
     if not quality.findings:
         lines.append(f"{glyphs.good} nothing was found that speaks against the result")
     overridden = [f"{glyphs.warn} {text}" for text in outcome.overrides] or ["  none"]
-    survival = [f"  {text}" for text in survival_lines(quality)]
+    usable = [f"  {text}" for text in survival_lines(quality)]
     for title, texts in (
-        ("Which parameters can be used:", survival),
+        ("Which parameters can be used:", usable),
         ("Warnings of the bench check that a person overrode:", overridden),
     ):
         lines += ["", title] if texts else []
@@ -94,15 +94,16 @@ def findings_lines(outcome: Outcome, glyphs: Glyphs, width: int) -> list[str]:
 
 
 def parameter_rows(result: Identification) -> list[list[Cell]]:
-    """Return the parameters with their 95 % intervals."""
+    """Return name, value, unit, 95 % interval and half of it for each parameter."""
     rows: list[list[Cell]] = []
-    for name, e in result.parameters.items():
-        if e.determined:
-            value, interval = value_text(e), ends_text(e)
-        else:  # which is said where there is room for it
-            value, interval = "", value_text(e)
-        title = f"{name:<5}{parameter_words(name)}"[:29]
-        rows.append([title, right(value), unit_text(e.unit), right(interval), right(half_text(e))])
+    for name, estimate in result.parameters.items():
+        if estimate.determined:
+            value, interval = value_text(estimate), ends_text(estimate)
+        else:  # `not determined` has room in the column of intervals only
+            value, interval = "", value_text(estimate)
+        title = f"{name:<5}{parameter_words(name)}"[:29]  # for a table of 80 columns
+        numbers = right(interval), right(half_text(estimate))
+        rows.append([title, right(value), unit_text(estimate.unit), *numbers])
     return rows
 
 
@@ -121,18 +122,22 @@ def mode_rows(result: Identification) -> list[list[Cell]]:
 
 
 def run_rows(outcome: Outcome, glyphs: Glyphs) -> list[list[Cell]]:
-    """Return a row for each run of the result."""
+    """Return name, `REJECTED` if it is so, and misfit of each run of the result."""
     rows: list[list[Cell]] = []
     for label, status in outcome.runs:
-        name = f"{mark(status, glyphs)} {printable(label, 40)}"
+        name = f"{symbol(status, glyphs)} {printable(label, 40)}"
         rejected = "" if status == "accepted" else f" {status.upper()}"
-        chi2 = outcome.result.quality.chi2_by_run.get(label, {}).values()  # of its channels
-        rows.append([name, rejected, f" chi2/n {sum(chi2) / len(chi2):.2f}" if chi2 else ""])
+        of_channels = outcome.result.quality.chi2_by_run.get(label, {}).values()
+        mean = f" chi2/n {sum(of_channels) / len(of_channels):.2f}" if of_channels else ""
+        rows.append([name, rejected, mean])
     return rows
 
 
 _PAGES = ("Parameters", "Modes", "Runs", "Findings")
+_TALL_ROWS = 36
+"""Rows from which a terminal is tall."""
 _VERDICT_LINES, _VERDICT_LINES_TALL = 3, 8
+"""Largest number of lines on the verdict, on a low and on a tall terminal."""
 
 
 class ResultsScreen(SessionScreen):
@@ -209,20 +214,20 @@ class ResultsScreen(SessionScreen):
         """Go back to the identify screen."""
         await self.bench_app.go_to(BenchStep.IDENTIFY)
 
-    def action_page(self, step: int) -> None:
-        """Show the next page."""
+    def action_page(self, direction: int) -> None:
+        """Show the next page, or with -1 the one before."""
         tabs = self.query_one(Tabs)
-        tabs.action_next_tab() if step > 0 else tabs.action_previous_tab()
+        tabs.action_next_tab() if direction > 0 else tabs.action_previous_tab()
 
-    def action_move(self, step: int) -> None:
-        """Move between the runs where they are shown; else scroll."""
+    def action_move(self, direction: int) -> None:
+        """Mark the next run (1) or the one before (-1) where runs are shown; else scroll."""
         page = self.query_one(TabbedContent).active
         if page == "runs":
             runs = self.query_one("#runs-table", Table)
-            runs.choose(runs.cursor_row + step)
+            runs.choose(runs.cursor_row + direction)
         else:
             widget = self.query_one(f"#{page} > *")
-            widget.scroll_relative(y=2 * step, animate=False)
+            widget.scroll_relative(y=2 * direction, animate=False)
 
     async def action_exclude(self) -> None:
         """Reject the marked run of this recording, or take it back, and identify again."""
@@ -256,26 +261,26 @@ class ResultsScreen(SessionScreen):
         glyphs = self.bench_app.glyphs
         heads = ("parameter", "value", "unit", "95 % interval", "±")
         self.query_one("#parameters-table", Table).show(heads, parameter_rows(result))
-        modes = ("mass state", "mode", "Hz", "± 95 %", "damping ratio", "± 95 %")
-        self.query_one("#modes-table", Table).show(modes, mode_rows(result))
+        heads_of_modes = ("mass state", "mode", "Hz", "± 95 %", "damping ratio", "± 95 %")
+        self.query_one("#modes-table", Table).show(heads_of_modes, mode_rows(result))
         self.query_one("#runs-table", Table).show([""] * 3, run_rows(outcome, glyphs))
         self._draw()
 
     def _draw(self) -> None:
         """Show what depends on the size of the terminal, and on the recording."""
-        outcome, space = self.outcome, self.query_one("#space", Words)
+        outcome, next_line = self.outcome, self.query_one("#space", Words)
         if outcome is None:
             words = "nothing is identified yet: SPACE = step 6 Identify"
-            space.say(Content.styled(words, SPACE_INK))
+            next_line.say(Content.styled(words, SPACE_INK))
             return
         glyphs, (width, height) = self.bench_app.glyphs, self.app.size
-        most = _VERDICT_LINES if height < 36 else _VERDICT_LINES_TALL
+        most_lines = _VERDICT_LINES if height < _TALL_ROWS else _VERDICT_LINES_TALL
         lines = [f"{glyphs.warn} {OUTDATED}"] if self.outdated else []
-        lines += verdict_lines(outcome, glyphs, width - 2, most - len(lines))
+        lines += verdict_lines(outcome, glyphs, width - 2, most_lines - len(lines))
         verdict = self.query_one("#verdict", Words)
         verdict.say(Content("\n".join(lines)))
         verdict.set_classes(str(outcome.result.quality.verdict))
         step = BenchStep.IDENTIFY if self.outdated else BenchStep.REPORT
-        space.say(Content.styled(f"SPACE = step {step.title}", SPACE_INK))
-        findings = "\n".join(findings_lines(outcome, glyphs, width - 3))
+        next_line.say(Content.styled(f"SPACE = step {step.title}", SPACE_INK))
+        findings = "\n".join(findings_page(outcome, glyphs, width - 3))
         self.query_one("#findings-text", Words).say(Content(findings))

@@ -41,7 +41,7 @@ class Stage(StrEnum):
 
 
 _UNDER_WAY = (Stage.BUILDING, Stage.WORKING)
-_SHOWN = 6
+_MOST_PARTS = 6
 """Largest number of parts of the work that are shown: the newest."""
 _LEAST_SHARE = 0.1
 """Share of the work that must be done before its remaining time is shown."""
@@ -53,8 +53,8 @@ class WorkScreen(SessionScreen):
     def __init__(self) -> None:
         super().__init__()
         self.stage = Stage.IDLE
-        self._parts: dict[str, None] = {}
-        """The parts that were begun, in order."""
+        self._begun_parts: dict[str, None] = {}
+        """The parts of the work that were begun, in order, each once."""
         self.trouble: BumpbenchError | None = None
         """Why the work failed."""
         self.take = asyncio.Event()
@@ -80,28 +80,28 @@ class WorkScreen(SessionScreen):
         """End the worker; without one, go to the home screen."""
         if self.stage in _UNDER_WAY:
             self.workers.cancel_node(self)
-            self.restart(Stage.IDLE, self.session)
+            self.begin(Stage.IDLE, self.session)
         else:
             await self.bench_app.action_home()
 
-    def restart(self, stage: Stage, session: str) -> None:
-        """Begin a stage anew."""
+    def begin(self, stage: Stage, session: str) -> None:
+        """Begin a stage on a session file; what earlier work has shown is forgotten."""
         self.stage, self.session, self.trouble = stage, session, None
         self._begun_s, self._share = monotonic(), 0.0
-        self._parts = {stage.value: None} if stage is Stage.BUILDING else {}
+        self._begun_parts = {stage.value: None} if stage is Stage.BUILDING else {}
         self.draw()
 
-    async def follow(self, task: Task) -> Any:
+    async def answer_to(self, task: Task) -> Any:
         """Do a task in a worker and show its progress; return the answer, None after a failure."""
 
-        def stage(share: float, text: str) -> None:
-            self._parts[text] = None
+        def show_progress(share: float, part: str) -> None:
+            self._begun_parts[part] = None
             self._share = max(self._share, share)  # two processes report in any order
             self.draw()
 
         self.take = asyncio.Event()
         try:
-            answer = await answer_of(task, Path(self.session).name, stage, self.take)
+            answer = await answer_of(task, Path(self.session).name, show_progress, self.take)
         except BumpbenchError as error:
             self.stage, self.trouble = Stage.FAILED, error
             self.draw()
@@ -110,45 +110,47 @@ class WorkScreen(SessionScreen):
         return answer
 
     def draw(self) -> None:
-        """Draw the box."""
+        """Draw the box: what SPACE or another key does, and the state of the work."""
         if not self.is_mounted:
             return
         bar = self.query_one(ProgressBar)
         bar.display = self.stage in _UNDER_WAY
         bar.update(progress=self._share)
         glyphs = self.bench_app.glyphs
-        lines, next_words = self.state()
+        lines, next_words = self.lines_and_keys()
         if self.trouble is not None and self.stage is Stage.FAILED:
             where = printable(self.trouble.where)
             lines = [f"{glyphs.bad} FAILED  {printable(self.trouble.what, 400)}", f"  {where}"]
             lines += [f"  What to do: {printable(self.trouble.advice, 300)}"]
             next_words = "SPACE = try again"
         elif self.stage in _UNDER_WAY:
-            *done, now = [*self._parts][-_SHOWN:] or [""]
-            lines = [f"  {glyphs.good} {printable(text)}" for text in done]
-            lines += [f"  {glyphs.now} {printable(now)}"]
-            taken_s = monotonic() - self._begun_s
+            *done_parts, present_part = [*self._begun_parts][-_MOST_PARTS:] or [""]
+            lines = [f"  {glyphs.good} {printable(part)}" for part in done_parts]
+            lines += [f"  {glyphs.now} {printable(present_part)}"]
+            elapsed_s = monotonic() - self._begun_s
             keys = "T takes the answer so far, Esc stops" if self.may_take else "Esc stops it"
-            next_words = f"{keys}; nothing is lost   {taken_s:.0f} s so far"
+            next_words = f"{keys}; nothing is lost   {elapsed_s:.0f} s so far"
             if self._share >= _LEAST_SHARE:
-                next_words += f", about {taken_s * (1.0 / self._share - 1.0):.0f} s left"
+                remaining_s = elapsed_s * (1.0 / self._share - 1.0)
+                next_words += f", about {remaining_s:.0f} s left"
         self.query_one("#due", Words).say(Content.styled(f"{glyphs.now} {next_words}", SPACE_INK))
-        texts = [*lines, "", *self.about()] if lines else self.about()
+        texts = [*lines, "", *self.subject_lines()] if lines else self.subject_lines()
         self.query_one("#state", Words).say(Content("\n".join(["", *texts])))
 
     @property
     def may_take(self) -> bool:
         """True while the worker looks for more than the answer that it has."""
-        has_answer = any(part.startswith("so far") for part in self._parts)
+        # The identification names a part so while it tries further elements.
+        has_answer = any(part.startswith("so far") for part in self._begun_parts)
         return self.stage is Stage.WORKING and has_answer and not self.take.is_set()
 
     @abstractmethod
-    def about(self) -> list[str]:
-        """Return the lines on what the work is about."""
+    def subject_lines(self) -> list[str]:
+        """Return the lines on what the work is done with."""
 
     @abstractmethod
-    def state(self) -> tuple[list[str], str]:
-        """Return the lines before the work and after it, and the next keys."""
+    def lines_and_keys(self) -> tuple[list[str], str]:
+        """Return what the box shows before the work and after it: lines, and the next keys."""
 
 
 class IdentifyScreen(WorkScreen):
@@ -164,7 +166,7 @@ class IdentifyScreen(WorkScreen):
     def __init__(self) -> None:
         super().__init__()
         self.outcome: Outcome | None = None
-        self._asked_ns = 0
+        self._ordered_ns = 0  # wall clock of the recorder when it took the order to build
 
     @property
     def acts(self) -> bool:
@@ -210,18 +212,18 @@ class IdentifyScreen(WorkScreen):
         if reply is None or reply.status is None:
             return
         self.workers.cancel_node(self)
-        self._asked_ns = reply.status.wall_ns
-        self.restart(Stage.BUILDING, self.session)
+        self._ordered_ns = reply.status.wall_ns
+        self.begin(Stage.BUILDING, self.session)
         self.show_status(reply.status)
 
     def show_status(self, status: Status) -> None:
         """Follow the recorder while it builds; identify the file once it is built."""
         # A status sent before the order shows the older file.
-        if self.stage is Stage.BUILDING and status.wall_ns >= self._asked_ns:
+        if self.stage is Stage.BUILDING and status.wall_ns >= self._ordered_ns:
             session = status.session
             if session.state is SessionState.READY:
-                self.restart(Stage.WORKING, session.path)
-                self._parts = {Stage.BUILDING.value: None}
+                self.begin(Stage.WORKING, session.path)
+                self._begun_parts = {Stage.BUILDING.value: None}
                 self._identify(session.path)
             elif session.state is SessionState.FAILED:
                 where, what = session.path or status.folder, session.text or "no session file"
@@ -231,7 +233,8 @@ class IdentifyScreen(WorkScreen):
 
     @work(exclusive=True)
     async def _identify(self, path: str) -> None:
-        self.outcome = await self.follow(partial(identify_session, path))
+        """Identify a session file, and show the results if this screen is still in front."""
+        self.outcome = await self.answer_to(partial(identify_session, path))
         if self.outcome is None:
             return
         self.draw()
@@ -240,8 +243,8 @@ class IdentifyScreen(WorkScreen):
         else:
             self.bench_app.inform("identified: step 6 shows the results")
 
-    def about(self) -> list[str]:
-        """Return the runs of the recording."""
+    def subject_lines(self) -> list[str]:
+        """Return the runs of the recording, and its session file."""
         status, glyphs = self.bench_app.status, self.bench_app.glyphs
         if status is None:
             return ["waiting for the recorder"]
@@ -249,16 +252,16 @@ class IdentifyScreen(WorkScreen):
         rejected = sum(run.status is RunStatus.REJECTED for run in status.runs)
         count = f"{counted(accepted, 'run')} accepted, {rejected} rejected (kept)"
         lines = [f"{printable(status.vehicle, 60)}: {count}"]
-        for t in status.tallies:
-            mark = glyphs.good if t.accepted >= t.planned else glyphs.warn
-            kind = f"{t.mass_state} {t.excitation.words}"
-            lines.append(f"  {mark} {kind:<20} {t.accepted} of {t.planned} accepted")
+        for tally in status.tallies:
+            mark = glyphs.good if tally.accepted >= tally.planned else glyphs.warn
+            kind = f"{tally.mass_state} {tally.excitation.words}"
+            lines.append(f"  {mark} {kind:<20} {tally.accepted} of {tally.planned} accepted")
         if status.own_session:
             lines.append(f"  session file: {printable(status.own_session)}")
         return lines
 
-    def state(self) -> tuple[list[str], str]:
-        """Return what SPACE does."""
+    def lines_and_keys(self) -> tuple[list[str], str]:
+        """Return a warning if the recording has changed, and what SPACE does."""
         if self.stage is Stage.DONE and self.outdated:
             warning = f"{self.bench_app.glyphs.warn} {OUTDATED}"
             return [warning], "SPACE = build the session file anew and identify it"
@@ -279,7 +282,7 @@ class ReportScreen(WorkScreen):
 
     def __init__(self) -> None:
         super().__init__()
-        self._written: dict[str, Any] = {}
+        self._written: dict[str, Any] = {}  # files and verdict of the report
 
     @property
     def acts(self) -> bool:
@@ -296,7 +299,7 @@ class ReportScreen(WorkScreen):
         """Take the session of this recording, and leave that of the one before."""
         built = status.session.state is SessionState.READY and self.stage not in _UNDER_WAY
         if built and status.own_session != self.session:
-            self.restart(Stage.IDLE, status.own_session)
+            self.begin(Stage.IDLE, status.own_session)
         super().show_status(status)
 
     async def action_next(self) -> None:
@@ -304,20 +307,21 @@ class ReportScreen(WorkScreen):
         if not self.session or self.outdated:
             await self.bench_app.go_to(BenchStep.IDENTIFY)
         elif self.acts:
-            self.restart(Stage.WORKING, self.session)
+            self.begin(Stage.WORKING, self.session)
             self._write()
 
     async def action_new_vehicle(self) -> None:
         """End the recording and begin the next vehicle's."""
         if await self.bench_app.ask(Start()) is not None:
-            self.restart(Stage.IDLE, "")
+            self.begin(Stage.IDLE, "")
             await self.bench_app.go_to(BenchStep.VEHICLE)
 
     @work(exclusive=True)
     async def _write(self) -> None:
+        """Write page and PDF of the report; mark the step as done if they are of this recording."""
         page = self._page
         pdf = str(page.with_suffix(".pdf"))
-        written = await self.follow(partial(report_session, self.session, str(page), pdf))
+        written = await self.answer_to(partial(report_session, self.session, str(page), pdf))
         if written is None:
             return
         self._written = written
@@ -330,13 +334,13 @@ class ReportScreen(WorkScreen):
     def _page(self) -> Path:
         return Path(self.session).with_suffix(".html")
 
-    def about(self) -> list[str]:
+    def subject_lines(self) -> list[str]:
         """Return the session file."""
         if not self.session:
             return ["no session file yet"]
         return [f"Session {printable(Path(self.session).name)}"]
 
-    def state(self) -> tuple[list[str], str]:
+    def lines_and_keys(self) -> tuple[list[str], str]:
         """Return the files that were written, and the next keys."""
         glyphs = self.bench_app.glyphs
         if not self.session:
