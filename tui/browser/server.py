@@ -37,18 +37,18 @@ _SILENT = logging.Logger("requests without the token", logging.CRITICAL + 1)
 _Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
-def listen(host: str, usual: int) -> socket.socket:
-    """Return a socket that listens on a port of an address, on `usual` if that is free.
+def listen(host: str, usual_port: int) -> socket.socket:
+    """Return a socket that listens on a port of an address, on the usual one if that is free.
 
     Raises OSError if `host` is not an address of this machine.
     """
-    for port in (usual, 0):
+    for port in (usual_port, 0):  # 0: any free one
         try:
-            family, _, _, _, place = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-            return socket.create_server(place, family=family, backlog=socket.SOMAXCONN)
+            family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+            return socket.create_server(address, family=family, backlog=socket.SOMAXCONN)
         except OSError as error:
-            last = error
-    raise last
+            last_error = error
+    raise last_error
 
 
 class Guard:
@@ -80,12 +80,13 @@ class Guard:
         guarded = web.Application(middlewares=[self._check], client_max_size=most_bytes)
         guarded.on_response_prepare.append(_add_headers)
         guarded.add_subapp(self.prefix, pages)
+        idle_s, end_s = 75.0, 0.5  # after which a connection is closed
         runner = web.AppRunner(
             guarded,
             access_log=None,
             logger=_SILENT,
-            keepalive_timeout=75.0,  # s without a request
-            shutdown_timeout=0.5,
+            keepalive_timeout=idle_s,
+            shutdown_timeout=end_s,
         )
         await runner.setup()
         try:

@@ -53,7 +53,9 @@ class Served:
 
         if _is_loopback(self.host):
             return ()
-        rows = [tuple(row) for row in segno.make_qr(self.link, error="l").matrix_iter(border=2)]
+        # Least correction and a narrow border, so that it fits beside the words on a terminal.
+        code = segno.make_qr(self.link, error="l")
+        rows = [tuple(row) for row in code.matrix_iter(border=2)]  # 1: dark
         if len(rows) % 2:
             rows.append((0,) * len(rows[0]))
         return tuple(
@@ -70,6 +72,9 @@ class Served:
             sys.stderr.write(f"\x1b[38;5;16;48;5;231m{line}\x1b[0m\n")
 
 
+_USUAL_PORT = 8010
+
+
 def listen_on(host: str) -> tuple[str, socket.socket]:
     """Return an address and a socket that listens there, on the usual port if that is free.
 
@@ -83,7 +88,7 @@ def listen_on(host: str) -> tuple[str, socket.socket]:
     if address in ("0.0.0.0", "::"):
         raise InputError("display", f"{host} is every address", advice)
     try:
-        return address, listen(address, 8010)
+        return address, listen(address, _USUAL_PORT)
     except OSError as error:
         reason = f"cannot listen on {address}: {error.strerror or error}"
         raise InputError("display", reason, advice) from error
@@ -132,8 +137,9 @@ def display_beside(
     except ImportError as error:
         reason = "aiohttp is not installed"
         raise InputError("--display", reason, "install bumpbench[web]") from error
-    words = ["display", str(folder.resolve()), "--display", host, "--operator", operator, "--json"]
-    command = [sys.executable, "-m", "tui", *words, *(["--control"] if control else [])]
+    options = ["--display", host, "--operator", operator, "--json"]
+    options += ["--control"] if control else []
+    command = [sys.executable, "-m", "tui", "display", str(folder.resolve()), *options]
     pipe = subprocess.PIPE
     with (
         TemporaryFile("w+") as errors,  # not a pipe, which somebody would have to read
@@ -142,11 +148,11 @@ def display_beside(
         assert process.stdin is not None
         assert process.stdout is not None
         try:
-            if not (line := process.stdout.readline()):
+            if not (document := process.stdout.readline()):
                 errors.seek(0)
                 lines = errors.read().strip().splitlines() or ["it did not start"]
                 raise InputError("display", lines[-1], "start it alone: bumpbench display")
-            yield Served(**json.loads(line))
+            yield Served(**json.loads(document))
         finally:
             process.stdin.close()
             try:

@@ -34,6 +34,8 @@ TRIES = 5
 """Wrong numbers in a minute after which none is accepted: to try a million then takes 140 days."""
 LOCKED_S = 60.0
 """Time for which no number is accepted then, s."""
+_MOST_BYTES = 1_000
+"""Largest body of a request: a number, or a button with its target."""
 _COOKIE = "bumpbench_control"
 _FILES = Path(__file__).with_name("page")
 _POLICY = (
@@ -66,14 +68,14 @@ def run_display(
         loop, ended = asyncio.get_running_loop(), asyncio.Event()
         failures: list[BaseException] = []
 
-        def fail(_: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        def end_by_failure(_: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
             if {"socket", "transport", "protocol"} & context.keys():
                 return  # the end of a connection, by either side
             # A page that went on without its recorder would show an old state as the present one.
             failures.append(context.get("exception") or RuntimeError(context["message"]))
             ended.set()
 
-        loop.set_exception_handler(fail)
+        loop.set_exception_handler(end_by_failure)
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: loop.call_soon_threadsafe(ended.set))
         served = Served(guard.link, address, server.secret)
@@ -97,7 +99,7 @@ class Control:
         """Keys of the pages that have control."""
 
     def grant(self, typed: str, now_s: float) -> tuple[str, str]:
-        """Return the key of a page on which the number was typed, or why there is none.
+        """Return the key of a page on which the number was typed, and why it gets none.
 
         `now_s`: of a clock that is never set.
         """
@@ -126,7 +128,7 @@ class Follower:
 
     def __init__(self, feed: RecorderFeed) -> None:
         self._feed = feed
-        self._last: Status | None = None
+        self._last_status: Status | None = None
         self._lost: Lost | None = None
         self._state = b""
         """The newest state as JSON."""
@@ -137,7 +139,7 @@ class Follower:
     @property
     def status(self) -> Status | None:
         """The last status; None before the first, and while the recorder is lost."""
-        return None if self._lost is not None else self._last
+        return None if self._lost is not None else self._last_status
 
     def start(self) -> None:
         """Show that nothing is known yet, and start the feed; its thread posts news to the loop."""
@@ -147,7 +149,7 @@ class Follower:
             with suppress(RuntimeError):  # the loop has ended before the feed's thread
                 loop.call_soon_threadsafe(self.take, news)
 
-        self._show()
+        self._make_state()
         self._feed.start(post)
 
     def close(self) -> None:
@@ -159,12 +161,12 @@ class Follower:
         """Take in news of the recorder, and show them if they change the page."""
         match news:
             case Status():
-                self._last, self._lost = news, None
+                self._last_status, self._lost = news, None
             case Lost():
                 self._lost = news
             case _:
                 return
-        self._show()
+        self._make_state()
 
     async def messages(self) -> AsyncGenerator[bytes, None]:
         """Yield server-sent events: the newest state whenever it has changed, and heartbeats."""
@@ -180,12 +182,14 @@ class Follower:
             except TimeoutError:
                 yield b"event: beat\ndata: \n\n"
 
-    def _show(self) -> None:
-        state = asdict(view(self._last, self._lost))
+    def _make_state(self) -> None:
+        """Make the newest state of what is known, and wake the pages that wait for it."""
+        state = asdict(view(self._last_status, self._lost))
         self._state = json.dumps(state, separators=(",", ":"), allow_nan=False).encode()
         self._wake()
 
     def _wake(self) -> None:
+        """Let all `messages` look at the state again."""
         self._changed.set()
         self._changed = asyncio.Event()
 
@@ -206,27 +210,28 @@ class DisplayServer:
         self._follower = Follower(feed)
         self._orders = asyncio.Lock()
 
-    async def serve(self, ended: asyncio.Event, listening: Callable[[], object]) -> None:
-        """Serve until `ended` is set; `listening` is called once pages can be opened."""
+    async def serve(self, ended: asyncio.Event, announce: Callable[[], object]) -> None:
+        """Serve until `ended` is set; `announce` is called once pages can be opened."""
         pages = web.Application()
         pages.on_response_prepare.append(_add_policy)
         pages.router.add_get("/events", self._events)
         pages.router.add_post("/control", self._grant)
         pages.router.add_post("/order", self._order)
-        pages.router.add_get("/", _index)
+        pages.router.add_get("/", _index_page)
         pages.router.add_static("/", _FILES)
-        async with self._guard.serving(pages, 1_000):
+        async with self._guard.serving(pages, _MOST_BYTES):
             try:
                 self._follower.start()
-                listening()
+                announce()
                 await ended.wait()
             finally:
                 self._follower.close()
                 await asyncio.to_thread(self._feed.stop)
 
     async def _events(self, request: web.Request) -> web.StreamResponse:
+        """Send a page its role, then the messages of the follower, until one of them ends."""
         stream = web.StreamResponse(headers={"Content-Type": "text/event-stream"})
-        role = {"control": self._control is not None, "granted": self._granted(request)}
+        role = {"control": self._control is not None, "granted": self._has_control(request)}
         async with aclosing(self._follower.messages()) as messages:
             with suppress(ConnectionResetError):  # the page has gone
                 await stream.prepare(request)
@@ -237,12 +242,12 @@ class DisplayServer:
 
     async def _grant(self, request: web.Request) -> web.Response:
         """Give a page control for the number that is shown at the terminal."""
-        body = await _body(request)
+        body = await _json_body(request)
         if self._control is None or body is None:
-            return _refused(403, "this display only looks on")
-        key, refusal = self._control.grant(str(body.get("number", "")), time.monotonic())
-        if refusal:
-            return _refused(403, refusal)
+            return _refusal(403, "this display only looks on")
+        key, reason = self._control.grant(str(body.get("number", "")), time.monotonic())
+        if reason:
+            return _refusal(403, reason)
         answer = web.json_response({})
         path = f"{self._guard.prefix}/"
         answer.set_cookie(_COOKIE, key, path=path, httponly=True, samesite="Strict")
@@ -250,31 +255,32 @@ class DisplayServer:
 
     async def _order(self, request: web.Request) -> web.Response:
         """Carry out the order of a button."""
-        body = await _body(request)
-        if body is None or not self._granted(request):
-            return _refused(403, "enter the number that is shown at the terminal")
-        button, label = str(body.get("button", "")), str(body.get("label", ""))
+        body = await _json_body(request)
+        if body is None or not self._has_control(request):
+            return _refusal(403, "enter the number that is shown at the terminal")
+        button, target = str(body.get("button", "")), str(body.get("target", ""))
         async with self._orders:
             status = self._follower.status
-            order = order_of(button, label, status) if status is not None else None
+            order = order_of(button, target, status) if status is not None else None
             if order is None:
-                return _refused(409, "that is over: look at the page again")
+                return _refusal(409, "that is over: look at the page again")
             try:
                 await self._feed.ask(Hello(self._name, True, body.get("take_over") is True))
             except OrderRefusedError as error:
-                return _refused(423, str(error))
+                return _refusal(423, str(error))
             try:
                 await self._feed.ask(order)
             except OrderRefusedError as error:
-                return _refused(409, str(error))
+                return _refusal(409, str(error))
         return web.json_response({})
 
-    def _granted(self, request: web.Request) -> bool:
+    def _has_control(self, request: web.Request) -> bool:
+        """Return True if the number was typed on the page that sends a request."""
         key = request.cookies.get(_COOKIE, "")
         return self._control is not None and self._control.holds(key)
 
 
-async def _body(request: web.Request) -> dict[str, Any] | None:
+async def _json_body(request: web.Request) -> dict[str, Any] | None:
     """Return the JSON object of a request; None if it is not one, or names no page of ours."""
     if request.headers.get("Origin") is None or request.content_type != "application/json":
         return None
@@ -285,12 +291,12 @@ async def _body(request: web.Request) -> dict[str, Any] | None:
     return document if isinstance(document, dict) else None
 
 
-async def _index(_: web.Request) -> web.FileResponse:
+async def _index_page(_: web.Request) -> web.FileResponse:
     return web.FileResponse(_FILES / "index.html")
 
 
-def _refused(code: int, text: str) -> web.Response:
-    return web.json_response({"error": text}, status=code)
+def _refusal(http_status: int, reason: str) -> web.Response:
+    return web.json_response({"error": reason}, status=http_status)
 
 
 async def _add_policy(_: web.Request, response: web.StreamResponse) -> None:

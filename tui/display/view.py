@@ -103,7 +103,8 @@ class Row:
 
 
 NEXT, REJECT, PAUSE = "next", "reject", "pause"
-_RUNNING = (*BUSY, Phase.ACCEPTED, Phase.REJECTED)
+_PAUSABLE = (*BUSY, Phase.ACCEPTED, Phase.REJECTED)
+"""Phases that lead to a further run by themselves."""
 _NEXT_WORDS = {Phase.PAUSED: "Go on", Phase.REJECTED: "Again now", Phase.ACCEPTED: "Next now"}
 
 
@@ -111,14 +112,16 @@ _NEXT_WORDS = {Phase.PAUSED: "Go on", Phase.REJECTED: "Again now", Phase.ACCEPTE
 class Buttons:
     """Labels; an empty one is a button that does nothing now.
 
-    The page sends `next_label` (the mass state that the first button confirms) and `reject_label`
-    (the run that the second one rejects) back, so that a late touch answers no other question.
+    The page sends the target of a button back with it, so that a late touch answers no other
+    question than the one that was shown.
     """
 
     next: str = ""
-    next_label: str = ""
+    next_target: str = ""
+    """The mass state whose weights the first button confirms; empty if it confirms none."""
     reject: str = ""
-    reject_label: str = ""
+    reject_target: str = ""
+    """Label of the run that the second button rejects."""
     pause: str = ""
 
 
@@ -161,36 +164,31 @@ def view(status: Status | None, lost: Lost | None) -> View:
     `status`: the last one; None before the first.  `lost`: not None if the recorder does not
     answer.
     """
-    shown = _view(status) if status is not None else View(_CONNECTING)
+    last_view = _view_of(status) if status is not None else View(_CONNECTING)
     if lost is None:
-        return shown
+        return last_view
     text, advice = printable(lost.text, 200), printable(lost.advice, 200)
-    gone = Headline(Kind.LOST, ("RECORDER", "LOST"), text, advice)
-    return replace(shown, headline=gone, alarm=None, buttons=NO_BUTTONS)
+    loss = Headline(Kind.LOST, ("RECORDER", "LOST"), text, advice)
+    return replace(last_view, headline=loss, alarm=None, buttons=NO_BUTTONS)
 
 
-def _view(status: Status) -> View:
+def _view_of(status: Status) -> View:
+    """Return what the page shows of a recorder that answers."""
     due, run = status.due, last_judged(status)
     title = f"{due.step.mass_state}: {due_words(status)}" if due else ""
     if status.phase in (Phase.ACCEPTED, Phase.REJECTED) and run:
         title = f"{run.mass_state}: {run_words(run)}, {count_words(status, run)}"
-    rows = tuple(
-        Row(
-            printable(tally.mass_state, 20),
-            tally.excitation.words,
-            tally.accepted,
-            tally.planned,
-            tally.rejected,
-            due is not None
-            and (tally.mass_state, tally.excitation) == (due.step.mass_state, due.step.excitation),
-        )
-        for tally in status.tallies
-    )
+    due_kind = (due.step.mass_state, due.step.excitation) if due else None
+    rows = []
+    for tally in status.tallies:
+        mass_state, kind = printable(tally.mass_state, 20), tally.excitation.words
+        is_due = due_kind == (tally.mass_state, tally.excitation)
+        rows.append(Row(mass_state, kind, tally.accepted, tally.planned, tally.rejected, is_due))
     return View(
         headline(status),
         title=title,
         instruction=instruction_words(status),
-        rows=rows,
+        rows=tuple(rows),
         done=sum(min(row.accepted, row.planned) for row in rows),
         planned=sum(row.planned for row in rows),
         alarm=_alarm_line(status),
@@ -206,11 +204,11 @@ def headline(status: Status) -> Headline:
     if (alarm := shown_obstacle(status)) is not None:
         name, advice, _ = cause_words(alarm)
         return Headline(Kind.STOPPED, ("STOP",), name, advice)
-    arms = status.phase in (Phase.IDLE, Phase.PAUSED) and next_action(status).order is not None
-    if arms and (question := weights_question(status)):
-        # The question that comes before the first run of another mass state.
-        word, why = question.split("? ")
-        words = tuple(f"{word}?".upper().split())
+    may_start = status.phase in (Phase.IDLE, Phase.PAUSED) and _next_arms(status)
+    if may_start and (question := weights_question(status)):
+        # The question that comes before the first run of another mass state, and its explanation.
+        short_question, why = question.split("? ")
+        words = tuple(f"{short_question}?".upper().split())
         advice = "Yes: the first button, or SPACE at the terminal."
         return Headline(Kind.STEP, words, why, advice)
     instruction = instruction_words(status)
@@ -220,9 +218,9 @@ def headline(status: Status) -> Headline:
         case Phase.ARMED:
             return Headline(Kind.BUMP, ("BUMP", "NOW"), instruction)
         case Phase.TRIGGERED | Phase.DECAY:
-            return _hands_off(status)
+            return _hands_off_headline(status)
         case Phase.ACCEPTED | Phase.REJECTED:
-            return _judged(status)
+            return _verdict_headline(status)
         case Phase.PAUSED:
             return Headline(Kind.PAUSED, ("PAUSED",), PAUSED)
         case Phase.COMPLETE:
@@ -236,8 +234,8 @@ def headline(status: Status) -> Headline:
     return Headline(Kind.READY, ("READY",), instruction)
 
 
-def _hands_off(status: Status) -> Headline:
-    """Return the time since the bump, and the share of its decay that has passed."""
+def _hands_off_headline(status: Status) -> Headline:
+    """Return `HANDS OFF` with the time since the bump, and the share of its decay that is over."""
     since_bump_s = max(0.0, (status.t_ns - status.bump_ns) * 1e-9) if status.bump_ns else 0.0
     why, decayed = HANDS_OFF, None
     if status.peak_left is not None:
@@ -253,7 +251,7 @@ def _hands_off(status: Status) -> Headline:
     )
 
 
-def _judged(status: Status) -> Headline:
+def _verdict_headline(status: Status) -> Headline:
     """Return the word on the run that has just been judged."""
     run, digits = last_judged(status), countdown_digits(status)
     digits_are = "seconds to the next run" if digits else ""
@@ -279,35 +277,37 @@ def _alarm_line(status: Status) -> AlarmLine | None:
 
 def buttons_of(status: Status) -> Buttons:
     """Return the labels of the buttons in a status."""
-    last = status.runs[-1] if status.runs else None
-    if last is not None and last.status is RunStatus.REJECTED:
-        last = None  # it is rejected already
-    mass_state = changed_weights(status) if _arms(status) else ""
-    start = _NEXT_WORDS.get(status.phase, "Start") if _arms(status) else ""
+    rejectable = status.runs[-1] if status.runs else None
+    if rejectable is not None and rejectable.status is RunStatus.REJECTED:
+        rejectable = None  # it is rejected already
+    start_words = mass_state = ""
+    if _next_arms(status):
+        start_words, mass_state = _NEXT_WORDS.get(status.phase, "Start"), changed_weights(status)
     if mass_state:
-        start = f"Weights are {'off' if mass_state == BASELINE else 'on'}: start"
+        start_words = f"Weights are {'off' if mass_state == BASELINE else 'on'}: start"
     return Buttons(
-        next=start,
-        next_label=mass_state,
-        reject=f"Reject {run_words(last)}" if last else "",
-        reject_label=last.label if last else "",
-        pause="Pause" if status.phase in _RUNNING else "",
+        next=start_words,
+        next_target=mass_state,
+        reject=f"Reject {run_words(rejectable)}" if rejectable else "",
+        reject_target=rejectable.label if rejectable else "",
+        pause="Pause" if status.phase in _PAUSABLE else "",
     )
 
 
-def order_of(button: str, label: str, status: Status) -> Order | None:
-    """Return the order of a button; None if it does nothing now.
+def order_of(button: str, target: str, status: Status) -> Order | None:
+    """Return the order of a button; None if it does nothing now, or would have another target.
 
-    `label`: what the page showed: the weights that NEXT confirms, or the run that REJECT rejects.
+    `target`: what the page sent with the button, as in `Buttons`.
     """
-    if button == NEXT and _arms(status) and label == changed_weights(status):
+    if button == NEXT and _next_arms(status) and target == changed_weights(status):
         return next_action(status).order
-    if button == REJECT and label and label == buttons_of(status).reject_label:
-        return Reject(label)
-    if button == PAUSE and status.phase in _RUNNING:
+    if button == REJECT and target and target == buttons_of(status).reject_target:
+        return Reject(target)
+    if button == PAUSE and status.phase in _PAUSABLE:
         return Pause()
     return None
 
 
-def _arms(status: Status) -> bool:
+def _next_arms(status: Status) -> bool:
+    """Return True if the next action is to arm a run."""
     return isinstance(next_action(status).order, Arm)

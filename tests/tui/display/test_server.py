@@ -174,9 +174,9 @@ def test_orders_need_the_number() -> None:
         assert (await page.post("order", button="next"))[0] == 409, "it is armed"
         label = page.recorder.bump()
         page.recorder.judge()
-        await until(page, "view", lambda view: view["buttons"]["reject_label"] == label)
-        assert (await page.post("order", button="reject", label="baseline_bounce_9"))[0] == 409
-        assert (await page.post("order", button="reject", label=label))[0] == 200
+        await until(page, "view", lambda view: view["buttons"]["reject_target"] == label)
+        assert (await page.post("order", button="reject", target="baseline_bounce_9"))[0] == 409
+        assert (await page.post("order", button="reject", target=label))[0] == 200
 
     orders = _with_control(act)
     assert [order for order in orders if isinstance(order, Arm | Reject)] == [

@@ -153,7 +153,7 @@ def test_what_the_buttons_do(recorder: FakeRecorder) -> None:
     label = recorder.bump()
     recorder.judge()
     buttons = shown(recorder).buttons
-    assert (buttons.next, buttons.reject, buttons.reject_label) == (
+    assert (buttons.next, buttons.reject, buttons.reject_target) == (
         "Next now",
         "Reject bounce 1",
         "baseline_bounce_1",
@@ -170,7 +170,7 @@ def test_the_weights_are_asked_for_and_the_button_answers(recorder: FakeRecorder
     page = shown(recorder)
     assert page.headline.word == ("WEIGHTS", "ON?")
     assert page.headline.why == "The next run is of the car with weights (added)."
-    assert (page.buttons.next, page.buttons.next_label) == ("Weights are on: start", "added")
+    assert (page.buttons.next, page.buttons.next_target) == ("Weights are on: start", "added")
     assert order_of("next", "", recorder.status) is None  # touched before the question was there
     assert order_of("next", "added", recorder.status) == Arm(mass_state="added")
     recorder.bump()

@@ -176,7 +176,7 @@ async function press(button) {
   if (!role.granted) { askNumber(); return; }
   if (!view || !view.buttons[button] || lineLost) return;
   answer("");
-  const order = { button, label: view.buttons[`${button}_label`] ?? "" };
+  const order = { button, target: view.buttons[`${button}_target`] ?? "" };
   const reply = await post("order", order);
   if (reply.code === 423) askTakeOver(order, reply.error);
   else if (reply.code === 403) { role.granted = false; show(); }
