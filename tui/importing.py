@@ -17,13 +17,7 @@ from daq.check.signs import opposed_signs
 from daq.files import file_sha256
 from daq.formats.columns import read_columns
 from daq.formats.log import Log
-from daq.session.from_columns import (
-    bump_run,
-    bumps_in,
-    given_run,
-    recording,
-    session_from_columns,
-)
+from daq.session.from_columns import bump_run, bumps_in, given_run, recording, session_from_columns
 from daq.session.from_frames import Intake, LogPart, labelled, session_from_parts
 from dbc import Codec, counted, plural
 

@@ -58,8 +58,7 @@ Seed = Annotated[int, typer.Option(min=0, metavar="N", help="Seed of noise and s
 FaultName = Literal["double-bump", "lost-frames", "unplug"]
 """Those of `daq.sim.bench.Fault`, which is slow to load."""
 Operator = Annotated[
-    str,
-    typer.Option(metavar="NAME", help="Your name or initials, stored with every verdict."),
+    str, typer.Option(metavar="NAME", help="Your name or initials, stored with every verdict.")
 ]
 
 JsonResult = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]

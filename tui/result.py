@@ -9,12 +9,7 @@ from typing import TYPE_CHECKING
 from identify import Estimate, Identification, Verdict
 from identify.fit.uncertainty import ModeEstimate
 from identify.nonlinear.forces import Forces
-from identify.numbers import (
-    NOT_DETERMINED,
-    largest_share,
-    number,
-    rounded,
-)
+from identify.numbers import NOT_DETERMINED, largest_share, number, rounded
 from identify.words import (
     SEVERITY,
     damper_columns,

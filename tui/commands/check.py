@@ -30,10 +30,7 @@ def check(
     ] = None,
     layout: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="NAME",
-            help="Ready-made channel map for --propose; repeatable.",
-        ),
+        typer.Option(metavar="NAME", help="Ready-made channel map for --propose; repeatable."),
     ] = None,
     push: Annotated[
         float,
@@ -93,15 +90,10 @@ def check(
         return ExitCode.OK
     if bench is not None and log is None and bench.suffix.lower() not in ("", ".toml"):
         bench, log = None, bench  # a log that is named alone
-    if propose is None:
-        for option, value in (
-            ("--layout", layout),
-            ("--push", push),
-            ("--bitrate", bitrate),
-            ("--dbc", dbc),
-        ):
-            if value:
-                raise InputError(option, "is for --propose", "leave it out, or propose a bench")
+    of_proposals = {"--layout": layout, "--push": push, "--bitrate": bitrate, "--dbc": dbc}
+    for option, value in of_proposals.items():
+        if value and propose is None:
+            raise InputError(option, "is for --propose", "leave it out, or propose a bench")
     frames = None
     if propose is not None:
         inputs = [path for path in (bench, log, *(dbc or [])) if path is not None]
@@ -119,11 +111,11 @@ def check(
     if frames is None:
         frames = read_frames(described, log, 0.0, seconds)
     report = check_bench(described, codec, frames, date.today())
-    _print(report, json)
+    _print_report(report, json)
     return ExitCode.ANSWER_IS_NO if report.verdict is Severity.ERROR else ExitCode.OK
 
 
-def _print(report: CheckReport, json: bool) -> None:
+def _print_report(report: CheckReport, json: bool) -> None:
     from daq.check.check import WORDS
     from dbc import counted
 
@@ -140,8 +132,8 @@ def _print(report: CheckReport, json: bool) -> None:
             }
             for line in report.lines
         ]
-        counts = {"seconds": report.seconds, "frames": report.frames}
-        print_json({"verdict": WORDS[report.verdict], **counts, "lines": lines})
+        extent = {"seconds": report.seconds, "frames": report.frames}
+        print_json({"verdict": WORDS[report.verdict], **extent, "lines": lines})
         return
     rows = []
     for line in report.lines:
@@ -149,6 +141,6 @@ def _print(report: CheckReport, json: bool) -> None:
         rows.append((f"{WORDS[line.severity]:<5}{line.subject}", f"{line.text}{advice}"))
     print_labelled(rows)
     severities = [line.severity for line in report.lines]
-    by_word = [f"{severities.count(severity)} {word}" for severity, word in WORDS.items()]
+    counts = [f"{severities.count(severity)} {word}" for severity, word in WORDS.items()]
     frames = counted(report.frames, "frame")
-    print_line(f"{WORDS[report.verdict]}: {', '.join(by_word)}; {frames}")
+    print_line(f"{WORDS[report.verdict]}: {', '.join(counts)}; {frames}")

@@ -118,10 +118,7 @@ def plan(
 
 
 def planned(
-    bench: Bench,
-    vehicle: NDArray[np.float64],
-    rate_hz: float | None,
-    bump_height_m: float,
+    bench: Bench, vehicle: NDArray[np.float64], rate_hz: float | None, bump_height_m: float
 ) -> Plan:
     """Return the campaign of a bench as a plan, its sensors with the usual noise of their kind.
 

@@ -84,10 +84,7 @@ def record(
     return print_outcome(last, json)
 
 
-def status(
-    folder: RecorderFolder = Path(),
-    json: JsonResult = False,
-) -> int:
+def status(folder: RecorderFolder = Path(), json: JsonResult = False) -> int:
     """Print the status of a folder's recorder; exit code 1 if none runs there."""
     from daq.control.address import control_address, unreachable_words
     from daq.control.exchange import Client, OrderRefusedError, RecorderGoneError
@@ -176,8 +173,7 @@ def display(
 
 def recover(
     journal: Annotated[
-        list[Path],
-        typer.Argument(help="Segments journal_*.bbj, or a folder with segments."),
+        list[Path], typer.Argument(help="Segments journal_*.bbj, or a folder with segments.")
     ],
     out: Annotated[
         Path | None,

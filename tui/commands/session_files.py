@@ -16,10 +16,7 @@ if TYPE_CHECKING:
     from daq import Session
 
 
-def inspect(
-    session: SessionFile,
-    json: JsonResult = False,
-) -> None:
+def inspect(session: SessionFile, json: JsonResult = False) -> None:
     """Show the contents of a session: runs, verdicts, losses, channels, vehicle, provenance."""
     from daq import read_session
 
