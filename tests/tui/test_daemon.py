@@ -99,7 +99,7 @@ def test_recordings_are_armed_and_ended_once(
     engine = Engine()
     one = daemon(engine, **options)
     for status in statuses:
-        one._lead(status, end)
+        one._give_orders(status, end)
     assert (engine.orders, one._stop.is_set()) == (orders, stopped)
 
 
@@ -109,17 +109,17 @@ def test_an_end_that_a_full_disk_refuses_is_tried_again_until_it_has_room() -> N
     engine.refuses = True
     one = daemon(engine, keep_on=False)
     for _ in range(4):
-        one._lead(at("a", Phase.COMPLETE), end=False)
+        one._give_orders(at("a", Phase.COMPLETE), end=False)
     assert (engine.orders, one._stop.is_set()) == ([STOP, STOP], False)
     engine.refuses = False
     for status in (at("a", Phase.COMPLETE), BUILDING, READY):
         assert not one._stop.is_set()
-        one._lead(status, end=False)
+        one._give_orders(status, end=False)
     assert (engine.orders, one._stop.is_set()) == ([STOP] * 3, True)
     engine.refuses = True
     ended = daemon(engine, keep_on=False)
     for end in (False, True):
-        ended._lead(at("a", Phase.COMPLETE), end)
+        ended._give_orders(at("a", Phase.COMPLETE), end)
     assert ended._stop.is_set()
 
 

@@ -114,7 +114,7 @@ def compare(
     from daq.files import write_named
     from identify.compare import compare as compared
 
-    from ..jobs.reporting import identified, labels_of
+    from ..jobs.reporting import identify_files, labels_of
     from ..output import print_json, progress
 
     if len(sessions) < 2:
@@ -124,7 +124,7 @@ def compare(
         require_place(page, force)
     with progress("compare") as stage:
         stage(0.0, f"{len(sessions)} sessions")
-        results = identified([str(path) for path in sessions], stage)
+        results = identify_files([str(path) for path in sessions], stage)
     labels = labels_of(sessions)
     comparison = compared(labels, results)
     if page is not None:

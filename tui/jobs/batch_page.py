@@ -22,39 +22,36 @@ def page_of(columns: Sequence[str], rows: Sequence[Row], folder: Path) -> str:
     """Return the page; links lead from `folder` to reports that are next to their sessions."""
     from daq.vehicle import parameter_unit
 
-    names = [
-        name
-        for name in columns
-        if f"{name}_std" in columns and not name.endswith(("_hz", "_damping"))
-    ]
+    estimated = [name for name in columns if f"{name}_std" in columns]
+    names = [name for name in estimated if not name.endswith(("_hz", "_damping"))]  # of modes
     # The names of element forces, which begin with a word, include their unit.
     units = [parameter_unit(n) if len(n.partition("_")[0]) == 1 else "" for n in names]
-    shown = []
+    page_rows = []
     for row in rows:
         values = [_rounded(row.get(name)) for name in names]
         stds = [_rounded(row.get(f"{name}_std")) for name in names]
-        shown.append([*_about(row, folder), values, stds])
-    document = {"parameters": list(zip(names, units, strict=True)), "rows": shown}
+        page_rows.append([*_session_cells(row, folder), values, stds])
+    document = {"parameters": list(zip(names, units, strict=True)), "rows": page_rows}
     here = files(__package__)
     page = (here / "batch_page.html").read_text("utf-8")
-    for mark, part in (
+    for placeholder, content in (
         ("STYLE", files("identify.report").joinpath("report.css").read_text("utf-8")),
         ("SCRIPT", (here / "batch_page.js").read_text("utf-8")),
         ("DATA", json_in_html(document, separators=(",", ":"))),
     ):
-        page = page.replace(f"<!--{mark}-->", part, 1)
+        page = page.replace(f"<!--{placeholder}-->", content, 1)
     return page
 
 
-def _about(row: Row, folder: Path) -> list[Any]:
-    """Return file, report, vehicle, date, origin, verdict, chi2/n and reasons of a row."""
+def _session_cells(row: Row, folder: Path) -> list[Any]:
+    """Return file, report's link, vehicle, date, origin, verdict, chi2/n and reasons of a row."""
     file = str(row["file"])
     report = Path(file).with_suffix(".html")
     link = quote(Path(relpath(report, folder)).as_posix()) if report.is_file() else ""
-    about = [str(row.get(name) or "") for name in ("vehicle", "created", "origin")]
+    descriptions = [str(row.get(name) or "") for name in ("vehicle", "created", "origin")]
     reasons = printable(str(row.get("reasons") or ""), 300)
     chi2 = _rounded(row.get("chi2_per_n"))
-    return [file, link, *about, str(row["verdict"]), chi2, reasons]
+    return [file, link, *descriptions, str(row["verdict"]), chi2, reasons]
 
 
 def _rounded(cell: Cell) -> float | None:

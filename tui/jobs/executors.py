@@ -45,9 +45,10 @@ def as_finished(
     """
     remaining = iter(items)
     cut_off: list[Item] = []  # by the death of a worker process
-    with _crew(workers, scheduler) as (executor, n_workers):
+    with _workers(workers, scheduler) as (executor, n_workers):
         running: dict[Future[Result], Item] = {}
         while not cut_off:
+            # Twice as many as there are workers, so that none waits for its next item.
             for item in islice(remaining, 2 * n_workers - len(running)):
                 try:
                     running[executor.submit(function, item)] = item
@@ -64,8 +65,8 @@ def as_finished(
                     yield item, future
         cut_off += running.values()
     for item in cut_off:
-        with processes(1) as alone:
-            future = alone.submit(function, item)
+        with processes(1) as single:
+            future = single.submit(function, item)
             wait([future])
             yield item, future
     if cut_off:
@@ -148,12 +149,12 @@ def helpers(modules: Sequence[str]) -> Iterator[Executor]:
 
     with processes(_HELPERS, modules) as pool:
 
-        def start() -> None:
+        def start_helpers() -> None:
             with suppress(OSError):  # a use raises it again
                 for _ in range(_HELPERS):
                     pool.submit(int)
 
-        starting = Thread(target=start)  # their libraries take a second to load
+        starting = Thread(target=start_helpers)  # their libraries take a second to load
         starting.start()
         try:
             yield pool
@@ -165,7 +166,7 @@ def helpers(modules: Sequence[str]) -> Iterator[Executor]:
 
 
 @contextmanager
-def _crew(workers: int, scheduler: str | None) -> Iterator[tuple[Executor, int]]:
+def _workers(workers: int, scheduler: str | None) -> Iterator[tuple[Executor, int]]:
     """Yield processes, or the workers of a Dask cluster, as an executor, and their number."""
     if scheduler is None:
         with processes(workers) as pool:

@@ -54,15 +54,16 @@ def write_report(
         make_room(pdf)
     modules = ("identify.report.content", "identify.report.typeset")
     with helpers((*modules, "matplotlib.backends.backend_svg")) as pool:
-        begun = {}  # drawings, by the key of their picture
+        begun_drawings = {}  # by the key of their picture
         checks = CrossChecks()
 
-        def fitted(estimation: Estimation) -> None:
+        def use_fit(estimation: Estimation) -> None:
+            """Begin what needs only the fit, while the identification goes on."""
             nonlocal checks
-            begun.update(drawings(decay_pictures(estimation), pool))
+            begun_drawings.update(drawings(decay_pictures(estimation), pool))
             checks = cross_checks(estimation)
 
-        result = identify(recorded, lambda done, text: stage(0.6 * done, text), fitted)
+        result = identify(recorded, lambda done, text: stage(0.6 * done, text), use_fit)
         stage(0.6, "gathering")
         libraries = {name: version(name) for name in ("numpy", "scipy", "h5py", "matplotlib")}
         today = datetime.now(UTC).date().isoformat()
@@ -73,8 +74,9 @@ def write_report(
         stage(0.7, "drawing")
         # The PDF takes longest: it is begun first.
         sheets = None if pdf is None else pool.submit(pdf_of, report)
-        begun |= drawings((p for p in report.pictures if p.key not in begun), pool)
-        write_named(html, html_of(report, begun).encode())
+        others = [p for p in report.pictures if p.key not in begun_drawings]
+        begun_drawings |= drawings(others, pool)
+        write_named(html, html_of(report, begun_drawings).encode())
         written(html)
         if pdf is not None and sheets is not None:
             stage(0.85, "PDF")
@@ -100,22 +102,22 @@ def write_figures(report: Report, folder: Path, kind: str) -> list[Path]:
     return paths
 
 
-def identified(paths: Sequence[str], stage: Stage) -> list[Identification]:
-    """Identify session files, as many at a time as there are processors.
+def identify_files(paths: Sequence[str], stage: Stage) -> list[Identification]:
+    """Return the results of session files, identified as many at a time as there are processors.
 
     `stage`: called with the share done, 0..1.  Raises InputError if one cannot be read.
     """
     workers = min(len(paths), os.cpu_count() or 1)
-    return map_items(_result, paths, workers, stage, "compare")
+    return map_items(_small_result, paths, workers, stage, "compare")
 
 
-def _result(path: str) -> Identification:
-    """Return the result without residuals, which would fill the memory in a long trend."""
+def _small_result(path: str) -> Identification:
+    """Return a file's result without residuals, which would fill the memory in a long trend."""
     result = identify_parameters(read_session(path))
     if result.estimation is None:
         return result
-    emptied = tuple(replace(run, values={}) for run in result.estimation.residuals)
-    estimation = replace(result.estimation, residuals=emptied)
+    without_values = tuple(replace(run, values={}) for run in result.estimation.residuals)
+    estimation = replace(result.estimation, residuals=without_values)
     return replace(result, estimation=estimation, residuals=())
 
 

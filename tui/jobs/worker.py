@@ -96,22 +96,19 @@ async def answer_of(task: Task, subject: str, stage: Stage, take: asyncio.Event)
     `subject`: of an error that names none itself.  `take`: set to get the answer so far.  Raises
     BumpbenchError if there is no answer.
     """
+    command, pipe, nothing = [sys.executable, "-c", START], subprocess.PIPE, subprocess.DEVNULL
     try:
         worker = subprocess.Popen(
-            [sys.executable, "-c", START],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            start_new_session=True,
+            command, stdin=pipe, stdout=pipe, stderr=nothing, start_new_session=True
         )
     except OSError as error:
         reason = f"no process can be started ({error.strerror or error})"
         raise InputError(subject, reason, "end other programs, and try again") from error
-    lines: asyncio.Queue[Any] = asyncio.Queue()
+    messages: asyncio.Queue[Any] = asyncio.Queue()  # progress, last the answer or an error
     loop = asyncio.get_running_loop()
 
     def listen() -> None:
-        """Send the task; pass on each line, last that the process has ended; close its pipes."""
+        """Send the task; pass on each message, last that the process ended; close its pipes."""
         with suppress(RuntimeError, OSError), worker:  # the loop is closed, or it has ended
             assert worker.stdin is not None
             assert worker.stdout is not None
@@ -119,38 +116,39 @@ async def answer_of(task: Task, subject: str, stage: Stage, take: asyncio.Event)
                 pickle.dump((task, subject), worker.stdin)
                 worker.stdin.flush()
                 while True:
-                    loop.call_soon_threadsafe(lines.put_nowait, pickle.load(worker.stdout))
+                    loop.call_soon_threadsafe(messages.put_nowait, pickle.load(worker.stdout))
             code = worker.wait()
             how = f"by signal {-code}" if code < 0 else f"with code {code}"
             reason = f"the work was ended from outside ({how})"
-            ended = InputError(subject, reason, "the recording is untouched: start it again")
-            loop.call_soon_threadsafe(lines.put_nowait, ended)
+            death = InputError(subject, reason, "the recording is untouched: start it again")
+            loop.call_soon_threadsafe(messages.put_nowait, death)  # read only without an answer
 
     # A thread is used instead of the loop's own subprocess, which must be awaited to its end, and
     # which a screen that is closed twice in a row leaves with open pipes.
     Thread(target=listen, name="worker", daemon=True).start()
 
-    async def take_answer() -> None:
+    async def request_answer() -> None:
+        """Have the worker end with the answer so far, once `take` is set."""
         await take.wait()
         with suppress(OSError, ValueError):  # it has ended
             assert worker.stdin is not None
             worker.stdin.write(b"take")
             worker.stdin.flush()
 
-    taking = asyncio.create_task(take_answer())
+    request = asyncio.create_task(request_answer())
     try:
-        while isinstance(line := await lines.get(), _Progress):
-            stage(line.share, line.text)
+        while isinstance(message := await messages.get(), _Progress):
+            stage(message.share, message.text)
     finally:
-        taking.cancel()
+        request.cancel()
         with suppress(ProcessLookupError, PermissionError):
             if hasattr(os, "killpg"):  # with its children
                 os.killpg(worker.pid, signal.SIGKILL)
             else:  # Windows; its children end with it
                 worker.kill()
-    if isinstance(line, BumpbenchError):
-        raise line
-    return line
+    if isinstance(message, BumpbenchError):
+        raise message
+    return message
 
 
 # The worker's end ---------------------------------------------------------------------------------
@@ -161,9 +159,9 @@ _taken = Event()
 
 
 def main() -> None:
-    """Do one task and write its lines to stdout."""
+    """Do one task and write its messages, pickled, to stdout."""
     with os.fdopen(os.dup(1), "wb") as out:
-        os.dup2(2, 1)  # output of a library must not come between the lines
+        os.dup2(2, 1)  # output of a library must not come between the messages
         with suppress(OSError, AttributeError):
             os.nice(10)  # the recorder has priority
         task, subject = pickle.load(sys.stdin.buffer)
@@ -173,8 +171,8 @@ def main() -> None:
                 _taken.set()
             os._exit(1)  # the terminal has ended
 
-        def send(line: Any) -> None:
-            pickle.dump(line, out)
+        def send(message: Any) -> None:
+            pickle.dump(message, out)
             out.flush()
 
         Thread(target=watch_stdin, daemon=True).start()

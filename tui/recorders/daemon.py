@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 
 BY = "record"
 """Author, in the journal, of the daemon's own orders."""
+_ALONE_S = 10.0
+"""Seconds without a terminal after which a demonstration ends."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,11 +120,11 @@ def _ended_by_signals(end: threading.Event) -> Iterator[None]:
     handlers: dict[int, Any] = dict.fromkeys((signal.SIGTERM, signal.SIGINT), lambda *_: end.set())
     if hasattr(signal, "SIGHUP"):  # Windows has none
         handlers[signal.SIGHUP] = signal.SIG_IGN
-    before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
+    previous = {number: signal.signal(number, handler) for number, handler in handlers.items()}
     try:
         yield
     finally:
-        for number, handler in before.items():
+        for number, handler in previous.items():
             signal.signal(number, handler)
 
 
@@ -141,33 +143,33 @@ class _Daemon:
         self._stop = threading.Event()  # ends the recorder's thread
         self._status: Status | None = None
         self._failure: Exception | None = None
-        self._ending: Future[Reply] | None = None  # the awaited answer to the order to stop
-        self._armed = self._ended = ""  # the last recordings that were armed and ordered to stop
-        self._reported: Status | None = None
-        self._reported_s = 0.0  # monotonic time of the last report to systemd
+        self._stop_reply: Future[Reply] | None = None  # the awaited answer to the order to stop
+        self._armed = self._stopped = ""  # the last recordings that were armed, and told to stop
+        self._logged: Status | None = None  # the last status whose news are in the log
+        self._systemd_told_s = 0.0  # monotonic time of the last report to systemd
 
     def run(self, stage: Stage) -> Status:
         """Loop until the recorder has ended; return its last status."""
         from daq.alarms.watch import with_not_recording
 
         end = self.lifetime.end
-        writer = threading.Thread(target=self._write, name="writer", daemon=True)
+        writer = threading.Thread(target=self._run_recorder, name="writer", daemon=True)
         writer.start()
         while writer.is_alive():
             writer.join(0.1)
-            attended = self.lifetime.attended and not end.is_set()
-            if attended and self.server.alone_s() > 10.0:
+            needs_terminal = self.lifetime.attended and not end.is_set()
+            if needs_terminal and self.server.alone_s() > _ALONE_S:
                 self.log.line("the last terminal has gone, and a demonstration ends with it")
                 end.set()
             if end.is_set() and (self.lifetime.keep_on or self._status is None):
                 self._stop.set()
             if self._status is None:
                 continue
-            self._lead(self._status, end.is_set())
+            self._give_orders(self._status, end.is_set())
             # If the writer itself hangs, it publishes no alarm.
-            last = self._status
-            status = with_not_recording(last, self.recorder.storage(), time.time_ns())
-            if status is not last:
+            published = self._status
+            status = with_not_recording(published, self.recorder.storage(), time.time_ns())
+            if status is not published:
                 self.server.publish(status, None)
             self._report(status)
             stage(*progress_words(status))
@@ -177,7 +179,9 @@ class _Daemon:
         assert self._status is not None, "the recorder publishes its last status"
         return self._status
 
-    def _write(self) -> None:
+    def _run_recorder(self) -> None:
+        """Record until `_stop` is set; keep the failure that ends it for the main thread."""
+
         def is_watched() -> bool:
             return self.traffic.follow is not None or self.server.has_clients()
 
@@ -187,12 +191,13 @@ class _Daemon:
             self._failure = error
 
     def _publish(self, status: Status, live: Live | None) -> None:
+        """Pass a status on to the main thread, to the traffic and to all clients."""
         self._status = status
         if self.traffic.follow is not None:
             self.traffic.follow(status)
         self.server.publish(status, live)
 
-    def _lead(self, status: Status, end: bool) -> None:
+    def _give_orders(self, status: Status, end: bool) -> None:
         """Arm each campaign once; stop it once when it is complete or a signal (`end`) has come.
 
         A stopped campaign ends the recorder once its session file is built, unless it keeps on.  A
@@ -206,34 +211,34 @@ class _Daemon:
             self._armed = recording
             self.recorder.submit(Arm(Until.COMPLETE), BY)
         complete = lifetime.arm and not lifetime.stay and status.phase is Phase.COMPLETE
-        over = complete or (end and not lifetime.keep_on)
-        if over and recording not in ("", self._ended):
-            self._ended = recording
-            self._ending = self.recorder.submit(Stop(), BY)
+        must_stop = complete or (end and not lifetime.keep_on)
+        if must_stop and recording not in ("", self._stopped):
+            self._stopped = recording
+            self._stop_reply = self.recorder.submit(Stop(), BY)
             return
-        if self._ending is None or not self._ending.done():
+        if self._stop_reply is None or not self._stop_reply.done():
             return
-        if (refused := self._ending.exception()) is None:
+        if (refusal := self._stop_reply.exception()) is None:
             if lifetime.keep_on:
-                self._ending = None
+                self._stop_reply = None
             elif status.session.state in (SessionState.READY, SessionState.FAILED):
                 self._stop.set()
         else:
-            self._ending = None
+            self._stop_reply = None
             if end and not lifetime.keep_on:
                 self._stop.set()
             else:
-                self.log.line(f"the campaign is complete, but {refused}", "refused end")
-                self._ended = ""
+                self.log.line(f"the campaign is complete, but {refusal}", "refused end")
+                self._stopped = ""  # so that it is told again
 
     def _report(self, status: Status) -> None:
-        """Report a status to systemd and the log."""
+        """Report a status: what is new of it to the log, and once a second all to systemd."""
         now_s = time.monotonic()
-        if status is not self._reported:
-            for text, key in news(self._reported, status):
+        if status is not self._logged:
+            for text, key in news(self._logged, status):
                 self.log.line(text, key)
-            self._reported = status
-        if now_s - self._reported_s >= 1.0:  # systemd's watchdog waits ten times as long
-            self._reported_s = now_s
+            self._logged = status
+        if now_s - self._systemd_told_s >= 1.0:  # systemd's watchdog waits ten times as long
+            self._systemd_told_s = now_s
             if hanging := self.systemd.notify(self.recorder.heartbeats(), status, now_s):
                 self.log.line(hanging, "hanging")

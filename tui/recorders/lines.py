@@ -22,37 +22,38 @@ RECOVER_STORED = "make room, then `bumpbench recover` builds the session of thos
 """Advice where a recorder has ended while its disk took no frames."""
 
 
-def news(before: Status | None, status: Status) -> Iterator[tuple[str, str]]:
+def news(previous: Status | None, status: Status) -> Iterator[tuple[str, str]]:
     """Yield the log lines of a change of status, each with the key that limits its repetition."""
-    if before is None:
+    if previous is None:
         origin = "" if status.origin == "real" else f" ({status.origin})"
         yield f"recording {status.vehicle}{origin} into {status.folder}", ""
-    elif before.recording != status.recording:
+    elif previous.recording != status.recording:
         yield f"campaign of {status.vehicle} {'begun' if status.recording else 'ended'}", ""
-    earlier = {f"{a.code} {a.subject}".rstrip() for a in before.alarms} if before else set()
-    present = {f"{a.code} {a.subject}".rstrip(): a for a in status.alarms}
-    for name, alarm in present.items():
-        if name not in earlier:
+    earlier_alarms = previous.alarms if previous else ()
+    earlier_names = {f"{a.code} {a.subject}".rstrip() for a in earlier_alarms}
+    present_alarms = {f"{a.code} {a.subject}".rstrip(): a for a in status.alarms}
+    for name, alarm in present_alarms.items():
+        if name not in earlier_names:
             yield f"alarm {name}: {alarm.text} ({alarm.advice})", name
-    ended = before is not None and bool(before.recording) and not status.recording
-    if not ended:  # the end of a recording ends its alarms, but not what caused them
-        for name in sorted(earlier - present.keys()):
+    recording_ends = previous is not None and bool(previous.recording) and not status.recording
+    if not recording_ends:  # that ends its alarms, but not what caused them
+        for name in sorted(earlier_names - present_alarms.keys()):
             yield f"over: {name}", f"over {name}"
-    if before is not None:
-        judged = {run.label: run.status for run in before.runs}
+    if previous is not None:
+        earlier_verdicts = {run.label: run.status for run in previous.runs}
         for run in status.runs:
-            if judged.get(run.label) != run.status:
+            if earlier_verdicts.get(run.label) != run.status:
                 reasons = f": {'; '.join(run.reasons)}" if run.reasons else ""
                 if run.failed and run.failed.advice:
                     reasons += f" ({run.failed.advice})"
                 yield f"{run.label} {run.status}{reasons}", ""
     session = status.session
-    if session.state == "failed" and (before is None or before.session != session):
+    if session.state == "failed" and (previous is None or previous.session != session):
         yield f"session {session.path}: {session.text} ({RECOVER})", ""
 
 
 def progress_words(status: Status) -> tuple[float, str]:
-    """Return the progress of the campaign, as a share and in words."""
+    """Return the progress of the campaign: the share done, 0..1, and words."""
     building = "building the session file" if status.session.state == "building" else ""
     if not status.recording:
         return 1.0, building or "between two campaigns, recording goes on"
@@ -121,7 +122,7 @@ def recorded_session(last: Status) -> tuple[Path, Session]:
 
     if last.session.state is not SessionState.READY:
         if last.disk.held_frames:
-            raise InputError(last.folder, _not_stored(last), RECOVER_STORED)
+            raise InputError(last.folder, _not_stored_words(last), RECOVER_STORED)
         for alarm in last.alarms:
             if alarm.code == "journal_failed":
                 raise InputError(last.folder, alarm.text, alarm.advice)
@@ -136,7 +137,7 @@ def print_outcome(last: Status, json: bool) -> ExitCode:
     path, session = recorded_session(last)
     print_session(path, session, json)
     if last.disk.held_frames:
-        say(f"{last.folder}: {_not_stored(last)} ({RECOVER_STORED})")
+        say(f"{last.folder}: {_not_stored_words(last)} ({RECOVER_STORED})")
         return ExitCode.DATA_LOST
     if any(run.losses.measured for run in session.runs):
         return ExitCode.DATA_LOST
@@ -146,6 +147,7 @@ def print_outcome(last: Status, json: bool) -> ExitCode:
     return ExitCode.OK
 
 
-def _not_stored(last: Status) -> str:
+def _not_stored_words(last: Status) -> str:
+    """Return how many frames a recorder could not store before it ended, and why."""
     subject = counted(last.disk.held_frames, "frame at the end was", "frames at the end were")
     return f"{subject} not stored: {last.disk.failed}"

@@ -31,12 +31,12 @@ class Log:
     """
 
     def __init__(self, path: Path | None) -> None:
-        self._writer = _Stderr() if path is None else _file_handler(path)
+        self._writer = _StderrHandler() if path is None else _file_handler(path)
         # Lines that wait for a slow reader; further ones are left out.
         waiting: Queue[Any] = Queue(1000)
         self._listener = QueueListener(waiting, self._writer)
         self._handler = QueueHandler(waiting)
-        self._handler.addFilter(_Flood())
+        self._handler.addFilter(_FloodFilter())
         self._logger = logging.getLogger("bumpbench")
 
     def __enter__(self) -> Log:
@@ -68,7 +68,7 @@ class Log:
         self._logger.info("%s", text, extra={"key": key})
 
 
-class _Flood(logging.Filter):
+class _FloodFilter(logging.Filter):
     """Leaves out lines beyond `BURST` with one key in a minute; a library's name is its key."""
 
     def __init__(self) -> None:
@@ -86,27 +86,27 @@ class _Flood(logging.Filter):
         return not key or self._counts[key] <= BURST
 
 
-class _Line(logging.Formatter):
+class _OneLine(logging.Formatter):
     """One line without characters that act on a terminal, after the program or the library."""
 
     def format(self, record: logging.LogRecord) -> str:
         return printable(super().format(record), 600)
 
 
-class _Stderr(logging.Handler):
+class _StderrHandler(logging.Handler):
     """Writes to the descriptor of stderr: a full pipe must not hold the stream of that name."""
 
     def __init__(self) -> None:
         super().__init__()
         self.lock = None  # at the end, `logging` would wait for it, and so for a full pipe
-        self.setFormatter(_Line("%(name)s: %(message)s"))
+        self.setFormatter(_OneLine("%(name)s: %(message)s"))
         self._stream = sys.stderr.fileno()
         # Clears a progress bar in this line; the bar is drawn again below.
-        self._before = "\r\x1b[K" if os.isatty(self._stream) else ""
+        self._line_start = "\r\x1b[K" if os.isatty(self._stream) else ""
 
     def emit(self, record: logging.LogRecord) -> None:
         with suppress(OSError):  # no reader is left
-            os.write(self._stream, f"{self._before}{self.format(record)}\n".encode())
+            os.write(self._stream, f"{self._line_start}{self.format(record)}\n".encode())
 
 
 def _file_handler(path: Path) -> logging.Handler:
@@ -117,7 +117,7 @@ def _file_handler(path: Path) -> logging.Handler:
     except OSError as error:
         reason = error.strerror or str(error)
         raise InputError(str(path), reason, "name another file for the log") from error
-    stamped = _Line("%(asctime)s %(name)s: %(message)s")
+    stamped = _OneLine("%(asctime)s %(name)s: %(message)s")
     stamped.converter = time.gmtime
     stamped.default_time_format, stamped.default_msec_format = "%Y-%m-%dT%H:%M:%S", "%s.%03dZ"
     handler.setFormatter(stamped)

@@ -13,17 +13,18 @@ LOG = "recorder.log"
 Process = subprocess.Popen[bytes]
 
 
-def start_recorder(folder: Path, *words: str) -> Process:
+def start_recorder(folder: Path, *arguments: str) -> Process:
     """Start the recorder of a folder; it runs until a client shuts it down.
 
-    `folder`: for journal, sessions and the log.  `words`: further arguments and options of
+    `folder`: for journal, sessions and the log.  `arguments`: further ones and options of
     `bumpbench record`.  Raises InputError if the folder or its log cannot be written.
     """
     from daq import InputError
     from daq.control.address import group_readable
 
-    log_path = folder / LOG
-    command = [sys.executable, "-m", "tui", "record", "--keep-on", *words]
+    log_path, nothing = folder / LOG, subprocess.DEVNULL
+    command = [sys.executable, "-m", "tui", "record", "--keep-on", *arguments]
+    command += ["--out", str(folder), "--log", str(log_path)]
     try:
         with group_readable():
             folder.mkdir(parents=True, exist_ok=True)
@@ -31,11 +32,7 @@ def start_recorder(folder: Path, *words: str) -> Process:
         with os.fdopen(descriptor, "ab") as log:
             # Its own session: a signal that ends the terminal's processes does not reach it.
             return subprocess.Popen(
-                [*command, "--out", str(folder), "--log", str(log_path)],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                stderr=log,
-                start_new_session=True,
+                command, stdin=nothing, stdout=nothing, stderr=log, start_new_session=True
             )
     except OSError as error:
         reason = error.strerror or str(error)
@@ -53,6 +50,6 @@ def failure(process: Process, folder: Path) -> str:
         lines = (folder / LOG).read_text("utf-8", "replace").split("\n")
     except OSError:
         return "the recorder ended: no log"
-    last = next((line for line in reversed(lines) if line.strip()), "its log is empty")
-    reason = last.rpartition("bumpbench: ")[2].removeprefix("error: ")
+    last_line = next((line for line in reversed(lines) if line.strip()), "its log is empty")
+    reason = last_line.rpartition("bumpbench: ")[2].removeprefix("error: ")
     return f"the recorder ended: {reason}"

@@ -49,23 +49,18 @@ def simulated_traffic(path: Path | None, speed: float, fault: str, seed: int = 1
     from daq.sim.car import SimulatedCar
 
     bench = replace(load_bench(path), origin=Origin.SIMULATED)
-    latest: list[Status] = []
+    newest: list[Status] = []  # one status at most, which the car acts on
+    spoils, codec = Fault(fault) if fault else None, bench_codec(bench)
+    setup = bench, codec, SimulatedCar(), seed, speed
     simulated = SimulatedBench(
-        bench,
-        bench_codec(bench),
-        SimulatedCar(),
-        seed,
-        speed,
-        lambda: latest[0] if latest else None,
-        Fault(fault) if fault else None,
-        time.time_ns(),
+        *setup, lambda: newest[0] if newest else None, spoils, time.time_ns()
     )
 
     def open_source(_: BusConfig, number: int) -> FrameSource:
         return simulated.other(number) if number else simulated.open()
 
     def follow(status: Status) -> None:
-        latest[:] = [status]
+        newest[:] = [status]
 
     return Traffic(bench, open_source, follow, simulated.dismantle)
 
@@ -81,12 +76,13 @@ def replayed_traffic(path: Path, speed: float) -> Traffic:
     from daq.replay import RecordedSource, whole_frames
 
     session = read_session(path)
-    about = session.provenance
-    if not {"bench_toml", "dbc"} <= about.keys():
+    provenance = session.provenance
+    if not {"bench_toml", "dbc"} <= provenance.keys():
         reason = "does not hold its bench.toml and DBC: it was not recorded from a bus"
         raise InputError(str(path), reason, "name a session that a recorder made")
     frames = whole_frames(session, path)
-    bench = parse_bench(about["bench_toml"], str(path), Path(), dbc_text=about["dbc"])
+    text, dbc_text = provenance["bench_toml"], provenance["dbc"]
+    bench = parse_bench(text, str(path), Path(), dbc_text=dbc_text)
     # The bus has no driver: it reports its end and is not opened again.
     buses = tuple(BusConfig("virtual", f"session{i}", b.bitrate) for i, b in enumerate(bench.buses))
     bench = replace(bench, buses=buses, origin=Origin.REPLAYED)
