@@ -21,8 +21,10 @@ if TYPE_CHECKING:
 
     Row = dict[str, Cell]
 
-_SHOWN = 20
+_MOST_NAMED = 20
 """Largest number of refused and failed sessions to name; the table has all."""
+_WRITE_S = 20.0
+"""Seconds between two writings of the table: what a kill can cost."""
 _FAILED = "failed"
 """Verdict of a session that has no identification."""
 
@@ -84,42 +86,36 @@ def batch(
         make_room(path)
     began_s = written_s = monotonic()
     rows = {} if force else _rows_so_far(out)
-    jobs = {}  # file of each session, by the hash of its content: a copy counts once
-    for file in session_files(files):
-        jobs[_sha256(file) or file] = file
-    done_keys = {  # a failure may be due to the machine
-        key
-        for key, row in rows.items()
-        if row["verdict"] != _FAILED and row["software"] == software()
-    }
+    # Files by their keys, the hashes of their contents: a copy counts once.
+    jobs = {_sha256(file) or file: file for file in session_files(files)}
+    kept = {key: row for key, row in rows.items() if row["software"] == software()}
+    done_keys = {key for key, row in kept.items() if row["verdict"] != _FAILED}  # else once more
     open_jobs = [job for job in jobs.items() if job[0] not in done_keys]
-    done = len(jobs) - len(open_jobs)
-    work = as_finished(row_of, open_jobs, workers or os.cpu_count() or 1, scheduler)
+    n_done = len(jobs) - len(open_jobs)
+    finished = as_finished(row_of, open_jobs, workers or os.cpu_count() or 1, scheduler)
     try:
         with progress("batch") as stage:
-            for (key, file), future in work:
-                rows = {k: r for k, r in rows.items() if r["file"] != file}
+            for (key, file), future in finished:
+                # A file has one row, also if its content, and so its key, has changed.
+                rows = {k: row for k, row in rows.items() if row["file"] != file}
                 rows[key] = _row_from(key, file, future)
-                done += 1
-                stage(done / len(jobs), f"{done} of {len(jobs)}")
-                if monotonic() - written_s > 20.0:  # s: what a kill can cost
+                n_done += 1
+                stage(n_done / len(jobs), f"{n_done} of {len(jobs)}")
+                if monotonic() - written_s > _WRITE_S:
                     _write(out, page, rows)
                     written_s = monotonic()
     except (KeyboardInterrupt, SystemExit):
         say("stopped; the rows so far are kept, the same command continues from here")
         raise
     finally:
-        work.close()
+        finished.close()
         if rows:
             _write(out, page, rows)
     seconds = round(monotonic() - began_s, 2)
-    mine = [rows[key] for key in jobs if key in rows]
-    verdicts = dict(Counter(str(row["verdict"]) for row in mine))
-    bad = [
-        {name: str(row[name]) for name in ("file", "verdict", "reasons")}
-        for row in mine
-        if row["verdict"] in ("refused", _FAILED)
-    ]
+    named_rows = [rows[key] for key in jobs if key in rows]  # the table may have more
+    verdicts = dict(Counter(str(row["verdict"]) for row in named_rows))
+    bad_rows = [row for row in named_rows if row["verdict"] in ("refused", _FAILED)]
+    bad = [{name: str(row[name]) for name in ("file", "verdict", "reasons")} for row in bad_rows]
     written = {"out": str(out), **({} if page is None else {"page": str(page)})}
     if json:
         counts = {"sessions": len(jobs), "done_now": len(open_jobs)}
@@ -129,10 +125,10 @@ def batch(
     print_line(f"{counted(len(jobs), 'session')}: {words or 'none'}")
     paths = ", ".join(written.values())
     print_line(f"{len(open_jobs)} of them done now in {seconds:.1f} s: {paths}")
-    for row in bad[:_SHOWN]:
+    for row in bad[:_MOST_NAMED]:
         print_item(f"{row['verdict']}: {row['file']}: {row['reasons']}")
-    if len(bad) > _SHOWN:
-        print_item(f"and {len(bad) - _SHOWN} more in the table")
+    if len(bad) > _MOST_NAMED:
+        print_item(f"and {len(bad) - _MOST_NAMED} more in the table")
     return ExitCode.ANSWER_IS_NO if bad else ExitCode.OK
 
 
@@ -188,9 +184,9 @@ def row_of(job: tuple[str, str]) -> Row:
     try:
         row = session_row(read_session(Path(file)))
     except BumpbenchError as error:
-        row = _failed(str(error).removeprefix(f"{file}: "))  # the row names the file
+        row = _failed_row(str(error).removeprefix(f"{file}: "))  # the row names the file
     except Exception as error:  # one strange session of thousands must not stop the others
-        row = _failed(f"{type(error).__name__}: {error}")
+        row = _failed_row(f"{type(error).__name__}: {error}")
     return _with_provenance(key, file, row, perf_counter() - began_s)
 
 
@@ -207,16 +203,18 @@ def _row_from(key: str, file: str, future: Future[Row]) -> Row:
     reason = f"its worker failed: {type(error).__name__}: {error}"
     if isinstance(error, BrokenProcessPool):
         reason = "its worker process died, most likely for want of memory"
-    return _with_provenance(key, file, _failed(reason), 0.0)
+    return _with_provenance(key, file, _failed_row(reason), 0.0)
 
 
-def _failed(reason: str) -> Row:
+def _failed_row(reason: str) -> Row:
+    """Return what the row of a session without identification has instead of results."""
     from dbc.words import printable
 
     return {"verdict": _FAILED, "reasons": printable(reason, 800)}
 
 
 def _with_provenance(key: str, file: str, row: Row, seconds: float) -> Row:
+    """Return a row with its session's file and hash, and what it was computed with."""
     import numpy as np
     import scipy
 
@@ -224,7 +222,7 @@ def _with_provenance(key: str, file: str, row: Row, seconds: float) -> Row:
 
     return {
         "file": file,
-        "sha256": "" if key == file else key,
+        "sha256": "" if key == file else key,  # the key of a file that cannot be read
         **row,
         "seconds": round(seconds, 3),
         "software": software(),
@@ -270,19 +268,19 @@ def _write(out: Path, page: Path | None, rows: dict[str, Row]) -> None:
     path = out
     try:
         with (
-            replaced([out]) as (part,),  # the name of a file need not be UTF-8, but a table is
-            part.open("w", encoding="utf-8", errors="backslashreplace", newline="") as stream,
+            replaced([out]) as (new,),  # the name of a file need not be UTF-8, but a table is
+            new.open("w", encoding="utf-8", errors="backslashreplace", newline="") as stream,
         ):
             writer = csv.DictWriter(stream, columns, restval="", lineterminator="\n")
             writer.writeheader()
             for row in rows.values():
-                cells = {n: csv_text(v) if isinstance(v, str) else v for n, v in row.items()}
-                writer.writerow(cells)
+                cells = ((n, csv_text(v) if isinstance(v, str) else v) for n, v in row.items())
+                writer.writerow(dict(cells))
         if page is not None:
             path = page
             text = page_of(columns, list(rows.values()), page.parent)
-            with replaced([page]) as (part,):
-                part.write_text(text, "utf-8", "backslashreplace")
+            with replaced([page]) as (new,):
+                new.write_text(text, "utf-8", "backslashreplace")
     except OSError as error:
         reason = error.strerror or "cannot be written"
         raise InputError(str(path), reason, "make room, and run the same command") from None

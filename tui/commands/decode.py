@@ -57,53 +57,53 @@ def decode(
             raise InputError("--bus", f"{text!r} is no number", advice)
     if bench:
         described = load_bench(bench)
-        codec, chosen = bench_codec(described), bus_numbers(described, bus or [])
+        codec, chosen_buses = bench_codec(described), bus_numbers(described, bus or [])
     else:
         codec = load_codec(dbc) if dbc else parse_codec(shipped_dbc(), "the shipped DBC")
-        chosen = frozenset(map(int, bus or []))
+        chosen_buses = frozenset(map(int, bus or []))
     say_left_out(codec)
     totals: Counter[str] = Counter()  # frames of the log, and those that no message decodes
     samples: Counter[str] = Counter()  # of each signal
-    in_log: set[int] = set()
+    buses_in_log: set[int] = set()
     for batch in read_log(log):
-        in_log |= set(batch.on_buses(chosen).bus.tolist())
-        if len(in_log) > 1:
+        buses_in_log |= set(batch.on_buses(chosen_buses).bus.tolist())
+        if len(buses_in_log) > 1:
             break
-    several_buses = len(in_log) > 1
+    several_buses = len(buses_in_log) > 1
     bus_column = "bus," if several_buses else ""
     header = f"time_s,{bus_column}message,signal,value,unit\n"  # before the first rows
     frames = read_log(log)
     for batch in frames:
         totals.update(frames=len(batch))
-        wanted = batch.on_buses(chosen)
-        times_ns: list[NDArray[np.int64]] = []
+        wanted = batch.on_buses(chosen_buses)
+        line_times_ns: list[NDArray[np.int64]] = []  # of each line of each signal
         lines: list[str] = []
-        for number in np.unique(wanted.bus).tolist() if several_buses else [None]:
-            part = wanted if number is None else wanted.on_buses(frozenset([number]))
-            decoded = codec.decode(part)
+        for bus_number in np.unique(wanted.bus).tolist() if several_buses else [None]:
+            of_bus = wanted if bus_number is None else wanted.on_buses(frozenset([bus_number]))
+            decoded = codec.decode(of_bus)
             totals.update(asdict(decoded.counts))
-            t_ns, times = None, list[str]()
+            t_ns, time_texts = None, list[str]()
             for name, signal in decoded.samples.items():
                 samples[name] += len(signal.value)
                 if json:
                     continue
                 if signal.t_ns is not t_ns:  # the signals of a message share their times
-                    t_ns, times = signal.t_ns, list(map(seconds_text, signal.t_ns.tolist()))
-                times_ns.append(signal.t_ns[~np.isnan(signal.value)])
+                    t_ns, time_texts = signal.t_ns, list(map(seconds_text, signal.t_ns.tolist()))
+                line_times_ns.append(signal.t_ns[~np.isnan(signal.value)])
                 message, _, signal_name = name.rpartition(".")
                 unit = _quoted(codec.by_name[message].signal(signal_name).unit)
                 columns = f"{_quoted(message)},{_quoted(signal_name)}"
-                columns = columns if number is None else f"{number},{columns}"
+                columns = columns if bus_number is None else f"{bus_number},{columns}"
                 # The shortest text that reads back as the same number; whole ones as integers.
                 lines += [
                     f"{time},{columns},{repr(value).removesuffix('.0')},{unit}\n"
-                    for time, value in zip(times, signal.value.tolist(), strict=True)
+                    for time, value in zip(time_texts, signal.value.tolist(), strict=True)
                     if not isnan(value)
                 ]
         if lines:
             sys.stdout.write(header)
-            by_time = np.argsort(np.concatenate(times_ns), kind="stable")
-            sys.stdout.writelines(lines[i] for i in by_time.tolist())
+            order = np.argsort(np.concatenate(line_times_ns), kind="stable")
+            sys.stdout.writelines(lines[i] for i in order.tolist())
             header = ""
     if not samples:
         database = dbc or bench or "the shipped DBC"
@@ -112,7 +112,7 @@ def decode(
     if json:
         print_json({"log": str(log), **totals, "samples": samples})
     n_frames = totals.pop("frames")
-    undecoded = [f"{number} {kind}" for kind, number in totals.items() if number]
+    undecoded = [f"{count} {kind}" for kind, count in totals.items() if count]
     if undecoded:
         say(f"of {counted(n_frames, 'frame')} not all were decoded: {', '.join(undecoded)}")
     for text in frames.remarks:

@@ -41,7 +41,7 @@ def demo(
     if campaigns and not campaigns[-1].ended:  # the recorder would go on in the middle of it
         advice = "name another folder with --out"
         raise InputError(str(out), "holds a campaign that was interrupted", advice)
-    traffic = simulated_traffic(None, 20.0, "", seed)
+    traffic = simulated_traffic(None, 20.0, "", seed)  # times real time; without a fault
     lifetime = Lifetime(arm=True, keep_on=False)
 
     def follow(status: Status) -> None:
@@ -50,9 +50,9 @@ def demo(
         if status.halted:  # the recorder waits for a decision, and no person is here
             lifetime.end.set()
 
-    with lone_recorder(out), Log(out / LOG) as lines, progress("record") as stage:
+    with lone_recorder(out), Log(out / LOG) as log, progress("record") as stage:
         try:
-            last = record_campaign(replace(traffic, follow=follow), out, lifetime, lines, stage)
+            last = record_campaign(replace(traffic, follow=follow), out, lifetime, log, stage)
         finally:
             traffic.close()
     path, session = recorded_session(last)

@@ -68,20 +68,21 @@ def import_(
         reason = f"is named twice: {benches[0]} and {benches[1]}"
         raise InputError("bench.toml", reason, "name one")
     config = benches[0] if benches else None
-    labels = []
+    labels = []  # mass state and excitation of each --run
     for text in run or []:
         parts = text.split(":", 2)
         if len(parts) != 3 or not all(parts):
             reason = f"--run {text!r} is not understood"
             raise InputError("import", reason, "write MASS_STATE:EXCITATION:FILE")
         labels.append(parts[:2])
-    if bool(labels) == bool(files):
+    one_run_each = bool(labels)
+    if one_run_each == bool(files):
         noun = "file" if channels else "log"
         reason = f"names both {noun}s and --run" if files else f"names no {noun}"
         advice = f"name {noun}s, or --run MASS_STATE:EXCITATION:FILE each"
         raise InputError("import", reason, advice)
     files = files or [Path(text.split(":", 2)[2]) for text in run or []]
-    if labels and not channels and (runs or skip):
+    if one_run_each and not channels and (runs or skip):
         raise InputError("import", "--runs and --skip are for logs of many runs", "leave them out")
     inputs = [path for path in (*files, config, dbc, channels) if path is not None]
     refuse_existing(out, replace=force, inputs=inputs)
@@ -92,14 +93,14 @@ def import_(
                 reason = "is for files without a bus"
                 advice = "name no bench.toml, --dbc or --bus with it"
                 raise InputError("--channels", reason, advice)
-            known = load_channel_map(channels)
-            if known.runs and (labels or runs or skip or len(files) > 1):
+            channel_map = load_channel_map(channels)
+            if channel_map.runs and (one_run_each or runs or skip or len(files) > 1):
                 reason = "states the times of its runs"
                 advice = "name one file, and no --run, --runs or --skip"
                 raise InputError(str(channels), reason, advice)
-            steps = steps or known.bench.campaign.steps
-            known = replace(known, bench=with_steps(known.bench, steps))
-            imported = import_channels(known, files, steps, skip, bool(labels), stage)
+            steps = steps or channel_map.bench.campaign.steps
+            channel_map = replace(channel_map, bench=with_steps(channel_map.bench, steps))
+            imported = import_channels(channel_map, files, steps, skip, one_run_each, stage)
         else:
             bench = load_bench(config)
             if dbc is not None:
@@ -111,15 +112,14 @@ def import_(
             bench = with_steps(bench, steps)
             codec = bench_codec(bench)
             say_left_out(codec)
-            sources = [read_log(path) for path in files] if labels else read_logs(files)
+            sources = [read_log(path) for path in files] if one_run_each else read_logs(files)
             for source in sources:  # a log may have further files
                 refuse_existing(out, replace=force, inputs=source.paths)
-            apart = bool(labels)
-            imported = import_logs(bench, codec, sources, steps, skip, numbers, apart, stage)
+            imported = import_logs(bench, codec, sources, steps, skip, numbers, one_run_each, stage)
         stage(1.0, "writing the session")
         write_session(out, imported.session)
-    more = {**imported.facts, "bumps": imported.bumps, "planned": len(steps)}
-    print_session(out, imported.session, json, **more)
+    facts = {**imported.facts, "bumps": imported.bumps, "planned": len(steps)}
+    print_session(out, imported.session, json, **facts)
     for text in imported.remarks:
         say(text)
     return ExitCode.DATA_LOST if imported.is_lossy else ExitCode.OK

@@ -73,21 +73,20 @@ def plan(
         else:
             described = load_bench(bench)
         stage(0.1, "expecting the vehicle")
-        vehicle, whose = expected_vehicle(session, recorded)
-        high_m = described.campaign.bump_height_m if bump_mm is None else bump_mm * 1e-3
-        campaign = planned(described, vehicle, rate, high_m)
-        known = KnownRuns()
-        advice = advise(campaign, lambda done, text: stage(0.2 + 0.5 * done, text), known)
-        others = compare_campaigns(
-            campaign, lambda done, text: stage(0.7 + 0.3 * done, text), known
-        )
-    now = advice.outlook
+        vehicle, vehicle_source = expected_vehicle(session, recorded)
+        height_m = described.campaign.bump_height_m if bump_mm is None else bump_mm * 1e-3
+        campaign = planned(described, vehicle, rate, height_m)
+        runs = KnownRuns()  # whose information is computed once for both
+        advice = advise(campaign, lambda done, text: stage(0.2 + 0.5 * done, text), runs)
+        others = compare_campaigns(campaign, lambda done, text: stage(0.7 + 0.3 * done, text), runs)
+    outlook = advice.outlook
+    code = ExitCode.ANSWER_IS_NO if outlook.undetermined else ExitCode.OK
     if not json:
-        _print(campaign, advice, others, whose)
-        return ExitCode.ANSWER_IS_NO if now.undetermined else ExitCode.OK
+        _print_plan(campaign, advice, others, vehicle_source)
+        return code
     print_json(
         {
-            "vehicle": whose,
+            "vehicle": vehicle_source,
             "bump_mm": campaign.bump.height_m * 1e3,
             "decay_s": campaign.decay_s,
             "sensors": [
@@ -100,21 +99,21 @@ def plan(
                 for r in campaign.runs
             ],
             "parameters": {
-                name: {**asdict(e), "relative_interval": now.relative.get(name)}
-                for name, e in now.parameters.items()
+                name: {**asdict(estimate), "relative_interval": outlook.relative.get(name)}
+                for name, estimate in outlook.parameters.items()
             },
-            **_precision(now),
-            "reasons": list(now.reasons),
+            **_precision(outlook),
+            "reasons": list(outlook.reasons),
             "remedies": list(advice.remedies),
             "next_steps": [
-                {"action": step.action, "worst_before": now.worst, "mean_before": now.mean}
+                {"action": step.action, "worst_before": outlook.worst, "mean_before": outlook.mean}
                 | _precision(step.outlook)
                 for step in advice.steps
             ],
             "campaigns": [{"campaign": o.action, **_precision(o.outlook)} for o in others],
         }
     )
-    return ExitCode.ANSWER_IS_NO if now.undetermined else ExitCode.OK
+    return code
 
 
 def planned(
@@ -166,20 +165,20 @@ def expected_vehicle(path: Path | None, session: Session | None) -> tuple[NDArra
     from identify.plan.design import full_vector
     from identify.plan.outlook import vague
 
-    why = ""
+    why_not = ""  # the car of the session is not taken
     if session is not None:
         result = identify(session)
         undetermined = vague(result.parameters)
         if not result.parameters or result.quality.verdict is Verdict.REFUSED:
-            why = f": the identification of {path} is refused"
+            why_not = f": the identification of {path} is refused"
         elif undetermined:
-            why = f": {path} does not determine {', '.join(undetermined)}"
+            why_not = f": {path} does not determine {', '.join(undetermined)}"
         else:
-            curved = ", without its friction and its damper curves" if result.forces else ""
+            left_out = ", without its friction and its damper curves" if result.forces else ""
             values = {name: estimate.value for name, estimate in result.parameters.items()}
-            return full_vector(values), f"the vehicle identified from {path}{curved}"
+            return full_vector(values), f"the vehicle identified from {path}{left_out}"
     values = dict(zip(FORD_GRANADA.__dataclass_fields__, FORD_GRANADA.to_array(), strict=True))
-    return full_vector(values), f"the Ford Granada of the paper, as a typical car{why}"
+    return full_vector(values), f"the Ford Granada of the paper, as a typical car{why_not}"
 
 
 def _precision(outlook: Outlook) -> dict[str, Any]:
@@ -188,44 +187,47 @@ def _precision(outlook: Outlook) -> dict[str, Any]:
     return {"worst": outlook.worst, "mean": outlook.mean, "undetermined": names}
 
 
-def _print(campaign: Plan, advice: Advice, others: tuple[NextStep, ...], whose: str) -> None:
+def _print_plan(
+    campaign: Plan, advice: Advice, others: tuple[NextStep, ...], vehicle_source: str
+) -> None:
+    """Print a campaign, its expected result, and what would improve it."""
     from identify.numbers import half_width, rounded
 
     from ..output import print_item, print_line, print_table
 
-    now = advice.outlook
+    outlook = advice.outlook
     runs = ", ".join(f"{r.repeats} x {r.mass_state} {r.excitation.words}" for r in campaign.runs)
     rates = sorted({sensor.rate_hz for sensor in campaign.sensors})
-    limits = f"{rates[0]:g}" if len(rates) == 1 else f"{rates[0]:g} .. {rates[-1]:g}"
+    rate_text = f"{rates[0]:g}" if len(rates) == 1 else f"{rates[0]:g} .. {rates[-1]:g}"
     print_line(f"Runs: {runs}; bump of {campaign.bump.height_m * 1e3:g} mm")
-    print_line(
-        f"Sensors: {len(campaign.sensors)} at {limits} Hz, with the usual noise of their kind"
-    )
-    print_line(f"Vehicle: {whose}")
+    sensors = f"{len(campaign.sensors)} at {rate_text} Hz"
+    print_line(f"Sensors: {sensors}, with the usual noise of their kind")
+    print_line(f"Vehicle: {vehicle_source}")
     print_line()
     rows = []
-    for name, e in now.parameters.items():
-        if name in now.undetermined:
+    for name, estimate in outlook.parameters.items():
+        if name in outlook.undetermined:
             cells = ["not determined", ""]
-        elif not e.std:
+        elif not estimate.std:
             cells = ["given", ""]
         else:
-            share = f"{now.relative[name] * 100:.2f} %" if name in now.relative else ""
-            cells = [f"± {half_width(e.value, e.high)}", share]
-        rows.append([name, rounded(e.value, e.low, e.high)[0], *cells, e.unit])
+            share = f"{outlook.relative[name] * 100:.2f} %" if name in outlook.relative else ""
+            cells = [f"± {half_width(estimate.value, estimate.high)}", share]
+        value = rounded(estimate.value, estimate.low, estimate.high)[0]
+        rows.append([name, value, *cells, estimate.unit])
     columns = ["parameter", "expected", "95 % interval", "±", "unit"]
     print_table("Expected result of this campaign", columns, rows)
     print_line()
-    if now.undetermined:
-        print_line(f"not determined: {', '.join(now.undetermined)}")
-        for reason in now.reasons:
+    if outlook.undetermined:
+        print_line(f"not determined: {', '.join(outlook.undetermined)}")
+        for reason in outlook.reasons:
             print_item(reason)
         for action in advice.remedies:
             print_item(f"add: {action}")
         if not advice.remedies:
             print_item("no known step changes that")
         print_line()
-    steps = [("(as planned)", now), *((step.action, step.outlook) for step in advice.steps)]
+    steps = [("(as planned)", outlook), *((step.action, step.outlook) for step in advice.steps)]
     title = "What would improve it (95 % intervals, share of the value)"
     _print_outlooks(title, "next step, each by itself", steps)
     if others:
@@ -236,7 +238,7 @@ def _print(campaign: Plan, advice: Advice, others: tuple[NextStep, ...], whose: 
 
 
 def _print_outlooks(title: str, heading: str, rows: Sequence[tuple[str, Outlook]]) -> None:
-    """Print what each choice would give."""
+    """Print the widest and the mean interval that each choice would give."""
     from ..output import print_table
 
     cells = [

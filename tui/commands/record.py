@@ -93,7 +93,7 @@ def status(folder: RecorderFolder = Path(), json: JsonResult = False) -> int:
     from ..output import print_json, print_line
     from ..recorders.lines import status_lines
 
-    why = "the recorder has only just started"
+    reason = "the recorder has only just started"  # and has no status yet
     try:
         client = Client(control_address(folder), "status", control=False)
         try:
@@ -108,13 +108,13 @@ def status(folder: RecorderFolder = Path(), json: JsonResult = False) -> int:
                     print_line(line)
             return ExitCode.OK
     except RecorderGoneError as error:
-        why = error.what
+        reason = error.what
     except OrderRefusedError as error:
-        why = str(error)
-    why = unreachable_words(folder) or (why if folder.exists() else "there is no such folder")
+        reason = str(error)
+    reason = unreachable_words(folder) or (reason if folder.exists() else "there is no such folder")
     if json:
-        print_json({"folder": str(folder), "running": False, "error": why})
-    say(f"{folder}: {why}")
+        print_json({"folder": str(folder), "running": False, "error": reason})
+    say(f"{folder}: {reason}")
     return ExitCode.ANSWER_IS_NO
 
 
@@ -191,37 +191,36 @@ def recover(
 
     from ..output import print_json, print_session, session_document
 
-    advice = "name the recorder's folder"
     segments: list[Path] = []
     for path in journal:
-        inside = segments_in(path) or segments_in(path / "journal")
-        paths = list(inside) if path.is_dir() else [path] if path.exists() else []
-        if not paths:
+        in_folder = segments_in(path) or segments_in(path / "journal")
+        found = list(in_folder) if path.is_dir() else [path] if path.exists() else []
+        if not found:
             reason = "has no journal_*.bbj" if path.is_dir() else "there is no such file or folder"
-            raise InputError(str(path), reason, advice)
-        segments += paths
+            raise InputError(str(path), reason, "name the recorder's folder")
+        segments += found
     recordings = recordings_of(segments)
     # A recording without a run gives an empty session: that is intended only if it is the only one.
-    wanted = [info for info in recordings if info.bumps] or list(recordings)
+    wanted = [recording for recording in recordings if recording.bumps] or list(recordings)
     targets = [out] if out is not None else []
     if out is None or out.is_dir():
         targets = []
-        for info in wanted:
-            first = info.segments[0]
-            folder = first.parent.parent if first.parent.name == "journal" else first.parent
-            targets.append((out or folder) / info.head.session_name)
+        for recording in wanted:
+            folder = recording.segments[0].parent
+            folder = folder.parent if folder.name == "journal" else folder
+            targets.append((out or folder) / recording.head.session_name)
     if len(set(targets)) < len(wanted):
         reason = "would be the session of two recordings"
         advice = "name a folder, or recover them one by one, with another --out"
         raise InputError(str(targets[0]), reason, advice)
     documents: list[dict[str, Any]] = []
     code = ExitCode.OK
-    for info, target in zip(wanted, targets, strict=True):
-        derived = derive(info.segments, target, replacing=force)
-        account = {"recording": info.head.recording, "frames_recorded": info.frames}
+    for recording, target in zip(wanted, targets, strict=True):
+        derived = derive(recording.segments, target, replacing=force)
         if json:
             document = session_document(target, derived.session)
-            documents.append({**document, **account, "loss": derived.loss})
+            facts = {"recording": recording.head.recording, "frames_recorded": recording.frames}
+            documents.append({**document, **facts, "loss": derived.loss})
         else:
             print_session(target, derived.session, json=False)
         if derived.loss:

@@ -167,26 +167,28 @@ def redecode(
     inputs = [path for path in (session, bench, dbc) if path is not None]
     refuse_existing(target, replace=force, inputs=inputs)
     where = str(session)
-    old = read_session(session)
-    about = old.provenance
+    old_session = read_session(session)
+    provenance = old_session.provenance
     if bench is not None:
         corrected = load_bench(bench)
-        if corrected.dbc_text == shipped_dbc() and "dbc" in about:
+        if corrected.dbc_text == shipped_dbc() and "dbc" in provenance:
             # It names no DBC: the DBC of the session was right.
             name = f"DBC in {where}"
-            corrected = replace(corrected, dbc_text=about["dbc"], dbc_name=name)
-    elif "bench_toml" not in about:
+            corrected = replace(corrected, dbc_text=provenance["dbc"], dbc_name=name)
+    elif "bench_toml" not in provenance:
         raise InputError(where, "holds no bench.toml", "name one after the session")
     else:
         described = f"bench.toml in {where}"
-        corrected = parse_bench(about["bench_toml"], described, Path(), about.get("dbc", ""))
+        dbc_text = provenance.get("dbc", "")
+        corrected = parse_bench(provenance["bench_toml"], described, Path(), dbc_text)
     if dbc is not None:
         corrected = with_database(corrected, dbc)
-    new = redecoded(old, corrected, where, {"redecoded_from_sha256": file_sha256(session)})
-    write_session(target, new)
-    print_session(target, new, json)
-    lost = any(run.losses.measured for run in new.runs)
-    return ExitCode.DATA_LOST if lost else ExitCode.OK
+    origin = {"redecoded_from_sha256": file_sha256(session)}
+    new_session = redecoded(old_session, corrected, where, origin)
+    write_session(target, new_session)
+    print_session(target, new_session, json)
+    is_lossy = any(run.losses.measured for run in new_session.runs)
+    return ExitCode.DATA_LOST if is_lossy else ExitCode.OK
 
 
 # What inspect shows -------------------------------------------------------------------------------
@@ -194,9 +196,9 @@ def redecode(
 
 def _provenance(provenance: Mapping[str, str]) -> dict[str, str]:
     """Return the provenance with the size of each entry that is a whole file, not its text."""
-    files = ("dbc", "bench_toml", "channel_map")
+    whole = ("dbc", "bench_toml", "channel_map")
     return {
-        name: f"{len(text.encode('utf-8', 'surrogateescape'))} bytes" if name in files else text
+        name: f"{len(text.encode('utf-8', 'surrogateescape'))} bytes" if name in whole else text
         for name, text in provenance.items()
     }
 
@@ -216,22 +218,23 @@ def _print_contents(path: Path, session: Session) -> None:
     print_table("Channels", ["channel", "quantity", "unit", "corner", "signal"], rows)
     vehicle = session.vehicle
     geometry = asdict(vehicle.geometry) if vehicle.geometry else {}
-    rows = [[name, f"{x:g} m", ""] for name, x in geometry.items()]
+    rows = [[name, f"{length_m:g} m", ""] for name, length_m in geometry.items()]
     rows += [[fact.quantity, f"{fact.value:g}", f"± {fact.sigma:g}"] for fact in vehicle.facts]
-    rows += [["model has", name, ""] for name, on in asdict(vehicle.structure).items() if on]
+    rows += [["model has", name, ""] for name, has in asdict(vehicle.structure).items() if has]
     for state in session.mass_states:
-        for w in state.added.weights:
-            if isinstance(w, BodyWeight):
-                place = f"{w.mass_kg:g} kg at x {w.x_m:g} y {w.y_m:g} m"
+        for weight in state.added.weights:
+            if isinstance(weight, BodyWeight):
+                place = f"x {weight.x_m:g} y {weight.y_m:g} m"
             else:
-                place = f"{w.mass_kg:g} kg at hub {w.corner}"
-            rows.append([f"in {state.name}", place, f"± {w.sigma_kg:g}"])
+                place = f"hub {weight.corner}"
+            sigma = f"± {weight.sigma_kg:g}"
+            rows.append([f"in {state.name}", f"{weight.mass_kg:g} kg at {place}", sigma])
     if rows:
         print_line()
         print_table("Known beforehand", ["what", "value", ""], rows)
-    shown = _provenance(session.provenance)
-    listed = ("notes", "overrides", "verdicts")  # verdicts: --json has the findings of each run
-    rows = [[name, text] for name, text in shown.items() if name not in listed]
+    entries = _provenance(session.provenance)
+    lists = ("notes", "overrides", "verdicts")  # verdicts: --json has the findings of each run
+    rows = [[name, text] for name, text in entries.items() if name not in lists]
     rows += [["note", text] for text in notes_of(session.provenance)]
     rows += [["warning overridden", text] for text in overrides_of(session.provenance)]
     if rows:

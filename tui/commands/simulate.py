@@ -77,20 +77,20 @@ def simulate(
     car = SimulatedCar(tail_s=3.5)
     with open_buses(described.buses) as (wire, *more), progress("simulate") as stage:
 
-        def played(frames: Iterable[FrameBatch]) -> Iterator[int]:
+        def sent_counts(frames: Iterable[FrameBatch]) -> Iterator[int]:
             return play(frames, wire, None if fast else 1.0, *more)
 
         simulated = described, bench_codec(described), car, seed
         if push is not None:
             stage(0.0, f"at rest, then pushed at each corner after {push:g} s; Ctrl-C ends it")
-            sent = max(played(push_frames(*simulated, time.time_ns(), push)))
+            sent = max(sent_counts(push_frames(*simulated, time.time_ns(), push)))
         elif recorder is not None:
-            sent = _bumped_for(recorder, simulated, played, stage)
+            sent = _bump_for_recorder(recorder, simulated, sent_counts, stage)
         else:
             stage(0.0, "computing the bumps")
             batches = list(campaign_frames(*simulated, time.time_ns()))
             total = sum(map(len, batches))
-            for sent in played(batches):
+            for sent in sent_counts(batches):
                 stage(sent / total, counted(sent, "frame"))
     truth = asdict(car.parameters)
     if json:
@@ -134,31 +134,30 @@ def replay(
     numbers = bus_numbers(described, bus or [])
     log = None if source.suffix.lower() in (".h5", ".hdf5") else read_log(source)
     batches: Iterable[FrameBatch] = log or [read_session(source).frames]
-    read = 0
+    n_read = sent = 0
 
     def wanted() -> Iterable[FrameBatch]:
-        nonlocal read
+        nonlocal n_read
         for batch in batches:
-            chosen = batch.on_buses(numbers)
-            read += len(chosen)
-            yield chosen
+            of_buses = batch.on_buses(numbers)
+            n_read += len(of_buses)
+            yield of_buses
 
-    sent = 0
     with open_buses(described.buses) as (wire, *more), progress("replay") as stage:
         for sent in play(wanted(), wire, None if fast else speed, *more):
             stage(log.share if log else 0.0, counted(sent, "frame"))
-    left_out = read - sent
-    lost = log.loss if log else None
+    left_out = n_read - sent
+    loss = log.loss if log else None
     if json:
         document = {"source": str(source), "sent": sent, "error_frames": left_out}
-        print_json({**document, "lost": lost.text if lost else ""})
+        print_json({**document, "lost": loss.text if loss else ""})
     else:
         print_line(f"sent {counted(sent, 'frame')} of {source}")
     if left_out:
         were = counted(left_out, "error frame was", "error frames were")
         say(f"{were} not sent: a controller cannot send one on request")
-    if lost and lost.any:
-        say(f"{source} is not whole: {lost.text}")
+    if loss and loss.any:
+        say(f"{source} is not whole: {loss.text}")
         return ExitCode.DATA_LOST
     return ExitCode.OK
 
@@ -166,32 +165,32 @@ def replay(
 # The simulated car --------------------------------------------------------------------------------
 
 
-def _bumped_for(
+def _bump_for_recorder(
     folder: Path,
     simulated: tuple[Bench, Codec, SimulatedCar, int],
-    played: Callable[[Iterable[FrameBatch]], Iterator[int]],
+    sent_counts: Callable[[Iterable[FrameBatch]], Iterator[int]],
     stage: Stage,
 ) -> int:
     """Bump a car as the recorder of a folder waits for it, until that recorder ends.
 
-    `simulated`: bench, its codec, car and seed.  `played`: sends frames and yields the number of
-    those sent so far.  Returns the number of frames.
+    `simulated`: bench, its codec, car and seed.  `sent_counts`: sends frames and yields the number
+    of those sent so far.  Returns the number of frames.
     """
     from daq.sim.bench import SimulatedBench
 
     recorder = _RecorderStatus(folder, stage)
     bench = SimulatedBench(*simulated, math.inf, recorder, start_ns=time.time_ns())
 
-    def frames(ahead: ThreadPoolExecutor) -> Iterator[FrameBatch]:
-        coming = ahead.submit(bench.read, 0.0)
+    def frames(thread: ThreadPoolExecutor) -> Iterator[FrameBatch]:
+        next_batch = thread.submit(bench.read, 0.0)
         while not recorder.ended:
-            batch = coming.result()
-            coming = ahead.submit(bench.read, 0.0)
+            batch = next_batch.result()
+            next_batch = thread.submit(bench.read, 0.0)
             yield batch
 
     try:  # A piece is computed while the one before it is sent: no frame waits for it.
-        with ThreadPoolExecutor(1) as ahead:
-            return max(played(frames(ahead)), default=0)
+        with ThreadPoolExecutor(1) as thread:
+            return max(sent_counts(frames(thread)), default=0)
     finally:
         bench.dismantle()
         recorder.close()
@@ -205,7 +204,7 @@ class _RecorderStatus:
         from daq.control.exchange import Client
 
         self._address, self._stage = control_address(folder), stage
-        self._waits = f"at rest: waiting for the recorder of {folder}"
+        self._waiting_words = f"at rest: waiting for the recorder of {folder}"
         self._client: Client | None = None
         self._status: Status | None = None
         self.ended = False
@@ -222,7 +221,7 @@ class _RecorderStatus:
                 self._client = Client(self._address, "simulated car", control=False)
                 self._status = self._client.first_status
         if self._client is None:
-            self._stage(0.0, self._waits)
+            self._stage(0.0, self._waiting_words)
             return None
         try:
             while (news := self._client.news(0.0)) is not None:

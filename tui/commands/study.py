@@ -48,7 +48,7 @@ def table2(
 
     with progress("table2"):
         result = table2_study(response)
-    _deliver(result, json)
+    _print_and_draw(result, json)
 
 
 @study.command()
@@ -70,7 +70,7 @@ def table3(
     with progress("table3") as stage:
         seeds = range(seed, seed + fits)
         attempts = map_items(partial(attempt, campaign), seeds, workers, stage, "study")
-    _deliver(table3_study(campaign, attempts), json)
+    _print_and_draw(table3_study(campaign, attempts), json)
 
 
 _FIGURES = {
@@ -92,7 +92,7 @@ def _figure_command(name: str) -> Callable[..., None]:
 
         _check_figure_file(figure)
         studies = {"fig2": fig2_study, "fig8": fig8_study}
-        _deliver(studies.get(name, partial(mass_error_study, name))(), json, figure)
+        _print_and_draw(studies.get(name, partial(mass_error_study, name))(), json, figure)
 
     return command
 
@@ -113,7 +113,7 @@ def fig9(
     from identify.study.paper import fig9_study
 
     _check_figure_file(figure)
-    _deliver(fig9_study(rate_hz, noise_db, seed), json, figure)
+    _print_and_draw(fig9_study(rate_hz, noise_db, seed), json, figure)
 
 
 @study.command()
@@ -171,7 +171,7 @@ def noise(
     with progress("noise") as stage:
         seeds = range(seed, seed + fits)
         outcomes = map_items(partial(outcome, campaign), seeds, workers, stage, "study")
-    _deliver(noise_study(campaign, bound, outcomes), json)
+    _print_and_draw(noise_study(campaign, bound, outcomes), json)
 
 
 def _check_figure_file(path: Path | None) -> None:
@@ -187,7 +187,7 @@ def _check_figure_file(path: Path | None) -> None:
         make_room(path)
 
 
-def _deliver(result: Study, json: bool, figure: Path | None = None) -> None:
+def _print_and_draw(result: Study, json: bool, figure: Path | None = None) -> None:
     """Print a study as a table or as JSON, whose panels are what the figure shows; then draw it.
 
     Raises InputError if the file cannot be written; hours of computing are printed by then.

@@ -101,29 +101,29 @@ def tui(
         if not getattr(sys, stream).isatty():
             advice = "start it in one; `bumpbench record` and `status` need none"
             raise InputError("bumpbench tui", f"{stream} is not a terminal", advice)
-    words = [str(bench)] if bench and not replay else []
+    arguments = [str(bench)] if bench and not replay else []  # of `bumpbench record`
     if demo:
-        words += ["--idle", "--demo", "--speed", f"{speed:g}"]
-        words += ["--fault", fault] if fault else []
+        arguments += ["--idle", "--demo", "--speed", f"{speed:g}"]
+        arguments += ["--fault", fault] if fault else []
     elif replay:
-        words += ["--replay", str(replay), "--speed", f"{speed:g}"]
+        arguments += ["--replay", str(replay), "--speed", f"{speed:g}"]
     else:
-        words += ["--idle", *(["--interface", interface] if interface else [])]
-        words += ["--channel", channel] if channel else []
+        arguments += ["--idle", *(["--interface", interface] if interface else [])]
+        arguments += ["--channel", channel] if channel else []
 
     def start() -> Process:
         if not (demo or replay):
             shared_bench(bench, interface, channel)  # names a bad file here, not in a log
-        return start_recorder(folder, *words)
+        return start_recorder(folder, *arguments)
 
     entered = read_draft(folder / VEHICLE_FORM).get("operator")  # in the vehicle form
-    known = entered.strip() if isinstance(entered, str) else ""
-    name = operator or known or ("demo" if demo else "")  # a demo need not wait for a name
+    stored_name = entered.strip() if isinstance(entered, str) else ""
+    name = operator or stored_name or ("demo" if demo else "")  # a demo need not wait for a name
     feed = RecorderFeed(folder, name or os.environ.get("USER", ""), start)
-    chosen = choose_glyphs(glyphs, os.environ)
+    glyph_set = choose_glyphs(glyphs, os.environ)
     with display_beside(folder, display, name, control) as served:
         link = None if served is None else DisplayLink(served.lines, served.code)
-        app = BenchApp(feed, folder, chosen, name, theme, auto, wanted=wanted, display=link)
+        app = BenchApp(feed, folder, glyph_set, name, theme, auto, wanted=wanted, display=link)
         feed.attach()  # after all checks of the command
         app.run()
     return app.return_code or ExitCode.OK
