@@ -57,13 +57,13 @@ def bus_numbers(bench: Bench, names: Sequence[str]) -> frozenset[int]:
     n_buses = len(bench.buses) if len(bench.buses) > 1 else 256
     numbers: set[int] = set()
     for name in names:
-        same = [i for i, bus in enumerate(bench.buses) if name in (bus.name, bus.channel)]
-        if not same and name.isdecimal() and int(name) < n_buses:
-            same = [int(name)]
-        if not same:
+        named = [i for i, bus in enumerate(bench.buses) if name in (bus.name, bus.channel)]
+        if not named and name.isdecimal() and int(name) < n_buses:
+            named = [int(name)]
+        if not named:
             known = ", ".join(bus.label for bus in bench.buses)
             raise InputError(f"--bus {name}", "is not a bus of the bench", f"name one of {known}")
-        numbers.update(same)
+        numbers.update(named)
     return frozenset(numbers)
 
 

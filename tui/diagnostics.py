@@ -17,7 +17,7 @@ PAGES = (".html", ".htm")
 """Endings of pages."""
 SHEETS = (".pdf",)
 """Endings of printed reports."""
-_NAMED = 5
+_MOST_NAMED = 5
 
 
 class ExitCode(IntEnum):
@@ -46,10 +46,10 @@ def say(text: str) -> None:
 
 def say_left_out(codec: Codec) -> None:
     """List the messages of a DBC that could not be used, five at most."""
-    for text in codec.left_out[:_NAMED]:
+    for text in codec.left_out[:_MOST_NAMED]:
         say(f"left out: {text}")
-    if len(codec.left_out) > _NAMED:
-        say(f"left out: {len(codec.left_out) - _NAMED} more")
+    if len(codec.left_out) > _MOST_NAMED:
+        say(f"left out: {len(codec.left_out) - _MOST_NAMED} more")
 
 
 def require_ending(path: Path, noun: str, endings: Collection[str]) -> None:

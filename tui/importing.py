@@ -54,7 +54,7 @@ def import_logs(
     buses whose frames are read; empty: all.  `apart`: each log is one run.  Raises InputError if no
     run is in them.
     """
-    parts = _parts(bench, codec, sources, buses, stage, apart)
+    parts = _log_parts(bench, codec, sources, buses, stage, apart)
     if apart:
         for part, source in zip(parts, sources, strict=True):
             _require_a_bump([part], [source], len(bench.buses))
@@ -76,13 +76,13 @@ def import_logs(
     ]
     # If any of several logs was not measured, its origin counts.
     origins = [source.origin for source in sources if source.origin != Origin.REAL]
-    about = {"software": software(), "origin": str((origins or [Origin.REAL])[0])}
-    about |= {f"source_{n}": dumps(fact) for n, fact in enumerate(facts, start=1)}
-    session = session_from_parts(bench, codec, parts, about)
-    bumps = sum(event.code.endswith("bump") for part in parts for event in part.events)
+    provenance = {"software": software(), "origin": str((origins or [Origin.REAL])[0])}
+    provenance |= {f"source_{n}": dumps(fact) for n, fact in enumerate(facts, start=1)}
+    session = session_from_parts(bench, codec, parts, provenance)
+    n_bumps = sum(event.code.endswith("bump") for part in parts for event in part.events)
     remarks = [f"{s.name}: {text}" for s in sources for text in s.remarks]
     remarks += [f"{s.name} is not whole: {s.loss.text}" for s in sources if s.loss.any]
-    remarks += _remarks(session, bumps, len(steps))
+    remarks += _remarks(session, n_bumps, len(steps))
     if mixed := mixed_messages(codec.messages, session.runs[0].frames):
         names = ", ".join(mixed[:4])
         remarks.append(
@@ -90,7 +90,7 @@ def import_logs(
         )
     is_lossy = any(source.loss.any for source in sources)
     is_lossy |= any(run.losses.measured for run in session.runs)
-    return Imported(session, bumps, {"sources": facts}, remarks, is_lossy)
+    return Imported(session, n_bumps, {"sources": facts}, remarks, is_lossy)
 
 
 def import_channels(
@@ -108,32 +108,34 @@ def import_channels(
     """
     runs: list[Run] = []
     unread: list[str] = []
-    about = {"software": software()}
-    bumps = 0
+    provenance = {"software": software()}
+    n_bumps = 0
     for number, path in enumerate(files):
-        stage(number / len(files), f"{path.name}, {counted(bumps, 'bump')}")
+        stage(number / len(files), f"{path.name}, {counted(n_bumps, 'bump')}")
         columns = read_columns(path, known.columns)
         unread += [f"{path} is not whole: {reason}" for reason in columns.unread]
         samples = recording(known, columns)
-        about[f"source_{number + 1}"] = dumps({"format": "channels", "files": [_file_facts(path)]})
+        facts = {"format": "channels", "files": [_file_facts(path)]}
+        provenance[f"source_{number + 1}"] = dumps(facts)
         if known.runs:
             runs += [given_run(known, samples, given) for given in known.runs]
             continue
-        onsets = bumps_in(known, samples)
-        if not onsets and (apart or len(files) == 1):
+        file_bumps = bumps_in(known, samples)
+        if not file_bumps and (apart or len(files) == 1):
             reason = "no channel leaves its rest as a bump does"
             raise InputError(str(path), reason, "see [trigger], or give the times in [[run]]")
-        first = number if apart else bumps - skip
-        for place, bump in enumerate(onsets[:1] if apart else onsets, start=first):
-            if 0 <= place < len(steps):
-                runs.append(bump_run(known, samples, steps[place], bump))
-        bumps += len(onsets)
-    session = session_from_columns(known, samples.channels, runs, about)
-    remarks = [*_remarks(session, bumps, 0 if known.runs else len(steps)), *unread]
-    return Imported(session, bumps, {}, remarks, bool(unread))
+        # The first bump of a file apart, or each bump after the skipped ones, has its step.
+        first_step = number if apart else n_bumps - skip
+        for step_index, bump in enumerate(file_bumps[:1] if apart else file_bumps, first_step):
+            if 0 <= step_index < len(steps):
+                runs.append(bump_run(known, samples, steps[step_index], bump))
+        n_bumps += len(file_bumps)
+    session = session_from_columns(known, samples.channels, runs, provenance)
+    remarks = [*_remarks(session, n_bumps, 0 if known.runs else len(steps)), *unread]
+    return Imported(session, n_bumps, {}, remarks, bool(unread))
 
 
-def _parts(
+def _log_parts(
     bench: Bench,
     codec: Codec,
     sources: Sequence[Log],
@@ -141,26 +143,26 @@ def _parts(
     stage: Stage,
     apart: bool,
 ) -> list[LogPart]:
-    """Read all logs; one that continues where the previous one ended forms one part with it.
+    """Return the parts of all logs: a log that goes on where the one before ended is of its part.
 
     With `apart` each log is a part, also one without a frame.
     """
     intakes: list[Intake] = []
     n_bumps = n_frames = 0
     for number, source in enumerate(sources):
-        begun = False
+        has_frames = False
         for batch in source:
             wanted = batch.on_buses(buses)
             if not len(wanted):
                 continue
-            if not begun and (apart or not intakes or not intakes[-1].goes_on_with(wanted)):
+            if not has_frames and (apart or not intakes or not intakes[-1].goes_on_with(wanted)):
                 intakes.append(Intake(bench, codec))
-            begun = True
+            has_frames = True
             n_bumps += intakes[-1].take(wanted, source.hops)
             n_frames += len(wanted)
             share = (number + source.share) / len(sources)
             stage(share, f"{counted(n_frames, 'frame')}, {counted(n_bumps, 'bump')}")
-        if apart and not begun:
+        if apart and not has_frames:
             intakes.append(Intake(bench, codec))
     return [intake.part() for intake in intakes]
 
@@ -186,19 +188,20 @@ def _file_facts(path: Path) -> dict[str, str | int]:
     return {"name": path.name, "bytes": path.stat().st_size, "sha256": file_sha256(path)}
 
 
-def _remarks(session: Session, bumps: int, planned: int) -> list[str]:
+def _remarks(session: Session, n_bumps: int, n_planned: int) -> list[str]:
     """Return remarks on bumps that are not runs, runs without a bump, and wrong signs.
 
     Raises InputError if no bump is a run.
     """
-    runs = len(session.runs)
-    if not runs:
+    n_runs = len(session.runs)
+    if not n_runs:
         raise InputError("import", "no bump is left to be a run", "correct --skip or --runs")
     remarks = []
-    if bumps > runs:
-        were = plural(bumps - runs, "was", "were")
-        remarks.append(f"{bumps - runs} of {bumps} bumps {were} left out (see --runs and --skip)")
-    if runs < planned:
-        remarks.append(f"{runs} of {planned} planned runs {plural(runs, 'was', 'were')} found")
+    if (n_left := n_bumps - n_runs) > 0:
+        were = plural(n_left, "was", "were")
+        remarks.append(f"{n_left} of {n_bumps} bumps {were} left out (see --runs and --skip)")
+    if n_runs < n_planned:
+        were = plural(n_runs, "was", "were")
+        remarks.append(f"{n_runs} of {n_planned} planned runs {were} found")
     signs = opposed_signs(session.runs, session.channels)
     return [*remarks, *(f"{sign.text} ({sign.advice})" for sign in signs)]

@@ -44,9 +44,10 @@ def read_frames(bench: Bench, log: Path | None, skip_s: float, seconds: float) -
             sources.append(open_source(bus, number))
             stack.callback(sources[-1].close)
         start_s = time.monotonic()
-        while (passed_s := time.monotonic() - start_s) < seconds:
-            stage(passed_s / seconds)
-            wait_s = min(0.1, seconds - passed_s) / len(sources)
+        while (elapsed_s := time.monotonic() - start_s) < seconds:
+            stage(elapsed_s / seconds)
+            # All sources together wait for 0.1 s at most: then the progress is shown.
+            wait_s = min(0.1, seconds - elapsed_s) / len(sources)
             batches += [source.read(wait_s) for source in sources]
     frames = FrameBatch.concatenate(batches)
     return frames if len(sources) == 1 else frames.by_time()
@@ -74,9 +75,9 @@ class TrafficSource:
             return ()
         interface = self.interface or known.buses[0].interface
         bitrate = self.bitrate or 500_000  # of most buses in vehicles
-        first = replace(known.buses[0], interface=interface, bitrate=bitrate, name="")
-        channels = (self.channel or first.channel).split(",")
-        return tuple(replace(first, channel=channel) for channel in channels)
+        pattern = replace(known.buses[0], interface=interface, bitrate=bitrate, name="")
+        channels = (self.channel or pattern.channel).split(",")
+        return tuple(replace(pattern, channel=channel) for channel in channels)
 
     def traffic(self, bench: Bench) -> tuple[FrameBatch | None, FrameBatch | None]:
         """Return the frames at rest and those of the pushes of the corners.
@@ -90,7 +91,7 @@ class TrafficSource:
         if is_live:
             reachable(bench, "--interface")
         at_rest = read_frames(bench, self.log, 0.0, self.seconds)
-        silent = [b.label for n, b in enumerate(bench.buses) if not (at_rest.bus == n).any()]
+        silent = [bus.label for i, bus in enumerate(bench.buses) if not (at_rest.bus == i).any()]
         if is_live and silent:
             reason, advice = f"no frame in {self.seconds:g} s", "check power, plugs and bit rate"
             if len(silent) == len(bench.buses):

@@ -35,12 +35,10 @@ def print_identification(result: Identification, truth: Mapping[str, float]) -> 
         if truth:
             _print_estimates("Parameters", result.parameters, "truth", _truths(result, truth))
         else:
-            rests_on = {
-                name: largest_share(shares)
-                for name, shares in result.drivers.items()
-                if name not in result.undetermined
-            }
-            _print_estimates("Parameters", result.parameters, "mostly from", rests_on)
+            drivers = {name: largest_share(shares) for name, shares in result.drivers.items()}
+            for name in result.undetermined:
+                drivers.pop(name, None)
+            _print_estimates("Parameters", result.parameters, "mostly from", drivers)
             print_line()
             _print_estimates("Derived", result.derived)
         if result.motion_ratios:
@@ -74,66 +72,72 @@ def _truths(result: Identification, truth: Mapping[str, float]) -> dict[str, str
 def _print_estimates(
     title: str,
     estimates: Mapping[str, Estimate],
-    last_heading: str = "",
-    last: Mapping[str, str] | None = None,
+    extra_heading: str = "",
+    extra: Mapping[str, str] | None = None,
 ) -> None:
-    """Write values with their intervals; `last`: texts of one more column, by name."""
+    """Write values with their intervals; `extra`: texts of one more column, by parameter."""
     columns = ["", "estimate", "95 % interval", "±", "unit"]
     rows = []
     for name, e in estimates.items():
-        row = [name, value_text(e), _interval(e), half_text(e), unit_text(e.unit)]
-        rows.append([*row, last.get(name, "")] if last else row)
-    print_table(title, [*columns, last_heading] if last else columns, rows)
+        row = [name, value_text(e), _interval_text(e), half_text(e), unit_text(e.unit)]
+        rows.append([*row, extra.get(name, "")] if extra else row)
+    print_table(title, [*columns, extra_heading] if extra else columns, rows)
 
 
 def print_forces(forces: Forces) -> None:
     """Write force elements of both axles, forces at some speeds, and the other elements tried."""
     rows = [
-        [f"{one.axle} {plain(name)}", value_text(e), _interval(e), e.unit.removeprefix("1")]
-        for one in forces.axles
-        for name, e in one.values.items()
+        [
+            f"{axle.axle} {plain(name)}",
+            value_text(e),
+            _interval_text(e),
+            e.unit.removeprefix("1"),
+        ]
+        for axle in forces.axles
+        for name, e in axle.values.items()
     ]
     columns = ["element", "estimate", "95 % interval", "unit"]
     print_table("Force elements, each of one corner", columns, rows)
     print_line()
     title = "Force of one corner, N, damper alone and with friction; compression positive"
     print_table(title, ["m/s", *damper_columns(forces)], damper_rows(forces))
-    for one in forces.axles:
-        for note in one.notes:
-            print_line(f"{one.axle} {note}")
-    answers: dict[str, list[str]] = {}
-    for tried in forces.choices:
-        answers.setdefault(element_answer(tried), []).append(plain(tried.name))
-    for answer, names in answers.items():
+    for axle in forces.axles:
+        for note in axle.notes:
+            print_line(f"{axle.axle} {note}")
+    names_by_answer: dict[str, list[str]] = {}
+    for choice in forces.choices:
+        names_by_answer.setdefault(element_answer(choice), []).append(plain(choice.name))
+    for answer, names in names_by_answer.items():
         print_line(f"elements {answer}: {', '.join(names)}")
 
 
-def _interval(e: Estimate) -> str:
+def _interval_text(e: Estimate) -> str:
     return ends_text(e) if e.std else "given"
 
 
-def _mode(mode: ModeEstimate) -> str:
-    hz, ratio = mode.frequency, mode.damping_ratio
-    if not (hz.determined and ratio.determined):
+def _mode_text(mode: ModeEstimate) -> str:
+    frequency, ratio = mode.frequency, mode.damping_ratio
+    if not (frequency.determined and ratio.determined):
         return NOT_DETERMINED
-    percent, *_ = rounded(*(100.0 * end for end in (ratio.value, ratio.low, ratio.high)))
-    return f"{value_text(hz)} Hz {percent} %"
+    percent, *_ = rounded(*(100.0 * share for share in (ratio.value, ratio.low, ratio.high)))
+    return f"{value_text(frequency)} Hz {percent} %"
 
 
 def _print_modes(result: Identification) -> None:
     """Write frequency and damping of the modes; each row is one mode, also if its rank changes."""
-    first, *others = result.modes
-    columns = {first: dict(enumerate(result.modes[first]))}  # by the rank in the first state
-    for state in others:
+    first_state, *other_states = result.modes
+    # The modes of each state, by the rank that they have in the first one.
+    columns = {first_state: dict(enumerate(result.modes[first_state]))}
+    for state in other_states:
         pairing = result.pairings[state]
         ranks = zip(pairing.baseline.tolist(), pairing.added.tolist(), strict=True)
         columns[state] = {rank: result.modes[state][added_rank] for rank, added_rank in ranks}
     rows = []
-    for rank, name in enumerate(result.mode_names[first]):
-        shown = (column.get(rank) for column in columns.values())
-        rows.append([f"{rank + 1} {name}"] + [_mode(m) if m else "" for m in shown])
+    for rank, name in enumerate(result.mode_names[first_state]):
+        modes = (column.get(rank) for column in columns.values())
+        rows.append([f"{rank + 1} {name}"] + [_mode_text(mode) if mode else "" for mode in modes])
     print_table("Modes (frequency, damping ratio)", ["", *columns], rows)
-    for state in others:
+    for state in other_states:
         for i, j in result.pairings[state].swapped:
             print_line(f"Modes {i + 1} and {j + 1} change their order in state {state}.")
 
@@ -148,12 +152,11 @@ def print_comparison(comparison: Comparison) -> None:
         for table in section.blocks:
             if not isinstance(table, Table):
                 continue
-            marks = [[cell[:1] for cell in row] for row in table.rows]
-            rows = [
-                list(row)
-                for row, first in zip(table.rows, marks, strict=True)
-                if "✓" in first or "·" not in first
-            ]
+            rows = []
+            for row in table.rows:
+                marks = [cell[:1] for cell in row]  # ✓ differs, · does not
+                if "✓" in marks or "·" not in marks:
+                    rows.append(list(row))
             if rows:
                 print_line()
                 columns = [column.removeprefix("#") or column for column in table.columns]

@@ -216,9 +216,6 @@ class Confirm(ModalScreen[bool | None]):
         yield Static(self._words, classes="box dialog", markup=False)
 
 
-# Help -------------------------------------------------------------------------------------------
-
-
 def page_of(name: str) -> str:
     """Return a page of help as Markdown: of a screen, or of the reason of a rejected run."""
     if name not in WORDS:

@@ -80,8 +80,6 @@ class MassesScreen(BenchScreen):
             self._entries = entries_of(app.bench.mass_states[1].added.weights, draft)
         self._show_all()
 
-    # Car and weights ----------------------------------------------------------------------------
-
     @property
     def _weights(self) -> tuple[Weight, ...]:
         return tuple(entry.weight for entry in self._entries)
@@ -96,8 +94,6 @@ class MassesScreen(BenchScreen):
     @property
     def _loose_rows(self) -> list[int]:
         return [i for i, entry in enumerate(self._entries) if not entry.bolted]
-
-    # Showing ------------------------------------------------------------------------------------
 
     def _show_all(self) -> None:
         glyphs = self.bench_app.glyphs
@@ -135,8 +131,6 @@ class MassesScreen(BenchScreen):
         """Mark another weight."""
         self._choose(self.query_one(Table).cursor_row + by)
 
-    # Changing -----------------------------------------------------------------------------------
-
     def _change(self, row: int, *replacement: Entry) -> None:
         """Replace the entry in a row, add one after the last, or remove it without another."""
         self._entries = (*self._entries[:row], *replacement, *self._entries[row + 1 :])
@@ -169,8 +163,6 @@ class MassesScreen(BenchScreen):
     def action_remove(self) -> None:
         """Remove the marked weight."""
         self._change(self.query_one(Table).cursor_row)
-
-    # SPACE --------------------------------------------------------------------------------------
 
     async def action_next(self) -> None:
         """Mark the first weight that is not bolted, then confirm it; go on when all are bolted."""

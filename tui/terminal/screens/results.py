@@ -198,8 +198,6 @@ class ResultsScreen(SessionScreen):
         self.outcome, self.session = outcome, outcome.session
         self._fill()
 
-    # Keys ---------------------------------------------------------------------------------------
-
     async def action_next(self) -> None:
         """Go on to the report."""
         if self.outcome is None or self.outdated:
@@ -247,8 +245,6 @@ class ResultsScreen(SessionScreen):
         order = Reject(label, reason) if accepted else Accept(label, reason)
         if await self.bench_app.ask(order) is not None:
             await (await self.bench_app.open("identify")).build()
-
-    # Inside -------------------------------------------------------------------------------------
 
     def _fill(self) -> None:
         """Show an outcome from its first page."""

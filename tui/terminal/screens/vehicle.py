@@ -224,8 +224,6 @@ class VehicleScreen(BenchScreen):
         values |= {name: value for name, value in draft.items() if isinstance(value, str)}
         self.query_one(Form).fill(values)
 
-    # Editing ------------------------------------------------------------------------------------
-
     def action_edit(self) -> None:
         """Go to the first field with an error; from a field to the next one."""
         if self.query_one(Form).current is not None:
@@ -271,8 +269,6 @@ class VehicleScreen(BenchScreen):
         if typed and (failure := write_draft(self.bench_app.folder / DRAFT, typed)):
             self.bench_app.warn(failure)
 
-    # Checking -----------------------------------------------------------------------------------
-
     def _errors(self) -> tuple[FieldError, ...]:
         return check_vehicle(self.query_one(Form).values) if self._filled else ()
 
@@ -301,8 +297,6 @@ class VehicleScreen(BenchScreen):
         box = self.query_one("#help", Words)
         box.border_title = field.label if field else "Next"
         box.say(Content("\n").join(lines))
-
-    # Applying -----------------------------------------------------------------------------------
 
     async def action_next(self) -> None:
         """Send the form to the recorder and go on to the check."""
