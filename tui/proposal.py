@@ -23,8 +23,6 @@ from . import output
 from .bench import reachable
 from .diagnostics import say
 
-# Traffic ------------------------------------------------------------------------------------------
-
 
 def read_frames(bench: Bench, log: Path | None, skip_s: float, seconds: float) -> FrameBatch:
     """Return some seconds of a log, from `skip_s` after its beginning, or of the bus from now."""
@@ -104,9 +102,6 @@ class TrafficSource:
             say("now push each corner DOWN and let go, with a second of rest between:")
             say(f"{', '.join(map(spoken, ORDER))}; you have {self.push_s:.0f} s")
         return at_rest, read_frames(bench, self.log, self.seconds, self.push_s)
-
-
-# Proposal -----------------------------------------------------------------------------------------
 
 
 def propose_bench(

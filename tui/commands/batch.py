@@ -158,9 +158,6 @@ def session_files(names: Sequence[str]) -> list[str]:
     return list(named)
 
 
-# One session --------------------------------------------------------------------------------------
-
-
 def _sha256(file: str) -> str:
     """Return the hash of the content of a file; empty if it cannot be read: its row says why."""
     from daq.files import file_sha256
@@ -228,9 +225,6 @@ def _with_provenance(key: str, file: str, row: Row, seconds: float) -> Row:
         "software": software(),
         "libraries": f"numpy {np.__version__}, scipy {scipy.__version__}",
     }
-
-
-# The table ----------------------------------------------------------------------------------------
 
 
 def _rows_so_far(out: Path) -> dict[str, Row]:

@@ -191,9 +191,6 @@ def redecode(
     return ExitCode.DATA_LOST if is_lossy else ExitCode.OK
 
 
-# What inspect shows -------------------------------------------------------------------------------
-
-
 def _provenance(provenance: Mapping[str, str]) -> dict[str, str]:
     """Return the provenance with the size of each entry that is a whole file, not its text."""
     whole = ("dbc", "bench_toml", "channel_map")

@@ -162,9 +162,6 @@ def replay(
     return ExitCode.OK
 
 
-# The simulated car --------------------------------------------------------------------------------
-
-
 def _bump_for_recorder(
     folder: Path,
     simulated: tuple[Bench, Codec, SimulatedCar, int],

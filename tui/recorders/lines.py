@@ -109,9 +109,6 @@ def status_lines(status: Status) -> Iterator[str]:
         yield f"session {state}: {' '.join(t for t in (session.path, session.text) if t)}"
 
 
-# The end ------------------------------------------------------------------------------------------
-
-
 def recorded_session(last: Status) -> tuple[Path, Session]:
     """Return the session file of a recorder's last recording, and its contents.
 
