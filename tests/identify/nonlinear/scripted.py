@@ -26,6 +26,9 @@ HUB = Channel(
     "hub", Quantity.HUB_ACCELERATION, "m/s2", corner=Corner.FRONT_LEFT, delay_sigma_s=1e-3
 )
 """A sensor that may be late: its lateness is a correction."""
+_NONE = np.zeros(0)
+STANDING = Car(np.zeros((4, 22)), _NONE, _NONE, _NONE, _NONE, _NONE, ())
+"""A car whose suspensions travel as its wheels move."""
 MODEL = Model(GreyBox((ChannelGroup("hubs", (HUB,)),), (BASELINE, ADDED), None, RICH), KNOTS["K3"])
 
 
@@ -84,7 +87,7 @@ class Script:
         there = SimpleNamespace(
             problem=problem,
             initials=tuple(f"{own}'" for own in initials),
-            cars=(Car(np.zeros((4, 22)), *np.zeros((5, 0)), ()),) * len(problem.runs),
+            cars=(STANDING,) * len(problem.runs),
             predicted=tuple(SimpleNamespace(cost=cost, path=path) for _ in problem.runs),
         )
         return SimpleNamespace(
