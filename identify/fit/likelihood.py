@@ -124,7 +124,7 @@ def fit(
     converged = False
     iterations, last_size = 0, 0.0
     n_values = sum(decay.n_values for decay in decays)
-    least_hold = 1e-3 * hold
+    least_hold = 1e-3 * hold  # weaker ones are let go
     # Noise alone would drive an unknown that no run informs to zero or infinity.  With a standard
     # deviation of a factor e^2 before any run it stays near where the search began; unknowns that
     # the runs determine move by less than a hundredth of their standard deviations.

@@ -19,7 +19,7 @@ def exceeded_by_chance(freedom: int, chance: float) -> float:
     # A bound from above (Laurent and Massart).  The logarithm of the tail is concave, nearly so for
     # one degree, and Newton's method comes down from there without a step too far.
     value = step = freedom + 2.0 * sqrt(freedom * minus_log_chance) + 2.0 * minus_log_chance
-    while abs(step) > 1e-13 * value:
+    while abs(step) > 1e-13 * value:  # some rounding errors
         tail = chance_of_more(freedom, value)
         density = exp(_log_term(freedom / 2.0 - 1.0, value / 2.0)) / 2.0
         step = (log(tail) + minus_log_chance) * tail / density
