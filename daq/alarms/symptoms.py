@@ -233,7 +233,7 @@ class Sensors:
         self, mapped: Sequence[MappedChannel], decoded: Decoded | None, counts: Counts
     ) -> None:
         """Process a block; add to the counts."""
-        if self._mapped is not mapped:
+        if self._mapped is not mapped:  # another bench.toml
             used = [m for m in mapped if m.channel.quantity is not Quantity.UNUSED]
             self._mapped, self._ranges = mapped, tuple(_ChannelRange(m) for m in used)
         for channel in self._ranges:

@@ -52,7 +52,8 @@ class Column(Channel):
     rate_hz: _Rate | None = None
 
 
-def _in_a_file(column: Column) -> Column:
+def _names_a_column(column: Column) -> Column:
+    """Return the column; raises ValueError unless it has a name and at most one clock."""
     if not 1 <= len(column.signal) <= 120:
         raise ValueError("signal is the name of a column, of 120 letters at most")
     if column.time_column and column.rate_hz:
@@ -80,7 +81,7 @@ _Columns = tuple[
         Column,
         BeforeValidator(with_day),
         AfterValidator(as_a_person_states_it),
-        AfterValidator(_in_a_file),
+        AfterValidator(_names_a_column),
     ],
     ...,
 ]
@@ -139,13 +140,13 @@ def load_channel_map(path: Path) -> ChannelMap:
             unit, rate_hz = column.time_unit or table.time.unit, column.rate_hz
             clocks[column.name] = Clock(column=column.time_column, unit=unit, rate_hz=rate_hz)
     states = [state.name for state in bench.mass_states]
-    done: Counter[tuple[str, str]] = Counter()
+    n_runs: Counter[tuple[str, str]] = Counter()  # of each mass state and excitation
     runs = []
     for run in table.run:
         if run.mass_state not in states:
             fault = f"mass state {run.mass_state!r} is not on this bench"
             raise InputError(where, fault, f"use one of {', '.join(states)}")
-        done[run.mass_state, run.excitation] += 1
-        step = Step(run.mass_state, run.excitation, done[run.mass_state, run.excitation])
+        n_runs[run.mass_state, run.excitation] += 1
+        step = Step(run.mass_state, run.excitation, n_runs[run.mass_state, run.excitation])
         runs.append(GivenRun(step, run.start_s, run.stop_s))
     return ChannelMap(bench, MappingProxyType(clocks), tuple(runs))

@@ -118,6 +118,7 @@ class GeometryTable(Table):
 
 
 def _of_known_elements(stated: dict[str, bool]) -> dict[str, bool]:
+    """Return the stated structure; raises ValueError if an element is unknown."""
     for name in stated:
         if name not in ("symmetric", *ELEMENTS):
             raise ValueError(f"{name} is none of symmetric, {', '.join(ELEMENTS)}")
@@ -148,8 +149,8 @@ class WeightTable(Table):
 
     @model_validator(mode="after")
     def _one_place(self) -> WeightTable:
-        place = [each for each in (self.x_m, self.y_m) if each is not None]
-        if len(place) != (2 if self.hub is None else 0):
+        n_coordinates = sum(each is not None for each in (self.x_m, self.y_m))
+        if n_coordinates != (2 if self.hub is None else 0):
             raise ValueError("a weight has either x_m and y_m, or hub")
         if self.hub is not None and self.position_sigma_m:
             raise ValueError("position_sigma_m is for a weight on the body, not on a hub")
@@ -213,7 +214,7 @@ def with_day(channel: object) -> object:
 
 
 def as_a_person_states_it(channel: Channel) -> Channel:
-    """Raise ValueError if a channel has what a person cannot mean."""
+    """Return the channel; raises ValueError if it has what a person cannot mean."""
     if not re.fullmatch("[A-Za-z][A-Za-z0-9_]{0,59}", channel.name):
         raise ValueError("its name is not a letter, and at most 59 letters, digits and _ after it")
     if channel.sign not in (1, -1):
@@ -284,9 +285,9 @@ def campaign_limits(key: str) -> tuple[float, float, bool]:
     The last is True if it must be above the lowest.
     """
     limits = BenchFile.model_json_schema()["$defs"]["Campaign"]["properties"][key]
-    above_low = "exclusiveMinimum" in limits
-    low = limits["exclusiveMinimum" if above_low else "minimum"]
-    return float(low), float(limits["maximum"]), above_low
+    is_exclusive = "exclusiveMinimum" in limits
+    low = limits["exclusiveMinimum" if is_exclusive else "minimum"]
+    return float(low), float(limits["maximum"]), is_exclusive
 
 
 @dataclass(frozen=True, slots=True)
@@ -298,8 +299,7 @@ class Bench:
     dbc_name: str
     """Source of the DBC, for messages to the user."""
     dbc_text: str
-    """The DBC as read, or all databases of the sensors (`daq.bench.sensors`); stored in every
-    journal and session."""
+    """The DBC, or all databases of the sensors (`daq.bench.sensors`); stored like `text`."""
     buses: tuple[BusConfig, ...]
     """The buses, at least one; a frame's `bus` is a position in this tuple."""
     vehicle: Vehicle
@@ -340,7 +340,7 @@ def load_bench(path: Path | None) -> Bench:
 
 
 def parse_bench(text: str, where: str, folder: Path, dbc_text: str | None = None) -> Bench:
-    """Check the text of a bench.toml and resolve what it names.
+    """Return the bench of the text of a bench.toml, checked, with its databases.
 
     `where`: the name of the text, for error messages.  `folder`: where a relative DBC path starts.
     `dbc_text`: the DBC, if it is known already (in a journal); else it is read from the path in the
@@ -348,27 +348,25 @@ def parse_bench(text: str, where: str, folder: Path, dbc_text: str | None = None
     """
     document = toml_tables(text, where)
     stated = validated(document, where, BenchFile)
-    keys = {} if stated.sensor else {stated.dbc: "dbc"}
+    keys = {} if stated.sensor else {stated.dbc: "dbc"}  # that name a database, by its name
     for i, sensor in enumerate(stated.sensor):
         key = key_at(document, ("sensor", i, "layout" if sensor.layout else "dbc"))
         keys.setdefault(sensor.database, key)
     databases = read_databases(keys, where, folder if dbc_text is None else None)
     if dbc_text is None:
         dbc_text = stored_text(databases)
+    # Now with the tables of ready maps, which need not be stated.
     table = validated(completed(document, default_bench_text()), where, BenchFile)
     bench = bench_of(table, text, where)
-    for kind, tables in (
-        ("sensor", table.sensor),
-        ("message", table.message),
-        ("sample set", table.sample_set),
-    ):
-        require_unique(kind, [each.name for each in tables], where)
+    require_unique("sensor", [each.name for each in table.sensor], where)
+    require_unique("message", [each.name for each in table.message], where)
+    require_unique("sample set", [each.name for each in table.sample_set], where)
     require_unique("bus", [f"{b.interface} {b.channel}" for b in table.bus], where)
     sensors = tuple(sensor.on(table.bus, where) for sensor in table.sensor)
     channels = bench.channels
     if sensors and dbc_text:
-        known = stored_databases(dbc_text)
-        messages = [m for s in sensors for m in sensors_codec([s], known, len(table.bus)).messages]
+        stored = stored_databases(dbc_text)
+        messages = [m for s in sensors for m in sensors_codec([s], stored, len(table.bus)).messages]
         channels = tuple(replace(c, signal=full_name(c.signal, messages)) for c in channels)
     names = ", ".join(dict.fromkeys(sensor.database for sensor in sensors))
     return replace(
@@ -393,7 +391,7 @@ def bench_of(table: DescribedCar, text: str, where: str) -> Bench:
     require_unique("channel", [each.name for each in table.channel], where)
     geometry, decided = table.vehicle.geometry, dict(table.vehicle.structure)
     structure = Structure(
-        decided.pop("symmetric", True),
+        decided.pop("symmetric", True),  # what remains are the elements, forced or forbidden
         *(decided.get(name, False) for name in ("anti_roll_bars", "tyre_damping", "cg_offset")),
     )
     known = (*FactQuantity, *parameter_names(structure))
@@ -426,8 +424,8 @@ def bench_of(table: DescribedCar, text: str, where: str) -> Bench:
 
 def require_unique(kind: str, names: Sequence[str], where: str) -> None:
     """Raise InputError if a name of things of one kind occurs twice."""
-    for name, times in Counter(names).items():
-        if times > 1:
+    for name, count in Counter(names).items():
+        if count > 1:
             raise InputError(where, f"{kind} {name} occurs twice", "give each its own name")
 
 
@@ -462,8 +460,8 @@ def on_bus(bench: Bench, interface: str | None, channel: str | None) -> Bench:
     if len({sensor.bus for sensor in bench.sensors}) > 1:
         fault = f"name the bus of a bench with one bus; here sensors are on {len(bench.buses)}"
         raise InputError("--interface, --channel", fault, f"change the [[bus]] of {bench.where}")
-    first = bench.buses[0]
-    bus = replace(first, interface=interface or first.interface, channel=channel or first.channel)
+    old = bench.buses[0]
+    bus = replace(old, interface=interface or old.interface, channel=channel or old.channel)
     return replace(bench, buses=(bus,))
 
 

@@ -34,7 +34,8 @@ def with_vehicle(text: str, name: str, structure: Structure) -> str:
         vehicle["name"] = name
         stated = vehicle.get("structure", {})
         flags = {flag: getattr(structure, flag) for flag in Structure.__dataclass_fields__}
-        changed = {f: v for f, v in flags.items() if stated.get(f, getattr(Structure(), f)) != v}
+        old = {flag: stated.get(flag, getattr(Structure(), flag)) for flag in flags}
+        changed = {flag: is_on for flag, is_on in flags.items() if old[flag] != is_on}
         if changed:
             vehicle["structure"] = stated | changed
 
@@ -74,8 +75,8 @@ def with_channel(text: str, name: str, sign: float | None = None, tare: float | 
         channels = tables.get("channel", [])
         if name not in [channel["name"] for channel in channels]:
             channels = completed(tables, default_bench_text())["channel"]
-        if name not in (known := [channel["name"] for channel in channels]):
-            advice = f"name one of {', '.join(known)}"
+        if name not in (names := [channel["name"] for channel in channels]):
+            advice = f"name one of {', '.join(names)}"
             raise InputError(WHERE, f"there is no channel {name}", advice)
         stated = {"sign": None if sign is None else int(sign), "tare": tare}
         changed = {key: value for key, value in stated.items() if value is not None}
@@ -114,6 +115,6 @@ def _edited(text: str, change: Callable[[_Tables], None]) -> str:
     change(tables)
     if tables == toml_tables(text, WHERE):
         return text
-    after = tomlkit.dumps(tables)
-    parse_bench(after, WHERE, Path(), "")
-    return after
+    edited = tomlkit.dumps(tables)
+    parse_bench(edited, WHERE, Path(), "")
+    return edited

@@ -74,11 +74,11 @@ def sensor_map(sensor: str, database: str) -> dict[str, Any]:
     tables = ready_map(database.removeprefix(PREFIX)).tables
     for message in tables.get("message", []):
         message["name"] = f"{sensor}.{message['name']}"
-    for each in tables.get("sample_set", []):
-        each["name"] = f"{sensor}_{each['name']}"
-        each["messages"] = [f"{sensor}.{name}" for name in each["messages"]]
-        if "." in each["bound_by"]:
-            each["bound_by"] = f"{sensor}.{each['bound_by']}"
+    for sample_set in tables.get("sample_set", []):
+        sample_set["name"] = f"{sensor}_{sample_set['name']}"
+        sample_set["messages"] = [f"{sensor}.{name}" for name in sample_set["messages"]]
+        if "." in sample_set["bound_by"]:  # else the name of a counter in each message
+            sample_set["bound_by"] = f"{sensor}.{sample_set['bound_by']}"
     for channel in tables.get("channel", []):
         channel["name"] = f"{sensor}_{channel['name']}"
         channel["signal"] = f"{sensor}.{channel['signal']}"
@@ -95,7 +95,7 @@ def completed(document: Mapping[str, Any], shipped: str) -> dict[str, Any]:
     channels, messages, sets = (
         list(document.get(kind, ())) for kind in ("channel", "message", "sample_set")
     )
-    named = {message["name"] for message in messages}
+    stated_messages = {message["name"] for message in messages}
     signals = [channel["signal"] for channel in channels]
     in_sets = [name for each in sets for name in each["messages"]]
     dbc = document.get("dbc", "")
@@ -113,7 +113,7 @@ def completed(document: Mapping[str, Any], shipped: str) -> dict[str, Any]:
             channels += tables.get("channel", [])
         if not any(name.startswith(prefix) for name in in_sets):
             sets += tables.get("sample_set", [])
-        messages += [m for m in tables.get("message", []) if m["name"] not in named]
+        messages += [m for m in tables.get("message", []) if m["name"] not in stated_messages]
     return {**document, "channel": channels, "message": messages, "sample_set": sets}
 
 
@@ -200,8 +200,7 @@ class Sensor:
     """Difference between its identifiers and those of the database."""
     ids: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
     """Identifiers of its messages, by name or by identifier in the database, as ``0x181``; the
-    sensor does not send other messages.  Empty: all messages, with the identifiers of the
-    database."""
+    sensor does not send other messages.  Empty: all messages of the database, unchanged."""
 
 
 def sensors_codec(
@@ -236,7 +235,7 @@ def sensors_codec(
             by_id[message.bus, message.can_id, message.is_extended].append(message)
     kept = []
     for (_, can_id, _), messages in by_id.items():
-        needed = [m for m in messages if len(messages) == 1 or m.name in used]
+        needed = messages if len(messages) == 1 else [m for m in messages if m.name in used]
         shared = f"have the identifier {can_id:#x} on a bus"
         if len(needed) > 1:
             advice = "give one of the two sensors another bus, an id_offset or ids"
@@ -284,7 +283,7 @@ def full_name(signal: str, messages: Sequence[MessageLayout]) -> str:
     A name that is in no message is returned unchanged.  Raises InputError if several messages of
     the sensor have the signal.
     """
-    owner, _, name = signal.rpartition(".")
+    owner, _, name = signal.rpartition(".")  # `sensor.Message`, or only `sensor`
     names = [
         message.name
         for message in messages
@@ -303,6 +302,7 @@ def full_name(signal: str, messages: Sequence[MessageLayout]) -> str:
 
 
 def _crc_rule(name: str) -> str:
+    """Return the name of a checksum rule; raises ValueError if there is no such rule."""
     if name not in CRC_RULES:
         raise ValueError(f"is none of {', '.join(CRC_RULES)}")
     return name
@@ -386,8 +386,8 @@ def ruled_codec(codec: Codec, rules: Sequence[MessageRule], dbc_name: str) -> Co
         if rule.cycle_ms is not None:
             message = replace(message, cycle_s=rule.cycle_ms * 1e-3)
         messages[rule.name] = message
-    changed = tuple(messages.values())
-    return codec if changed == codec.messages else replace(codec, messages=changed)
+    ruled = tuple(messages.values())
+    return codec if ruled == codec.messages else replace(codec, messages=ruled)
 
 
 def _plain_signal(message: MessageLayout, key: str, name: str) -> SignalLayout:
@@ -434,8 +434,8 @@ def sensor_clocks(codec: Codec, rules: Sequence[MessageRule]) -> Mapping[str, Se
 
 def timed_messages(codec: Codec, rules: Sequence[MessageRule]) -> frozenset[str]:
     """Return the messages that carry the time of their samples as a counter or time stamp."""
-    counted = {m.name for m in codec.messages if m.counter is not None and m.cycle_s is not None}
-    return frozenset(counted | sensor_clocks(codec, rules).keys())
+    numbered = {m.name for m in codec.messages if m.counter is not None and m.cycle_s is not None}
+    return frozenset(numbered | sensor_clocks(codec, rules).keys())
 
 
 def check_sets(codec: Codec, rules: Sequence[MessageRule], sets: Sequence[SampleSet]) -> None:

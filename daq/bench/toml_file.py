@@ -55,24 +55,25 @@ def toml_tables(text: str, where: str) -> dict[str, Any]:
         if line := re.search(r" \(at line (\d+), column (\d+)\)", fault):
             where, fault = f"{where}:{line[1]}", f"{fault[: line.start()]}, column {line[2]}"
         raise InputError(where, f"is not TOML: {fault}", "correct that line") from error
-    for place, value in _values(document, ()):
+    for path, value in _values(document, ()):
         fault = "has the character NUL" if isinstance(value, str) and "\0" in value else ""
-        if isinstance(value, bool) and "structure" not in place:
+        if isinstance(value, bool) and "structure" not in path:
             fault = "is true or false, not a number or a text"
         if fault:
-            raise InputError(where, f"{key_at(document, place)}: {fault}", "correct that value")
+            raise InputError(where, f"{key_at(document, path)}: {fault}", "correct that value")
     return document
 
 
-def _values(value: object, place: tuple[str | int, ...]) -> Iterator[tuple[Any, object]]:
+def _values(value: object, path: tuple[str | int, ...]) -> Iterator[tuple[Any, object]]:
+    """Yield each value within tables and arrays, with its path of keys and positions."""
     if isinstance(value, dict):
         for key, item in value.items():
-            yield from _values(item, (*place, key))
+            yield from _values(item, (*path, key))
     elif isinstance(value, list):
         for position, item in enumerate(value):
-            yield from _values(item, (*place, position))
+            yield from _values(item, (*path, position))
     else:
-        yield place, value
+        yield path, value
 
 
 def validated(document: Mapping[str, Any], where: str, model: type[_File]) -> _File:
@@ -83,30 +84,30 @@ def validated(document: Mapping[str, Any], where: str, model: type[_File]) -> _F
     try:
         return model.model_validate(document)
     except ValidationError as error:
-        first, *others = error.errors(include_url=False)
-        if first["type"] == "missing":  # rather an unknown key of its table
-            same = (o for o in others if o["loc"][:-1] == first["loc"][:-1])
-            first = next((o for o in same if o["type"] == "extra_forbidden"), first)
-        key = key_at(document, first["loc"])
-        fault = first["msg"].removeprefix("Value error, ")  # prefix for errors of our own checks
+        mistake, *others = error.errors(include_url=False)
+        if mistake["type"] == "missing":  # rather an unknown key of its table: a misspelt one
+            of_table = (o for o in others if o["loc"][:-1] == mistake["loc"][:-1])
+            mistake = next((o for o in of_table if o["type"] == "extra_forbidden"), mistake)
+        key = key_at(document, mistake["loc"])
+        fault = mistake["msg"].removeprefix("Value error, ")  # prefix for errors of our own checks
         fault = fault.replace("Input should be", "must be").replace("tuple", "list")
         fault, advice = f"{key}: {fault.partition(', unable to parse')[0]}", "correct that value"
-        if first["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
+        if mistake["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
             fault, advice = f"unknown key {key}", "remove it or correct its name"
-        elif first["type"] == "missing":
+        elif mistake["type"] == "missing":
             fault, advice = f"{key} is missing", "state it"
         raise InputError(where, fault, advice) from error
 
 
-def key_at(document: Mapping[str, Any], place: Sequence[str | int]) -> str:
-    """Return the key at a place: ``channel.acc_fl.gain``, ``weight.2.mass_kg``.
+def key_at(document: Mapping[str, Any], path: Sequence[str | int]) -> str:
+    """Return the key at a path: ``channel.acc_fl.gain``, ``weight.2.mass_kg``.
 
-    `place`: keys, and positions from 0 in arrays, as Pydantic returns them.  A table of an array
+    `path`: keys, and positions from 0 in arrays, as Pydantic returns them.  A table of an array
     has its name, or its number from 1.
     """
     value: Any = document
-    parts = []
-    for key in place:
+    words = []
+    for key in path:
         if isinstance(key, int) and not isinstance(value, list):
             continue  # the only table of its kind, outside an array
         try:
@@ -114,5 +115,5 @@ def key_at(document: Mapping[str, Any], place: Sequence[str | int]) -> str:
         except (LookupError, TypeError):
             value = None
         is_named = isinstance(key, int) and isinstance(value, dict) and "name" in value
-        parts.append(str(value["name"] if is_named else key + 1 if isinstance(key, int) else key))
-    return ".".join(parts) or "the file"
+        words.append(str(value["name"] if is_named else key + 1 if isinstance(key, int) else key))
+    return ".".join(words) or "the file"

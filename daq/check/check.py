@@ -57,7 +57,7 @@ class CheckReport:
 
 
 def check_bench(bench: Bench, codec: Codec, frames: FrameBatch, today: date) -> CheckReport:
-    """Check a bench at rest.
+    """Return the report on a bench at rest.
 
     `frames`: a few seconds of traffic while the car stands still, in order of arrival.  `today`:
     for the age of calibrations.  Raises InputError if a channel does not fit the DBC.

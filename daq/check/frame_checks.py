@@ -97,7 +97,7 @@ class FrameTable:
 
 
 def frame_table(messages: Sequence[MessageLayout], frames: FrameBatch) -> FrameTable:
-    """Sort the data frames of a recording, which must not be empty, by message."""
+    """Return the data frames of a recording, which must not be empty, by message."""
     no_data = np.uint16(FrameFlag.ERROR | FrameFlag.REMOTE)
     data = frames.select((frames.flags & no_data) == 0)
     extended = (data.flags & np.uint16(FrameFlag.EXTENDED)) != 0
@@ -137,7 +137,7 @@ def mixed_messages(messages: Sequence[MessageLayout], frames: FrameBatch) -> tup
 
 
 def check_buses(table: FrameTable, error_frames: int, buses: Sequence[BusConfig]) -> list[Finding]:
-    """Check each bus as a whole: load, error frames, unknown identifiers."""
+    """Return lines on each bus as a whole: load, error frames, unknown identifiers."""
     lines = []
     for number, bus in enumerate(buses):
         subject = f"bus {bus.label}"
@@ -180,7 +180,7 @@ def check_buses(table: FrameTable, error_frames: int, buses: Sequence[BusConfig]
 def check_messages(
     mapped: Sequence[MappedChannel], keeping: Timekeeping, table: FrameTable, decoded: Decoded
 ) -> list[Finding]:
-    """Check every message that carries a channel or binds a sample set."""
+    """Return lines on every message that carries a channel or binds a sample set."""
     carriers = {sample_set.carrier[0] for sample_set in keeping.sets}
     used = {m.message.name for m in mapped if m.channel.quantity is not Quantity.UNUSED} | carriers
     messages = tuple(keeping.messages.values())

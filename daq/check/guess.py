@@ -116,7 +116,7 @@ class Candidate:
 
     full: str
     """Name with that of its message."""
-    kind: str
+    si_unit: str
     """SI unit of the measured quantity."""
     unit: str
     """Unit that the database states."""
@@ -162,7 +162,7 @@ class Candidate:
     @property
     def shows_push(self) -> bool:
         """True if a push by hand moves it: a rate of turn, or a length that may be a travel."""
-        return self.kind == "rad/s" or (self.kind == "m" and _by_name(self) is not None)
+        return self.si_unit == "rad/s" or (self.si_unit == "m" and _by_name(self) is not None)
 
 
 def candidate(full: str, signal: SignalLayout, values: NDArray[np.float64]) -> Candidate | None:
@@ -191,7 +191,7 @@ def guess_channels(candidates: Iterable[Candidate], pushes: Pushes | None) -> di
     for each in candidates:
         groups[each.sensor, each.corner].append(each)
     grouped = [s for group in groups.values() for s in group]
-    with_gyroscope = {s.sensor for s in grouped if s.kind in ("rad/s", "rad/s2")}
+    with_gyroscope = {s.sensor for s in grouped if s.si_unit in ("rad/s", "rad/s2")}
     guesses: dict[str, Guess] = {}
     for (sensor, _), group in groups.items():
         guesses |= {s.full: guess for s in group if (guess := _by_name(s)) is not None}
@@ -203,7 +203,7 @@ def guess_channels(candidates: Iterable[Candidate], pushes: Pushes | None) -> di
             is_body = guess is not None and guess.quantity is Quantity.BODY_ACCELERATION
             if guess is not None and is_body and may_be_hub and not guess.ask:
                 guesses[s.full] = replace(guess, ask=_WHICH_HUB, of_device=False)
-    lengths = [s for s in grouped if s.kind == "m" and s.full in guesses]
+    lengths = [s for s in grouped if s.si_unit == "m" and s.full in guesses]
     return guesses | _travels(lengths, guesses, pushes)
 
 
@@ -229,7 +229,7 @@ _ROLL = _Rotation("roll", {"roll", "wank"}, "x", "positive lifts the left side")
 
 def _by_name(s: Candidate) -> Guess | None:
     """Return the guess from names and unit."""
-    return {"m/s2": _guess_acceleration, "m": _guess_length}.get(s.kind, _guess_rotation)(s)
+    return {"m/s2": _guess_acceleration, "m": _guess_length}.get(s.si_unit, _guess_rotation)(s)
 
 
 def _guess_acceleration(s: Candidate) -> Guess:
@@ -263,11 +263,11 @@ def _guess_rotation(s: Candidate) -> Guess:
         for rotation in (_PITCH, _ROLL):
             if name_words & rotation.words:
                 why = f"{unit}, {rotation.name} by its {source}; {rotation.sense}"
-                return Guess(rotation.quantity(s.kind), why)
+                return Guess(rotation.quantity(s.si_unit), why)
     for rotation in (_PITCH, _ROLL):
         if s.axis == rotation.axis:
             why = f"{unit}, about {rotation.axis} by its name; {rotation.sense}"
-            return Guess(rotation.quantity(s.kind), why)
+            return Guess(rotation.quantity(s.si_unit), why)
     return Guess(Quantity.UNUSED, f"{unit}, neither pitch nor roll by its name")
 
 
@@ -291,14 +291,14 @@ def _guess_length(s: Candidate) -> Guess | None:
 
 def _by_mounting(group: Sequence[Candidate], pushes: Pushes | None) -> dict[str, Guess]:
     """Return the guesses for a device with three accelerations, from how it is mounted."""
-    accelerations = {s.axis: s for s in group if s.kind == "m/s2" and s.axis}
+    accelerations = {s.axis: s for s in group if s.si_unit == "m/s2" and s.axis}
     gravity_g = {axis: s.gravity_g for axis, s in accelerations.items() if s.gravity_g is not None}
     if len(gravity_g) < len(AXES):
         return {}
-    gyroscopes = {s.axis: s for s in group if s.kind in ("rad/s", "rad/s2") and s.axis}
+    gyroscopes = {s.axis: s for s in group if s.si_unit in ("rad/s", "rad/s2") and s.axis}
     angles: dict[Corner, dict[str, float]] = defaultdict(dict)
     for axis, s in gyroscopes.items():
-        if pushes is not None and s.kind == "rad/s" and s.full in pushes.traces:
+        if pushes is not None and s.si_unit == "rad/s" and s.full in pushes.traces:
             for corner, angle in pushes.angles(s.full).items():
                 angles[corner][axis] = angle
     mounted = mounting(gravity_g, angles)
@@ -336,7 +336,7 @@ def _by_mounting(group: Sequence[Candidate], pushes: Pushes | None) -> dict[str,
             plus = "+" if forward_sign > 0 else "-"
             ask = f"does the sensor's {plus}{forward_axis} axis point forward?"
             ask += "  The pushes did not show it." if pushes is not None else ""
-        quantity, sign = rotation.quantity(s.kind), axis_of(direction)[1]
+        quantity, sign = rotation.quantity(s.si_unit), axis_of(direction)[1]
         guesses[s.full] = Guess(quantity, why, None, sign, ask, True, mounted.surely_forward)
     return guesses
 

@@ -50,7 +50,7 @@ FIRST_S = 60.0
 """Time that the first client may take to connect, s: a terminal starts with its recorder."""
 _LAST_ANSWERS_S = 0.3
 """Longest time in which a server that is closed sends the last answers, s."""
-_NEWS = 100
+_MOST_NEWS = 100
 """Number of published messages kept for a client that does not fetch them."""
 
 _ORDERS = {order.__name__: order for order in get_args(Order)}
@@ -98,7 +98,7 @@ class Server:
         try:
             self._server = asyncio.run_coroutine_threadsafe(listening, self._loop).result()
         except OSError as error:
-            self._stop()
+            self._end_thread()
             why = f"cannot listen: {error.strerror or error}"
             raise InputError(str(address), why, "see who owns that directory") from error
 
@@ -120,17 +120,18 @@ class Server:
 
     def close(self) -> None:
         """Send the answers that are ready, stop listening and remove the socket."""
-        asyncio.run_coroutine_threadsafe(self._end(), self._loop).result()
-        self._stop()
+        asyncio.run_coroutine_threadsafe(self._disconnect(), self._loop).result()
+        self._end_thread()
 
-    def _stop(self) -> None:
+    def _end_thread(self) -> None:
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join()
         self._loop.close()
 
     # The server's thread -----------------------------------------------------------------------
 
-    async def _end(self) -> None:
+    async def _disconnect(self) -> None:
+        """Remove the socket, send the last answers, and end the connections of all clients."""
         self._address.unlink(missing_ok=True)
         # A server that is closed while it accepts a connection leaves its socket open.
         await asyncio.sleep(0.01)
@@ -170,7 +171,8 @@ class Server:
 
     async def _answer(self, peer: _Peer, line: bytes) -> tuple[bytes, Reply]:
         """Return the number of a request, and its answer: of this server, or of the recorder."""
-        protocol, number, name, body = (*line.rstrip(b"\n").split(b" ", 3), b"", b"", b"", b"")[:4]
+        words = (*line.rstrip(b"\n").split(b" ", 3), b"", b"", b"", b"")  # missing ones are empty
+        protocol, number, name, body = words[:4]
         number = number if number.isdigit() else b"0"
         try:
             order = _order(protocol, name, body)
@@ -179,30 +181,30 @@ class Server:
             if isinstance(order, AskStatus) and self._status is not None:
                 return number, Reply(status=self._status)
             if not isinstance(order, Question) and peer is not self._controller:
-                who = "you are not in control"
+                reason = "you are not in control"
                 if self._controller is not None:
-                    who = f"{self._controller.name} is in control"
-                return number, Reply(f"{who}: you can only watch")
-            answer = self._submit(order, peer.name)
-            return number, await asyncio.wrap_future(answer)
+                    reason = f"{self._controller.name} is in control"
+                return number, Reply(f"{reason}: you can only watch")
+            return number, await asyncio.wrap_future(self._submit(order, peer.name))
         except Exception as error:  # any exception is reported to the client, in one line
             return number, Reply(printable(str(error) or repr(error), 400))
 
     def _hello(self, peer: _Peer, hello: Hello) -> str:
         """Admit a client as controller or viewer; return why it is refused, or an empty text."""
-        before = self._controller
-        if hello.control and before is not None and before is not peer:
+        controller = self._controller
+        if hello.control and controller is not None and controller is not peer:
             if not hello.take_over:
-                return f"{before.name} is in control (take over, or only watch)"
-            before.writer.write(b"watch\n")
+                return f"{controller.name} is in control (take over, or only watch)"
+            controller.writer.write(b"watch\n")
         peer.name = printable(hello.name, 60) or "a client"
         if hello.control:
             self._controller = peer
-        elif before is peer:
+        elif controller is peer:
             self._controller = None
         return ""
 
     def _send_news(self) -> None:
+        """Send the statuses that wait to all clients that read."""
         while self._news:
             status, live = self._news.popleft()
             clients = [peer for peer in self._peers if peer.name]
@@ -216,8 +218,8 @@ class Server:
                 news += b"live %s\n" % LIVE.dump_json(live)
             for peer in clients:
                 transport = peer.writer.transport
-                unread = transport.get_write_buffer_size()
-                if unread < MAX_UNREAD_BYTES and not transport.is_closing():
+                unread_bytes = transport.get_write_buffer_size()
+                if unread_bytes < MAX_UNREAD_BYTES and not transport.is_closing():
                     peer.writer.write(news)
 
 
@@ -230,15 +232,15 @@ def _order(protocol: bytes, name: bytes, body: bytes) -> Order:
         spoken = protocol.decode("ascii", "replace")[:20] or "none"
         text = f"protocol {spoken} is not supported, only {PROTOCOL}"
         raise ValueError(f"{text}: use one version of Bumpbench")
-    kind = _ORDERS.get(name.decode("utf-8", "replace"))
-    if kind is None:
+    order_type = _ORDERS.get(name.decode("utf-8", "replace"))
+    if order_type is None:
         raise ValueError(f"there is no order {name[:60]!r}")
     try:
-        order: Order = _adapter(kind).validate_json(body)
+        order: Order = _adapter(order_type).validate_json(body)
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        place = ".".join(map(str, (kind.__name__, *first["loc"])))
-        raise ValueError(f"not an order: {place}: {first['msg']}") from error
+        mistake = error.errors(include_url=False)[0]
+        key = ".".join(map(str, (order_type.__name__, *mistake["loc"])))
+        raise ValueError(f"not an order: {key}: {mistake['msg']}") from error
     return order
 
 
@@ -271,10 +273,10 @@ class Client:
             raise self._gone("no recorder is running there") from error
         self.in_control = False
         """True if this client is in control."""
-        self._number = 0
+        self._number = 0  # of the last request
         self._lock = threading.Lock()
         self._replies: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()  # None at the end
-        self._news: queue.Queue[tuple[bytes, bytes]] = queue.Queue(_NEWS)
+        self._news: queue.Queue[tuple[bytes, bytes]] = queue.Queue(_MOST_NEWS)
         self._ended = threading.Event()
         self._reader = threading.Thread(target=self._read, name="client", daemon=True)
         self._reader.start()
@@ -311,8 +313,8 @@ class Client:
                     self._replies.put(None)  # for the next caller
                     raise self._gone("the connection has ended")
                 try:
-                    number, body = answer.split(b" ", 1)
-                    reply: Reply = REPLY.validate_json(body)
+                    number, reply_json = answer.split(b" ", 1)
+                    reply: Reply = REPLY.validate_json(reply_json)
                     is_late = int(number) not in (0, self._number)  # to an earlier request
                 except ValueError as error:
                     raise self._gone("the recorder is of another version") from error
@@ -364,4 +366,5 @@ class Client:
         self._replies.put(None)
 
     def _gone(self, reason: str) -> RecorderGoneError:
+        """Return the error that no recorder answers at the address, with the reason."""
         return RecorderGoneError(str(self._address), reason, "start `bumpbench record`")

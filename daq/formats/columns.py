@@ -232,8 +232,7 @@ def _form(path: Path) -> tuple[str, str, int, tuple[Heading, ...]]:
 
     The head ends where numbers begin; the first lines of numbers may have gaps.  The last line of
     the head with as many cells as the data has the names; the next line has the units if all its
-    cells are units.  A unit may also follow a name, in brackets.  Raises InputError if no line is
-    of numbers.
+    cells are units.  A unit may also follow a name, in brackets.  Raises InputError without data.
     """
     with path.open("rb") as file:
         head = file.read(1 << 17)  # longer than the head of any table

@@ -88,8 +88,7 @@ def write_parquet(session: Session, path: Path) -> tuple[str, ...]:
     """Write one table: `run group status time_s t_ns quality`, then a column for each channel, SI.
 
     A channel is null in the rows of other groups.  pandas reads the units in
-    ``DataFrame.attrs["units"]``.  Returns notes on the contents of the session that the format
-    cannot hold.
+    ``DataFrame.attrs["units"]``.  Returns notes on what the format cannot hold of the session.
     """
     pandas = optional("pandas", "data")
     tables = [

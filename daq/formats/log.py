@@ -200,7 +200,7 @@ class Log:
         return replace(batch, t_ns=read_only(t_ns)) if self._shift_ns else batch
 
     def _without_strays(self, batch: FrameBatch, last_ns: int) -> FrameBatch:
-        """Leave out and count frames far from both neighbours in time, which are near each other.
+        """Return a block without, and count, frames far from two neighbours that are near in time.
 
         `last_ns`: time stamp of the frame before the block.
         """

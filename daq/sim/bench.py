@@ -148,8 +148,8 @@ class SimulatedBench:
 
     Frames have the car's own time, which runs `speed` times as fast as the host's; infinite:
     `read` returns piece after piece.  Counters, clocks and noise always continue.  `seed`:
-    determines every draw and all noise.  `wish`: returns the recorder's status; the car is bumped
-    when the recorder is armed, with the bump that is due; None: it is not bumped.  `fault`: spoils
+    determines every draw and all noise.  `recorder_status`: the car is bumped when the recorder is
+    armed, with the bump that is due; it is not bumped while this returns None.  `fault`: spoils
     only the second bump.  `start_ns`: time stamp of the start.  Raises InputError as
     `daq.sim.ecu.campaign_frames`.
     """
@@ -161,13 +161,13 @@ class SimulatedBench:
         car: SimulatedCar,
         seed: int,
         speed: float = 1.0,
-        wish: Callable[[], Status | None] = lambda: None,
+        recorder_status: Callable[[], Status | None] = lambda: None,
         fault: Fault | None = None,
         start_ns: int = 0,
     ) -> None:
         self._rig = rig_of(bench, codec, car, seed)
         self._acts = Acts(bench, self._rig)
-        self._speed, self._wish, self._fault = speed, wish, fault
+        self._speed, self._recorder_status, self._fault = speed, recorder_status, fault
         self._piece_s = PIECE_S if np.isinf(speed) else max(PIECE_S, BLOCK_S * speed)
         self._start_ns, self._free_ns = start_ns, [start_ns] * len(bench.buses)
         self._rng = np.random.default_rng([seed, 2])
@@ -217,7 +217,7 @@ class SimulatedBench:
             wait_s = (self._sampled_s - self._now_s()) / self._speed + BLOCK_S
             time.sleep(min(max(wait_s, 0.0), timeout_s))
         self._check_plug()
-        self._choose(self._wish())
+        self._choose(self._recorder_status())
         stop_s = min(self._now_s(), self._sampled_s + self._piece_s)
         if stop_s >= self._unplug_s:
             self._unplug_s = np.inf

@@ -310,8 +310,7 @@ def signal_values(
     """Return the values, (n,), that a sensor puts into its frames for true readings, (n,) SI.
 
     They undo what the recorder computes from sign, scale, tare and unit, and saturate at what the
-    signal's bits can express.  Raises InputError if the signal's unit does not measure the
-    channel's quantity.
+    signal's bits can express.  Raises InputError if the signal's unit does not fit the quantity.
     """
     si = si_unit(channel, signal.unit, "the database")
     value = measured(replace(channel, unit=si.unit), sensor, noise, reading, rng) + channel.tare

@@ -226,33 +226,35 @@ def on_the_buses(
     `free_ns`: time at which each bus is free again; updated here.
     """
     batches = []
-    for number, bus in enumerate(buses):
-        on_bus = [burst for burst in bursts if (burst.message.bus or 0) == number]
+    for bus_number, bus in enumerate(buses):
+        on_bus = [burst for burst in bursts if (burst.message.bus or 0) == bus_number]
         if not on_bus:
             continue
         messages = [burst.message for burst in on_bus]
-        # Index into `messages` of each frame, first in order of message, later of time.
-        owner = np.repeat(np.arange(len(on_bus)), [len(burst.release_s) for burst in on_bus])
+        # Index into `messages` of each frame; in order of message here, of time further down.
+        message_index = np.repeat(
+            np.arange(len(on_bus)), [len(burst.release_s) for burst in on_bus]
+        )
         release_s = np.concatenate([burst.release_s for burst in on_bus])
         t_ns = transmit(
             start_ns + np.rint(release_s * 1e9).astype(np.int64),
-            np.array([priority(m) for m in messages])[owner],
-            np.array([frame_time_ns(m, bus.bitrate) for m in messages])[owner],
-            free_ns[number],
+            np.array([priority(m) for m in messages])[message_index],
+            np.array([frame_time_ns(m, bus.bitrate) for m in messages])[message_index],
+            free_ns[bus_number],
         )
         order = np.argsort(t_ns)
-        owner = owner[order]
+        message_index = message_index[order]
         flags = [FrameFlag.EXTENDED if m.is_extended else 0 for m in messages]
         batch = FrameBatch(
             t_ns=t_ns[order],
-            can_id=np.array([m.can_id for m in messages], np.uint32)[owner],
-            flags=np.array(flags, np.uint16)[owner],
-            bus=np.full(len(owner), number, np.uint8),
-            length=np.array([m.length for m in messages], np.uint8)[owner],
+            can_id=np.array([m.can_id for m in messages], np.uint32)[message_index],
+            flags=np.array(flags, np.uint16)[message_index],
+            bus=np.full(len(message_index), bus_number, np.uint8),
+            length=np.array([m.length for m in messages], np.uint8)[message_index],
             data=np.concatenate([burst.payload for burst in on_bus])[order],
         )
         if len(batch):
-            free_ns[number] = int(batch.t_ns[-1])
+            free_ns[bus_number] = int(batch.t_ns[-1])
         batches.append(batch)
     merged = FrameBatch.concatenate(batches)
     return merged if len(batches) == 1 else merged.by_time()

@@ -4,8 +4,7 @@ The matrices of Eqs. 3-10 are not used here; they are assembled in `identify.mod
 test ensures that both agree.  Axes and degrees of freedom are those of `daq.vehicle`.
 Displacements are counted from the pose in which every spring and tyre has its free length, so the
 loads under gravity follow from the balance and are not given.  Rotations are small: lever arms are
-those of the level car.  A tyre can only push: where it would have to pull, the wheel is off the
-ground.
+those of the level car.  A tyre can only push: it does not pull a wheel that is off the ground.
 
 A state is 22 values: pose (7), velocity (7), share of sliding friction at each corner (4), and
 deflection of each damper's mount (4), positive when its damper pushes body and wheel apart.
@@ -217,7 +216,7 @@ def _pass_over(
 
 @_machine_code
 def _rate(p: Plant, state: Array, road: Array, rise: Array, work: Array, rate: Array) -> None:
-    """Set the rate of change of a state; `work`: (15,)."""
+    """Set the rate of change of a state, (22,), laid out as above; `work`: (15,), overwritten."""
     suspension, tyre, total = work[:4], work[4:8], work[8:]
     balance(p, state, road, rise, suspension, tyre, total)
     corners, bends, mobility = p.corners, p.bends, p.mobility
@@ -233,9 +232,9 @@ def _rate(p: Plant, state: Array, road: Array, rise: Array, work: Array, rate: A
         if c.surplus != 0.0:
             limit += c.surplus * np.exp(-((speed / c.stribeck_m_s) ** 2))
         rate[14 + i], rate[18 + i] = 0.0, 0.0
-        if c.friction_n != 0.0:
+        if c.friction_n != 0.0:  # share of sliding friction
             rate[14 + i] = (speed - abs(speed) * state[14 + i] / limit) / c.presliding_m
-        if c.mount_n_m < np.inf:
+        if c.mount_n_m < np.inf:  # deflection of the mount
             rate[18 + i] = speed - _damper_speed(c, bends[i], c.mount_n_m * state[18 + i])
 
 
@@ -249,7 +248,7 @@ def integrate(
     count: int,
     steps_per_state: int,
 ) -> tuple[Array, Array]:
-    """Integrate the motion, with the classical method of fourth order.
+    """Return the states of a motion, by the classical Runge-Kutta method of fourth order.
 
     `start`: (22,) state at the begin of `span_s`.  `crest`: (4,) height of the bump under each
     wheel, m.  `bump_s`: begin and end of the bump, s; the span must not contain its end.

@@ -1,7 +1,7 @@
 """Checks the data and the motion of one run.
 
 First the data: they arrived, move, and are within the sensors' range.  Then the motion: rest before
-the bump, its size, one strike, the decay.
+the bump, its size, one strike, the decay.  Each check yields a finding, also if the run passed it.
 """
 
 from __future__ import annotations
@@ -32,8 +32,7 @@ WEAK_NOISE = 10.0
 """Least ratio of peak to noise of the best channel, 20 dB: the identification needs as much."""
 STRONG_HEIGHTS = 1.5
 """Largest ratio of the suspension's travel to the planned height of a bump: bumps of that height
-move it by 0.8 to 1.0 times the height, and one that moves it by half more reaches bump stops and
-lifts wheels."""
+move it by 0.8 to 1.0 times the height, and half more reaches bump stops and lifts wheels."""
 LEFT_SHARE = 0.15
 """Largest ratio of the motion at the end to the peak: with more motion left, the identification
 would fit a wave that was cut in the middle."""

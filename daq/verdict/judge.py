@@ -42,7 +42,7 @@ MAIN_SHARE = 0.3
 def judge(
     bench: Bench, step: Step, window: RunWindow, accepted: Sequence[RunMeasure]
 ) -> tuple[tuple[Finding, ...], RunMeasure]:
-    """Judge one run.
+    """Return the findings on one run, and its measures.
 
     `step`: the mass state and the kind of bump that were due.  `accepted`: measures of the runs
     accepted so far with the same mass state and excitation.  Returns every check with value and
@@ -152,7 +152,7 @@ def _area(trace: Trace, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
 def not_repeatable(
     signals: tuple[Trace, ...], measured: RunMeasure, accepted: Sequence[RunMeasure]
 ) -> Iterator[Finding]:
-    """Compare peaks and course with the median of the accepted runs, which are one at least.
+    """Yield how peaks and course compare with the median of the accepted runs, one at least.
 
     Only the channels that move most in this run or in the others count.
     """
