@@ -74,7 +74,10 @@ class BusWatch:
         now_s: float,
         counts: Counts,
     ) -> None:
-        """Process the frames of this bus, with their lengths on the wire; add to the counts."""
+        """Add the frames of this bus to its history, and their faults to the counts.
+
+        `bits`: length of each frame on the wire.
+        """
         t_ns, n = batch.t_ns, len(batch)
         error_rows = np.flatnonzero(batch.flags & np.uint16(FrameFlag.ERROR))
         good = n - len(error_rows)
@@ -232,7 +235,7 @@ class Sensors:
     def advance(
         self, mapped: Sequence[MappedChannel], decoded: Decoded | None, counts: Counts
     ) -> None:
-        """Process a block; add to the counts."""
+        """Add to the counts the samples of a block without a value or at the end of a range."""
         if self._mapped is not mapped:  # another bench.toml
             used = [m for m in mapped if m.channel.quantity is not Quantity.UNUSED]
             self._mapped, self._ranges = mapped, tuple(_ChannelRange(m) for m in used)
@@ -289,8 +292,8 @@ class Traffic:
         now_s: float,
         counts: Counts,
     ) -> None:
-        """Process a block; add to the counts."""
-        for bus, can_id, is_extended, length, frames in _distinct(batch):
+        """Remember which messages came in a block; add to the counts their faults."""
+        for bus, can_id, is_extended, length, n_frames in _distinct(batch):
             layout = codec.find(can_id, is_extended, bus)
             if layout is None:
                 self._unknown[f"{can_id:#x}{'x' if is_extended else ''}"] = now_s
@@ -299,7 +302,7 @@ class Traffic:
             if length != layout.length:
                 earlier, _ = counts.get(("wrong_length", layout.name), (0, ""))
                 lengths = f"{counted(length, 'byte')}; the DBC says {layout.length}"
-                counts["wrong_length", layout.name] = earlier + frames, lengths
+                counts["wrong_length", layout.name] = earlier + n_frames, lengths
         # An identifier is present for 2 s after its last frame.
         self._unknown = {k: seen_s for k, seen_s in self._unknown.items() if now_s - seen_s <= 2.0}
         if decoded is not None and decoded.counts.crc_bad:

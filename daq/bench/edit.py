@@ -36,7 +36,7 @@ def with_vehicle(text: str, name: str, structure: Structure) -> str:
         flags = {flag: getattr(structure, flag) for flag in Structure.__dataclass_fields__}
         old = {flag: stated.get(flag, getattr(Structure(), flag)) for flag in flags}
         changed = {flag: is_on for flag, is_on in flags.items() if old[flag] != is_on}
-        if changed:
+        if changed:  # else the text would state what it means without
             vehicle["structure"] = stated | changed
 
     return _edited(text, change)

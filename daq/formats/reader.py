@@ -222,15 +222,13 @@ def spaced_bytes(text: bytes, length: int, base: int) -> bytes:
     """
     if not length:
         return b""
-    size = 3 * length - 1
-    raw = text[:size]
-    digits = raw.replace(b" ", b"")
-    if (
-        base == 16
-        and len(digits) == 2 * length
-        and raw[2::3] == b" " * (length - 1)
-        and (len(text) == size or text[size] in b" \t\r")
-    ):
+    # The usual form, two digits and a blank each, is read at once, which is much faster.
+    n_letters = 3 * length - 1
+    payload_text = text[:n_letters]
+    digits = payload_text.replace(b" ", b"")
+    is_usual = base == 16 and len(digits) == 2 * length
+    is_usual = is_usual and payload_text[2::3] == b" " * (length - 1)
+    if is_usual and (len(text) == n_letters or text[n_letters] in b" \t\r"):
         return unhexlify(digits)
     tokens = text.split(None, length)[:length]
     if base == 10:

@@ -111,13 +111,13 @@ class RunLoop:
             self._enter(Phase.PAUSED, now.t_ns)
 
     def choose(self, now: Surroundings) -> None:
-        """Continue after the choice of a step."""
+        """Enter the phase after a person has chosen a step."""
         if self.phase is Phase.COMPLETE:
             self._enter(Phase.IDLE, now.t_ns)
         self._stop_before_other_kind(now)
 
     def turn(self, now: Surroundings) -> None:
-        """Continue after time has passed."""
+        """Enter the next phase if it is time for it, or if the car has come to rest or moves."""
         age_s = (now.t_ns - self.since_ns) * 1e-9
         if age_s < 0 and not self.running:  # the clock was set back
             self.since_ns = now.t_ns
@@ -143,7 +143,7 @@ class RunLoop:
         self._enter(Phase.TRIGGERED, bump_ns)
 
     def judge(self, now: Surroundings) -> None:
-        """Continue after the verdict on the run that was being recorded."""
+        """Enter the phase after the verdict on the run that was being recorded."""
         self._enter(self._judged_phase(now), now.t_ns)
         # Three runs in a row that the recorder rejects for one reason: a person must find it.
         last_runs = now.run_log.runs[self._runs_at_arming :][-3:]
@@ -154,7 +154,7 @@ class RunLoop:
             self._until, self.halted = None, codes.pop()
 
     def decide(self, now: Surroundings) -> None:
-        """Continue after a person's verdict, or after undoing or redoing one.
+        """Enter the phase after a person's verdict, or after undoing or redoing one.
 
         A verdict on the last judged run restarts the countdown.  If the last run of a complete
         campaign is rejected, the campaign is no longer complete.
