@@ -263,10 +263,10 @@ def _forces_entry(forces: Forces) -> dict[str, Any]:
     from .nonlinear.forces import forces_at_speeds
 
     axles = {}
-    for one in forces.axles:
-        curve = one.damper
+    for axle in forces.axles:
+        curve = axle.damper
         (low, high), (total_low, total_high) = curve.band_n, curve.total_band_n
-        axles[one.axle] = {
+        axles[axle.axle] = {
             "damper": {
                 "speed_m_s": curve.speed_m_s.tolist(),
                 "force_n": curve.force_n.tolist(),
@@ -284,8 +284,8 @@ def _forces_entry(forces: Forces) -> dict[str, Any]:
                 }
                 for at in forces_at_speeds(curve)
             ],
-            "elements": _entries(one.values),
-            "notes": list(one.notes),
+            "elements": _entries(axle.values),
+            "notes": list(axle.notes),
         }
     tried = [
         {

@@ -156,8 +156,8 @@ def damper_rows(forces: Forces) -> list[list[str]]:
         row = [f"{speed:+.2f}"]
         for force_at in axles:
             reached = force_at.get(speed)
-            pair = (reached.damper, reached.total) if reached else ()
-            row += [plus_minus_text(e) for e in pair] or ["", ""]
+            both = (reached.damper, reached.total) if reached else ()
+            row += [plus_minus_text(e) for e in both] or ["", ""]
         rows.append(row)
     return rows
 

@@ -269,7 +269,7 @@ def _bends(knots: tuple[float, ...], old_knots: tuple[float, ...]) -> NDArray[np
     """Return the change of slope of the old curve's chords at each knot by each old knee.
 
     A knee in rebound, at a negative speed, counts the change from zero speed outwards.  Returns
-    (len(knots), len(old)).
+    (len(knots), len(old_knots)).
     """
     speeds = np.array([-_FASTEST_M_S, *knots, _FASTEST_M_S])
     forces = np.stack([knee(speeds, knot, _SHARP_M_S) for knot in old_knots], axis=1)

@@ -191,7 +191,7 @@ def _result(
 def laws_covariance(model: Model, free: NDArray[np.intp]) -> NDArray[np.float64]:
     """Return what the errors of the laws add to the covariance of the free unknowns, (F, F).
 
-    Parameters with a logarithm as unknown have it; bars, tyre damping and offsets may be zero.
+    It is zero for bars, tyre damping and offsets, whose unknown is no logarithm.
     """
     alike, each = np.zeros(len(model.names)), np.zeros(len(model.names))
     for i, name in enumerate(model.box.parameters):

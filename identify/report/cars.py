@@ -52,12 +52,12 @@ def _corners(g: VehicleGeometry) -> Floats:
 
 
 def outline(g: VehicleGeometry, displacement: Floats) -> Lines:
-    """Return the lines of the car displaced by (7,) m."""
+    """Return the lines of the car displaced by (7,), m and rad, of `daq.vehicle.DOF`."""
     deck_m, roof_m, hub_m, overhang_m, rim_m = 0.62, 1.25, 0.32, 0.55, 0.31
-    heave, pitch, roll, *hubs = displacement.tolist()
+    heave, pitch, roll, *hub_heaves = displacement.tolist()
     front, rear = g.a + overhang_m, -g.b - overhang_m
-    wide = max(g.t_f, g.t_r) + 0.08
-    deck = np.array([[front, wide], [front, -wide], [rear, -wide], [rear, wide]])
+    side = max(g.t_f, g.t_r) + 0.08
+    deck = np.array([[front, side], [front, -side], [rear, -side], [rear, side]])
     roof = deck * [[0.2, 0.8], [0.2, 0.8], [0.7, 0.8], [0.7, 0.8]]
 
     def body(points: Floats, height_m: float) -> Floats:
@@ -66,19 +66,20 @@ def outline(g: VehicleGeometry, displacement: Floats) -> Lines:
 
     plates = np.array([body(deck, deck_m), body(roof, roof_m)])
     corners = _corners(g)
-    low, high = np.column_stack([corners, hub_m + np.array(hubs)]), body(corners, deck_m)
+    hubs = np.column_stack([corners, hub_m + np.array(hub_heaves)])
+    seats = body(corners, deck_m)  # upper ends of the springs
     n = 12  # points of a spring: five coils and two straight ends
-    aside = 0.05 * np.where(np.arange(n) % 2, 1.0, -1.0)
-    aside[[0, -1]] = 0.0
-    springs = low[:, None] + (high - low)[:, None] * np.linspace(0.0, 1.0, n)[:, None]
-    springs[..., 0] += aside
-    turn = np.linspace(0.0, 2.0 * np.pi, 25)
-    rim = rim_m * np.stack([np.cos(turn), np.zeros(25), np.sin(turn)], axis=1)
+    aside_m = 0.05 * np.where(np.arange(n) % 2, 1.0, -1.0)
+    aside_m[[0, -1]] = 0.0
+    springs = hubs[:, None] + (seats - hubs)[:, None] * np.linspace(0.0, 1.0, n)[:, None]
+    springs[..., 0] += aside_m
+    angle = np.linspace(0.0, 2.0 * np.pi, 25)
+    rim = rim_m * np.stack([np.cos(angle), np.zeros(25), np.sin(angle)], axis=1)
     lines = {
         "spring": springs,
         "pillar": plates.swapaxes(0, 1),
         "plate": plates[:, [0, 1, 2, 3, 0]],
-        "wheel": low[:, None] + rim,
+        "wheel": hubs[:, None] + rim,
     }
     middle = np.array([(g.a - g.b) / 2.0, 0.0, 0.45])
     return {name: _projected(points - middle) for name, points in lines.items()}

@@ -47,7 +47,7 @@ class Trace:
 
 
 def decay_section(estimation: Estimation) -> Section:
-    """Return every run with its fit."""
+    """Return the section of every run with its fit, a picture each."""
     pictures = tuple(decay_pictures(estimation))
     gallery = Gallery(
         "Each run: a channel of the body and one of a wheel, with what the fit leaves",
@@ -206,7 +206,7 @@ def cross_checks(estimation: Estimation) -> CrossChecks:
 
 
 def information_section(result: Identification) -> Section:
-    """Return each run's contribution, and how far each mode stands out of its noise."""
+    """Return the section of each run's contribution, and of the energy of each mode in it."""
     blocks: list[Block] = []
     by_run = result.quality.chi2_by_run
     if result.quality.snr_db:
@@ -273,7 +273,7 @@ def _energy_table(result: Identification) -> Table:
 
 
 def correlation_section(result: Identification) -> Section:
-    """Return the correlation matrix without its diagonal, which is 1."""
+    """Return the section of the correlation matrix, without its diagonal, which is 1."""
     names = result.correlation.names
     rows = {
         name: {
@@ -296,7 +296,7 @@ def correlation_section(result: Identification) -> Section:
 
 
 def closed_form_section(result: Identification) -> Section:
-    """Return the closed form, compared with the likelihood."""
+    """Return the section of the closed form, compared with the likelihood."""
     title = "Closed form and likelihood"
     lead = (
         "The paper's chain (Eqs. 22-33) needs no start values and no iteration, but uses less of "
@@ -327,23 +327,24 @@ def closed_form_section(result: Identification) -> Section:
 
 
 def prediction_section(predictions: tuple[Prediction, ...]) -> Section:
-    """Return each run predicted from all the others."""
-    good = sum(p.at_noise for p in predictions)
-    known = sum(bool(np.isfinite(p.predicted)) for p in predictions)
+    """Return the section of each run predicted from all the others."""
+    n_at_noise = sum(p.at_noise for p in predictions)
+    n_predicted = sum(bool(np.isfinite(p.predicted)) for p in predictions)
     lead = (
         "The vehicle is fitted on all other runs and must then predict the one that was left out; "
         "only the initial state and the sensors' offsets are the run's own. For a linear car what "
         "remains is noise; friction, a hot damper or a lifted wheel are not predicted. "
-        f"Here {good} of {counted(known, 'run is', 'runs are')} predicted down to the noise."
+        f"Here {n_at_noise} of {counted(n_predicted, 'run is', 'runs are')} predicted down to the "
+        "noise."
     )
-    if known < len(predictions):
-        lead += f" For {len(predictions) - known} the others do not determine the vehicle."
+    if n_predicted < len(predictions):
+        lead += f" For {len(predictions) - n_predicted} the others do not determine the vehicle."
     rows = []
     for p in predictions:
         cells = ("", "", "the others do not determine all parameters")
         if np.isfinite(p.predicted):
-            state = "✓ at noise level" if p.at_noise else "✕ not predicted"
-            cells = (number(p.predicted), number(p.limit), state)
+            answer = "✓ at noise level" if p.at_noise else "✕ not predicted"
+            cells = (number(p.predicted), number(p.limit), answer)
         rows.append((p.label, number(p.fitted), *cells))
     columns = ("run", "#fitted", "#predicted", "#limit", "")
     blocks = (Table("chi2/n of each run", columns, tuple(rows)),) if rows else ()

@@ -344,6 +344,7 @@ def _gain(estimation: Estimation, stated_fit: Refit, fit_without: Refit, name: s
 
 
 def _gain_cause(stated_fit: Refit, fit_without: Refit, name: str, gain: float) -> Cause:
+    """Return a gain of a channel as a cause, sized by the fits with and without the channel."""
     advice = "check its calibration, unit and sign"
     if abs(gain + 1.0) < 0.2:
         advice = "it is upside down: turn its sign"
@@ -563,6 +564,7 @@ def _slopes_at_rest(records: Sequence[Record]) -> dict[str, float]:
 
 
 def _without_drifts(record: Record, drifts: Mapping[str, float]) -> Record:
+    """Return a record less the drifts of its channels, SI a second."""
     recordings = []
     for r in record.recordings:
         slopes = np.array([drifts.get(channel.name, 0.0) for channel in r.group.channels])
