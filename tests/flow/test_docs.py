@@ -97,7 +97,14 @@ def test_a_command_that_is_wrong_is_not(words: str, parser: Any) -> None:
         parser(words.split(), standalone_mode=False)
 
 
-@pytest.mark.parametrize(("page", "line"), RUNNABLE)
+@pytest.mark.parametrize(
+    ("page", "line"),
+    [
+        # A report takes seconds, and `tests/tui/test_desk.py` writes one.
+        pytest.param(*command, marks=[pytest.mark.long] if " report " in command[1] else [])
+        for command in RUNNABLE
+    ],
+)
 def test_what_can_be_run_runs(
     page: str, line: str, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

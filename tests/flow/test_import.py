@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import can
 import numpy as np
@@ -22,9 +20,9 @@ from daq.recorder.recording import Recording
 from daq.session.build import derive
 from daq.sim.ecu import campaign_frames
 from dbc import FrameBatch, parse_codec, shipped_dbc
-from tui.cli import run
 
 from ..daq.recorder_run import step
+from ..tui.conftest import answered
 from .coverage import CAR, START_NS
 
 FOREIGN = {
@@ -72,13 +70,6 @@ def _write_blf(path: Path, frames: FrameBatch) -> None:
             log(can.Message(stamp_s, can_id, is_extended_id=False, data=data))
 
 
-def _json(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
-    assert run([*arguments, "--json"]) == 0, capsys.readouterr().err
-    document = json.loads(capsys.readouterr().out)
-    assert isinstance(document, dict)
-    return document
-
-
 def test_a_campaign_as_blf_through_a_foreign_dbc_gives_the_same_samples(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
@@ -102,7 +93,7 @@ def test_a_campaign_as_blf_through_a_foreign_dbc_gives_the_same_samples(
     files = [str(tmp_path / "foreign.toml"), "--dbc", str(tmp_path / "foreign.dbc")]
     target = str(tmp_path / "imported.h5")
     log = str(tmp_path / "campaign.blf")
-    summary = _json(capsys, "import", log, *files, "--out", target)
+    summary = answered(capsys, "import", log, *files, "--out", target)[0]
     assert summary["sources"][0]["frames"] == len(frames)
     assert [one["label"] for one in summary["runs"]] == [one.label for one in recorded.runs]
 

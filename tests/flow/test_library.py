@@ -21,6 +21,7 @@ from daq.sim.car import SimulatedCar
 from daq.sim.ecu import campaign_frames
 from dbc import FrameBatch, shipped_dbc
 from tests.tui.batches import paper_session
+from tests.tui.test_import import write_log
 from tui.cli import run
 
 _LINES = """
@@ -118,17 +119,6 @@ def printed(name: str, *arguments: Path) -> str:
     return said.getvalue()
 
 
-def candump(path: Path, frames: FrameBatch) -> Path:
-    rows = zip(
-        frames.t_ns.tolist(), frames.can_id.tolist(), frames.length, frames.data, strict=True
-    )
-    with path.open("w") as file:
-        for t, can_id, length, data in rows:
-            payload = data[:length].tobytes().hex().upper()
-            file.write(f"({t // 10**9}.{t % 10**9 // 1000:06d}) can0 {can_id:03X}#{payload}\n")
-    return path
-
-
 def short_bench(folder: Path, excitations: str) -> Path:
     text = re.sub(r"(?m)^excitations = .*$", f"excitations = {excitations}", default_bench_text())
     text = re.sub(r"(?m)^repeats = .*$", "repeats = 1", text)
@@ -145,7 +135,7 @@ def test_a_log_to_parameters(tmp_path: Path) -> None:
     path = short_bench(tmp_path, '["bounce", "pitch", "roll"]')
     bench = load_bench(path)
     frames = campaign_frames(bench, bench_codec(bench), SimulatedCar(), 1, 1_700_000_000 * 10**9)
-    log = candump(tmp_path / "car.log", FrameBatch.concatenate(list(frames)))
+    log = write_log(tmp_path / "car.log", FrameBatch.concatenate(list(frames)))
     lines = printed("log_to_parameters.py", log, path).splitlines()
     assert lines[:6] == [
         f"{state}_{kind}_1 accepted"

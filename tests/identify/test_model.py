@@ -24,7 +24,7 @@ from identify.model.matrices import (
     predicted,
     whole_vehicle_indices,
 )
-from identify.model.response import Bump, Response, exact_response, wilson_response
+from identify.model.response import Bump, exact_response, wilson_response
 
 
 def test_a_complex_step_differentiates_the_matrices() -> None:
@@ -87,17 +87,6 @@ def test_exact_response_is_that_of_an_integrator(excitation: Excitation, wheels:
     )
     assert response.time_s[-1] == 0.5
     np.testing.assert_allclose(found, integrated(wheels, 0.5), rtol=1e-7, atol=1e-10)
-
-
-def at(response: Response, time_s: float) -> NDArray[np.float64]:
-    return np.asarray(response.acceleration[np.argmin(np.abs(response.time_s - time_s))])
-
-
-def test_exact_response_is_the_same_at_every_rate() -> None:
-    coarse = exact_response(MODEL, Excitation.ROLL, BUMP, 20.0, 2.0)
-    fine = exact_response(MODEL, Excitation.ROLL, BUMP, 2000.0, 2.0)
-    for time_s in (0.05, 0.15, 0.25, 0.3, 2.0):
-        np.testing.assert_allclose(at(coarse, time_s), at(fine, time_s), rtol=1e-10, atol=1e-12)
 
 
 def test_wilson_theta_converges_with_the_square_of_the_step() -> None:
@@ -295,15 +284,6 @@ def test_sums_are_those_of_a_table(kind: str) -> None:
 # Against SciPy's, and against the printed tables -------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("freedom", "chance", "value"),
-    [(1, 0.05, 3.841), (2, 0.05, 5.991), (3, 0.001, 16.266), (10, 0.01, 23.209)],
-)
-def test_the_printed_tables(freedom: int, chance: float, value: float) -> None:
-    assert exceeded_by_chance(freedom, chance) == pytest.approx(value, abs=5e-4)
-    assert chance_of_more(freedom, value) == pytest.approx(chance, rel=1e-3)
-
-
 @pytest.mark.parametrize("freedom", [1, 2, 7, 40, 301, 2000])
 def test_like_scipy_from_one_degree_to_thousands(freedom: int) -> None:
     for chance in (0.05, 1e-3, 1e-6, 1e-12):
@@ -312,8 +292,4 @@ def test_like_scipy_from_one_degree_to_thousands(freedom: int) -> None:
         assert chance_of_more(freedom, value) == pytest.approx(chance, rel=1e-9)
     for value in (0.1, 0.5 * freedom, 1.5 * freedom):
         assert chance_of_more(freedom, value) == pytest.approx(chdtrc(freedom, value), rel=1e-9)
-
-
-def test_nothing_is_less_than_zero() -> None:
-    assert chance_of_more(3, 0.0) == 1.0
-    assert chance_of_more(0, 0.0) == 1.0
+    assert chance_of_more(freedom, 0.0) == 1.0

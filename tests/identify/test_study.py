@@ -28,7 +28,6 @@ from identify.paper import (
     identify_parameters,
     physical_matrices,
     sequential_vehicle,
-    state_matrix_of,
 )
 from identify.study.campaign import (
     PAPER_CASES,
@@ -240,6 +239,7 @@ def test_errors_are_at_the_bound_without_any_oracle_and_no_fit_is_lost() -> None
     assert np.all(np.sqrt(np.mean(errors**2, axis=0)) < 1.7 * np.array(BOUND))
     assert np.all(np.abs(errors) < 4.5 * np.array(BOUND))
     np.testing.assert_allclose(stds, np.tile(BOUND, (8, 1)), rtol=0.35)
+    np.testing.assert_allclose(np.mean(stds, axis=0), BOUND, rtol=0.05)
     assert 0.90 < np.mean(np.abs(errors) < 1.96 * stds) < 0.99
 
 
@@ -393,22 +393,6 @@ SKEWED: tuple[BodyWeight | HubWeight, ...] = (
 )
 
 
-def test_the_state_matrix_comes_back_from_its_modes() -> None:
-    found = state_matrix_of(modes_of(VEHICLE.A))
-    size = np.abs(VEHICLE.A).max()
-    np.testing.assert_allclose(found, VEHICLE.A, atol=1e-11 * size)
-
-
-@pytest.mark.parametrize(
-    "dM", [PAPER, delta_mass(AddedMass(SKEWED), FORD_GRANADA.a).real], ids=["paper", "full"]
-)
-def test_mass_damping_and_stiffness_come_back(dM: NDArray[np.float64]) -> None:
-    found = physical_matrices(VEHICLE.A, VEHICLE.with_mass(dM).A, dM)
-    for name in ("M", "C", "K"):
-        truth = getattr(VEHICLE, name)
-        np.testing.assert_allclose(getattr(found, name), truth, atol=1e-9 * np.abs(truth).max())
-
-
 @pytest.mark.parametrize("geometry", [None, FORD_GRANADA.geometry], ids=["15", "11"])
 def test_parameters_come_back_through_a_full_added_mass(geometry: VehicleGeometry | None) -> None:
     dM = delta_mass(AddedMass(SKEWED), FORD_GRANADA.a).real
@@ -468,12 +452,6 @@ def test_a_wrong_tape_measure_stays_and_spoils_only_what_depends_on_it() -> None
     assert abs(found[5]) > 0.005
 
 
-def test_a_vehicle_of_negative_mass_is_no_answer() -> None:
-    """As if the weights had been taken off in the second state."""
-    with pytest.raises(InputError, match="no vehicle with positive parameters"):
-        identify_parameters(modes_of(VEHICLE.A), modes_of(VEHICLE.with_mass(PAPER).A), -PAPER, None)
-
-
 @pytest.mark.parametrize(
     ("weights", "names"),
     [
@@ -492,17 +470,25 @@ def test_degrees_of_freedom_without_mass_are_named(
         physical_matrices(VEHICLE.A, VEHICLE.with_mass(dM).A, dM)
 
 
-def test_six_modes_are_refused() -> None:
-    modes = modes_of(VEHICLE.A)
-    with pytest.raises(InputError, match="6 modes for 7 degrees of freedom"):
-        state_matrix_of(ModalModel(modes.poles[:6], modes.shapes[:, :6]))
+ALL = list(range(7))
 
 
-def test_the_same_mode_twice_is_refused() -> None:
-    modes = modes_of(VEHICLE.A)
-    twice = [0, 1, 2, 3, 4, 5, 5]
-    with pytest.raises(InputError, match="same pole and shape"):
-        state_matrix_of(ModalModel(modes.poles[twice], modes.shapes[:, twice]))
+@pytest.mark.parametrize(
+    ("modes", "dM", "words"),
+    [
+        (ALL[:6], PAPER, "6 modes for 7 degrees of freedom"),
+        ([*ALL[:6], 5], PAPER, "same pole and shape"),
+        # As if the weights had been taken off in the second state.
+        (ALL, -PAPER, "no vehicle with positive parameters"),
+    ],
+)
+def test_what_gives_no_vehicle_is_refused(
+    modes: list[int], dM: NDArray[np.float64], words: str
+) -> None:
+    whole = modes_of(VEHICLE.A)
+    some = ModalModel(whole.poles[modes], whole.shapes[:, modes])
+    with pytest.raises(InputError, match=words):
+        identify_parameters(some, modes_of(VEHICLE.with_mass(PAPER).A), dM, None)
 
 
 # The paper's order of estimation ------------------------------------------------------------------
@@ -516,10 +502,6 @@ def identified(name: str, row: int, column: int, factor: float) -> NDArray[np.fl
     matrices[name][row, column] *= factor
     found = sequential_vehicle(PhysicalModel(**matrices))
     return np.asarray(found.to_array() / FORD_GRANADA.to_array())
-
-
-def test_exact_matrices_give_the_exact_vehicle() -> None:
-    assert sequential_vehicle(GRANADA).to_array() == pytest.approx(FORD_GRANADA.to_array())
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 import identify
-from daq.sessions import session_from_arrays
 from daq.vehicle import (
     AddedMass,
     BodyWeight,
@@ -28,12 +27,12 @@ from daq.vehicle import (
 )
 from tests.identify.nonlinear.truth import (
     BASELINE,
-    BUMP_S,
     SPEEDS,
     Truth,
     campaign,
     drive,
     records,
+    session_of,
 )
 
 from .fleet import drawn_car, fleet_facts
@@ -154,26 +153,8 @@ def identified_other(number: int, seed: int = SEED) -> FleetCase:
     car = drawn.car
     bumps = campaign((0.05,), states=(BASELINE, drawn.loaded))
     measured = records(car, bumps, drive(car, bumps, _END_S, 2e-4), drawn.seed)
-    runs = [
-        (
-            record.mass_state,
-            record.label.split("_")[1],
-            {
-                c.name: (r.time_s, r.values[:, i])
-                for r in record.recordings
-                for i, c in enumerate(r.group.channels)
-            },
-        )
-        for record in measured
-    ]
-    sensors = {c.name: c for r in measured[0].recordings for c in r.group.channels}
-    session = session_from_arrays(
-        runs,
-        sensors.values(),
-        drawn.loaded.added.weights,
-        Vehicle("other", facts=drawn.facts),
-        bump_s=BUMP_S,
-    )
+    vehicle = Vehicle("other", facts=drawn.facts)
+    session = session_of(measured, drawn.loaded.added.weights, vehicle)
     began_s = process_time()
     result = identify.identify_parameters(session)
     cpu_s = process_time() - began_s

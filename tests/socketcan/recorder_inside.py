@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import socket
-import subprocess
 import threading
 import time
 from dataclasses import replace
@@ -19,6 +17,7 @@ from daq.journal.reader import read_journal, segments_in
 from dbc.frames import FrameFlag
 
 from ..daq.recorder_run import Running
+from .inside import classic, ip, sender
 
 STEP_NS = 3600 * 10**9
 CHANNELS = ("vcan0", "vcan1", "can0")
@@ -40,13 +39,13 @@ class Senders(threading.Thread):
         super().__init__(daemon=True)
         self.sent = dict.fromkeys(CHANNELS, 0)
         self._end = threading.Event()
-        self._sockets = {channel: _sender(channel) for channel in CHANNELS}
+        self._sockets = {channel: sender(channel) for channel in CHANNELS}
 
     def run(self) -> None:
         while not self._end.wait(PERIOD_S):
             for channel, each in self._sockets.items():
                 try:
-                    each.send(_frame(IMU_ID, self.sent[channel].to_bytes(8, "little")))
+                    each.send(classic(IMU_ID, self.sent[channel].to_bytes(8, "little")))
                 except OSError:  # it is down
                     continue
                 self.sent[channel] += 1
@@ -59,12 +58,12 @@ class Senders(threading.Thread):
 
 def recorder() -> str:
     """Record three interfaces: one goes down and up, one reports errors, the clock is set."""
-    _ip("link", "add", "vcan1", "type", "vcan")
-    _ip("link", "set", "vcan1", "up")
+    ip("link", "add", "vcan1", "type", "vcan")
+    ip("link", "set", "vcan1", "up")
     for card in ("can0", "can1"):  # one sends, the other one acknowledges
-        _ip("link", "set", card, "down")
-        _ip("link", "set", card, "type", "can", "bitrate", "500000", "restart-ms", "100")
-        _ip("link", "set", card, "up")
+        ip("link", "set", card, "down")
+        ip("link", "set", card, "type", "can", "bitrate", "500000", "restart-ms", "100")
+        ip("link", "set", card, "up")
     buses = tuple(BusConfig("socketcan", channel, 500_000) for channel in CHANNELS)
     bench = load_bench(None)
     limits = replace(bench.recorder, reserve_bytes=1e6)  # the guest's disk is small
@@ -76,7 +75,7 @@ def recorder() -> str:
             running.until(lambda status: len(status.buses) == len(CHANNELS))
             senders.start()
             running.until(lambda status: all(bus.frames > 0 for bus in status.buses))
-            _ip("link", "set", "vcan1", "down")
+            ip("link", "set", "vcan1", "down")
             began_s = time.monotonic()
             down = running.until(lambda status: "interface_down" in _codes(status))
             named_s = time.monotonic() - began_s
@@ -84,10 +83,10 @@ def recorder() -> str:
             running.until(
                 lambda status: status.disk.recorded_frames > before + 50
             )  # the others go on
-            _ip("link", "set", "vcan1", "up")
+            ip("link", "set", "vcan1", "up")
             running.until(lambda status: "interface_down" not in _codes(status))
-            with _sender("can0") as wire:
-                wire.send(_frame(*PASSIVE))
+            with sender("can0") as wire:
+                wire.send(classic(*PASSIVE))
             running.until(lambda status: "error_passive" in _codes(status))
             time.clock_settime_ns(time.CLOCK_REALTIME, time.time_ns() + STEP_NS)
             before = running.last.disk.recorded_frames
@@ -114,17 +113,3 @@ def recorder() -> str:
 
 def _codes(reported: Status) -> set[str]:
     return {alarm.code for alarm in reported.alarms}
-
-
-def _sender(channel: str) -> socket.socket:
-    sending = socket.socket(socket.AF_CAN, socket.SOCK_RAW, 1)
-    sending.bind((channel,))
-    return sending
-
-
-def _frame(can_id: int, data: bytes) -> bytes:
-    return can_id.to_bytes(4, "little") + bytes([len(data), 0, 0, 0]) + data.ljust(8, b"\0")
-
-
-def _ip(*arguments: str) -> None:
-    subprocess.run(["ip", *arguments], check=True, capture_output=True)

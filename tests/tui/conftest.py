@@ -1,9 +1,13 @@
-"""What commands show on their bars of progress."""
+"""What commands write and show on their bars of progress; coroutines as tests."""
 
 from __future__ import annotations
 
+import asyncio
+import inspect
+import json
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import pytest
 
@@ -34,3 +38,23 @@ def said(capsys: pytest.CaptureFixture[str], *arguments: str, code: int) -> tupl
     assert run(list(arguments)) == code, capsys.readouterr().err
     out, err = capsys.readouterr()
     return out, err
+
+
+def answered(
+    capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0
+) -> tuple[dict[str, Any], str]:
+    """Run a command with --json and return its document and what it writes to stderr."""
+    out, err = said(capsys, *arguments, "--json", code=code)
+    document = json.loads(out)
+    assert isinstance(document, dict)
+    return document, err
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
+    """Run a coroutine of a test in a loop of its own."""
+    if not inspect.iscoroutinefunction(pyfuncitem.obj):
+        return None
+    wanted = inspect.signature(pyfuncitem.obj).parameters
+    asyncio.run(pyfuncitem.obj(**{name: pyfuncitem.funcargs[name] for name in wanted}))
+    return True

@@ -33,14 +33,9 @@ from tui.jobs.executors import as_finished, helpers, map_items, processes
 from tui.jobs.worker import START, Outcome, Stage, answer_of, identify_session
 
 from .batches import progress_that, refused_session, synthetic_rows, write_all
-from .conftest import said
+from .conftest import answered, said
 
-
-def _batch(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 1) -> dict[str, Any]:
-    assert run(["batch", "--workers", "1", "--json", *arguments]) == code
-    document = json.loads(capsys.readouterr().out)
-    assert isinstance(document, dict)
-    return document
+BATCH = ("batch", "--workers", "1")
 
 
 def _table(path: Path) -> list[dict[str, str]]:
@@ -59,7 +54,7 @@ def test_a_row_for_each_and_then_no_more(
     write_all(folder / "monday", refused_session, 3)
     shutil.copy(folder / "monday" / "car000.h5", folder / "copy.h5")  # the same session
     (folder / "bad.h5").write_text("no session\x1b[31m")
-    summary = _batch(capsys, str(folder), "--out", str(out))
+    summary, _ = answered(capsys, *BATCH, str(folder), "--out", str(out), code=1)
     assert summary["verdicts"] == {"refused": 3, "failed": 1}
     assert (summary["sessions"], summary["done_now"]) == (4, 4)
     assert "not an HDF5" in next(b["reasons"] for b in summary["bad"] if b["verdict"] == "failed")
@@ -69,14 +64,14 @@ def test_a_row_for_each_and_then_no_more(
     assert all(row["software"].startswith("bumpbench ") for row in rows)
     assert out.read_text().isascii()
 
-    again = _batch(capsys, str(folder), "--out", str(out))
+    again, _ = answered(capsys, *BATCH, str(folder), "--out", str(out), code=1)
     assert (again["sessions"], again["done_now"]) == (4, 1)  # what failed is tried again
     assert len(_table(out)) == 4
 
     # Another day's sessions come into the same table; a file with new content has its row replaced.
     write_all(folder / "monday", lambda seed: refused_session(seed + 50), 1)
     (folder / "bad.h5").unlink()
-    later = _batch(capsys, str(folder / "monday" / "*.h5"), "--out", str(out))
+    later, _ = answered(capsys, *BATCH, str(folder / "monday" / "*.h5"), "--out", str(out), code=1)
     assert (later["sessions"], later["done_now"]) == (3, 1)
     newest = {row["file"]: row["sha256"] for row in _table(out)}
     before = {row["file"]: row["sha256"] for row in rows}
@@ -89,7 +84,7 @@ def test_foreign_text_in_a_table_is_no_formula(
 ) -> None:
     write_all(tmp_path / "sessions", refused_session, 1)
     out = tmp_path / "table.csv"
-    _batch(capsys, str(tmp_path / "sessions"), "--out", str(out))
+    answered(capsys, *BATCH, str(tmp_path / "sessions"), "--out", str(out), code=1)
     rows = _table(out)
     rows[0] |= {"vehicle": "=1+1", "reasons": "-1e-3"}
     with out.open("w", newline="") as stream:
@@ -97,7 +92,7 @@ def test_foreign_text_in_a_table_is_no_formula(
         writer.writeheader()
         writer.writerows(rows)
     for _ in range(2):
-        _batch(capsys, str(tmp_path / "sessions"), "--out", str(out))
+        answered(capsys, *BATCH, str(tmp_path / "sessions"), "--out", str(out), code=1)
         assert _table(out)[0]["vehicle"] == "'=1+1"
         assert _table(out)[0]["reasons"] == "-1e-3"
 
@@ -107,9 +102,10 @@ def test_rows_of_another_version_are_made_again(
 ) -> None:
     write_all(tmp_path / "s", refused_session, 3)
     out = tmp_path / "t.csv"
-    _batch(capsys, str(tmp_path / "s"), "--out", str(out))
+    answered(capsys, *BATCH, str(tmp_path / "s"), "--out", str(out), code=1)
     out.write_text(out.read_text().replace("bumpbench ", "bumpbench 0.0.", 1))
-    assert _batch(capsys, str(tmp_path / "s"), "--out", str(out))["done_now"] == 1
+    again, _ = answered(capsys, *BATCH, str(tmp_path / "s"), "--out", str(out), code=1)
+    assert again["done_now"] == 1
     assert len(_table(out)) == 3
     assert "bumpbench 0.0." not in out.read_text()
 
@@ -125,7 +121,7 @@ def test_ctrl_c_keeps_the_rows(
     assert "kept" in capsys.readouterr().err
     assert active_children() == []
     assert len(_table(out)) == 2
-    rest = _batch(capsys, *map(str, files), "--out", str(out))
+    rest, _ = answered(capsys, *BATCH, *map(str, files), "--out", str(out), code=1)
     assert (rest["sessions"], rest["done_now"]) == (6, 4)
     assert len(_table(out)) == 6
 
@@ -141,18 +137,6 @@ def test_a_table_that_the_disk_refuses_is_named(
     assert run(["batch", "--workers", "1", file, "--out", str(tmp_path / "t.csv")]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert "t.csv: No space left on device (make room, and run the same command" in line
-
-
-def test_a_table_of_something_else_is_left_alone(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    (file,) = write_all(tmp_path, refused_session, 1)
-    (tmp_path / "t.csv").write_text("my,notes\n1,2\n")
-    assert run(["batch", str(file), "--out", str(tmp_path / "t.csv")]) == 2
-    assert "exists already" in capsys.readouterr().err
-    assert (tmp_path / "t.csv").read_text() == "my,notes\n1,2\n"
-    _batch(capsys, str(file), "--out", str(tmp_path / "t.csv"), "--force")
-    assert len(_table(tmp_path / "t.csv")) == 1
 
 
 # The page -----------------------------------------------------------------------------------------

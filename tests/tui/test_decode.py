@@ -17,6 +17,8 @@ from dbc import parse_codec, shipped_dbc
 from tui.__main__ import main
 from tui.cli import run
 
+from .conftest import answered
+
 START_S = 1_760_000_000.0
 
 
@@ -71,9 +73,7 @@ def test_every_signal_is_what_cantools_says(
 def test_foreign_frames_are_counted(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     path = tmp_path / "bench.log"
     _log(path, foreign=3)
-    assert run(["decode", str(path), "--json"]) == 0
-    out, err = capsys.readouterr()
-    document = json.loads(out)
+    document, err = answered(capsys, "decode", str(path))
     assert document["unknown_id"] == 3
     assert document["frames"] == 6 * 20 + 3
     assert document["samples"]["HUB_Front.acc_fl"] == 20

@@ -67,17 +67,6 @@ def test_report_writes_page_pdf_and_figures(
     assert document["source"]["file_sha256"] == hashlib.sha256(session.read_bytes()).hexdigest()
 
 
-def test_a_report_makes_no_folder_whose_name_is_mistyped(
-    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    page = tmp_path / "reprots" / "r.html"
-    assert run(["report", str(session), "--page", str(page)]) == 2
-    assert capsys.readouterr().err.startswith(
-        f"bumpbench: error: {page.parent}: there is no such folder"
-    )
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.mark.parametrize(("answer", "replaced"), [("y\n", True), ("\n", False), ("no\n", False)])
 def test_a_page_that_is_there_is_replaced_after_a_question(
     answer: str,
@@ -122,27 +111,6 @@ def test_a_session_does_not_differ_from_itself(
     assert len(rows) == 15 + 2 * 7 * 2
     assert all(row["differences"][0]["value"] == 0.0 for row in rows)
     assert "2 sessions compared" in page.read_text("utf-8")
-
-
-@pytest.mark.parametrize("option", ["--out", "--pdf"])
-def test_a_report_does_not_overwrite_its_session(
-    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str
-) -> None:
-    held = session.read_bytes()
-    out = ["--out", str(tmp_path / "r.html")]
-    assert run(["report", str(session), *out, option, str(session)]) == 2
-    assert "car.h5: is not a known form of p" in capsys.readouterr().err
-    assert session.read_bytes() == held
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_comparison_does_not_overwrite_a_session(
-    session: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    held = session.read_bytes()
-    assert run(["compare", str(session), str(session), "--page", str(session)]) == 2
-    assert "car.h5: is not a known form of page" in capsys.readouterr().err
-    assert session.read_bytes() == held
 
 
 # Identifications, comparisons and session files as tables on stdout, row by row -------------------

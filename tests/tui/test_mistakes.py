@@ -28,7 +28,8 @@ from tui.cli import app, run
 from ..daq.small_campaign import bumps, small_codec
 from ..daq.small_session import small_session
 from .batches import refused_session, write_all
-from .test_import import BENCH, write_log
+from .conftest import answered
+from .test_import import BENCH, CUT, MAP, write_drive, write_log
 
 Said = Callable[..., str]
 FRAME = "(1436509052.249713) can0 100#0011223344556677\n"
@@ -44,8 +45,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "bench.toml").write_text(BENCH)
     write_log(folder / "all.log", bumps(small_codec(), 4))
     (folder / "other.log").write_text("(1.0) can0 7DF#02010500\n(1.1) can0 7E8#0341057B\n")
+    write_log(folder / "still.log", bumps(small_codec(), 1).select(slice(0, 400)))
+    (write_drive(folder) / "cut.toml").write_text(f"[[run]]\n{CUT}{MAP}")
     for name in ("prose.h5", "prose.mcap", "notes.docx"):
         (folder / name).write_text("no session, and no journal\x1b[31m")
+    for name in ("odd", "odd.toml"):
+        (folder / name).write_text("[bus]\nspeed = 1\n")
     (folder / "figure.svg").mkdir()
     bus = "[bus]\ninterface = "
     for name, text in (
@@ -90,6 +95,14 @@ MISTAKES = {
     "tui --demoo": ": --demoo (Possible options: --demo) (bumpbench tui --help lists",
     "tui --speed fast": "'--speed': Input should be a valid number",
     "tui --demo --fault double-bum": "double-bump",
+    "tui --fault unplug": "add --demo",
+    "tui --demo --replay car.h5": "cannot be combined with --replay",
+    "tui --replay absent.h5": "absent.h5: is not a file",
+    "tui --interface virtual --channel x": "does not reach other processes",
+    "tui --demo --out new": "is not a terminal",
+    "tui odd.toml": "odd.toml: unknown key bus.speed",
+    "tui --demo odd.toml": "odd.toml: unknown key bus.speed",
+    "tui --web odd.toml": "odd.toml: unknown key bus.speed",
     "export car.h5 --format mf5": "is not one of 'mf4', 'mat'",
     "study tabel2": "(bumpbench study --help lists what there is)",
     # files
@@ -102,6 +115,8 @@ MISTAKES = {
     "report nowhere/car.h5": "error: nowhere/car.h5: no such file (name a session file",
     "redecode . --dbc a.dbc": "is a directory",
     "recover prose.mcap --out new.h5": "prose.mcap",
+    "recover .": ".: has no journal_*.bbj",
+    "recover absent": "absent: there is no such file or folder",
     "decode other.log": "none of its 2 frames",
     "decode notes.docx": ".docx",
     "display absent": "does not exist",
@@ -115,7 +130,15 @@ MISTAKES = {
     "import all.log --run baseline:roll:all.log": "both logs and --run",
     "import --run baseline:all.log": "--run",
     "import all.log bench.toml --skip 4": "no bump is left",
-    "import all.log --channels map.toml --bus 0": "without a bus",
+    "import all.log bench.toml --runs baseline:jump": "is not a run",
+    "import all.log bench.toml --runs loaded:bounce": "not on this bench",
+    "import all.log bench.toml --bus 3": "none of its",
+    "import still.log bench.toml": "no bump in 400 frames",
+    "import missing.blf bench.toml": "no such file",
+    "import drive.csv --channels cut.toml --skip 1": "states the times of its runs",
+    "import drive.csv --channels map.toml --bus 1": "is for files without a bus",
+    "import --channels map.toml": "names no file",
+    "import drive.csv --channels no.toml": "No such file",
     "import all.log --out all.log/out.h5": "name another folder",
     "check --push 3 all.log": "--push: is for --propose",
     "import all.log bench.toml strange.toml": "is named twice",
@@ -125,19 +148,32 @@ MISTAKES = {
     "plan signal.toml": "signal of channel body_acc_z: ",
     "check counter.toml other.log": "message IMU_Accel: has no signal nope, which counter names (",
     "record": "udp_multicast",
+    "record signal.toml --interface udp_multicast --channel 239.74.163.99": "acc_zz",
     "simulate": "udp_multicast",
     "plan .": ".: is a directory",
+    "plan nosuch.toml": "nosuch.toml: No such file",
+    "plan --from absent.h5": "absent.h5: no such file",
+    "plan --bump-mm 0": "--bump-mm",
+    "plan --bump-mm nan": "--bump-mm",
+    "plan --rate 1": "--rate",
+    "plan --rate nan": "--rate",
     "plan /dev/null": "/dev/null: is not a",
     "check --dbc x.dbc": "is for --propose",
     "check --propose x.toml --layout nosuch": "there is no such layout",
     "check x.toml --layout sbg_ecan": "is for --propose",
-    "check nosuch.toml": "nosuch.toml",
-    "check absent.blf": "absent.blf",
+    "check nosuch.toml": "No such file",
+    "check absent.blf": "absent.blf: no such file (name a log",
+    "check odd": "odd: unknown key bus.speed",
+    "check odd.toml": "odd.toml: unknown key bus.speed",
     "check": "virtual",
     "check --bitrate 250000": "--bitrate: is for --propose",
     "check --propose /dev/null/new.toml": "/dev/null: is not a folder",
     # the desk
     "report car.h5 --format png": "is for --figures",
+    "report car.h5 --page reprots/r.html": "error: reprots: there is no such folder",
+    "report car.h5 --out car.h5": "car.h5: is not a known form of page",
+    "report car.h5 --pdf car.h5": "car.h5: is not a known form of printed report",
+    "compare car.h5 car.h5 --page car.h5": "car.h5: is not a known form of page",
     "report car.h5 --figures all.log": "all.log: is not a folder",
     "compare car.h5": "name two sessions or more",
     "batch no/such/*.h5": "no/such/*.h5",
@@ -151,6 +187,8 @@ MISTAKES = {
     # export
     "export car.h5": "neither --format nor --out",
     "export car.h5 --format xls": "xls",
+    "export car.h5 --format sep005": "sep005",
+    "export car.h5 --out car": "has no suffix",
     "export car.h5 --out x.xls": ".xls is not an export format",
     "export car.h5 --format mat --run warp": "there is no run warp",
     "export car.h5 --format csv --decimal ;": "--decimal",
@@ -176,19 +214,30 @@ def test_a_mistake_is_one_line(
     words: str, folder: Path, said: Said, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(folder)
-    before = sorted(folder.rglob("*"))
+
+    def contents() -> dict[Path, bytes]:
+        return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+    before = contents()
     assert MISTAKES[words] in said(words.split())
-    assert sorted(folder.rglob("*")) == before
+    assert contents() == before
 
 
 @pytest.mark.parametrize(
     ("command", "bench"),
-    [("record", "strange"), ("record", "serial"), ("record", "absent"), ("simulate", "serial")],
+    [
+        ("record --out out", "strange"),
+        ("record --out out", "serial"),
+        ("record --out out", "absent"),
+        ("simulate", "serial"),
+        ("check --seconds 0.1", "serial"),
+    ],
 )
-def test_no_such_bus_is_exit_4(bench: str, command: str, folder: Path, said: Said) -> None:
-    out = folder / "out"
-    words = [command, str(folder / f"{bench}.toml")]
-    said([*words, *(["--out", str(out)] if command == "record" else [])], 4)
+def test_no_such_bus_is_exit_4(
+    bench: str, command: str, folder: Path, said: Said, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(folder)
+    said([*command.split(), f"{bench}.toml"], 4)
 
 
 def test_a_folder_that_may_not_be_entered(
@@ -435,6 +484,10 @@ def test_an_identification_that_is_refused_says_so_first(
     out, err = capsys.readouterr()
     assert out.splitlines()[0] == "verdict: refused", "without a fit there is no chi2"
     assert err == ""
+    document, _ = answered(capsys, "identify", str(file), code=1)
+    assert document["verdict"] == "refused"
+    assert "added mass" in document["reasons"][0]
+    assert (document["parameters"], document["chi2_per_n"]) == ({}, None)
 
 
 # Exit codes and lines of errors -------------------------------------------------------------------

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterator
 from dataclasses import replace
@@ -27,15 +26,14 @@ from identify.plan.outlook import Advice, NextStep, Outlook
 from tui.cli import run
 from tui.commands.plan import expected_vehicle, planned
 
+from .conftest import answered
+
 PAPER_MASS = np.diag([130.0, 250.0, 40.0, 4.0, 4.0, 5.0, 5.0])
 
 
-def _json(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -> dict[str, Any]:
-    assert run(["plan", "--json", *arguments]) == code
-    out, err = capsys.readouterr()
+def _plan(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
+    document, err = answered(capsys, "plan", *arguments)
     assert err == ""
-    document = json.loads(out)
-    assert isinstance(document, dict)
     return document
 
 
@@ -70,20 +68,20 @@ def test_the_shipped_bench(capsys: pytest.CaptureFixture[str]) -> None:
 def test_rate_height_facts_and_structure(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    plain = _json(capsys, "--rate-hz", "200")
+    plain = _plan(capsys, "--rate-hz", "200")
     assert {s["rate_hz"] for s in plain["sensors"]} == {200.0}
     assert len(plain["parameters"]) == 15
     assert 0.0 < plain["mean"] <= plain["worst"] < 0.025
     assert 1 <= len(plain["next_steps"]) <= 12
     assert all(step["worst_before"] == plain["worst"] for step in plain["next_steps"])
-    low = _json(capsys, "--rate-hz", "200", "--bump-mm", "10")
+    low = _plan(capsys, "--rate-hz", "200", "--bump-mm", "10")
     # Noise counts five times as much; less where gains, places and delays count as well.
     ratio = {n: low["parameters"][n]["std"] / e["std"] for n, e in plain["parameters"].items()}
     assert 4.0 < ratio["k_tf"] <= 5.001
     assert 1.0 < min(ratio.values()) <= max(ratio.values()) <= 5.001
     assert "bump" not in " ".join(step["action"] for step in plain["next_steps"])
     bench = _bench(tmp_path, "bump_height_mm = 50.0", "bump_height_mm = 40.0")
-    lower = _json(capsys, "--rate-hz", "200", bench)
+    lower = _plan(capsys, "--rate-hz", "200", bench)
     advised = [step["action"] for step in lower["next_steps"] if "bump" in step["action"]]
     assert advised == ["a bump of 50 mm instead of 40 mm"]
     facts = "".join(
@@ -91,42 +89,15 @@ def test_rate_height_facts_and_structure(
         for axle in ("front", "rear")
     )
     weighed = _bench(tmp_path, "[campaign]", facts + "[campaign]")
-    better = _json(capsys, weighed, "--rate-hz", "200")
+    better = _plan(capsys, weighed, "--rate-hz", "200")
     assert better["parameters"]["m_s"]["std"] < 0.3 * plain["parameters"]["m_s"]["std"]
     assert better["mean"] < 0.7 * plain["mean"]
     assert not any("weigh" in step["action"].split() for step in better["next_steps"])
     structure = "[vehicle.structure]\nsymmetric = false\nanti_roll_bars = true\n"
     free = _bench(tmp_path, "[campaign]", structure + "[campaign]")
-    document = _json(capsys, free, "--rate-hz", "200")
+    document = _plan(capsys, free, "--rate-hz", "200")
     assert {"k_sfl", "k_srr", "k_af"} <= set(document["parameters"])
     assert document["parameters"]["k_af"]["relative_interval"] is None
-
-
-@pytest.mark.usefixtures("few_campaigns")
-def test_no_roll_is_no_plan(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    bench = _bench(tmp_path, '"bounce", "pitch", "roll"', '"bounce", "pitch"')
-    document = _json(capsys, bench, "--rate-hz", "200", code=1)
-    assert document["undetermined"] == ["I_xx", "t_f", "t_r"]
-    assert document["parameters"]["I_xx"]["std"] is None
-    assert document["remedies"] == ["one roll run in mass state baseline"]
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ["--bump-mm", "0"],
-        ["--bump-mm", "nan"],
-        ["--rate", "1"],
-        ["--rate", "nan"],
-        ["absent.toml"],
-        ["--from", "absent.h5"],
-    ],
-)
-def test_bad_input(capsys: pytest.CaptureFixture[str], arguments: list[str]) -> None:
-    assert run(["plan", *arguments]) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert len(err.splitlines()) == 1
 
 
 def _session(tmp_path: Path, cases: tuple[Excitation, ...]) -> str:
@@ -152,7 +123,7 @@ def _session(tmp_path: Path, cases: tuple[Excitation, ...]) -> str:
 def test_the_vehicle_of_a_session(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     cases = (Excitation.BOUNCE, Excitation.PITCH, Excitation.ROLL)
     path = _session(tmp_path, cases)
-    document = _json(capsys, path, "--rate", "200")  # a session that is named alone
+    document = _plan(capsys, path, "--rate", "200")  # a session that is named alone
     assert "car.h5" in document["vehicle"]
     assert document["parameters"]["m_s"]["value"] == pytest.approx(1.1 * 1380.0, rel=0.03)
     assert {r["repeats"] for r in document["runs"]} == {5}  # the session's own bench.toml
@@ -280,8 +251,7 @@ def test_a_plan_that_leaves_something_open_says_what_and_why(
 def test_a_plan_as_a_document_has_every_number(
     answer: list[Any], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert run(["plan", "--json", "--bump-mm", "25"]) == 0
-    document = json.loads(capsys.readouterr().out)
+    document = _plan(capsys, "--bump-mm", "25")
     assert document["bump_mm"] == 25.0
     assert len(document["sensors"]) == 11
     assert document["runs"][0] == {

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -15,6 +14,8 @@ from tests.daq.crash_frames import journal_of_runs
 from tests.daq.small_campaign import LABELS
 from tests.daq.small_session import small_session
 from tui.cli import run
+
+from .conftest import answered
 
 N_FRAMES = 40_000
 
@@ -36,8 +37,7 @@ def journal(recorded: Path, tmp_path: Path) -> Path:
 def test_a_folder_is_recovered_beside_its_journal(
     journal: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert run(["recover", str(tmp_path), "--json"]) == 0
-    reported = json.loads(capsys.readouterr().out)
+    reported, _ = answered(capsys, "recover", str(tmp_path))
     assert reported["session"] == str(tmp_path / "session_0001.h5")
     assert [one["label"] for one in reported["runs"]] == LABELS
     assert (reported["frames_recorded"], reported["loss"]) == (N_FRAMES, "")
@@ -73,8 +73,7 @@ def test_a_loss_is_counted_with_its_place_and_is_exit_3(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     loss = damage(segments_in(journal))
-    assert run(["recover", str(tmp_path), "--json"]) == (3 if loss else 0)
-    reported = json.loads(capsys.readouterr().out)
+    reported, _ = answered(capsys, "recover", str(tmp_path), code=(3 if loss else 0))
     assert loss in reported["loss"]
     assert bool(reported["loss"]) is bool(loss)
     assert loss or [one["label"] for one in reported["runs"]] == LABELS
@@ -93,23 +92,9 @@ def test_two_recordings_make_two_sessions_that_are_not_written_over_each_other(
     assert run(["recover", *both, "--out", str(tmp_path / "s.h5")]) == 2
     assert "would be the session of two recordings" in capsys.readouterr().err
     assert list(tmp_path.glob("*.h5")) == []
-    assert run(["recover", *both, "--json"]) == 0
-    sessions = json.loads(capsys.readouterr().out)["sessions"]
+    sessions = answered(capsys, "recover", *both)[0]["sessions"]
     assert [session["frames_recorded"] for session in sessions] == [8000, 8000]
     assert [(tmp_path / f / "session_0001.h5").is_file() for f in "ab"] == [True, True]
-
-
-def test_what_has_no_journal_is_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    for path, words in (
-        (tmp_path, "has no journal_*.bbj"),
-        (tmp_path / "absent", "absent: there is no such file or folder"),
-    ):
-        assert run(["recover", str(path)]) == 2
-        said = capsys.readouterr().err
-        assert words in said
-        assert said.count("\n") == 1
 
 
 def _recovered(folder: Path, *more: str) -> int:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 from pathlib import Path
 
 import pytest
@@ -13,10 +12,11 @@ from daq.bench.config import bench_codec, load_bench
 from daq.channels import message_of, sensor_of
 from daq.sim.car import SimulatedCar
 from daq.sim.ecu import campaign_frames
-from dbc import FrameBatch
 from tui.cli import run
 
 from ..daq.sensor_bench import DATABASES, HUBS, IMU, TEXT, channel
+from .conftest import answered
+from .test_import import write_log
 
 
 @pytest.fixture(scope="module")
@@ -28,18 +28,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (made / each.name).write_text(each.text, "utf-8")
     bench = load_bench(made / "bench.toml")
     frames = campaign_frames(bench, bench_codec(bench), SimulatedCar(), 1, 1_800_000_000 * 10**9)
-    (made / "drive.log").write_text(_candump(next(frames)), "utf-8")
+    write_log(made / "drive.log", next(frames))
     return made
-
-
-def _candump(frames: FrameBatch) -> str:
-    rows = zip(
-        frames.t_ns.tolist(), frames.bus, frames.can_id, frames.length, frames.data, strict=True
-    )
-    return "".join(
-        f"({t // 10**9}.{t % 10**9 // 1000:06d}) can{bus} {can_id:03X}#{data[:n].tobytes().hex()}\n"
-        for t, bus, can_id, n, data in rows
-    )
 
 
 def test_decode_names_bus_and_sensor_and_chooses_a_bus(
@@ -54,9 +44,12 @@ def test_decode_names_bus_and_sensor_and_chooses_a_bus(
     assert {row["bus"] for row in imu_b} == {"1"}
     level = [float(row["value"]) for row in imu_b if row["signal"] == "AccZ"][:100]
     assert sum(level) / 100 == pytest.approx(-1.0, abs=0.05)
-    assert run(["decode", log, bench, "--bus", "can0", "--json"]) == 0
-    said = json.loads(capsys.readouterr().out)
+    said, _ = answered(capsys, "decode", log, bench, "--bus", "can0")
     assert {name.partition(".")[0] for name in said["samples"]} == {"imu_a", "hubs"}
+    for bus in ("can9", "2"):
+        assert run(["decode", log, bench, "--bus", bus]) == 2
+        reason = f"--bus {bus}: is not a bus of the bench (name one of can0, rear)"
+        assert reason in capsys.readouterr().err
 
 
 def test_import_chooses_a_bus(folder: Path, tmp_path: Path) -> None:
@@ -90,17 +83,3 @@ def test_import_says_that_two_sensors_are_read_as_one(
     assert "two sensors read as one" not in capsys.readouterr().err
     run(["import", str(bench), *runs, "--force"])
     assert "two sensors read as one: Accel, Rate" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("words", "reason"),
-    [
-        (["--bus", "can9"], "--bus can9: is not a bus of the bench (name one of can0, rear)"),
-        (["--bus", "2"], "--bus 2: is not a bus of the bench (name one of can0, rear)"),
-    ],
-)
-def test_a_bus_that_is_not_there_is_one_line(
-    folder: Path, words: list[str], reason: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(["decode", str(folder / "drive.log"), str(folder / "bench.toml"), *words]) == 2
-    assert reason in capsys.readouterr().err

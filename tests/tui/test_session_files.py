@@ -27,7 +27,7 @@ from tui.cli import run
 
 from ..daq.small_campaign import bumps, small_codec
 from ..daq.small_session import START_NS, small_session
-from .conftest import said
+from .conftest import answered, said
 from .test_import import BENCH, write_log
 
 
@@ -105,8 +105,7 @@ def test_inspect(capsys: pytest.CaptureFixture[str], car: str) -> None:
         "2026-11-21",
     ):
         assert text in out
-    assert run(["inspect", car, "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
+    document, _ = answered(capsys, "inspect", car)
     assert document["channels"][0]["corner"] == "FL"
     assert document["geometry"]["t_r"] == 0.75
     assert document["facts"][1] == {"quantity": "k_sfl", "value": 17000.0, "sigma": 50.0}
@@ -267,24 +266,6 @@ def test_uff(tmp_path: Path) -> None:
     raw = path.read_bytes()
     sizes = [int(line[31:43]) for line in raw.split(b"\n") if line.startswith(b"    58b")]
     assert sizes == [500 * 16, 499 * 16, *[24] * 5]
-
-
-@pytest.mark.parametrize(
-    ("options", "what"),
-    [
-        (["--format", "csv", "--decimal", "x"], "--decimal"),
-        (["--format", "sep005"], "sep005"),
-        (["--out", "car"], "has no suffix"),
-    ],
-)
-def test_an_option_that_no_file_can_have_is_named(
-    options: list[str], what: str, tmp_path: Path, car: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(["export", car, *options]) == 2
-    err = capsys.readouterr().err
-    assert what in err
-    assert len(err.splitlines()) == 1
-    assert [path.name for path in tmp_path.iterdir()] == ["car.h5"]
 
 
 @pytest.mark.parametrize("form", list(ExportFormat))

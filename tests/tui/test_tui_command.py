@@ -20,11 +20,11 @@ from daq.control.messages import AskStatus, Order, Reply, Setup, Status
 from dbc.words import InputError
 from tui.browser import server
 from tui.cli import run
-from tui.commands.tui import wanted_setup
 from tui.display.link import Served
 from tui.terminal.feed import RecorderFeed
 
 from ..daq.a_status import a_status
+from .conftest import answered
 
 # The terminal -------------------------------------------------------------------------------------
 
@@ -130,6 +130,9 @@ def test_the_terminal_starts_the_recorder_that_was_asked_for(
         assert run(["tui", *words]) == 0
         feed = opened.apps[-1][0][0]
         feed._start_recorder()
+    real, simulated, replayed = (options["wanted"] for _, options in opened.apps)
+    assert real.bench_crc32 == simulated.bench_crc32 is not None
+    assert replayed == Setup(Origin.REPLAYED), "what is not named may be anything"
     assert started == [
         (Path(), "b.toml", "--idle", *bus),
         (Path("bumpbench-demo"), "b.toml", "--idle", "--demo", "--speed", "3", "--fault", "unplug"),
@@ -140,38 +143,6 @@ def test_the_terminal_starts_the_recorder_that_was_asked_for(
     with pytest.raises(InputError, match=r"b\.toml: unknown key bus\.speed"):
         opened.apps[-1][0][0]._start_recorder()
     assert len(started) == 3
-
-
-def test_what_is_not_named_may_be_anything(tmp_path: Path) -> None:
-    bench = tmp_path / "b.toml"
-    bench.write_text('[vehicle]\nname = "T5"\n')
-    assert wanted_setup(None, None, None, False, None) == Setup(Origin.REAL)
-    assert wanted_setup(None, None, None, True, None) == Setup(Origin.SIMULATED)
-    assert wanted_setup(None, None, None, False, tmp_path) == Setup(Origin.REPLAYED)
-    bus = ("udp_multicast", "239.74.163.9")
-    assert wanted_setup(None, *bus, False, None) == Setup(Origin.REAL)
-    demo, named = (
-        wanted_setup(bench, None, None, True, None),
-        wanted_setup(bench, *bus, False, None),
-    )
-    assert (demo.origin, named.origin) == (Origin.SIMULATED, Origin.REAL)
-    assert demo.bench_crc32 == named.bench_crc32 is not None
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["--demo", "--replay", "car.h5"], "cannot be combined with --replay"),
-        (["--fault", "unplug"], "add --demo"),
-        (["--replay", "absent.h5"], "absent.h5: is not a file"),
-        (["--demo", "--fault", "wheels-off"], "wheels-off"),
-    ],
-)
-def test_options_of_the_terminal_that_do_not_fit_are_named(
-    words: list[str], said: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(["tui", *words]) == 2
-    assert said in capsys.readouterr().err
 
 
 # Browsers -----------------------------------------------------------------------------------------
@@ -237,8 +208,7 @@ def test_the_status_is_printed_in_lines_or_whole(
     assert len(out.splitlines()) > 4
     assert err == ""
     assert recorder.calls == [("status", False), AskStatus(), "closed"]
-    assert run(["status", str(tmp_path), "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
+    document, _ = answered(capsys, "status", str(tmp_path))
     assert (document["vehicle"], document["phase"]) == ("T5", a_status().phase)
 
 

@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 
 from daq import session_from_arrays
 from daq.channels import Channel, Quantity
-from daq.runs import Run, RunStatus, SampleGroup
+from daq.runs import RunStatus, SampleGroup
 from daq.sessions import Session
 from identify.decays.usable import BadValue, spikes, usable, usable_session, without_bad_values
 from identify.pipeline import identify_parameters
 from identify.result import Identification
 from identify.trust.inputs import unused_findings
 
-from ..stress import stress_session
+from ..stress import stress_session, with_group
 
 Array = NDArray[np.float64]
 _time = np.arange(300) / 100.0
@@ -173,15 +173,9 @@ def spoilt(session: Session, change: Callable[[Values], Values], run: str = SPOI
     """Change the values of a channel in the runs whose label begins so."""
 
     def of_group(group: SampleGroup) -> SampleGroup:
-        if NAME not in group.values:
-            return group
         return replace(group, values={**group.values, NAME: change(group.values[NAME].copy())})
 
-    def of_run(one: Run) -> Run:
-        hit = one.label.startswith(run)
-        return replace(one, groups=tuple(map(of_group, one.groups))) if hit else one
-
-    return replace(session, runs=tuple(map(of_run, session.runs)))
+    return with_group(session, run, NAME, of_group)
 
 
 def one_sample(value: float) -> Callable[[Values], Values]:

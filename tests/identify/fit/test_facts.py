@@ -21,8 +21,7 @@ from identify.fit.estimation import Estimation, estimate, generic_vehicles
 from identify.fit.grey_box import GreyBox
 from identify.fit.likelihood import FACTS, Fit, fit
 from identify.fit.uncertainty import Estimate, drivers, estimates, motion_ratio_estimates
-from identify.model.exponentials import low_pass_of
-from identify.pipeline import grey_box, identify_parameters
+from identify.pipeline import identify_parameters
 from identify.study.campaign import PAPER_MASS_STATES, SENSOR_SETS, Campaign, records_of
 from identify.trust.causes import judge
 from identify.trust.finding import Verdict
@@ -32,7 +31,7 @@ from identify.trust.inputs import shortcomings
 from ...flow.coverage import simulated_session
 from ...simulated.elements import RealCar, SensorFault, true_parameters
 from ..bumps import GROUP, MASS_STATES, TRUTH, noise_of, paper_records
-from ..stress import BODY, HUBS, doubtful, stress_session, true_value
+from ..stress import BODY, HUBS, doubtful, fitted, stress_session, true_value
 
 CAR = FORD_GRANADA
 WHEELBASE_M = CAR.a + CAR.b
@@ -63,9 +62,8 @@ def _weighed(facts: tuple[Fact, ...]) -> Estimation:
 
 
 def _estimated(session: Session) -> Estimation:
-    records = usable(session).records
-    assert not shortcomings(records, session)
-    return estimate(grey_box(session, records), records, generic_vehicles())
+    assert not shortcomings(usable(session).records, session)
+    return fitted(session)
 
 
 def _found(result: Estimation) -> dict[str, Estimate]:
@@ -188,8 +186,7 @@ def _identified(
 ) -> tuple[Session, Estimation]:
     vehicle = Vehicle("x", structure=structure)
     session = stress_session(name, seed, vehicle=vehicle, extra=extra, repeats=repeats)
-    records = usable(session).records
-    return session, estimate(grey_box(session, records), records, generic_vehicles())
+    return session, fitted(session)
 
 
 @pytest.mark.parametrize(
@@ -316,37 +313,10 @@ def test_sensors_that_show_three_per_cent_too_much_are_within_the_intervals() ->
 # A sensor's low-pass and its lateness, stated in the channel, cost next to nothing ---------------
 
 
-def _filtered(order: int) -> Channel:
-    return Channel("a", Quantity.BODY_ACCELERATION, "m/s2", low_pass_hz=20.0, low_pass_order=order)
-
-
-@pytest.mark.parametrize("order", [1, 2, 3, 4, 5])
-def test_it_is_butterworths(order: int) -> None:
-    """Its poles are stable, and its gain is as flat as can be; its slope is by differences."""
-    low_pass = low_pass_of(_filtered(order))
-    cut_off = 2.0 * np.pi * 20.0
-    assert len(low_pass.poles) == order
-    assert low_pass.poles.real.max() < 0.0
-    omega = cut_off * np.geomspace(0.005, 25.0, 40)
-    power = np.abs(low_pass.gain((1j * omega).astype(complex))) ** 2
-    np.testing.assert_allclose(power, 1.0 / (1.0 + (omega / cut_off) ** (2 * order)), rtol=1e-9)
-    assert low_pass.gain(np.array(0j)) == pytest.approx(1.0)
-    s, step = np.array([-17.0 + 65.0j, -1.8 + 6.0j]), 1e-4
-    up, down = (low_pass.gain((s + h).astype(complex)) for h in (step, -step))
-    np.testing.assert_allclose(low_pass.gain_slope(s), (up - down) / (2.0 * step), rtol=1e-6)
-
-
-def test_without_a_cut_off_there_is_none() -> None:
-    none = low_pass_of(replace(_filtered(2), low_pass_hz=0.0))
-    assert none.gain(np.array([3j])) == 1.0
-    assert none.transients(np.zeros(5)).shape == (5, 0)
-
-
 def _stated(name: str, change: Callable[[Channel], Channel]) -> tuple[Session, Estimation]:
     session = stress_session(name, 1)
     session = replace(session, channels=tuple(change(c) for c in session.channels))
-    records = usable(session).records
-    return session, estimate(grey_box(session, records), records, generic_vehicles())
+    return session, fitted(session)
 
 
 def _is_right(session: Session, result: Estimation, name: str) -> None:

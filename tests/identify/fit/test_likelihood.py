@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from numpy.random import Generator
 from numpy.typing import NDArray
-from scipy.linalg import expm
 
 from daq.channels import Channel
 from daq.runs import ADDED, BASELINE, Excitation
@@ -37,12 +36,11 @@ from identify.fit.likelihood import (
     normal_blocks,
     residuals,
 )
-from identify.pipeline import grey_box
 from identify.study.campaign import SENSOR_SETS, Campaign, records_of
 
 from ...simulated.elements import load_car
 from ..bumps import GROUP, MASS_STATES, TRUTH, noise_of, paper_records
-from ..stress import ADDED_MASS, THREE, stress_channels
+from ..stress import ADDED_MASS, THREE, fitted, stress_channels
 
 BOX = GreyBox((GROUP,), MASS_STATES, None)
 CAR = generic_vehicles()[0]
@@ -51,78 +49,6 @@ START_S = 0.3 + 1e-9
 
 def _errors_percent(eta: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray((np.exp(eta) / TRUTH[: len(eta)] - 1) * 100)
-
-
-def test_noise_free_runs_give_the_vehicle_back() -> None:
-    decays = tuple(r.decay(START_S) for r in paper_records(200.0, np.inf, 1))
-    level = {c.name: 1e-6 for c in GROUP.channels}
-    best = fit(BOX, decays, level, BOX.unknowns(CAR))
-    assert best.converged
-    assert np.max(np.abs(_errors_percent(best.eta))) < 1e-5
-
-
-def test_covariance_is_the_cramer_rao_bound_by_brute_force() -> None:
-    records = paper_records(200.0, 30.0, 3)
-    decays = tuple(r.decay(START_S) for r in records)
-    sigma = noise_of(records, 200.0)
-    best = fit(BOX, decays, sigma, BOX.unknowns(CAR))
-
-    def response(eta: NDArray[np.float64], i: int, x0: NDArray[np.float64]) -> NDArray[np.float64]:
-        system = BOX.systems(eta, {decays[i].mass_state})[decays[i].mass_state]
-        C = np.array([system.rows[c.name] for c in GROUP.channels])
-        step = expm(system.A / 200.0)
-        x = expm(system.A * decays[i].recordings[0].time_s[0]) @ x0
-        out = []
-        for _ in decays[i].recordings[0].time_s:
-            out.append(C @ x)
-            x = step @ x
-        return np.asarray(np.array(out) / [sigma[c.name] for c in GROUP.channels])
-
-    # Jacobian by central differences, every initial state and constant an unknown of its own.
-    information = np.zeros((15, 15))
-    for i in range(len(decays)):
-        n = len(decays[i].recordings[0].time_s)
-        unit = np.eye(14)
-        linear = [response(best.eta, i, unit[k]).ravel() for k in range(14)]
-        constants = np.kron(np.ones((n, 1)), np.eye(7))
-        B = np.column_stack([*linear, constants])
-        y = (decays[i].recordings[0].values / [sigma[c.name] for c in GROUP.channels]).ravel()
-        x0 = np.asarray(np.linalg.lstsq(B, y, rcond=None)[0][:14], dtype=float)
-        h = 1e-5
-        J = np.array(
-            [
-                (response(best.eta + h * e, i, x0) - response(best.eta - h * e, i, x0)).ravel()
-                / 2
-                / h
-                for e in np.eye(15)
-            ]
-        ).T
-        Q = np.linalg.qr(B)[0]
-        J = J - Q @ (Q.T @ J)
-        information += J.T @ J
-    bound = np.sqrt(np.diag(np.linalg.inv(information)))
-    np.testing.assert_allclose(np.sqrt(np.diag(best.covariance)), bound, rtol=1e-4)
-    # docs/method.md, "Noise and the bound" (without constants per channel, hence a little lower).
-    published = np.array(
-        [0.64, 0.74, 0.82, 0.76, 0.71, 0.77, 0.68, 0.73, 0.67, 0.73, 0.67, 0.52, 0.34, 1.14, 0.84]
-    )
-    np.testing.assert_allclose(bound * 100, published, rtol=0.2)
-
-
-def test_errors_are_as_large_as_stated_and_intervals_cover() -> None:
-    errors, stated = [], []
-    for seed in range(20):
-        records = paper_records(200.0, 30.0, seed)
-        decays = tuple(r.decay(START_S) for r in records)
-        best = fit(BOX, decays, noise_of(records, 200.0), BOX.unknowns(CAR))
-        assert best.converged
-        errors.append(_errors_percent(best.eta))
-        stated.append(np.sqrt(np.diag(best.covariance)) * 100)
-    rms = np.sqrt(np.mean(np.square(errors), axis=0))
-    bound = np.mean(stated, axis=0)
-    assert np.all(rms < 1.6 * bound)
-    covered = np.mean(np.abs(np.array(errors)) < 1.96 * np.array(stated))
-    assert 0.90 < covered < 0.99
 
 
 def test_residuals_are_the_noise() -> None:
@@ -355,8 +281,7 @@ def test_intervals_cover_whatever_the_clocks_do(
         session = _session(seed)
         records = usable(session).records
         assert len(records[0].recordings) == len(CHANNELS)  # no clock is shared
-        box = grey_box(session, records)
-        result = estimate(box, records, generic_vehicles())
+        result = fitted(session)
         assert result.fit.converged
         assert result.holds
         errors.append(np.exp(result.fit.eta[:15]) / TRUTH - 1.0)

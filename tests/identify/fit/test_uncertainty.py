@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from daq.vehicle import FORD_GRANADA, Fact, Structure, VehicleParameters
+from daq.vehicle import FORD_GRANADA, Structure, VehicleParameters
 from identify.fit.estimation import generic_vehicles
 from identify.fit.grey_box import GreyBox
 from identify.fit.likelihood import FACTS, PRIORS, Fit, Residuals, fit
@@ -154,17 +154,6 @@ def test_spread_of_derived_quantities_against_differences() -> None:
     )
     expected = np.linalg.norm(root.T @ slopes, axis=0)
     np.testing.assert_allclose([e.std for e in found.values()], expected, rtol=1e-5)
-
-
-def test_a_fact_narrows_what_it_tells_of() -> None:
-    records = paper_records(200.0, 30.0, 3)
-    decays = tuple(r.decay(0.3 + 1e-9) for r in records)
-    weighed = GreyBox((GROUP,), MASS_STATES, None, facts=(Fact("total_mass_kg", 1551.8, 1.0),))
-    found = fit(weighed, decays, noise_of(records, 200.0), weighed.unknowns(TRUTH))
-    total = derived_estimates(weighed, found)["total_mass"]
-    assert total.std == pytest.approx(1.0, rel=0.02)
-    assert total.value == pytest.approx(1551.8, abs=1.0)
-    assert drivers(weighed, found)["m_s"][FACTS] > 0.5
 
 
 # Each run predicted from all the others: three runs of two parameters, by hand -------------------

@@ -362,14 +362,6 @@ def test_a_mode_decays_with_less_than_98_per_cent_of_critical_damping(
     assert vibrates(pole.real.astype(complex)).tolist() == [False]
 
 
-def test_modes_of_an_oscillator_in_closed_form() -> None:
-    omega, zeta = 2.0 * np.pi * 3.0, 0.3
-    (mode,) = modes_of(np.array([[0.0, 1.0], [-(omega**2), -2.0 * zeta * omega]])).modes
-    assert mode.frequency_hz == pytest.approx(3.0, rel=1e-12)
-    assert mode.damping_ratio == pytest.approx(0.3, rel=1e-12)
-    assert mode.pole == pytest.approx(omega * (-0.3 + 1j * np.sqrt(1 - 0.09)), rel=1e-12)
-
-
 def test_an_overdamped_motion_is_no_mode() -> None:
     assert len(modes_of(np.array([[0.0, 1.0], [-1.0, -3.0]]))) == 0
 
@@ -385,22 +377,20 @@ def test_mixed_sensors_give_the_displacement_shapes() -> None:
     np.testing.assert_allclose(found.shapes, TRUTH.shapes, atol=1e-12)
 
 
-def test_unseen_degrees_of_freedom_are_named() -> None:
+@pytest.mark.parametrize(
+    ("rows", "channels", "words"),
+    [
+        (6, MIXED[:6], "do not determine z_uD "),
+        (8, MIXED[:7], "7 channels for shapes of 8 rows"),
+        (8, (*MIXED[:7], Channel("yaw", Quantity.UNUSED, "rad/s")), "channel yaw"),
+    ],
+)
+def test_channels_that_do_not_show_the_car_are_refused(
+    rows: int, channels: tuple[Channel, ...], words: str
+) -> None:
     sensed = sensed_by_hand()
-    fewer = ModalModel(sensed.poles, sensed.shapes[[0, 1, 2, 3, 4, 5]])
-    with pytest.raises(InputError, match="do not determine z_uD "):
-        displacement_shapes(fewer, MIXED[:6], GEOMETRY)
-
-
-def test_a_missing_channel_is_refused() -> None:
-    with pytest.raises(InputError, match="7 channels for shapes of 8 rows"):
-        displacement_shapes(sensed_by_hand(), MIXED[:7], GEOMETRY)
-
-
-def test_an_unused_channel_is_refused() -> None:
-    yaw = Channel("yaw", Quantity.UNUSED, "rad/s")
-    with pytest.raises(InputError, match="channel yaw"):
-        displacement_shapes(sensed_by_hand(), (*MIXED[:7], yaw), GEOMETRY)
+    with pytest.raises(InputError, match=words):
+        displacement_shapes(ModalModel(sensed.poles, sensed.shapes[:rows]), channels, GEOMETRY)
 
 
 @pytest.mark.parametrize(("apart_m", "seen"), [(2.2e-9, True), (1.8e-9, False)])
@@ -479,14 +469,6 @@ def test_a_motion_names_a_mode_where_it_is_larger_than_the_bounce(
 
 
 # Pairing of modes by shape ------------------------------------------------------------------------
-
-
-def test_the_swapped_wheel_modes_are_paired_by_shape() -> None:
-    pairing = pair_modes(modes_of(BASELINE.A), modes_of(ADDED.A))
-    assert list(pairing.baseline) == [0, 1, 2, 3, 4, 5, 6]
-    assert list(pairing.added) == [0, 1, 2, 4, 3, 5, 6]  # reference: 4 and 5 change places
-    assert pairing.swapped == ((3, 4),)
-    assert pairing.mac.min() > 0.995
 
 
 def test_a_mode_without_partner_stays_alone() -> None:

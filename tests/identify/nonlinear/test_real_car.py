@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from daq.sessions import session_from_arrays
 from daq.vehicle import Fact, FactQuantity, Structure, Vehicle
 from identify.change import change_of
 from identify.compare import compare
@@ -46,7 +45,6 @@ from ..bumps import MASS_STATES, TRUTH, noise_of, paper_records
 from ..report import made as sessions
 from .truth import (
     BASELINE,
-    BUMP_S,
     NOISE,
     RICH,
     WEIGHTS,
@@ -57,6 +55,7 @@ from .truth import (
     drive,
     moving,
     records,
+    session_of,
 )
 
 GROUP = ChannelGroup("hubs", tuple(channels()[1]))
@@ -251,18 +250,7 @@ def identified() -> Identification:
     """Return the identification of a car that sticks: six runs over 50 mm, 200 Hz."""
     car, bumps = Truth(static=1.4), campaign((0.05,))
     measured = records(car, bumps, drive(car, bumps, 1.3, 2e-4), seed=5)
-    channels = {c.name: c for r in measured[0].recordings for c in r.group.channels}
-    runs = []
-    for record in measured:
-        parts = {
-            c.name: (r.time_s, r.values[:, i])
-            for r in record.recordings
-            for i, c in enumerate(r.group.channels)
-        }
-        runs.append((record.mass_state, record.label.split("_")[1], parts))
-    vehicle = Vehicle("standard")
-    session = session_from_arrays(runs, channels.values(), WEIGHTS, vehicle, bump_s=BUMP_S)
-    return identify(session)
+    return identify(session_of(measured, WEIGHTS, Vehicle("standard")))
 
 
 TRUE = {

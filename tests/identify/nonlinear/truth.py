@@ -9,7 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.channels import Channel, Quantity
-from daq.vehicle import FORD_GRANADA, AddedMass, BodyWeight, Corner, HubWeight, MassState, Structure
+from daq.sessions import Session, session_from_arrays
+from daq.vehicle import (
+    FORD_GRANADA,
+    AddedMass,
+    BodyWeight,
+    Corner,
+    HubWeight,
+    MassState,
+    Structure,
+    Vehicle,
+)
 from identify.decays.decay import ChannelGroup, Record, Recording
 from identify.fit.grey_box import GreyBox
 from identify.model.matrices import SYMMETRIC
@@ -351,6 +361,26 @@ def _reading(car: Truth, channel: Channel, motions: Motions, r: int, times: Arra
     if channel.low_pass_hz:
         value = _low_passed(value, channel, step)
     return np.asarray(np.interp(times, motions.time_s, value))
+
+
+def session_of(
+    records: Sequence[Record], weights: Sequence[BodyWeight | HubWeight], vehicle: Vehicle
+) -> Session:
+    """Return the session whose runs are these records."""
+    runs = [
+        (
+            record.mass_state,
+            record.label.split("_")[1],
+            {
+                c.name: (r.time_s, r.values[:, i])
+                for r in record.recordings
+                for i, c in enumerate(r.group.channels)
+            },
+        )
+        for record in records
+    ]
+    sensors = {c.name: c for r in records[0].recordings for c in r.group.channels}
+    return session_from_arrays(runs, sensors.values(), weights, vehicle, bump_s=BUMP_S)
 
 
 def _low_passed(value: Array, channel: Channel, step_s: float) -> Array:

@@ -12,7 +12,7 @@ import socket
 import sys
 import urllib.error
 import urllib.request
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,8 +21,7 @@ from typing import Any, NoReturn
 import aiohttp
 import pytest
 
-from daq.control.exchange import OrderRefusedError
-from daq.control.messages import Arm, Hello, Order, Phase, Reject, Reply
+from daq.control.messages import Arm, Hello, Phase, Reject
 from dbc.words import InputError
 from tui.browser.server import Guard, listen, terminal_pages
 from tui.cli import run
@@ -31,7 +30,7 @@ from tui.display.link import Served, display_beside, listen_on
 from tui.display.server import Control, DisplayServer, Follower, run_display
 from tui.terminal.feed import Lost, Role
 
-from ..terminal.fake_recorder import FakeRecorder
+from ..terminal.fake_recorder import FakeRecorder, ready
 
 HOST = "127.0.0.1"
 PATIENCE_S = 30.0
@@ -46,6 +45,12 @@ class Page:
     recorder: FakeRecorder
     control: Control | None
 
+    @property
+    def number(self) -> str:
+        """The number that the terminal shows."""
+        assert self.control is not None
+        return self.control.secret
+
     async def post(self, place: str, **body: object) -> tuple[int, str]:
         own = {"Origin": self.guard.origin}
         async with self.http.post(self.guard.link + place, json=body, headers=own) as answer:
@@ -54,8 +59,7 @@ class Page:
 
 @asynccontextmanager
 async def display(control: Control | None = None) -> AsyncIterator[Page]:
-    recorder = FakeRecorder(in_control=False)
-    recorder.mark("vehicle", "check")
+    recorder = ready(in_control=False)
     guard, ended = Guard(HOST, listen(HOST, 0)), asyncio.Event()
     server = DisplayServer(guard, recorder, "MK", control)
     listening = asyncio.Event()
@@ -90,83 +94,71 @@ async def until(page: Page, topic: str, found: Callable[[Any], bool]) -> Any:
     raise AssertionError(topic)
 
 
-def test_a_page_is_sent_what_is_and_what_changes() -> None:
-    async def act() -> None:
-        async with display() as page:
-            first: dict[str, Any] = {}
-            async for topic, data in events(page):
-                first[topic] = data
-                if topic == "view" and data["headline"]["kind"] == "ready":
-                    break
-            assert first["role"] == {"control": False, "granted": False}
-            assert first["view"]["vehicle"] == "Ford Granada"
-            page.recorder.turn(Phase.ARMED)
-            await until(page, "view", lambda view: view["headline"]["word"] == ["BUMP", "NOW"])
-            assert await page.post("order", button="next") == (
-                403,
-                "enter the number that is shown at the terminal",
-            )
-            assert (await page.post("control", number="1"))[1] == "this display only looks on"
-            assert not [order for order in page.recorder.orders if isinstance(order, Hello)]
-
-    asyncio.run(act())
+async def test_a_page_is_sent_what_is_and_what_changes() -> None:
+    async with display() as page:
+        first: dict[str, Any] = {}
+        async for topic, data in events(page):
+            first[topic] = data
+            if topic == "view" and data["headline"]["kind"] == "ready":
+                break
+        assert first["role"] == {"control": False, "granted": False}
+        assert first["view"]["vehicle"] == "Ford Granada"
+        page.recorder.turn(Phase.ARMED)
+        await until(page, "view", lambda view: view["headline"]["word"] == ["BUMP", "NOW"])
+        assert await page.post("order", button="next") == (
+            403,
+            "enter the number that is shown at the terminal",
+        )
+        assert (await page.post("control", number="1"))[1] == "this display only looks on"
+        assert not [order for order in page.recorder.orders if isinstance(order, Hello)]
 
 
-def test_what_is_served_asks_for_nothing_from_elsewhere() -> None:
-    async def act() -> None:
-        async with display() as page:
-            async with page.http.get(page.guard.link) as answer:
-                text = await answer.text()
-                policy = answer.headers["Content-Security-Policy"]
-                assert answer.headers["X-Frame-Options"] == "DENY"
-            assert "default-src 'none'" in policy
-            assert "unsafe" not in policy
-            assert not re.search(r"\sstyle=|\son\w+=|<style", text), "refused by the policy"
-            places = re.findall(r'(?:src|href)="([^"]+)"', text)
-            assert {"app.js", "display.css"} <= set(places)
-            for place in places:
-                assert re.fullmatch(r"[\w.]+", place)
-                async with page.http.get(page.guard.link + place) as answer:
-                    assert answer.status == 200
-                    code = await answer.text()
-                    assert not re.search(r"https?://(?!www\.w3\.org/)", code), place
-                    assert "innerHTML" not in code
-
-    asyncio.run(act())
+async def test_what_is_served_asks_for_nothing_from_elsewhere() -> None:
+    async with display() as page:
+        async with page.http.get(page.guard.link) as answer:
+            text = await answer.text()
+            policy = answer.headers["Content-Security-Policy"]
+            assert answer.headers["X-Frame-Options"] == "DENY"
+        assert "default-src 'none'" in policy
+        assert "unsafe" not in policy
+        assert not re.search(r"\sstyle=|\son\w+=|<style", text), "refused by the policy"
+        places = re.findall(r'(?:src|href)="([^"]+)"', text)
+        assert {"app.js", "display.css"} <= set(places)
+        for place in places:
+            assert re.fullmatch(r"[\w.]+", place)
+            async with page.http.get(page.guard.link + place) as answer:
+                assert answer.status == 200
+                code = await answer.text()
+                assert not re.search(r"https?://(?!www\.w3\.org/)", code), place
+                assert "innerHTML" not in code
 
 
 @pytest.mark.parametrize("place", ["", "events", "app.js"])
-def test_unproven_are_refused(tmp_path: Path, place: str) -> None:
-    async def act() -> None:
-        async with display() as page:
-            link = page.guard.link
-            for other, headers in (
-                (f"{page.guard.origin}/{'A' * 43}/", {}),
-                (link, {"Host": "evil.example"}),
-                (link, {"Origin": "http://evil.example"}),
-            ):
-                async with page.http.get(other + place, headers=headers) as answer:
-                    assert answer.status == 403
-
-    asyncio.run(act())
+async def test_unproven_are_refused(tmp_path: Path, place: str) -> None:
+    async with display() as page:
+        link = page.guard.link
+        for other, headers in (
+            (f"{page.guard.origin}/{'A' * 43}/", {}),
+            (link, {"Host": "evil.example"}),
+            (link, {"Origin": "http://evil.example"}),
+        ):
+            async with page.http.get(other + place, headers=headers) as answer:
+                assert answer.status == 403
 
 
-def _with_control(act: Callable[[Page], Awaitable[None]]) -> list[Order]:
-    async def run() -> list[Order]:
-        async with display(Control()) as page:
-            await until(page, "view", lambda view: view["headline"]["kind"] == "ready")
-            await act(page)
-            return page.recorder.orders
-
-    return asyncio.run(run())
+@asynccontextmanager
+async def controlled() -> AsyncIterator[Page]:
+    """Give a page that may enter the number, once it shows that the recorder is ready."""
+    async with display(Control()) as page:
+        await until(page, "view", lambda view: view["headline"]["kind"] == "ready")
+        yield page
 
 
-def test_orders_need_the_number() -> None:
-    async def act(page: Page) -> None:
-        assert page.control is not None
+async def test_orders_need_the_number() -> None:
+    async with controlled() as page:
         assert (await page.post("order", button="next"))[0] == 403
         assert (await page.post("control", number="12"))[0] == 403
-        assert await page.post("control", number=page.control.secret) == (200, "")
+        assert await page.post("control", number=page.number) == (200, "")
         assert (await until(page, "role", lambda _: True)) == {"control": True, "granted": True}
         assert await page.post("order", button="next") == (200, "")
         page.recorder.publish()
@@ -177,8 +169,7 @@ def test_orders_need_the_number() -> None:
         await until(page, "view", lambda view: view["buttons"]["reject_target"] == label)
         assert (await page.post("order", button="reject", target="baseline_bounce_9"))[0] == 409
         assert (await page.post("order", button="reject", target=label))[0] == 200
-
-    orders = _with_control(act)
+    orders = page.recorder.orders
     assert [order for order in orders if isinstance(order, Arm | Reject)] == [
         Arm(),
         Reject("baseline_bounce_1"),
@@ -186,23 +177,23 @@ def test_orders_need_the_number() -> None:
     assert Hello("MK", control=True) in orders
 
 
-def test_a_terminal_in_control_is_named_and_can_be_followed() -> None:
-    async def act(page: Page) -> None:
-        assert page.control is not None
-        await page.post("control", number=page.control.secret)
+async def test_a_terminal_in_control_is_named_and_can_be_followed() -> None:
+    async with controlled() as page:
+        await page.post("control", number=page.number)
         page.recorder.refuse = "JL is in control (take over, or only watch)"
         code, error = await page.post("order", button="next")
         assert (code, error.partition(" (")[0]) == (423, "JL is in control")
         page.recorder.refuse = ""
+        page.recorder.full = True
+        assert await page.post("order", button="next") == (409, "the disk is full")
+        page.recorder.full = False
         assert (await page.post("order", button="next", take_over=True))[0] == 200
+    assert Hello("MK", control=True, take_over=True) in page.recorder.orders
 
-    assert Hello("MK", control=True, take_over=True) in _with_control(act)
 
-
-def test_orders_of_no_page_of_ours_are_refused() -> None:
-    async def act(page: Page) -> None:
-        assert page.control is not None
-        await page.post("control", number=page.control.secret)
+async def test_orders_of_no_page_of_ours_are_refused() -> None:
+    async with controlled() as page:
+        await page.post("control", number=page.number)
         place, own = f"{page.guard.link}order", {"Origin": page.guard.origin}
         body = b'{"button": "next"}'
         for headers, data in (
@@ -214,32 +205,28 @@ def test_orders_of_no_page_of_ours_are_refused() -> None:
         ):
             async with page.http.post(place, data=data, headers=headers) as answer:
                 assert answer.status in (403, 413), data
+    assert not [order for order in page.recorder.orders if isinstance(order, Arm)]
 
-    assert not [order for order in _with_control(act) if isinstance(order, Arm)]
 
-
-def test_a_page_that_does_not_read_misses_states_and_delays_no_other() -> None:
-    async def act() -> None:
-        recorder = FakeRecorder()
-        follower = Follower(recorder)
-        follower.start()
-        slow, quick = follower.messages(), follower.messages()
-        for reader in (slow, quick):
-            assert b"waiting for the recorder" in await anext(reader)
-        for number in range(100):
-            follower.take(replace(recorder.status, vehicle=f"T{number}"))
-            assert b'"T%d"' % number in await anext(quick)
-        assert b'"T99"' in await anext(slow), "the newest alone"
-        await asyncio.sleep(0)
-        follower.take(replace(recorder.status, vehicle="T99"))
-        while (message := await anext(quick)).startswith(b"event: view"):
-            assert b'"T99"' in message
-        assert message == b"event: beat\ndata: \n\n", "nothing new within a second"
-        follower.close()
-        with pytest.raises(StopAsyncIteration):
-            await anext(quick)
-
-    asyncio.run(act())
+async def test_a_page_that_does_not_read_misses_states_and_delays_no_other() -> None:
+    recorder = FakeRecorder()
+    follower = Follower(recorder)
+    follower.start()
+    slow, quick = follower.messages(), follower.messages()
+    for reader in (slow, quick):
+        assert b"waiting for the recorder" in await anext(reader)
+    for number in range(100):
+        follower.take(replace(recorder.status, vehicle=f"T{number}"))
+        assert b'"T%d"' % number in await anext(quick)
+    assert b'"T99"' in await anext(slow), "the newest alone"
+    await asyncio.sleep(0)
+    follower.take(replace(recorder.status, vehicle="T99"))
+    while (message := await anext(quick)).startswith(b"event: view"):
+        assert b'"T99"' in message
+    assert message == b"event: beat\ndata: \n\n", "nothing new within a second"
+    follower.close()
+    with pytest.raises(StopAsyncIteration):
+        await anext(quick)
 
 
 MALFORMED = (
@@ -391,12 +378,8 @@ def test_only_a_fault_of_its_own_ends_a_display(tmp_path: Path) -> None:
             run_display(tmp_path, "here", "MK", False, announce)
 
 
-@pytest.mark.parametrize("recorder", [False, True])
-def test_the_command_writes_link_and_number_and_whether_a_recorder_runs(
-    recorder: bool,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+def test_the_command_writes_link_and_number_beside_a_recorder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     asked: list[tuple[Any, ...]] = []
     served = Served("http://127.0.0.1:8010/token/", "127.0.0.1", "493217")
@@ -406,16 +389,14 @@ def test_the_command_writes_link_and_number_and_whether_a_recorder_runs(
         announce(served, lambda: None)
 
     monkeypatch.setattr(server, "run_display", serve)
-    monkeypatch.setattr("daq.control.address.is_running", lambda _: recorder)
+    monkeypatch.setattr("daq.control.address.is_running", lambda _: True)
     monkeypatch.setattr("getpass.getuser", lambda: "somebody")
     monkeypatch.setattr("sys.stdin", io.StringIO())
     assert run(["display", str(tmp_path)]) == 0
     lines = capsys.readouterr().err.splitlines()
     assert lines[0] == f"display: open {served.link}"
     assert lines[1].startswith("control: type 493 217")
-    waits = f"bumpbench: {tmp_path}: no recorder runs there; the page waits for one"
-    assert [line.startswith(waits) for line in lines[2:-1]] == [True] * (not recorder)
-    assert lines[-1] == "bumpbench: the display has ended; the recorder goes on"
+    assert lines[2:] == ["bumpbench: the display has ended; the recorder goes on"]
     words = ["--host", "lan", "--control", "--operator", "MK", "--json"]
     assert run(["display", str(tmp_path), *words]) == 0
     assert json.loads(capsys.readouterr().out)["link"] == served.link
@@ -434,47 +415,24 @@ def test_wrong_numbers_are_forgotten_after_a_minute_one_by_one() -> None:
     assert "wait a minute" in control.grant("493217", 69.9)[1]
 
 
-def test_an_order_that_the_recorder_refuses_is_said_on_the_page(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    async def act() -> None:
-        async with display(Control()) as page:
-            assert page.control is not None
-            await page.post("control", number=page.control.secret)
-            ask = page.recorder.ask
+async def test_a_lost_recorder_is_shown_and_takes_no_order() -> None:
+    recorder = FakeRecorder()
+    follower = Follower(recorder)
 
-            async def refusing(order: Order) -> Reply:
-                if isinstance(order, Arm):
-                    raise OrderRefusedError("the disk is full")
-                return await ask(order)
+    async def shown() -> Any:
+        message = await anext(follower.messages())
+        return json.loads(message.partition(b"data: ")[2])
 
-            monkeypatch.setattr(page.recorder, "ask", refusing)
-            assert await page.post("order", button="next") == (409, "the disk is full")
-
-    asyncio.run(act())
-
-
-def test_a_lost_recorder_is_shown_and_takes_no_order() -> None:
-    async def act() -> None:
-        recorder = FakeRecorder()
-        follower = Follower(recorder)
-
-        async def shown() -> Any:
-            message = await anext(follower.messages())
-            return json.loads(message.partition(b"data: ")[2])
-
-        assert follower.status is None
-        follower.start()
-        for _ in range(9):
-            await asyncio.sleep(0)
-        assert (await shown())["vehicle"] == "Ford Granada"
-        follower.take(Role(True))
-        assert follower.status is not None
-        follower.take(Lost("it has ended", "see its log"))
-        assert (await shown())["headline"]["kind"] == "lost"
-        assert follower.status is None
-
-    asyncio.run(act())
+    assert follower.status is None
+    follower.start()
+    for _ in range(9):
+        await asyncio.sleep(0)
+    assert (await shown())["vehicle"] == "Ford Granada"
+    follower.take(Role(True))
+    assert follower.status is not None
+    follower.take(Lost("it has ended", "see its log"))
+    assert (await shown())["headline"]["kind"] == "lost"
+    assert follower.status is None
 
 
 def test_the_usual_port_is_taken_if_it_is_free() -> None:
@@ -522,5 +480,6 @@ def test_a_display_is_served_until_it_is_ended(
     lines = said.getvalue().splitlines()
     assert lines[0].startswith("display: open http://127.0.0.1:")
     assert lines[1].startswith("control: type ")
-    assert "no recorder runs there" in lines[2]
+    waits = f"bumpbench: {tmp_path}: no recorder runs there; the page waits for one"
+    assert lines[2].startswith(waits)
     assert lines[3] == "bumpbench: the display has ended; the recorder goes on"

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import pytest
 
@@ -13,14 +12,12 @@ from daq.runs import Excitation
 from tui.display.view import Kind, View, order_of, view
 from tui.terminal.feed import Lost
 
-from ..terminal.fake_recorder import DOUBLE_BUMP, FakeRecorder
+from ..terminal.fake_recorder import DOUBLE_BUMP, FakeRecorder, ready
 
 
 @pytest.fixture
 def recorder() -> FakeRecorder:
-    made = FakeRecorder()
-    made.mark("vehicle", "check")
-    return made
+    return ready()
 
 
 def shown(recorder: FakeRecorder) -> View:
@@ -132,13 +129,6 @@ def test_rows_follow_what_is_due(recorder: FakeRecorder) -> None:
     page = shown(recorder)
     assert [row.kind for row in page.rows] == ["bounce", "pitch", "roll"] * 2
     assert [row.due for row in page.rows] == [True, False, False, False, False, False]
-
-
-def test_the_view_is_plain_json(recorder: FakeRecorder) -> None:
-    recorder.bump()
-    recorder.judge(DOUBLE_BUMP)
-    page = json.loads(json.dumps(asdict(shown(recorder)), allow_nan=False))
-    assert page["headline"]["kind"] == "again"
 
 
 def test_what_the_buttons_do(recorder: FakeRecorder) -> None:

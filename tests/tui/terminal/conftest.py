@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import inspect
 import os
 from collections.abc import Callable
 from functools import partialmethod
@@ -19,6 +18,7 @@ from textual.css.tokenize import tokenize_values
 from textual.pilot import Pilot
 from textual.screen import Screen
 
+from daq.control.messages import Setup
 from tui.terminal.app import BenchApp
 from tui.terminal.words import Glyphs, choose_glyphs
 
@@ -51,16 +51,6 @@ def screen_text(app: App[None]) -> str:
     """Return what is on the screen: the only place that knows Textual's compositor."""
     strips = app.screen._compositor.render_strips()
     return "\n".join("".join(s.text for s in strip).rstrip() for strip in strips) + "\n"
-
-
-@pytest.hookimpl(tryfirst=True)
-def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
-    """Run a coroutine of a test in a loop of its own."""
-    if not inspect.iscoroutinefunction(pyfuncitem.obj):
-        return None
-    wanted = inspect.signature(pyfuncitem.obj).parameters
-    asyncio.run(pyfuncitem.obj(**{name: pyfuncitem.funcargs[name] for name in wanted}))
-    return True
 
 
 _run_test = App.run_test
@@ -197,11 +187,12 @@ def make_app(tmp_path: Path) -> Callable[..., BenchApp]:
         clock: Callable[[], float] | None = None,
         auto: bool = False,
         theme: str = "bench-dark",
+        wanted: Setup | None = None,
     ) -> BenchApp:
         ticks = iter(range(1_000_000))
         chosen: Glyphs = choose_glyphs(glyphs, {})
         by_itself = clock or (lambda: float(next(ticks)))
-        return BenchApp(recorder, tmp_path, chosen, "MK", theme, auto, by_itself)
+        return BenchApp(recorder, tmp_path, chosen, "MK", theme, auto, by_itself, wanted=wanted)
 
     return make
 

@@ -79,6 +79,13 @@ def _parsed(text: str) -> Bench:
     return parse_bench(text, "bench.toml", Path(), dbc_text="")
 
 
+def ready(in_control: bool = True) -> FakeRecorder:
+    """Return a recorder before its first bump."""
+    recorder = FakeRecorder(in_control=in_control)
+    recorder.mark("vehicle", "check")
+    return recorder
+
+
 class FakeRecorder(RecorderFeed):
     """A feed whose recorder is turned by the test.
 
@@ -102,13 +109,13 @@ class FakeRecorder(RecorderFeed):
         self.in_control, self.check = in_control, check
         self.run_log = RunLog()
         self.orders: list[Order] = []
-        self.refuse = ""
+        self.refuse, self.full = "", False
         self.changes: dict[str, Any] = {}
         """Fields of `Status` that a test wants otherwise."""
         self.phase, self.armed = Phase.IDLE, False
         self.t_ns = WALL_NS
         self.bump_ns = 0
-        self.restarts = 0
+        self.restarts = self.takes_over = 0
         self.setup: Setup | None = None
         self._post: Callable[[News], None] = lambda _: None
 
@@ -125,6 +132,7 @@ class FakeRecorder(RecorderFeed):
         self._post = lambda _: None
 
     def take_over(self) -> None:
+        self.takes_over += 1
         self.in_control = True
         self._post(Role(True))
 
@@ -135,6 +143,8 @@ class FakeRecorder(RecorderFeed):
         self.orders.append(order)
         if self.refuse:
             raise OrderRefusedError(self.refuse)
+        if self.full and isinstance(order, Arm):
+            raise OrderRefusedError("the disk is full")
         match order:
             case AskBench():
                 return Reply(bench_text=self.bench_text)

@@ -8,7 +8,7 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pytest
@@ -16,6 +16,7 @@ from textual.app import App, ComposeResult
 from textual.events import Event, Key
 from textual.keys import _character_to_key
 from textual.pilot import Pilot
+from textual.screen import Screen
 from textual.widget import Widget
 
 from daq.bench.config import Bench
@@ -302,12 +303,29 @@ def text(widget: Any) -> list[str]:
     return str(widget.render()).splitlines()
 
 
+SMALL = (80, 24)
+
+
 @asynccontextmanager
-async def playing(app: BenchApp, size: tuple[int, int]) -> AsyncIterator[Pilot[None]]:
+async def playing(app: BenchApp, size: tuple[int, int] = SMALL) -> AsyncIterator[Pilot[None]]:
     """Run an app until it has settled."""
     async with app.run_test(size=size) as pilot:
         await pilot.pause()
         yield pilot
+
+
+Kind = TypeVar("Kind", bound=Screen[Any])
+
+
+@asynccontextmanager
+async def on_screen(
+    app: BenchApp, kind: type[Kind], size: tuple[int, int] = SMALL
+) -> AsyncIterator[tuple[Pilot[None], Kind]]:
+    """Run an app until it shows a screen of this kind and has its bench; give that screen."""
+    async with playing(app, size) as pilot:
+        await reach(pilot, kind)
+        assert isinstance(app.screen, kind)
+        yield pilot, app.screen
 
 
 @asynccontextmanager

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 from textual.widgets import Input, Static
@@ -12,21 +11,17 @@ from textual.widgets import Input, Static
 from daq.alarms.texts import EXPLAINED
 from daq.bench.campaign import Origin
 from daq.control.messages import Alarm, Arm, Hello, Phase, Setup, ShutDown, Stop, differences
-from tui.cli import run
-from tui.diagnostics import ExitCode
 from tui.display.link import Served
-from tui.terminal.app import BenchApp
 from tui.terminal.feed import STARTING, Lost, News, Role
 from tui.terminal.screens.bumping import HomeScreen, RunScreen
 from tui.terminal.widgets import HelpScreen
-from tui.terminal.words import DisplayLink, Signal, choose_glyphs
+from tui.terminal.words import DisplayLink, Signal
 
 from .conftest import screen_text
-from .fake_recorder import DOUBLE_BUMP, FakeRecorder
-from .operated import Make, commands, pressed, seen, until
+from .fake_recorder import DOUBLE_BUMP, FakeRecorder, ready
+from .operated import Make, commands, playing, pressed, seen, until
 from .test_words import alarmed
 
-SMALL = (80, 24)
 SIZES = (
     (80, 24, "-narrow", "-low"),
     (119, 35, "-narrow", "-low"),
@@ -37,11 +32,9 @@ SIZES = (
 
 
 async def test_screens_change_at_120_and_180_columns_and_at_36_rows(make_app: Make) -> None:
-    recorder = FakeRecorder()
-    recorder.mark("vehicle", "check")
+    recorder = ready()
     app = make_app(recorder)
-    async with app.run_test(size=(100, 30)) as pilot:
-        await pilot.pause()
+    async with playing(app, (100, 30)) as pilot:
         for columns, rows, wide, tall in SIZES:
             await pilot.resize_terminal(columns, rows)
             await pilot.pause()
@@ -56,25 +49,12 @@ async def test_screens_change_at_120_and_180_columns_and_at_36_rows(make_app: Ma
 
 
 async def test_keys_of_every_screen(make_app: Make, monkeypatch: pytest.MonkeyPatch) -> None:
-    recorder = FakeRecorder()
-    recorder.mark("vehicle", "check")
-    taken: list[int] = []
+    recorder = ready()
     said: list[str | None] = []
-    monkeypatch.setattr(recorder, "take_over", lambda: taken.append(1))
     app = make_app(recorder)
-    async with app.run_test(size=(100, 30)) as pilot:
-        await pilot.pause()
+    async with playing(app, (100, 30)) as pilot:
         await pressed(pilot, "c")
-        assert taken == [], "it has control"
-        recorder.post(Role(False, "JL is in control"))
-        recorder.publish()
-        await pilot.pause()
-        await pressed(pilot, "c")
-        assert taken == [1]
-        await pressed(pilot, "f1")
-        assert isinstance(app.screen, HelpScreen)
-        await pressed(pilot, "f1")
-        assert not isinstance(app.screen, HelpScreen)
+        assert recorder.takes_over == 0, "it has control"
         assert "Ctrl+Q closes the terminal" in await pressed(pilot, "ctrl+c")
         status = recorder.status
         for _ in range(1300):
@@ -93,27 +73,14 @@ async def test_keys_of_every_screen(make_app: Make, monkeypatch: pytest.MonkeyPa
     assert lost is None, "no recorder goes on"
 
 
-def test_without_a_terminal_nothing_is_started(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(["tui", "--demo", "--out", str(tmp_path / "demo")]) == ExitCode.BAD_INPUT
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1
-    assert "is not a terminal" in said
-    assert not (tmp_path / "demo").exists()
-
-
 async def test_the_name_is_asked_for_once_if_nobody_has_said_it(
-    make_app: Callable[..., BenchApp],
+    make_app: Make,
 ) -> None:
-    recorder = FakeRecorder()
-    recorder.mark("vehicle", "check")
+    recorder = ready()
     app = make_app(recorder)
     app.operator = ""
 
-    async with app.run_test(size=(80, 24)) as pilot:
-        await pilot.pause()
-        await pilot.pause()
+    async with playing(app) as pilot:
         assert "Your name or initials" in screen_text(app)
         await pilot.press(*"Anna", "enter")
         await pilot.pause()
@@ -135,8 +102,7 @@ async def test_before_the_first_status_keys_act_on_what_is_there(make_app: Make)
     recorder.mark("vehicle")
     app = make_app(recorder)
     assert app.bench_text == ""
-    async with app.run_test(size=SMALL) as pilot:
-        await pilot.pause()
+    async with playing(app) as pilot:
         rows = screen_text(app).splitlines()
         assert rows[0] == " BUMP  waiting for the recorder"
         assert "X " not in rows[-1]
@@ -160,21 +126,15 @@ RUNNING = Setup(Origin.SIMULATED, 1)
 MENU = "SPACE = attach to it as it is"
 
 
-def _app(recorder: FakeRecorder, folder: Path, wanted: Setup | None) -> BenchApp:
-    glyphs = choose_glyphs("braille", {})
-    return BenchApp(recorder, folder, glyphs, "MK", wanted=wanted)
-
-
 @pytest.mark.parametrize(("key", "attached"), [("space", True), ("escape", False)])
 async def test_another_recorder_is_attached_to_or_left_as_the_operator_says(
-    tmp_path: Path, key: str, attached: bool
+    make_app: Make, key: str, attached: bool
 ) -> None:
     recorder = FakeRecorder()
     recorder.setup = RUNNING
     recorder.changes["origin"] = Origin.SIMULATED
-    app = _app(recorder, tmp_path, Setup(Origin.REAL))
-    async with app.run_test(size=(100, 30)) as pilot:
-        await pilot.pause()
+    app = make_app(recorder, wanted=Setup(Origin.REAL))
+    async with playing(app, (100, 30)) as pilot:
         asked = " ".join(screen_text(app).replace("│", " ").split())
         assert "it records a simulated car, not a real bus" in asked
         await pilot.press(key)
@@ -205,43 +165,16 @@ def test_what_differs_is_named_and_what_was_not_asked_for_is_not(wanted: Setup, 
     assert bool(differences(SAME, wanted)) is bool(words)
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (["--demo", "--replay", "x.h5"], "cannot be combined"),
-        (["BENCH"], "bench.toml"),
-        (["--demo", "BENCH"], "bench.toml"),
-        (["--web", "BENCH"], "bench.toml"),
-        (["--interface", "virtual", "--channel", "x"], "does not reach other processes"),
-    ],
-)
-def test_a_bad_bench_or_option_starts_no_recorder(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], words: str
-) -> None:
-    bad = tmp_path / "bench.toml"
-    bad.write_text("[vehicle]\nwheels = 5\n")
-    given = [str(bad) if option == "BENCH" else option for option in options]
-    code = run(["tui", *given, "--out", str(tmp_path / "out")])
-    assert code == ExitCode.BAD_INPUT
-    said = capsys.readouterr().err
-    assert words in said
-    assert said.count("\n") == 1
-    assert not (tmp_path / "out").exists()
-
-
 LINK = "http://192.0.2.7:8010/Zm9vYmFyYmF6Zm9vYmFyYmF6Zm9vYmFyYmF6Zm9vYmF/"
 
 
-async def test_the_terminal_shows_link_and_code(make_app: Callable[..., BenchApp]) -> None:
-    recorder = FakeRecorder()
-    recorder.mark("vehicle", "check")
+async def test_the_terminal_shows_link_and_code(make_app: Make) -> None:
+    recorder = ready()
     app = make_app(recorder)
     code = Served(LINK, "192.0.2.7", "").code
     words = (f"display: open {LINK}", "warning: ...", "control: type 1")
     app.display_link = DisplayLink(words, code)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await pilot.pause()
-        await pilot.pause()
+    async with playing(app) as pilot:
         shown = screen_text(app)
         assert all(line.strip() in shown for line in code), "the whole code fits"
         assert "control: type 1" in shown
@@ -253,20 +186,12 @@ async def test_the_terminal_shows_link_and_code(make_app: Callable[..., BenchApp
         assert "display: link" not in commands(app)
 
 
-def bench() -> FakeRecorder:
-    """Return a recorder before its first bump."""
-    recorder = FakeRecorder()
-    recorder.mark("vehicle", "check")
-    return recorder
-
-
 async def test_the_step_bar_is_of_what_the_screen_shows(make_app: Make) -> None:
-    recorder = bench()
+    recorder = ready()
     recorder.finish("baseline")
     recorder.mark("masses")
     app = make_app(recorder)
-    async with app.run_test(size=SMALL) as pilot:
-        await pilot.pause()
+    async with playing(app) as pilot:
         await pilot.press("3")  # its bumps are done: home shows those with weights
         assert "next: added bounce 1 of 2" in screen_text(app).splitlines()[2]
         assert "[5 Added]" in screen_text(app).splitlines()[1]
@@ -278,11 +203,9 @@ async def test_the_step_bar_is_of_what_the_screen_shows(make_app: Make) -> None:
 async def test_home_gives_way_to_a_run_that_somebody_else_has_armed(
     make_app: Make, in_control: bool
 ) -> None:
-    recorder = FakeRecorder(in_control=in_control)
-    recorder.mark("vehicle", "check")
+    recorder = ready(in_control)
     app = make_app(recorder)
-    async with app.run_test(size=SMALL) as pilot:
-        await pilot.pause()
+    async with playing(app) as pilot:
         assert isinstance(app.screen, HomeScreen)
         recorder.turn(Phase.ARMED)
         await until(pilot, lambda: isinstance(app.screen, RunScreen))
@@ -301,16 +224,14 @@ async def test_home_gives_way_to_a_run_that_somebody_else_has_armed(
 async def test_the_gravest_alarm_is_shown_unless_the_recorder_is_lost(
     make_app: Make,
 ) -> None:
-    recorder = FakeRecorder()
-    recorder.mark("vehicle", "check")
+    recorder = ready()
     recorder.bump()
     recorder.judge(DOUBLE_BUMP)
     recorder.phase = Phase.IDLE
     long = Alarm("bus_full", "can0 at the front", "frames " * 14, EXPLAINED["bus_full"].advice, 0)
     recorder.changes = {"alarms": (long, *alarmed("stale").alarms), "sensors_alive": 3}
     app = make_app(recorder)
-    async with app.run_test(size=SMALL) as pilot:
-        await pilot.pause()
+    async with playing(app) as pilot:
         shown = " ".join(screen_text(app).replace("│", " ").split())
         assert "STOP BUS OVERLOADED can0 at the front" in shown
         assert shown.count("or raise the bit rate") == 2, "the advice of the gravest is never cut"
@@ -331,12 +252,10 @@ async def test_the_bell_rings_in_the_rhythm_of_the_event(
     make_app: Make, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert len({signal.value for signal in Signal}) == len(Signal)
-    recorder = FakeRecorder()
-    recorder.mark("vehicle", "check")
+    recorder = ready()
     app = make_app(recorder)
     rung: list[float] = []
-    async with app.run_test(size=SMALL) as pilot:
-        await pilot.pause()
+    async with playing(app) as pilot:
         monkeypatch.setattr(app, "bell", lambda: rung.append(0.0))
         monkeypatch.setattr(app, "set_timer", lambda at_s, _: rung.append(at_s))
         recorder.turn(Phase.ARMED)
@@ -351,11 +270,9 @@ async def test_the_bell_rings_in_the_rhythm_of_the_event(
 
 
 async def test_a_lost_recorder_has_its_key_on_every_screen(make_app: Make) -> None:
-    recorder = FakeRecorder()
-    recorder.mark("vehicle", "check")
+    recorder = ready()
     app = make_app(recorder)
-    async with app.run_test(size=SMALL) as pilot:
-        await pilot.pause()
+    async with playing(app) as pilot:
         for number, name in enumerate(("vehicle", "results"), start=1):
             await app.open(name)
             if name == "vehicle":

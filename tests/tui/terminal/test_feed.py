@@ -85,16 +85,6 @@ def test_a_recorder_is_lost_where_its_process_is_gone_or_takes_too_long(
     assert not listener._is_starting()
 
 
-def test_a_restart_is_reported_as_one(tmp_path: Path) -> None:
-    started: list[int] = []
-    listener = RecorderFeed(tmp_path, "MK", lambda: started.append(1))
-    posted: list[News] = []
-    listener._post = posted.append
-    listener.restart()
-    assert started == [1]
-    assert posted == [feed.STARTING]
-
-
 @pytest.mark.parametrize("runs", [False, True])
 def test_a_recorder_is_started_where_none_answers(
     runs: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -262,8 +252,11 @@ def test_a_recorder_is_started_when_the_one_before_has_ended(
     monkeypatch.setattr("tui.terminal.feed.time.sleep", sleep)
     monkeypatch.setattr(feed, "is_locked", lambda _: clock[0] < 20.0)
     listener = RecorderFeed(tmp_path, "MK", lambda: started.append(clock[0]))
+    posted: list[News] = []
+    listener._post = posted.append
     listener.restart()
     assert (started, slept) == ([20.0], [0.1] * 4)
+    assert posted == [feed.STARTING]
     clock[0] = 0.0
     monkeypatch.setattr(feed, "is_locked", lambda _: True)
     with pytest.raises(OrderRefusedError, match="has not ended: see its log"):

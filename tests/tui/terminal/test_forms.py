@@ -44,9 +44,9 @@ from .operated import (
     check_items,
     cursor,
     front,
+    on_screen,
     orders_of,
     pressed,
-    reach,
     seen,
 )
 
@@ -62,6 +62,13 @@ MEASURED = EMPTY | {
 }
 WEIGHT = {"place": "body", "mass_kg": "20", "sigma_kg": "0.01", "x_m": "-0.4",
           "y_m": "0.55", "position_sigma_m": "0.005", "height_m": "0"}  # fmt: skip
+
+
+def errors_of(typed: dict[str, str], vehicle: dict[str, str]) -> tuple[FieldError, ...]:
+    """Return the errors of a weight, or of the vehicle, with what was typed into its fields."""
+    if typed.keys() <= WEIGHT.keys():
+        return check_weight(WEIGHT | typed)
+    return check_vehicle(vehicle | typed)
 
 
 @pytest.mark.parametrize(
@@ -80,20 +87,6 @@ WEIGHT = {"place": "body", "mass_kg": "20", "sigma_kg": "0.01", "x_m": "-0.4",
         ("operator", "M", "", "x" * 40, "x" * 41),
         ("method", "drop", "", "push", "kick"),
         ("flag.cg_offset", "yes", "perhaps", "no", "1"),
-    ],
-)
-def test_a_field_of_the_vehicle_takes_its_limits_and_nothing_beyond(
-    name: str, lowest: str, below: str, highest: str, above: str
-) -> None:
-    for typed in (lowest, highest):
-        assert check_vehicle(EMPTY | {name: typed}) == ()
-    for typed in (below, above):
-        assert [error.field for error in check_vehicle(EMPTY | {name: typed})] == [name]
-
-
-@pytest.mark.parametrize(
-    ("name", "lowest", "below", "highest", "above"),
-    [
         ("mass_kg", "0.1", "0.09", "500", "501"),
         ("sigma_kg", "0", "-0.1", "5", "5.01"),
         ("x_m", "-8", "-8.1", "3", "3.1"),
@@ -102,14 +95,13 @@ def test_a_field_of_the_vehicle_takes_its_limits_and_nothing_beyond(
         ("height_m", "-1", "-1.1", "2", "2.1"),
     ],
 )
-def test_a_field_of_a_weight_takes_its_limits_and_nothing_beyond(
+def test_a_field_takes_its_limits_and_nothing_beyond(
     name: str, lowest: str, below: str, highest: str, above: str
 ) -> None:
     for typed in (lowest, highest):
-        assert check_weight(WEIGHT | {name: typed}) == ()
+        assert errors_of({name: typed}, EMPTY) == ()
     for typed in (below, above):
-        errors = check_weight(WEIGHT | {name: typed})
-        assert {error.field for error in errors} >= {name}
+        assert [error.field for error in errors_of({name: typed}, EMPTY)] == [name]
 
 
 @pytest.mark.parametrize(
@@ -131,31 +123,19 @@ def test_a_field_of_a_weight_takes_its_limits_and_nothing_beyond(
          "0 mm is not above 0 (limit: above 0, up to 200 mm)"),
         ({"bump.bounce": "no", "bump.pitch": "no", "bump.roll": "no"}, "bump.bounce",
          "nothing would be bumped (limit: at least one"),
-    ],
-)  # fmt: skip
-def test_each_error_names_field_limit_and_reason(
-    typed: dict[str, str], field: str, words: str
-) -> None:
-    (error,) = check_vehicle(MEASURED | typed)
-    assert error.field == field
-    assert words in error.text
-    assert error.text.isprintable()
-
-
-@pytest.mark.parametrize(
-    ("typed", "field", "words"),
-    [
         ({"place": "roof"}, "place", "'roof' is not on the list (limit: one of body, FL, FR"),
         ({"mass_kg": ""}, "mass_kg", "Mass: is empty, and is needed (limit: 0.1 to 500 kg)"),
         ({"x_m": ""}, "x_m", "x: is empty, and is needed (limit: -8 to 3 m)"),
         ({"x_m": "-400"}, "x_m", "-400 m is below the limit"),
     ],
-)
-def test_each_error_of_a_weight_names_field_limit_and_reason(
+)  # fmt: skip
+def test_each_error_names_field_limit_and_reason(
     typed: dict[str, str], field: str, words: str
 ) -> None:
-    errors = check_weight(WEIGHT | typed)
-    assert words in next(error.text for error in errors if error.field == field)
+    (error,) = errors_of(typed, MEASURED)
+    assert error.field == field
+    assert words in error.text
+    assert error.text.isprintable()
 
 
 def test_a_form_is_without_errors_where_all_fits() -> None:
@@ -254,27 +234,17 @@ async def test_a_form_is_filled_marked_and_sent() -> None:
         assert labels == ["Car", " Name ", " Kind ", " Bars ", "!Mass, kg ", " ± "]
 
 
-def _loaded() -> FakeRecorder:
+def loaded() -> FakeRecorder:
     recorder = FakeRecorder(check=check_items())
     recorder.mark("vehicle", "check")
     recorder.finish("baseline")
     return recorder
 
 
-def weighed() -> FakeRecorder:
-    recorder = FakeRecorder()
-    recorder.mark("vehicle", "check")
-    recorder.finish("baseline")
-    return recorder
-
-
 async def test_a_weight_is_added_edited_and_taken_off(make_app: Make) -> None:
-    recorder = weighed()
+    recorder = loaded()
     app = make_app(recorder)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await reach(pilot, MassesScreen)
-        screen = app.screen
-        assert isinstance(screen, MassesScreen)
+    async with on_screen(app, MassesScreen) as (pilot, screen):
         count = len(screen._weights)
         await pressed(pilot, "a", *"12.5")
         await pressed(pilot, "ctrl+s")
@@ -307,12 +277,9 @@ async def test_a_weight_is_added_edited_and_taken_off(make_app: Make) -> None:
 
 
 async def test_space_bolts_one_weight_after_the_other_and_goes_on(make_app: Make) -> None:
-    recorder = _loaded()
+    recorder = loaded()
     app = make_app(recorder)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await reach(pilot, MassesScreen)
-        screen = app.screen
-        assert isinstance(screen, MassesScreen)
+    async with on_screen(app, MassesScreen) as (pilot, screen):
         count = len(screen._weights)
         assert "SPACE = weight 1 is bolted" in seen(app)
         assert "SPACE = look at 1" in await pressed(pilot, "down")
@@ -349,9 +316,8 @@ def test_a_draft_of_the_weights_is_read_back() -> None:
 async def test_weights_survive_a_crash_and_esc_discards_what_is_typed(
     make_app: Make, snapshot: Callable[..., None]
 ) -> None:
-    app = make_app(_loaded())
-    async with app.run_test(size=(140, 40)) as pilot:
-        await reach(pilot, MassesScreen)
+    app = make_app(loaded())
+    async with on_screen(app, MassesScreen, (140, 40)) as (pilot, _):
         await pressed(pilot, "space")
         snapshot(app, "masses_140x40")
         await pilot.resize_terminal(80, 24)
@@ -363,7 +329,6 @@ async def test_weights_survive_a_crash_and_esc_discards_what_is_typed(
         await pilot.press("escape", "a")
         await pilot.pause()
         assert "2x" not in seen(app)
-    after = make_app(_loaded())
-    async with after.run_test(size=(80, 24)) as pilot:
-        await reach(pilot, MassesScreen)
+    after = make_app(loaded())
+    async with on_screen(after, MassesScreen) as (pilot, _):
         assert " 1 ✓ yes  body" in screen_text(after)

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable
 from functools import partial
 
 from textual.events import AppBlur
-from textual.pilot import Pilot
 from textual.widgets import Input
 
 from daq.control.messages import (
@@ -16,7 +15,6 @@ from daq.control.messages import (
     AskCheck,
     Build,
     Note,
-    Order,
     Pause,
     Phase,
     Redo,
@@ -37,7 +35,7 @@ from tui.terminal.widgets import HelpScreen, page_of
 
 from ...house.test_walks import walked
 from .conftest import screen_text
-from .fake_recorder import DOUBLE_BUMP, FakeRecorder
+from .fake_recorder import DOUBLE_BUMP, FakeRecorder, ready
 from .operated import (
     FakeWorker,
     Make,
@@ -46,42 +44,23 @@ from .operated import (
     burst,
     commands,
     measured,
+    on_screen,
     orders_of,
     playing,
     pressed,
-    reach,
     seen,
     shows,
     until,
 )
 
-MakeApp = Callable[..., BenchApp]
 
-
-def _bench() -> FakeRecorder:
-    recorder = FakeRecorder()
-    recorder.mark("vehicle", "check")
-    return recorder
-
-
-def _given(recorder: FakeRecorder, kind: type) -> list[Order]:
-    return [order for order in recorder.orders if isinstance(order, kind)]
-
-
-async def _press(pilot: Pilot[None], *keys: str) -> None:
-    for key in keys:
-        await pilot.press(key)
-        await pilot.pause()
-
-
-async def test_a_campaign_step_by_space_alone(make_app: MakeApp) -> None:
-    recorder = _bench()
+async def test_a_campaign_step_by_space_alone(make_app: Make) -> None:
+    recorder = ready()
     app = make_app(recorder)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await pilot.pause()
+    async with playing(app) as pilot:
         assert isinstance(app.screen, HomeScreen)
         for _ in range(3):  # bounce, pitch, roll
-            await _press(pilot, "space")
+            await pressed(pilot, "space")
             assert isinstance(app.screen, RunScreen)
             for _ in range(2):
                 recorder.bump()
@@ -89,19 +68,18 @@ async def test_a_campaign_step_by_space_alone(make_app: MakeApp) -> None:
                 await pilot.pause()
             recorder.turn(Phase.IDLE)
             await pilot.pause()
-        assert len(_given(recorder, Arm)) == 3
-        await _press(pilot, "space")
+        assert len(orders_of(recorder, Arm)) == 3
+        await pressed(pilot, "space")
         assert app.step is BenchStep.MASSES
 
 
-async def test_a_bump_passes_few_files(make_app: MakeApp) -> None:
+async def test_a_bump_passes_few_files(make_app: Make) -> None:
     """From SPACE to the verdict on the screen: in the terminal, without socket and recorder."""
-    recorder = _bench()
+    recorder = ready()
     app = make_app(recorder)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await pilot.pause()
+    async with playing(app) as pilot:
         with walked() as files:
-            await _press(pilot, "space")
+            await pressed(pilot, "space")
             recorder.bump()
             recorder.judge()
             await pilot.pause()
@@ -110,30 +88,29 @@ async def test_a_bump_passes_few_files(make_app: MakeApp) -> None:
     assert len(files) <= 15, sorted(files)
 
 
-async def test_a_held_key_counts_once(make_app: MakeApp) -> None:
-    recorder = _bench()
+async def test_a_held_key_counts_once(make_app: Make) -> None:
+    recorder = ready()
     recorder.bump()
     recorder.judge()
     recorder.phase = Phase.PAUSED
     now_s = 0.0
     app = make_app(recorder, clock=lambda: now_s)
-    async with app.run_test() as pilot:
-        await pilot.pause()
+    async with playing(app) as pilot:
         for _ in range(12):  # the keyboard repeats thirty times a second
             await pilot.press("backspace")
             now_s += 0.03
-        assert len(_given(recorder, Reject)) == 1
+        assert len(orders_of(recorder, Reject)) == 1
         now_s += 0.31
         await pilot.press("backspace")
         await pilot.pause()
-        assert len(_given(recorder, Reject)) == 2
+        assert len(orders_of(recorder, Reject)) == 2
         await pilot.press("pageup")  # the presenter's key is the same one
         await pilot.pause()
-        assert len(_given(recorder, Reject)) == 2
+        assert len(orders_of(recorder, Reject)) == 2
 
 
-async def test_overload_lamps_stay_until_put_out(make_app: MakeApp) -> None:
-    recorder = _bench()
+async def test_overload_lamps_stay_until_put_out(make_app: Make) -> None:
+    recorder = ready()
     app = make_app(recorder)
     async with app.run_test(size=(80, 24)) as pilot:
         recorder.publish(overloaded=("hub_acc_fl",))
@@ -142,22 +119,20 @@ async def test_overload_lamps_stay_until_put_out(make_app: MakeApp) -> None:
         recorder.publish()
         await pilot.pause()
         assert "OVERLOAD" in screen_text(app)
-        await _press(pilot, "a")
-        assert _given(recorder, Acknowledge)
+        await pressed(pilot, "a")
+        assert orders_of(recorder, Acknowledge)
         assert "OVERLOAD" not in screen_text(app)
 
 
-async def test_a_viewer_gives_no_orders_until_it_has_taken_over(make_app: MakeApp) -> None:
-    recorder = FakeRecorder(in_control=False)
-    recorder.mark("vehicle", "check")
+async def test_a_viewer_gives_no_orders_until_it_has_taken_over(make_app: Make) -> None:
+    recorder = ready(in_control=False)
     app = make_app(recorder)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await pilot.pause()
+    async with playing(app) as pilot:
         assert "VIEWER" in screen_text(app).splitlines()[0]
-        await _press(pilot, "space")
-        assert not _given(recorder, Arm)
-        await _press(pilot, "c", "space")
-        assert _given(recorder, Arm)
+        await pressed(pilot, "space")
+        assert not orders_of(recorder, Arm)
+        await pressed(pilot, "c", "space")
+        assert orders_of(recorder, Arm)
         recorder.post(Role(False, "somebody else has taken over"))
         recorder.publish()
         await pilot.pause()
@@ -165,28 +140,26 @@ async def test_a_viewer_gives_no_orders_until_it_has_taken_over(make_app: MakeAp
         assert "somebody else has taken over" in screen_text(app), "and why the keys are dead"
 
 
-async def test_a_new_terminal_is_where_the_old_one_was(make_app: MakeApp) -> None:
-    recorder = _bench()
+async def test_a_new_terminal_is_where_the_old_one_was(make_app: Make) -> None:
+    recorder = ready()
     recorder.finish("baseline")
     recorder.mark("masses")
     recorder.bump()
     recorder.phase = Phase.DECAY
     app = make_app(recorder)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await pilot.pause()
+    async with playing(app):
         assert isinstance(app.screen, RunScreen)
         assert app.step is BenchStep.ADDED
         assert "DECAY" in screen_text(app)
 
 
-async def test_auto_presses_what_is_next_and_leaves_the_rest(make_app: MakeApp) -> None:
-    recorder = _bench()
+async def test_auto_presses_what_is_next_and_leaves_the_rest(make_app: Make) -> None:
+    recorder = ready()
     app = make_app(recorder, auto=True)
-    async with app.run_test() as pilot:
-        await pilot.pause()
+    async with playing(app) as pilot:
         await app._press_next()
         await pilot.pause()
-        assert _given(recorder, Arm)
+        assert orders_of(recorder, Arm)
         recorder.bump()
         recorder.judge(DOUBLE_BUMP)
         await pilot.pause()
@@ -201,14 +174,13 @@ async def test_auto_presses_what_is_next_and_leaves_the_rest(make_app: MakeApp) 
     assert recorder.orders == before
 
 
-async def test_the_weights_are_asked_for_where_they_change(make_app: MakeApp) -> None:
-    recorder = _bench()
+async def test_the_weights_are_asked_for_where_they_change(make_app: Make) -> None:
+    recorder = ready()
     recorder.finish("baseline")
     recorder.mark("masses")
     now_s = [0.0]
     app = make_app(recorder, clock=lambda: now_s[0])
-    async with app.run_test(size=(80, 24)) as pilot:
-        await pilot.pause()
+    async with playing(app) as pilot:
         for key, asked, after_s in (
             ("space", True, 1.0),
             ("space", True, 0.1),  # still held down
@@ -216,11 +188,11 @@ async def test_the_weights_are_asked_for_where_they_change(make_app: MakeApp) ->
             ("space", True, 1.0),
             ("space", False, 1.0),
         ):
-            assert _given(recorder, Arm) == []
+            assert orders_of(recorder, Arm) == []
             now_s[0] += after_s
-            await _press(pilot, key)
+            await pressed(pilot, key)
             assert ("Weights on?" in screen_text(app)) is asked
-        assert _given(recorder, Arm) == [Arm(mass_state="added")]
+        assert orders_of(recorder, Arm) == [Arm(mass_state="added")]
 
 
 def _typed(app: BenchApp) -> dict[str, str]:
@@ -229,8 +201,7 @@ def _typed(app: BenchApp) -> dict[str, str]:
 
 async def test_a_whole_form_in_one_burst(make_app: Make) -> None:
     app = make_app(FakeRecorder())
-    async with app.run_test(size=(80, 24)) as pilot:
-        await reach(pilot, VehicleScreen)
+    async with on_screen(app, VehicleScreen) as (pilot, _):
         keys = ["tab", *"T5 A1", "enter", *"JL", "tab", *"1552", "tab", *"1.5"]
         keys += ["enter", *"800x", "backspace", "down", *"2", "up", "home", *"1", "delete"]
         await burst(pilot, *keys)
@@ -242,13 +213,12 @@ async def test_a_whole_form_in_one_burst(make_app: Make) -> None:
 
 
 async def test_an_answer_in_one_burst_with_its_question(make_app: Make) -> None:
-    recorder = _bench()
+    recorder = ready()
     label = recorder.bump()
     recorder.judge(DOUBLE_BUMP)
     recorder.phase = Phase.IDLE
     app = make_app(recorder)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await reach(pilot, HomeScreen)
+    async with on_screen(app, HomeScreen) as (pilot, _):
         assert "second bump at +0.84 s" in await pressed(pilot, "t")
         await pressed(pilot, "enter", "escape")
         assert not orders_of(recorder, Accept), "without a reason nothing happens"
@@ -260,9 +230,6 @@ async def test_an_answer_in_one_burst_with_its_question(make_app: Make) -> None:
         # between that the focus is gone.
         await burst(pilot, "N", "R", AppBlur(), "L", "enter")
         assert orders_of(recorder, Note) == [Note("RL")]
-
-
-SMALL = (80, 24)
 
 
 def test_there_is_help_for_every_screen_and_reason(make_app: Make) -> None:
@@ -294,7 +261,7 @@ async def test_notes_messages_and_the_palette(make_app: Make, worker: FakeWorker
         if isinstance(made, Awaitable):
             await made
 
-    async with playing(app, SMALL) as pilot:
+    async with playing(app) as pilot:
         rows = screen_text(app).splitlines()
         for text in ("No space left on device", "the note is in the recording"):
             app.warn(text)
@@ -319,9 +286,9 @@ async def test_notes_messages_and_the_palette(make_app: Make, worker: FakeWorker
 
 
 async def test_the_run_loop_says_what_a_key_has_done(make_app: Make) -> None:
-    recorder = _bench()
+    recorder = ready()
     app = make_app(recorder)
-    async with playing(app, SMALL) as pilot:
+    async with playing(app) as pilot:
         await pressed(pilot, "pagedown")
         label = recorder.bump()
         await pilot.pause()
@@ -349,10 +316,9 @@ async def test_the_run_loop_says_what_a_key_has_done(make_app: Make) -> None:
 
 
 async def test_a_refused_order_says_why_and_a_viewer_gives_none(make_app: Make) -> None:
-    recorder = FakeRecorder()
-    recorder.mark("vehicle", "check")
+    recorder = ready()
     app = make_app(recorder)
-    async with playing(app, SMALL) as pilot:
+    async with playing(app) as pilot:
         await pressed(pilot, "6")
         assert isinstance(app.screen, HomeScreen)
         assert screen_text(app).count("not reached yet") == 1, "a toast would cover what is next"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import unicodedata
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import replace
 from types import SimpleNamespace
@@ -11,7 +11,6 @@ from typing import Any
 
 import pytest
 from rich.cells import cell_len
-from textual.app import App
 from textual.color import Color
 from textual.content import Content
 from textual.pilot import Pilot
@@ -35,13 +34,11 @@ from tui.terminal.device import THEMES
 from tui.terminal.feed import STARTING, Lost
 from tui.terminal.screens.base import step_line, top_line
 
-from .conftest import SIZES, at_every_size, screen_text
-from .fake_recorder import DOUBLE_BUMP, FakeRecorder
-from .operated import PLAIN
+from ...flow.display_campaign import contrast
+from .conftest import SIZES, Snapshot, at_every_size, screen_text
+from .fake_recorder import DOUBLE_BUMP, FakeRecorder, ready
+from .operated import PLAIN, Make, playing
 from .test_steps import NOISY, UPSIDE_DOWN
-
-MakeApp = Callable[..., BenchApp]
-Snapshot = Callable[[App[None], str], None]
 
 
 def _before(recorder: FakeRecorder) -> None:
@@ -138,7 +135,7 @@ async def _turn_to(app: BenchApp, pilot: Pilot[None], state: str) -> str:
 
 @asynccontextmanager
 async def _running(
-    make_app: MakeApp, size: str = "80x24", glyphs: str = "braille"
+    make_app: Make, size: str = "80x24", glyphs: str = "braille"
 ) -> AsyncIterator[tuple[BenchApp, Pilot[None]]]:
     """Run an app on the run screen."""
     recorder = FakeRecorder()
@@ -151,13 +148,12 @@ async def _running(
         yield app, pilot
 
 
-async def test_home(make_app: MakeApp, snapshot: Snapshot) -> None:
+async def test_home(make_app: Make, snapshot: Snapshot) -> None:
     recorder = FakeRecorder()
     _before(recorder)
     recorder.turn(Phase.IDLE)
     app = make_app(recorder)
-    async with app.run_test(size=(100, 30)) as pilot:
-        await pilot.pause()
+    async with playing(app, (100, 30)) as pilot:
         recorder.post(recorder.live())
         await at_every_size(pilot, snapshot, "home")
         await pilot.resize_terminal(80, 24)
@@ -170,7 +166,7 @@ ALSO_WIDE = ("idle", "decay", "rejected")
 """States that differ where there is room for lists beside the chart."""
 
 
-async def test_run(make_app: MakeApp, snapshot: Snapshot) -> None:
+async def test_run(make_app: Make, snapshot: Snapshot) -> None:
     async with _running(make_app) as (app, pilot):
         for state in STATES:
             await _turn_to(app, pilot, state)
@@ -182,7 +178,7 @@ async def test_run(make_app: MakeApp, snapshot: Snapshot) -> None:
 
 
 async def test_at_every_size_and_without_colour_words_say_the_state_and_what_space_does(
-    make_app: MakeApp, monkeypatch: pytest.MonkeyPatch, snapshot: Snapshot
+    make_app: Make, monkeypatch: pytest.MonkeyPatch, snapshot: Snapshot
 ) -> None:
     monkeypatch.setenv("NO_COLOR", "1")
     async with _running(make_app, glyphs="blocks") as (app, pilot):
@@ -206,14 +202,13 @@ async def test_at_every_size_and_without_colour_words_say_the_state_and_what_spa
         assert "SPACE = one more rear pitch" in screen_text(app)
 
 
-async def test_five_kinds_of_bump_find_room(make_app: MakeApp, snapshot: Snapshot) -> None:
+async def test_five_kinds_of_bump_find_room(make_app: Make, snapshot: Snapshot) -> None:
     recorder = FakeRecorder(with_every_bump())
     _before(recorder)
     await recorder.ask(Choose("baseline", Excitation.REAR_PITCH))
     recorder.turn(Phase.ARMED)
     app = make_app(recorder)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await pilot.pause()
+    async with playing(app) as pilot:
         await app.open("run")
         await pilot.pause()
         await pilot.pause()
@@ -263,15 +258,14 @@ def _reported_by(recorder: FakeRecorder, text: str) -> None:
 
 
 @pytest.mark.parametrize("name", FOREIGN)
-async def test_foreign_text_only_shows(name: str, make_app: Callable[..., BenchApp]) -> None:
+async def test_foreign_text_only_shows(name: str, make_app: Make) -> None:
     text = FOREIGN[name]
     warned = replace(NOISY, subject=f"channel {text}", text=text, advice=text)
     recorder = FakeRecorder(check=(warned, replace(UPSIDE_DOWN, text=text, advice=text)))
     _reported_by(recorder, text)
     app = make_app(recorder)
     app.operator = text
-    async with app.run_test(size=(60, 20)) as pilot:
-        await pilot.pause()
+    async with playing(app, (60, 20)) as pilot:
         for screen in ("home", "check", "identify", "report", "run"):
             await app.open(screen)
             await pilot.pause()
@@ -287,21 +281,13 @@ async def test_foreign_text_only_shows(name: str, make_app: Callable[..., BenchA
         assert _bad_lines(app, 60) == []
 
 
-def _luminance(color: Color) -> float:
-    """Return the relative luminance of WCAG 2.1."""
-    parts = [c / 255 for c in (color.r, color.g, color.b)]
-    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in parts]
-    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
-
-
 @pytest.mark.parametrize("theme", THEMES, ids=lambda theme: theme.name)
 def test_every_colour_of_words_stands_out_from_every_ground(theme: Theme) -> None:
     words = ("foreground", "primary", "warning", "error", "success", "accent")
     for word in words:
         for ground in ("background", "surface", "panel"):
-            pair = [_luminance(Color.parse(getattr(theme, name))) for name in (word, ground)]
-            contrast = (max(pair) + 0.05) / (min(pair) + 0.05)
-            assert contrast >= 4.5, (word, ground, contrast)
+            one, other = (Color.parse(getattr(theme, name)).rgb for name in (word, ground))
+            assert contrast(str(one), str(other)) >= 4.5, (word, ground)
 
 
 STATUS = FakeRecorder().status
@@ -364,8 +350,7 @@ def test_a_top_line_without_a_recorder_says_what_to_press() -> None:
 
 
 def test_the_steps_are_marked_as_done_here_or_to_come() -> None:
-    recorder = FakeRecorder()
-    recorder.mark("vehicle", "check")
+    recorder = ready()
     steps = step_line(recorder.status, BenchStep.BASELINE, "+")
     words = "+ 1 Vehicle + 2 Check [3 Baseline]   4 Masses   5 Added   6 Identify   7 Report"
     assert steps.plain.rstrip() == words

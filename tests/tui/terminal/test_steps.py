@@ -27,6 +27,7 @@ from .operated import (
     check_items,
     check_line,
     cursor,
+    on_screen,
     orders_of,
     pressed,
     reach,
@@ -47,8 +48,7 @@ async def test_what_is_typed_goes_to_the_recorder_once_it_has_sent_its_bench(
 ) -> None:
     recorder = FakeRecorder()
     app = make_app(recorder)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await reach(pilot, VehicleScreen)
+    async with on_screen(app, VehicleScreen) as (pilot, _):
         bench, app.bench = app.bench, None
         assert "has not sent its bench.toml yet" in await pressed(pilot, "space")
         app.bench = bench
@@ -73,8 +73,7 @@ async def test_what_is_typed_goes_to_the_recorder_once_it_has_sent_its_bench(
 async def test_an_error_stays_in_its_field_says_what_is_wrong_and_survives(make_app: Make) -> None:
     recorder = FakeRecorder()
     app = make_app(recorder)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await reach(pilot, VehicleScreen)
+    async with on_screen(app, VehicleScreen) as (pilot, _):
         await pilot.press("tab", "enter", "enter", *"15x2")
         assert "'15x2' is not a number" in screen_text(app)  # while it is typed
         await pilot.press("escape", "space")
@@ -88,8 +87,7 @@ async def test_an_error_stays_in_its_field_says_what_is_wrong_and_survives(make_
         await until(pilot, (app.folder / "draft_vehicle.json").exists)
     assert "15x2" not in recorder.bench_text
     after = make_app(FakeRecorder())  # as after a crash of the terminal
-    async with after.run_test(size=(80, 24)) as pilot:
-        await reach(pilot, VehicleScreen)
+    async with on_screen(after, VehicleScreen) as (pilot, _):
         assert "!Total mass, kg  15x2" in screen_text(after)
 
 
@@ -104,8 +102,7 @@ async def test_a_failure_blocks_and_its_sign_can_be_turned(
 ) -> None:
     recorder = _checked(NOISY, UPSIDE_DOWN)
     app = make_app(recorder)
-    async with app.run_test(size=(140, 40)) as pilot:
-        await reach(pilot, CheckScreen)
+    async with on_screen(app, CheckScreen, (140, 40)) as (pilot, _):
         await until(pilot, lambda: "upside down" in screen_text(app))
         await pilot.press("space")
         await pilot.pause()
@@ -151,10 +148,7 @@ async def _push(
 async def test_corners_zero_and_warnings_lead_to_the_baseline(make_app: Make) -> None:
     recorder = _checked(NOISY, travel_fl=0.0035)
     app = make_app(recorder)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await reach(pilot, CheckScreen)
-        screen = app.screen
-        assert isinstance(screen, CheckScreen)
+    async with on_screen(app, CheckScreen) as (pilot, screen):
         await until(pilot, lambda: "SPACE = push the corners" in screen_text(app))
         recorder.post(Live(0, BIN_S, ()))
         await pilot.press("space")
@@ -201,8 +195,7 @@ async def test_a_push_is_asked_for_again_and_i_corrects_its_sign(
 ) -> None:
     recorder = _checked()
     app = make_app(recorder)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await reach(pilot, CheckScreen)
+    async with on_screen(app, CheckScreen) as (pilot, _):
         await until(pilot, lambda: "SPACE = push the corners" in screen_text(app))
         recorder.post(Live(0, BIN_S, ()))
         await pilot.press("space")
@@ -239,14 +232,10 @@ def by_hand(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("by_hand")
 async def test_keys_of_the_check_act_on_the_marked_line_alone(make_app: Make) -> None:
-    recorder = FakeRecorder(check=(*check_items(), NOISY))
-    recorder.mark("vehicle")
+    recorder = _checked(NOISY)
     app = make_app(recorder)
-    async with app.run_test(size=(80, 30)) as pilot:
-        await reach(pilot, CheckScreen)
+    async with on_screen(app, CheckScreen, (80, 30)) as (pilot, screen):
         await until(pilot, lambda: "SPACE = push the corners" in screen_text(app))
-        screen = app.screen
-        assert isinstance(screen, CheckScreen)
         assert screen.ready
         assert cursor(app) == 0
         assert "about 38 % of the bit rate" in await pressed(pilot, "up")
@@ -271,14 +260,10 @@ async def test_keys_of_the_check_act_on_the_marked_line_alone(make_app: Make) ->
 
 @pytest.mark.usefixtures("by_hand")
 async def test_the_zero_is_measured_for_five_seconds_and_a_later_one_waits(make_app: Make) -> None:
-    recorder = FakeRecorder(check=check_items(travel_fl=0.0035))
-    recorder.mark("vehicle")
+    recorder = _checked(travel_fl=0.0035)
     app = make_app(recorder)
-    async with app.run_test(size=(80, 30)) as pilot:
-        await reach(pilot, CheckScreen)
+    async with on_screen(app, CheckScreen, (80, 30)) as (pilot, screen):
         await until(pilot, lambda: "SPACE = push the corners" in screen_text(app))
-        screen = app.screen
-        assert isinstance(screen, CheckScreen)
         for left in (5, 4, 3, 2, 1):
             if left == 5:
                 await pressed(pilot, *["down"] * 20, "r")
@@ -316,8 +301,7 @@ async def test_the_form_says_what_to_press_while_no_recorder_answers(
 ) -> None:
     recorder = FakeRecorder()
     app = make_app(recorder)
-    async with app.run_test(size=(140, 40)) as pilot:
-        await reach(pilot, VehicleScreen)
+    async with on_screen(app, VehicleScreen, (140, 40)) as (pilot, _):
         snapshot(app, "vehicle_140x40")
         await pilot.resize_terminal(80, 24)
         await pilot.pause()
@@ -356,14 +340,10 @@ async def _to_line(pilot: Pilot[None], screen: CheckScreen, subject: str) -> Non
 
 
 async def test_the_check_asks_nothing_of_a_recorder_that_is_lost(make_app: Make) -> None:
-    recorder = FakeRecorder(check=(*check_items(), NOISY, UPSIDE_DOWN))
-    recorder.mark("vehicle")
+    recorder = _checked(NOISY, UPSIDE_DOWN)
     app = make_app(recorder)
-    async with app.run_test(size=(80, 40)) as pilot:
-        await reach(pilot, CheckScreen)
+    async with on_screen(app, CheckScreen, (80, 40)) as (pilot, screen):
         await until(pilot, lambda: "upside down" in seen(app))
-        screen = app.screen
-        assert isinstance(screen, CheckScreen)
         assert screen._rows[cursor(app)].subject == "channel hub_acc_fl", "the first that fails"
         asked = len(orders_of(recorder, AskCheck))
         recorder.post(GONE)

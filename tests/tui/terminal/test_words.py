@@ -39,11 +39,10 @@ from tui.terminal.words import (
     accepted_words,
     banner,
     last_judged,
-    rejected_words,
     signal_of,
 )
 
-from .fake_recorder import DOUBLE_BUMP, GOOD, WALL_NS, FakeRecorder
+from .fake_recorder import DOUBLE_BUMP, GOOD, WALL_NS, FakeRecorder, ready
 from .operated import PLAIN, check_line
 
 S = 1_000_000_000
@@ -51,9 +50,7 @@ S = 1_000_000_000
 
 @pytest.fixture
 def recorder() -> FakeRecorder:
-    made = FakeRecorder()
-    made.mark("vehicle", "check")
-    return made
+    return ready()
 
 
 def said(status: Status) -> list[str]:
@@ -74,21 +71,6 @@ def test_a_verdict_compares_a_run_with_the_first_of_its_kind(recorder: FakeRecor
         "good: like the first within 1 %",
         "good: every check passed",
     ]
-
-
-def test_a_rejected_run_says_why_and_what_to_do(recorder: FakeRecorder) -> None:
-    recorder.bump()
-    recorder.judge(GOOD, DOUBLE_BUMP)
-    run = last_judged(recorder.status)
-    assert run is not None
-    assert rejected_words(run) == (
-        "DOUBLE BUMP: second bump at +0.84 s",
-        "Bump once, keep hands off.",
-    )
-    by_hand = replace(run, by="MK", reason="wind")
-    assert rejected_words(by_hand) == ("rejected by MK: wind", "")
-    silent = replace(run, findings=(replace(DOUBLE_BUMP, advice=""),))
-    assert rejected_words(silent)[1] == ""
 
 
 def test_the_banner_of_each_state(recorder: FakeRecorder) -> None:
@@ -272,8 +254,7 @@ def test_space_gives_the_order_that_fits() -> None:
 
 
 def test_more_runs_are_recorded_by_the_one_key_after_each_step() -> None:
-    recorder = FakeRecorder()
-    recorder.mark("vehicle", "check")
+    recorder = ready()
     recorder.finish("baseline")
     recorder.choose("baseline", Excitation.ROLL)
     more = next_action(recorder.status)
@@ -313,8 +294,7 @@ def test_progress_marks_what_is_due_and_counts_what_was_rejected(recorder: FakeR
 
 
 def alarmed(code: str, phase: Phase = Phase.ARMED, alive: int = 4) -> Status:
-    recorder = FakeRecorder()
-    recorder.mark("vehicle", "check")
+    recorder = ready()
     recorder.phase = phase
     alarm = Alarm(code, "can0", "what was seen", EXPLAINED[code].advice, WALL_NS - 10 * S)
     recorder.changes = {"alarms": (alarm,), "sensors_alive": alive}

@@ -17,12 +17,10 @@ from daq.control.messages import (
     SessionState,
     SessionStatus,
     Start,
-    Undo,
 )
 from dbc.words import Finding, InputError, Severity
 from tui.jobs.worker import Outcome, identify_session, report_session
 from tui.terminal.app import BenchApp
-from tui.terminal.campaign import BenchStep, progress
 from tui.terminal.screens.results import parameter_rows, verdict_lines
 from tui.terminal.screens.work import OUTDATED, IdentifyScreen, ReportScreen
 from tui.terminal.widgets import Table
@@ -31,6 +29,7 @@ from .fake_recorder import FakeRecorder
 from .operated import (
     PATH,
     PLAIN,
+    SMALL,
     FakeWorker,
     Make,
     Snapshot,
@@ -51,8 +50,6 @@ from .operated import (
     shows,
     until,
 )
-
-SMALL = (80, 24)
 
 
 def identify_of(app: BenchApp) -> IdentifyScreen:
@@ -112,7 +109,7 @@ async def test_the_answer_so_far_is_shown_and_taken(make_app: Make, worker: Fake
     recorder = measured()
     app = make_app(recorder)
     worker.finds = True
-    async with playing(app, SMALL) as pilot:
+    async with playing(app) as pilot:
         await app.open("identify")
         assert "T Take so far" not in seen(app)
         await pressed(pilot, "t", "space")
@@ -133,7 +130,7 @@ async def test_a_failed_build_and_a_failed_fit_say_what_to_do(
     worker.trouble = InputError(
         "session_0001.h5", "needs more memory than there is", "end programs"
     )
-    async with playing(app, SMALL) as pilot:
+    async with playing(app) as pilot:
         await app.open("identify")
         await pilot.press("space")
         recorder.publish(session=SessionStatus(SessionState.FAILED, "", "no space left on device"))
@@ -149,7 +146,7 @@ async def test_a_failed_build_and_a_failed_fit_say_what_to_do(
 async def test_the_next_vehicle_is_identified_anew(make_app: Make, worker: FakeWorker) -> None:
     recorder = measured()
     app = make_app(recorder)
-    async with playing(app, SMALL) as pilot:
+    async with playing(app) as pilot:
         identify = await identified(app, pilot, recorder)
         recorder.publish(recording="1f" * 16)
         await app.open("results")
@@ -164,7 +161,7 @@ async def test_results_of_another_screen_are_announced(make_app: Make, worker: F
     recorder = measured()
     app = make_app(recorder)
     worker.hold = True
-    async with playing(app, SMALL) as pilot:
+    async with playing(app) as pilot:
         await app.open("identify")
         await pressed(pilot, "space")
         recorder.publish(session=recorder.built(PATH))
@@ -175,36 +172,10 @@ async def test_results_of_another_screen_are_announced(make_app: Make, worker: F
         assert front(app) is app.get_screen("home")
 
 
-def test_a_step_that_was_done_is_due_again_until_that_is_undone() -> None:
-    recorder = measured()
-    recorder.mark("identify", "report")
-    assert progress(recorder.status).due is BenchStep.REPORT
-    recorder._carry_out(Reject(recorder.run_log.runs[-1].label, "door slammed"))
-    assert not progress(recorder.status).done & {BenchStep.IDENTIFY, BenchStep.REPORT}
-    recorder._carry_out(Undo())  # two changes, not none: what was identified may be either
-    assert BenchStep.IDENTIFY not in progress(recorder.status).done
-    recorder.mark("identify")
-    assert BenchStep.IDENTIFY in progress(recorder.status).done
-
-
 def spoil(recorder: FakeRecorder) -> None:
     """Reject the last run, so that the session file is outdated."""
     recorder._carry_out(Reject(recorder.run_log.runs[-1].label, "door slammed"))
     recorder.publish()
-
-
-async def test_a_report_of_runs_that_have_changed_leads_to_step_6(make_app: Make) -> None:
-    recorder = measured()
-    recorder.mark("identify")
-    app = make_app(recorder)
-    async with playing(app, SMALL) as pilot:
-        assert isinstance(app.screen, ReportScreen)
-        assert "SPACE = write the report" in seen(app)
-        spoil(recorder)
-        await until(pilot, lambda: shows(app, OUTDATED))
-        await pressed(pilot, "space")
-        assert isinstance(app.screen, IdentifyScreen)
-        assert not [order for order in recorder.orders if isinstance(order, Mark)]
 
 
 async def test_results_that_are_behind_say_so_and_are_built_anew(
@@ -212,7 +183,7 @@ async def test_results_that_are_behind_say_so_and_are_built_anew(
 ) -> None:
     recorder = measured()
     app = make_app(recorder)
-    async with playing(app, SMALL) as pilot:
+    async with playing(app) as pilot:
         await identified(app, pilot, recorder)
         assert "SPACE = step 7 Report" in seen(app)
         spoil(recorder)
@@ -223,7 +194,9 @@ async def test_results_that_are_behind_say_so_and_are_built_anew(
         assert not [order for order in recorder.orders if isinstance(order, Mark)]
         assert OUTDATED in seen(app)
         assert "SPACE = build the session file anew" in seen(app)
-        await pressed(pilot, "space")
+        await app.open("report")
+        assert OUTDATED in await pressed(pilot, "f1", "f1")
+        await pressed(pilot, "space", "space")
         assert isinstance(recorder.orders[-1], Build)
 
 
@@ -250,7 +223,7 @@ async def test_report_written_and_the_next_vehicle(
 async def test_every_page(make_app: Make, snapshot: Snapshot) -> None:
     recorder = measured()
     app = make_app(recorder)
-    async with playing(app, SMALL) as pilot:
+    async with playing(app) as pilot:
         assert not results_of(app).ready
         await app.open("results")
         await until(pilot, lambda: shows(app, "nothing is identified yet: SPACE = step 6"))
