@@ -148,7 +148,6 @@ MISTAKES = {
     "plan signal.toml": "signal of channel body_acc_z: ",
     "check counter.toml other.log": "message IMU_Accel: has no signal nope, which counter names (",
     "record": "udp_multicast",
-    "record signal.toml --interface udp_multicast --channel 239.74.163.99": "acc_zz",
     "simulate": "udp_multicast",
     "plan .": ".: is a directory",
     "plan nosuch.toml": "nosuch.toml: No such file",

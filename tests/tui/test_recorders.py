@@ -289,6 +289,15 @@ def test_a_campaign_opens_its_buses_first_and_a_daemon_waits_for_them(
             recorded_at_once(traffic, tmp_path, lifetime)
 
 
+def test_a_channel_without_a_signal_is_refused_before_anything_is_made(tmp_path: Path) -> None:
+    wrong = default_bench_text().replace("IMU_Accel.acc_z", "IMU_Accel.acc_zz")
+    bench = parse_bench(wrong, "bench.toml", Path(), shipped_dbc())
+    traffic = Traffic(bench, cast(Any, None))
+    with pytest.raises(InputError, match="acc_zz"):
+        recorded_at_once(traffic, tmp_path / "day", Lifetime(arm=False, keep_on=False))
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.usefixtures("ends_at_once")
 def test_messages_of_the_dbc_that_cannot_be_used_are_said(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
