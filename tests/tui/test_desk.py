@@ -267,7 +267,7 @@ def test_sessions_are_named_as_shortly_as_tells_them_apart(
         return comparison(2)
 
     monkeypatch.setattr("identify.compare.compare", compare)
-    monkeypatch.setattr(reporting, "identified", lambda files, _: files)
+    monkeypatch.setattr(reporting, "identify_files", lambda files, _: files)
     assert run(["compare", *paths, "--json"]) == 0
     assert given == [labels, paths]
     assert json.loads(capsys.readouterr().out)["verdicts"] == ["ok", "doubtful"]
@@ -278,7 +278,7 @@ def test_a_comparison_with_a_session_that_is_refused_is_exit_1(
 ) -> None:
     made = comparison(2, verdicts=("ok", "refused"))
     monkeypatch.setattr("identify.compare.compare", lambda *_: made)
-    monkeypatch.setattr(reporting, "identified", lambda *_: [])
+    monkeypatch.setattr(reporting, "identify_files", lambda *_: [])
     assert run(["compare", "a.h5", "b.h5"]) == 1
 
 
