@@ -121,7 +121,7 @@ def replaced(targets: Sequence[Path]) -> Iterator[list[Path]]:
             stem, suffix = glob.escape(target.stem), glob.escape(target.suffix)
             with suppress(OSError):
                 for leftover in target.parent.glob(f".{stem}.*.tmp{suffix}"):
-                    if time.time() - leftover.stat().st_mtime > 3600.0:
+                    if time.time() - leftover.stat().st_mtime > 3600.0:  # s
                         leftover.unlink()
             new_file = target.parent / f".{target.stem}.{secrets.token_hex(8)}.tmp{target.suffix}"
             os.close(os.open(new_file, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o666))

@@ -232,7 +232,7 @@ def fold(events: Iterable[Event], log: RunLog | None = None) -> RunLog:
 def advance(log: RunLog, event: Event) -> RunLog:
     """Return the log after one event.
 
-    Other events change nothing, nor do unreadable ones: no old journal must stop a recovery.
+    Events of other codes, and unreadable ones, change nothing: no journal must stop a recovery.
     """
     try:
         after = _advanced(log, event)

@@ -198,7 +198,7 @@ class _DbcText:
                 bits = (message_id & ~_EXTENDED).bit_length()
                 if bits > 29 and message[2] != "VECTOR__INDEPENDENT_SIG_MSG":
                     self._leave_out(row, f"has an identifier of {bits} bits, not 11 or 29")
-            elif signal := re.match(r"\s*SG_\s+(\w+)\s+m", line):
+            elif signal := re.match(r"\s*SG_\s+(\w+)\s+m", line):  # a multiplexed one
                 self.multiplexed[message_id].add(signal[1])
             elif line.lstrip().startswith("SG_MUL_VAL_"):
                 ranges = re.findall(r"(\d{1,20})\s*-\s*(\d{1,20})", line)
@@ -383,7 +383,7 @@ def _fault(signal: SignalLayout, length: int) -> str | None:
     """Return why the bits of a signal cannot be decoded; None if they can."""
     if not signal.name:
         return "has no name"
-    if not 1 <= signal.length <= 64 or not 0 <= signal.start < 512:
+    if not 1 <= signal.length <= 64 or not 0 <= signal.start < 512:  # bits of 64 bytes
         return f"has {signal.length} bits from bit {signal.start}, outside any payload"
     if signal.factor == 0:
         return "has the factor 0: all its values would be the same"

@@ -93,7 +93,7 @@ class ClosedForm:
 def identify_parameters(
     baseline: ModalModel, added: ModalModel, delta_M: Floats, geometry: VehicleGeometry | None
 ) -> ClosedForm:
-    """Identify a vehicle from its modes without and with added mass.
+    """Return the vehicle that has given modes without and with added mass.
 
     `baseline` and `added`: seven modes each, shapes as displacements of `daq.vehicle.DOF`.
     `delta_M`, (7, 7) float64: added mass about the CG of the baseline; full matrices are welcome.

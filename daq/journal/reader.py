@@ -249,7 +249,8 @@ class HopCounts:
         last_row = min(int(np.searchsorted(self.t_ns, stop_ns, side="left")), len(self.t_ns) - 1)
         if last_row < 0:
             return HopLosses()
-        lost = self.counts[last_row] - (self.counts[row_before] if row_before >= 0 else 0)
+        counted_before = self.counts[row_before] if row_before >= 0 else 0
+        lost = self.counts[last_row] - counted_before
         return HopLosses(*map(int, lost))
 
     def after(self, stop_ns: int) -> HopCounts:

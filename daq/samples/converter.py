@@ -193,8 +193,8 @@ def advance(messages: Sequence[MessageLayout], state: HealthState, decoded: Deco
         counter_name = f"{message.name}.{message.counter.signal}" if message.counter else ""
         if counter_name in decoded.samples and len(decoded.samples[counter_name].t_ns):
             counters[message.name] = _counter_health(message, counters.get(message.name), decoded)
-    block = Losses(**{name: getattr(decoded.counts, name) for name in DecodeCounts.__slots__})
-    return HealthState(counters, losses_added(state.counts, block))
+    added = Losses(**{name: getattr(decoded.counts, name) for name in DecodeCounts.__slots__})
+    return HealthState(counters, losses_added(state.counts, added))
 
 
 def _counter_health(

@@ -104,7 +104,7 @@ class _SampledTogether:
         """Return whether a channel has values in the rows of the first of these channels."""
         has_first, has_value = np.isfinite(next(iter(self.values.values()))), np.isfinite(value)
         n_either = np.count_nonzero(has_first | has_value)
-        # A tenth may differ: a channel has no value where its sensor failed.
+        # At most a tenth of the rows may have a value of only one of them.
         return bool(np.count_nonzero(has_first & has_value) >= 0.9 * n_either)
 
     def samples(self, name: str, start_ns: int, where: str) -> SampleGroup:

@@ -107,8 +107,8 @@ def read_content(path: Path | str) -> tuple[Content, bool]:
     path = Path(path)
     where = str(path)
     if not path.is_file():
-        is_other = "is a directory" if path.is_dir() else "is not a regular file"
-        raise InputError(where, is_other if path.exists() else "no such file", _ADVICE)
+        problem = "is a directory" if path.is_dir() else "is not a regular file"
+        raise InputError(where, problem if path.exists() else "no such file", _ADVICE)
     try:
         image = path.read_bytes()
     except OSError as error:

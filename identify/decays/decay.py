@@ -146,7 +146,7 @@ def record_of(run: Run, channels: tuple[Channel, ...]) -> Record:
 
 
 def _sampled_alike(channels: tuple[Channel, ...]) -> list[tuple[Channel, ...]]:
-    """Group the channels of one sample group that are equally late and have one low-pass."""
+    """Return the channels of a sample group in groups equally late and of one low-pass."""
     groups: defaultdict[tuple[float, ...], list[Channel]] = defaultdict(list)
     for c in channels:
         groups[c.delay_s, c.delay_sigma_s, c.low_pass_hz, c.low_pass_order].append(c)

@@ -58,7 +58,7 @@ def usable_session(session: Session) -> Session:
 
 
 def usable(session: Session) -> Usable:
-    """Find what can be used of a session.
+    """Return what can be used of a session.
 
     Values that no motion shows are missing (`without_bad_values`).
 
@@ -71,7 +71,7 @@ def usable(session: Session) -> Usable:
     these runs are used as they are.  Also left out are runs in which times go back, all sensors are
     silent together (the clock jumped), nothing moves, or the free decay is missing.
     """
-    session, absurd, spikes = without_bad_values(session)
+    session, absurd, spiked = without_bad_values(session)
     session = replace(session, channels=_without_constant(session))
     used = {c.name for c in session.used_channels}
     silences = {run.label: _silences(run, used) for run in session.accepted}
@@ -99,7 +99,7 @@ def usable(session: Session) -> Usable:
         tuple(records[label] for label in kept if records[label].recordings),
         _silent_in_most([silences[label] for label in kept]),
         absurd,
-        spikes,
+        spiked,
     )
 
 
@@ -328,7 +328,7 @@ def spikes(time_s: Real, values: Real) -> list[slice]:
         return []
     period_s = float(np.median(np.diff(time_s)))
     bad = np.zeros(n, bool)
-    spikes = []
+    found = []
     for length in range(_MOST_SAMPLES, 0, -1):
         begins = steps[steps + length <= n]
         inside = values[begins[:, None] + np.arange(length)]
@@ -345,8 +345,8 @@ def spikes(time_s: Real, values: Real) -> list[slice]:
                 continue
             if its_height > _CURVED * _curvature(time_s, values, spike):
                 bad[spike] = True
-                spikes.append(spike)
-    return spikes if np.count_nonzero(bad) <= max(_MOST_SAMPLES, _MOST_SHARE * n) else []
+                found.append(spike)
+    return found if np.count_nonzero(bad) <= max(_MOST_SAMPLES, _MOST_SHARE * n) else []
 
 
 def _curvature(time_s: Real, values: Real, spike: slice) -> float:

@@ -285,7 +285,7 @@ def _fitted_from(
         fitted = fit(box, decays, sigma, eta, max_iterations=_FIT_STEPS)
         eta = fitted.eta
         residuals = residuals_of(linearised(box, decays, sigma, eta), decays, sigma)
-        fit_sigma = sigma
+        fit_sigma = sigma  # by which this fit is weighted
         if not rest_noise:
             sigma = floored(_residual_noise(residuals), decays)
     noise = floored(rest_noise, decays) if rest_noise else fit_sigma
@@ -294,9 +294,9 @@ def _fitted_from(
 
 
 def _pooled_noise(estimation: Estimation) -> dict[str, float]:
-    """Return the noise at rest, a few dozen samples perhaps, pooled with that of the residuals.
+    """Return the noise at rest pooled with that of the residuals, SI; empty without rest.
 
-    Empty without rest.
+    There may be but a few dozen samples at rest.
     """
     rest_freedom = quiet_counts(estimation.records)
     pooled = {}
@@ -458,16 +458,16 @@ def _free_instants(
     for begin, end in pairwise([*begins, len(time_s)]):
         rows, instant_s = by_unknown[begin:end], float(time_s[begin])
         error = errors[begin:end] - rows @ change
-        shared = rows @ covariance
-        error_covariance = np.eye(len(error)) + shared @ rows.T  # the noise has sigma 1
-        gain_and_error = np.linalg.solve(error_covariance, np.column_stack([shared, error]))
+        row_covariance = rows @ covariance
+        error_covariance = np.eye(len(error)) + row_covariance @ rows.T  # the noise has sigma 1
+        gain_and_error = np.linalg.solve(error_covariance, np.column_stack([row_covariance, error]))
         gain, whitened = gain_and_error[:, :-1], gain_and_error[:, -1]
         chi2s.append((float(error @ whitened), len(error)))
         if _is_forced(chi2s):
             return accepted, instant_s
         accepted.append(instant_s)
-        change = change + shared.T @ whitened
-        covariance = covariance - shared.T @ gain
+        change = change + row_covariance.T @ whitened
+        covariance = covariance - row_covariance.T @ gain
     return accepted, None
 
 

@@ -128,24 +128,24 @@ def fit(
     # Noise alone would drive an unknown that no run informs to zero or infinity.  With a standard
     # deviation of a factor e^2 before any run it stays near where the search began; unknowns that
     # the runs determine move by less than a hundredth of their standard deviations.
-    weak_prior = np.isinf(box.prior_sigma) / 2.0**2
+    weak_weight = np.isinf(box.prior_sigma) / 2.0**2
     while iterations < max_iterations and not converged:
         iterations += 1
         # A fit is held only while it is bad: above chi2/n 2.
         is_held = normal.cost > 2.0 * n_values and hold > least_hold
-        # Inverse variance of each unknown about the start.
-        prior = weak_prior + (hold * normal.cost / n_values if is_held else 0.0)
-        diagonal = np.diag(normal.information) + prior
+        # Inverse variance with which each unknown is held about the start.
+        start_weight = weak_weight + (hold * normal.cost / n_values if is_held else 0.0)
+        diagonal = np.diag(normal.information) + start_weight
         scale = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
-        H = (normal.information + np.diag(prior)) / np.outer(scale, scale)
-        gradient = normal.gradient - prior * (eta - start)
+        H = (normal.information + np.diag(start_weight)) / np.outer(scale, scale)
+        gradient = normal.gradient - start_weight * (eta - start)
         step = np.linalg.solve(H + damping * np.eye(len(eta)), gradient / scale) / scale
         # A logarithm changes by 0.5 at most in one iteration.
         step *= min(1.0, 0.5 / max(float(np.max(np.abs(step))), 1e-300))
         trial_model = linearised(box, decays, sigma, eta + step, model.layout)
         trial = _total(trial_model.blocks)
-        prior_change = float(prior @ ((eta + step - start) ** 2 - (eta - start) ** 2))
-        if np.isfinite(trial.cost) and trial.cost + prior_change <= normal.cost + rounding:
+        moved_cost = float(start_weight @ ((eta + step - start) ** 2 - (eta - start) ** 2))
+        if np.isfinite(trial.cost) and trial.cost + moved_cost <= normal.cost + rounding:
             # Where the model does not hold, residuals are larger than sigma says, and so is the
             # uncertainty that a step is measured by.
             small = tolerance * max(1.0, trial.cost / n_values) ** 0.5
@@ -174,7 +174,7 @@ def normal_blocks(box: GreyBox, decays: Decays, sigma: Noise, eta: Real) -> dict
 def linearised(
     box: GreyBox, decays: Decays, sigma: Noise, eta: Real, layout: Sequence[Alike] | None = None
 ) -> Linearised:
-    """Evaluate the model and its slopes at `eta`, and fit the linear part of each decay.
+    """Return the model and its slopes at `eta`, with the linear part of each decay fitted.
 
     `layout`: layout of the decays (`laid_out`), if there is one already.
     """
@@ -202,7 +202,7 @@ def _total(blocks: Mapping[str, NormalBlock]) -> NormalBlock:
 
 
 def covariance_of(normal: Real) -> Real:
-    """Invert the normal matrix; unknowns it leaves undetermined get an infinite variance."""
+    """Return the inverse of a normal matrix, with infinite variances of undetermined unknowns."""
     diagonal = np.diag(normal)
     scale = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
     strengths, directions = np.linalg.eigh(normal * np.outer(scale, scale))

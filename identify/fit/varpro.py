@@ -164,7 +164,7 @@ class Alike:
 
 
 def laid_out(decays: Sequence[FreeDecay]) -> tuple[Alike, ...]:
-    """Group recordings by mass state, low-pass and sampling, once for all points of a fit."""
+    """Return recordings grouped by mass state, low-pass and sampling, for all points of a fit."""
     places_of: defaultdict[tuple[str, float, int], list[tuple[int, int]]] = defaultdict(list)
     for d, decay in enumerate(decays):
         for r, recording in enumerate(decay.recordings):
@@ -202,7 +202,7 @@ class LinearPart:
 def linear_parts(
     points: Mapping[str, Evaluated], decays: Sequence[FreeDecay]
 ) -> tuple[LinearPart, ...]:
-    """Fit the linear part of some decays; `points`: the model, for each mass state."""
+    """Return the fitted linear part of each decay; `points`: the model, for each mass state."""
     of_decays = products_of(points, decays, laid_out(decays))
     return tuple(linear for _, linear in blocks_of(points, decays, of_decays))
 
@@ -254,7 +254,7 @@ def linear_coefficients(point: Evaluated, decay: FreeDecay) -> tuple[Real, ...]:
 
 
 def pseudo_inverse(normal: Real) -> Real:
-    """Invert normal matrices, (.., n, n); directions that the data do not determine stay zero."""
+    """Return inverses of normal matrices, (.., n, n); zero in directions that no data determine."""
     # A diagonal element of zero has no inverse.
     scale = 1 / np.sqrt(np.maximum(np.diagonal(normal, axis1=-2, axis2=-1), 1e-300))
     scales = scale[..., :, None] * scale[..., None, :]
@@ -284,10 +284,10 @@ def slopes(point: Evaluated, group: GroupAt, z: Complex) -> Real:
     modes = point.modes
     apart = _along(z, point.apart)[..., None, :, :]
     together = _along(z, point.together)[..., None, :, :]
-    of_half = z[..., None, modes.half, None]
+    half_state = z[..., None, modes.half, None]
     on_exp = group.gained[..., None] * apart
     on_exp += group.gain_slope[..., None] * together
-    on_exp += group.d_gained * of_half
+    on_exp += group.d_gained * half_state
     if group.late_index is not None:
         speed = (modes.poles * z)[..., None, modes.half]  # what is later shows an earlier motion
         on_exp[..., group.late_index] -= group.gained * speed

@@ -95,9 +95,9 @@ class Spectrum:
     """Numbers of the real poles and of the upper one of each pair, shape (h,)."""
 
     def change(self, dA: Real) -> tuple[Complex, Complex, Complex]:
-        """Bring changes of the state matrix, (P, n, n) in 1/s, into modal coordinates.
+        """Return changes of the state matrix, (P, n, n) in 1/s, in modal coordinates.
 
-        Returns the entries from each pole to one of `half` that differs from it, and from one of
+        They are the entries from each pole to one of `half` that differs from it, and from one of
         `half` to each pole that differs from it, both divided by the difference of the poles, and
         the entries from each pole to one of `half` that is equal, the diagonal included; each (n,
         h, P).  The entries of the other pole of a pair are conjugate.
@@ -116,7 +116,7 @@ class Spectrum:
         )
 
     def on_real_functions(self, plain: Complex, timed: Complex | float = 0.0) -> Real:
-        """Bring coefficients on exp and on t exp, (.., h, P), on `real_functions`, (.., 4 h, P).
+        """Return `real_functions`' coefficients, (.., 4 h, P), by those of exp, t exp, (.., h, P).
 
         ``c exp + conj(c exp)`` is ``2 Re c Re exp - 2 Im c Im exp``; a real pole has no conjugate.
         """
@@ -127,7 +127,7 @@ class Spectrum:
 
 
 def spectrum(A: Real) -> Spectrum:
-    """Decompose a real state matrix, (n, n) in 1/s."""
+    """Return the eigenvalues and eigenvectors of a real state matrix, (n, n) in 1/s."""
     poles, V = np.linalg.eig(A)
     poles, V = poles.astype(complex), V.astype(complex)
     return Spectrum(poles, V, np.linalg.inv(V), np.flatnonzero(poles.imag >= 0))

@@ -146,7 +146,7 @@ def travel_rows(full: Complex) -> Complex:
     """
     a, b, t_f, t_r, y_s = (full[..., i] for i in (Full.A, Full.B, Full.T_F, Full.T_R, Full.Y_S))
     travel = np.zeros((*full.shape[:-1], 4, N_DOF), dtype=complex)
-    travel[..., 0] = -1.0
+    travel[..., 0] = -1.0  # heave, and then pitch, roll and the wheels
     travel[..., 1] = np.stack([a, a, -b, -b], axis=-1)
     travel[..., 2] = -np.stack([t_f - y_s, -t_f - y_s, t_r - y_s, -t_r - y_s], axis=-1)
     travel[..., 3:] = np.eye(4)

@@ -117,7 +117,7 @@ def wilson_response(
 
 
 def _grid(bump: Bump, rate_hz: float, duration_s: float) -> NDArray[np.float64]:
-    """Return the time of every sample, s; raises InputError for rates and durations below zero."""
+    """Return the time of every sample, s; raises InputError for a bump or rate that cannot be."""
     if not (rate_hz > 0.0 and duration_s > 0.0 and bump.duration_s > 0.0 and bump.start_s >= 0.0):
         raise InputError(
             "simulation",
@@ -125,7 +125,7 @@ def _grid(bump: Bump, rate_hz: float, duration_s: float) -> NDArray[np.float64]:
             f" {bump.start_s} s",
             "give positive rates and durations and a start at or after 0",
         )
-    return np.arange(int(np.floor(duration_s * rate_hz + 1e-6)) + 1) / rate_hz
+    return np.arange(int(np.floor(duration_s * rate_hz + 1e-6)) + 1) / rate_hz  # 1e-6: rounding
 
 
 def _road_force(model: PhysicalModel, excitation: Excitation) -> NDArray[np.float64]:

@@ -201,7 +201,7 @@ def _real_parts(functions: _Complex) -> _Real:
 
 
 def _complex(parts: _Real) -> _Complex:
-    """Join real parts (the first half of the last axis) and imaginary parts."""
+    """Return complex numbers from their real parts (first half of the last axis) and imaginary."""
     half = parts.shape[-1] // 2
     return np.asarray(parts[..., :half] + 1j * parts[..., half:])
 
@@ -466,11 +466,11 @@ class LikelyModes:
         """Return the modes that vibrate, with their deviations by the Cramer-Rao bound."""
         poles, size, m = self.poles, np.abs(self.poles), len(self.poles)
         real, imag = poles.real, poles.imag
-        by_frequency = np.hstack([np.diag(real / size), np.diag(imag / size)]) / (2.0 * np.pi)
-        by_damping = np.hstack([np.diag(-(imag**2) / size**3), np.diag(real * imag / size**3)])
+        frequency_slopes = np.hstack([np.diag(real / size), np.diag(imag / size)]) / (2.0 * np.pi)
+        damping_slopes = np.hstack([np.diag(-(imag**2) / size**3), np.diag(real * imag / size**3)])
         frequency_std_hz, damping_std = (
-            np.sqrt(np.einsum("ij,jk,ik->i", slope, self.pole_covariance, slope))
-            for slope in (by_frequency.reshape(m, -1), by_damping.reshape(m, -1))
+            np.sqrt(np.einsum("ij,jk,ik->i", slopes, self.pole_covariance, slopes))
+            for slopes in (frequency_slopes.reshape(m, -1), damping_slopes.reshape(m, -1))
         )
         periods = size * self.point.condensed.samples.longest_s / (2.0 * np.pi)
         is_mode = vibrates(poles) & (periods > _LEAST_PERIODS)

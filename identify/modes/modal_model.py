@@ -256,7 +256,7 @@ class Pairing:
 
 
 def pair_modes(baseline: ModalModel, added: ModalModel) -> Pairing:
-    """Pair the modes of two mass states so that the sum of their MAC is largest.
+    """Return the pairs of modes of two mass states whose sum of MAC is largest.
 
     `baseline` and `added`: modes with shapes in the same channels; if one has more modes, some have
     no partner.  Raises InputError if the shapes are of different channels.

@@ -198,7 +198,7 @@ def _best_start(spaces: Sequence[DelaySpace], samples: Samples, duration_s: floa
 
 
 def _without_needless(point: Point, least_modes: int = 0) -> Point:
-    """Remove one mode after the other as long as this raises the merit and `least_modes` remain."""
+    """Return a point with ever fewer modes, down to `least_modes`, as long as its merit rises."""
     while len(point.poles) > least_modes:
         fewer = point.without(point.least_needed()[0])
         if fewer.merit <= point.merit:
@@ -317,7 +317,7 @@ class SensedModes:
 
 
 def sensed_modes(records: Sequence[Record], decays: Sequence[FreeDecay]) -> SensedModes:
-    """Identify the modes of one mass state from its decays, all runs in one fit.
+    """Return the modes of one mass state by its decays, all runs in one fit.
 
     Channels that are not in all decays are left out.  Raises InputError if the decays are too short
     or have no channel in common.

@@ -27,6 +27,7 @@ from .modal_model import ModalModel, mac
 _MIN_SAMPLES = 8
 """Fewer samples cannot show a damped sine and exclude anything else."""
 
+_LEAST_BLOCKS = 4  # delays of the shortest vector
 _MAX_ROWS = 240
 """Length of the longest delay vector: a longer one costs time and adds little information."""
 
@@ -150,8 +151,9 @@ def layouts(decays: Sequence[NDArray[np.float64]]) -> tuple[Delays, ...]:
     coarse_step = min(max(1, int(longest / (10.0 * highest))), max(1, longest // 16))
     chosen = []
     for step in (coarse_step, 1):
-        most_delays = max(4, min(_MAX_ROWS // decays[0].shape[1], longest // (2 * step)))
-        chosen += [Delays(max(4, most_delays // divisor), step) for divisor in (1, 2)]
+        longest_vector = min(_MAX_ROWS // decays[0].shape[1], longest // (2 * step))  # delays
+        most_delays = max(_LEAST_BLOCKS, longest_vector)
+        chosen += [Delays(max(_LEAST_BLOCKS, most_delays // divisor), step) for divisor in (1, 2)]
     return tuple(dict.fromkeys(chosen))
 
 
@@ -272,7 +274,6 @@ _TIMES_MEDIAN = 2.858
 """Singular values below this multiple of their median are best left out (Gavish and Donoho
 2014)."""
 _OF_ROUNDING = 1e-11  # as a share of the largest
-_LEAST_BLOCKS = 4
 
 
 def realised_modes(

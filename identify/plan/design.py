@@ -211,10 +211,10 @@ def _with_faster_samples(plan: Plan) -> Iterator[Candidate]:
     slow = [s for s in plan.sensors if s.rate_hz < _HIGHEST_RATE_HZ]
     if slow:
         rates = [max(s.rate_hz, min(2.0 * s.rate_hz, _HIGHEST_RATE_HZ)) for s in plan.sensors]
-        pairs = zip(plan.sensors, rates, strict=True)
-        faster = tuple(replace(s, rate_hz=rate) for s, rate in pairs)
-        rate = min(2.0 * min(s.rate_hz for s in slow), _HIGHEST_RATE_HZ)
-        action = f"sample at {rate:.0f} Hz or more, if a sample is then no noisier"
+        with_rate = zip(plan.sensors, rates, strict=True)
+        faster = tuple(replace(s, rate_hz=rate_hz) for s, rate_hz in with_rate)
+        least_hz = min(2.0 * min(s.rate_hz for s in slow), _HIGHEST_RATE_HZ)
+        action = f"sample at {least_hz:.0f} Hz or more, if a sample is then no noisier"
         yield Candidate(action, replace(plan, sensors=faster))
 
 
@@ -251,17 +251,19 @@ def _with_new_sensors(plan: Plan) -> Iterator[Candidate]:
 
 
 def _new_sensor(quantity: Quantity, rate_hz: float, corner: Corner | None = None) -> Sensor:
+    """Return a sensor that the bench does not have; on the body without a corner."""
     name = f"new_{quantity}_{corner or 'body'}"
     return sensor(Channel(name, quantity, SI_UNITS[quantity], corner=corner), rate_hz)
 
 
 def _above_wheel(plan: Plan, corner: Corner) -> tuple[float, float]:
+    """Return a wheel's place, m from the front axle and from the middle, forward and left."""
     a, b, t_f, t_r = plan.vehicle[FULL_NAMES.index("a") :][:4].tolist()
     return (0.0, corner.side * t_f) if corner.front else (-a - b, corner.side * t_r)
 
 
 def _with_sensors(plan: Plan, action: str, new_sensors: list[Sensor]) -> Candidate:
-    # What is known of a sensor of the bench will be known of a new one.
+    """Return the step of adding sensors; they are known no better than the bench's worst."""
     sigmas = {
         name: max(getattr(s.channel, name) for s in plan.sensors)
         for name in ("gain_sigma", "position_sigma_m")

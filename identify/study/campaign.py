@@ -181,7 +181,7 @@ class Outcome:
 
 
 def outcome(campaign: Campaign, seed: int) -> Outcome:
-    """Identify the campaign that `seed` draws."""
+    """Return how well the campaign that `seed` draws is identified."""
     box = box_of(campaign)
     estimation = estimate(box, records_of(campaign, seed), generic_vehicles())
     identified = estimates(box, estimation.fit)

@@ -60,7 +60,7 @@ _TABLE3_PERCENT = np.array(
 
 
 def table2_study(response: Literal["exact", "wilson"]) -> Study:
-    """Identify the paper's vehicle from its accelerations, in the paper's order of estimation."""
+    """Return the paper's vehicle as its accelerations give it by the paper's chain (Table 2)."""
     response_of = exact_response if response == "exact" else wilson_response
     rate_hz = 1000.0
     state_matrices = []
@@ -129,7 +129,7 @@ def taps(rate_hz: float) -> Floats:
         rate = f"{rate_hz:g} Hz leaves no room for a {PASS_HZ:g} Hz low-pass"
         raise InputError("rate", rate, f"give more than {2.0 * stop_hz:g} Hz")
     bands = (0.0, PASS_HZ, stop_hz, rate_hz / 2.0)
-    n = 2 * round(0.05 * rate_hz / 2.0) + 1
+    n = 2 * round(0.05 * rate_hz / 2.0) + 1  # odd, 50 ms
     return np.asarray(firls(n, bands, (1.0, 1.0, 0.0, 0.0), fs=rate_hz), dtype=np.float64)
 
 
@@ -155,9 +155,9 @@ def table3_campaign(rate_hz: float, noise_db: float) -> Campaign:
 
 
 def attempt(campaign: Campaign, seed: int) -> dict[str, Floats]:
-    """Identify the campaign that `seed` draws by the paper's chain and by maximum likelihood.
+    """Return the errors of the paper's chain and of the likelihood on the campaign of a seed.
 
-    Returns the errors, (11,) %, of `chain_filtered` and `chain_unfiltered`, with and without the
+    They are the errors, (11,) %, of `chain_filtered` and `chain_unfiltered`, with and without the
     low-pass, and of the `likelihood`; NaN where there is no answer.
     """
     rate_hz = campaign.rate_hz

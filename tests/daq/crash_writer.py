@@ -221,11 +221,9 @@ class Disk:
 
 @dataclass(frozen=True, slots=True)
 class Full:
-    """One disk that ran full: frames by what became of them, and times on the recorder's clock."""
+    """One disk that ran full: frames dropped, and times on the recorder's clock."""
 
     kind: str
-    offered: int
-    recorded: int
     dropped: int
     alarm_s: float
     resumed_s: float
@@ -297,7 +295,7 @@ def run_full(disk: Disk, reserve_bytes: float, full_s: float) -> Full:
     assert np.all(np.diff(read) > 0), "frames are doubled or in disorder"
     assert contents.hops.between(0, 2**62).queue_dropped == dropped
     assert contents.lost.any == (dropped > 0)
-    return Full(disk.kind, clock.offered, len(read), dropped, alarm_s, resumed_s, largest - before)
+    return Full(disk.kind, dropped, alarm_s, resumed_s, largest - before)
 
 
 class _Clock:

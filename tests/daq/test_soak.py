@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import gc
 import os
 import re
@@ -224,7 +223,7 @@ class Soak(AbstractContextManager["Soak"]):
             )
             self.bench.rest(PATIENCE_S)
             own = self.bench.given - before
-            status = self._until(functools.partial(_all_recorded, own))
+            status = self._until_recorded(own)
             lost = status.losses
             self.tally.lost += own - status.disk.recorded_frames + lost.counter_gaps
             self.tally.lost += lost.queue_dropped + status.disk.dropped_frames
@@ -268,6 +267,9 @@ class Soak(AbstractContextManager["Soak"]):
             assert time.monotonic() < patient_s, status
             time.sleep(_TURN_S)
 
+    def _until_recorded(self, frames: int) -> Status:
+        return self._until(lambda status: status.disk.recorded_frames >= frames)
+
     def _look_at(self, status: Status) -> None:
         """Note something on each run; every eighth one is rejected, then accepted after all."""
         if not self._recording:
@@ -286,10 +288,6 @@ class Soak(AbstractContextManager["Soak"]):
 
     def _note_segments(self) -> None:
         self.tally.segments |= {path.name for path in segments_in(self._folder / "journal")}
-
-
-def _all_recorded(frames: int, reported: Status) -> bool:
-    return reported.disk.recorded_frames >= frames
 
 
 def soak_bench(frames: int) -> Bench:
@@ -321,17 +319,15 @@ def soak(
         return held[0], held[-1], running.tally
 
 
-def missed(first: Held, last: Held, tally: Tally) -> list[str]:
-    """Return the bars that were missed, in words."""
-    grown, objects = last.rss_bytes - first.rss_bytes, last.objects - first.objects
-    bars = {
-        f"memory grew by {grown / 1e6:.1f} MB": grown > MOST_BYTES,
-        f"{objects} more objects": objects > MOST_OBJECTS,
-        f"files {first.files} -> {last.files}": last.files != first.files,
-        f"threads {first.threads} -> {last.threads}": last.threads != first.threads,
-        f"{tally.lost} frames lost": tally.lost != 0,
+def grown(first: Held, last: Held) -> dict[str, bool]:
+    """Return what grew, in words, and whether it is more than may be."""
+    grown_bytes, objects = last.rss_bytes - first.rss_bytes, last.objects - first.objects
+    return {
+        f"memory {grown_bytes / 1e6:+.1f} MB": grown_bytes > MOST_BYTES,
+        f"objects {objects:+d}": objects > MOST_OBJECTS,
+        f"files {last.files - first.files:+d}": last.files != first.files,
+        f"threads {last.threads - first.threads:+d}": last.threads != first.threads,
     }
-    return [text for text, is_missed in bars.items() if is_missed]
 
 
 def main() -> int:
@@ -349,14 +345,12 @@ def main() -> int:
 
     with tempfile.TemporaryDirectory() as folder:
         first, last, tally = soak(Path(folder), frames, stops, report)
-    grown = last.rss_bytes - first.rss_bytes
-    failed = missed(first, last, tally)
+    bars = grown(first, last) | {f"{tally.lost} lost": tally.lost != 0}
+    failed = [text for text, is_missed in bars.items() if is_missed]
     sys.stdout.write(
         f"R8  {last.frames:,} frames, {tally.recordings} recordings, {tally.runs:,} bumps, "
         f"{tally.notes:,} notes, {len(tally.segments)} segments: {tally.lost} lost; from "
-        f"{first.frames:,} frames on memory {grown / 1e6:+.1f} MB, objects "
-        f"{last.objects - first.objects:+d}, files {last.files - first.files:+d}, threads "
-        f"{last.threads - first.threads:+d}  {'FAILED: ' + '; '.join(failed) if failed else ''}\n"
+        f"{first.frames:,} frames on {', '.join(bars)}  {f'FAILED: {failed}' if failed else ''}\n"
     )
     return int(bool(failed))
 

@@ -32,7 +32,6 @@ DATABASES = (
 
 NODES = {1: "RR", 2: "FL", 3: "FR", 4: "RL"}
 """Where the nodes of CANopen are in truth; no name says so."""
-POSITIONS = {"imu_front": (-0.3, 0.1), "imu_rear": (-2.2, -0.1), "imu_mid": (-1.1, 0.0)}
 
 
 @cache

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import errno
-import socket
-import struct
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -13,11 +11,11 @@ import can
 import pytest
 
 from daq.bench.config import BusConfig
-from daq.bus.socketcan import FrameBuffers, SocketCanSource
-from daq.bus.source import FrameSource, HopLosses, Link, SteadyClock
+from daq.bus.source import FrameSource, Link
 from dbc import FrameBatch
 
 from ..adapters import Device, opener, parse_error
+from ..recorder_run import Script
 from ..watched_bench import FOREIGN_ID, WatchedBench
 
 HEALTHY_TURNS, FAULTY_TURNS = 4, 20
@@ -25,22 +23,15 @@ NAMED_WITHIN_S, OVER_WITHIN_S = 1.2, 5.0
 """A bus is silent after a second, and a block takes a tenth."""
 
 
-class Steady:
+class Steady(Script):
     """A healthy source: a turn of the bench each time it is read."""
 
-    name = "can0"
-
     def __init__(self, bench: WatchedBench) -> None:
+        super().__init__([])
         self._bench = bench
 
     def read(self, timeout_s: float) -> FrameBatch:
         return self._bench.healthy()
-
-    def losses(self) -> HopLosses:
-        return HopLosses()
-
-    def close(self) -> None:
-        pass
 
 
 class TwoBuses:
@@ -172,57 +163,3 @@ def test_a_sick_backend_is_named_counted_and_well_again_and_the_other_bus_never_
     assert bench.state.buses[0].frames == buses.received[0]
     assert buses.codes("virtual 0") == []
     assert bench.state.sensors_alive == 6
-
-
-class Buffers(FrameBuffers):
-    """The kernel's answers, after the faults of the test."""
-
-    faults: tuple[int, ...] = ()
-
-    def receive(self, descriptor: int) -> int:
-        if Buffers.faults:
-            code, Buffers.faults = Buffers.faults[0], Buffers.faults[1:]
-            raise OSError(code, "injected")
-        return super().receive(descriptor)
-
-
-def test_an_interface_taken_down_and_one_that_has_gone_both_come_back(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr("daq.bus.socketcan.FrameBuffers", Buffers)
-    wires: list[socket.socket] = []
-
-    def open_socketcan(config: BusConfig, number: int) -> FrameSource:
-        kernel, wire = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        wires.append(wire)
-        return SocketCanSource(
-            kernel, "socketcan 1", number, SteadyClock(lambda: bench.t_ns, lambda: 0)
-        )
-
-    buses = TwoBuses("socketcan", open_socketcan)
-    bench = buses.bench
-    buses.turn()
-
-    def run(turns: int, bus_is_up: bool = True) -> list[str]:
-        for _ in range(turns):
-            if bus_is_up:
-                wires[-1].send(struct.pack("=IB3x8s", FOREIGN_ID, 8, bytes(8)))
-            buses.turn()
-        return buses.codes("socketcan 1")
-
-    assert run(15) == []
-    Buffers.faults = (errno.ENETDOWN,)
-    assert run(15, bus_is_up=False) == ["interface_down"]
-    assert run(25) == []
-    assert buses.links[1].facts().reopened == 0
-
-    Buffers.faults = (errno.ENODEV,)
-    assert "disconnected" in run(2, bus_is_up=False)
-    assert run(30) == []
-    assert buses.links[1].facts().reopened == 1
-    assert bench.logged("alarm").count("disconnected socketcan 1") == 1
-    assert buses.received == [400 * (bench.turns - 1), 70]
-    for link in buses.links:
-        link.close()
-    for wire in wires:
-        wire.close()

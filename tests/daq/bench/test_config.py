@@ -57,6 +57,15 @@ def _message(name: str, *lines: str) -> str:
     return "\n".join([f'[[message]]\nname = "{name}"', *lines, ""])
 
 
+def _set(name: str, message: str, bound_by: str) -> str:
+    return f'[[sample_set]]\nname = "{name}"\nmessages = ["{message}"]\nbound_by = "{bound_by}"\n'
+
+
+def _channel(quantity: str, *lines: str) -> str:
+    given = ["[[channel]]", 'name = "a"', 'signal = "Acc.up"', f'quantity = "{quantity}"', *lines]
+    return "\n".join([*given, ""])
+
+
 def test_a_bench_may_add_what_the_dbc_does_not_say() -> None:
     text = _message(
         "Acc", "cycle_ms = 5", 'counter = "count"', "counter_modulus = 15", 'crc = "crc"',
@@ -118,48 +127,28 @@ MISTAKES = {
     "cycle": (_message("Acc", "cycle_ms = 0"), "message.Acc.cycle_ms"),
     "unknown key": (_message("Acc", "colour = 1"), "unknown key message.Acc.colour"),
     "set of nothing": ('[[sample_set]]\nname = "s"\nmessages = []\nbound_by = "x"\n', "messages"),
-    "set message": (
-        '[[sample_set]]\nname = "s"\nmessages = ["No"]\nbound_by = "Stamp.ticks"\n',
-        "sample set s: the DBC has no message No",
-    ),
-    "set signal": (
-        '[[sample_set]]\nname = "s"\nmessages = ["Acc"]\nbound_by = "Stamp.x"\n',
-        "message Stamp: has no signal x",
-    ),
-    "set role": (
-        '[[sample_set]]\nname = "s"\nmessages = ["Acc"]\nbound_by = "Stamp.ticks"\n',
-        "neither the counter nor the time_signal",
-    ),
+    "set message": (_set("s", "No", "Stamp.ticks"), "sample set s: the DBC has no message No"),
+    "set signal": (_set("s", "Acc", "Stamp.x"), "message Stamp: has no signal x"),
+    "set role": (_set("s", "Acc", "Stamp.ticks"), "neither the counter nor the time_signal"),
     "set cycle": (
-        _message("Acc", 'counter = "count"')
-        + '[[sample_set]]\nname = "s"\nmessages = ["Acc"]\nbound_by = "count"\n',
+        _message("Acc", 'counter = "count"') + _set("s", "Acc", "count"),
         "Acc has no cycle time",
     ),
     "two sets": (
         _message("Stamp", 'time_signal = "ticks"')
-        + '[[sample_set]]\nname = "s"\nmessages = ["Acc"]\nbound_by = "Stamp.ticks"\n'
-        + '[[sample_set]]\nname = "t"\nmessages = ["Acc"]\nbound_by = "Stamp.ticks"\n',
+        + _set("s", "Acc", "Stamp.ticks") + _set("t", "Acc", "Stamp.ticks"),
         "sample set t: Acc is also in s",
     ),
     "calibration": ('[calibration]\nmax_age_days = 0\n', "calibration.max_age_days"),
-    "calibrated": (
-        '[[channel]]\nname = "a"\nsignal = "Acc.up"\nquantity = "unused"\ncalibrated = "May"\n',
-        "calibrated is not a day",
-    ),
+    "calibrated": (_channel("unused", 'calibrated = "May"'), "calibrated is not a day"),
     "calibrated when": (
-        '[[channel]]\nname = "a"\nsignal = "Acc.up"\nquantity = "unused"\n'
-        "calibrated = 2026-01-01T10:00:00\n",
+        _channel("unused", "calibrated = 2026-01-01T10:00:00"),
         "channel.a.calibrated: must be a valid string",
     ),
     "unit of another kind": (
-        '[[channel]]\nname = "a"\nsignal = "Acc.up"\nsignal_unit = "mm"\n'
-        'quantity = "body_acceleration"\n',
-        "has unit 'mm' in its [[channel]]",
+        _channel("body_acceleration", 'signal_unit = "mm"'), "has unit 'mm' in its [[channel]]",
     ),
-    "no unit": (
-        '[[channel]]\nname = "a"\nsignal = "Acc.up"\nquantity = "pitch_rate"\n',
-        "has unit '' in car.dbc",
-    ),
+    "no unit": (_channel("pitch_rate"), "has unit '' in car.dbc"),
 }  # fmt: skip
 
 
@@ -434,6 +423,7 @@ def test_what_a_channel_map_may_not_say(tmp_path: Path, written: str, why: str) 
 def test_what_a_channel_map_says(tmp_path: Path) -> None:
     path = tmp_path / "map.toml"
     more = MAP.replace('"a"', '"b"').replace('"A"', text(120)) + 'time_column = "u"\n'
+    more += "x_m = -1.25\nposition_sigma_m = 0.01\ndelay_s = 0.002\n"
     third = MAP.replace('"a"', '"c"').replace('"A"', '"C"') + "rate_hz = 1e7\n"
     path.write_text(
         '[time]\ncolumn = "t"\nunit = "ms"\n' + MAP + more + third + RUN + "stop_s = 3610.0\n",
@@ -444,6 +434,8 @@ def test_what_a_channel_map_says(tmp_path: Path) -> None:
     assert (first.column, first.unit, first.rate_hz) == ("t", "ms", None)
     assert (second.column, second.unit, second.rate_hz) == ("u", "ms", None)
     assert (last.column, last.rate_hz) == ("", 1e7)
+    placed = found.bench.channels[1]
+    assert (placed.x_m, placed.position_sigma_m, placed.delay_s) == (-1.25, 0.01, 0.002)
     assert found.columns == ("A", "a" * 120, "C", "t", "u")
     (run,) = found.runs
     assert (run.step.label, run.start_s, run.stop_s) == ("baseline_roll_1", 10.0, 3610.0)

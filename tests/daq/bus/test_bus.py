@@ -6,6 +6,7 @@ import socket
 import time
 from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import can
@@ -24,6 +25,7 @@ from daq.bus.source import BusError, FrameSource, wire_bits
 from dbc.frames import FrameBatch, FrameFlag
 
 from ..adapters import Device, SickBus, own_group, parse_error
+from ..formats.mixed import frames_in, message, mixed
 
 NOW_NS = 1_800_000_000_123_456_789
 GROUP, OTHER_GROUP = own_group(74), own_group(75)
@@ -55,31 +57,13 @@ def read_until(source: FrameSource, count: int, deadline_s: float = 10.0) -> Fra
     return FrameBatch.concatenate(blocks)
 
 
-def test_every_property_of_a_message_arrives_in_its_column() -> None:
-    batch = source_of(
-        frame(0x123, data=b"\xaa\xbb\xcc"),
-        frame(0x1ABCDEF0, is_extended_id=True, is_rx=False),
-        frame(0x7FF, is_remote_frame=True, dlc=5, data=None),
-        frame(0x40, is_error_frame=True, data=bytes(8)),
-        frame(
-            1, is_fd=True, bitrate_switch=True, error_state_indicator=True, data=bytes(range(64))
-        ),
-    ).read(0.0)
-
-    assert list(batch.can_id) == [0x123, 0x1ABCDEF0, 0x7FF, 0x40, 1]
-    assert list(batch.flags) == [
-        0,
-        FrameFlag.EXTENDED | FrameFlag.TRANSMITTED,
-        FrameFlag.REMOTE,
-        FrameFlag.ERROR,
-        FrameFlag.FD | FrameFlag.BITRATE_SWITCH | FrameFlag.ERROR_STATE,
-    ]
-    assert list(batch.length) == [3, 2, 5, 8, 64]
-    assert list(batch.bus) == [2] * 5
-    assert batch.data.shape == (5, 64)
-    assert bytes(batch.data[0, :4]) == b"\xaa\xbb\xcc\0"
-    assert not batch.data[2].any()
-    assert bytes(batch.data[4]) == bytes(range(64))
+def test_frames_of_every_kind_arrive_as_python_can_has_them() -> None:
+    sent = mixed(400)
+    got = source_of(*map(message, sent)).read(0.0)
+    assert got.data.shape == (400, 64)
+    assert not got.data[np.arange(64) >= got.length[:, None]].any()
+    found = [replace(frame, t_us=0) for frame in frames_in(got)]
+    assert found == [replace(frame, t_us=0, bus=2) for frame in sent]
 
 
 def test_a_stamp_in_float_seconds_loses_no_more_than_the_float_did() -> None:

@@ -95,13 +95,6 @@ def test_a_mistake_of_the_bench_is_its_only_fault(bench: Bench, subject: str, ad
     assert (line.severity, line.subject, line.advice) == (Severity.ERROR, subject, advice)
 
 
-def test_a_channel_of_a_level_axis_is_named() -> None:
-    bench = _channel("body_acc_z", signal="IMU_Accel.acc_x")
-    (line,) = _bad(_check(_rest(), bench))
-    assert (line.severity, line.subject) == (Severity.WARNING, "channel body_acc_z")
-    assert line.text.startswith("reads no gravity")
-
-
 def test_a_missing_message() -> None:
     frames = _rest()
     rear = CODEC.message("SUSP_Rear").can_id

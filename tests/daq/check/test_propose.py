@@ -374,6 +374,18 @@ def test_without_pushes_forward_is_asked_and_with_pushes_that_show_nothing_so_is
         assert (pot.corner, pot.is_proven, pot.ask) == (Corner.FRONT_LEFT, False, "")
 
 
+def test_pushes_show_how_an_imu_is_turned() -> None:
+    """Its y axis points forward: it turns about x as the nose goes down, backwards."""
+    down_on_left, nose_down = trace([-1.0, 1.0, -1.0, 1.0]), trace([-1.0, -1.0, 1.0, 1.0])
+    found = device({"Rate.GyrY": down_on_left, "Rate.GyrX": nose_down})
+    for name, turn, sign in (
+        ("Rate.GyrY", Quantity.ROLL_RATE, 1),
+        ("Rate.GyrX", Quantity.PITCH_RATE, -1),
+    ):
+        guess = found[name]
+        assert (guess.quantity, guess.sign, guess.ask, guess.is_proven) == (turn, sign, "", True)
+
+
 @pytest.mark.parametrize(
     ("heights", "corner", "sign", "ask"),
     [

@@ -78,52 +78,33 @@ def message(frame: Frame) -> can.Message:
     )
 
 
+FLAGS = {
+    "extended": ("x", FrameFlag.EXTENDED),
+    "remote": ("r", FrameFlag.REMOTE),
+    "error": ("e", FrameFlag.ERROR),
+    "fd": ("f", FrameFlag.FD),
+    "brs": ("b", FrameFlag.BITRATE_SWITCH),
+    "esi": ("s", FrameFlag.ERROR_STATE),
+    "sent": ("t", FrameFlag.TRANSMITTED),
+}
+"""Letter and flag of each property of a frame."""
+
+
 def frames_in(batch: FrameBatch) -> list[Frame]:
     """Return a batch as frames; stamps to the microsecond."""
-
-    def has(flags: int, flag: FrameFlag) -> bool:
-        return bool(flags & flag)
-
-    rows = zip(
-        batch.t_ns.tolist(),
-        batch.can_id.tolist(),
-        batch.flags.tolist(),
-        batch.bus.tolist(),
-        batch.length.tolist(),
-        batch.data,
-        strict=True,
-    )
-    return [
-        Frame(
-            round((t_ns - START_S * 1_000_000_000) / 1000),
-            can_id,
-            length,
-            b"" if has(flags, FrameFlag.REMOTE) else row[:length].tobytes(),
-            bus,
-            has(flags, FrameFlag.EXTENDED),
-            has(flags, FrameFlag.REMOTE),
-            has(flags, FrameFlag.ERROR),
-            has(flags, FrameFlag.FD),
-            has(flags, FrameFlag.BITRATE_SWITCH),
-            has(flags, FrameFlag.ERROR_STATE),
-            has(flags, FrameFlag.TRANSMITTED),
-        )
-        for t_ns, can_id, flags, bus, length, row in rows
-    ]
+    frames = []
+    for i in range(len(batch)):
+        flags, length = int(batch.flags[i]), int(batch.length[i])
+        marks = {name: bool(flags & flag) for name, (_, flag) in FLAGS.items()}
+        t_us = round((int(batch.t_ns[i]) - START_S * 1_000_000_000) / 1000)
+        data = b"" if marks["remote"] else batch.data[i, :length].tobytes()
+        frames.append(Frame(t_us, int(batch.can_id[i]), length, data, int(batch.bus[i]), **marks))
+    return frames
 
 
 def batch_of(frames: list[Frame]) -> FrameBatch:
     """Return frames as a batch, the inverse of `frames_in`."""
-    flags = [
-        FrameFlag.EXTENDED * f.extended
-        | FrameFlag.REMOTE * f.remote
-        | FrameFlag.ERROR * f.error
-        | FrameFlag.FD * f.fd
-        | FrameFlag.BITRATE_SWITCH * f.brs
-        | FrameFlag.ERROR_STATE * f.esi
-        | FrameFlag.TRANSMITTED * f.sent
-        for f in frames
-    ]
+    flags = [sum(flag for name, (_, flag) in FLAGS.items() if getattr(f, name)) for f in frames]
     return FrameBatch(
         np.array([START_S * 1_000_000_000 + f.t_us * 1000 for f in frames]),
         np.array([f.can_id for f in frames], np.uint32),
@@ -134,17 +115,6 @@ def batch_of(frames: list[Frame]) -> FrameBatch:
     )
 
 
-_LETTERS = {
-    "x": FrameFlag.EXTENDED,
-    "r": FrameFlag.REMOTE,
-    "e": FrameFlag.ERROR,
-    "f": FrameFlag.FD,
-    "b": FrameFlag.BITRATE_SWITCH,
-    "s": FrameFlag.ERROR_STATE,
-    "t": FrameFlag.TRANSMITTED,
-}
-
-
 def shown(batch: FrameBatch) -> list[str]:
     """Return frames as ``time in ns, bus, identifier, length, data, letters of its flags``.
 
@@ -153,7 +123,7 @@ def shown(batch: FrameBatch) -> list[str]:
     lines = []
     for i in range(len(batch)):
         flags, length = int(batch.flags[i]), int(batch.length[i])
-        letters = "".join(letter for letter, flag in _LETTERS.items() if flags & flag)
+        letters = "".join(letter for letter, flag in FLAGS.values() if flags & flag)
         # Bytes behind the payload are shown too if they are not zero: none may be left there.
         data = batch.data[i, :length].tobytes().hex() + "!" * bool(batch.data[i, length:].any())
         parts = [f"{batch.t_ns[i]}", f"{batch.bus[i]}", f"{batch.can_id[i]:X}", f"{length}"]

@@ -3,22 +3,15 @@
 from __future__ import annotations
 
 import io
-from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
 
-from daq.bench.config import Bench
-from daq.recorder import recording as judging
 from daq.session.build import main
-from daq.verdict.window import RunMeasure
 
+from ..recorder_run import quick, two
 
-@pytest.fixture
-def quick(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> Bench:
-    """Return a bench whose runs come thick and fast; its judge lets everything pass."""
-    monkeypatch.setattr(judging, "judge", lambda *_: ((), RunMeasure()))
-    return replace(bench, campaign=replace(bench.campaign, accept_after_s=0.1))
+__all__ = ["quick", "two"]
 
 
 @pytest.fixture

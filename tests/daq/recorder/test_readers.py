@@ -26,7 +26,7 @@ from dbc import Codec, FrameBatch
 
 from ..a_status import a_status
 from ..crash_frames import block
-from ..recorder_run import PATIENCE_S, Running, Script, quick, sources, stored
+from ..recorder_run import PATIENCE_S, Running, Script, sources, stored
 from ..small_campaign import blocks, bumps
 from ..watched_bench import WatchedBench
 
@@ -64,12 +64,11 @@ def test_the_queue_has_room_for_4096_blocks_and_128_megabytes(
 # Readers that are halted --------------------------------------------------------------------------
 
 
-class Late:
+class Late(Script):
     """A bus whose reader gets no processor until the recorder was stopped."""
 
-    name = "late"
-
     def __init__(self, counts: Iterable[int]) -> None:
+        super().__init__([])
         self.counts = iter(counts)
         self.begun, self.awake = threading.Event(), threading.Event()
 
@@ -77,12 +76,6 @@ class Late:
         self.begun.set()
         assert self.awake.wait(PATIENCE_S)
         return block(0, next(self.counts))
-
-    def losses(self) -> HopLosses:
-        return HopLosses()
-
-    def close(self) -> None:
-        pass
 
 
 def read_after_the_stop(source: Late) -> list[int]:
@@ -117,8 +110,6 @@ def test_a_bus_that_is_never_empty_holds_nothing_up(monkeypatch: pytest.MonkeyPa
 
 
 # Frames that arrive and are not stored: named after 3 s, whichever part is at fault ---------------
-
-__all__ = ["quick"]  # a fixture
 
 
 def codes(status: Status) -> list[str]:

@@ -26,7 +26,6 @@ from daq.control.messages import (
     Live,
     Mark,
     Note,
-    Phase,
     Reject,
     SessionState,
     SessionStatus,
@@ -44,7 +43,6 @@ from daq.journal.writer import JournalError
 from daq.recorder.readers import PieceQueue
 from daq.recorder.recorder import Derivation, Recorder
 from daq.recorder.run_loop import OrderError
-from daq.runs import Event
 from daq.session.build import BAD_INPUT, DONE, main
 from dbc import Codec, FrameBatch
 from dbc.words import Severity
@@ -57,42 +55,10 @@ from ..recorder_run import (
     Running,
     Script,
     on_bus,
-    quick,
     sources,
     stored,
-    two,
 )
-from ..small_campaign import LABELS, PLANNED, START_NS, blocks, bumps, codes
-
-__all__ = ["quick", "two"]
-
-
-def planned(events: tuple[Event, ...]) -> list[tuple[str, str]]:
-    return [pair for pair in codes(events) if pair[0] in ("bump", "run_end")]
-
-
-@pytest.mark.usefixtures("built_at_once")
-def test_a_campaign_becomes_a_session_file(quick: Bench, codec: Codec, tmp_path: Path) -> None:
-    gate = threading.Event()
-    frames = bumps(codec, len(LABELS))
-    with Running(quick, tmp_path, sources(Gated(gate, blocks(frames)))) as running:
-        assert running.order(Arm(Until.COMPLETE)).status is not None
-        gate.set()
-        running.until(lambda s: s.phase is Phase.COMPLETE)
-        assert running.order(Stop()).status is not None
-        status = running.until(lambda s: s.session.state in ENDED)
-    assert (status.session.state, status.session.text) == (SessionState.READY, "")
-    assert (status.recording, status.phase) == ("", Phase.IDLE)
-    contents = stored(tmp_path)
-    np.testing.assert_array_equal(contents.frames.t_ns, frames.t_ns)
-    assert planned(contents.events) == PLANNED
-    assert contents.events[-1].code == "ended"
-    session = read_session(status.session.path)
-    assert [run.label for run in session.runs] == LABELS
-    assert Path(status.session.path).name == "session_0001.h5"
-    recorded = [s.disk.recorded_frames for s in running.published if s.recording]
-    assert recorded == sorted(recorded)
-    assert recorded[-1] == len(frames) == status.storage.stored_frames
+from ..small_campaign import START_NS, blocks, bumps
 
 
 def test_a_bus_fails_and_comes_back_while_the_other_goes_on(
@@ -131,26 +97,6 @@ def test_a_bus_fails_and_comes_back_while_the_other_goes_on(
         np.testing.assert_array_equal(own.data, frames.data)
     lost = running.last.losses
     assert (lost.bus_garbled, lost.bus_dropped, lost.queue_dropped) == (1, 2, 0)
-
-
-def test_a_bus_that_cannot_be_opened_is_degraded_and_tried_for_ever(
-    quick: Bench, codec: Codec, tmp_path: Path
-) -> None:
-    tries: list[int] = []
-
-    def later(_: BusConfig, number: int) -> FrameSource:
-        tries.append(number)
-        if len(tries) < 4:
-            raise BusError("can0", "cannot be opened: no such device", "see `ip link`")
-        return Script(blocks(bumps(codec, 1)))
-
-    with Running(quick, tmp_path, later) as running:
-        status = running.until(lambda s: any(a.code == "disconnected" for a in s.alarms))
-        (alarm,) = (a for a in status.alarms if a.code == "disconnected")
-        assert ("no such device" in alarm.text, alarm.advice) == (True, "see `ip link`")
-        running.until(lambda s: s.disk.recorded_frames == 1200)
-        assert running.last.buses[0].reopened == 0
-    assert len(tries) == 4
 
 
 def test_what_does_not_fit_in_the_queue_is_counted_to_the_frame(

@@ -31,65 +31,44 @@ from daq.control.messages import (
     Until,
 )
 from daq.journal.reader import last_recording, read_journal, recordings, segments_in
-from daq.journal.segment import SyncedFile, end_of
+from daq.journal.segment import end_of
 from daq.recorder.recorder import Derivation
 from daq.recorder.run_loop import OrderError
 from dbc import Codec
 from tui.recorders.lines import status_lines
 
-from ..crash_frames import block, numbers
+from ..crash_frames import SmallDisk, block, numbers
 from ..recorder_run import (
     ENDED,
     PATIENCE_S,
     Gated,
     Running,
     Script,
-    quick,
     sources,
     stored,
 )
 from ..small_campaign import LABELS, blocks, bumps
 
-__all__ = ["quick"]
-
-
-class Disk:
-    """A disk that refuses while it is status to."""
-
-    def __init__(self) -> None:
-        self.refuses = threading.Event()
-
-    def create(self, path: Path) -> SyncedFile:
-        if self.refuses.is_set():
-            raise OSError(28, "No space left on device")
-        disk = self
-
-        class File(SyncedFile):
-            def sync(self) -> None:
-                if disk.refuses.is_set():
-                    raise OSError(28, "No space left on device")
-                super().sync()
-
-        return File(path)
+ROOM_BYTES = 10**9
 
 
 @pytest.mark.parametrize("order", [Stop(), Start()])
 def test_no_recording_is_ended_while_its_frames_wait_for_the_disk(
     quick: Bench, codec: Codec, tmp_path: Path, order: Stop | Start
 ) -> None:
-    disk, frames = Disk(), bumps(codec, 2)
+    disk, frames = SmallDisk(ROOM_BYTES), bumps(codec, 2)
     gate = threading.Event()
     script = Gated(gate, blocks(frames, 10))
     with Running(quick, tmp_path, sources(script), create=disk.create) as running:
         first = running.until(lambda s: s.recording != "").recording
-        disk.refuses.set()
+        disk.free = 0
         gate.set()
         running.until(lambda s: s.disk.held_frames > 0)
         with pytest.raises(OrderError, match="frames wait in memory"):
             running.order(order)
         assert running.order(Mark("still here")).status is not None
         assert running.last.recording == first
-        disk.refuses.clear()
+        disk.free = ROOM_BYTES
         running.until(lambda s: s.disk.recorded_frames == len(frames))
         running.order(order)
     np.testing.assert_array_equal(stored_first(tmp_path, first), frames.t_ns)
@@ -108,11 +87,11 @@ def stored_first(folder: Path, recording: str) -> NDArray[np.int64]:
 def test_what_a_disk_did_not_take_at_the_end_is_said(
     quick: Bench, codec: Codec, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    disk, gate = Disk(), threading.Event()
+    disk, gate = SmallDisk(ROOM_BYTES), threading.Event()
     script = Gated(gate, blocks(bumps(codec, 1)))
     with Running(quick, tmp_path, sources(script), create=disk.create) as running:
         running.until(lambda s: s.recording != "")
-        disk.refuses.set()
+        disk.free = 0
         gate.set()
         running.until(lambda s: s.disk.held_frames == 1200)
     assert "1,200 frames were in memory" in caplog.text

@@ -404,14 +404,6 @@ def test_a_span_has_the_losses_of_the_blocks_in_it() -> None:
     assert missing(recent, 20.0, 30.0) == 0
 
 
-def test_what_a_pause_of_the_bus_cost_is_not_lost_from_the_run_before_it() -> None:
-    recent = Recent(4.0)
-    for second, lost in ((0, 1), (1, 3), (2, 6), (63, 60_006)):
-        add(recent, second, second + 0.9, missing=lost)
-    assert missing(recent, 1.0, 3.5) == 5
-    assert missing(recent, 1.0, 63.5) == 60_005
-
-
 # The judge ----------------------------------------------------------------------------------------
 
 

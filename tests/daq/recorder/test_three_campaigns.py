@@ -19,7 +19,6 @@ import pytest
 
 from daq import read_session
 from daq.bench.config import Bench, parse_bench
-from daq.bus.source import HopLosses
 from daq.control.address import control_address, is_running
 from daq.control.exchange import Client, OrderRefusedError
 from daq.control.messages import (
@@ -43,10 +42,8 @@ from tui.recorders.daemon import Lifetime, record_campaign
 from tui.recorders.log import Log
 from tui.recorders.traffic import Traffic
 
-from ..recorder_run import ENDED, PATIENCE_S, Gated, Running, Script, quick, sources, stored
+from ..recorder_run import ENDED, PATIENCE_S, Gated, Running, Script, sources, stored
 from ..small_campaign import LABELS, START_NS, blocks, bumps, frames_at
-
-__all__ = ["quick"]
 
 NUMBERED_ID = 0x7A0
 """A message that no DBC has; its payload is the sender's number of the frame."""
@@ -59,12 +56,11 @@ def numbered(first: int, count: int, t_ns: int, step_ns: int) -> FrameBatch:
     return frames_at(t_ns + np.arange(count) * step_ns, data, NUMBERED_ID)
 
 
-class Sender:
+class Sender(Script):
     """A bus on which numbered frames never end, with the bumps of a campaign now and then."""
 
-    name = "sender"
-
     def __init__(self, codec: Codec) -> None:
+        super().__init__([])
         self._bumps = bumps(codec, len(LABELS))
         self._planned: list[FrameBatch] = []
         self._lock = threading.Lock()
@@ -93,11 +89,6 @@ class Sender:
             self.sent += 1
             self._t_ns += 1_000_000
             return numbered(self.sent - 1, 1, self._t_ns, 1)
-
-    def losses(self) -> HopLosses:
-        return HopLosses()
-
-    def close(self) -> None: ...
 
 
 def lead(folder: Path, sender: Sender, bench: Bench, end: threading.Event) -> str:

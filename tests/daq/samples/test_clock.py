@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -22,8 +22,6 @@ from dbc.codec import Samples
 
 T0_NS = 1_700_000_000_000_000_000
 Floats = NDArray[np.float64]
-Way = Callable[[np.random.Generator, Floats], Floats]
-"""Sample times to arrival times."""
 
 
 def _stalled(arrival: Floats, starts: Floats, length_s: float) -> Floats:

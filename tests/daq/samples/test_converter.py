@@ -18,7 +18,6 @@ from daq.samples.converter import (
     is_fine,
     is_stuck,
     longest_hold,
-    losses_added,
 )
 from daq.vehicle import Corner
 from dbc.frames import FrameBatch, FrameFlag
@@ -260,12 +259,6 @@ def test_a_restart_of_a_sensor_is_reported_and_not_taken_for_loss() -> None:
     state = _health(FrameBatch.concatenate([first, later]), 100)
     assert state.losses.counter_gaps == 0
     assert [counter.restarts for counter in state.counters.values()] == [1, 1]
-
-
-def test_losses_are_added_field_by_field() -> None:
-    one, other = Losses(*range(1, 10)), Losses(*range(10, 100, 10))
-    both = losses_added(one, other)
-    assert both == Losses(11, 22, 33, 44, 55, 66, 77, 88, 99)
 
 
 # The longest hold of a value in a run, and when it is too long to be chance -----------------------

@@ -424,23 +424,6 @@ def test_a_rear_axle_that_follows_the_front_one_is_no_second_bump() -> None:
     assert not codes & {"double_bump", "wrong_mode"}
 
 
-@pytest.mark.parametrize(
-    ("bumped", "words"),
-    [
-        (Excitation.PITCH, "pitch: front wheels only"),
-        (Excitation.ROLL, "roll: left wheels only"),
-        (Excitation.WARP, "warp: front left and rear right"),
-        (Excitation.REAR_PITCH, "pitch: rear wheels only"),
-    ],
-)
-def test_the_wrong_wheels_are_named(bumped: Excitation, words: str) -> None:
-    window = good(replace(ALL, step=Step(BASELINE, bumped, 1)), 5)
-    findings, _ = judged(ALL, window)
-    assert first_failed(findings) == "wrong_mode"
-    found = next(finding for finding in findings if finding.code == "wrong_mode")
-    assert f"looks like {words}, not bounce" in found.text
-
-
 @pytest.mark.parametrize("name", ["all", "IMU and travels", "body accelerations"])
 def test_a_pitch_at_the_wrong_axle_is_found_where_the_campaign_has_both(name: str) -> None:
     four = (Excitation.BOUNCE, Excitation.PITCH, Excitation.ROLL, Excitation.REAR_PITCH)
