@@ -45,17 +45,17 @@ def import_logs(
     steps: Sequence[Step],
     skip: int,
     buses: frozenset[int],
-    apart: bool,
+    one_run_each: bool,
     stage: Stage,
 ) -> Imported:
     """Return the session of the bumps in logs.
 
     `steps`: labels of the bumps in order.  `skip`: bumps to leave out at the beginning.  `buses`:
-    buses whose frames are read; empty: all.  `apart`: each log is one run.  Raises InputError if no
-    run is in them.
+    buses whose frames are read; empty: all.  `one_run_each`: each log is one run.  Raises
+    InputError if no run is in them.
     """
-    parts = _log_parts(bench, codec, sources, buses, stage, apart)
-    if apart:
+    parts = _log_parts(bench, codec, sources, buses, stage, one_run_each)
+    if one_run_each:
         for part, source in zip(parts, sources, strict=True):
             _require_a_bump([part], [source], len(bench.buses))
         pairs = zip(parts, steps, strict=True)
@@ -94,17 +94,17 @@ def import_logs(
 
 
 def import_channels(
-    known: ChannelMap,
+    channel_map: ChannelMap,
     files: Sequence[Path],
     steps: Sequence[Step],
     skip: int,
-    apart: bool,
+    one_run_each: bool,
     stage: Stage,
 ) -> Imported:
     """Return the session of the runs in files of channels.
 
-    `known`: names the channels, and may state the times of the runs.  `steps`, `skip` and `apart`:
-    as of `import_logs`.  Raises InputError if no run is in the files.
+    `channel_map`: names the channels, and may state the times of the runs.  `steps`, `skip` and
+    `one_run_each`: as of `import_logs`.  Raises InputError if no run is in the files.
     """
     runs: list[Run] = []
     unread: list[str] = []
@@ -112,26 +112,28 @@ def import_channels(
     n_bumps = 0
     for number, path in enumerate(files):
         stage(number / len(files), f"{path.name}, {counted(n_bumps, 'bump')}")
-        columns = read_columns(path, known.columns)
+        columns = read_columns(path, channel_map.columns)
         unread += [f"{path} is not whole: {reason}" for reason in columns.unread]
-        samples = recording(known, columns)
+        samples = recording(channel_map, columns)
         facts = {"format": "channels", "files": [_file_facts(path)]}
         provenance[f"source_{number + 1}"] = dumps(facts)
-        if known.runs:
-            runs += [given_run(known, samples, given) for given in known.runs]
+        if channel_map.runs:
+            runs += [given_run(channel_map, samples, given) for given in channel_map.runs]
             continue
-        file_bumps = bumps_in(known, samples)
-        if not file_bumps and (apart or len(files) == 1):
+        file_bumps = bumps_in(channel_map, samples)
+        if not file_bumps and (one_run_each or len(files) == 1):
             reason = "no channel leaves its rest as a bump does"
             raise InputError(str(path), reason, "see [trigger], or give the times in [[run]]")
-        # The first bump of a file apart, or each bump after the skipped ones, has its step.
-        first_step = number if apart else n_bumps - skip
-        for step_index, bump in enumerate(file_bumps[:1] if apart else file_bumps, first_step):
+        # Of files of one run each the first bump counts; else all after the skipped ones.
+        first_step, candidates = n_bumps - skip, file_bumps
+        if one_run_each:
+            first_step, candidates = number, file_bumps[:1]
+        for step_index, bump in enumerate(candidates, first_step):
             if 0 <= step_index < len(steps):
-                runs.append(bump_run(known, samples, steps[step_index], bump))
+                runs.append(bump_run(channel_map, samples, steps[step_index], bump))
         n_bumps += len(file_bumps)
-    session = session_from_columns(known, samples.channels, runs, provenance)
-    remarks = [*_remarks(session, n_bumps, 0 if known.runs else len(steps)), *unread]
+    session = session_from_columns(channel_map, samples.channels, runs, provenance)
+    remarks = [*_remarks(session, n_bumps, 0 if channel_map.runs else len(steps)), *unread]
     return Imported(session, n_bumps, {}, remarks, bool(unread))
 
 
@@ -141,11 +143,11 @@ def _log_parts(
     sources: Sequence[Log],
     buses: frozenset[int],
     stage: Stage,
-    apart: bool,
+    one_run_each: bool,
 ) -> list[LogPart]:
     """Return the parts of all logs: a log that goes on where the one before ended is of its part.
 
-    With `apart` each log is a part, also one without a frame.
+    With `one_run_each` each log is a part, also one without a frame.
     """
     intakes: list[Intake] = []
     n_bumps = n_frames = 0
@@ -155,14 +157,15 @@ def _log_parts(
             wanted = batch.on_buses(buses)
             if not len(wanted):
                 continue
-            if not has_frames and (apart or not intakes or not intakes[-1].goes_on_with(wanted)):
+            goes_on = intakes and not one_run_each and intakes[-1].goes_on_with(wanted)
+            if not has_frames and not goes_on:
                 intakes.append(Intake(bench, codec))
             has_frames = True
             n_bumps += intakes[-1].take(wanted, source.hops)
             n_frames += len(wanted)
             share = (number + source.share) / len(sources)
             stage(share, f"{counted(n_frames, 'frame')}, {counted(n_bumps, 'bump')}")
-        if apart and not has_frames:
+        if one_run_each and not has_frames:
             intakes.append(Intake(bench, codec))
     return [intake.part() for intake in intakes]
 

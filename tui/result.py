@@ -112,10 +112,12 @@ def print_forces(forces: Forces) -> None:
 
 
 def _interval_text(e: Estimate) -> str:
+    """Return the 95 % interval of an estimate; `given` for a value that was not estimated."""
     return ends_text(e) if e.std else "given"
 
 
 def _mode_text(mode: ModeEstimate) -> str:
+    """Return frequency and damping ratio of a mode, as `1.23 Hz 25.1 %`."""
     frequency, ratio = mode.frequency, mode.damping_ratio
     if not (frequency.determined and ratio.determined):
         return NOT_DETERMINED

@@ -76,7 +76,7 @@ def plan(
         vehicle, vehicle_source = expected_vehicle(session, recorded)
         height_m = described.campaign.bump_height_m if bump_mm is None else bump_mm * 1e-3
         campaign = planned(described, vehicle, rate, height_m)
-        runs = KnownRuns()  # whose information is computed once for both
+        runs = KnownRuns()  # their information is computed once for both
         advice = advise(campaign, lambda done, text: stage(0.2 + 0.5 * done, text), runs)
         others = compare_campaigns(campaign, lambda done, text: stage(0.7 + 0.3 * done, text), runs)
     outlook = advice.outlook

@@ -150,6 +150,7 @@ class RecorderFeed:
             self._thread.join(5.0)
 
     def _ask(self, order: Order) -> Reply:
+        """Send an order and wait for the answer; errors are those of `ask`."""
         client = self._client
         if client is None:
             raise OrderRefusedError("no recorder answers: X starts one")
