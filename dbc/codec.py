@@ -428,7 +428,7 @@ def _decoded(
         is_crc_bad = (computed != payload[:, byte]) & (length > byte)
     quality = is_crc_bad.view(np.uint8) * np.uint8(Quality.CRC_BAD)
     shortest_frame = int(length.min())
-    times = read_only(t_ns)  # one array: what depends on it alone is computed once
+    times = read_only(t_ns)  # shared by signals, so that their users see that times are the same
     samples = {}
     for signal in message.signals:
         name = f"{message.name}.{signal.name}"
@@ -446,7 +446,7 @@ def _decoded(
             value += float(signal.offset)
         if signal.sentinels:
             codes = np.array(signal.sentinels, raw.dtype.newbyteorder("="))
-            is_sentinel = np.isin(raw, codes, kind="sort")  # NumPy 2.0's table: not 2^64 - 1
+            is_sentinel = np.isin(raw, codes, kind="sort")  # else NumPy 2.0 fails on 2^64 - 1
             value[is_sentinel] = np.nan
             marks = _marked(marks, is_sentinel, Quality.SENTINEL)
         if limits is not None:

@@ -27,7 +27,7 @@ _Tables = dict[str, Any]
 
 
 def with_vehicle(text: str, name: str, structure: Structure) -> str:
-    """Return the text with another name of the vehicle and another structure of its model."""
+    """Return the text of a bench.toml with this name and this structure of its vehicle."""
 
     def change(tables: _Tables) -> None:
         vehicle = tables.setdefault("vehicle", {})
@@ -36,7 +36,7 @@ def with_vehicle(text: str, name: str, structure: Structure) -> str:
         flags = {flag: getattr(structure, flag) for flag in Structure.__dataclass_fields__}
         old = {flag: stated.get(flag, getattr(Structure(), flag)) for flag in flags}
         changed = {flag: is_on for flag, is_on in flags.items() if old[flag] != is_on}
-        if changed:  # else the text would state what it means without
+        if changed:  # what is stated or the default already is not written
             vehicle["structure"] = stated | changed
 
     return _edited(text, change)

@@ -56,7 +56,7 @@ def judge(
         text = "no channel has samples before and after the bump"
         return (*findings, finding("no_data", False, 0.0, 1.0, "", text)), RunMeasure()
     bump_patterns = patterns(bench, signals)
-    measure = RunMeasure({trace.name: trace.peak for trace in signals}, waves(signals))
+    measure = RunMeasure({trace.name: trace.peak for trace in signals}, slow_motion(signals))
     findings = [each for check in _BEFORE_KIND for each in check(bench, window, signals)]
     findings += [each for pattern in bump_patterns for each in wrong_mode(step.excitation, pattern)]
     findings += checks.not_decayed(bench, window, signals)
@@ -125,8 +125,8 @@ def body_wave(signals: tuple[Trace, ...], bump_s: float) -> tuple[float, float] 
 # Comparison with the accepted runs of the kind ----------------------------------------------------
 
 
-def waves(signals: tuple[Trace, ...]) -> dict[str, NDArray[np.float64]]:
-    """Return the slow motion after the bump, from 0.1 to 1.5 s, every 20 ms.
+def slow_motion(signals: tuple[Trace, ...]) -> dict[str, NDArray[np.float64]]:
+    """Return the motion of body and travels from 0.1 to 1.5 s after the bump, every 20 ms.
 
     Each value is the mean over 60 ms, against the jitter of the trigger.
     """

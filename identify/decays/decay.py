@@ -269,15 +269,15 @@ def coarse_steps(records: Sequence[Record]) -> dict[str, float]:
     """Return the steps of the channels that show fewer than half a step of noise at rest, SI.
 
     Their values at rest are few, so that rounding hides the noise.  The step is the least distance
-    of two values in the whole records.
+    of two values in the whole of the records that have a rest.
     """
     resting = [record for record in records if _rest_by_channel(record)]
     all_values = by_channel(r for record in resting for r in record.recordings)
     steps = {}
     for name, rests in _rests_by_channel(records).items():
         rest_values = np.sort(np.concatenate(rests))
-        changes_seldom = 2 * np.count_nonzero(np.diff(rest_values)) < len(rest_values)
-        if changes_seldom:
+        has_few_values = 2 * np.count_nonzero(np.diff(rest_values)) < len(rest_values)
+        if has_few_values:
             values = np.sort(np.concatenate(all_values[name]))
             distances = np.diff(values)
             distances = distances[distances > _SAME_VALUE * np.abs(values[[0, -1]]).max()]

@@ -62,7 +62,8 @@ def with_widest_intervals(estimation: Estimation) -> Estimation:
     """Return a linear estimation whose intervals do not depend on where the estimate happens to be.
 
     Where the runs hardly determine a parameter, the information changes within its interval, and
-    a low estimate may look certain: the widest covariance along that direction counts.
+    a low estimate may look certain: the widest covariance along that direction counts.  A nonlinear
+    estimation is returned as it is.  Parameters without a logarithm are not looked at.
     """
     names, covariance = estimation.box.parameters, estimation.fit.covariance
     std = np.sqrt(np.diag(covariance)[: len(names)])

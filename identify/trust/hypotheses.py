@@ -300,11 +300,11 @@ class Pull(NamedTuple):
 
 
 def pull_of(estimation: Estimation, blocks: Sequence[NormalBlock]) -> Pull:
-    """Return the pull of a part of the data, given by its normal blocks."""
+    """Return the gradient of a part of the data at the optimum of all, over what noise explains."""
     H = np.sum([block.information for block in blocks], axis=0)
     g = np.sum([block.gradient for block in blocks], axis=0)
     covariance = np.where(np.isfinite(estimation.fit.covariance), estimation.fit.covariance, 0.0)
-    V = H - H @ covariance @ H
+    V = H - H @ covariance @ H  # covariance of the gradient
     diagonal = np.maximum(np.diag(V), 1e-300)
     scale = 1.0 / np.sqrt(diagonal)
     values, vectors = np.linalg.eigh(V * np.outer(scale, scale))

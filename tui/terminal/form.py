@@ -197,7 +197,7 @@ class Form(VerticalScroll, can_focus=False):
         return {name: _entry_text(entry) for name, entry in self._inputs.items()}
 
     def fill(self, values: Mapping[str, str]) -> None:
-        """Set values; fields that are not named stay unchanged."""
+        """Set values of fields; unknown names, and what is no choice, change nothing."""
         with self.prevent(Input.Changed, Select.Changed, Checkbox.Changed):
             for name, value in values.items():
                 entry = self._inputs.get(name)

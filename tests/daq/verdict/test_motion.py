@@ -20,7 +20,7 @@ from daq.verdict.checks import (
     too_strong,
     too_weak,
 )
-from daq.verdict.judge import body_wave, judge, not_repeatable, waves
+from daq.verdict.judge import body_wave, judge, not_repeatable, slow_motion
 from daq.verdict.window import RunMeasure, traces
 from dbc.words import Finding
 
@@ -299,7 +299,7 @@ def test_nothing_to_judge_is_one_finding() -> None:
 def test_the_course_is_the_mean_of_60_ms_every_20_ms() -> None:
     time_s = T_S + 0.0005  # no sample on the edge of a mean
     square = np.where(T_S >= 0.0, time_s**2, 0.0)
-    found = waves(seen({TRAVEL: square, HUB: square}, time_s))
+    found = slow_motion(seen({TRAVEL: square, HUB: square}, time_s))
     assert list(found) == ["travel"]
     centre_s = 0.1 + 0.02 * np.arange(70)
     assert len(found["travel"]) == 70
