@@ -123,7 +123,7 @@ class Candidate:
     corner: Corner | None
     """Wheel that a name states."""
     corner_source: str
-    """What states it, in words: name, end of the name, or message; empty if nothing does."""
+    """Evidence in words: name, end of the name, or message; empty without any."""
     span: float | None
     """Difference of its highest and lowest valid value, in its unit; None if it is not stated."""
     level: float | None

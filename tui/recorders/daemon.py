@@ -144,7 +144,7 @@ class _Daemon:
         self._status: Status | None = None
         self._failure: Exception | None = None
         self._stop_reply: Future[Reply] | None = None  # the awaited answer to the order to stop
-        self._armed = self._stopped = ""  # the last recordings that were armed, and told to stop
+        self._armed = self._stopped = ""  # the last recordings that were armed, and ordered to stop
         self._logged: Status | None = None  # the last status whose news are in the log
         self._systemd_told_s = 0.0  # monotonic time of the last report to systemd
 
@@ -229,7 +229,7 @@ class _Daemon:
                 self._stop.set()
             else:
                 self.log.line(f"the campaign is complete, but {refusal}", "refused end")
-                self._stopped = ""  # so that it is told again
+                self._stopped = ""  # so that it is ordered again
 
     def _report(self, status: Status) -> None:
         """Report a status: what is new of it to the log, and once a second all to systemd."""

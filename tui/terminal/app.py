@@ -208,7 +208,7 @@ class BenchApp(KeyboardApp):
             self._publish(LiveArrived())
 
     async def _process_status(self, status: Status) -> None:
-        """Take in a status: change the screen where a run begins, ring, and tell the screen."""
+        """Take in a status: change the screen where a run begins, ring, and pass it to the screen."""
         previous, self.status, self.lost = self.status, status, None
         if previous is not None and previous.recording != status.recording:
             self.lanes.clear()
@@ -257,7 +257,7 @@ class BenchApp(KeyboardApp):
 
     @work(group="bench", exclusive=True)
     async def _fetch_bench(self) -> None:
-        """Get the bench in force from the recorder, and tell the screen."""
+        """Get the bench in force from the recorder, and pass it to the screen."""
         from daq.bench.config import parse_bench
 
         with suppress(OrderRefusedError, InputError):

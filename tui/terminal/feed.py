@@ -377,7 +377,7 @@ def lane_specs(bench: Bench | None, first_group: int, most: int) -> list[LaneSpe
 
 
 def _lane_spec(channel: Channel, chosen: list[Channel]) -> LaneSpec:
-    """Return the lane of a channel; two sensors at one place are told apart by their names."""
+    """Return the lane of a channel; names distinguish two sensors at one place."""
     unit, factor = _SHOWN_UNITS.get(channel.unit, (channel.unit, 1.0))
     short_name = f"{_SHORT_NAMES.get(channel.quantity, '')} {channel.corner or ''}".strip()
     alike = [c for c in chosen if (c.quantity, c.corner) == (channel.quantity, channel.corner)]

@@ -381,7 +381,7 @@ class CheckScreen(BenchScreen):
         self._ask_reason(subject, "Why is this corner not pushed?")
 
     def _ask_reason(self, subject: str, question: str) -> None:
-        """Ask why a line is overridden, and tell the recorder; go on after a skipped corner."""
+        """Ask why a line is overridden, and send it to the recorder; go on after a skipped corner."""
 
         async def answered(reason: str | None) -> None:
             if not reason or await self.bench_app.ask(OverrideWarning(subject, reason)) is None:
@@ -424,7 +424,7 @@ class CheckScreen(BenchScreen):
             self._show_rows()
 
     async def on_live_arrived(self) -> None:
-        """Judge the push on the corner that is due; ask again if nobody pushes."""
+        """Judge the push on the corner that is due; ask again without a push."""
         app, corner = self.bench_app, self._corner
         if corner is None or app.bench is None or not app.lanes.bin_s:
             return

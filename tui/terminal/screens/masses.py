@@ -86,7 +86,7 @@ class MassesScreen(BenchScreen):
 
     @property
     def _error(self) -> str:
-        """What is wrong with the weights; empty if nothing is."""
+        """Mistakes in the weights; empty without any."""
         assert self.bench_app.bench is not None  # show_status returns earlier without one
         car = expected_car(self.bench_app.bench.vehicle)
         return check_inventory(self._weights, car.m_s + 2 * (car.m_uf + car.m_ur))
