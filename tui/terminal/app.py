@@ -208,7 +208,7 @@ class BenchApp(KeyboardApp):
             self._publish(LiveArrived())
 
     async def _process_status(self, status: Status) -> None:
-        """Take in a status: change the screen where a run begins, ring, and pass it to the screen."""
+        """Take in a status: change the screen where a run begins, ring, and show it."""
         previous, self.status, self.lost = self.status, status, None
         if previous is not None and previous.recording != status.recording:
             self.lanes.clear()

@@ -381,7 +381,7 @@ class CheckScreen(BenchScreen):
         self._ask_reason(subject, "Why is this corner not pushed?")
 
     def _ask_reason(self, subject: str, question: str) -> None:
-        """Ask why a line is overridden, and send it to the recorder; go on after a skipped corner."""
+        """Send the recorder the reason for an override; go on after a skipped corner."""
 
         async def answered(reason: str | None) -> None:
             if not reason or await self.bench_app.ask(OverrideWarning(subject, reason)) is None:
