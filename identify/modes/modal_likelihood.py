@@ -169,7 +169,7 @@ def condense(samples: Samples, poles: _Complex) -> Condensed:
         coordinates = _real_parts(with_constant.with_samples()[..., of_poles]) @ inverse
         for number, of_block in zip(series.members, coordinates, strict=True):
             runs, channels = samples.blocks[number].runs, samples.blocks[number].channels
-            values[np.ix_(runs, channels)] = of_block.reshape(len(runs), len(channels), -1)
+            values[runs[:, None], channels] = of_block.reshape(len(runs), len(channels), -1)
     # What no exponential follows: the squares of the samples less those of their coordinates.
     beyond = (samples.power - np.sum(values**2, axis=2)).sum(axis=0)
     power = samples.power.sum(axis=0)
@@ -344,6 +344,9 @@ _SETTLED = 1e-3
 """Gain of likelihood (in units of 1) below which a step is the last."""
 _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 1e-12, 1e8
 """Levenberg-Marquardt damping of unknowns whose normal matrix has a diagonal of 1."""
+_DAMPING_FACTOR = 3.0
+"""Change of damping from trial to trial.  Modes that nearly coincide make a curved valley, in which
+a factor of 10 refuses every second step."""
 _FAR_DAMPING = 1.0
 """Least damping after a first step that fails: the start is far from the optimum."""
 _MAX_GROWTH = 30.0
@@ -504,9 +507,9 @@ def most_likely_modes(
         while damping < _MOST_DAMPING:
             trial = _moved(point, system, damping)
             if trial:
-                damping, point = max(damping / 10.0, _LEAST_DAMPING), trial
+                damping, point = max(damping / _DAMPING_FACTOR, _LEAST_DAMPING), trial
                 break
-            damping = max(damping * 10.0, _FAR_DAMPING if point is start else 0.0)
+            damping = max(damping * _DAMPING_FACTOR, _FAR_DAMPING if point is start else 0.0)
         gain = point.log_likelihood - old_likelihood
         system = linearised(point)
         if gain < least_gain or _REACH * gain < wanted_likelihood - point.log_likelihood:
