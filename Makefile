@@ -1,17 +1,17 @@
-# Two commands matter: `make demo` and `make test`. Each makes .venv and installs what it needs.
+# Two commands matter: `make demo` and `make test`. Each makes .venv and installs what it needs.  Bytecode
+# is kept as it is imported, whatever the environment says: compiling all packages takes longer than the demo.
 PYTHON ?= python3
 BIN := .venv/bin
 UV := 0.13.8
-INSTALL = $(BIN)/python -m uv pip install --quiet --compile-bytecode --python $(BIN)/python --constraint constraints.txt
+INSTALL = $(BIN)/python -m uv pip install --quiet --python $(BIN)/python --constraint constraints.txt
 
 .PHONY: demo test test-long test-pythons lint docs bench coverage fleet mutate fuzz crash soak display-check pages-check pictures release-check test-service test-socketcan constraints clean
 
 demo: .venv/demo
-	$(BIN)/bumpbench demo
+	PYTHONDONTWRITEBYTECODE= $(BIN)/bumpbench demo
 
 # One worker more than processors, as some tests wait for a bus or a terminal.  One thread of BLAS for
-# each: two that wait for each other take twice the time.  Bytecode is kept, whatever the environment
-# says: the tests start hundreds of processes.
+# each: two that wait for each other take twice the time.
 test: .venv/test
 	PYTHONDONTWRITEBYTECODE= OPENBLAS_NUM_THREADS=1 \
 	    $(BIN)/python -m pytest --quiet --dist worksteal \
