@@ -26,7 +26,7 @@ async def kill_the_terminal_in_mid_decay(bench: DemoBench) -> None:
     async with seat(app) as operator:
         await operator.until(lambda: app.in_control and app.status is not None)
         assert time.monotonic() - killed_s < 2 * ATTACHED_S  # 2 s on a machine of its own
-        await operator.until(lambda: app.screen is app.get_screen("run"))
+        await operator.until(lambda: app.screen.has_class("-run"))
         label = during.runs[-1].label  # of the first bump, or on a busy machine a later one
         await operator.until(
             lambda: bool(

@@ -12,7 +12,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from textual import work
+from textual import on, work
 from textual.app import SystemCommand
 from textual.binding import Binding, BindingType
 from textual.message import Message
@@ -57,9 +57,8 @@ AUTO_S = 0.25
 MOST_NEWS = 1200
 """Largest number of messages kept for a terminal whose output is stopped: one minute of news."""
 _WIDTHS = [(0, "-narrow"), (120, "-wide"), (180, "-huge")]
-_HEIGHTS = [(0, "-low"), (36, "-tall")]
-"""Numbers of columns and rows from which a screen has a style class."""
-_MODULES = {"home": "bumping", "run": "bumping", "identify": "work", "report": "work"}
+"""Numbers of columns from which a screen has a style class."""
+_MODULES = {"home": "bumping", "identify": "work", "report": "work"}
 """Modules of screens that have another name than the screen."""
 
 
@@ -101,11 +100,11 @@ class BenchApp(KeyboardApp):
     NOTIFICATION_TIMEOUT = 20.0
     """Seconds for which a message stands: the operator may be at the car."""
     HORIZONTAL_BREAKPOINTS = _WIDTHS
-    VERTICAL_BREAKPOINTS = _HEIGHTS
     SCREENS: ClassVar[dict[str, Callable[[], Screen[Any]]]] = {
-        name: partial(_new_screen, name) for name in (*SCREEN_OF.values(), "run", "results")
+        name: partial(_new_screen, name) for name in (*SCREEN_OF.values(), "results")
     }
     BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("x", "start_recorder", "Start recorder"),
         Binding("f1", "help", "Help", priority=True),
         Binding("1", "step(1)", "Step", key_display="1-7", tooltip="Go to a step"),
         *(Binding(str(i), f"step({i})", show=False) for i in range(2, 8)),
@@ -172,10 +171,7 @@ class BenchApp(KeyboardApp):
             with suppress(RuntimeError):  # the app has just ended
                 self.post_message(NewsArrived())
 
-    async def on_news_arrived(self, _: NewsArrived) -> None:
-        """Process the queued news."""
-        await self._process_news()
-
+    @on(NewsArrived)
     async def _process_news(self) -> None:
         """Process all queued news; of several statuses only the newest one after a loss."""
         if not self.screen_stack:  # the app is closing
@@ -183,7 +179,7 @@ class BenchApp(KeyboardApp):
         status: Status | None = None
         has_samples = False
         while self._news:
-            news = self._news[0]
+            news = self._news.popleft()
             if isinstance(news, Status):
                 status = news
             elif isinstance(news, Live):
@@ -200,7 +196,6 @@ class BenchApp(KeyboardApp):
                 self._publish(RecorderLost())
                 if isinstance(self.screen, ModalScreen) and not news.starting:
                     self.warn("RECORDER LOST: Esc, then X = start it again")
-            self._news.popleft()
         self.in_control = self._role.in_control
         if status is not None:
             await self._process_status(status)
@@ -208,7 +203,10 @@ class BenchApp(KeyboardApp):
             self._publish(LiveArrived())
 
     async def _process_status(self, status: Status) -> None:
-        """Take in a status: change the screen where a run begins, ring, and show it."""
+        """Take in a status: change the screen where a run begins, ring, and show it.
+
+        A run that the display or another terminal has armed also takes the place of steps 1 and 2.
+        """
         previous, self.status, self.lost = self.status, status, None
         if previous is not None and previous.recording != status.recording:
             self.lanes.clear()
@@ -218,8 +216,9 @@ class BenchApp(KeyboardApp):
         if home_in_front and not self._has_begun and not self._asks_setup:
             self._has_begun = True
             await self._open_first(status)
-        elif run_begins and self._gives_way(home_in_front):
-            await self.open("run")  # also if another terminal or the display armed
+        before_bumps = self.step in (BenchStep.VEHICLE, BenchStep.CHECK)
+        if before_bumps and run_begins and waits_unarmed(status):
+            await self.open("home")
         self._ring(signal_of(previous, status))
         self._publish(StatusArrived())
         if previous is None or previous.bench_crc32 != status.bench_crc32 or self.bench is None:
@@ -240,15 +239,10 @@ class BenchApp(KeyboardApp):
                 self.operator = name
 
         if not self.operator and step is not BenchStep.VEHICLE:
-            self.ask_person("Your name or initials, for every verdict", "name", answered)
+            question = Question("Your name or initials, for every verdict", "name")
+            self.push_screen(question, answered)
         if self.display_link is not None:
             self.action_display()
-
-    def _gives_way(self, home_in_front: bool) -> bool:
-        """Return True if the screen in front gives way to a run: home, or one of steps 1 and 2."""
-        before_bumps = self.step in (BenchStep.VEHICLE, BenchStep.CHECK)
-        unarmed = self.status is not None and waits_unarmed(self.status)
-        return home_in_front or (before_bumps and unarmed)
 
     def _publish(self, message: Message) -> None:
         """Send news to the screen in front; a worker may bring news after all are closed."""
@@ -313,10 +307,6 @@ class BenchApp(KeyboardApp):
         self.clear_notifications()
         self.notify(printable(text, 600), markup=False)
 
-    def ask_person(self, words: str, field: str, answered: Callable[[str | None], Any]) -> None:
-        """Ask for a line of text, a `field` by name; `answered` gets it, or None after Esc."""
-        self.push_screen(Question(words, field), answered)
-
     # Screens ------------------------------------------------------------------------------------
 
     @property
@@ -325,11 +315,8 @@ class BenchApp(KeyboardApp):
         return getattr(self.screen, "step_shown", None)
 
     async def go_to(self, step: BenchStep) -> None:
-        """Show the screen of a step; the run screen while a run is in progress."""
-        name = SCREEN_OF[step]
-        if name == "home" and self.status is not None and in_run(self.status):
-            name = "run"
-        await self.open(name)
+        """Show the screen of a step."""
+        await self.open(SCREEN_OF[step])
 
     async def open(self, name: str) -> Any:
         """Show a screen by its name, and return it; it keeps what was typed into it."""
@@ -351,10 +338,6 @@ class BenchApp(KeyboardApp):
                 return
         await self.go_to(step)
 
-    async def action_home(self) -> None:
-        """Show the next action."""
-        await self.open("home")
-
     def action_note(self) -> None:
         """Write a note on the session."""
 
@@ -362,7 +345,8 @@ class BenchApp(KeyboardApp):
             if text and await self.ask(Note(text)) is not None:
                 self.inform("the note is in the recording")
 
-        self.ask_person("Note on the session", "what the sensors do not see", answered)
+        question = Question("Note on the session", "what the sensors do not see")
+        self.push_screen(question, answered)
 
     def action_display(self) -> None:
         """Show how to open the display at the bench."""
@@ -390,8 +374,14 @@ class BenchApp(KeyboardApp):
         if not self.in_control:
             self.feed.take_over()
 
-    async def action_restart_recorder(self) -> None:
-        """Start a recorder if none runs."""
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Show X only while the recorder is lost."""
+        if action == "start_recorder":
+            return self.lost is not None and not self.lost.starting
+        return super().check_action(action, parameters)
+
+    async def action_start_recorder(self) -> None:
+        """Start a recorder to replace the lost one."""
         try:
             await asyncio.to_thread(self.feed.restart)
         except OrderRefusedError as refused:

@@ -184,7 +184,7 @@ _WITH_BUMPS = (BenchStep.BASELINE, BenchStep.ADDED)
 
 @dataclass(frozen=True, slots=True)
 class NextAction:
-    """Action of SPACE on the home and the run screen."""
+    """Action of SPACE in steps 3 and 5."""
 
     words: str = ""
     """Text for the operator, such as `SPACE starts`; empty if there is no action now."""

@@ -39,26 +39,25 @@ class KeyboardApp(App[None]):
         super().__init__()
         self._clock = clock
         self._last_press: tuple[str, float] = ("", float("-inf"))  # key, and s of the clock
-        self._waiting: deque[Event] = deque()
-        """Input that has arrived but is not delivered yet."""
-        self._delivered: Event | None = None
-        """Input that passes through the app's queue for the second time."""
+        self._inputs: deque[Event] = deque()
+        """Input without effect so far: the first is delivered, the others wait."""
         self._effect: asyncio.Task[None] | None = None
-        """The wait for the effect of the last input; None if it has had its effect."""
+        """The wait for the effect of the first input."""
 
     async def on_event(self, event: Event) -> None:
-        """Deliver input if no other input is waiting; pass all other events on."""
+        """Deliver input once all input before it has had its effect; pass other events on."""
         if isinstance(event, AppBlur):  # a browser may send it between two keys of one text
             return
-        if not _is_input(event):
+        is_input = isinstance(event, InputEvent | Paste) and not isinstance(event, MouseMove)
+        if not is_input or event.is_forwarded:  # from one widget to another
             await super().on_event(event)
-        elif event is self._delivered or self._idle:
-            self._delivered = None
+            return
+        if not self._inputs or event is not self._inputs[0]:  # it comes for the first time
+            self._inputs.append(event)
+        if event is self._inputs[0]:  # else it is posted again after the effect of those before
             self._effect = asyncio.create_task(self._await_effect(self._key_path))
             if not self._is_held(event):
                 await super().on_event(self._as_bound(event))
-        else:
-            self._waiting.append(event)
 
     def get_key_display(self, binding: Binding) -> str:
         """Return a key as the manual writes it: Ctrl+Q, Shift+Tab, C."""
@@ -91,11 +90,6 @@ class KeyboardApp(App[None]):
         return key == last_key and now_s - last_s < LOCK_OUT_S
 
     @property
-    def _idle(self) -> bool:
-        """True if no input is waiting, and none passes through the queue for the second time."""
-        return self._effect is None and not self._waiting and self._delivered is None
-
-    @property
     def _key_path(self) -> Sequence[DOMNode]:
         """The widget that takes the next key, and those around it up to the app."""
         if not self.screen_stack:
@@ -107,23 +101,20 @@ class KeyboardApp(App[None]):
 
         While the effect moves the focus, the wait goes on with the widgets around the new one.
         """
+        passes = 0
+        focused: DOMNode | None = None
         try:
             async with asyncio.timeout(PATIENCE_S):
-                passes = 0
-                while True:
+                while passes < FEWEST_PASSES or widgets[0] is not focused:
+                    focused = widgets[0]
                     for widget in widgets:
                         await self._await_queue(widget)
-                    passes += 1
-                    focused = widgets[0]
-                    widgets = self._key_path
-                    if passes >= FEWEST_PASSES and widgets[0] is focused:
-                        break
+                    passes, widgets = passes + 1, self._key_path
         except TimeoutError:
             self.log.warning("a key has had no effect for too long; the next one is delivered")
-        self._effect = None
-        if self._waiting:
-            self._delivered = self._waiting.popleft()
-            self.post_message(self._delivered)
+        self._inputs.popleft()
+        if self._inputs:
+            self.post_message(self._inputs[0])
 
     async def _await_queue(self, widget: DOMNode) -> None:
         """Wait until a widget has processed all messages in its queue, or exists no more."""
@@ -135,12 +126,6 @@ class KeyboardApp(App[None]):
             with suppress(TimeoutError):
                 async with asyncio.timeout(LOOK_S):
                     await processed.wait()
-
-
-def _is_input(event: Event) -> bool:
-    """Return True for a key, a click or a pasted text that comes from the terminal."""
-    is_input = isinstance(event, (InputEvent, Paste)) and not isinstance(event, MouseMove)
-    return is_input and not event.is_forwarded  # from one widget to another
 
 
 BENCH_DARK = Theme(

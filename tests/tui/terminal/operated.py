@@ -363,7 +363,7 @@ async def burst(pilot: Pilot[None], *keys: str | Event) -> None:
     for key in keys:
         app.post_message(_key(key) if isinstance(key, str) else key)
     await asyncio.sleep(0)
-    while not app._idle:
+    while app._inputs:
         await asyncio.sleep(0.001)
     await pilot.pause()
 

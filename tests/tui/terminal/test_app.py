@@ -13,7 +13,7 @@ from daq.bench.campaign import Origin
 from daq.control.messages import Alarm, Arm, Hello, Phase, Setup, ShutDown, Stop, differences
 from tui.display.link import Served
 from tui.terminal.feed import STARTING, Lost, News, Role
-from tui.terminal.screens.bumping import HomeScreen, RunScreen
+from tui.terminal.screens.bumping import HomeScreen
 from tui.terminal.widgets import HelpScreen
 from tui.terminal.words import DisplayLink, Signal
 
@@ -23,24 +23,23 @@ from .operated import Make, commands, playing, pressed, seen, until
 from .test_words import alarmed
 
 SIZES = (
-    (80, 24, "-narrow", "-low"),
-    (119, 35, "-narrow", "-low"),
-    (120, 36, "-wide", "-tall"),
-    (179, 35, "-wide", "-low"),
-    (180, 36, "-huge", "-tall"),
+    (80, 24, "-narrow"),
+    (119, 35, "-narrow"),
+    (120, 36, "-wide"),
+    (179, 35, "-wide"),
+    (180, 36, "-huge"),
 )
 
 
-async def test_screens_change_at_120_and_180_columns_and_at_36_rows(make_app: Make) -> None:
+async def test_screens_change_at_120_and_180_columns(make_app: Make) -> None:
     recorder = ready()
     app = make_app(recorder)
     async with playing(app, (100, 30)) as pilot:
-        for columns, rows, wide, tall in SIZES:
+        for columns, rows, wide in SIZES:
             await pilot.resize_terminal(columns, rows)
             await pilot.pause()
             found = {c for c in app.screen.classes if c in ("-narrow", "-wide", "-huge")}
             assert found == {wide}, columns
-            assert {c for c in app.screen.classes if c in ("-low", "-tall")} == {tall}, rows
         for columns, rows, small in ((80, 24, False), (79, 24, True), (80, 23, True)):
             await pilot.resize_terminal(columns, rows)
             await pilot.pause()
@@ -208,7 +207,7 @@ async def test_home_gives_way_to_a_run_that_somebody_else_has_armed(
     async with playing(app) as pilot:
         assert isinstance(app.screen, HomeScreen)
         recorder.turn(Phase.ARMED)
-        await until(pilot, lambda: isinstance(app.screen, RunScreen))
+        await until(pilot, lambda: app.screen.has_class("-run"))
         assert "ARMED" in screen_text(app)
         if in_control:  # who goes back to the check during a pause stays there
             await pilot.press("escape")
@@ -236,7 +235,7 @@ async def test_the_gravest_alarm_is_shown_unless_the_recorder_is_lost(
         assert "STOP BUS OVERLOADED can0 at the front" in shown
         assert shown.count("or raise the bit rate") == 2, "the advice of the gravest is never cut"
         assert "and 1 more" in shown
-        app.push_screen(HelpScreen("run"))
+        app.push_screen(HelpScreen("home"))
         await pilot.pause()
         recorder.post(Lost("the recorder has ended", "all up to then is on the disk"))
         await pilot.pause()

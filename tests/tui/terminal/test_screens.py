@@ -1,4 +1,4 @@
-"""Home and run screen as text, in every phase, size and set of characters, and without colour."""
+"""The screen of the bumps as text: every phase, size and set of characters, and no colour."""
 
 from __future__ import annotations
 
@@ -137,13 +137,13 @@ async def _turn_to(app: BenchApp, pilot: Pilot[None], state: str) -> str:
 async def _running(
     make_app: Make, size: str = "80x24", glyphs: str = "braille"
 ) -> AsyncIterator[tuple[BenchApp, Pilot[None]]]:
-    """Run an app on the run screen."""
+    """Run an app on the screen of the bumps."""
     recorder = FakeRecorder()
     _before(recorder)
     app = make_app(recorder, glyphs)
     async with app.run_test(size=SIZES[size]) as pilot:
         await pilot.pause()
-        await app.open("run")
+        await app.open("home")
         await pilot.pause()
         yield app, pilot
 
@@ -209,13 +209,10 @@ async def test_five_kinds_of_bump_find_room(make_app: Make, snapshot: Snapshot) 
     recorder.turn(Phase.ARMED)
     app = make_app(recorder)
     async with playing(app) as pilot:
-        await app.open("run")
-        await pilot.pause()
         await pilot.pause()
         snapshot(app, "run_rear_pitch_80x24")
         assert "rear pitch 1 of 2" in screen_text(app)
         recorder.turn(Phase.IDLE)
-        await app.open("home")
         await pilot.pause()
         await pilot.pause()
         snapshot(app, "home_rear_pitch_80x24")
@@ -266,7 +263,7 @@ async def test_foreign_text_only_shows(name: str, make_app: Make) -> None:
     app = make_app(recorder)
     app.operator = text
     async with playing(app, (60, 20)) as pilot:
-        for screen in ("home", "check", "identify", "report", "run"):
+        for screen in ("home", "check", "identify", "report"):
             await app.open(screen)
             await pilot.pause()
             await pilot.pause()

@@ -44,7 +44,6 @@ class BenchScreen(Screen[None]):
     AUTO_FOCUS = ""
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("space,pagedown", "next", "Next", key_display="SPACE", tooltip="The next action"),
-        Binding("x", "start_recorder", "Start recorder"),
     ]
 
     def __init__(self) -> None:
@@ -82,9 +81,6 @@ class BenchScreen(Screen[None]):
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Show only the keys that do something now."""
-        if action == "start_recorder":
-            lost = self.bench_app.lost
-            return lost is not None and not lost.starting
         return self.acts if action == "next" else True
 
     def compose(self) -> ComposeResult:
@@ -103,10 +99,6 @@ class BenchScreen(Screen[None]):
 
     async def action_next(self) -> None:
         """Do the next action of this screen."""
-
-    async def action_start_recorder(self) -> None:
-        """Start a recorder to replace the lost one."""
-        await self.bench_app.action_restart_recorder()
 
     @on(ScreenResume)
     @on(StatusArrived)

@@ -1,4 +1,4 @@
-"""Home and run screen: the keys of the run loop, its boxes, and the live traces."""
+"""Steps 3 and 5: the keys of the run loop, its boxes, and the live traces."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from textwrap import wrap
 from typing import ClassVar
 
 from rich.text import Text
+from textual import on
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
@@ -28,10 +29,19 @@ from daq.runlog import LoggedRun
 from daq.runs import RunStatus
 from dbc.words import printable
 
-from ..campaign import RUNNING, BenchStep, NextAction, bump_step, next_action, weights_question
+from ..app import LiveArrived
+from ..campaign import (
+    RUNNING,
+    BenchStep,
+    NextAction,
+    bump_step,
+    in_run,
+    next_action,
+    weights_question,
+)
 from ..chart import LaneChart
 from ..feed import lane_specs, shown_window
-from ..widgets import BannerBar, Cell, Confirm, Table, Words, right
+from ..widgets import BannerBar, Cell, Confirm, Question, Table, Words, right
 from ..words import Glyphs, accepted_words, banner, reason_words, run_words
 from .base import BenchScreen
 
@@ -87,7 +97,8 @@ def alarms_text(status: Status, glyphs: Glyphs, width: int) -> Content:
     return Content("\n").join(lines)
 
 
-AT_EASE = (Phase.IDLE, Phase.COMPLETE)
+_BETWEEN_RUNS = (Phase.IDLE, Phase.PAUSED, Phase.COMPLETE)
+"""Phases in which no bump counts: the screen shows how to bump, in the others the live traces."""
 _ORDERS: dict[str, tuple[Order, str]] = {
     "reject": (Reject(), ""),
     "undo": (Undo(), "undone; R = redo"),
@@ -97,14 +108,10 @@ _ORDERS: dict[str, tuple[Order, str]] = {
 """The orders of keys that need nothing else, and what is said when one is carried out."""
 
 
-class BumpingScreen(BenchScreen):
-    """Arms, pauses, rejects and undoes; no key asks to confirm, because all can be undone.
+class HomeScreen(BenchScreen):
+    """Arms, pauses, rejects and undoes; no key asks to confirm, because all can be undone."""
 
-    `SHOWS_SKETCH`: True if it shows how to make the bump that is due.
-    """
-
-    SHOWS_SKETCH: ClassVar[bool] = False
-
+    HELP_PAGE: ClassVar[str] = "home"
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("backspace,pageup", "order('reject')", "Reject", key_display="Bksp",
                 tooltip="Reject the run in progress, or the last one"),
@@ -113,7 +120,7 @@ class BumpingScreen(BenchScreen):
         Binding("t", "take_back", "Take back",
                 tooltip="Accept the last rejected run, with a reason"),
         Binding("a", "order('lamp off')", "Lamp off", tooltip="Acknowledge the overload lamps"),
-        Binding("escape", "pause", "Pause", tooltip="Pause; home if nothing is armed"),
+        Binding("escape", "pause", "Pause", tooltip="Arm no further run"),
         Binding("v", "view", "View", tooltip="Another view: body or wheels, sketch or runs"),
         Binding("m", "more", "More", tooltip="More of the kind that is marked; up and down mark"),
         Binding("up", "choose(-1)", show=False),
@@ -134,8 +141,7 @@ class BumpingScreen(BenchScreen):
         with Horizontal(id="body"):
             yield LaneChart(self.bench_app.glyphs)
             with Vertical(id="right"):
-                if self.SHOWS_SKETCH:
-                    yield Words("sketch", "box", "How to bump")
+                yield Words("sketch", "box", "How to bump")
                 yield tallies
                 yield Words("runs", "box", "Runs")
         yield Words("alarms")
@@ -155,13 +161,11 @@ class BumpingScreen(BenchScreen):
     def ready(self) -> bool:
         """True while SPACE would begin something; `--auto` waits for the end of a countdown."""
         status = self.bench_app.status
-        return status is not None and status.phase in AT_EASE and not status.halted and self.acts
+        return status is not None and not in_run(status) and not status.halted and self.acts
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Show only the keys that do something now."""
         status = self.bench_app.status
-        if action == "start_recorder":
-            return super().check_action(action, parameters)
         if status is None or self.bench_app.lost is not None:
             return action in ("view", "choose")
         if action == "order":
@@ -171,7 +175,9 @@ class BumpingScreen(BenchScreen):
         if action == "take_back":
             return self._rejected is not None
         if action == "more":
-            return status.phase in (*AT_EASE, Phase.PAUSED)
+            return status.phase in _BETWEEN_RUNS
+        if action == "pause":
+            return status.phase not in _BETWEEN_RUNS
         return super().check_action(action, parameters)
 
     def _show(self) -> None:
@@ -188,13 +194,14 @@ class BumpingScreen(BenchScreen):
             self.query_one(BannerBar).show(shown)
 
     def show_status(self, status: Status) -> None:
-        """Show progress, runs and the sketch of the bump that is due."""
+        """Show progress and runs, and between runs the sketch of the bump that is due."""
+        self.set_class(status.phase not in _BETWEEN_RUNS, "-run")
         glyphs, bench, due = self.bench_app.glyphs, self.bench_app.bench, status.due
         tallies = self.query_one("#tallies", Table)
         tallies.styles.height = len(status.tallies) + 2  # Textual measures it too late
         tallies.show([""] * 4, tally_rows(status, glyphs))
         self.query_one("#runs", Words).say(runs_text(status, glyphs))
-        if self.SHOWS_SKETCH and bench is not None and due is not None:
+        if bench is not None and due is not None:
             lines = sketch(bench.campaign, due.step.excitation)
             self.query_one("#sketch", Words).say(Content("\n".join(lines)))
 
@@ -205,14 +212,8 @@ class BumpingScreen(BenchScreen):
         self._show()
         self.draw_lanes()
 
-    def on_live_arrived(self) -> None:
-        """Draw the newest samples."""
-        self.draw_lanes()
-
-    def on_lane_chart_resized(self) -> None:
-        """Draw the samples in the chart's new size."""
-        self.draw_lanes()
-
+    @on(LiveArrived)
+    @on(LaneChart.Resized)
     def draw_lanes(self) -> None:
         """Draw the newest samples on the chart, if it is visible."""
         chart, app = self.query_one(LaneChart), self.bench_app
@@ -234,10 +235,10 @@ class BumpingScreen(BenchScreen):
             await self._arm(True)
 
     async def _arm(self, confirmed: bool | None) -> None:
-        """Arm and show the run; nothing if the operator has not confirmed the weights."""
+        """Arm, unless the operator has not confirmed the weights."""
         order = self._next.order
-        if confirmed and order is not None and await self.bench_app.ask(order) is not None:
-            await self.bench_app.open("run")
+        if confirmed and order is not None:
+            await self.bench_app.ask(order)
 
     async def action_order(self, name: str) -> None:
         """Send an order on the last verdict, or put the overload lamps out."""
@@ -246,11 +247,10 @@ class BumpingScreen(BenchScreen):
             self.bench_app.inform(done)
 
     async def action_pause(self) -> None:
-        """Pause; go home if nothing is armed."""
+        """Pause, after the run that is being recorded if there is one."""
         status = self.bench_app.status
-        if status is None or status.phase in (*AT_EASE, Phase.PAUSED):
-            await self.bench_app.open("home")
-        elif await self.bench_app.ask(Pause()) is not None and status.phase in RUNNING:
+        is_running = status is not None and status.phase in RUNNING
+        if await self.bench_app.ask(Pause()) is not None and is_running:
             self.bench_app.inform("pauses after this run")
 
     async def action_more(self) -> None:
@@ -278,7 +278,7 @@ class BumpingScreen(BenchScreen):
                 await self.bench_app.ask(Accept(run.label, reason))
 
         question = f"Take {run.mass_state} {run_words(run)} back although: {'; '.join(run.reasons)}"
-        self.bench_app.ask_person(question, "reason", accept)
+        self.app.push_screen(Question(question, "reason"), accept)
 
     @property
     def _next(self) -> NextAction:
@@ -289,23 +289,3 @@ class BumpingScreen(BenchScreen):
         status = self.bench_app.status
         runs = status.runs if status else ()
         return next((r for r in reversed(runs) if r.status is RunStatus.REJECTED), None)
-
-
-class HomeScreen(BumpingScreen):
-    """Shows the next action, how to bump, progress and runs."""
-
-    HELP_PAGE: ClassVar[str] = "home"
-    SHOWS_SKETCH: ClassVar[bool] = True
-
-    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Hide Esc while nothing is armed, because it would only return here."""
-        status = self.bench_app.status
-        if action == "pause" and status and status.phase in AT_EASE:
-            return False
-        return super().check_action(action, parameters)
-
-
-class RunScreen(BumpingScreen):
-    """Banner and lanes; on a wide terminal also progress and runs."""
-
-    HELP_PAGE: ClassVar[str] = "run"

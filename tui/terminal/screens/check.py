@@ -22,7 +22,7 @@ from dbc.words import Finding, printable
 
 from ..campaign import BenchStep
 from ..feed import RING_S
-from ..widgets import SPACE_INK, Cell, Table, Words
+from ..widgets import SPACE_INK, Cell, Question, Table, Words
 from .base import BenchScreen
 
 if TYPE_CHECKING:
@@ -392,7 +392,7 @@ class CheckScreen(BenchScreen):
                 await self._go_on()
             self._show_rows()
 
-        self.bench_app.ask_person(f"{subject}: {question}", "reason", answered)
+        self.app.push_screen(Question(f"{subject}: {question}", "reason"), answered)
 
     # The push test -------------------------------------------------------------------------------
 

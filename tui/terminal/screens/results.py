@@ -150,7 +150,6 @@ class ResultsScreen(SessionScreen):
         Binding("shift+tab", "page(-1)", "Page back", show=False),
         Binding("down", "move(1)", "Next run, or scroll", show=False),
         Binding("up", "move(-1)", "Run before, or scroll back", show=False),
-        Binding("x", "start_recorder", "Start recorder"),
         Binding("x", "exclude", "Exclude run", tooltip="Leave the marked run out, or use it again"),
         Binding("escape", "back", "Back", show=False),
     ]
@@ -160,9 +159,9 @@ class ResultsScreen(SessionScreen):
         self.outcome: Outcome | None = None
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Let X start a recorder that is lost, and exclude a run otherwise."""
+        """Leave X to the app while the recorder is lost: it starts one then."""
         if action == "exclude":
-            return not super().check_action("start_recorder", ())
+            return self.bench_app.lost is None
         return super().check_action(action, parameters)
 
     def compose_body(self) -> ComposeResult:
@@ -187,11 +186,6 @@ class ResultsScreen(SessionScreen):
     def show_status(self, status: Status) -> None:
         """Show whether the recording has changed since."""
         self._draw()
-
-    @property
-    def ready(self) -> bool:
-        """True while `--auto` may press SPACE."""
-        return self.outcome is not None
 
     def show_outcome(self, outcome: Outcome) -> None:
         """Show an identification."""

@@ -64,6 +64,11 @@ class WorkScreen(SessionScreen):
         self._share = 0.0
         """Share of the work that is done."""
 
+    @property
+    def ready(self) -> bool:
+        """True while `--auto` may press SPACE: it does not repeat what has failed."""
+        return self.acts and self.stage is not Stage.FAILED
+
     def compose_body(self) -> ComposeResult:
         """Compose the box."""
         with Vertical(id="work", classes="box") as box:
@@ -82,7 +87,7 @@ class WorkScreen(SessionScreen):
             self.workers.cancel_node(self)
             self.begin(Stage.IDLE, self.session)
         else:
-            await self.bench_app.action_home()
+            await self.bench_app.open("home")
 
     def begin(self, stage: Stage, session: str) -> None:
         """Begin a stage on a session file; what earlier work has shown is forgotten."""
@@ -172,11 +177,6 @@ class IdentifyScreen(WorkScreen):
     def acts(self) -> bool:
         """True while SPACE does something: not during the work."""
         return self.stage not in _UNDER_WAY
-
-    @property
-    def ready(self) -> bool:
-        """True while `--auto` may press SPACE."""
-        return self.stage in (Stage.IDLE, Stage.DONE)
 
     @property
     def valid_outcome(self) -> Outcome | None:
@@ -289,11 +289,6 @@ class ReportScreen(WorkScreen):
         """True while SPACE does something: neither during the writing nor after it."""
         idle = self.stage in (Stage.IDLE, Stage.FAILED)
         return not self.session or idle or (self.outdated and self.stage is Stage.DONE)
-
-    @property
-    def ready(self) -> bool:
-        """True while `--auto` may press SPACE."""
-        return self.stage is Stage.IDLE
 
     def show_status(self, status: Status) -> None:
         """Take the session of this recording, and leave that of the one before."""
