@@ -65,16 +65,8 @@ def counter_steps(
         return CounterSteps(step, np.zeros(len(step), bool), delay_before_s)
     arrival_cycles = (t_ns - t_ns[0]) * 1e-9 / cycle_s  # in cycles, as all times below
     delay_before = delay_before_s / cycle_s
-    # Latest times of sending: before each later frame arrived, by at least the shortest cycles.
-    shortest = np.arange(len(arrival_cycles)) * FASTEST
-    sent_cycles = np.minimum.accumulate((arrival_cycles - shortest)[::-1])[::-1] + shortest
+    sent_cycles = latest_sent(arrival_cycles, FASTEST)
     elapsed_cycles = sent_cycles[1:] - sent_cycles[:-1]
-    largest_drift = (1 - FASTEST) * float(arrival_cycles[-1])  # of a slow sensor: no delay
-    if step.min() == step.max() == 1 and elapsed_cycles.max() <= modulus / 2:  # the usual case
-        phase = sent_cycles - np.arange(len(sent_cycles))
-        last_delay = float(phase[-1]) - min(float(phase.min()), float(phase[0]) - delay_before)
-        restarted = np.zeros(len(step), bool)
-        return CounterSteps(step, restarted, max(last_delay - largest_drift, 0.0) * cycle_s)
     wraps = np.maximum(np.rint((elapsed_cycles - step) / modulus), 0).astype(np.int64)
     # Time without a frame, s, from which a counter that continues where it stopped means that the
     # sender paused: it is far less likely that exactly a multiple of its range was lost.
@@ -87,7 +79,20 @@ def counter_steps(
         steps_by_time = np.maximum(np.rint(elapsed_cycles), 1).astype(np.int64)
         step = np.where(restarted, steps_by_time, step)
         delay = _delays(sent_cycles, step, delay_before)
-    return CounterSteps(step, restarted, max(float(delay[-1]) - largest_drift, 0.0) * cycle_s)
+    drift = (1 - FASTEST) * float(arrival_cycles[-1])  # of the slowest sensor: it is no delay
+    return CounterSteps(step, restarted, max(float(delay[-1]) - drift, 0.0) * cycle_s)
+
+
+def latest_sent(arrival: NDArray[np.float64], shortest_cycle: float) -> NDArray[np.float64]:
+    """Return the latest time at which each frame can have been sent, (n,), in any unit of time.
+
+    A frame was sent at least `shortest_cycle` before the next one was, and so on until the frame
+    of the earliest arrival: a delayed reader delivers several frames at one instant.
+    """
+    since_first = np.arange(len(arrival)) * shortest_cycle
+    # The delay of each frame is at most that of any later one: a minimum from the end.
+    delay = np.minimum.accumulate((arrival - since_first)[::-1])[::-1]
+    return np.asarray(delay + since_first)
 
 
 def _delays(
@@ -109,8 +114,8 @@ LARGEST_TOLERANCE = 1 - FASTEST
 
 _FEWEST = 20  # frames to which a clock is fitted, and frames of a stretch
 
-_PUNCTUAL_SHARE = 0.1
-"""Delay, in cycles, below which a frame counts as punctual if frames come up to a cycle late."""
+_PUNCTUAL_CYCLES = 0.1
+"""Delay, in cycles, below which a frame counts as punctual although others are cycles late."""
 _WINDOW_S = 5.0
 """Time, s, over which delays around a suspected restart are compared; longer than any stall."""
 
@@ -210,20 +215,20 @@ class _Ticks:
 
     index: NDArray[np.float64]
     """Number of the tick of each frame, shape (n,)."""
-    late_s: NDArray[np.float64]
+    delay_s: NDArray[np.float64]
     """Delay of each frame after its tick, s, shape (n,)."""
     cycle_s: float
     """Time between two ticks, s."""
 
     @property
     def unlikeliness(self) -> float:
-        """The unlikeliness of a clock: from late frames, and from each gap with its place.
+        """Negative logarithm of the likelihood for exponential delays, up to a constant.
 
-        For exponential delays it is the negative logarithm of the likelihood, up to a constant.
+        Each gap in the ticks may be after any of the n frames, which divides the likelihood by n.
         """
         n = len(self.index)
-        # Mean delay below the resolution of all stamps, s.
-        mean_s = max(float(np.mean(self.late_s)), 1e-6)
+        # At least a microsecond: no time stamp is finer.
+        mean_s = max(float(np.mean(self.delay_s)), 1e-6)
         return float(n * np.log(mean_s) + np.sum(np.diff(self.index) > 1) * np.log(n))
 
 
@@ -232,22 +237,19 @@ def _punctual_ticks(arrival_s: NDArray[np.float64], rough_s: float) -> _Ticks | 
 
     `rough_s`: the approximate cycle of the first frames, s.
     """
-    index, late_s, cycle_s = _ticks(arrival_s, rough_s)
+    ticks = _ticks(arrival_s, rough_s)
     # One frame in 20 may come so late, in cycles, that its tick may be the next one.
-    too_late = np.quantile(late_s, 0.95) > 0.9 * cycle_s
-    gaps = np.flatnonzero(np.diff(index) > 1)
+    is_too_late = np.quantile(ticks.delay_s, 0.95) > 0.9 * ticks.cycle_s
+    n_gaps = np.count_nonzero(np.diff(ticks.index) > 1)
     # Delay, in cycles, below which each stretch has a frame if they follow the clock.
-    follows_clock = _least_delay_of_latest_stretch_s(late_s) < 0.25 * cycle_s
-    # Share of frames after a gap, from which the assumed clock may be twice too fast.
-    if too_late or not follows_clock or len(gaps) > 0.1 * len(index):
-        return None
-    return _Ticks(index, late_s, cycle_s)
+    follows_clock = _least_delay_of_latest_stretch_s(ticks.delay_s) < 0.25 * ticks.cycle_s
+    # Number of gaps for each frame, from which the assumed clock may be twice too fast.
+    may_be_too_fast = n_gaps > 0.1 * len(ticks.index)
+    return None if is_too_late or not follows_clock or may_be_too_fast else ticks
 
 
-def _ticks(
-    arrival_s: NDArray[np.float64], rough_s: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-    """Return the tick of each frame and the delay after it, s, both (n,); and the cycle, s.
+def _ticks(arrival_s: NDArray[np.float64], rough_s: float) -> _Ticks:
+    """Return the even clock that most of the frames follow, less than a cycle later.
 
     The median gap is wrong by a part of the scatter, so the clock is fitted to the first frames and
     then to a quarter more frames in each step.  A frame that seems to come after the next tick was
@@ -268,7 +270,7 @@ def _ticks(
         middle_s, cycle_s = lower_line(from_middle, fitted_s, cycle_s, LARGEST_TOLERANCE)
         start_s = middle_s - cycle_s * middle
         if n_fitted >= len(since_s):
-            return index, np.asarray(fitted_s - start_s - cycle_s * index, np.float64), cycle_s
+            return _Ticks(index, np.asarray(fitted_s - start_s - cycle_s * index), cycle_s)
         n_fitted += n_fitted // 4
 
 
@@ -282,26 +284,26 @@ def _consecutive_ticks(arrival_s: NDArray[np.float64]) -> _Ticks | None:
     # The first and the last frame may be late by several cycles, which changes their distance.
     since_s = arrival_s - arrival_s[0]
     rough_s = float(since_s[-1]) / (len(since_s) - 1)
-    is_at_once = np.diff(arrival_s) < _PUNCTUAL_SHARE * rough_s
-    # Share of frames at the same time as the previous one, from which the reader takes blocks.
+    is_at_once = np.diff(arrival_s) < _PUNCTUAL_CYCLES * rough_s
+    # If more than a quarter of the frames come with the previous one, the reader takes blocks.
     if not rough_s > 0.0 or np.mean(is_at_once) > 0.25:
         return None
     index: NDArray[np.float64] = np.arange(len(since_s), dtype=np.float64)
     from_middle = index - index.mean()
     middle_s, cycle_s = lower_line(from_middle, since_s, rough_s, LARGEST_TOLERANCE)
-    late_s = since_s - middle_s - cycle_s * from_middle
-    if _least_delay_of_latest_stretch_s(late_s) >= _PUNCTUAL_SHARE * cycle_s:
+    delay_s = since_s - middle_s - cycle_s * from_middle
+    if _least_delay_of_latest_stretch_s(delay_s) >= _PUNCTUAL_CYCLES * cycle_s:
         return None
-    return _Ticks(index, late_s, cycle_s)
+    return _Ticks(index, delay_s, cycle_s)
 
 
-def _least_delay_of_latest_stretch_s(late_s: NDArray[np.float64]) -> float:
-    """Return the least delay in each stretch of 20 to 40 frames, s, of the latest stretch.
+def _least_delay_of_latest_stretch_s(delay_s: NDArray[np.float64]) -> float:
+    """Return the largest, over stretches of 20 to 40 frames, of the least delay in a stretch, s.
 
     If one frame has a wrong tick, all later frames have one too, and are later than those before.
     """
-    parts = np.array_split(late_s, len(late_s) // _FEWEST)
-    return max(float(part.min()) for part in parts)
+    stretches = np.array_split(delay_s, len(delay_s) // _FEWEST)
+    return max(float(stretch.min()) for stretch in stretches)
 
 
 def stamped_times(
@@ -316,9 +318,9 @@ def stamped_times(
     restart of the sensor a new line is fitted.  The arrival times are returned for fewer than 20
     frames, and for stamps that do not run with the time of the bus.
     """
-    arrival_s: NDArray[np.float64] = np.asarray((t_ns - t0_ns) * 1e-9, dtype=np.float64)
     if len(t_ns) < _FEWEST:
         return arrival_times(t_ns, t0_ns)
+    arrival_s: NDArray[np.float64] = np.asarray((t_ns - t0_ns) * 1e-9, dtype=np.float64)
     gap_s = np.diff(stamp_s) % wrap_s
     elapsed_s: NDArray[np.float64] = np.diff(arrival_s)
     gap_s += wrap_s * np.maximum(np.rint((elapsed_s - gap_s) / wrap_s), 0)  # complete wraps

@@ -54,21 +54,19 @@ def flat_tops(value: NDArray[np.float64]) -> tuple[tuple[int, int], ...]:
     return tuple(zip(first_row[is_flat].tolist(), stop_row[is_flat].tolist(), strict=True))
 
 
-def share_changed(value: NDArray[np.float64]) -> float:
-    """Return the share of samples that differ from the previous one; NaN for too few samples."""
-    # Fewest samples from which the rate of changes of a channel is taken.
+def _change_rate(value: NDArray[np.float64]) -> float:
+    """Return the changes of value per sample, 0..1; NaN for fewer than 20 samples."""
     return float(np.mean(np.diff(value) != 0.0)) if len(value) >= 20 else float("nan")
 
 
-def is_stuck(n_equal: int, share_changing: float = 1.0) -> bool:
+def is_stuck(n_equal: int, healthy_rate: float = 1.0) -> bool:
     """Return whether a value was held for too many samples.
 
-    `n_equal`: number of consecutive equal samples.  `share_changing`: share of samples at which
-    this channel changes when it is healthy, 0..1 (NaN: unknown); 1 if its noise is above its steps.
+    `n_equal`: number of consecutive equal samples.  `healthy_rate`: changes per sample of this
+    channel when it is healthy, 0..1; 1 if its noise is above its steps.  False if that is NaN.
     """
-    # Expected number of changes of value, during a hold, from which a channel counts as stuck. If
-    # one sample in two changes, 20 expected changes fail to occur once in 500 million.
-    return bool(n_equal * share_changing >= 20.0)
+    # If one sample in two changes, 20 expected changes fail to occur once in 500 million.
+    return bool(n_equal * healthy_rate >= 20.0)
 
 
 def is_fine(quantity: Quantity, unit: str, step: float) -> bool:
@@ -92,24 +90,20 @@ FROZEN_S = 0.2
 class Hold:
     """Longest hold of one value by one channel in one run."""
 
-    first: int
-    last: int
-    """`first`, `last`: its first and last sample."""
+    n_equal: int
+    """Number of its samples."""
     length_s: float
     """Its length, s; 0 if none begins in the first half second of the decay or reaches into it."""
     rest_rate: float
-    """Share of samples at rest that differ from the one before; NaN if there are too few."""
+    """Changes of value per sample at rest, 0..1; NaN if there are too few samples."""
     decay_rate: float
-    """The same share in the decay."""
+    """Changes of value per sample in the decay, 0..1; NaN if there are too few samples."""
     constant: bool
     """True if the channel has one value in the whole run."""
 
-    def is_frozen(self, share_changing: float) -> bool:
-        """Return whether the hold is too long to be chance.
-
-        `share_changing`: share of samples at which the healthy channel changes; NaN: unknown.
-        """
-        return self.length_s >= FROZEN_S and is_stuck(self.last - self.first + 1, share_changing)
+    def is_frozen(self, healthy_rate: float) -> bool:
+        """Return whether the hold is too long to be chance; `healthy_rate`: as of `is_stuck`."""
+        return self.length_s >= FROZEN_S and is_stuck(self.n_equal, healthy_rate)
 
 
 def longest_hold(
@@ -128,11 +122,10 @@ def longest_hold(
     length_s = np.where(is_in_decay, time_s[last_rows] - time_s[first_rows], 0.0)
     longest = int(length_s.argmax())
     return Hold(
-        int(first_rows[longest]),
-        int(last_rows[longest]),
-        float(length_s[longest]),
-        rest_rate=share_changed(value[time_s < rest_end_s]),
-        decay_rate=share_changed(value[time_s >= decay_start_s]),
+        n_equal=int(last_rows[longest] - first_rows[longest]) + 1,
+        length_s=float(length_s[longest]),
+        rest_rate=_change_rate(value[time_s < rest_end_s]),
+        decay_rate=_change_rate(value[time_s >= decay_start_s]),
         constant=bool(np.all(value == value[0])),
     )
 

@@ -104,11 +104,9 @@ def map_channels(
     mapped = []
     for channel in channels:
         if channel.signal not in known:
-            problem = f"{dbc_name} has no signal {channel.signal!r}"
-            advice = (
-                "write signal as Message.signal of the DBC, or as sensor.signal of a [[sensor]]"
-            )
-            raise InputError(f"signal of channel {channel.name}", problem, advice)
+            where, problem = f"signal of channel {channel.name}", f"{dbc_name} has no signal"
+            advice = "write signal as Message.signal of the DBC or sensor.signal of a [[sensor]]"
+            raise InputError(where, f"{problem} {channel.signal!r}", advice)
         message, signal = known[channel.signal]
         si = si_unit(channel, signal.unit, dbc_name)
         unit_channel = replace(channel, unit=si.unit)
@@ -130,11 +128,10 @@ def si_unit(channel: Channel, stated: str, source: str) -> SiUnit:
     if si is not None and si.unit == expected:
         return si
     where = "its [[channel]]" if channel.signal_unit else source
-    unknown = "" if si else ", which is not known"
-    problem = f"{channel.signal} has unit {unit!r} in {where}{unknown}"
+    problem = f"{channel.signal} has unit {unit!r} in {where}"
     advice = "correct signal, signal_unit or quantity in its [[channel]]"
     if si is None:
-        advice = "state signal_unit in its [[channel]]"
+        problem, advice = f"{problem}, which is not known", "state signal_unit in its [[channel]]"
     needed = f"{channel.quantity} needs {expected} or a multiple"
     raise InputError(f"channel {channel.name}", f"{problem}; {needed}", advice)
 
@@ -217,10 +214,7 @@ samples, increasing; both of shape (k,)."""
 
 
 def bind(
-    number: NDArray[np.int64],
-    carrier_ns: NDArray[np.int64],
-    rows: NDArray[np.intp],
-    t_ns: NDArray[np.int64],
+    number: NDArray[np.int64], carrier_ns: NDArray[np.int64], t_ns: NDArray[np.int64]
 ) -> Bound:
     """Return the frames of a message with their sample numbers, by the carrier frames around them.
 
@@ -230,7 +224,7 @@ def bind(
     assigned by their number or, if frames are lost as well, by their time.
 
     `number`, (n,) int64: sample number of each carrier frame, increasing.  `carrier_ns`, (n,)
-    int64: their arrival, in order.  `rows`, (m,) int: the frames.  `t_ns`, (m,) int64: of these.
+    int64: their arrival, in order.  `t_ns`, (m,) int64: arrival of the message's frames.
     """
     carrier_before = np.searchsorted(carrier_ns, t_ns, "right") - 1
     carrier_after = np.searchsorted(carrier_ns, t_ns, "left")
@@ -239,23 +233,21 @@ def bind(
     until_ns = carrier_ns[carrier_after[has_both]] - t_ns[has_both]
     if len(since_ns) and np.median(until_ns) < np.median(since_ns):
         # The same search with reversed time.
-        rows, numbers = _bind_behind(-number[::-1], -carrier_ns[::-1], rows[::-1], -t_ns[::-1])
-        return rows[::-1], -numbers[::-1]
-    return _bind_behind(number, carrier_ns, rows, t_ns)
+        rows, numbers = _bind_behind(-number[::-1], -carrier_ns[::-1], -t_ns[::-1])
+        return len(t_ns) - 1 - rows[::-1], -numbers[::-1]
+    return _bind_behind(number, carrier_ns, t_ns)
 
 
 def _bind_behind(
-    number: NDArray[np.int64],
-    carrier_ns: NDArray[np.int64],
-    rows: NDArray[np.intp],
-    t_ns: NDArray[np.int64],
+    number: NDArray[np.int64], carrier_ns: NDArray[np.int64], t_ns: NDArray[np.int64]
 ) -> Bound:
     """Return frames with their sample numbers, as `bind`, from the carrier before each.
 
     The frames between two received carriers are counted if none is missing, else placed by time.
     """
     carrier = np.searchsorted(carrier_ns, t_ns, "right") - 1  # row of the carrier before each
-    rows, t_ns, carrier = rows[carrier >= 0], t_ns[carrier >= 0], carrier[carrier >= 0]
+    rows = np.flatnonzero(carrier >= 0)
+    t_ns, carrier = t_ns[rows], carrier[rows]
     samples_to_next = np.append(np.diff(number), 1)[carrier]  # up to the next received carrier
     frames_of_carrier = np.bincount(carrier, minlength=len(number))
     rank = np.arange(len(carrier)) - (np.cumsum(frames_of_carrier) - frames_of_carrier)[carrier]
@@ -274,7 +266,6 @@ def bind_counted(
     number: NDArray[np.int64],
     carrier_value: NDArray[np.float64],
     carrier_ns: NDArray[np.int64],
-    rows: NDArray[np.intp],
     counter: Samples,
     modulus: int,
 ) -> Bound:
@@ -283,9 +274,10 @@ def bind_counted(
     Each number is that of the carrier nearest in time, plus the shortest way between both counters.
 
     `number`, `carrier_value`, `carrier_ns`, (n,) array: sample number, counter and arrival of the
-    carrier frames, in order.  `rows`, (m,) int: frames of the message with a readable counter.
-    `counter`: of all its frames.  `modulus`: its range.
+    carrier frames, in order.  `counter`: of all frames of the message; frames whose counter cannot
+    be read are left out.  `modulus`: its range.
     """
+    rows = np.flatnonzero(counter.usable)
     t_ns = counter.t_ns[rows]
     last_carrier = len(carrier_ns) - 1
     carrier_after = np.clip(np.searchsorted(carrier_ns, t_ns), min(1, last_carrier), last_carrier)
@@ -442,20 +434,14 @@ def _set_group(
     carriers = decoded[f"{carrier}.{counter_signal}"]
     carrier_ns, carrier_value = carriers.t_ns[carrier_rows], carriers.value[carrier_rows]
     bound: dict[str, Bound] = {}
-    for m in channels:
-        message, t_ns = m.message, decoded[m.channel.signal].t_ns
-        if message.name in bound:
-            continue
-        if message.name == carrier:
-            bound[message.name] = carrier_rows, carrier_number
-        elif "." not in sample_set.bound_by and message.counter is not None:
-            counter = decoded[f"{message.name}.{counter_signal}"]
-            rows, modulus = np.flatnonzero(counter.usable), message.counter.modulus
-            bound[message.name] = bind_counted(
-                carrier_number, carrier_value, carrier_ns, rows, counter, modulus
-            )
+    for name, m in {m.message.name: m for m in channels}.items():  # a channel of each message
+        if name == carrier:
+            bound[name] = carrier_rows, carrier_number
+        elif "." not in sample_set.bound_by and m.message.counter is not None:
+            counter, modulus = decoded[f"{name}.{counter_signal}"], m.message.counter.modulus
+            bound[name] = bind_counted(carrier_number, carrier_value, carrier_ns, counter, modulus)
         else:
-            bound[message.name] = bind(carrier_number, carrier_ns, np.arange(len(t_ns)), t_ns)
+            bound[name] = bind(carrier_number, carrier_ns, decoded[m.channel.signal].t_ns)
     sample_number = np.unique(np.concatenate([numbers for _, numbers in bound.values()]))
     time_s = np.interp(sample_number, carrier_number, clock.time_s[is_new])
     return _aligned_group(sample_set.name, channels, decoded, bound, sample_number, time_s)

@@ -43,12 +43,14 @@ class ChannelRest:
     quiet_since_ns: int
     """Time of the last sample away from rest (or of the first sample), ns."""
     slot: int
+    """Index of the present slot."""
     first_value: float
+    """First sample of all, which is the level until a slot is complete."""
     rest_level: float = float("nan")
-    """Value at rest; NaN until a slot is complete."""
+    """Mean of the last complete slot; NaN until then."""
     total: float = 0.0
     count: int = 0
-    """The present slot: its index, sum and number of samples, and its first value."""
+    """Sum and number of the samples of the present slot."""
     last_side: int = 0
     """+1 or -1 if the last sample was far above or below rest (`TriggerConfig.level`), else 0."""
     last_ns: int = 0

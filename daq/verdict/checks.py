@@ -18,7 +18,7 @@ from ..bench.campaign import Method
 from ..bench.config import Bench
 from ..channels import Channel, Quantity, message_of
 from ..runs import WHEEL_MOTION_S, longest_gap_s, longest_silence
-from ..samples.clock import FASTEST
+from ..samples.clock import FASTEST, latest_sent
 from ..samples.converter import FROZEN_S, flat_tops, longest_hold
 from ..samples.mapping import SampleBlock, trigger_channels
 from .window import BEFORE_S, RunWindow, Trace, kind_of, largest_peaks, traces
@@ -126,7 +126,9 @@ def lost_frames(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> 
         time_s = trace.time_s
         allowed_s = longest_gap_s(float(np.median(np.diff(time_s))))
         if _message(trace.channel) in window.timed:
-            time_s = _latest_sent(time_s)
+            # A delayed reader delivers several frames at one instant, but as many as were sent.
+            mean_cycle_s = (time_s[-1] - time_s[0]) / (len(time_s) - 1)
+            time_s = latest_sent(time_s, FASTEST * mean_cycle_s)
         begin, end = np.searchsorted(time_s, [0.0, WHEEL_MOTION_S])
         # With one sample on either side; a trace begins before the bump.
         gaps_s = np.diff(time_s[begin - 1 : end + 1])
@@ -140,19 +142,6 @@ def lost_frames(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> 
         return
     text = f"{window.losses.words or '0 frames lost'}, {share:.1%} (limit {LOST_SHARE:.0%})"
     yield finding("lost_frames", share <= LOST_SHARE, share, LOST_SHARE, "", text)
-
-
-def _latest_sent(time_s: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the latest time at which each frame can have been sent: each later frame took a cycle.
-
-    A delayed reader delivers several frames at one instant.  They are late, but as many as fit into
-    the gap before them; if frames are missing, there are too few.
-    """
-    cycle_s = FASTEST * (time_s[-1] - time_s[0]) / (len(time_s) - 1)  # of the fastest clock
-    since_first_s = np.arange(len(time_s)) * cycle_s
-    # The lateness of each frame is at most that of any later one: a minimum from the end.
-    late_s = np.minimum.accumulate((time_s - since_first_s)[::-1])[::-1]
-    return np.asarray(late_s + since_first_s)
 
 
 def overload(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterator[Finding]:

@@ -333,7 +333,6 @@ def test_binding_against_the_truth_with_losses_everywhere(lead_s: float) -> None
     rows, found = bind(
         number,
         np.rint(carrier[here] * 1e9).astype(np.int64),
-        np.arange(len(sent)),
         np.rint(follower[there] * 1e9).astype(np.int64),
     )
     assert np.array_equal(found, sent[rows])  # never to a wrong sample
@@ -459,7 +458,6 @@ def bound(
     rows, found = bind(
         np.array(numbers),
         np.rint(np.array(carriers_ms) * MS).astype(np.int64),
-        np.arange(len(frames_ms)),
         np.rint(np.array(frames_ms) * MS).astype(np.int64),
     )
     assert np.all(np.diff(found) > 0)
@@ -509,7 +507,6 @@ def counted(
         np.array(numbers),
         np.array(numbers, np.float64) % modulus,
         np.rint(np.array(carriers_ms) * MS).astype(np.int64),
-        np.arange(len(frames)),
         own,
         modulus,
     )

@@ -275,4 +275,4 @@ def test_rates_are_those_of_the_rest_and_of_the_decay_and_not_of_the_bump() -> N
     found = longest_hold(T_S_OF_HOLD, value, 0.3, 0.5)
     assert found.rest_rate == pytest.approx(2 / 3, abs=0.01)
     assert found.decay_rate == pytest.approx(0.1, abs=0.001)
-    assert (found.last - found.first, found.constant) == (9, False)
+    assert (found.n_equal, found.constant) == (10, False)
