@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dbc import Codec
-from dbc.codec import UNUSABLE, Decoded, MessageLayout, Quality, Samples
+from dbc.codec import Decoded, MessageLayout, Quality, Samples
 from dbc.frames import FrameBatch, FrameFlag
 from dbc.words import Finding, counted
 
@@ -36,8 +36,8 @@ class _BusCycle:
     """The frames of a bus in one cycle of the recorder."""
 
     now_s: float  # monotonic time of the cycle
-    good: int  # number of good frames
-    errors: int  # number of error frames
+    n_good: int  # good frames
+    n_errors: int  # error frames
     bits: float  # of the good frames on the wire
     last_ns: int  # latest time stamp until this cycle; 0 before the first
 
@@ -80,28 +80,29 @@ class BusWatch:
         """
         t_ns, n = batch.t_ns, len(batch)
         error_rows = np.flatnonzero(batch.flags & np.uint16(FrameFlag.ERROR))
-        good = n - len(error_rows)
-        errors = error_frames_of(batch.select(error_rows)) if len(error_rows) else []
-        self.error_text = errors[-1].text if errors else self.error_text
-        losses, earlier = link.losses, self.losses
-        overruns = sum(error.overrun for error in errors)
+        n_errors = len(error_rows)
+        n_good = n - n_errors
+        errors = error_frames_of(batch.select(error_rows)) if n_errors else []
+        if errors:
+            self.error_text, self.error_s = errors[-1].text, now_s
+        overruns = link.losses.bus_dropped - self.losses.bus_dropped
+        overruns += sum(error.overrun for error in errors)
         bus_off = sum(ErrorClass.BUS_OFF in error.classes for error in errors)
-        counts["overrun", self.name] = losses.bus_dropped - earlier.bus_dropped + overruns, ""
-        counts["garbled", self.name] = losses.bus_garbled - earlier.bus_garbled, ""
-        counts["error_frames", self.name] = len(error_rows), self.error_text
+        counts["overrun", self.name] = overruns, ""
+        counts["garbled", self.name] = link.losses.bus_garbled - self.losses.bus_garbled, ""
+        counts["error_frames", self.name] = n_errors, self.error_text
         counts["bus_off", self.name] = bus_off, self.error_text
-        self.losses = losses
+        self.losses = link.losses
         if n and not self.last_ns:  # a bus has no time stamp before its first frame
             self.recent = [replace(cycle, last_ns=int(t_ns[0])) for cycle in self.recent]
         self.last_ns = int(t_ns[-1]) if n else self.last_ns
         good_bits = float(bits.sum()) - float(bits[error_rows].sum())
         n_old = sum(cycle.now_s <= now_s - WINDOW_S for cycle in self.recent)
         self.recent = self.recent[max(n_old - 1, 0) :]  # the last of the old ones begins the window
-        self.recent.append(_BusCycle(now_s, good, len(error_rows), good_bits, self.last_ns))
-        self.frames += good
-        self.error_frames += len(error_rows)
-        self.good_s = now_s if good or not link.connected else self.good_s
-        self.error_s = now_s if errors else self.error_s
+        self.recent.append(_BusCycle(now_s, n_good, n_errors, good_bits, self.last_ns))
+        self.frames += n_good
+        self.error_frames += n_errors
+        self.good_s = now_s if n_good or not link.connected else self.good_s
         if link.connected:
             self._follow_controller(errors, now_s)
         else:  # a controller that was opened again has a new state
@@ -124,7 +125,7 @@ class BusWatch:
     def status(self, link: LinkFacts, silent_s: float, now_s: float) -> BusStatus:
         """Return the status of the bus."""
         begin, end, cycles = self.recent[0], self.recent[-1], self.recent[1:]
-        # A replay faster than real time does not load a bus: its time stamps give the time it took.
+        # By time stamps too: a replay faster than real time does not load a bus.
         stamped_s = (end.last_ns - begin.last_ns) * 1e-9 if begin.last_ns else 0.0
         span_s = max(now_s - begin.now_s, stamped_s, WINDOW_S / 10)
         state = BusState.OK
@@ -140,7 +141,7 @@ class BusWatch:
             name=self.name,
             state=state,
             load=sum(cycle.bits for cycle in cycles) / span_s / link.bitrate,
-            frames_per_s=sum(cycle.good for cycle in cycles) / span_s,
+            frames_per_s=sum(cycle.n_good for cycle in cycles) / span_s,
             frames=self.frames,
             error_frames=self.error_frames,
             reopened=link.reopened,
@@ -160,12 +161,12 @@ class BusWatch:
         if status.state is BusState.BUS_OFF:
             yield fault("bus_off", name, self.error_text)
             return
-        errors = sum(cycle.errors for cycle in self.recent)
+        n_errors = sum(cycle.n_errors for cycle in self.recent)
         if link.interface_down:
             advice = f"`sudo ip link set {name.split()[-1]} up` brings it up again"
             yield fault("interface_down", name, "the interface is down", advice)
-        elif status.state is BusState.SILENT and errors:
-            frames = counted(errors, "error frame")
+        elif status.state is BusState.SILENT and n_errors:
+            frames = counted(n_errors, "error frame")
             text = f"{frames} in the last second and no good frame for {silence}"
             yield fault("check_bitrate", name, text)
         elif status.state is BusState.SILENT:
@@ -203,26 +204,18 @@ class _ChannelRange:
             self.low, self.high = -math.inf, math.inf
         gain = abs(mapped.factor * channel.scale)
         self.largest = LARGEST / gain if gain else math.inf
-        """Largest magnitude that any sensor shows, in the signal's unit."""
+        """Largest magnitude of a reading (`daq.channels.LARGEST`), in the signal's unit."""
 
     def count(self, samples: Samples, counts: Counts) -> None:
         """Count the samples of a cycle without a value, and those at the end of the range."""
-        value = samples.value
-        lowest, highest = float(value.min()), float(value.max())
-        all_possible = max(-lowest, highest) <= self.largest  # False if one is not a number
-        if not all_possible or samples.quality.any():
-            usable = (samples.quality & np.uint8(UNUSABLE)) == 0
-            possible = np.isfinite(value) & (np.abs(value) <= self.largest)
-            no_value = (samples.quality & np.uint8(Quality.SENTINEL) != 0) | (usable & ~possible)
-            counts["no_value", self.name] = int(np.count_nonzero(no_value)), ""
-            value = value[usable & possible]
-            if not len(value):
-                return
-            lowest, highest = float(value.min()), float(value.max())
+        is_possible = np.abs(samples.value) <= self.largest  # False where it is not a number
+        has_no_value = samples.quality & np.uint8(Quality.SENTINEL) != 0
+        has_no_value |= samples.usable & ~is_possible
+        counts["no_value", self.name] = int(np.count_nonzero(has_no_value)), ""
+        value = samples.value[samples.usable & is_possible]
         # Many unsigned signals are zero at rest.
-        if (lowest <= self.low and lowest != 0) or (highest >= self.high and highest != 0):
-            at_end = ((value <= self.low) | (value >= self.high)) & (value != 0)
-            counts["saturated", self.name] = int(np.count_nonzero(at_end)), self.text
+        is_at_end = ((value <= self.low) | (value >= self.high)) & (value != 0)
+        counts["saturated", self.name] = int(np.count_nonzero(is_at_end)), self.text
 
 
 class Sensors:
@@ -230,19 +223,19 @@ class Sensors:
 
     def __init__(self) -> None:
         self._mapped: Sequence[MappedChannel] = ()
-        self._ranges: tuple[_ChannelRange, ...] = ()
+        self._ranges: list[_ChannelRange] = []
 
     def advance(
         self, mapped: Sequence[MappedChannel], decoded: Decoded | None, counts: Counts
     ) -> None:
         """Add to the counts the samples of a block without a value or at the end of a range."""
         if self._mapped is not mapped:  # another bench.toml
-            used = [m for m in mapped if m.channel.quantity is not Quantity.UNUSED]
-            self._mapped, self._ranges = mapped, tuple(_ChannelRange(m) for m in used)
-        for channel in self._ranges:
-            samples = decoded.samples.get(channel.signal) if decoded else None
+            used = (m for m in mapped if m.channel.quantity is not Quantity.UNUSED)
+            self._mapped, self._ranges = mapped, [_ChannelRange(m) for m in used]
+        for channel_range in self._ranges:
+            samples = decoded.samples.get(channel_range.signal) if decoded else None
             if samples is not None and len(samples.t_ns):
-                channel.count(samples, counts)
+                channel_range.count(samples, counts)
 
 
 # Watches each message: arrival, length, checksum; and frames that no DBC describes ----------------
@@ -280,7 +273,7 @@ class Traffic:
     def __init__(self, missing: Mapping[str, int] = MappingProxyType({})) -> None:
         self._began_s: float | None = None
         self._known: dict[str, _LastFrame] = {}
-        self._unknown: dict[str, float] = {}  # monotonic time of the last frame, by identifier
+        self._unknown_s: dict[str, float] = {}  # monotonic time of the last frame, by identifier
         self.missing = dict(missing)
 
     def advance(
@@ -293,10 +286,10 @@ class Traffic:
         counts: Counts,
     ) -> None:
         """Remember which messages came in a block; add to the counts their faults."""
-        for bus, can_id, is_extended, length, n_frames in _distinct(batch):
+        for bus, can_id, is_extended, length, n_frames in _kinds_of_frames(batch):
             layout = codec.find(can_id, is_extended, bus)
             if layout is None:
-                self._unknown[f"{can_id:#x}{'x' if is_extended else ''}"] = now_s
+                self._unknown_s[f"{can_id:#x}{'x' if is_extended else ''}"] = now_s
                 continue
             self._known[layout.name] = _LastFrame(layout, now_s, bus)
             if length != layout.length:
@@ -304,7 +297,7 @@ class Traffic:
                 lengths = f"{counted(length, 'byte')}; the DBC says {layout.length}"
                 counts["wrong_length", layout.name] = earlier + n_frames, lengths
         # An identifier is present for 2 s after its last frame.
-        self._unknown = {k: seen_s for k, seen_s in self._unknown.items() if now_s - seen_s <= 2.0}
+        self._unknown_s = {k: s for k, s in self._unknown_s.items() if now_s - s <= 2.0}
         if decoded is not None and decoded.counts.crc_bad:
             for message in codec.messages:
                 samples = decoded.samples.get(f"{message.name}.{message.crc}")
@@ -328,9 +321,9 @@ class Traffic:
         """
         waited_s = now_s - self._began_s if self._began_s is not None else 0.0
         # Frames that are all unknown raise an alarm after 0.8 s.
-        if self._unknown and not self._known and waited_s >= 0.8:
+        if self._unknown_s and not self._known and waited_s >= 0.8:
             # An alarm names six identifiers at most.
-            identifiers = ", ".join(list(self._unknown)[:6])
+            identifiers = ", ".join(list(self._unknown_s)[:6])
             text = f"no frame of a message of the DBC in {waited_s:.1f} s, but {identifiers}"
             yield fault("none_of_dbc", "", text)
             return
@@ -348,9 +341,9 @@ class Traffic:
                 text = f"no frame since the recorder started to listen ({waited_s:.0f} s)"
                 yield fault("stale", name, text)
 
-    def home_of(self, message: str) -> int | None:
-        """Return the number of the bus from which a message came last; None before the first."""
-        return self._known[message].bus if message in self._known else None
+    def buses_of(self, messages: Sequence[str]) -> set[int]:
+        """Return the numbers of the buses from which messages came last."""
+        return {self._known[name].bus for name in messages if name in self._known}
 
     def alive(self, expected: Sequence[str], now_s: float) -> int:
         """Return the number of expected messages that are received."""
@@ -358,17 +351,18 @@ class Traffic:
         return sum(now_s - last.seen_s <= _timeout_s(last.layout) for last in received)
 
 
-def _distinct(batch: FrameBatch) -> list[tuple[int, int, bool, int, int]]:
-    """Return the kinds of data frames: bus, identifier, is extended, length, number of frames."""
+def _kinds_of_frames(batch: FrameBatch) -> list[tuple[int, int, bool, int, int]]:
+    """Return bus, identifier, whether it is extended, length and number of like data frames.
+
+    The first four are the bits of one integer, by which frames are sorted once.
+    """
     no_data = np.uint16(FrameFlag.ERROR | FrameFlag.REMOTE)
+    is_extended = batch.flags & np.uint16(FrameFlag.EXTENDED) != 0
     key = batch.can_id.astype(np.int64)
+    key |= is_extended.astype(np.int64) << _EXTENDED_BIT
     key |= batch.bus.astype(np.int64) << _BUS_SHIFT
     key |= batch.length.astype(np.int64) << _LENGTH_SHIFT
-    if np.count_nonzero(batch.flags):
-        is_extended = batch.flags & np.uint16(FrameFlag.EXTENDED) != 0
-        key |= is_extended.astype(np.int64) << _EXTENDED_BIT
-        key = key[(batch.flags & no_data) == 0]
-    kinds, numbers = np.unique(key, return_counts=True)
+    kinds, numbers = np.unique(key[(batch.flags & no_data) == 0], return_counts=True)
     return [
         (
             kind >> _BUS_SHIFT & 0xFF,

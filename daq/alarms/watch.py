@@ -28,18 +28,16 @@ ALARM, ALARM_END = "alarm", "alarm_end"
 """Codes of the events, which have the text "CODE SUBJECT: TEXT"."""
 HOLD_S = 1.5
 """Time without the symptom after which an alarm ends, s."""
-_SHOWN_SUBJECTS = 4
-"""Number of messages or channels that one line for several alarms names."""
+_MOST_NAMES = 4
+"""Largest number of messages or channels that one line for several alarms names."""
 _QUIET_S = 0.4
 """Time without a good frame, s, from which a bus is quiet: its messages are not named one by one.
 It is shorter than the least timeout of a message."""
 _NOT_RECORDING_S = 3.0
 """Time, s, after which frames that arrive and are not stored raise an alarm.  The queue holds 10 s
 of four full buses, so nothing is lost by then; a busy machine or a slow disk may take a second."""
-_SHARED = frozenset(
-    ("stale", "counter_gap", "crc_bad", "wrong_length", "saturated", "no_value")
-)  # fmt: skip
-"""Codes of alarms on messages and channels, which often come together."""
+_GROUPED = frozenset({"stale", "counter_gap", "crc_bad", "wrong_length", "saturated", "no_value"})
+"""Codes of alarms on messages and channels, which often come together: one line for each code."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,8 +75,9 @@ class Watch:
         self._traffic, self._sensors = Traffic(), Sensors()
         self._alarms: dict[Key, Alarm] = {}
         self._seen_s: dict[Key, float] = {}  # when the symptom of an alarm was last present
-        self._counts: deque[tuple[float, Counts]] = deque()  # time, s, and counts of each cycle
-        self._quiet: frozenset[str] = frozenset()  # buses with channels, without good frames now
+        # Monotonic time, s, and counts of each cycle with a fault in the last second.
+        self._counts: deque[tuple[float, Counts]] = deque()
+        self._quiet_buses: frozenset[str] = frozenset()  # with channels, without good frames now
         self._queue_dropped = self._t_ns = 0
 
     @property
@@ -87,18 +86,19 @@ class Watch:
         return tuple(sorted(self._alarms.values(), key=lambda a: (GRAVITY[a.code], a.subject)))
 
     @property
-    def shown(self) -> tuple[Alarm, ...]:
+    def grouped_alarms(self) -> tuple[Alarm, ...]:
         """The alarms for a person: one line for all messages or channels with the same fault."""
         groups: dict[Key, list[Alarm]] = {}
         for alarm in self.alarms:
-            subject = "" if alarm.code in _SHARED else alarm.subject
+            subject = "" if alarm.code in _GROUPED else alarm.subject
             groups.setdefault((alarm.code, subject), []).append(alarm)
-        return tuple(_together(group) for group in groups.values())
+        return tuple(_one_line_for(group) for group in groups.values())
 
     @property
     def dead_bus(self) -> Alarm | None:
         """The alarm on a bus with channels of the bench that delivers no good frame."""
-        return next((a for a in self.alarms if a.code in DEAD and a.subject in self._quiet), None)
+        dead = (a for a in self.alarms if a.code in DEAD and a.subject in self._quiet_buses)
+        return next(dead, None)
 
     def acknowledge(self) -> None:
         """Switch the overload lamps off."""
@@ -136,8 +136,8 @@ class Watch:
             status.state in (BusState.OK, BusState.ERROR_PASSIVE) and now_s - bus.good_s < _QUIET_S
             for bus, status in zip(self._bus_watches, self.buses, strict=True)
         ]
-        used_buses = {self._traffic.home_of(name) for name in expected}
-        self._quiet = frozenset(
+        used_buses = self._traffic.buses_of(expected)
+        self._quiet_buses = frozenset(
             bus.name
             for number, bus in enumerate(self._bus_watches)
             if number in used_buses and not delivers[number]
@@ -153,44 +153,54 @@ class Watch:
         by_key: dict[Key, Finding] = {}
         for symptom in symptoms:
             by_key.setdefault((symptom.code, symptom.subject), symptom)
-        return tuple(self._keep(by_key, new, totals, cycle.now))
+        return tuple(self._update_alarms(by_key, new, totals, cycle.now))
 
     def _advance_buses(self, cycle: Cycle, counts: Counts) -> None:
-        """Process the frames of each bus; begin anew with another link; add to the counts."""
+        """Add the frames of each bus to its history, and their faults to the counts.
+
+        A bus whose link has another name than in the last cycle begins a new history.
+        """
         now_s, batch, bits = cycle.now.monotonic_s, cycle.batch, wire_bits(cycle.batch)
-        for number, link in enumerate(cycle.links):
-            if number == len(self._bus_watches):
-                self._bus_watches.append(BusWatch(link.name, now_s, losses=link.losses))
-            elif self._bus_watches[number].name != link.name:
-                self._bus_watches[number] = BusWatch(link.name, now_s, losses=link.losses)
+        earlier = {bus.name: bus for bus in self._bus_watches}
+        self._bus_watches = [
+            earlier.get(link.name) or BusWatch(link.name, now_s, losses=link.losses)
+            for link in cycle.links
+        ]
+        for number, (link, bus) in enumerate(zip(cycle.links, self._bus_watches, strict=True)):
             on_bus = batch.bus == number
             of_bus = batch if on_bus.all() else batch.select(on_bus.nonzero()[0])
-            self._bus_watches[number].advance(link, of_bus, bits[on_bus], now_s, counts)
-        del self._bus_watches[len(cycle.links) :]
+            bus.advance(link, of_bus, bits[on_bus], now_s, counts)
 
     def _totals(self, counts: Counts, now_s: float) -> Counts:
-        """Return the sums of the counts of the last second, this cycle included, and a detail."""
+        """Return the sum of the counts of the last second by fault, with the latest detail.
+
+        `counts`: of this cycle, which is included.  Fewer than five error frames are left out.
+        """
         if counts:
             self._counts.append((now_s, counts))
         while self._counts and self._counts[0][0] <= now_s - WINDOW_S:
             self._counts.popleft()
         totals: Counts = {}
-        for _, each in self._counts:
-            for key, (number, detail) in each.items():
+        for _, of_cycle in self._counts:
+            for key, (number, detail) in of_cycle.items():
                 earlier_number, earlier_detail = totals.get(key, (0, ""))
                 totals[key] = earlier_number + number, detail or earlier_detail
-        # CAN survives single disturbances: fewer than five error frames in a second are no alarm.
-        few = [key for key, (n, _) in totals.items() if key[0] == "error_frames" and n < 5]
-        return {key: total for key, total in totals.items() if key not in few}
+        # CAN survives single disturbances.
+        return {k: total for k, total in totals.items() if k[0] != "error_frames" or total[0] >= 5}
 
-    def _keep(
+    def _update_alarms(
         self, symptoms: Mapping[Key, Finding], new: Counts, totals: Counts, now: Now
     ) -> Iterator[Event]:
-        """Begin, continue and end alarms by the symptoms of a cycle; yield their events."""
+        """Begin, continue and end alarms by the symptoms of a cycle; yield their events.
+
+        `new` and `totals`: counts of this cycle and of the last second.
+        """
         now_s = now.monotonic_s
         for key, symptom in symptoms.items():
-            since_ns, count = now.wall_ns, totals.get(key, (0, ""))[0]
-            if (present_alarm := self._alarms.get(key)) is not None:
+            present_alarm = self._alarms.get(key)
+            if present_alarm is None:
+                since_ns, count = now.wall_ns, totals.get(key, (0, ""))[0]
+            else:
                 since_ns = present_alarm.since_ns
                 count = present_alarm.count + new.get(key, (0, ""))[0]
             alarm = Alarm(*key, symptom.text, symptom.advice, since_ns, count)
@@ -206,13 +216,13 @@ class Watch:
         return Event(self._t_ns, code, alarm.count, f"{alarm.code}{subject}: {alarm.text}")
 
 
-def _together(alarms: Sequence[Alarm]) -> Alarm:
+def _one_line_for(alarms: Sequence[Alarm]) -> Alarm:
     """Return one alarm that names the subjects of several with the same code."""
     names = [alarm.subject for alarm in alarms]
-    more = f" and {len(names) - _SHOWN_SUBJECTS} more" if len(names) > _SHOWN_SUBJECTS else ""
+    more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
     return replace(
         alarms[0],
-        subject=", ".join(names[:_SHOWN_SUBJECTS]) + more,
+        subject=", ".join(names[:_MOST_NAMES]) + more,
         since_ns=min(alarm.since_ns for alarm in alarms),
         count=sum(alarm.count for alarm in alarms),
     )
@@ -228,8 +238,8 @@ def _disk_symptoms(config: RecorderConfig, disk: DiskStatus) -> Iterator[Finding
         yield fault("journal_warning", "", disk.warning)
     # Ten reserves, or a tenth of the disk.
     if disk.free_bytes < max(10 * config.reserve_bytes, 0.1 * disk.total_bytes):
-        share = disk.free_bytes / max(disk.total_bytes, 1)
-        text = f"{disk.free_bytes / 1e6:,.0f} MB ({share:.0%}) left on the disk; "
+        free_ratio = disk.free_bytes / max(disk.total_bytes, 1)
+        text = f"{disk.free_bytes / 1e6:,.0f} MB ({free_ratio:.0%}) left on the disk; "
         text += f"recording stops at {config.reserve_bytes / 1e6:,.0f} MB"
         yield fault("disk_low", "", text)
 

@@ -535,7 +535,7 @@ class Recording:
             overrides=log.overrides,
             undo=_text_of_last(log.done),
             redo=_text_of_last(log.undone),
-            alarms=alarms.shown,
+            alarms=alarms.grouped_alarms,
             overloaded=alarms.overloaded,
             buses=alarms.buses,
             sensors_alive=alarms.sensors_alive,
