@@ -256,7 +256,9 @@ def test_a_bus_without_power_is_one_alarm_and_sensors_without_power_are_one_line
         bench.turn()
     for _ in range(20):
         bench.turn(bench.healthy(without=["HUB_Front", "HUB_Rear"]))
-    assert [(a.code, a.subject) for a in bench.state.grouped_alarms] == [("stale", "HUB_Front, HUB_Rear")]
+    assert [(a.code, a.subject) for a in bench.state.grouped_alarms] == [
+        ("stale", "HUB_Front, HUB_Rear")
+    ]
     assert len(bench.alarms) == 2  # in the journal, one by one
     shown = set()
     for _ in range(30):
