@@ -10,10 +10,9 @@ import gc
 import os
 import signal
 import sys
-import threading
 import traceback
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections import defaultdict
+from collections.abc import Callable
 from typing import Annotated, Any
 
 import typer
@@ -34,6 +33,7 @@ from .commands.simulate import replay, simulate
 from .commands.study import study
 from .commands.tui import tui
 from .diagnostics import ExitCode, report, report_usage, say
+from .output import software
 
 GROUPS: dict[str, tuple[Callable[..., object], ...]] = {
     "To begin with": (demo, simulate, notebook),
@@ -49,11 +49,10 @@ class _Grouped(TyperGroup):
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write each group with the whole first sentence of each command."""
-        groups: dict[str, list[tuple[str, str]]] = {}
+        groups = defaultdict[str, list[tuple[str, str]]](list)
         for name, command in self.commands.items():
-            title = getattr(command, "rich_help_panel", None)
-            title = title if isinstance(title, str) else "For the curious"
-            groups.setdefault(title, []).append((name, command.get_short_help_str(200)))
+            title = getattr(command, "rich_help_panel", "")
+            groups[title].append((name, command.get_short_help_str(200)))  # no sentence is longer
         for title, rows in groups.items():
             with formatter.section(title):
                 formatter.write_dl(rows)
@@ -70,32 +69,33 @@ app = typer.Typer(
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        from importlib.metadata import version
-
-        sys.stdout.write(f"bumpbench {version('bumpbench')}\n")
+        sys.stdout.write(f"{software()}\n")
         raise typer.Exit
 
 
+_Version = Annotated[
+    bool,
+    typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version."),
+]
+
+
 @app.callback()
-def _bumpbench(
-    _version: Annotated[
-        bool,
-        typer.Option(
-            "--version", callback=_print_version, is_eager=True, help="Print the version."
-        ),
-    ] = False,
-) -> None:
+def _bumpbench(_version: _Version = False) -> None:
     """Bump tests over CAN: every physical parameter of a 7-DOF vehicle, with intervals."""
 
 
 for title, commands in GROUPS.items():
     for command in commands:
         app.command(command.__name__.rstrip("_"), rich_help_panel=title)(command)
-app.add_typer(study, name="study")
+app.add_typer(study, name="study", rich_help_panel="For the curious")
 
 
 def main() -> None:
-    """Run the command line and exit."""
+    """Run the command line and exit.
+
+    SIGTERM is an exception then, as Ctrl-C is one, so that nothing is left half done.
+    """
+    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     try:
         code = run(sys.argv[1:])
     except ImportError as error:  # such as another distribution with a package `identify`
@@ -114,10 +114,9 @@ def main() -> None:
 def run(arguments: list[str], commands: typer.Typer = app) -> int:
     """Run one command, given the words after `bumpbench` in a shell; return the exit code."""
     try:
-        with _ended_by_sigterm():
-            parse = get_command(commands)
-            code: Any = parse(arguments, standalone_mode=False, prog_name="bumpbench")
-            sys.stdout.flush()
+        parse = get_command(commands)
+        code: Any = parse(arguments, standalone_mode=False, prog_name="bumpbench")
+        sys.stdout.flush()
     except typer.exceptions.TyperException as error:
         message = error.format_message()
         if message.startswith("Usage:"):  # help, requested by giving no argument
@@ -148,22 +147,6 @@ def run(arguments: list[str], commands: typer.Typer = app) -> int:
         _discard_output()
         return report(InputError("stdout", reason, "make room, or write to another place"))
     return int(code or ExitCode.OK)
-
-
-@contextmanager
-def _ended_by_sigterm() -> Iterator[None]:
-    """Turn SIGTERM in the body into an exception, as Ctrl-C is one, so that nothing is half done.
-
-    The exit code is that of a process that the signal ends.
-    """
-    if threading.current_thread() is not threading.main_thread():  # only that handles signals
-        yield
-        return
-    previous = signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, previous)
 
 
 def _discard_output() -> None:

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 
 PAGES = (".html", ".htm")
 """Endings of pages."""
-SHEETS = (".pdf",)
-"""Endings of printed reports."""
 _MOST_NAMED = 5
 
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
-import typer
+from typer import Argument, Option
+
+LOG_FORMATS = "BLF, ASC, TRC, MF4, candump, CSV of python-can, or a journal"
 
 Buses = Annotated[
     list[str] | None,
-    typer.Option(
+    Option(
         "--bus",
         metavar="BUS",
         help="Only this bus: its name, channel or number from 0; repeatable.",
@@ -19,7 +21,7 @@ Buses = Annotated[
 
 DisplayAt = Annotated[
     str | None,
-    typer.Option(
+    Option(
         "--display",
         "--host",
         metavar="ADDRESS",
@@ -28,37 +30,36 @@ DisplayAt = Annotated[
 ]
 DisplayControl = Annotated[
     bool,
-    typer.Option(
+    Option(
         "--control",
         "--display-control",
         help="Let the display start, reject and pause, for a number shown with its link.",
     ),
 ]
 Page = Annotated[
-    Path | None, typer.Option("--page", "--out", metavar="FILE", help="Page to write (*.html).")
+    Path | None, Option("--page", "--out", metavar="FILE", help="Page to write (*.html).")
 ]
 """The page of a report."""
-Force = Annotated[bool, typer.Option("--force", help="Replace existing files without a question.")]
+Force = Annotated[bool, Option("--force", help="Replace existing files without a question.")]
 """The explicit word of `daq.files.refuse_existing`."""
 
-BenchFile = Annotated[Path | None, typer.Argument(help="bench.toml; default: the shipped bench.")]
-RecorderFolder = Annotated[Path, typer.Argument(help="The recorder's folder.")]
-SessionFile = Annotated[Path, typer.Argument(help="Session file (HDF5).")]
+BenchFile = Annotated[Path | None, Argument(help="bench.toml; default: the shipped bench.")]
+RecorderFolder = Annotated[Path, Argument(help="The recorder's folder.")]
+SessionFile = Annotated[Path, Argument(help="Session file (HDF5).")]
 
 Interface = Annotated[
-    str | None,
-    typer.Option(metavar="NAME", help="python-can interface; default: that of bench.toml."),
+    str | None, Option(metavar="NAME", help="python-can interface; default: that of bench.toml.")
 ]
 InterfaceChannel = Annotated[
     str | None,
-    typer.Option(metavar="CHANNEL", help="Channel of that interface; default: that of bench.toml."),
+    Option(metavar="CHANNEL", help="Channel of that interface; default: that of bench.toml."),
 ]
-Fast = Annotated[bool, typer.Option("--fast", help="Send as fast as the bus takes the frames.")]
-Seed = Annotated[int, typer.Option(min=0, metavar="N", help="Seed of noise and sensor errors.")]
+Fast = Annotated[bool, Option("--fast", help="Send as fast as the bus takes the frames.")]
+Seed = Annotated[int, Option(min=0, metavar="N", help="Seed of noise and sensor errors.")]
 FaultName = Literal["double-bump", "lost-frames", "unplug"]
 """Those of `daq.sim.bench.Fault`, which is slow to load."""
 Operator = Annotated[
-    str, typer.Option(metavar="NAME", help="Your name or initials, stored with every verdict.")
+    str, Option(metavar="NAME", help="Your name or initials, stored with every verdict.")
 ]
 
-JsonResult = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
+JsonResult = Annotated[bool, Option("--json", help="Print the result as JSON.")]

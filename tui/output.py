@@ -10,8 +10,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-from daq.files import strict
-
 if TYPE_CHECKING:  # slow to load; a program that reads JSON needs none of it
     from rich.console import Console, JustifyMethod
 
@@ -20,6 +18,8 @@ if TYPE_CHECKING:  # slow to load; a program that reads JSON needs none of it
 
 def print_json(document: Mapping[str, Any]) -> None:
     """Write one JSON document; numbers that are not finite become null."""
+    from daq.files import strict
+
     sys.stdout.write(json.dumps(strict(document), indent=1, allow_nan=False) + "\n")
 
 

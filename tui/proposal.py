@@ -6,7 +6,7 @@ import os
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from daq import BusError, InputError
@@ -51,77 +51,66 @@ def read_frames(bench: Bench, log: Path | None, skip_s: float, seconds: float) -
     return frames if len(sources) == 1 else frames.by_time()
 
 
-@dataclass(frozen=True, slots=True)
-class TrafficSource:
-    """Source of the traffic of a proposal: a log, or the bus where `log` is None.
+def named_buses(
+    pattern: BusConfig, interface: str | None, channel: str | None, bitrate: int | None
+) -> tuple[BusConfig, ...]:
+    """Return the buses that a command names, none if it names neither interface nor channel.
 
-    `seconds`: duration of the rest at its beginning.  `push_s`: time after it in which the corners
-    are pushed, 0 if they are not.  `interface` of python-can, its `channel`s separated by commas,
-    and the `bitrate` of all of them, bit/s; None where the command does not state it.
+    `pattern`: has what is not named, except the bit rate.  `channel`: one, or several separated by
+    commas.  `bitrate`: of all of them, bit/s.
     """
+    if interface is None and channel is None:
+        return ()
+    return tuple(
+        replace(
+            pattern,
+            interface=interface or pattern.interface,
+            channel=name,
+            bitrate=bitrate or 500_000,  # of most buses in vehicles
+            name="",
+        )
+        for name in (channel or pattern.channel).split(",")
+    )
 
-    log: Path | None
-    seconds: float
-    push_s: float
-    interface: str | None
-    channel: str | None
-    bitrate: int | None
 
-    def buses(self, known: Bench) -> tuple[BusConfig, ...]:
-        """Return the buses that the command names, else like the first one of a bench."""
-        if self.interface is None and self.channel is None:
-            return ()
-        interface = self.interface or known.buses[0].interface
-        bitrate = self.bitrate or 500_000  # of most buses in vehicles
-        pattern = replace(known.buses[0], interface=interface, bitrate=bitrate, name="")
-        channels = (self.channel or pattern.channel).split(",")
-        return tuple(replace(pattern, channel=channel) for channel in channels)
+def read_traffic(
+    bench: Bench, log: Path | None, seconds: float, push_s: float
+) -> tuple[FrameBatch, FrameBatch | None]:
+    """Return the frames at rest and those while the corners are pushed, from a log or the buses.
 
-    def traffic(self, bench: Bench) -> tuple[FrameBatch | None, FrameBatch | None]:
-        """Return the frames at rest and those of the pushes of the corners.
-
-        None for frames that the command does not ask for.  Raises BusError if no bus of the bench
-        sends a frame.
-        """
-        is_live = self.log is None
-        if is_live and self.interface is None:
-            return None, None
-        if is_live:
-            reachable(bench, "--interface")
-        at_rest = read_frames(bench, self.log, 0.0, self.seconds)
-        silent = [bus.label for i, bus in enumerate(bench.buses) if not (at_rest.bus == i).any()]
-        if is_live and silent:
-            reason, advice = f"no frame in {self.seconds:g} s", "check power, plugs and bit rate"
-            if len(silent) == len(bench.buses):
-                raise BusError(", ".join(silent), reason, advice)
-            for name in silent:
-                say(f"{name}: {reason} ({advice})")
-        if not self.push_s:
-            return at_rest, None
-        if is_live:
-            say("now push each corner DOWN and let go, with a second of rest between:")
-            say(f"{', '.join(map(spoken, ORDER))}; you have {self.push_s:.0f} s")
-        return at_rest, read_frames(bench, self.log, self.seconds, self.push_s)
+    `seconds`: duration of the rest.  `push_s`: time after it in which the corners are pushed, s;
+    0: they are not, and None is returned.  Raises BusError if no bus of the bench sends a frame.
+    """
+    if log is None:
+        reachable(bench, "--interface")
+    at_rest = read_frames(bench, log, 0.0, seconds)
+    silent = [bus.label for i, bus in enumerate(bench.buses) if not (at_rest.bus == i).any()]
+    if log is None and silent:
+        reason, advice = f"no frame in {seconds:g} s", "check power, plugs and bit rate"
+        if len(silent) == len(bench.buses):
+            raise BusError(", ".join(silent), reason, advice)
+        for name in silent:
+            say(f"{name}: {reason} ({advice})")
+    if not push_s:
+        return at_rest, None
+    if log is None:
+        say("now push each corner DOWN and let go, with a second of rest between:")
+        say(f"{', '.join(map(spoken, ORDER))}; you have {push_s:.0f} s")
+    return at_rest, read_frames(bench, log, seconds, push_s)
 
 
 def propose_bench(
     target: Path,
-    config: Path | None,
-    known: Bench,
-    layouts: Sequence[str],
-    dbcs: Sequence[Path],
-    source: TrafficSource,
-) -> tuple[Bench, FrameBatch] | None:
-    """Write a proposal; return it as a bench, and the traffic at rest; None without either.
+    databases: Sequence[Database],
+    buses: Sequence[BusConfig],
+    at_rest: FrameBatch | None,
+    pushed: FrameBatch | None,
+) -> Bench | None:
+    """Write a bench.toml that fits databases and traffic (`propose_sensors`), with its questions.
 
-    `config` and `known`: bench.toml whose database and bus are used where no other is named.
+    Returns it as a bench; None without traffic or without a channel, where nothing can be checked.
     Raises InputError if a database is bad or the file cannot be written.
     """
-    databases = _databases(target, config, known, layouts, dbcs)
-    buses = source.buses(known)
-    if len(buses) > 1 and not databases[0].name:
-        raise InputError("--propose", "has no database", "name those of the sensors with --dbc")
-    at_rest, pushed = source.traffic(replace(known, buses=buses or known.buses))
     proposal = propose_sensors(databases, buses, at_rest, pushed)
     write_named(target, proposal.text.encode())
     say(f"wrote {target}: read it, and fill in what is marked")
@@ -129,14 +118,17 @@ def propose_bench(
         say(f"? {question}")
     if at_rest is None or "[[channel]]" not in proposal.text:
         return None
-    stored = stored_text(databases)
-    return parse_bench(proposal.text, str(target), target.parent, stored), at_rest
+    return parse_bench(proposal.text, str(target), target.parent, stored_text(databases))
 
 
-def _databases(
+def databases_for(
     target: Path, config: Path | None, known: Bench, layouts: Sequence[str], dbcs: Sequence[Path]
 ) -> list[Database]:
-    """Return the named databases, else that of a bench, with paths relative to `target`."""
+    """Return the named databases, else that of a known bench, with paths relative to `target`.
+
+    `config`: its bench.toml; None for the shipped one.  Raises InputError if a database is bad, or
+    none is named and the bench has one for each sensor.
+    """
     named = [Database(os.path.relpath(dbc, target.parent), read_dbc(dbc)) for dbc in dbcs]
     named += [Database(f"layout:{name}", ready_map(name).dbc_text) for name in layouts]
     if named:

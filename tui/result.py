@@ -79,25 +79,16 @@ def _print_estimates(
     columns = ["", "estimate", "95 % interval", "±", "unit"]
     rows = []
     for name, e in estimates.items():
-        row = [name, value_text(e), _interval_text(e), half_text(e), unit_text(e.unit)]
+        interval = ends_text(e) if e.std else "given"  # a value that was not estimated
+        row = [name, value_text(e), interval, half_text(e), unit_text(e.unit)]
         rows.append([*row, extra.get(name, "")] if extra else row)
     print_table(title, [*columns, extra_heading] if extra else columns, rows)
 
 
 def print_forces(forces: Forces) -> None:
     """Write force elements of both axles, forces at some speeds, and the other elements tried."""
-    rows = [
-        [
-            f"{axle.axle} {plain(name)}",
-            value_text(e),
-            _interval_text(e),
-            e.unit.removeprefix("1"),
-        ]
-        for axle in forces.axles
-        for name, e in axle.values.items()
-    ]
-    columns = ["element", "estimate", "95 % interval", "unit"]
-    print_table("Force elements, each of one corner", columns, rows)
+    elements = {f"{a.axle} {plain(name)}": e for a in forces.axles for name, e in a.values.items()}
+    _print_estimates("Force elements, each of one corner", elements)
     print_line()
     title = "Force of one corner, N, damper alone and with friction; compression positive"
     print_table(title, ["m/s", *damper_columns(forces)], damper_rows(forces))
@@ -109,11 +100,6 @@ def print_forces(forces: Forces) -> None:
         names_by_answer.setdefault(element_answer(choice), []).append(plain(choice.name))
     for answer, names in names_by_answer.items():
         print_line(f"elements {answer}: {', '.join(names)}")
-
-
-def _interval_text(e: Estimate) -> str:
-    """Return the 95 % interval of an estimate; `given` for a value that was not estimated."""
-    return ends_text(e) if e.std else "given"
 
 
 def _mode_text(mode: ModeEstimate) -> str:

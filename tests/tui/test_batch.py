@@ -9,7 +9,6 @@ import gc
 import json
 import os
 import pickle
-import shutil
 import signal
 import socket
 import subprocess
@@ -52,7 +51,6 @@ def test_a_row_for_each_and_then_no_more(
 ) -> None:
     folder, out = tmp_path / "sessions", tmp_path / "table.csv"
     write_all(folder / "monday", refused_session, 3)
-    shutil.copy(folder / "monday" / "car000.h5", folder / "copy.h5")  # the same session
     (folder / "bad.h5").write_text("no session\x1b[31m")
     summary, _ = answered(capsys, *BATCH, str(folder), "--out", str(out), code=1)
     assert summary["verdicts"] == {"refused": 3, "failed": 1}

@@ -173,7 +173,7 @@ MISTAKES = {
     "report car.h5 --out car.h5": "car.h5: is not a known form of page",
     "report car.h5 --pdf car.h5": "car.h5: is not a known form of printed report",
     "compare car.h5 car.h5 --page car.h5": "car.h5: is not a known form of page",
-    "report car.h5 --figures all.log": "all.log: is not a folder",
+    "report car.h5 --figures all.log": "'all.log' is a file",
     "compare car.h5": "name two sessions or more",
     "batch no/such/*.h5": "no/such/*.h5",
     "batch figure.svg": "no session file",

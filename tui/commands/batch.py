@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import csv
+import os
 from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
+from importlib.metadata import version
+from io import StringIO
 from pathlib import Path
 from time import monotonic, perf_counter
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
-import typer
+from typer import Argument, Option
 
+from .. import output
 from ..diagnostics import PAGES, ExitCode, require_ending, say
 from ..options import Force, JsonResult
 
@@ -29,31 +34,31 @@ _FAILED = "failed"
 """Verdict of a session that has no identification."""
 
 
+class Job(NamedTuple):
+    """A session to identify."""
+
+    file: str
+    """Absolute path of the session file."""
+    sha256: str
+    """Hash of its content; empty if it cannot be read."""
+
+
 def batch(
-    files: Annotated[
-        list[str],
-        typer.Argument(help="Session files, folders with such, or patterns ('2026-*/*.h5')."),
-    ],
+    files: Annotated[list[str], Argument(help="Session files, folders, patterns ('2026-*/*.h5').")],
     workers: Annotated[
-        int | None,
-        typer.Option(
-            min=1, max=64, metavar="N", help="Number of processes; default: one for each core."
-        ),
+        int | None, Option(min=1, max=64, metavar="N", help="Processes; default: one a core.")
     ] = None,
     scheduler: Annotated[
         str | None,
-        typer.Option(
+        Option(
             metavar="ADDRESS",
             help="Use the Dask cluster at tcp://HOST:PORT, whose workers have bumpbench installed "
             "and see the files under the same paths; start them with --nthreads 1.",
         ),
     ] = None,
-    out: Annotated[Path, typer.Option(help="Table to write (*.csv).")] = Path(
-        "bumpbench-batch.csv"
-    ),
+    out: Annotated[Path, Option(help="Table to write (*.csv).")] = Path("bumpbench-batch.csv"),
     page: Annotated[
-        Path | None,
-        typer.Option(help="Also write a page over the rows: filters, trends, outliers (*.html)."),
+        Path | None, Option(help="Also a page: filters, trends, outliers (*.html).")
     ] = None,
     force: Force = False,
     json: JsonResult = False,
@@ -66,13 +71,10 @@ def batch(
 
     Exit code 1 if any of the sessions was refused or failed.
     """
-    import os
-
-    from daq.files import make_room
+    from daq.files import make_room, refuse_existing
     from dbc import InputError, counted
 
     from ..jobs.executors import as_finished
-    from ..output import print_item, print_json, print_line, progress, software
 
     if scheduler is not None and workers is not None:
         advice = "leave it out with --scheduler"
@@ -80,30 +82,25 @@ def batch(
     require_ending(out, "table", (".csv",))
     if page is not None:
         require_ending(page, "page", PAGES)
-    for path in (out, page) if page is not None else (out,):  # before hours of computing
-        if path.is_dir():
-            raise InputError(str(path), "is a directory", "name a file")
+    written = {"out": out} if page is None else {"out": out, "page": page}
+    for name, path in written.items():  # before hours of computing
+        refuse_existing(path, replace=True, option=f"--{name}")  # a folder
         make_room(path)
-    began_s = written_s = monotonic()
+    begun_s = last_write_s = monotonic()
     rows = {} if force else _rows_so_far(out)
-    # Files by their keys, the hashes of their contents: a copy counts once.
-    jobs = {_sha256(file) or file: file for file in session_files(files)}
-    kept = {key: row for key, row in rows.items() if row["software"] == software()}
-    done_keys = {key for key, row in kept.items() if row["verdict"] != _FAILED}  # else once more
-    open_jobs = [job for job in jobs.items() if job[0] not in done_keys]
+    jobs = [Job(file, _sha256(file)) for file in session_files(files)]
+    open_jobs = [job for job in jobs if not _is_done(job, rows)]
     n_done = len(jobs) - len(open_jobs)
     finished = as_finished(row_of, open_jobs, workers or os.cpu_count() or 1, scheduler)
     try:
-        with progress("batch") as stage:
-            for (key, file), future in finished:
-                # A file has one row, also if its content, and so its key, has changed.
-                rows = {k: row for k, row in rows.items() if row["file"] != file}
-                rows[key] = _row_from(key, file, future)
+        with output.progress("batch") as stage:
+            for job, future in finished:
+                rows[job.file] = _row_from(job, future)
                 n_done += 1
                 stage(n_done / len(jobs), f"{n_done} of {len(jobs)}")
-                if monotonic() - written_s > _WRITE_S:
+                if monotonic() - last_write_s > _WRITE_S:
                     _write(out, page, rows)
-                    written_s = monotonic()
+                    last_write_s = monotonic()
     except (KeyboardInterrupt, SystemExit):
         say("stopped; the rows so far are kept, the same command continues from here")
         raise
@@ -111,24 +108,27 @@ def batch(
         finished.close()
         if rows:
             _write(out, page, rows)
-    seconds = round(monotonic() - began_s, 2)
-    named_rows = [rows[key] for key in jobs if key in rows]  # the table may have more
+    seconds = round(monotonic() - begun_s, 2)
+    named_rows = [rows[job.file] for job in jobs]  # the table may have more
     verdicts = dict(Counter(str(row["verdict"]) for row in named_rows))
-    bad_rows = [row for row in named_rows if row["verdict"] in ("refused", _FAILED)]
-    bad = [{name: str(row[name]) for name in ("file", "verdict", "reasons")} for row in bad_rows]
-    written = {"out": str(out), **({} if page is None else {"page": str(page)})}
+    bad = [
+        {name: str(row[name]) for name in ("file", "verdict", "reasons")}
+        for row in named_rows
+        if row["verdict"] in ("refused", _FAILED)
+    ]
+    paths = {name: str(path) for name, path in written.items()}
     if json:
-        counts = {"sessions": len(jobs), "done_now": len(open_jobs)}
-        print_json({**counts, "verdicts": verdicts, "bad": bad, **written, "seconds": seconds})
+        counts = {"sessions": len(jobs), "done_now": len(open_jobs), "verdicts": verdicts}
+        output.print_json({**counts, "bad": bad, **paths, "seconds": seconds})
         return ExitCode.ANSWER_IS_NO if bad else ExitCode.OK
     words = ", ".join(f"{count} {verdict}" for verdict, count in sorted(verdicts.items()))
-    print_line(f"{counted(len(jobs), 'session')}: {words or 'none'}")
-    paths = ", ".join(written.values())
-    print_line(f"{len(open_jobs)} of them done now in {seconds:.1f} s: {paths}")
+    output.print_line(f"{counted(len(jobs), 'session')}: {words}")
+    now = f"{len(open_jobs)} of them done now in {seconds:.1f} s"
+    output.print_line(f"{now}: {', '.join(paths.values())}")
     for row in bad[:_MOST_NAMED]:
-        print_item(f"{row['verdict']}: {row['file']}: {row['reasons']}")
+        output.print_item(f"{row['verdict']}: {row['file']}: {row['reasons']}")
     if len(bad) > _MOST_NAMED:
-        print_item(f"and {len(bad) - _MOST_NAMED} more in the table")
+        output.print_item(f"and {len(bad) - _MOST_NAMED} more in the table")
     return ExitCode.ANSWER_IS_NO if bad else ExitCode.OK
 
 
@@ -140,22 +140,21 @@ def session_files(names: Sequence[str]) -> list[str]:
     """
     from dbc import InputError
 
-    advice = "name session files, folders or patterns"
-    named: dict[str, None] = {}
+    paths: dict[str, None] = {}  # a set that keeps its order
     for name in names:
         path = Path(name)
         if path.is_dir():
-            files = sorted(path.rglob("*.h5"))
-        elif path.exists() or not set(name) & set("*?["):
-            files = [path] if path.exists() else []
+            matches = sorted(path.rglob("*.h5"))
+        elif path.exists():
+            matches = [path]
         else:
-            files = sorted(Path(path.anchor or ".").glob(str(path.relative_to(path.anchor))))
-        files = [file for file in files if not file.is_dir()]
+            matches = sorted(Path(path.anchor or ".").glob(str(path.relative_to(path.anchor))))
+        files = [match for match in matches if not match.is_dir()]
         if not files:
             reason = "holds no session file (*.h5)" if path.is_dir() else "no such file"
-            raise InputError(name, reason, advice)
-        named |= dict.fromkeys(str(file.absolute()) for file in files)
-    return list(named)
+            raise InputError(name, reason, "name session files, folders or patterns")
+        paths |= dict.fromkeys(str(file.absolute()) for file in files)
+    return list(paths)
 
 
 def _sha256(file: str) -> str:
@@ -168,27 +167,34 @@ def _sha256(file: str) -> str:
         return ""
 
 
-def row_of(job: tuple[str, str]) -> Row:
-    """Read and identify a session (its key and its file), and return its row.
+def _is_done(job: Job, rows: dict[str, Row]) -> bool:
+    """Return True if this version has identified the present content of a session file."""
+    if (row := rows.get(job.file)) is None or row["verdict"] == _FAILED:
+        return False
+    return (row["sha256"], row["software"]) == (job.sha256, output.software())
 
-    Any error becomes the reason of a row that failed.
-    """
+
+def row_of(job: Job) -> Row:
+    """Read and identify a session, and return its row; any error is the reason of a failed row."""
     from daq import read_session
     from dbc import BumpbenchError
     from identify.batch import session_row
 
-    (key, file), began_s = job, perf_counter()
+    begun_s = perf_counter()
     try:
-        row = session_row(read_session(Path(file)))
+        results = session_row(read_session(Path(job.file)))
     except BumpbenchError as error:
-        row = _failed_row(str(error).removeprefix(f"{file}: "))  # the row names the file
+        return _failed_row(job, str(error).removeprefix(f"{job.file}: "))  # the row names the file
     except Exception as error:  # one strange session of thousands must not stop the others
-        row = _failed_row(f"{type(error).__name__}: {error}")
-    return _with_provenance(key, file, row, perf_counter() - began_s)
+        return _failed_row(job, f"{type(error).__name__}: {error}")
+    return _with_provenance(job, results, perf_counter() - begun_s)
 
 
-def _row_from(key: str, file: str, future: Future[Row]) -> Row:
-    """Return the row that a worker made, or one that says why it made none."""
+def _row_from(job: Job, future: Future[Row]) -> Row:
+    """Return the row that a worker made, or a failed one that says why it made none.
+
+    Raises InputError if the cluster has gone.
+    """
     from dbc import InputError
 
     if future.cancelled():
@@ -197,55 +203,44 @@ def _row_from(key: str, file: str, future: Future[Row]) -> Row:
     error = future.exception()
     if error is None:
         return future.result()
-    reason = f"its worker failed: {type(error).__name__}: {error}"
     if isinstance(error, BrokenProcessPool):
-        reason = "its worker process died, most likely for want of memory"
-    return _with_provenance(key, file, _failed_row(reason), 0.0)
+        return _failed_row(job, "its worker process died, most likely for want of memory")
+    return _failed_row(job, f"its worker failed: {type(error).__name__}: {error}")
 
 
-def _failed_row(reason: str) -> Row:
-    """Return what the row of a session without identification has instead of results."""
+def _failed_row(job: Job, reason: str) -> Row:
+    """Return the row of a session without identification."""
     from dbc.words import printable
 
-    return {"verdict": _FAILED, "reasons": printable(reason, 800)}
+    return _with_provenance(job, {"verdict": _FAILED, "reasons": printable(reason, 800)}, 0.0)
 
 
-def _with_provenance(key: str, file: str, row: Row, seconds: float) -> Row:
-    """Return a row with its session's file and hash, and what it was computed with."""
-    import numpy as np
-    import scipy
-
-    from ..output import software
-
+def _with_provenance(job: Job, results: Row, seconds: float) -> Row:
+    """Return a whole row: results between their session file and what they were computed with."""
     return {
-        "file": file,
-        "sha256": "" if key == file else key,  # the key of a file that cannot be read
-        **row,
+        "file": job.file,
+        "sha256": job.sha256,
+        **results,
         "seconds": round(seconds, 3),
-        "software": software(),
-        "libraries": f"numpy {np.__version__}, scipy {scipy.__version__}",
+        "software": output.software(),
+        "libraries": f"numpy {version('numpy')}, scipy {version('scipy')}",
     }
 
 
 def _rows_so_far(out: Path) -> dict[str, Row]:
-    """Return the rows of a table by the hash of their session; numbers stay text.
+    """Return the rows of a table by their session file, numbers as text; none without a table.
 
     Raises InputError if the file is there and is not the table of a batch.
     """
     from daq.files import refuse_existing
 
-    if not out.exists():
-        return {}
-    try:
-        with out.open(newline="", encoding="utf-8") as stream:
-            table = csv.DictReader(stream)
-            rows: list[Row] = [dict(row) for row in table]
-        if "sha256" not in (table.fieldnames or ()):
-            raise KeyError("sha256")
-        return {str(row["sha256"] or row["file"]): row for row in rows if row["software"]}
-    except (OSError, ValueError, KeyError, csv.Error):
-        refuse_existing(out, replace=False)
-        raise
+    unreadable = (OSError, ValueError, KeyError, csv.Error)
+    with suppress(*unreadable), out.open(newline="", encoding="utf-8") as stream:
+        table = csv.DictReader(stream)
+        if "sha256" in (table.fieldnames or ()):
+            return {row["file"]: dict(row) for row in table if row["software"]}
+    refuse_existing(out, replace=False)
+    return {}
 
 
 def _write(out: Path, page: Path | None, rows: dict[str, Row]) -> None:
@@ -253,28 +248,23 @@ def _write(out: Path, page: Path | None, rows: dict[str, Row]) -> None:
 
     Raises InputError if one cannot be written.
     """
-    from daq.files import replaced
+    from daq.files import write_bytes
     from dbc import InputError, csv_text
 
     from ..jobs.batch_page import page_of
 
     columns = list(dict.fromkeys(name for row in rows.values() for name in row))
-    path = out
-    try:
-        with (
-            replaced([out]) as (new,),  # the name of a file need not be UTF-8, but a table is
-            new.open("w", encoding="utf-8", errors="backslashreplace", newline="") as stream,
-        ):
-            writer = csv.DictWriter(stream, columns, restval="", lineterminator="\n")
-            writer.writeheader()
-            for row in rows.values():
-                cells = ((n, csv_text(v) if isinstance(v, str) else v) for n, v in row.items())
-                writer.writerow(dict(cells))
-        if page is not None:
-            path = page
-            text = page_of(columns, list(rows.values()), page.parent)
-            with replaced([page]) as (new,):
-                new.write_text(text, "utf-8", "backslashreplace")
-    except OSError as error:
-        reason = error.strerror or "cannot be written"
-        raise InputError(str(path), reason, "make room, and run the same command") from None
+    table = StringIO()
+    writer = csv.DictWriter(table, columns, restval="", lineterminator="\n")
+    writer.writeheader()
+    for row in rows.values():
+        writer.writerow({n: csv_text(v) if isinstance(v, str) else v for n, v in row.items()})
+    texts = {out: table.getvalue()}
+    if page is not None:
+        texts[page] = page_of(columns, list(rows.values()), page.parent)
+    for path, text in texts.items():
+        try:  # the name of a session file need not be UTF-8
+            write_bytes(path, text.encode("utf-8", "backslashreplace"))
+        except OSError as error:
+            reason = error.strerror or "cannot be written"
+            raise InputError(str(path), reason, "make room, and run the same command") from None

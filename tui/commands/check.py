@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Argument, Option
 
+from .. import output
 from ..diagnostics import ExitCode, say_left_out
-from ..options import BenchFile, Force, Interface, JsonResult
+from ..options import BenchFile, Force, Interface, InterfaceChannel, JsonResult
 
 if TYPE_CHECKING:
     from daq.check.check import CheckReport
@@ -16,57 +18,39 @@ if TYPE_CHECKING:
 
 def check(
     bench: BenchFile = None,
-    log: Annotated[Path | None, typer.Argument(help="Bus log; default: the live bus.")] = None,
+    log: Annotated[Path | None, Argument(help="Bus log; default: the live bus.")] = None,
     seconds: Annotated[
-        float, typer.Option(metavar="S", help="Seconds of traffic to check.", min=0.1, max=600)
+        float, Option(metavar="S", help="Seconds of traffic to check.", min=0.1, max=600)
     ] = 5.0,
     json: JsonResult = False,
     propose: Annotated[
-        Path | None, typer.Option(help="Write a bench.toml guessed from the DBC and the traffic.")
+        Path | None, Option(help="Write a bench.toml guessed from the DBC and the traffic.")
     ] = None,
     force: Force = False,
     dbc: Annotated[
-        list[Path] | None, typer.Option(metavar="FILE", help="DBC for --propose; repeatable.")
+        list[Path] | None, Option(metavar="FILE", help="DBC for --propose; repeatable.")
     ] = None,
     layout: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME", help="Ready-made channel map for --propose; repeatable."),
+        list[str] | None, Option(metavar="NAME", help="Ready-made map for --propose; repeatable.")
     ] = None,
     push: Annotated[
         float,
-        typer.Option(
-            metavar="S",
-            help="Seconds of --propose after the rest, in which each corner is pushed once: front"
-            " left, front right, rear left, rear right.",
-            min=0,
-            max=600,
-        ),
+        Option(metavar="S", min=0, max=600, help="Seconds after the rest to push the corners."),
     ] = 0.0,
-    layouts: Annotated[
-        bool, typer.Option("--layouts", help="List the ready-made channel maps.")
-    ] = False,
+    layouts: Annotated[bool, Option("--layouts", help="List the ready-made channel maps.")] = False,
     interface: Interface = None,
-    channel: Annotated[
-        str | None,
-        typer.Option(
-            metavar="CHANNEL",
-            help="Channel of that interface; default: that of bench.toml. With --propose several,"
-            " as can0,can1.",
-        ),
-    ] = None,
+    channel: InterfaceChannel = None,
     bitrate: Annotated[
         int | None,
-        typer.Option(
-            metavar="BIT/S",
-            help="Bit rate of the buses of --propose, bit/s; default: 500000.",
-            min=1,
-            max=1_000_000,
-        ),
+        Option(metavar="BIT/S", min=1, max=1_000_000, help="For --propose; default: 500000."),
     ] = None,
 ) -> int:
     """Check the bench: every message and every channel, with the car at rest.
 
     Reads the live bus for some seconds, or the beginning of a log.
+
+    With --propose, --channel may name several channels, as can0,can1.  With --push the corners
+    are pushed after the rest, once each: front left, front right, rear left, rear right.
     """
     from datetime import date
 
@@ -78,48 +62,54 @@ def check(
     from dbc import Severity
 
     from ..bench import shared_bench
-    from ..output import print_json, print_labelled
-    from ..proposal import TrafficSource, propose_bench, read_frames
+    from ..proposal import databases_for, named_buses, propose_bench, read_frames, read_traffic
 
     if layouts:
         titles = {name: ready_map(name).title for name in ready_map_names()}
         if json:
-            print_json({"layouts": titles})
+            output.print_json({"layouts": titles})
         else:
-            print_labelled(list(titles.items()))
+            output.print_labelled(list(titles.items()))
         return ExitCode.OK
     if bench is not None and log is None and bench.suffix.lower() not in ("", ".toml"):
         bench, log = None, bench  # a log that is named alone
-    of_proposals = {"--layout": layout, "--push": push, "--bitrate": bitrate, "--dbc": dbc}
-    for option, value in of_proposals.items():
-        if value and propose is None:
-            raise InputError(option, "is for --propose", "leave it out, or propose a bench")
-    frames = None
-    if propose is not None:
+    if propose is None:
+        proposal_options = {"--layout": layout, "--push": push, "--bitrate": bitrate, "--dbc": dbc}
+        for option, value in proposal_options.items():
+            if value:
+                raise InputError(option, "is for --propose", "leave it out, or propose a bench")
+        described = load_bench(bench) if log else shared_bench(bench, interface, channel)
+        at_rest = None
+    else:
         inputs = [path for path in (bench, log, *(dbc or [])) if path is not None]
         refuse_existing(propose, replace=force, option="--propose", inputs=inputs)
-        source = TrafficSource(log, seconds, push, interface, channel, bitrate)
         known = load_bench(bench)
-        proposed = propose_bench(propose, bench, known, layout or [], dbc or [], source)
+        databases = databases_for(propose, bench, known, layout or [], dbc or [])
+        buses = named_buses(known.buses[0], interface, channel, bitrate)
+        if len(buses) > 1 and not databases[0].name:
+            advice = "name those of the sensors with --dbc"
+            raise InputError("--propose", "has no database", advice)
+        at_rest = pushed = None  # without a log or an interface
+        if log is not None or interface is not None:
+            wired = replace(known, buses=buses or known.buses)
+            at_rest, pushed = read_traffic(wired, log, seconds, push)
+        proposed = propose_bench(propose, databases, buses, at_rest, pushed)
         if proposed is None:
             return ExitCode.OK
-        described, frames = proposed
-    else:
-        described = load_bench(bench) if log else shared_bench(bench, interface, channel)
+        described = proposed
     codec = bench_codec(described)  # before anything is opened
     say_left_out(codec)
-    if frames is None:
-        frames = read_frames(described, log, 0.0, seconds)
-    report = check_bench(described, codec, frames, date.today())
+    if at_rest is None:
+        at_rest = read_frames(described, log, 0.0, seconds)
+    report = check_bench(described, codec, at_rest, date.today())
     _print_report(report, json)
     return ExitCode.ANSWER_IS_NO if report.verdict is Severity.ERROR else ExitCode.OK
 
 
 def _print_report(report: CheckReport, json: bool) -> None:
+    """Write a line for each message and channel, then the verdict."""
     from daq.check.check import WORDS
     from dbc import counted
-
-    from ..output import print_json, print_labelled, print_line
 
     if json:
         lines = [
@@ -133,14 +123,14 @@ def _print_report(report: CheckReport, json: bool) -> None:
             for line in report.lines
         ]
         extent = {"seconds": report.seconds, "frames": report.frames}
-        print_json({"verdict": WORDS[report.verdict], **extent, "lines": lines})
+        output.print_json({"verdict": WORDS[report.verdict], **extent, "lines": lines})
         return
     rows = []
     for line in report.lines:
         advice = f" -> {line.advice}" if line.advice else ""
         rows.append((f"{WORDS[line.severity]:<5}{line.subject}", f"{line.text}{advice}"))
-    print_labelled(rows)
+    output.print_labelled(rows)
     severities = [line.severity for line in report.lines]
     counts = [f"{severities.count(severity)} {word}" for severity, word in WORDS.items()]
     frames = counted(report.frames, "frame")
-    print_line(f"{WORDS[report.verdict]}: {', '.join(counts)}; {frames}")
+    output.print_line(f"{WORDS[report.verdict]}: {', '.join(counts)}; {frames}")

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import csv
+import sys
+from collections import Counter
+from dataclasses import asdict
+from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Argument, Option
 
-from ..diagnostics import ExitCode
-from ..options import Buses, JsonResult
+from .. import output
+from ..diagnostics import ExitCode, say, say_left_out
+from ..options import LOG_FORMATS, Buses, JsonResult
 
 if TYPE_CHECKING:
     import numpy as np
@@ -16,14 +22,12 @@ if TYPE_CHECKING:
 
 
 def decode(
-    log: Annotated[
-        Path, typer.Argument(help="BLF, ASC, TRC, MF4, candump, CSV of python-can, or a journal.")
-    ],
+    log: Annotated[Path, Argument(help=f"{LOG_FORMATS}.")],
     bench: Annotated[
-        Path | None, typer.Argument(help="bench.toml: its databases and buses, instead of --dbc.")
+        Path | None, Argument(help="bench.toml: its databases and buses, instead of --dbc.")
     ] = None,
     dbc: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="DBC file; default: the shipped one.")
+        Path | None, Option(metavar="FILE", help="DBC file; default: the shipped one.")
     ] = None,
     bus: Buses = None,
     json: JsonResult = False,
@@ -33,21 +37,14 @@ def decode(
     The number of the bus comes before the message if there is more than one; the message of a
     sensor of a bench.toml has the sensor's name before its own.
     """
-    import sys
-    from collections import Counter
-    from dataclasses import asdict
-    from math import isnan
-
     import numpy as np
 
     from daq import InputError
     from daq.bench.config import bench_codec, load_bench
     from daq.formats.log import read_log
-    from dbc import counted, load_codec, parse_codec, seconds_text, shipped_dbc
+    from dbc import counted, csv_text, load_codec, parse_codec, seconds_text, shipped_dbc
 
     from ..bench import bus_numbers
-    from ..diagnostics import say, say_left_out
-    from ..output import print_json
 
     if bench and dbc:
         raise InputError("--dbc", "and a bench.toml exclude each other", "name one of them")
@@ -70,16 +67,17 @@ def decode(
         if len(buses_in_log) > 1:
             break
     several_buses = len(buses_in_log) > 1
-    bus_column = "bus," if several_buses else ""
-    header = f"time_s,{bus_column}message,signal,value,unit\n"  # before the first rows
+    header = ["time_s", *(["bus"] if several_buses else []), "message", "signal", "value", "unit"]
+    writer = csv.writer(sys.stdout, lineterminator="\n")
     frames = read_log(log)
     for batch in frames:
         totals.update(frames=len(batch))
         wanted = batch.on_buses(chosen_buses)
-        line_times_ns: list[NDArray[np.int64]] = []  # of each line of each signal
-        lines: list[str] = []
+        row_times_ns: list[NDArray[np.int64]] = []  # of each row of each signal
+        rows: list[tuple[str | int, ...]] = []
         for bus_number in np.unique(wanted.bus).tolist() if several_buses else [None]:
             of_bus = wanted if bus_number is None else wanted.on_buses(frozenset([bus_number]))
+            bus_cell = () if bus_number is None else (bus_number,)
             decoded = codec.decode(of_bus)
             totals.update(asdict(decoded.counts))
             t_ns, time_texts = None, list[str]()
@@ -89,28 +87,28 @@ def decode(
                     continue
                 if signal.t_ns is not t_ns:  # the signals of a message share their times
                     t_ns, time_texts = signal.t_ns, list(map(seconds_text, signal.t_ns.tolist()))
-                line_times_ns.append(signal.t_ns[~np.isnan(signal.value)])
+                row_times_ns.append(signal.t_ns[~np.isnan(signal.value)])
                 message, _, signal_name = name.rpartition(".")
-                unit = _quoted(codec.by_name[message].signal(signal_name).unit)
-                columns = f"{_quoted(message)},{_quoted(signal_name)}"
-                columns = columns if bus_number is None else f"{bus_number},{columns}"
+                unit = csv_text(codec.by_name[message].signal(signal_name).unit)
+                names = csv_text(message), csv_text(signal_name)
                 # The shortest text that reads back as the same number; whole ones as integers.
-                lines += [
-                    f"{time},{columns},{repr(value).removesuffix('.0')},{unit}\n"
+                rows += [
+                    (time, *bus_cell, *names, repr(value).removesuffix(".0"), unit)
                     for time, value in zip(time_texts, signal.value.tolist(), strict=True)
                     if not isnan(value)
                 ]
-        if lines:
-            sys.stdout.write(header)
-            order = np.argsort(np.concatenate(line_times_ns), kind="stable")
-            sys.stdout.writelines(lines[i] for i in order.tolist())
-            header = ""
+        if rows:
+            if header:
+                writer.writerow(header)
+                header = []
+            order = np.argsort(np.concatenate(row_times_ns), kind="stable")
+            writer.writerows(rows[i] for i in order.tolist())
     if not samples:
         database = dbc or bench or "the shipped DBC"
         reason = f"none of its {counted(totals['frames'], 'frame')} is in {database}"
         raise InputError(str(log), reason, "name the DBC of that bus with --dbc")
     if json:
-        print_json({"log": str(log), **totals, "samples": samples})
+        output.print_json({"log": str(log), **totals, "samples": samples})
     n_frames = totals.pop("frames")
     undecoded = [f"{count} {kind}" for kind, count in totals.items() if count]
     if undecoded:
@@ -120,11 +118,3 @@ def decode(
     if frames.loss.any:
         say(f"{log} is not whole: {frames.loss.text}")
     return ExitCode.DATA_LOST if frames.loss.any else ExitCode.OK
-
-
-def _quoted(text: str) -> str:
-    """Return foreign text as a field of CSV: quoted where it must be."""
-    from dbc import csv_text
-
-    text = csv_text(text)
-    return '"' + text.replace('"', '""') + '"' if any(c in text for c in ',"\n\r') else text

@@ -5,16 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Option
 
+from .. import output
 from ..diagnostics import ExitCode
 from ..options import Force, JsonResult, Seed
 
 
 def demo(
-    out: Annotated[Path, typer.Option(help="Folder for journal and session.")] = Path(
-        "bumpbench-demo"
-    ),
+    out: Annotated[Path, Option(help="Folder for journal and session.")] = Path("bumpbench-demo"),
     seed: Seed = 1,
     json: JsonResult = False,
 ) -> int:
@@ -29,7 +28,6 @@ def demo(
     from daq.sim.car import SimulatedCar
     from identify import identify as identify_session
 
-    from ..output import print_json, print_line, print_session, progress
     from ..recorders.daemon import Lifetime, record_campaign
     from ..recorders.lines import recorded_session
     from ..recorders.log import Log
@@ -50,25 +48,27 @@ def demo(
         if status.halted:  # the recorder waits for a decision, and no person is here
             lifetime.end.set()
 
-    with lone_recorder(out), Log(out / LOG) as log, progress("record") as stage:
+    with lone_recorder(out), Log(out / LOG) as log, output.progress("record") as stage:
         try:
             last = record_campaign(replace(traffic, follow=follow), out, lifetime, log, stage)
         finally:
             traffic.close()
     path, session = recorded_session(last)
-    with progress("identify") as stage:
+    with output.progress("identify") as stage:
         result = identify_session(session, stage)
     truth = asdict(SimulatedCar().parameters)
     if json:
-        print_json({**result.document(file_sha256(path)), "truth": truth, "session": str(path)})
+        output.print_json(
+            {**result.document(file_sha256(path)), "truth": truth, "session": str(path)}
+        )
     else:
-        print_session(path, session, json=False)
-        print_line()
+        output.print_session(path, session, json=False)
+        output.print_line()
         print_identification(result, truth)
-        print_line()
-        print_line("Next, to paste:")
+        output.print_line()
+        output.print_line("Next, to paste:")
         for command in next_commands(path):
-            print_line(f"  {command}")
+            output.print_line(f"  {command}")
     return ExitCode.ANSWER_IS_NO if result.quality.verdict == "refused" else ExitCode.OK
 
 
@@ -88,7 +88,7 @@ def next_commands(session: Path) -> tuple[str, str, str]:
 
 
 def notebook(
-    out: Annotated[Path, typer.Option(help="Notebook to write.")] = Path("bump_test.ipynb"),
+    out: Annotated[Path, Option(help="Notebook to write.")] = Path("bump_test.ipynb"),
     force: Force = False,
     json: JsonResult = False,
 ) -> None:
@@ -97,12 +97,10 @@ def notebook(
 
     from daq.files import refuse_existing, write_named
 
-    from ..output import print_json, print_line
-
     source = files("identify") / "notebook" / "bump_test.ipynb"
     refuse_existing(out, replace=force)
     write_named(out, source.read_bytes())
     if json:
-        print_json({"files": [str(out)]})
+        output.print_json({"files": [str(out)]})
         return
-    print_line(f"{out} (open it with: jupyter lab {out})")
+    output.print_line(f"{out} (open it with: jupyter lab {out})")

@@ -6,7 +6,9 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
+from typer import Argument, Option
 
+from .. import output
 from ..diagnostics import PAGES, ExitCode, require_ending, require_place, say
 from ..options import Force, JsonResult, Page, SessionFile
 
@@ -17,17 +19,15 @@ def identify(session: SessionFile, json: JsonResult = False) -> int:
     from daq.files import file_sha256
     from identify import identify as identify_session
 
-    from ..output import print_json, progress
+    from ..result import print_identification
 
-    with progress("identify") as stage:
+    with output.progress("identify") as stage:
         stage(0.05, "reading")
         recorded = daq.read_session(session)
         result = identify_session(recorded, stage)
     if json:
-        print_json(result.document(file_sha256(session)))
+        output.print_json(result.document(file_sha256(session)))
     else:
-        from ..result import print_identification
-
         print_identification(result, {})
     return ExitCode.ANSWER_IS_NO if result.quality.verdict == "refused" else ExitCode.OK
 
@@ -35,20 +35,15 @@ def identify(session: SessionFile, json: JsonResult = False) -> int:
 def report(
     session: SessionFile,
     page: Page = None,
-    pdf: Annotated[Path | None, typer.Option(help="Also write the report as PDF.")] = None,
+    pdf: Annotated[Path | None, Option(help="Also write the report as PDF.")] = None,
     figures: Annotated[
-        Path | None, typer.Option(help="Also write each figure, into this folder.")
+        Path | None, Option(file_okay=False, help="Also write each figure, into this folder.")
     ] = None,
     figure_format: Annotated[
-        Literal["svg", "png"] | None,
-        typer.Option("--format", help="Format of the figures of --figures; default: svg."),
+        Literal["svg", "png"] | None, Option("--format", help="Of --figures; default: svg.")
     ] = None,
-    operator: Annotated[
-        str, typer.Option(help="Name of the person who measured, for the certificate.")
-    ] = "",
-    approver: Annotated[
-        str, typer.Option(help="Name of the person responsible for the result.")
-    ] = "",
+    operator: Annotated[str, Option(help="Who measured, for the certificate.")] = "",
+    approver: Annotated[str, Option(help="Who is responsible for the result.")] = "",
     force: Force = False,
     json: JsonResult = False,
 ) -> int:
@@ -61,14 +56,13 @@ def report(
     from identify.words import SEVERITY
 
     from ..jobs.reporting import write_figures, write_report
-    from ..output import print_json, print_line, progress
 
     written: list[str] = []
 
     def wrote(path: Path) -> None:
         written.append(str(path))
         if not json:
-            print_line(str(path))
+            output.print_line(str(path))
 
     if not session.exists():  # its folder is that of the page
         raise InputError(str(session), "no such file", "name a session file")
@@ -76,11 +70,9 @@ def report(
     for path in (page, pdf):
         if path is not None:
             require_place(path, force)
-    if figures is not None and figures.exists() and not figures.is_dir():
-        raise InputError(str(figures), "is not a folder", "name another folder")
     if figure_format is not None and figures is None:
         raise InputError("--format", "is for --figures", "name a folder with --figures")
-    with progress("report") as stage:
+    with output.progress("report") as stage:
         made = write_report(session, page, pdf, stage, wrote, (operator, approver))
         if figures is not None:
             stage(0.95, "figures")
@@ -89,7 +81,7 @@ def report(
     quality = made.result.quality
     if json:
         verdict = {"verdict": str(quality.verdict), "reasons": list(quality.reasons)}
-        print_json({"session": str(session), "files": written, **verdict})
+        output.print_json({"session": str(session), "files": written, **verdict})
     say(f"verdict: {quality.verdict}")
     for finding in quality.findings:
         say(f"{SEVERITY[Verdict.of(finding.severity)]}: {finding.text}")
@@ -98,10 +90,7 @@ def report(
 
 def compare(
     sessions: Annotated[
-        list[Path],
-        typer.Argument(
-            help="Session files: the one to compare with, then the others in order of time.",
-        ),
+        list[Path], Argument(help="Session files: the one to compare with, then others by time.")
     ],
     json: JsonResult = False,
     page: Page = None,
@@ -115,15 +104,13 @@ def compare(
     from identify.compare import compare as compared
 
     from ..jobs.reporting import identify_files, labels_of
-    from ..output import print_json, progress
 
     if len(sessions) < 2:
         raise typer.BadParameter("name two sessions or more")
     if page is not None:
         require_ending(page, "page", PAGES)
         require_place(page, force)
-    with progress("compare") as stage:
-        stage(0.0, f"{len(sessions)} sessions")
+    with output.progress("compare") as stage:
         results = identify_files([str(path) for path in sessions], stage)
     labels = labels_of(sessions)
     comparison = compared(labels, results)
@@ -132,7 +119,7 @@ def compare(
 
         write_named(page, comparison_html(comparison).encode())
     if json:
-        print_json(comparison.document())
+        output.print_json(comparison.document())
     else:
         from ..result import print_comparison
 

@@ -2,43 +2,35 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
-from ..diagnostics import ExitCode, say
-from ..options import Buses, Force, JsonResult
+from .. import output
+from ..diagnostics import ExitCode, say, say_left_out
+from ..options import LOG_FORMATS, Buses, Force, JsonResult
 
 
 def import_(
     logs: Annotated[
-        list[Path] | None,
-        typer.Argument(
-            help="Logs in order: BLF, ASC, TRC, MF4, candump, CSV of python-can, or a journal; and"
-            " a bench.toml.",
-        ),
+        list[Path] | None, Argument(help=f"{LOG_FORMATS}; in order, and a bench.toml.")
     ] = None,
     run: Annotated[
         list[str] | None,
-        typer.Option(metavar="RUN", help="A log of one run, as baseline:bounce:FILE; repeatable."),
+        Option(metavar="RUN", help="A log of one run, as baseline:bounce:FILE; repeatable."),
     ] = None,
     runs: Annotated[
-        str | None,
-        typer.Option(
-            metavar="KINDS", help="Kinds of the bumps in order: baseline:bounce,added:roll,..."
-        ),
+        str | None, Option(metavar="KINDS", help="Bumps in order: baseline:bounce,added:roll,...")
     ] = None,
-    skip: Annotated[
-        int, typer.Option(min=0, metavar="N", help="Number of bumps to leave out at the beginning.")
-    ] = 0,
+    skip: Annotated[int, Option(min=0, metavar="N", help="Bumps to leave out at first.")] = 0,
     bus: Buses = None,
-    dbc: Annotated[Path | None, typer.Option(help="DBC to use instead of the bench's.")] = None,
+    dbc: Annotated[Path | None, Option(help="DBC to use instead of the bench's.")] = None,
     channels: Annotated[
-        Path | None,
-        typer.Option(help="Channel map of CSV, MF4, MAT or Parquet files that are not logs."),
+        Path | None, Option(help="Channel map of CSV, MF4, MAT or Parquet files that are not logs.")
     ] = None,
-    out: Annotated[Path, typer.Option(help="Session file to write.")] = Path("session.h5"),
+    out: Annotated[Path, Option(help="Session file to write.")] = Path("session.h5"),
     force: Force = False,
     json: JsonResult = False,
 ) -> int:
@@ -48,8 +40,6 @@ def import_(
     among the logs describes the bench.  With --channels the files hold channels that are already
     decoded.
     """
-    from dataclasses import replace
-
     from daq import InputError, write_session
     from daq.bench.channel_map import load_channel_map
     from daq.bench.config import bench_codec, load_bench, with_database
@@ -58,9 +48,7 @@ def import_(
     from daq.session.from_frames import numbered, parse_runs, with_steps
 
     from ..bench import bus_numbers, on_buses
-    from ..diagnostics import say_left_out
     from ..importing import import_channels, import_logs
-    from ..output import print_session, progress
 
     benches = [path for path in logs or [] if path.suffix.lower() == ".toml"]
     files = [path for path in logs or [] if path not in benches]
@@ -68,26 +56,26 @@ def import_(
         reason = f"is named twice: {benches[0]} and {benches[1]}"
         raise InputError("bench.toml", reason, "name one")
     config = benches[0] if benches else None
-    labels = []  # mass state and excitation of each --run
-    for text in run or []:
-        parts = text.split(":", 2)
+    runs_of_files = [text.split(":", 2) for text in run or []]  # mass state, excitation, file
+    for parts in runs_of_files:
         if len(parts) != 3 or not all(parts):
-            reason = f"--run {text!r} is not understood"
+            reason = f"--run {':'.join(parts)!r} is not understood"
             raise InputError("import", reason, "write MASS_STATE:EXCITATION:FILE")
-        labels.append(parts[:2])
-    one_run_each = bool(labels)
+    one_run_each = bool(run)
     if one_run_each == bool(files):
         noun = "file" if channels else "log"
         reason = f"names both {noun}s and --run" if files else f"names no {noun}"
         advice = f"name {noun}s, or --run MASS_STATE:EXCITATION:FILE each"
         raise InputError("import", reason, advice)
-    files = files or [Path(text.split(":", 2)[2]) for text in run or []]
     if one_run_each and not channels and (runs or skip):
         raise InputError("import", "--runs and --skip are for logs of many runs", "leave them out")
+    files += [Path(file) for *_, file in runs_of_files]
     inputs = [path for path in (*files, config, dbc, channels) if path is not None]
     refuse_existing(out, replace=force, inputs=inputs)
-    steps = numbered(labels) if labels else parse_runs(runs) if runs else ()
-    with progress("import") as stage:
+    steps = parse_runs(runs) if runs else ()
+    if one_run_each:
+        steps = numbered([(state, excitation) for state, excitation, _ in runs_of_files])
+    with output.progress("import") as stage:
         if channels:
             if config or dbc or bus:
                 reason = "is for files without a bus"
@@ -119,7 +107,7 @@ def import_(
         stage(1.0, "writing the session")
         write_session(out, imported.session)
     facts = {**imported.facts, "bumps": imported.bumps, "planned": len(steps)}
-    print_session(out, imported.session, json, **facts)
+    output.print_session(out, imported.session, json, **facts)
     for text in imported.remarks:
         say(text)
     return ExitCode.DATA_LOST if imported.is_lossy else ExitCode.OK

@@ -5,8 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Argument, Option
 
+from .. import output
 from ..diagnostics import ExitCode
 from ..options import JsonResult
 
@@ -24,31 +25,18 @@ if TYPE_CHECKING:
 
 def plan(
     bench: Annotated[
-        Path | None,
-        typer.Argument(help="bench.toml; default: that of the session, else the shipped bench."),
+        Path | None, Argument(help="bench.toml; default: the session's, else the shipped bench.")
     ] = None,
     session: Annotated[
-        Path | None, typer.Option("--from", help="Session that describes the expected vehicle.")
+        Path | None, Option("--from", help="Session that describes the expected vehicle.")
     ] = None,
     bump_mm: Annotated[
         float | None,
-        typer.Option(
-            min=0.1,
-            max=500.0,
-            metavar="MM",
-            help="Height of the bump in mm; default: that of the bench.toml.",
-        ),
+        Option(min=0.1, max=500, metavar="MM", help="Height of the bump; default: bench.toml's."),
     ] = None,
     rate: Annotated[
         float | None,
-        typer.Option(
-            "--rate-hz",
-            "--rate",
-            min=40.0,
-            max=5000.0,
-            metavar="HZ",
-            help="Samples per second; default: the rates of the DBC.",
-        ),
+        Option("--rate-hz", "--rate", min=40, max=5000, help="Sampling rate; default: the DBC's."),
     ] = None,
     json: JsonResult = False,
 ) -> int:
@@ -59,11 +47,9 @@ def plan(
     from daq.bench.config import load_bench, parse_bench
     from identify.plan.outlook import KnownRuns, advise, compare_campaigns
 
-    from ..output import print_json, progress
-
     if bench is not None and session is None and bench.suffix.lower() in (".h5", ".hdf5"):
         bench, session = None, bench  # a session that is named alone
-    with progress("plan") as stage:
+    with output.progress("plan") as stage:
         stage(0.05, "reading")
         recorded = None if session is None else daq.read_session(session)
         stored = recorded.provenance if recorded is not None else {}
@@ -84,7 +70,7 @@ def plan(
     if not json:
         _print_plan(campaign, advice, others, vehicle_source)
         return code
-    print_json(
+    output.print_json(
         {
             "vehicle": vehicle_source,
             "bump_mm": campaign.bump.height_m * 1e3,
@@ -193,17 +179,15 @@ def _print_plan(
     """Print a campaign, its expected result, and what would improve it."""
     from identify.numbers import half_width, rounded
 
-    from ..output import print_item, print_line, print_table
-
     outlook = advice.outlook
     runs = ", ".join(f"{r.repeats} x {r.mass_state} {r.excitation.words}" for r in campaign.runs)
     rates = sorted({sensor.rate_hz for sensor in campaign.sensors})
     rate_text = f"{rates[0]:g}" if len(rates) == 1 else f"{rates[0]:g} .. {rates[-1]:g}"
-    print_line(f"Runs: {runs}; bump of {campaign.bump.height_m * 1e3:g} mm")
+    output.print_line(f"Runs: {runs}; bump of {campaign.bump.height_m * 1e3:g} mm")
     sensors = f"{len(campaign.sensors)} at {rate_text} Hz"
-    print_line(f"Sensors: {sensors}, with the usual noise of their kind")
-    print_line(f"Vehicle: {vehicle_source}")
-    print_line()
+    output.print_line(f"Sensors: {sensors}, with the usual noise of their kind")
+    output.print_line(f"Vehicle: {vehicle_source}")
+    output.print_line()
     rows = []
     for name, estimate in outlook.parameters.items():
         if name in outlook.undetermined:
@@ -216,22 +200,22 @@ def _print_plan(
         value = rounded(estimate.value, estimate.low, estimate.high)[0]
         rows.append([name, value, *cells, estimate.unit])
     columns = ["parameter", "expected", "95 % interval", "±", "unit"]
-    print_table("Expected result of this campaign", columns, rows)
-    print_line()
+    output.print_table("Expected result of this campaign", columns, rows)
+    output.print_line()
     if outlook.undetermined:
-        print_line(f"not determined: {', '.join(outlook.undetermined)}")
+        output.print_line(f"not determined: {', '.join(outlook.undetermined)}")
         for reason in outlook.reasons:
-            print_item(reason)
+            output.print_item(reason)
         for action in advice.remedies:
-            print_item(f"add: {action}")
+            output.print_item(f"add: {action}")
         if not advice.remedies:
-            print_item("no known step changes that")
-        print_line()
+            output.print_item("no known step changes that")
+        output.print_line()
     steps = [("(as planned)", outlook), *((step.action, step.outlook) for step in advice.steps)]
     title = "What would improve it (95 % intervals, share of the value)"
     _print_outlooks(title, "next step, each by itself", steps)
     if others:
-        print_line()
+        output.print_line()
         campaigns = [(other.action, other.outlook) for other in others]
         title = "Other campaigns with the same sensors"
         _print_outlooks(title, "campaign instead of it", campaigns)
@@ -239,12 +223,10 @@ def _print_plan(
 
 def _print_outlooks(title: str, heading: str, rows: Sequence[tuple[str, Outlook]]) -> None:
     """Print the widest and the mean interval that each choice would give."""
-    from ..output import print_table
-
     cells = [
         [name, f"{len(outlook.undetermined)} not determined", ""]
         if outlook.undetermined
         else [name, f"± {outlook.worst * 100:.2f} %", f"± {outlook.mean * 100:.2f} %"]
         for name, outlook in rows
     ]
-    print_table(title, [heading, "worst", "mean"], cells)
+    output.print_table(title, [heading, "worst", "mean"], cells)

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import closing
+from dataclasses import asdict
+from json import dumps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Argument, Option
 
+from .. import output
 from ..diagnostics import ExitCode, say
 from ..options import (
     BenchFile,
@@ -28,26 +32,24 @@ if TYPE_CHECKING:
 
 def record(
     bench: BenchFile = None,
-    out: Annotated[Path, typer.Option(help="Folder for journal and sessions.")] = Path(),
+    out: Annotated[Path, Option(help="Folder for journal and sessions.")] = Path(),
     interface: Interface = None,
     channel: InterfaceChannel = None,
     keep_on: Annotated[
-        bool, typer.Option("--keep-on", help="Go on after a complete campaign: run as a daemon.")
+        bool, Option("--keep-on", help="Go on after a complete campaign: run as a daemon.")
     ] = False,
-    idle: Annotated[
-        bool, typer.Option("--idle", help="Arm nothing: a terminal gives the orders.")
-    ] = False,
+    idle: Annotated[bool, Option("--idle", help="Arm nothing: a terminal gives orders.")] = False,
     log: Annotated[
-        Path | None, typer.Option(help="Log to this file, begun anew at 1 MB; default: stderr.")
+        Path | None, Option(help="Log to this file, begun anew at 1 MB; default: stderr.")
     ] = None,
     display: DisplayAt = None,
     control: DisplayControl = False,
     json: JsonResult = False,
     # The last four are for `bumpbench tui`, which starts its recorder with them.
-    demo: Annotated[bool, typer.Option("--demo", hidden=True)] = False,
-    fault: Annotated[FaultName | None, typer.Option(hidden=True)] = None,
-    replay: Annotated[Path | None, typer.Option(hidden=True)] = None,
-    speed: Annotated[float, typer.Option(min=0.1, max=20.0, hidden=True)] = 1.0,
+    demo: Annotated[bool, Option("--demo", hidden=True)] = False,
+    fault: Annotated[FaultName | None, Option(hidden=True)] = None,
+    replay: Annotated[Path | None, Option(hidden=True)] = None,
+    speed: Annotated[float, Option(min=0.1, max=20.0, hidden=True)] = 1.0,
 ) -> int:
     """Record a campaign: each bump becomes a run, labelled in the order of the campaign.
 
@@ -57,7 +59,6 @@ def record(
     from daq.control.address import lone_recorder
 
     from ..display.link import display_beside
-    from ..output import progress
     from ..recorders.daemon import Lifetime, record_campaign
     from ..recorders.lines import print_outcome
     from ..recorders.log import Log
@@ -74,7 +75,7 @@ def record(
         lone_recorder(out),
         display_beside(out, display, "display", control) as served,
         Log(log) as lines,
-        progress("record") as stage,
+        output.progress("record") as stage,
     ):
         if served is not None:
             served.write()
@@ -90,22 +91,18 @@ def status(folder: RecorderFolder = Path(), json: JsonResult = False) -> int:
     from daq.control.exchange import Client, OrderRefusedError, RecorderGoneError
     from daq.control.messages import STATUS, AskStatus
 
-    from ..output import print_json, print_line
     from ..recorders.lines import status_lines
 
     reason = "the recorder has only just started"  # and has no status yet
     try:
-        client = Client(control_address(folder), "status", control=False)
-        try:
+        with closing(Client(control_address(folder), "status", control=False)) as client:
             status_now = client.ask(AskStatus()).status
-        finally:
-            client.close()
         if status_now is not None:
             if json:
-                print_json(STATUS.dump_python(status_now, mode="json"))
+                output.print_json(STATUS.dump_python(status_now, mode="json"))
             else:
                 for line in status_lines(status_now):
-                    print_line(line)
+                    output.print_line(line)
             return ExitCode.OK
     except RecorderGoneError as error:
         reason = error.what
@@ -113,7 +110,7 @@ def status(folder: RecorderFolder = Path(), json: JsonResult = False) -> int:
         reason = str(error)
     reason = unreachable_words(folder) or (reason if folder.exists() else "there is no such folder")
     if json:
-        print_json({"folder": str(folder), "running": False, "error": reason})
+        output.print_json({"folder": str(folder), "running": False, "error": reason})
     say(f"{folder}: {reason}")
     return ExitCode.ANSWER_IS_NO
 
@@ -124,8 +121,7 @@ def display(
     control: DisplayControl = False,
     operator: Operator = "",
     json: Annotated[
-        bool,
-        typer.Option("--json", help="Print the link as JSON, and end when standard input ends."),
+        bool, Option("--json", help="Print the link as JSON, and end when standard input ends.")
     ] = False,
 ) -> int:
     """Show the state of a folder's recorder in one word that fills a screen.
@@ -136,8 +132,6 @@ def display(
     import getpass
     import sys
     import threading
-    from dataclasses import asdict
-    from json import dumps
 
     from daq import InputError
     from daq.control.address import control_address, is_running, unreachable_words
@@ -173,13 +167,10 @@ def display(
 
 def recover(
     journal: Annotated[
-        list[Path], typer.Argument(help="Segments journal_*.bbj, or a folder with segments.")
+        list[Path], Argument(help="Segments journal_*.bbj, or a folder with segments.")
     ],
     out: Annotated[
-        Path | None,
-        typer.Option(
-            help="Session file or folder to write; default: session_NNNN.h5 next to the journal."
-        ),
+        Path | None, Option(help="Session file or folder; default: next to the journal.")
     ] = None,
     force: Force = False,
     json: JsonResult = False,
@@ -189,26 +180,22 @@ def recover(
     from daq.journal.reader import recordings_of, segments_in
     from daq.session.build import derive
 
-    from ..output import print_json, print_session, session_document
-
     segments: list[Path] = []
     for path in journal:
         in_folder = segments_in(path) or segments_in(path / "journal")
-        found = list(in_folder) if path.is_dir() else [path] if path.exists() else []
-        if not found:
+        named = list(in_folder) if path.is_dir() else [path] if path.exists() else []
+        if not named:
             reason = "has no journal_*.bbj" if path.is_dir() else "there is no such file or folder"
             raise InputError(str(path), reason, "name the recorder's folder")
-        segments += found
+        segments += named
     recordings = recordings_of(segments)
     # A recording without a run gives an empty session: that is intended only if it is the only one.
     wanted = [recording for recording in recordings if recording.bumps] or list(recordings)
-    targets = [out] if out is not None else []
-    if out is None or out.is_dir():
-        targets = []
-        for recording in wanted:
-            folder = recording.segments[0].parent
-            folder = folder.parent if folder.name == "journal" else folder
-            targets.append((out or folder) / recording.head.session_name)
+    targets = [] if out is None or out.is_dir() else [out]
+    for recording in wanted if not targets else []:
+        folder = recording.segments[0].parent
+        folder = folder.parent if folder.name == "journal" else folder
+        targets.append((out or folder) / recording.head.session_name)
     if len(set(targets)) < len(wanted):
         reason = "would be the session of two recordings"
         advice = "name a folder, or recover them one by one, with another --out"
@@ -218,14 +205,14 @@ def recover(
     for recording, target in zip(wanted, targets, strict=True):
         derived = derive(recording.segments, target, replacing=force)
         if json:
-            document = session_document(target, derived.session)
+            document = output.session_document(target, derived.session)
             facts = {"recording": recording.head.recording, "frames_recorded": recording.frames}
             documents.append({**document, **facts, "loss": derived.loss})
         else:
-            print_session(target, derived.session, json=False)
+            output.print_session(target, derived.session, json=False)
         if derived.loss:
             code = ExitCode.DATA_LOST
             say(f"{target.name}: the journal is not whole: {derived.loss}")
     if json:
-        print_json(documents[0] if len(documents) == 1 else {"sessions": documents})
+        output.print_json(documents[0] if len(documents) == 1 else {"sessions": documents})
     return code

@@ -8,7 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
+from typer import Argument, Option
 
+from .. import output
 from ..diagnostics import ExitCode, report, say
 from ..options import Force, JsonResult, SessionFile
 
@@ -20,15 +22,13 @@ def inspect(session: SessionFile, json: JsonResult = False) -> None:
     """Show the contents of a session: runs, verdicts, losses, channels, vehicle, provenance."""
     from daq import read_session
 
-    from ..output import print_json, session_document
-
     loaded = read_session(session)
     if not json:
         _print_contents(session, loaded)
         return
     vehicle = loaded.vehicle
-    print_json(
-        session_document(session, loaded)
+    output.print_json(
+        output.session_document(session, loaded)
         | {
             "geometry": asdict(vehicle.geometry) if vehicle.geometry else None,
             "structure": asdict(vehicle.structure),
@@ -47,17 +47,15 @@ def inspect(session: SessionFile, json: JsonResult = False) -> None:
 
 
 def validate(
-    files: Annotated[list[Path] | None, typer.Argument(help="Session files (HDF5).")] = None,
+    files: Annotated[list[Path] | None, Argument(help="Session files (HDF5).")] = None,
     schema: Annotated[
-        bool, typer.Option("--schema", help="Print the schema of a session file, on one page.")
+        bool, Option("--schema", help="Print the schema of a session file, on one page.")
     ] = False,
     json: JsonResult = False,
 ) -> int:
     """Check session files: schema, hashes, completeness, plausibility."""
     import daq.session
     from daq import InputError
-
-    from ..output import print_json, print_line
 
     if schema:
         typer.echo((daq.session.__doc__ or "").rstrip())
@@ -79,11 +77,11 @@ def validate(
         texts = [daq.session.finding_document(finding) for finding in findings]
         documents.append({"file": str(path), "valid": valid, "findings": texts})
         if not json:
-            print_line(f"{path}: {'valid' if valid else 'invalid'}")
+            output.print_line(f"{path}: {'valid' if valid else 'invalid'}")
             for text in texts:
-                print_line("  " + ": ".join(text.values()))
+                output.print_line("  " + ": ".join(text.values()))
     if json:
-        print_json({"files": documents})
+        output.print_json({"files": documents})
     return code
 
 
@@ -91,17 +89,14 @@ def export(
     session: SessionFile,
     form: Annotated[
         Literal["mf4", "mat", "uff", "csv", "parquet", "blf", "asc", "log"] | None,
-        typer.Option("--format", help="Format; default: by the suffix of --out."),
+        Option("--format", help="Format; default: by the suffix of --out."),
     ] = None,
-    out: Annotated[
-        Path | None, typer.Option(help="File to write; default: next to the session.")
-    ] = None,
+    out: Annotated[Path | None, Option(help="File to write; default: next to the session.")] = None,
     run: Annotated[
-        list[str] | None, typer.Option(metavar="RUN", help="Only this run; repeatable.")
+        list[str] | None, Option(metavar="RUN", help="Only this run; repeatable.")
     ] = None,
     decimal: Annotated[
-        Literal[".", ","] | None,
-        typer.Option(help="Decimal mark of CSV; with a comma, semicolons separate the columns."),
+        Literal[".", ","] | None, Option(help="Decimal mark of CSV; beside a comma ; separates.")
     ] = None,
     force: Force = False,
     json: JsonResult = False,
@@ -110,8 +105,6 @@ def export(
     from daq import InputError, read_session
     from daq.files import refuse_existing
     from daq.formats.export import ExportFormat, chosen_runs, export_session, format_of
-
-    from ..output import print_json, print_line
 
     if form is None and out is None:
         advice = f"say --format {' | '.join(ExportFormat)}, or --out FILE"
@@ -128,23 +121,23 @@ def export(
     written = export_session(chosen, target, wanted, decimal=decimal or ".", force=force)
     files = [str(path) for path in written.paths]
     if json:
-        print_json({"session": str(session), "files": files, "notes": list(written.notes)})
+        output.print_json({"session": str(session), "files": files, "notes": list(written.notes)})
     else:
         for file in files:
-            print_line(file)
+            output.print_line(file)
     for note in written.notes:
         say(note)
     return ExitCode.OK
 
 
 def redecode(
-    session: Annotated[Path, typer.Argument(help="Session file (HDF5); it stays unchanged.")],
+    session: Annotated[Path, Argument(help="Session file (HDF5); it stays unchanged.")],
     bench: Annotated[
-        Path | None, typer.Argument(help="The corrected bench.toml; default: that of the session.")
+        Path | None, Argument(help="The corrected bench.toml; default: the session's.")
     ] = None,
-    dbc: Annotated[Path | None, typer.Option(help="The corrected DBC.")] = None,
+    dbc: Annotated[Path | None, Option(help="The corrected DBC.")] = None,
     out: Annotated[
-        Path | None, typer.Option(help="Session file to write; default: NAME_redecoded.h5.")
+        Path | None, Option(help="Session file to write; default: NAME_redecoded.h5.")
     ] = None,
     force: Force = False,
     json: JsonResult = False,
@@ -157,8 +150,6 @@ def redecode(
     from daq.files import file_sha256, refuse_existing
     from daq.session.from_frames import redecoded
     from dbc import shipped_dbc
-
-    from ..output import print_session
 
     if dbc is None and bench is None:
         reason = "neither a DBC nor a bench.toml is named"
@@ -186,7 +177,7 @@ def redecode(
     origin = {"redecoded_from_sha256": file_sha256(session)}
     new_session = redecoded(old_session, corrected, where, origin)
     write_session(target, new_session)
-    print_session(target, new_session, json)
+    output.print_session(target, new_session, json)
     is_lossy = any(run.losses.measured for run in new_session.runs)
     return ExitCode.DATA_LOST if is_lossy else ExitCode.OK
 
@@ -205,14 +196,12 @@ def _print_contents(path: Path, session: Session) -> None:
     from daq import BodyWeight
     from daq.sessions import notes_of, overrides_of
 
-    from ..output import print_line, print_session, print_table
-
-    print_session(path, session, json=False)
-    print_line()
+    output.print_session(path, session, json=False)
+    output.print_line()
     rows = [
         [c.name, str(c.quantity), c.unit, str(c.corner or ""), c.signal] for c in session.channels
     ]
-    print_table("Channels", ["channel", "quantity", "unit", "corner", "signal"], rows)
+    output.print_table("Channels", ["channel", "quantity", "unit", "corner", "signal"], rows)
     vehicle = session.vehicle
     geometry = asdict(vehicle.geometry) if vehicle.geometry else {}
     rows = [[name, f"{length_m:g} m", ""] for name, length_m in geometry.items()]
@@ -227,13 +216,13 @@ def _print_contents(path: Path, session: Session) -> None:
             sigma = f"± {weight.sigma_kg:g}"
             rows.append([f"in {state.name}", f"{weight.mass_kg:g} kg at {place}", sigma])
     if rows:
-        print_line()
-        print_table("Known beforehand", ["what", "value", ""], rows)
+        output.print_line()
+        output.print_table("Known beforehand", ["what", "value", ""], rows)
     entries = _provenance(session.provenance)
     lists = ("notes", "overrides", "verdicts")  # verdicts: --json has the findings of each run
     rows = [[name, text] for name, text in entries.items() if name not in lists]
     rows += [["note", text] for text in notes_of(session.provenance)]
     rows += [["warning overridden", text] for text in overrides_of(session.provenance)]
     if rows:
-        print_line()
-        print_table("Provenance", ["what", "value"], rows)
+        output.print_line()
+        output.print_table("Provenance", ["what", "value"], rows)

@@ -10,20 +10,29 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Argument, Option
 
+from .. import output
 from ..diagnostics import ExitCode, say
-from ..options import BenchFile, Buses, Fast, Interface, InterfaceChannel, JsonResult, Seed
+from ..options import (
+    LOG_FORMATS,
+    BenchFile,
+    Buses,
+    Fast,
+    Interface,
+    InterfaceChannel,
+    JsonResult,
+    Seed,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
     from daq.bench.config import Bench
+    from daq.control.exchange import Client
     from daq.control.messages import Status
     from daq.sim.car import SimulatedCar
     from dbc import Codec, FrameBatch
-
-    from ..output import Stage
 
 
 def simulate(
@@ -31,29 +40,21 @@ def simulate(
     interface: Interface = None,
     channel: InterfaceChannel = None,
     recorder: Annotated[
-        Path | None,
-        typer.Option(
-            help="Folder of a recorder: bump the car when this recorder is armed, again what it"
-            " rejected, and push the corner that its terminal asks for; until it ends.",
-        ),
+        Path | None, Option(help="Bump the car when the recorder of this folder waits.")
     ] = None,
     seed: Seed = 1,
     fast: Fast = False,
     push: Annotated[
-        float | None,
-        typer.Option(
-            metavar="S",
-            help="No campaign: stand still for these seconds, then be pushed down at each"
-            " corner; then stand still until Ctrl-C.",
-            min=0,
-            max=600,
-        ),
+        float | None, Option(metavar="S", min=0, max=600, help="Push the corners after this time.")
     ] = None,
     json: JsonResult = False,
 ) -> None:
     """Play a campaign of the simulated car, each sensor on its bus, in real time.
 
-    With --recorder the car waits for the recorder of that folder; else it plays each bump once.
+    It plays each bump once.  With --recorder it waits until the recorder of that folder is armed,
+    bumps again what is rejected, and pushes the corner that a terminal asks for, until the recorder
+    ends.  With --push there is no campaign: the car stands still, is pushed down at each corner,
+    and stands still until Ctrl-C.
     """
     from daq import InputError
     from daq.bench.config import bench_codec
@@ -66,7 +67,6 @@ def simulate(
     from identify.numbers import number
 
     from ..bench import shared_bench
-    from ..output import print_json, print_table, progress
 
     if push is not None and (fast or json or recorder):
         raise InputError("--push", "goes on until Ctrl-C, in real time", "leave out the rest")
@@ -75,7 +75,7 @@ def simulate(
     described = shared_bench(bench, interface, channel)
     # On a busy host the frames of a bump arrive late, and the rest after it must still be recorded.
     car = SimulatedCar(tail_s=3.5)
-    with open_buses(described.buses) as (wire, *more), progress("simulate") as stage:
+    with open_buses(described.buses) as (wire, *more), output.progress("simulate") as stage:
 
         def sent_counts(frames: Iterable[FrameBatch]) -> Iterator[int]:
             return play(frames, wire, None if fast else 1.0, *more)
@@ -94,28 +94,23 @@ def simulate(
                 stage(sent / total, counted(sent, "frame"))
     truth = asdict(car.parameters)
     if json:
-        print_json({"truth": truth, "frames": sent})
+        output.print_json({"truth": truth, "frames": sent})
     else:
         rows = [[name, number(value)] for name, value in truth.items()]
-        print_table(f"Simulated {counted(sent, 'frame')} of this car", ["parameter", "truth"], rows)
+        title = f"Simulated {counted(sent, 'frame')} of this car"
+        output.print_table(title, ["parameter", "truth"], rows)
 
 
 def replay(
-    source: Annotated[
-        Path,
-        typer.Argument(
-            help="BLF, ASC, TRC, MF4, candump, CSV of python-can, or a journal; or a session."
-        ),
-    ],
+    source: Annotated[Path, Argument(help=f"{LOG_FORMATS}; or a session.")],
     bench: Annotated[
-        Path | None, typer.Argument(help="bench.toml that names the bus; default: the shipped one.")
+        Path | None, Argument(help="bench.toml that names the bus; default: the shipped one.")
     ] = None,
     interface: Interface = None,
     channel: InterfaceChannel = None,
     bus: Buses = None,
     speed: Annotated[
-        float,
-        typer.Option(min=0.001, max=1000, metavar="TIMES", help="Speed; 2 is twice real time."),
+        float, Option(min=0.001, max=1000, metavar="TIMES", help="Speed; 2 is twice real time.")
     ] = 1.0,
     fast: Fast = False,
     json: JsonResult = False,
@@ -128,7 +123,6 @@ def replay(
     from dbc import counted
 
     from ..bench import bus_numbers, shared_bench
-    from ..output import print_json, print_line, progress
 
     described = shared_bench(bench, interface, channel)
     numbers = bus_numbers(described, bus or [])
@@ -143,16 +137,16 @@ def replay(
             n_read += len(of_buses)
             yield of_buses
 
-    with open_buses(described.buses) as (wire, *more), progress("replay") as stage:
+    with open_buses(described.buses) as (wire, *more), output.progress("replay") as stage:
         for sent in play(wanted(), wire, None if fast else speed, *more):
             stage(log.share if log else 0.0, counted(sent, "frame"))
     left_out = n_read - sent
     loss = log.loss if log else None
     if json:
         document = {"source": str(source), "sent": sent, "error_frames": left_out}
-        print_json({**document, "lost": loss.text if loss else ""})
+        output.print_json({**document, "lost": loss.text if loss else ""})
     else:
-        print_line(f"sent {counted(sent, 'frame')} of {source}")
+        output.print_line(f"sent {counted(sent, 'frame')} of {source}")
     if left_out:
         were = counted(left_out, "error frame was", "error frames were")
         say(f"{were} not sent: a controller cannot send one on request")
@@ -166,26 +160,29 @@ def _bump_for_recorder(
     folder: Path,
     simulated: tuple[Bench, Codec, SimulatedCar, int],
     sent_counts: Callable[[Iterable[FrameBatch]], Iterator[int]],
-    stage: Stage,
+    stage: output.Stage,
 ) -> int:
     """Bump a car as the recorder of a folder waits for it, until that recorder ends.
 
     `simulated`: bench, its codec, car and seed.  `sent_counts`: sends frames and yields the number
     of those sent so far.  Returns the number of frames.
     """
+    from daq.control.exchange import RecorderGoneError
     from daq.sim.bench import SimulatedBench
 
     recorder = _RecorderStatus(folder, stage)
     bench = SimulatedBench(*simulated, math.inf, recorder, start_ns=time.time_ns())
 
     def frames(thread: ThreadPoolExecutor) -> Iterator[FrameBatch]:
+        # A piece is computed while the one before it is sent: no frame waits for it.
         next_batch = thread.submit(bench.read, 0.0)
-        while not recorder.ended:
-            batch = next_batch.result()
-            next_batch = thread.submit(bench.read, 0.0)
-            yield batch
+        with suppress(RecorderGoneError):
+            while True:
+                batch = next_batch.result()
+                next_batch = thread.submit(bench.read, 0.0)
+                yield batch
 
-    try:  # A piece is computed while the one before it is sent: no frame waits for it.
+    try:
         with ThreadPoolExecutor(1) as thread:
             return max(sent_counts(frames(thread)), default=0)
     finally:
@@ -194,38 +191,35 @@ def _bump_for_recorder(
 
 
 class _RecorderStatus:
-    """The newest status of the recorder of a folder, from the first one until it has ended."""
+    """The newest status of the recorder of a folder."""
 
-    def __init__(self, folder: Path, stage: Callable[[float, str], None]) -> None:
-        from daq.control.address import control_address
-        from daq.control.exchange import Client
-
-        self._address, self._stage = control_address(folder), stage
-        self._waiting_words = f"at rest: waiting for the recorder of {folder}"
+    def __init__(self, folder: Path, stage: output.Stage) -> None:
+        self._folder, self._stage = folder, stage
         self._client: Client | None = None
         self._status: Status | None = None
-        self.ended = False
 
     def __call__(self) -> Status | None:
-        """Return the newest status; None before the recorder answers."""
+        """Return the newest status, None before the recorder answers.
+
+        Raises RecorderGoneError once the recorder has ended.
+        """
+        from daq.control.address import control_address
         from daq.control.exchange import Client, RecorderGoneError
         from daq.control.messages import Status
 
         from ..recorders.lines import progress_words
 
         if self._client is None:
-            with suppress(RecorderGoneError):
-                self._client = Client(self._address, "simulated car", control=False)
-                self._status = self._client.first_status
-        if self._client is None:
-            self._stage(0.0, self._waiting_words)
-            return None
-        try:
-            while (news := self._client.news(0.0)) is not None:
-                if isinstance(news, Status):
-                    self._status = news
-        except RecorderGoneError:
-            self.ended = True
+            try:
+                address = control_address(self._folder)
+                self._client = Client(address, "simulated car", control=False)
+            except RecorderGoneError:
+                self._stage(0.0, f"at rest: waiting for the recorder of {self._folder}")
+                return None
+            self._status = self._client.first_status
+        while (news := self._client.news(0.0)) is not None:
+            if isinstance(news, Status):
+                self._status = news
         if self._status is not None:
             self._stage(*progress_words(self._status))
         return self._status

@@ -10,7 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
+from typer import Option
 
+from .. import output
 from ..diagnostics import require_ending
 from ..options import JsonResult
 
@@ -24,29 +26,27 @@ study = typer.Typer(
 )
 
 FigureFile = Annotated[
-    Path | None, typer.Option("--figure", metavar="FILE.svg", help="Draw the result, too.")
+    Path | None, Option("--figure", metavar="FILE.svg", help="Draw the result, too.")
 ]
-Rate = Annotated[float, typer.Option(metavar="HZ", help="Samples per second.")]
-Noise = Annotated[float, typer.Option(metavar="DB", help="Signal-to-noise ratio in dB.")]
-Fits = Annotated[int, typer.Option(min=1, max=100_000, metavar="N", help="Number of campaigns.")]
-Seed = Annotated[int, typer.Option(min=0, metavar="N", help="Seed of the first campaign's noise.")]
-Workers = Annotated[int, typer.Option(min=1, max=64, metavar="N", help="Processes.")]
+Rate = Annotated[float, Option(metavar="HZ", help="Samples per second.")]
+Noise = Annotated[float, Option(metavar="DB", help="Signal-to-noise ratio in dB.")]
+Fits = Annotated[int, Option(min=1, max=100_000, metavar="N", help="Number of campaigns.")]
+Seed = Annotated[int, Option(min=0, metavar="N", help="Seed of the first campaign's noise.")]
+Workers = Annotated[int, Option(min=1, max=64, metavar="N", help="Processes.")]
 
 
 @study.command()
 def table2(
     response: Annotated[
         Literal["exact", "wilson"],
-        typer.Option(help="Exact discretisation, or the paper's Wilson-theta at 1 ms."),
+        Option(help="Exact discretisation, or the paper's Wilson-theta at 1 ms."),
     ] = "exact",
     json: JsonResult = False,
 ) -> None:
     """Identify all parameters from noise-free simulated runs."""
     from identify.study.paper import table2_study
 
-    from ..output import progress
-
-    with progress("table2"):
+    with output.progress("table2"):
         result = table2_study(response)
     _print_and_draw(result, json)
 
@@ -64,10 +64,9 @@ def table3(
     from identify.study.paper import attempt, table3_campaign, table3_study
 
     from ..jobs.executors import map_items
-    from ..output import progress
 
     campaign = table3_campaign(rate_hz, noise_db)
-    with progress("table3") as stage:
+    with output.progress("table3") as stage:
         seeds = range(seed, seed + fits)
         attempts = map_items(partial(attempt, campaign), seeds, workers, stage, "study")
     _print_and_draw(table3_study(campaign, attempts), json)
@@ -105,7 +104,7 @@ for name, summary in _FIGURES.items():
 def fig9(
     rate_hz: Rate = 1000.0,
     noise_db: Noise = 30.0,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the noise.")] = 1,
+    seed: Annotated[int, Option(min=0, help="Seed of the noise.")] = 1,
     json: JsonResult = False,
     figure: FigureFile = None,
 ) -> None:
@@ -122,18 +121,16 @@ def noise(
     noise_db: Noise = 30.0,
     cases: Annotated[
         str,
-        typer.Option(
-            help="Bumps of each mass state: bounce,pitch,roll,warp,rear_pitch or some of them."
-        ),
+        Option(help="Bumps of each mass state: bounce,pitch,roll,warp,rear_pitch or some of them."),
     ] = "bounce,pitch,roll",
     sensors: Annotated[
         Literal["paper", "imu+hubs", "imu+travels", "all"],
-        typer.Option(help="The paper's seven accelerations, or a bench's sensors."),
+        Option(help="The paper's seven accelerations, or a bench's sensors."),
     ] = "paper",
     known_geometry: Annotated[
-        bool, typer.Option("--known-geometry", help="a, b, t_f and t_r are measured.")
+        bool, Option("--known-geometry", help="a, b, t_f and t_r are measured.")
     ] = False,
-    added_mass: Annotated[bool, typer.Option(help="Bump with added mass, too.")] = True,
+    added_mass: Annotated[bool, Option(help="Bump with added mass, too.")] = True,
     fits: Fits = 100,
     seed: Seed = 1,
     workers: Workers = 2,
@@ -152,7 +149,6 @@ def noise(
     )
 
     from ..jobs.executors import map_items
-    from ..output import progress
 
     names = [name.strip().lower() for name in cases.split(",") if name.strip()]
     for name in names:
@@ -168,7 +164,7 @@ def noise(
         mass_states=PAPER_MASS_STATES if added_mass else PAPER_MASS_STATES[:1],
     )
     bound = bound_percent(campaign)
-    with progress("noise") as stage:
+    with output.progress("noise") as stage:
         seeds = range(seed, seed + fits)
         outcomes = map_items(partial(outcome, campaign), seeds, workers, stage, "study")
     _print_and_draw(noise_study(campaign, bound, outcomes), json)
@@ -192,11 +188,9 @@ def _print_and_draw(result: Study, json: bool, figure: Path | None = None) -> No
 
     Raises InputError if the file cannot be written; hours of computing are printed by then.
     """
-    from ..output import print_item, print_json, print_line, print_table
-
     if json:
         keys = [column.key for column in result.columns]
-        print_json(
+        output.print_json(
             {
                 "title": result.title,
                 "rows": [dict(zip(keys, row, strict=True)) for row in result.rows],
@@ -214,10 +208,10 @@ def _print_and_draw(result: Study, json: bool, figure: Path | None = None) -> No
             ]
             for row in result.rows
         ]  # fmt: skip
-        print_table(result.title, [column.heading for column in result.columns], rows)
-        print_line()
+        output.print_table(result.title, [column.heading for column in result.columns], rows)
+        output.print_line()
         for note in result.notes:
-            print_item(note)
+            output.print_item(note)
     if figure is not None:
         from daq.files import write_named
         from identify.study.result import svg

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import os
+import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-import typer
+from typer import Option
 
 from ..diagnostics import ExitCode
 from ..options import (
@@ -25,51 +28,39 @@ if TYPE_CHECKING:
 def tui(
     bench: BenchFile = None,
     out: Annotated[
-        Path | None,
-        typer.Option(
-            help="Folder of the recorder; default: the present one, bumpbench-demo with --demo,"
-            " bumpbench-replay with --replay."
-        ),
+        Path | None, Option(help="The recorder's folder; default: the present one.")
     ] = None,
     interface: Interface = None,
     channel: InterfaceChannel = None,
-    demo: Annotated[
-        bool, typer.Option("--demo", help="Use a simulated car instead of a bus.")
-    ] = False,
-    fault: Annotated[FaultName | None, typer.Option(help="Fault of --demo.")] = None,
+    demo: Annotated[bool, Option("--demo", help="Use a simulated car instead of a bus.")] = False,
+    fault: Annotated[FaultName | None, Option(help="Fault of --demo.")] = None,
     speed: Annotated[
-        float,
-        typer.Option(
-            min=0.1, max=20.0, metavar="TIMES", help="Speed of --demo or --replay, times real time."
-        ),
+        float, Option(min=0.1, max=20, metavar="TIMES", help="Speed of --demo or --replay.")
     ] = 1.0,
     replay: Annotated[
-        Path | None, typer.Option(help="Play a recorded session through the same screens.")
+        Path | None, Option(help="Play a recorded session through the same screens.")
     ] = None,
     auto: Annotated[
-        bool, typer.Option("--auto", help="Press SPACE whenever there is a next action.")
+        bool, Option("--auto", help="Press SPACE whenever there is a next action.")
     ] = False,
     glyphs: Annotated[
-        Literal["auto", "braille", "blocks"], typer.Option(help="Characters to draw with.")
+        Literal["auto", "braille", "blocks"], Option(help="Characters to draw with.")
     ] = "auto",
     theme: Annotated[
-        Literal["bench-dark", "bench-light", "ansi-dark", "ansi-light"],
-        typer.Option(help="Colours."),
+        Literal["bench-dark", "bench-light", "ansi-dark", "ansi-light"], Option(help="Colours.")
     ] = "bench-dark",
     operator: Operator = "",
     display: DisplayAt = None,
     control: DisplayControl = False,
     web: Annotated[
-        bool, typer.Option("--web", help="Serve the terminal to browsers of this machine.")
+        bool, Option("--web", help="Serve the terminal to browsers of this machine.")
     ] = False,
 ) -> int:
     """Run a campaign at the bench: connect to the folder's recorder, or start one.
 
+    With --demo the folder is bumpbench-demo, with --replay bumpbench-replay, if none is named.
     The recorder goes on when the terminal is closed; a new terminal continues where you were.
     """
-    import os
-    import sys
-
     from daq import InputError
 
     from ..bench import shared_bench
@@ -136,8 +127,6 @@ def wanted_setup(
 
     Raises InputError if the bench that is named is bad, also if a recorder runs already.
     """
-    from dataclasses import replace
-
     from daq.bench.campaign import Origin
     from daq.control.messages import Setup, setup_of
 

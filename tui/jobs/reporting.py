@@ -14,7 +14,7 @@ from daq import read_session
 from daq.files import file_sha256, make_room, write_named
 from identify import Identification, identify_parameters
 
-from ..diagnostics import PAGES, SHEETS, require_ending
+from ..diagnostics import PAGES, require_ending
 from ..output import Stage
 from .executors import helpers, map_items
 
@@ -50,7 +50,7 @@ def write_report(
     require_ending(html, "page", PAGES)
     make_room(html)
     if pdf is not None:
-        require_ending(pdf, "printed report", SHEETS)
+        require_ending(pdf, "printed report", (".pdf",))
         make_room(pdf)
     modules = ("identify.report.content", "identify.report.typeset")
     with helpers((*modules, "matplotlib.backends.backend_svg")) as pool:
