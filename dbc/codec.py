@@ -82,9 +82,9 @@ class SignalLayout:
         return (self.first_bit + self.length - 1) // 8
 
     @property
-    def is_whole_bytes(self) -> bool:
-        """True if no byte holds bits of the signal and other bits."""
-        return self.first_bit % 8 == 0 and self.length % 8 == 0
+    def is_one_byte(self) -> bool:
+        """True if the signal is one byte of the payload."""
+        return self.first_bit % 8 == 0 and self.length == 8
 
     @property
     def raw_range(self) -> tuple[int, int]:
@@ -259,8 +259,6 @@ class Codec:
     """The messages; their names, and the pair (can_id, is_extended) on each bus, must be unique."""
     left_out: tuple[Finding, ...] = ()
     """Messages and signals of the database that cannot be used, and why."""
-    notes: tuple[Finding, ...] = ()
-    """Oddities of the database that do no harm."""
     by_name: Mapping[str, MessageLayout] = field(init=False, repr=False, compare=False)
     """The messages by their names."""
     _n_buses: int = field(init=False, repr=False, compare=False)
@@ -286,8 +284,6 @@ class Codec:
 
     def message(self, name: str) -> MessageLayout:
         """Return the message called `name`; raises KeyError if the DBC has none."""
-        if name not in self.by_name:
-            raise KeyError(f"the DBC has no message {name}")
         return self.by_name[name]
 
     def find(self, can_id: int, is_extended: bool, bus: int = 0) -> MessageLayout | None:
@@ -325,18 +321,15 @@ class Codec:
         samples: dict[str, Samples] = {}
         wrong_length = crc_bad = 0
         stops = np.cumsum(n_frames)
-        words = batch.data.view(np.uint64)
         for i in np.flatnonzero(n_frames[: len(self.messages)]).tolist():
             message = self.messages[i]
             rows = order[stops[i] - n_frames[i] : stops[i]]  # of the frames of this message
-            if message.length <= 8:
-                payload = words[:, 0].take(rows)[:, None]
-            else:
-                payload = np.zeros((len(rows), 8), np.uint64)
-                payload[:, : words.shape[1]] = words.take(rows, axis=0)
+            payload = batch.data.take(rows, axis=0)
+            if message.length > payload.shape[1]:
+                payload = np.pad(payload, ((0, 0), (0, 64 - payload.shape[1])))
             t_ns, length = batch.t_ns.take(rows), batch.length.take(rows)
             with np.errstate(invalid="ignore", over="ignore"):  # a payload may hold any float
-                decoded, n_bad = _decoded(message, t_ns, payload.view(np.uint8), length)
+                decoded, n_bad = _decoded(message, t_ns, payload, length)
             samples.update(decoded)
             crc_bad += n_bad
             wrong_length += int(np.count_nonzero(length != message.length))
@@ -390,24 +383,20 @@ def _raw_values(signal: SignalLayout, payload: NDArray[np.uint8]) -> NDArray[Any
     """Return the raw numbers of a signal, integers or floats, (n,), in payloads (n, 8 or 64)."""
     n, width = payload.shape
     length, kind = signal.length, "i" if signal.is_signed else "u"
-    if n == 0:
-        return np.zeros(0, np.int64)
-    if signal.is_whole_bytes and length in (8, 16, 32, 64):
+    if signal.first_bit % 8 == 0 and length in (8, 16, 32, 64):
         kind = f"{'>' if signal.byte_order == 'big' else '<'}{'f' if signal.is_float else kind}"
         offset = signal.first_byte
         return np.ndarray((n,), f"{kind}{length // 8}", payload.data, offset, (width,))
     octets = payload[:, signal.first_byte : signal.last_byte + 1]
     begin = signal.first_bit % 8
     bits = np.unpackbits(octets, axis=1, bitorder=signal.byte_order)[:, begin : begin + length]
-    bits = bits if signal.byte_order == "big" else bits[:, ::-1]  # now the highest is the first
-    word_bits = np.zeros((n, 64), np.uint8)
-    word_bits[:, 64 - length :] = bits
-    if signal.is_signed and not signal.is_float:
-        word_bits[:, : 64 - length] = bits[:, :1]  # the sign
-    packed = np.packbits(word_bits, axis=1)
+    bits = bits if signal.byte_order == "big" else bits[:, ::-1]  # (n, length), the highest first
+    # The highest bit of a signed number is its sign, and fills the bits above.
+    fill: Literal["edge", "constant"] = "edge" if signal.is_signed else "constant"
+    words = np.packbits(np.pad(bits, ((0, 0), (64 - length, 0)), fill), axis=1)  # (n, 8 bytes)
     if signal.is_float:
-        return packed[:, 8 - length // 8 :].copy().view(f">f{length // 8}")[:, 0]
-    return packed.view(f">{kind}8")[:, 0]
+        return words[:, 8 - length // 8 :].copy().view(f">f{length // 8}")[:, 0]
+    return words.view(f">{kind}8")[:, 0]
 
 
 def _decoded(
@@ -431,14 +420,7 @@ def _decoded(
     times = read_only(t_ns)  # shared by signals, so that their users see that times are the same
     samples = {}
     for signal in message.signals:
-        name = f"{message.name}.{signal.name}"
-        limits, last_byte = signal.limits, signal.last_byte
-        # Of the frames that hold the signal.
-        octets, marks, stamps_ns, sizes = payload, quality, times, length
-        if signal.selector is not None:
-            rows = np.flatnonzero(_is_present(message, signal, payload, length))
-            octets, marks, stamps_ns, sizes = payload[rows], quality[rows], t_ns[rows], length[rows]
-        raw = _raw_values(signal, octets)
+        raw, marks, stamps_ns = _raw_values(signal, payload), quality, times
         value = raw.astype(np.float64)
         if signal.factor != 1:
             value *= float(signal.factor)
@@ -449,16 +431,20 @@ def _decoded(
             is_sentinel = np.isin(raw, codes, kind="sort")  # else NumPy 2.0 fails on 2^64 - 1
             value[is_sentinel] = np.nan
             marks = _marked(marks, is_sentinel, Quality.SENTINEL)
-        if limits is not None:
-            is_outside = (value < limits[0]) | (value > limits[1])
+        if signal.limits is not None:
+            is_outside = (value < signal.limits[0]) | (value > signal.limits[1])
             marks = _marked(marks, is_outside, Quality.OUT_OF_RANGE)
-        if shortest_frame <= last_byte:
-            is_cut = sizes <= last_byte
+        if shortest_frame <= signal.last_byte:
+            is_cut = length <= signal.last_byte
             value[is_cut] = np.nan
             # Marks from bits that were not received are wrong.
             wrong_marks = np.uint8(Quality.OUT_OF_RANGE | Quality.SENTINEL)
             marks = np.where(is_cut, marks & ~wrong_marks, marks)
             marks = _marked(marks, is_cut, Quality.MISSING)
+        if signal.selector is not None:
+            rows = np.flatnonzero(_is_present(message, signal, payload, length))
+            value, marks, stamps_ns = value[rows], marks[rows], t_ns[rows]
+        name = f"{message.name}.{signal.name}"
         samples[name] = Samples(name, read_only(stamps_ns), read_only(value), read_only(marks))
     return samples, int(np.count_nonzero(is_crc_bad & (length == message.length)))
 

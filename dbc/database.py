@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from cantools.database.can import Message, Signal
 
 MAX_BYTES = 5_000_000
-PICK = "give a CAN database: DBC, KCD, SYM or ARXML"
+_ADVICE = "give a CAN database: DBC, KCD, SYM or ARXML"
 _CORRECT = "correct that line or give another file"
 ROLE = "SignalRole"
 """Attribute of a DBC's signal that is a counter or a checksum."""
@@ -54,9 +54,9 @@ def read_dbc(path: str | Path) -> str:
         with Path(path).open("rb") as stream:
             content = stream.read(MAX_BYTES + 1)
     except OSError as error:
-        raise InputError(str(path), error.strerror or str(error), PICK) from error
+        raise InputError(str(path), error.strerror or str(error), _ADVICE) from error
     if len(content) > MAX_BYTES:
-        raise InputError(str(path), f"larger than {MAX_BYTES // 1_000_000} MB", PICK)
+        raise InputError(str(path), f"larger than {MAX_BYTES // 1_000_000} MB", _ADVICE)
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -72,18 +72,17 @@ def parse_codec(text: str, name: str) -> Codec:
     """Return the messages of a database's text, ready to decode.
 
     Messages that share a name are loaded as ``Name_0x1A0``.  `text` is a DBC, KCD, SYM or ARXML;
-    recognised by its beginning, else by the suffix of `name`, which errors name.  The codec's
-    `left_out` lists what cannot be used, `notes` what was repaired or is odd.  Raises InputError if
-    it is no CAN database, ends within a definition, or none of its messages can be used.
+    recognised by its beginning, else by the suffix of `name`, which errors name.  Raises InputError
+    if it is no CAN database, ends within a definition, or none of its messages can be used.
     """
     if not text.strip():
-        raise InputError(name, "the file is empty", PICK)
+        raise InputError(name, "the file is empty", _ADVICE)
     if "\0" in text:
-        raise InputError(name, "binary data, not a CAN database", PICK)
+        raise InputError(name, "binary data, not a CAN database", _ADVICE)
     text = _COMMENT.sub(lambda comment: "\n" * comment[0].count("\n"), text)
     if huge := _HUGE.search(text):
         where = f"{name}:{text.count(chr(10), 0, huge.end()) + 1}"
-        raise InputError(where, f"{huge[0].strip()!r} lies outside any payload", PICK)
+        raise InputError(where, f"{huge[0].strip()!r} lies outside any payload", _ADVICE)
     kind = _format_of(text, name)
     source = _DbcText("" if kind else text, name)
     layouts: list[MessageLayout] = []
@@ -99,18 +98,16 @@ def parse_codec(text: str, name: str) -> Codec:
         layouts.append(layout)
         for signal, fault in faults.items():
             source.report(f"{message.name}.{signal}", fault)
-    by_name = _by_unique_names(layouts, source)
-    if not by_name:
-        first_fault = source.findings[0].text if source.findings else "has no messages"
-        raise InputError(name, first_fault, PICK)
-    left_out = tuple(each for each in source.findings if not each.passed)
-    notes = tuple(each for each in source.findings if each.passed)
-    return Codec(tuple(by_name.values()), left_out, notes)
+    messages = _with_unique_names(layouts, source)
+    if not messages:
+        first_fault = source.left_out[0].text if source.left_out else "has no messages"
+        raise InputError(name, first_fault, _ADVICE)
+    return Codec(messages, tuple(source.left_out))
 
 
-def _by_unique_names(
+def _with_unique_names(
     layouts: Sequence[MessageLayout], source: _DbcText
-) -> dict[str, MessageLayout]:
+) -> tuple[MessageLayout, ...]:
     """Return messages by names that differ; those with the identifier of another are left out."""
     # A message that is passed on from one bus to another means the same on both.
     layouts = [*{replace(layout, cycle_s=None): layout for layout in layouts}.values()]
@@ -118,17 +115,15 @@ def _by_unique_names(
     name_counts = Counter(layout.name for layout in layouts)
     by_name: dict[str, MessageLayout] = {}
     for layout in layouts:
-        subject, name = f"message {layout.name}", layout.name
+        name, fault = layout.name, f"has the identifier 0x{layout.can_id:X} of another"
         if id_counts[layout.can_id, layout.is_extended] > 1:
-            source.report(subject, f"has the identifier 0x{layout.can_id:X} of another")
+            source.report(f"message {name}", fault)
             continue
-        if name_counts[layout.name] > 1:
+        if name_counts[name] > 1:
             name += f"_0x{layout.can_id:X}"
             name += "x" if name in by_name else ""  # that one has 11 bits
-            renamed = f"has the name of another: it is {name} here"
-            source.report(subject, renamed, Severity.WARNING)
         by_name[name] = replace(layout, name=name)
-    return by_name
+    return tuple(by_name.values())
 
 
 def _format_of(text: str, name: str) -> str:
@@ -161,7 +156,7 @@ def _read_with_cantools(text: str, name: str, file_format: str) -> Sequence[Mess
 def _refused(name: str, kind: str, error: Exception) -> InputError:
     what = str(error).split("\n", 1)[0] or type(error).__name__
     line = re.search(r"\bline (\d+)", what)
-    return InputError(f"{name}:{line[1]}" if line else name, f"not a valid {kind}: {what}", PICK)
+    return InputError(f"{name}:{line[1]}" if line else name, f"not a valid {kind}: {what}", _ADVICE)
 
 
 # Leaves out of a DBC what cantools refuses, line by line ------------------------------------------
@@ -171,6 +166,7 @@ _DECISIVE = {"VAL_", "SIG_VALTYPE_", "SG_MUL_VAL_"}
 _HARMLESS = {"VERSION", "NS_", "BS_", "BU_", "BA_", "BA_DEF_", "CM_", "EV_", "BA_DEF_DEF_"}
 _HARMLESS |= {"BA_REL_", "BA_DEF_REL_", "BA_DEF_DEF_REL_", "BO_TX_BU_", "VAL_TABLE_"}
 _HARMLESS |= {"SIG_GROUP_", "ENVVAR_DATA_"}
+"""Statements that say nothing about the bits of a signal."""
 _COMMENT = re.compile(r'^[ \t]*CM_[ \t]+[^"\n;]*"(?:\\"|[^"])*"\s*;', re.MULTILINE)
 _BEGIN = re.compile(r'^(\s*\w+\s+(?:"[^"\n]*"\s+)?(?:[A-Z_]+_\s+)?)(\d{1,19})\b', re.MULTILINE)
 """Beginning of a statement, with the identifier of the message that it is about."""
@@ -180,8 +176,7 @@ class _DbcText:
     """The lines of a DBC, and what is left out of it."""
 
     def __init__(self, text: str, name: str) -> None:
-        self.findings: list[Finding] = []
-        """Parts left out, as errors; repairs and harmless oddities, as warnings."""
+        self.left_out: list[Finding] = []
         self.lost: set[int] = set()
         """Identifiers, as in the DBC, of messages of which cantools does not see a statement."""
         self.multiplexed: dict[int, set[str]] = defaultdict(set)
@@ -189,7 +184,7 @@ class _DbcText:
         self._name = name
         self._is_cut = not text.endswith(("\n", ";"))
         self._message_names: dict[int, str] = {}
-        self._lines = self._with_extended_marks(text).split("\n")
+        self._lines = _with_extended_marks(text).split("\n")
         message_id = -1
         for row, line in enumerate(tuple(self._lines)):
             if message := re.match(r"\s*BO_\s+(\d+)\s+(\w+)", line):
@@ -237,26 +232,11 @@ class _DbcText:
                     raise _refused(self._name, "DBC", error) from error
         return ()
 
-    def report(
-        self, subject: str, text: str, severity: Severity = Severity.ERROR, line: int = 0
-    ) -> None:
-        """Add a finding; an error says that its subject is left out."""
-        code = "left_out" if severity is Severity.ERROR else "odd"
+    def report(self, subject: str, fault: str, line: int = 0) -> None:
+        """Add a finding on what is left out, and why; `line` counts from 1, 0 names none."""
         where = f"{self._name}:{line}" if line else self._name
-        self.findings.append(Finding(code, severity, f"{subject} {text}", subject, where=where))
-
-    def _with_extended_marks(self, text: str) -> str:
-        """Return the text with a mark at each identifier that only a frame of 29 bits can have."""
-        statements = re.finditer(r"^\s*BO_\s+(\d{4,9})\s+(\w+)", text, re.MULTILINE)
-        unmarked = {int(each[1]): each for each in statements if 1 << 11 <= int(each[1]) < 1 << 29}
-        for each in unmarked.values():
-            repair = "is marked as 11-bit, but its identifier is longer: it is read as 29-bit"
-            line = text.count("\n", 0, each.end()) + 1
-            self.report(f"message {each[2]}", repair, Severity.WARNING, line)
-        return _BEGIN.sub(
-            lambda begin: f"{begin[1]}{int(begin[2]) | _EXTENDED * (int(begin[2]) in unmarked)}",
-            text,
-        )
+        text = f"{subject} {fault}"
+        self.left_out.append(Finding("left_out", Severity.ERROR, text, subject, where=where))
 
     def _keyword(self, row: int) -> str:
         """Return the first word of a line; empty if it has none."""
@@ -283,39 +263,48 @@ class _DbcText:
         A message with a stray `SIG_VALTYPE_` is lost, because another signal may be meant.
         """
         strays = set(re.findall(r"(?:VAL_|SIG_VALTYPE_) \d+ \w+", complaint))
-        for row, line in enumerate(self._lines):
+        lines = tuple(self._lines)
+        for row, line in enumerate(lines):
             statement = " ".join(line.replace(":", " ").split()[:3])  # keyword, message, signal
             if statement in strays:
                 self._lines[row] = ""
-                fate, severity = "is left out: it names no signal", Severity.WARNING
                 if statement.startswith("SIG_VALTYPE_"):
                     self.lost.add(int(statement.split()[1]))
-                    fate, severity = "names no signal: its message is left out", Severity.ERROR
-                self.report(statement, fate, severity, row + 1)
-        return bool(strays)
+                    self.report(statement, "names no signal: its message is left out", row + 1)
+        return self._lines != [*lines]
 
     def _leave_out(self, row: int, why: str) -> None:
-        """Leave out a line, with the signal or the message that it states or is about."""
+        """Leave out a line, with the signal or the message that it states or is about.
+
+        Raises InputError for a decisive statement, if it is not clear which message it is about.
+        """
         line, keyword, stop = self._lines[row], self._keyword(row), row + 1
         while keyword != "SG_" and stop < len(self._lines) and self._keyword(stop) in ("SG_", ""):
             stop += 1  # the signals must not become those of the message before
-        is_message = keyword == "BO_" or any(each.strip() for each in self._lines[row + 1 : stop])
+        has_signals = any(each.strip() for each in self._lines[row + 1 : stop])
         begin = _BEGIN.match(line)
         message_id = int(begin[2]) if begin else -1
         message = self._message_names.get(message_id, "")
-        subject, severity = f"message {message or '?'}", Severity.ERROR
         if keyword == "SG_":
-            subject = "signal " + "".join(re.findall(r"SG_\s+(\w+)", line)[:1])
-        elif not is_message and message and keyword not in _HARMLESS:
+            self.report("signal " + "".join(re.findall(r"SG_\s+(\w+)", line)[:1]), why, row + 1)
+        elif keyword == "BO_" or has_signals:
+            self.report(f"message {message or '?'}", why, row + 1)
+        elif message and keyword not in _HARMLESS:
             self.lost.add(message_id)
-            why = f"has a {keyword} that {why}"
-        elif not is_message and keyword in _DECISIVE:
+            self.report(f"message {message}", f"has a {keyword} that {why}", row + 1)
+        elif keyword in _DECISIVE:
             what = f"the text has a {keyword} of an unknown message that {why}"
             raise InputError(f"{self._name}:{row + 1}", what, _CORRECT)
-        elif not is_message:
-            subject, severity = f"the statement {keyword}", Severity.WARNING
-        self.report(subject, why, severity, row + 1)
         self._lines[row:stop] = [""] * (stop - row)
+
+
+def _with_extended_marks(text: str) -> str:
+    """Return a DBC with the mark of 29 bits at each identifier that is too long for 11."""
+    ids = map(int, re.findall(r"^\s*BO_\s+(\d{4,9})\s+\w", text, re.MULTILINE))
+    unmarked = {can_id for can_id in ids if 1 << 11 <= can_id < 1 << 29}
+    return _BEGIN.sub(
+        lambda begin: f"{begin[1]}{int(begin[2]) | _EXTENDED * (int(begin[2]) in unmarked)}", text
+    )
 
 
 # Messages and signals of cantools as layouts ------------------------------------------------------
@@ -333,23 +322,22 @@ def _layout(
     if message.length > 64:
         raise ValueError(f"has {message.length} bytes, not 0 to 64")
     name_counts = Counter(signal.name for signal in message.signals)
-    signals = {signal.name: _signal(signal) for signal in message.signals}
     roles = {signal.name: _role(signal) for signal in message.signals}
+    usable: dict[str, SignalLayout] = {}
     faults: dict[str, str] = {}
-    for name, signal in signals.items():
+    for name, signal in {each.name: _signal(each) for each in message.signals}.items():
         if name_counts[name] > 1:
             faults[name] = "is defined twice"
         elif name in multiplexed and not signal.selected_by:
             faults[name] = "is multiplexed without one clear selector"
-        elif fault := _fault(signal, message.length):
+        elif fault := _fault(signal, message.length, roles[name]):
             faults[name] = fault
-        elif not _may_have_role(signal, roles[name]):
-            faults[name] = f"cannot have the {ROLE} {roles[name]}"
-    decodable = {name: signal for name, signal in signals.items() if name not in faults}
-    for name, signal in decodable.items():
-        if fault := _fault_of_selector(signal, decodable):
+        else:
+            usable[name] = signal
+    for name, signal in tuple(usable.items()):
+        if fault := _fault_of_selector(signal, usable):
             faults[name] = fault
-    usable = {name: signal for name, signal in decodable.items() if name not in faults}
+            del usable[name]
     if faults and not usable:
         name, fault = next(iter(faults.items()))
         raise ValueError(f"has no usable signal: {name} {fault}")
@@ -370,17 +358,8 @@ def _layout(
     return layout, faults
 
 
-def _may_have_role(signal: SignalLayout, role: str) -> bool:
-    """Return whether a signal can be a counter, or a checksum of a known rule."""
-    if role == "value":
-        return True
-    if role == "counter":
-        return signal.is_plain and signal.length <= 32
-    return role in CRC_RULES and signal.is_plain and signal.length == 8 and signal.is_whole_bytes
-
-
-def _fault(signal: SignalLayout, length: int) -> str | None:
-    """Return why the bits of a signal cannot be decoded; None if they can."""
+def _fault(signal: SignalLayout, message_bytes: int, role: str) -> str | None:
+    """Return why the bits of a signal cannot be decoded in its role (`_role`); None if they can."""
     if not signal.name:
         return "has no name"
     if not 1 <= signal.length <= 64 or not 0 <= signal.start < 512:  # bits of 64 bytes
@@ -391,8 +370,13 @@ def _fault(signal: SignalLayout, length: int) -> str | None:
         return "has a factor or offset beyond float64"
     if signal.is_float and signal.length not in (16, 32, 64):
         return f"is a float of {signal.length} bits, not 16, 32 or 64"
-    last = signal.last_byte
-    return f"ends in byte {last + 1} of a message of {length}" if last >= length else None
+    if signal.last_byte >= message_bytes:
+        return f"ends in byte {signal.last_byte + 1} of a message of {message_bytes}"
+    is_counter = role == "counter" and signal.is_plain and signal.length <= 32
+    is_checksum = role in CRC_RULES and signal.is_plain and signal.is_one_byte
+    if role != "value" and not is_counter and not is_checksum:
+        return f"cannot have the {ROLE} {role}"
+    return None
 
 
 def _fault_of_selector(signal: SignalLayout, by_name: Mapping[str, SignalLayout]) -> str | None:

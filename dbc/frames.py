@@ -118,12 +118,7 @@ class FrameBatch:
             for name, _ in _COLUMNS[:-1]
         }
         width = max(batch.data.shape[1] for batch in batches)
-        data = [
-            b.data
-            if b.data.shape[1] == width
-            else np.pad(b.data, ((0, 0), (0, width - b.data.shape[1])))
-            for b in batches
-        ]
+        data = [np.pad(b.data, ((0, 0), (0, width - b.data.shape[1]))) for b in batches]
         return cls(**columns, data=np.concatenate(data))
 
 

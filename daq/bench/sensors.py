@@ -219,7 +219,6 @@ def sensors_codec(
     """
     by_id: dict[tuple[int | None, int, bool], list[MessageLayout]] = defaultdict(list)
     left_out: dict[Finding, None] = {}  # each once, in order
-    notes: dict[Finding, None] = {}
     texts = {each.name: each.text for each in databases}
     for sensor in sensors:
         # A single database has every name.
@@ -230,7 +229,6 @@ def sensors_codec(
             raise InputError(f"sensor {sensor.name}", fault, advice)
         codec = database_codec(text, sensor.database)
         left_out |= dict.fromkeys(codec.left_out)
-        notes |= dict.fromkeys(codec.notes)
         for message in _sent_messages(sensor, codec, sensor.bus if n_buses > 1 else None):
             by_id[message.bus, message.can_id, message.is_extended].append(message)
     kept = []
@@ -248,7 +246,7 @@ def sensors_codec(
                 subject = f"message {message.name}"
                 text = f"{subject} is left out: {names} {shared}"
                 left_out[Finding("left_out", Severity.ERROR, text, subject)] = None
-    return Codec(tuple(kept), tuple(left_out), tuple(notes))
+    return Codec(tuple(kept), tuple(left_out))
 
 
 def _sent_messages(sensor: Sensor, codec: Codec, bus: int | None) -> list[MessageLayout]:
@@ -378,7 +376,7 @@ def ruled_codec(codec: Codec, rules: Sequence[MessageRule], dbc_name: str) -> Co
             message = replace(message, counter=CounterRule(signal.name, modulus))
         if rule.crc is not None:
             signal = _plain_signal(message, "crc", rule.crc)
-            if signal.length != 8 or not signal.is_whole_bytes:
+            if not signal.is_one_byte:
                 fault = f"checksum {signal.name} is not one whole byte"
             message = replace(message, crc=signal.name, crc_rule=rule.crc_rule)
         if fault:

@@ -404,7 +404,7 @@ def _counter_lines(signal: SignalLayout, value: NDArray[np.float64]) -> list[str
 def _checksum_lines(signal: SignalLayout, arrivals: Arrivals, length: int) -> list[str]:
     """Return the lines on a checksum; none unless its name shows one and all frames pass a rule."""
     checksum_words = words("crc crc8 checksum chk chksum cs")
-    if signal.length != 8 or not signal.is_whole_bytes or not words(signal.name) & checksum_words:
+    if not signal.is_one_byte or not words(signal.name) & checksum_words:
         return []
     rules = fitting_rules(arrivals, signal.first_byte, length)[:1]
     crc = f"crc = {json.dumps(signal.name)}"

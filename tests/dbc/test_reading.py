@@ -126,21 +126,18 @@ def test_what_cannot_be_decoded_costs_itself_only(case: str) -> None:
     assert all(each.where.startswith("x.dbc") for each in codec.left_out)
 
 
-# A text that is repaired, and what is said.
 REPAIRED = {
-    "11 bits": (f"{HEAD}{M}{N}".replace("256", "2048"), "it is read as 29-bit"),
-    "table of none": (f'{HEAD}{M}{N}VAL_ 256 q 1 "a";\nVAL_ 9 s 1 "a";\n', "names no signal"),
-    "unknown": (f"{HEAD}{M}{N}FOO_ bar;\n", "18: the statement FOO_ is not valid DBC"),
+    "11 bits": f"{HEAD}{M}{N}".replace("256", "2048"),
+    "table of none": f'{HEAD}{M}{N}VAL_ 256 q 1 "a";\nVAL_ 9 s 1 "a";\n',
+    "unknown": f"{HEAD}{M}{N}FOO_ bar;\n",
 }
 
 
 @pytest.mark.parametrize("case", REPAIRED)
-def test_a_repair_loses_nothing_and_is_said(case: str) -> None:
-    text, said = REPAIRED[case]
-    codec = parse_codec(text, "x.dbc")
+def test_a_repair_loses_nothing(case: str) -> None:
+    codec = parse_codec(REPAIRED[case], "x.dbc")
     assert names(codec) == ["M.s", "M.t", "N.s"]
     assert not codec.left_out
-    assert any(said in str(each) for each in codec.notes), codec.notes
     assert codec.message("M").is_extended == (case == "11 bits")
 
 
@@ -154,13 +151,14 @@ def test_a_signal_outside_of_a_message_costs_nothing_else() -> None:
 
 REFUSED = {
     "empty": ("", "empty"),
-    "prose": ("A bump test over CAN.\n", "not valid DBC"),
+    "prose": ("A bump test over CAN.\n", "no messages"),
     "nul": ("VERSION \0", "binary"),
     "header only": (HEAD, "no messages"),
     "type of which message": (f"{HEAD}{M}SIG_VALTYPE_ s : 1;\n", "of an unknown message"),
     "attribute": (f'{HEAD}{M}BA_ "GenMsgOther" BO_ 256 10;\n', "not a valid DBC: 'GenMsgOther'"),
     "huge": (signal('s : 0|999999@1- (1,0) [0|0] "g"'), "x.dbc:12: .* lies outside any payload"),
     "huge message": (f"{HEAD}{M}BO_ 9 L: 999999999 A\n", "x.dbc:.* lies outside any payload"),
+    "split over lines": (f'{HEAD}{M}VAL_ 256\n q 1 "a";\n', "not a valid DBC: unused VAL_"),
     "quotes": ('CM_ "\n' * 200, "x.dbc:"),
     "recursion": (
         f'{HEAD}BO_ 1 M: 8 A\n SG_ s0 M : 0|8@1+ (1,0) [0|0] "" B\n'
@@ -218,7 +216,6 @@ def test_messages_of_one_name_have_their_identifier_in_it() -> None:
     far = M.replace("256", str((1 << 31) + 256))
     codec = parse_codec(HEAD + M + N + far, "x.dbc")
     assert [m.name for m in codec.messages] == ["M_0x100", "N", "M_0x100x"]
-    assert any("it is M_0x100 here" in str(note) for note in codec.notes)
     decoded = codec.decode(block([b"\2\0\7\0\0\0\0\0"], [256]))
     assert decoded["M_0x100.s"].value.tolist() == [1.0]
 
@@ -358,7 +355,7 @@ def outcome(rng: np.random.Generator, kind: str) -> str:
         codec = parse_codec(text, f"x.{kind}")
     except InputError as error:
         return "refused" if str(error).isprintable() else "garbled"
-    return "repaired" if codec.left_out or codec.notes else "read"
+    return "repaired" if codec.left_out else "read"
 
 
 @settings(max_examples=40, deadline=None, derandomize=True, database=None)
