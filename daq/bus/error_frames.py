@@ -37,17 +37,6 @@ class ControllerState(StrEnum):
     BUS_OFF = "bus-off"
 
 
-_TEXTS = {
-    ErrorClass.TX_TIMEOUT: "sending timed out",
-    ErrorClass.LOST_ARBITRATION: "arbitration lost",
-    ErrorClass.CONTROLLER: "controller",
-    ErrorClass.PROTOCOL: "protocol violated",
-    ErrorClass.TRANSCEIVER: "transceiver",
-    ErrorClass.NO_ACK: "no node acknowledges",
-    ErrorClass.BUS_OFF: "bus-off",
-    ErrorClass.BUS_ERROR: "bus error",
-    ErrorClass.RESTARTED: "controller restarted",
-}
 _RX_OVERFLOW, _TX_OVERFLOW, _WARNINGS, _PASSIVE, _ACTIVE = 0x01, 0x02, 0x0C, 0x30, 0x40
 """Bits of the controller's byte."""
 
@@ -90,16 +79,19 @@ def describe_error_frame(can_id: int, data: bytes) -> ErrorFrame:
         state = ControllerState.ACTIVE
     elif is_counted:  # the limit of ISO 11898-1
         state = ControllerState.PASSIVE if max(tx, rx) >= 128 else ControllerState.ACTIVE
-    parts = [text for error_class, text in _TEXTS.items() if error_class in classes]
+    parts = [
+        name.lower().replace("_", " ")
+        for name, error_class in ErrorClass.__members__.items()
+        if error_class in classes and error_class is not ErrorClass.COUNTERS
+    ]
     overrun = bool(controller & _RX_OVERFLOW)
     parts += ["receive buffer overflow"] if overrun else []
     parts += ["transmit buffer overflow"] if controller & _TX_OVERFLOW else []
     if is_counted:
         parts.append(f"{tx} transmit and {counted(rx, 'receive error')} counted")
+    tx_errors, rx_errors = (tx, rx) if is_counted else (None, None)
     text = ", ".join(parts) or "unknown error"
-    if is_counted:
-        return ErrorFrame(classes, state, tx, rx, overrun, text)
-    return ErrorFrame(classes, state, None, None, overrun, text)
+    return ErrorFrame(classes, state, tx_errors, rx_errors, overrun, text)
 
 
 def error_frames_of(frames: FrameBatch) -> list[ErrorFrame]:

@@ -116,10 +116,8 @@ def open_source(config: BusConfig, bus: int) -> FrameSource:
             return open_socketcan(config.channel, bus)
     opened = open_bus(config)
     gather_s = GATHER_S if config.interface in _QUEUED else 0.0
-    if config.interface in _WALL_CLOCK:
-        on_axis = STEADY_CLOCK.from_wall
-        return PythonCanSource(opened, _name(config), bus, gather_s, time.time_ns, on_axis)
-    return PythonCanSource(opened, _name(config), bus, gather_s)
+    clock = (time.time_ns, STEADY_CLOCK.from_wall) if config.interface in _WALL_CLOCK else ()
+    return PythonCanSource(opened, _name(config), bus, gather_s, *clock)
 
 
 def open_bus(config: BusConfig) -> can.BusABC:

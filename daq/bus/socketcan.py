@@ -240,7 +240,7 @@ class SocketCanSource:
         self._buffers = FrameBuffers(BLOCK_FRAMES)
         self._arrival = select.poll()
         self._arrival.register(sock, select.POLLIN)
-        self._may_have_more = self._is_down = self._has_older = False
+        self._may_have_more = self._is_down = False
         self._fault: OSError | None = None
         self._losses = HopLosses()
         self._drop_counter = 0
@@ -253,21 +253,21 @@ class SocketCanSource:
         wait_ms = math.ceil(max(timeout_s, 0.0) * 1e3)
         if not (self._may_have_more or self._fault) and self._arrival.poll(wait_ms):
             time.sleep(self._gather_s)  # others join the first
-        count = self._receive()
+        count, was_taken_down = self._receive()
         self._may_have_more = count == BLOCK_FRAMES
-        may_be_older, self._has_older = self._has_older, self._has_older and self._may_have_more
         counter = drop_counter(self._socket)
         if counter is not None and counter != self._drop_counter:
             dropped = (counter - self._drop_counter) & 0xFFFFFFFF  # it has 32 bits and wraps
             self._drop_counter = counter
             self._losses = self._losses.plus(HopLosses(dropped))
-        if count:
-            return self._batch(count, may_be_older)
-        if self._fault:
+        if self._fault and not count:
             problem = f"has gone: {self._fault.strerror}"
             advice = "check plug and power, then start again"
             raise BusError(self.name, problem, advice) from self._fault
-        return FrameBatch.empty()
+        batch = self._batch(count) if count else FrameBatch.empty()
+        # Frames in the block in which it was taken down came before.
+        self._is_down = was_taken_down or (self._is_down and not len(batch))
+        return batch
 
     def losses(self) -> HopLosses:
         """Return the losses; frames lost within the adapter are reported by error frames."""
@@ -282,28 +282,26 @@ class SocketCanSource:
         """Close the socket."""
         self._socket.close()
 
-    def _receive(self) -> int:
-        """Fill the buffers and return the number of datagrams.
+    def _receive(self) -> tuple[int, bool]:
+        """Fill the buffers; return the number of datagrams, and if the interface was taken down.
 
         The kernel returns a fault before earlier frames, so a second attempt follows a fault.
         """
+        was_taken_down = False
         for _ in range(2):
             try:
-                return self._buffers.receive(self._socket.fileno())
+                return self._buffers.receive(self._socket.fileno()), was_taken_down
             except (BlockingIOError, InterruptedError):
-                return 0
+                break
             except OSError as error:
                 if error.errno == errno.ENETDOWN:
-                    self._is_down = self._has_older = True
+                    was_taken_down = True
                 else:
                     self._fault = error
-        return 0
+        return 0, was_taken_down
 
-    def _batch(self, count: int, may_be_older: bool) -> FrameBatch:
-        """Return the frames among the first datagrams as a batch.
-
-        `may_be_older`: True if they were queued before the interface was taken down.
-        """
+    def _batch(self, count: int) -> FrameBatch:
+        """Return the frames among the first datagrams as a batch."""
         buffers, used = self._buffers, self._buffers.headers["control_bytes"][:count]
         kernel_ns = kernel_stamps(buffers.control[:count], used)
         used[:] = _CONTROL_WORDS * _WORD
@@ -315,8 +313,6 @@ class SocketCanSource:
         garbled, restamped = count - len(batch), int(np.count_nonzero(is_good > is_stamped))
         if garbled or restamped:
             self._losses = self._losses.plus(HopLosses(0, garbled, restamped))
-        if len(batch) and not may_be_older:
-            self._is_down = False
         return batch
 
 

@@ -282,14 +282,14 @@ def test_an_interface_that_is_not_there_is_one_line_that_names_what_it_needs(
 ACTIVE, PASSIVE, OFF = ControllerState
 ERRORS: list[tuple[int, str, ControllerState | None, tuple[int, int] | None, bool, str]] = [
     # Identifier and payload; state, counters, overrun and text.
-    (0x001, "", None, None, False, "sending timed out"),
-    (0x002, "", None, None, False, "arbitration lost"),
+    (0x001, "", None, None, False, "tx timeout"),
+    (0x002, "", None, None, False, "lost arbitration"),
     (0x004, "", None, None, False, "controller"),
     (0x010, "", None, None, False, "transceiver"),
-    (0x020, "", None, None, False, "no node acknowledges"),
-    (0x040, "", OFF, None, False, "bus-off"),
-    (0x100, "", ACTIVE, None, False, "controller restarted"),
-    (0x088, "0000041A", None, None, False, "protocol violated, bus error"),
+    (0x020, "", None, None, False, "no ack"),
+    (0x040, "", OFF, None, False, "bus off"),
+    (0x100, "", ACTIVE, None, False, "restarted"),
+    (0x088, "0000041A", None, None, False, "protocol, bus error"),
     (0x400, "", None, None, False, "unknown error"),
     # The byte of the controller; in other classes it means another thing.
     (0x004, "0001", None, None, True, "controller, receive buffer overflow"),
@@ -301,12 +301,12 @@ ERRORS: list[tuple[int, str, ControllerState | None, tuple[int, int] | None, boo
     (0x004, "0040", ACTIVE, None, False, "controller"),
     (0x004, "000D", ACTIVE, None, True, "receive buffer overflow"),
     (0x080, "0021", None, None, False, "bus error"),
-    (0x044, "0010", OFF, None, False, "bus-off"),
+    (0x044, "0010", OFF, None, False, "bus off"),
     # Counters, where the frame says so, or from older drivers with a change of state.
     (0x200, "0000000000000000", ACTIVE, (0, 0), False, "0 transmit and 0 receive errors counted"),
     (0x200, "000000000000007F", ACTIVE, (0, 127), False, "0 transmit and 127 receive errors"),
     (0x200, "0000000000008000", PASSIVE, (128, 0), False, "128 transmit and 0 receive errors"),
-    (0x240, "0000000000000000", OFF, (0, 0), False, "bus-off"),
+    (0x240, "0000000000000000", OFF, (0, 0), False, "bus off"),
     (0x004, "0008000000006000", ACTIVE, (96, 0), False, "96 transmit"),
     (0x088, "0000000000000102", None, None, False, "bus error"),  # there they are the driver's
 ]
