@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from enum import StrEnum
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dbc.frames import FrameBatch, FrameFlag
+from dbc.frames import FrameFlag
 from dbc.words import InputError, counted, csv_text, plural, printable
 
 from ..channels import ON_BODY, TIME_DERIVATIVE, Channel, Quantity
@@ -35,13 +35,8 @@ class ExportFormat(StrEnum):
     ASC = "asc"
     CANDUMP = "log"
 
-    @property
-    def suffix(self) -> str:
-        """Suffix of the format's files."""
-        return f".{self}"
 
-
-_SUFFIXES = {form.suffix: form for form in ExportFormat} | {".unv": ExportFormat.UFF}
+_SUFFIXES = {f".{form}": form for form in ExportFormat} | {".unv": ExportFormat.UFF}
 
 
 def csv_groups(session: Session, path: Path) -> dict[Path, SampleGroup]:
@@ -84,11 +79,11 @@ def write_csv(group: SampleGroup, units: dict[str, str], path: Path, decimal: st
         writer.writerows(zip(*columns, strict=True))
 
 
-def write_parquet(session: Session, path: Path) -> tuple[str, ...]:
+def write_parquet(session: Session, path: Path) -> None:
     """Write one table: `run group status time_s t_ns quality`, then a column for each channel, SI.
 
     A channel is null in the rows of other groups.  pandas reads the units in
-    ``DataFrame.attrs["units"]``.  Returns notes on what the format cannot hold of the session.
+    ``DataFrame.attrs["units"]``.
     """
     pandas = optional("pandas", "data")
     tables = [
@@ -115,15 +110,14 @@ def write_parquet(session: Session, path: Path) -> tuple[str, ...]:
     units = {"time_s": "s", "t_ns": "ns", **session.units}
     frame.attrs = {"units": units, "vehicle": session.vehicle.name}
     frame.to_parquet(path, engine="pyarrow", compression="zstd", index=False)
-    return frames_left_out(session)
 
 
-def write_mf4(session: Session, path: Path) -> tuple[str, ...]:
+def write_mf4(session: Session, path: Path) -> None:
     """Write an MDF 4.10 file with a channel group ``run/group`` per run and sample clock.
 
     All times count from the whole second in which the session begins, which the header states.  A
     group has the flags of `dbc.codec.Quality` as `quality`, and `time_s` and `t_ns` as in the
-    session.  Returns notes on the contents of the session that the format cannot hold.
+    session.
     """
     asammdf = optional("asammdf", "mf4")
     start_s = min((run.t0_ns for run in session.runs), default=0) // 1_000_000_000
@@ -145,17 +139,14 @@ def write_mf4(session: Session, path: Path) -> tuple[str, ...]:
                 ]
                 mdf.append(signals, acq_name=f"{run.label}/{group.name}", common_timebase=True)
         mdf.save(path, overwrite=True, compression=1)
-    return frames_left_out(session)
 
 
-def write_mat(session: Session, path: Path) -> tuple[str, ...]:
+def write_mat(session: Session, path: Path) -> None:
     """Write a MAT file: ``runs.RUN.GROUP.CHANNEL``, with ``t`` in s and ``units.CHANNEL``.
 
     In addition to its channels a group has ``t_ns`` (int64, bus time) and ``quality`` (uint8); a
     run has ``mass_state``, ``excitation``, ``repeat``, ``status``, ``reasons``, ``t0_ns`` and
     ``bump_s``.  ``vehicle`` and ``channels`` describe the measured quantities and their places.
-
-    Returns notes on the contents of the session that the format cannot hold.
     """
     from scipy.io import savemat
 
@@ -170,7 +161,6 @@ def write_mat(session: Session, path: Path) -> tuple[str, ...]:
     runs = _fields((run.label, _matlab_run(run, session.units)) for run in session.runs)
     variables = {"runs": runs, "channels": _fields(channels.items()), "vehicle": vehicle}
     savemat(path, variables, long_field_names=True, do_compression=True, oned_as="column")
-    return frames_left_out(session)
 
 
 def _matlab_run(run: Run, units: dict[str, str]) -> dict[str, Any]:
@@ -212,7 +202,7 @@ def write_uff(session: Session, path: Path) -> tuple[str, ...]:
     """Write dataset 164 (SI), and one 58 per channel and run, as SDRC published them.
 
     Data are binary (58b, little-endian float64), because the text form has only 6 digits of a time.
-    Returns notes on the contents of the session that the format cannot hold.
+    Returns a note if samples are missing.
     """
     missing = 0
     with path.open("wb") as stream:
@@ -228,10 +218,10 @@ def write_uff(session: Session, path: Path) -> tuple[str, ...]:
                         stream.write(_dataset_58b(run, group, channel, number))
                         missing += int(np.sum(~np.isfinite(values)))
     if not missing:
-        return frames_left_out(session)
+        return ()
     note = f"{counted(missing, 'missing sample is', 'missing samples are')} left out: "
     note += f"{plural(missing, 'its record is', 'their records are')} not equidistant"
-    return (note, *frames_left_out(session))
+    return (note,)
 
 
 def _dataset(lines: Sequence[str], data: bytes = b"") -> bytes:
@@ -291,83 +281,49 @@ def _dataset_58b(run: Run, group: SampleGroup, channel: Channel, number: int) ->
 # Raw frames, with python-can ----------------------------------------------------------------------
 
 
-def session_frames(session: Session) -> FrameBatch:
-    """Return all raw frames of a session (`Session.frames`); raises InputError if it has none."""
-    frames = session.frames
-    if not len(frames):
-        what = "its runs hold no raw frames"
-        raise InputError("session", what, "export the decoded channels: mf4, mat, csv, parquet")
-    return frames
+def write_frames(session: Session, path: Path, form: ExportFormat) -> tuple[str, ...]:
+    """Write a log as BLF (times exact to 1 ns), ASC or candump (1 microsecond).
 
-
-def frames_left_out(session: Session) -> tuple[str, ...]:
-    """Return the note on raw frames for a format that holds only decoded channels."""
-    count = sum(len(run.frames) for run in session.runs)
-    frames = counted(count, "raw frame is", "raw frames are")
-    return (f"{frames} left out: use blf, asc or log",) if count else ()
-
-
-def write_blf(session: Session, path: Path) -> tuple[str, ...]:
-    """Write a BLF log; time stamps exact to 1 ns.
-
-    Raises InputError if the session has no frames.
+    Returns notes on what a text format cannot hold.  Raises InputError if the session has no raw
+    frames.
     """
     import can
 
     from ..bus.interfaces import messages_of
 
-    frames = session_frames(session)
+    frames = session.frames
+    if not len(frames):
+        what = "its runs hold no raw frames"
+        raise InputError("session", what, "export the decoded channels: mf4, mat, csv, parquet")
+    # Times count from a start in whole ms: seconds since 1970 have steps of 238 ns in float64.
     start_ns = int(frames.t_ns[0]) // 1_000_000 * 1_000_000
-    with can.BLFWriter(path) as writer:
-        # Times count from a start in whole ms: seconds since 1970 have steps of 238 ns in float64.
-        writer.start_timestamp = 0.0
+    if form is ExportFormat.BLF:
+        with can.BLFWriter(path) as blf:
+            blf.start_timestamp = 0.0
+            for message in messages_of(frames, start_ns):
+                blf.on_message_received(message)
+            blf.start_timestamp = start_ns * 1e-9  # for the head of the file
+            blf.stop_timestamp = int(frames.t_ns[-1]) * 1e-9
+        return ()
+    with path.open("w", encoding="ascii", newline="\n") as stream:
+        if form is ExportFormat.ASC:
+            writer: Any = can.ASCWriter(stream)
+            # The writer's own head states the time of writing as the start of the measurement.
+            stream.seek(0)
+            stream.truncate()
+            start = datetime.fromtimestamp(start_ns // 1_000_000 / 1000)
+            day = f"{start:%a %b %d %H:%M:%S}.{start.microsecond // 1000:03d} {start:%Y}"
+            stream.write(f"date {day}\nbase hex  timestamps absolute\ninternal events logged\n")
+            stream.write(f"Begin Triggerblock {day}\n   0.000000 Start of measurement\n")
+            writer.header_written = True
+        else:
+            writer, start_ns = can.CanutilsLogWriter(stream), 0  # it writes times since 1970
         for message in messages_of(frames, start_ns):
             writer.on_message_received(message)
-        writer.start_timestamp = start_ns * 1e-9  # for the head of the file
-        writer.stop_timestamp = int(frames.t_ns[-1]) * 1e-9
-    return ()
-
-
-def write_asc(session: Session, path: Path) -> tuple[str, ...]:
-    """Write an ASC log; as `write_blf`, but with times in whole microseconds."""
-    import can
-
-    from ..bus.interfaces import messages_of
-
-    frames = session_frames(session)
-    start_ns = int(frames.t_ns[0]) // 1_000_000 * 1_000_000
-    start = datetime.fromtimestamp(start_ns // 1_000_000 / 1000)
-    with path.open("w", encoding="ascii", newline="\n") as stream, can.ASCWriter(stream) as writer:
-        # The writer's own head states the time of writing as the start of the measurement.
-        stream.seek(0)
-        stream.truncate()
-        day = f"{start:%a %b %d %H:%M:%S}.{start.microsecond // 1000:03d} {start:%Y}"
-        stream.write(f"date {day}\nbase hex  timestamps absolute\ninternal events logged\n")
-        stream.write(f"Begin Triggerblock {day}\n   0.000000 Start of measurement\n")
-        writer.header_written = True
-        for message in messages_of(frames, start_ns):
-            writer.on_message_received(message)
-    return _lost_in_text(frames, "ASC")
-
-
-def write_candump(session: Session, path: Path) -> tuple[str, ...]:
-    """Write a log of candump; as `write_asc`."""
-    import can
-
-    from ..bus.interfaces import messages_of
-
-    frames = session_frames(session)
-    with can.CanutilsLogWriter(path) as writer:
-        for message in messages_of(frames, 0):
-            writer.on_message_received(message)
-    return _lost_in_text(frames, "candump")
-
-
-def _lost_in_text(frames: FrameBatch, name: str) -> tuple[str, ...]:
-    """Return notes on what a text format of this name cannot hold of the frames."""
+        writer.stop()
+    name = "ASC" if form is ExportFormat.ASC else "candump"
     notes = [f"{name} rounds times to 1 µs"] if (frames.t_ns % 1000).any() else []
-    errors = int(np.count_nonzero(frames.flags & FrameFlag.ERROR))
-    if errors:
+    if errors := int(np.count_nonzero(frames.flags & FrameFlag.ERROR)):
         notes.append(f"{name} keeps only the times of {counted(errors, 'error frame')}")
     return tuple(notes)
 
@@ -410,15 +366,13 @@ def chosen_runs(session: Session, labels: Sequence[str]) -> Session:
     return replace(session, runs=runs)
 
 
-_WRITERS = {
+_CHANNEL_WRITERS: dict[ExportFormat, Callable[[Session, Path], tuple[str, ...] | None]] = {
     ExportFormat.MF4: write_mf4,
     ExportFormat.MAT: write_mat,
     ExportFormat.UFF: write_uff,
     ExportFormat.PARQUET: write_parquet,
-    ExportFormat.BLF: write_blf,
-    ExportFormat.ASC: write_asc,
-    ExportFormat.CANDUMP: write_candump,
 }
+"""Writers of decoded channels in one file; they return what the format cannot hold."""
 
 
 def export_session(
@@ -441,7 +395,12 @@ def export_session(
         with replaced(targets) as new_files:
             for new_file, group in zip(new_files, groups.values(), strict=False):
                 write_csv(group, session.units, new_file, decimal)
-            notes = frames_left_out(session) if groups else _WRITERS[form](session, new_files[0])
+            if form in (ExportFormat.BLF, ExportFormat.ASC, ExportFormat.CANDUMP):
+                return Exported(tuple(targets), write_frames(session, new_files[0], form))
+            notes = () if groups else _CHANNEL_WRITERS[form](session, new_files[0]) or ()
+        if n_frames := sum(len(run.frames) for run in session.runs):
+            frames = counted(n_frames, "raw frame is", "raw frames are")
+            notes = (*notes, f"{frames} left out: use blf, asc or log")
         return Exported(tuple(targets), notes)
     except InputError:
         raise

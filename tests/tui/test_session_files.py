@@ -272,7 +272,7 @@ def test_uff(tmp_path: Path) -> None:
 def test_files_are_whole_or_absent_and_never_overwritten(
     tmp_path: Path, form: ExportFormat, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path = tmp_path / f"car{form.suffix}"
+    path = tmp_path / f"car.{form}"
     first = export_session(SESSION, path, form).paths
     before = {place: place.read_bytes() for place in first}
     with pytest.raises(InputError, match="exists already"):

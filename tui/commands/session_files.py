@@ -110,7 +110,7 @@ def export(
         advice = f"say --format {' | '.join(ExportFormat)}, or --out FILE"
         raise InputError("export", "neither --format nor --out is given", advice)
     wanted = ExportFormat(form) if form else format_of(out or session)
-    name = f"{session.stem}{wanted.suffix}"
+    name = f"{session.stem}.{wanted}"
     target = session.parent / name if out is None else out
     if target.is_dir():
         target = target / name
