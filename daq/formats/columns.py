@@ -6,9 +6,9 @@ import codecs
 import csv
 import re
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import redirect_stdout
-from dataclasses import dataclass, field
+from dataclasses import replace
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -23,38 +23,13 @@ from ..samples.mapping import Column, Columns
 from .mf4 import open_mdf
 from .reader import file_head, optional
 
-
-@dataclass(frozen=True, slots=True)
-class Heading:
-    """A column that could be read."""
-
-    name: str
-    """Full name in the file."""
-    unit: str
-    """Unit as stated in the file."""
-    clock: str
-    """Name of its clock; columns of one clock share their times."""
-
-
-Choose = Callable[[Sequence[Heading]], Sequence[Heading]]
+_UNREAD = np.zeros(0)
+"""Values of a column that is not yet read."""
+Choose = Callable[[Sequence[Column]], Sequence[Column]]
 """Chooses which of all columns of a file are read."""
 
 
-@dataclass(frozen=True, slots=True)
-class Table:
-    """The columns that were read of a file."""
-
-    values: Mapping[str, NDArray[Any]]
-    """Columns by their full name."""
-    times_s: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
-    """Times of the clocks that the file states, s since its time zero."""
-    start_ns: int = 0
-    """UTC of that zero, ns since 1970; 0 if the file states none."""
-    unread: tuple[str, ...] = ()
-    """Cells that could not be read, each kind with its number and first line."""
-
-
-def named(headings: Sequence[Heading], wanted: str, where: str) -> Heading:
+def named(headings: Sequence[Column], wanted: str, where: str) -> Column:
     """Return the column of a name, given in full or from a slash to the end.
 
     Raises InputError if there is not exactly one.
@@ -89,9 +64,9 @@ def read_columns(path: Path, names: Sequence[str]) -> Columns:
         raise InputError(where, "is HDF5, not a table", "save a MAT with -v7, or a Parquet table")
     readers = {b"PAR1": _read_parquet, b"MDF     ": _read_mdf, b"MATLAB 5.0": _read_matlab}
     read = next((read for magic, read in readers.items() if head.startswith(magic)), _read_csv)
-    wanted: dict[str, Heading] = {}  # by the name under which a column is returned; see `choose`
+    wanted: dict[str, Column] = {}  # by the name under which a column is returned; see `choose`
 
-    def choose(headings: Sequence[Heading]) -> Sequence[Heading]:
+    def choose(headings: Sequence[Column]) -> Sequence[Column]:
         if not headings:
             raise InputError(where, "has no column of numbers", "name a file of channels")
         if names:
@@ -113,16 +88,15 @@ def read_columns(path: Path, names: Sequence[str]) -> Columns:
         raise InputError(where, what, advice) from error
     columns = {}
     for name, heading in wanted.items():
-        values = table.values[heading.name]
+        values = table.columns[heading.name].values
         if values.dtype.kind not in "iuf" or values.ndim != 1:
             raise InputError(heading.name, "is not a column of numbers", "name another")
         native = np.ascontiguousarray(values, values.dtype.newbyteorder("="))
-        columns[name] = Column(heading.name, heading.unit, heading.clock, native)
-    unread = table.unread if names else ()
-    return Columns(where, table.start_ns, columns, table.times_s, unread)
+        columns[name] = replace(heading, values=native)
+    return replace(table, columns=columns, unread=table.unread if names else ())
 
 
-def _read_parquet(path: Path, choose: Choose) -> Table:
+def _read_parquet(path: Path, choose: Choose) -> Columns:
     """Return columns of a Parquet table, all on one clock; times of day are in ns."""
     pa = optional("pyarrow", "data")
     kinds = (pa.types.is_timestamp, pa.types.is_floating, pa.types.is_integer)
@@ -134,10 +108,10 @@ def _read_parquet(path: Path, choose: Choose) -> Table:
                 units = [metadata[key] for key in (b"unit", b"units", b"Unit") if key in metadata]
                 unit = units[0].decode("utf-8", "replace") if units else ""
                 unit = "ns" if pa.types.is_timestamp(column.type) else unit
-                headings.append(Heading(column.name, unit, "table"))
+                headings.append(Column(column.name, unit, "table", _UNREAD))
         chosen = choose(headings)
         table = file.read(columns=[each.name for each in chosen], use_threads=False)
-    values = {}
+    columns = {}
     for each in chosen:
         column = table[each.name]
         if pa.types.is_timestamp(column.type):
@@ -145,11 +119,12 @@ def _read_parquet(path: Path, choose: Choose) -> Table:
             column = column.cast(pa.timestamp("ns")).cast(pa.int64())
         elif column.null_count or pa.types.is_float16(column.type):
             column = column.cast(pa.float64())  # only floats have NaN; float16 has too few digits
-        values[each.name] = np.asarray(column.to_numpy(zero_copy_only=False))
-    return Table(values)
+        values = np.asarray(column.to_numpy(zero_copy_only=False))
+        columns[each.name] = replace(each, values=values)
+    return Columns(str(path), 0, columns, {})
 
 
-def _read_mdf(path: Path, choose: Choose) -> Table:
+def _read_mdf(path: Path, choose: Choose) -> Columns:
     """Return channels of an MDF file; those of a group have the times of its master."""
     with open_mdf(path, str(path)) as mdf, redirect_stdout(StringIO()):
         places: dict[str, tuple[int, int]] = {}  # numbers of group and channel, by full name
@@ -166,9 +141,9 @@ def _read_mdf(path: Path, choose: Choose) -> Table:
                 places[full] = number, index
                 conversion = getattr(channel, "conversion", None)
                 unit = str(channel.unit or getattr(conversion, "unit", "") or "")
-                headings.append(Heading(full, unit, clock))
+                headings.append(Column(full, unit, clock, _UNREAD))
         chosen = choose(headings)
-        values = {}
+        columns = {}
         for each in chosen:
             group, index = places[each.name]
             signal = mdf.get(group=group, index=index, ignore_invalidation_bits=True)
@@ -176,17 +151,17 @@ def _read_mdf(path: Path, choose: Choose) -> Table:
             if invalid is not None and samples.dtype.kind in "iuf":
                 is_invalid = np.asarray(getattr(invalid, "bits", invalid), bool)
                 samples = np.where(is_invalid, np.nan, samples)
-            values[each.name] = samples
+            columns[each.name] = replace(each, values=samples)
         times = {
             clock: np.asarray(mdf.get_master(number), np.float64)
             for clock, number in clocks.items()
             if number in mdf.masters_db and any(each.clock == clock for each in chosen)
         }
         start_ns = round(mdf.header.start_time.timestamp() * 1e6) * 1000
-        return Table(values, times, max(start_ns, 0))
+        return Columns(str(path), max(start_ns, 0), columns, times)
 
 
-def _read_matlab(path: Path, choose: Choose) -> Table:
+def _read_matlab(path: Path, choose: Choose) -> Columns:
     """Return variables of a MATLAB file before 7.3: `struct/field`, and `name:2` of a matrix.
 
     An element of an array of structs is named by its `Name`, or else by its number.
@@ -197,8 +172,8 @@ def _read_matlab(path: Path, choose: Choose) -> Table:
     for name, value in loadmat(path, simplify_cells=True).items():
         if not name.startswith("__"):
             _collect(name, value, arrays)
-    headings = [Heading(name, "", name.rpartition("/")[0]) for name in arrays]
-    return Table({each.name: arrays[each.name] for each in choose(headings)})
+    columns = [Column(name, "", name.rpartition("/")[0], arrays[name]) for name in arrays]
+    return Columns(str(path), 0, {each.name: each for each in choose(columns)}, {})
 
 
 def _collect(name: str, value: Any, arrays: dict[str, NDArray[Any]]) -> None:
@@ -227,7 +202,7 @@ _POINT = r"^\s*[+-]?\d*\.\d+([eE][+-]?\d+)?\s*$"
 _DATE = re.compile(r"^\s*\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
 
 
-def _form(path: Path) -> tuple[str, str, int, tuple[Heading, ...]]:
+def _form(path: Path) -> tuple[str, str, int, tuple[Column, ...]]:
     """Return encoding, separator, number of the first line of numbers, from 0, and all columns.
 
     The head ends where numbers begin; the first lines of numbers may have gaps.  The last line of
@@ -282,7 +257,7 @@ def _is_number(cell: str, separator: str) -> bool:
     return bool(_NUMBER.match(cell)) and (separator != "," or "," not in cell)
 
 
-def _headings(head: Sequence[Sequence[str]], data: Sequence[str]) -> tuple[Heading, ...]:
+def _headings(head: Sequence[Sequence[str]], data: Sequence[str]) -> tuple[Column, ...]:
     """Return the columns from the lines of the head and the first line of data; see `_form`."""
     n = len(data)
     # One cell more or less: some tools end the lines of the head or of the data with a separator.
@@ -294,18 +269,19 @@ def _headings(head: Sequence[Sequence[str]], data: Sequence[str]) -> tuple[Headi
         are_units = all(c.strip("[]()") != c or known_si(c) is not None for c in names)
         if len(full_rows) > 1 and are_units and any(names):
             names, units = full_rows[-2], [cell.strip("[]()") for cell in names]
-    headings = list[Heading]()
+    headings = list[Column]()
     for i, name in enumerate(names):
         match = _UNIT.match(name)
         if match and not units[i]:
             name, units[i] = match[1], match[2]
         name, unit = name or f"column {i + 1}", "ns" if _DATE.match(data[i]) else units[i]
         is_taken = any(each.name == name for each in headings)  # then it gets its column's number
-        headings.append(Heading(f"{name}:{i + 1}" if is_taken else name, unit, "table"))
+        name = f"{name}:{i + 1}" if is_taken else name
+        headings.append(Column(name, unit, "table", _UNREAD))
     return tuple(headings)
 
 
-def _read_csv(path: Path, choose: Choose) -> Table:
+def _read_csv(path: Path, choose: Choose) -> Columns:
     """Return columns of a table with any separator, decimal mark and head of common tools.
 
     Rows with a field too many are left out, unreadable cells are missing values; both are stated.
@@ -335,19 +311,16 @@ def _read_csv(path: Path, choose: Choose) -> Table:
         unread.append(f"{rows} a field too many, the first in line {min(too_long)}")
     has_point = any(_has_point(table[position]) for position in positions)
     comma_is_decimal = separator != "," and not has_point
-    values, unreadable = {}, []  # line and column of each unreadable cell
+    columns, unreadable = {}, []  # line and column of each unreadable cell
     for heading, position in zip(wanted, positions, strict=True):
-        column = table[position]
-        if column.dtype.kind in "iuf":
-            values[heading.name] = np.asarray(column)
-            continue
-        values[heading.name], is_unreadable = _numbers(pandas, column, comma_is_decimal)
+        values, is_unreadable = _numbers(pandas, table[position], comma_is_decimal)
+        columns[heading.name] = replace(heading, values=values)
         unreadable += [(int(line), heading.name) for line in table.index[is_unreadable]]
     if unreadable:
         line, name = min(unreadable)
         cells = counted(len(unreadable), "cell is no number", "cells are no numbers")
         unread.append(f"{cells}, the first in line {line}, column {printable(name, 60)}")
-    return Table(values, unread=tuple(unread))
+    return Columns(str(path), 0, columns, {}, tuple(unread))
 
 
 def _has_point(column: Any) -> bool:
@@ -363,10 +336,12 @@ def _has_point(column: Any) -> bool:
 def _numbers(
     pandas: Any, column: Any, comma_is_decimal: bool
 ) -> tuple[NDArray[Any], NDArray[np.bool_]]:
-    """Return the numbers in a column of text, and a mask of the cells that are none.
+    """Return the numbers in a column, and a mask of the cells that are none; gaps are not in it.
 
-    Gaps are not among these.  Times of day become int64, ns since 1970, other numbers float64.
+    Times of day become int64, ns since 1970, other numbers in a column of text float64.
     """
+    if column.dtype.kind in "iuf":
+        return np.asarray(column), np.zeros(len(column), bool)
     text = column.astype("string").str.strip()
     text = text.mask(text.isin(["", "-", "--"]))
     is_filled = text.notna().to_numpy()
