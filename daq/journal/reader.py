@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+from bisect import bisect
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
@@ -12,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dbc.frames import FrameBatch, freeze_arrays
-from dbc.words import InputError, counted
+from dbc.words import InputError, counted, printable
 
 from ..bus.source import HopLosses
 from ..runlog import Code
@@ -51,15 +53,14 @@ class RecordingInfo:
     """A recording in a folder, without its frames.
 
     `head`: its clocks are those of the first segment.  `segments`: in order.  `next_number`: of the
-    next block.  `frames`: number of frames recorded.  `first_ns`, `last_ns`: earliest and latest
-    time stamp, ns; 0 without frames.  `events`: all of them; the run log is a fold over them.
+    next block.  `frames`: number of frames recorded.  `last_ns`: latest time stamp, ns; 0 without
+    frames.  `events`: all of them; the run log is a fold over them.
     """
 
     head: JournalHead
     segments: tuple[Path, ...]
     next_number: int
     frames: int
-    first_ns: int
     last_ns: int
     events: tuple[Event, ...]
 
@@ -99,29 +100,27 @@ def scan(path: Path, later: SegmentInfo | None = None) -> SegmentInfo:
     blocks, _ = read_segment(path)
     if not blocks:
         raise InputError(str(path), "has no whole block of a journal", ADVICE)
-    first_block = blocks[0]
+    _, number, writer, recording, _ = blocks[0]
     heads = [block.head[0] for block in blocks if block.kind == Kind.HEAD]
-    kept = [block for block in blocks if block.kind in (Kind.EVENTS, Kind.FRAMES)]
-    if later is not None and later.recording == first_block.recording:
-        kept = [block for block in kept if block.number < later.summary.first]
-    summary = Summary(first_block.number, first_block.number).extended(kept)
-    return SegmentInfo(
-        path, first_block.recording, first_block.writer, heads[-1] if heads else None, summary
-    )
+    counted_blocks = [
+        block
+        for block in blocks
+        if block.kind in (Kind.EVENTS, Kind.FRAMES)
+        and (later is None or later.recording != recording or block.number < later.summary.first)
+    ]
+    summary = Summary(number, number).extended(counted_blocks)
+    return SegmentInfo(path, recording, writer, heads[-1] if heads else None, summary)
 
 
-def _scanned(newest_first: Iterable[Path]) -> Iterator[SegmentInfo | InputError]:
-    """Yield the content of segments, or the reasons why they cannot be read."""
+def _scanned(newest_first: Iterable[Path]) -> Iterator[SegmentInfo]:
+    """Yield the content of the segments that can be read."""
     later = None
     for path in newest_first:
-        try:
+        with suppress(InputError):  # a file of another program, or deleted meanwhile
             info = scan(path, later)
-        except InputError as error:  # from another program, or deleted meanwhile
-            yield error
-            continue
-        if info.summary.stop > info.summary.first:
-            later = info
-        yield info
+            if info.summary.stop > info.summary.first:
+                later = info
+            yield info
 
 
 def _recording(infos: Sequence[SegmentInfo]) -> RecordingInfo | None:
@@ -129,35 +128,33 @@ def _recording(infos: Sequence[SegmentInfo]) -> RecordingInfo | None:
     head = next((info.head for info in infos if info.head), None)
     if head is None:
         return None
-    stamped = [info.summary for info in infos if info.summary.frames]
     return RecordingInfo(
-        replace(head, wall_ns=infos[0].writer),
-        tuple(info.path for info in infos),
-        max(info.summary.stop for info in infos),
-        sum(summary.frames for summary in stamped),
-        stamped[0].first_ns if stamped else 0,
-        max((summary.last_ns for summary in stamped), default=0),
-        tuple(event for info in infos for _, event in info.summary.events),
+        head=replace(head, wall_ns=infos[0].writer),
+        segments=tuple(info.path for info in infos),
+        next_number=max(info.summary.stop for info in infos),
+        frames=sum(info.summary.frames for info in infos),
+        last_ns=max(info.summary.last_ns for info in infos),
+        events=tuple(event for info in infos for _, event in info.summary.events),
     )
 
 
-def _newest_first(folder: Path) -> Iterator[RecordingInfo]:
-    """Yield recordings one by one, because a folder may have thousands of segments."""
+def last_recording(folder: Path) -> RecordingInfo | None:
+    """Return the newest recording in a folder of which a head can be read; None if there is none.
+
+    It reads no other segments than those of that recording: a folder may have thousands.
+    """
     scanned = _scanned(reversed(segments_in(folder)))
-    infos = (info for info in scanned if isinstance(info, SegmentInfo))
-    for _, group in groupby(infos, key=lambda info: info.recording):
-        if recording := _recording(list(group)[::-1]):
-            yield recording
+    for _, infos in groupby(scanned, key=lambda info: info.recording):
+        if recording := _recording(list(infos)[::-1]):
+            return recording
+    return None
 
 
 def recordings(folder: Path) -> tuple[RecordingInfo, ...]:
-    """Return the recordings in a folder, the oldest first; what cannot be read is left out."""
-    return tuple(_newest_first(folder))[::-1]
-
-
-def last_recording(folder: Path) -> RecordingInfo | None:
-    """Return the newest recording in a folder; None if there is none."""
-    return next(_newest_first(folder), None)
+    """Return the recordings in a folder, as `recordings_of`; empty if there is none."""
+    with suppress(InputError):
+        return recordings_of(segments_in(folder))
+    return ()
 
 
 def recordings_of(segments: Sequence[Path]) -> tuple[RecordingInfo, ...]:
@@ -166,23 +163,21 @@ def recordings_of(segments: Sequence[Path]) -> tuple[RecordingInfo, ...]:
     A file that cannot be read, or whose recording has no head, is the last of the recording before
     it, so that a reader counts what is lost with it.  Raises InputError if none can be read.
     """
-    reason = InputError("journal", "holds no recording with a bench.toml and DBC", ADVICE)
-    infos_of: dict[str, list[SegmentInfo]] = {}
+    infos_by_recording: dict[str, list[SegmentInfo]] = {}
     for info in _scanned(sorted(segments, key=segment_number, reverse=True)):
-        if isinstance(info, InputError):
-            reason = info
-        else:
-            infos_of.setdefault(info.recording, []).insert(0, info)
-    found = [recording for infos in infos_of.values() if (recording := _recording(infos))][::-1]
-    if not found:
-        raise reason
-    readable = {path for recording in found for path in recording.segments}
-    first_numbers = [segment_number(recording.segments[0]) for recording in found]
+        infos_by_recording.setdefault(info.recording, []).insert(0, info)
+    newest_first = [_recording(infos) for infos in infos_by_recording.values()]
+    in_order = [recording for recording in newest_first[::-1] if recording]
+    if not in_order:
+        for path in segments:
+            scan(path)  # raises InputError with the reason, if this is a file that cannot be read
+        raise InputError("journal", "holds no recording with a bench.toml and DBC", ADVICE)
+    readable = {path for recording in in_order for path in recording.segments}
+    first_numbers = [segment_number(recording.segments[0]) for recording in in_order]
     for path in sorted(set(segments) - readable, key=segment_number):
-        begun_before = sum(number < segment_number(path) for number in first_numbers)
-        owner = max(0, begun_before - 1)
-        found[owner] = replace(found[owner], segments=(*found[owner].segments, path))
-    return tuple(found)
+        k = max(bisect(first_numbers, segment_number(path)) - 1, 0)
+        in_order[k] = replace(in_order[k], segments=(*in_order[k].segments, path))
+    return tuple(in_order)
 
 
 def recording_of(segments: Sequence[Path]) -> RecordingInfo:
@@ -223,9 +218,8 @@ class JournalLoss:
 
     @property
     def text(self) -> str:
-        """The notes on one line, only the first 20 of many."""
-        more = len(self.notes) - 20
-        return "; ".join(self.notes[:20]) + (f"; {counted(more, 'more note')}" if more > 0 else "")
+        """The notes on one line, which ends in dots if they are very many."""
+        return printable("; ".join(self.notes), 2000)
 
 
 @dataclass(frozen=True, slots=True)
@@ -245,54 +239,46 @@ class HopCounts:
 
         A loss belongs to a block, not to a frame, so the span is extended to complete blocks.
         """
-        row_before = int(np.searchsorted(self.t_ns, start_ns, side="left")) - 1
-        last_row = min(int(np.searchsorted(self.t_ns, stop_ns, side="left")), len(self.t_ns) - 1)
+        row_before, last_row = np.searchsorted(self.t_ns, [start_ns, stop_ns]) - [1, 0]
+        last_row = min(last_row, len(self.t_ns) - 1)
         if last_row < 0:
             return HopLosses()
         counted_before = self.counts[row_before] if row_before >= 0 else 0
-        lost = self.counts[last_row] - counted_before
-        return HopLosses(*map(int, lost))
-
-    def after(self, stop_ns: int) -> HopCounts:
-        """Return the counts without the losses that `between` returns up to a time."""
-        last_row = min(int(np.searchsorted(self.t_ns, stop_ns, side="left")), len(self.t_ns) - 1)
-        if last_row < 0:
-            return self
-        t_ns = self.t_ns[last_row:].copy()
-        t_ns[0] = np.iinfo(np.int64).min  # before any span: its counts are subtracted from all
-        return HopCounts(t_ns, self.counts[last_row:])
+        return HopLosses(*map(int, self.counts[last_row] - counted_before))
 
 
 @dataclass(frozen=True, slots=True)
 class JournalContents:
-    """A journal in memory: all of its `frames`, or only those around the bumps.
+    """The content of a recording, with its frames in some windows of time.
 
-    `hops`: losses between wire and journal.  `lost`: losses of the files themselves.
+    `windows`: frames in each window.  `hops`: losses between wire and journal.  `lost`: losses of
+    the files themselves.
     """
 
     head: JournalHead
-    frames: FrameBatch
+    windows: tuple[FrameBatch, ...]
     events: tuple[Event, ...]
     hops: HopCounts
     lost: JournalLoss
 
+    @property
+    def frames(self) -> FrameBatch:
+        """The frames of all windows."""
+        return FrameBatch.concatenate(self.windows)
+
 
 def read_journal(paths: Sequence[Path]) -> JournalContents:
-    """Read all segments of a recording.
+    """Read all segments of a recording, whose `frames` are then all of them.
 
     `paths`: in any order.  Raises InputError as `recording_of`.
     """
-    contents, (frames,) = read_windows(recording_of(paths), [(-(2**63), 2**63 - 1)])
-    return replace(contents, frames=frames)
+    return read_windows(recording_of(paths), [(-(2**63), 2**63 - 1)])
 
 
-def read_windows(
-    recording: RecordingInfo, windows: Sequence[tuple[int, int]]
-) -> tuple[JournalContents, tuple[FrameBatch, ...]]:
-    """Read the frames of a recording in windows of time, which may overlap.
+def read_windows(recording: RecordingInfo, windows: Sequence[tuple[int, int]]) -> JournalContents:
+    """Read a recording with its frames in windows of time, which may overlap.
 
-    `windows`: start <= t < stop, ns; memory grows with them, not with the recording.  Returns all
-    else that is in the segments, and the frames of each window.
+    `windows`: start <= t < stop, ns; memory grows with them, not with the recording.
     """
     reader = JournalReader(recording)
     pieces: list[list[FrameBatch]] = [[] for _ in windows]
@@ -312,19 +298,16 @@ def read_windows(
         if not len(t_ns):
             continue
         first_ns, last_ns = int(t_ns.min()), int(t_ns.max())
-        frames: FrameBatch | None = None  # most blocks are in no window
+        frames: FrameBatch | None = None  # most blocks are in no window, and are not unpacked
         for k, (start_ns, stop_ns) in enumerate(windows):
             if start_ns <= last_ns and first_ns < stop_ns:
                 frames = frames or block.frames
-                is_whole = start_ns <= first_ns and last_ns < stop_ns
-                pieces[k].append(frames if is_whole else frames.within([windows[k]]))
+                pieces[k].append(frames.within([windows[k]]))
     hop_table = np.array(hop_rows, np.int64).reshape(-1, 5)
     hops = HopCounts(hop_table[:, 0], hop_table[:, 1:])
-    contents = JournalContents(recording.head, FrameBatch.empty(), tuple(events), hops, reader.lost)
-    joined = []
-    while pieces:  # joined one after another, so that not all of them are in memory twice
-        joined.append(FrameBatch.concatenate(pieces.pop(0)))
-    return contents, tuple(joined)
+    # Joined one after another, so that not all of them are in memory twice.
+    joined = tuple(FrameBatch.concatenate(pieces.pop(0)) for _ in windows)
+    return JournalContents(recording.head, joined, tuple(events), hops, reader.lost)
 
 
 class JournalReader:
@@ -335,83 +318,80 @@ class JournalReader:
 
     def __init__(self, recording: RecordingInfo) -> None:
         self.head, self._segments = recording.head, recording.segments
-        self._lost: list[JournalLoss] = []
-        self._torn: list[JournalLoss] = []  # ends of segments: the next block may be the one cut
-        self._missing: list[tuple[str, int, int]] = []  # file, first block, block after the last
-        self._deleted: set[tuple[int, int]] = set()  # first block, block after the last
+        self._cut: list[tuple[int, str]] = []  # bytes that are no block, and a note on them
+        self._gaps: list[tuple[str, int, int]] = []  # file, first missing block, block after them
+        self._deleted: tuple[tuple[int, int], ...] = ()  # spans of `deleted_blocks`
 
     @property
     def lost(self) -> JournalLoss:
         """The losses found; exact once all blocks have been read."""
-        losses = [*self._lost, *self._torn]
-        for name, first_missing, stop in self._missing:
-            missing = stop - first_missing
-            for first_deleted, stop_deleted in sorted(self._deleted):
-                missing -= max(0, min(stop, stop_deleted) - max(first_missing, first_deleted))
-                first_missing = max(first_missing, stop_deleted)
+        notes = [note for _, note in self._cut]
+        blocks_missing = 0
+        for name, first, stop in self._gaps:
+            spans = [(max(first, begin), min(stop, end)) for begin, end in self._deleted]
+            missing = stop - first - sum(max(0, end - begin) for begin, end in spans)
             if missing > 0:
-                note = f"{name}: {counted(missing, 'block')} missing before it"
-                losses.append(JournalLoss(blocks_missing=missing, notes=(note,)))
-        return JournalLoss(
-            sum(each.bytes_cut for each in losses),
-            sum(each.blocks_missing for each in losses),
-            tuple(note for each in losses for note in each.notes),
-        )
+                notes.append(f"{name}: {counted(missing, 'block')} missing before it")
+                blocks_missing += missing
+        return JournalLoss(sum(size for size, _ in self._cut), blocks_missing, tuple(notes))
 
     def __iter__(self) -> Iterator[tuple[HopLosses, Block]]:
-        expected, writer = 0, self.head.wall_ns  # number of the next block; process that writes
-        losses = earlier_losses = HopLosses()
+        next_number, writer = 0, self.head.wall_ns  # number of the next block; process that writes
+        losses = earlier_losses = HopLosses()  # up to a block; of the processes before its writer
+        torn: list[tuple[int, str]] = []  # ends of segments: the next block may be the one cut off
         for path in self._segments:
-            for block in self._blocks(path):
-                is_new_writer = block.writer != writer  # a process that repeats no block
-                if is_new_writer:
+            blocks, torn_bytes = self._read(path)
+            for block in blocks:
+                if block.writer != writer:  # another process, which repeats no block
+                    self._cut += torn
+                    torn.clear()
                     earlier_losses, writer = losses, block.writer
-                if is_new_writer or block.number > expected:
-                    self._lost += self._torn
-                    self._torn.clear()
-                if block.number < expected:
+                if block.number < next_number:
                     continue  # written twice: the first time its fdatasync failed
-                if block.number > expected:
-                    self._missing.append((path.name, expected, block.number))
+                if block.number > next_number:
+                    self._gaps.append((path.name, next_number, block.number))
+                next_number = block.number
                 if block.kind == Kind.END:  # its number is that of the next block
-                    expected = block.number
                     continue
-                self._torn.clear()  # the block that was cut off before is this one
-                expected = block.number + 1
+                next_number += 1
+                torn.clear()  # the block that was cut off before is this one, or counted as missing
                 if block.kind == Kind.FRAMES:
                     losses = earlier_losses.plus(block.losses)
                 for event in block.events:
-                    self._deleted |= set(deleted_blocks(event))
+                    self._deleted = deleted_blocks(event) or self._deleted
                 yield losses, block
+            if torn_bytes:
+                note = f"{path.name}: its last {counted(torn_bytes, 'byte')} are no whole block"
+                torn.append((torn_bytes, note))
+        self._cut += torn
 
-    def _blocks(self, path: Path) -> Iterator[Block]:
-        """Yield the numbered blocks of a segment; note what else it holds."""
+    def _read(self, path: Path) -> tuple[list[Block], int]:
+        """Return the numbered blocks of a segment, and the size of its torn end, bytes.
+
+        A file that cannot be read, or is of another recording, is a loss and has no blocks.
+        """
         try:
             blocks, torn_bytes = read_segment(path)
+            if all(block.recording == self.head.recording for block in blocks):
+                return [block for block in blocks if block.kind != Kind.HEAD], torn_bytes
+            problem = "has lost every copy of its bench.toml and DBC"
         except InputError as error:
-            size = path.stat().st_size if path.is_file() else 0
-            self._lost.append(JournalLoss(size, notes=(f"{path.name}: {error.what}",)))
-            return
-        if any(block.recording != self.head.recording for block in blocks):
-            note = f"{path.name}: has lost every copy of its bench.toml and DBC"
-            self._lost.append(JournalLoss(path.stat().st_size, notes=(note,)))
-            return
-        yield from (block for block in blocks if block.kind != Kind.HEAD)
-        if torn_bytes:
-            note = f"{path.name}: its last {counted(torn_bytes, 'byte')} are no whole block"
-            self._torn.append(JournalLoss(torn_bytes, notes=(note,)))
+            problem = error.what
+        self._cut.append((path.stat().st_size if path.is_file() else 0, f"{path.name}: {problem}"))
+        return [], 0
 
 
 def deleted_event(t_ns: int, blocks: Sequence[tuple[int, int]], frames: int) -> Event:
-    """Return the event on the blocks of a recording that are deleted on purpose, in `frames`."""
+    """Return the event on the blocks of a recording that were deleted on purpose.
+
+    `blocks`: all such spans until now: first block, block after the last.  `frames`: number of
+    frames that were deleted last.
+    """
     return Event(t_ns, RETENTION, frames, json.dumps({"deleted": blocks}))
 
 
 def deleted_blocks(event: Event) -> tuple[tuple[int, int], ...]:
-    """Return the spans of blocks that an event reports as deleted on purpose.
-
-    Each is the number of the first block, and of the block after the last.
-    """
+    """Return the spans of blocks that an event reports, as `deleted_event`; else none."""
     if event.code != RETENTION:
         return ()
     return tuple((int(first), int(stop)) for first, stop in json.loads(event.text)["deleted"])

@@ -47,9 +47,8 @@ _CHECKED_FROM = 12
 """Position in a block from which its checksum is calculated, bytes."""
 _FRAMES = struct.Struct("<II4Q")
 """Number of frames, width of their payloads in bytes, `HopLosses`."""
-_FORMS = {"t_ns": "<i8", "can_id": "<u4", "flags": "<u2", "bus": "u1", "length": "u1"}
-_COLUMNS = tuple((name, np.dtype(form)) for name, form in _FORMS.items())
-"""Columns of frames in the order in which they follow that; the payloads are the last."""
+_COLUMNS = {"t_ns": "<i8", "can_id": "<u4", "flags": "<u2", "bus": "u1", "length": "u1"}
+"""Types of the columns of frames, in the order in which they follow that; then the payloads."""
 
 
 class Kind(IntEnum):
@@ -107,17 +106,17 @@ class Summary:
     events: tuple[tuple[int, Event], ...] = ()
 
     def extended(self, blocks: Sequence[Block]) -> Summary:
-        """Return the summary with more blocks of frames or events, in order."""
+        """Return the summary with more blocks of frames or events, in order; as it is if none."""
         if not blocks:
             return self
-        stamps_ns = [block.t_ns for block in blocks if block.size]
-        firsts_ns = [int(t_ns.min()) for t_ns in stamps_ns]
+        span_ns = np.array([self.first_ns, self.last_ns] if self.frames else [], np.int64)
+        stamps_ns = np.concatenate([span_ns, *(block.t_ns for block in blocks)])
         return Summary(
             first=self.first if self.stop > self.first else blocks[0].number,
             stop=blocks[-1].number + 1,
-            frames=self.frames + sum(map(len, stamps_ns)),
-            first_ns=min([*firsts_ns, self.first_ns] if self.frames else firsts_ns, default=0),
-            last_ns=max((int(t_ns.max()) for t_ns in stamps_ns), default=self.last_ns),
+            frames=self.frames + sum(block.size for block in blocks),
+            first_ns=int(stamps_ns.min()) if len(stamps_ns) else 0,
+            last_ns=int(stamps_ns.max()) if len(stamps_ns) else 0,
             events=(*self.events, *((b.number, event) for b in blocks for event in b.events)),
         )
 
@@ -168,10 +167,10 @@ class Block(NamedTuple):  # a frozen dataclass takes four times as long to make
             return FrameBatch.empty()
         n_frames, width, *_ = _FRAMES.unpack_from(self.content)
         columns, offset = {}, _FRAMES.size
-        for name, form in (*_COLUMNS, ("data", np.dtype((np.uint8, width)))):
+        for name, dtype in {**_COLUMNS, "data": f"({width},)u1"}.items():
             # A copy is aligned, and does not keep the whole piece of the file in memory.
-            columns[name] = np.frombuffer(self.content, form, n_frames, offset).copy()
-            offset += form.itemsize * n_frames
+            columns[name] = np.frombuffer(self.content, dtype, n_frames, offset).copy()
+            offset += columns[name].nbytes
         return FrameBatch(**columns)
 
     @property
@@ -273,7 +272,7 @@ def pack_events(events: Sequence[Event]) -> bytes:
 
 def pack_frames(frames: FrameBatch, losses: HopLosses) -> bytes:
     """Return the content of a block of kind FRAMES; `losses`: counted up to it."""
-    columns = (getattr(frames, name).astype(form).tobytes() for name, form in _COLUMNS)
+    columns = (getattr(frames, name).astype(dtype).tobytes() for name, dtype in _COLUMNS.items())
     sizes = _FRAMES.pack(len(frames), frames.data.shape[1], *losses)
     return b"".join((sizes, *columns, frames.data.tobytes()))
 
@@ -303,7 +302,7 @@ class Segment:
         self._head = head
         self._identity = os.fstat(file.fileno())
         try:
-            self._write([self._head_block(Kind.HEAD, asdict(head))])
+            self._write([self._head_block(Kind.HEAD, number)])
             sync_folder(path.parent)
         except OSError:
             self.abandon()
@@ -327,15 +326,13 @@ class Segment:
 
         Raises OSError if the write failed; then nothing else may be written to this file.
         """
-        summary = self.summary.extended(blocks)
-        # Number of blocks after which a segment repeats its head, about a second: then no damage to
-        # the beginning of a segment that never got its end costs all of it.
-        n_before, n_after = (each.stop - each.first for each in (self.summary, summary))
-        if n_before < 10 <= n_after:
-            head = self._head_block(Kind.HEAD, asdict(self._head))
-            blocks = [*blocks, head._replace(number=summary.stop)]
+        old, new = self.summary, self.summary.extended(blocks)
+        # The head is repeated after 10 blocks, about a second: then no damage to the beginning of a
+        # segment that never got its end costs all of it.
+        if old.stop - old.first < 10 <= new.stop - new.first:
+            blocks = [*blocks, self._head_block(Kind.HEAD, new.stop)]
         self._write(blocks)
-        self.summary = summary
+        self.summary = new
 
     def finish(self) -> None:
         """Write the end, which makes the segment quick to scan, and close.
@@ -345,7 +342,7 @@ class Segment:
         events = [[number, *astuple(event)] for number, event in self.summary.events]
         summary = {**asdict(replace(self.summary, events=())), "events": events}
         try:
-            self._write([self._head_block(Kind.END, {**asdict(self._head), "summary": summary})])
+            self._write([self._head_block(Kind.END, self.summary.stop, summary=summary)])
         finally:
             self._close()
 
@@ -361,10 +358,10 @@ class Segment:
             self.file.close()
         self.summary = replace(self.summary, events=())  # a recorder keeps thousands of segments
 
-    def _head_block(self, kind: Kind, fields: dict[str, Any]) -> Block:
-        """Return a block with the head, behind the blocks on the disk."""
-        content = json.dumps(fields).encode()
-        return Block(kind, self.summary.stop, self._head.wall_ns, self._head.recording, content)
+    def _head_block(self, kind: Kind, number: int, **more: Any) -> Block:
+        """Return a block with the head, and more fields; `number`: of the block after it."""
+        content = json.dumps({**asdict(self._head), **more}).encode()
+        return Block(kind, number, self._head.wall_ns, self._head.recording, content)
 
     def _write(self, blocks: Sequence[Block]) -> None:
         """Return when blocks are on the disk; raises OSError."""

@@ -17,6 +17,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import cache
 from itertools import islice
 from math import inf
 from pathlib import Path
@@ -32,7 +33,6 @@ from ..runlog import Code
 from ..runs import Event
 from .reader import (
     RecordingInfo,
-    SegmentInfo,
     deleted_blocks,
     deleted_event,
     next_segment,
@@ -56,7 +56,7 @@ REACH_NS = 1_200_000_000_000
 """Time before and after an event of a run whose segments are kept, ns: more than the 660 s that
 `[trigger]` of bench.toml allows for a run."""
 HELD_BYTES = 32_000_000
-"""Bytes of blocks that wait in memory: frames of a minute of four full buses."""
+"""Largest number of bytes of frames that wait in memory: a minute of four full buses."""
 _RUN_CODES = frozenset(Code)
 
 
@@ -119,7 +119,7 @@ class JournalWriter:
         self._room, self._is_full = Room(0, 0), False
         self._sizes: dict[Path, int] = {}
         """Sizes of the segments in the folder except the open one, bytes."""
-        self._infos: dict[Path, SegmentInfo | None] = {}
+        self._scan = cache(scan)
         try:
             folder.mkdir(parents=True, exist_ok=True)
             self._measure()
@@ -134,6 +134,22 @@ class JournalWriter:
             # It may work a second later, before anyone reads the status.
             self._warn(f"the first file could not be written: {self._failure}")
 
+    def _begin_counts(self, head: JournalHead) -> None:
+        """Begin to count for a recording from 0."""
+        self.head = head
+        self._number = self._t_ns = self._recorded = self._reported = 0
+        self._losses = HopLosses()
+        self._dropped = 0
+        """Number of its frames without room in memory, or in files that were removed."""
+        self._waiting = deque[Block]()
+        """Its blocks that the disk refuses."""
+        self._waiting_bytes, self._waits_since_s = 0, 0.0
+        self._runs_ns = list[int]()
+        """Times of the events of its runs, ns."""
+        self.written: list[Segment] = []
+        self._deleted = list[tuple[int, int]]()
+        """Its blocks that were deleted on purpose: first, and after the last."""
+
     def begin(self, head: JournalHead) -> bool:
         """End the recording and begin the next one; return whether this was possible.
 
@@ -146,7 +162,7 @@ class JournalWriter:
         self.append_events([Event(self._t_ns, ENDED)])
         if self._waiting:
             return False
-        self._seal()
+        self._end_segment(Segment.finish)
         self._begin_counts(replace(head, first_segment=next_segment(self._folder)))
         self._open_next()
         return True
@@ -175,9 +191,9 @@ class JournalWriter:
         if monotonic_s - self._checked_s >= 1.0:
             self._checked_s = monotonic_s
             self._check_disk()
-            self._drain()
+            self.flush()
             self._make_room()
-        self._rotate()
+        self._end_if_old()
 
     @property
     def status(self) -> DiskStatus:
@@ -201,14 +217,26 @@ class JournalWriter:
 
     def flush(self) -> bool:
         """Write the blocks that wait in memory; return whether all are on the disk."""
-        self._drain()
+        if self._is_full or not (self._segment or self._open_next()):
+            return False
+        while self._waiting:
+            blocks = list(islice(self._waiting, 40))  # synced together
+            if not self._store(blocks):
+                return False
+            for block in blocks:
+                self._waiting.popleft()
+                self._waiting_bytes -= len(block.content)
+            self._end_if_old()
+        if self._reported != self._dropped:
+            self._reported = self._dropped
+            self.append(FrameBatch.empty(), self._losses)
         return self._segment is not None and not self._waiting
 
     def cut(self) -> None:
         """Finish the open segment and begin the next, so that all written blocks can be read."""
         self.flush()
         if self._segment is not None and not self._segment.is_empty:
-            self._seal()
+            self._end_segment(Segment.finish)
             self._open_next()
 
     def close(self, ended: bool = False) -> None:
@@ -220,29 +248,13 @@ class JournalWriter:
             self.flush()
         if ended:
             self.append_events([Event(self._t_ns, ENDED)])
-        self._seal()
+        self._end_segment(Segment.finish)
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-    def _begin_counts(self, head: JournalHead) -> None:
-        """Begin to count for a recording from 0."""
-        self.head = head
-        self._number = self._t_ns = self._recorded = self._reported = 0
-        self._losses = HopLosses()
-        self._dropped = 0
-        """Number of its frames without room in memory, or in files that were removed."""
-        self._waiting = deque[Block]()
-        """Its blocks that the disk refuses."""
-        self._waiting_bytes, self._waits_since_s = 0, 0.0
-        self._runs_ns = list[int]()
-        """Times of the events of its runs, ns."""
-        self.written: list[Segment] = []
-        self._deleted = list[tuple[int, int]]()
-        """Its blocks that were deleted on purpose: first, and after the last."""
 
     # Blocks ------------------------------------------------------------------------------------
 
@@ -257,14 +269,14 @@ class JournalWriter:
         if is_stored:
             return
         # Additional bytes for events: they are few, and runs depend on them.
-        limit_bytes = HELD_BYTES if block.size else HELD_BYTES + 4_000_000
-        if self._waiting_bytes + len(block.content) > limit_bytes:
+        limit_bytes = HELD_BYTES if kind is Kind.FRAMES else HELD_BYTES + 4_000_000
+        if self._waiting_bytes + len(content) > limit_bytes:
             self._dropped += block.size
             return
         if not self._waiting:
             self._waits_since_s = self._now_s
         self._waiting.append(block)
-        self._waiting_bytes += _memory_bytes(block)
+        self._waiting_bytes += len(content)
 
     def _store(self, blocks: Sequence[Block]) -> bool:
         """Write blocks into the open segment, or else a new one; return whether this succeeded."""
@@ -288,34 +300,18 @@ class JournalWriter:
             return True
         return False
 
-    def _drain(self) -> None:
-        """Write waiting blocks until the disk refuses one."""
-        if self._is_full or (self._segment is None and not self._open_next()):
-            return
-        while self._waiting:
-            blocks = list(islice(self._waiting, 40))  # synced together
-            if not self._store(blocks):
-                return
-            for block in blocks:
-                self._waiting.popleft()
-                self._waiting_bytes -= _memory_bytes(block)
-            self._rotate()
-        if self._reported != self._dropped:
-            self._reported = self._dropped
-            self.append(FrameBatch.empty(), self._losses)
-
     # Segments ----------------------------------------------------------------------------------
 
     def _new_segment(self) -> Segment:
         """Create the next file, for the waiting blocks or else the next one; raises OSError."""
         self._folder.mkdir(parents=True, exist_ok=True)
         path = self._folder / f"journal_{next_segment(self._folder):04d}.bbj"
-        first = self._waiting[0].number if self._waiting else self._number
+        first_number = self._waiting[0].number if self._waiting else self._number
         self._opened_s = self._now_s
-        return Segment(self._create(path), path, self.head, first)
+        return Segment(self._create(path), path, self.head, first_number)
 
     def _open_next(self) -> bool:
-        """Open a segment; return whether this succeeded."""
+        """Open a segment, and keep the reason if it fails; return whether it succeeded."""
         try:
             self._segment, self._failure = self._new_segment(), ""
         except OSError as error:
@@ -323,7 +319,7 @@ class JournalWriter:
         return self._segment is not None
 
     def _end_segment(self, method: Callable[[Segment], None]) -> None:
-        """End the open segment by one of its methods."""
+        """End the open segment, if there is one, by a method of its class."""
         segment, self._segment = self._segment, None
         if segment is None:
             return
@@ -334,16 +330,16 @@ class JournalWriter:
         if not segment.is_empty:
             self._sizes[segment.path] = segment.size
 
-    def _seal(self) -> None:
-        self._end_segment(Segment.finish)
+    def _end_if_old(self) -> None:
+        """End a segment that is large or old enough, and begin the next.
 
-    def _rotate(self) -> None:
-        """End a segment that is large or old enough."""
+        One without blocks stays, so that a silent bus creates no files.
+        """
         if self._segment is None or self._segment.is_empty:
-            return  # a silent bus creates no files
+            return
         age_s = self._now_s - self._opened_s
         if self._segment.size >= self.limits.segment_bytes or age_s >= self.limits.segment_s:
-            self._seal()
+            self._end_segment(Segment.finish)
             self._open_next()
 
     # The disk ----------------------------------------------------------------------------------
@@ -374,7 +370,7 @@ class JournalWriter:
             return
         if self._is_full:
             if not was_full:
-                self._seal()
+                self._end_segment(Segment.finish)
             reserve = self.limits.reserve_bytes / 1e6
             self._failure = f"the disk is full except for the reserve of {reserve:.0f} MB"
 
@@ -417,13 +413,10 @@ class JournalWriter:
         for path in sorted(self._sizes, key=segment_number):
             if excess <= 0:
                 return
-            if path not in self._infos:
-                self._infos[path] = None
-                with suppress(InputError):
-                    self._infos[path] = scan(path)
-            info = self._infos[path]
-            if info is None:
-                self._sizes.pop(path)  # from another program, or it does not exist
+            try:
+                info = self._scan(path)
+            except InputError:  # a file of another program, or it does not exist
+                self._sizes.pop(path)
                 continue
             if info.recording == self.head.recording:
                 first_ns = info.summary.first_ns - REACH_NS
@@ -444,11 +437,6 @@ class JournalWriter:
         else:
             self._deleted.append((deleted.first, deleted.stop))
         self.append_events([deleted_event(self._t_ns, self._deleted, deleted.frames)])
-
-
-def _memory_bytes(block: Block) -> int:
-    """Return the memory of a block, bytes: its content, and the 400 of its objects."""
-    return len(block.content) + 400
 
 
 def _reason(error: OSError) -> str:

@@ -21,10 +21,8 @@ DRAIN_S = 1.0
 """Longest time, s, for which a halted reader reads frames that arrived before."""
 QUEUE_BLOCKS = 4096
 """Largest number of blocks in the queue: 10 s of four buses, with a block every 10 ms."""
-QUEUE_BYTES = 128 << 20
-"""Largest number of bytes in the queue."""
-_FRAME_BYTES = 16
-"""Bytes of a frame in addition to its payload."""
+QUEUE_FRAMES = 1_600_000
+"""Largest number of frames in the queue: 128 MB with payloads of 64 bytes."""
 
 
 class StorageWatch:
@@ -67,19 +65,14 @@ class Piece:
     losses: HopLosses
     received_s: float
 
-    @property
-    def size(self) -> int:
-        """Memory of the piece, bytes."""
-        return self.frames.data.nbytes + _FRAME_BYTES * len(self.frames)
-
 
 class PieceQueue:
-    """A queue that is bounded in blocks and in bytes; `put` never waits."""
+    """A queue that is bounded in blocks and in frames; `put` never waits."""
 
-    def __init__(self, blocks: int = QUEUE_BLOCKS, size: int = QUEUE_BYTES) -> None:
-        self._most_pieces, self._most_bytes = blocks, size
+    def __init__(self, blocks: int = QUEUE_BLOCKS) -> None:
+        self._most_pieces = blocks
         self._pieces: deque[Piece] = deque()
-        self._bytes = 0
+        self._frames = 0
         self._most_used = 0  # highest number of pieces until now
         self._lock = threading.Lock()
 
@@ -87,10 +80,10 @@ class PieceQueue:
         """Append a piece; return whether there was room."""
         with self._lock:
             is_full = len(self._pieces) >= self._most_pieces
-            if is_full or self._bytes + piece.size > self._most_bytes:
+            if is_full or self._frames + len(piece.frames) > QUEUE_FRAMES:
                 return False
             self._pieces.append(piece)
-            self._bytes += piece.size
+            self._frames += len(piece.frames)
             self._most_used = max(self._most_used, len(self._pieces))
             return True
 
@@ -101,7 +94,7 @@ class PieceQueue:
         with self._lock:
             while self._pieces and count < frames:
                 piece = self._pieces.popleft()
-                self._bytes -= piece.size
+                self._frames -= len(piece.frames)
                 count += len(piece.frames)
                 taken.append(piece)
         return taken

@@ -13,7 +13,6 @@ import logging
 import subprocess
 import sys
 import threading
-import uuid
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
@@ -22,7 +21,7 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 
 from dbc.frames import FrameBatch
-from dbc.words import BumpbenchError, counted, plural, printable
+from dbc.words import counted, plural, printable
 
 from ..bench.config import Bench, bench_codec, parse_bench
 from ..bus.source import STEADY_CLOCK, HopLosses, Link, LinkFacts, Now, OpenSource, read_clocks
@@ -99,57 +98,35 @@ class OpenRecording:
         )
 
 
-def new_head(bench: Bench, software: str, now: Now, *, campaign: bool) -> JournalHead:
-    """Return the head of a new recording, with a new identity, that begins now."""
-    return JournalHead(
-        bench.text,
-        bench.dbc_text,
-        software,
-        now.wall_ns,
-        round(now.monotonic_s * 1e9),
-        uuid.uuid4().hex,
-        campaign=campaign,
-        origin=bench.origin,
-    )
-
-
-def resumable(journal: Path, bench: Bench) -> tuple[RecordingInfo, Bench] | str:
-    """Return the campaign in a folder that can be resumed, and its bench.
+def resumable(journal: Path, bench: Bench) -> tuple[RecordingInfo, Bench] | None:
+    """Return the campaign in a folder that was not ended, and its bench; None if there is none.
 
     It continues with its own bench.toml, which has the changes made during the recording, but with
-    the buses and limits given now.  With another DBC it cannot be resumed.  If a campaign cannot be
-    resumed, the reason is logged and returned; it is empty if there is none.
+    the buses and limits given now.  Raises ValueError or OSError, with the reason, if it cannot be
+    resumed: it cannot be read, or has frames of another origin or another DBC than the bench.
     """
-    reason: object = ""
-    try:
-        tail = last_recording(journal)
-        if tail is None or tail.ended or not tail.head.campaign:
-            return ""
-        own_text = fold(tail.events).bench_text or tail.head.bench_text
-        if tail.head.origin != bench.origin:
-            reason = f"its frames are {tail.head.origin}, not {bench.origin}"
-        elif tail.head.dbc_text != bench.dbc_text:
-            reason = "it has another DBC"
-        elif own_text == bench.text:
-            return tail, bench
-        else:
-            recorded = parse_bench(own_text, "bench.toml in the journal", Path(), bench.dbc_text)
-            _log.warning(
-                "the resumed recording continues with its own bench.toml, not with the one in the "
-                "file: start a new campaign to use that"
-            )
-            return tail, replace(
-                recorded,
-                buses=bench.buses,
-                dbc_name=bench.dbc_name,
-                recorder=bench.recorder,
-                origin=bench.origin,
-            )
-    except (BumpbenchError, OSError) as error:  # the old recording is not changed
-        reason = error
-    text = f"the last recording was not ended and cannot be resumed ({reason}): a new one is begun"
-    _log.warning("%s", text)
-    return f"{text}; `bumpbench recover` builds the session of the last"
+    last = last_recording(journal)
+    if last is None or last.ended or not last.head.campaign:
+        return None
+    if last.head.origin != bench.origin:
+        raise ValueError(f"its frames are {last.head.origin}, not {bench.origin}")
+    if last.head.dbc_text != bench.dbc_text:
+        raise ValueError("it has another DBC")
+    bench_text = fold(last.events).bench_text or last.head.bench_text
+    if bench_text == bench.text:
+        return last, bench
+    recorded = parse_bench(bench_text, "bench.toml in the journal", Path(), bench.dbc_text)
+    _log.warning(
+        "the resumed recording continues with its own bench.toml, not with the one in the file: "
+        "start a new campaign to use that"
+    )
+    return last, replace(
+        recorded,
+        buses=bench.buses,
+        dbc_name=bench.dbc_name,
+        recorder=bench.recorder,
+        origin=bench.origin,
+    )
 
 
 # Builds session files, each in a process ----------------------------------------------------------
@@ -162,22 +139,16 @@ class Derivation:
         self.status = SessionStatus()
         """State of the session file that was ordered last."""
         self._builder = ThreadPoolExecutor(1, "derivation")
-        self._jobs: dict[Path, Future[None]] = {}
         self._process: subprocess.Popen[bytes] | None = None
         self._is_closed = False
 
     def begin(self, target: Path, segments: Sequence[Path], recording: str, revision: int) -> None:
-        """Start building the session file of a recording; never raises.
+        """Order the session file of a recording, and return at once.
 
         `recording`: its identity.  `revision`: present revision of its run log.
         """
-        building = SessionStatus(SessionState.BUILDING, str(target), "", recording, revision)
-        if target in self._jobs:
-            self._jobs[target].cancel()  # if it waits: the new one has all runs
-        self.status = building
-        job = self._builder.submit(self._build, building, tuple(segments))
-        self._jobs = {path: other for path, other in self._jobs.items() if not other.done()}
-        self._jobs[target] = job
+        self.status = SessionStatus(SessionState.BUILDING, str(target), "", recording, revision)
+        self._builder.submit(self._build, self.status, tuple(segments))
 
     def close(self) -> None:
         """Kill the process; a session file is complete or absent, and can be built again later."""
@@ -186,10 +157,13 @@ class Derivation:
             self._process.kill()
         self._builder.shutdown(cancel_futures=True)
 
-    def _build(self, building: SessionStatus, segments: Sequence[Path]) -> None:
-        state, text = self._built(building.path, segments)
-        if self.status is building:  # else another session file was ordered meanwhile
-            self.status = replace(building, state=state, text=text)
+    def _build(self, ordered: SessionStatus, segments: Sequence[Path]) -> None:
+        """Build a session file, unless the same file was ordered again: that has all runs."""
+        if self.status is not ordered and self.status.path == ordered.path:
+            return
+        state, text = self._built(ordered.path, segments)
+        if self.status is ordered:  # else another session file was ordered meanwhile
+            self.status = replace(ordered, state=state, text=text)
 
     def _built(self, target: str, segments: Sequence[Path]) -> tuple[SessionState, str]:
         """Build a session file; return its state, and the reason of a failure or the losses."""
@@ -333,19 +307,22 @@ class Recorder:
             self._store_block()
             return
         self._store_and_look()
+        self._execute_orders()
+        if self._build_s is not None and self._clock().monotonic_s >= self._build_s:
+            self._build(self._opened)
+        self._publish(publish)
+
+    def _execute_orders(self) -> None:
+        """Execute the orders that have come, and answer them; an order that fails stops nothing."""
         while not self._orders.empty():  # this thread alone takes them
             order, by, answer = self._orders.get_nowait()
             if not answer.set_running_or_notify_cancel():
                 continue
             try:
-                reply = self._execute(order, by, answer)
-                if reply is not None:
+                if (reply := self._execute(order, by, answer)) is not None:
                     answer.set_result(reply)
-            except Exception as error:  # any exception is reported; the recording continues
+            except Exception as error:  # any exception is reported to the client
                 answer.set_exception(error)
-        if self._build_s is not None and self._clock().monotonic_s >= self._build_s:
-            self._build(self._opened)
-        self._publish(publish)
 
     def _store_and_look(self, links: Sequence[LinkFacts] | None = None) -> bool:
         """Store a block, and process all frames since the last look; return whether it had any.
@@ -445,16 +422,20 @@ class Recorder:
 
     def _resume_or_begin(self) -> None:
         """Resume the last campaign, or begin a new one."""
-        now, resumed = self._clock(), resumable(self._journal, self._bench)
-        if isinstance(resumed, str):
-            self._begun, tail = resumed, None
-        else:
-            tail, self._bench = resumed
-            frames = plural(tail.frames, "frame")
-            self._begun = f"it was interrupted, and continues after {tail.frames:,} {frames}"
+        now, tail = self._clock(), None
+        try:
+            if resumed := resumable(self._journal, self._bench):
+                tail, self._bench = resumed
+                frames = plural(tail.frames, "frame")
+                self._begun = f"it was interrupted, and continues after {tail.frames:,} {frames}"
+        except (ValueError, OSError) as reason:  # the old recording is not changed
+            text = "the last recording was not ended and cannot be resumed"
+            text += f" ({reason}): a new one is begun"
+            _log.warning("%s", text)
+            self._begun = f"{text}; `bumpbench recover` builds the session of the last"
         STEADY_CLOCK.begin(tail.last_ns if tail else 0)
         bench, run_log = self._bench, fold(tail.events) if tail else RunLog()
-        head = new_head(bench, self._software, now, campaign=True)
+        head = self._new_head(bench, now, campaign=True)
         head = replace(head, recording=tail.head.recording) if tail else head
         self._writer = JournalWriter(self._journal, head, bench.recorder, self._create, tail)
         self._open(bench, run_log, tail.segments if tail else ())
@@ -463,6 +444,18 @@ class Recorder:
             if run_log.runs:  # its session file may lack the last of these runs
                 session, recording = self._opened.session, tail.head.recording
                 self._derivation.begin(session, tail.segments, recording, run_log.revision)
+
+    def _new_head(self, bench: Bench, now: Now, *, campaign: bool) -> JournalHead:
+        """Return the head of a recording that begins now, with a new identity."""
+        return JournalHead(
+            bench.text,
+            bench.dbc_text,
+            self._software,
+            now.wall_ns,
+            round(now.monotonic_s * 1e9),
+            campaign=campaign,
+            origin=bench.origin,
+        )
 
     def _open(self, bench: Bench, run_log: RunLog, earlier: tuple[Path, ...] = ()) -> None:
         """Set `_opened` to the recording that the writer has begun.
@@ -487,7 +480,7 @@ class Recorder:
         previous, writer = self._opened, self._writer
         if writer.flush():
             previous.recording.cut(why)
-        if not writer.begin(new_head(bench, self._software, now, campaign=campaign)):
+        if not writer.begin(self._new_head(bench, now, campaign=campaign)):
             disk = writer.status
             wait = counted(disk.held_frames, "frame waits", "frames wait")
             text = f"the disk refuses ({disk.failed}): {wait} in memory; make room first"

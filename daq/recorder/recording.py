@@ -2,12 +2,11 @@
 
 `Recording.store` writes one block to the journal; `Recording.look` does the other steps for all
 blocks since the last look.  Both have no threads and no clock; `daq.recorder.recorder` calls them.
-A failure after the journal loses no frame: the event `consumer_failed` reports it.
+A failure after the journal loses no frame: the alarm `consumer_failed` reports it.
 """
 
 from __future__ import annotations
 
-import math
 import zlib
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
@@ -34,7 +33,6 @@ from ..control.messages import (
     Choose,
     Configure,
     DiskStatus,
-    Due,
     Lane,
     Live,
     Order,
@@ -42,7 +40,6 @@ from ..control.messages import (
     Phase,
     Status,
     StorageStatus,
-    Tally,
 )
 from ..journal.writer import JournalWriter
 from ..runlog import Change, RunLog, advance, parse_label, verdict_entry
@@ -55,9 +52,6 @@ from ..verdict.judge import judge
 from ..verdict.window import RunMeasure, RunWindow
 from ..verdict.words import finding
 from .run_loop import OrderError, RunLoop, Surroundings, configured, due_of, order_event, tallies_of
-
-CONSUMER_FAILED = "consumer_failed"
-RESTAMPED = "restamped"
 
 _T = TypeVar("_T")
 
@@ -96,12 +90,11 @@ class Recent:
         first_ns, last_ns = int(frames.t_ns.min()), int(frames.t_ns.max())
         block = _Block(first_ns, last_ns, frames, samples, losses)
         previous_ns, kept_s = self._blocks[-1].last_ns, max(self.kept_s, CHECK_S)
-        if last_ns < previous_ns - _SLACK_NS:  # the clock was set back: all earlier blocks go
-            oldest_ns = previous_ns + 1
-        else:
-            # Counted from the previous block, not from this one: the first block after a pause of
-            # the bus may end a run from before the pause.
-            oldest_ns = previous_ns - round(kept_s * 1e9) - _SLACK_NS
+        if last_ns < previous_ns - _SLACK_NS:  # the clock was set back
+            self._blocks.clear()
+        # Counted from the previous block, not from this one: the first block after a pause of the
+        # bus may end a run from before the pause.
+        oldest_ns = previous_ns - round(kept_s * 1e9) - _SLACK_NS
         while self._blocks and (
             self._blocks[0].last_ns < oldest_ns or len(self._blocks) >= BLOCKS_PER_S * kept_s
         ):
@@ -144,11 +137,6 @@ class Recent:
 
 # Judges the runs ----------------------------------------------------------------------------------
 
-UNJUDGED: tuple[Finding, ...] = (
-    Finding("unjudged", Severity.NOTE, "the recorder could not judge it"),
-)
-"""Findings of a run if the verdict itself fails: the run is accepted, not lost."""
-
 
 class Judge:
     """Judges the runs of a bench.
@@ -189,62 +177,58 @@ class Judge:
 
 BIN_S = 0.02
 """Width of a bin, s."""
-LATE_S = 0.1
-"""Time after its end at which a bin counts as complete, s: a bus may deliver late."""
-_BIN_NS = round(BIN_S * 1e9)
-_BINS = round(10.0 / BIN_S)
-"""Number of bins in the ring: 10 s, the longest time that is published at once, after a gap."""
+LATE_BINS = 5
+"""Number of the newest bins that may be incomplete: for 0.1 s a bus may deliver late."""
+MOST_BINS = 500
+"""Largest number of bins that are published at once: 10 s, after a gap."""
+MOST_SAMPLES = 100_000
+"""Largest number of samples of a channel that wait, if its time stamps do not advance."""
 
 
-class LiveRing:
-    """The last seconds of some channels, as an envelope that terminals draw.
+class LiveEnvelope:
+    """The newest samples of some channels: lowest and highest value in each bin of data time.
 
-    The bins are a ring of data time; each complete bin is published once.
+    Each bin is published once, when it is complete.  Terminals draw them.
     """
 
     def __init__(self, channels: Sequence[str]) -> None:
-        self._row = {name: row for row, name in enumerate(channels)}
-        self._low = np.full((len(channels), _BINS), np.nan)
-        self._high = self._low.copy()
-        # Bins are numbered by data time; bin n is in column n modulo `_BINS`.
-        self._first_bin = 0  # the ring holds nothing before this bin
-        self._unsent_bin = 0  # bins before this one were published
-        self._end_bin = 0  # bins before this one are or were in the ring
+        nothing = np.zeros(0, np.int64), np.zeros(0)
+        self._waiting: dict[str, Trace] = dict.fromkeys(channels, nothing)
+        """Samples of the bins that are not published yet: number of the bin, and value."""
+        self._next_bin = 0  # the bin after those published; 0 if there is none
 
     def add(self, block: SampleBlock) -> None:
-        """Add a block of samples in order of arrival; values that are not finite are left out."""
-        stamps_ns = [t_ns for t_ns, _ in block.values() if len(t_ns)]
-        if not stamps_ns:
-            return
-        end_bin = max(int(t_ns[-1]) for t_ns in stamps_ns) // _BIN_NS + 1
-        is_clock_set = abs(end_bin - self._end_bin) > _BINS
-        if self._end_bin == 0 or is_clock_set:  # the ring begins with these data
-            begin_bin = min(int(t_ns[0]) for t_ns in stamps_ns) // _BIN_NS
-            self._first_bin = self._unsent_bin = self._end_bin = begin_bin
-        if end_bin > self._end_bin:
-            new_columns = np.arange(max(self._end_bin, end_bin - _BINS), end_bin) % _BINS
-            self._low[:, new_columns] = self._high[:, new_columns] = np.nan
-            self._end_bin, self._first_bin = end_bin, max(self._first_bin, end_bin - _BINS)
+        """Add a block of samples, in order of arrival."""
         for name, (t_ns, value) in block.items():
-            sample_bin = t_ns // _BIN_NS
-            in_ring = (sample_bin >= self._first_bin) & (sample_bin < self._end_bin)
-            good = np.isfinite(value) & in_ring
-            column, value = sample_bin[good] % _BINS, value[good]
-            # A bin may begin in one block and end in the next, or occur twice if stamps go back.
-            np.fmin.at(self._low[self._row[name]], column, value)
-            np.fmax.at(self._high[self._row[name]], column, value)
+            bins, values = self._waiting[name]
+            new_bins = t_ns // round(BIN_S * 1e9)
+            bins, values = np.append(bins, new_bins), np.append(values, value)
+            self._waiting[name] = bins[-MOST_SAMPLES:], values[-MOST_SAMPLES:]
 
     def fresh(self) -> Live | None:
         """Return the complete bins that were not published yet; None if there is none."""
-        incomplete_bin = self._end_bin - math.ceil(LATE_S / BIN_S)  # the first one
-        if incomplete_bin <= self._unsent_bin:
+        all_bins = [bins for bins, _ in self._waiting.values() if len(bins)]
+        if not all_bins:
             return None
-        begin_bin = max(self._unsent_bin, self._first_bin)
-        self._unsent_bin = incomplete_bin
-        columns = np.arange(begin_bin, incomplete_bin) % _BINS
-        low, high = self._low[:, columns], self._high[:, columns]
-        lanes = (Lane(name, _plain(low[row]), _plain(high[row])) for name, row in self._row.items())
-        return Live(begin_bin, BIN_S, tuple(lanes))
+        newest_bin = max(int(bins[-1]) for bins in all_bins)
+        if newest_bin < self._next_bin - MOST_BINS:  # the clock was set back
+            self._next_bin = 0
+        oldest_bin = min(int(bins.min()) for bins in all_bins)
+        stop_bin = newest_bin + 1 - LATE_BINS
+        first_bin = max(self._next_bin or oldest_bin, stop_bin - MOST_BINS)
+        if first_bin >= stop_bin:
+            return None
+        lanes = []
+        for name, (bins, values) in self._waiting.items():
+            low, high = np.full((2, stop_bin - first_bin), np.nan)
+            rows = (bins >= first_bin) & (bins < stop_bin) & np.isfinite(values)
+            np.fmin.at(low, bins[rows] - first_bin, values[rows])
+            np.fmax.at(high, bins[rows] - first_bin, values[rows])
+            lanes.append(Lane(name, _plain(low), _plain(high)))
+            incomplete = (bins >= stop_bin) & (bins <= newest_bin)
+            self._waiting[name] = bins[incomplete], values[incomplete]
+        self._next_bin = stop_bin
+        return Live(first_bin, BIN_S, tuple(lanes))
 
 
 def _plain(values: NDArray[np.float64]) -> tuple[float | None, ...]:
@@ -256,32 +240,24 @@ def _plain(values: NDArray[np.float64]) -> tuple[float | None, ...]:
 
 
 class FaultBarrier:
-    """Runs the consumers of frames and keeps their failures; none of them stops the recording."""
+    """Runs the consumers of frames; a failure of one stops neither the others nor the recording."""
 
     def __init__(self) -> None:
         self._failed: dict[str, tuple[float, str]] = {}
-        self.new: list[str] = []
-        """Failures that have begun and are not in the journal yet."""
+        """Monotonic time, s, and reason of the last failure of each."""
 
     def value(self, name: str, now: Now, otherwise: _T, consumer: Callable[[], _T]) -> _T:
         """Return the result of a consumer, or `otherwise` if it fails."""
         try:
             return consumer()
         except Exception as error:  # any exception: the frames are stored, the recording continues
-            text = printable(repr(error))
-            if name not in self.failed(now):
-                self.new.append(f"{name}: {text}")
-            self._failed[name] = (now.monotonic_s, text)
+            self._failed[name] = (now.monotonic_s, printable(repr(error)))
             return otherwise
 
     def failed(self, now: Now) -> Mapping[str, str]:
-        """Return the failing consumers, with reasons."""
-        return {
-            name: text
-            for name, (failed_s, text) in self._failed.items()
-            # Time, s, without a failure after which a consumer counts as working again.
-            if now.monotonic_s - failed_s < 5.0
-        }
+        """Return the reasons of those that have failed within the last 5 s."""
+        failures = self._failed.items()
+        return {name: text for name, (time_s, text) in failures if now.monotonic_s - time_s < 5.0}
 
 
 class Recording:
@@ -323,16 +299,20 @@ class Recording:
         """
         self._mapped, self._triggers = bench_mapping(bench, codec)
         self.bench, self._codec = bench, codec
-        self._live = LiveRing([m.channel.name for m in self._mapped])
+        self._live = LiveEnvelope([m.channel.name for m in self._mapped])
         self._recent.kept_s = bench.trigger.pre_s + bench.trigger.post_s
         self._judge = Judge(bench, codec, self._recent, self.measures)
         self._trigger = trigger.TriggerState()
-        # The log of which the runs were counted, the step that is due, and the counts.
-        self._counted: tuple[RunLog, Due | None, tuple[Tally, ...]] | None = None
+        self._count_runs()
         self._alarms.adopt()
         # The campaign may now be complete, because the new bench plans fewer runs or the recorder
         # was killed after the last run; or no longer complete, because the new bench plans more.
         self._loop.decide(self._surroundings())
+
+    def _count_runs(self) -> None:
+        """Count the runs of each kind, and find the next step of the campaign, if any."""
+        self._tallies = tallies_of(self.bench, self.run_log)
+        self._due = due_of(self.bench, self.run_log, self._tallies)
 
     @property
     def running(self) -> str:
@@ -373,7 +353,7 @@ class Recording:
         self._unseen, self._events, self._looked_hops = [], [], self._hops
         if self._hops.restamped and not hops_before.restamped:
             text = "time stamps of another epoch: frames are stamped on arrival"
-            self._log(Event(self._t_ns, RESTAMPED, self._hops.restamped, text))
+            self._log(Event(self._t_ns, "restamped", self._hops.restamped, text))
         barrier, decoded = self._barrier, None
         if len(batch):
             decoded = barrier.value("decode", now, None, lambda: self._decode(batch))
@@ -384,9 +364,6 @@ class Recording:
             now, batch, decoded, self._health, links, self._hops, disk, storage, barrier.failed(now)
         )
         barrier.value("alarms", now, None, lambda: self._raise_alarms(cycle))
-        for text in barrier.new:
-            self._log(Event(self._t_ns or now.wall_ns, CONSUMER_FAILED, 1.0, text))
-        barrier.new.clear()
         return tuple(self._events)
 
     def _decode(self, batch: FrameBatch) -> Decoded:
@@ -417,16 +394,19 @@ class Recording:
         """Begin the run that is due with a bump; without an armed run it is only logged."""
         at_bump = replace(self._surroundings(), t_ns=event.t_ns, ready=self._pre_trigger_is_full)
         self._loop.turn(at_bump)
-        due = self._due
-        if due is None or self._loop.phase is not Phase.ARMED:
+        if self._due is None or self._loop.phase is not Phase.ARMED:
             self._log(replace(event, code=trigger.UNPLANNED + event.code))
             return
-        self._log(replace(event, text=due.step.label))
-        self._loop.bump(due.step.label, event.t_ns)
+        label = self._due.step.label
+        self._log(replace(event, text=label))
+        self._loop.bump(label, event.t_ns)
         self._bump_ns = event.t_ns
 
     def _judge_run(self, event: Event, block_start_ns: int, now: Now) -> None:
-        """Judge the run whose end is seen in the block that begins at `block_start_ns`."""
+        """Judge the run whose end is seen in the block that begins at `block_start_ns`.
+
+        The end of a bump that was no run is only logged.
+        """
         label = self.running
         if not label:
             self._log(replace(event, code=trigger.UNPLANNED + event.code))
@@ -434,8 +414,12 @@ class Recording:
         self._log(replace(event, text=label))
         step = parse_label(label)
         assert step is not None  # given by the recorder
+        # A run is accepted, not lost, if the verdict itself fails.
+        unjudged: tuple[Finding, ...] = (
+            Finding("unjudged", Severity.NOTE, "the recorder could not judge it"),
+        )
         findings = self._barrier.value(
-            "verdict", now, UNJUDGED, lambda: self._judge.verdict(step, self._bump_ns, self.run_log)
+            "verdict", now, unjudged, lambda: self._judge.verdict(step, self._bump_ns, self.run_log)
         )
         self._log(verdict_entry(event.t_ns, label, findings))
         # The countdown begins when the end is seen: the bus may have paused after the end itself.
@@ -504,16 +488,17 @@ class Recording:
         self._journal.append_events([event])
         self.run_log = advance(self.run_log, event)
         self._events.append(event)
+        self._count_runs()
 
     # State -------------------------------------------------------------------------------------
 
     def status(self, now: Now) -> Status:
         """Return the status as far as the recording knows it."""
         loop, alarms, log, bench = self._loop, self._alarms, self.run_log, self.bench
-        surroundings, share_left = self._surroundings(), None
         moving = trigger.not_at_rest(bench.trigger, self._trigger)
+        decay_ratio = None
         if loop.phase is Phase.DECAY:
-            share_left = self._barrier.value(
+            decay_ratio = self._barrier.value(
                 "verdict", now, None, lambda: self._judge.peak_left(self._bump_ns, self._t_ns)
             )
         return Status(
@@ -523,13 +508,13 @@ class Recording:
             bench_crc32=zlib.crc32(bench.text.encode()),
             phase=loop.phase,
             phase_s=max(self._t_ns - loop.since_ns, 0) * 1e-9,
-            countdown_s=loop.countdown_s(surroundings),
+            countdown_s=loop.countdown_s(self._surroundings()),
             not_at_rest=moving if loop.phase is Phase.WAITING else (),
             bump_ns=self._bump_ns,
-            peak_left=share_left,
+            peak_left=decay_ratio,
             halted=loop.halted,
             due=self._due,
-            tallies=self._counts[1],
+            tallies=self._tallies,
             runs=log.runs,
             notes=log.notes,
             overrides=log.overrides,
@@ -552,19 +537,6 @@ class Recording:
     def live(self) -> Live | None:
         """Return the samples that became complete since the last call."""
         return self._live.fresh()
-
-    @property
-    def _due(self) -> Due | None:
-        """The next step of the campaign; None if it is complete."""
-        return self._counts[0]
-
-    @property
-    def _counts(self) -> tuple[Due | None, tuple[Tally, ...]]:
-        """The next step, and the numbers of runs; counted again only when the log changes."""
-        if self._counted is None or self._counted[0] is not self.run_log:
-            tallies = tallies_of(self.bench, self.run_log)
-            self._counted = self.run_log, due_of(self.bench, self.run_log, tallies), tallies
-        return self._counted[1:]
 
     @property
     def _pre_trigger_is_full(self) -> bool:

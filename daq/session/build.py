@@ -122,13 +122,12 @@ def session_of_runs(
             what = f"the recording has a bump {event.text!r}, which is not a run of this bench"
             raise InputError("bench.toml", what, "use the bench.toml of the recording")
     mapped = mapped_channels(bench, codec)
-    runs: dict[int, Run] = {}
-    for position, run in sorted(enumerate(run_log.runs), key=lambda pair: pair[1].t_ns):
-        runs[position] = _decoded_run(bench, codec, mapped, run, frames[position], events, hops)
-        hops = hops.after(bench.trigger.window_ns(run.t_ns)[1])  # two runs may share a block
+    runs = tuple(
+        _decoded_run(bench, codec, mapped, run, frames_of_run, events, hops)
+        for run, frames_of_run in zip(run_log.runs, frames, strict=True)
+    )
     channels = tuple(m.channel for m in mapped)
-    in_order = tuple(runs[position] for position in sorted(runs))
-    return Session(bench.vehicle, channels, bench.mass_states, in_order, provenance)
+    return Session(bench.vehicle, channels, bench.mass_states, runs, provenance)
 
 
 def _decoded_run(
@@ -229,12 +228,12 @@ def derive(segments: Sequence[Path], target: Path, *, replacing: bool = True) ->
     dbc_text = recording.head.dbc_text
     bench = parse_bench(bench_text, "bench.toml in the journal", Path(), dbc_text)
     windows = [bench.trigger.window_ns(run.t_ns) for run in run_log.runs]
-    contents, frames = read_windows(recording, windows)
+    contents = read_windows(recording, windows)
     loss = contents.lost.text if contents.lost.any else ""
-    provenance = journal_provenance(recording.head, run_log, frames, loss)
+    provenance = journal_provenance(recording.head, run_log, contents.windows, loss)
     provenance |= {"dbc": dbc_text, "bench_toml": bench_text}
-    codec, events, hops = bench_codec(bench), recording.events, contents.hops
-    session = session_of_runs(bench, codec, run_log, frames, events, hops, provenance)
+    codec, frames, hops = bench_codec(bench), contents.windows, contents.hops
+    session = session_of_runs(bench, codec, run_log, frames, recording.events, hops, provenance)
     if not replacing:
         _refuse_to_lose_runs(target, session)
     write_session(target, session)

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dbc.codec import Quality
 from dbc.units import known_si
 from dbc.words import InputError, counted, printable
 
@@ -51,11 +50,15 @@ class Recording:
 def recording(channel_map: ChannelMap, file: Columns) -> Recording:
     """Return the channels of a map that a file holds, in SI.
 
-    Raises InputError if a unit does not fit, or a channel has no increasing times.
+    Channels of one clock that have values in the same rows are one group of samples.  Raises
+    InputError if a unit does not fit, or a channel has no increasing times.
     """
     start_ns = file.start_ns
     channels = []
-    together: list[_SampledTogether] = []
+    # By clock and rows: the times, and the values by channel.
+    sampled: dict[
+        tuple[str, bytes], tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]
+    ] = {}
     for stated in channel_map.bench.channels:
         column = file.columns[stated.signal]
         si = si_unit(stated, column.unit, file.where)
@@ -65,62 +68,26 @@ def recording(channel_map: ChannelMap, file: Columns) -> Recording:
         start_ns = zero_ns or start_ns
         raw = np.asarray(column.values, np.float64)
         value = channel_values(channel, si.factor, si.offset, raw)
-        for group in together:
-            if group.clock == clock and group.is_sampled_with(value):
-                group.values[channel.name] = value
-                break
-        else:
-            together.append(_SampledTogether(clock, time_s, {channel.name: value}))
-    names = _group_names(together)
-    groups = [
-        group.samples(name, start_ns, file.where)
-        for name, group in zip(names, together, strict=True)
-    ]
-    return Recording(start_ns, tuple(channels), tuple(g for g in groups if len(g.time_s)))
-
-
-def _group_names(groups: Sequence[_SampledTogether]) -> list[str]:
-    """Return a name for each group: its clock, with a channel where several share the clock."""
-    names = []
-    for group in groups:
-        shares_clock = sum(each.clock == group.clock for each in groups) > 1
-        name = f"{group.clock} {next(iter(group.values))}" if shares_clock else group.clock
-        names.append(name.replace("/", "_"))
-    valid_names = group_names(names)
-    return [valid_names[name] for name in names]
-
-
-@dataclass(slots=True)
-class _SampledTogether:
-    """Channels that were sampled together."""
-
-    clock: str
-    time_s: NDArray[np.float64]
-    """Times of all rows of their table, s."""
-    values: dict[str, NDArray[np.float64]]
-    """Values in SI by channel; NaN in rows without one."""
-
-    def is_sampled_with(self, value: NDArray[np.float64]) -> bool:
-        """Return whether a channel has values in the rows of the first of these channels."""
-        has_first, has_value = np.isfinite(next(iter(self.values.values()))), np.isfinite(value)
-        n_either = np.count_nonzero(has_first | has_value)
-        # At most a tenth of the rows may have a value of only one of them.
-        return bool(np.count_nonzero(has_first & has_value) >= 0.9 * n_either)
-
-    def samples(self, name: str, start_ns: int, where: str) -> SampleGroup:
-        """Return the rows in which any channel has a value; raises InputError for their times."""
-        has_value = np.isfinite(np.stack(list(self.values.values())))
-        rows = np.flatnonzero(has_value.any(axis=0) & np.isfinite(self.time_s))
-        time_s = self.time_s[rows]
-        not_increasing = np.flatnonzero(np.diff(time_s) <= 0.0)
-        if len(not_increasing):
-            last_s, clock_name = time_s[not_increasing[0]], printable(name, 100)
-            what = f"the times of {clock_name} do not increase after {last_s:.6g} s"
-            raise InputError(where, what, "name another column of times, or cut the file there")
-        quality = np.where(has_value[:, rows].all(axis=0), 0, np.uint8(Quality.MISSING))
+        rows = np.isfinite(time_s) & np.isfinite(value)
+        _, values = sampled.setdefault((clock, rows.tobytes()), (time_s[rows], {}))
+        values[channel.name] = value[rows]
+    clocks = [clock for clock, _ in sampled]
+    groups = []
+    for clock, (time_s, values) in zip(clocks, sampled.values(), strict=True):
+        name = f"{clock} {next(iter(values))}" if clocks.count(clock) > 1 else clock
+        if np.any(not_later := np.diff(time_s) <= 0.0):
+            last_s = time_s[:-1][not_later][0]
+            what = f"the times of {printable(name, 100)} do not increase after {last_s:.6g} s"
+            raise InputError(
+                file.where, what, "name another column of times, or cut the file there"
+            )
         t_ns = start_ns + np.rint(time_s * 1e9).astype(np.int64)
-        values = {channel: value[rows] for channel, value in self.values.items()}
-        return SampleGroup(name, time_s, t_ns, values, quality.astype(np.uint8))
+        if len(time_s):
+            quality = np.zeros(len(time_s), np.uint8)
+            groups.append(SampleGroup(name.replace("/", "_"), time_s, t_ns, values, quality))
+    name_in_file = group_names([group.name for group in groups])
+    named_groups = tuple(replace(group, name=name_in_file[group.name]) for group in groups)
+    return Recording(start_ns, tuple(channels), named_groups)
 
 
 def _clock_of(

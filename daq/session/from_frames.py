@@ -9,10 +9,9 @@ from __future__ import annotations
 import hashlib
 import uuid
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -163,26 +162,23 @@ def with_steps(bench: Bench, steps: Sequence[Step]) -> Bench:
 
 
 def labelled(parts: Sequence[LogPart], steps: Sequence[Step], skip: int) -> tuple[LogPart, ...]:
-    """Assign the steps in order to the bumps of all parts, without the first `skip` bumps.
+    """Return parts in whose events the bumps have the labels of the steps, in their order.
 
-    Bumps without a step are kept as `unplanned_bump`.
+    The first `skip` bumps get none.  Bumps without a step are kept as `unplanned_bump`.
     """
-    step_numbers = count(-skip)  # of the bumps' steps; below 0 for a bump that is skipped
-
-    def relabelled(events: Iterable[Event]) -> Iterator[Event]:
-        step: Step | None = None
-        for event in events:
+    labels = iter([*[""] * skip, *(step.label for step in steps)])  # of the bumps in their order
+    relabelled = []
+    for part in parts:
+        label, events = "", list[Event]()
+        for event in part.events:
             if event.code == trigger.BUMP:
-                step_number = next(step_numbers)
-                step = steps[step_number] if 0 <= step_number < len(steps) else None
-            if event.code not in (trigger.BUMP, trigger.RUN_END):
-                yield event
-            elif step is None:
-                yield replace(event, code=UNPLANNED + event.code, text="")
-            else:
-                yield replace(event, text=step.label)
-
-    return tuple(replace(part, events=tuple(relabelled(part.events))) for part in parts)
+                label = next(labels, "")
+            if event.code in (trigger.BUMP, trigger.RUN_END):
+                code = event.code if label else UNPLANNED + event.code
+                event = replace(event, code=code, text=label)
+            events.append(event)
+        relabelled.append(replace(part, events=tuple(events)))
+    return tuple(relabelled)
 
 
 def session_from_parts(

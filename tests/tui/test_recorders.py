@@ -15,7 +15,7 @@ from daq import write_session
 from daq.bench.campaign import Origin
 from daq.bench.config import Bench, RecorderConfig, default_bench_text, parse_bench
 from daq.bus.source import BusError, HopLosses
-from daq.control.messages import Alarm, Phase, SessionState, SessionStatus, Status
+from daq.control.messages import Phase, SessionState, SessionStatus, Status
 from daq.journal.segment import JournalHead
 from daq.journal.writer import JournalWriter
 from daq.runs import Losses, RunStatus
@@ -328,11 +328,8 @@ def test_what_was_recorded_is_printed_or_why_there_is_nothing(
         recorded_session(replace(a_status(), session=unbuilt))
     assert str(refused.value).startswith("today/a.h5: cannot be written: no room (the journal has")
     assert str(refused.value).count("(") == 1
-    full = Alarm("journal_failed", "", "the disk is full", "make room on the disk", 1)
-    with pytest.raises(InputError, match=r"the disk is full .make room on the disk.$"):
-        recorded_session(replace(a_status(), alarms=(full,)))
     disk = replace(a_status().disk, held_frames=45_826, failed="the disk is full")
-    gone = replace(a_status(), disk=disk, alarms=(full,), session=SessionStatus(SessionState.NONE))
+    gone = replace(a_status(), disk=disk, session=SessionStatus(SessionState.NONE))
     lost = "45,826 frames at the end were not stored: the disk is full (make room, then "
     with pytest.raises(InputError) as refused:
         recorded_session(gone)

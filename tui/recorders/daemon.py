@@ -181,12 +181,11 @@ class _Daemon:
 
     def _run_recorder(self) -> None:
         """Record until `_stop` is set; keep the failure that ends it for the main thread."""
-
-        def is_watched() -> bool:
-            return self.traffic.follow is not None or self.server.has_clients()
-
+        follows = self.traffic.follow is not None
         try:
-            self.recorder.run(self._stop, self._publish, is_watched)
+            self.recorder.run(
+                self._stop, self._publish, lambda: follows or self.server.has_clients()
+            )
         except Exception as error:
             self._failure = error
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,32 +24,37 @@ RECOVER_STORED = "make room, then `bumpbench recover` builds the session of thos
 
 
 def news(previous: Status | None, status: Status) -> Iterator[tuple[str, str]]:
-    """Yield the log lines of a change of status, each with the key that limits its repetition."""
+    """Yield the log lines of a change of status, each with the key that limits its repetition.
+
+    Of a first status only what is wrong is news, and what is recorded.
+    """
+    from daq.control.messages import SessionStatus
+
     if previous is None:
         origin = "" if status.origin == "real" else f" ({status.origin})"
         yield f"recording {status.vehicle}{origin} into {status.folder}", ""
+        previous = replace(status, alarms=(), session=SessionStatus())
     elif previous.recording != status.recording:
         yield f"campaign of {status.vehicle} {'begun' if status.recording else 'ended'}", ""
-    earlier_alarms = previous.alarms if previous else ()
-    earlier_names = {f"{a.code} {a.subject}".rstrip() for a in earlier_alarms}
-    present_alarms = {f"{a.code} {a.subject}".rstrip(): a for a in status.alarms}
-    for name, alarm in present_alarms.items():
-        if name not in earlier_names:
+    earlier_alarms, alarms = (
+        {f"{alarm.code} {alarm.subject}".rstrip(): alarm for alarm in each.alarms}
+        for each in (previous, status)
+    )
+    for name, alarm in alarms.items():
+        if name not in earlier_alarms:
             yield f"alarm {name}: {alarm.text} ({alarm.advice})", name
-    recording_ends = previous is not None and bool(previous.recording) and not status.recording
-    if not recording_ends:  # that ends its alarms, but not what caused them
-        for name in sorted(earlier_names - present_alarms.keys()):
+    if status.recording or not previous.recording:  # its end ends alarms, but not their causes
+        for name in sorted(earlier_alarms.keys() - alarms.keys()):
             yield f"over: {name}", f"over {name}"
-    if previous is not None:
-        earlier_verdicts = {run.label: run.status for run in previous.runs}
-        for run in status.runs:
-            if earlier_verdicts.get(run.label) != run.status:
-                reasons = f": {'; '.join(run.reasons)}" if run.reasons else ""
-                if run.failed and run.failed.advice:
-                    reasons += f" ({run.failed.advice})"
-                yield f"{run.label} {run.status}{reasons}", ""
+    earlier_verdicts = {run.label: run.status for run in previous.runs}
+    for run in status.runs:
+        if earlier_verdicts.get(run.label) != run.status:
+            reasons = f": {'; '.join(run.reasons)}" if run.reasons else ""
+            if run.failed and run.failed.advice:
+                reasons += f" ({run.failed.advice})"
+            yield f"{run.label} {run.status}{reasons}", ""
     session = status.session
-    if session.state == "failed" and (previous is None or previous.session != session):
+    if session.state == "failed" and previous.session != session:
         yield f"session {session.path}: {session.text} ({RECOVER})", ""
 
 
@@ -120,9 +126,6 @@ def recorded_session(last: Status) -> tuple[Path, Session]:
     if last.session.state is not SessionState.READY:
         if last.disk.held_frames:
             raise InputError(last.folder, _not_stored_words(last), RECOVER_STORED)
-        for alarm in last.alarms:
-            if alarm.code == "journal_failed":
-                raise InputError(last.folder, alarm.text, alarm.advice)
         reason = last.session.text or "no session file was built"
         raise InputError(last.session.path or last.folder, reason, RECOVER)
     path = Path(last.session.path)

@@ -315,19 +315,17 @@ def _groups(fl: Any, fr: Any) -> list[SampleGroup]:
     return list(recording(_map("", ("fl", "fr")), file).groups)
 
 
-@pytest.mark.parametrize(("missing", "together"), [(1, True), (2, False)])
-def test_channels_that_fill_nine_of_ten_rows_together_are_one_group(
-    missing: int, together: bool
-) -> None:
+@pytest.mark.parametrize("missing", [0, 1, 2])
+def test_channels_that_have_values_in_the_same_rows_are_one_group(missing: int) -> None:
     holed = np.where(np.arange(10) < missing, nan, 1.0)
     for pair in ((np.ones(10), holed), (holed, np.ones(10))):
         groups = _groups(*pair)
-        assert len(groups) == (1 if together else 2)
-        if together:
-            assert groups[0].quality.tolist() == [32] * missing + [0] * (10 - missing)
-        else:
-            assert [group.quality.any() for group in groups] == [False, False]
-            assert len({group.name for group in groups}) == 2
+        names = [group.name for group in groups]
+        assert names == (["table fl", "table fr"] if missing else ["table"])
+        lengths = [len(group.time_s) for group in groups for _ in group.values]
+        assert lengths == [np.isfinite(values).sum() for values in pair]
+    (group,) = _groups(holed, holed)
+    assert group.time_s.tolist() == list(range(missing, 10))
 
 
 STEP = Step("baseline", Excitation.ROLL, 2)
