@@ -23,6 +23,7 @@ from daq.control import messages
 from daq.control.exchange import OrderRefusedError
 from daq.control.messages import (
     AskBench,
+    Configure,
     Hello,
     Live,
     Note,
@@ -296,6 +297,15 @@ class BenchApp(KeyboardApp):
             self.post(reply.status)
             await self._process_news()
         return reply
+
+    async def configure(self, edit: Callable[[str], str]) -> bool:
+        """Send bench.toml as `edit` changes its text; return True if the recorder now has it."""
+        try:
+            text = edit(self.bench_text)
+        except InputError as error:
+            self.warn(str(error))
+            return False
+        return text == self.bench_text or await self.ask(Configure(text)) is not None
 
     def warn(self, text: str) -> None:
         """Show the operator a warning above the keys, in place of the message before."""

@@ -16,7 +16,6 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.message import Message
-from textual.widget import Widget
 from textual.widgets import Checkbox, Input, Label, Select
 
 from .widgets import Line
@@ -158,8 +157,8 @@ class Form(VerticalScroll, can_focus=False):
         self._fields: dict[str, Field] = {}
         self._inputs: dict[str, Input | Select[str] | Checkbox] = {}
         self._labels: dict[str, Label] = {}
-        self._chosen: dict[Widget, str] = {}
-        """The choices as the form set them or announced them last."""
+        self._announced: dict[str, str] = {}
+        """The values as the form set them or announced them last."""
 
     def compose(self) -> ComposeResult:
         """Compose the groups."""
@@ -181,7 +180,6 @@ class Form(VerticalScroll, can_focus=False):
         elif field.choices:
             options = [(choice, choice) for choice in field.choices]
             entry = Select(options, allow_blank=False, compact=True)
-            self._chosen[entry] = field.choices[0]
         else:
             max_length = max(field.most, 60)  # more than a short limit: an error, not a cut text
             classes = "number" if field.unit else ""
@@ -191,31 +189,42 @@ class Form(VerticalScroll, can_focus=False):
         yield label
         yield entry
 
+    def on_mount(self) -> None:
+        """Take the values that the choices begin with as known."""
+        self._announced = self.values
+
     @property
     def values(self) -> dict[str, str]:
         """The texts of the fields, by name."""
-        return {name: _entry_text(entry) for name, entry in self._inputs.items()}
+        return {
+            name: (YES if entry.value else NO) if isinstance(entry, Checkbox) else str(entry.value)
+            for name, entry in self._inputs.items()
+        }
 
     def fill(self, values: Mapping[str, str]) -> None:
         """Set values of fields; unknown names, and what is no choice, change nothing."""
         with self.prevent(Input.Changed, Select.Changed, Checkbox.Changed):
-            for name, value in values.items():
-                entry = self._inputs.get(name)
+            for name in values.keys() & self._inputs.keys():
+                entry, value = self._inputs[name], values[name]
                 if isinstance(entry, Checkbox):
                     entry.value = value == YES
-                elif isinstance(entry, Input):
+                elif isinstance(entry, Input) or value in self._fields[name].choices:
                     entry.value = value
-                elif entry is not None and value in self._fields[name].choices:
-                    entry.value = self._chosen[entry] = value
+        self._announced = self.values
 
-    def mark(self, errors: Sequence[FieldError]) -> None:
-        """Show which fields are wrong: by a mark before the label, and in colour."""
+    def mark(self, errors: Sequence[FieldError]) -> FieldError | None:
+        """Mark the wrong fields, by a sign before the label and in colour.
+
+        Returns the error in the field with the cursor, or else the first; None without errors.
+        """
         wrong_fields = {error.field for error in errors}
         for name, label in self._labels.items():
             is_wrong = name in wrong_fields
             if label.has_class("bad") != is_wrong:
                 label.set_class(is_wrong, "bad")
                 label.update(_label_text(self._fields[name], "!" if is_wrong else " "))
+        current_name = self.current.name if self.current is not None else ""
+        return next((e for e in errors if e.field == current_name), next(iter(errors), None))
 
     def enter(self, name: str = "") -> None:
         """Put the cursor into a field; into the first one without a name."""
@@ -233,13 +242,11 @@ class Form(VerticalScroll, can_focus=False):
     @on(Select.Changed)
     @on(Checkbox.Changed)
     def _announce(self, event: Input.Changed | Select.Changed | Checkbox.Changed) -> None:
-        """Post the form's own message, but not for the value that a choice begins with."""
+        """Post the form's own message, but not for a value that a person has not changed."""
         event.stop()
-        if isinstance(event, Select.Changed):
-            if self._chosen[event.select] == event.value:
-                return
-            self._chosen[event.select] = str(event.value)
-        self.post_message(self.Changed())
+        if self.values != self._announced:
+            self._announced = self.values
+            self.post_message(self.Changed())
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
         """Go to the next field; after the last one, submit the form."""
@@ -254,10 +261,3 @@ def _label_text(field: Field, mark: str) -> str:
     """Return mark, label and unit of a field; of an uncertainty, beside its value, only ±."""
     label = "±" if field.name.endswith(".sigma") else field.label
     return f"{mark}{label}, {field.unit} " if field.unit and label != "±" else f"{mark}{label} "
-
-
-def _entry_text(entry: Widget) -> str:
-    """Return what is typed or chosen in an entry, as text."""
-    if isinstance(entry, Checkbox):
-        return YES if entry.value else NO
-    return str(entry.value) if isinstance(entry, Input | Select) else ""

@@ -227,7 +227,11 @@ async def test_a_push_is_asked_for_again_and_i_corrects_its_sign(
 @pytest.fixture
 def by_hand(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let the check ask again only where a test says so, not each second."""
-    monkeypatch.setattr(CheckScreen, "on_mount", lambda _: None)
+
+    def ask_once(screen: CheckScreen) -> None:
+        screen.run_worker(screen._ask(3.0))
+
+    monkeypatch.setattr(CheckScreen, "on_mount", ask_once)
 
 
 @pytest.mark.usefixtures("by_hand")

@@ -19,7 +19,7 @@ from dbc.words import printable
 
 from ..app import BenchApp, RecorderLost, StatusArrived
 from ..campaign import BenchStep, progress
-from ..widgets import Words
+from ..widgets import Table, Words
 
 if TYPE_CHECKING:
     from daq.control.messages import Status
@@ -28,6 +28,11 @@ if TYPE_CHECKING:
 
 WIDE = 120
 """Columns from which a screen has room for more."""
+MARK_KEYS = [
+    Binding("down", "mark(1)", "Down", show=False, tooltip="Mark the next line"),
+    Binding("up", "mark(-1)", "Up", show=False, tooltip="Mark the line before"),
+]
+"""Keys of a screen whose actions are on the marked row of its table."""
 _LEAST_SIZE = (80, 24)
 """Columns and rows in which every screen shows everything important."""
 
@@ -99,6 +104,15 @@ class BenchScreen(Screen[None]):
 
     async def action_next(self) -> None:
         """Do the next action of this screen."""
+
+    def action_mark(self, n_rows: int) -> None:
+        """Move the mark of the screen's table down, or up by a negative number of rows."""
+        self.mark_row(self.query_one(Table).cursor_row + n_rows)
+
+    def mark_row(self, row: int) -> None:
+        """Mark a row of the screen's table, and show the actions on it."""
+        self.query_one(Table).choose(row)
+        self._show()
 
     @on(ScreenResume)
     @on(StatusArrived)

@@ -43,7 +43,7 @@ from ..chart import LaneChart
 from ..feed import lane_specs, shown_window
 from ..widgets import BannerBar, Cell, Confirm, Question, Table, Words, right
 from ..words import Glyphs, accepted_words, banner, reason_words, run_words
-from .base import BenchScreen
+from .base import MARK_KEYS, BenchScreen
 
 
 def tally_rows(status: Status, glyphs: Glyphs) -> list[list[Cell]]:
@@ -123,8 +123,7 @@ class HomeScreen(BenchScreen):
         Binding("escape", "pause", "Pause", tooltip="Arm no further run"),
         Binding("v", "view", "View", tooltip="Another view: body or wheels, sketch or runs"),
         Binding("m", "more", "More", tooltip="More of the kind that is marked; up and down mark"),
-        Binding("up", "choose(-1)", show=False),
-        Binding("down", "choose(1)", show=False),
+        *MARK_KEYS,
     ]  # fmt: skip
 
     def __init__(self) -> None:
@@ -167,7 +166,7 @@ class HomeScreen(BenchScreen):
         """Show only the keys that do something now."""
         status = self.bench_app.status
         if status is None or self.bench_app.lost is not None:
-            return action in ("view", "choose")
+            return action in ("view", "mark")
         if action == "order":
             acts_on = {"undo": status.undo, "redo": status.redo, "reject": status.runs}
             acts_on["lamp off"] = status.overloaded
@@ -261,11 +260,6 @@ class HomeScreen(BenchScreen):
             order = Choose(tally.mass_state, tally.excitation)
             if await self.bench_app.ask(order) is not None:
                 self.bench_app.inform(f"next: {tally.mass_state} {tally.excitation.words}")
-
-    def action_choose(self, by: int) -> None:
-        """Mark another kind of bump."""
-        tallies = self.query_one("#tallies", Table)
-        tallies.choose(tallies.cursor_row + by)
 
     def action_take_back(self) -> None:
         """Accept a rejected run, with a reason; the journal stores reason and name."""

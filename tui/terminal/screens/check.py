@@ -13,17 +13,17 @@ from textual.binding import Binding, BindingType
 from textual.containers import Horizontal
 from textual.content import Content
 
-from daq import Channel, Corner, InputError, Quantity
+from daq import Channel, Corner, Quantity
 from daq.bench.edit import with_channel
 from daq.check.check import WORDS
 from daq.check.pushes import ORDER, PushResult, judge_push, shows_push, spoken
-from daq.control.messages import AskCheck, Configure, Mark, OverrideWarning, Phase, Status
+from daq.control.messages import AskCheck, Mark, OverrideWarning, Phase, Status
 from dbc.words import Finding, printable
 
 from ..campaign import BenchStep
 from ..feed import RING_S
 from ..widgets import SPACE_INK, Cell, Question, Table, Words
-from .base import BenchScreen
+from .base import MARK_KEYS, BenchScreen
 
 if TYPE_CHECKING:
     from daq.bench.config import Bench
@@ -141,21 +141,19 @@ class CheckScreen(BenchScreen):
             "i", "invert", "Invert", tooltip="Invert the sign of the channel of the marked FAIL"
         ),
         Binding("s", "skip", "Skip", tooltip="Skip the marked corner, with a reason"),
-        Binding("down", "mark(1)", "Down", show=False, tooltip="Mark the next line"),
-        Binding("up", "mark(-1)", "Up", show=False, tooltip="Mark the line before"),
+        *MARK_KEYS,
     ]
 
     def __init__(self) -> None:
         super().__init__()
         self._items: tuple[Finding, ...] = ()  # of the recorder's last check
         self._rows: list[CheckRow] = []
-        self._asking = self._has_asked = False  # an answer is awaited; there was a request
+        self._asking = False  # while an answer is awaited
         self._zeroed = False  # once the recorder has checked samples with hands off the car
         self._corner: Corner | None = None  # whose push is awaited
         self._begin_bin = 0  # of the lanes: that push is looked for from there
         self._pushed: dict[Corner, PushResult] = {}
         self._acknowledged = ""  # answer of the sensors to the last push, in words
-        self._skipped: set[str] = set()  # subjects of the corners that were skipped here
         self._failing: set[str] = set()  # subjects of the lines that failed when shown last
         self._hands_off_s = 0.0  # time that hands must still be off; 0: no zero is measured
         self._settling_s = 0.0  # time in which a check would still have samples of a push
@@ -167,19 +165,14 @@ class CheckScreen(BenchScreen):
             yield Words("explained", "box")
 
     def on_mount(self) -> None:
-        """Request the check again each second."""
+        """Request the check now, and again each second."""
+        self.run_worker(self._ask(WINDOW_S))
         self.set_interval(PERIOD_S, self._check_again)
 
     @property
     def acts(self) -> bool:
         """True while SPACE does something: not while the car is pushed or must be at rest."""
         return self._next[1] is not None
-
-    def show_status(self, status: Status) -> None:
-        """Show the lines."""
-        if not self._has_asked:  # then each second: an answer brings its own status
-            self.run_worker(self._ask(WINDOW_S))
-        self._show_rows()
 
     # Asking -------------------------------------------------------------------------------------
 
@@ -193,7 +186,7 @@ class CheckScreen(BenchScreen):
                 self._zeroed = await self._ask(HANDS_OFF_S)
             if remaining_s or self._zeroed:
                 self._hands_off_s = remaining_s
-            self._show_rows()
+            self._show()
         elif self._settling_s:
             self._settling_s = max(0.0, self._settling_s - PERIOD_S)
         elif self._corner is None:
@@ -203,7 +196,7 @@ class CheckScreen(BenchScreen):
         """Ask for the check of the last seconds; return True if the recorder answered."""
         if self._asking or self.bench_app.status is None or self.bench_app.lost is not None:
             return False
-        self._asking = self._has_asked = True
+        self._asking = True
         try:
             reply = await self.bench_app.ask(AskCheck(window_s))
         finally:
@@ -211,15 +204,15 @@ class CheckScreen(BenchScreen):
         if reply is None:
             return False
         self._items = reply.check
-        self._show_rows()
+        self._show()
         return True
 
     # Showing ------------------------------------------------------------------------------------
 
-    def _show_rows(self) -> None:
+    def show_status(self, status: Status) -> None:
         """Show the lines anew; the mark stays on its line, or goes to one that begins to fail."""
-        status, bench = self.bench_app.status, self.bench_app.bench
-        if status is None or bench is None or not self.query("#explained"):
+        bench = self.bench_app.bench
+        if bench is None or not self.query("#explained"):
             return
         marked, rows = self._marked, self._current_rows(status, bench)
         self._rows = rows
@@ -315,17 +308,9 @@ class CheckScreen(BenchScreen):
             return f"SPACE = override {asks} WARN", self._override_first
         return "SPACE = the bench is fit: go on to step 3 Baseline", self._end_step
 
-    def action_mark(self, by: int) -> None:
-        """Mark another line."""
-        lines = self.query_one(Table)
-        lines.choose(lines.cursor_row + by)
-        self._explain()
-
-    def _mark_row(self, subject: str) -> None:
-        for i, row in enumerate(self._rows):
-            if row.subject == subject:
-                self.query_one(Table).choose(i)
-        self._explain()
+    def _mark_subject(self, subject: str) -> None:
+        """Mark the line on a subject, and show the lines anew."""
+        self.mark_row(next(i for i, row in enumerate(self._rows) if row.subject == subject))
 
     @property
     def _marked(self) -> CheckRow | None:
@@ -343,7 +328,7 @@ class CheckScreen(BenchScreen):
 
     async def _override_first(self) -> None:
         """Ask for the reason to override the first warning."""
-        self._mark_row(next(row.subject for row in self._rows if row.asks))
+        self.mark_row(next(i for i, row in enumerate(self._rows) if row.asks))
         self.action_override()
 
     async def _end_step(self) -> None:
@@ -387,10 +372,9 @@ class CheckScreen(BenchScreen):
             if not reason or await self.bench_app.ask(OverrideWarning(subject, reason)) is None:
                 return
             if subject.startswith("push "):
-                self._skipped.add(subject)  # the recorder's status confirms it a moment later
                 self._pushed = {c: r for c, r in self._pushed.items() if push_subject(c) != subject}
                 await self._go_on()
-            self._show_rows()
+            self._show()
 
         self.app.push_screen(Question(f"{subject}: {question}", "reason"), answered)
 
@@ -401,7 +385,7 @@ class CheckScreen(BenchScreen):
         app = self.bench_app
         if app.bench is None or app.status is None or not shows_push(app.bench.channels):
             return None
-        skipped = {override.subject for override in app.status.overrides} | self._skipped
+        skipped = {override.subject for override in app.status.overrides}
         open_corners = (c for c in ORDER if push_subject(c) not in skipped)
         return next((c for c in open_corners if c not in self._pushed), None)
 
@@ -417,11 +401,10 @@ class CheckScreen(BenchScreen):
         self._pushed.pop(corner, None)
         self._corner, self._begin_bin = corner, app.lanes.end_bin
         self._acknowledged = acknowledged
-        self._show_rows()
-        self._mark_row(push_subject(corner))
+        self._mark_subject(push_subject(corner))
         if await app.ask(Mark(push_subject(corner))) is None:
             self._corner = None
-            self._show_rows()
+            self._show()
 
     async def on_live_arrived(self) -> None:
         """Judge the push on the corner that is due; ask again without a push."""
@@ -445,7 +428,7 @@ class CheckScreen(BenchScreen):
             self._acknowledged = f"{spoken(corner)} not seen yet"
             await app.ask(Mark(push_subject(corner)))
         else:
-            self._show_rows()
+            self._show()
 
     async def _go_on(self, acknowledged: str = "") -> None:
         """Ask for the next corner if the last push was right, as `acknowledged` says; else stop."""
@@ -455,7 +438,7 @@ class CheckScreen(BenchScreen):
         following = self._next_corner()
         if was_right and following is not None:
             await self._begin_push(following, acknowledged)
-        self._show_rows()
+        self._show()
 
     # Sign and zero ------------------------------------------------------------------------------
 
@@ -473,16 +456,16 @@ class CheckScreen(BenchScreen):
         if channel is None or row.state != FAIL:
             app.warn("I inverts the sign of a channel whose line says FAIL: mark one")
             return
-        if await self._configure({channel.name: (-channel.sign, -channel.tare)}):
-            app.inform(f"sign of {channel.name} is now {-channel.sign:+.0f}")
+        sign, tare = -channel.sign, -channel.tare
+        if await app.configure(lambda text: with_channel(text, channel.name, sign, tare)):
+            app.inform(f"sign of {channel.name} is now {sign:+.0f}")
             if corner is not None:
                 await self._begin_push(corner)
 
     async def _measure_zero(self) -> None:
         """Begin to measure the zero: hands off the car for some seconds."""
         self._hands_off_s, self._zeroed = HANDS_OFF_S, False
-        self._show_rows()
-        self._mark_row(_ZERO)
+        self._mark_subject(_ZERO)
 
     def _offsets(self) -> dict[str, str]:
         """Return what `zero_offsets` finds once the zero is measured; empty before."""
@@ -492,25 +475,15 @@ class CheckScreen(BenchScreen):
     async def _take_zero(self) -> None:
         """Set the zero of travels and rates to their levels at rest."""
         bench, offsets, levels = self.bench_app.bench, self._offsets(), rest_levels(self._items)
-        tares = {
-            c.name: (None, round(c.tare + levels[c.name], 7))
-            for c in (bench.channels if bench else ())
-            if c.name in offsets
-        }
-        if not tares or not await self._configure(tares):
-            return
-        self._items = ()  # readings from before the new zero are invalid
-        self._settling_s = WINDOW_S
-        self._show_rows()
+        channels = [c for c in bench.channels if c.name in offsets] if bench else []
 
-    async def _configure(self, changes: Mapping[str, tuple[float | None, float]]) -> bool:
-        """Send new signs (None: as it is) and tares, SI; return True if the recorder took them."""
-        app = self.bench_app
-        text = app.bench_text
-        try:
-            for name, (sign, tare) in changes.items():
-                text = with_channel(text, name, sign=sign, tare=tare)
-        except InputError as error:
-            app.warn(str(error))
-            return False
-        return await app.ask(Configure(text)) is not None
+        def tared(text: str) -> str:
+            for channel in channels:
+                tare = round(channel.tare + levels[channel.name], 7)
+                text = with_channel(text, channel.name, tare=tare)
+            return text
+
+        if await self.bench_app.configure(tared):
+            self._items = ()  # readings from before the new zero are invalid
+            self._settling_s = WINDOW_S
+            self._show()

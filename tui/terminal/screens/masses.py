@@ -10,14 +10,13 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.content import Content
 
-from daq import InputError
 from daq.bench.edit import with_weights
-from daq.control.messages import Configure, Mark, Status
+from daq.control.messages import Mark, Status
 from daq.vehicle import Weight, expected_car
 
 from ..campaign import BenchStep, read_draft, write_draft
 from ..widgets import SPACE_INK, Table, Words
-from .base import BenchScreen
+from .base import MARK_KEYS, BenchScreen
 from .weights import (
     HEADS,
     NEW_WEIGHT,
@@ -44,8 +43,7 @@ class MassesScreen(BenchScreen):
         Binding("a", "add", "Add", tooltip="Add a weight"),
         Binding("e,enter", "edit", "Edit", key_display="E", tooltip="Edit the marked weight"),
         Binding("delete", "remove", "Remove", key_display="Del", tooltip="Remove the weight"),
-        Binding("down", "mark(1)", "Down", show=False, tooltip="Mark the next weight"),
-        Binding("up", "mark(-1)", "Up", show=False, tooltip="Mark the weight before"),
+        *MARK_KEYS,
     ]
 
     def __init__(self) -> None:
@@ -69,17 +67,6 @@ class MassesScreen(BenchScreen):
             return bool(self._entries)
         return super().check_action(action, parameters)
 
-    def show_status(self, status: Status) -> None:
-        """Fill the table as soon as the bench is known."""
-        app = self.bench_app
-        if app.bench is None:
-            return
-        if not self._filled:
-            self._filled = True
-            draft = read_draft(app.folder / DRAFT)
-            self._entries = entries_of(app.bench.mass_states[1].added.weights, draft)
-        self._show_all()
-
     @property
     def _weights(self) -> tuple[Weight, ...]:
         return tuple(entry.weight for entry in self._entries)
@@ -95,50 +82,39 @@ class MassesScreen(BenchScreen):
     def _loose_rows(self) -> list[int]:
         return [i for i, entry in enumerate(self._entries) if not entry.bolted]
 
-    def _show_all(self) -> None:
-        glyphs = self.bench_app.glyphs
+    def show_status(self, status: Status) -> None:
+        """Fill the table as soon as the bench is known; show it, and the next action."""
+        app = self.bench_app
+        if app.bench is None:
+            return
+        if not self._filled:
+            self._filled = True
+            draft = read_draft(app.folder / DRAFT)
+            self._entries = entries_of(app.bench.mass_states[1].added.weights, draft)
         rows = [
-            weight_cells(number, entry, glyphs.good, glyphs.bad)
+            weight_cells(number, entry, app.glyphs.good, app.glyphs.bad)
             for number, entry in enumerate(self._entries, 1)
         ]
         self.query_one(Table).show(HEADS, rows or [["", "no weight: A adds one"]])
-        self._show_next()
-
-    def _show_next(self) -> None:
-        together_kg = sum(weight.mass_kg for weight in self._weights)
-        total = Content(f"together {together_kg:.4g} kg")
+        total = Content(f"together {sum(weight.mass_kg for weight in self._weights):.4g} kg")
         self.query_one("#due", Words).say(Content("\n").join([self._next_line(), total]))
 
     def _next_line(self) -> Content:
-        bad, loose_rows = self.bench_app.glyphs.bad, self._loose_rows
-        if self.lost_words:
-            return Content.styled(self.lost_words, SPACE_INK)
-        if self._error:
-            return Content.styled(f"{bad} {self._error}", "bold $error")
+        """Return what is wrong with the weights, or what the next key does."""
+        if self._error and not self.lost_words:
+            return Content.styled(f"{self.bench_app.glyphs.bad} {self._error}", "bold $error")
         words = "SPACE = all are bolted: go on to step 5 Added"
-        if loose_rows and self.query_one(Table).cursor_row == loose_rows[0]:
-            words = f"SPACE = weight {loose_rows[0] + 1} is bolted"
-        elif loose_rows:
-            numbers = ", ".join(str(row + 1) for row in loose_rows)
-            words = f"SPACE = look at {loose_rows[0] + 1}   (not bolted: {numbers})"
-        return Content.styled(words, SPACE_INK)
-
-    def _choose(self, row: int) -> None:
-        self.query_one(Table).choose(row)
-        self._show_next()
-
-    def action_mark(self, by: int) -> None:
-        """Mark another weight."""
-        self._choose(self.query_one(Table).cursor_row + by)
+        if self._loose_rows:
+            words = f"SPACE = weight {self._loose_rows[0] + 1} is bolted"
+        return Content.styled(self.lost_words or words, SPACE_INK)
 
     def _change(self, row: int, *replacement: Entry) -> None:
         """Replace the entry in a row, add one after the last, or remove it without another."""
         self._entries = (*self._entries[:row], *replacement, *self._entries[row + 1 :])
-        self._show_all()
-        self.refresh_bindings()
         stored = {"entries": entry_values(self._entries)}
         if failure := write_draft(self.bench_app.folder / DRAFT, stored):
             self.bench_app.warn(failure)
+        self._show()
 
     def action_add(self) -> None:
         """Add a weight."""
@@ -147,8 +123,7 @@ class MassesScreen(BenchScreen):
     def action_edit(self) -> None:
         """Edit the marked weight."""
         row = self.query_one(Table).cursor_row
-        entry = self._entries[row]
-        self._edit(f"Weight {row + 1}", weight_values(entry.weight), row)
+        self._edit(f"Weight {row + 1}", weight_values(self._entries[row].weight), row)
 
     def _edit(self, title: str, values: Mapping[str, str], row: int) -> None:
         """Let the operator fill the form; put its weight, not bolted yet, into a row."""
@@ -156,7 +131,7 @@ class MassesScreen(BenchScreen):
         def put(typed: Typed | None) -> None:
             if typed is not None:
                 self._change(row, Entry(weight_of(typed)))
-                self._choose(row)
+                self.mark_row(row)
 
         self.app.push_screen(WeightScreen(title, values), put)
 
@@ -165,28 +140,19 @@ class MassesScreen(BenchScreen):
         self._change(self.query_one(Table).cursor_row)
 
     async def action_next(self) -> None:
-        """Mark the first weight that is not bolted, then confirm it; go on when all are bolted."""
-        loose_rows = self._loose_rows
+        """Confirm that the first loose weight is bolted, and mark the next; go on without one."""
         if self._error:
             self.bench_app.warn(self._error)
-        elif loose_rows and self.query_one(Table).cursor_row != loose_rows[0]:
-            self._choose(loose_rows[0])
-        elif loose_rows:
+        elif loose_rows := self._loose_rows:
             self._change(loose_rows[0], replace(self._entries[loose_rows[0]], bolted=True))
-            if len(loose_rows) > 1:
-                self._choose(loose_rows[1])
+            self.mark_row(next(iter(loose_rows[1:]), loose_rows[0]))
         else:
             await self._apply()
 
     async def _apply(self) -> None:
         """Send the weights to the recorder, mark the step as done, and go on to the bumps."""
         app = self.bench_app
-        try:
-            text = with_weights(app.bench_text, self._weights)
-        except InputError as error:
-            app.warn(str(error))
-            return
-        if text != app.bench_text and await app.ask(Configure(text)) is None:
+        if not await app.configure(lambda text: with_weights(text, self._weights)):
             return
         if await app.ask(Mark(BenchStep.MASSES.mark)) is None:
             return

@@ -7,14 +7,16 @@ import os
 from collections.abc import Mapping
 from typing import ClassVar
 
+from textual import on
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.content import Content
+from textual.events import DescendantBlur, DescendantFocus, Unmount
 
-from daq import Excitation, InputError
+from daq import Excitation
 from daq.bench.campaign import Method
 from daq.bench.config import Bench, campaign_limits
-from daq.control.messages import Configure, Hello, Mark, Status
+from daq.control.messages import Hello, Mark, Status
 from daq.vehicle import Fact, FactQuantity, Structure
 
 from ..campaign import VEHICLE_FORM, BenchStep, read_draft, write_draft
@@ -243,28 +245,15 @@ class VehicleScreen(BenchScreen):
             self.bench_app.inform("the form is as the bench has it")
         self._advise()
 
-    def on_descendant_focus(self) -> None:
-        """Show help on the field."""
-        self._advise()
-
-    def on_form_changed(self, _: Form.Changed) -> None:
-        """Keep the text, valid or not, for a terminal that ends now."""
-        self._advise()
+    def on_form_changed(self) -> None:
+        """Take note of the entries, valid or not, and check them."""
         self._typed = self.query_one(Form).values
+        self._advise()
 
-    async def on_form_submitted(self, _: Form.Submitted) -> None:
-        """Apply the form on Enter in the last field."""
-        await self.action_next()
-
-    def on_descendant_blur(self) -> None:
-        """Store the draft when a field is left."""
-        self._keep_draft()
-
-    def on_unmount(self) -> None:
-        """Store the draft when the terminal is closed."""
-        self._keep_draft()
-
+    @on(DescendantBlur)
+    @on(Unmount)
     def _keep_draft(self) -> None:
+        """Store what is typed when a field is left, and when the terminal is closed."""
         typed, self._typed = self._typed, {}
         if typed and (failure := write_draft(self.bench_app.folder / DRAFT, typed)):
             self.bench_app.warn(failure)
@@ -272,14 +261,11 @@ class VehicleScreen(BenchScreen):
     def _errors(self) -> tuple[FieldError, ...]:
         return check_vehicle(self.query_one(Form).values) if self._filled else ()
 
+    @on(DescendantFocus)
     def _advise(self) -> None:
         """Mark the wrong fields; show help on the field with the cursor, or the next action."""
         form, errors = self.query_one(Form), self._errors()
-        form.mark(errors)
-        field = form.current
-        error = errors[0] if errors else None
-        if field is not None:  # an error of its own comes first
-            error = next((own for own in errors if own.field == field.name), error)
+        error, field = form.mark(errors), form.current
         bad = self.bench_app.glyphs.bad
         error_line = Content.styled(f"{bad} {error.text}", "bold $error") if error else None
         if field is not None:
@@ -298,10 +284,11 @@ class VehicleScreen(BenchScreen):
         box.border_title = field.label if field else "Next"
         box.say(Content("\n").join(lines))
 
+    @on(Form.Submitted)
     async def action_next(self) -> None:
         """Send the form to the recorder and go on to the check."""
-        app, form = self.bench_app, self.query_one(Form)
-        if app.bench is None:
+        app, form, bench = self.bench_app, self.query_one(Form), self.bench_app.bench
+        if bench is None:
             app.warn("the recorder has not sent its bench.toml yet: wait a second")
             return
         values, errors = form.values, self._errors()
@@ -309,17 +296,12 @@ class VehicleScreen(BenchScreen):
             form.enter(errors[0].field)
             self._advise()
             return
-        try:
-            text = vehicle_text(app.bench_text, app.bench, values)
-        except InputError as error:
-            app.warn(str(error))
-            return
         name = values["operator"].strip()
         if name != app.operator:
             if await app.ask(Hello(name, app.in_control)) is None:
                 return
             app.operator = name
-        if text != app.bench_text and await app.ask(Configure(text)) is None:
+        if not await app.configure(lambda text: vehicle_text(text, bench, values)):
             return
         if await app.ask(Mark(BenchStep.VEHICLE.mark)) is None:
             return

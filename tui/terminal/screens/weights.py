@@ -6,10 +6,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, ClassVar
 
+from textual import on
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Vertical
 from textual.content import Content
+from textual.events import DescendantFocus
 from textual.screen import ModalScreen
 from textual.widgets import Static
 
@@ -156,30 +158,18 @@ class WeightScreen(ModalScreen[Typed | None]):
         form.fill(self._values)
         form.enter()
 
-    def on_form_changed(self) -> None:
-        """Show what is wrong."""
-        self._advise()
-
-    def on_descendant_focus(self) -> None:
-        """Show help on the field."""
-        self._advise()
-
-    def on_form_submitted(self) -> None:
-        """Apply the form on Enter in the last field."""
-        self.action_apply()
-
+    @on(Form.Changed)
+    @on(DescendantFocus)
     def _advise(self) -> None:
-        """Mark the wrong fields; show help on the field with the cursor, and the first error."""
+        """Mark the wrong fields; show help on the field with the cursor, and an error."""
         form = self.query_one(Form)
-        errors = check_weight(form.values)
-        form.mark(errors)
-        field = form.current
-        if field is None:
-            return
-        own_errors = [error for error in errors if error.field == field.name]
-        error_line = [Content.styled(e.text, "bold $error") for e in (own_errors or errors)[:1]]
-        self.query_one("#help", Words).say(Content("\n").join([Content(field.advice), *error_line]))
+        error = form.mark(check_weight(form.values))
+        if form.current is not None:
+            lines = [Content(form.current.advice)]
+            lines += [Content.styled(error.text, "bold $error")] if error else []
+            self.query_one("#help", Words).say(Content("\n").join(lines))
 
+    @on(Form.Submitted)
     def action_apply(self) -> None:
         """Close and return the form's values; with an error, go to its field instead."""
         form = self.query_one(Form)
