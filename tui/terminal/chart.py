@@ -124,15 +124,13 @@ class LaneChart(Widget):
     def _trace(self, lanes: Lanes, spec: LaneSpec, window: Window) -> Traced:
         """Return the trace of a channel about its value at rest, in the unit of its lane."""
         low, high = lanes.window(spec.channel, window.first_bin, window.count)
-        middles = np.sort(low + high) / 2.0  # of each bin; NaN comes last
-        n_known = len(middles) - int(np.count_nonzero(np.isnan(middles)))
-        median = 0.0
-        if n_known:
-            median = float(middles[(n_known - 1) // 2] + middles[n_known // 2]) / 2.0
-        rest_value = self._rest_value(spec, median)
+        middles = (low + high) / 2.0
+        known_middles = middles[np.isfinite(middles)]
+        if not known_middles.size:
+            return low, high, nan
+        rest_value = self._rest_value(spec, float(np.median(known_middles)))
         low, high = (low - rest_value) * spec.factor, (high - rest_value) * spec.factor
-        peak = float(max(np.fmax.reduce(high), -np.fmin.reduce(low))) if n_known else nan
-        return low, high, peak
+        return low, high, float(max(np.nanmax(high), -np.nanmin(low)))
 
     def _rest_value(self, spec: LaneSpec, median: float) -> float:
         """Return the value at rest of a channel, SI: the median of the window, but in steps.

@@ -253,9 +253,8 @@ class Lanes:
     """
 
     def __init__(self) -> None:
-        self._low: dict[str, NDArray[np.float64]] = {}
-        self._high: dict[str, NDArray[np.float64]] = {}
-        """Values of each channel; bin number n is at n modulo the length."""
+        self._rings: dict[str, NDArray[np.float64]] = {}
+        """Lowest and highest values of each channel, (2, n): bin number b is in column b % n."""
         self.clear()
 
     def clear(self) -> None:
@@ -263,8 +262,7 @@ class Lanes:
         self.bin_s = 0.0
         self.end_bin = 0
         """Number of the bin after the newest."""
-        self._low.clear()
-        self._high.clear()
+        self._rings.clear()
 
     def add(self, live: Live) -> None:
         """Add live samples; bins older than the newest only fill gaps."""
@@ -274,32 +272,30 @@ class Lanes:
         n_kept = max(1, round(RING_S / live.bin_s))
         # Bins of another width, or farther away than a ring is long, share no ring with the old.
         if live.bin_s != self.bin_s or abs(live.first_bin - self.end_bin) > n_kept:
-            self._low, self._high = {}, {}
+            self._rings.clear()
             self.bin_s, self.end_bin = live.bin_s, live.first_bin
         bins = np.arange(live.first_bin, live.first_bin + n_received)
         end_bin = max(self.end_bin, live.first_bin + n_received)
-        for ring in (*self._low.values(), *self._high.values()):
-            ring[np.arange(self.end_bin, end_bin) % n_kept] = np.nan  # values a minute old
+        for ring in self._rings.values():
+            ring[:, np.arange(self.end_bin, end_bin) % n_kept] = np.nan  # values a minute old
         fits = bins >= end_bin - n_kept
         for lane in live.lanes:
-            for rings, received in ((self._low, lane.low), (self._high, lane.high)):
-                ring = rings.setdefault(lane.channel, np.full(n_kept, np.nan))
-                ring[bins[fits] % n_kept] = np.array(received, dtype=np.float64)[fits]
+            ring = self._rings.setdefault(lane.channel, np.full((2, n_kept), np.nan))
+            received = np.array((lane.low, lane.high), dtype=np.float64)
+            ring[:, bins[fits] % n_kept] = received[:, fits]
         self.end_bin = end_bin
 
     def window(
         self, channel: str, first_bin: int, count: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return lowest and highest values of `count` bins from `first_bin`; NaN if not known."""
-        low, high = np.full(count, np.nan), np.full(count, np.nan)
-        ring = self._low.get(channel)
-        if ring is None:
-            return low, high
-        bins = np.arange(first_bin, first_bin + count)
-        known = (bins < self.end_bin) & (bins >= self.end_bin - len(ring))
-        low[known] = ring[bins[known] % len(ring)]
-        high[known] = self._high[channel][bins[known] % len(ring)]
-        return low, high
+        values = np.full((2, count), np.nan)
+        if (ring := self._rings.get(channel)) is not None:
+            n_kept = ring.shape[1]
+            bins = np.arange(first_bin, first_bin + count)
+            known = (bins < self.end_bin) & (bins >= self.end_bin - n_kept)
+            values[:, known] = ring[:, bins[known] % n_kept]
+        return values[0], values[1]
 
 
 SPAN_S = 6.0

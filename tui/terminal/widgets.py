@@ -34,15 +34,13 @@ class Words(Static):
     def __init__(self, name: str, classes: str = "", title: str = "") -> None:
         super().__init__(id=name, classes=classes, markup=False)
         self.border_title = title
-        self._shown: Content | None = None
+        self._shown = Content()
 
     def say(self, content: Content) -> None:
         """Show a text, unless it is the one that is shown."""
-        shown = self._shown
-        if shown is not None and shown.plain == content.plain and shown.spans == content.spans:
-            return
-        self._shown = content
-        self.update(content)
+        if not content.is_same(self._shown):
+            self._shown = content
+            self.update(content)
 
 
 def right(text: str) -> Text:
@@ -102,8 +100,6 @@ class Table(DataTable[Text]):
         return Style(color=colour.rich_color, bold=True)
 
 
-KINDS = ("armed", "moving", "good", "bad", "quiet")
-"""Kinds of a banner, each with a colour."""
 _WORD_COLUMNS, _DIGITS_COLUMNS = 9, 10
 """Columns of the state's word, of which longer ones take more, and of the seconds."""
 _SPACE_WORDS = r"SPACE (starts|= [\w ]*\w)"
@@ -130,8 +126,7 @@ class BannerBar(Horizontal):
         if (banner, self.size.width) == self._shown:
             return
         self._shown = banner, self.size.width
-        for kind in KINDS:
-            self.set_class(kind == banner.kind, f"-{kind}")
+        self.set_classes(f"-{banner.kind}")
         second_line, third_line = banner.event, banner.addition
         if banner.folds:
             # Beside the digits and an indent of 3; at least 20 columns, however narrow.

@@ -65,10 +65,6 @@ def choose_glyphs(wanted: str, environment: Mapping[str, str]) -> Glyphs:
     return _BRAILLE
 
 
-UNSIGNALLED = ("restamped",)
-"""Alarms that need no immediate action."""
-
-
 class Signal(Enum):
     """An event that is signalled; the value has the times at which the bell rings, s."""
 
@@ -95,8 +91,9 @@ def signal_of(previous: Status | Lost | None, news: Status | Lost) -> Signal | N
     phase_signal = _PHASE_SIGNALS.get(news.phase) if news.phase is not previous.phase else None
     known_alarms = {(alarm.code, alarm.subject) for alarm in previous.alarms}
     has_new_alarm = any(
-        alarm.code not in UNSIGNALLED and (alarm.code, alarm.subject) not in known_alarms
+        (alarm.code, alarm.subject) not in known_alarms
         for alarm in news.alarms
+        if alarm.code != "restamped"  # it needs no immediate action
     )
     if has_new_alarm and phase_signal in (None, Signal.ARMED):
         return Signal.ALARM

@@ -334,8 +334,8 @@ async def showing(
 ) -> AsyncIterator[Pilot[None]]:
     """Run an app with an outcome on its results screen."""
     async with playing(app, size) as pilot:
-        results_of(app).show_outcome(shown)
         await app.open("results")
+        results_of(app).show_outcome(shown)
         await pilot.pause()
         yield pilot
 

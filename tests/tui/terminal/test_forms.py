@@ -266,7 +266,7 @@ async def test_a_weight_is_added_edited_and_taken_off(make_app: Make) -> None:
         assert "no weight: A adds one" in seen(app)
         assert "there is no weight" in seen(app)
         assert not screen.ready
-        assert not screen.acts
+        assert not screen.next_enabled
         await pressed(pilot, "e")
         assert front(app) is screen
         await screen.action_next()

@@ -252,7 +252,7 @@ async def test_keys_of_the_check_act_on_the_marked_line_alone(make_app: Make) ->
         assert orders_of(recorder, Configure) == []
         await pressed(pilot, *["down"] * 20)
         assert "hands off the car: 5 s more" in await pressed(pilot, "r")
-        assert not screen.acts
+        assert not screen.next_enabled
         await pressed(pilot, "up")
         recorder.refuse = "JL is in control"
         await pressed(pilot, "r")
@@ -317,14 +317,14 @@ async def test_the_form_says_what_to_press_while_no_recorder_answers(
         recorder.post(GONE)
         await pilot.pause()
         assert "X = start the recorder again What is typed is kept." in seen(app).replace("│ ", "")
-        assert not screen.acts
+        assert not screen.next_enabled
         recorder.post(STARTING)
         await pilot.pause()
         assert "The recorder is being started." in seen(app)
         recorder.publish()
         await pilot.pause()
         assert "this is the car: go on to step 2 Check" in seen(app)
-        assert screen.acts
+        assert screen.next_enabled
         assert "Tab: next field." in await pressed(pilot, "tab")
         said = await pressed(pilot, "tab", "tab", *"x", "tab", *"x", "escape")
         assert "; 1 more" in said
@@ -354,7 +354,7 @@ async def test_the_check_asks_nothing_of_a_recorder_that_is_lost(make_app: Make)
         await pilot.pause()
         await screen._check_again()
         assert "X = start the recorder again" in await pressed(pilot, "up")
-        assert (screen.acts, screen.ready) == (False, False)
+        assert (screen.next_enabled, screen.ready) == (False, False)
         assert len(orders_of(recorder, AskCheck)) == asked
         recorder.publish()
         await pilot.pause()

@@ -81,7 +81,7 @@ async def test_from_space_to_results(
         await at_every_size(pilot, snapshot, "identify")
         await pressed(pilot, "space")
         assert isinstance(recorder.orders[-1], Build)
-        assert not identify.acts
+        assert not identify.next_enabled
         now_ns = recorder.status.wall_ns
         recorder.publish(session=recorder.built(PATH), wall_ns=now_ns - 1)
         await pilot.pause()

@@ -64,7 +64,7 @@ class BenchScreen(Screen[None]):
     @property
     def ready(self) -> bool:
         """True while `--auto` may press SPACE."""
-        return self.acts
+        return self.next_enabled
 
     @property
     def step_shown(self) -> BenchStep | None:
@@ -72,7 +72,7 @@ class BenchScreen(Screen[None]):
         return self.STEP
 
     @property
-    def acts(self) -> bool:
+    def next_enabled(self) -> bool:
         """True while SPACE does something; the footer shows SPACE only then."""
         return True
 
@@ -86,7 +86,7 @@ class BenchScreen(Screen[None]):
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Show only the keys that do something now."""
-        return self.acts if action == "next" else True
+        return self.next_enabled if action == "next" else True
 
     def compose(self) -> ComposeResult:
         """Compose the lines that all screens have, around the screen's own part."""

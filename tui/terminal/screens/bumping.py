@@ -152,7 +152,7 @@ class HomeScreen(BenchScreen):
         return bump_step(status) if status is not None else None
 
     @property
-    def acts(self) -> bool:
+    def next_enabled(self) -> bool:
         """True while there is a next action and a recorder that accepts it."""
         return self.bench_app.lost is None and self._next.words.startswith("SPACE")
 
@@ -160,7 +160,7 @@ class HomeScreen(BenchScreen):
     def ready(self) -> bool:
         """True while SPACE would begin something; `--auto` waits for the end of a countdown."""
         status = self.bench_app.status
-        return status is not None and not in_run(status) and not status.halted and self.acts
+        return status is not None and not in_run(status) and not status.halted and self.next_enabled
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Show only the keys that do something now."""

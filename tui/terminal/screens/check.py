@@ -170,7 +170,7 @@ class CheckScreen(BenchScreen):
         self.set_interval(PERIOD_S, self._check_again)
 
     @property
-    def acts(self) -> bool:
+    def next_enabled(self) -> bool:
         """True while SPACE does something: not while the car is pushed or must be at rest."""
         return self._next[1] is not None
 

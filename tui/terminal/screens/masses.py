@@ -57,7 +57,7 @@ class MassesScreen(BenchScreen):
         yield Words("due", "box", "Next")
 
     @property
-    def acts(self) -> bool:
+    def next_enabled(self) -> bool:
         """True while SPACE does something: not while an entry is wrong or no recorder answers."""
         return self._filled and not self._error and not self.lost_words
 

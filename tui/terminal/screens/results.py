@@ -179,18 +179,21 @@ class ResultsScreen(SessionScreen):
                         yield Table(f"{page}-table", reads=page != "runs")
 
     def on_mount(self) -> None:
-        """Show an outcome that arrived before the screen was composed."""
+        """Leave Tab to the screen."""
         self.query_one(Tabs).can_focus = False
-        self._fill()
-
-    def show_status(self, status: Status) -> None:
-        """Show whether the recording has changed since."""
-        self._draw()
 
     def show_outcome(self, outcome: Outcome) -> None:
-        """Show an identification."""
+        """Show an identification from its first page, on a screen that has been opened."""
         self.outcome, self.session = outcome, outcome.session
-        self._fill()
+        result, glyphs = outcome.result, self.bench_app.glyphs
+        first_page = "parameters" if result.parameters else "findings"
+        self.query_one(TabbedContent).active = first_page
+        heads = ("parameter", "value", "unit", "95 % interval", "±")
+        self.query_one("#parameters-table", Table).show(heads, parameter_rows(result))
+        heads_of_modes = ("mass state", "mode", "Hz", "± 95 %", "damping ratio", "± 95 %")
+        self.query_one("#modes-table", Table).show(heads_of_modes, mode_rows(result))
+        self.query_one("#runs-table", Table).show([""] * 3, run_rows(outcome, glyphs))
+        self._show()
 
     async def action_next(self) -> None:
         """Go on to the report."""
@@ -240,23 +243,7 @@ class ResultsScreen(SessionScreen):
         if await self.bench_app.ask(order) is not None:
             await (await self.bench_app.open("identify")).build()
 
-    def _fill(self) -> None:
-        """Show an outcome from its first page."""
-        outcome = self.outcome
-        if outcome is None or not self.query("#space"):
-            return
-        pages = self.query_one(TabbedContent)
-        result = outcome.result
-        pages.active = "parameters" if result.parameters else "findings"
-        glyphs = self.bench_app.glyphs
-        heads = ("parameter", "value", "unit", "95 % interval", "±")
-        self.query_one("#parameters-table", Table).show(heads, parameter_rows(result))
-        heads_of_modes = ("mass state", "mode", "Hz", "± 95 %", "damping ratio", "± 95 %")
-        self.query_one("#modes-table", Table).show(heads_of_modes, mode_rows(result))
-        self.query_one("#runs-table", Table).show([""] * 3, run_rows(outcome, glyphs))
-        self._draw()
-
-    def _draw(self) -> None:
+    def show_status(self, status: Status) -> None:
         """Show what depends on the size of the terminal, and on the recording."""
         outcome, next_line = self.outcome, self.query_one("#space", Words)
         if outcome is None:

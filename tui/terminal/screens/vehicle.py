@@ -207,7 +207,7 @@ class VehicleScreen(BenchScreen):
         return self._filled and not self._errors()
 
     @property
-    def acts(self) -> bool:
+    def next_enabled(self) -> bool:
         """True while a recorder accepts the form."""
         return not self.lost_words
 

@@ -43,8 +43,8 @@ class Stage(StrEnum):
 _UNDER_WAY = (Stage.BUILDING, Stage.WORKING)
 _MOST_PARTS = 6
 """Largest number of parts of the work that are shown: the newest."""
-_LEAST_SHARE = 0.1
-"""Share of the work that must be done before its remaining time is shown."""
+_LEAST_PROGRESS = 0.1
+"""Fraction of the work that must be done before its remaining time is shown."""
 
 
 class WorkScreen(SessionScreen):
@@ -55,19 +55,19 @@ class WorkScreen(SessionScreen):
         self.stage = Stage.IDLE
         self._begun_parts: dict[str, None] = {}
         """The parts of the work that were begun, in order, each once."""
-        self.trouble: BumpbenchError | None = None
-        """Why the work failed."""
+        self._failure: BumpbenchError | None = None
+        """Why the work failed; None unless the stage is FAILED."""
         self.take = asyncio.Event()
         """Set to end the work with the answer so far."""
         self._begun_s = 0.0
         """Monotonic time at which the work began, s."""
-        self._share = 0.0
-        """Share of the work that is done."""
+        self._progress = 0.0
+        """Fraction of the work that is done."""
 
     @property
     def ready(self) -> bool:
         """True while `--auto` may press SPACE: it does not repeat what has failed."""
-        return self.acts and self.stage is not Stage.FAILED
+        return self.next_enabled and self.stage is not Stage.FAILED
 
     def compose_body(self) -> ComposeResult:
         """Compose the box."""
@@ -77,12 +77,8 @@ class WorkScreen(SessionScreen):
             yield ProgressBar(total=1.0, show_eta=False)
             yield Words("state")
 
-    def show_status(self, status: Status) -> None:
-        """Show the present state."""
-        self.draw()
-
     async def action_cancel(self) -> None:
-        """End the worker; without one, go to the home screen."""
+        """End the worker; without one, go to the screen of the bumps."""
         if self.stage in _UNDER_WAY:
             self.workers.cancel_node(self)
             self.begin(Stage.IDLE, self.session)
@@ -91,56 +87,65 @@ class WorkScreen(SessionScreen):
 
     def begin(self, stage: Stage, session: str) -> None:
         """Begin a stage on a session file; what earlier work has shown is forgotten."""
-        self.stage, self.session, self.trouble = stage, session, None
-        self._begun_s, self._share = monotonic(), 0.0
+        self.stage, self.session, self._failure = stage, session, None
+        self._begun_s, self._progress = monotonic(), 0.0
         self._begun_parts = {stage.value: None} if stage is Stage.BUILDING else {}
-        self.draw()
+        self._show()
+
+    def fail(self, error: BumpbenchError) -> None:
+        """End the work, and show why it failed."""
+        self.stage, self._failure = Stage.FAILED, error
+        self._show()
 
     async def answer_to(self, task: Task) -> Any:
         """Do a task in a worker and show its progress; return the answer, None after a failure."""
 
-        def show_progress(share: float, part: str) -> None:
+        def show_progress(progress: float, part: str) -> None:
             self._begun_parts[part] = None
-            self._share = max(self._share, share)  # two processes report in any order
-            self.draw()
+            self._progress = max(self._progress, progress)  # two processes report in any order
+            self._show()
 
         self.take = asyncio.Event()
         try:
             answer = await answer_of(task, Path(self.session).name, show_progress, self.take)
         except BumpbenchError as error:
-            self.stage, self.trouble = Stage.FAILED, error
-            self.draw()
+            self.fail(error)
             return None
         self.stage = Stage.DONE
         return answer
 
-    def draw(self) -> None:
-        """Draw the box: what SPACE or another key does, and the state of the work."""
-        if not self.is_mounted:
-            return
+    def show_status(self, status: Status) -> None:
+        """Show what SPACE or another key does, the state of the work, and what it is done with."""
         bar = self.query_one(ProgressBar)
         bar.display = self.stage in _UNDER_WAY
-        bar.update(progress=self._share)
+        bar.update(progress=self._progress)
+        lines, next_words = self._lines_and_keys()
+        text = "\n".join(["", *lines, *([""] if lines else []), *self.subject_lines(status)])
+        next_line = f"{self.bench_app.glyphs.now} {next_words}"
+        self.query_one("#due", Words).say(Content.styled(next_line, SPACE_INK))
+        self.query_one("#state", Words).say(Content(text))
+
+    def _lines_and_keys(self) -> tuple[list[str], str]:
+        """Return what the box shows on the work, and the next keys."""
         glyphs = self.bench_app.glyphs
-        lines, next_words = self.lines_and_keys()
-        if self.trouble is not None and self.stage is Stage.FAILED:
-            where = printable(self.trouble.where)
-            lines = [f"{glyphs.bad} FAILED  {printable(self.trouble.what, 400)}", f"  {where}"]
-            lines += [f"  What to do: {printable(self.trouble.advice, 300)}"]
-            next_words = "SPACE = try again"
-        elif self.stage in _UNDER_WAY:
-            *done_parts, present_part = [*self._begun_parts][-_MOST_PARTS:] or [""]
-            lines = [f"  {glyphs.good} {printable(part)}" for part in done_parts]
-            lines += [f"  {glyphs.now} {printable(present_part)}"]
-            elapsed_s = monotonic() - self._begun_s
-            keys = "T takes the answer so far, Esc stops" if self.may_take else "Esc stops it"
-            next_words = f"{keys}; nothing is lost   {elapsed_s:.0f} s so far"
-            if self._share >= _LEAST_SHARE:
-                remaining_s = elapsed_s * (1.0 / self._share - 1.0)
-                next_words += f", about {remaining_s:.0f} s left"
-        self.query_one("#due", Words).say(Content.styled(f"{glyphs.now} {next_words}", SPACE_INK))
-        texts = [*lines, "", *self.subject_lines()] if lines else self.subject_lines()
-        self.query_one("#state", Words).say(Content("\n".join(["", *texts])))
+        if self._failure is not None:
+            lines = [
+                f"{glyphs.bad} FAILED  {printable(self._failure.what, 400)}",
+                f"  {printable(self._failure.where)}",
+                f"  What to do: {printable(self._failure.advice, 300)}",
+            ]
+            return lines, "SPACE = try again"
+        if self.stage not in _UNDER_WAY:
+            return self.idle_lines_and_keys()
+        *done_parts, present_part = [*self._begun_parts][-_MOST_PARTS:] or [""]
+        lines = [f"  {glyphs.good} {printable(part)}" for part in done_parts]
+        lines += [f"  {glyphs.now} {printable(present_part)}"]
+        elapsed_s = monotonic() - self._begun_s
+        keys = "T takes the answer so far, Esc stops" if self.may_take else "Esc stops it"
+        keys += f"; nothing is lost   {elapsed_s:.0f} s so far"
+        if self._progress >= _LEAST_PROGRESS:
+            keys += f", about {elapsed_s * (1.0 / self._progress - 1.0):.0f} s left"
+        return lines, keys
 
     @property
     def may_take(self) -> bool:
@@ -150,11 +155,11 @@ class WorkScreen(SessionScreen):
         return self.stage is Stage.WORKING and has_answer and not self.take.is_set()
 
     @abstractmethod
-    def subject_lines(self) -> list[str]:
+    def subject_lines(self, status: Status) -> list[str]:
         """Return the lines on what the work is done with."""
 
     @abstractmethod
-    def lines_and_keys(self) -> tuple[list[str], str]:
+    def idle_lines_and_keys(self) -> tuple[list[str], str]:
         """Return what the box shows before the work and after it: lines, and the next keys."""
 
 
@@ -170,18 +175,18 @@ class IdentifyScreen(WorkScreen):
 
     def __init__(self) -> None:
         super().__init__()
-        self.outcome: Outcome | None = None
+        self._outcome: Outcome | None = None
         self._ordered_ns = 0  # wall clock of the recorder when it took the order to build
 
     @property
-    def acts(self) -> bool:
+    def next_enabled(self) -> bool:
         """True while SPACE does something: not during the work."""
         return self.stage not in _UNDER_WAY
 
     @property
     def valid_outcome(self) -> Outcome | None:
         """The result of the recording as it is now; None without one."""
-        return self.outcome if self.stage is Stage.DONE and not self.outdated else None
+        return self._outcome if self.stage is Stage.DONE and not self.outdated else None
 
     async def action_next(self) -> None:
         """Build and identify; show the results once they are there."""
@@ -197,24 +202,20 @@ class IdentifyScreen(WorkScreen):
     def action_take(self) -> None:
         """End the work with the answer so far."""
         self.take.set()
-        self.draw()
+        self._show()
 
     async def show_results(self) -> None:
         """Show the results of the identification."""
-        if self.outcome is not None:
-            results: Any = self.bench_app.get_screen("results")
-            results.show_outcome(self.outcome)
-            await self.bench_app.open("results")
+        results: Any = await self.bench_app.open("results")
+        results.show_outcome(self._outcome)
 
     async def build(self) -> None:
-        """Order the recorder to build the session file; identify it as soon as it is built."""
+        """Order the recorder to build the session file; `show_status` waits for the file."""
         reply = await self.bench_app.ask(Build())
-        if reply is None or reply.status is None:
-            return
-        self.workers.cancel_node(self)
-        self._ordered_ns = reply.status.wall_ns
-        self.begin(Stage.BUILDING, self.session)
-        self.show_status(reply.status)
+        if reply is not None and reply.status is not None:
+            self.workers.cancel_node(self)
+            self._ordered_ns = reply.status.wall_ns
+            self.begin(Stage.BUILDING, self.session)
 
     def show_status(self, status: Status) -> None:
         """Follow the recorder while it builds; identify the file once it is built."""
@@ -228,26 +229,25 @@ class IdentifyScreen(WorkScreen):
             elif session.state is SessionState.FAILED:
                 where, what = session.path or status.folder, session.text or "no session file"
                 advice = "SPACE = try again; the journal is untouched"
-                self.stage, self.trouble = Stage.FAILED, InputError(where, what, advice)
-        self.draw()
+                self.fail(InputError(where, what, advice))
+        super().show_status(status)
 
     @work(exclusive=True)
     async def _identify(self, path: str) -> None:
         """Identify a session file, and show the results if this screen is still in front."""
-        self.outcome = await self.answer_to(partial(identify_session, path))
-        if self.outcome is None:
+        outcome = await self.answer_to(partial(identify_session, path))
+        if outcome is None:
             return
-        self.draw()
-        if self.app.screen is self:
+        self._outcome = outcome
+        self._show()
+        if self.is_current:
             await self.show_results()
         else:
             self.bench_app.inform("identified: step 6 shows the results")
 
-    def subject_lines(self) -> list[str]:
+    def subject_lines(self, status: Status) -> list[str]:
         """Return the runs of the recording, and its session file."""
-        status, glyphs = self.bench_app.status, self.bench_app.glyphs
-        if status is None:
-            return ["waiting for the recorder"]
+        glyphs = self.bench_app.glyphs
         accepted = sum(run.status is RunStatus.ACCEPTED for run in status.runs)
         rejected = sum(run.status is RunStatus.REJECTED for run in status.runs)
         count = f"{counted(accepted, 'run')} accepted, {rejected} rejected (kept)"
@@ -260,7 +260,7 @@ class IdentifyScreen(WorkScreen):
             lines.append(f"  session file: {printable(status.own_session)}")
         return lines
 
-    def lines_and_keys(self) -> tuple[list[str], str]:
+    def idle_lines_and_keys(self) -> tuple[list[str], str]:
         """Return a warning if the recording has changed, and what SPACE does."""
         if self.stage is Stage.DONE and self.outdated:
             warning = f"{self.bench_app.glyphs.warn} {OUTDATED}"
@@ -285,10 +285,10 @@ class ReportScreen(WorkScreen):
         self._written: dict[str, Any] = {}  # files and verdict of the report
 
     @property
-    def acts(self) -> bool:
+    def next_enabled(self) -> bool:
         """True while SPACE does something: neither during the writing nor after it."""
-        idle = self.stage in (Stage.IDLE, Stage.FAILED)
-        return not self.session or idle or (self.outdated and self.stage is Stage.DONE)
+        is_open = self.stage in (Stage.IDLE, Stage.FAILED)
+        return is_open or (self.stage is Stage.DONE and self.outdated)
 
     def show_status(self, status: Status) -> None:
         """Take the session of this recording, and leave that of the one before."""
@@ -301,7 +301,7 @@ class ReportScreen(WorkScreen):
         """Write the report; identify first where there is no session file."""
         if not self.session or self.outdated:
             await self.bench_app.go_to(BenchStep.IDENTIFY)
-        elif self.acts:
+        else:
             self.begin(Stage.WORKING, self.session)
             self._write()
 
@@ -314,35 +314,33 @@ class ReportScreen(WorkScreen):
     @work(exclusive=True)
     async def _write(self) -> None:
         """Write page and PDF of the report; mark the step as done if they are of this recording."""
-        page = self._page
-        pdf = str(page.with_suffix(".pdf"))
-        written = await self.answer_to(partial(report_session, self.session, str(page), pdf))
+        page, pdf = str(self._page), str(self._page.with_suffix(".pdf"))
+        written = await self.answer_to(partial(report_session, self.session, page, pdf))
         if written is None:
             return
         self._written = written
         status, step = self.bench_app.status, BenchStep.REPORT
         if not self.outdated and status and not is_marked(status, step):
             await self.bench_app.ask(Mark(step.mark))
-        self.draw()
+        self._show()
 
     @property
     def _page(self) -> Path:
         return Path(self.session).with_suffix(".html")
 
-    def subject_lines(self) -> list[str]:
+    def subject_lines(self, status: Status) -> list[str]:
         """Return the session file."""
         if not self.session:
             return ["no session file yet"]
         return [f"Session {printable(Path(self.session).name)}"]
 
-    def lines_and_keys(self) -> tuple[list[str], str]:
+    def idle_lines_and_keys(self) -> tuple[list[str], str]:
         """Return the files that were written, and the next keys."""
         glyphs = self.bench_app.glyphs
-        if not self.session:
-            return [], "SPACE = step 6 Identify"
         lines, keys = [], "W = next vehicle"
-        if self.outdated:
-            lines, keys = [f"{glyphs.warn} {OUTDATED}", ""], "SPACE = step 6 Identify"
+        if not self.session or self.outdated:
+            keys = "SPACE = step 6 Identify"
+            lines = [f"{glyphs.warn} {OUTDATED}", ""] if self.outdated else []
         elif self.stage is Stage.IDLE:
             return [f"  {printable(str(self._page))}"], "SPACE = write the report"
         if self.stage is not Stage.DONE:
