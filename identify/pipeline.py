@@ -66,7 +66,6 @@ def _ignore(*_: object) -> None:
 def identify(
     session: Session,
     progress: Progress = _ignore,
-    fitted: Callable[[Estimation], None] = _ignore,
     stop: Callable[[], object] = _ignore,
 ) -> Identification:
     """Identify the physical parameters of a session's vehicle, and its modes by the paper's method.
@@ -81,8 +80,6 @@ def identify(
         Accepted runs in two mass states, or in one with scales among the facts.
     progress : callable, optional
         Called as the work goes on.
-    fitted : callable, optional
-        Called with the fit as soon as there is one, for callers that need nothing else to begin.
     stop : callable, optional
         Asked after each stage of the fit with elements; where it returns True, the answer is the
         linear fit so far, with a warning.
@@ -92,7 +89,7 @@ def identify(
     Identification
         With verdict `refused` and reasons where the data do not support a result.
     """
-    result = identify_parameters(session, progress, fitted, stop)
+    result = identify_parameters(session, progress, stop)
     if result.estimation is None:
         return result
     progress(0.8, "modes")
@@ -115,7 +112,6 @@ def identify(
 def identify_parameters(
     session: Session,
     progress: Progress = _ignore,
-    fitted: Callable[[Estimation], None] = _ignore,
     stop: Callable[[], object] = _ignore,
 ) -> Identification:
     """Identify by maximum likelihood alone, without the State Variable Method: half the time.
@@ -151,7 +147,6 @@ def identify_parameters(
                 estimation, forces = real.estimation, real.forces
     estimation = with_widest_intervals(estimation)
     box, fit = estimation.box, estimation.fit
-    fitted(estimation)
     full = estimation.full
     present = {record.mass_state for record in records}
     states = [state for state in session.mass_states if state.name in present]

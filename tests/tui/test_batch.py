@@ -28,7 +28,7 @@ from dbc.words import InputError
 from tui import output
 from tui.cli import run
 from tui.jobs.batch_page import page_of
-from tui.jobs.executors import as_finished, helpers, map_items, processes
+from tui.jobs.executors import as_finished, map_items, processes
 from tui.jobs.worker import START, Outcome, Stage, answer_of, identify_session
 
 from .batches import progress_that, refused_session, synthetic_rows, write_all
@@ -262,13 +262,13 @@ PATIENCE_S = 30.0
 
 
 def test_helpers_work_and_leave_nothing_behind() -> None:
-    with helpers(LIGHT) as pool:
+    with processes(2, LIGHT) as pool:
         assert pool.submit(abs, -3).result() == 3
     assert active_children() == []
 
 
 def test_a_helper_that_dies_is_reported_in_a_line() -> None:
-    with pytest.raises(InputError, match="a helper process died"), helpers(LIGHT) as pool:
+    with pytest.raises(InputError, match="processes: one died"), processes(2, LIGHT) as pool:
         pool.submit(os._exit, 1).result()
     assert active_children() == []
 
@@ -277,9 +277,9 @@ def test_helpers_end_with_a_parent_that_is_killed(tmp_path: Path) -> None:
     program = tmp_path / "parent.py"
     program.write_text(
         "import os, time\n"
-        "from tui.jobs.executors import helpers\n"
+        "from tui.jobs.executors import processes\n"
         "if __name__ == '__main__':\n"
-        "    with helpers(('json',)) as pool:\n"
+        "    with processes(2, ('json',)) as pool:\n"
         "        print(*{pool.submit(os.getpid).result() for _ in range(20)}, flush=True)\n"
         "        time.sleep(60)\n"
     )

@@ -10,7 +10,6 @@ from importlib.resources import files
 from math import isfinite, nan
 from os.path import relpath
 from pathlib import Path
-from typing import Any
 from urllib.parse import quote
 
 from daq.files import json_in_html
@@ -30,7 +29,12 @@ def page_of(columns: Sequence[str], rows: Sequence[Row], folder: Path) -> str:
     for row in rows:
         values = [_rounded(row.get(name)) for name in names]
         stds = [_rounded(row.get(f"{name}_std")) for name in names]
-        page_rows.append([*_session_cells(row, folder), values, stds])
+        report = Path(str(row["file"])).with_suffix(".html")
+        link = quote(Path(relpath(report, folder)).as_posix()) if report.is_file() else ""
+        texts = [str(row.get(name) or "") for name in ("vehicle", "created", "origin", "verdict")]
+        reasons = printable(str(row.get("reasons") or ""), 300)
+        judged = [*texts, _rounded(row.get("chi2_per_n")), reasons]
+        page_rows.append([str(row["file"]), link, *judged, values, stds])
     document = {"parameters": list(zip(names, units, strict=True)), "rows": page_rows}
     here = files(__package__)
     page = (here / "batch_page.html").read_text("utf-8")
@@ -41,17 +45,6 @@ def page_of(columns: Sequence[str], rows: Sequence[Row], folder: Path) -> str:
     ):
         page = page.replace(f"<!--{placeholder}-->", content, 1)
     return page
-
-
-def _session_cells(row: Row, folder: Path) -> list[Any]:
-    """Return file, report's link, vehicle, date, origin, verdict, chi2/n and reasons of a row."""
-    file = str(row["file"])
-    report = Path(file).with_suffix(".html")
-    link = quote(Path(relpath(report, folder)).as_posix()) if report.is_file() else ""
-    descriptions = [str(row.get(name) or "") for name in ("vehicle", "created", "origin")]
-    reasons = printable(str(row.get("reasons") or ""), 300)
-    chi2 = _rounded(row.get("chi2_per_n"))
-    return [file, link, *descriptions, str(row["verdict"]), chi2, reasons]
 
 
 def _rounded(cell: Cell) -> float | None:

@@ -24,9 +24,6 @@ if TYPE_CHECKING:
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-_HELPERS = 2
-"""Number of helpers: one works while the parent works, both while the parent waits."""
-
 
 def as_finished(
     function: Callable[[Item], Result],
@@ -103,25 +100,29 @@ def processes(workers: int, modules: Sequence[str] = ("identify",)) -> Iterator[
     """Yield processes of this machine that share loaded modules; after an error they end at once.
 
     Ctrl-C reaches only the parent, which then ends them; they end, too, when it is killed.  Raises
-    InputError if no process can be started.
+    InputError if no process can be started, or one dies.
     """
     from dbc import InputError
 
     # Windows has no fork server.
     method = "forkserver" if "forkserver" in get_all_start_methods() else "spawn"
     context: Any = get_context(method)
-    if method == "forkserver":
-        context.set_forkserver_preload(list(modules))
     pool = ProcessPoolExecutor(workers, context, _end_with_parent)
     try:
+        if method == "forkserver":
+            from multiprocessing.forkserver import ensure_running
+
+            context.set_forkserver_preload(list(modules))
+            ensure_running()  # it loads the modules, for a second, while the caller goes on
         yield pool
     except BaseException as error:
         for process in active_children():
             process.terminate()
-        if isinstance(error, OSError):
-            reason = f"no process can be started ({error})"
-            raise InputError("processes", reason, "end other programs, and try again") from error
-        raise
+        if not isinstance(error, OSError | BrokenProcessPool):
+            raise
+        is_dead = isinstance(error, BrokenProcessPool)
+        reason = "one died" if is_dead else f"no process can be started ({error})"
+        raise InputError("processes", reason, "end other programs: they need memory") from error
     finally:
         pool.shutdown(cancel_futures=True)
 
@@ -137,32 +138,6 @@ def _end_with_parent() -> None:
         os._exit(1)
 
     Thread(target=watch, daemon=True).start()
-
-
-@contextmanager
-def helpers(modules: Sequence[str]) -> Iterator[Executor]:
-    """Yield processes that share the work of one identification or report.
-
-    Raises InputError if no process can be started, or one dies.
-    """
-    from dbc import InputError
-
-    with processes(_HELPERS, modules) as pool:
-
-        def start_helpers() -> None:
-            with suppress(OSError):  # a use raises it again
-                for _ in range(_HELPERS):
-                    pool.submit(int)
-
-        starting = Thread(target=start_helpers)  # their libraries take a second to load
-        starting.start()
-        try:
-            yield pool
-        except BrokenProcessPool:
-            reason, advice = "a helper process died", "close other programs: it needs memory"
-            raise InputError("helpers", reason, advice) from None
-        finally:
-            starting.join()
 
 
 @contextmanager
@@ -196,7 +171,7 @@ def _workers(workers: int, scheduler: str | None) -> Iterator[tuple[Executor, in
             advice = f"start some with: dask worker {scheduler}"
             raise InputError(scheduler, "the scheduler has no workers", advice)
         yield client.get_executor(pure=False), n_threads
-    except (OSError, TimeoutError, RuntimeError):
+    except (OSError, RuntimeError):
         advice = "start it, and run this again"
         raise InputError(scheduler, "the scheduler has gone", advice) from None
     finally:

@@ -16,7 +16,7 @@ from identify import Identification, identify_parameters
 
 from ..diagnostics import PAGES, require_ending
 from ..output import Stage
-from .executors import helpers, map_items
+from .executors import map_items, processes
 
 if TYPE_CHECKING:
     from identify.report.page import Report
@@ -32,17 +32,16 @@ def write_report(
 ) -> Report:
     """Identify a session and write its report.
 
-    `html` and `pdf`: what to write; no PDF if None.  `stage`: called with the share done, 0..1, and
-    the present stage.  `written`: called with each finished file.  `signed`: names of the operator
-    and of the approver.  Raises InputError if the session cannot be read, or a file has another
-    ending or cannot be written.
+    `html` and `pdf`: files to write; no PDF if None.  `stage`: called with the share done, 0..1,
+    and the present stage.  `written`: called with each finished file.  `signed`: names of the
+    operator and of the approver.  Raises InputError if the session cannot be read, or a file has
+    another ending or cannot be written.
     """
     stage(0.02, "reading")
     import daq
     from identify import identify
-    from identify.fit.estimation import Estimation
     from identify.report.content import report_of
-    from identify.report.evidence import CrossChecks, cross_checks, decay_pictures
+    from identify.report.evidence import CrossChecks, cross_checks
     from identify.report.page import Source
     from identify.report.typeset import drawings, html_of, pdf_of
 
@@ -53,18 +52,10 @@ def write_report(
         require_ending(pdf, "printed report", (".pdf",))
         make_room(pdf)
     modules = ("identify.report.content", "identify.report.typeset")
-    with helpers((*modules, "matplotlib.backends.backend_svg")) as pool:
-        begun_drawings = {}  # by the key of their picture
-        checks = CrossChecks()
-
-        def use_fit(estimation: Estimation) -> None:
-            """Begin what needs only the fit, while the identification goes on."""
-            nonlocal checks
-            begun_drawings.update(drawings(decay_pictures(estimation), pool))
-            checks = cross_checks(estimation)
-
-        result = identify(recorded, lambda done, text: stage(0.6 * done, text), use_fit)
+    with processes(2, (*modules, "matplotlib.backends.backend_svg")) as pool:
+        result = identify(recorded, lambda done, text: stage(0.6 * done, text))
         stage(0.6, "gathering")
+        checks = cross_checks(result.estimation) if result.estimation else CrossChecks()
         libraries = {name: version(name) for name in ("numpy", "scipy", "h5py", "matplotlib")}
         today = datetime.now(UTC).date().isoformat()
         source = Source(
@@ -74,9 +65,7 @@ def write_report(
         stage(0.7, "drawing")
         # The PDF takes longest: it is begun first.
         sheets = None if pdf is None else pool.submit(pdf_of, report)
-        others = [p for p in report.pictures if p.key not in begun_drawings]
-        begun_drawings |= drawings(others, pool)
-        write_named(html, html_of(report, begun_drawings).encode())
+        write_named(html, html_of(report, drawings(report.pictures, pool)).encode())
         written(html)
         if pdf is not None and sheets is not None:
             stage(0.85, "PDF")
@@ -105,14 +94,15 @@ def write_figures(report: Report, folder: Path, kind: str) -> list[Path]:
 def identify_files(paths: Sequence[str], stage: Stage) -> list[Identification]:
     """Return the results of session files, identified as many at a time as there are processors.
 
-    `stage`: called with the share done, 0..1.  Raises InputError if one cannot be read.
+    The residuals, which would fill the memory in a long trend, are left out.  `stage`: called with
+    the share done, 0..1.  Raises InputError if one cannot be read.
     """
     workers = min(len(paths), os.cpu_count() or 1)
-    return map_items(_small_result, paths, workers, stage, "compare")
+    return map_items(_result_without_residuals, paths, workers, stage, "compare")
 
 
-def _small_result(path: str) -> Identification:
-    """Return a file's result without residuals, which would fill the memory in a long trend."""
+def _result_without_residuals(path: str) -> Identification:
+    """Return the result of a session file."""
     result = identify_parameters(read_session(path))
     if result.estimation is None:
         return result

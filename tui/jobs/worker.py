@@ -10,7 +10,6 @@ from __future__ import annotations
 import asyncio
 import os
 import pickle
-import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -141,11 +140,7 @@ async def answer_of(task: Task, subject: str, stage: Stage, take: asyncio.Event)
             stage(message.share, message.text)
     finally:
         request.cancel()
-        with suppress(ProcessLookupError, PermissionError):
-            if hasattr(os, "killpg"):  # with its children
-                os.killpg(worker.pid, signal.SIGKILL)
-            else:  # Windows; its children end with it
-                worker.kill()
+        worker.kill()  # its children end with it
     if isinstance(message, BumpbenchError):
         raise message
     return message
