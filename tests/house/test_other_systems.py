@@ -50,7 +50,7 @@ def test_a_report_a_comparison_and_a_batch_are_made(tmp_path: Path) -> None:
     assert (tmp_path / "a.pdf").exists()
     batch = _bumpbench(tmp_path, "batch", ".", "--out", "t.csv", "--page", "t.html")
     assert (batch.returncode, batch.stderr) == (1, "")
-    assert "1 session: 1 refused" in batch.stdout  # two of one content
+    assert "2 sessions: 2 refused" in batch.stdout
     compared = _bumpbench(tmp_path, "compare", "a.h5", "b.h5")
     assert compared.returncode == 2
     assert compared.stderr.startswith("bumpbench: error: a: not identified: ")
