@@ -87,7 +87,7 @@ class JournalWriter:
     with the same `recording` as the head.  Raises JournalError if the folder cannot be written at
     all.  If the disk is full or fails, blocks wait.
 
-    `head`, `written`: head of the present recording, and its segments that have blocks.
+    `head`: head of the present recording.
     `stored_frames`: number of frames of all recordings that this writer has stored on the disk.
     """
 
@@ -106,7 +106,7 @@ class JournalWriter:
         self._begin_counts(replace(head, first_segment=first))
         if resume is not None:
             self._number, self._t_ns = resume.next_number, resume.last_ns
-            self._recorded = resume.frames
+            self._recorded, self._earlier = resume.frames, resume.segments
             for event in resume.events:  # the last of those on deleted blocks lists all of them
                 if spans := deleted_blocks(event):
                     self._deleted = list(spans)
@@ -146,26 +146,30 @@ class JournalWriter:
         self._waiting_bytes, self._waits_since_s = 0, 0.0
         self._runs_ns = list[int]()
         """Times of the events of its runs, ns."""
-        self.written: list[Segment] = []
+        self._written: list[Segment] = []
+        """Its segments that have blocks, and were written by this writer."""
+        self._earlier = tuple[Path, ...]()
+        """Its segments that were written by earlier recorders."""
         self._deleted = list[tuple[int, int]]()
         """Its blocks that were deleted on purpose: first, and after the last."""
 
-    def begin(self, head: JournalHead) -> bool:
-        """End the recording and begin the next one; return whether this was possible.
+    def begin(self, head: JournalHead) -> tuple[Path, ...]:
+        """End the recording and begin the next one; return the segments of the ended recording.
 
-        It is not possible while blocks of the present recording wait in memory; it then continues.
+        If blocks of it wait in memory it cannot be ended: it continues, and nothing is returned.
 
         `head`: of the next recording; the number of its first segment is set here.
         """
         if not self.flush():
-            return False
+            return ()
         self.append_events([Event(self._t_ns, ENDED)])
         if self._waiting:
-            return False
+            return ()
         self._end_segment(Segment.finish)
+        ended_paths = self.paths
         self._begin_counts(replace(head, first_segment=next_segment(self._folder)))
         self._open_next()
-        return True
+        return ended_paths
 
     def append(self, frames: FrameBatch, losses: HopLosses) -> None:
         """Store a block of frames; `status.recorded_frames` counts frames on the disk.
@@ -212,8 +216,9 @@ class JournalWriter:
 
     @property
     def paths(self) -> tuple[Path, ...]:
-        """The segments with blocks of the present recording, in order."""
-        return tuple(segment.path for segment in self.written)
+        """The segments with blocks of the present recording, in order, also of earlier writers."""
+        earlier = (path for path in self._earlier if path.exists())
+        return (*earlier, *(segment.path for segment in self._written))
 
     def flush(self) -> bool:
         """Write the blocks that wait in memory; return whether all are on the disk."""
@@ -293,7 +298,7 @@ class JournalWriter:
                 self._end_segment(Segment.abandon)
                 continue
             self._failure = ""
-            self.written += [self._segment] if is_first else []
+            self._written += [self._segment] if is_first else []
             frames = sum(block.size for block in blocks)
             self._recorded += frames
             self.stored_frames += frames
@@ -359,7 +364,7 @@ class JournalWriter:
         """Check that the files of the recording exist, and the free space."""
         if self._now_s - self._warned_s > 60.0:  # s, for which a warning is shown
             self._warning = ""
-        newest = self._segment or (self.written[-1] if self.written else None)
+        newest = self._segment or (self._written[-1] if self._written else None)
         if newest is not None and not newest.is_in_place:
             self._replace_removed(newest.path.name)
         was_full = self._is_full
@@ -380,9 +385,9 @@ class JournalWriter:
         A removed folder or an unmounted disk takes all files with it.
         """
         self._end_segment(Segment.abandon)
-        removed = [segment for segment in self.written if not segment.is_in_place]
+        removed = [segment for segment in self._written if not segment.is_in_place]
         for segment in removed:
-            self.written.remove(segment)
+            self._written.remove(segment)
             self._sizes.pop(segment.path, None)
         frames = sum(segment.summary.frames for segment in removed)
         self._recorded -= frames
@@ -427,7 +432,7 @@ class JournalWriter:
             with suppress(OSError):
                 path.unlink()
             excess -= self._sizes.pop(path)
-            self.written[:] = [segment for segment in self.written if segment.path != path]
+            self._written[:] = [segment for segment in self._written if segment.path != path]
 
     def _report_deleted(self, deleted: Summary) -> None:
         """Store which blocks of this recording were deleted: else they would look like losses."""

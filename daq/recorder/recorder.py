@@ -16,7 +16,7 @@ import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from queue import Empty, SimpleQueue
 
@@ -44,7 +44,7 @@ from ..control.messages import (
 )
 from ..control.monitoring import Heartbeats
 from ..journal.reader import RecordingInfo, last_recording
-from ..journal.segment import JournalHead, Segment, SyncedFile
+from ..journal.segment import JournalHead, SyncedFile
 from ..journal.writer import JournalWriter
 from ..runlog import Code, RunLog, fold
 from ..samples.mapping import bench_mapping
@@ -69,33 +69,6 @@ JOURNAL_FOLDER = "journal"
 Publish = Callable[[Status, Live | None], None]
 
 _log = logging.getLogger("recorder")
-
-
-@dataclass(frozen=True, slots=True)
-class OpenRecording:
-    """A recording in the journal: a campaign, or the traffic between two campaigns."""
-
-    recording: Recording
-    head: JournalHead
-    written: list[Segment]
-    """Its segments that were written by this recorder."""
-    session: Path
-    """Path of its session file, if it is a campaign."""
-    earlier: tuple[Path, ...] = ()
-    """Its segments that were written by earlier recorders."""
-
-    @property
-    def campaign(self) -> str:
-        """Identity of the campaign; empty between two campaigns."""
-        return self.head.recording if self.head.campaign else ""
-
-    @property
-    def segments(self) -> tuple[Path, ...]:
-        """All existing segments, in order; the oldest may have been deleted."""
-        return (
-            *(path for path in self.earlier if path.exists()),
-            *(segment.path for segment in self.written),
-        )
 
 
 def resumable(journal: Path, bench: Bench) -> tuple[RecordingInfo, Bench] | None:
@@ -231,7 +204,7 @@ class Recorder:
         self._derivation = Derivation()
         self._ended = False
         self._writer: JournalWriter
-        self._opened: OpenRecording  # since `run` began, as the writer
+        self._recording: Recording  # as the writer, since `run` began
         self._earlier_hops = HopLosses()  # counted before this recording began
         self._lag_s: float  # of the last block
         self._begun = ""  # how the recording began, in words for the status
@@ -309,7 +282,7 @@ class Recorder:
         self._store_and_look()
         self._execute_orders()
         if self._build_s is not None and self._clock().monotonic_s >= self._build_s:
-            self._build(self._opened)
+            self._build()
         self._publish(publish)
 
     def _execute_orders(self) -> None:
@@ -367,7 +340,7 @@ class Recorder:
         disk = self._writer.status
         return replace(
             self._recording.status(now),
-            recording=self._opened.campaign,
+            recording=self._writer.head.recording if self._writer.head.campaign else "",
             folder=str(self._folder),
             software=self._software,
             disk=replace(disk, lag_s=max(disk.lag_s, self._lag_s)),
@@ -396,29 +369,21 @@ class Recorder:
             case Start():
                 bench = configured(self._bench, order.bench_text or self._recording.bench.text)
                 self._begin_next(bench, "a new campaign was begun", now, campaign=True)
-            case Stop():
-                bench = self._opened_campaign().recording.bench
-                self._begin_next(bench, "the campaign was ended", now, campaign=False)
-            case Build():
-                self._build(self._opened_campaign())
             case ShutDown():
                 self._ended = True
+            case _ if not self._writer.head.campaign:
+                raise OrderError("no campaign is under way: begin one first")
+            case Stop():
+                bench = self._recording.bench
+                self._begin_next(bench, "the campaign was ended", now, campaign=False)
+            case Build():
+                self._build()
             case _:
-                self._opened_campaign().recording.carry_out(order, by, now)
+                self._recording.carry_out(order, by, now)
                 self._writer.limits = self._recording.bench.recorder
         return Reply(status=self._status(now))
 
     # Recordings --------------------------------------------------------------------------------
-
-    @property
-    def _recording(self) -> Recording:
-        return self._opened.recording
-
-    def _opened_campaign(self) -> OpenRecording:
-        """Return the campaign; raises OrderError between two campaigns."""
-        if not self._opened.campaign:
-            raise OrderError("no campaign is under way: begin one first")
-        return self._opened
 
     def _resume_or_begin(self) -> None:
         """Resume the last campaign, or begin a new one."""
@@ -438,12 +403,11 @@ class Recorder:
         head = self._new_head(bench, now, campaign=True)
         head = replace(head, recording=tail.head.recording) if tail else head
         self._writer = JournalWriter(self._journal, head, bench.recorder, self._create, tail)
-        self._open(bench, run_log, tail.segments if tail else ())
+        self._recording = self._new_recording(bench, run_log)
         if tail is not None:
             self._recording.note(Code.RESUMED, float(tail.frames), self._software, now)
             if run_log.runs:  # its session file may lack the last of these runs
-                session, recording = self._opened.session, tail.head.recording
-                self._derivation.begin(session, tail.segments, recording, run_log.revision)
+                self._order_session(self._writer.head, tail.segments, run_log.revision)
 
     def _new_head(self, bench: Bench, now: Now, *, campaign: bool) -> JournalHead:
         """Return the head of a recording that begins now, with a new identity."""
@@ -457,15 +421,9 @@ class Recorder:
             origin=bench.origin,
         )
 
-    def _open(self, bench: Bench, run_log: RunLog, earlier: tuple[Path, ...] = ()) -> None:
-        """Set `_opened` to the recording that the writer has begun.
-
-        `earlier`: its segments that were written by earlier recorders.
-        """
-        codec, head = bench_codec(bench), self._writer.head
-        recording = Recording(bench, codec, self._writer, run_log, self._barrier)
-        session = self._folder / head.session_name
-        self._opened = OpenRecording(recording, head, self._writer.written, session, earlier)
+    def _new_recording(self, bench: Bench, run_log: RunLog) -> Recording:
+        """Return the recording that the writer has begun."""
+        return Recording(bench, bench_codec(bench), self._writer, run_log, self._barrier)
 
     def _begin_next(self, bench: Bench, why: str, now: Now, *, campaign: bool) -> None:
         """End the recording, start building its session file, and begin the next recording.
@@ -477,32 +435,34 @@ class Recorder:
         """
         self._store_and_look()
         bench_mapping(bench, bench_codec(bench))  # raises before anything is changed
-        previous, writer = self._opened, self._writer
+        writer, ended_head = self._writer, self._writer.head
         if writer.flush():
-            previous.recording.cut(why)
-        if not writer.begin(self._new_head(bench, now, campaign=campaign)):
+            self._recording.cut(why)
+        segments = writer.begin(self._new_head(bench, now, campaign=campaign))
+        if not segments:
             disk = writer.status
             wait = counted(disk.held_frames, "frame waits", "frames wait")
             text = f"the disk refuses ({disk.failed}): {wait} in memory; make room first"
             raise OrderError(text)
+        if ended_head.campaign:
+            self._order_session(ended_head, segments, self._recording.run_log.revision)
         writer.limits = bench.recorder
-        self._open(bench, RunLog())
+        self._recording = self._new_recording(bench, RunLog())
         STEADY_CLOCK.begin()  # only here, because within a recording a set clock must not move time
         self._bench, self._begun = bench, ""
         self._earlier_hops = self._readers.hops()
-        if previous.campaign:
-            self._derive(previous)
 
-    def _build(self, opened: OpenRecording) -> None:
-        """Start building the present session file, from files that no longer change."""
+    def _build(self) -> None:
+        """Order the present session file, from files that no longer change."""
         self._writer.cut()  # a new segment: the others are complete
-        self._derive(opened)
+        revision = self._recording.run_log.revision
+        self._order_session(self._writer.head, self._writer.paths, revision)
 
-    def _derive(self, opened: OpenRecording) -> None:
-        """Start building the session file of a recording from its segments."""
+    def _order_session(self, head: JournalHead, segments: Sequence[Path], revision: int) -> None:
+        """Order the session file of a recording; `revision`: that of its run log."""
         self._build_s = None
-        revision = opened.recording.run_log.revision
-        self._derivation.begin(opened.session, opened.segments, opened.campaign, revision)
+        target = self._folder / head.session_name
+        self._derivation.begin(target, segments, head.recording, revision)
 
     def _finish(self, publish: Publish) -> None:
         """End the readers, store all frames that they have read, and seal the journal."""
@@ -513,7 +473,7 @@ class Recorder:
             pass
         self._readers.settle()
         self._store_and_look(links)  # without frames, for the last counts of losses
-        self._writer.close(ended=not self._opened.campaign)
+        self._writer.close(ended=not self._writer.head.campaign)
         if waiting := self._writer.status.held_frames:
             were, them = counted(waiting, "frame was", "frames were"), plural(waiting, "it", "them")
             _log.error("%s in memory, and the disk did not take %s", were, them)
