@@ -11,7 +11,7 @@ from pathlib import Path
 
 from daq import BusError, InputError
 from daq.bench.config import Bench, BusConfig, parse_bench
-from daq.bench.sensors import Database, ready_map, stored_text
+from daq.bench.sensors import Databases, ready_map, stored_text
 from daq.bus.interfaces import open_source
 from daq.check.propose import propose_sensors
 from daq.check.pushes import ORDER, spoken
@@ -101,7 +101,7 @@ def read_traffic(
 
 def propose_bench(
     target: Path,
-    databases: Sequence[Database],
+    databases: Databases,
     buses: Sequence[BusConfig],
     at_rest: FrameBatch | None,
     pushed: FrameBatch | None,
@@ -123,20 +123,20 @@ def propose_bench(
 
 def databases_for(
     target: Path, config: Path | None, known: Bench, layouts: Sequence[str], dbcs: Sequence[Path]
-) -> list[Database]:
+) -> Databases:
     """Return the named databases, else that of a known bench, with paths relative to `target`.
 
     `config`: its bench.toml; None for the shipped one.  Raises InputError if a database is bad, or
     none is named and the bench has one for each sensor.
     """
-    named = [Database(os.path.relpath(dbc, target.parent), read_dbc(dbc)) for dbc in dbcs]
-    named += [Database(f"layout:{name}", ready_map(name).dbc_text) for name in layouts]
+    named = {os.path.relpath(dbc, target.parent): read_dbc(dbc) for dbc in dbcs}
+    named |= {f"layout:{name}": ready_map(name).dbc_text for name in layouts}
     if named:
-        return list(dict.fromkeys(named))  # a database that is named twice is one
+        return named
     if known.sensors:
         reason = "the bench.toml has [[sensor]] already"
         raise InputError(str(config), reason, "name the databases with --dbc and --layout")
     name = "" if known.dbc_name.endswith("(shipped)") else known.dbc_name
     if config is not None and name and not name.startswith("layout:"):
         name = os.path.relpath(config.parent / name, target.parent)
-    return [Database(name, known.dbc_text)]
+    return {name: known.dbc_text}

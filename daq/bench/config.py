@@ -51,7 +51,7 @@ from .sensors import (
     stored_databases,
     stored_text,
 )
-from .toml_file import Table, key_at, toml_tables, toml_text, validated
+from .toml_file import Table, toml_tables, toml_text, validated
 
 # A larger value is in the wrong unit: a length in millimetres, a time in milliseconds.
 _Place = Annotated[float, Field(ge=-20, le=20)]
@@ -296,18 +296,18 @@ class Bench:
 
     text: str
     """bench.toml as read; stored in every journal and session."""
-    dbc_name: str
-    """Source of the DBC, for messages to the user."""
-    dbc_text: str
-    """The DBC, or all databases of the sensors (`daq.bench.sensors`); stored like `text`."""
-    buses: tuple[BusConfig, ...]
-    """The buses, at least one; a frame's `bus` is a position in this tuple."""
     vehicle: Vehicle
     channels: tuple[Channel, ...]
     """Channels, with full names of signals (`daq.channels`)."""
     mass_states: tuple[MassState, ...]
     campaign: Campaign
     trigger: TriggerConfig
+    dbc_name: str = ""
+    """Source of the DBC, for messages to the user."""
+    dbc_text: str = ""
+    """The DBC, or all databases of the sensors (`daq.bench.sensors`); stored like `text`."""
+    buses: tuple[BusConfig, ...] = (BusConfig(),)
+    """The buses, at least one; a frame's `bus` is a position in this tuple."""
     message_rules: tuple[MessageRule, ...] = ()
     sample_sets: tuple[SampleSet, ...] = ()
     calibration_days: int = 365
@@ -348,15 +348,11 @@ def parse_bench(text: str, where: str, folder: Path, dbc_text: str | None = None
     """
     document = toml_tables(text, where)
     stated = validated(document, where, BenchFile)
-    keys = {} if stated.sensor else {stated.dbc: "dbc"}  # that name a database, by its name
-    for i, sensor in enumerate(stated.sensor):
-        key = key_at(document, ("sensor", i, "layout" if sensor.layout else "dbc"))
-        keys.setdefault(sensor.database, key)
-    databases = read_databases(keys, where, folder if dbc_text is None else None)
     if dbc_text is None:
-        dbc_text = stored_text(databases)
+        names = [sensor.database for sensor in stated.sensor] or [stated.dbc]
+        dbc_text = stored_text(read_databases(names, folder))
     # Now with the tables of ready maps, which need not be stated.
-    table = validated(completed(document, default_bench_text()), where, BenchFile)
+    table = validated(completed(document), where, BenchFile)
     bench = bench_of(table, text, where)
     require_unique("sensor", [each.name for each in table.sensor], where)
     require_unique("message", [each.name for each in table.message], where)
@@ -368,10 +364,10 @@ def parse_bench(text: str, where: str, folder: Path, dbc_text: str | None = None
         stored = stored_databases(dbc_text)
         messages = [m for s in sensors for m in sensors_codec([s], stored, len(table.bus)).messages]
         channels = tuple(replace(c, signal=full_name(c.signal, messages)) for c in channels)
-    names = ", ".join(dict.fromkeys(sensor.database for sensor in sensors))
+    databases = ", ".join(dict.fromkeys(sensor.database for sensor in sensors))
     return replace(
         bench,
-        dbc_name=names or table.dbc or "bumpbench.dbc (shipped)",
+        dbc_name=databases or table.dbc or "bumpbench.dbc (shipped)",
         dbc_text=dbc_text,
         buses=table.bus,
         channels=channels,
@@ -410,9 +406,6 @@ def bench_of(table: DescribedCar, text: str, where: str) -> Bench:
     return Bench(
         where=where,
         text=text,
-        dbc_name="",
-        dbc_text="",
-        buses=(BusConfig(),),
         vehicle=Vehicle(table.vehicle.name, lengths, structure, table.fact, decided),
         channels=table.channel,
         mass_states=(MassState(BASELINE), MassState(ADDED, weights)),
@@ -474,8 +467,6 @@ def with_database(bench: Bench, path: Path) -> Bench:
     if n_databases > 1:
         fault = f"is one database, but the bench has {n_databases}"
         raise InputError(str(path), fault, "name a bench.toml that states the corrected one")
-    if not bench.sensors:
-        return replace(bench, dbc_text=text, dbc_name=str(path))
-    # Read again, because the full names of the channels depend on the databases.
+    # Read again, because the full names of the channels of sensors depend on the databases.
     channels = parse_bench(bench.text, bench.where, Path(), text).channels
-    return replace(bench, dbc_text=text, channels=channels)
+    return replace(bench, dbc_text=text, dbc_name=str(path), channels=channels)

@@ -17,7 +17,7 @@ from dbc.words import InputError
 from ..runs import Excitation
 from ..vehicle import BodyWeight, Fact, HubWeight, Structure
 from .campaign import Method
-from .config import default_bench_text, parse_bench
+from .config import parse_bench
 from .sensors import completed
 from .toml_file import toml_tables
 
@@ -74,7 +74,7 @@ def with_channel(text: str, name: str, sign: float | None = None, tare: float | 
     def change(tables: _Tables) -> None:
         channels = tables.get("channel", [])
         if name not in [channel["name"] for channel in channels]:
-            channels = completed(tables, default_bench_text())["channel"]
+            channels = completed(tables)["channel"]
         if name not in (names := [channel["name"] for channel in channels]):
             advice = f"name one of {', '.join(names)}"
             raise InputError(WHERE, f"there is no channel {name}", advice)

@@ -9,12 +9,11 @@ from __future__ import annotations
 import json
 import tomllib
 from collections import defaultdict
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
-from types import MappingProxyType
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field
@@ -24,6 +23,7 @@ from dbc.codec import CRC_RULES, CounterRule, MessageLayout, SignalLayout
 from dbc.units import known_si
 from dbc.words import Finding, InputError, Severity
 
+from ..channels import sensor_of
 from .toml_file import Table
 
 PREFIX = "layout:"
@@ -85,21 +85,21 @@ def sensor_map(sensor: str, database: str) -> dict[str, Any]:
     return tables
 
 
-def completed(document: Mapping[str, Any], shipped: str) -> dict[str, Any]:
+def completed(document: Mapping[str, Any]) -> dict[str, Any]:
     """Return the tables of a bench.toml with those that it does not state.
 
     The channels of a sensor's ready map are added unless bench.toml has a channel of that sensor; a
     message or sample set unless it has one of that name or of that sensor.  A bench with one DBC
-    takes them from its ready map, or its channels from `shipped`, the text of the shipped bench.
+    takes them from its ready map, or its channels from the shipped bench.
     """
     channels, messages, sets = (
         list(document.get(kind, ())) for kind in ("channel", "message", "sample_set")
     )
     stated_messages = {message["name"] for message in messages}
     signals = [channel["signal"] for channel in channels]
-    in_sets = [name for each in sets for name in each["messages"]]
+    in_sets = [name for sample_set in sets for name in sample_set["messages"]]
     dbc = document.get("dbc", "")
-    maps = []  # prefix of its names, and the ready map
+    maps: list[tuple[str, dict[str, Any]]] = []  # prefix of its names, and the tables of the map
     for sensor in document.get("sensor", ()):
         layout = sensor.get("layout")
         database = f"{PREFIX}{layout}" if layout else sensor["dbc"]
@@ -107,6 +107,7 @@ def completed(document: Mapping[str, Any], shipped: str) -> dict[str, Any]:
     if not maps and dbc.startswith(PREFIX):
         maps = [("", ready_map(dbc.removeprefix(PREFIX)).tables)]
     elif not maps:
+        shipped = (files("daq") / "bench.toml").read_text("utf-8")
         maps = [("", {"channel": tomllib.loads(shipped)["channel"]})]
     for prefix, tables in maps:
         if not any(signal.startswith(prefix) for signal in signals):
@@ -119,60 +120,43 @@ def completed(document: Mapping[str, Any], shipped: str) -> dict[str, Any]:
 
 # The databases of a bench -------------------------------------------------------------------------
 
+Databases = Mapping[str, str]
+"""The text of each database by its name in bench.toml: a path, or ``layout:NAME``; empty if
+bench.toml names none."""
 _KEY = "bumpbench_databases"
 
 
-@dataclass(frozen=True, slots=True)
-class Database:
-    """A database of a bench."""
+def read_databases(names: Iterable[str], folder: Path) -> Databases:
+    """Return the databases of these names; the shipped DBC for an empty one.
 
-    name: str
-    """Its name in bench.toml: a path, or ``layout:NAME``; empty if bench.toml names none."""
-    text: str
-
-
-def read_databases(
-    keys: Mapping[str, str], where: str, folder: Path | None
-) -> tuple[Database, ...]:
-    """Return the databases that a bench names, `keys` being the key that names each.
-
-    `folder`: where relative paths start; None reads the ready maps only.  Raises InputError, with
-    the key in bench.toml, if one cannot be read.
+    `folder`: where relative paths start.  Raises InputError if one cannot be read.
     """
-    databases = []
-    for name, key in keys.items():
-        try:
-            if name.startswith(PREFIX):
-                content = ready_map(name.removeprefix(PREFIX)).dbc_text
-            elif folder is not None:
-                content = read_dbc(folder / name) if name else shipped_dbc()
-            else:
-                continue
-        except InputError as error:
-            fault = f"{key}: {error.where}: {error.what}"
-            raise InputError(where, fault, error.advice) from error
-        databases.append(Database(name, content))
-    return tuple(databases)
+    databases = {}
+    for name in names:
+        if name.startswith(PREFIX):
+            databases[name] = ready_map(name.removeprefix(PREFIX)).dbc_text
+        else:
+            databases[name] = read_dbc(folder / name) if name else shipped_dbc()
+    return databases
 
 
-def stored_text(databases: Sequence[Database]) -> str:
-    """Return the text that journals and sessions store."""
+def stored_text(databases: Databases) -> str:
+    """Return the text that journals and sessions store: the only DBC, or all of them in JSON."""
     if len(databases) == 1:
-        return databases[0].text
-    return json.dumps({_KEY: {each.name: each.text for each in databases}}, indent=1)
+        return next(iter(databases.values()))
+    return json.dumps({_KEY: dict(databases)}, indent=1)
 
 
-def stored_databases(text: str) -> tuple[Database, ...]:
-    """Return the databases in a text of `stored_text`, one DBC or JSON; none if it is empty.
+def stored_databases(text: str) -> Databases:
+    """Return the databases in a text of `stored_text`; none if it is empty.
 
     Raises InputError if it is damaged.
     """
     if not text.lstrip().startswith("{"):
-        return (Database("", text),) if text else ()
+        return {"": text} if text else {}
     try:
-        stored = json.loads(text)[_KEY]
-        return tuple(Database(name, each) for name, each in stored.items())
-    except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
+        return dict(json.loads(text)[_KEY])
+    except (ValueError, LookupError, TypeError, RecursionError) as error:
         fault = "the list of databases is damaged"
         raise InputError("bench", fault, "name the databases with --config") from error
 
@@ -198,14 +182,14 @@ class Sensor:
     """Position of its bus in the bench."""
     id_offset: int = 0
     """Difference between its identifiers and those of the database."""
-    ids: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
+    ids: Mapping[str, int] = field(default_factory=dict)
     """Identifiers of its messages, by name or by identifier in the database, as ``0x181``; the
     sensor does not send other messages.  Empty: all messages of the database, unchanged."""
 
 
 def sensors_codec(
     sensors: Sequence[Sensor],
-    databases: Sequence[Database],
+    databases: Databases,
     n_buses: int,
     used: Collection[str] = (),
 ) -> Codec:
@@ -219,15 +203,14 @@ def sensors_codec(
     """
     by_id: dict[tuple[int | None, int, bool], list[MessageLayout]] = defaultdict(list)
     left_out: dict[Finding, None] = {}  # each once, in order
-    texts = {each.name: each.text for each in databases}
     for sensor in sensors:
-        # A single database has every name.
-        text = databases[0].text if len(databases) == 1 else texts.get(sensor.database)
-        if text is None:
-            fault = f"the database {sensor.database} is missing"
+        # A single database is that of every sensor, whatever its name.
+        name = next(iter(databases)) if len(databases) == 1 else sensor.database
+        if name not in databases:
+            fault = f"the database {name} is missing"
             advice = "correct that [[sensor]] in bench.toml"
             raise InputError(f"sensor {sensor.name}", fault, advice)
-        codec = database_codec(text, sensor.database)
+        codec = database_codec(databases[name], sensor.database)
         left_out |= dict.fromkeys(codec.left_out)
         for message in _sent_messages(sensor, codec, sensor.bus if n_buses > 1 else None):
             by_id[message.bus, message.can_id, message.is_extended].append(message)
@@ -285,7 +268,7 @@ def full_name(signal: str, messages: Sequence[MessageLayout]) -> str:
     names = [
         message.name
         for message in messages
-        if owner in (message.name, message.name.rpartition(".")[0])
+        if owner in (message.name, sensor_of(message.name))
         and any(s.name == name for s in message.signals)
     ]
     if owner in names:

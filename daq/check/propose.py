@@ -21,7 +21,7 @@ from dbc.frames import FrameBatch
 from dbc.words import counted, plural, printable
 
 from ..bench.config import BusConfig
-from ..bench.sensors import PREFIX, Database, Sensor, database_codec, sensor_map, sensors_codec
+from ..bench.sensors import PREFIX, Databases, Sensor, database_codec, sensor_map, sensors_codec
 from ..channels import AT_CORNER, ON_BODY, Quantity, sensor_of, signal_of
 from .frame_checks import RATE_FAIL, Arrivals, fitting_rules, frame_table
 from .guess import FEWEST, Guess, candidate, guess_channels, plain_name, words
@@ -42,7 +42,7 @@ class Proposal:
 
 
 def propose_sensors(
-    databases: Sequence[Database],
+    databases: Databases,
     buses: Sequence[BusConfig],
     frames: FrameBatch | None,
     pushes: FrameBatch | None,
@@ -141,14 +141,14 @@ class FoundSensor(NamedTuple):
 
 
 def find_sensors(
-    databases: Sequence[Database], frames: FrameBatch | None
+    databases: Databases, frames: FrameBatch | None
 ) -> tuple[list[FoundSensor], list[str]]:
     """Return the sensors, and the names of the databases without any traffic.
 
     `frames`: None if there was no traffic: each database is then one sensor on the first bus.
     Raises InputError if a database cannot be used.
     """
-    codecs = {each.name: database_codec(each.text, each.name) for each in databases}
+    codecs = {name: database_codec(text, name) for name, text in databases.items()}
     if frames is None:
         why = "no traffic: on the first bus"
         return _named([FoundSensor(Sensor("", name), why, True) for name in codecs]), []
@@ -228,7 +228,7 @@ def _named(present: Sequence[FoundSensor]) -> list[FoundSensor]:
 
 
 def _head(
-    databases: Sequence[Database],
+    databases: Databases,
     sensors: Sequence[FoundSensor],
     buses: Sequence[BusConfig],
     n_buses: int,
@@ -240,7 +240,7 @@ def _head(
         "# A signal without a unit in the database is not proposed: add its [[channel]].",
     ]
     if not sensors:
-        lines.append(f"dbc = {json.dumps(databases[0].name)}")
+        lines.append(f"dbc = {json.dumps(next(iter(databases)))}")
     for number in range(n_buses):
         is_given = number < len(buses)
         bus = buses[number] if is_given else BusConfig("socketcan", f"can{number}", 500_000)

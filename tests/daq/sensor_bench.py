@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from daq.bench.config import Bench, parse_bench
-from daq.bench.sensors import Database, stored_text
+from daq.bench.sensors import stored_text
 from dbc.frames import FrameBatch
 
 from .small_campaign import frames_at
@@ -120,7 +120,7 @@ dbc = "pot.dbc"
 bus = "rear"
 ids = { "0x181" = 0x1C4 }
 """
-DATABASES = (Database("imu.dbc", IMU), Database("hubs.dbc", HUBS), Database("pot.dbc", POT))
+DATABASES = {"imu.dbc": IMU, "hubs.dbc": HUBS, "pot.dbc": POT}
 
 
 def channel(name: str, signal: str, quantity: str, *more: str) -> str:

@@ -11,7 +11,7 @@ from itertools import takewhile
 from pathlib import Path
 
 from daq.bench.config import Bench, bench_codec, parse_bench
-from daq.bench.sensors import Database, stored_text
+from daq.bench.sensors import stored_text
 from daq.sim.bench import push_frames
 from daq.sim.car import SimulatedCar
 from dbc import FrameBatch
@@ -23,12 +23,7 @@ TRUTH = (FOLDER / "car.toml").read_text("utf-8")
 IMU_A, IMU_B, HUBS, POT = (
     (FOLDER / f"{name}.dbc").read_text("utf-8") for name in ("imu_a", "imu_b", "hubs", "pot")
 )
-DATABASES = (
-    Database("imu_a.dbc", IMU_A),
-    Database("imu_b.dbc", IMU_B),
-    Database("hubs.dbc", HUBS),
-    Database("pot.dbc", POT),
-)
+DATABASES = {"imu_a.dbc": IMU_A, "imu_b.dbc": IMU_B, "hubs.dbc": HUBS, "pot.dbc": POT}
 
 NODES = {1: "RR", 2: "FL", 3: "FR", 4: "RL"}
 """Where the nodes of CANopen are in truth; no name says so."""

@@ -302,8 +302,8 @@ def test_a_bench_with_sensors_is_not_proposed_from_itself(
 ) -> None:
     bench = tmp_path / "bench.toml"
     bench.write_text(TEXT)
-    for each in DATABASES:
-        (tmp_path / each.name).write_text(each.text, "utf-8")
+    for name, text in DATABASES.items():
+        (tmp_path / name).write_text(text, "utf-8")
     assert run(["check", str(bench), "--propose", str(tmp_path / "new.toml")]) == 2
     err = capsys.readouterr().err
     assert f"{bench}: the bench.toml has [[sensor]] already" in err

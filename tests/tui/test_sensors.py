@@ -24,8 +24,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with bench.toml, its databases and a candump log of both buses."""
     made = tmp_path_factory.mktemp("sensors")
     (made / "bench.toml").write_text(TEXT, "utf-8")
-    for each in DATABASES:
-        (made / each.name).write_text(each.text, "utf-8")
+    for name, text in DATABASES.items():
+        (made / name).write_text(text, "utf-8")
     bench = load_bench(made / "bench.toml")
     frames = campaign_frames(bench, bench_codec(bench), SimulatedCar(), 1, 1_800_000_000 * 10**9)
     write_log(made / "drive.log", next(frames))

@@ -86,7 +86,7 @@ def check(
         known = load_bench(bench)
         databases = databases_for(propose, bench, known, layout or [], dbc or [])
         buses = named_buses(known.buses[0], interface, channel, bitrate)
-        if len(buses) > 1 and not databases[0].name:
+        if len(buses) > 1 and "" in databases:
             advice = "name those of the sensors with --dbc"
             raise InputError("--propose", "has no database", advice)
         at_rest = pushed = None  # without a log or an interface

@@ -24,7 +24,7 @@ from daq.bench.config import (
     with_database,
 )
 from daq.bench.edit import with_channel
-from daq.bench.sensors import Database, stored_databases, stored_text
+from daq.bench.sensors import stored_databases, stored_text
 from daq.check.check import check_bench
 from daq.runs import Excitation, SampleGroup
 from daq.samples.mapping import bench_mapping, map_channels, sample_groups, timekeeping
@@ -349,11 +349,7 @@ def test_signals_are_named_in_full() -> None:
 
 def test_the_databases_travel_with_the_bench() -> None:
     bench = sensor_bench()
-    assert {each.name: each.text for each in stored_databases(bench.dbc_text)} == {
-        "imu.dbc": IMU,
-        "hubs.dbc": DATABASES[1].text,
-        "pot.dbc": POT,
-    }
+    assert stored_databases(bench.dbc_text) == DATABASES
     again = parse_bench(bench.text, "the journal's", Path("/nowhere"), bench.dbc_text)
     assert again.channels == bench.channels
     assert bench_codec(again) == bench_codec(bench)
@@ -361,8 +357,8 @@ def test_the_databases_travel_with_the_bench() -> None:
 
 def test_files_are_read_beside_the_bench(tmp_path: Path) -> None:
     (tmp_path / "bench.toml").write_text(TEXT, "utf-8")
-    for each in DATABASES:
-        (tmp_path / each.name).write_text(each.text, "utf-8")
+    for name, text in DATABASES.items():
+        (tmp_path / name).write_text(text, "utf-8")
     assert load_bench(tmp_path / "bench.toml").dbc_text == sensor_bench().dbc_text
     (tmp_path / "pot.dbc").unlink()
     with pytest.raises(InputError, match=r"pot\.dbc"):
@@ -466,9 +462,7 @@ def test_a_signal_that_two_messages_of_a_sensor_have_is_asked_for_in_full() -> N
     twice = IMU.replace("GyrX", "AccX").replace("deg/s", "g")
     text = TEXT.replace("imu_a.GyrX", "imu_a.AccX")
     with pytest.raises(InputError, match=r"imu_a\.AccX is in imu_a\.Accel and in imu_a\.Rate"):
-        parse_bench(
-            text, "bench.toml", Path(), stored_text((Database("imu.dbc", twice), *DATABASES[1:]))
-        )
+        parse_bench(text, "bench.toml", Path(), stored_text({**DATABASES, "imu.dbc": twice}))
 
 
 def test_a_bench_on_several_buses_is_not_put_on_one() -> None:

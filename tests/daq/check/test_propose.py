@@ -13,7 +13,6 @@ import pytest
 from numpy.typing import NDArray
 
 from daq.bench.config import Bench, bench_codec, parse_bench
-from daq.bench.sensors import Database
 from daq.channels import Quantity
 from daq.check.frame_checks import Arrivals
 from daq.check.guess import Candidate, Guess, candidate, guess_channels
@@ -69,7 +68,7 @@ def _traffic() -> list[Row]:
 
 def _proposed(traffic: list[Row] | None) -> tuple[str, Bench]:
     frames = None if traffic is None else frame_batch(traffic)
-    text = propose_sensors([Database("car.dbc", DBC)], (), frames, None).text
+    text = propose_sensors({"car.dbc": DBC}, (), frames, None).text
     bench = parse_bench(text, "proposed", Path(), DBC)
     bench_codec(bench)  # fits its DBC
     return text, bench
@@ -109,7 +108,7 @@ def test_traffic_tells_the_axis_the_sign_the_counter_the_checksum_and_the_clock(
 
 
 def test_hostile_names_stay_inside_their_quotes() -> None:
-    proposal = propose_sensors([Database('a"b\n.dbc', DBC)], (), None, None).text
+    proposal = propose_sensors({'a"b\n.dbc': DBC}, (), None, None).text
     assert tomllib.loads(proposal)["dbc"] == 'a"b\n.dbc'
     assert tomllib.loads(proposal)["bus"]["channel"] == "can0"
 
@@ -187,9 +186,9 @@ def test_a_cycle_is_measured_over_twenty_frames(cycle_ms: int, n: int, lines: li
 # Sensors on buses ---------------------------------------------------------------------------------
 
 
-def pot(cycle: str = "") -> Database:
+def pot(cycle: str = "") -> dict[str, str]:
     text = 'VERSION ""\n\nBU_: A\n\nBO_ 385 TPDO1: 8 A\n SG_ pos : 0|32@1- (1,0) [0|0] "mm" A\n'
-    return Database("pot.dbc", text + cycle)
+    return {"pot.dbc": text + cycle}
 
 
 CYCLE = 'BA_DEF_ BO_ "GenMsgCycleTime" INT 0 1000;\nBA_DEF_DEF_ "GenMsgCycleTime" 10;\n'
@@ -219,7 +218,7 @@ def test_an_identifier_near_by_with_like_frames_is_a_further_device(
     cycle: str, can_id: int, period_s: float, length: int, n: int, found: bool
 ) -> None:
     frames = sent(np.arange(float(n)) * period_s, can_id, length=length)
-    sensors, absent = find_sensors((pot(cycle),), frames)
+    sensors, absent = find_sensors(pot(cycle), frames)
     assert [(s.sensor.id_offset, s.surely) for s in sensors] == [(can_id - 385, False)] * found
     assert absent == ([] if found else ["pot.dbc"])
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from daq.bench.config import Bench, bench_codec, parse_bench
-from daq.bench.sensors import Database, stored_text
+from daq.bench.sensors import Databases, stored_text
 from daq.channels import Quantity
 from daq.check.check import check_bench
 from daq.check.propose import Proposal, propose_sensors
@@ -36,7 +36,7 @@ def proposal(with_pushes: bool) -> Proposal:
     return propose_sensors(DATABASES, (), rest, pushes if with_pushes else None)
 
 
-def bench_of(proposed: Proposal, databases: tuple[Database, ...] = DATABASES) -> Bench:
+def bench_of(proposed: Proposal, databases: Databases = DATABASES) -> Bench:
     """Return a proposal as a bench, which fits its databases."""
     bench = parse_bench(proposed.text, "proposed", Path(), stored_text(databases))
     bench_codec(bench)
@@ -129,8 +129,8 @@ def test_the_zero_of_a_travel_is_what_it_read_at_rest() -> None:
 
 def test_a_database_of_which_nothing_came_is_named() -> None:
     rest, _ = rest_and_pushes()
-    foreign = Database("foreign.dbc", POT.replace("385", "1200").replace("1793", "1201"))
-    proposed = propose_sensors([*DATABASES, foreign], (), rest, None)
+    foreign = POT.replace("385", "1200").replace("1793", "1201")
+    proposed = propose_sensors({**DATABASES, "foreign.dbc": foreign}, (), rest, None)
     assert "foreign.dbc" in proposed.text.partition("# Not on the bus: ")[2]
     assert all(s.database != "foreign.dbc" for s in bench_of(proposed).sensors)
 
@@ -143,7 +143,7 @@ def test_no_four_pushes_are_asked_for_again() -> None:
 
 
 def test_a_pot_of_which_nothing_shows_the_wheel_is_placed_in_the_file() -> None:
-    proposed = propose_sensors((Database("pot.dbc", POT),), (), None, None)
+    proposed = propose_sensors({"pot.dbc": POT}, (), None, None)
     assert proposed.questions == ("channel Position_Value: at which corner?",)
 
 
@@ -157,9 +157,7 @@ NAMELESS = NAMELESS.replace("WheelAccelRR ", "Accel_4 ")
 
 
 def nameless(pushes: FrameBatch | None) -> tuple[Proposal, Bench]:
-    databases = tuple(
-        replace(each, text=NAMELESS) if each.name == "hubs.dbc" else each for each in DATABASES
-    )
+    databases = {**DATABASES, "hubs.dbc": NAMELESS}
     found = propose_sensors(databases, (), rest_and_pushes()[0], pushes)
     return found, bench_of(found, databases)
 
