@@ -68,35 +68,33 @@ def patterns(bench: Bench, signals: tuple[Trace, ...]) -> tuple[Pattern, ...]:
 
     Travels alone may be misleading with stiff anti-roll bars, which move one wheel with the other.
     """
-    four: dict[Quantity, tuple[Trace, ...]] = {}
-    for quantity in (
-        Quantity.HUB_ACCELERATION,
-        Quantity.HUB_DISPLACEMENT,
-        Quantity.SUSPENSION_TRAVEL,
-    ):
-        by_corner = {t.channel.corner: t for t in of_quantity(signals, quantity)}
-        if all(corner in by_corner for corner in Corner):
-            four[quantity] = tuple(by_corner[corner] for corner in Corner)
-    if bench.campaign.method is Method.PUSH:
-        travels = four.get(Quantity.SUSPENSION_TRAVEL)
-        if travels is not None:
-            return (_pushed(bench, travels),)
-    elif Quantity.HUB_ACCELERATION in four:
+    hubs = _of_four_corners(signals, Quantity.HUB_ACCELERATION)
+    heaves = _of_four_corners(signals, Quantity.HUB_DISPLACEMENT)
+    travels = _of_four_corners(signals, Quantity.SUSPENSION_TRAVEL)
+    is_push = bench.campaign.method is Method.PUSH
+    if is_push and travels:
+        return (_pushed(bench, travels),)
+    if hubs and not is_push:
         # After 2.5 s the rear axle has met a board too, at walking pace.
-        motion = [t.rms(-STRIKE_S / 2, 2.5) for t in four[Quantity.HUB_ACCELERATION]]
+        motion = [trace.rms(-STRIKE_S / 2, 2.5) for trace in hubs]
         return (_of_wheels(bench, np.array(motion), "hubs"),)
-    shown = []
-    if four and bench.campaign.method is not Method.PUSH:
+    by_sensors = []
+    if (heaves or travels) and not is_push:
         # A wheel on the board goes up; the body rises after it and pulls the other wheels down.
         upwards = -1.0 if bench.campaign.method is Method.DROP else 1.0
-        clearest = next(iter(four.values()))
-        on_bump = [upwards * trace.part(0.0, bench.campaign.bump_s) for trace in clearest]
+        on_bump = [upwards * t.part(0.0, bench.campaign.bump_s) for t in heaves or travels]
         rise = [float(np.max(value, initial=0.0)) for value in on_bump]
-        shown.append(_of_wheels(bench, np.array(rise), "travels"))
+        by_sensors.append(_of_wheels(bench, np.array(rise), "travels"))
     body = _moved_body(bench, signals)
     if body is not None:
-        shown.append(_of_body(bench.campaign.excitations, body, "body's motion"))
-    return tuple(shown)
+        by_sensors.append(_of_body(bench.campaign.excitations, body, "body's motion"))
+    return tuple(by_sensors)
+
+
+def _of_four_corners(signals: tuple[Trace, ...], quantity: Quantity) -> tuple[Trace, ...]:
+    """Return the traces of a quantity in the order of `Corner`; none unless all four have one."""
+    by_corner = {trace.channel.corner: trace for trace in of_quantity(signals, quantity)}
+    return tuple(by_corner[c] for c in Corner) if len(by_corner) == len(Corner) else ()
 
 
 def wrong_mode(due: Excitation, pattern: Pattern) -> Iterator[Finding]:
@@ -162,12 +160,16 @@ def _of_body(planned: tuple[Excitation, ...], body: _Body, by: str) -> Pattern:
     """
     heave = max(body.heave, _TINY)
 
-    def turned(turn: float, other: float) -> float:
-        """Return the likeness to a turn: from its share of both, in full from 0.4 of heave on."""
-        return min(turn / heave / 0.4, 1.0) * turn**2 / max(turn**2 + other**2, _TINY**2)
+    def turned(turn: float, other_turn: float) -> float:
+        """Return the likeness to pitch or roll, 0..1: its part of the squares of both turns.
+
+        A turn of less than 0.4 of the heave counts in proportion.
+        """
+        part = turn**2 / max(turn**2 + other_turn**2, _TINY**2)
+        return min(turn / heave / 0.4, 1.0) * part
 
     def ratio(struck: float, opposite: float) -> float:
-        """Return the ratio of two ends or sides; 1 if the one that was struck moves more."""
+        """Return the ratio of the motion of two ends or sides; 1 if the struck one moves more."""
         return min(struck / max(opposite, _TINY), 1.0)
 
     # A body that turns by 0.9 of its heave does not bounce.
@@ -190,10 +192,10 @@ def _of_body(planned: tuple[Excitation, ...], body: _Body, by: str) -> Pattern:
 
 
 def _pushed(bench: Bench, travels: tuple[Trace, ...]) -> Pattern:
-    """Return the pattern of a push from the four travels, which the body moves all."""
+    """Return the pattern of a push from the four travels: the body moves all of them."""
     grid_s = np.arange(0.0, min(trace.time_s[-1] for trace in travels), 0.01)
     on_grid = np.array([np.interp(grid_s, trace.time_s, trace.value) for trace in travels])
-    shapes, _, _ = np.linalg.svd(on_grid, full_matrices=False)
+    shapes, _, _ = np.linalg.svd(on_grid, full_matrices=False)  # (4 corners, n) to (4, 4)
     fl, fr, rl, rr = shapes[:, 0].tolist()  # the strongest common shape of the four records
     body = _Body(
         heave=abs(fl + fr + rl + rr) / 2,
@@ -208,7 +210,11 @@ def _pushed(bench: Bench, travels: tuple[Trace, ...]) -> Pattern:
 
 
 def _moved_body(bench: Bench, signals: tuple[Trace, ...]) -> _Body | None:
-    """Return the largest speeds of the body, m/s; None with too few sensors."""
+    """Return the largest speeds of the body, m/s.
+
+    None without an accelerometer on the body, or if neither sensors of its turning nor three points
+    show pitch and roll.
+    """
     geometry = bench.vehicle.geometry
     # Half wheelbase and half track of a usual car: only their ratio counts.
     half_base_m, half_track_m = 1.35, 0.75
@@ -222,17 +228,17 @@ def _moved_body(bench: Bench, signals: tuple[Trace, ...]) -> _Body | None:
     point_speeds = np.array([_speed(trace, grid_s) for trace in points])
     ahead_m = np.array([-half_base_m if t.channel.at_cg else t.channel.x_m for t in points])
     middle_m = float(np.mean(ahead_m))  # from the front axle, because the CG is not known
-    rates = of_quantity(signals, Quantity.PITCH_RATE, Quantity.ROLL_RATE)
-    turns = of_quantity(signals, Quantity.PITCH_ACCELERATION, Quantity.ROLL_ACCELERATION)
-    turning = (*turns[::-1], *rates[::-1])  # the last of a name counts: a rate, the first one
-    turning_speeds = {t.channel.quantity.partition("_")[0]: _speed(t, grid_s) for t in turning}
-    if len(turning_speeds) == 2:
+    of_pitch = of_quantity(signals, Quantity.PITCH_RATE)
+    of_pitch = of_pitch or of_quantity(signals, Quantity.PITCH_ACCELERATION)
+    of_roll = of_quantity(signals, Quantity.ROLL_RATE)
+    of_roll = of_roll or of_quantity(signals, Quantity.ROLL_ACCELERATION)
+    if of_pitch and of_roll:
         heave = np.mean(point_speeds, axis=0)
-        pitch, roll = turning_speeds["pitch"], turning_speeds["roll"]
-    else:
+        pitch, roll = _speed(of_pitch[0], grid_s), _speed(of_roll[0], grid_s)
+    else:  # as a plane through the speeds of three points or more that are not on one line
         left_m = [t.channel.y_m for t in points]
         rows = np.stack([np.ones(len(points)), middle_m - ahead_m, left_m], axis=1)
-        if len(points) < 3 or np.linalg.matrix_rank(rows, tol=0.1) < 3:
+        if np.linalg.matrix_rank(rows, tol=0.1) < 3:
             return None
         heave, pitch, roll = np.linalg.lstsq(rows, point_speeds)[0]
     speeds = (  # in the order of the fields of `_Body`
@@ -248,7 +254,7 @@ def _moved_body(bench: Bench, signals: tuple[Trace, ...]) -> _Body | None:
 
 
 def _speed(trace: Trace, grid_s: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the integral of an acceleration since rest; a rate of turn unchanged."""
+    """Return a trace on a grid, (n,): an acceleration integrated since rest, a rate unchanged."""
     value = np.interp(grid_s, trace.time_s, trace.value, right=0.0)
     is_rate = trace.channel.quantity in (Quantity.PITCH_RATE, Quantity.ROLL_RATE)
     return np.asarray(value if is_rate else np.cumsum(value) * _GRID_S)

@@ -35,8 +35,8 @@ PEAK_RATIO = 1.4
 bump had another speed or height."""
 LIKENESS = 0.85
 """Least correlation of the slow motion with the median: below it, the motion is another one."""
-MAIN_SHARE = 0.3
-"""Share of the largest peak of its kind above which a channel counts: small motions differ much."""
+MAIN_RATIO = 0.3
+"""Ratio to the largest peak of its kind above which a channel counts: small motions differ much."""
 
 
 def judge(
@@ -102,21 +102,24 @@ def body_wave(signals: tuple[Trace, ...], bump_s: float) -> tuple[float, float] 
 
     `bump_s`: duration of the bump; the wave begins when the wheels are at rest again.  Each mean
     over 80 ms of a damped wave is a linear combination of the two means before it.  Returns the
-    undamped natural frequency, Hz, and the damping ratio; None if nothing shows the body.
+    undamped natural frequency, Hz, and the damping ratio; None if nothing shows the body or it does
+    not swing.
     """
     start_s, step_s = bump_s + 0.2, 0.08
+    # Five times the noise and a second of motion, about a period of the body, are enough.
     swinging = [t for t in signals if t.peak > 5.0 * t.noise and t.time_s[-1] > start_s + 1.0]
-    shown = next(filter(None, (checks.of_quantity(swinging, *group) for group in _BODY)), None)
-    if shown is None:
+    by_clarity = (checks.of_quantity(swinging, *quantities) for quantities in _BODY)
+    of_body = next(filter(None, by_clarity), None)
+    if of_body is None:
         return None
-    clearest = max(shown, key=lambda trace: trace.rms(start_s, np.inf) / max(trace.noise, 1e-12))
+    clearest = max(of_body, key=lambda trace: trace.rms(start_s, np.inf) / max(trace.noise, 1e-12))
     edges_s = np.arange(start_s, clearest.time_s[-1], step_s)
     mean = np.diff(_area(clearest, edges_s)) / step_s
     # The third column is the level about which the wave swings.
     two_before = np.stack([mean[1:-1], mean[:-2], np.ones(len(mean) - 2)], axis=1)
     of_last, of_last_but_one, _ = np.linalg.lstsq(two_before, mean[2:])[0]
     root = np.roots([1.0, -of_last, -of_last_but_one])[0]
-    if root.imag == 0.0:  # no wave
+    if root.imag == 0.0:  # the body returns without swinging
         return None
     pole = np.log(root) / step_s
     return float(abs(pole) / (2 * np.pi)), float(-pole.real / abs(pole))
@@ -152,36 +155,44 @@ def _area(trace: Trace, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
 def not_repeatable(
     signals: tuple[Trace, ...], measured: RunMeasure, accepted: Sequence[RunMeasure]
 ) -> Iterator[Finding]:
-    """Yield how peaks and course compare with the median of the accepted runs, one at least.
+    """Yield how peaks and course compare with the median of the accepted runs, at least one run.
 
-    Only the channels that move most in this run or in the others count.
+    The findings are on the channel whose peak differs most and on the one whose course does, of
+    those that move most in this run or in the others.
     """
     known = set.intersection(*(set(measure.peaks) for measure in accepted))
     kinds = {t.name: kind_of(t.channel) for t in signals if t.name in known}
     usual = {name: float(np.median([run.peaks[name] for run in accepted])) for name in kinds}
     size = {name: max(measured.peaks[name], usual[name]) for name in kinds}
     largest = {kind: max(size[n] for n in size if kinds[n] == kind) for kind in kinds.values()}
-    ratio, ratio_name = 1.0, ""  # the peak that differs most
-    likeness, course_name = 1.0, ""  # the course that is least alike
-    for name in [name for name in size if size[name] > MAIN_SHARE * largest[kinds[name]]]:
-        peak_ratio = max(measured.peaks[name], 1e-12) / max(usual[name], 1e-12)
-        # Half and twice the size are equally far from equal.
-        if abs(math.log(peak_ratio)) > abs(math.log(ratio)):
-            ratio, ratio_name = peak_ratio, name
-        if all(name in run.waves for run in (measured, *accepted)):
-            median_wave = np.median([run.waves[name] for run in accepted], axis=0)
-            wave = measured.waves[name]
-            product = float(np.linalg.norm(wave) * np.linalg.norm(median_wave))
-            cosine = float(wave @ median_wave) / product if product > 0.0 else 0.0
-            if cosine < likeness:
-                likeness, course_name = cosine, name
-    text = f"peak of {ratio_name or 'every channel'} is {ratio:.2f} times that of "
+    main = [name for name in size if size[name] > MAIN_RATIO * largest[kinds[name]]]
+    # Nothing is compared with a peak of 0.
+    ratios = {n: max(measured.peaks[n], 1e-12) / max(usual[n], 1e-12) for n in main}
+    # Half and twice the size are equally far from equal.
+    furthest = max(ratios, key=lambda name: abs(math.log(ratios[name])), default="")
+    ratio = ratios.get(furthest, 1.0)
+    text = f"peak of {furthest or 'every channel'} is {ratio:.2f} times that of "
     text += f"the accepted runs ({1.0 / PEAK_RATIO:.2f} to {PEAK_RATIO:.2f} is allowed)"
     limit = PEAK_RATIO if ratio > 1.0 else 1.0 / PEAK_RATIO
     passed = 1.0 / PEAK_RATIO <= ratio <= PEAK_RATIO
-    yield finding("not_repeatable", passed, ratio, limit, "", text, ratio_name)
-    if course_name:
-        text = f"course of {course_name} is {likeness:.0%} like the accepted runs (at least "
+    yield finding("not_repeatable", passed, ratio, limit, "", text, furthest)
+    likeness = {
+        name: _cosine(
+            measured.waves[name], np.median([run.waves[name] for run in accepted], axis=0)
+        )
+        for name in main
+        if all(name in run.waves for run in (measured, *accepted))
+    }
+    if likeness:
+        least_like = min(likeness, key=lambda name: likeness[name])
+        cosine = likeness[least_like]
+        text = f"course of {least_like} is {cosine:.0%} like the accepted runs (at least "
         text += f"{LIKENESS:.0%})"
-        passed = likeness >= LIKENESS
-        yield finding("not_repeatable", passed, likeness, LIKENESS, "", text, course_name)
+        passed = cosine >= LIKENESS
+        yield finding("not_repeatable", passed, cosine, LIKENESS, "", text, least_like)
+
+
+def _cosine(wave: NDArray[np.float64], other: NDArray[np.float64]) -> float:
+    """Return the correlation of two waves about zero, -1 to 1; 0 if one of them is zero."""
+    product = float(np.linalg.norm(wave) * np.linalg.norm(other))
+    return float(wave @ other) / product if product > 0.0 else 0.0
