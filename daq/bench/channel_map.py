@@ -20,7 +20,7 @@ from dbc.words import InputError
 from ..channels import Channel
 from ..runs import Excitation
 from .campaign import Step
-from .config import Bench, DescribedCar, as_a_person_states_it, bench_of, with_day
+from .config import Bench, DescribedCar, bench_of, checked_channel, day_as_text
 from .toml_file import Table, toml_tables, toml_text, validated
 
 _Rate = Annotated[float, Field(gt=0, le=1e7)]
@@ -79,8 +79,8 @@ class RunTable(Table):
 _Columns = tuple[
     Annotated[
         Column,
-        BeforeValidator(with_day),
-        AfterValidator(as_a_person_states_it),
+        BeforeValidator(day_as_text),
+        AfterValidator(checked_channel),
         AfterValidator(_names_a_column),
     ],
     ...,

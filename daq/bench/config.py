@@ -186,7 +186,7 @@ class SensorTable(Table):
         """The name of its database: a path, or ``layout:NAME``."""
         return f"layout:{self.layout}" if self.layout else self.dbc
 
-    def on(self, buses: Sequence[BusConfig], where: str) -> Sensor:
+    def on_its_bus(self, buses: Sequence[BusConfig], where: str) -> Sensor:
         """Return the sensor on its bus, which it states by name, channel or position.
 
         Raises InputError if it matches no bus, or several.
@@ -206,14 +206,14 @@ class CalibrationTable(Table):
     max_age_days: Annotated[int, Field(gt=0)] = 365
 
 
-def with_day(channel: object) -> object:
+def day_as_text(channel: object) -> object:
     """Return the keys of a channel with a day of TOML as text."""
     if isinstance(channel, dict) and type(day := channel.get("calibrated")) is date:
         return channel | {"calibrated": day.isoformat()}
     return channel
 
 
-def as_a_person_states_it(channel: Channel) -> Channel:
+def checked_channel(channel: Channel) -> Channel:
     """Return the channel; raises ValueError if it has what a person cannot mean."""
     if not re.fullmatch("[A-Za-z][A-Za-z0-9_]{0,59}", channel.name):
         raise ValueError("its name is not a letter, and at most 59 letters, digits and _ after it")
@@ -234,7 +234,7 @@ def as_a_person_states_it(channel: Channel) -> Channel:
     return channel
 
 
-StatedChannel = Annotated[Channel, BeforeValidator(with_day), AfterValidator(as_a_person_states_it)]
+StatedChannel = Annotated[Channel, BeforeValidator(day_as_text), AfterValidator(checked_channel)]
 """One `[[channel]]`."""
 Buses = Annotated[
     tuple[BusConfig, ...],
@@ -358,7 +358,7 @@ def parse_bench(text: str, where: str, folder: Path, dbc_text: str | None = None
     require_unique("message", [each.name for each in table.message], where)
     require_unique("sample set", [each.name for each in table.sample_set], where)
     require_unique("bus", [f"{b.interface} {b.channel}" for b in table.bus], where)
-    sensors = tuple(sensor.on(table.bus, where) for sensor in table.sensor)
+    sensors = tuple(sensor.on_its_bus(table.bus, where) for sensor in table.sensor)
     channels = bench.channels
     if sensors and dbc_text:
         stored = stored_databases(dbc_text)

@@ -16,7 +16,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, Field
+from pydantic import Field
 
 from dbc import Codec, parse_codec, read_dbc, shipped_dbc
 from dbc.codec import CRC_RULES, CounterRule, MessageLayout, SignalLayout
@@ -65,13 +65,16 @@ def ready_map(name: str) -> ReadyMap:
 
 
 def sensor_map(sensor: str, database: str) -> dict[str, Any]:
-    """Return the tables of a sensor's ready map under its name; empty if it has none.
+    """Return the tables of a sensor's ready map; empty if its database is a file.
 
-    Names of messages, signals, sample sets and channels begin with the name of the sensor.
+    Names of messages, signals, sample sets and channels begin with the name of the sensor; they
+    are unchanged if that is empty.
     """
     if not database.startswith(PREFIX):
         return {}
     tables = ready_map(database.removeprefix(PREFIX)).tables
+    if not sensor:
+        return tables
     for message in tables.get("message", []):
         message["name"] = f"{sensor}.{message['name']}"
     for sample_set in tables.get("sample_set", []):
@@ -98,18 +101,15 @@ def completed(document: Mapping[str, Any]) -> dict[str, Any]:
     stated_messages = {message["name"] for message in messages}
     signals = [channel["signal"] for channel in channels]
     in_sets = [name for sample_set in sets for name in sample_set["messages"]]
-    dbc = document.get("dbc", "")
-    maps: list[tuple[str, dict[str, Any]]] = []  # prefix of its names, and the tables of the map
-    for sensor in document.get("sensor", ()):
-        layout = sensor.get("layout")
-        database = f"{PREFIX}{layout}" if layout else sensor["dbc"]
-        maps.append((f"{sensor['name']}.", sensor_map(sensor["name"], database)))
-    if not maps and dbc.startswith(PREFIX):
-        maps = [("", ready_map(dbc.removeprefix(PREFIX)).tables)]
-    elif not maps:
-        shipped = (files("daq") / "bench.toml").read_text("utf-8")
-        maps = [("", {"channel": tomllib.loads(shipped)["channel"]})]
-    for prefix, tables in maps:
+    database_of = {  # by the name of the sensor
+        sensor["name"]: f"{PREFIX}{sensor['layout']}" if sensor.get("layout") else sensor["dbc"]
+        for sensor in document.get("sensor", ())
+    }
+    for sensor, database in (database_of or {"": document.get("dbc", "")}).items():
+        tables, prefix = sensor_map(sensor, database), f"{sensor}." if sensor else ""
+        if not sensor and not tables:
+            shipped = tomllib.loads((files("daq") / "bench.toml").read_text("utf-8"))
+            tables = {"channel": shipped["channel"]}
         if not any(signal.startswith(prefix) for signal in signals):
             channels += tables.get("channel", [])
         if not any(name.startswith(prefix) for name in in_sets):
@@ -282,13 +282,6 @@ def full_name(signal: str, messages: Sequence[MessageLayout]) -> str:
 # What bench.toml adds to the DBC: cycle, counter, checksum, time, sample sets --------------------
 
 
-def _crc_rule(name: str) -> str:
-    """Return the name of a checksum rule; raises ValueError if there is no such rule."""
-    if name not in CRC_RULES:
-        raise ValueError(f"is none of {', '.join(CRC_RULES)}")
-    return name
-
-
 class MessageRule(Table):
     """One `[[message]]`: properties of a message that its DBC does not state."""
 
@@ -301,7 +294,7 @@ class MessageRule(Table):
     """Number of values of the counter; None: all values of its bits."""
     crc: str | None = None
     """Signal that holds its checksum."""
-    crc_rule: Annotated[str, AfterValidator(_crc_rule)] = "crc8_j1850"
+    crc_rule: str = "crc8_j1850"
     """Rule by which the checksum is computed, one of `dbc.codec.CRC_RULES`."""
     time_signal: str | None = None
     """Signal that holds the sensor's own time."""
@@ -361,6 +354,8 @@ def ruled_codec(codec: Codec, rules: Sequence[MessageRule], dbc_name: str) -> Co
             signal = _plain_signal(message, "crc", rule.crc)
             if not signal.is_one_byte:
                 fault = f"checksum {signal.name} is not one whole byte"
+            if rule.crc_rule not in CRC_RULES:
+                fault = f"crc_rule {rule.crc_rule} is none of {', '.join(CRC_RULES)}"
             message = replace(message, crc=signal.name, crc_rule=rule.crc_rule)
         if fault:
             raise InputError(where, fault, CORRECT_MESSAGE)
