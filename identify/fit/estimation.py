@@ -41,7 +41,7 @@ from .likelihood import (
     linearised,
     residuals_of,
 )
-from .varpro import Evaluated, LinearPart, over_two, slopes
+from .varpro import Evaluated, LinearPart, slopes
 
 _BASIN_CHI2 = 1.3
 """chi2/n below which a search has led near an optimum that holds."""
@@ -49,10 +49,7 @@ _SEARCH_RATE_HZ = 250.0  # enough to find the basin of the optimum
 _LATER_S = (0.02, 0.05)
 """Later starts, s, to try when the model does not fit from the stated end of the bump.  None is
 later: an error in the wheels' motion dies within 0.2 s, and a start after that would hide it."""
-_SEARCH_STEPS = 40
-_FIT_STEPS = 30
-
-
+_SEARCH_STEPS, _FIT_STEPS = 40, 30
 Records = tuple[Record, ...]
 
 
@@ -289,8 +286,10 @@ def _fitted_from(
         if not rest_noise:
             sigma = floored(_residual_noise(residuals), decays)
     noise = floored(rest_noise, decays) if rest_noise else fit_sigma
-    chi2 = _chi2_per_n(box, residuals, noise)
-    return Estimation(box, records, fitted, decays, fit_sigma, rest_noise, residuals, chi2)
+    chi2 = sum(run.chi2(noise) for run in residuals)
+    freedom = sum(sum(run.freedom.values()) for run in residuals) - len(box.parameters)
+    chi2_per_n = chi2 / freedom if freedom > 0 else float("inf")
+    return Estimation(box, records, fitted, decays, fit_sigma, rest_noise, residuals, chi2_per_n)
 
 
 def _pooled_noise(estimation: Estimation) -> dict[str, float]:
@@ -307,13 +306,6 @@ def _pooled_noise(estimation: Estimation) -> dict[str, float]:
         squares += rest_freedom[name] * std**2
         pooled[name] = float(np.sqrt(squares / (rest_freedom[name] + freedom)))
     return pooled
-
-
-def _chi2_per_n(box: GreyBox, residuals: Sequence[Residuals], sigma: dict[str, float]) -> float:
-    """Return the mean square residual in units of `sigma`, by degrees of freedom."""
-    squares = sum(run.chi2(sigma) for run in residuals)
-    freedom = sum(sum(run.freedom.values()) for run in residuals) - len(box.parameters)
-    return squares / freedom if freedom > 0 else float("inf")
 
 
 def rough_noise(decays: Sequence[FreeDecay]) -> dict[str, float]:
@@ -385,19 +377,16 @@ def _earliest_start_s(
     unknowns of the fit, finite.  `decay` and `linear`: from a start that is late enough, with its
     linear part.
     """
-    start_s, onset = decay.start_s, onset_s(record)
-    lowest_s = record.start_s if onset is None else onset  # no decay can start before
-    # The force ends near the expected start: what is 30 ms before it is seldom looked at.
-    for from_s in dict.fromkeys((max(lowest_s, start_s - 0.03), lowest_s)):
-        values_before = _values_before(point, covariance, record, decay, linear, from_s)
-        instants_s, forced_s = _free_instants(*values_before)
-        if forced_s is not None:
-            channels = [c for r in decay.recordings for c in r.group.channels]
-            at_once = any(c.quantity is Quantity.HUB_ACCELERATION for c in channels)
-            force_end_s = forced_s + (_SHOWN_AT_ONCE_S if at_once else _SHOWN_LATE_S)
-            instants_s = [instant for instant in instants_s if instant > force_end_s]
-            break
-    return start_s + min(instants_s) - _SLACK_S if instants_s else start_s
+    onset = onset_s(record)
+    from_s = record.start_s if onset is None else onset  # no decay can start before
+    values_before = _values_before(point, covariance, record, decay, linear, from_s)
+    instants_s, forced_s = _free_instants(*values_before)
+    if forced_s is not None:
+        channels = [c for r in decay.recordings for c in r.group.channels]
+        shows_at_once = any(c.quantity is Quantity.HUB_ACCELERATION for c in channels)
+        force_end_s = forced_s + (_SHOWN_AT_ONCE_S if shows_at_once else _SHOWN_LATE_S)
+        instants_s = [instant for instant in instants_s if instant > force_end_s]
+    return decay.start_s + min(instants_s) - _SLACK_S if instants_s else decay.start_s
 
 
 def _values_before(
@@ -424,7 +413,8 @@ def _values_before(
         group = point.group(recording.group)
         J = slopes(point, group, modal_state)
         per_sigma = np.sqrt(group.weight)[:, None]
-        mixed += over_two(stack * group.weight[:, None, None], product.gram[:, group.motion] @ J)
+        weighted_stack = stack * group.weight[:, None, None]  # as J, first axis the channels
+        mixed += np.tensordot(weighted_stack, product.gram[:, group.motion] @ J, ((0, 1), (0, 1)))
         cut = record.whole(recording).between(from_s, decay.start_s)
         before_start = replace(cut, time_s=cut.time_s + (from_s - decay.start_s))  # below zero
         basis = point.basis(before_start)
@@ -476,13 +466,11 @@ def _is_forced(chi2s: Sequence[tuple[float, int]]) -> bool:
 
     `chi2s`: chi2 of the errors of prediction at each instant, and how many errors it is of.
     """
-    # Only windows that are no longer than what has been looked at.
-    for width in _WINDOWS[: 1 + int(np.log2(len(chi2s)))]:
-        window_chi2 = sum(chi2 for chi2, _ in chi2s[-width:])
-        freedom = sum(n_errors for _, n_errors in chi2s[-width:])
-        # The limit of chi2 by Wilson and Hilferty (1931), at a normal deviate of 4.5: one false
-        # alarm in 300,000.
-        variance = 2.0 / (9.0 * freedom)
-        if window_chi2 > freedom * (1.0 - variance + 4.5 * np.sqrt(variance)) ** 3:
-            return True
+    for width in _WINDOWS:
+        if width <= len(chi2s):
+            window_chi2, freedom = np.sum(chi2s[-width:], axis=0).tolist()
+            # The limit by Wilson and Hilferty (1931), at a normal deviate of 4.5.
+            variance = 2.0 / (9.0 * freedom)
+            if window_chi2 > freedom * (1.0 - variance + 4.5 * variance**0.5) ** 3:
+                return True
     return False

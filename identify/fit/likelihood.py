@@ -19,14 +19,13 @@ from ..decays.decay import FreeDecay
 from ..model.matrices import Real
 from .grey_box import GreyBox
 from .varpro import (
-    Alike,
+    Batch,
     Evaluated,
     LinearPart,
     NormalBlock,
+    batches_of,
     blocks_of,
     evaluate,
-    laid_out,
-    products_of,
 )
 
 _FAR_DAMPING, _NEAR_DAMPING = 1e-3, 1e-4  # of the first step, far from the optimum and near it
@@ -48,8 +47,8 @@ class Linearised:
 
     points: Mapping[str, Evaluated]
     """The model of each mass state."""
-    layout: Sequence[Alike]
-    """How the decays are laid out."""
+    batches: Sequence[Batch]
+    """The recordings of the decays."""
     linear: tuple[LinearPart, ...]
     """The linear part of each decay, fitted."""
     blocks: dict[str, NormalBlock]
@@ -142,7 +141,7 @@ def fit(
         step = np.linalg.solve(H + damping * np.eye(len(eta)), gradient / scale) / scale
         # A logarithm changes by 0.5 at most in one iteration.
         step *= min(1.0, 0.5 / max(float(np.max(np.abs(step))), 1e-300))
-        trial_model = linearised(box, decays, sigma, eta + step, model.layout)
+        trial_model = linearised(box, decays, sigma, eta + step, model.batches)
         trial = _total(trial_model.blocks)
         moved_cost = float(start_weight @ ((eta + step - start) ** 2 - (eta - start) ** 2))
         if np.isfinite(trial.cost) and trial.cost + moved_cost <= normal.cost + rounding:
@@ -166,17 +165,12 @@ def fit(
     return Fit(eta, covariance, normal.cost, information, iterations, converged)
 
 
-def normal_blocks(box: GreyBox, decays: Decays, sigma: Noise, eta: Real) -> dict[str, NormalBlock]:
-    """Return what each decay, the facts and the stated uncertainties contribute at `eta`."""
-    return linearised(box, decays, sigma, eta).blocks
-
-
 def linearised(
-    box: GreyBox, decays: Decays, sigma: Noise, eta: Real, layout: Sequence[Alike] | None = None
+    box: GreyBox, decays: Decays, sigma: Noise, eta: Real, batches: Sequence[Batch] | None = None
 ) -> Linearised:
     """Return the model and its slopes at `eta`, with the linear part of each decay fitted.
 
-    `layout`: layout of the decays (`laid_out`), if there is one already.
+    `batches`: the recordings of the decays (`batches_of`), if they are known.
     """
     misfits, slopes = box.fact_misfits(eta)
     prior = box.prior_sigma**-2
@@ -185,11 +179,10 @@ def linearised(
         PRIORS: NormalBlock(float(prior @ eta**2), np.diag(prior), -prior * eta),
     }
     points = evaluate(box, eta, {decay.mass_state for decay in decays}, sigma)
-    layout = layout or laid_out(decays)
-    pairs = blocks_of(points, decays, products_of(points, decays, layout))
+    batches = batches or batches_of(decays)
+    pairs = blocks_of(points, decays, batches)
     blocks |= {decay.label: block for decay, (block, _) in zip(decays, pairs, strict=True)}
-    linear = tuple(part for _, part in pairs)
-    return Linearised(points, layout, linear, blocks)
+    return Linearised(points, batches, tuple(linear for _, linear in pairs), blocks)
 
 
 def _total(blocks: Mapping[str, NormalBlock]) -> NormalBlock:
@@ -214,11 +207,6 @@ def covariance_of(normal: Real) -> Real:
     undetermined = (np.abs(directions[:, ~is_determined]) > 1e-3).any(axis=1)
     covariance[undetermined, undetermined] = np.inf  # on the diagonal
     return np.asarray(covariance)
-
-
-def residuals(box: GreyBox, decays: Decays, sigma: Noise, eta: Real) -> tuple[Residuals, ...]:
-    """Return the residuals of each decay with the model at `eta`."""
-    return residuals_of(linearised(box, decays, sigma, eta), decays, sigma)
 
 
 def residuals_of(model: Linearised, decays: Decays, sigma: Noise) -> tuple[Residuals, ...]:
@@ -280,11 +268,11 @@ class LinearEngine:
 
     def normal_blocks(self, decays: Decays, sigma: Noise, eta: Real) -> dict[str, NormalBlock]:
         """Return what each decay, the facts and the stated uncertainties contribute at `eta`."""
-        return normal_blocks(self.box, decays, sigma, eta)
+        return linearised(self.box, decays, sigma, eta).blocks
 
     def residuals(self, decays: Decays, sigma: Noise, eta: Real) -> tuple[Residuals, ...]:
         """Return the residuals of each decay with the model at `eta`."""
-        return residuals(self.box, decays, sigma, eta)
+        return residuals_of(linearised(self.box, decays, sigma, eta), decays, sigma)
 
     def fact_misfits(self, eta: Real) -> tuple[Real, Real]:
         """Return measured less predicted value of each fact in sigmas, and the latter's slopes."""

@@ -138,19 +138,15 @@ def mode_estimates(box: GreyBox, fit: Fit, mass_state: str) -> tuple[ModeEstimat
     upper = np.flatnonzero(modes.poles.imag > 0)  # one of each conjugate pair
     result = []
     for k in upper[np.argsort(np.abs(modes.poles[upper]), kind="stable")]:
-        pole = modes.poles[k]
-        d_pole = (modes.W[k] @ system.dA) @ modes.V[:, k]  # by each unknown, (P,)
-        omega = abs(pole)
-        d_omega = (pole.conjugate() * d_pole).real / omega
-        d_damping = -d_pole.real / omega + pole.real * d_omega / omega**2
-        frequency_std = _std(d_omega, fit.covariance) / (2.0 * np.pi)
-        damping_std = _std(d_damping, fit.covariance)
-        result.append(
-            ModeEstimate(
-                _estimate(omega / (2.0 * np.pi), frequency_std, "Hz"),
-                _estimate(-pole.real / omega, damping_std, "1"),
-            )
-        )
+        pole, omega = modes.poles[k], abs(modes.poles[k])
+        frequency_hz = omega / (2.0 * np.pi)
+        # Of log(pole) by each unknown, (P,): its real part is the relative change of omega, its
+        # imaginary part the angle by which the pole turns.
+        slope = (modes.W[k] @ system.dA) @ modes.V[:, k] / pole
+        frequency_std_hz = frequency_hz * _std(slope.real, fit.covariance)
+        damping_std = pole.imag / omega * _std(slope.imag, fit.covariance)
+        frequency = _estimate(frequency_hz, frequency_std_hz, "Hz")
+        result.append(ModeEstimate(frequency, _estimate(-pole.real / omega, damping_std, "1")))
     return tuple(result)
 
 
@@ -164,23 +160,20 @@ def correlation(box: GreyBox, fit: Fit) -> Correlation:
 
 
 def drivers(box: GreyBox, fit: Fit) -> dict[str, dict[str, float]]:
-    """Return what each parameter's precision rests on.
+    """Return how much of each parameter's precision each source gives, the largest share first.
 
     If the information of one source were larger by a small share, the variance would fall by this
     fraction of that share: ``(C H_source C)_jj / C_jj`` with the covariance C and the source's
-    information H.  Over all sources it adds up to one.
-
-    Sources are the labels of the runs, `likelihood.FACTS` and `likelihood.PRIORS`; the largest
-    share first.
+    information H.  Over all sources it adds up to one; none for an undetermined parameter.
+    Sources are the labels of the runs, `likelihood.FACTS` and `likelihood.PRIORS`.
     """
     # Not the covariance of the fit: where that is widened, its shares would not add up.
     C = covariance_of(np.sum(list(fit.information.values()), axis=0))
     result: dict[str, dict[str, float]] = {}
     for j, name in enumerate(box.parameters):
-        if not (np.isfinite(C[j, j]) and np.isfinite(fit.covariance[j, j])):
-            result[name] = {}
-            continue
-        shares = {source: float(C[j] @ H @ C[j] / C[j, j]) for source, H in fit.information.items()}
+        is_known = np.isfinite(C[j, j]) and np.isfinite(fit.covariance[j, j])
+        sources = fit.information.items() if is_known else ()
+        shares = {source: float(C[j] @ H @ C[j] / C[j, j]) for source, H in sources}
         result[name] = dict(sorted(shares.items(), key=lambda item: -item[1]))
     return result
 
@@ -239,12 +232,12 @@ def leave_one_out(estimation: Estimation) -> tuple[Prediction, ...]:
     predictions = []
     for decay, residuals in zip(estimation.decays, estimation.residuals, strict=True):
         block = blocks[decay.label]
-        covariance_of_others = covariance_of(information - block.information)
-        finite_covariance = np.where(np.isfinite(covariance_of_others), covariance_of_others, 0.0)
+        covariance = covariance_of(information - block.information)  # by all other runs
         freedom = sum(residuals.freedom.values())
         predicted = limit = np.nan
         # Over a step that the others do not determine the problem is not linear, nor finite.
-        if determined(estimation.box, covariance_of_others).all():
+        if determined(estimation.box, covariance).all():
+            finite_covariance = np.where(np.isfinite(covariance), covariance, 0.0)
             with suppress(FloatingPointError):
                 eta = fit.eta - finite_covariance @ block.gradient
                 (predicted_residuals,) = engine.residuals((decay,), estimation.sigma, eta)
@@ -253,6 +246,6 @@ def leave_one_out(estimation: Estimation) -> tuple[Prediction, ...]:
                 five_sigma = 5.0 * float(np.sqrt(2.0 / freedom + 2.0 / (rest_freedom or freedom)))
                 # Clocks fitted to arrival times, and quantisation, may cause 0.05 in one run.
                 limit = 1.0 + by_parameters + max(0.05, five_sigma)
-        fitted = residuals.chi2(noise) / freedom
-        predictions.append(Prediction(decay.label, fitted, predicted, limit))
+        chi2_per_n = residuals.chi2(noise) / freedom
+        predictions.append(Prediction(decay.label, chi2_per_n, predicted, limit))
     return tuple(predictions)

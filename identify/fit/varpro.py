@@ -151,34 +151,33 @@ class Products:
 
 
 @dataclass(frozen=True, slots=True)
-class Alike:
+class Batch:
     """Recordings of one mass state that have one low-pass and are sampled alike."""
 
     mass_state: str
     groups: tuple[ChannelGroup, ...]
     """Channel group of each."""
-    places: tuple[tuple[int, int], ...]
-    """Decay and recording within it of each."""
+    indices: tuple[tuple[int, int], ...]
+    """Of each, the index of its decay, and its own among the recordings of this decay."""
     series: Series
     """Their samples."""
 
 
-def laid_out(decays: Sequence[FreeDecay]) -> tuple[Alike, ...]:
-    """Return recordings grouped by mass state, low-pass and sampling, for all points of a fit."""
-    places_of: defaultdict[tuple[str, float, int], list[tuple[int, int]]] = defaultdict(list)
+def batches_of(decays: Sequence[FreeDecay]) -> tuple[Batch, ...]:
+    """Return the recordings of some decays by mass state, low-pass and sampling."""
+    indices_of: defaultdict[tuple[str, float, int], list[tuple[int, int]]] = defaultdict(list)
     for d, decay in enumerate(decays):
         for r, recording in enumerate(decay.recordings):
             channel = recording.group.channels[0]  # all channels of a group have its low-pass
-            places_of[decay.mass_state, channel.low_pass_hz, channel.low_pass_order].append((d, r))
-    result = []
-    for (mass_state, _, _), places in places_of.items():
-        recordings = [decays[d].recordings[r] for d, r in places]
-        times, values = [r.time_s for r in recordings], [r.values for r in recordings]
-        for series in series_of(times, values):
+            indices_of[decay.mass_state, channel.low_pass_hz, channel.low_pass_order].append((d, r))
+    batches = []
+    for (mass_state, _, _), indices in indices_of.items():
+        recordings = [decays[d].recordings[r] for d, r in indices]
+        for series in series_of([r.time_s for r in recordings], [r.values for r in recordings]):
             groups = tuple(recordings[member].group for member in series.members)
-            places_in_series = tuple(places[member] for member in series.members)
-            result.append(Alike(mass_state, groups, places_in_series, series))
-    return tuple(result)
+            of_series = tuple(indices[member] for member in series.members)
+            batches.append(Batch(mass_state, groups, of_series, series))
+    return tuple(batches)
 
 
 # The linear part of a decay -----------------------------------------------------------------------
@@ -199,26 +198,15 @@ class LinearPart:
     """Initial state, then the channels' own unknowns, shape (n_linear,)."""
 
 
-def linear_parts(
-    points: Mapping[str, Evaluated], decays: Sequence[FreeDecay]
-) -> tuple[LinearPart, ...]:
-    """Return the fitted linear part of each decay; `points`: the model, for each mass state."""
-    of_decays = products_of(points, decays, laid_out(decays))
-    return tuple(linear for _, linear in blocks_of(points, decays, of_decays))
-
-
-def products_of(
-    points: Mapping[str, Evaluated], decays: Sequence[FreeDecay], layout: Sequence[Alike]
+def _products_of(
+    points: Mapping[str, Evaluated], decays: Sequence[FreeDecay], batches: Sequence[Batch]
 ) -> list[list[Products]]:
-    """Return the products of each decay's recordings with the basis, in their order.
-
-    `points`: the model, for each mass state.  `layout`: layout of the decays, by `laid_out`.
-    """
+    """Return the products of each decay's recordings with the basis, in their order."""
     by_recording: list[dict[int, Products]] = [{} for _ in decays]
-    for alike in layout:
-        point = points[alike.mass_state]
-        groups = [point.group(group) for group in alike.groups]
-        wave = waves_of(alike.series, groups[0].rates, np.array([g.late_s for g in groups]))
+    for batch in batches:
+        point = points[batch.mass_state]
+        groups = [point.group(group) for group in batch.groups]
+        wave = waves_of(batch.series, groups[0].rates, np.array([g.late_s for g in groups]))
         # Twice the products of real and imaginary parts: Re f Re g = Re(conj(f) g + f g) / 2,
         # Re f Im g = Im(conj(f) g + f g) / 2, and Im f Im g = Re(conj(f) g - f g) / 2.
         conjugate, plain = wave.grams()
@@ -227,7 +215,8 @@ def products_of(
         grams = np.block([[total.real, total.imag], [transposed, gap.real]]) / 2.0
         sums = wave.with_samples()  # (r, n_channels, 2 p)
         crosses = np.concatenate([sums.real, sums.imag], axis=2).swapaxes(1, 2)
-        for (d, r), *products in zip(alike.places, grams, crosses, alike.series.power, strict=True):
+        power = batch.series.power
+        for (d, r), *products in zip(batch.indices, grams, crosses, power, strict=True):
             by_recording[d][r] = Products(*products)
     return [[of_decay[r] for r in range(len(of_decay))] for of_decay in by_recording]
 
@@ -294,11 +283,6 @@ def slopes(point: Evaluated, group: GroupAt, z: Complex) -> Real:
     return modes.on_real_functions(on_exp, group.gained[..., None] * together)
 
 
-def over_two(first: Real, second: Real) -> Real:
-    """Return the product of (n, m, p) and (n, m, q) over the first two axes, (p, q)."""
-    return np.asarray(first.reshape(-1, first.shape[-1]).T @ second.reshape(-1, second.shape[-1]))
-
-
 # Normal equations of many decays at one point of the unknowns -------------------------------------
 #
 # The runs of a mass state differ only in their samples and initial states: everything that belongs
@@ -306,19 +290,17 @@ def over_two(first: Real, second: Real) -> Real:
 
 
 def blocks_of(
-    points: Mapping[str, Evaluated],
-    decays: Sequence[FreeDecay],
-    of_decays: Sequence[Sequence[Products]],
+    points: Mapping[str, Evaluated], decays: Sequence[FreeDecay], batches: Sequence[Batch]
 ) -> list[tuple[NormalBlock, LinearPart]]:
-    """Return the share of each decay in the normal equations, and its fitted linear part.
+    """Return the contribution of each decay to the normal equations, and its fitted linear part.
 
-    `points`: the model, for each mass state.  `of_decays`: products of the recordings of each decay
-    (`products_of`).
+    `points`: the model, for each mass state.  `batches`: the recordings, by `batches_of`.
     """
-    same_channels: dict[tuple[object, ...], list[int]] = {}
+    of_decays = _products_of(points, decays, batches)
+    same_channels: defaultdict[tuple[object, ...], list[int]] = defaultdict(list)
     for d, decay in enumerate(decays):
         groups = tuple(points[decay.mass_state].box.groups.index(r.group) for r in decay.recordings)
-        same_channels.setdefault((decay.mass_state, *groups), []).append(d)
+        same_channels[decay.mass_state, *groups].append(d)
     by_decay: dict[int, tuple[NormalBlock, LinearPart]] = {}
     for members in same_channels.values():
         first = decays[members[0]]
@@ -330,7 +312,7 @@ def blocks_of(
 def _blocks_of_alike(
     point: Evaluated, first: FreeDecay, of_decays: Sequence[Sequence[Products]]
 ) -> Iterator[tuple[NormalBlock, LinearPart]]:
-    """Yield the shares and linear parts of n decays with the same channels as the first.
+    """Yield the contributions and linear parts of n decays with the same channels as the first.
 
     The linear part is fitted first; what it leaves then meets the slopes J by the unknowns.  All
     are sums over recordings, channels and the functions of the basis, never over samples.

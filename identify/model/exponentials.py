@@ -10,6 +10,7 @@ sample's own time; there is no common grid.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -151,8 +152,6 @@ class Series:
     """Number of samples of each, shape (r,)."""
     coarse_s: Real
     """Coarse steps, s, shape (r, n)."""
-    step_s: Real
-    """Time from sample to sample, s, shape (r,)."""
     fine_s: Real
     """Fine steps, s, shape (r, w)."""
     tail_s: Real
@@ -221,19 +220,44 @@ class Waves:
 
 
 def series_of(times_s: Sequence[Real], samples: Sequence[Real]) -> tuple[Series, ...]:
-    """Return recordings, times (n_i,), s, and samples (n_i, k_i), laid out: alike ones together.
+    """Return recordings, times (n_i,), s, and samples (n_i, k_i), laid out in some series.
 
-    Alike are those with as many fine steps (`_fine_steps`), coarse steps and channels.
+    Recordings with as many fine steps (`_fine_steps`), coarse steps and channels are one series.
     """
-    alike: dict[tuple[int, int, int], list[int]] = {}
+    members_of: defaultdict[tuple[int, int, int], list[int]] = defaultdict(list)
     for i, (time_s, values) in enumerate(zip(times_s, samples, strict=True)):
         width = _fine_steps(time_s)
-        n_coarse, n_channels = len(time_s) // width, values.shape[1]
-        alike.setdefault((width, n_coarse, n_channels), []).append(i)
-    return tuple(
-        _one_series([(i, times_s[i], samples[i]) for i in members], width)
-        for (width, _, _), members in alike.items()
-    )
+        members_of[width, len(time_s) // width, values.shape[1]].append(i)
+    result = []
+    for (width, n_coarse, n_channels), members in members_of.items():
+        n_whole = n_coarse * width  # samples in whole coarse steps
+        times = [times_s[i] for i in members]
+        count = np.array([len(time) for time in times])
+        durations_s = np.array([time[-1] - time[0] for time in times])
+        steps_s = durations_s / np.maximum(count - 1, 1)  # from sample to sample
+        n_tail = count.max() - n_whole
+        tail_s, present = np.zeros((2, len(members), n_tail))
+        tail = np.zeros((len(members), n_tail, n_channels))
+        steps = np.empty((len(members), n_coarse, n_channels, width))
+        for row, i in enumerate(members):
+            whole, rest = np.split(samples[i], [n_whole])
+            steps[row] = whole.reshape(n_coarse, width, n_channels).swapaxes(1, 2)
+            tail[row, : len(rest)], present[row, : len(rest)] = rest, 1.0
+            tail_s[row, : len(rest)] = times_s[i][n_whole:]
+        result.append(
+            Series(
+                members=tuple(members),
+                count=count,
+                coarse_s=np.stack([time[:n_whole:width] for time in times]),
+                fine_s=np.multiply.outer(steps_s, np.arange(width)),
+                tail_s=tail_s,
+                present=present,
+                steps=steps,
+                tail=tail,
+                power=np.array([np.einsum("ij,ij->j", samples[i], samples[i]) for i in members]),
+            )
+        )
+    return tuple(result)
 
 
 def waves_of(series: Series, rates: Complex, late_s: Real | float = 0.0) -> Waves:
@@ -254,39 +278,6 @@ def _fine_steps(time_s: Real) -> int:
     # Even times may depart from their line by eight spacings of float64.
     is_even = np.abs(time_s - even_times_s).max() <= 8.0 * np.spacing(np.abs(time_s).max())
     return int(2 ** round(np.log2(n) / 2.0)) if is_even else 1
-
-
-def _one_series(recordings: Sequence[tuple[int, Real, Real]], width: int) -> Series:
-    """Return recordings, (index, times, samples), with as many whole steps, laid out together.
-
-    `width`: samples of a coarse step.
-    """
-    members, times, samples = zip(*recordings, strict=True)
-    n, k = len(times[0]) // width, samples[0].shape[1]
-    n_whole = n * width  # samples in whole steps
-    q = max(len(time) for time in times) - n_whole
-    tail_s, present = np.zeros((len(times), q)), np.zeros((len(times), q))
-    tail = np.zeros((len(times), q, k))
-    for i, (time, values) in enumerate(zip(times, samples, strict=True)):
-        n_tail = len(time) - n_whole
-        tail_s[i, :n_tail], present[i, :n_tail] = time[n_whole:], 1.0
-        tail[i, :n_tail] = values[n_whole:]
-    steps = np.stack([values[:n_whole].reshape(n, width, k) for values in samples])
-    duration = np.array([time[-1] - time[0] for time in times])
-    count = np.array([len(time) for time in times])
-    step_s = duration / np.maximum(count - 1, 1)
-    return Series(
-        members,
-        count,
-        np.stack([time[:n_whole:width] for time in times]),
-        step_s,
-        np.multiply.outer(step_s, np.arange(width)),
-        tail_s,
-        present,
-        np.ascontiguousarray(steps.swapaxes(2, 3)),
-        tail,
-        np.array([np.einsum("ij,ij->j", values, values) for values in samples]),
-    )
 
 
 def _with_time(wave: Complex, time_s: Real) -> Complex:

@@ -65,8 +65,6 @@ class Full(IntEnum):
 FRONT_WHEELS, REAR_WHEELS = slice(Full.M_U, Full.M_U + 2), slice(Full.M_U + 2, Full.M_U + 4)
 """Indices of the wheels' masses of each axle in `FULL_NAMES`."""
 
-_LEFT_LESS_RIGHT = np.array([[1.0, -1.0, 0.0, 0.0], [0.0, 0.0, 1.0, -1.0]])
-
 
 def stepped(eta: Real) -> Complex:
     """Return the point itself and one `COMPLEX_STEP` along each unknown, (P + 1, P)."""
@@ -129,28 +127,21 @@ def full_matrices(full: Complex) -> tuple[Complex, Complex, Complex]:
         full[..., kind : kind + 4] for kind in (Full.M_U, Full.K_S, Full.K_T, Full.C_S)
     )
     bars, tyre_dampers = full[..., Full.K_AF : Full.K_AR + 1], full[..., Full.C_TF : Full.C_TR + 1]
-    travel = travel_rows(full)
-    twist = _LEFT_LESS_RIGHT @ travel
-    wheels = np.eye(N_DOF)[3:]
-    masses = np.concatenate([full[..., : Full.M_U], m_u], axis=-1)
-    M: Complex = np.asarray(masses[..., None] * np.eye(N_DOF))
-    K = _square(travel, k_s) + _square(twist, bars) + _square(wheels, k_t)
-    C = _square(travel, c_s) + _square(wheels, np.repeat(tyre_dampers, 2, axis=-1))
-    return M, C, K
-
-
-def travel_rows(full: Complex) -> Complex:
-    """Return each corner's row for its suspension travel on the degrees of freedom, (..., 4, 7).
-
-    The travel is the motion of the wheel less that of the body above it.
-    """
     a, b, t_f, t_r, y_s = (full[..., i] for i in (Full.A, Full.B, Full.T_F, Full.T_R, Full.Y_S))
+    # Rows on the degrees of freedom: travel of each corner, (..., 4, 7), which is the motion of the
+    # wheel less that of the body above it; twist of each axle, (..., 2, 7); motion of each wheel.
     travel = np.zeros((*full.shape[:-1], 4, N_DOF), dtype=complex)
     travel[..., 0] = -1.0  # heave, and then pitch, roll and the wheels
     travel[..., 1] = np.stack([a, a, -b, -b], axis=-1)
     travel[..., 2] = -np.stack([t_f - y_s, -t_f - y_s, t_r - y_s, -t_r - y_s], axis=-1)
     travel[..., 3:] = np.eye(4)
-    return travel
+    wheels = np.eye(N_DOF)[3:]
+    twist = travel[..., [0, 2], :] - travel[..., [1, 3], :]  # left less right
+    masses = np.concatenate([full[..., : Full.M_U], m_u], axis=-1)
+    M: Complex = np.asarray(masses[..., None] * np.eye(N_DOF))
+    K = _square(travel, k_s) + _square(twist, bars) + _square(wheels, k_t)
+    C = _square(travel, c_s) + _square(wheels, np.repeat(tyre_dampers, 2, axis=-1))
+    return M, C, K
 
 
 def _square(difference: NDArray[Any], rate: Complex) -> Complex:
@@ -167,8 +158,7 @@ def matrices(theta: Complex | Real) -> tuple[Complex, Complex, Complex]:
 
     `theta`, (..., 15): in the order of `daq.vehicle.PARAMETER_NAMES`.
     """
-    full = np.asarray(theta, dtype=complex) @ SYMMETRIC.T
-    return full_matrices(full.astype(complex))
+    return full_matrices(np.asarray(theta, dtype=complex) @ SYMMETRIC.T)
 
 
 def state_matrix(M: NDArray[Any], C: NDArray[Any], K: NDArray[Any]) -> NDArray[Any]:
@@ -324,12 +314,9 @@ def corner_load(corner: Corner, full: Complex, cross_kg: Complex) -> Complex:
 
 # Quantities that follow from the parameters and that engineers quote for a vehicle ----------------
 
-Value = tuple[Complex, str]
-"""A quantity, (...), and its SI unit (1 for a ratio)."""
 
-
-def derived_quantities(full: Complex) -> dict[str, Value]:
-    """Return each derived quantity of a vehicle, (28,) or stacked, with its unit.
+def derived_quantities(full: Complex) -> dict[str, tuple[Complex, str]]:
+    """Return each derived quantity of a vehicle, (28,) or stacked, with its SI unit (1: a ratio).
 
     Total mass and axle loads; wheelbase; radii of gyration of the sprung mass and its dynamic index
     k^2 / (a b); loads under the wheels on level ground without cross weight; damping ratio and
@@ -339,7 +326,7 @@ def derived_quantities(full: Complex) -> dict[str, Value]:
     m_s, I_yy, I_xx = (full[..., i] for i in (Full.M_S, Full.I_YY, Full.I_XX))
     a, b = full[..., Full.A], full[..., Full.B]
     wheels = full[..., Full.M_U : Full.M_U + 4]
-    result: dict[str, Value] = {
+    result: dict[str, tuple[Complex, str]] = {
         "total_mass": (m_s + wheels.sum(axis=-1), "kg"),
         "front_axle_load": (m_s * b / (a + b) + full[..., FRONT_WHEELS].sum(axis=-1), "kg"),
         "rear_axle_load": (m_s * a / (a + b) + full[..., REAR_WHEELS].sum(axis=-1), "kg"),

@@ -12,7 +12,7 @@ from daq.vehicle import MassState
 
 from ..decays.decay import FreeDecay
 from ..fit.grey_box import CROSS_SCALE_KG, SIGNED, GreyBox
-from ..fit.varpro import evaluate, linear_parts
+from ..fit.likelihood import linearised
 from ..model.matrices import SYMMETRIC, Full, full_matrices
 from .car import PULL, Model, car
 from .laws import knee
@@ -153,13 +153,12 @@ def initial_states_of(
     box = model.box
     state_of = {s.name: s for s in box.mass_states}
     present = {decay.mass_state for decay in decays}
-    linear = eta[: model.n_linear]
-    solutions = linear_parts(evaluate(box, linear, present, sigma), decays)
+    linear_parts = linearised(box, decays, sigma, eta[: model.n_linear]).linear
     rest_positions = {name: position_at_rest(model, eta, state_of[name]) for name in present}
     no_unknowns = np.zeros(0, dtype=np.intp)
     cars = {name: car(model, eta, state_of[name], no_unknowns) for name in present}
     result = []
-    for decay, linear_part in zip(decays, solutions, strict=True):
+    for decay, linear_part in zip(decays, linear_parts, strict=True):
         motion = linear_part.solution[:14].copy()  # 7 displacements, 7 speeds
         # Those of the linear model are about the loaded car at rest, these about the bare one.
         motion[:7] += rest_positions[decay.mass_state]

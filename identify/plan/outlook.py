@@ -22,15 +22,14 @@ from daq.vehicle import MassState, parameter_unit
 
 from ..decays.decay import ChannelGroup, FreeDecay, Recording
 from ..fit.grey_box import SIGNED, GreyBox, weight_sigmas
-from ..fit.likelihood import normal_blocks
+from ..fit.likelihood import linearised
 from ..fit.uncertainty import COVERAGE_95, LARGEST_SHARE, Estimate, largest_std
 from ..fit.varpro import (
     Evaluated,
+    batches_of,
     blocks_of,
     evaluate,
-    laid_out,
     linear_coefficients,
-    products_of,
     pseudo_inverse,
 )
 from ..model.matrices import CORNERS, loaded_model
@@ -63,7 +62,7 @@ class KnownRuns:
         eta = box.unknowns_of(plan.vehicle)
         sigma = {s.channel.name: s.noise for s in plan.sensors}
         shared = _shared_key(plan)
-        blocks = normal_blocks(box, (), sigma, eta)  # of facts and stated uncertainties
+        blocks = linearised(box, (), sigma, eta).blocks  # of facts and stated uncertainties
         total = np.sum([block.information for block in blocks.values()], axis=0)
         for state in plan.mass_states:
             evaluated: Evaluated | None = None
@@ -76,8 +75,7 @@ class KnownRuns:
                     evaluated = evaluated or evaluate(box, eta, {state.name}, sigma)[state.name]
                     decay = _planned_decay(plan, state, runs.excitation, rates, evaluated, eta)
                     points = {decay.mass_state: evaluated}
-                    products = products_of(points, [decay], laid_out([decay]))
-                    ((block, _),) = blocks_of(points, [decay], products)
+                    ((block, _),) = blocks_of(points, [decay], batches_of([decay]))
                     self._known[key] = block.information
                 total = total + plan.height_m(runs) ** 2 * runs.repeats * self._known[key]
         return Fisher(box, eta, total)

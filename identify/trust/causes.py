@@ -27,7 +27,7 @@ from dbc.words import Finding, Severity, counted
 from ..decays.decay import FreeDecay, Record, decay_start_s, onset_s
 from ..fit.estimation import Estimation, generic_vehicles
 from ..fit.grey_box import SIGNED
-from ..fit.likelihood import HOLD, residuals
+from ..fit.likelihood import HOLD, LinearEngine
 from ..fit.uncertainty import determined
 from .finding import NAMED_SHARE, Cause, Judgement, Loss, Survival, listed
 from .gates import (
@@ -331,7 +331,7 @@ def _gain(estimation: Estimation, stated_fit: Refit, fit_without: Refit, name: s
     # With so large a noise, the channel has no influence on the motion that is fitted.
     noise = {**estimation.noise, name: 1e3 * estimation.noise[name]}
     predicted_squared, measured_by_predicted = 0.0, 0.0
-    residuals_by_run = residuals(stated_fit.box, stated_fit.decays, noise, eta)
+    residuals_by_run = LinearEngine(stated_fit.box).residuals(stated_fit.decays, noise, eta)
     for decay, of_run in zip(stated_fit.decays, residuals_by_run, strict=True):
         for r in decay.recordings:
             for channel, values in zip(r.group.channels, r.values.T, strict=True):

@@ -19,7 +19,7 @@ from dbc.words import Finding, Severity, counted
 from ..decays.decay import coarse_steps, onset_s
 from ..fit.estimation import Estimation, linearised_at
 from ..fit.grey_box import SIGNED
-from ..fit.likelihood import covariance_of, normal_blocks
+from ..fit.likelihood import covariance_of, linearised
 from ..fit.uncertainty import COVERAGE_95, estimates
 from ..model.matrices import N_DOF, Full, derived_quantities, whole_vehicle_indices
 from ..numbers import half_width_percent
@@ -76,7 +76,7 @@ def with_widest_intervals(estimation: Estimation) -> Estimation:
     step *= min(_REACH_SIGMAS, _REACH / std[weakest])
     widest = estimation.fit
     for eta in (widest.eta - step, widest.eta + step):
-        blocks = normal_blocks(estimation.box, estimation.decays, estimation.noise, eta)
+        blocks = linearised(estimation.box, estimation.decays, estimation.noise, eta).blocks
         wider = covariance_of(np.sum([part.information for part in blocks.values()], axis=0))
         if wider[weakest, weakest] > widest.covariance[weakest, weakest]:
             widest = replace(widest, covariance=wider)

@@ -23,7 +23,7 @@ from dbc.words import Finding, Severity
 from ..decays.decay import with_channels
 from ..fit.estimation import Estimation, linearised_at
 from ..fit.grey_box import SIGNED, GreyBox
-from ..fit.likelihood import PRIORS, fit, normal_blocks
+from ..fit.likelihood import PRIORS, fit, linearised
 from ..fit.uncertainty import COVERAGE_95
 from ..fit.varpro import NormalBlock
 from ..model.chi_squared import exceeded_by_chance
@@ -160,7 +160,7 @@ def rank_causes(estimation: Estimation) -> tuple[Cause, ...]:
     # Unknowns that only the richest problem has are zero at the fit.
     richest_eta = richest.unknowns_of(estimation.full)
     richest_eta[len(richest.parameters) :] = (E @ eta)[len(richest.parameters) :]
-    blocks = normal_blocks(richest, decays, estimation.noise, richest_eta)
+    blocks = linearised(richest, decays, estimation.noise, richest_eta).blocks
     of_decays = [block for label, block in blocks.items() if label != PRIORS]
     H = np.sum([block.information for block in of_decays], axis=0)
     g = np.sum([block.gradient for block in of_decays], axis=0)
@@ -399,7 +399,8 @@ def amplitude_findings(estimation: Estimation) -> Iterator[Finding]:
     small = [d for d in small if all(len(r.time_s) > 50 for r in d.recordings)]
     if not small:
         return
-    blocks = normal_blocks(estimation.box, tuple(small), estimation.noise, estimation.fit.eta)
+    box, eta = estimation.box, estimation.fit.eta
+    blocks = linearised(box, tuple(small), estimation.noise, eta).blocks
     pull = pull_of(estimation, [blocks[d.label] for d in small])
     if pull.strength > 1.0 and abs(pull.change) >= _MATTERS:
         text = (

@@ -12,7 +12,7 @@ from daq.vehicle import FORD_GRANADA, PARAMETER_NAMES, VehicleParameters
 from identify.decays.decay import FreeDecay, Record, Recording
 from identify.fit.estimation import Estimation
 from identify.fit.grey_box import GreyBox
-from identify.fit.likelihood import fit, residuals
+from identify.fit.likelihood import LinearEngine, fit
 from identify.model.matrices import PhysicalModel, delta_mass, physical_model
 from identify.model.response import exact_response
 from identify.modes.modal_model import sensor_rows
@@ -89,7 +89,7 @@ def _fitted(
     shares = dict(changed)
     truth = FORD_GRANADA.to_array() * [1.0 + shares.get(name, 0.0) for name in PARAMETER_NAMES]
     found = fit(problem, tuple(decays), noise, problem.unknowns(truth))
-    left = residuals(problem, tuple(decays), noise, found.eta)
+    left = LinearEngine(problem).residuals(tuple(decays), noise, found.eta)
     freedom = sum(sum(one.freedom.values()) for one in left) - len(truth)
     chi2 = found.cost / freedom
     return Estimation(problem, (), found, tuple(decays), noise, {}, left, chi2)

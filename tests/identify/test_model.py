@@ -11,7 +11,6 @@ from scipy.special import chdtrc, chdtri
 
 from daq.runs import Excitation
 from daq.vehicle import FORD_GRANADA, AddedMass, BodyWeight, Corner, Fact, FactQuantity, HubWeight
-from dbc.words import InputError
 from identify.model.chi_squared import chance_of_more, exceeded_by_chance
 from identify.model.exponentials import real_functions, series_of, spectrum, waves_of
 from identify.model.matrices import (
@@ -97,11 +96,6 @@ def test_wilson_theta_converges_with_the_square_of_the_step() -> None:
 
     assert error(500.0) / error(1000.0) == pytest.approx(4.0, rel=0.1)
     assert error(1000.0) < 1e-3
-
-
-def test_a_rate_of_zero_is_refused() -> None:
-    with pytest.raises(InputError, match="rate 0"):
-        exact_response(MODEL, Excitation.BOUNCE, Bump(), 0.0, 1.0)
 
 
 # What an engineer quotes of a vehicle, and what scales and tape show, by statics -----------------

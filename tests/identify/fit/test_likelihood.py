@@ -32,9 +32,8 @@ from identify.fit.likelihood import (
     FACTS,
     HOLD,
     PRIORS,
+    LinearEngine,
     fit,
-    normal_blocks,
-    residuals,
 )
 from identify.study.campaign import SENSOR_SETS, Campaign, records_of
 
@@ -56,7 +55,7 @@ def test_residuals_are_the_noise() -> None:
     decays = tuple(r.decay(START_S) for r in records)
     sigma = noise_of(records, 200.0)
     best = fit(BOX, decays, sigma, BOX.unknowns(CAR))
-    left = residuals(BOX, decays, sigma, best.eta)
+    left = LinearEngine(BOX).residuals(decays, sigma, best.eta)
     squares = sum(float(v @ v) / sigma[n] ** 2 for d in left for n, v in d.values.items())
     assert squares == pytest.approx(best.cost, rel=1e-9)
     freedom = sum(sum(d.freedom.values()) for d in left)
@@ -134,11 +133,14 @@ def test_the_gradient_is_minus_half_the_slope_of_the_cost(damping: float, order:
     rng = np.random.default_rng(1)
     eta = box.unknowns(theta)
     eta = eta + np.minimum(0.05, box.prior_sigma) * rng.standard_normal(len(eta))
-    here = normal_blocks(box, decays, sigma, eta)
+    here = LinearEngine(box).normal_blocks(decays, sigma, eta)
     assert set(here) == {record.label, FACTS, PRIORS}
     steps = 1e-3 * np.diag(np.minimum(1.0, box.prior_sigma))
     for unknown, step in enumerate(steps):
-        up, down = (normal_blocks(box, decays, sigma, eta + side * step) for side in (1.0, -1.0))
+        up, down = (
+            LinearEngine(box).normal_blocks(decays, sigma, eta + side * step)
+            for side in (1.0, -1.0)
+        )
         for part, block in here.items():
             slope = (up[part].cost - down[part].cost) / (2.0 * step[unknown])
             tolerance = 1e-4 * abs(up[part].cost)

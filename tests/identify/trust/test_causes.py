@@ -17,7 +17,7 @@ from identify.decays.decay import Recording
 from identify.decays.usable import usable
 from identify.fit.estimation import Estimation, estimate, first_estimate, generic_vehicles
 from identify.fit.grey_box import GreyBox
-from identify.fit.likelihood import fit, normal_blocks
+from identify.fit.likelihood import LinearEngine, fit
 from identify.fit.uncertainty import estimates
 from identify.pipeline import grey_box, identify_parameters
 from identify.study.campaign import PAPER_MASS_STATES, SENSOR_SETS, Campaign, records_of
@@ -273,7 +273,7 @@ NO_RIVAL = 0.0
 
 
 def _pulls(result: Estimation) -> dict[str, float]:
-    parts = normal_blocks(result.box, result.decays, result.noise, result.fit.eta)
+    parts = LinearEngine(result.box).normal_blocks(result.decays, result.noise, result.fit.eta)
     return {d.label: pull_of(result, (parts[d.label],)).strength for d in result.decays}
 
 
