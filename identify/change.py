@@ -15,14 +15,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, pairwise
-from math import isfinite, isnan, log, nan
+from math import isnan, log, nan
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from daq.vehicle import RICHEST, Structure, parameter_unit
-from dbc.frames import freeze_arrays
 
 from .fit.estimation import Estimation
 from .fit.grey_box import SIGNED
@@ -48,9 +47,6 @@ class Likelihood:
     """Right-hand side for the common unknowns, (p,)."""
     nuisance: Floats
     """Best values of the session's other unknowns at the point, (q,)."""
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self, "information", "target", "nuisance")
 
 
 def likelihood_of(
@@ -102,7 +98,7 @@ class Candidate(NamedTuple):
 class Differences:
     """The likelihood of the differences of some candidates, the common unknowns eliminated."""
 
-    places: tuple[NDArray[np.intp], ...]
+    places: tuple[range, ...]
     """Places of each candidate's differences among all n."""
     information: Floats
     """Information on the differences, (n, n)."""
@@ -117,48 +113,42 @@ class Differences:
 
     def gain(self, candidates: Sequence[int]) -> float:
         """Return the fall of the squared residuals by the differences of some candidates."""
-        indices = self._indices_of(candidates)
-        indices = indices[self.shown[indices]]
+        indices = [place for i in candidates for place in self.places[i] if self.shown[place]]
         target = self.target[indices]
         return float(target @ pseudo_inverse(self.information[np.ix_(indices, indices)]) @ target)
 
     def best(self, candidates: Sequence[int]) -> tuple[Floats, list[Floats], list[Floats]]:
         """Return the common unknowns, and each candidate's differences with their deviations."""
-        indices = self._indices_of(candidates)
+        indices = [place for i in candidates for place in self.places[i]]
         covariance = pseudo_inverse(self.information[np.ix_(indices, indices)])
-        steps = covariance @ self.target[indices]
+        steps, stds = covariance @ self.target[indices], np.sqrt(np.diag(covariance))
         ends = np.cumsum([len(self.places[i]) for i in candidates], dtype=np.intp)
         common = self.common - self.follow[:, indices] @ steps
-        stds = np.sqrt(np.diag(covariance))
         return common, np.split(steps, ends)[:-1], np.split(stds, ends)[:-1]
-
-    def _indices_of(self, candidates: Sequence[int]) -> NDArray[np.intp]:
-        """Return the indices of the differences of some candidates among all n."""
-        return np.concatenate([np.zeros(0, np.intp), *(self.places[i] for i in candidates)])
 
 
 def differences(
-    shares: Sequence[Likelihood], directions: Floats, candidates: Sequence[Candidate]
+    likelihoods: Sequence[Likelihood], directions: Floats, candidates: Sequence[Candidate]
 ) -> Differences:
     """Return the likelihood of the candidates' differences, from the likelihoods of the sessions.
 
     `directions`: the unknowns of the likelihoods per unit of each parameter, (q, p).
     """
     q = len(directions)
-    normals, rights = [], []
-    for session, share in enumerate(shares):
+    n = sum(c.design.shape[1] for c in candidates)
+    normal, right = np.zeros((q + n, q + n)), np.zeros(q + n)
+    for session, likelihood in enumerate(likelihoods):
         moved = [np.outer(directions[:, c.parameter], c.design[session]) for c in candidates]
-        rows = np.hstack([np.eye(q), *moved])
-        normals.append(rows.T @ share.information @ rows)
-        rights.append(rows.T @ share.target)
-    normal, right = np.sum(normals, axis=0), np.sum(rights, axis=0)
+        rows = np.hstack([np.eye(q), *moved])  # the session's unknowns by the common ones, then n
+        normal += rows.T @ likelihood.information @ rows
+        right += rows.T @ likelihood.target
     inverse, cross = pseudo_inverse(normal[:q, :q]), normal[:q, q:]
     common, follow, information_alone = inverse @ right[:q], inverse @ cross, normal[q:, q:]
     information = information_alone - cross.T @ follow
     # Below this share of its information, what remains with the common ones free is rounding.
     shown = np.diag(information) > 1e-9 * np.maximum(np.diag(information_alone), 1e-300)
-    edges = np.cumsum([0, *(c.design.shape[1] for c in candidates)])
-    places = tuple(np.arange(start, end) for start, end in pairwise(edges))
+    edges = np.cumsum([0, *(c.design.shape[1] for c in candidates)]).tolist()
+    places = tuple(range(start, end) for start, end in pairwise(edges))
     target = right[q:] - cross.T @ common
     return Differences(places, information, target, common, follow, shown)
 
@@ -271,25 +261,23 @@ def change_of(estimations: Sequence[Estimation], apart: tuple[str, ...] = ()) ->
         designs.insert(0, np.arange(n_sessions, dtype=np.float64)[:, None])
     candidates = [Candidate(i, design) for design in designs for i in range(p)]
     n_values = sum(d.n_values for e in estimations for d in e.decays)
-    shares = [likelihood_of(e, shared) for e in estimations]
-    points: list[Floats] = []
+    likelihoods = [likelihood_of(e, shared) for e in estimations]
     chosen: tuple[int, ...] | None = None
     for _ in range(4):  # linearised about the last answer; the second seldom changes it
-        diffs, last_chosen = differences(shares, np.eye(p), candidates), chosen
+        diffs, last_chosen = differences(likelihoods, np.eye(p), candidates), chosen
         chosen = choose(diffs, candidates, n_values)
         if chosen == last_chosen:
             break
         common, steps, _stds = diffs.best(chosen)
-        points = [common.copy() for _ in estimations]
+        points = np.tile(common, (n_sessions, 1))
         for i, step in zip(chosen, steps, strict=True):
-            for point, row in zip(points, candidates[i].design, strict=True):
-                point[candidates[i].parameter] += row @ step
-        shares = [
-            likelihood_of(e, shared, (point, share.nuisance))
-            for e, point, share in zip(estimations, points, shares, strict=True)
+            points[:, candidates[i].parameter] += candidates[i].design @ step
+        likelihoods = [
+            likelihood_of(e, shared, (point, likelihood.nuisance))
+            for e, point, likelihood in zip(estimations, points, likelihoods, strict=True)
         ]
     assert chosen is not None
-    change = _tested(estimations, points, shares, [candidates[i] for i in chosen])
+    change = _tested(estimations, points, likelihoods, [candidates[i] for i in chosen])
     if change.outcome == "nothing" and chosen:
         named = _named_changes(diffs, candidates, chosen, names, shared)
         change = replace(change, outcome="parameters", named=named)
@@ -299,9 +287,9 @@ def change_of(estimations: Sequence[Estimation], apart: tuple[str, ...] = ()) ->
 def choose(diffs: Differences, candidates: Sequence[Candidate], n_values: int) -> tuple[int, ...]:
     """Return the candidates, by their places, whose gain most exceeds its price."""
     usable = [i for i, places in enumerate(diffs.places) if np.all(diffs.shown[places])]
-    n_sessions = len(candidates[0].design)
 
     def price(candidate: int, level: float) -> float:
+        """Return the gain that chance, or a needless unknown of the criterion by Bayes, gives."""
         size = len(diffs.places[candidate])
         return max(exceeded_by_chance(size, level / len(usable)), size * log(max(n_values, 1)))
 
@@ -310,21 +298,21 @@ def choose(diffs: Differences, candidates: Sequence[Candidate], n_values: int) -
     best: tuple[int, ...] = ()
     best_surplus = 0.0
     # If more change at once, it is another car; over many sessions each has two ways to differ.
-    for size in range(1, (3 if n_sessions == 2 else 2) + 1):
+    most_changes = 3 if len(candidates[0].design) == 2 else 2
+    for size in range(1, most_changes + 1):
         for tried in combinations(usable, size):
-            if len({candidates[i].parameter for i in tried}) < size:
-                continue
-            gain, further = diffs.gain(tried), sum(price_further[i] for i in tried[1:])
-            surplus = gain - price_first[tried[0]] - further
-            if surplus > best_surplus:
-                best, best_surplus = tried, surplus
+            if len({candidates[i].parameter for i in tried}) == size:
+                further = sum(price_further[i] for i in tried[1:])
+                surplus = diffs.gain(tried) - price_first[tried[0]] - further
+                if surplus > best_surplus:
+                    best, best_surplus = tried, surplus
     return best
 
 
 def _tested(
     estimations: Sequence[Estimation],
-    points: Sequence[Floats],
-    shares: Sequence[Likelihood],
+    points: Floats,
+    likelihoods: Sequence[Likelihood],
     chosen: Sequence[Candidate],
 ) -> Change:
     """Return the tests that nothing differs, and that only the chosen candidates differ.
@@ -335,31 +323,31 @@ def _tested(
     along one of these directions.  A fit that is not linear, or has no decays, has only its own
     parameters.
 
-    `points`: the parameters of each session, (p,).  `shares`: the sessions' likelihoods there.
+    `points`: the parameters of each session, (p,).  `likelihoods`: those of the sessions there.
     """
     directions = np.eye(len(points[0]))
     if all(e.nonlinear is None and e.decays for e in estimations):
-        rich, rich_likelihoods = estimations[0].box.with_structure(RICHEST).parameters, []
-        for e, point, share in zip(estimations, points, shares, strict=True):
-            box = e.box.with_structure(RICHEST)
-            full = e.box.full(np.concatenate([point, share.nuisance]).astype(complex)).real
-            eta = box.unknowns_of(full)[: len(rich)]
-            rich_likelihoods.append(likelihood_of(replace(e, box=box), (), (eta, share.nuisance)))
-        shares = rich_likelihoods
+        richest, richest_likelihoods = estimations[0].box.with_structure(RICHEST).parameters, []
+        for e, point, likelihood in zip(estimations, points, likelihoods, strict=True):
+            box, nuisance = e.box.with_structure(RICHEST), likelihood.nuisance
+            full = e.box.full(np.concatenate([point, nuisance]).astype(complex)).real
+            eta = box.unknowns_of(full)[: len(richest)]
+            richest_likelihoods.append(likelihood_of(replace(e, box=box), (), (eta, nuisance)))
+        likelihoods = richest_likelihoods
         # A parameter for both corners of an axle moves both alike.
         sides = [{name, f"{name}l", f"{name}r"} for name in estimations[0].box.parameters]
-        directions = np.array([[float(name in names) for names in sides] for name in rich])
+        directions = np.array([[float(name in names) for names in sides] for name in richest])
     q, n_sessions = len(directions), len(estimations)
     free_candidates = [Candidate(i, np.eye(n_sessions)[:, 1:]) for i in range(q)]
-    diffs = differences(shares, np.eye(q), free_candidates)
+    diffs = differences(likelihoods, np.eye(q), free_candidates)
     chi2, freedom = diffs.gain(range(q)), int(np.sum(diffs.shown))
-    explained = differences(shares, directions, chosen)
-    n_chosen = len(explained.target)
+    explained = differences(likelihoods, directions, chosen)
+    rest_freedom = freedom - len(explained.target)
     rest_chi2 = max(chi2 - explained.gain(range(len(chosen))), 0.0)
-    rest_p = chance_of_more(freedom - n_chosen, rest_chi2) if freedom > n_chosen else 1.0
+    rest_p = chance_of_more(rest_freedom, rest_chi2) if rest_freedom > 0 else 1.0
     outcome = "other" if rest_p < _FURTHER_LEVEL else "nothing"
     p = chance_of_more(freedom, chi2)
-    return Change(outcome, (), chi2, freedom, p, rest_chi2, freedom - n_chosen, rest_p)
+    return Change(outcome, (), chi2, freedom, p, rest_chi2, rest_freedom, rest_p)
 
 
 def _named_changes(
@@ -388,12 +376,10 @@ def _named_changes(
         for step, std in zip(steps_of_candidate.tolist(), stds_of_candidate.tolist(), strict=True):
             scale, share = scales[parameter], nan
             value = scale * step
-            if not isfinite(scale):
+            if isnan(scale):
                 share, first_value = float(np.expm1(step)), float(np.exp(common[parameter]))
                 value, scale = first_value * share, first_value * (1.0 + share)
-            half = COVERAGE_95 * scale * std
-            low, high = value - half, value + half
-            changes.append(Estimate(value, scale * std, low, high, units[parameter]))
+            changes.append(Estimate.of(value, scale * std, units[parameter]))
             shares.append(share)
         other_chosen = [j for j in chosen if j != i]
         # If another parameter is the true one, adding the chosen one to it gains only what chance
@@ -432,10 +418,6 @@ def with_common_structure(estimations: Sequence[Estimation]) -> tuple[Estimation
     for e in estimations:
         if e.box.structure != structure and e.nonlinear is None and e.decays:
             box = e.box.with_structure(structure)
-            refit = fit(box, e.decays, e.sigma, box.unknowns_of(e.full))
-            chi2 = e.chi2_per_n
-            if e.freedom > 0.0:
-                chi2 += (refit.cost - e.fit.cost) / e.freedom
-            e = replace(e, box=box, fit=refit, chi2_per_n=chi2)
+            e = replace(e, box=box, fit=fit(box, e.decays, e.sigma, box.unknowns_of(e.full)))
         extended.append(e)
     return tuple(extended)

@@ -18,7 +18,7 @@ from daq.vehicle import BodyWeight, FactQuantity
 from dbc.words import InputError
 
 from .change import Change, change_of
-from .fit.grey_box import weight_sigmas
+from .fit.grey_box import GreyBox, weight_sigmas
 from .fit.uncertainty import COVERAGE_95, Estimate
 from .model.chi_squared import chance_of_more
 from .nonlinear.forces import AS_PARAMETERS, force_quantities
@@ -173,7 +173,7 @@ def compare(labels: Sequence[str], results: Sequence[Identification]) -> Compari
         parameters,
         modes,
         forces,
-        _stated_alike(results) if fitted else (),
+        _stated_alike([estimation.box for estimation in estimations]) if fitted else (),
         tuple(undetermined),
         stated_unlike(labels, results),
         change_of(estimations, _apart(results)) if fitted else None,
@@ -210,15 +210,17 @@ def _in_all(sessions: Sequence[Mapping[str, Estimate]]) -> dict[str, tuple[Estim
 
 def _differences(rows: Mapping[str, tuple[Estimate, ...]]) -> dict[str, tuple[Difference, ...]]:
     """Return the differences of each quantity from the first session, tested among all."""
-    untested = []
-    for first, *others in rows.values():
+    untested: list[tuple[str, Difference]] = []
+    for name, (first, *others) in rows.items():
         for other in others:
             value, std = other.value - first.value, hypot(first.std, other.std)
-            untested.append(Difference(value, std, value / std, _two_sided(value / std)))
-    significant = _holm([d.p for d in untested])
-    pairs = zip(untested, significant, strict=True)
-    tested = iter([replace(d, significant=is_significant) for d, is_significant in pairs])
-    return {name: tuple(next(tested) for _ in estimates[1:]) for name, estimates in rows.items()}
+            difference = Difference(value, std, value / std, _two_sided(value / std))
+            untested.append((name, difference))
+    tested: dict[str, tuple[Difference, ...]] = dict.fromkeys(rows, ())
+    significant = _holm([difference.p for _, difference in untested])
+    for (name, difference), is_significant in zip(untested, significant, strict=True):
+        tested[name] += (replace(difference, significant=is_significant),)
+    return tested
 
 
 def _trends(rows: Mapping[str, tuple[Estimate, ...]]) -> dict[str, Trend]:
@@ -259,12 +261,10 @@ def _holm(p: Sequence[float]) -> list[bool]:
 # What sessions state ------------------------------------------------------------------------------
 
 
-def _stated_alike(results: Sequence[Identification]) -> tuple[str, ...]:
+def _stated_alike(boxes: Sequence[GreyBox]) -> tuple[str, ...]:
     """Name the facts and uncertain weights that all sessions state alike."""
     stated: list[set[str]] = []
-    for result in results:
-        assert result.estimation is not None
-        box = result.estimation.box
+    for box in boxes:
         texts = {f"{f.quantity} = {f.value:g} ± {f.sigma:g}" for f in box.facts}
         for state in box.mass_states:
             for i, weight in enumerate(state.added.weights, start=1):
@@ -301,15 +301,12 @@ def _identity(result: Identification) -> dict[str, str]:
     stated = {"vehicle": result.vehicle} if result.vehicle else {}
     if result.estimation is None:
         return stated
-    box = result.estimation.box
+    box, lengths_m = result.estimation.box, {}
     if (geometry := box.geometry) is not None:
         sizes_m = (geometry.a + geometry.b, 2 * geometry.t_f, 2 * geometry.t_r)
-        stated |= {
-            name: f"{size_m:.3f} m" for name, size_m in zip(_LENGTHS.values(), sizes_m, strict=True)
-        }
-    for fact in box.facts:
-        if fact.quantity in _LENGTHS:
-            stated[_LENGTHS[FactQuantity(fact.quantity)]] = f"{fact.value:.3f} m"
+        lengths_m = dict(zip(_LENGTHS, sizes_m, strict=True))
+    lengths_m |= {FactQuantity(f.quantity): f.value for f in box.facts if f.quantity in _LENGTHS}
+    stated |= {_LENGTHS[quantity]: f"{size_m:.3f} m" for quantity, size_m in lengths_m.items()}
     for channel in (c for group in box.groups for c in group.channels):
         if channel.quantity in AT_CORNER:
             stated[f"place of {channel.name}"] = str(channel.corner)

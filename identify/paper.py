@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from daq.vehicle import DOF, MassState, VehicleGeometry, VehicleParameters
-from dbc.words import InputError
+from dbc.words import InputError, counted
 
 from .model.matrices import N_DOF, PhysicalModel, delta_mass, matrices
 from .modes.modal_model import ModalModel, displacement_shapes
@@ -191,28 +191,38 @@ def massless_motions(delta_M: Floats) -> tuple[str, ...]:
 
 
 def closed_form(
-    baseline: SensedModes,
-    added: SensedModes,
-    mass_states: tuple[MassState, MassState],
+    sensed: Mapping[str, SensedModes],
+    mass_states: Sequence[MassState],
     geometry: VehicleGeometry,
     known: VehicleGeometry | None,
 ) -> ClosedForm:
     """Return the parameters by Eqs. 22-33 from the modes of two mass states.
 
-    `baseline` and `added`: without and with the added mass.  `mass_states`: the same two.
+    `sensed`: modes by mass state.  `mass_states`: those of the session, the baseline first.
     `geometry`: positions of sensors and weights from the CG, which the paper's chain needs.
     `known`: the four lengths if they are measured; the fit then has 11 unknowns.  Raises InputError
-    if one state does not show all seven modes, or the added mass leaves a degree of freedom without
-    mass.
+    that says why there is no answer.
     """
+    if len(mass_states) != 2:
+        reason = f"the session has {counted(len(mass_states), 'mass state')}"
+        raise InputError("closed form", reason, "record two, without and with weights")
     shapes = []
-    for modes, state in zip((baseline, added), mass_states, strict=True):
+    for state in mass_states:
+        where = f"mass state {state.name}"
+        if state.name not in sensed:
+            reason = "the State Variable Method finds no modes in its decays"
+            advice = "a car with friction has none; else record longer decays"
+            raise InputError(where, reason, advice)
+        modes = sensed[state.name]
         if len(modes.model) != N_DOF:
-            raise InputError(
-                f"mass state {state.name}",
-                f"the State Variable Method sees {len(modes.model)} of {N_DOF} modes",
-                "the maximum-likelihood estimate does not need them one by one",
-            )
+            reason = f"the State Variable Method sees {len(modes.model)} of {N_DOF} modes"
+            advice = "the maximum-likelihood estimate does not need them one by one"
+            raise InputError(where, reason, advice)
         shapes.append(displacement_shapes(modes.model, modes.channels, geometry))
-    added_M = [delta_mass(state.added, geometry.a).real for state in mass_states]
-    return identify_parameters(shapes[0], shapes[1], added_M[1] - added_M[0], known)
+    baseline_M, added_M = (delta_mass(state.added, geometry.a).real for state in mass_states)
+    try:
+        return identify_parameters(shapes[0], shapes[1], added_M - baseline_M, known)
+    except np.linalg.LinAlgError as error:
+        reason = "a matrix of the chain is singular"
+        advice = "compare the modes with the likelihood's"
+        raise InputError("closed form", reason, advice) from error

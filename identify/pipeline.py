@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import asdict, replace
 from math import log, nan
 from time import process_time
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from daq.sessions import Session
-from daq.vehicle import MassState, VehicleGeometry, expected_car
-from dbc.words import Finding, InputError, Severity, counted
+from daq.vehicle import VehicleGeometry, expected_car
+from dbc.words import Finding, InputError, Severity
 
-from .decays.decay import FreeDecay, Record
+from .decays.decay import Record
 from .decays.usable import usable
 from .fit.estimation import Estimation, first_estimate, generic_vehicles, later_estimate
 from .fit.grey_box import GreyBox
@@ -29,8 +27,8 @@ from .fit.uncertainty import (
 )
 from .model.matrices import Full, loaded_model
 from .modes.modal_model import mode_names, modes_of, pair_modes
-from .modes.mode_selection import SensedModes, sensed_modes
-from .paper import ClosedForm, closed_form
+from .modes.mode_selection import sensed_modes
+from .paper import closed_form
 from .result import Identification
 from .trust.causes import faults_of_bench, first_cause, judge, swapped_or_late
 from .trust.finding import Judgement
@@ -93,16 +91,18 @@ def identify(
     if result.estimation is None:
         return result
     progress(0.8, "modes")
-    sensed: dict[str, SensedModes] = {}
+    estimation, sensed = result.estimation, {}
     # The modes of a car with friction change as it comes to rest: it has no fixed modes.
-    linear = result.estimation.nonlinear is None
-    for name, pairs in _decays_by_state(result.estimation).items() if linear else ():
+    for state in result.modal if estimation.nonlinear is None else ():
+        runs = [i for i, record in enumerate(estimation.records) if record.mass_state == state]
+        records = [estimation.records[i] for i in runs]
+        decays = [estimation.decays[i].thinned(_SENSED_RATE_HZ) for i in runs]
         with suppress(InputError):  # too short, no common channel: the likelihood needs neither
-            sensed[name] = sensed_modes(*zip(*pairs, strict=True))
+            sensed[state] = sensed_modes(records, decays)
     states = [state for state in session.mass_states if state.name in result.modal]
     result = replace(result, sensed={name: modes.model for name, modes in sensed.items()})
     try:
-        chain = _closed_form(sensed, states, result.geometry, session.vehicle.geometry)
+        chain = closed_form(sensed, states, result.geometry, session.vehicle.geometry)
     except InputError as error:
         return replace(result, closed_form_reason=str(error))
     chain_parameters = asdict(chain.parameters)
@@ -252,44 +252,3 @@ def _with_elements(
     price = sum(choice.threshold for choice in real.forces.choices if choice.kept)
     by_elements = max(real.estimation.chi2_per_n - 1.0, 0.0) * n + price
     return real if by_elements < unexplained * n + log(n) else None
-
-
-# The State Variable Method and the paper's chain --------------------------------------------------
-
-
-def _decays_by_state(estimation: Estimation) -> dict[str, list[tuple[Record, FreeDecay]]]:
-    """Return thinned decays with their records by mass state."""
-    of_state: dict[str, list[tuple[Record, FreeDecay]]] = {}
-    for record, decay in zip(estimation.records, estimation.decays, strict=True):
-        pair = record, decay.thinned(_SENSED_RATE_HZ)
-        of_state.setdefault(record.mass_state, []).append(pair)
-    return of_state
-
-
-def _closed_form(
-    sensed: Mapping[str, SensedModes],
-    states: Sequence[MassState],
-    geometry: VehicleGeometry,
-    known: VehicleGeometry | None,
-) -> ClosedForm:
-    """Return the paper's chain for the two mass states of a session.
-
-    `geometry` is the estimated one, `known` that of the tape measure.  Raises InputError that says
-    why there is none.
-    """
-    if len(states) != 2:
-        what = f"the session has {counted(len(states), 'mass state')}"
-        raise InputError("closed form", what, "record two, without and with weights")
-    for state in states:
-        if state.name not in sensed:
-            what = "the State Variable Method finds no modes in its decays"
-            advice = "a car with friction has none; else record longer decays"
-            raise InputError(f"mass state {state.name}", what, advice)
-    first, second = states
-    try:
-        return closed_form(
-            sensed[first.name], sensed[second.name], (first, second), geometry, known
-        )
-    except np.linalg.LinAlgError as error:
-        what = "a matrix of the chain is singular"
-        raise InputError("closed form", what, "compare the modes with the likelihood's") from error

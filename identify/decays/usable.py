@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from daq.channels import LARGEST, Channel, Quantity
-from daq.runs import Run, RunStatus, Silence, longest_silence
+from daq.runs import Run, RunStatus, SampleGroup, Silence, longest_silence
 from daq.samples.converter import FROZEN_S, Hold, longest_hold
 from daq.sessions import Session
 
@@ -31,9 +31,13 @@ class ChannelHold:
 
     channel: str
     run: str
-    kind: str
-    """`channel`, `run`, `kind`: name, label, and the label without the number of the repeat."""
+    """`channel`, `run`: name and label."""
     longest: Hold
+
+    @property
+    def kind(self) -> str:
+        """Mass state and kind of bump: the label without the number of the repeat."""
+        return self.run.rpartition("_")[0]
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,28 +98,25 @@ def usable(session: Session) -> Usable:
                 run = replace(run, status=RunStatus.REJECTED, reasons=(*run.reasons, *reasons))
         runs.append(run)
     kept = [run.label for run in runs if run.is_accepted]
-    return Usable(
-        replace(session, runs=tuple(runs)),
-        tuple(records[label] for label in kept if records[label].recordings),
-        _silent_in_most([silences[label] for label in kept]),
-        absurd,
-        spiked,
-    )
+    kept_records = tuple(records[label] for label in kept if records[label].recordings)
+    silent = _silent_in_most([silences[label] for label in kept])
+    return Usable(replace(session, runs=tuple(runs)), kept_records, silent, absurd, spiked)
 
 
 def _without_constant(session: Session) -> tuple[Channel, ...]:
-    """Return the channels; those that have one value in all accepted runs are unused.
+    """Return the channels; those that never vary within an accepted run are unused.
 
     A channel without values stays as it is.
     """
-    varies: dict[str, bool] = {}
+    varies: defaultdict[str, list[bool]] = defaultdict(list)  # in each run that has values
     for group in (g for run in session.accepted for g in run.groups):
         for name, values in group.values.items():
             finite = values[np.isfinite(values)]
             if len(finite):
-                varies[name] = varies.get(name, False) or bool((finite != finite[0]).any())
+                varies[name].append(bool((finite != finite[0]).any()))
+    constant = {name for name, in_runs in varies.items() if not any(in_runs)}
     return tuple(
-        c if varies.get(c.name, True) else replace(c, quantity=Quantity.UNUSED, corner=None)
+        replace(c, quantity=Quantity.UNUSED, corner=None) if c.name in constant else c
         for c in session.channels
     )
 
@@ -142,12 +143,12 @@ def _faulty_in_most(faulty: Sequence[str], shown: Sequence[str]) -> tuple[str, .
 def _silences(run: Run, used: set[str]) -> _Silences:
     """Return the longest silence of each used channel that has samples in a run, and of `_ALL`."""
     times_s = {
-        name: group.time_s[np.isfinite(values) & np.isfinite(group.time_s)]
+        name: time_s
         for group in run.groups
         for name, values in group.values.items()
         if name in used
+        and len(time_s := group.time_s[np.isfinite(values) & np.isfinite(group.time_s)])
     }
-    times_s = {name: time_s for name, time_s in times_s.items() if len(time_s)}
     if not times_s:
         return {}
     times_s[_ALL] = all_times_s = np.unique(np.concatenate(list(times_s.values())))
@@ -215,23 +216,23 @@ def frozen(records: Sequence[Record]) -> tuple[ChannelHold, ...]:
         rest_end_s, start_s = onset_s(record), decay_start_s(record)
         if rest_end_s is None:
             rest_end_s = start_s = max(usual_start_s, record.start_s)
-        kind = record.label.rpartition("_")[0]
         for recording in record.recordings:
             for channel, column in zip(recording.group.channels, recording.values.T, strict=True):
                 longest = longest_hold(recording.time_s, column, rest_end_s, start_s)
-                holds.append(ChannelHold(channel.name, record.label, kind, longest))
-    frozen_holds = []
-    for hold in holds:
+                holds.append(ChannelHold(channel.name, record.label, longest))
+
+    def usual_rate(hold: ChannelHold) -> float:
+        """Return the share of samples at which the healthy channel changes; NaN: unknown."""
         rate = hold.longest.rest_rate
         # Of one value in the whole run, or with too few samples at rest: as in the run's repeats.
         if hold.longest.length_s >= FROZEN_S and (hold.longest.constant or np.isnan(rate)):
-            key = hold.channel, hold.kind
-            repeats = [h for h in holds if (h.channel, h.kind) == key and h.run != hold.run]
-            rates = [h.longest.decay_rate for h in repeats]
+            of_kind = [h for h in holds if (h.channel, h.kind) == (hold.channel, hold.kind)]
+            rates = [h.longest.decay_rate for h in of_kind if h.run != hold.run]
             rate = float(np.mean(rates)) if rates else np.nan
-        if hold.longest.is_frozen(rate):
-            frozen_holds.append(hold)
-    return tuple(sorted(frozen_holds, key=lambda hold: -hold.longest.length_s))
+        return rate
+
+    stuck = [hold for hold in holds if hold.longest.is_frozen(usual_rate(hold))]
+    return tuple(sorted(stuck, key=lambda hold: -hold.longest.length_s))
 
 
 # Takes values that no motion shows out of a session: absurd ones, and spikes ----------------------
@@ -265,7 +266,7 @@ class BadValue:
     """Time of the first of them since the run's t0, s."""
     value: float
     """Its value, SI."""
-    count: int = 1
+    count: int
     """Number of these values."""
 
 
@@ -280,33 +281,37 @@ def without_bad_values(
     used = {c.name for c in session.used_channels}
     absurd: list[BadValue] = []
     spiked: list[BadValue] = []
+
+    def cleaned(run: Run, group: SampleGroup, name: str) -> Real:
+        """Return the values of a channel in a run without the bad ones, which are noted."""
+        values = group.values[name].copy()
+        if np.fmax.reduce(np.abs(values), initial=0.0) <= _ROUNDING:
+            values[np.isfinite(values)] = 0.0
+        is_absurd = np.abs(values) > LARGEST  # false for NaN
+        finite = np.flatnonzero(np.isfinite(values) & ~is_absurd)
+        spikes_at = [finite[spike] for spike in spikes(group.time_s[finite], values[finite])]
+        bad_at = [(absurd, np.flatnonzero(is_absurd)), *((spiked, at) for at in spikes_at)]
+        for bad_values, at in bad_at:
+            if len(at):
+                time_s, value = float(group.time_s[at[0]]), float(values[at[0]])
+                bad_values.append(BadValue(name, run.label, time_s, value, len(at)))
+                values[at] = np.nan
+        return values
+
     runs = []
     for run in session.runs:
-        groups = []
-        for group in run.groups if run.is_accepted else ():
-            cleaned = dict(group.values)
-            for name, column in group.values.items():
-                if name not in used:
-                    continue
-                values = column.copy()
-                if np.fmax.reduce(np.abs(values), initial=0.0) <= _ROUNDING:
-                    values[np.isfinite(values)] = 0.0
-                absurd_at = np.flatnonzero(np.abs(values) > LARGEST)  # false for NaN
-                if len(absurd_at):
-                    time_s, value = float(group.time_s[absurd_at[0]]), float(values[absurd_at[0]])
-                    absurd.append(BadValue(name, run.label, time_s, value, len(absurd_at)))
-                    values[absurd_at] = np.nan
-                finite = np.flatnonzero(np.isfinite(values))
-                for spike in spikes(group.time_s[finite], values[finite]):
-                    spike_at = finite[spike][0]
-                    time_s, value = float(group.time_s[spike_at]), float(values[spike_at])
-                    spiked.append(BadValue(name, run.label, time_s, value))
-                    values[finite[spike]] = np.nan
-                if not np.array_equal(values, column, equal_nan=True):
-                    cleaned[name] = values
-            unchanged = all(cleaned[name] is column for name, column in group.values.items())
-            groups.append(group if unchanged else replace(group, values=cleaned))
-        runs.append(replace(run, groups=tuple(groups)) if groups else run)
+        if run.is_accepted:
+            groups = []
+            for group in run.groups:
+                clean = {name: cleaned(run, group, name) for name in group.values if name in used}
+                if any(
+                    not np.array_equal(values, group.values[name], equal_nan=True)
+                    for name, values in clean.items()
+                ):
+                    group = replace(group, values={**group.values, **clean})
+                groups.append(group)
+            run = replace(run, groups=tuple(groups))
+        runs.append(run)
     return replace(session, runs=tuple(runs)), tuple(absurd), tuple(spiked)
 
 

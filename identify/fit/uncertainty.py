@@ -36,6 +36,12 @@ class Estimate:
     size: float = 0.0
     """Smallest size that matters, in `unit`, if the quantity may be zero or negative; else 0."""
 
+    @classmethod
+    def of(cls, value: float, std: float, unit: str, size: float = 0.0) -> Estimate:
+        """Return an estimate with the 95 % interval of its standard deviation."""
+        half = COVERAGE_95 * std
+        return cls(value, std, value - half, value + half, unit, size)
+
     @property
     def determined(self) -> bool:
         """True if the standard deviation is at most `LARGEST_SHARE` of the value, or `size`."""
@@ -73,7 +79,7 @@ def estimates(box: GreyBox, fit: Fit) -> dict[str, Estimate]:
     stds = dict(zip(box.parameters, std.tolist(), strict=True))
     values = zip(box.names, box.values(fit.eta).tolist(), strict=True)
     return {
-        name: _estimate(value, stds.get(name, 0.0), parameter_unit(name), SIGNED.get(name, 0.0))
+        name: Estimate.of(value, stds.get(name, 0.0), parameter_unit(name), SIGNED.get(name, 0.0))
         for name, value in values
     }
 
@@ -97,7 +103,7 @@ def derived_estimates(box: GreyBox, fit: Fit) -> dict[str, Estimate]:
     # Each first at the optimum, then with a complex step along each unknown.
     quantities = derived_quantities(box.full(stepped(fit.eta)))
     return {
-        name: _estimate(
+        name: Estimate.of(
             float(stepped_value[0].real),
             _std(stepped_value[1:].imag / COMPLEX_STEP, fit.covariance),
             unit,
@@ -118,7 +124,7 @@ def motion_ratio_estimates(box: GreyBox, fit: Fit) -> dict[str, Estimate]:
             ratio_variance = (channel.motion_ratio_sigma / channel.motion_ratio) ** 2  # relative
             share = ratio_variance / channel.scale_sigma**2
             variance = share**2 * float(fit.covariance[i, i]) + ratio_variance * (1.0 - share)
-            ratios[channel.name] = _estimate(
+            ratios[channel.name] = Estimate.of(
                 channel.motion_ratio * (1.0 + share * float(fit.eta[i])),
                 channel.motion_ratio * float(np.sqrt(variance)),
                 "1",
@@ -145,8 +151,8 @@ def mode_estimates(box: GreyBox, fit: Fit, mass_state: str) -> tuple[ModeEstimat
         slope = (modes.W[k] @ system.dA) @ modes.V[:, k] / pole
         frequency_std_hz = frequency_hz * _std(slope.real, fit.covariance)
         damping_std = pole.imag / omega * _std(slope.imag, fit.covariance)
-        frequency = _estimate(frequency_hz, frequency_std_hz, "Hz")
-        result.append(ModeEstimate(frequency, _estimate(-pole.real / omega, damping_std, "1")))
+        frequency = Estimate.of(frequency_hz, frequency_std_hz, "Hz")
+        result.append(ModeEstimate(frequency, Estimate.of(-pole.real / omega, damping_std, "1")))
     return tuple(result)
 
 
@@ -186,12 +192,6 @@ def _std(slope: Real, covariance: Real) -> float:
     known_slope = np.where(undetermined, 0.0, slope)
     finite = np.where(np.isfinite(covariance), covariance, 0.0)
     return float(np.sqrt(known_slope @ finite @ known_slope))
-
-
-def _estimate(value: float, std: float, unit: str, size: float = 0.0) -> Estimate:
-    """Return an estimate with its 95 % interval; `size`: as in `Estimate`."""
-    half = COVERAGE_95 * std
-    return Estimate(value, std, value - half, value + half, unit, size)
 
 
 # Predicts each run from all the others ------------------------------------------------------------

@@ -158,7 +158,8 @@ def matrices(theta: Complex | Real) -> tuple[Complex, Complex, Complex]:
 
     `theta`, (..., 15): in the order of `daq.vehicle.PARAMETER_NAMES`.
     """
-    return full_matrices(np.asarray(theta, dtype=complex) @ SYMMETRIC.T)
+    full: Complex = np.asarray(theta, dtype=complex) @ SYMMETRIC.T.astype(complex)
+    return full_matrices(full)
 
 
 def state_matrix(M: NDArray[Any], C: NDArray[Any], K: NDArray[Any]) -> NDArray[Any]:

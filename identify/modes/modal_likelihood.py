@@ -14,7 +14,7 @@ likelihood gives the Cramer-Rao bound of every pole.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,10 +23,8 @@ from dbc.frames import read_only
 
 from ..model.chi_squared import exceeded_by_chance
 from ..model.exponentials import Series, series_of, waves, waves_of
+from ..model.matrices import Complex, Real
 from .modal_model import ModalModel, vibrates
-
-_Complex = NDArray[np.complex128]
-_Real = NDArray[np.float64]
 
 FALSE_ALARM = 1e-3
 """Probability with which noise alone makes a mode."""
@@ -48,9 +46,9 @@ are taken."""
 class Block:
     """Samples of some channels in some runs, all at the same instants."""
 
-    time_s: _Real
+    time_s: Real
     """Times since the start of the decay, s, shape (n,)."""
-    values: _Real
+    values: Real
     """Samples, less their mean: the level of a sensor is unknown; shape (n, n_runs, n_channels)."""
     runs: NDArray[np.intp]
     channels: NDArray[np.intp]
@@ -60,7 +58,7 @@ class Block:
         object.__setattr__(self, "values", read_only(self.values - self.values.mean(axis=0)))
 
 
-def even_blocks(decays: Sequence[_Real], rate_hz: float) -> tuple[Block, ...]:
+def even_blocks(decays: Sequence[Real], rate_hz: float) -> tuple[Block, ...]:
     """Return evenly sampled records, (n_i, n_channels), as blocks, one for each length."""
     lengths = np.array([len(decay) for decay in decays])
     channels = np.arange(decays[0].shape[1])
@@ -81,9 +79,9 @@ class Samples:
     """The blocks laid out for sums with any poles, those that are sampled alike together."""
     block_of: NDArray[np.intp]
     """Number of the block of each series, -1 where there is none, (n_runs, n_channels)."""
-    power: _Real
+    power: Real
     """Sum of the squares of each series, (n_runs, n_channels)."""
-    count: _Real
+    count: Real
     """Number of samples of each channel, (n_channels,)."""
 
     @property
@@ -91,7 +89,7 @@ class Samples:
         """Time of the last sample of the longest series, s."""
         return max(float(block.time_s[-1]) for block in self.blocks)
 
-    def gain_by_noise(self, poles: _Complex) -> float:
+    def gain_by_noise(self, poles: Complex) -> float:
         """Return what modes with these poles may gain by following noise.
 
         Each free number gains about 1, so a mode's gain is chi-squared distributed; and noise may
@@ -129,27 +127,23 @@ class Condensed:
     """
 
     samples: Samples
-    poles: _Complex
+    poles: Complex
     """rad/s, shape (m,)."""
-    wave: _Complex
-    timed: _Complex
+    wave: Complex
+    timed: Complex
     """`wave`, `timed`: ``exp(pole t)`` and ``t exp(pole t)`` for each series, (n_runs, n_channels,
     p, m); zero where there is none."""
-    values: _Real
+    values: Real
     """Samples, (n_runs, n_channels, p)."""
-    beyond: _Real
+    beyond: Real
     """Sum of the squares of what no exponential can follow, (n_channels,)."""
 
-    def chosen(self, kept: NDArray[np.intp]) -> Condensed:
-        """Return the samples and exponentials of some of the poles, by their indices."""
-        wave, timed = self.wave[..., kept], self.timed[..., kept]
-        return Condensed(self.samples, self.poles[kept], wave, timed, self.values, self.beyond)
 
-
-def condense(samples: Samples, poles: _Complex) -> Condensed:
+def condense(samples: Samples, poles: Complex) -> Condensed:
     """Return all samples in the directions of the exponentials of some poles."""
     m = len(poles)
-    functions = np.zeros((len(samples.blocks) + 1, 4 * m, 2 * m), complex)  # the last is block -1
+    # exp(pole t) and t exp(pole t) of each block; of the last one, which stands for none, zeros.
+    functions = np.zeros((len(samples.blocks) + 1, 4 * m, 2 * m), complex)
     values = np.zeros((*samples.block_of.shape, 4 * m))
     for series in samples.series if m else ():
         # exp(pole t), 1, t exp(pole t), t: products with the constant are sums of the others.
@@ -195,25 +189,25 @@ def condense(samples: Samples, poles: _Complex) -> Condensed:
 # imaginary part of c are the real part of f and its imaginary part with the opposite sign.
 
 
-def _real_parts(functions: _Complex) -> _Real:
+def _real_parts(functions: Complex) -> Real:
     """Return real parts, and imaginary parts with the opposite sign, along the last axis."""
     return np.concatenate([functions.real, -functions.imag], axis=-1)
 
 
-def _complex(parts: _Real) -> _Complex:
+def _complex(parts: Real) -> Complex:
     """Return complex numbers from their real parts (first half of the last axis) and imaginary."""
     half = parts.shape[-1] // 2
     return np.asarray(parts[..., :half] + 1j * parts[..., half:])
 
 
-def _unit_diagonal(normal: _Real) -> tuple[_Real, _Real]:
+def _unit_diagonal(normal: Real) -> tuple[Real, Real]:
     """Return normal matrices scaled to a diagonal of 1 (or 0), and the factors of the unknowns."""
     diagonal = np.einsum("...ii->...i", normal)
     scale = np.where(diagonal > 0.0, 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0)), 0.0)
     return normal * scale[..., None, :] * scale[..., None], scale
 
 
-def _roots(normal: _Real, squares: _Real | None = None) -> tuple[_Real, _Real]:
+def _roots(normal: Real, squares: Real | None = None) -> tuple[Real, Real]:
     """Return upper roots R of normal matrices, ``R^T R``, and their inverses, each (.., 2 k, 2 k).
 
     Of each complex unknown the real part is in the first half, the imaginary part in the second.
@@ -240,24 +234,24 @@ class Point:
     """Poles, shapes, and the amplitudes of each run that fit best."""
 
     condensed: Condensed
-    shapes: _Complex
+    shapes: Complex
     """Shape (n_channels, m)."""
-    amplitudes: _Complex
+    amplitudes: Complex
     """Shape (n_runs, m)."""
-    inverse: _Real
+    inverse: Real
     """Inverse root of the normal equations of the amplitudes, (n_runs, 2 m, 2 m)."""
-    residuals: _Real
+    residuals: Real
     """Condensed samples less those of the modes, (n_runs, n_channels, p)."""
-    squares: _Real
+    squares: Real
     """Squared residuals of each channel, (n_channels,)."""
 
     @property
-    def poles(self) -> _Complex:
+    def poles(self) -> Complex:
         """One of each conjugate pair, and real ones, rad/s, (m,)."""
         return self.condensed.poles
 
     @property
-    def weight(self) -> _Real:
+    def weight(self) -> Real:
         """Inverse variance of each channel's noise, (n_channels,)."""
         return self.condensed.samples.count / self.squares
 
@@ -276,26 +270,28 @@ class Point:
 
         The amplitudes of all other modes follow; their poles and shapes stay.
         """
-        m, is_pair = len(self.poles), self.poles.imag > 0.0
+        m = len(self.poles)
         # An amplitude (x, y) with the covariance [[xx, xy], [xy, yy]] costs its square in units of
-        # that; that of a real pole has no y.
+        # that; that of a real pole has no y.  Each (n_runs, m).
         covariance = self.inverse @ self.inverse.swapaxes(1, 2)
         xx, yy = np.split(np.einsum("rii->ri", covariance), 2, axis=1)
         xy = np.einsum("rii->ri", covariance[:, :m, m:])
         x, y = self.amplitudes.real, self.amplitudes.imag
         square = yy * x**2 - 2.0 * xy * x * y + xx * y**2
         of_pairs = square / np.maximum(xx * yy - xy**2, 1e-300)  # never a division by zero
-        costs = np.where(is_pair, of_pairs, x**2 / np.maximum(xx, 1e-300)).sum(axis=0)
-        least = int(np.argmin(costs))
-        return least, float(costs[least])
+        of_real_poles = x**2 / np.maximum(xx, 1e-300)
+        costs = np.where(self.poles.imag > 0.0, of_pairs, of_real_poles).sum(axis=0)
+        return int(np.argmin(costs)), float(costs.min())
 
     def without(self, mode: int) -> Point:
         """Return the point without a mode, all amplitudes and shapes fitted anew."""
-        kept = np.delete(np.arange(len(self.poles)), mode)
-        return fitted_at(self.condensed.chosen(kept), self.shapes[:, kept], 2)
+        kept, of_all = np.delete(np.arange(len(self.poles)), mode), self.condensed
+        wave, timed = of_all.wave[..., kept], of_all.timed[..., kept]
+        condensed = replace(of_all, poles=of_all.poles[kept], wave=wave, timed=timed)
+        return fitted_at(condensed, self.shapes[:, kept], 2)
 
 
-def point_at(condensed: Condensed, shapes: _Complex, weight: _Real) -> Point:
+def point_at(condensed: Condensed, shapes: Complex, weight: Real) -> Point:
     """Return the point of given shapes; `weight`: inverse noise variances, (n_channels,)."""
     slopes = _real_parts(condensed.wave * shapes[:, None])
     weighted_slopes = (slopes * weight[:, None, None]).swapaxes(2, 3)
@@ -310,7 +306,7 @@ def point_at(condensed: Condensed, shapes: _Complex, weight: _Real) -> Point:
     return Point(condensed, shapes, amplitudes, inverse, residuals, squares)
 
 
-def fitted_at(condensed: Condensed, shapes: _Complex, sweeps: int = 1) -> Point:
+def fitted_at(condensed: Condensed, shapes: Complex, sweeps: int = 1) -> Point:
     """Return the point of given poles near some shapes, (n_channels, m).
 
     In each sweep amplitudes and then shapes are fitted by least squares.
@@ -361,13 +357,13 @@ class System:
     """
 
     n_poles: int
-    normal: _Real
-    gradient: _Real
+    normal: Real
+    gradient: Real
     """`normal`, `gradient`: shapes (N, N) and (N,)."""
-    scale: _Real
+    scale: Real
     """Units of the unknowns, (N,); 0 if held."""
 
-    def scaled_step(self, damping: float) -> _Real:
+    def scaled_step(self, damping: float) -> Real:
         """Return the step of all unknowns as multiples of `scale`, (N,)."""
         damped = self.normal + (damping + _UNKNOWN) * np.eye(len(self.scale))
         return np.asarray(np.linalg.solve(damped, self.gradient))
@@ -377,13 +373,13 @@ class System:
         """Gain of likelihood by a whole step, if the equations were linear."""
         return float(self.gradient @ self.scaled_step(0.0))
 
-    def step(self, damping: float) -> tuple[_Complex, _Complex]:
+    def step(self, damping: float) -> tuple[Complex, Complex]:
         """Return the steps of poles, (m,), and shapes, (n_channels, m)."""
         step = self.scale * self.scaled_step(damping)
         poles, *shapes = _complex(step.reshape(-1, 2 * self.n_poles))
         return poles, np.array(shapes)
 
-    def pole_covariance(self) -> _Real:
+    def pole_covariance(self) -> Real:
         """Return the covariance of the real and then the imaginary parts of the poles."""
         n = 2 * self.n_poles
         normal = self.normal + np.diag((self.scale == 0.0) + _RIDGE)
@@ -443,24 +439,24 @@ class LikelyModes:
 
     point: Point
     """The optimum."""
-    pole_covariance: _Real
+    pole_covariance: Real
     """Covariance of the real and then of the imaginary parts of the poles, (rad/s)^2, shape (2 m, 2
     m)."""
     n_unknowns: int
-    """Number of fitted numbers, levels included."""
+    """Number of fitted numbers, levels of the sensors included."""
 
     @property
-    def poles(self) -> _Complex:
+    def poles(self) -> Complex:
         """One of each conjugate pair, and real ones, in the order of the start, rad/s, (m,)."""
         return self.point.poles
 
     @property
-    def shapes(self) -> _Complex:
+    def shapes(self) -> Complex:
         """Entries in each channel, (n_channels, m)."""
         return self.point.shapes
 
     @property
-    def noise(self) -> _Real:
+    def noise(self) -> Real:
         """Standard deviation of each channel, (n_channels,)."""
         share = _noise_share(self.n_unknowns, self.point.condensed.samples.count)
         return np.asarray(np.sqrt(1.0 / self.point.weight / share))
@@ -469,12 +465,13 @@ class LikelyModes:
         """Return the modes that vibrate, with their deviations by the Cramer-Rao bound."""
         poles, size, m = self.poles, np.abs(self.poles), len(self.poles)
         real, imag = poles.real, poles.imag
-        frequency_slopes = np.hstack([np.diag(real / size), np.diag(imag / size)]) / (2.0 * np.pi)
-        damping_slopes = np.hstack([np.diag(-(imag**2) / size**3), np.diag(real * imag / size**3)])
-        frequency_std_hz, damping_std = (
-            np.sqrt(np.einsum("ij,jk,ik->i", slopes, self.pole_covariance, slopes))
-            for slopes in (frequency_slopes.reshape(m, -1), damping_slopes.reshape(m, -1))
-        )
+        # Variances of the real and of the imaginary part of each pole, and their covariance, (m,).
+        rr, ii = np.split(np.diag(self.pole_covariance), 2)
+        ri = np.diag(self.pole_covariance[:m, m:])
+        size_variance = (real**2 * rr + 2.0 * real * imag * ri + imag**2 * ii) / size**2
+        angle_variance = (imag**2 * rr - 2.0 * real * imag * ri + real**2 * ii) / size**4
+        frequency_std_hz = np.sqrt(size_variance) / (2.0 * np.pi)
+        damping_std = np.abs(imag) / size * np.sqrt(angle_variance)
         periods = size * self.point.condensed.samples.longest_s / (2.0 * np.pi)
         is_mode = vibrates(poles) & (periods > _LEAST_PERIODS)
         return ModalModel(
@@ -484,8 +481,8 @@ class LikelyModes:
 
 def most_likely_modes(
     samples: Samples,
-    poles: _Complex,
-    shapes: _Complex,
+    poles: Complex,
+    shapes: Complex,
     most_steps: int = _STEPS,
     wanted_likelihood: float = -np.inf,
     least_gain: float = _SETTLED,
@@ -498,31 +495,31 @@ def most_likely_modes(
     reach, the fit ends unsettled.
     """
     start = point = fitted_at(condense(samples, poles), shapes)
-    damping = _FIRST_DAMPING
-    system = linearised(point)
+    damping, system = _FIRST_DAMPING, linearised(point)
     for _ in range(most_steps):
         if system.promised_gain < least_gain:
             break
-        old_likelihood = point.log_likelihood
-        while damping < _MOST_DAMPING:
+        old_likelihood, trial = point.log_likelihood, None
+        while trial is None and damping < _MOST_DAMPING:
             trial = _moved(point, system, damping)
-            if trial:
-                damping, point = max(damping / _DAMPING_FACTOR, _LEAST_DAMPING), trial
-                break
-            damping = max(damping * _DAMPING_FACTOR, _FAR_DAMPING if point is start else 0.0)
+            if trial is None:
+                damping = max(damping * _DAMPING_FACTOR, _FAR_DAMPING if point is start else 0.0)
+        if trial is not None:
+            damping, point = max(damping / _DAMPING_FACTOR, _LEAST_DAMPING), trial
         gain = point.log_likelihood - old_likelihood
         system = linearised(point)
         if gain < least_gain or _REACH * gain < wanted_likelihood - point.log_likelihood:
             break
-    real_numbers = np.where(point.poles.imag > 0.0, 2, 1)  # of one amplitude of each mode
     n_levels = np.sum(samples.block_of >= 0)
-    n_motion = np.sum(system.scale > 0.0) + len(point.amplitudes) * real_numbers.sum()
-    n_unknowns = int(n_motion + n_levels)
+    n_shapes_and_poles = np.sum(system.scale > 0.0)
+    # An amplitude of a pair has two real numbers, that of a real pole one.
+    n_amplitudes = len(point.amplitudes) * np.sum(np.where(point.poles.imag > 0.0, 2, 1))
+    n_unknowns = int(n_levels + n_shapes_and_poles + n_amplitudes)
     covariance = system.pole_covariance() / _noise_share(n_unknowns, samples.count)
     return LikelyModes(point, read_only(covariance), n_unknowns)
 
 
-def _noise_share(n_unknowns: int, count: _Real) -> float:
+def _noise_share(n_unknowns: int, count: Real) -> float:
     """Return the share of the samples' power that a fit of noise leaves."""
     return max(1.0 - n_unknowns / float(count.sum()), 1e-3)  # above zero for few samples
 

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
 from daq.channels import TIME_DERIVATIVE, Channel
 from daq.vehicle import DOF, VehicleGeometry
-from dbc.frames import freeze_arrays, read_only
+from dbc.frames import read_only
 from dbc.words import InputError
 
 from ..model.exponentials import low_pass_of
@@ -154,25 +155,16 @@ def displacement_shapes(
     In a mode everything moves as ``exp(lambda t)``, so an acceleration is ``lambda^2`` and a rate
     ``lambda`` times a displacement: the division is exact.  A sensor's low-pass multiplies it by
     its gain at lambda.  Several sensors of one degree of freedom are reconciled by least squares.
-    Raises InputError if the number of channels differs, or a degree of freedom is not seen.
+    Raises InputError if a degree of freedom is not seen.
     """
-    if len(channels) != len(sensed.shapes):
-        raise InputError(
-            "modal conversion",
-            f"{len(channels)} channels for shapes of {len(sensed.shapes)} rows",
-            "name every channel of the records, in their order",
-        )
     rows = sensor_rows(channels, geometry)
     _, strength, directions = np.linalg.svd(rows, full_matrices=True)
     rank = int(np.sum(strength > 1e-9 * strength.max(initial=0.0)))  # the others are rounding
     if rank < len(DOF):
         unseen = np.max(np.abs(directions[rank:]), axis=0) > 1e-6  # above rounding
         names = ", ".join(name for name, is_unseen in zip(DOF, unseen, strict=True) if is_unseen)
-        raise InputError(
-            "modal conversion",
-            f"the sensors do not determine {names}",
-            "add a sensor that sees them",
-        )
+        reason = f"the sensors do not determine {names}"
+        raise InputError("modal conversion", reason, "add a sensor that sees them")
     derivative = np.array([TIME_DERIVATIVE[channel.quantity] for channel in channels])
     gain = np.array([low_pass_of(channel).gain(sensed.poles) for channel in channels])
     displacement = sensed.shapes / (gain * sensed.poles ** derivative[:, None])
@@ -219,13 +211,14 @@ def mode_names(model: ModalModel, geometry: VehicleGeometry) -> tuple[str, ...]:
     its four corners, the wheels by their own.  No two modes have one name, and the sum of the named
     shares is largest; modes beyond seven are each a ``"further mode"``.
     """
-    z, theta, phi, A, B, C, D = model.shapes
+    heave, pitch, roll, front_left, front_right, rear_left, rear_right = model.shapes
     wheelbase = geometry.a + geometry.b
-    half_width = (geometry.t_f + geometry.t_r) / 2.0  # they are half tracks
-    # Lengths of the vectors of the four corners' (and wheels') displacements.
-    body = 2.0 * z, theta * wheelbase, 2.0 * phi * half_width
-    wheels = np.array([A + B, A - B, C + D, C - D]) / np.sqrt(2.0)
-    share = np.abs(np.vstack([*body, *wheels])) ** 2
+    mean_track = geometry.t_f + geometry.t_r  # they are half tracks
+    # Lengths of the vectors of the four corners' and of the wheels' displacements, each (.., m).
+    body = np.array([2.0 * heave, pitch * wheelbase, roll * mean_track])
+    front = np.array([front_left + front_right, front_left - front_right]) / np.sqrt(2.0)
+    rear = np.array([rear_left + rear_right, rear_left - rear_right]) / np.sqrt(2.0)
+    share = np.abs(np.vstack([body, front, rear])) ** 2
     share /= share.sum(axis=0)
     names = ["further mode"] * len(model)
     for motion, mode in zip(*best_pairs(share), strict=True):
@@ -251,29 +244,20 @@ class Pairing:
     swapped: tuple[tuple[int, int], ...]
     """Pairs of baseline modes whose partners are in the opposite order of frequency."""
 
-    def __post_init__(self) -> None:
-        freeze_arrays(self, "baseline", "added", "mac")
-
 
 def pair_modes(baseline: ModalModel, added: ModalModel) -> Pairing:
     """Return the pairs of modes of two mass states whose sum of MAC is largest.
 
     `baseline` and `added`: modes with shapes in the same channels; if one has more modes, some have
-    no partner.  Raises InputError if the shapes are of different channels.
+    no partner.
     """
-    if len(baseline.shapes) != len(added.shapes):
-        raise InputError(
-            "pairing of modes",
-            f"shapes of {len(baseline.shapes)} and of {len(added.shapes)} channels",
-            "identify both mass states from the same channels",
-        )
     likeness = mac(baseline.shapes, added.shapes)
     rows, columns = best_pairs(likeness)
+    pairs = zip(rows.tolist(), columns.tolist(), strict=True)
     swapped = tuple(
-        (int(rows[i]), int(rows[j]))
-        for i in range(len(rows))
-        for j in range(i + 1, len(rows))
-        if columns[i] > columns[j]
+        (row, later_row)
+        for (row, column), (later_row, later_column) in combinations(pairs, 2)
+        if column > later_column
     )
     return Pairing(rows, columns, likeness[rows, columns], swapped)
 
@@ -313,6 +297,6 @@ def originals(
     is_copy = is_near & (mac(shapes, shapes) > _ALIKE) & is_pair[:, None] & is_pair
     kept: list[int] = []
     for mode in np.argsort(-energy, kind="stable").tolist():
-        if not any(is_copy[mode, other] for other in kept):
+        if not is_copy[mode, kept].any():
             kept.append(mode)
-    return np.sort(np.array(kept, dtype=np.intp))
+    return np.sort(kept)

@@ -54,9 +54,8 @@ from .state_variable_method import (
     stabilisation_diagram,
 )
 
-_GAP = 100.0
-_ROUNDING = 1e-11
-"""Noise-free: singular values drop by `_GAP` to below `_ROUNDING` of the largest."""
+_GAP, _ROUNDING = 100.0, 1e-11
+"""Without noise singular values drop by this factor, and to below this share of the largest."""
 _SAME_POLE_CLEAN = 1e-4  # relative difference that rounding makes of a pole
 
 _SAME_SET = 0.003
@@ -67,10 +66,8 @@ _MOST_SETS = 24
 """Sets of poles of which the best is the start; neighbours in rank differ in one or two poles."""
 
 _MOST_SPLITS = 4  # modes that are looked for next to others, one after the other
-_SORTING_FITS = 8
-_SORTING_STEPS = 8
-"""`_SORTING_FITS`, `_SORTING_STEPS`: fits, and steps of each, in which copies are removed; a fit
-with copies settles slowly."""
+_SORTING_FITS = _SORTING_STEPS = 8
+"""Fits, and steps of each, in which copies are removed; a fit with copies settles slowly."""
 _ROUGH = 0.1
 """Gain of likelihood below which a step is the last as long as modes come and go."""
 _DETUNED = 1.03
@@ -94,19 +91,17 @@ def identify_modes(records: Sequence[ArrayLike], rate_hz: float) -> ModalModel:
     different numbers of channels, fewer than 8 samples, values that are not finite, or a rate that
     is not positive.
     """
-    return _modes(records, rate_hz, by_likelihood=True)
+    return modes_of_records(records, rate_hz, by_likelihood=True)
 
 
-def regression_modes(records: Sequence[ArrayLike], rate_hz: float) -> ModalModel:
-    """Return the modes by regression alone, to start a fit from; with noise, real poles as well.
+def modes_of_records(
+    records: Sequence[ArrayLike], rate_hz: float, *, by_likelihood: bool
+) -> ModalModel:
+    """Return the modes by regression, of noisy records then by likelihood, if asked for.
 
+    Without the likelihood, noisy records give real poles as well, from which a fit may start.
     Parameters and Raises are those of `identify_modes`.
     """
-    return _modes(records, rate_hz, by_likelihood=False)
-
-
-def _modes(records: Sequence[ArrayLike], rate_hz: float, *, by_likelihood: bool) -> ModalModel:
-    """Return the modes, of noisy records by regression and then, if asked for, by likelihood."""
     decays, unit = scaled_records(records, rate_hz)
     moves = np.any([np.ptp(decay, axis=0) > 0.0 for decay in decays], axis=0)  # not stuck
     if not np.any(moves):
@@ -114,21 +109,18 @@ def _modes(records: Sequence[ArrayLike], rate_hz: float, *, by_likelihood: bool)
     # With equal noise in all channels, directions of noise do not stand out like those of motion.
     noise = noise_levels([decay[:, moves] for decay in decays])
     scaled = [decay[:, moves] / noise for decay in decays]
-    unit[moves] *= noise
     spaces = [delay_space(scaled, rate_hz, delays) for delays in layouts(scaled)]
     model = clean_modes(spaces)
     if model is None:
         strongest = gathered(even_blocks(_strongest_sums(scaled), rate_hz))
         start = _best_start(spaces, strongest, max(len(decay) for decay in scaled) / rate_hz)
-        poles, shapes = start.poles, start.shapes
-        if by_likelihood and len(poles):
+        model = ModalModel(start.poles, start.shapes)
+        if by_likelihood and len(model):
             samples = gathered(even_blocks(scaled, rate_hz))
-            model = likely_modes(samples, poles, shapes, sorting=strongest).model()
-        else:
-            model = ModalModel(poles, shapes)
+            model = likely_modes(samples, start.poles, start.shapes, sorting=strongest).model()
     shapes = np.zeros((len(unit), len(model)), dtype=complex)
-    shapes[moves] = model.shapes * unit[moves, None]
-    return ModalModel(model.poles, shapes, model.frequency_std_hz, model.damping_ratio_std)
+    shapes[moves] = model.shapes * (unit[moves] * noise)[:, None]
+    return replace(model, shapes=shapes)
 
 
 def clean_modes(spaces: Sequence[DelaySpace]) -> ModalModel | None:
@@ -148,12 +140,12 @@ def clean_modes(spaces: Sequence[DelaySpace]) -> ModalModel | None:
             by_layout.append((poles[vibrating], shapes[:, vibrating]))
     if not by_layout:
         return None
-    poles, shapes = richest = max(by_layout, key=lambda found: len(found[0]))
+    poles, shapes = modes = max(by_layout, key=lambda modes: len(modes[0]))
     tolerance = _SAME_POLE_CLEAN * np.abs(poles)
-    again = [seen_in(richest, other, tolerance) for other in by_layout if other is not richest]
-    confirmed = np.any(again, axis=0) if again else np.ones(len(poles), dtype=bool)
-    exact = np.zeros(int(confirmed.sum()))
-    return ModalModel(poles[confirmed], shapes[:, confirmed], exact, exact)
+    recurs = [seen_in(modes, others, tolerance) for others in by_layout if others is not modes]
+    confirmed = np.any(recurs, axis=0) if recurs else np.ones(len(poles), dtype=bool)
+    no_noise = np.zeros(int(confirmed.sum()))
+    return ModalModel(poles[confirmed], shapes[:, confirmed], no_noise, no_noise)
 
 
 def _strongest_sums(decays: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
@@ -276,8 +268,8 @@ def _better(
     """Return the modes that a fit from another start finds; None if their merit is not above."""
     samples = modes.point.condensed.samples
     wanted = modes.point.merit + samples.gain_by_noise(poles)
-    found = most_likely_modes(samples, poles, shapes, wanted_likelihood=wanted, least_gain=_ROUGH)
-    return found if found.point.log_likelihood > wanted else None
+    trial = most_likely_modes(samples, poles, shapes, wanted_likelihood=wanted, least_gain=_ROUGH)
+    return trial if trial.point.log_likelihood > wanted else None
 
 
 def _split(modes: LikelyModes) -> Poles:
@@ -335,10 +327,10 @@ def sensed_modes(records: Sequence[Record], decays: Sequence[FreeDecay]) -> Sens
         # comes from these grids.
         rng, blur = np.random.default_rng(0), _BLUR * np.std(np.concatenate(grids), axis=0)
         grids = [grid + blur * rng.standard_normal(grid.shape) for grid in grids]
-    regression = model = regression_modes(grids, rate_hz)
-    if len(regression):
+    model = modes_of_records(grids, rate_hz, by_likelihood=False)
+    if len(model):
         samples = gathered(_blocks(decays, moving))
-        model = likely_modes(samples, regression.poles, regression.shapes, most_modes=N_DOF).model()
+        model = likely_modes(samples, model.poles, model.shapes, most_modes=N_DOF).model()
     shapes = np.zeros((len(channels), len(model)), dtype=complex)
     shapes[moves] = model.shapes
     return SensedModes(channels, replace(model, shapes=shapes))

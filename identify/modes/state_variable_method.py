@@ -24,21 +24,17 @@ from dbc.words import InputError, counted
 
 from .modal_model import ModalModel, mac
 
+_WHERE = "free-decay records"
 _MIN_SAMPLES = 8
 """Fewer samples cannot show a damped sine and exclude anything else."""
-
 _LEAST_BLOCKS = 4  # delays of the shortest vector
 _MAX_ROWS = 240
 """Length of the longest delay vector: a longer one costs time and adds little information."""
-
 _NOISY = 1e-5
 """Weakest direction relative to the strongest above which products of the samples serve: their
 rounding, 1e-16, is then far below the noise in every direction."""
-
 _DELAYS_ALONE = 24
 """Delays of one channel, in which up to six modes leave half of the directions to noise."""
-
-_WHERE = "free-decay records"
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,9 +66,6 @@ class DelaySpace:
     n_channels: int
     """Channels of the records."""
 
-    def __post_init__(self) -> None:
-        freeze_arrays(self, "directions", "strength")
-
 
 def scaled_records(
     records: Sequence[ArrayLike], rate_hz: float
@@ -91,11 +84,10 @@ def scaled_records(
     for number, record in enumerate(records, start=1):
         try:
             decay = np.asarray(record)
-            decay = np.asarray(decay, np.float64) if decay.dtype.kind in "fiu" else np.empty(0)
-        except (TypeError, ValueError):  # ragged
+        except ValueError:  # ragged
             decay = np.empty(0)
         fault = ""
-        if decay.ndim != 2 or decay.shape[1] == 0:
+        if decay.dtype.kind not in "fiu" or decay.ndim != 2 or decay.shape[1] == 0:
             fault = "is no (n_samples, n_channels) array of real numbers"
             remedy = "give time along the first axis and one column a channel"
         elif decays and decay.shape[1] != decays[0].shape[1]:
@@ -109,7 +101,7 @@ def scaled_records(
             remedy = "cut the record where it is whole"
         if fault:
             raise InputError(_WHERE, f"record {number} {fault}", remedy)
-        decays.append(decay)
+        decays.append(decay.astype(np.float64))
     rms = np.sqrt(np.mean(np.concatenate(decays) ** 2, axis=0))
     rms[rms == 0.0] = 1.0
     return [decay / rms for decay in decays], rms
@@ -188,14 +180,8 @@ def delay_space(
         _, strength, rows = np.linalg.svd(triangle, full_matrices=False)
         directions = rows.T
     directions = np.ascontiguousarray(directions)
-    return DelaySpace(
-        delays=delays,
-        rate_hz=rate_hz,
-        directions=directions,
-        strength=strength,
-        coordinates=tuple(table @ directions for table in tables) if step > 1 else (),
-        n_channels=n_channels,
-    )
+    coordinates = tuple(table @ directions for table in tables) if step > 1 else ()
+    return DelaySpace(delays, rate_hz, directions, strength, coordinates, n_channels)
 
 
 def _table(record: NDArray[np.float64], delays: Delays) -> NDArray[np.float64]:
@@ -247,8 +233,7 @@ def poles_of_rank(
     correction = np.linalg.solve(np.eye(space.n_channels) - last @ last.T, last @ shifted)
     transition = shifted + last.T @ correction
     z, vectors = np.linalg.eig(transition)
-    step = space.delays.step
-    whole_turns = np.zeros(rank)
+    step, whole_turns = space.delays.step, np.zeros(rank)
     if step > 1:
         inverse = np.linalg.pinv(vectors)
         # Each modal coordinate times itself one sample before: its angle is that of one sample.
@@ -335,10 +320,10 @@ class StabilisationDiagram:
     def stable_sets(self) -> list[Poles]:
         """Stable poles of each rank that has any, in order of frequency."""
         sets = []
-        for rank in sorted(set(self.rank[self.stable].tolist())):
-            found_here = np.flatnonzero(self.stable & (self.rank == rank))
-            found_here = found_here[np.argsort(np.abs(self.poles[found_here]))]
-            sets.append((self.poles[found_here], self.shapes[:, found_here]))
+        for rank in np.unique(self.rank[self.stable]):
+            at_rank = np.flatnonzero(self.stable & (self.rank == rank))
+            at_rank = at_rank[np.argsort(np.abs(self.poles[at_rank]))]
+            sets.append((self.poles[at_rank], self.shapes[:, at_rank]))
         return sets
 
 
@@ -369,10 +354,9 @@ def diagram_of(space: DelaySpace, duration_s: float) -> StabilisationDiagram:
         by_rank.append((poles[upper], shapes[:, upper]))
     stable_by_rank = []
     for i, (poles, shapes) in enumerate(by_rank):
-        is_stable = poles.real * duration_s < _MAX_GROWTH
-        tolerance = _SAME_POLE * np.maximum(np.abs(poles), 1.0 / duration_s)
         following = by_rank[i + 1 : i + 1 + _SEEN_AGAIN]
-        is_stable &= len(following) == _SEEN_AGAIN
+        tolerance = _SAME_POLE * np.maximum(np.abs(poles), 1.0 / duration_s)
+        is_stable = (poles.real * duration_s < _MAX_GROWTH) & (len(following) == _SEEN_AGAIN)
         for at_higher_rank in following:
             is_stable &= seen_in((poles, shapes), at_higher_rank, tolerance)
         stable_by_rank.append(is_stable)

@@ -178,10 +178,9 @@ def expected(fisher: Fisher) -> Outlook:
     parameters, relative = {}, {}
     for name, value in zip(box.names, box.values(fisher.eta).tolist(), strict=True):
         std = np.inf if name in undetermined else parameter_std.get(name, 0.0)
-        half = COVERAGE_95 * std
-        parameters[name] = Estimate(value, std, value - half, value + half, parameter_unit(name))
+        parameters[name] = Estimate.of(value, std, parameter_unit(name))
         if name in parameter_std and name not in SIGNED:
-            relative[name] = half / value
+            relative[name] = COVERAGE_95 * std / value
     determined = [share for share in relative.values() if np.isfinite(share)] or [np.inf]
     return Outlook(
         parameters=parameters,

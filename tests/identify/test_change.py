@@ -183,7 +183,7 @@ def test_a_linear_fit_is_compared_with_one_of_more_parameters() -> None:
     assert again.box.parameters[15:] == ("k_af", "k_ar")
     for i in (15, 16):
         assert abs(again.fit.eta[i]) < 3.0 * again.fit.covariance[i, i] ** 0.5 < 0.15
-    assert 0.0 < before.chi2_per_n - again.chi2_per_n < 0.01
+    assert 0.0 < before.fit.cost - again.fit.cost < 0.01 * before.freedom
     change = change_of([before, after])
     found = {one.name: one.changes[0] for one in change.named}
     assert found.keys() == {"k_af", "k_ar"}

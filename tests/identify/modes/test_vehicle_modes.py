@@ -29,7 +29,7 @@ from identify.modes.modal_model import (
 )
 from identify.modes.mode_selection import (
     SensedModes,
-    regression_modes,
+    modes_of_records,
     sensed_modes,
     vehicle_diagram,
 )
@@ -291,7 +291,9 @@ def test_regression_alone_finds_a_real_pole_beside_a_mode() -> None:
     poles = np.append(oscillators([3.0], [0.05]), -2.0)
     shapes = np.array([[1.0, 1.0], [0.5, -1.0]])
     record = free_decay(poles, shapes, np.array([1.0, 1.5]), 60.0, 3.0)
-    found = regression_modes([record + 1e-3 * rng.standard_normal(record.shape)], 60.0)
+    found = modes_of_records(
+        [record + 1e-3 * rng.standard_normal(record.shape)], 60.0, by_likelihood=False
+    )
     assert found.poles.imag.min() == 0.0
     assert np.abs(found.poles[:, None] / poles - 1.0).min(axis=0).max() < 0.05
 
@@ -381,7 +383,6 @@ def test_mixed_sensors_give_the_displacement_shapes() -> None:
     ("rows", "channels", "words"),
     [
         (6, MIXED[:6], "do not determine z_uD "),
-        (8, MIXED[:7], "7 channels for shapes of 8 rows"),
         (8, (*MIXED[:7], Channel("yaw", Quantity.UNUSED, "rad/s")), "channel yaw"),
     ],
 )
@@ -478,12 +479,6 @@ def test_a_mode_without_partner_stays_alone() -> None:
     assert list(pairing.baseline) == [0, 2, 6]
     assert list(pairing.added) == [0, 1, 2]
     assert pairing.swapped == ()
-
-
-def test_shapes_of_different_channels_are_refused() -> None:
-    modes = modes_of(BASELINE.A)
-    with pytest.raises(InputError, match="7 and of 6 channels"):
-        pair_modes(modes, ModalModel(modes.poles, modes.shapes[:6]))
 
 
 # Copies: poles that are one mode ------------------------------------------------------------------
