@@ -82,11 +82,6 @@ def write_bytes(path: Path, data: bytes | memoryview) -> None:
         part.write_bytes(data)
 
 
-def write_text(path: Path, text: str) -> None:
-    """Replace a file by one that holds `text` in UTF-8; as `replaced`."""
-    write_bytes(path, text.encode())
-
-
 def write_named(path: Path, data: bytes) -> None:
     """Write a file that a user names, and its folder; an older one stays complete until then.
 

@@ -69,22 +69,19 @@ def _send(bus: can.BusABC, message: can.Message) -> None:
     """Send one frame, with growing pauses while the buffer of the bus is full."""
     from can import CanError
 
-    pause_s, waited_s = 0.0005, 0.0
+    pauses_s = (0.0005 * 2**k for k in range(12))  # 2 s in all
     while True:
         try:
             bus.send(message)
             return
         except (CanError, OSError, ValueError) as error:
             # Backends raise ValueError for a frame that this bus can never take.
-            if waited_s >= 2.0 or isinstance(error, ValueError):
-                raise BusError(
-                    bus.channel_info,
-                    f"takes no frame: {error}",
-                    "check that the interface is up and that another node acknowledges",
-                ) from error
+            pause_s = None if isinstance(error, ValueError) else next(pauses_s, None)
+            if pause_s is None:
+                what = f"takes no frame: {error}"
+                advice = "check that the interface is up and that another node acknowledges"
+                raise BusError(bus.channel_info, what, advice) from error
         time.sleep(pause_s)
-        waited_s += pause_s
-        pause_s *= 2
 
 
 def whole_frames(session: Session, path: Path) -> FrameBatch:
@@ -117,6 +114,8 @@ class RecordedSource:
     `speed`: seconds of the recording that pass in one second.  `start_ns`: first stamp, ns UTC.
     """
 
+    name = "recording"
+
     def __init__(self, frames: FrameBatch, bus: int, speed: float, start_ns: int) -> None:
         gap_ns = np.diff(frames.t_ns, prepend=frames.t_ns[:1])
         t_ns = start_ns + np.cumsum(np.clip(gap_ns, 0, round(LONGEST_GAP_S * 1e9)))
@@ -126,11 +125,6 @@ class RecordedSource:
         self._next = 0  # row of the first frame that is not read
         # A pause of 1 s, in which the recorder is armed, also for an early first bump.
         self._start_s = time.monotonic() + 1.0
-
-    @property
-    def name(self) -> str:
-        """Name of the bus for the operator."""
-        return "recording"
 
     @property
     def done(self) -> bool:

@@ -22,6 +22,9 @@ from .words import Finding, InputError, Severity
 if TYPE_CHECKING:
     from cantools.database.can import Message, Signal
 
+# cantools logs what it does not support.
+logging.getLogger("cantools").addHandler(logging.NullHandler())
+
 MAX_BYTES = 5_000_000
 _ADVICE = "give a CAN database: DBC, KCD, SYM or ARXML"
 _CORRECT = "correct that line or give another file"
@@ -142,15 +145,11 @@ def _read_with_cantools(text: str, name: str, file_format: str) -> Sequence[Mess
     from cantools.database.can.formats import arxml, kcd, sym
 
     parser: Any = {"kcd": kcd, "sym": sym, "arxml": arxml}[file_format]
-    logger = logging.getLogger("cantools")
-    was_disabled, logger.disabled = logger.disabled, True  # it prints what it does not support
     try:
         # Without a line feed at the end, cantools would search from each // to the end of the text.
         return [*parser.load_string(f"{text}\n", strict=False).messages]
     except Exception as error:
         raise _refused(name, file_format.upper(), error) from error
-    finally:
-        logger.disabled = was_disabled
 
 
 def _refused(name: str, kind: str, error: Exception) -> InputError:

@@ -96,45 +96,30 @@ class Log:
 
     def __init__(self, paths: Sequence[Path], form: LogFormat | None = None) -> None:
         self.paths = tuple(paths)
+        self.name = ", ".join(map(str, paths))
         self.format = form or detect(paths[0])
+        self._journal = JournalReader(recording_of(self.paths)) if self.format is JOURNAL else None
+        self.origin = Origin.REAL if self._journal is None else self._journal.head.origin
+        """Origin of its frames, a value of `Origin`; only a journal states another than real."""
+        self.loss = LogLoss()
+        """Losses found; of a journal once all of it was read."""
         self.frames = 0
         """Number of frames returned so far."""
         self.remarks: list[str] = []
         """Corrections of the times so far."""
         self._bytes = sum(path.stat().st_size for path in paths)
         self._position: Callable[[], int] = int
-        self._loss = LogLoss()
-        self._hops = HopLosses()
-        self._journal = JournalReader(recording_of(self.paths)) if self.format is JOURNAL else None
+        self._journal_hops = HopLosses()
         self._last_ns: int | None = None
         self._first_frame: tuple[int, int, bytes] | None = None
         self._shift_ns = 0  # is added to the time stamps of the present part
 
     @property
-    def name(self) -> str:
-        """The file, for messages."""
-        return ", ".join(str(path) for path in self.paths)
-
-    @property
-    def origin(self) -> str:
-        """Origin of its frames, a value of `Origin`; only a journal states another than real."""
-        return Origin.REAL if self._journal is None else self._journal.head.origin
-
-    @property
-    def loss(self) -> LogLoss:
-        """Losses found so far."""
-        if self._journal is None:
-            return self._loss
-        lost = self._journal.lost
-        return LogLoss(lost.blocks_missing, lost.bytes_cut, notes=list(lost.notes))
-
-    @property
     def hops(self) -> HopLosses:
         """Losses before the log was written, as stated in it, and unreadable parts of it."""
         if self._journal is None:
-            lost = self._loss
-            return HopLosses(bus_dropped=lost.dropped, bus_garbled=lost.garbled)
-        return self._hops
+            return HopLosses(bus_dropped=self.loss.dropped, bus_garbled=self.loss.garbled)
+        return self._journal_hops
 
     @property
     def share(self) -> float:
@@ -159,17 +144,19 @@ class Log:
         """Yield the frames as they are in the file, block by block."""
         if self._journal is not None:
             for losses, block in self._journal:
-                self._hops = losses
+                self._journal_hops = losses
                 yield block.frames
+            lost = self._journal.lost
+            self.loss = LogLoss(lost.blocks_missing, lost.bytes_cut, notes=list(lost.notes))
             return
         with self.paths[0].open("rb") as file:
             self._position = file.tell
             if self.format is MF4:
-                yield from read_mf4(file, self.name, self._loss)
+                yield from read_mf4(file, self.name, self.loss)
             elif self.format is BLF:
-                yield from read_blf(file, self.name, self._bytes, self._loss)
+                yield from read_blf(file, self.name, self._bytes, self.loss)
             else:
-                yield from read_lines(file, self.name, _PARSERS[self.format](), self._loss)
+                yield from read_lines(file, self.name, _PARSERS[self.format](), self.loss)
             self._position = lambda: self._bytes
 
     def _in_order(self, batch: FrameBatch) -> FrameBatch:
@@ -214,7 +201,7 @@ class Log:
             return batch
         what = f"{counted(n, 'time stamp')} out of line with {plural(n, 'its', 'their')}"
         frame_number = self.frames + int(np.flatnonzero(is_stray)[0]) + 1  # counted from 1
-        self._loss.add(f"{what} neighbours, the first at frame {frame_number}", garbled=n)
+        self.loss.add(f"{what} neighbours, the first at frame {frame_number}", garbled=n)
         return batch.select(~is_stray)
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from daq import ADDED, BASELINE
 from daq.control.messages import Alarm, Arm, Order, Phase, Status
-from daq.files import write_text
+from daq.files import write_bytes
 from dbc.words import printable
 
 
@@ -258,7 +258,7 @@ def read_draft(path: Path) -> dict[str, Any]:
 def write_draft(path: Path, values: Mapping[str, Any]) -> str:
     """Store the values of a form, all or nothing; return why that failed, or an empty text."""
     try:
-        write_text(path, json.dumps(values))
+        write_bytes(path, json.dumps(values).encode())
     except OSError as error:
         return f"draft {path.name} cannot be written: {error.strerror or error}"
     return ""

@@ -55,7 +55,7 @@ from daq.control.messages import (
     setup_of,
 )
 from daq.control.monitoring import Heartbeats, Systemd, standstill
-from daq.files import write_text
+from daq.files import write_bytes
 from daq.journal.writer import JournalWriter
 from dbc.words import InputError
 
@@ -406,7 +406,7 @@ def test_files_are_0640_and_folders_0750(tmp_path: Path) -> None:
         assert is_locked(folder)
         with JournalWriter(folder / "journal", HEAD, RecorderConfig(reserve_bytes=0.0)) as writer:
             writer.append(block(0, 10), HopLosses())
-        write_text(folder / "note.json", "{}")
+        write_bytes(folder / "note.json", b"{}")
         script = f"open({str(folder / 'session.h5')!r}, 'w').close()"
         assert subprocess.run([sys.executable, "-S", "-c", script], check=False).returncode == 0
         made = [folder, *folder.rglob("*")]
