@@ -61,15 +61,8 @@ class AscParser:
         self._start_ns = 0
         self._last_ns = 0
 
-    def __call__(self, line: bytes) -> Record | int | None:
+    def __call__(self, line: bytes) -> Record | int:
         """Return the frame in a line; 0 for the header, and events of other known kinds."""
-        try:
-            return self._parsed(line)
-        except (ValueError, IndexError):
-            return None if line.strip() else 0
-
-    def _parsed(self, line: bytes) -> Record | int:
-        """Return the frame in a line, or 0; raises ValueError or IndexError if it is unreadable."""
         # Fields of the short form: bus, identifier, direction, d or r, DLC, payload.
         time, *fields = line.split(None, 6)
         try:

@@ -134,10 +134,10 @@ class LineParser(Protocol):
     spaced: bool
     """True if a byte may lose its last digit unnoticed."""
 
-    def __call__(self, line: bytes) -> Record | int | None:
-        """Return the frame in a line; None if it cannot be read.
+    def __call__(self, line: bytes) -> Record | int:
+        """Return the frame in a line; of other lines the number of frames that they state as lost.
 
-        Of other lines: the number of frames that they state as lost, mostly 0.
+        Raises ValueError, LookupError or OverflowError if it is no line of the format.
         """
 
 
@@ -155,7 +155,12 @@ class Parsed:
 
 def parsed(block: bytes, parse: LineParser) -> Parsed:
     """Return the frames of complete lines; empty lines are skipped."""
-    results = list(map(parse, block.removesuffix(b"\n").split(b"\n")))
+    results: list[Record | int | None] = []  # None where a line cannot be read
+    for line in block.removesuffix(b"\n").split(b"\n"):
+        try:
+            results.append(parse(line) if line.strip() else 0)
+        except (ValueError, LookupError, OverflowError):
+            results.append(None)
     records = [result for result in results if isinstance(result, tuple)]
     others = [i for i, result in enumerate(results) if not isinstance(result, tuple)]
     bad = [i for i in others if results[i] is None]

@@ -41,25 +41,24 @@ class CandumpParser:
 
     has_header = states_length = spaced = False
 
-    def __call__(self, line: bytes) -> Record | int | None:
+    def __call__(self, line: bytes) -> Record | int:
         """Return the frame in a line, or the number of frames that it states as lost."""
         match = _FRAME.match(line)
         if match is None:  # candump states the frames that its socket lost
             lost = re.search(rb"DROPCOUNT: dropped (\d{1,9}) CAN frames?", line)
-            return int(lost[1]) if lost else None if line.strip() else 0
-        try:
-            time, interface, identifier, fd, request, digits, direction = match.groups()
-            can_id, flags = _identifier(identifier)
-            flags |= SENT if direction in (b"T", b"t") else 0
-            t_ns, bus = nanoseconds(time), _bus(interface)
-            if request:
-                return t_ns, can_id, flags | REMOTE, bus, int(request[1:] or b"0"), b""
-            if fd:
-                bits = int(fd[1:], 16)
-                flags |= FD | BITRATE_SWITCH * (bits & 1) | ERROR_STATE * (bits >> 1 & 1)
-            return t_ns, can_id, flags, bus, len(digits) // 2, unhexlify(digits)
-        except ValueError:
-            return None
+            if lost is None:
+                raise ValueError(line)
+            return int(lost[1])
+        time, interface, identifier, fd, request, digits, direction = match.groups()
+        can_id, flags = _identifier(identifier)
+        flags |= SENT if direction in (b"T", b"t") else 0
+        t_ns, bus = nanoseconds(time), _bus(interface)
+        if request:
+            return t_ns, can_id, flags | REMOTE, bus, int(request[1:] or b"0"), b""
+        if fd:
+            bits = int(fd[1:], 16)
+            flags |= FD | BITRATE_SWITCH * (bits & 1) | ERROR_STATE * (bits >> 1 & 1)
+        return t_ns, can_id, flags, bus, len(digits) // 2, unhexlify(digits)
 
 
 @lru_cache(4096)
@@ -90,29 +89,26 @@ class CsvParser:
     def __init__(self) -> None:
         self.has_header = False
 
-    def __call__(self, line: bytes) -> Record | int | None:
-        """Return the frame in a line; 0 for the header and empty lines."""
+    def __call__(self, line: bytes) -> Record | int:
+        """Return the frame in a line; 0 for the header."""
         if not self.has_header and line.startswith(b"timestamp,arbitration_id,"):
             self.has_header = True
             return 0
         cells = line.rstrip().split(b",")
         if len(cells) == 6:  # a frame without data
             cells.append(b"")
-        try:
-            time, identifier, *digits, dlc, data = cells
-            extended, remote, error = ({b"0": False, b"1": True}[digit] for digit in digits)
-            length = number(dlc, 10)
-            n_letters = 0 if remote else (length + 2) // 3 * 4  # base64: 4 for up to 3 bytes
-            if identifier[:2] != b"0x" or len(data) != n_letters:
-                return None
-            flags = EXTENDED * extended | REMOTE * remote | ERROR * error  # each true or false
-            flags |= FD if length > 8 else 0  # not stated, but no classic frame is longer
-            payload = a2b_base64(data, strict_mode=True) if data else b""
-            # Python writes small numbers with an exponent.
-            t_ns = round(float(time) * 1e9) if b"e" in time else nanoseconds(time)
-            return t_ns, number(identifier[2:], 16), flags, 0, length, payload
-        except (ValueError, KeyError, OverflowError):
-            return None if cells != [b""] else 0
+        time, identifier, *digits, dlc, data = cells
+        extended, remote, error = ({b"0": False, b"1": True}[digit] for digit in digits)
+        length = number(dlc, 10)
+        n_letters = 0 if remote else (length + 2) // 3 * 4  # base64: 4 for up to 3 bytes
+        if identifier[:2] != b"0x" or len(data) != n_letters:
+            raise ValueError(line)
+        flags = EXTENDED * extended | REMOTE * remote | ERROR * error  # each true or false
+        flags |= FD if length > 8 else 0  # not stated, but no classic frame is longer
+        payload = a2b_base64(data, strict_mode=True) if data else b""
+        # Python writes small numbers with an exponent.
+        t_ns = round(float(time) * 1e9) if b"e" in time else nanoseconds(time)
+        return t_ns, number(identifier[2:], 16), flags, 0, length, payload
 
 
 # PEAK's TRC, versions 1.0 to 2.1: one event per line, times in ms from a start time ---------------
@@ -161,18 +157,11 @@ class TrcParser:
         self._start_ns = 0
         self._set_columns("1.0", _COLUMNS["1.0"])
 
-    def __call__(self, line: bytes) -> Record | int | None:
+    def __call__(self, line: bytes) -> Record | int:
         """Return the frame in a line; else 1 if the line states an overrun, 0 if it does not."""
-        try:
-            if not line.lstrip().startswith(b";"):
-                return self._parsed(line)
+        if line.lstrip().startswith(b";"):
             self._read_header(line.strip())
             return 0
-        except (ValueError, IndexError, KeyError):
-            return None if line.strip() else 0
-
-    def _parsed(self, line: bytes) -> Record | int:
-        """Return the frame in a line that is not of the header, or the overruns that it states."""
         place = self._place
         tokens = line.split(None, place["D"])
         data_text = tokens[place["D"]] if len(tokens) > place["D"] else b""
