@@ -10,6 +10,7 @@ import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import reduce
 from math import isfinite
 from typing import Annotated, Any, NamedTuple
 
@@ -22,14 +23,16 @@ from .runs import Event, Excitation, RunStatus
 
 # Converts a finding to the form of journals, session files and status messages, and back ----------
 
+_TEXTS = ("code", "subject", "unit", "text", "advice")
+_FIGURES = ("value", "limit")
+"""Fields of a finding that are stored, besides `passed`."""
+
 
 def finding_record(finding: Finding) -> dict[str, Any]:
     """Return a finding as a JSON object; a figure that is not finite becomes 0."""
-    names = ("code", "passed", "subject", "value", "limit", "unit", "text", "advice")
-    record = {name: getattr(finding, name) for name in names}
-    return record | {
-        name: record[name] if isfinite(record[name]) else 0.0 for name in ("value", "limit")
-    }
+    figures = {name: getattr(finding, name) for name in _FIGURES}
+    record = {name: value if isfinite(value) else 0.0 for name, value in figures.items()}
+    return {**record, **{n: getattr(finding, n) for n in _TEXTS}, "passed": finding.passed}
 
 
 def read_finding(record: Any) -> Finding:
@@ -37,16 +40,9 @@ def read_finding(record: Any) -> Finding:
     if isinstance(record, Finding):
         return record
     try:
-        return Finding(
-            code=str(record["code"]),
-            severity=Severity.NOTE if record["passed"] else Severity.ERROR,
-            text=str(record["text"]),
-            subject=str(record["subject"]),
-            advice=str(record["advice"]),
-            value=float(record["value"]),
-            limit=float(record["limit"]),
-            unit=str(record["unit"]),
-        )
+        fields: dict[str, Any] = {name: str(record[name]) for name in _TEXTS}
+        fields |= {name: float(record[name]) for name in _FIGURES}
+        return Finding(severity=Severity.NOTE if record["passed"] else Severity.ERROR, **fields)
     except (KeyError, TypeError) as error:
         raise ValueError("not the record of a finding") from error
 
@@ -223,10 +219,7 @@ def parse_label(label: str) -> Step | None:
 
 def fold(events: Iterable[Event], log: RunLog | None = None) -> RunLog:
     """Return the log after these events."""
-    log = log or RunLog()
-    for event in events:
-        log = advance(log, event)
-    return log
+    return reduce(advance, events, log or RunLog())
 
 
 def advance(log: RunLog, event: Event) -> RunLog:
