@@ -3,7 +3,6 @@
 from .codec import UNUSABLE, Codec, DecodeCounts, MessageLayout, Quality, Samples
 from .database import load_codec, parse_codec, read_dbc, shipped_dbc
 from .frames import FrameBatch, FrameFlag
-from .units import to_si
 from .words import BumpbenchError, InputError, Severity, counted, csv_text, plural, seconds_text
 
 __all__ = [
@@ -26,5 +25,4 @@ __all__ = [
     "read_dbc",
     "seconds_text",
     "shipped_dbc",
-    "to_si",
 ]

@@ -485,9 +485,5 @@ def _nearest_raw(
     nearest = np.rint(raw)
     low, high = signal.raw_range
     if not np.all((nearest >= low) & (nearest < high + 1)):
-        lowest, highest = signal.span
-        raise ValueError(
-            f"{message}.{signal.name} cannot hold {value.min()} .. {value.max()}, "
-            f"only {lowest} .. {highest}"
-        )
+        raise ValueError(f"{message}.{signal.name} cannot hold {value.min()} .. {value.max()}")
     return nearest.astype(np.int64 if signal.is_signed else np.uint64).view(np.uint64).astype(">u8")

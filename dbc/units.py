@@ -6,8 +6,6 @@ import math
 from contextlib import suppress
 from dataclasses import dataclass
 
-from .words import InputError
-
 G_M_S2 = 9.80665
 """Standard gravity, exact by definition (CGPM 1901)."""
 
@@ -79,18 +77,6 @@ _SPELLINGS = {
 }
 """Other spellings of these units in public databases."""
 _UNIT_OF_SPELLING = {word: unit for unit, words in _SPELLINGS.items() for word in words.split()}
-
-
-def to_si(unit: str) -> SiUnit:
-    """Return the conversion of a DBC's unit to SI; an empty unit is that of plain numbers.
-
-    Raises InputError if the table does not hold the unit.
-    """
-    known = known_si(unit)
-    if known is None:
-        advice = "write it in the DBC as m/s2, g, deg/s, rad/s, mm or m"
-        raise InputError(f"unit {unit!r}", "not known", advice)
-    return known
 
 
 def known_si(unit: str) -> SiUnit | None:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dbc.codec import SignalLayout
-from dbc.units import G_M_S2, known_si, to_si
+from dbc.units import G_M_S2, known_si
 
 from ..channels import Quantity, message_of, sensor_of, signal_of
 from ..vehicle import Corner
@@ -125,9 +125,9 @@ class Candidate:
     corner_source: str
     """Evidence in words: name, end of the name, or message; empty without any."""
     span: float | None
-    """Difference of its highest and lowest valid value, in its unit; None if it is not stated."""
+    """Difference of its highest and lowest valid value, SI; None if it is not stated."""
     level: float | None
-    """Value at rest, in its unit; None if it was not measured."""
+    """Value at rest, SI; None if it was not measured."""
 
     @property
     def name(self) -> str:
@@ -157,7 +157,7 @@ class Candidate:
     @property
     def gravity_g(self) -> float | None:
         """Reading of an acceleration at rest, g."""
-        return None if self.level is None else self.level * to_si(self.unit).factor / G_M_S2
+        return None if self.level is None else self.level / G_M_S2
 
     @property
     def shows_push(self) -> bool:
@@ -178,9 +178,9 @@ def candidate(full: str, signal: SignalLayout, values: NDArray[np.float64]) -> C
         return None
     span = level = None
     if signal.limits is not None:
-        span = signal.limits[1] - signal.limits[0]
+        span = (signal.limits[1] - signal.limits[0]) * si.factor
     if len(values) >= FEWEST:
-        level = float(np.median(values))
+        level = float(np.median(values)) * si.factor
     corner, source = corner_by_name(signal.name, message_of(full)) or (None, "")
     return Candidate(full, si.unit, signal.unit, corner, source, span, level)
 
@@ -274,9 +274,8 @@ def _guess_rotation(s: Candidate) -> Guess:
 def _guess_length(s: Candidate) -> Guess | None:
     """Return a guess for a length that may be a travel; None for one of a radar or the road."""
     # Twice the reading at rest, because a span has both ends: -1 m to 1 m.
-    span = s.span if s.level is None else 2.0 * abs(s.level)
-    span_m = (span or 0.0) * to_si(s.unit).factor
-    if words(s.full) & _NO_TRAVEL or span_m > 2 * _FARTHEST_M:
+    span_m = s.span if s.level is None else 2.0 * abs(s.level)
+    if words(s.full) & _NO_TRAVEL or (span_m or 0.0) > 2 * _FARTHEST_M:
         return None
     if s.corner is not None:
         why = f"unit {s.unit}, corner by its {s.corner_source}"
@@ -366,6 +365,6 @@ def _travels(
     for s in lengths:
         guess = travels[s.full]
         if guess.quantity is Quantity.SUSPENSION_TRAVEL and s.level is not None:
-            tare = guess.sign * s.level * to_si(s.unit).factor  # is subtracted after the sign
+            tare = guess.sign * s.level  # is subtracted after the sign
             travels[s.full] = replace(guess, tare=tare)
     return travels
