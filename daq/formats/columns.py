@@ -225,36 +225,32 @@ def _form(path: Path) -> tuple[str, str, int, tuple[Column, ...]]:
         rows = [next(csv.reader([line], delimiter=separator), []) for line in lines[:2000]]
         first_full = next((i for i, row in enumerate(rows) if _is_data(row, separator)), None)
         if first_full is not None:
-            first_data = first_full  # lines above it with one value and gaps are data too
-            while first_data > 0 and _is_sparse_data(
-                rows[first_data - 1], separator, len(rows[first_full])
-            ):
+            first_data, n_cells = first_full, len(rows[first_full])
+            # Lines above it with as many cells, one value and else gaps, are data too.
+            while first_data > 0 and len(rows[first_data - 1]) == n_cells:
+                if _count_cells(rows[first_data - 1], separator)[:2] != (1, 1):
+                    break
                 first_data -= 1
             return encoding, separator, first_data, _headings(rows[:first_data], rows[first_full])
     what = "is not a table of numbers with ; tabulator or , between the columns"
     raise InputError(str(path), what, "name a file of channels, or export it with one of these")
 
 
+def _count_cells(row: Sequence[str], separator: str) -> tuple[int, int, int]:
+    """Return the numbers of filled cells of a line, of numbers or dates, and of numbers alone.
+
+    A comma that separates the columns cannot be in a number.
+    """
+    cells = [cell.strip() for cell in row if cell.strip()]
+    is_number = [bool(_NUMBER.match(c)) and (separator != "," or "," not in c) for c in cells]
+    n_dates = sum(bool(_DATE.match(cell)) for cell in cells)
+    return len(cells), sum(is_number) + n_dates, sum(is_number)
+
+
 def _is_data(row: Sequence[str], separator: str) -> bool:
     """Return whether a line has a number, and numbers or dates in two cells and in two thirds."""
-    cells = [cell.strip() for cell in row if cell.strip()]
-    numbers = sum(_is_number(cell, separator) for cell in cells)
-    dates = sum(bool(_DATE.match(cell)) for cell in cells)
-    two_thirds = (2 * len(cells) + 2) // 3  # rounded up
-    return len(row) > 1 and numbers > 0 and numbers + dates >= max(2, two_thirds)
-
-
-def _is_sparse_data(row: Sequence[str], separator: str, n_cells: int) -> bool:
-    """Return whether a line has this number of cells, one of them a number or date, else gaps."""
-    cells = [cell.strip() for cell in row if cell.strip()]
-    if len(row) != n_cells or len(cells) != 1:
-        return False
-    return _is_number(cells[0], separator) or bool(_DATE.match(cells[0]))
-
-
-def _is_number(cell: str, separator: str) -> bool:
-    """Return whether a cell is a number; a comma that separates the columns cannot be in it."""
-    return bool(_NUMBER.match(cell)) and (separator != "," or "," not in cell)
+    n_filled, n_values, n_numbers = _count_cells(row, separator)
+    return len(row) > 1 and n_numbers > 0 and n_values >= max(2, 2 / 3 * n_filled)
 
 
 def _headings(head: Sequence[Sequence[str]], data: Sequence[str]) -> tuple[Column, ...]:

@@ -48,22 +48,6 @@ class _Group:
     """Time of each record since the start of the file, s."""
 
 
-def read_mf4(file: BinaryIO, where: str, loss: LogLoss) -> Iterator[FrameBatch]:
-    """Read the CAN frames of an MF4 file block by block.
-
-    Buses count from 1 in MF4, and from 0 in `FrameBatch`; a file whose first block has a bus 0
-    counts from 0.  `where`: its name, for messages.  Raises InputError if it cannot be read, or
-    holds no CAN bus logging.
-    """
-    content: BinaryIO = file
-    is_unfinished = file.read(8) == b"UnFinMF "
-    file.seek(0)
-    if is_unfinished:  # the library writes to an unfinished file: to this copy
-        content = BytesIO(file.read())
-    with open_mdf(content, where) as mdf:
-        yield from _blocks(mdf, where, loss)
-
-
 @contextmanager
 def open_mdf(file: Path | BinaryIO, where: str) -> Iterator[Any]:
     """Open an MDF file with asammdf, to be used in a `with` statement.
@@ -90,30 +74,39 @@ def open_mdf(file: Path | BinaryIO, where: str) -> Iterator[Any]:
     raise InputError(where, what, "the file is damaged or cut off")
 
 
-def _blocks(mdf: Any, where: str, loss: LogLoss) -> Iterator[FrameBatch]:
-    """Yield the frames of all groups in order of time; see `read_mf4`."""
-    groups = list(_bus_logging(mdf, where, loss))
-    if not groups:
-        advice = "import decoded channels with --channels"
-        raise InputError(where, "holds no CAN bus logging", advice)
-    start_ns = round(mdf.header.start_time.timestamp() * 1e6) * 1000
-    # A time that goes back does not move the end of a block back.
-    rising_s = [np.maximum.accumulate(group.time_s) for group in groups]
-    ends_s = np.append(np.sort(np.concatenate(rising_s))[_BLOCK_FRAMES::_BLOCK_FRAMES], np.inf)
-    begins = [0] * len(groups)  # first record of each group that was not yet read
-    lowest_bus: int | None = None
-    for end_s in ends_s.tolist():
-        batches = []
-        for i, group in enumerate(groups):
-            end = int(np.searchsorted(rising_s[i], end_s, side="right"))
-            if end > begins[i]:
-                batches.append(_frames(mdf, group, slice(begins[i], end), start_ns, loss))
-                begins[i] = end
-        block = FrameBatch.concatenate(batches)
-        block = possible_frames(block.by_time() if len(batches) > 1 else block, loss)
-        if lowest_bus is None and len(block):
-            lowest_bus = int(block.bus.min())
-        yield block if lowest_bus == 0 else replace(block, bus=np.maximum(block.bus, 1) - 1)
+def read_mf4(file: BinaryIO, where: str, loss: LogLoss) -> Iterator[FrameBatch]:
+    """Read the CAN frames of an MF4 file block by block, those of all groups in order of time.
+
+    Buses count from 1 in MF4, and from 0 in `FrameBatch`; a file whose first block has a bus 0
+    counts from 0.  `where`: its name, for messages.  Raises InputError if it cannot be read, or
+    holds no CAN bus logging.
+    """
+    is_unfinished = file.read(8) == b"UnFinMF "
+    file.seek(0)
+    # The library writes to an unfinished file: it gets a copy.
+    with open_mdf(BytesIO(file.read()) if is_unfinished else file, where) as mdf:
+        groups = list(_bus_logging(mdf, where, loss))
+        if not groups:
+            advice = "import decoded channels with --channels"
+            raise InputError(where, "holds no CAN bus logging", advice)
+        start_ns = round(mdf.header.start_time.timestamp() * 1e6) * 1000
+        # A time that goes back does not move the end of a block back.
+        rising_s = [np.maximum.accumulate(group.time_s) for group in groups]
+        ends_s = np.append(np.sort(np.concatenate(rising_s))[_BLOCK_FRAMES::_BLOCK_FRAMES], np.inf)
+        begins = [0] * len(groups)  # first record of each group that was not yet read
+        lowest_bus: int | None = None
+        for end_s in ends_s.tolist():
+            batches = []
+            for i, group in enumerate(groups):
+                end = int(np.searchsorted(rising_s[i], end_s, side="right"))
+                if end > begins[i]:
+                    batches.append(_frames(mdf, group, slice(begins[i], end), start_ns, loss))
+                    begins[i] = end
+            block = FrameBatch.concatenate(batches)
+            block = possible_frames(block.by_time() if len(batches) > 1 else block, loss)
+            if lowest_bus is None and len(block):
+                lowest_bus = int(block.bus.min())
+            yield block if lowest_bus == 0 else replace(block, bus=np.maximum(block.bus, 1) - 1)
 
 
 def _bus_logging(mdf: Any, where: str, loss: LogLoss) -> Iterator[_Group]:
