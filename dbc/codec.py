@@ -63,8 +63,8 @@ class SignalLayout:
     @property
     def is_plain(self) -> bool:
         """True if its value is the raw number, unsigned and whole, and in every frame."""
-        as_it_is = (self.factor, self.offset) == (1, 0) and not self.is_float
-        return as_it_is and not self.is_signed and self.selector is None
+        is_raw = (self.factor, self.offset) == (1, 0) and self.selector is None
+        return is_raw and not self.is_float and not self.is_signed
 
     @property
     def first_bit(self) -> int:

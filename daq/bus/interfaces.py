@@ -23,7 +23,7 @@ from dbc.frames import LENGTH_ALLOWED, FrameBatch, FrameFlag
 from ..bench.config import BusConfig
 from .slcan import open_slcan
 from .socketcan import drop_counter, enlarge_buffer, keep_to_own_group, open_socketcan, socket_of
-from .source import BLOCK_FRAMES, GATHER_S, STEADY_CLOCK, BusError, FrameSource, HopLosses
+from .source import BLOCK_FRAMES, GATHER_S, REPLUG, STEADY_CLOCK, BusError, FrameSource, HopLosses
 
 # Converts python-can's messages to the columns of a block -----------------------------------------
 
@@ -222,8 +222,7 @@ class PythonCanSource:
                 if _is_fault(error) or self._garbled_in_a_row >= 10_000:
                     if received:
                         break  # the next call raises
-                    advice = "check plug and power, start again"
-                    raise BusError(self.name, f"has gone: {_reason(error)}", advice) from error
+                    raise BusError(self.name, f"has gone: {_reason(error)}", REPLUG) from error
                 self._garbled += 1
                 continue
             self._garbled_in_a_row = 0

@@ -19,7 +19,7 @@ import numpy as np
 
 from dbc.frames import FD_LENGTHS, FrameBatch, FrameFlag
 
-from .source import BLOCK_FRAMES, GATHER_S, STEADY_CLOCK, BusError, HopLosses
+from .source import BLOCK_FRAMES, GATHER_S, REPLUG, STEADY_CLOCK, BusError, HopLosses
 
 _KBIT_S = (10, 20, 50, 100, 125, 250, 500, 750, 1000, 83.3)
 BITRATE_CODES = {round(1000 * kbit_s): f"S{code}" for code, kbit_s in enumerate(_KBIT_S)}
@@ -144,9 +144,7 @@ class SlcanSource:
             except Exception as error:  # pyserial raises TypeError and termios.error, too
                 if pieces:
                     break  # the next call raises
-                raise BusError(
-                    self.name, f"has gone: {error}", "check plug and power, then start again"
-                ) from error
+                raise BusError(self.name, f"has gone: {error}", REPLUG) from error
             if not piece:
                 break
             read_ns.append(self._now_ns())

@@ -19,8 +19,6 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from functools import cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +29,7 @@ from .source import (
     BLOCK_FRAMES,
     GATHER_S,
     LONG_GATHER_S,
+    REPLUG,
     STEADY_CLOCK,
     BusError,
     HopLosses,
@@ -88,37 +87,21 @@ class FrameBuffers:
         self.headers["control"] = self.control.ctypes.data + row * _CONTROL_WORDS * _WORD
         self.headers["control_bytes"] = _CONTROL_WORDS * _WORD
         self._address = self.headers.ctypes.data
+        self._recvmmsg = ctypes.CDLL(None, use_errno=True).recvmmsg
+        number, address = ctypes.c_int, ctypes.c_void_p
+        self._recvmmsg.argtypes = (number, address, ctypes.c_uint, number, address)
 
     def receive(self, descriptor: int) -> int:
         """Read the datagrams that a socket has queued into the first rows; return their number.
 
         Raises the kernel's OSError; BlockingIOError if nothing is queued.
         """
-        count: int = _libc().recvmmsg(
-            descriptor, self._address, len(self.headers), socket.MSG_DONTWAIT, None
-        )
+        n, dont_wait = len(self.headers), socket.MSG_DONTWAIT
+        count: int = self._recvmmsg(descriptor, self._address, n, dont_wait, None)
         if count < 0:
             code = ctypes.get_errno()
             raise OSError(code, os.strerror(code))
         return count
-
-
-@cache
-def _libc() -> Any:
-    libc = ctypes.CDLL(None, use_errno=True)
-    number, address = ctypes.c_int, ctypes.c_void_p
-    libc.recvmmsg.argtypes = (number, address, ctypes.c_uint, number, address)
-    return libc
-
-
-def kernel_stamps(words: NDArray[np.int64], used: NDArray[np.uintp]) -> NDArray[np.int64]:
-    """Return the kernel's stamps, ns, 0 where there is none, (n,).
-
-    `words`, (n, 4) int64: the control message of each datagram.  `used`, (n,): number of bytes that
-    the kernel wrote there.
-    """
-    is_stamp = (words[:, 1] == _STAMP) & (words[:, 0] >= 4 * _WORD) & (used >= 4 * _WORD)
-    return np.asarray((words[:, 2] * 1_000_000_000 + words[:, 3]) * is_stamp)
 
 
 def frame_columns(
@@ -176,9 +159,8 @@ def enlarge_buffer(sock: socket.socket) -> int:
 
     More than `net.core.rmem_max` needs a privilege.
     """
-    for option in (
-        (socket.SO_RCVBUF, _SO_RCVBUFFORCE) if sys.platform == "linux" else (socket.SO_RCVBUF,)
-    ):
+    options = [socket.SO_RCVBUF, *[_SO_RCVBUFFORCE] * (sys.platform == "linux")]
+    for option in options:
         with suppress(OSError):
             sock.setsockopt(socket.SOL_SOCKET, option, RECEIVE_BUFFER_BYTES)
     # The kernel doubles the size for its own bookkeeping, and returns the double.
@@ -262,8 +244,7 @@ class SocketCanSource:
             self._losses = self._losses.plus(HopLosses(dropped))
         if self._fault and not count:
             problem = f"has gone: {self._fault.strerror}"
-            advice = "check plug and power, then start again"
-            raise BusError(self.name, problem, advice) from self._fault
+            raise BusError(self.name, problem, REPLUG) from self._fault
         batch = self._batch(count) if count else FrameBatch.empty()
         # Frames in the block in which it was taken down came before.
         self._is_down = was_taken_down or (self._is_down and not len(batch))
@@ -302,10 +283,12 @@ class SocketCanSource:
 
     def _batch(self, count: int) -> FrameBatch:
         """Return the frames among the first datagrams as a batch."""
-        buffers, used = self._buffers, self._buffers.headers["control_bytes"][:count]
-        kernel_ns = kernel_stamps(buffers.control[:count], used)
-        used[:] = _CONTROL_WORDS * _WORD
-        is_stamped = kernel_ns != 0
+        buffers, control_bytes = self._buffers, _CONTROL_WORDS * _WORD
+        words, used_bytes = buffers.control[:count], buffers.headers["control_bytes"][:count]
+        is_stamped = (words[:, 1] == _STAMP) & (words[:, 0] >= control_bytes)
+        is_stamped &= used_bytes >= control_bytes
+        used_bytes[:] = control_bytes  # for the next call
+        kernel_ns = (words[:, 2] * 1_000_000_000 + words[:, 3]) * is_stamped
         t_ns = self._steady_clock.from_wall(kernel_ns)
         if np.count_nonzero(is_stamped) < count:
             t_ns = np.where(is_stamped, t_ns, self._steady_clock.now_ns())

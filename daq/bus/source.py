@@ -32,6 +32,10 @@ LONG_GATHER_S = 0.06
 of our size: a block of a full bus then has 540 frames."""
 
 
+REPLUG = "check plug and power, then start again"
+"""Advice for a bus that was lost."""
+
+
 class BusError(BumpbenchError, OSError):
     """A CAN bus that cannot be opened or was lost."""
 
