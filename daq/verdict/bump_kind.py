@@ -17,7 +17,7 @@ from ..bumps import Wheels, kinds_of
 from ..channels import Quantity
 from ..runs import Excitation
 from ..vehicle import Corner
-from .checks import of_quantity
+from .checks import STRIKE_S, of_quantity
 from .window import Trace
 from .words import finding
 
@@ -27,8 +27,6 @@ ones through body and anti-roll bars, and the struck ones differ by a third at m
 BODY_PURITY = 0.65
 """Least likeness from the body alone, whose motions mix: pitch and roll come with heave.  Simulated
 cars show 0.86 and more for the right bump, 0.53 and less for a wrong one."""
-STRIKE_S = 0.1
-"""Time after the bump that belongs to the strike, s: the wheels' first swing."""
 _GRID_S = 0.002
 """Spacing of the body's speeds, s."""
 _TINY = 1e-12

@@ -24,8 +24,8 @@ from ..samples.mapping import SampleBlock, trigger_channels
 from .window import BEFORE_S, RunWindow, Trace, kind_of, largest_peaks, traces
 from .words import finding
 
-LOST_SHARE = 0.02
-"""Largest share of lost frames: a loose plug loses most of them while the car moves most."""
+LOST_RATIO = 0.02
+"""Largest ratio of lost to sent frames: a loose plug loses most while the car moves most."""
 WEAK_LEVELS = 2.0
 """Least ratio of the peak to the trigger's level, which a mere touch may reach."""
 WEAK_NOISE = 10.0
@@ -33,16 +33,16 @@ WEAK_NOISE = 10.0
 STRONG_HEIGHTS = 1.5
 """Largest ratio of the suspension's travel to the planned height of a bump: bumps of that height
 move it by 0.8 to 1.0 times the height, and half more reaches bump stops and lifts wheels."""
-LEFT_SHARE = 0.15
+END_RATIO = 0.15
 """Largest ratio of the motion at the end to the peak: with more motion left, the identification
 would fit a wave that was cut in the middle."""
 END_S = 0.5
 """Time over which the remaining motion is taken, s: half a period of a body at 1 Hz."""
-STRUCK_S = 0.1
-"""Time over which the energy of a strike is taken, s: one period of the wheels."""
-STRUCK_GUARD_S = 0.25
+STRIKE_S = 0.1
+"""Duration of a strike, s: one period of the wheels, over which its energy is taken."""
+STRIKE_GUARD_S = 0.25
 """Time after the bump that belongs to the same strike, s: a wheel in the air lands in it."""
-STRUCK_SHARE = 0.25
+STRIKE_RATIO = 0.25
 """Ratio of envelopes, second strike to first; on the hubs the body's swing shows less."""
 _GRID_S = 0.005
 """Step of the times at which the envelope of a strike is taken, s."""
@@ -65,33 +65,31 @@ _SLOW = (
 
 def stale(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterator[Finding]:
     """Find messages that were silent, and channels without a value, for a part of the run."""
-    judged_ns = _best_of_message(bench, window)  # time stamps by message, and by channel below
+    stamps_ns = _stamps_of_messages(bench, window)  # by message, and by channel below
     for channel in bench.channels:
         t_ns = _usable_ns(window, channel)
-        of_message_ns = judged_ns.get(_message(channel), ())
+        of_message_ns = stamps_ns.get(_message(channel), ())
         # Without a tenth of the values of its message, a channel is judged separately.
         if channel.quantity is not Quantity.UNUSED and len(t_ns) < 0.9 * len(of_message_ns):
-            judged_ns[channel.name] = t_ns
+            stamps_ns[channel.name] = t_ns
     span_s = -bench.trigger.pre_s, bench.trigger.post_s
-    silence = {
+    silences = {
         name: longest_silence((t_ns - window.bump_ns) * 1e-9, *span_s)
-        for name, t_ns in judged_ns.items()
+        for name, t_ns in stamps_ns.items()
     }
-    if not silence:
+    if not silences:
         return
-    worst = max(silence, key=lambda name: silence[name].length_s / silence[name].limit_s)
-    gap_s, limit_s = silence[worst].length_s, silence[worst].limit_s
-    silent = [name for name, each in silence.items() if each.is_stale]
-    all_messages = f"all {len(silence)} messages"
+    worst = max(silences, key=lambda name: silences[name].length_s / silences[name].limit_s)
+    gap_s, limit_s = silences[worst].length_s, silences[worst].limit_s
+    silent = [name for name, silence in silences.items() if silence.is_stale]
+    all_messages = f"all {len(silences)} messages" if len(silences) > 1 else "the one message"
     if silent:
-        who = all_messages if len(silent) == len(silence) > 1 else ", ".join(silent)
-        were = plural(len(silent), "was", "were")
-        text = f"{who} {were} silent or without a usable value for {gap_s:.2f} s"
-        text += f" (limit {limit_s:.2f} s)"
+        who = all_messages if len(silent) == len(silences) > 1 else ", ".join(silent)
+        text = f"{who} {plural(len(silent), 'was', 'were')} silent or without a usable value for "
+        text += f"{gap_s:.2f} s (limit {limit_s:.2f} s)"
         yield finding("stale", False, gap_s, limit_s, "s", text, worst)
     else:
-        who = all_messages if len(silence) > 1 else "the one message"
-        text = f"{who} came; longest silence {gap_s * 1e3:.0f} ms ({worst})"
+        text = f"{all_messages} came; longest silence {gap_s * 1e3:.0f} ms ({worst})"
         yield finding("stale", True, gap_s, limit_s, "s", text)
 
 
@@ -101,14 +99,14 @@ def _usable_ns(window: RunWindow, channel: Channel) -> NDArray[np.int64]:
     return t_ns[np.isfinite(value)]
 
 
-def _best_of_message(bench: Bench, window: RunWindow) -> dict[str, NDArray[np.int64]]:
-    """Return the time stamps of the channel with the most usable samples of each message."""
-    best: dict[str, NDArray[np.int64]] = {}
+def _stamps_of_messages(bench: Bench, window: RunWindow) -> dict[str, NDArray[np.int64]]:
+    """Return by message the time stamps of that of its channels with the most usable samples."""
+    stamps_ns: dict[str, NDArray[np.int64]] = {}
     for channel in bench.channels:
         name, t_ns = _message(channel), _usable_ns(window, channel)
-        if channel.quantity is not Quantity.UNUSED and len(t_ns) >= len(best.get(name, ())):
-            best[name] = t_ns
-    return best
+        if channel.quantity is not Quantity.UNUSED and len(t_ns) >= len(stamps_ns.get(name, ())):
+            stamps_ns[name] = t_ns
+    return stamps_ns
 
 
 def _message(channel: Channel) -> str:
@@ -119,8 +117,8 @@ def _message(channel: Channel) -> str:
 def lost_frames(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterator[Finding]:
     """Compare missing with received frames; judge a gap in the wheels' motion separately."""
     lost = window.losses.measured
-    received = sum(map(len, _best_of_message(bench, window).values()))
-    share = lost / max(lost + received, 1)
+    received = sum(map(len, _stamps_of_messages(bench, window).values()))
+    ratio = lost / max(lost + received, 1)
     gap_s, limit_s, name = 0.0, longest_gap_s(0.0), ""  # the worst gap, relative to its limit
     for trace in signals:
         time_s = trace.time_s
@@ -135,18 +133,18 @@ def lost_frames(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> 
         widest_s = float(np.max(gaps_s, initial=0.0))
         if widest_s / allowed_s > gap_s / limit_s:
             gap_s, limit_s, name = widest_s, allowed_s, trace.name
-    if gap_s > limit_s and share <= LOST_SHARE:
+    if gap_s > limit_s and ratio <= LOST_RATIO:
         text = f"no sample of {name} for {gap_s * 1e3:.0f} ms (limit {limit_s * 1e3:.0f}) "
         text += "while the wheels moved"
         yield finding("lost_frames", False, gap_s, limit_s, "s", text, name)
         return
-    text = f"{window.losses.words or '0 frames lost'}, {share:.1%} (limit {LOST_SHARE:.0%})"
-    yield finding("lost_frames", share <= LOST_SHARE, share, LOST_SHARE, "", text)
+    text = f"{window.losses.words or '0 frames lost'}, {ratio:.1%} (limit {LOST_RATIO:.0%})"
+    yield finding("lost_frames", ratio <= LOST_RATIO, ratio, LOST_RATIO, "", text)
 
 
 def overload(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterator[Finding]:
     """Find tops that were cut; on the bump itself they are harmless."""
-    overloaded = []  # names of channels, on the bump or later
+    overloaded = []  # names of the channels that are cut on the bump or later
     passed = True
     for trace in signals:
         is_cut = np.zeros(len(trace.value), bool)
@@ -180,18 +178,16 @@ def frozen(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Itera
     """
     holds = [longest_hold(t.time_s, t.value, -BEFORE_S, bench.campaign.bump_s) for t in signals]
     all_constant = all(hold.constant for hold in holds)
+    rates_of_kind: dict[str, float] = {}  # largest rate of the channels that change
+    for trace, hold in zip(signals, holds, strict=True):
+        if hold.decay_rate > 0.0:
+            kind = kind_of(trace.channel)
+            rates_of_kind[kind] = max(hold.decay_rate, rates_of_kind.get(kind, 0.0))
     frozen_channels = []  # length of the hold, s, and name
     for trace, hold in zip(signals, holds, strict=True):
-        # Share of samples at which a healthy channel changes, NaN if that is unknown.
         kind, healthy_rate = kind_of(trace.channel), hold.rest_rate
         if hold.constant or np.isnan(healthy_rate):
-            rates_of_kind = [
-                other.decay_rate
-                for t, other in zip(signals, holds, strict=True)
-                if kind_of(t.channel) == kind and other.decay_rate > 0.0
-            ]
-            without_others = nan if all_constant else 1.0
-            healthy_rate = max(rates_of_kind, default=without_others)
+            healthy_rate = rates_of_kind.get(kind, nan if all_constant else 1.0)
             if kind.startswith("rad"):
                 healthy_rate = nan
         if hold.is_frozen(healthy_rate):
@@ -223,12 +219,12 @@ def not_at_rest(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> 
         t.name: max(3.0 * t.noise, 0.03 * largest[kind_of(t.channel)], 1e-9)
         for t in signals
     }
-    worst = max(signals, key=lambda trace: trace.moved / limits[trace.name])
+    worst = max(signals, key=lambda trace: trace.rest_rms / limits[trace.name])
     limit, unit = limits[worst.name], worst.channel.unit
-    text = f"before the bump {worst.name} moved by {_size_text(worst.moved, unit)} RMS "
+    text = f"before the bump {worst.name} moved by {_size_text(worst.rest_rms, unit)} RMS "
     text += f"(limit {_size_text(limit, unit)})"
-    passed = worst.moved <= limit
-    yield finding("not_at_rest", passed, worst.moved, limit, unit, text, worst.name)
+    passed = worst.rest_rms <= limit
+    yield finding("not_at_rest", passed, worst.rest_rms, limit, unit, text, worst.name)
 
 
 def _size_text(value: float, unit: str) -> str:
@@ -274,34 +270,34 @@ def double_bump(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> 
     judged = hubs or of_quantity(signals, Quantity.BODY_ACCELERATION) or signals
     largest = largest_peaks(signals)
     # The push down and the release are one strike.
-    guard_s = 1.0 if bench.campaign.method is Method.PUSH else STRUCK_GUARD_S
+    guard_s = 1.0 if bench.campaign.method is Method.PUSH else STRIKE_GUARD_S
     strikes = [
         (*second_strike(trace, bench.campaign.bump_s + guard_s), trace.name)
         for trace in judged
         if trace.peak > 0.2 * largest[kind_of(trace.channel)]  # less shows no strike
     ]
-    share, onset_s, name = max(strikes, default=(0.0, 0.0, ""))  # the largest share
-    if share > STRUCK_SHARE:
-        text = f"second bump at +{onset_s:.2f} s: {name} with {share:.0%} of the first (limit "
-        text += f"{STRUCK_SHARE:.0%})"
-        yield finding("double_bump", False, share, STRUCK_SHARE, "", text, name)
+    ratio, onset_s, name = max(strikes, default=(0.0, 0.0, ""))
+    if ratio > STRIKE_RATIO:
+        text = f"second bump at +{onset_s:.2f} s: {name} with {ratio:.0%} of the first (limit "
+        text += f"{STRIKE_RATIO:.0%})"
+        yield finding("double_bump", False, ratio, STRIKE_RATIO, "", text, name)
     else:
-        text = f"one bump; nothing rises to more than {share:.0%} of it again"
-        yield finding("double_bump", True, share, STRUCK_SHARE, "", text)
+        text = f"one bump; nothing rises to more than {ratio:.0%} of it again"
+        yield finding("double_bump", True, ratio, STRIKE_RATIO, "", text)
 
 
 def second_strike(trace: Trace, guard_s: float) -> tuple[float, float]:
     """Return the ratio of a second strike to the first, and its time, s; 0 if there is none.
 
     `guard_s`: time from the first strike in which motion belongs to it, s.  The envelope, the RMS
-    over `STRUCK_S`, of wheels that swing freely only decays: a rise is a strike.
+    over `STRIKE_S`, of wheels that swing freely only decays: a rise is a strike.
     """
     grid_s = np.arange(0.0, trace.time_s[-1], _GRID_S)
-    if len(grid_s) * _GRID_S < guard_s + 2 * STRUCK_S:
+    if len(grid_s) * _GRID_S < guard_s + 2 * STRIKE_S:
         return 0.0, 0.0
     wheel_motion = _without_body(trace)
     energy = np.concatenate([[0.0], np.cumsum(wheel_motion**2)])
-    begins, ends = np.searchsorted(trace.time_s, [grid_s - STRUCK_S / 2, grid_s + STRUCK_S / 2])
+    begins, ends = np.searchsorted(trace.time_s, [grid_s - STRIKE_S / 2, grid_s + STRIKE_S / 2])
     envelope = np.sqrt((energy[ends] - energy[begins]) / np.maximum(ends - begins, 1))
     # The first strike is where the envelope reaches half of its maximum; the guard follows it.
     guard_end = int(np.argmax(envelope > 0.5 * envelope.max())) + round(guard_s / _GRID_S)
@@ -313,7 +309,7 @@ def second_strike(trace: Trace, guard_s: float) -> tuple[float, float]:
         return 0.0, 0.0
     # The envelope looks ahead; the strike itself is where the signal reaches half of its maximum.
     onset_s, highest_s = grid_s[guard_end + np.array([np.argmax(risen > 0.0), np.argmax(risen)])]
-    is_near = (trace.time_s > onset_s - STRUCK_S) & (trace.time_s < highest_s + STRUCK_S)
+    is_near = (trace.time_s > onset_s - STRIKE_S) & (trace.time_s < highest_s + STRIKE_S)
     size = np.where(is_near, np.abs(wheel_motion), 0.0)
     return float(risen.max() / first_peak), float(trace.time_s[np.argmax(size > size.max() / 2)])
 
@@ -323,8 +319,8 @@ def _without_body(trace: Trace) -> NDArray[np.float64]:
     n = round(0.15 / max(float(np.median(np.diff(trace.time_s))), 1e-4))  # samples of a mean
     if n < 3:
         return trace.value
-    total = np.cumsum(np.pad(trace.value, (n // 2 + 1, n - 1 - n // 2), mode="edge"))
-    return np.asarray(trace.value - (total[n:] - total[:-n]) / n)
+    padded = np.pad(trace.value, (n // 2, n - 1 - n // 2), mode="edge")
+    return np.asarray(trace.value - np.convolve(padded, np.full(n, 1.0 / n), "valid"))
 
 
 def too_strong(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterator[Finding]:
@@ -342,10 +338,10 @@ def too_strong(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> I
 def not_decayed(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterator[Finding]:
     """Compare the motion at the end of the run with the peak."""
     end_s = bench.trigger.post_s
-    share, name = _remaining(signals, end_s)
-    if share is not None:
-        text = f"{share:.0%} of the motion left after {end_s:g} s ({name}; limit {LEFT_SHARE:.0%})"
-        yield finding("not_decayed", share <= LEFT_SHARE, share, LEFT_SHARE, "", text, name)
+    ratio, name = _remaining(signals, end_s)
+    if ratio is not None:
+        text = f"{ratio:.0%} of the motion left after {end_s:g} s ({name}; limit {END_RATIO:.0%})"
+        yield finding("not_decayed", ratio <= END_RATIO, ratio, END_RATIO, "", text, name)
 
 
 def peak_left(
@@ -372,8 +368,8 @@ def _remaining(signals: tuple[Trace, ...], now_s: float) -> tuple[float | None, 
     if peak < WEAK_NOISE:
         return None, ""
     amplitudes = [_amplitude(t, now_s) / unit for t, unit in zip(slow, units, strict=True)]
-    share = float(np.linalg.norm(amplitudes)) / peak
-    return min(share, 1.0), slow[int(np.argmax(amplitudes))].name
+    ratio = float(np.linalg.norm(amplitudes)) / peak
+    return min(ratio, 1.0), slow[int(np.argmax(amplitudes))].name
 
 
 def _amplitude(trace: Trace, now_s: float) -> float:

@@ -60,7 +60,7 @@ class Trace:
     noise: float
     """Standard deviation of white noise, from the differences of neighbouring samples before the
     bump, which slow motion does not affect."""
-    moved: float
+    rest_rms: float
     """RMS before the bump, SI."""
 
     @property
@@ -103,8 +103,8 @@ def traces(channels: Iterable[Channel], window: RunWindow) -> tuple[Trace, ...]:
         # The variance of a difference of neighbours is twice that of a sample.
         noise = float(np.std(np.diff(rest)) / np.sqrt(2.0)) if len(rest) > 2 else 0.0
         deviation = read_only(np.asarray(value - level, dtype=np.float64))
-        moved = float(np.std(rest))
-        judged.append(Trace(channel, read_only(time_s), deviation, noise, moved))
+        rest_rms = float(np.std(rest))
+        judged.append(Trace(channel, read_only(time_s), deviation, noise, rest_rms))
     return tuple(judged)
 
 

@@ -467,7 +467,7 @@ def second_bump(estimation: Estimation) -> Cause | None:
 
     Free wheels only decay.  Up to the second bump the decays must fit.
     """
-    from daq.verdict.checks import STRUCK_GUARD_S, STRUCK_S, STRUCK_SHARE, second_strike
+    from daq.verdict.checks import STRIKE_GUARD_S, STRIKE_RATIO, STRIKE_S, second_strike
     from daq.verdict.window import Trace  # both with the bench, which is slow to import
 
     ends_s, struck, noise = [], [], estimation.noise
@@ -476,7 +476,7 @@ def second_bump(estimation: Estimation) -> Cause | None:
         if onset is None:
             ends_s.append(end_s)
             continue
-        guard_s = (record.bump_s if np.isfinite(record.bump_s) else _BUMP_S) + STRUCK_GUARD_S
+        guard_s = (record.bump_s if np.isfinite(record.bump_s) else _BUMP_S) + STRIKE_GUARD_S
         strikes = [(0.0, 0.0, "")]
         for r in record.recordings:
             for channel, column in zip(r.group.channels, r.values.T, strict=True):
@@ -485,8 +485,8 @@ def second_bump(estimation: Estimation) -> Cause | None:
                     trace = Trace(channel, r.time_s - onset, value, noise[channel.name], 0.0)
                     strikes.append((*second_strike(trace, guard_s), channel.name))
         strength, strike_s, name = max(strikes)
-        if strength > STRUCK_SHARE:
-            end_s = onset + strike_s - STRUCK_S
+        if strength > STRIKE_RATIO:
+            end_s = onset + strike_s - STRIKE_S
             struck.append(f"{name} in {record.label} at +{strike_s:.2f} s")
         ends_s.append(end_s)
     sizes = f"in {len(struck)} of {counted(len(ends_s), 'run')}: {listed(struck)}"

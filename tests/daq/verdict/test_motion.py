@@ -244,7 +244,7 @@ def test_a_trace_is_the_deviation_from_rest() -> None:
     value[T_S == 1.0] = -8.0
     (trace,) = seen({TRAVEL: value})
     assert trace.peak == 9.0
-    assert trace.moved == pytest.approx(np.sqrt(8 / 9), rel=1e-3)
+    assert trace.rest_rms == pytest.approx(np.sqrt(8 / 9), rel=1e-3)
     assert trace.noise == pytest.approx(2 * np.sqrt(2 / 3) / np.sqrt(2), rel=2e-3)
     assert list(trace.part(-0.001, 0.002)) == [0.0, 6.0, 0.0]
     assert replace(trace, noise=0.0).rms(0.0, 0.004) == 3.0
