@@ -26,6 +26,7 @@ from daq.control.messages import (
     Configure,
     Hello,
     Live,
+    Mark,
     Note,
     Order,
     Reply,
@@ -37,7 +38,7 @@ from daq.control.messages import (
 )
 from dbc.words import printable
 
-from .campaign import SCREEN_OF, BenchStep, in_run, progress, waits_unarmed
+from .campaign import BenchStep, in_run, is_marked, progress, waits_unarmed
 from .device import THEMES, KeyboardApp
 from .feed import Lanes, Lost, News, RecorderFeed, Role
 from .widgets import Confirm, HelpScreen, LinkScreen, Question
@@ -102,7 +103,8 @@ class BenchApp(KeyboardApp):
     """Seconds for which a message stands: the operator may be at the car."""
     HORIZONTAL_BREAKPOINTS = _WIDTHS
     SCREENS: ClassVar[dict[str, Callable[[], Screen[Any]]]] = {
-        name: partial(_new_screen, name) for name in (*SCREEN_OF.values(), "results")
+        name: partial(_new_screen, name)
+        for name in (*(step.screen for step in BenchStep), "results")
     }
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("x", "start_recorder", "Start recorder"),
@@ -144,7 +146,6 @@ class BenchApp(KeyboardApp):
         """The bench in force; None until the recorder has sent it."""
         self.bench_text = ""
         self._news: deque[News] = deque(maxlen=MOST_NEWS)  # not processed yet
-        self._role = Role(False)  # the newest, maybe not processed yet
         self._has_begun = False  # once the first screen of the campaign has been chosen
         self._asks_setup = False  # while the operator decides on a recorder of another setup
         self._wanted_setup = wanted
@@ -165,8 +166,8 @@ class BenchApp(KeyboardApp):
 
     def post(self, news: News) -> None:
         """Queue news; called from the feed's thread."""
-        if isinstance(news, Role):
-            self._role = news
+        if isinstance(news, Role):  # at once: of too many news some are not kept
+            self.in_control = news.in_control
         self._news.append(news)
         if len(self._news) == 1:  # one message handles all that is queued
             with suppress(RuntimeError):  # the app has just ended
@@ -197,7 +198,6 @@ class BenchApp(KeyboardApp):
                 self._publish(RecorderLost())
                 if isinstance(self.screen, ModalScreen) and not news.starting:
                     self.warn("RECORDER LOST: Esc, then X = start it again")
-        self.in_control = self._role.in_control
         if status is not None:
             await self._process_status(status)
         if has_samples:
@@ -307,6 +307,11 @@ class BenchApp(KeyboardApp):
             return False
         return text == self.bench_text or await self.ask(Configure(text)) is not None
 
+    async def finish(self, step: BenchStep) -> bool:
+        """Mark a step as done unless it is; return False if the recorder has refused that."""
+        is_done = self.status is not None and is_marked(self.status, step)
+        return is_done or await self.ask(Mark(step.mark)) is not None
+
     def warn(self, text: str) -> None:
         """Show the operator a warning above the keys, in place of the message before."""
         self.clear_notifications()
@@ -326,7 +331,7 @@ class BenchApp(KeyboardApp):
 
     async def go_to(self, step: BenchStep) -> None:
         """Show the screen of a step."""
-        await self.open(SCREEN_OF[step])
+        await self.open(step.screen)
 
     async def open(self, name: str) -> Any:
         """Show a screen by its name, and return it; it keeps what was typed into it."""
@@ -370,10 +375,6 @@ class BenchApp(KeyboardApp):
             return
         pages = (getattr(screen, "HELP_PAGE", "") for screen in reversed(self.screen_stack))
         self.push_screen(HelpScreen(next(filter(None, pages), "home")))
-
-    def action_help_quit(self) -> None:
-        """Say what closes the terminal; Ctrl+C only copies text that is selected."""
-        self.inform("Ctrl+Q closes the terminal; the recording continues")
 
     async def action_quit(self) -> None:
         """Close the terminal; say below it how to come back and how to end the recorder."""

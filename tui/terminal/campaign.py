@@ -36,16 +36,13 @@ class BenchStep(IntEnum):
         """Mark in the recording with which a person confirms that the step is done."""
         return f"step {self.name.lower()} done"
 
+    @property
+    def screen(self) -> str:
+        """Name of its screen; the steps with bumps share one."""
+        return "home" if self in _WITH_BUMPS else self.name.lower()
 
-SCREEN_OF = {
-    BenchStep.VEHICLE: "vehicle",
-    BenchStep.CHECK: "check",
-    BenchStep.BASELINE: "home",
-    BenchStep.MASSES: "masses",
-    BenchStep.ADDED: "home",
-    BenchStep.IDENTIFY: "identify",
-    BenchStep.REPORT: "report",
-}
+
+_WITH_BUMPS = (BenchStep.BASELINE, BenchStep.ADDED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,20 +132,15 @@ RUNNING = (Phase.TRIGGERED, Phase.DECAY)
 
 
 def shown_obstacle(status: Status) -> Alarm | None:
-    """Return the obstacle that is shown instead of the state; None while a verdict is shown."""
+    """Return the gravest alarm that would spoil the next run; it is shown instead of the state.
+
+    None while a run is recorded or its verdict is shown, or where no run is due.
+    """
     # The countdown after an accepted run ends by the time in the frames: without any it stays.
     shows_verdict = status.phase is Phase.REJECTED or (
         status.phase is Phase.ACCEPTED and not frames_stand_still(status)
     )
-    return None if shows_verdict else obstacle(status)
-
-
-def obstacle(status: Status) -> Alarm | None:
-    """Return the gravest alarm that would spoil the next run; None without one.
-
-    There is none while a run is recorded, or where no run is due.
-    """
-    if status.due is None or status.phase in RUNNING:
+    if status.due is None or status.phase in RUNNING or shows_verdict:
         return None
     sensors_lack = status.sensors_alive < status.sensors_expected
     for alarm in status.alarms:  # the gravest first
@@ -179,7 +171,6 @@ def cause_words(alarm: Alarm) -> tuple[str, str, str]:
 
 BUSY = (Phase.WAITING, Phase.ARMED, Phase.TRIGGERED, Phase.DECAY)
 """Phases from the order to arm to the verdict."""
-_WITH_BUMPS = (BenchStep.BASELINE, BenchStep.ADDED)
 
 
 @dataclass(frozen=True, slots=True)

@@ -39,8 +39,6 @@ class LaneChart(Widget):
         self._rows: list[str] = []
         self._ranges: dict[str, float] = {}
         """Value at the upper edge of each scale, in the unit of its lanes."""
-        self._rest_values: dict[str, float] = {}
-        """Value at rest of each channel, SI."""
 
     @property
     def room(self) -> int:
@@ -58,7 +56,7 @@ class LaneChart(Widget):
             lane_rows = min(height // len(specs), 3 * LANE_ROWS)
             trigger = None if window.trigger is None else int(window.trigger * columns)
             traces = [self._trace(lanes, spec, window) for spec in specs]
-            self._share_scales(specs, [peak for *_, peak in traces])
+            self._fit_ranges(specs, [peak for *_, peak in traces])
             for spec, traced in zip(specs, traces, strict=True):
                 canvas = columns, lane_rows
                 rows += self._lane(spec, traced, canvas, trigger, spec.channel in overloaded)
@@ -112,35 +110,26 @@ class LaneChart(Widget):
             rows.append(f"{label}{self._glyphs.axis}{cells} {figure}")
         return rows
 
-    def _share_scales(self, specs: Sequence[LaneSpec], peaks: Sequence[float]) -> None:
-        """Find the range of each scale from the peaks of all lanes that share it."""
+    def _fit_ranges(self, specs: Sequence[LaneSpec], peaks: Sequence[float]) -> None:
+        """Fit the range of each scale to the highest peak of its lanes; NaN is a lane without."""
         highest: dict[str, float] = {}  # peak of each scale
         for spec, peak in zip(specs, peaks, strict=True):
-            highest[spec.scale] = max(highest.get(spec.scale, 0.0), peak if isfinite(peak) else 0.0)
+            highest[spec.scale] = float(np.fmax(highest.get(spec.scale, 0.0), peak))
         for spec in specs:
             previous = self._ranges.get(spec.scale, 0.0)
             self._ranges[spec.scale] = full_scale(highest[spec.scale], spec.least_range, previous)
 
-    def _trace(self, lanes: Lanes, spec: LaneSpec, window: Window) -> Traced:
-        """Return the trace of a channel about its value at rest, in the unit of its lane."""
+    @staticmethod
+    def _trace(lanes: Lanes, spec: LaneSpec, window: Window) -> Traced:
+        """Return the trace of a channel about its median, taken as rest, in the lane's unit."""
         low, high = lanes.window(spec.channel, window.first_bin, window.count)
         middles = (low + high) / 2.0
         known_middles = middles[np.isfinite(middles)]
         if not known_middles.size:
             return low, high, nan
-        rest_value = self._rest_value(spec, float(np.median(known_middles)))
+        rest_value = float(np.median(known_middles))
         low, high = (low - rest_value) * spec.factor, (high - rest_value) * spec.factor
         return low, high, float(max(np.nanmax(high), -np.nanmin(low)))
-
-    def _rest_value(self, spec: LaneSpec, median: float) -> float:
-        """Return the value at rest of a channel, SI: the median of the window, but in steps.
-
-        It follows once the median is a tenth of the least range away: else the trace would tremble.
-        """
-        value = self._rest_values.get(spec.channel)
-        if value is None or abs(median - value) * spec.factor > 0.1 * spec.least_range:
-            self._rest_values[spec.channel] = value = median
-        return value
 
 
 def _decimals(scale: float) -> int:

@@ -23,8 +23,6 @@ FEWEST_PASSES = 2
 """Number of waits for one key: one after the key itself, one after the messages of its action."""
 LOCK_OUT_S = 0.3
 """Time between two presses, s, below which a key counts as held: keyboards repeat faster."""
-_KEYBOARD_KEYS = {"pagedown": "space", "pageup": "backspace"}
-"""Keys of a hand-held presenter, and the keys of the keyboard that do the same."""
 _REPEATING = {"up", "down", "left", "right", "home", "end", "tab", "shift+tab"}
 """Keys that move something: each repetition of a held one counts."""
 
@@ -85,9 +83,8 @@ class KeyboardApp(App[None]):
             return False
         if self.screen_stack and isinstance(self.focused, Input | TextArea):
             return False
-        key, now_s = _KEYBOARD_KEYS.get(event.key, event.key), self._clock()
-        (last_key, last_s), self._last_press = self._last_press, (key, now_s)
-        return key == last_key and now_s - last_s < LOCK_OUT_S
+        (last_key, last_s), self._last_press = self._last_press, (event.key, self._clock())
+        return event.key == last_key and self._last_press[1] - last_s < LOCK_OUT_S
 
     @property
     def _key_path(self) -> Sequence[DOMNode]:

@@ -298,7 +298,7 @@ class Lanes:
         return values[0], values[1]
 
 
-SPAN_S = 6.0
+_SPAN_S = 6.0
 """Width of the chart, s."""
 _LEAD_S = 1.0
 """Seconds that the chart shows before a bump."""
@@ -346,7 +346,7 @@ class Window:
     first_bin: int
     count: int
     trigger: float | None
-    """Place of the bump, as a share of the width; None if it is not in view."""
+    """Place of the bump, as a fraction of the width; None if it is not in view."""
 
 
 def lane_specs(bench: Bench | None, first_group: int, most: int) -> list[LaneSpec]:
@@ -383,15 +383,15 @@ def _lane_spec(channel: Channel, chosen: list[Channel]) -> LaneSpec:
     return LaneSpec(channel.name, label[:10], unit, factor, least_range, scale)
 
 
-def shown_window(status: Status | None, lanes: Lanes, span_s: float = SPAN_S) -> Window:
+def shown_window(status: Status | None, lanes: Lanes) -> Window:
     """Return the window to draw: the run around its bump if there is one, else the last seconds."""
     bin_s = lanes.bin_s or 0.02  # any value will do where there are no samples
-    count = round(span_s / bin_s)
+    count = round(_SPAN_S / bin_s)
     newest = lanes.end_bin - count
     if status is None or not status.bump_ns:
         return Window(newest, count, None)
     bump_bin = int(status.bump_ns * 1e-9 / bin_s)
     with_lead = bump_bin - round(_LEAD_S / bin_s)
     first_bin = max(with_lead, newest) if status.phase in _WITH_BUMP else newest
-    share = (bump_bin - first_bin) / count
-    return Window(first_bin, count, share if 0.0 <= share < 1.0 else None)
+    trigger = (bump_bin - first_bin) / count
+    return Window(first_bin, count, trigger if 0.0 <= trigger < 1.0 else None)

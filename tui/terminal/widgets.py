@@ -54,11 +54,6 @@ class Table(DataTable[Text]):
     `reads`: True if no row is chosen, and the arrows only scroll.
     """
 
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("home", "scroll_top", "First", show=False),
-        Binding("end", "scroll_bottom", "Last", show=False),
-    ]
-
     def __init__(self, name: str, reads: bool = False) -> None:
         super().__init__(
             id=name, cursor_type="none" if reads else "row", show_cursor=not reads, cell_padding=0

@@ -10,6 +10,7 @@ from enum import Enum
 from daq.control.messages import Phase, Status
 from daq.runlog import LoggedRun
 from daq.runs import RunStatus
+from daq.verdict.words import WORDS
 from dbc.words import printable
 
 from .campaign import NextAction, cause_words, frames_stand_still, shown_obstacle
@@ -37,12 +38,9 @@ class Glyphs:
     axis: str
     overload: str
 
-    def bar(self, done: int, planned: int, mark: str = "") -> str:
-        """Return a piece for each planned item, at most ten; `mark` stands for the next one."""
-        n_pieces = min(planned, 10)
-        n_full = min(done, planned) * n_pieces // max(planned, 1)
-        bar = self.full * n_full + (mark if n_full < n_pieces else "")
-        return bar.ljust(n_pieces, self.empty)
+    def bar(self, n_full: int, n_pieces: int) -> str:
+        """Return a bar of so many pieces; the first `n_full` of them are full."""
+        return (self.full * n_full).ljust(n_pieces, self.empty)
 
 
 _BRAILLE = Glyphs("braille", (2, 4), "✓", "✗", "!", "▶", "●", "○", "■", "·", "┊", "│", "▲")
@@ -199,8 +197,6 @@ def reason_words(code: str) -> str:
 
 def halted_words(code: str) -> str:
     """Return why the run loop stopped by itself."""
-    from daq.verdict.words import WORDS
-
     reason = WORDS[code].title if code in WORDS else reason_words(code)
     return f"three rejects for one reason: {printable(reason, 60)}"
 
@@ -283,14 +279,11 @@ def _seconds_since_bump(status: Status) -> str:
 
 
 def _decay_words(status: Status, glyphs: Glyphs) -> str:
-    """Return the share of the peak that is left, and a bar of the rest; empty if unknown."""
+    """Return the percentage of the peak that remains, and a bar that fills; empty if unknown."""
     if status.peak_left is None:
         return ""
-    share_left = min(max(status.peak_left, 0.0), 1.0)
-    n_pieces = 20
-    n_full = round((1.0 - share_left) * n_pieces)
-    bar = f"{glyphs.full * n_full}{glyphs.empty * (n_pieces - n_full)}"
-    return f"{share_left:3.0%} of the peak left  [{bar}]"
+    remaining = min(max(status.peak_left, 0.0), 1.0)
+    return f"{remaining:3.0%} of the peak left  [{glyphs.bar(round((1.0 - remaining) * 20), 20)}]"
 
 
 def _accepted_banner(status: Status, action: NextAction, glyphs: Glyphs) -> Banner:

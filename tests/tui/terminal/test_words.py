@@ -22,7 +22,6 @@ from tui.terminal.campaign import (
     bump_step,
     in_run,
     next_action,
-    obstacle,
     progress,
     shown_obstacle,
     waits_unarmed,
@@ -30,10 +29,7 @@ from tui.terminal.campaign import (
 from tui.terminal.screens.bumping import (
     tally_rows,
 )
-from tui.terminal.screens.check import (
-    rest_levels,
-    zero_offsets,
-)
+from tui.terminal.screens.check import zero_offsets
 from tui.terminal.words import (
     Signal,
     accepted_words,
@@ -164,39 +160,30 @@ def test_an_alarm_of_lost_frames_stops_after_three_seconds(
 ) -> None:
     alarm = Alarm(code, "can0", "text", "do it", WALL_NS - 3 * S)
     recorder.publish(alarms=(alarm,))
-    assert (obstacle(recorder.status) is not None) is seen
+    assert (shown_obstacle(recorder.status) is not None) is seen
     recorder.publish(alarms=(replace(alarm, since_ns=WALL_NS - 3 * S + 1),))
-    assert obstacle(recorder.status) is None
+    assert shown_obstacle(recorder.status) is None
     recorder.publish(sensors_alive=3)
-    assert (obstacle(recorder.status) is not None) is (code in (
+    assert (shown_obstacle(recorder.status) is not None) is (code in (
         "bus_off", "interface_down", "check_bitrate", "none_of_dbc"
     ))  # fmt: skip
-    assert obstacle(replace(recorder.status, due=None)) is None
+    assert shown_obstacle(replace(recorder.status, due=None)) is None
 
 
 def test_only_an_offset_that_a_tare_can_improve_is_one() -> None:
     bench: Bench = FakeRecorder().bench
 
-    def tared(channel: str, level: float) -> str:
-        item = check_line("OK", f"channel {channel}", "", "", {"level": level})
-        return zero_offsets([item], bench.channels).get(channel, "")
+    def offsets(subject: str, *levels: float) -> list[tuple[str, float]]:
+        items = [check_line("OK", subject, "", "", {"level": level}) for level in levels]
+        items.append(check_line("OK", "channel travel_rr", "no sample", "", {}))
+        found = [zero_offsets([item], bench.channels) for item in items]
+        return [(channel.name, level) for each in found for channel, level in each]
 
-    assert [tared("travel_fl", x) for x in (0.0005, 0.0006, -0.0035)] == [
-        "",
-        "travel_fl +0.6 mm",
-        "travel_fl -3.5 mm",
-    ]
-    assert [tared("roll_rate", x) for x in (0.001, 0.0011, -0.004)] == [
-        "",
-        "roll_rate +0.0011 rad/s",
-        "roll_rate -0.0040 rad/s",
-    ]
-    items = [
-        check_line("OK", "channel a", "", "", {"level": 1.0}),
-        check_line("OK", "message a", "", "", {"level": 2.0}),
-        check_line("OK", "channel b", "", "", {}),
-    ]
-    assert rest_levels(items) == {"a": 1.0}
+    travels = offsets("channel travel_fl", 0.0005, 0.0006, -0.0035)
+    assert travels == [("travel_fl", 0.0006), ("travel_fl", -0.0035)]
+    rates = offsets("channel roll_rate", 0.001, 0.0011, -0.004)
+    assert rates == [("roll_rate", 0.0011), ("roll_rate", -0.004)]
+    assert offsets("message travel_fl", 1.0) == []
 
 
 def _alarm(code: str) -> Alarm:
@@ -291,6 +278,9 @@ def test_progress_marks_what_is_due_and_counts_what_was_rejected(recorder: FakeR
     recorder.bump()
     recorder.judge()
     assert rows()[0][1:3] == ["##", "2/2 +1"]
+    tallies = (replace(recorder.status.tallies[0], planned=0),)  # the plan has been changed
+    recorder.publish(tallies=tallies)
+    assert rows()[0][1:3] == ["", "0/0 +3"]
 
 
 def alarmed(code: str, phase: Phase = Phase.ARMED, alive: int = 4) -> Status:
@@ -329,10 +319,9 @@ def test_the_first_line_is_the_cause_and_the_next_its_advice(
 
 def test_a_run_and_its_verdict_are_shown_before() -> None:
     for phase in (Phase.TRIGGERED, Phase.DECAY):
-        assert obstacle(alarmed("stale", phase, alive=3)) is None
+        assert shown_obstacle(alarmed("stale", phase, alive=3)) is None
     for phase in (Phase.ACCEPTED, Phase.REJECTED):
         assert shown_obstacle(alarmed("stale", phase, alive=3)) is None
-        assert obstacle(alarmed("stale", phase, alive=3)) is not None
     assert shown_obstacle(alarmed("disconnected", Phase.ACCEPTED, alive=0)) is not None
 
 

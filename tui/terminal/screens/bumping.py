@@ -59,7 +59,9 @@ def tally_rows(status: Status, glyphs: Glyphs) -> list[list[Cell]]:
         extra = f" +{accepted - planned}" if accepted > planned else ""
         count = right(f"{min(accepted, planned)}/{planned}{extra}")
         rejected = f"{tally.rejected} rejected" if tally.rejected else ""
-        rows.append([kind, glyphs.bar(accepted, planned), count, rejected])
+        n_pieces = min(planned, 10)
+        bar = glyphs.bar(min(accepted, planned) * n_pieces // max(planned, 1), n_pieces)
+        rows.append([kind, bar, count, rejected])
     return rows
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, ClassVar
@@ -56,34 +56,6 @@ class CheckRow:
         return self.state == WARN and not self.overridden
 
 
-def push_rows(
-    results: Mapping[Corner, PushResult], active: str, skipped: Mapping[str, str], possible: bool
-) -> tuple[CheckRow, ...]:
-    """Return the lines of the guided push test, by corner.
-
-    `results`: result of the last push on each corner.  `active`: the corner that is to be pushed
-    now; empty if none.  `skipped`: reason why a corner was left out, by the subject of its line.
-    `possible`: True if a sensor of the bench can distinguish corners.
-    """
-    if not possible:
-        text = "no sensor of this bench can distinguish the corners"
-        return (CheckRow(OK, "push", text),)
-    rows = []
-    for corner in ORDER:
-        subject, result = push_subject(corner), results.get(corner)
-        if subject in skipped:
-            row = CheckRow(WARN, subject, f"skipped: {skipped[subject]}", overridden=True)
-        elif corner == active:
-            row = CheckRow(NOW, subject, push_words(corner, result))
-        elif result is None:
-            row = CheckRow(WAIT, subject, spoken(corner))
-        else:
-            state = OK if result.passed else FAIL
-            row = CheckRow(state, subject, result.text, result.advice)
-        rows.append(row)
-    return tuple(rows)
-
-
 def push_words(corner: Corner, result: PushResult | None) -> str:
     """Return what the person at the car does now: push, or what the result so far says."""
     return result.text if result else f"push DOWN at the {spoken(corner)}, let go"
@@ -94,25 +66,20 @@ def push_subject(corner: str) -> str:
     return f"push {corner}"
 
 
-def rest_levels(items: Sequence[Finding]) -> dict[str, float]:
-    """Return the level of each channel at rest, SI, by its name."""
-    return {
+def zero_offsets(
+    items: Sequence[Finding], channels: Sequence[Channel]
+) -> list[tuple[Channel, float]]:
+    """Return the channels that should read zero at rest but do not, each with its level, SI."""
+    levels = {
         item.subject.removeprefix("channel "): item.figures["level"]
         for item in items
         if item.subject.startswith("channel ") and "level" in item.figures
     }
-
-
-def zero_offsets(items: Sequence[Finding], channels: Sequence[Channel]) -> dict[str, str]:
-    """Return the channels that should read zero at rest but do not, with their offsets in words."""
-    levels = rest_levels(items)
-    offsets = {}
-    for c in channels:
-        level = levels.get(c.name, 0.0)
-        if c.quantity in TARED and abs(level) > _LARGEST_ZERO[c.unit]:
-            offset = f"{level * 1e3:+.1f} mm" if c.unit == "m" else f"{level:+.4f} {c.unit}"
-            offsets[c.name] = f"{c.name} {offset}"
-    return offsets
+    return [
+        (c, levels[c.name])
+        for c in channels
+        if c.quantity in TARED and abs(levels.get(c.name, 0.0)) > _LARGEST_ZERO[c.unit]
+    ]
 
 
 _INKS = {OK: "success", WARN: "warning", FAIL: "error", NOW: "accent"}
@@ -240,9 +207,24 @@ class CheckScreen(BenchScreen):
             rows.append(row)
         if not self._items:
             rows.append(CheckRow(WAIT, "sensors", "listening"))
-        active = self._corner or ""
-        rows += push_rows(self._pushed, active, overridden, shows_push(bench.channels))
-        return [*rows, self._zero_row()]
+        if shows_push(bench.channels):
+            skipped = [overridden.get(push_subject(corner)) for corner in ORDER]
+            rows += map(self._push_row, ORDER, skipped)
+        else:
+            text = "no sensor of this bench can distinguish the corners"
+            rows.append(CheckRow(OK, "push", text))
+        return [*rows, self._zero_row(bench)]
+
+    def _push_row(self, corner: Corner, reason: str | None) -> CheckRow:
+        """Return the line on the push of a corner; `reason`: why a person skipped it, if so."""
+        subject, result = push_subject(corner), self._pushed.get(corner)
+        if reason is not None:
+            return CheckRow(WARN, subject, f"skipped: {reason}", overridden=True)
+        if corner is self._corner:
+            return CheckRow(NOW, subject, push_words(corner, result))
+        if result is None:
+            return CheckRow(WAIT, subject, spoken(corner))
+        return CheckRow(OK if result.passed else FAIL, subject, result.text, result.advice)
 
     def _cells(self, row: CheckRow) -> list[Cell]:
         """Return symbol and state, subject, and text of a line."""
@@ -255,18 +237,20 @@ class CheckScreen(BenchScreen):
             text += f" - {printable(row.advice, 80)}"
         return [state, printable(row.subject, 40), f" {text}"]
 
-    def _zero_row(self) -> CheckRow:
-        """Return the row on the zero of travels and rates: not or being measured, right or off."""
+    def _zero_row(self, bench: Bench) -> CheckRow:
+        """Return the line on the zero of travels and rates: not or being measured, right or off."""
         if self._hands_off_s:
             return CheckRow(NOW, _ZERO, f"hands off the car: {self._hands_off_s:.0f} s more")
-        offsets = self._offsets()
         if not self._zeroed:
             return CheckRow(WAIT, _ZERO, f"hands off for {HANDS_OFF_S:.0f} s")
-        if not offsets:
+        texts = []
+        for c, level in zero_offsets(self._items, bench.channels):
+            level_text = f"{level * 1e3:+.1f} mm" if c.unit == "m" else f"{level:+.4f} {c.unit}"
+            texts.append(f"{c.name} {level_text}")
+        if not texts:
             return CheckRow(OK, _ZERO, "travels and rates read zero at rest")
-        text = ", ".join(offsets.values())
         advice = "the zero of the car at ride height (goes to the report)"
-        return CheckRow(NOW, _ZERO, text, advice)  # until SPACE takes it as zero
+        return CheckRow(NOW, _ZERO, ", ".join(texts), advice)  # until SPACE takes it as zero
 
     def _explain(self) -> None:
         """Show what SPACE does, then text and advice of the marked line, or of the push."""
@@ -302,7 +286,7 @@ class CheckScreen(BenchScreen):
             return "SPACE = push the corners", partial(self._begin_push, following)
         if not self._zeroed:
             return "SPACE = zero: hands off the car", self._measure_zero
-        if self._offsets():
+        if app.bench and zero_offsets(self._items, app.bench.channels):
             return "SPACE = take this as zero", self._take_zero
         if asks := sum(row.asks for row in self._rows):
             return f"SPACE = override {asks} WARN", self._override_first
@@ -333,9 +317,8 @@ class CheckScreen(BenchScreen):
 
     async def _end_step(self) -> None:
         """Mark the step as done, and go on to the baseline."""
-        app = self.bench_app
-        if await app.ask(Mark(BenchStep.CHECK.mark)) is not None:
-            await app.go_to(BenchStep.BASELINE)
+        if await self.bench_app.finish(self.STEP):
+            await self.bench_app.go_to(BenchStep.BASELINE)
 
     async def action_again(self) -> None:
         """Repeat the marked push, or measure the zero again."""
@@ -467,20 +450,13 @@ class CheckScreen(BenchScreen):
         self._hands_off_s, self._zeroed = HANDS_OFF_S, False
         self._mark_subject(_ZERO)
 
-    def _offsets(self) -> dict[str, str]:
-        """Return what `zero_offsets` finds once the zero is measured; empty before."""
-        bench = self.bench_app.bench
-        return zero_offsets(self._items, bench.channels) if bench and self._zeroed else {}
-
     async def _take_zero(self) -> None:
         """Set the zero of travels and rates to their levels at rest."""
-        bench, offsets, levels = self.bench_app.bench, self._offsets(), rest_levels(self._items)
-        channels = [c for c in bench.channels if c.name in offsets] if bench else []
+        channels = self.bench_app.bench.channels if self.bench_app.bench else ()
 
         def tared(text: str) -> str:
-            for channel in channels:
-                tare = round(channel.tare + levels[channel.name], 7)
-                text = with_channel(text, channel.name, tare=tare)
+            for channel, level in zero_offsets(self._items, channels):
+                text = with_channel(text, channel.name, tare=round(channel.tare + level, 7))
             return text
 
         if await self.bench_app.configure(tared):

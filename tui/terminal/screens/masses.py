@@ -11,7 +11,7 @@ from textual.binding import Binding, BindingType
 from textual.content import Content
 
 from daq.bench.edit import with_weights
-from daq.control.messages import Mark, Status
+from daq.control.messages import Status
 from daq.vehicle import Weight, expected_car
 
 from ..campaign import BenchStep, read_draft, write_draft
@@ -152,9 +152,7 @@ class MassesScreen(BenchScreen):
     async def _apply(self) -> None:
         """Send the weights to the recorder, mark the step as done, and go on to the bumps."""
         app = self.bench_app
-        if not await app.configure(lambda text: with_weights(text, self._weights)):
-            return
-        if await app.ask(Mark(BenchStep.MASSES.mark)) is None:
-            return
-        (app.folder / DRAFT).unlink(missing_ok=True)
-        await app.go_to(BenchStep.ADDED)
+        sent = await app.configure(lambda text: with_weights(text, self._weights))
+        if sent and await app.finish(self.STEP):
+            (app.folder / DRAFT).unlink(missing_ok=True)
+            await app.go_to(BenchStep.ADDED)

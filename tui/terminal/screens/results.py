@@ -12,7 +12,7 @@ from textual.containers import VerticalScroll
 from textual.content import Content
 from textual.widgets import TabbedContent, TabPane, Tabs
 
-from daq.control.messages import Accept, Mark, Reject, Status
+from daq.control.messages import Accept, Reject, Status
 from daq.runs import RunStatus
 from dbc import counted
 from dbc.words import Finding, printable
@@ -30,7 +30,7 @@ from identify.words import (
 )
 
 from ...jobs.worker import Outcome
-from ..campaign import BenchStep, is_marked
+from ..campaign import BenchStep
 from ..widgets import SPACE_INK, Cell, Table, Words, right
 from ..words import Glyphs
 from .base import SessionScreen
@@ -200,9 +200,7 @@ class ResultsScreen(SessionScreen):
         if self.outcome is None or self.outdated:
             await self.bench_app.go_to(BenchStep.IDENTIFY)
             return
-        status, step = self.bench_app.status, BenchStep.IDENTIFY
-        if status is not None and not is_marked(status, step):
-            await self.bench_app.ask(Mark(step.mark))
+        await self.bench_app.finish(self.STEP)
         await self.bench_app.go_to(BenchStep.REPORT)
 
     async def action_back(self) -> None:

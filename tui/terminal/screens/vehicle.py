@@ -16,7 +16,7 @@ from textual.events import DescendantBlur, DescendantFocus, Unmount
 from daq import Excitation
 from daq.bench.campaign import Method
 from daq.bench.config import Bench, campaign_limits
-from daq.control.messages import Hello, Mark, Status
+from daq.control.messages import Hello, Status
 from daq.vehicle import Fact, FactQuantity, Structure
 
 from ..campaign import VEHICLE_FORM, BenchStep, read_draft, write_draft
@@ -303,7 +303,7 @@ class VehicleScreen(BenchScreen):
             app.operator = name
         if not await app.configure(lambda text: vehicle_text(text, bench, values)):
             return
-        if await app.ask(Mark(BenchStep.VEHICLE.mark)) is None:
+        if not await app.finish(self.STEP):
             return
         self._typed = {}
         write_draft(app.folder / VEHICLE_FORM, values)

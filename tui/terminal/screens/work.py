@@ -17,13 +17,13 @@ from textual.containers import Vertical
 from textual.content import Content
 from textual.widgets import ProgressBar
 
-from daq.control.messages import Build, Mark, SessionState, Start, Status
+from daq.control.messages import Build, SessionState, Start, Status
 from daq.runs import RunStatus
 from dbc import BumpbenchError, InputError, counted
 from dbc.words import printable
 
 from ...jobs.worker import Outcome, Task, answer_of, identify_session, report_session
-from ..campaign import BenchStep, is_marked
+from ..campaign import BenchStep
 from ..widgets import SPACE_INK, Words
 from .base import SessionScreen
 
@@ -319,9 +319,8 @@ class ReportScreen(WorkScreen):
         if written is None:
             return
         self._written = written
-        status, step = self.bench_app.status, BenchStep.REPORT
-        if not self.outdated and status and not is_marked(status, step):
-            await self.bench_app.ask(Mark(step.mark))
+        if not self.outdated:
+            await self.bench_app.finish(self.STEP)
         self._show()
 
     @property
