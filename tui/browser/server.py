@@ -31,8 +31,6 @@ _HEADERS = {
 }
 """Headers of every answer: the address has the token, so a browser must neither keep nor pass it
 on."""
-_SILENT = logging.Logger("requests without the token", logging.CRITICAL + 1)
-"""Writes nothing: this process may have no reader, and every malformed request would be a line."""
 
 _Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
@@ -80,13 +78,10 @@ class Guard:
         guarded = web.Application(middlewares=[self._check], client_max_size=most_bytes)
         guarded.on_response_prepare.append(_add_headers)
         guarded.add_subapp(self.prefix, pages)
-        idle_s, end_s = 75.0, 0.5  # after which a connection is closed
+        # This process may have no reader, and every malformed request would be a line of the log.
+        silent = logging.Logger("requests without the token", logging.CRITICAL + 1)
         runner = web.AppRunner(
-            guarded,
-            access_log=None,
-            logger=_SILENT,
-            keepalive_timeout=idle_s,
-            shutdown_timeout=end_s,
+            guarded, access_log=None, logger=silent, keepalive_timeout=75.0, shutdown_timeout=0.5
         )
         await runner.setup()
         try:
@@ -101,7 +96,6 @@ class Guard:
         token = request.path.removeprefix("/").partition("/")[0]
         origin = request.headers.get(hdrs.ORIGIN)
         is_socket = request.headers.get(hdrs.UPGRADE, "").lower() == "websocket"
-        refusal = ""
         if request.headers.getall(hdrs.HOST, []) != [self._host]:
             refusal = "this address leads elsewhere"
         # A browser names the origin of every socket, but not of a page that is opened.
@@ -109,7 +103,7 @@ class Guard:
             refusal = "this is for pages of this server only"
         elif not secrets.compare_digest(token.encode(errors="replace"), self._token.encode()):
             refusal = "open the link that was printed when this server was started"
-        if not refusal:
+        else:
             return await handler(request)
         refused = web.Response(status=403, text=f"refused: {refusal}\n")
         refused.force_close()
@@ -124,8 +118,6 @@ async def _add_headers(_: web.Request, response: web.StreamResponse) -> None:
 
 HOST = "127.0.0.1"
 """Other hosts get no page: a page gives the same control as the terminal at the bench."""
-_PORT = 8000
-_PAGES = Path(__file__).with_name("templates")
 
 
 def serve(arguments: Sequence[str]) -> None:
@@ -134,7 +126,7 @@ def serve(arguments: Sequence[str]) -> None:
     Raises InputError if no port is free.
     """
     try:
-        listening = listen(HOST, _PORT)
+        listening = listen(HOST, 8000)
     except OSError as error:
         reason = f"no port of {HOST} is free"
         raise InputError("--web", reason, "end other servers, and try again") from error
@@ -165,6 +157,7 @@ async def terminal_pages(arguments: Sequence[str], listening: socket.socket) -> 
     command = shlex.join([sys.executable, "-m", "tui", *arguments])
     # On a network that drops packets to the internet, the library's own page would stay blank,
     # because it fetches a font there.
+    templates = Path(__file__).with_name("templates")
     port = listening.getsockname()[1]
-    server = QuietServer(command, HOST, port, title="Bumpbench", templates_path=_PAGES)
+    server = QuietServer(command, HOST, port, title="Bumpbench", templates_path=templates)
     return await server._make_app()

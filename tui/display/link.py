@@ -15,9 +15,6 @@ from tempfile import TemporaryFile
 
 from daq import InputError
 
-HERE, LAN = "here", "lan"
-"""Words for the address that only this machine reaches, and for its address in the network."""
-
 
 @dataclass(frozen=True, slots=True)
 class Served:
@@ -35,15 +32,12 @@ class Served:
         """Link, warning and number, for a person."""
         lines = [f"display: open {self.link}"]
         if not _is_loopback(self.host):
-            lines.append(
-                "warning: anyone with this link sees the bench, and nothing is encrypted: use a "
-                "network that you trust"
-            )
+            risk = "anyone with this link sees the bench, and nothing is encrypted"
+            lines.append(f"warning: {risk}: use a network that you trust")
         if self.secret:
-            lines.append(
-                f"control: type {self.secret[:3]} {self.secret[3:]} on the page; anyone who knows "
-                "it can start, reject and pause runs"
-            )
+            number = f"{self.secret[:3]} {self.secret[3:]}"
+            risk = "anyone who knows it can start, reject and pause runs"
+            lines.append(f"control: type {number} on the page; {risk}")
         return tuple(lines)
 
     @property
@@ -72,23 +66,21 @@ class Served:
             sys.stderr.write(f"\x1b[38;5;16;48;5;231m{line}\x1b[0m\n")
 
 
-_USUAL_PORT = 8010
-
-
 def listen_on(host: str) -> tuple[str, socket.socket]:
-    """Return an address and a socket that listens there, on the usual port if that is free.
+    """Return an address and a socket that listens there, on port 8010 if that is free.
 
-    `host`: an address or a name of this machine, or `HERE` or `LAN`.  Raises InputError if there is
-    no such address, or if it is every address.
+    `host`: an address or a name of this machine; `here` for the address that only this machine
+    reaches, `lan` for its address in the network.  Raises InputError if there is no such address,
+    or if it is every address.
     """
     from ..browser.server import listen  # aiohttp, which is an extra
 
     advice = "name an address of this machine, or lan"
-    address = "127.0.0.1" if host == HERE else _address_in_network() if host == LAN else host
+    address = "127.0.0.1" if host == "here" else _address_in_network() if host == "lan" else host
     if address in ("0.0.0.0", "::"):
         raise InputError("display", f"{host} is every address", advice)
     try:
-        return address, listen(address, _USUAL_PORT)
+        return address, listen(address, 8010)
     except OSError as error:
         reason = f"cannot listen on {address}: {error.strerror or error}"
         raise InputError("display", reason, advice) from error
@@ -112,10 +104,6 @@ def _address_in_network() -> str:
             reason = "no network is connected"
             raise InputError("display", reason, "name the address of this machine") from error
         return str(probe.getsockname()[0])
-
-
-_END_S = 2.0
-"""Time that a display may take to end, s; it takes 0.1."""
 
 
 @contextmanager
@@ -156,6 +144,6 @@ def display_beside(
         finally:
             process.stdin.close()
             try:
-                process.wait(_END_S)
+                process.wait(2.0)  # s; it takes 0.1
             except subprocess.TimeoutExpired:
                 process.kill()

@@ -34,8 +34,6 @@ TRIES = 5
 """Wrong numbers in a minute after which none is accepted: to try a million then takes 140 days."""
 LOCKED_S = 60.0
 """Time for which no number is accepted then, s."""
-_MOST_BYTES = 1_000
-"""Largest body of a request: a number, or a button with its target."""
 _COOKIE = "bumpbench_control"
 _FILES = Path(__file__).with_name("page")
 _POLICY = (
@@ -159,13 +157,12 @@ class Follower:
 
     def take(self, news: News) -> None:
         """Take in news of the recorder, and show them if they change the page."""
-        match news:
-            case Status():
-                self._last_status, self._lost = news, None
-            case Lost():
-                self._lost = news
-            case _:
-                return
+        if isinstance(news, Status):
+            self._last_status, self._lost = news, None
+        elif isinstance(news, Lost):
+            self._lost = news
+        else:
+            return
         self._make_state()
 
     async def messages(self) -> AsyncGenerator[bytes, None]:
@@ -219,7 +216,7 @@ class DisplayServer:
         pages.router.add_post("/order", self._order)
         pages.router.add_get("/", _index_page)
         pages.router.add_static("/", _FILES)
-        async with self._guard.serving(pages, _MOST_BYTES):
+        async with self._guard.serving(pages, most_bytes=1_000):  # a number, or a button
             try:
                 self._follower.start()
                 announce()

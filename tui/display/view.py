@@ -102,7 +102,6 @@ class Row:
     """True if the next run is one of these."""
 
 
-NEXT, REJECT, PAUSE = "next", "reject", "pause"
 _PAUSABLE = (*BUSY, Phase.ACCEPTED, Phase.REJECTED)
 """Phases that lead to a further run by themselves."""
 _NEXT_WORDS = {Phase.PAUSED: "Go on", Phase.REJECTED: "Again now", Phase.ACCEPTED: "Next now"}
@@ -125,10 +124,6 @@ class Buttons:
     pause: str = ""
 
 
-NO_BUTTONS = Buttons()
-"""Without a status, no button does anything."""
-
-
 @dataclass(frozen=True, slots=True)
 class View:
     """Everything that the page shows, except curves."""
@@ -139,23 +134,17 @@ class View:
     instruction: str = ""
     """Instruction for the bump that is due."""
     rows: tuple[Row, ...] = ()
-    """Progress of each mass state and kind of bump, in the order of the campaign."""
+    """In the order of the campaign."""
     done: int = 0
     planned: int = 0
     """`done`, `planned`: accepted runs among the planned ones, and the planned ones."""
     alarm: AlarmLine | None = None
-    """The gravest alarm."""
     overload: str = ""
     """Channels that reached the end of their range."""
     vehicle: str = ""
-    """Name of the vehicle."""
     mark: str = ""
     """`SIMULATED` or `REPLAYED`; empty for a real bus."""
-    buttons: Buttons = NO_BUTTONS
-    """Labels of the three buttons."""
-
-
-_CONNECTING = Headline(Kind.WAIT, ("WAIT",), "waiting for the recorder")
+    buttons: Buttons = Buttons()
 
 
 def view(status: Status | None, lost: Lost | None) -> View:
@@ -164,12 +153,13 @@ def view(status: Status | None, lost: Lost | None) -> View:
     `status`: the last one; None before the first.  `lost`: not None if the recorder does not
     answer.
     """
-    last_view = _view_of(status) if status is not None else View(_CONNECTING)
+    connecting = Headline(Kind.WAIT, ("WAIT",), "waiting for the recorder")
+    last_view = _view_of(status) if status is not None else View(connecting)
     if lost is None:
         return last_view
     text, advice = printable(lost.text, 200), printable(lost.advice, 200)
     loss = Headline(Kind.LOST, ("RECORDER", "LOST"), text, advice)
-    return replace(last_view, headline=loss, alarm=None, buttons=NO_BUTTONS)
+    return replace(last_view, headline=loss, alarm=None, buttons=Buttons())
 
 
 def _view_of(status: Status) -> View:
@@ -239,16 +229,11 @@ def _hands_off_headline(status: Status) -> Headline:
     since_bump_s = max(0.0, (status.t_ns - status.bump_ns) * 1e-9) if status.bump_ns else 0.0
     why, decayed = HANDS_OFF, None
     if status.peak_left is not None:
-        why = f"Hands off. {min(status.peak_left, 1.0):.0%} of the peak left."
-        decayed = round(1.0 - min(max(status.peak_left, 0.0), 1.0), 2)
-    return Headline(
-        Kind.HANDS_OFF,
-        ("HANDS", "OFF"),
-        why,
-        digits=f"{since_bump_s:.1f}",
-        digits_are="seconds since the bump",
-        share=decayed,
-    )
+        peak_left = min(max(status.peak_left, 0.0), 1.0)
+        why = f"Hands off. {peak_left:.0%} of the peak left."
+        decayed = round(1.0 - peak_left, 2)
+    digits, digits_are = f"{since_bump_s:.1f}", "seconds since the bump"
+    return Headline(Kind.HANDS_OFF, ("HANDS", "OFF"), why, "", digits, digits_are, decayed)
 
 
 def _verdict_headline(status: Status) -> Headline:
@@ -277,9 +262,8 @@ def _alarm_line(status: Status) -> AlarmLine | None:
 
 def buttons_of(status: Status) -> Buttons:
     """Return the labels of the buttons in a status."""
-    rejectable = status.runs[-1] if status.runs else None
-    if rejectable is not None and rejectable.status is RunStatus.REJECTED:
-        rejectable = None  # it is rejected already
+    last_run = status.runs[-1] if status.runs else None
+    rejectable = last_run if last_run and last_run.status is not RunStatus.REJECTED else None
     start_words = mass_state = ""
     if _next_arms(status):
         start_words, mass_state = _NEXT_WORDS.get(status.phase, "Start"), changed_weights(status)
@@ -299,13 +283,12 @@ def order_of(button: str, target: str, status: Status) -> Order | None:
 
     `target`: what the page sent with the button, as in `Buttons`.
     """
-    if button == NEXT and _next_arms(status) and target == changed_weights(status):
+    buttons = buttons_of(status)
+    if button == "next" and buttons.next and target == buttons.next_target:
         return next_action(status).order
-    if button == REJECT and target and target == buttons_of(status).reject_target:
+    if button == "reject" and buttons.reject and target == buttons.reject_target:
         return Reject(target)
-    if button == PAUSE and status.phase in _PAUSABLE:
-        return Pause()
-    return None
+    return Pause() if button == "pause" and buttons.pause else None
 
 
 def _next_arms(status: Status) -> bool:
