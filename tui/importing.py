@@ -29,8 +29,6 @@ class Imported:
     """A session that was made from files, and what is to be said about it."""
 
     session: Session
-    bumps: int
-    """Bumps in the files; some may not be runs."""
     facts: dict[str, Any]
     """Further entries of the command's JSON."""
     remarks: list[str]
@@ -57,11 +55,11 @@ def import_logs(
     parts = _log_parts(bench, codec, sources, buses, stage, one_run_each)
     if one_run_each:
         for part, source in zip(parts, sources, strict=True):
-            _require_a_bump([part], [source], len(bench.buses))
+            _require_a_bump([part], [source])
         pairs = zip(parts, steps, strict=True)
         parts = [labelled([part], [step], 0)[0] for part, step in pairs]
     else:
-        _require_a_bump(parts, sources, len(bench.buses))
+        _require_a_bump(parts, sources)
         parts = list(labelled(parts, steps, skip))
     stage(1.0, "reading the logs' hashes")
     facts = [
@@ -84,13 +82,10 @@ def import_logs(
     remarks += [f"{s.name} is not whole: {s.loss.text}" for s in sources if s.loss.any]
     remarks += _remarks(session, n_bumps, len(steps))
     if mixed := mixed_messages(codec.messages, session.runs[0].frames):
-        names = ", ".join(mixed[:4])
-        remarks.append(
-            f"come on several buses, two sensors read as one: {names} (--bus, or a [[sensor]] each)"
-        )
-    is_lossy = any(source.loss.any for source in sources)
-    is_lossy |= any(run.losses.measured for run in session.runs)
-    return Imported(session, n_bumps, {"sources": facts}, remarks, is_lossy)
+        two = "come on several buses, two sensors read as one"
+        remarks.append(f"{two}: {', '.join(mixed[:4])} (--bus, or a [[sensor]] each)")
+    is_lossy = any(s.loss.any for s in sources) or any(r.losses.measured for r in session.runs)
+    return Imported(session, {"sources": facts, "bumps": n_bumps}, remarks, is_lossy)
 
 
 def import_channels(
@@ -124,17 +119,16 @@ def import_channels(
         if not file_bumps and (one_run_each or len(files) == 1):
             reason = "no channel leaves its rest as a bump does"
             raise InputError(str(path), reason, "see [trigger], or give the times in [[run]]")
-        # Of files of one run each the first bump counts; else all after the skipped ones.
-        first_step, candidates = n_bumps - skip, file_bumps
-        if one_run_each:
-            first_step, candidates = number, file_bumps[:1]
-        for step_index, bump in enumerate(candidates, first_step):
-            if 0 <= step_index < len(steps):
-                runs.append(bump_run(channel_map, samples, steps[step_index], bump))
+        step_index = n_bumps - skip  # of the first bump of this file; below 0: it is skipped
         n_bumps += len(file_bumps)
+        if one_run_each:
+            step_index, file_bumps = number, file_bumps[:1]
+        for index, bump in enumerate(file_bumps, step_index):
+            if 0 <= index < len(steps):
+                runs.append(bump_run(channel_map, samples, steps[index], bump))
     session = session_from_columns(channel_map, samples.channels, runs, provenance)
     remarks = [*_remarks(session, n_bumps, 0 if channel_map.runs else len(steps)), *unread]
-    return Imported(session, n_bumps, {}, remarks, bool(unread))
+    return Imported(session, {"bumps": n_bumps}, remarks, bool(unread))
 
 
 def _log_parts(
@@ -170,7 +164,7 @@ def _log_parts(
     return [intake.part() for intake in intakes]
 
 
-def _require_a_bump(parts: Sequence[LogPart], sources: Sequence[Log], n_buses: int) -> None:
+def _require_a_bump(parts: Sequence[LogPart], sources: Sequence[Log]) -> None:
     """Raise InputError for logs without a bump, with the reason if it is known."""
     if any(part.bumps for part in parts):
         return
@@ -180,9 +174,7 @@ def _require_a_bump(parts: Sequence[LogPart], sources: Sequence[Log], n_buses: i
     advice = "a bump needs rest before it; see [trigger] level and rest_s in bench.toml"
     if not parts or n_unknown == n_frames:
         reason = f"none of its {counted(n_frames, 'frame')} is in the DBC"
-        advice = "name the DBC of that bus with --dbc, or another --bus"
-        if n_buses > 1:
-            advice = "the sensors' buses must be those of the log, counted from 0"
+        advice = "name the DBC of that bus with --dbc, or another --bus, counted from 0"
     raise InputError(", ".join(source.name for source in sources), reason, advice)
 
 

@@ -34,14 +34,13 @@ def print_table(title: str, columns: list[str], rows: list[list[str]]) -> None:
         table.add_column(Text(_visible(column)), justify=justify, overflow="fold")
     for row in rows:
         table.add_row(*(Text(_visible(cell)) for cell in row))
-    out = console()
-    out.print(_visible(title), style="bold", markup=False, highlight=False, soft_wrap=True)
-    out.print(table)
+    console().print(Text(_visible(title), "bold"), soft_wrap=True)
+    console().print(table)
 
 
 def print_line(text: str = "") -> None:
-    """Write one line to stdout, foreign text included: nothing in it is markup."""
-    console().print(_visible(text), markup=False, highlight=False, soft_wrap=True)
+    """Write one line to stdout; foreign text may be in it."""
+    sys.stdout.write(f"{_visible(text)}\n")
 
 
 def print_item(text: str) -> None:

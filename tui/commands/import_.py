@@ -106,8 +106,7 @@ def import_(
             imported = import_logs(bench, codec, sources, steps, skip, numbers, one_run_each, stage)
         stage(1.0, "writing the session")
         write_session(out, imported.session)
-    facts = {**imported.facts, "bumps": imported.bumps, "planned": len(steps)}
-    output.print_session(out, imported.session, json, **facts)
+    output.print_session(out, imported.session, json, **imported.facts, planned=len(steps))
     for text in imported.remarks:
         say(text)
     return ExitCode.DATA_LOST if imported.is_lossy else ExitCode.OK

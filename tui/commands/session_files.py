@@ -157,25 +157,21 @@ def redecode(
     target = out or session.parent / f"{session.stem}_redecoded.h5"
     inputs = [path for path in (session, bench, dbc) if path is not None]
     refuse_existing(target, replace=force, inputs=inputs)
-    where = str(session)
     old_session = read_session(session)
-    provenance = old_session.provenance
+    bench_text, dbc_text = map(old_session.provenance.get, ("bench_toml", "dbc"))
     if bench is not None:
         corrected = load_bench(bench)
-        if corrected.dbc_text == shipped_dbc() and "dbc" in provenance:
+        if corrected.dbc_text == shipped_dbc() and dbc_text is not None:
             # It names no DBC: the DBC of the session was right.
-            name = f"DBC in {where}"
-            corrected = replace(corrected, dbc_text=provenance["dbc"], dbc_name=name)
-    elif "bench_toml" not in provenance:
-        raise InputError(where, "holds no bench.toml", "name one after the session")
+            corrected = replace(corrected, dbc_text=dbc_text, dbc_name=f"DBC in {session}")
+    elif bench_text is None:
+        raise InputError(str(session), "holds no bench.toml", "name one after the session")
     else:
-        described = f"bench.toml in {where}"
-        dbc_text = provenance.get("dbc", "")
-        corrected = parse_bench(provenance["bench_toml"], described, Path(), dbc_text)
+        corrected = parse_bench(bench_text, f"bench.toml in {session}", Path(), dbc_text or "")
     if dbc is not None:
         corrected = with_database(corrected, dbc)
     origin = {"redecoded_from_sha256": file_sha256(session)}
-    new_session = redecoded(old_session, corrected, where, origin)
+    new_session = redecoded(old_session, corrected, str(session), origin)
     write_session(target, new_session)
     output.print_session(target, new_session, json)
     is_lossy = any(run.losses.measured for run in new_session.runs)
@@ -198,9 +194,8 @@ def _print_contents(path: Path, session: Session) -> None:
 
     output.print_session(path, session, json=False)
     output.print_line()
-    rows = [
-        [c.name, str(c.quantity), c.unit, str(c.corner or ""), c.signal] for c in session.channels
-    ]
+    channels = session.channels
+    rows = [[c.name, str(c.quantity), c.unit, str(c.corner or ""), c.signal] for c in channels]
     output.print_table("Channels", ["channel", "quantity", "unit", "corner", "signal"], rows)
     vehicle = session.vehicle
     geometry = asdict(vehicle.geometry) if vehicle.geometry else {}
@@ -208,18 +203,15 @@ def _print_contents(path: Path, session: Session) -> None:
     rows += [[fact.quantity, f"{fact.value:g}", f"± {fact.sigma:g}"] for fact in vehicle.facts]
     rows += [["model has", name, ""] for name, has in asdict(vehicle.structure).items() if has]
     for state in session.mass_states:
-        for weight in state.added.weights:
-            if isinstance(weight, BodyWeight):
-                place = f"x {weight.x_m:g} y {weight.y_m:g} m"
-            else:
-                place = f"hub {weight.corner}"
-            sigma = f"± {weight.sigma_kg:g}"
-            rows.append([f"in {state.name}", f"{weight.mass_kg:g} kg at {place}", sigma])
+        for w in state.added.weights:
+            at = f"x {w.x_m:g} y {w.y_m:g} m" if isinstance(w, BodyWeight) else f"hub {w.corner}"
+            rows.append([f"in {state.name}", f"{w.mass_kg:g} kg at {at}", f"± {w.sigma_kg:g}"])
     if rows:
         output.print_line()
         output.print_table("Known beforehand", ["what", "value", ""], rows)
     entries = _provenance(session.provenance)
-    lists = ("notes", "overrides", "verdicts")  # verdicts: --json has the findings of each run
+    # Of the verdicts, --json has the findings of each run.
+    lists = ("notes", "overrides", "verdicts")
     rows = [[name, text] for name, text in entries.items() if name not in lists]
     rows += [["note", text] for text in notes_of(session.provenance)]
     rows += [["warning overridden", text] for text in overrides_of(session.provenance)]
