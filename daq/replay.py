@@ -98,7 +98,7 @@ def whole_frames(session: Session, path: Path) -> FrameBatch:
         # 2 s: the trigger needs the rest before a run, and a run ends at the first frame after it.
         span_ns = (int(of_runs.t_ns.min()) - 2_000_000_000, int(of_runs.t_ns.max()) + 2_000_000_000)
         for recording in recordings(path.parent / "journal"):
-            recorded = read_windows(recording, [span_ns]).frames
+            (recorded,) = read_windows(recording, [span_ns]).windows
             if len(recorded) >= len(of_runs):
                 return recorded
     problem = "cannot be replayed alone: it has the runs, but not the frames between them"

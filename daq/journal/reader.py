@@ -249,30 +249,15 @@ class HopCounts:
 
 @dataclass(frozen=True, slots=True)
 class JournalContents:
-    """The content of a recording, with its frames in some windows of time.
+    """The content of a recording, beside the events that `RecordingInfo` has.
 
-    `windows`: frames in each window.  `hops`: losses between wire and journal.  `lost`: losses of
-    the files themselves.
+    `windows`: its frames in each window of time.  `hops`: losses between wire and journal.  `lost`:
+    losses of the files themselves.
     """
 
-    head: JournalHead
     windows: tuple[FrameBatch, ...]
-    events: tuple[Event, ...]
     hops: HopCounts
     lost: JournalLoss
-
-    @property
-    def frames(self) -> FrameBatch:
-        """The frames of all windows."""
-        return FrameBatch.concatenate(self.windows)
-
-
-def read_journal(paths: Sequence[Path]) -> JournalContents:
-    """Read all segments of a recording, whose `frames` are then all of them.
-
-    `paths`: in any order.  Raises InputError as `recording_of`.
-    """
-    return read_windows(recording_of(paths), [(-(2**63), 2**63 - 1)])
 
 
 def read_windows(recording: RecordingInfo, windows: Sequence[tuple[int, int]]) -> JournalContents:
@@ -282,12 +267,10 @@ def read_windows(recording: RecordingInfo, windows: Sequence[tuple[int, int]]) -
     """
     reader = JournalReader(recording)
     pieces: list[list[FrameBatch]] = [[] for _ in windows]
-    events: list[Event] = []
     hop_rows: list[tuple[int, ...]] = []  # of `HopCounts`: time stamp, losses
     latest_ns = 0
     for losses, block in reader:
         t_ns = block.t_ns
-        events += block.events
         latest_ns = int(t_ns.max(initial=latest_ns))
         hop_row = (latest_ns, *losses)
         # `HopCounts.between` uses the row before a span and the first one after it.  Because both
@@ -307,7 +290,7 @@ def read_windows(recording: RecordingInfo, windows: Sequence[tuple[int, int]]) -
     hops = HopCounts(hop_table[:, 0], hop_table[:, 1:])
     # Joined one after another, so that not all of them are in memory twice.
     joined = tuple(FrameBatch.concatenate(pieces.pop(0)) for _ in windows)
-    return JournalContents(recording.head, joined, tuple(events), hops, reader.lost)
+    return JournalContents(joined, hops, reader.lost)
 
 
 class JournalReader:

@@ -25,21 +25,14 @@ from dbc.words import counted, plural, printable
 
 from ..bench.config import Bench, bench_codec, parse_bench
 from ..bus.source import STEADY_CLOCK, HopLosses, Link, LinkFacts, Now, OpenSource, read_clocks
+from ..control import messages
 from ..control.messages import (
-    AskBench,
-    AskCheck,
-    AskStatus,
-    Build,
-    Hello,
     Live,
     Order,
     Reply,
     SessionState,
     SessionStatus,
-    ShutDown,
-    Start,
     Status,
-    Stop,
     StorageStatus,
 )
 from ..control.monitoring import Heartbeats
@@ -357,26 +350,26 @@ class Recorder:
         """
         now = self._clock()
         match order:
-            case Hello() | AskStatus():
+            case messages.Hello() | messages.AskStatus():
                 pass
-            case AskBench():
+            case messages.AskBench():
                 return Reply(bench_text=self._recording.bench.text)
-            case AskCheck():
+            case messages.AskCheck():
                 frames = self._recording.recent(order.seconds)
                 self._recording.note("check", order.seconds, by, now)
                 self._checks.submit(answer_check, self._recording.bench, frames, answer)
                 return None
-            case Start():
+            case messages.Start():
                 bench = configured(self._bench, order.bench_text or self._recording.bench.text)
                 self._begin_next(bench, "a new campaign was begun", now, campaign=True)
-            case ShutDown():
+            case messages.ShutDown():
                 self._ended = True
             case _ if not self._writer.head.campaign:
                 raise OrderError("no campaign is under way: begin one first")
-            case Stop():
+            case messages.Stop():
                 bench = self._recording.bench
                 self._begin_next(bench, "the campaign was ended", now, campaign=False)
-            case Build():
+            case messages.Build():
                 self._build()
             case _:
                 self._recording.carry_out(order, by, now)

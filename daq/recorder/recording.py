@@ -27,20 +27,8 @@ from ..bench.campaign import Step
 from ..bench.config import Bench, bench_codec
 from ..bench.sensors import timed_messages
 from ..bus.source import HopLosses, LinkFacts, Now
-from ..control.messages import (
-    Acknowledge,
-    Arm,
-    Choose,
-    Configure,
-    DiskStatus,
-    Lane,
-    Live,
-    Order,
-    Pause,
-    Phase,
-    Status,
-    StorageStatus,
-)
+from ..control import messages
+from ..control.messages import DiskStatus, Lane, Live, Order, Phase, Status, StorageStatus
 from ..journal.writer import JournalWriter
 from ..runlog import Change, RunLog, advance, parse_label, verdict_entry
 from ..runs import Event, Losses, RunStatus
@@ -459,7 +447,7 @@ class Recording:
         t_ns = self._t_ns or now.wall_ns
         event = order_event(order, by, t_ns, self.run_log, self.bench, due)
         new_bench = None
-        if isinstance(order, Configure):
+        if isinstance(order, messages.Configure):
             if self.running:
                 raise OrderError(f"{self.running} is being recorded: wait for its end")
             new_bench = configured(self.bench, order.bench_text)
@@ -468,13 +456,13 @@ class Recording:
         if new_bench is not None:
             self.adopt(new_bench, bench_codec(new_bench))
         match order:
-            case Arm():
+            case messages.Arm():
                 self._loop.arm(order.until, self._surroundings())
-            case Pause():
+            case messages.Pause():
                 self._loop.pause(self._surroundings())
-            case Choose():
+            case messages.Choose():
                 self._loop.choose(self._surroundings())
-            case Acknowledge():
+            case messages.Acknowledge():
                 self._alarms.acknowledge()
             case _:
                 self._loop.decide(self._surroundings())

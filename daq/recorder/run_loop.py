@@ -17,25 +17,8 @@ from dbc.words import InputError, printable
 from ..bench.campaign import Step, instruction
 from ..bench.config import Bench, bench_codec, parse_bench
 from ..check.check import check_bench
-from ..control.messages import (
-    Accept,
-    Arm,
-    Choose,
-    Configure,
-    Due,
-    Mark,
-    Note,
-    Order,
-    OverrideWarning,
-    Pause,
-    Phase,
-    Redo,
-    Reject,
-    Reply,
-    Tally,
-    Undo,
-    Until,
-)
+from ..control import messages
+from ..control.messages import Due, Order, Phase, Reply, Tally, Until
 from ..runlog import Code, LoggedRun, RunLog, entry, next_step
 from ..runs import BASELINE, Event, Excitation, RunStatus
 from ..samples.mapping import bench_mapping
@@ -239,7 +222,7 @@ def order_event(
     Raises OrderError if the order is not possible now.
     """
     match order:
-        case Arm():
+        case messages.Arm():
             if due is None:
                 raise OrderError("the campaign is complete: choose a run first")
             is_confirmed = order.mass_state == due.mass_state or order.until is Until.COMPLETE
@@ -252,29 +235,29 @@ def order_event(
                     f'then arm with "mass_state": "{state}"'
                 )
             return Event(t_ns, "arm", text=f"{order.until} {by}")
-        case Pause():
+        case messages.Pause():
             return Event(t_ns, "pause", text=by)
-        case Accept():
+        case messages.Accept():
             run = _judged(run_log, order.label)
             if run.status is RunStatus.ACCEPTED:
                 raise OrderError(f"{run.label} is already accepted")
             if not order.reason:
                 raise OrderError(f"{run.label} was rejected: give the reason why it should be used")
             return entry(Code.ACCEPT, t_ns, label=run.label, by=by, reason=_clean(order.reason))
-        case Reject():
+        case messages.Reject():
             run = _judged(run_log, order.label)
             if run.status is RunStatus.REJECTED:
                 raise OrderError(f"{run.label} is already rejected")
             return entry(Code.REJECT, t_ns, label=run.label, by=by, reason=_clean(order.reason))
-        case Undo():
+        case messages.Undo():
             if not run_log.done:
                 raise OrderError("there is no verdict to undo")
             return Event(t_ns, Code.UNDO, text=by)
-        case Redo():
+        case messages.Redo():
             if not run_log.undone:
                 raise OrderError("there is nothing to redo")
             return Event(t_ns, Code.REDO, text=by)
-        case Choose():
+        case messages.Choose():
             states = [state.name for state in bench.mass_states]
             if order.mass_state not in states:
                 raise OrderError(f"{order.mass_state!r} is not a mass state: {', '.join(states)}")
@@ -282,16 +265,16 @@ def order_event(
                 raise OrderError(f"{run_log.open.label} is being recorded: wait for its end")
             kind = str(order.excitation)
             return entry(Code.CHOOSE, t_ns, mass_state=order.mass_state, excitation=kind)
-        case Mark():
+        case messages.Mark():
             return Event(t_ns, Code.MARK, text=_clean(order.text))
-        case Note():
+        case messages.Note():
             if order.label:
                 _logged(run_log, order.label)
             return entry(Code.NOTE, t_ns, text=_clean(order.text), label=order.label, by=by)
-        case OverrideWarning():
+        case messages.OverrideWarning():
             subject, reason = _clean(order.subject), _clean(order.reason)
             return entry(Code.OVERRIDE, t_ns, subject=subject, reason=reason, by=by)
-        case Configure():
+        case messages.Configure():
             return Event(t_ns, Code.BENCH, text=order.bench_text)
     return None
 

@@ -12,7 +12,6 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
-from dbc.codec import UNUSABLE
 from dbc.frames import FrameBatch
 from dbc.words import Finding, InputError, Severity, counted, printable
 
@@ -31,23 +30,8 @@ from ..vehicle import (
     Vehicle,
     VehicleGeometry,
 )
-from .writing import (
-    CHANNEL_COLUMNS,
-    CHECKSUM,
-    EVENT_COLUMNS,
-    FACT_COLUMNS,
-    FRAME_COLUMNS,
-    MARK,
-    PARTS,
-    RAW_PREFIX,
-    SCHEMA,
-    VERSION,
-    WEIGHT_COLUMNS,
-    Attribute,
-    Content,
-    Item,
-    digests,
-)
+from . import writing
+from .writing import Attribute, Content, Item
 
 if TYPE_CHECKING:
     import h5py
@@ -82,18 +66,18 @@ def read_session(path: Path | str) -> Session:
 
 def _has_checksums(content: Content) -> bool:
     """Return whether a file has checksums: older ones have none."""
-    return any(CHECKSUM in item.attributes for item in content.values())
+    return any(writing.CHECKSUM in item.attributes for item in content.values())
 
 
 def _changed_parts(content: Content) -> tuple[str, ...]:
     """Return the parts of a file that do not match their checksums; none without checksums."""
     if not _has_checksums(content):
         return ()
-    computed = digests(content)
+    computed = writing.digests(content)
     return tuple(
         part
-        for part in (*PARTS, *sorted(set(computed) - set(PARTS)))
-        if part not in computed or content[part].attributes.get(CHECKSUM) != computed[part]
+        for part in (*writing.PARTS, *sorted(set(computed) - set(writing.PARTS)))
+        if part not in computed or content[part].attributes.get(writing.CHECKSUM) != computed[part]
     )
 
 
@@ -114,9 +98,9 @@ def read_content(path: Path | str) -> tuple[Content, bool]:
     except OSError as error:
         what = f"cannot be read: {error.strerror}"
         raise InputError(where, what, "get read permission") from error
-    end = len(image) - len(MARK) - 9  # where the last line begins: mark, eight digits, line feed
-    is_marked = end > 0 and image.startswith(MARK, end)
-    is_as_written = is_marked and image[end:] == b"%s%08x\n" % (MARK, crc32(image[:end]))
+    end = len(image) - len(writing.MARK) - 9  # of the HDF5: mark, eight digits, line feed follow
+    is_marked = end > 0 and image.startswith(writing.MARK, end)
+    is_as_written = is_marked and image[end:] == b"%s%08x\n" % (writing.MARK, crc32(image[:end]))
     if is_marked and not is_as_written:
         what = "is damaged: it does not match the checksum at its end"
         raise InputError(where, what, _DAMAGED_ADVICE)
@@ -129,11 +113,11 @@ def read_content(path: Path | str) -> tuple[Content, bool]:
     try:
         with file:
             root_attributes = _plain_attributes(file)
-            if root_attributes.get("schema") != SCHEMA:
+            if root_attributes.get("schema") != writing.SCHEMA:
                 raise InputError(where, "is HDF5, but not a bench session", _ADVICE)
             version = root_attributes.get("schema_version")
-            if version != VERSION:
-                what = f"has schema version {version}, this program reads {VERSION}"
+            if version != writing.VERSION:
+                what = f"has schema version {version}, this program reads {writing.VERSION}"
                 raise InputError(where, what, "use a newer bumpbench")
             file.visititems(lambda name, item: items.append((f"/{name}", item)))
             _check_datasets(items, len(image))
@@ -229,7 +213,7 @@ def session_of(content: Content, where: str) -> Session:
                 provenance[name] = file_bytes.tobytes().decode("utf-8", "surrogateescape")
         state_paths = [f"/mass_states/{name}" for name in groups_in(content, "/mass_states")]
         state_paths.sort(key=lambda path: _attribute(content, path, "order", int))
-        rows = _rows(content, "/channels", CHANNEL_COLUMNS, {"name", "quantity", "unit"})
+        rows = _rows(content, "/channels", writing.CHANNEL_COLUMNS, {"name", "quantity", "unit"})
         for row in rows:
             row["corner"] = row.get("corner") or None
             row["at_cg"] = bool(row.get("at_cg"))
@@ -262,7 +246,7 @@ def _vehicle(content: Content) -> Vehicle:
     structure = [_attribute(content, "/session", n, int, int(d)) for n, d in defaults.items()]
     facts = []
     if "/session/facts" in content:
-        facts = _rows(content, "/session/facts", FACT_COLUMNS, set(FACT_COLUMNS))
+        facts = _rows(content, "/session/facts", writing.FACT_COLUMNS, set(writing.FACT_COLUMNS))
     return Vehicle(
         _attribute(content, "/session", "vehicle", str),
         VehicleGeometry(*lengths_m) if lengths_m else None,
@@ -279,8 +263,8 @@ def _vehicle(content: Content) -> Vehicle:
 def _read_mass_state(content: Content, path: str) -> MassState:
     """Return the mass state in a group, from its table of weights and its matrix."""
     weights: list[BodyWeight | HubWeight] = []
-    needed = set(WEIGHT_COLUMNS) - {"position_sigma_m"}  # files of 2026 do not have it
-    for row in _rows(content, path, WEIGHT_COLUMNS, needed):
+    needed = set(writing.WEIGHT_COLUMNS) - {"position_sigma_m"}  # files of 2026 do not have it
+    for row in _rows(content, path, writing.WEIGHT_COLUMNS, needed):
         hub = row.pop("hub")
         if hub:
             weights.append(HubWeight(row["mass_kg"], Corner(hub), row["sigma_kg"]))
@@ -309,9 +293,9 @@ def _read_run(content: Content, path: str) -> Run:
                 quality=_values(content, f"{group_path}/quality", "u1"),
             )
         )
-    buses = [name for name in groups_in(content, path) if name.startswith(RAW_PREFIX)]
+    buses = [name for name in groups_in(content, path) if name.startswith(writing.RAW_PREFIX)]
     frames = FrameBatch.concatenate([_frames(content, f"{path}/{name}") for name in buses])
-    events = _rows(content, f"{path}/events", EVENT_COLUMNS, set(EVENT_COLUMNS))
+    events = _rows(content, f"{path}/events", writing.EVENT_COLUMNS, set(writing.EVENT_COLUMNS))
     return Run(
         mass_state=_attribute(content, path, "mass_state", str),
         excitation=Excitation(_attribute(content, path, "excitation", str)),
@@ -337,7 +321,7 @@ def _frames(content: Content, path: str) -> FrameBatch:
     width = 64 if data is not None and data.shape[1:] == (64,) else 8
     columns = {
         name: _values(content, f"{path}/{name}", dtype, (n, width) if name == "data" else (n,))
-        for name, dtype in FRAME_COLUMNS.items()
+        for name, dtype in writing.FRAME_COLUMNS.items()
     }
     return FrameBatch(bus=np.full(n, bus, np.uint8), **columns)
 
@@ -473,13 +457,9 @@ def _sample_findings(group: SampleGroup, where: str) -> Iterator[Finding]:
     """Yield findings on the times and values of a group."""
     if not np.all(np.isfinite(group.time_s)) or np.any(np.diff(group.time_s) <= 0):
         yield _error(where, "time is not increasing")
-    usable = (group.quality & UNUSABLE) == 0
     for name, values in group.values.items():
         if n_infinite := int(np.isinf(values).sum()):
             what = counted(n_infinite, "value is infinite", "values are infinite")
             yield _error(f"{where}/{name}", what)
         if len(values) and np.isnan(values).all():
             yield _warning(f"{where}/{name}", "has no value in this run")
-    columns = list(group.values.values())
-    if columns and len(usable) and not np.any(usable & np.any(np.isfinite(columns), axis=0)):
-        yield _warning(where, "has no usable sample")

@@ -28,10 +28,10 @@ import numpy as np
 from daq.control.address import control_address
 from daq.control.exchange import Client
 from daq.control.messages import SessionState, Start, Stop
-from daq.journal.reader import read_journal, recordings
+from daq.journal.reader import recordings
 from dbc.frames import FrameBatch
 
-from .crash_frames import journal_of_runs, kill_derive
+from .crash_frames import journal_of_runs, kill_derive, read_journal
 from .crash_process import (
     KILLS_A_FOLDER,
     MORE_ROOM,

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
-from daq.journal.reader import read_journal
+from daq.journal.reader import HopCounts, JournalLoss, read_windows, recording_of
 from daq.journal.segment import JournalHead, SyncedFile
 from daq.journal.writer import JournalWriter, Room
 from daq.runs import Event
@@ -64,6 +64,25 @@ def numbers(frames: FrameBatch) -> NDArray[np.int64]:
         same = np.array_equal(getattr(frames, name), getattr(true, name))
         assert same, f"{name} is not what was written"
     return n
+
+
+@dataclass(frozen=True, slots=True)
+class JournalContents:
+    """All that is in the segments of one recording."""
+
+    head: JournalHead
+    frames: FrameBatch
+    events: tuple[Event, ...]
+    hops: HopCounts
+    lost: JournalLoss
+
+
+def read_journal(paths: Sequence[Path]) -> JournalContents:
+    """Read all segments of a recording, in any order; raise InputError as `recording_of`."""
+    recording = recording_of(paths)
+    contents = read_windows(recording, [(-(2**63), 2**63 - 1)])
+    (frames,) = contents.windows
+    return JournalContents(recording.head, frames, recording.events, contents.hops, contents.lost)
 
 
 def read_numbers(segments: Sequence[Path]) -> NDArray[np.int64]:

@@ -36,14 +36,14 @@ from daq.control.address import control_address
 from daq.control.exchange import Client, RecorderGoneError
 from daq.control.messages import AskStatus, Status
 from daq.journal import writer as backlog
-from daq.journal.reader import JournalLoss, read_journal, segments_in
+from daq.journal.reader import JournalLoss, segments_in
 from daq.journal.segment import SyncedFile
 from daq.recorder import recorder as engine
 from dbc.frames import FrameBatch
 from tui import cli
 from tui.commands.record import recover
 
-from .crash_frames import FailingDisk, SmallDisk
+from .crash_frames import FailingDisk, SmallDisk, read_journal
 from .small_campaign import bumps, small_bench, small_codec
 
 RATE_HZ = 16_000

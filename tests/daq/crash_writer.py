@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
-from daq.journal.reader import last_recording, read_journal, segments_in
+from daq.journal.reader import last_recording, segments_in
 from daq.journal.segment import SyncedFile
 from daq.journal.writer import JournalWriter, Room, room_on
 from daq.runs import Event
@@ -35,6 +35,7 @@ from .crash_frames import (
     SmallDisk,
     block,
     numbers,
+    read_journal,
     read_numbers,
 )
 

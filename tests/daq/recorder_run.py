@@ -25,7 +25,7 @@ from daq.control.messages import (
     StorageStatus,
     Until,
 )
-from daq.journal.reader import JournalContents, read_journal, recordings
+from daq.journal.reader import recordings
 from daq.journal.writer import JournalWriter
 from daq.recorder import recording as judging
 from daq.recorder.recorder import Recorder
@@ -34,6 +34,7 @@ from daq.runs import Event
 from daq.verdict.window import RunMeasure
 from dbc import Codec, FrameBatch
 
+from .crash_frames import JournalContents, read_journal
 from .small_campaign import START_NS, codes
 
 PATIENCE_S = 150.0

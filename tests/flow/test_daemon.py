@@ -25,11 +25,11 @@ import pytest
 from daq.control.address import control_address
 from daq.control.exchange import Client
 from daq.control.messages import PROTOCOL, Arm, AskStatus, Order, Phase, Status
-from daq.journal.reader import read_journal
 from tui.cli import run
 from tui.diagnostics import ExitCode
 
 from ..daq.adapters import own_group
+from ..daq.crash_frames import read_journal
 from ..tui.conftest import answered
 
 PATIENCE_S = 30.0

@@ -16,13 +16,14 @@ import daq
 from daq.bench.config import default_bench_text, parse_bench
 from daq.control.address import control_address, is_running
 from daq.control.exchange import Client
-from daq.journal.reader import read_journal, recordings, segments_in
+from daq.journal.reader import recordings, segments_in
 from daq.sim.bench import Fault, SimulatedBench
 from identify import Identification
 from identify.trust.finding import Judgement
 from tui.cli import run
 from tui.commands.demo import next_commands
 
+from ..daq.crash_frames import read_journal
 from ..tui.conftest import answered
 from .bench_terminal import PATIENCE_S, PtyTerminal, end_recorder
 

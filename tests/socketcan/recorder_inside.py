@@ -13,9 +13,10 @@ import numpy as np
 from daq.bench.config import BusConfig, load_bench
 from daq.bus.interfaces import open_source
 from daq.control.messages import Status
-from daq.journal.reader import read_journal, segments_in
+from daq.journal.reader import segments_in
 from dbc.frames import FrameFlag
 
+from ..daq.crash_frames import read_journal
 from ..daq.recorder_run import Running
 from .inside import classic, ip, sender
 

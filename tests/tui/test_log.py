@@ -190,7 +190,7 @@ def test_a_session_file_that_failed_is_logged_once() -> None:
     failed = replace(before, session=SessionStatus(SessionState.FAILED, "a.h5", "no room"))
     advice = "the journal has it all: make room if the disk is full, then `bumpbench recover`"
     assert said(before, failed) == [(f"session a.h5: no room ({advice})", "")]
-    assert said(None, failed)[-1] == (f"session a.h5: no room ({advice})", "")
+    assert said(None, failed)[0] == (f"session a.h5: no room ({advice})", "")
     assert said(failed, replace(failed)) == []
     ready = replace(before, session=SessionStatus(SessionState.READY, "a.h5"))
     assert said(before, ready) == []

@@ -68,7 +68,7 @@ def test_a_recorder_is_started_in_its_folder_and_outlives_the_terminal(
         (None, "", ""),
         (0, "", ""),
         (-9, "", "the recorder was ended by SIGKILL"),
-        (2, None, "the recorder ended: no log"),
+        (2, None, "the recorder ended: its log is empty"),
         (2, " \n\n", "the recorder ended: its log is empty"),
         (2, "x" * 3000 + "\nbumpbench: error: can0: no such bus\n\n",
          "the recorder ended: can0: no such bus"),

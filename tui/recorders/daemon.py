@@ -10,7 +10,7 @@ import signal
 import threading
 import time
 from collections.abc import Iterator
-from concurrent.futures import Future
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -142,52 +142,51 @@ class _Daemon:
     def __post_init__(self) -> None:
         self._stop = threading.Event()  # ends the recorder's thread
         self._status: Status | None = None
-        self._failure: Exception | None = None
         self._stop_reply: Future[Reply] | None = None  # the awaited answer to the order to stop
         self._armed = self._stopped = ""  # the last recordings that were armed, and ordered to stop
         self._logged: Status | None = None  # the last status whose news are in the log
         self._systemd_told_s = 0.0  # monotonic time of the last report to systemd
 
     def run(self, stage: Stage) -> Status:
-        """Loop until the recorder has ended; return its last status."""
-        from daq.alarms.watch import with_not_recording
-
-        end = self.lifetime.end
-        writer = threading.Thread(target=self._run_recorder, name="writer", daemon=True)
-        writer.start()
-        while writer.is_alive():
-            writer.join(0.1)
-            needs_terminal = self.lifetime.attended and not end.is_set()
-            if needs_terminal and self.server.alone_s() > _ALONE_S:
-                self.log.line("the last terminal has gone, and a demonstration ends with it")
-                end.set()
-            if end.is_set() and (self.lifetime.keep_on or self._status is None):
+        """Record until the recorder has ended; return its last status, or raise its failure."""
+        follows = self.traffic.follow is not None
+        with ThreadPoolExecutor(1, "writer") as executor:
+            recording = executor.submit(
+                self.recorder.run,
+                self._stop,
+                self._publish,
+                lambda: follows or self.server.has_clients(),
+            )
+            try:
+                while wait([recording], 0.1).not_done:  # s
+                    self._supervise(stage)
+            finally:
                 self._stop.set()
-            if self._status is None:
-                continue
-            self._give_orders(self._status, end.is_set())
-            # If the writer itself hangs, it publishes no alarm.
-            published = self._status
-            status = with_not_recording(published, self.recorder.storage(), time.time_ns())
-            if status is not published:
-                self.server.publish(status, None)
-            self._report(status)
-            stage(*progress_words(status))
         self.systemd.stopping()
-        if self._failure:
-            raise self._failure
+        recording.result()
         assert self._status is not None, "the recorder publishes its last status"
         return self._status
 
-    def _run_recorder(self) -> None:
-        """Record until `_stop` is set; keep the failure that ends it for the main thread."""
-        follows = self.traffic.follow is not None
-        try:
-            self.recorder.run(
-                self._stop, self._publish, lambda: follows or self.server.has_clients()
-            )
-        except Exception as error:
-            self._failure = error
+    def _supervise(self, stage: Stage) -> None:
+        """End the recorder if it is time, give it orders, and report its last status."""
+        from daq.alarms.watch import with_not_recording
+
+        end = self.lifetime.end
+        needs_terminal = self.lifetime.attended and not end.is_set()
+        if needs_terminal and self.server.alone_s() > _ALONE_S:
+            self.log.line("the last terminal has gone, and a demonstration ends with it")
+            end.set()
+        if end.is_set() and (self.lifetime.keep_on or self._status is None):
+            self._stop.set()
+        if (published := self._status) is None:
+            return
+        self._give_orders(published, end.is_set())
+        # If the writer itself hangs, it publishes no alarm.
+        status = with_not_recording(published, self.recorder.storage(), time.time_ns())
+        if status is not published:
+            self.server.publish(status, None)
+        self._report(status)
+        stage(*progress_words(status))
 
     def _publish(self, status: Status, live: Live | None) -> None:
         """Pass a status on to the main thread, to the traffic and to all clients."""

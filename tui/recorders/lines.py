@@ -24,16 +24,14 @@ RECOVER_STORED = "make room, then `bumpbench recover` builds the session of thos
 
 
 def news(previous: Status | None, status: Status) -> Iterator[tuple[str, str]]:
-    """Yield the log lines of a change of status, each with the key that limits its repetition.
-
-    Of a first status only what is wrong is news, and what is recorded.
-    """
-    from daq.control.messages import SessionStatus
-
+    """Yield the log lines of a change of status, each with the key that limits its repetition."""
+    session = status.session
+    if session.state == "failed" and (previous is None or previous.session != session):
+        yield f"session {session.path}: {session.text} ({RECOVER})", ""
     if previous is None:
         origin = "" if status.origin == "real" else f" ({status.origin})"
         yield f"recording {status.vehicle}{origin} into {status.folder}", ""
-        previous = replace(status, alarms=(), session=SessionStatus())
+        previous = replace(status, alarms=())
     elif previous.recording != status.recording:
         yield f"campaign of {status.vehicle} {'begun' if status.recording else 'ended'}", ""
     earlier_alarms, alarms = (
@@ -53,9 +51,6 @@ def news(previous: Status | None, status: Status) -> Iterator[tuple[str, str]]:
             if run.failed and run.failed.advice:
                 reasons += f" ({run.failed.advice})"
             yield f"{run.label} {run.status}{reasons}", ""
-    session = status.session
-    if session.state == "failed" and previous.session != session:
-        yield f"session {session.path}: {session.text} ({RECOVER})", ""
 
 
 def progress_words(status: Status) -> tuple[float, str]:

@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 LOG = "recorder.log"
@@ -46,10 +47,9 @@ def failure(process: Process, folder: Path) -> str:
         return ""
     if code < 0:
         return f"the recorder was ended by {signal.Signals(-code).name}"
-    try:
+    lines = list[str]()
+    with suppress(OSError):
         lines = (folder / LOG).read_text("utf-8", "replace").split("\n")
-    except OSError:
-        return "the recorder ended: no log"
     last_line = next((line for line in reversed(lines) if line.strip()), "its log is empty")
     reason = last_line.rpartition("bumpbench: ")[2].removeprefix("error: ")
     return f"the recorder ended: {reason}"

@@ -17,7 +17,6 @@ from daq.journal.reader import (
     deleted_event,
     last_recording,
     next_segment,
-    read_journal,
     read_windows,
     recording_of,
     recordings,
@@ -31,7 +30,7 @@ from daq.runs import Event
 from dbc.frames import FrameBatch
 from dbc.words import InputError
 
-from ..crash_frames import HEAD, START_NS, QuickFile, block, numbers
+from ..crash_frames import HEAD, START_NS, QuickFile, block, numbers, read_journal
 
 LIMITS = RecorderConfig(reserve_bytes=0.0)
 

@@ -11,7 +11,7 @@ import pytest
 
 from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
-from daq.journal.reader import last_recording, read_journal, recordings
+from daq.journal.reader import last_recording, recordings
 from daq.journal.segment import Segment
 from daq.journal.writer import JournalError, JournalWriter, Room
 from daq.runs import Event
@@ -22,6 +22,7 @@ from ..crash_frames import (
     QuickFile,
     block,
     numbers,
+    read_journal,
 )
 from ..crash_writer import (
     KINDS,

@@ -30,14 +30,14 @@ from daq.control.messages import (
     Stop,
     Until,
 )
-from daq.journal.reader import last_recording, read_journal, recordings, segments_in
+from daq.journal.reader import last_recording, recordings, segments_in
 from daq.journal.segment import end_of
 from daq.recorder.recorder import Derivation
 from daq.recorder.run_loop import OrderError
 from dbc import Codec
 from tui.recorders.lines import status_lines
 
-from ..crash_frames import SmallDisk, block, numbers
+from ..crash_frames import SmallDisk, block, numbers, read_journal
 from ..recorder_run import (
     ENDED,
     PATIENCE_S,

@@ -13,7 +13,7 @@ from daq.bench.campaign import Origin, Step
 from daq.bench.config import Bench
 from daq.bus.source import HopLosses, Now
 from daq.control.messages import Arm, Pause, Phase, Until
-from daq.journal.reader import last_recording, read_journal, segments_in
+from daq.journal.reader import last_recording, segments_in
 from daq.journal.segment import JournalHead
 from daq.journal.writer import JournalError, JournalWriter
 from daq.recorder import recording as judging
@@ -28,7 +28,7 @@ from dbc import Codec, FrameBatch, FrameFlag
 from dbc.words import Finding, Severity
 from identify.report.content import title_of
 
-from ..crash_frames import QuickFile, block
+from ..crash_frames import QuickFile, block, read_journal
 from ..recorder_run import LINK, armed, feed, look, now, runs_of, status_of, step
 from ..small_campaign import (
     CAMPAIGN,

@@ -27,7 +27,6 @@ from daq.control.messages import (
     Undo,
     Until,
 )
-from daq.journal.reader import read_journal
 from daq.journal.writer import JournalWriter
 from daq.recorder.recording import Recording
 from daq.recorder.run_loop import (
@@ -53,6 +52,7 @@ from daq.runs import ADDED, BASELINE, Event, Excitation, RunStatus
 from dbc import Codec
 from dbc.words import Finding, Severity
 
+from ..crash_frames import read_journal
 from ..recorder_run import LINK, armed, feed, now, status_of, step
 from ..small_campaign import blocks, bumps, small_bench
 

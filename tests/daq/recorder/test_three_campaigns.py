@@ -32,7 +32,7 @@ from daq.control.messages import (
     Stop,
     Until,
 )
-from daq.journal.reader import read_journal, recordings
+from daq.journal.reader import recordings
 from daq.journal.segment import SyncedFile, segment_number
 from daq.runs import RunStatus
 from dbc import Codec, FrameBatch
@@ -42,6 +42,7 @@ from tui.recorders.daemon import Lifetime, record_campaign
 from tui.recorders.log import Log
 from tui.recorders.traffic import Traffic
 
+from ..crash_frames import read_journal
 from ..recorder_run import ENDED, PATIENCE_S, Gated, Running, Script, sources, stored
 from ..small_campaign import LABELS, START_NS, blocks, bumps, frames_at
 

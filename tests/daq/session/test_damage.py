@@ -356,20 +356,6 @@ def test_a_channel_has_a_sign_and_time_increases() -> None:
         assert found == ([] if good else [("error", f"{PLACE}/A_IMU")])
 
 
-@pytest.mark.parametrize(
-    ("quality", "values", "good"),
-    [
-        ([0, 0, 0], [np.nan, 1.0, np.nan], True),
-        ([0, 2, 0], [np.nan, 1.0, np.nan], False),
-        ([2, 0, 2], [1.0, 1.0, 1.0], True),
-        ([1, 1, 1], [1.0, 1.0, 1.0], True),  # a gap in a counter leaves a sample usable
-    ],
-)
-def test_a_group_has_a_usable_sample(quality: list[int], values: list[float], good: bool) -> None:
-    group = replace(IMU, quality=np.array(quality, np.uint8), values={"az": np.array(values)})
-    assert _of_run(groups=(group,)) == ([] if good else [("warning", f"{PLACE}/A_IMU")])
-
-
 def test_a_channel_without_a_value_is_found() -> None:
     group = PLAUSIBLE_RUN.groups[0]
     silent = replace(group, values={**group.values, "hub_fl": np.full(len(group.time_s), np.nan)})
