@@ -231,6 +231,15 @@ class _Ticks:
         mean_s = max(float(np.mean(self.delay_s)), 1e-6)
         return float(n * np.log(mean_s) + np.sum(np.diff(self.index) > 1) * np.log(n))
 
+    @property
+    def latest_stretch_cycles(self) -> float:
+        """Least delay in a stretch of 20 to 40 frames, in cycles: the largest of all stretches.
+
+        If one frame has a wrong tick, all later frames have one too, and are later than before.
+        """
+        stretches = np.array_split(self.delay_s, len(self.delay_s) // _FEWEST)
+        return max(float(stretch.min()) for stretch in stretches) / self.cycle_s
+
 
 def _punctual_ticks(arrival_s: NDArray[np.float64], rough_s: float) -> _Ticks | None:
     """Return the tick of each frame, if frames come less than a cycle late.
@@ -242,7 +251,7 @@ def _punctual_ticks(arrival_s: NDArray[np.float64], rough_s: float) -> _Ticks | 
     is_too_late = np.quantile(ticks.delay_s, 0.95) > 0.9 * ticks.cycle_s
     n_gaps = np.count_nonzero(np.diff(ticks.index) > 1)
     # Delay, in cycles, below which each stretch has a frame if they follow the clock.
-    follows_clock = _least_delay_of_latest_stretch_s(ticks.delay_s) < 0.25 * ticks.cycle_s
+    follows_clock = ticks.latest_stretch_cycles < 0.25
     # Number of gaps for each frame, from which the assumed clock may be twice too fast.
     may_be_too_fast = n_gaps > 0.1 * len(ticks.index)
     return None if is_too_late or not follows_clock or may_be_too_fast else ticks
@@ -264,14 +273,21 @@ def _ticks(arrival_s: NDArray[np.float64], rough_s: float) -> _Ticks:
         # Number of ticks without a frame before each.  A frame may seem to come up to 0.2 cycles
         # before its tick, within the accuracy of the tick.
         skipped = np.floor((fitted_s - start_s) / cycle_s + 0.2) - count
-        index = np.asarray(np.minimum.accumulate(skipped[::-1])[::-1] + count, np.float64)
-        middle = float(index.mean())
-        from_middle = np.asarray(index - middle, np.float64)
-        middle_s, cycle_s = lower_line(from_middle, fitted_s, cycle_s, LARGEST_TOLERANCE)
-        start_s = middle_s - cycle_s * middle
+        ticks = _fitted_ticks(np.minimum.accumulate(skipped[::-1])[::-1] + count, fitted_s, cycle_s)
         if n_fitted >= len(since_s):
-            return _Ticks(index, np.asarray(fitted_s - start_s - cycle_s * index), cycle_s)
+            return ticks
+        cycle_s = ticks.cycle_s
+        start_s = float(fitted_s[0] - ticks.delay_s[0] - cycle_s * ticks.index[0])
         n_fitted += n_fitted // 4
+
+
+def _fitted_ticks(
+    index: NDArray[np.float64], arrival_s: NDArray[np.float64], rough_s: float
+) -> _Ticks:
+    """Return the clock whose ticks of these numbers are just before the arrivals."""
+    from_middle: NDArray[np.float64] = index - index.mean()
+    middle_s, cycle_s = lower_line(from_middle, arrival_s, rough_s, LARGEST_TOLERANCE)
+    return _Ticks(index, arrival_s - middle_s - cycle_s * from_middle, cycle_s)
 
 
 def _consecutive_ticks(arrival_s: NDArray[np.float64]) -> _Ticks | None:
@@ -288,22 +304,8 @@ def _consecutive_ticks(arrival_s: NDArray[np.float64]) -> _Ticks | None:
     # If more than a quarter of the frames come with the previous one, the reader takes blocks.
     if not rough_s > 0.0 or np.mean(is_at_once) > 0.25:
         return None
-    index: NDArray[np.float64] = np.arange(len(since_s), dtype=np.float64)
-    from_middle = index - index.mean()
-    middle_s, cycle_s = lower_line(from_middle, since_s, rough_s, LARGEST_TOLERANCE)
-    delay_s = since_s - middle_s - cycle_s * from_middle
-    if _least_delay_of_latest_stretch_s(delay_s) >= _PUNCTUAL_CYCLES * cycle_s:
-        return None
-    return _Ticks(index, delay_s, cycle_s)
-
-
-def _least_delay_of_latest_stretch_s(delay_s: NDArray[np.float64]) -> float:
-    """Return the largest, over stretches of 20 to 40 frames, of the least delay in a stretch, s.
-
-    If one frame has a wrong tick, all later frames have one too, and are later than those before.
-    """
-    stretches = np.array_split(delay_s, len(delay_s) // _FEWEST)
-    return max(float(stretch.min()) for stretch in stretches)
+    ticks = _fitted_ticks(np.arange(len(since_s), dtype=np.float64), since_s, rough_s)
+    return ticks if ticks.latest_stretch_cycles < _PUNCTUAL_CYCLES else None
 
 
 def stamped_times(
