@@ -56,7 +56,7 @@ class Campaign:
     method: Method = Method.ROLL_OVER
     bump_height_m: Annotated[
         float,
-        Field(gt=0, le=200, alias="bump_height_mm"),
+        Field(ge=0.1, le=200, alias="bump_height_mm"),  # 0.04 would be a height in metres
         AfterValidator(lambda height_mm: height_mm * 1e-3),
     ] = 0.04
     """Height of board or block, or depth of the push, m."""

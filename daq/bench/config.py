@@ -279,15 +279,10 @@ class BenchFile(DescribedCar):
         return self
 
 
-def campaign_limits(key: str) -> tuple[float, float, bool]:
-    """Return the lowest and the highest value of a number of `[campaign]`, which it may equal.
-
-    The last is True if it must be above the lowest.
-    """
+def campaign_limits(key: str) -> tuple[float, float]:
+    """Return the lowest and the highest value of a number of `[campaign]`."""
     limits = BenchFile.model_json_schema()["$defs"]["Campaign"]["properties"][key]
-    is_exclusive = "exclusiveMinimum" in limits
-    low = limits["exclusiveMinimum" if is_exclusive else "minimum"]
-    return float(low), float(limits["maximum"]), is_exclusive
+    return float(limits["minimum"]), float(limits["maximum"])
 
 
 @dataclass(frozen=True, slots=True)

@@ -34,7 +34,7 @@ class Field:
     """Unit of a number; empty for text."""
     low: float = -math.inf
     high: float = math.inf
-    """Limits of a number; `high` is included, and `low` too unless `above_low`."""
+    """Limits of a number, which it may equal."""
     reason: str = ""
     """Reason of the limits."""
     help: str = ""
@@ -47,8 +47,6 @@ class Field:
     """True for a whole number."""
     most: int = 60
     """Largest number of characters of a text."""
-    above_low: bool = False
-    """True if a number must be above `low`; False if it may equal it."""
 
     @property
     def limit(self) -> str:
@@ -58,8 +56,7 @@ class Field:
         if not self.unit:
             return f"{'1' if self.needed else '0'} to {self.most} characters"
         kind = "a whole number " if self.whole else ""
-        low = f"above {self.low:g}, up" if self.above_low else f"{self.low:g}"
-        return f"{kind}{low} to {self.high:g} {self.unit}"
+        return f"{kind}{self.low:g} to {self.high:g} {self.unit}"
 
     @property
     def advice(self) -> str:
@@ -86,8 +83,6 @@ class Field:
             wrong = f"{text!r} is not a number"
         elif self.whole and value != round(value):
             wrong = f"{text} is not a whole number"
-        elif self.above_low and value == self.low:
-            wrong = f"{text} {self.unit} is not above {self.low:g}"
         elif not self.low <= value <= self.high:
             side = "below" if value < self.low else "above"
             wrong = f"{text} {self.unit} is {side} the limit: {self.reason}"

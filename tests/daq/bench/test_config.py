@@ -304,7 +304,7 @@ def text(length: int) -> str:
         ("[calibration]\n", "max_age_days", ("1", "100000"), ("0",)),
         ("[campaign]\n", "excitations", ('["roll"]',), ("[]",)),
         ("[campaign]\n", "repeats", ("1", "100"), ("0", "101")),
-        ("[campaign]\n", "bump_height_mm", ("0.001", "200.0"), ("0.0", "200.1")),
+        ("[campaign]\n", "bump_height_mm", ("0.1", "200.0"), ("0.09", "200.1")),
         ("[campaign]\n", "accept_after_s", ("0.0", "60.0"), ("-0.01", "60.1")),
         ("[campaign.instructions]\n", "roll", (text(200),), (text(201),)),
     ],

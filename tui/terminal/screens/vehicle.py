@@ -63,8 +63,8 @@ def _campaign_field(
     name: str, label: str, unit: str, why: str, advice: str, *, whole: bool = False
 ) -> Field:
     """Return the field of a number under [campaign] in bench.toml, with the limits it has there."""
-    low, high, above_low = campaign_limits(name)
-    return Field(name, label, unit, low, high, why, advice, True, whole=whole, above_low=above_low)
+    low, high = campaign_limits(name)
+    return Field(name, label, unit, low, high, why, advice, True, whole=whole)
 
 
 def _flag_field(name: str, label: str, advice: str) -> Field:
@@ -89,7 +89,8 @@ GROUPS: dict[str, list[tuple[Field, ...]]] = {
         tuple(_BUMPS[:3]),
         tuple(_BUMPS[3:]),
         (_campaign_field("repeats", "Repeats", "runs", _REPEATS, _REPEATS, whole=True),
-         _campaign_field("bump_height_mm", "Height", "mm", "above 50 mm wheels leave the ground",
+         _campaign_field("bump_height_mm", "Height", "mm",
+                         "less moves nothing, and above 50 mm wheels leave the ground",
                          "height of board or block, or depth of the push: 50 mm or less")),
         (Field("method", "Method", needed=True, choices=tuple(Method),
                help="roll over boards, drop off blocks, or push by hand"),
