@@ -7,6 +7,7 @@ stores it in the journal.  Comments are not carried over.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -15,14 +16,13 @@ import tomlkit
 from dbc.words import InputError
 
 from ..runs import Excitation
-from ..vehicle import BodyWeight, Fact, HubWeight, Structure
+from ..vehicle import Fact, HubWeight, Structure, Weight
 from .campaign import Method
 from .config import parse_bench
 from .sensors import completed
 from .toml_file import toml_tables
 
 WHERE = "bench.toml"
-Weight = BodyWeight | HubWeight
 _Tables = dict[str, Any]
 
 
@@ -52,15 +52,11 @@ def with_weights(text: str, weights: Sequence[Weight]) -> str:
     """Return the text with these added weights and no others."""
     rows = []
     for weight in weights:
-        row: _Tables = {"mass_kg": weight.mass_kg}
-        optional = {"sigma_kg": weight.sigma_kg}
+        row = asdict(weight)
         if isinstance(weight, HubWeight):
-            row["hub"] = str(weight.corner)
-        else:
-            row |= {"x_m": weight.x_m, "y_m": weight.y_m}
-            optional["height_m"] = weight.height_m
-            optional["position_sigma_m"] = weight.position_sigma_m
-        rows.append(row | {key: value for key, value in optional.items() if value != 0.0})
+            row["hub"] = str(row.pop("corner"))
+        needed = ("mass_kg", "x_m", "y_m")  # the others are 0 if they are not stated
+        rows.append({key: value for key, value in row.items() if value != 0.0 or key in needed})
     return _edited(text, lambda tables: tables.update(weight=rows))
 
 
@@ -75,11 +71,12 @@ def with_channel(text: str, name: str, sign: float | None = None, tare: float | 
         channels = tables.get("channel", [])
         if name not in [channel["name"] for channel in channels]:
             channels = completed(tables)["channel"]
-        if name not in (names := [channel["name"] for channel in channels]):
+        names = [channel["name"] for channel in channels]
+        if name not in names:
             advice = f"name one of {', '.join(names)}"
             raise InputError(WHERE, f"there is no channel {name}", advice)
-        stated = {"sign": None if sign is None else int(sign), "tare": tare}
-        changed = {key: value for key, value in stated.items() if value is not None}
+        changed: _Tables = {} if sign is None else {"sign": int(sign)}
+        changed |= {} if tare is None else {"tare": tare}
         tables["channel"] = [c | changed if c["name"] == name else c for c in channels]
 
     return _edited(text, change)
