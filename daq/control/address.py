@@ -120,7 +120,7 @@ def lone_recorder(folder: Path) -> Iterator[None]:
     with group_readable():
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            lock.acquire()
+            acquired = lock.acquire()
         except Timeout as error:
             why = "another recorder writes there"
             advice = "watch it with `bumpbench tui`, or name another folder"
@@ -128,10 +128,8 @@ def lone_recorder(folder: Path) -> Iterator[None]:
         except OSError as error:
             why = error.strerror or str(error)
             raise InputError(str(folder), why, "name another folder") from error
-        try:
+        with acquired:
             yield
-        finally:
-            lock.release()
 
 
 def is_locked(folder: Path) -> bool:

@@ -167,11 +167,6 @@ class Tally:
     planned: int
     rejected: int
 
-    @property
-    def kind(self) -> tuple[str, Excitation]:
-        """Mass state and excitation."""
-        return self.mass_state, self.excitation
-
 
 @dataclass(frozen=True, slots=True)
 class SessionStatus:

@@ -32,11 +32,12 @@ def standstill(heartbeats: Heartbeats, now_s: float) -> str:
 
     A reader that had no cycle yet, and a disk that stored no block yet (time 0), have not stalled.
     """
-    for name, cycle_s in heartbeats.readers:
-        if cycle_s and now_s - cycle_s > STILL_S:
-            return f"the reader of {name} has had no cycle for {now_s - cycle_s:.1f} s"
-    if now_s - heartbeats.writer_s > STILL_S:
-        return f"the writer has had no cycle for {now_s - heartbeats.writer_s:.1f} s"
+    readers = [
+        (f"the reader of {name}", cycle_s) for name, cycle_s in heartbeats.readers if cycle_s
+    ]
+    for thread, cycle_s in (*readers, ("the writer", heartbeats.writer_s)):
+        if now_s - cycle_s > STILL_S:
+            return f"{thread} has had no cycle for {now_s - cycle_s:.1f} s"
     # Time, s, for which a disk may refuse data: what waits in memory is lost by a restart.
     if heartbeats.durable_s and now_s - heartbeats.durable_s > 60.0:
         return f"nothing has reached the disk for {now_s - heartbeats.durable_s:.0f} s"

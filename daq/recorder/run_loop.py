@@ -200,10 +200,9 @@ def due_of(bench: Bench, run_log: RunLog, tallies: tuple[Tally, ...]) -> Due | N
     step = next_step(bench.campaign, run_log)
     if step is None:
         return None
-    kind = (step.mass_state, step.excitation)
-    counts_of_kind = [(t.accepted, t.planned, t.rejected) for t in tallies if kind == t.kind]
-    task = instruction(bench.campaign, step.excitation)
-    return Due(step, *(counts_of_kind[0] if counts_of_kind else (0, 0, 0)), task)
+    counts = {(t.mass_state, t.excitation): (t.accepted, t.planned, t.rejected) for t in tallies}
+    of_step = counts.get((step.mass_state, step.excitation), (0, 0, 0))
+    return Due(step, *of_step, instruction(bench.campaign, step.excitation))
 
 
 # Converts orders to events of the run log, or refuses them in one line for a person ---------------

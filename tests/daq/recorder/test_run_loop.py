@@ -295,7 +295,7 @@ def test_the_runs_of_each_kind_are_counted_and_the_next_one_is_due() -> None:
     beyond = replace(weak, label="baseline_warp_1", excitation=Excitation.WARP)
     log = RunLog((weak, good, beyond))
     tallies = tallies_of(planned, log)
-    counts = [(*t.kind, t.accepted, t.planned, t.rejected) for t in tallies]
+    counts = [(t.mass_state, t.excitation, t.accepted, t.planned, t.rejected) for t in tallies]
     assert counts[:2] == [(BASELINE, BOUNCE, 1, 1, 1), (BASELINE, ROLL, 0, 1, 0)]
     assert counts[-1] == (BASELINE, Excitation.WARP, 0, 0, 1)
     due = due_of(planned, log, tallies)
