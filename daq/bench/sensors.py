@@ -235,26 +235,24 @@ def sensors_codec(
 def _sent_messages(sensor: Sensor, codec: Codec, bus: int | None) -> list[MessageLayout]:
     """Return the messages of a database as one sensor sends them, with its identifiers."""
     where = f"sensor {sensor.name}"
-    sent, unused_keys = [], dict(sensor.ids)
+    sent, used_keys = [], set()
     for message in codec.messages:
         names = (message.name, f"{message.can_id:#x}")
         key = next((key for key in sensor.ids if key in names or key.lower() in names), None)
-        if key is not None:
-            can_id = sensor.ids[key]
-            unused_keys.pop(key, None)
-        elif sensor.ids:
-            continue
-        else:
-            can_id = message.can_id + sensor.id_offset
+        if key is None and sensor.ids:
+            continue  # the sensor does not send it
+        used_keys.add(key)
+        can_id = message.can_id + sensor.id_offset if key is None else sensor.ids[key]
         bits = 29 if message.is_extended else 11
         if not 0 <= can_id < 1 << bits:
             fault = f"{message.name} would have the identifier {can_id:#x}, not one of {bits} bits"
             raise InputError(where, fault, "correct id_offset or ids")
-        full = f"{sensor.name}.{message.name}"
-        sent.append(replace(message, name=full, can_id=can_id, bus=bus))
-    for key in unused_keys:
-        fault = f"ids names {key}, which is not in {sensor.database}"
-        raise InputError(where, fault, "name a message of the database, or its identifier")
+        name = f"{sensor.name}.{message.name}"
+        sent.append(replace(message, name=name, can_id=can_id, bus=bus))
+    for key in sensor.ids:
+        if key not in used_keys:
+            fault = f"ids names {key}, which is not in {sensor.database}"
+            raise InputError(where, fault, "name a message of the database, or its identifier")
     return sent
 
 
