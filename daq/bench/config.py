@@ -380,18 +380,18 @@ def bench_of(table: DescribedCar, text: str, where: str) -> Bench:
     or a fact has an unknown quantity or an impossible value.
     """
     require_unique("channel", [each.name for each in table.channel], where)
-    geometry, decided = table.vehicle.geometry, dict(table.vehicle.structure)
+    geometry, elements = table.vehicle.geometry, dict(table.vehicle.structure)
     structure = Structure(
-        decided.pop("symmetric", True),  # what remains are the elements, forced or forbidden
-        *(decided.get(name, False) for name in ("anti_roll_bars", "tyre_damping", "cg_offset")),
+        elements.pop("symmetric", True),
+        *(elements.get(name, False) for name in ("anti_roll_bars", "tyre_damping", "cg_offset")),
     )
-    known = (*FactQuantity, *parameter_names(structure))
+    quantities = (*FactQuantity, *parameter_names(structure))
     # Not the others: bars and tyre damping may be 0, the offset of the CG negative.
     positive = (*FactQuantity, *parameter_names(Structure(structure.symmetric)))
     for fact in table.fact:
-        if fact.quantity not in known:
+        if fact.quantity not in quantities:
             fault = f"fact {fact.quantity}: is not a quantity of this vehicle"
-            raise InputError(where, fault, f"use one of {', '.join(known)}")
+            raise InputError(where, fault, f"use one of {', '.join(quantities)}")
         if fact.value <= 0.0 and fact.quantity in positive:
             fault = f"fact {fact.quantity}: is {fact.value:g}"
             raise InputError(where, fault, "state a value above 0")
@@ -401,7 +401,7 @@ def bench_of(table: DescribedCar, text: str, where: str) -> Bench:
     return Bench(
         where=where,
         text=text,
-        vehicle=Vehicle(table.vehicle.name, lengths, structure, table.fact, decided),
+        vehicle=Vehicle(table.vehicle.name, lengths, structure, table.fact, elements),
         channels=table.channel,
         mass_states=(MassState(BASELINE), MassState(ADDED, weights)),
         campaign=table.campaign,

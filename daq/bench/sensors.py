@@ -188,10 +188,7 @@ class Sensor:
 
 
 def sensors_codec(
-    sensors: Sequence[Sensor],
-    databases: Databases,
-    n_buses: int,
-    used: Collection[str] = (),
+    sensors: Sequence[Sensor], databases: Databases, n_buses: int, used: Collection[str] = ()
 ) -> Codec:
     """Return the messages of all sensors, each on its bus, under their full names.
 

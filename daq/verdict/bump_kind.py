@@ -122,9 +122,9 @@ def _of_wheels(bench: Bench, motion: NDArray[np.float64], by: str) -> Pattern:
     `motion`, (4,): size of each wheel's motion, any unit.  The likeness to a strike is the squared
     cosine between the motion and equal motion of only its wheels.
     """
-    unit = motion / max(float(np.linalg.norm(motion)), _TINY)
+    direction = motion / max(float(np.linalg.norm(motion)), _TINY)
     by_strike = {
-        wheels: float(sum(unit[corner.position] for corner in wheels)) ** 2 / len(wheels)
+        wheels: float(sum(direction[corner.position] for corner in wheels)) ** 2 / len(wheels)
         for wheels in _STRIKES
     }
     planned = bench.campaign.excitations
