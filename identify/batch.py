@@ -16,8 +16,6 @@ Cell = float | str | None
 """None where there is no number."""
 Row = Mapping[str, Cell]
 
-_REASONS = 3
-
 
 def session_row(session: Session) -> dict[str, Cell]:
     """Identify the parameters of a session and return its row (`result_row`)."""
@@ -44,7 +42,7 @@ def result_row(session: Session, result: Identification) -> dict[str, Cell]:
         "origin": result.provenance.get("origin", "not stated"),
         "runs_accepted": len(usable_session(session).accepted),
         "verdict": str(quality.verdict),
-        "reasons": " | ".join(quality.reasons[:_REASONS]),
+        "reasons": " | ".join(quality.reasons[:3]),
         "chi2_per_n": quality.chi2_per_n if isfinite(quality.chi2_per_n) else None,
         "surviving": " ".join(quality.survival.surviving),
         "lost": " ".join(quality.survival.lost),

@@ -43,18 +43,10 @@ if TYPE_CHECKING:
 Progress = Callable[[float, str], None]
 """Receives the share of the work that is done, 0..1, and the next step."""
 
-_SENSED_RATE_HZ = 250.0
-"""Rate to which decays are thinned for the State Variable Method."""
 _LONGEST_S = 60.0
 """CPU time of an identification, s, at most: `identify.nonlinear` ends its search in time."""
 _JUDGING_S, _LEAST_S = 2.0, 20.0
 """CPU time, s, kept for judging a fit, and that which a search for elements has in any case."""
-_STOPPED = (
-    "stopped by a person before friction, bars and stops of the car were fitted: "
-    "identify again for the whole answer"
-)
-_SWING_S = 0.5
-"""Half a period of the body, s: a shorter decay does not show how the motion's size changes it."""
 
 
 def _ignore(*_: object) -> None:
@@ -96,7 +88,7 @@ def identify(
     for state in result.modal if estimation.nonlinear is None else ():
         runs = [i for i, record in enumerate(estimation.records) if record.mass_state == state]
         records = [estimation.records[i] for i in runs]
-        decays = [estimation.decays[i].thinned(_SENSED_RATE_HZ) for i in runs]
+        decays = [estimation.decays[i].thinned(250.0) for i in runs]  # Hz, enough for the modes
         with suppress(InputError):  # too short, no common channel: the likelihood needs neither
             sensed[state] = sensed_modes(records, decays)
     states = [state for state in session.mass_states if state.name in result.modal]
@@ -142,7 +134,11 @@ def identify_parameters(
             try:
                 real = _with_elements(session, linear, share, began_s, progress, stop)
             except _StoppedError:
-                unused = (*unused, Finding("stopped", Severity.WARNING, _STOPPED))
+                text = (
+                    "stopped by a person before friction, bars and stops of the car were fitted: "
+                    "identify again for the whole answer"
+                )
+                unused = (*unused, Finding("stopped", Severity.WARNING, text))
             if real:
                 estimation, forces = real.estimation, real.forces
     estimation = with_widest_intervals(estimation)
@@ -204,7 +200,8 @@ def share_of_faults(linear: Estimation) -> float:
     """
     longest_s = max(float(r.time_s[-1]) for d in linear.decays for r in d.recordings)
     vague = missing_runs(linear) and undetermined(linear)
-    if longest_s < _SWING_S or vague or some_runs_are_wrong(linear):
+    # In less than half a period of the body, the size of the motion does not show in it.
+    if longest_s < 0.5 or vague or some_runs_are_wrong(linear):
         return 1.0
     excess = max(linear.chi2_per_n - 1.0, 0.0)
     share = min(max(s.explained for s in rank_causes(linear) if s.of_bench), 1.0)

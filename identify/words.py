@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from math import isfinite
-from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from .fit.uncertainty import Estimate
@@ -36,31 +35,27 @@ _PARAMETERS = {
 _PLACES = {"f": "front", "r": "rear", "fl": "front left", "fr": "front right", "rl": "rear left"}
 _PLACES |= {"rr": "rear right"}
 
-SYMBOL: Mapping[Verdict, str] = MappingProxyType(
-    {Verdict.OK: "✓", Verdict.DOUBTFUL: "!", Verdict.REFUSED: "✕"}
-)
+SYMBOL: Mapping[Verdict, str] = {Verdict.OK: "✓", Verdict.DOUBTFUL: "!", Verdict.REFUSED: "✕"}
 """Each state has a symbol and a word; colour only helps."""
 
-HEADLINE: Mapping[Verdict, str] = MappingProxyType(
-    {
-        Verdict.OK: "The parameters may be used.",
-        Verdict.DOUBTFUL: "Use the parameters with care.",
-        Verdict.REFUSED: "The parameters must not be used.",
-    }
-)
-MEANING: Mapping[Verdict, str] = MappingProxyType(
-    {
-        Verdict.OK: "The model of the car explains the decays down to the noise of the "
-        "sensors, and the intervals hold.",
-        Verdict.DOUBTFUL: "They may be wrong by more than their intervals say, or the intervals "
-        "are wide. The findings say where, and what to do.",
-        Verdict.REFUSED: "The recordings do not support a result. The findings say why, what to "
-        "do, and which parameters are usable all the same, if any.",
-    }
-)
-SEVERITY: Mapping[Verdict, str] = MappingProxyType(
-    {Verdict.OK: "note", Verdict.DOUBTFUL: "doubt", Verdict.REFUSED: "refused"}
-)
+HEADLINE: Mapping[Verdict, str] = {
+    Verdict.OK: "The parameters may be used.",
+    Verdict.DOUBTFUL: "Use the parameters with care.",
+    Verdict.REFUSED: "The parameters must not be used.",
+}
+MEANING: Mapping[Verdict, str] = {
+    Verdict.OK: "The model of the car explains the decays down to the noise of the "
+    "sensors, and the intervals hold.",
+    Verdict.DOUBTFUL: "They may be wrong by more than their intervals say, or the intervals "
+    "are wide. The findings say where, and what to do.",
+    Verdict.REFUSED: "The recordings do not support a result. The findings say why, what to "
+    "do, and which parameters are usable all the same, if any.",
+}
+SEVERITY: Mapping[Verdict, str] = {
+    Verdict.OK: "note",
+    Verdict.DOUBTFUL: "doubt",
+    Verdict.REFUSED: "refused",
+}
 NOT_OK = "Where a verdict is not ok, neither intervals nor significances hold."
 """Caution beside a comparison of sessions."""
 

@@ -178,13 +178,7 @@ _REST_S = 0.08  # must be at rest; the paper's records have 0.1 s
 _REST_SAMPLES = 3  # fewer do not give a spread
 _MOVING = 4.0
 """Scatter in units of the noise, above which a channel moves."""
-_ONSET_SIGMA = 6.0
-"""Distance from the level at rest, in units of the noise, above which the motion has started."""
 _ONSET_SHARE = 0.02  # of the channel's peak, where there is no noise to compare with
-_ROUNDING = 1e-12  # of a channel's largest value: scatter that rounding alone makes
-_QUIET_SAMPLES = 100  # fewer do not give a noise level to 10 %
-_QUIET_MARGIN_S = 0.005  # the onset is seen a little late
-_SAME_VALUE = 1e-9  # of a channel's largest value: a smaller distance of two values is rounding
 _CACHED_RUNS = 256
 """Runs whose onset and rest are kept: many gates ask for them."""
 
@@ -210,9 +204,7 @@ def onset_s(record: Record) -> float | None:
         if (spread > largest_still).any():
             return None
         away = np.abs(values - level)
-        onset_limit = np.maximum(
-            _ONSET_SIGMA * np.maximum(spread, noise), _ONSET_SHARE * away.max(axis=0)
-        )
+        onset_limit = np.maximum(6.0 * np.maximum(spread, noise), _ONSET_SHARE * away.max(axis=0))
         is_beyond = away > onset_limit
         has_moved = is_beyond[:-1] & is_beyond[1:]  # one sample alone is a glitch
         first_moved = [np.argmax(column) for column in has_moved.T if column.any()]
@@ -228,7 +220,7 @@ def is_still(record: Record) -> bool:
         values = recording.values
         if len(values) < 2:
             continue
-        rounding = _ROUNDING * np.abs(values).max(axis=0)
+        rounding = 1e-12 * np.abs(values).max(axis=0)
         if not (values.std(axis=0) <= _MOVING * difference_noise(values) + rounding).all():
             return False
     return True
@@ -255,7 +247,7 @@ def quiet_noise(records: Sequence[Record]) -> dict[str, float]:
     """
     counts, rests = quiet_counts(records), _rests_by_channel(records)
     names = {c.name for r in records for each in r.recordings for c in each.group.channels}
-    if any(counts.get(name, 0) < _QUIET_SAMPLES for name in names):
+    if any(counts.get(name, 0) < 100 for name in names):  # too few for a level to 10 %
         return {}
     steps = coarse_steps(records)
     squares = {name: sum(len(v) * np.var(v) for v in each) for name, each in rests.items()}
@@ -280,7 +272,7 @@ def coarse_steps(records: Sequence[Record]) -> dict[str, float]:
         if has_few_values:
             values = np.sort(np.concatenate(all_values[name]))
             distances = np.diff(values)
-            distances = distances[distances > _SAME_VALUE * np.abs(values[[0, -1]]).max()]
+            distances = distances[distances > 1e-9 * np.abs(values[[0, -1]]).max()]  # no rounding
             if len(distances) and rest_values.std() < distances.min() / 2.0:
                 steps[name] = float(distances.min())
     return steps
@@ -314,7 +306,7 @@ def _rests_by_channel(records: Iterable[Record]) -> dict[str, list[Real]]:
 def _rest_by_channel(record: Record) -> Mapping[str, Real]:
     """Return the values of each channel before the onset; of a group with enough of them."""
     onset = onset_s(record)
-    end_s = -np.inf if onset is None else onset - _QUIET_MARGIN_S
+    end_s = -np.inf if onset is None else onset - 0.005  # s: the onset is seen a little late
     return {
         channel.name: values[r.time_s < end_s]
         for r in record.recordings

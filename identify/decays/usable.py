@@ -241,18 +241,8 @@ _ROUNDING = 1e-12
 """Magnitude, SI, below which a channel shows only a simulation's rounding: it is taken as zero."""
 _MOST_SAMPLES = 3
 """Most samples of a spike."""
-_STEEP = 12.0
-"""Least height in units of the usual change from one sample to the next, which is about the noise:
-a lower spike hardly matters in a fit."""
-_STEPS = 6.0
-"""Least height in steps of the converter: one at rest changes by one or two."""
-_CURVED = 6.0
-"""Least height in units of the curvature on either side.  Peaks of motion that is sampled at 20 Hz
-or more do not reach it, neither those of wheels that strike the bump; of 4, some do."""
 _NEAR_S, _NEAR_SAMPLES = 0.05, 12
 """Length of a side in time and in samples: the longer of the two."""
-_MOST_SHARE = 0.01
-"""Share of the samples above which spikes belong to the signal."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -316,15 +306,17 @@ def without_bad_values(
 
 
 def spikes(time_s: Real, values: Real) -> list[slice]:
-    """Return the samples of each spike, none if there are too many to be errors.
+    """Return the samples of each spike of a channel, none if there are too many to be errors.
 
-    `time_s`, `values`: times and values of one channel, (n,) float64, finite.
+    `time_s`, `values`: its times and values, (n,) float64, finite.
     """
     n = len(values)
     change = np.abs(np.diff(values))
     if n < 2 * _NEAR_SAMPLES or not change.any():
         return []
-    least = max(_STEEP * float(np.median(change)), _STEPS * float(change[change > 0.0].min()))
+    # At least twelve times the usual change, which is about the noise: a lower spike hardly matters
+    # in a fit; and six steps of the converter: one at rest changes by one or two.
+    least = max(12.0 * float(np.median(change)), 6.0 * float(change[change > 0.0].min()))
     # Beyond its ends a record goes on as in most samples there.
     ends = 2 * _MOST_SAMPLES + 1
     padded = np.concatenate([[np.median(values[:ends])], values, [np.median(values[-ends:])]])
@@ -348,10 +340,13 @@ def spikes(time_s: Real, values: Real) -> list[slice]:
             has_gap = time_s[after] - time_s[before] > 1.5 * (after - before) * period_s
             if has_gap or bad[spike].any():
                 continue
-            if its_height > _CURVED * _curvature(time_s, values, spike):
+            # Peaks of motion that is sampled at 20 Hz or more do not reach six times the curvature,
+            # neither those of wheels that strike the bump; four times it, some do.
+            if its_height > 6.0 * _curvature(time_s, values, spike):
                 bad[spike] = True
                 found.append(spike)
-    return found if np.count_nonzero(bad) <= max(_MOST_SAMPLES, _MOST_SHARE * n) else []
+    # More than 1 % of the samples belong to the signal.
+    return found if np.count_nonzero(bad) <= max(_MOST_SAMPLES, 0.01 * n) else []
 
 
 def _curvature(time_s: Real, values: Real, spike: slice) -> float:

@@ -45,10 +45,6 @@ from .varpro import Evaluated, LinearPart, slopes
 
 _BASIN_CHI2 = 1.3
 """chi2/n below which a search has led near an optimum that holds."""
-_SEARCH_RATE_HZ = 250.0  # enough to find the basin of the optimum
-_LATER_S = (0.02, 0.05)
-"""Later starts, s, to try when the model does not fit from the stated end of the bump.  None is
-later: an error in the wheels' motion dies within 0.2 s, and a start after that would hide it."""
 _SEARCH_STEPS, _FIT_STEPS = 40, 30
 Records = tuple[Record, ...]
 
@@ -167,7 +163,8 @@ def later_estimate(first: Estimation, starts: Sequence[Real]) -> Estimation:
     stated_s = np.array([decay_start_s(record) for record in records])
     # The shortest decay, too, keeps half a period of the wheels, 0.05 s.
     longest_delay_s = min(r.end_s - s for r, s in zip(records, stated_s, strict=True)) - 0.05
-    delays_s = [delay_s for delay_s in _LATER_S if delay_s < longest_delay_s]
+    # No later: a start after an error in the wheels' motion has died, in 0.2 s, would hide it.
+    delays_s = [delay_s for delay_s in (0.02, 0.05) if delay_s < longest_delay_s]
     if not (delays_s and all(np.isfinite(record.bump_s) for record in records)):
         return first
 
@@ -245,16 +242,17 @@ class _Search:
 
 def _search(box: GreyBox, records: Records, rest_noise: Noise, start_s: Real, eta: Real) -> _Search:
     """Return what a search on thinned samples finds from `eta`, which may be far off."""
-    decays = tuple(
-        r.decay(float(s)).thinned(_SEARCH_RATE_HZ) for r, s in zip(records, start_s, strict=True)
-    )
+    pairs = zip(records, start_s.tolist(), strict=True)
+    # 250 Hz are enough to find the basin of the optimum.
+    decays = tuple(record.decay(start).thinned(250.0) for record, start in pairs)
     sigma = floored(rest_noise or rough_noise(decays), decays)
     n_values = sum(decay.n_values for decay in decays)
-    motion_power = 0.0  # in units of the noise's power
-    for recording in (r for decay in decays for r in decay.recordings):
-        motion = recording.values - recording.values.mean(axis=0)
-        noise = [sigma[c.name] for c in recording.group.channels]
-        motion_power += float(np.sum((motion / noise) ** 2))
+    motion_power = sum(  # in units of the noise's power
+        float(np.sum(r.values.var(axis=0) / [sigma[c.name] ** 2 for c in r.group.channels]))
+        * len(r.values)
+        for decay in decays
+        for r in decay.recordings
+    )
     # To a tenth of a standard deviation: a search is followed by a fit.
     fitted = fit(box, decays, sigma, eta, 0.1, _SEARCH_STEPS, HOLD)
     # In the right basin even a wrong model leaves no more than 3 % of the motion's power.
@@ -359,13 +357,9 @@ def generic_vehicles(usual: Real = _MID_SIZE_CAR) -> tuple[Real, ...]:
 
 # Where a free decay begins: how far back a fitted model explains a record -------------------------
 
-_WINDOWS = (1, 2, 4, 8, 16)
-"""Samples taken together; many show a small force that one does not."""
 _SHOWN_AT_ONCE_S, _SHOWN_LATE_S = 0.001, 0.01
 """Seconds after the first sample that fails, within which the force ends: with accelerations of
 wheels, which show a force at once, and without them."""
-_SLACK_S = 1e-7
-"""Seconds by which a start comes before its first sample, so that rounding does not cut it off."""
 
 
 def _earliest_start_s(
@@ -386,7 +380,8 @@ def _earliest_start_s(
         shows_at_once = any(c.quantity is Quantity.HUB_ACCELERATION for c in channels)
         force_end_s = forced_s + (_SHOWN_AT_ONCE_S if shows_at_once else _SHOWN_LATE_S)
         instants_s = [instant for instant in instants_s if instant > force_end_s]
-    return decay.start_s + min(instants_s) - _SLACK_S if instants_s else decay.start_s
+    # A little before the sample, so that rounding does not cut it off.
+    return decay.start_s + min(instants_s) - 1e-7 if instants_s else decay.start_s
 
 
 def _values_before(
@@ -462,11 +457,11 @@ def _free_instants(
 
 
 def _is_forced(chi2s: Sequence[tuple[float, int]]) -> bool:
-    """Return whether the last instants, in a window of any of `_WINDOWS`, are no free decay.
+    """Return whether the last instants, one or up to 16 together, are no free decay.
 
     `chi2s`: chi2 of the errors of prediction at each instant, and how many errors it is of.
     """
-    for width in _WINDOWS:
+    for width in (1, 2, 4, 8, 16):  # many show a small force that one does not
         if width <= len(chi2s):
             window_chi2, freedom = np.sum(chi2s[-width:], axis=0).tolist()
             # The limit by Wilson and Hilferty (1931), at a normal deviate of 4.5.

@@ -29,7 +29,6 @@ from .varpro import (
 )
 
 _FAR_DAMPING, _NEAR_DAMPING = 1e-3, 1e-4  # of the first step, far from the optimum and near it
-_LIGHT_DAMPING = 1e-3  # below it a step is nearly the whole way, so its size is the distance
 _LEAST_DAMPING, _MOST_DAMPING = 1e-9, 1e8
 Decays = tuple[FreeDecay, ...]
 Noise = Mapping[str, float]
@@ -150,7 +149,8 @@ def fit(
             small = tolerance * max(1.0, trial.cost / n_values) ** 0.5
             size = float(np.max(np.abs(step) * scale))
             next_size = size * (min(1.0, size / last_size) if last_size else 1.0)
-            converged = not is_held and damping < _LIGHT_DAMPING and next_size < small
+            # With so little damping a step is nearly the whole way: its size is the distance.
+            converged = not is_held and damping < 1e-3 and next_size < small
             last_size = size
             eta, normal, model = eta + step, trial, trial_model
             damping = max(damping / 10, _LEAST_DAMPING)

@@ -26,18 +26,8 @@ from ..model.exponentials import Series, series_of, waves, waves_of
 from ..model.matrices import Complex, Real
 from .modal_model import ModalModel, vibrates
 
-FALSE_ALARM = 1e-3
-"""Probability with which noise alone makes a mode."""
-
 _UNKNOWN = 4e-14
 """Share of a normal matrix's scale below which rounding decides a direction."""
-_RIDGE = 1e-16
-"""Ridge where an inverse itself is the result: weak shapes must not look better known."""
-_LEAST_NOISE = 1e-24
-"""Share of a channel's power below which noise cannot be distinguished from rounding."""
-_CANCELLED = 1e-6
-"""Share of a channel's power below which sums of products would be rounding: the samples themselves
-are taken."""
 
 # Samples, and as much of them as modes can follow -------------------------------------------------
 
@@ -97,7 +87,7 @@ class Samples:
         """
         n_unknowns = sum(self.block_of.shape)  # an amplitude a run, an entry a channel
         n_samples = self.count.sum() // len(self.count)  # of one channel
-        chance = FALSE_ALARM / n_samples
+        chance = 1e-3 / n_samples  # in one of 1000 records noise alone makes a mode
         n_pairs = int(np.sum(poles.imag > 0.0))  # their unknowns are complex
         gain = n_pairs * exceeded_by_chance(2 * n_unknowns, chance)
         return gain + (len(poles) - n_pairs) * exceeded_by_chance(n_unknowns, chance)
@@ -167,7 +157,8 @@ def condense(samples: Samples, poles: Complex) -> Condensed:
     # What no exponential follows: the squares of the samples less those of their coordinates.
     beyond = (samples.power - np.sum(values**2, axis=2)).sum(axis=0)
     power = samples.power.sum(axis=0)
-    if m and np.any(beyond < _CANCELLED * power):
+    # So little power left by sums of products is rounding: the samples themselves are taken.
+    if m and np.any(beyond < 1e-6 * power):
         beyond = np.zeros(len(power))
         for number, block in enumerate(samples.blocks):
             wave = waves(block.time_s, poles)
@@ -180,7 +171,7 @@ def condense(samples: Samples, poles: Complex) -> Condensed:
             values[runs, channels] = 0.0
             values[runs, channels, : len(root)] = coordinates
             beyond[block.channels] += np.sum((block.values - followed) ** 2, axis=(0, 1))
-    beyond += _LEAST_NOISE * power
+    beyond += 1e-24 * power  # less noise cannot be distinguished from rounding
     wave, timed = functions[..., :m][samples.block_of], functions[..., m:][samples.block_of]
     return Condensed(samples, poles, wave, timed, values, beyond)
 
@@ -331,22 +322,11 @@ def _with_best_shapes(point: Point) -> Point:
 
 # The fit ------------------------------------------------------------------------------------------
 
-_STEPS = 25
-_REACH = 8
-"""Bound of what all further steps may add, as a multiple of the last gain: the gains decrease."""
-_LEAST_PERIODS = 0.25
-"""Periods within the longest series below which an oscillation is a drift of the record."""
-_SETTLED = 1e-3
-"""Gain of likelihood (in units of 1) below which a step is the last."""
 _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 1e-12, 1e8
 """Levenberg-Marquardt damping of unknowns whose normal matrix has a diagonal of 1."""
 _DAMPING_FACTOR = 3.0
 """Change of damping from trial to trial.  Modes that nearly coincide make a curved valley, in which
 a factor of 10 refuses every second step."""
-_FAR_DAMPING = 1.0
-"""Least damping after a first step that fails: the start is far from the optimum."""
-_MAX_GROWTH = 30.0
-"""Largest growth within the longest series, nepers; a faster growth would overflow."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -382,7 +362,8 @@ class System:
     def pole_covariance(self) -> Real:
         """Return the covariance of the real and then the imaginary parts of the poles."""
         n = 2 * self.n_poles
-        normal = self.normal + np.diag((self.scale == 0.0) + _RIDGE)
+        # So small a ridge does not make weak shapes look better known.
+        normal = self.normal + np.diag((self.scale == 0.0) + 1e-16)
         mixed = normal[:n, n:]
         information = normal[:n, :n] - mixed @ np.linalg.solve(normal[n:, n:], mixed.T)
         # A mode without information has no bound: its variance is left large.
@@ -473,7 +454,8 @@ class LikelyModes:
         frequency_std_hz = np.sqrt(size_variance) / (2.0 * np.pi)
         damping_std = np.abs(imag) / size * np.sqrt(angle_variance)
         periods = size * self.point.condensed.samples.longest_s / (2.0 * np.pi)
-        is_mode = vibrates(poles) & (periods > _LEAST_PERIODS)
+        # What does not swing for a quarter of a period is a drift of the record.
+        is_mode = vibrates(poles) & (periods > 0.25)
         return ModalModel(
             poles[is_mode], self.shapes[:, is_mode], frequency_std_hz[is_mode], damping_std[is_mode]
         )
@@ -483,9 +465,9 @@ def most_likely_modes(
     samples: Samples,
     poles: Complex,
     shapes: Complex,
-    most_steps: int = _STEPS,
+    most_steps: int = 25,
     wanted_likelihood: float = -np.inf,
-    least_gain: float = _SETTLED,
+    least_gain: float = 1e-3,
 ) -> LikelyModes:
     """Return the poles, shapes and amplitudes that all samples at once make most likely.
 
@@ -502,13 +484,14 @@ def most_likely_modes(
         old_likelihood, trial = point.log_likelihood, None
         while trial is None and damping < _MOST_DAMPING:
             trial = _moved(point, system, damping)
-            if trial is None:
-                damping = max(damping * _DAMPING_FACTOR, _FAR_DAMPING if point is start else 0.0)
+            if trial is None:  # if it is the first step, the start is far from the optimum
+                damping = max(damping * _DAMPING_FACTOR, 1.0 if point is start else 0.0)
         if trial is not None:
             damping, point = max(damping / _DAMPING_FACTOR, _LEAST_DAMPING), trial
         gain = point.log_likelihood - old_likelihood
         system = linearised(point)
-        if gain < least_gain or _REACH * gain < wanted_likelihood - point.log_likelihood:
+        # Gains decrease: all further steps together may add eight times the last one.
+        if gain < least_gain or 8.0 * gain < wanted_likelihood - point.log_likelihood:
             break
     n_levels = np.sum(samples.block_of >= 0)
     n_shapes_and_poles = np.sum(system.scale > 0.0)
@@ -530,7 +513,7 @@ def _moved(point: Point, system: System, damping: float) -> Point | None:
     pole_step, shape_step = system.step(damping)
     poles = point.poles + pole_step
     is_pair = point.poles.imag > 0.0
-    is_growing = poles.real * samples.longest_s > _MAX_GROWTH
+    is_growing = poles.real * samples.longest_s > 30.0  # nepers: more would overflow
     if np.any(poles.imag[is_pair] <= 0.0) or np.any(is_growing):
         return None
     condensed = condense(samples, poles)

@@ -268,12 +268,6 @@ def pair_modes(baseline: ModalModel, added: ModalModel) -> Pairing:
 # temperature) is fitted better by two adjacent poles than by one, and by far more than noise would
 # explain.  Both poles have its shape.  Two modes that nearly coincide differ in shape.
 
-_NEAR = 0.02
-"""Distance of two poles, relative to their size, within which they may be one mode."""
-_ALIKE = 0.98
-"""MAC above which two shapes count as one; two random shapes in three channels exceed it in 1 of
-100."""
-
 
 def originals(
     poles: NDArray[np.complex128],
@@ -292,9 +286,10 @@ def originals(
     power = np.sum(np.abs(shapes) ** 2, axis=0) * np.sum(np.abs(amplitudes) ** 2, axis=0)
     energy = power / np.maximum(np.abs(poles.real), np.finfo(float).tiny)
     size = np.abs(poles)
-    is_near = np.abs(poles[:, None] - poles) < _NEAR * np.maximum(size[:, None], size)
+    is_near = np.abs(poles[:, None] - poles) < 0.02 * np.maximum(size[:, None], size)
     is_pair = poles.imag > 0.0
-    is_copy = is_near & (mac(shapes, shapes) > _ALIKE) & is_pair[:, None] & is_pair
+    # Two random shapes in three channels have a MAC above 0.98 in one of 100 cases.
+    is_copy = is_near & (mac(shapes, shapes) > 0.98) & is_pair[:, None] & is_pair
     kept: list[int] = []
     for mode in np.argsort(-energy, kind="stable").tolist():
         if not is_copy[mode, kept].any():

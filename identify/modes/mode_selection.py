@@ -56,25 +56,15 @@ from .state_variable_method import (
 
 _GAP, _ROUNDING = 100.0, 1e-11
 """Without noise singular values drop by this factor, and to below this share of the largest."""
-_SAME_POLE_CLEAN = 1e-4  # relative difference that rounding makes of a pole
-
-_SAME_SET = 0.003
-"""Largest relative difference of the poles of two sets that lead to the same optimum."""
 _COMBINATIONS = 16
 """Combinations of records in which modes are sought and copies removed."""
 _MOST_SETS = 24
 """Sets of poles of which the best is the start; neighbours in rank differ in one or two poles."""
 
-_MOST_SPLITS = 4  # modes that are looked for next to others, one after the other
 _SORTING_FITS = _SORTING_STEPS = 8
 """Fits, and steps of each, in which copies are removed; a fit with copies settles slowly."""
 _ROUGH = 0.1
 """Gain of likelihood below which a step is the last as long as modes come and go."""
-_DETUNED = 1.03
-"""Factor from a pole to the start value of a second one: near it, but not equal."""
-_NEEDED = 4.0
-"""Multiple of the gain by noise above which a mode is certainly needed, although poles and shapes
-of the others could follow some of its motion."""
 
 
 def identify_modes(records: Sequence[ArrayLike], rate_hz: float) -> ModalModel:
@@ -141,7 +131,7 @@ def clean_modes(spaces: Sequence[DelaySpace]) -> ModalModel | None:
     if not by_layout:
         return None
     poles, shapes = modes = max(by_layout, key=lambda modes: len(modes[0]))
-    tolerance = _SAME_POLE_CLEAN * np.abs(poles)
+    tolerance = 1e-4 * np.abs(poles)  # as much as rounding moves a pole
     recurs = [seen_in(modes, others, tolerance) for others in by_layout if others is not modes]
     confirmed = np.any(recurs, axis=0) if recurs else np.ones(len(poles), dtype=bool)
     no_noise = np.zeros(int(confirmed.sum()))
@@ -177,8 +167,9 @@ def _best_start(spaces: Sequence[DelaySpace], samples: Samples, duration_s: floa
     most_poles = max((len(poles) for poles, _ in stable_sets), default=0)
     sets: list[Poles] = []
     for poles, shapes in stable_sets:
+        # Sets whose poles differ by less than 0.3 % lead to the same optimum.
         is_repeated = any(
-            len(poles) == len(kept) and np.all(np.abs(poles - kept) < _SAME_SET * np.abs(kept))
+            len(poles) == len(kept) and np.all(np.abs(poles - kept) < 0.003 * np.abs(kept))
             for kept, _ in sets
         )
         if 2 * len(poles) >= most_poles and not is_repeated:
@@ -234,8 +225,8 @@ def likely_modes(
     best = most_likely_modes(samples, *start, least_gain=_ROUGH)
     while len(kept := _originals(best)) < len(best.poles):
         best = most_likely_modes(samples, best.poles[kept], best.shapes[:, kept], least_gain=_ROUGH)
-    # Look for modes that nearly coincide with another one.
-    for _ in range(_MOST_SPLITS):
+    # Look for up to four modes that nearly coincide with another one, one after the other.
+    for _ in range(4):
         if np.sum(vibrates(best.poles)) >= most_modes:
             break
         split = most_likely_modes(sorting, *_split(best), _SORTING_STEPS)
@@ -248,7 +239,8 @@ def likely_modes(
     # Take away modes as long as the likelihood of the others, fitted anew, hardly falls.
     while len(best.poles) > 1:
         mode, cost = best.point.least_needed()
-        if cost > _NEEDED * samples.gain_by_noise(best.poles[[mode]]):
+        # Even if the others could follow some of its motion, such a mode is needed.
+        if cost > 4.0 * samples.gain_by_noise(best.poles[[mode]]):
             break
         trial = _better(best, np.delete(best.poles, mode), np.delete(best.shapes, mode, axis=1))
         if trial is None:
@@ -282,7 +274,7 @@ def _split(modes: LikelyModes) -> Poles:
     hidden_shapes, strength, _ = np.linalg.svd(along)  # of each mode
     mode = int(np.argmax(np.where(modes.poles.imag > 0.0, strength[:, 0], -1.0)))
     shape = hidden_shapes[mode, :, 0] * modes.noise
-    poles = np.append(modes.poles, modes.poles[mode] * _DETUNED)
+    poles = np.append(modes.poles, modes.poles[mode] * 1.03)  # near it, but not equal
     return poles, np.column_stack([modes.shapes, shape / np.linalg.norm(shape)])
 
 
@@ -293,9 +285,6 @@ def _split(modes: LikelyModes) -> Poles:
 
 _RATE_HZ = 125.0  # ten times the fastest mode of a vehicle
 _LENGTH_S = 1.5  # two time constants of the slowest mode; what follows is mostly noise
-_BLUR = 0.03  # noise that is added, as a share of the channel's rms
-_LASTING = 0.5
-"""Least length of a group, as a share of the longest one of the decay."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -323,9 +312,9 @@ def sensed_modes(records: Sequence[Record], decays: Sequence[FreeDecay]) -> Sens
     moving = tuple(channels[c] for c in np.flatnonzero(moves))
     grids = [grid[:, moves] for grid in grids]
     if any(len(decay.recordings) > 1 for decay in decays):
-        # Errors of interpolation decay like modes: a little noise hides them.  Only the start
-        # comes from these grids.
-        rng, blur = np.random.default_rng(0), _BLUR * np.std(np.concatenate(grids), axis=0)
+        # Errors of interpolation decay like modes: noise of 3 % of the rms hides them.  Only the
+        # start comes from these grids.
+        rng, blur = np.random.default_rng(0), 0.03 * np.std(np.concatenate(grids), axis=0)
         grids = [grid + blur * rng.standard_normal(grid.shape) for grid in grids]
     model = modes_of_records(grids, rate_hz, by_likelihood=False)
     if len(model):
@@ -367,7 +356,7 @@ def _lasting_recordings(decay: FreeDecay) -> tuple[Recording, ...]:
     """Return the groups that last for half of a decay: the others end before its slow modes do."""
     timed = [r for r in decay.recordings if len(r.time_s) > 1]
     durations_s = [float(r.time_s[-1] - r.time_s[0]) for r in timed]
-    least_s = _LASTING * max(durations_s, default=0.0)
+    least_s = 0.5 * max(durations_s, default=0.0)
     return tuple(r for r, s in zip(timed, durations_s, strict=True) if s >= least_s)
 
 

@@ -28,13 +28,9 @@ _WHERE = "free-decay records"
 _MIN_SAMPLES = 8
 """Fewer samples cannot show a damped sine and exclude anything else."""
 _LEAST_BLOCKS = 4  # delays of the shortest vector
-_MAX_ROWS = 240
-"""Length of the longest delay vector: a longer one costs time and adds little information."""
 _NOISY = 1e-5
 """Weakest direction relative to the strongest above which products of the samples serve: their
 rounding, 1e-16, is then far below the noise in every direction."""
-_DELAYS_ALONE = 24
-"""Delays of one channel, in which up to six modes leave half of the directions to noise."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +110,8 @@ def noise_levels(decays: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
 
     `decays`: records, each (n_i, n_channels), no channel of zeros.
     """
-    blocks = min(_DELAYS_ALONE, max(len(decay) for decay in decays) // 2)
+    # In 24 delays of one channel, up to six modes leave half of the directions to noise.
+    blocks = min(24, max(len(decay) for decay in decays) // 2)
     long_enough = [decay for decay in decays if len(decay) > blocks]
     levels = []
     for channel in range(decays[0].shape[1]):
@@ -143,7 +140,8 @@ def layouts(decays: Sequence[NDArray[np.float64]]) -> tuple[Delays, ...]:
     coarse_step = min(max(1, int(longest / (10.0 * highest))), max(1, longest // 16))
     chosen = []
     for step in (coarse_step, 1):
-        longest_vector = min(_MAX_ROWS // decays[0].shape[1], longest // (2 * step))  # delays
+        # Vectors of more than 240 numbers cost time and add little information.
+        longest_vector = min(240 // decays[0].shape[1], longest // (2 * step))  # delays
         most_delays = max(_LEAST_BLOCKS, longest_vector)
         chosen += [Delays(max(_LEAST_BLOCKS, most_delays // divisor), step) for divisor in (1, 2)]
     return tuple(dict.fromkeys(chosen))
@@ -253,13 +251,6 @@ def poles_of_rank(
 # the runs are adjacent blocks of columns of one block Hankel matrix, which are delay vectors of one
 # sample's step.  To balance the realisation would change neither poles nor shapes.
 
-_ROWS_S = 0.25
-"""Length of a column: some periods of the wheels, a quarter of one of the body."""
-_TIMES_MEDIAN = 2.858
-"""Singular values below this multiple of their median are best left out (Gavish and Donoho
-2014)."""
-_OF_ROUNDING = 1e-11  # as a share of the largest
-
 
 def realised_modes(
     records: Sequence[ArrayLike], rate_hz: float, order: int | None = None
@@ -272,11 +263,12 @@ def realised_modes(
     """
     decays, rms = scaled_records(records, rate_hz)
     shortest = min(len(decay) for decay in decays)
-    blocks = min(max(_LEAST_BLOCKS, round(_ROWS_S * rate_hz)), shortest // 2)
+    column_s = 0.25  # some periods of the wheels, a quarter of one of the body
+    blocks = min(max(_LEAST_BLOCKS, round(column_s * rate_hz)), shortest // 2)
     space = delay_space(decays, rate_hz, Delays(blocks, 1))
     if order is None:
-        noise = _TIMES_MEDIAN * np.median(space.strength)
-        rounding = _OF_ROUNDING * float(space.strength[0])
+        noise = 2.858 * np.median(space.strength)  # Gavish and Donoho 2014
+        rounding = 1e-11 * float(space.strength[0])
         order = int(np.sum(space.strength > max(noise, rounding)))
     poles, shapes = poles_of_rank(space, order)
     is_mode = (poles.imag > 0.0) & (poles.real < 0.0)
@@ -287,15 +279,8 @@ def realised_modes(
 #
 # A pole of the structure is found at every rank above its own; a pole that follows noise moves.
 
-_SAME_POLE = 0.05  # largest relative difference
-_SAME_SHAPE = 0.9  # least MAC
 _SEEN_AGAIN = 2
 """Number of ranks at which a pole must recur."""
-_MORE_RANKS = 12
-"""Ranks to try beyond the singular values that stand out from the noise."""
-_MAX_GROWTH = 0.5
-"""Nepers in the longest record: noise makes a mode that hardly decays seem to grow a little."""
-
 Poles = tuple[NDArray[np.complex128], NDArray[np.complex128]]
 """Poles (m,) and their shapes (n_channels, m)."""
 
@@ -346,7 +331,7 @@ def diagram_of(space: DelaySpace, duration_s: float) -> StabilisationDiagram:
     """
     highest_rank = space.directions.shape[1] - space.n_channels - 1
     standing_out = int(np.sum(space.strength > 2.0 * np.median(space.strength)))
-    highest_rank = min(highest_rank, standing_out + _MORE_RANKS)
+    highest_rank = min(highest_rank, standing_out + 12)  # to see which poles recur
     by_rank = []
     for rank in range(1, highest_rank + 1):
         poles, shapes = poles_of_rank(space, rank)
@@ -355,8 +340,9 @@ def diagram_of(space: DelaySpace, duration_s: float) -> StabilisationDiagram:
     stable_by_rank = []
     for i, (poles, shapes) in enumerate(by_rank):
         following = by_rank[i + 1 : i + 1 + _SEEN_AGAIN]
-        tolerance = _SAME_POLE * np.maximum(np.abs(poles), 1.0 / duration_s)
-        is_stable = (poles.real * duration_s < _MAX_GROWTH) & (len(following) == _SEEN_AGAIN)
+        tolerance = 0.05 * np.maximum(np.abs(poles), 1.0 / duration_s)
+        # By noise, a mode that hardly decays seems to grow by up to 0.5 nepers.
+        is_stable = (poles.real * duration_s < 0.5) & (len(following) == _SEEN_AGAIN)
         for at_higher_rank in following:
             is_stable &= seen_in((poles, shapes), at_higher_rank, tolerance)
         stable_by_rank.append(is_stable)
@@ -369,6 +355,6 @@ def diagram_of(space: DelaySpace, duration_s: float) -> StabilisationDiagram:
 
 
 def seen_in(candidates: Poles, others: Poles, tolerance: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which of m candidates recur: poles within a tolerance, (m,) rad/s, shapes alike."""
+    """Return which of m candidates recur: poles within a tolerance, (m,) rad/s, MAC above 0.9."""
     near = np.abs(candidates[0][:, None] - others[0]) < tolerance[:, None]
-    return np.asarray(np.any(near & (mac(candidates[1], others[1]) > _SAME_SHAPE), axis=1))
+    return np.asarray(np.any(near & (mac(candidates[1], others[1]) > 0.9), axis=1))

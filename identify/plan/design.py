@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,23 +27,19 @@ from dbc.words import InputError
 from ..model.matrices import CORNERS, FULL_NAMES, SYMMETRIC
 from ..model.response import Bump
 
-TYPICAL_NOISE: Mapping[Quantity, float] = MappingProxyType(
-    {
-        Quantity.BODY_ACCELERATION: 0.03,
-        Quantity.PITCH_RATE: float(np.radians(0.1)),
-        Quantity.ROLL_RATE: float(np.radians(0.1)),
-        # Of two body accelerations 1.4 m apart.
-        Quantity.PITCH_ACCELERATION: 0.03,
-        Quantity.ROLL_ACCELERATION: 0.03,
-        Quantity.HUB_ACCELERATION: 0.15,
-        Quantity.SUSPENSION_TRAVEL: 0.2e-3,
-        Quantity.BODY_DISPLACEMENT: 0.2e-3,
-        Quantity.HUB_DISPLACEMENT: 0.2e-3,
-    }
-)
+TYPICAL_NOISE: Mapping[Quantity, float] = {
+    Quantity.BODY_ACCELERATION: 0.03,
+    Quantity.PITCH_RATE: float(np.radians(0.1)),
+    Quantity.ROLL_RATE: float(np.radians(0.1)),
+    # Of two body accelerations 1.4 m apart.
+    Quantity.PITCH_ACCELERATION: 0.03,
+    Quantity.ROLL_ACCELERATION: 0.03,
+    Quantity.HUB_ACCELERATION: 0.15,
+    Quantity.SUSPENSION_TRAVEL: 0.2e-3,
+    Quantity.BODY_DISPLACEMENT: 0.2e-3,
+    Quantity.HUB_DISPLACEMENT: 0.2e-3,
+}
 """Noise of one sample, rms, SI, that a usual sensor of each quantity has on a usual car."""
-
-_RATES_HZ = (40.0, 5_000.0)  # four times the wheel modes; more than any sensor of a car
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +55,7 @@ class Sensor:
 
     def __post_init__(self) -> None:
         where = f"channel {self.channel.name}"
-        lowest, highest = _RATES_HZ
+        lowest, highest = 40.0, 5_000.0  # Hz: four times the wheel modes; more than any sensor
         if not lowest <= self.rate_hz <= highest:
             rate = f"{self.rate_hz:g} samples a second"
             raise InputError(where, rate, f"plan with {lowest:g} to {highest:g}")

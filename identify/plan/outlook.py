@@ -137,8 +137,6 @@ def _planned_decay(
 
 # The outlook --------------------------------------------------------------------------------------
 
-_ROUNDING = 1e-13  # of the largest eigenvalue
-
 
 @dataclass(frozen=True, slots=True)
 class Outlook:
@@ -169,7 +167,7 @@ def expected(fisher: Fisher) -> Outlook:
         mixed = H[n:, :n]
         H = H[:n, :n] - mixed.T @ pseudo_inverse(H[n:, n:]) @ mixed
     eigenvalues, eigenvectors = np.linalg.eigh(H)
-    floored = np.maximum(eigenvalues, _ROUNDING * max(float(eigenvalues[-1]), 1.0))
+    floored = np.maximum(eigenvalues, 1e-13 * max(float(eigenvalues[-1]), 1.0))  # rounding
     unknown_std = np.sqrt(np.square(eigenvectors) @ (1.0 / floored))  # of logarithms
     unknown_stds = dict(zip(box.parameters, unknown_std.tolist(), strict=True))
     undetermined = [name for name, s in unknown_stds.items() if s > largest_std(name)]

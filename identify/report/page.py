@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from io import BytesIO, StringIO
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -180,27 +179,25 @@ WIDTH_IN = 7.4
 """Width of a page of A4 between its margins, inches."""
 HALF_IN = 3.62
 
-SETTINGS: Mapping[Any, Any] = MappingProxyType(
-    {
-        "font.family": "DejaVu Sans",
-        "font.size": 9.0,
-        "axes.titlesize": 10.0,
-        "axes.titleweight": "bold",
-        "axes.titlelocation": "left",
-        "axes.labelcolor": INK,
-        "axes.edgecolor": INK,
-        "axes.linewidth": 0.8,
-        "axes.spines.top": False,
-        "axes.spines.right": False,
-        "text.color": INK,
-        "xtick.color": INK,
-        "ytick.color": INK,
-        "svg.fonttype": "none",  # text stays text, which can be searched and read aloud
-        "svg.hashsalt": "bumpbench",  # so that the same study gives the same bytes
-    }
-)
+SETTINGS: Mapping[Any, Any] = {
+    "font.family": "DejaVu Sans",
+    "font.size": 9.0,
+    "axes.titlesize": 10.0,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.labelcolor": INK,
+    "axes.edgecolor": INK,
+    "axes.linewidth": 0.8,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "text.color": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "svg.fonttype": "none",  # text stays text, which can be searched and read aloud
+    "svg.hashsalt": "bumpbench",  # so that the same study gives the same bytes
+}
 """Settings of matplotlib for the figures of the studies."""
-LOOK: Mapping[Any, Any] = MappingProxyType({**SETTINGS, "font.size": 8.0, "axes.titlesize": 8.5})
+LOOK: Mapping[Any, Any] = {**SETTINGS, "font.size": 8.0, "axes.titlesize": 8.5}
 """The same for the figures of a report."""
 
 

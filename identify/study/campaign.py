@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import inf, sqrt
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +28,7 @@ from ..fit.uncertainty import COVERAGE_95, Estimate, estimates
 from ..model.matrices import delta_mass, physical_model
 from ..model.response import Bump, exact_response
 from ..modes.modal_model import sensor_rows
-from .result import Column, Study, percent, rows_of
+from .result import Column, Study, percent
 
 Floats = NDArray[np.float64]
 
@@ -55,14 +54,12 @@ _TRAVELS = ChannelGroup(
     "travels",
     tuple(Channel(f"travel_{c}", Quantity.SUSPENSION_TRAVEL, "m", corner=c) for c in Corner),
 )
-SENSOR_SETS: Mapping[str, tuple[ChannelGroup, ...]] = MappingProxyType(
-    {
-        "paper": (ChannelGroup("acceleration", paper_channels()),),
-        "imu+hubs": (_IMU, _HUBS),
-        "imu+travels": (_IMU, _TRAVELS),
-        "all": (_IMU, _HUBS, _TRAVELS),
-    }
-)
+SENSOR_SETS: Mapping[str, tuple[ChannelGroup, ...]] = {
+    "paper": (ChannelGroup("acceleration", paper_channels()),),
+    "imu+hubs": (_IMU, _HUBS),
+    "imu+travels": (_IMU, _TRAVELS),
+    "all": (_IMU, _HUBS, _TRAVELS),
+}
 """Channels that are sampled together: the paper's accelerations of the seven degrees of freedom, or
 an IMU with the accelerations of the four hubs, with the four suspension travels, or with both."""
 
@@ -246,13 +243,12 @@ def noise_study(campaign: Campaign, bound: Floats, outcomes: Sequence[Outcome]) 
         title=f"Noise study: {counted(len(outcomes), 'campaign')} at {campaign.noise_db:g} dB,"
         f" {campaign.rate_hz:g} Hz, {', '.join(campaign.cases)}",
         columns=(
-            Column("parameter", "parameter"),
-            Column("rms_error_percent", "rms error %", ".3f"),
-            Column("stated_std_percent", "stated std %", ".3f"),
-            Column("bound_percent", "Cramer-Rao %", ".3f"),
-            Column("ratio", "error / bound", ".3f"),
-            Column("coverage_percent", "coverage %", ".1f"),
+            Column("parameter", "parameter", names),
+            Column("rms_error_percent", "rms error %", rms, ".3f"),
+            Column("stated_std_percent", "stated std %", stated_rms, ".3f"),
+            Column("bound_percent", "Cramer-Rao %", bound, ".3f"),
+            Column("ratio", "error / bound", ratio, ".3f"),
+            Column("coverage_percent", "coverage %", coverage, ".1f"),
         ),
-        rows=rows_of(names, rms, stated_rms, bound, ratio, coverage),
         notes=tuple(notes),
     )

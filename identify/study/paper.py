@@ -37,7 +37,7 @@ from .campaign import (
     records_of,
     require_noise,
 )
-from .result import Cell, Column, Curve, Panel, Study, percent, rows_of
+from .result import Column, Curve, Panel, Study, percent
 
 Floats = NDArray[np.float64]
 
@@ -85,13 +85,12 @@ def table2_study(response: Literal["exact", "wilson"]) -> Study:
     return Study(
         title=f"Table 2, {response} response, State Variable Method and Eqs. 22-33",
         columns=(
-            Column("parameter", "parameter"),
-            Column("known", "known", "g"),
-            Column("identified", "identified", ".9g"),
-            Column("error_percent", "error %", "+z.3g"),
-            Column("paper_percent", "paper %", "+z.3f"),
+            Column("parameter", "parameter", PARAMETER_NAMES),
+            Column("known", "known", KNOWN, "g"),
+            Column("identified", "identified", values, ".9g"),
+            Column("error_percent", "error %", errors, "+z.3g"),
+            Column("paper_percent", "paper %", _TABLE2_PERCENT, "+z.3f"),
         ),
-        rows=rows_of(PARAMETER_NAMES, KNOWN, values, errors, _TABLE2_PERCENT),
         notes=notes[response],
     )
 
@@ -139,9 +138,7 @@ def filtered(values: Floats, rate_hz: float) -> Floats:
     There is a result only where the whole memory is filled; the first belongs to the middle of the
     first n_taps samples.
     """
-    weights = taps(rate_hz)
-    windows = np.lib.stride_tricks.sliding_window_view(values, len(weights), axis=0)
-    return np.asarray(windows @ weights)
+    return np.apply_along_axis(np.convolve, 0, values, taps(rate_hz), "valid")
 
 
 def table3_campaign(rate_hz: float, noise_db: float) -> Campaign:
@@ -205,25 +202,25 @@ def table3_study(campaign: Campaign, attempts: Sequence[Mapping[str, Floats]]) -
 
     `campaign`: as made by `table3_campaign`.
     """
-    names, printed = PARAMETER_NAMES[:_N], np.abs(_TABLE3_PERCENT)
-    columns = [Column("parameter", "parameter"), Column("paper_percent", "paper", ".3f")]
-    cells, notes = [printed], []
+    columns = [
+        Column("parameter", "parameter", PARAMETER_NAMES[:_N]),
+        Column("paper_percent", "paper", np.abs(_TABLE3_PERCENT), ".3f"),
+    ]
+    notes = []
     for route, label in _ROUTES.items():
         error_size = np.abs(np.array([errors[route] for errors in attempts]))
         answered = error_size[~np.isnan(error_size).any(axis=1)]
         median = worst = np.full(_N, np.nan)
         if len(answered):
             median, worst = np.median(answered, axis=0), answered.max(axis=0)
-        columns.append(Column(f"{route}_median_percent", f"{label}: median", ".3g"))
-        columns.append(Column(f"{route}_worst_percent", "worst", ".3g"))
-        cells += [median, worst]
+        columns.append(Column(f"{route}_median_percent", f"{label}: median", median, ".3g"))
+        columns.append(Column(f"{route}_worst_percent", "worst", worst, ".3g"))
         missing = len(error_size) - len(answered)
         notes.append(f"{label}: no answer in {missing} of {counted(len(error_size), 'campaign')}.")
     return Study(
         title=f"Table 3, size of the errors in % at {campaign.noise_db:g} dB,"
         f" {campaign.rate_hz:g} Hz, geometry measured, {counted(len(attempts), 'campaign')}",
         columns=tuple(columns),
-        rows=rows_of(names, *cells),
         notes=(
             *notes,
             "The paper's figures are of one realisation whose noise, sampling rate and choice of"
@@ -287,11 +284,13 @@ def fig2_study() -> Study:
     return Study(
         title="Fig. 2, change of the modal frequencies in % by added mass in % of M",
         columns=(
-            Column("mode", "mode", "d"),
-            Column("frequency_hz", "f / Hz", ".3f"),
-            *(Column(f"at_{share:g}_percent", f"{share:g} %") for share in shares),
+            Column("mode", "mode", range(1, 8), "d"),
+            Column("frequency_hz", "f / Hz", baseline.frequencies_hz, ".3f"),
+            *(
+                Column(f"at_{share:g}_percent", f"{share:g} %", change)
+                for share, change in zip(shares, by_mode[:, 0].T, strict=True)
+            ),
         ),
-        rows=rows_of(range(1, 8), baseline.frequencies_hz, by_mode[:, 0]),
         notes=(
             "Paper: -0.98 % at 2 % of mass to -6.8 % at 14 %.",
             "Frequency is |lambda| / 2 pi. Modes are paired by shape: from 12 % on 4 and 5 swap.",
@@ -319,12 +318,11 @@ def mass_error_study(figure: str) -> Study:
     return Study(
         title=f"Fig. {figure.removeprefix('fig')}, identified parameters by an error in {quantity}",
         columns=(
-            Column("parameter", "parameter"),
-            Column("at_minus_5_percent", "error at -5 %"),
-            Column("at_plus_5_percent", "error at +5 %"),
-            Column("slope", "slope % / %", "+z.3f"),
+            Column("parameter", "parameter", PARAMETER_NAMES),
+            Column("at_minus_5_percent", "error at -5 %", errors[0]),
+            Column("at_plus_5_percent", "error at +5 %", errors[-1]),
+            Column("slope", "slope % / %", (errors[6] - errors[4]) / 2.0, "+z.3f"),
         ),
-        rows=rows_of(PARAMETER_NAMES, errors[0], errors[-1], (errors[6] - errors[4]) / 2.0),
         notes=(
             paper_words,
             "Error e: the identification is given (1 - e) times what is on board. Row i of M, C and"
@@ -359,7 +357,7 @@ def fig8_study() -> Study:
     only the parameters that are computed from C and K do.
     """
     geometry = FORD_GRANADA.geometry
-    columns, cells, panels = [], [], []
+    columns, panels = [Column("parameter", "parameter", PARAMETER_NAMES[_DYNAMIC])], []
     for length in ("a", "b", "t_f", "t_r"):
         identified = []
         for error in _ERRORS_PERCENT:
@@ -367,14 +365,13 @@ def fig8_study() -> Study:
             vehicle = sequential_vehicle(_VEHICLE, replace(geometry, **{length: stated}))
             identified.append(vehicle.to_array())
         errors = percent(np.array(identified), KNOWN)
-        columns.append(Column(f"{length}_at_minus_5_percent", f"{length} -5 %"))
-        columns.append(Column(f"{length}_at_plus_5_percent", f"{length} +5 %"))
-        cells += [errors[0, _DYNAMIC], errors[-1, _DYNAMIC]]
+        at_minus_5, at_plus_5 = errors[0, _DYNAMIC], errors[-1, _DYNAMIC]
+        columns.append(Column(f"{length}_at_minus_5_percent", f"{length} -5 %", at_minus_5))
+        columns.append(Column(f"{length}_at_plus_5_percent", f"{length} +5 %", at_plus_5))
         panels.append(_error_panel(f"Error in {length}", length, errors, _DYNAMIC))
     return Study(
         title="Fig. 8, errors in % of the dynamic parameters by an error of -5 or 5 % in a length",
-        columns=(Column("parameter", "parameter"), *columns),
-        rows=rows_of(PARAMETER_NAMES[_DYNAMIC], *cells),
+        columns=tuple(columns),
         notes=(
             "Paper: a moves k_sf and c_sf from about -4.8 to 4.7 %, b moves k_sr and c_sr from"
             " -5.8 to 5.9 %, t_f moves k_sf and c_sf from -0.74 to 4 %, a misprint for 0.4 %; t_r:"
@@ -400,48 +397,40 @@ def fig9_study(rate_hz: float, noise_db: float, seed: int) -> Study:
     half = len(taps(rate_hz)) // 2  # samples on either side that the filter needs
     time, time_low = noisy.time_s, noisy.time_s[half : len(noisy.time_s) - half]
     free, free_low = time > BUMP.end_s, time_low > BUMP.end_s + half / rate_hz
-    rows: list[tuple[Cell, ...]] = []
-    panels = []
-    for name, title in {"z_s": "Body, vertical (z_s)", "z_uA": "Front left hub (z_uA)"}.items():
-        c = [channel.name for channel in noisy.group.channels].index(name)
-        signal, signal_low = clean.values[:, c], clean_low[:, c]
-        noise, noise_low = noisy.values[:, c] - signal, noisy_low[:, c] - signal_low
-        rows.append(
-            (
-                name,
-                *(_rms(values) for values in (signal, noise, noise_low)),
-                20.0 * float(np.log10(_rms(signal[free]) / _rms(noise[free]))),
-                20.0 * float(np.log10(_rms(signal_low[free_low]) / _rms(noise_low[free_low]))),
-            )
-        )
+    names = [channel.name for channel in noisy.group.channels]
+    titles = {"z_s": "Body, vertical (z_s)", "z_uA": "Front left hub (z_uA)"}
+    shown = [names.index(name) for name in titles]
+    signal, signal_low = clean.values[:, shown], clean_low[:, shown]  # (n_samples, 2)
+    noise, noise_low = noisy.values[:, shown] - signal, noisy_low[:, shown] - signal_low
+    decibels = 20.0 * np.log10(_rms(signal[free]) / _rms(noise[free]))
+    decibels_low = 20.0 * np.log10(_rms(signal_low[free_low]) / _rms(noise_low[free_low]))
+    y_label, panels = "acceleration / (m/s²)", []
+    for c, title in zip(shown, titles.values(), strict=True):
         curves = ("noisy", time, noisy.values[:, c], 0), ("filtered", time_low, noisy_low[:, c], 2)
-        stretches = [
+        whole, enlarged = (
             tuple(
-                Curve(label, t[shown], values[shown], hue)
-                for label, t, values, hue in curves
-                for shown in [(t >= from_s) & (t <= to_s)]
+                Curve(label, t[(t >= from_s) & (t <= to_s)], v[(t >= from_s) & (t <= to_s)], hue)
+                for label, t, v, hue in curves
             )
             for from_s, to_s in ((0.0, 1.2), (0.5, 0.8))
-        ]
-        y_label = "acceleration / (m/s²)"
+        )
         panels.append(
             (
-                Panel(title, "time / s", y_label, stretches[0]),
-                Panel("The same, enlarged", "time / s", f"{y_label}, enlarged", stretches[1]),
+                Panel(title, "time / s", y_label, whole),
+                Panel("The same, enlarged", "time / s", f"{y_label}, enlarged", enlarged),
             )
         )
     return Study(
         title=f"Fig. 9, bounce run with {noise_db:g} dB of noise at {rate_hz:g} Hz, {PASS_HZ:g} Hz"
         " linear-phase FIR low-pass",
         columns=(
-            Column("channel", "channel"),
-            Column("signal_rms", "signal m/s²", ".3f"),
-            Column("noise_rms", "noise m/s²", ".4f"),
-            Column("noise_filtered_rms", "noise filtered m/s²", ".4f"),
-            Column("decay_db", "decay dB", ".1f"),
-            Column("decay_filtered_db", "decay filtered dB", ".1f"),
+            Column("channel", "channel", tuple(titles)),
+            Column("signal_rms", "signal m/s²", _rms(signal), ".3f"),
+            Column("noise_rms", "noise m/s²", _rms(noise), ".4f"),
+            Column("noise_filtered_rms", "noise filtered m/s²", _rms(noise_low), ".4f"),
+            Column("decay_db", "decay dB", decibels, ".1f"),
+            Column("decay_filtered_db", "decay filtered dB", decibels_low, ".1f"),
         ),
-        rows=tuple(rows),
         notes=(
             f"The filter ({2 * half + 1} taps, least squares, stop band from 60 Hz) does not delay:"
             " its results belong to the middle of its memory.",
@@ -452,6 +441,6 @@ def fig9_study(rate_hz: float, noise_db: float, seed: int) -> Study:
     )
 
 
-def _rms(values: Floats) -> float:
-    """Return the root of the mean square."""
-    return float(np.sqrt(np.mean(values**2)))
+def _rms(values: Floats) -> Floats:
+    """Return the root of the mean square of each column."""
+    return np.asarray(np.sqrt(np.mean(values**2, axis=0)))

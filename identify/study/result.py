@@ -19,6 +19,8 @@ class Column:
 
     key: str
     heading: str
+    cells: Sequence[Cell] | Floats
+    """One for each row; NaN where there is no value."""
     form: str = "+z.2f"
 
 
@@ -45,19 +47,17 @@ class Panel:
 
 @dataclass(frozen=True, slots=True)
 class Study:
-    """A table of rows under columns (NaN where there is no value), notes, and rows of diagrams."""
+    """A table, notes, and rows of diagrams."""
 
     title: str
     columns: tuple[Column, ...]
-    rows: tuple[tuple[Cell, ...], ...]
     notes: tuple[str, ...]
     panels: tuple[tuple[Panel, ...], ...] = ()
 
-
-def rows_of(names: Sequence[str | int], *columns: Floats) -> tuple[tuple[Cell, ...], ...]:
-    """Return the rows of a table from its first column and the others, each (n,) or (n, k)."""
-    cells = np.column_stack(columns).tolist()
-    return tuple((name, *row) for name, row in zip(names, cells, strict=True))
+    @property
+    def rows(self) -> tuple[tuple[Cell, ...], ...]:
+        """Rows of the table."""
+        return tuple(zip(*(np.asarray(c.cells).tolist() for c in self.columns), strict=True))
 
 
 def percent(values: Sequence[float] | Floats, known: Floats) -> Floats:

@@ -371,11 +371,11 @@ def test_every_word_of_a_study_is_in_its_figure() -> None:
     time, wave = np.arange(3.0), np.ones(3)
     curves = (Curve("noisy", time, wave), Curve("low", time, wave, 1, dashed=True))
     panels = ((Panel("signal", "time / s", "m/s²", curves),),)
-    drawing = svg(Study("made", (), (), (), panels))
+    drawing = svg(Study("made", (), (), panels))
     drawn = ElementTree.fromstring(drawing).iter("{http://www.w3.org/2000/svg}text")
     words = {"signal", "time / s", "m/s²", "noisy", "low"}
     assert {"".join(element.itertext()) for element in drawn} >= words
-    assert drawing == svg(Study("made", (), (), (), panels)), "the same bytes"
+    assert drawing == svg(Study("made", (), (), panels)), "the same bytes"
 
 
 # Eqs. 22-33 on true modes, with diagonal and full added mass --------------------------------------
