@@ -33,10 +33,10 @@ def with_vehicle(text: str, name: str, structure: Structure) -> str:
         vehicle = tables.setdefault("vehicle", {})
         vehicle["name"] = name
         stated = vehicle.get("structure", {})
-        flags = {flag: getattr(structure, flag) for flag in Structure.__dataclass_fields__}
-        old = {flag: stated.get(flag, getattr(Structure(), flag)) for flag in flags}
-        changed = {flag: is_on for flag, is_on in flags.items() if old[flag] != is_on}
-        if changed:  # what is stated or the default already is not written
+        present = asdict(Structure()) | stated
+        # A flag is written only if it changes: a stated one forces or forbids its element.
+        changed = {flag: on for flag, on in asdict(structure).items() if present[flag] != on}
+        if changed:
             vehicle["structure"] = stated | changed
 
     return _edited(text, change)

@@ -405,11 +405,7 @@ def _all_samples(
         return clock_rows, np.zeros(0), np.zeros(0, np.uint8)
     is_new = times.step > 0
     timed_rows, time_s, step = clock_rows[is_new], times.time_s[is_new], times.step[is_new]
-    first_row, last_row = timed_rows[0], timed_rows[-1]
-    is_sample = np.ones(last_row + 1 - first_row, bool)  # from the first to the last timed row
-    repeated = clock_rows[~is_new]
-    is_sample[repeated[(repeated > first_row) & (repeated < last_row)] - first_row] = False
-    rows = np.flatnonzero(is_sample) + first_row
+    rows = np.setdiff1d(np.arange(timed_rows[0], timed_rows[-1] + 1), clock_rows[~is_new])
     timed_position = np.searchsorted(rows, timed_rows)
     quality = np.zeros(len(rows), np.uint8)
     # Where the clock counts more samples than rows since the last timed row, frames are missing.

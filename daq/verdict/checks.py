@@ -144,29 +144,33 @@ def lost_frames(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> 
 
 def overload(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterator[Finding]:
     """Find tops that were cut; on the bump itself they are harmless."""
-    overloaded = []  # names of the channels that are cut on the bump or later
-    passed = True
-    for trace in signals:
-        is_cut = np.zeros(len(trace.value), bool)
-        for begin, stop in flat_tops(trace.value):
-            is_cut[begin:stop] = True
-        low, high = trace.value.min(), trace.value.max()
-        if trace.name in window.saturated and low < high:  # any extreme sample counts
-            is_cut |= (trace.value == low) | (trace.value == high)
-        cut_s = trace.time_s[is_cut & (trace.time_s > 0.0)]
-        overloaded += [trace.name] if len(cut_s) else []
-        later_s = cut_s[cut_s > bench.campaign.bump_s]
-        if len(later_s):
-            passed = False
-            text = f"{trace.name} was at the end of its range in {counted(len(later_s), 'sample')} "
-            text += f"after the bump, the last at +{later_s[-1]:.2f} s"
-            yield finding("overload", False, len(later_s), 0.0, "", text, trace.name)
-    if passed:
-        text = "no sensor at the end of its range"
-        if overloaded:
-            text = f"{', '.join(overloaded)}: at the end of the range on the bump only, "
-            text += "which is harmless"
+    cut_s = {trace.name: _cut_s(trace, trace.name in window.saturated) for trace in signals}
+    late_s = {name: times_s[times_s > bench.campaign.bump_s] for name, times_s in cut_s.items()}
+    late_s = {name: times_s for name, times_s in late_s.items() if len(times_s)}
+    for name, times_s in late_s.items():
+        text = f"{name} was at the end of its range in {counted(len(times_s), 'sample')} "
+        text += f"after the bump, the last at +{times_s[-1]:.2f} s"
+        yield finding("overload", False, len(times_s), 0.0, "", text, name)
+    if not late_s:
+        names = ", ".join(name for name, times_s in cut_s.items() if len(times_s))
+        text = f"{names}: at the end of the range on the bump only, which is harmless"
+        if not names:
+            text = "no sensor at the end of its range"
         yield finding("overload", True, 0.0, 0.0, "", text)
+
+
+def _cut_s(trace: Trace, is_saturated: bool) -> NDArray[np.float64]:
+    """Return the times after the onset at which a trace is at the end of its range, s.
+
+    `is_saturated`: the decoder saw samples at the end, so every extreme sample is one.
+    """
+    is_cut = np.zeros(len(trace.value), bool)
+    for begin, stop in flat_tops(trace.value):
+        is_cut[begin:stop] = True
+    low, high = trace.value.min(), trace.value.max()
+    if is_saturated and low < high:
+        is_cut |= (trace.value == low) | (trace.value == high)
+    return trace.time_s[is_cut & (trace.time_s > 0.0)]
 
 
 def frozen(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterator[Finding]:

@@ -176,13 +176,9 @@ def not_repeatable(
     limit = PEAK_RATIO if ratio > 1.0 else 1.0 / PEAK_RATIO
     passed = 1.0 / PEAK_RATIO <= ratio <= PEAK_RATIO
     yield finding("not_repeatable", passed, ratio, limit, "", text, furthest)
-    likeness = {
-        name: _cosine(
-            measured.waves[name], np.median([run.waves[name] for run in accepted], axis=0)
-        )
-        for name in main
-        if all(name in run.waves for run in (measured, *accepted))
-    }
+    comparable = [n for n in main if all(n in run.waves for run in (measured, *accepted))]
+    usual_waves = {n: np.median([run.waves[n] for run in accepted], axis=0) for n in comparable}
+    likeness = {n: _cosine(measured.waves[n], usual_waves[n]) for n in comparable}
     if likeness:
         least_like = min(likeness, key=lambda name: likeness[name])
         cosine = likeness[least_like]
