@@ -49,7 +49,7 @@ def control_address(folder: Path) -> Path:
     owners = {os.getuid()}
     with suppress(OSError):
         owners.add(folder.stat().st_uid)
-    if _foreign(_SERVICE, owners) == "" and is_running(_SERVICE / name):
+    if _ownership_fault(_SERVICE, owners) == "" and is_running(_SERVICE / name):
         return _SERVICE / name
     state = Path(os.environ.get("XDG_STATE_HOME") or "~/.local/state").expanduser()
     of_systemd = os.environ.get(_DIRECTORY, "").split(":")[0]
@@ -72,7 +72,7 @@ def _make_private(directory: Path) -> None:
     try:
         directory.parent.mkdir(parents=True, exist_ok=True)
         directory.mkdir(mode=0o700, exist_ok=True)
-        if fault := _foreign(directory, {os.getuid()}):
+        if fault := _ownership_fault(directory, {os.getuid()}):
             advice = f"set {_DIRECTORY} to a directory of your own"
             raise InputError(str(directory), fault, advice)
         directory.chmod(0o700)
@@ -81,7 +81,7 @@ def _make_private(directory: Path) -> None:
         raise InputError(str(directory), why, f"set {_DIRECTORY} to another directory") from error
 
 
-def _foreign(directory: Path, owners: set[int]) -> str:
+def _ownership_fault(directory: Path, owners: set[int]) -> str:
     """Return why a directory may belong to another user; empty if it does not."""
     try:
         status = directory.lstat()

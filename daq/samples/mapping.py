@@ -357,16 +357,20 @@ def group_names(names: Sequence[str]) -> dict[str, str]:
 def _message_group(
     name: str, channels: Sequence[MappedChannel], decoded: Decoded, keeping: Timekeeping, t0_ns: int
 ) -> SampleGroup:
-    """Return the samples of channels of one message, or those of a multiplexed channel."""
+    """Return the samples of channels of one message, or those of a multiplexed channel.
+
+    Their times are those of the message's clock.  Without one they follow from the arrivals, which
+    are evenly spaced unless the channel is multiplexed.
+    """
     message, is_multiplexed = channels[0].message, channels[0].is_multiplexed
     t_ns = decoded[channels[0].channel.signal].t_ns
-    times = None if is_multiplexed else _clock_times(message, decoded, keeping, t0_ns)
-    if times is None:
-        rows, quality = np.arange(len(t_ns)), np.zeros(len(t_ns), np.uint8)
-        by_arrival = arrival_times if is_multiplexed else even_times
-        time_s = by_arrival(t_ns, t0_ns).time_s
+    timed = None if is_multiplexed else _clock_times(message, decoded, keeping, t0_ns)
+    if timed is not None:
+        rows, time_s, quality = _all_samples(*timed)
     else:
-        rows, time_s, quality = _all_samples(*times)
+        rows, quality = np.arange(len(t_ns)), np.zeros(len(t_ns), np.uint8)
+        times = arrival_times(t_ns, t0_ns) if is_multiplexed else even_times(t_ns, t0_ns)
+        time_s = times.time_s
     for m in channels:
         quality = quality | decoded[m.channel.signal].quality[rows]
     values = {m.channel.name: m.values(decoded[m.channel.signal])[rows] for m in channels}
@@ -420,7 +424,10 @@ def _set_group(
     keeping: Timekeeping,
     t0_ns: int,
 ) -> SampleGroup:
-    """Return the samples of a set of messages: a row for each, whichever of its frames came."""
+    """Return the samples that the messages of a set carry together, one row for each sample.
+
+    Samples are numbered by the clock of the carrier message; NaN stands for missing frames.
+    """
     carrier, counter_signal = sample_set.carrier
     times = _clock_times(keeping.messages[carrier], decoded, keeping, t0_ns)
     assert times is not None  # ensured by bench.sensors.check_sets

@@ -33,7 +33,7 @@ _TINY = 1e-12
 """Motion of a car that does not move, by which one can divide."""
 
 _FL, _FR, _RL, _RR = Corner
-_TOGETHER: Mapping[Wheels, str] = {
+_STRIKE_WORDS: Mapping[Wheels, str] = {
     Wheels(Corner): "all four wheels",
     Wheels({_FL, _FR}): "front wheels only",
     Wheels({_RL, _RR}): "rear wheels only",
@@ -130,7 +130,7 @@ def _of_wheels(bench: Bench, motion: NDArray[np.float64], by: str) -> Pattern:
     planned = bench.campaign.excitations
     best = max(by_strike, key=lambda wheels: by_strike[wheels])
     kind = next((kind.words for kind in kinds_of(best, planned)), "no kind of bump")
-    words = _TOGETHER.get(best, "one wheel only" if len(best) == 1 else "three wheels")
+    words = _STRIKE_WORDS.get(best, "one wheel only" if len(best) == 1 else "three wheels")
     return Pattern(_likeness_of_kinds(by_strike, planned), f"{kind}: {words}", by, PURITY)
 
 
@@ -172,7 +172,7 @@ def _of_body(planned: tuple[Excitation, ...], body: _Body, by: str) -> Pattern:
 
     # A body that turns by 0.9 of its heave does not bounce.
     level = 1.0 - min(max(body.pitch, body.roll) / heave / 0.9, 1.0) / 2
-    by_strike = dict.fromkeys(_TOGETHER, level)
+    by_strike = dict.fromkeys(_STRIKE_WORDS, level)
     pitch, roll = turned(body.pitch, body.roll), turned(body.roll, body.pitch)
     by_strike[Wheels({_FL, _FR})] = ratio(body.front, body.rear) * pitch
     by_strike[Wheels({_RL, _RR})] = ratio(body.rear, body.front) * pitch
