@@ -11,35 +11,20 @@ LOG_FORMATS = "BLF, ASC, TRC, MF4, candump, CSV of python-can, or a journal"
 
 Buses = Annotated[
     list[str] | None,
-    Option(
-        "--bus",
-        metavar="BUS",
-        help="Only this bus: its name, channel or number from 0; repeatable.",
-    ),
+    Option("--bus", metavar="BUS", help="Only this bus: name, channel or number; repeatable."),
 ]
-"""Buses of the bench."""
 
 DisplayAt = Annotated[
     str | None,
-    Option(
-        "--display",
-        "--host",
-        metavar="ADDRESS",
-        help="Serve a display: here (this machine's browsers), lan, or an address to listen on.",
-    ),
+    Option("--display", "--host", metavar="ADDRESS", help="Serve a display: here, lan or an IP."),
 ]
 DisplayControl = Annotated[
     bool,
-    Option(
-        "--control",
-        "--display-control",
-        help="Let the display start, reject and pause, for a number shown with its link.",
-    ),
+    Option("--control", "--display-control", help="Let the display start, reject and pause."),
 ]
 Page = Annotated[
     Path | None, Option("--page", "--out", metavar="FILE", help="Page to write (*.html).")
 ]
-"""The page of a report."""
 Force = Annotated[bool, Option("--force", help="Replace existing files without a question.")]
 """The explicit word of `daq.files.refuse_existing`."""
 
@@ -51,8 +36,7 @@ Interface = Annotated[
     str | None, Option(metavar="NAME", help="python-can interface; default: that of bench.toml.")
 ]
 InterfaceChannel = Annotated[
-    str | None,
-    Option(metavar="CHANNEL", help="Channel of that interface; default: that of bench.toml."),
+    str | None, Option(metavar="CHANNEL", help="Its channel; default: that of bench.toml.")
 ]
 Fast = Annotated[bool, Option("--fast", help="Send as fast as the bus takes the frames.")]
 Seed = Annotated[int, Option(min=0, metavar="N", help="Seed of noise and sensor errors.")]

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # slow to load; a program that reads JSON needs none of it
     from rich.console import Console, JustifyMethod
 
     from daq import Session
+
+
+Stage = Callable[[float, str], None]
+"""Receives the share of the work that is done, 0..1, and the present stage."""
 
 
 def print_json(document: Mapping[str, Any]) -> None:
@@ -24,7 +28,7 @@ def print_json(document: Mapping[str, Any]) -> None:
 
 
 def print_table(title: str, columns: list[str], rows: list[list[str]]) -> None:
-    """Write a table: the first column to the left, numbers to the right."""
+    """Write a table and an empty line: the first column to the left, numbers to the right."""
     from rich.table import Table
     from rich.text import Text
 
@@ -36,6 +40,7 @@ def print_table(title: str, columns: list[str], rows: list[list[str]]) -> None:
         table.add_row(*(Text(_visible(cell)) for cell in row))
     console().print(Text(_visible(title), "bold"), soft_wrap=True)
     console().print(table)
+    print_line()
 
 
 def print_line(text: str = "") -> None:
@@ -121,18 +126,11 @@ def software() -> str:
     return f"bumpbench {version('bumpbench')}"
 
 
-class Stage(Protocol):
-    """One line of progress."""
-
-    def __call__(self, done: float, text: str = "") -> None:
-        """Show the share that is done, 0..1, and the present stage."""
-
-
 @contextmanager
 def progress(title: str) -> Iterator[Stage]:
     """Show a bar with the remaining time on stderr; silent where stderr is not a terminal."""
     if not sys.stderr.isatty():
-        yield lambda done, text="": None
+        yield lambda done, text: None
         return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
@@ -146,9 +144,5 @@ def progress(title: str) -> Iterator[Stage]:
     )
     with bar:
         task = bar.add_task(title, total=1.0, text="")
-
-        def stage(done: float, text: str = "") -> None:
-            bar.update(task, completed=done, text=text)
-
-        yield stage
+        yield lambda done, text: bar.update(task, completed=done, text=text)
         bar.update(task, completed=1.0)

@@ -43,7 +43,7 @@ def read_frames(bench: Bench, log: Path | None, skip_s: float, seconds: float) -
             stack.callback(sources[-1].close)
         start_s = time.monotonic()
         while (elapsed_s := time.monotonic() - start_s) < seconds:
-            stage(elapsed_s / seconds)
+            stage(elapsed_s / seconds, "")
             # All sources together wait for 0.1 s at most: then the progress is shown.
             wait_s = min(0.1, seconds - elapsed_s) / len(sources)
             batches += [source.read(wait_s) for source in sources]

@@ -39,14 +39,10 @@ def print_identification(result: Identification, truth: Mapping[str, float]) -> 
             for name in result.undetermined:
                 drivers.pop(name, None)
             _print_estimates("Parameters", result.parameters, "mostly from", drivers)
-            print_line()
             _print_estimates("Derived", result.derived)
         if result.motion_ratios:
-            print_line()
             _print_estimates("Motion ratios", result.motion_ratios)
-        print_line()
         _print_modes(result)
-        print_line()
         if result.forces:
             print_forces(result.forces)
             print_line()
@@ -89,7 +85,6 @@ def print_forces(forces: Forces) -> None:
     """Write force elements of both axles, forces at some speeds, and the other elements tried."""
     elements = {f"{a.axle} {plain(name)}": e for a in forces.axles for name, e in a.values.items()}
     _print_estimates("Force elements, each of one corner", elements)
-    print_line()
     title = "Force of one corner, N, damper alone and with friction; compression positive"
     print_table(title, ["m/s", *damper_columns(forces)], damper_rows(forces))
     for axle in forces.axles:
@@ -135,7 +130,7 @@ def print_comparison(comparison: Comparison) -> None:
     from identify.report.comparison import comparison_sections, headline_of
     from identify.report.page import Table
 
-    print_line(headline_of(comparison))
+    print_line(f"{headline_of(comparison)}\n")
     for section in comparison_sections(comparison):
         for table in section.blocks:
             if not isinstance(table, Table):
@@ -146,8 +141,7 @@ def print_comparison(comparison: Comparison) -> None:
                 if "✓" in marks or "·" not in marks:
                     rows.append(list(row))
             if rows:
-                print_line()
                 columns = [column.removeprefix("#") or column for column in table.columns]
                 print_table(table.title, columns, rows)
                 if table.note:
-                    print_line(table.note)
+                    print_line(f"{table.note}\n")

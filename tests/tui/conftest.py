@@ -27,7 +27,7 @@ def stages(monkeypatch: pytest.MonkeyPatch) -> Stages:
     @contextmanager
     def progress(title: str) -> Iterator[Stage]:
         lines = shown.setdefault(title, [])
-        yield lambda done, text="": lines.append((round(done, 9), text))
+        yield lambda done, text: lines.append((round(done, 9), text))
 
     monkeypatch.setattr(output, "progress", progress)
     return shown

@@ -300,7 +300,7 @@ def test_a_writer_that_hangs_is_reported_to_clients_and_in_the_log(tmp_path: Pat
     all_.stored = late
 
     with Log(path) as log:
-        made(all_, log).run(lambda done, text="": seen.set())
+        made(all_, log).run(lambda done, text: seen.set())
     news = [one for one, _ in all_.published if one is not status]
     assert news
     assert [alarm.code for alarm in news[0].alarms][-1:] == ["not_recording"]

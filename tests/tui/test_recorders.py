@@ -372,9 +372,9 @@ def test_a_demonstration_prints_what_was_recorded_and_identified(
     assert run(["demo", "--out", str(out)]) == 0
     paragraphs = capsys.readouterr().out.split("\n\n")
     assert paragraphs[0].startswith("Wagen Ü: 3 runs")
-    assert paragraphs[0].endswith(f"session: {session}")
-    assert paragraphs[1].splitlines()[0].strip() == "Parameters"
-    row = next(line for line in paragraphs[1].splitlines() if line.startswith("m_s"))
+    assert paragraphs[1].endswith(f"session: {session}")
+    assert paragraphs[2].splitlines()[0].strip() == "Parameters"
+    row = next(line for line in paragraphs[2].splitlines() if line.startswith("m_s"))
     assert row.split()[1] == "1,380.0"
     assert row.endswith("1,380.0, +0.00 %"), "the truth, and the error of the estimate"
     next_lines = [f"  {command}" for command in next_commands(session)]

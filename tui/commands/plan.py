@@ -186,8 +186,7 @@ def _print_plan(
     output.print_line(f"Runs: {runs}; bump of {campaign.bump.height_m * 1e3:g} mm")
     sensors = f"{len(campaign.sensors)} at {rate_text} Hz"
     output.print_line(f"Sensors: {sensors}, with the usual noise of their kind")
-    output.print_line(f"Vehicle: {vehicle_source}")
-    output.print_line()
+    output.print_line(f"Vehicle: {vehicle_source}\n")
     rows = []
     for name, estimate in outlook.parameters.items():
         if name in outlook.undetermined:
@@ -201,7 +200,6 @@ def _print_plan(
         rows.append([name, value, *cells, estimate.unit])
     columns = ["parameter", "expected", "95 % interval", "±", "unit"]
     output.print_table("Expected result of this campaign", columns, rows)
-    output.print_line()
     if outlook.undetermined:
         output.print_line(f"not determined: {', '.join(outlook.undetermined)}")
         for reason in outlook.reasons:
@@ -215,7 +213,6 @@ def _print_plan(
     title = "What would improve it (95 % intervals, share of the value)"
     _print_outlooks(title, "next step, each by itself", steps)
     if others:
-        output.print_line()
         campaigns = [(other.action, other.outlook) for other in others]
         title = "Other campaigns with the same sensors"
         _print_outlooks(title, "campaign instead of it", campaigns)

@@ -207,7 +207,6 @@ def _print_contents(path: Path, session: Session) -> None:
             at = f"x {w.x_m:g} y {w.y_m:g} m" if isinstance(w, BodyWeight) else f"hub {w.corner}"
             rows.append([f"in {state.name}", f"{w.mass_kg:g} kg at {at}", f"± {w.sigma_kg:g}"])
     if rows:
-        output.print_line()
         output.print_table("Known beforehand", ["what", "value", ""], rows)
     entries = _provenance(session.provenance)
     # Of the verdicts, --json has the findings of each run.
@@ -216,5 +215,4 @@ def _print_contents(path: Path, session: Session) -> None:
     rows += [["note", text] for text in notes_of(session.provenance)]
     rows += [["warning overridden", text] for text in overrides_of(session.provenance)]
     if rows:
-        output.print_line()
         output.print_table("Provenance", ["what", "value"], rows)

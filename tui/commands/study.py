@@ -209,7 +209,6 @@ def _print_and_draw(result: Study, json: bool, figure: Path | None = None) -> No
             for row in result.rows
         ]  # fmt: skip
         output.print_table(result.title, [column.heading for column in result.columns], rows)
-        output.print_line()
         for note in result.notes:
             output.print_item(note)
     if figure is not None:

@@ -6,7 +6,7 @@ The page decides nothing: it shows these words, and sounds when word or title ch
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from enum import StrEnum
+from typing import Literal
 
 from daq import BASELINE
 from daq.bench.campaign import Origin
@@ -40,22 +40,12 @@ from ..terminal.words import (
     waiting_words,
 )
 
-
-class Kind(StrEnum):
-    """State of the page; chooses colour, symbol and sound."""
-
-    WAIT = "wait"
-    BUMP = "bump"
-    HANDS_OFF = "hands-off"
-    ACCEPTED = "accepted"
-    AGAIN = "again"
-    READY = "ready"
-    PAUSED = "paused"
-    STEP = "step"
-    """The next step is done at the terminal."""
-    DONE = "done"
-    STOPPED = "stopped"
-    LOST = "lost"
+Kind = Literal[
+    "wait", "bump", "hands-off", "accepted", "again", "ready", "paused", "step", "done", "stopped",
+    "lost",
+]  # fmt: skip
+"""State of the page, which chooses colour, symbol and sound; `step`: the next one is done at the
+terminal."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,12 +143,12 @@ def view(status: Status | None, lost: Lost | None) -> View:
     `status`: the last one; None before the first.  `lost`: not None if the recorder does not
     answer.
     """
-    connecting = Headline(Kind.WAIT, ("WAIT",), "waiting for the recorder")
+    connecting = Headline("wait", ("WAIT",), "waiting for the recorder")
     last_view = _view_of(status) if status is not None else View(connecting)
     if lost is None:
         return last_view
     text, advice = printable(lost.text, 200), printable(lost.advice, 200)
-    loss = Headline(Kind.LOST, ("RECORDER", "LOST"), text, advice)
+    loss = Headline("lost", ("RECORDER", "LOST"), text, advice)
     return replace(last_view, headline=loss, alarm=None, buttons=Buttons())
 
 
@@ -193,35 +183,35 @@ def headline(status: Status) -> Headline:
     """Return the word of a status."""
     if (alarm := shown_obstacle(status)) is not None:
         name, advice, _ = cause_words(alarm)
-        return Headline(Kind.STOPPED, ("STOP",), name, advice)
+        return Headline("stopped", ("STOP",), name, advice)
     may_start = status.phase in (Phase.IDLE, Phase.PAUSED) and _next_arms(status)
     if may_start and (question := weights_question(status)):
         # The question that comes before the first run of another mass state, and its explanation.
         short_question, why = question.split("? ")
         words = tuple(f"{short_question}?".upper().split())
         advice = "Yes: the first button, or SPACE at the terminal."
-        return Headline(Kind.STEP, words, why, advice)
+        return Headline("step", words, why, advice)
     instruction = instruction_words(status)
     match status.phase:
         case Phase.WAITING:
-            return Headline(Kind.WAIT, ("WAIT",), f"Hands off: {waiting_words(status)}")
+            return Headline("wait", ("WAIT",), f"Hands off: {waiting_words(status)}")
         case Phase.ARMED:
-            return Headline(Kind.BUMP, ("BUMP", "NOW"), instruction)
+            return Headline("bump", ("BUMP", "NOW"), instruction)
         case Phase.TRIGGERED | Phase.DECAY:
             return _hands_off_headline(status)
         case Phase.ACCEPTED | Phase.REJECTED:
             return _verdict_headline(status)
         case Phase.PAUSED:
-            return Headline(Kind.PAUSED, ("PAUSED",), PAUSED)
+            return Headline("paused", ("PAUSED",), PAUSED)
         case Phase.COMPLETE:
-            return Headline(Kind.DONE, ("DONE",), COMPLETE)
+            return Headline("done", ("DONE",), COMPLETE)
     if status.halted:
         why, advice = halted_words(status.halted), "Remove the reason, then start again."
-        return Headline(Kind.STOPPED, ("STOPPED",), why, advice)
+        return Headline("stopped", ("STOPPED",), why, advice)
     if (step := next_action(status).step) is not None:
         why = f"Go to the terminal: step {step.title}"
-        return Headline(Kind.STEP, ("STEP", str(step.value)), why)
-    return Headline(Kind.READY, ("READY",), instruction)
+        return Headline("step", ("STEP", str(step.value)), why)
+    return Headline("ready", ("READY",), instruction)
 
 
 def _hands_off_headline(status: Status) -> Headline:
@@ -233,7 +223,7 @@ def _hands_off_headline(status: Status) -> Headline:
         why = f"Hands off. {peak_left:.0%} of the peak left."
         decayed = round(1.0 - peak_left, 2)
     digits, digits_are = f"{since_bump_s:.1f}", "seconds since the bump"
-    return Headline(Kind.HANDS_OFF, ("HANDS", "OFF"), why, "", digits, digits_are, decayed)
+    return Headline("hands-off", ("HANDS", "OFF"), why, "", digits, digits_are, decayed)
 
 
 def _verdict_headline(status: Status) -> Headline:
@@ -242,9 +232,9 @@ def _verdict_headline(status: Status) -> Headline:
     digits_are = "seconds to the next run" if digits else ""
     if status.phase is Phase.ACCEPTED:
         why, advice = accepted_words(status, run), "" if digits else "The last of its kind."
-        return Headline(Kind.ACCEPTED, ("ACCEPTED",), why, advice, digits, digits_are)
+        return Headline("accepted", ("ACCEPTED",), why, advice, digits, digits_are)
     why, advice = rejected_words(run) if run else ("", "")
-    return Headline(Kind.AGAIN, ("AGAIN",), why, advice, digits, digits_are)
+    return Headline("again", ("AGAIN",), why, advice, digits, digits_are)
 
 
 def _alarm_line(status: Status) -> AlarmLine | None:

@@ -22,11 +22,11 @@ from typing import TYPE_CHECKING, Any
 from dbc import BumpbenchError, InputError
 from dbc.words import printable
 
+from ..output import Stage
+
 if TYPE_CHECKING:
     from identify import Identification
 
-Stage = Callable[[float, str], None]
-"""Receives the share of the work that is done, 0..1, and the next stage."""
 Task = Callable[[Stage], Any]
 """Returns the answer: a `functools.partial` of a function of a module."""
 

@@ -9,7 +9,7 @@ import pytest
 from daq.bench.campaign import Origin
 from daq.control.messages import Alarm, Arm, Pause, Phase, Reject
 from daq.runs import Excitation
-from tui.display.view import Kind, View, order_of, view
+from tui.display.view import View, order_of, view
 from tui.terminal.feed import Lost
 
 from ..terminal.fake_recorder import DOUBLE_BUMP, FakeRecorder, ready
@@ -36,11 +36,11 @@ def test_each_phase_has_its_word(recorder: FakeRecorder) -> None:
     recorder.phase = Phase.WAITING
     recorder.publish(not_at_rest=("body_acc_z",))
     head = shown(recorder).headline
-    assert (head.kind, head.word) == (Kind.WAIT, ("WAIT",))
+    assert (head.kind, head.word) == ("wait", ("WAIT",))
     assert head.why == "Hands off: not at rest: body_acc_z"
     recorder.turn(Phase.ARMED)
     head = shown(recorder).headline
-    assert (head.kind, head.word) == (Kind.BUMP, ("BUMP", "NOW"))
+    assert (head.kind, head.word) == ("bump", ("BUMP", "NOW"))
     assert head.why == "Roll all four wheels over the boards."
     recorder.turn(Phase.PAUSED)
     assert shown(recorder).headline.word == ("PAUSED",)
@@ -72,7 +72,7 @@ def test_an_accepted_run_counts_down(recorder: FakeRecorder) -> None:
     recorder.judge()
     page = shown(recorder)
     head = page.headline
-    assert (head.kind, head.word, head.digits) == (Kind.ACCEPTED, ("ACCEPTED",), "3")
+    assert (head.kind, head.word, head.digits) == ("accepted", ("ACCEPTED",), "3")
     assert page.title == "baseline: bounce 1, 1 of 2 accepted"
     assert (page.done, page.planned) == (1, 12)
     recorder.publish(countdown_s=2.0)
@@ -86,7 +86,7 @@ def test_a_rejected_run_says_why_and_what_to_do(recorder: FakeRecorder) -> None:
     recorder.bump()
     recorder.judge(DOUBLE_BUMP)
     head = shown(recorder).headline
-    assert (head.kind, head.word) == (Kind.AGAIN, ("AGAIN",))
+    assert (head.kind, head.word) == ("again", ("AGAIN",))
     assert head.why == "DOUBLE BUMP: second bump at +0.84 s"
     assert head.advice == "Bump once, keep hands off."
     assert shown(recorder).rows[0].rejected == 1

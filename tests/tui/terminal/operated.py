@@ -26,7 +26,8 @@ from dbc.words import BumpbenchError, Finding, Severity
 from identify import Estimate, Identification, Judgement, PhysicalModel
 from identify.fit.uncertainty import ModeEstimate
 from identify.trust.finding import Loss, Survival
-from tui.jobs.worker import Outcome, Stage, Task, identify_session
+from tui.jobs.worker import Outcome, Task, identify_session
+from tui.output import Stage
 from tui.terminal.app import BenchApp
 from tui.terminal.device import KeyboardApp
 from tui.terminal.screens import work
