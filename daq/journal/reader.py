@@ -239,12 +239,12 @@ class HopCounts:
 
         A loss belongs to a block, not to a frame, so the span is extended to complete blocks.
         """
-        row_before, last_row = np.searchsorted(self.t_ns, [start_ns, stop_ns]) - [1, 0]
-        last_row = min(last_row, len(self.t_ns) - 1)
-        if last_row < 0:
+        if not len(self.t_ns):
             return HopLosses()
-        counted_before = self.counts[row_before] if row_before >= 0 else 0
-        return HopLosses(*map(int, self.counts[last_row] - counted_before))
+        first_row, last_row = np.searchsorted(self.t_ns, [start_ns, stop_ns])
+        counted_before = self.counts[first_row - 1] if first_row > 0 else 0
+        counted_until = self.counts[min(last_row, len(self.t_ns) - 1)]
+        return HopLosses(*map(int, counted_until - counted_before))
 
 
 @dataclass(frozen=True, slots=True)

@@ -242,8 +242,10 @@ def end_of(path: Path) -> Block | None:
         offset = data.rfind(MAGIC)
         if offset >= 0:
             block = _block_at(memoryview(data), offset)
-            is_last = block and offset + HEADER.size + len(block.content) == len(data)
-            return block if block and is_last and block.kind == Kind.END else None
+            if block is None or block.kind != Kind.END:
+                return None
+            stop = offset + HEADER.size + len(block.content)
+            return block if stop == len(data) else None
     return None
 
 

@@ -21,7 +21,7 @@ from functools import cache
 from itertools import islice
 from math import inf
 from pathlib import Path
-from typing import NamedTuple, Self
+from typing import Self
 
 from dbc.frames import FrameBatch
 from dbc.words import BumpbenchError, InputError, counted
@@ -64,19 +64,6 @@ class JournalError(BumpbenchError, OSError):
     """The journal cannot be written to its folder at all."""
 
 
-class Room(NamedTuple):
-    """Space on a disk, bytes."""
-
-    free: int
-    total: int
-
-
-def room_on(folder: Path) -> Room:
-    """Return the space on the disk of a folder; raises OSError if the folder does not exist."""
-    usage = shutil.disk_usage(folder)
-    return Room(usage.free, usage.total)
-
-
 class JournalWriter:
     """Writes recordings one after another; a context manager that closes the journal.
 
@@ -98,10 +85,10 @@ class JournalWriter:
         limits: RecorderConfig | None = None,
         create: Callable[[Path], SyncedFile] = SyncedFile,
         resume: RecordingInfo | None = None,
-        room: Callable[[Path], Room] = room_on,
+        disk_usage: Callable[[Path], tuple[int, int, int]] = shutil.disk_usage,
     ) -> None:
         self._folder, self.limits = folder, limits or RecorderConfig()
-        self._create, self._room_on = create, room
+        self._create, self._disk_usage = create, disk_usage
         first = next_segment(folder) if resume is None else resume.head.first_segment
         self._begin_counts(replace(head, first_segment=first))
         if resume is not None:
@@ -116,7 +103,8 @@ class JournalWriter:
         self._now_s = self._opened_s = self._warned_s = 0.0
         self._checked_s = -inf
         self._failure = self._warning = ""
-        self._room, self._is_full = Room(0, 0), False
+        self._free_bytes = self._total_bytes = 0
+        self._is_full = False
         self._sizes: dict[Path, int] = {}
         """Sizes of the segments in the folder except the open one, bytes."""
         self._scan = cache(scan)
@@ -203,7 +191,7 @@ class JournalWriter:
     def status(self) -> DiskStatus:
         """State of the journal and its disk at the last check."""
         return DiskStatus(
-            free_bytes=self._room.free,
+            free_bytes=self._free_bytes,
             journal_bytes=self._journal_bytes,
             recorded_frames=self._recorded,
             lag_s=self._now_s - self._waits_since_s if self._waiting else 0.0,
@@ -211,7 +199,7 @@ class JournalWriter:
             failed=self._failure,
             dropped_frames=self._dropped,
             warning=self._warning,
-            total_bytes=self._room.total,
+            total_bytes=self._total_bytes,
         )
 
     @property
@@ -264,10 +252,10 @@ class JournalWriter:
     # Blocks ------------------------------------------------------------------------------------
 
     def _put(self, kind: Kind, content: bytes) -> None:
-        """Write a block, or let it wait in memory, or count its frames as dropped."""
+        """Write a block; one that the disk refuses waits in memory, or its frames are dropped."""
         block = Block(kind, self._number, self.head.wall_ns, self.head.recording, content)
-        can_write = self._segment is not None and not self._waiting
-        is_stored = can_write and self._store([block])
+        is_next = not self._waiting
+        is_stored = is_next and self._segment is not None and self._store([block])
         # The number is used in any case: a block that was tried and then dropped may nevertheless
         # be on the disk, and no other block may have its number.
         self._number += 1
@@ -278,7 +266,7 @@ class JournalWriter:
         if self._waiting_bytes + len(content) > limit_bytes:
             self._dropped += block.size
             return
-        if not self._waiting:
+        if is_next:
             self._waits_since_s = self._now_s
         self._waiting.append(block)
         self._waiting_bytes += len(content)
@@ -354,11 +342,11 @@ class JournalWriter:
 
         Raises OSError if the folder does not exist.
         """
-        self._room = self._room_on(self._folder)
+        self._total_bytes, _, self._free_bytes = self._disk_usage(self._folder)
         # Free space, as a multiple of the reserve, from which a stopped recording continues: more
         # than that at which it stops, so that it does not stop again at once.
         reserves = 1.05 if self._is_full else 1.0
-        self._is_full = self._room.free < reserves * self.limits.reserve_bytes
+        self._is_full = self._free_bytes < reserves * self.limits.reserve_bytes
 
     def _check_disk(self) -> None:
         """Check that the files of the recording exist, and the free space."""
@@ -410,13 +398,12 @@ class JournalWriter:
         Of the present recording, segments near an event of its runs stay, and those of the last
         minutes: a bump may come at any moment, and the time before it belongs to its run.
         """
-        reserve = self.limits.reserve_bytes
-        excess = self._journal_bytes - self.limits.keep_bytes
-        if self._room.free < 2 * reserve:
-            excess = max(excess, 2 * reserve - self._room.free)
+        wanted_bytes = 2 * self.limits.reserve_bytes  # free space, so that recording need not stop
+        excess_bytes = self._journal_bytes - self.limits.keep_bytes
+        excess_bytes = max(excess_bytes, wanted_bytes - self._free_bytes)
         needed_ns = [self._t_ns, *self._runs_ns]
         for path in sorted(self._sizes, key=segment_number):
-            if excess <= 0:
+            if excess_bytes <= 0:
                 return
             try:
                 info = self._scan(path)
@@ -431,8 +418,8 @@ class JournalWriter:
                 self._report_deleted(info.summary)
             with suppress(OSError):
                 path.unlink()
-            excess -= self._sizes.pop(path)
-            self._written[:] = [segment for segment in self._written if segment.path != path]
+            excess_bytes -= self._sizes.pop(path)
+            self._written = [segment for segment in self._written if segment.path != path]
 
     def _report_deleted(self, deleted: Summary) -> None:
         """Store which blocks of this recording were deleted: else they would look like losses."""

@@ -57,7 +57,6 @@ SESSION_DELAY_S = 0.3
 """Time from the end of a run until its session file is built, s: all buses have then delivered."""
 HALT_S = 2.0
 """Time to wait at the end for a reader that hangs in its driver, s."""
-JOURNAL_FOLDER = "journal"
 
 Publish = Callable[[Status, Live | None], None]
 
@@ -183,7 +182,7 @@ class Recorder:
         clock: Callable[[], Now] = read_clocks,
     ) -> None:
         bench_mapping(bench, bench_codec(bench))
-        self._bench, self._folder, self._journal = bench, folder, folder / JOURNAL_FOLDER
+        self._bench, self._folder, self._journal = bench, folder, folder / "journal"
         self._open_source, self._software = open_source, software
         self._create, self._clock = create, clock
         self._pieces = pieces or PieceQueue()
@@ -203,7 +202,8 @@ class Recorder:
         self._begun = ""  # how the recording began, in words for the status
         self._build_s: float | None = None  # when the session file is to be built
         self._next_block_s = self._looked_s = 0.0
-        self._heartbeats = Heartbeats((), self._clock().monotonic_s, 0.0)
+        self.heartbeats = Heartbeats((), self._clock().monotonic_s, 0.0)
+        """Heartbeats of all threads."""
 
     def submit(self, order: Order, by: str) -> Future[Reply]:
         """Queue an order to be carried out between two blocks; from any thread, never blocks.
@@ -224,10 +224,6 @@ class Recorder:
                 _, _, answer = self._orders.get_nowait()
                 if answer.set_running_or_notify_cancel():
                     answer.set_exception(OrderError("the recorder is ending"))
-
-    def heartbeats(self) -> Heartbeats:
-        """Return the heartbeats of all threads."""
-        return self._heartbeats
 
     def storage(self) -> StorageStatus:
         """Return the counts of received and stored frames; from any thread, never blocks."""
@@ -305,7 +301,10 @@ class Recorder:
         return had_frames
 
     def _store_block(self) -> bool:
-        """Store the frames that were read as one block; return whether there were any."""
+        """Store the frames that were read as one block; return whether there were any.
+
+        This is also the heartbeat of the writer: of its disk only if nothing waits for it.
+        """
         pieces = self._readers.take(BLOCK_FRAMES)
         batch = FrameBatch.concatenate([piece.frames for piece in pieces])
         self._recording.store(batch, self._readers.hops().since(self._earlier_hops))
@@ -315,17 +314,17 @@ class Recorder:
         stored_s = self._clock().monotonic_s
         self._lag_s = max((stored_s - piece.received_s for piece in pieces), default=0.0)
         is_durable = not (disk.failed or disk.held_frames)
-        self._heartbeats = Heartbeats(
+        self.heartbeats = Heartbeats(
             tuple((link.name, link.heartbeat_s) for link in self._readers.facts()),
             stored_s,
-            stored_s if is_durable else self._heartbeats.durable_s,
+            stored_s if is_durable else self.heartbeats.durable_s,
         )
         return bool(pieces)
 
     def _publish(self, publish: Publish) -> None:
         """Publish the status and the samples since the last call; a failure is only noted."""
         now = self._clock()
-        live = self._barrier.value("live", now, None, self._recording.live)
+        live = self._barrier.value("live", now, None, self._recording.live.fresh)
         self._barrier.value("publish", now, None, lambda: publish(self._status(now), live))
 
     def _status(self, now: Now) -> Status:
@@ -355,7 +354,7 @@ class Recorder:
             case messages.AskBench():
                 return Reply(bench_text=self._recording.bench.text)
             case messages.AskCheck():
-                frames = self._recording.recent(order.seconds)
+                frames = self._recording.recent.frames(order.seconds)
                 self._recording.note("check", order.seconds, by, now)
                 self._checks.submit(answer_check, self._recording.bench, frames, answer)
                 return None

@@ -251,6 +251,7 @@ class FaultBarrier:
 class Recording:
     """One recording: of a campaign, or of the traffic between two campaigns, when nothing is armed.
 
+    `recent`, `live`: its last seconds, and the newest samples for terminals.
     `journal`: for frames and events; the caller closes it.  `run_log`: run log of a resumed
     recording.  Raises InputError if a channel contradicts the DBC, or no channel can trigger.
     """
@@ -274,7 +275,7 @@ class Recording:
         self._health = health.HealthState()
         self._t_ns = self._first_ns = 0  # of the latest frame, and of the first on its clock
         self._bump_ns = 0  # of the last planned bump
-        self._recent = Recent(bench.trigger.pre_s + bench.trigger.post_s)
+        self.recent = Recent(bench.trigger.pre_s + bench.trigger.post_s)
         self._alarms = Watch()
         self.adopt(bench, codec)
 
@@ -287,9 +288,9 @@ class Recording:
         """
         self._mapped, self._triggers = bench_mapping(bench, codec)
         self.bench, self._codec = bench, codec
-        self._live = LiveEnvelope([m.channel.name for m in self._mapped])
-        self._recent.kept_s = bench.trigger.pre_s + bench.trigger.post_s
-        self._judge = Judge(bench, codec, self._recent, self.measures)
+        self.live = LiveEnvelope([m.channel.name for m in self._mapped])
+        self.recent.kept_s = bench.trigger.pre_s + bench.trigger.post_s
+        self._judge = Judge(bench, codec, self.recent, self.measures)
         self._trigger = trigger.TriggerState()
         self._count_runs()
         self._alarms.adopt()
@@ -363,8 +364,8 @@ class Recording:
     def _find_bumps(self, batch: FrameBatch, decoded: Decoded, now: Now) -> None:
         """Keep the samples, and process the bumps and ends of runs that are found in them."""
         block = mapped_block(self._mapped, decoded)
-        self._recent.add(batch, block, self.losses)
-        self._live.add(block)
+        self.recent.add(batch, block, self.losses)
+        self.live.add(block)
         triggers = {name: trace for name, trace in block.items() if name in self._triggers}
         self._trigger, events = trigger.advance(self.bench.trigger, self._trigger, triggers)
         for event in events:
@@ -517,14 +518,6 @@ class Recording:
             revision=log.revision,
             origin=bench.origin,
         )
-
-    def recent(self, seconds: float) -> FrameBatch:
-        """Return the raw frames of the last seconds, at most ten."""
-        return self._recent.frames(seconds)
-
-    def live(self) -> Live | None:
-        """Return the samples that became complete since the last call."""
-        return self._live.fresh()
 
     @property
     def _pre_trigger_is_full(self) -> bool:

@@ -236,18 +236,14 @@ def order_event(
             return Event(t_ns, "arm", text=f"{order.until} {by}")
         case messages.Pause():
             return Event(t_ns, "pause", text=by)
-        case messages.Accept():
-            run = _judged(run_log, order.label)
-            if run.status is RunStatus.ACCEPTED:
-                raise OrderError(f"{run.label} is already accepted")
-            if not order.reason:
+        case messages.Accept() | messages.Reject():
+            run, accepts = _judged(run_log, order.label), isinstance(order, messages.Accept)
+            if run.status is (RunStatus.ACCEPTED if accepts else RunStatus.REJECTED):
+                raise OrderError(f"{run.label} is already {run.status}")
+            if accepts and not order.reason:
                 raise OrderError(f"{run.label} was rejected: give the reason why it should be used")
-            return entry(Code.ACCEPT, t_ns, label=run.label, by=by, reason=_clean(order.reason))
-        case messages.Reject():
-            run = _judged(run_log, order.label)
-            if run.status is RunStatus.REJECTED:
-                raise OrderError(f"{run.label} is already rejected")
-            return entry(Code.REJECT, t_ns, label=run.label, by=by, reason=_clean(order.reason))
+            code = Code.ACCEPT if accepts else Code.REJECT
+            return entry(code, t_ns, label=run.label, by=by, reason=_clean(order.reason))
         case messages.Undo():
             if not run_log.done:
                 raise OrderError("there is no verdict to undo")

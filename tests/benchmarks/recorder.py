@@ -267,7 +267,7 @@ def _our_hops(bench: Bench, codec: Codec, frames: FrameBatch) -> dict[str, float
     def step(k: int, block: FrameBatch) -> None:
         recorder.store(block, HopLosses())
         recorder.look(_now(k), links, DISK, StorageStatus())
-        recorder.live()
+        recorder.live.fresh()
 
     return {
         "journal": journal_us,

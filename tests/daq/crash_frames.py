@@ -20,7 +20,7 @@ from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
 from daq.journal.reader import HopCounts, JournalLoss, read_windows, recording_of
 from daq.journal.segment import JournalHead, SyncedFile
-from daq.journal.writer import JournalWriter, Room
+from daq.journal.writer import JournalWriter
 from daq.runs import Event
 from daq.session.build import derive
 from dbc.frames import FrameBatch
@@ -170,9 +170,9 @@ class SmallDisk:
         self.created.append(path)
         return _SmallFile(path, self)
 
-    def room(self, _: Path) -> Room:
-        """Return the room that is left."""
-        return Room(self.free, 100_000_000)
+    def usage(self, _: Path) -> tuple[int, int, int]:
+        """Return its size, nothing, and the room that is left, as `shutil.disk_usage`."""
+        return 100_000_000, 0, self.free
 
 
 class _SmallFile(QuickFile):

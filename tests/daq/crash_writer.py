@@ -22,7 +22,7 @@ from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
 from daq.journal.reader import last_recording, segments_in
 from daq.journal.segment import SyncedFile
-from daq.journal.writer import JournalWriter, Room, room_on
+from daq.journal.writer import JournalWriter
 from daq.runs import Event
 from dbc.words import InputError
 
@@ -215,7 +215,7 @@ class Disk:
 
     folder: Path
     create: Callable[[Path], SyncedFile]
-    room: Callable[[Path], Room]
+    usage: Callable[[Path], tuple[int, int, int]]
     give_back: Callable[[], None]
     kind: str
 
@@ -239,7 +239,7 @@ def small_disk(folder: Path, size: int) -> Disk:
     def give_back() -> None:
         disk.free += _BALLAST_BYTES
 
-    return Disk(folder, disk.create, disk.room, give_back, "files of our own")
+    return Disk(folder, disk.create, disk.usage, give_back, "files of our own")
 
 
 @contextmanager
@@ -255,7 +255,7 @@ def mounted_disk(folder: Path, size: int) -> Iterator[Disk | None]:
         ballast = folder / "ballast"
         with ballast.open("wb") as file:
             os.posix_fallocate(file.fileno(), 0, _BALLAST_BYTES)
-        yield Disk(folder / "journal", SyncedFile, room_on, ballast.unlink, "tmpfs")
+        yield Disk(folder / "journal", SyncedFile, shutil.disk_usage, ballast.unlink, "tmpfs")
     finally:
         subprocess.run(["umount", "-l", str(folder)], check=True)
 
@@ -263,7 +263,7 @@ def mounted_disk(folder: Path, size: int) -> Iterator[Disk | None]:
 def run_full(disk: Disk, reserve_bytes: float, full_s: float) -> Full:
     """Record on a disk until it is full, `full_s` longer, and on when it has room again."""
     limits = RecorderConfig(segment_bytes=2e6, reserve_bytes=reserve_bytes)
-    writer = JournalWriter(disk.folder, HEAD, limits, disk.create, room=disk.room)
+    writer = JournalWriter(disk.folder, HEAD, limits, disk.create, disk_usage=disk.usage)
     clock = _Clock(writer)
     before = _resident_bytes()
     while not writer.status.held_frames:
@@ -422,7 +422,7 @@ def read_only_disk(folder: Path) -> Disk:
         refuse()
         return ReadOnlyFile(path)
 
-    return Disk(folder, create, room_on, room.set, "read-only")
+    return Disk(folder, create, shutil.disk_usage, room.set, "read-only")
 
 
 def unmounted(folder: Path) -> float | None:

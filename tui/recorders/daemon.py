@@ -238,5 +238,5 @@ class _Daemon:
             self._logged = status
         if now_s - self._systemd_told_s >= 1.0:  # systemd's watchdog waits ten times as long
             self._systemd_told_s = now_s
-            if hanging := self.systemd.notify(self.recorder.heartbeats(), status, now_s):
+            if hanging := self.systemd.notify(self.recorder.heartbeats, status, now_s):
                 self.log.line(hanging, "hanging")

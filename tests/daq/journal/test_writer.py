@@ -13,7 +13,7 @@ from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
 from daq.journal.reader import last_recording, recordings
 from daq.journal.segment import Segment
-from daq.journal.writer import JournalError, JournalWriter, Room
+from daq.journal.writer import JournalError, JournalWriter
 from daq.runs import Event
 
 from ..crash_frames import (
@@ -48,10 +48,10 @@ class Checks:
         self.free = free
         self.fails = False
 
-    def room(self, _: Path) -> Room:
+    def usage(self, _: Path) -> tuple[int, int, int]:
         if self.fails:
             raise OSError(5, "Input/output error")
-        return Room(self.free, 10**12)
+        return 10**12, 0, self.free
 
 
 class StubbornFile(QuickFile):
@@ -183,16 +183,16 @@ def test_a_recording_goes_on_if_its_end_cannot_be_written(tmp_path: Path) -> Non
 
 @pytest.mark.parametrize(("free", "goes"), [(399_000_000, True), (401_000_000, False)])
 def test_old_segments_go_below_twice_the_reserve(tmp_path: Path, free: int, goes: bool) -> None:
-    with JournalWriter(tmp_path, NEXT, LIMITS, QuickFile, room=Checks().room) as writer:
+    with JournalWriter(tmp_path, NEXT, LIMITS, QuickFile, disk_usage=Checks().usage) as writer:
         writer.append(block(0, 10), HopLosses())
-    with JournalWriter(tmp_path, HEAD, LIMITS, QuickFile, room=Checks(free).room) as writer:
+    with JournalWriter(tmp_path, HEAD, LIMITS, QuickFile, disk_usage=Checks(free).usage) as writer:
         writer.maintain(0.0)
         assert (tmp_path / "journal_0001.bbj").exists() is not goes
 
 
 def test_a_full_disk_stops_recording_and_frames_wait(tmp_path: Path) -> None:
     disk = Checks(300_000_000)
-    with JournalWriter(tmp_path, HEAD, LIMITS, QuickFile, room=disk.room) as writer:
+    with JournalWriter(tmp_path, HEAD, LIMITS, QuickFile, disk_usage=disk.usage) as writer:
         writer.maintain(0.0)
         disk.free = 200_000_000
         writer.maintain(1.0)
@@ -218,7 +218,7 @@ def test_a_full_disk_stops_recording_and_frames_wait(tmp_path: Path) -> None:
 def test_no_block_overtakes_those_that_wait(tmp_path: Path) -> None:
     """A folder that lost its files is written anew, though its disk has no room yet."""
     disk = Checks()
-    with JournalWriter(tmp_path, HEAD, LIMITS, QuickFile, room=disk.room) as writer:
+    with JournalWriter(tmp_path, HEAD, LIMITS, QuickFile, disk_usage=disk.usage) as writer:
         for now_s, free in ((0.0, 10**12), (1.0, 0), (2.0, 0), (3.0, 10**12)):
             disk.free = free
             writer.maintain(now_s)
@@ -234,7 +234,7 @@ def test_no_block_overtakes_those_that_wait(tmp_path: Path) -> None:
 
 def test_a_disk_that_cannot_be_asked_is_said_and_asked_again(tmp_path: Path) -> None:
     disk = Checks()
-    with JournalWriter(tmp_path, HEAD, NO_RESERVE, QuickFile, room=disk.room) as writer:
+    with JournalWriter(tmp_path, HEAD, NO_RESERVE, QuickFile, disk_usage=disk.usage) as writer:
         writer.maintain(0.0)
         assert writer.status.failed == ""
         disk.fails = True
@@ -250,7 +250,7 @@ def test_a_disk_that_cannot_be_asked_is_said_and_asked_again(tmp_path: Path) -> 
 
 def test_a_folder_without_room_from_the_start_was_not_taken_away(tmp_path: Path) -> None:
     disk = Checks(0)
-    with JournalWriter(tmp_path, HEAD, LIMITS, QuickFile, room=disk.room) as writer:
+    with JournalWriter(tmp_path, HEAD, LIMITS, QuickFile, disk_usage=disk.usage) as writer:
         writer.append(block(0, 10), HopLosses())
         writer.maintain(0.0)
         assert writer.status.warning == ""

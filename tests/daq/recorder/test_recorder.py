@@ -201,7 +201,7 @@ def test_beats_show_that_all_parts_are_at_work(quick: Bench, codec: Codec, tmp_p
 
     with Running(quick, tmp_path, sources(Hangs(blocks(bumps(codec, 1))))) as running:
         running.until(lambda s: s.disk.recorded_frames == 1200)
-        beats = running.recorder.heartbeats()
+        beats = running.recorder.heartbeats
         assert beats.durable_s > 0
         assert standstill(beats, time.monotonic()) == ""
         late_s = beats.readers[0][1] + 2.5

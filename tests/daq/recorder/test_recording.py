@@ -140,7 +140,7 @@ def test_live_samples_are_published_once_and_kept_for_those_who_come_later(
     bins: dict[int, float | None] = {}
     for part in blocks(frames):
         feed(recording, [part])
-        live = recording.live()
+        live = recording.live.fresh()
         if live is not None:
             lane = next(lane for lane in live.lanes if lane.channel == "hub_acc_fl")
             new = dict(enumerate(lane.high, live.first_bin))
