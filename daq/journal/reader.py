@@ -246,6 +246,13 @@ class HopCounts:
         counted_until = self.counts[min(last_row, len(self.t_ns) - 1)]
         return HopLosses(*map(int, counted_until - counted_before))
 
+    def after(self, stop_ns: int) -> HopCounts:
+        """Return the counts without the losses that `between` returns up to a time."""
+        last_row = min(int(np.searchsorted(self.t_ns, stop_ns)), len(self.t_ns) - 1)
+        t_ns = self.t_ns[last_row:].copy()
+        t_ns[:1] = np.iinfo(np.int64).min  # before any span: its counts are subtracted from all
+        return HopCounts(t_ns, self.counts[last_row:])
+
 
 @dataclass(frozen=True, slots=True)
 class JournalContents:

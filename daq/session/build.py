@@ -122,12 +122,12 @@ def session_of_runs(
             what = f"the recording has a bump {event.text!r}, which is not a run of this bench"
             raise InputError("bench.toml", what, "use the bench.toml of the recording")
     mapped = mapped_channels(bench, codec)
-    runs = tuple(
-        _decoded_run(bench, codec, mapped, run, frames_of_run, events, hops)
-        for run, frames_of_run in zip(run_log.runs, frames, strict=True)
-    )
+    runs = []
+    for run, frames_of_run in zip(run_log.runs, frames, strict=True):
+        runs.append(_decoded_run(bench, codec, mapped, run, frames_of_run, events, hops))
+        hops = hops.after(bench.trigger.window_ns(run.t_ns)[1])  # two runs may share a block
     channels = tuple(m.channel for m in mapped)
-    return Session(bench.vehicle, channels, bench.mass_states, runs, provenance)
+    return Session(bench.vehicle, channels, bench.mass_states, tuple(runs), provenance)
 
 
 def _decoded_run(
