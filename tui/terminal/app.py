@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from functools import partial
 from importlib import import_module
@@ -36,6 +37,7 @@ from daq.control.messages import (
     Stop,
     differences,
 )
+from daq.files import write_bytes
 from dbc.words import printable
 
 from .campaign import BenchStep, in_run, is_marked, progress, waits_unarmed
@@ -147,7 +149,6 @@ class BenchApp(KeyboardApp):
         self.bench_text = ""
         self._news: deque[News] = deque(maxlen=MOST_NEWS)  # not processed yet
         self._has_begun = False  # once the first screen of the campaign has been chosen
-        self._asks_setup = False  # while the operator decides on a recorder of another setup
         self._wanted_setup = wanted
         self._shown_halt = ""  # reason of the halt whose help was shown; empty without a halt
 
@@ -213,8 +214,7 @@ class BenchApp(KeyboardApp):
             self.lanes.clear()
         run_begins = previous is not None and not in_run(previous) and in_run(status)
         # While a dialog is in front no screen is changed: the dialog would be stranded.
-        home_in_front = self.screen is self.get_screen("home")
-        if home_in_front and not self._has_begun and not self._asks_setup:
+        if self.screen is self.get_screen("home") and not self._has_begun:
             self._has_begun = True
             await self._open_first(status)
         before_bumps = self.step in (BenchStep.VEHICLE, BenchStep.CHECK)
@@ -266,10 +266,9 @@ class BenchApp(KeyboardApp):
         """Ask once whether to attach to a recorder of another setup than the wanted one."""
         if self._wanted_setup is None or not (texts := differences(running, self._wanted_setup)):
             return
-        self._wanted_setup, self._asks_setup = None, True
+        self._wanted_setup = None
 
         def answered(attach: bool | None) -> None:
-            self._asks_setup = False
             if not attach:
                 self.exit()
 
@@ -311,6 +310,13 @@ class BenchApp(KeyboardApp):
         """Mark a step as done unless it is; return False if the recorder has refused that."""
         is_done = self.status is not None and is_marked(self.status, step)
         return is_done or await self.ask(Mark(step.mark)) is not None
+
+    def store_form(self, name: str, values: Mapping[str, Any]) -> None:
+        """Store the values of a form in a file of the recorder's folder, all or nothing."""
+        try:
+            write_bytes(self.folder / name, json.dumps(values).encode())
+        except OSError as error:
+            self.warn(f"{name} cannot be written: {error.strerror or error}")
 
     def warn(self, text: str) -> None:
         """Show the operator a warning above the keys, in place of the message before."""
@@ -373,7 +379,7 @@ class BenchApp(KeyboardApp):
         if isinstance(self.screen, HelpScreen):
             self.screen.dismiss()
             return
-        pages = (getattr(screen, "HELP_PAGE", "") for screen in reversed(self.screen_stack))
+        pages = (getattr(screen, "help_page", "") for screen in reversed(self.screen_stack))
         self.push_screen(HelpScreen(next(filter(None, pages), "home")))
 
     async def action_quit(self) -> None:

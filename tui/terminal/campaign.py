@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
@@ -11,7 +10,6 @@ from typing import Any
 
 from daq import ADDED, BASELINE
 from daq.control.messages import Alarm, Arm, Order, Phase, Status
-from daq.files import write_bytes
 from dbc.words import printable
 
 
@@ -244,12 +242,3 @@ def read_draft(path: Path) -> dict[str, Any]:
     except (OSError, ValueError):
         return {}
     return form if isinstance(form, dict) else {}
-
-
-def write_draft(path: Path, values: Mapping[str, Any]) -> str:
-    """Store the values of a form, all or nothing; return why that failed, or an empty text."""
-    try:
-        write_bytes(path, json.dumps(values).encode())
-    except OSError as error:
-        return f"draft {path.name} cannot be written: {error.strerror or error}"
-    return ""

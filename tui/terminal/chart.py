@@ -62,8 +62,6 @@ class LaneChart(Widget):
                 rows += self._lane(spec, traced, canvas, trigger, spec.channel in overloaded)
         elif height:
             rows = ["", "  no samples yet"]
-        rows = [row.ljust(width)[:width] for row in rows[:height]]
-        rows += [" " * width] * (height - len(rows))
         if rows != self._rows:
             self._rows = rows
             self.refresh()
@@ -73,7 +71,7 @@ class LaneChart(Widget):
         self.post_message(self.Resized())
 
     def render_line(self, y: int) -> Strip:
-        """Return one row as a single segment, cut where the chart has shrunk since its drawing."""
+        """Return one row as a single segment, padded or cut to the width of the chart."""
         row = self._rows[y][: self.size.width] if y < len(self._rows) else ""
         style = self.visual_style.rich_style  # which Textual keeps, unlike `rich_style`
         return Strip([Segment(row.ljust(self.size.width), style)], self.size.width)
@@ -97,7 +95,8 @@ class LaneChart(Widget):
         drawn = trace(*pooled(low, high, sub_columns), upper, lane_rows, self._glyphs)
         labels, figures = [""] * lane_rows, [""] * lane_rows
         labels[lane_rows // 2] = spec.label
-        peak_text = f"{peak:.{_decimals(upper)}f} {spec.unit}" if isfinite(peak) else "no data"
+        decimals = 0 if upper >= 100 else 1 if upper >= 5 else 2 if upper >= 0.5 else 3
+        peak_text = f"{peak:.{decimals}f} {spec.unit}" if isfinite(peak) else "no data"
         figures[lane_rows // 2] = peak_text
         figures[0] = f"+{upper:g}{'' if spec.scale == spec.channel else ' all'}"
         if overloaded:
@@ -132,27 +131,13 @@ class LaneChart(Widget):
         return low, high, float(max(np.nanmax(high), -np.nanmin(low)))
 
 
-def _decimals(scale: float) -> int:
-    """Return the decimals of a peak whose lane has this value at its upper edge."""
-    return 0 if scale >= 100 else 1 if scale >= 5 else 2 if scale >= 0.5 else 3
-
-
 # Dots ----------------------------------------------------------------------------------------
 
 
-def _dot_set(
-    weights: list[list[int]], characters: str
-) -> tuple[NDArray[np.int64], NDArray[np.uint32]]:
-    """Return weights of dots, and the code points of the characters, by their sums of weights."""
-    return np.array(weights, np.int64), np.array([ord(c) for c in characters], "<u4")
-
-
+_BRAILLE = " " + "".join(chr(0x2800 + code) for code in range(1, 256))
 _DOT_SETS = {
-    (2, 4): _dot_set(
-        [[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]],
-        " " + "".join(chr(0x2800 + code) for code in range(1, 256)),
-    ),
-    (2, 2): _dot_set([[1, 2], [4, 8]], " ▘▝▀▖▌▞▛▗▚▐▜▄▙▟█"),
+    (2, 4): ([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]], _BRAILLE),
+    (2, 2): ([[1, 2], [4, 8]], " ▘▝▀▖▌▞▛▗▚▐▜▄▙▟█"),
 }
 """Weights of the dots of a character, by its dots across and down, and the character of each sum of
 weights."""
@@ -167,8 +152,8 @@ def packed(dots: NDArray[np.bool_], across: int, down: int) -> list[str]:
     dot_rows, dot_columns = dots.shape
     # Row and dot down of a character, then its column and dot across.
     cells = dots.reshape(dot_rows // down, down, dot_columns // across, across)
-    sums = np.einsum("rdca,da->rc", cells, weights)
-    return [row.tobytes().decode("utf-32-le") for row in characters[sums]]
+    sums = np.einsum("rdca,da->rc", cells, np.array(weights))
+    return ["".join(characters[code] for code in row) for row in sums.tolist()]
 
 
 def trace(low: Floats, high: Floats, full_scale: float, rows: int, glyphs: Glyphs) -> list[str]:
@@ -197,10 +182,7 @@ def trace(low: Floats, high: Floats, full_scale: float, rows: int, glyphs: Glyph
 
 def pooled(low: Floats, high: Floats, columns: int) -> tuple[Floats, Floats]:
     """Return the envelope in so many columns: bins pooled, or repeated if there are fewer bins."""
-    n_bins = len(low)
-    first_bins = np.arange(columns) * n_bins // columns  # of each column
-    if n_bins < columns:
-        return low[first_bins], high[first_bins]
+    first_bins = np.arange(columns) * len(low) // columns  # of each column
     return np.fmin.reduceat(low, first_bins), np.fmax.reduceat(high, first_bins)
 
 

@@ -14,7 +14,6 @@ from textual.binding import Binding, BindingType
 from textual.color import Color
 from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.content import Content
-from textual.dom import DOMNode
 from textual.screen import ModalScreen, Screen
 from textual.widgets import DataTable, Digits, Input, Markdown, Static
 
@@ -251,14 +250,11 @@ class HelpScreen(ModalScreen[None]):
 
 
 def keys_of(screen: Screen[object]) -> list[str]:
-    """Return a title, and a line for each key of a screen, hidden ones included: its own first."""
-
-    def rank(node: DOMNode) -> int:
-        return 0 if isinstance(node, Screen) else 1 if isinstance(node, App) else 2
-
+    """Return a title, and a line for each key, hidden ones too: the screen's, app's and field's."""
     actions: dict[str, str] = {}  # in words, by key
-    bindings = screen.active_bindings.values()
-    for _, binding, enabled, _ in sorted(bindings, key=lambda active: rank(active.node)):
+    bindings = screen.active_bindings.values()  # the field's come first
+    in_order = sorted(bindings, key=lambda active: not isinstance(active.node, Screen | App))
+    for _, binding, enabled, _ in in_order:
         words = binding.tooltip or binding.description
         if enabled and words and words not in actions.values():
             actions[screen.app.get_key_display(binding)] = words

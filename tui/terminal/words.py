@@ -56,11 +56,9 @@ def choose_glyphs(wanted: str, environment: Mapping[str, str]) -> Glyphs:
     """
     if wanted != "auto":
         return _SETS[wanted]
-    if environment.get("TERM", "") in ("linux", "vt100", "vt220", "dumb"):
-        return _BLOCKS
-    if environment.get("OS") == "Windows_NT" and "WT_SESSION" not in environment:
-        return _BLOCKS
-    return _BRAILLE
+    old_terminal = environment.get("TERM", "") in ("linux", "vt100", "vt220", "dumb")
+    old_console = environment.get("OS") == "Windows_NT" and "WT_SESSION" not in environment
+    return _BLOCKS if old_terminal or old_console else _BRAILLE
 
 
 class Signal(Enum):

@@ -18,10 +18,11 @@ from daq.vehicle import (
     HubWeight,
     Structure,
 )
-from tui.terminal.campaign import read_draft, write_draft
+from tui.terminal.campaign import read_draft
 from tui.terminal.form import Field, FieldError, Form
 from tui.terminal.screens.masses import MassesScreen
 from tui.terminal.screens.vehicle import (
+    VehicleScreen,
     check_vehicle,
     vehicle_text,
     vehicle_values,
@@ -185,15 +186,19 @@ def test_what_was_typed_is_what_the_bench_says() -> None:
     assert vehicle_text(BENCH.text, BENCH, EMPTY) == BENCH.text, "nothing is changed"
 
 
-def test_a_draft_is_whole_or_absent(tmp_path: Path) -> None:
+async def test_a_draft_is_whole_or_absent(make_app: Make, tmp_path: Path) -> None:
     path = tmp_path / "draft.json"
     assert read_draft(path) == {}
-    assert write_draft(path, {"name": "T5", "entries": [1]}) == ""
+    app = make_app(FakeRecorder())
+    app.store_form("draft.json", {"name": "T5", "entries": [1]})
     assert read_draft(path) == {"name": "T5", "entries": [1]}
     assert [p.name for p in tmp_path.iterdir()] == ["draft.json"]
     path.write_text('{"name": "T')
     assert read_draft(path) == {}
-    assert "No such file" in write_draft(tmp_path / "gone" / "draft.json", {})
+    async with on_screen(app, VehicleScreen) as (pilot, _):
+        app.store_form("gone/draft.json", {})
+        await pilot.pause()
+        assert "gone/draft.json cannot be written: No such file" in seen(app)
 
 
 FIELDS = (

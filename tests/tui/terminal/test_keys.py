@@ -232,7 +232,7 @@ async def test_an_answer_in_one_burst_with_its_question(make_app: Make) -> None:
 def test_there_is_help_for_every_screen_and_reason(make_app: Make) -> None:
     app = make_app(FakeRecorder())
     screens = [app.get_screen(name) for name in app.SCREENS]
-    for name in (screen.HELP_PAGE for screen in screens if isinstance(screen, BenchScreen)):
+    for name in (screen.help_page for screen in screens if isinstance(screen, BenchScreen)):
         assert page_of(name).startswith("# ")
     for name, reason in WORDS.items():
         assert page_of(name).startswith(f"# Rejected: {reason.title}")

@@ -33,18 +33,15 @@ MARK_KEYS = [
     Binding("up", "mark(-1)", "Up", show=False, tooltip="Mark the line before"),
 ]
 """Keys of a screen whose actions are on the marked row of its table."""
-_LEAST_SIZE = (80, 24)
-"""Columns and rows in which every screen shows everything important."""
 
 
 class BenchScreen(Screen[None]):
     """A screen of the campaign.
 
     A screen composes its own part in `compose_body`, does its next action in `action_next`, and
-    shows the recorder's status in `show_status`; `HELP_PAGE` names its page in `tui/terminal/help`.
+    shows the recorder's status in `show_status`.
     """
 
-    HELP_PAGE: ClassVar[str] = ""
     STEP: ClassVar[BenchStep | None] = None
     AUTO_FOCUS = ""
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -65,6 +62,11 @@ class BenchScreen(Screen[None]):
     def ready(self) -> bool:
         """True while `--auto` may press SPACE."""
         return self.next_enabled
+
+    @property
+    def help_page(self) -> str:
+        """Name of the screen's page in `tui/terminal/help`: that of its class, as `check`."""
+        return type(self).__name__.removesuffix("Screen").lower()
 
     @property
     def step_shown(self) -> BenchStep | None:
@@ -132,7 +134,7 @@ class BenchScreen(Screen[None]):
         status, (width, height) = self.bench_app.status, self.app.size
         self.query_one("#top", Words).say(top_line(self.bench_app, width))
         steps = step_line(status, self.step_shown, self.bench_app.glyphs.good)
-        if width < _LEAST_SIZE[0] or height < _LEAST_SIZE[1]:
+        if width < 80 or height < 24:  # then a screen may hide something important
             words = f" {width}x{height} is too small: make it 80x24, or the font smaller"
             steps = Content.styled(words, "bold $warning")
         self.query_one("#steps", Words).say(steps)

@@ -113,7 +113,6 @@ _ORDERS: dict[str, tuple[Order, str]] = {
 class HomeScreen(BenchScreen):
     """Arms, pauses, rejects and undoes; no key asks to confirm, because all can be undone."""
 
-    HELP_PAGE: ClassVar[str] = "home"
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("backspace,pageup", "order('reject')", "Reject", key_display="Bksp",
                 tooltip="Reject the run in progress, or the last one"),

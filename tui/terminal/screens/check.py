@@ -99,7 +99,6 @@ _ZERO = "zero"
 class CheckScreen(BenchScreen):
     """Shows lines OK, WARN or FAIL; then guides through the push test and the zeros."""
 
-    HELP_PAGE: ClassVar[str] = "check"
     STEP: ClassVar[BenchStep] = BenchStep.CHECK
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("r", "again", "Again", tooltip="Repeat the marked push or zero"),
@@ -302,6 +301,12 @@ class CheckScreen(BenchScreen):
         cursor = self.query_one(Table).cursor_row
         return self._rows[cursor] if cursor < len(self._rows) else None
 
+    @property
+    def _marked_corner(self) -> Corner | None:
+        """The corner whose push the marked line is on; None if it is on something else."""
+        marked = self._marked.subject if self._marked else ""
+        return next((corner for corner in ORDER if push_subject(corner) == marked), None)
+
     # SPACE --------------------------------------------------------------------------------------
 
     async def action_next(self) -> None:
@@ -322,11 +327,9 @@ class CheckScreen(BenchScreen):
 
     async def action_again(self) -> None:
         """Repeat the marked push, or measure the zero again."""
-        row = self._marked
-        marked_corner = next((c for c in ORDER if row and row.subject == push_subject(c)), None)
-        if corner := self._corner or marked_corner:
+        if corner := self._corner or self._marked_corner:
             await self._begin_push(corner)
-        elif row is not None and row.subject == _ZERO:
+        elif self._marked is not None and self._marked.subject == _ZERO:
             await self._measure_zero()
 
     # Warnings -----------------------------------------------------------------------------------
@@ -341,21 +344,20 @@ class CheckScreen(BenchScreen):
 
     def action_skip(self) -> None:
         """Skip the corner whose push is awaited, else the marked one, with a reason."""
-        marked = self._marked.subject if self._marked else ""
-        subject = push_subject(self._corner) if self._corner else marked
-        if not subject.startswith("push "):
+        corner = self._corner or self._marked_corner
+        if corner is None:
             self.bench_app.warn("S skips a corner of the push test: mark its line")
             return
-        self._ask_reason(subject, "Why is this corner not pushed?")
+        self._ask_reason(push_subject(corner), "Why is this corner not pushed?", corner)
 
-    def _ask_reason(self, subject: str, question: str) -> None:
+    def _ask_reason(self, subject: str, question: str, skipped: Corner | None = None) -> None:
         """Send the recorder the reason for an override; go on after a skipped corner."""
 
         async def answered(reason: str | None) -> None:
             if not reason or await self.bench_app.ask(OverrideWarning(subject, reason)) is None:
                 return
-            if subject.startswith("push "):
-                self._pushed = {c: r for c, r in self._pushed.items() if push_subject(c) != subject}
+            if skipped is not None:
+                self._pushed.pop(skipped, None)
                 await self._go_on()
             self._show()
 
@@ -430,7 +432,7 @@ class CheckScreen(BenchScreen):
         app, row = self.bench_app, self._marked
         if row is None or app.bench is None:
             return
-        corner = next((c for c in ORDER if row.subject == push_subject(c)), None)
+        corner = self._marked_corner
         name = row.subject.removeprefix("channel ")
         if corner is not None:  # the first channel that moved the wrong way
             inverted = self._pushed[corner].inverted if corner in self._pushed else ()

@@ -14,7 +14,7 @@ from daq.bench.edit import with_weights
 from daq.control.messages import Status
 from daq.vehicle import Weight, expected_car
 
-from ..campaign import BenchStep, read_draft, write_draft
+from ..campaign import BenchStep, read_draft
 from ..widgets import SPACE_INK, Table, Words
 from .base import MARK_KEYS, BenchScreen
 from .weights import (
@@ -37,7 +37,6 @@ DRAFT = "draft_masses.json"
 class MassesScreen(BenchScreen):
     """The weights, each bolted or not; SPACE confirms one after the other."""
 
-    HELP_PAGE: ClassVar[str] = "masses"
     STEP: ClassVar[BenchStep] = BenchStep.MASSES
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("a", "add", "Add", tooltip="Add a weight"),
@@ -111,9 +110,7 @@ class MassesScreen(BenchScreen):
     def _change(self, row: int, *replacement: Entry) -> None:
         """Replace the entry in a row, add one after the last, or remove it without another."""
         self._entries = (*self._entries[:row], *replacement, *self._entries[row + 1 :])
-        stored = {"entries": entry_values(self._entries)}
-        if failure := write_draft(self.bench_app.folder / DRAFT, stored):
-            self.bench_app.warn(failure)
+        self.bench_app.store_form(DRAFT, {"entries": entry_values(self._entries)})
         self._show()
 
     def action_add(self) -> None:

@@ -133,17 +133,9 @@ def run_rows(outcome: Outcome, glyphs: Glyphs) -> list[list[Cell]]:
     return rows
 
 
-_PAGES = ("Parameters", "Modes", "Runs", "Findings")
-_TALL_ROWS = 36
-"""Rows from which a terminal is tall."""
-_VERDICT_LINES, _VERDICT_LINES_TALL = 3, 8
-"""Largest number of lines on the verdict, on a low and on a tall terminal."""
-
-
 class ResultsScreen(SessionScreen):
     """Shows the results of the identification; Tab chooses the page."""
 
-    HELP_PAGE: ClassVar[str] = "results"
     STEP: ClassVar[BenchStep] = BenchStep.IDENTIFY
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("tab", "page(1)", "Page", tooltip="Next page"),
@@ -169,7 +161,7 @@ class ResultsScreen(SessionScreen):
         yield Words("verdict")
         yield Words("space")
         with TabbedContent(id="pages"):
-            for title in _PAGES:
+            for title in ("Parameters", "Modes", "Runs", "Findings"):
                 page = title.lower()
                 with TabPane(title, id=page):
                     if page == "findings":
@@ -249,7 +241,7 @@ class ResultsScreen(SessionScreen):
             next_line.say(Content.styled(words, SPACE_INK))
             return
         glyphs, (width, height) = self.bench_app.glyphs, self.app.size
-        most_lines = _VERDICT_LINES if height < _TALL_ROWS else _VERDICT_LINES_TALL
+        most_lines = 3 if height < 36 else 8  # the table of parameters needs the others
         lines = [f"{glyphs.warn} {OUTDATED}"] if self.outdated else []
         lines += verdict_lines(outcome, glyphs, width - 2, most_lines - len(lines))
         verdict = self.query_one("#verdict", Words)

@@ -19,7 +19,7 @@ from daq.bench.config import Bench, campaign_limits
 from daq.control.messages import Hello, Status
 from daq.vehicle import Fact, FactQuantity, Structure
 
-from ..campaign import VEHICLE_FORM, BenchStep, read_draft, write_draft
+from ..campaign import VEHICLE_FORM, BenchStep, read_draft
 from ..form import NO, YES, Field, FieldError, Form, Values, check_fields, checked_number, number
 from ..widgets import SPACE_INK, Words
 from .base import BenchScreen
@@ -182,7 +182,6 @@ def vehicle_text(text: str, bench: Bench, values: Values) -> str:
 class VehicleScreen(BenchScreen):
     """The form of the vehicle; SPACE applies it while no field is being edited."""
 
-    HELP_PAGE: ClassVar[str] = "vehicle"
     STEP: ClassVar[BenchStep] = BenchStep.VEHICLE
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("tab,down", "edit", show=False),
@@ -256,8 +255,8 @@ class VehicleScreen(BenchScreen):
     def _keep_draft(self) -> None:
         """Store what is typed when a field is left, and when the terminal is closed."""
         typed, self._typed = self._typed, {}
-        if typed and (failure := write_draft(self.bench_app.folder / DRAFT, typed)):
-            self.bench_app.warn(failure)
+        if typed:
+            self.bench_app.store_form(DRAFT, typed)
 
     def _errors(self) -> tuple[FieldError, ...]:
         return check_vehicle(self.query_one(Form).values) if self._filled else ()
@@ -307,7 +306,7 @@ class VehicleScreen(BenchScreen):
         if not await app.finish(self.STEP):
             return
         self._typed = {}
-        write_draft(app.folder / VEHICLE_FORM, values)
+        app.store_form(VEHICLE_FORM, values)
         (app.folder / DRAFT).unlink(missing_ok=True)
         self.set_focus(None)
         await app.go_to(BenchStep.CHECK)

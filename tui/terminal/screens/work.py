@@ -41,10 +41,6 @@ class Stage(StrEnum):
 
 
 _UNDER_WAY = (Stage.BUILDING, Stage.WORKING)
-_MOST_PARTS = 6
-"""Largest number of parts of the work that are shown: the newest."""
-_LEAST_PROGRESS = 0.1
-"""Fraction of the work that must be done before its remaining time is shown."""
 
 
 class WorkScreen(SessionScreen):
@@ -72,7 +68,7 @@ class WorkScreen(SessionScreen):
     def compose_body(self) -> ComposeResult:
         """Compose the box."""
         with Vertical(id="work", classes="box") as box:
-            box.border_title = type(self).__name__.removesuffix("Screen")
+            box.border_title = self.help_page.capitalize()
             yield Words("due")
             yield ProgressBar(total=1.0, show_eta=False)
             yield Words("state")
@@ -137,13 +133,13 @@ class WorkScreen(SessionScreen):
             return lines, "SPACE = try again"
         if self.stage not in _UNDER_WAY:
             return self.idle_lines_and_keys()
-        *done_parts, present_part = [*self._begun_parts][-_MOST_PARTS:] or [""]
+        *done_parts, present_part = [*self._begun_parts][-6:] or [""]  # the newest, as they fit
         lines = [f"  {glyphs.good} {printable(part)}" for part in done_parts]
         lines += [f"  {glyphs.now} {printable(present_part)}"]
         elapsed_s = monotonic() - self._begun_s
         keys = "T takes the answer so far, Esc stops" if self.may_take else "Esc stops it"
         keys += f"; nothing is lost   {elapsed_s:.0f} s so far"
-        if self._progress >= _LEAST_PROGRESS:
+        if self._progress >= 0.1:  # before, the remaining time would jump
             keys += f", about {elapsed_s * (1.0 / self._progress - 1.0):.0f} s left"
         return lines, keys
 
@@ -166,7 +162,6 @@ class WorkScreen(SessionScreen):
 class IdentifyScreen(WorkScreen):
     """Builds the session file, identifies it in a worker, and shows the results."""
 
-    HELP_PAGE: ClassVar[str] = "identify"
     STEP: ClassVar[BenchStep] = BenchStep.IDENTIFY
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("t", "take", "Take so far", tooltip="Take the answer so far, without elements"),
@@ -273,7 +268,6 @@ class IdentifyScreen(WorkScreen):
 class ReportScreen(WorkScreen):
     """Writes the report of the recording's session in a worker."""
 
-    HELP_PAGE: ClassVar[str] = "report"
     STEP: ClassVar[BenchStep] = BenchStep.REPORT
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("w", "new_vehicle", "Next vehicle", tooltip="Begin the next vehicle's recording"),
