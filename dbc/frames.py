@@ -80,8 +80,7 @@ class FrameBatch:
 
     def select(self, index: NDArray[np.bool_] | NDArray[np.intp] | slice) -> Self:
         """Return the frames that `index` (mask, positions or slice) picks."""
-        columns: dict[str, Any] = {name: getattr(self, name)[index] for name, _ in _COLUMNS}
-        return type(self)(**columns)
+        return type(self)(*(getattr(self, name)[index] for name, _ in _COLUMNS))
 
     def by_time(self) -> Self:
         """Return the frames in order of time; those of one time keep theirs."""
@@ -105,21 +104,19 @@ class FrameBatch:
     @classmethod
     def empty(cls) -> Self:
         """Return a batch of no frames."""
-        columns: dict[str, Any] = {name: np.zeros(0, kind) for name, kind in _COLUMNS[:-1]}
-        return cls(**columns, data=np.zeros((0, 8), np.uint8))
+        columns: list[Any] = [np.zeros(0, kind) for _, kind in _COLUMNS[:-1]]
+        return cls(*columns, np.zeros((0, 8), np.uint8))
 
     @classmethod
     def concatenate(cls, batches: Sequence[Self]) -> Self:
         """Join batches in the order given; payloads are widened to 64 bytes if any is."""
         if len(batches) < 2:
             return batches[0] if batches else cls.empty()
-        columns: dict[str, Any] = {
-            name: np.concatenate([getattr(batch, name) for batch in batches])
-            for name, _ in _COLUMNS[:-1]
-        }
+        names = [name for name, _ in _COLUMNS[:-1]]
+        columns = [np.concatenate([getattr(b, name) for b in batches]) for name in names]
         width = max(batch.data.shape[1] for batch in batches)
         data = [np.pad(b.data, ((0, 0), (0, width - b.data.shape[1]))) for b in batches]
-        return cls(**columns, data=np.concatenate(data))
+        return cls(*columns, np.concatenate(data))
 
 
 _COLUMNS = (

@@ -27,16 +27,10 @@ _GAP_BYTES = 8
 """Number of bytes that are too many for the padding after an object."""
 
 
-def _layout(itemsize: int, /, **fields: tuple[str, int]) -> np.dtype[np.void]:
+def _layout(size: int, /, **fields: tuple[str, int]) -> np.dtype[np.void]:
     """Return the type of a structure, from the type and the offset in bytes of each field."""
-    return np.dtype(
-        {
-            "names": list(fields),
-            "formats": [form for form, _ in fields.values()],
-            "offsets": [offset for _, offset in fields.values()],
-            "itemsize": itemsize,
-        }
-    )
+    formats, offsets = zip(*fields.values(), strict=True)
+    return np.dtype({"names": [*fields], "formats": formats, "offsets": offsets, "itemsize": size})
 
 
 _HEADER = _layout(
@@ -283,24 +277,24 @@ def _properties(
     record: NDArray[Any], kind: int
 ) -> tuple[NDArray[np.uint16], NDArray[np.intp], NDArray[np.intp]]:
     """Return flags, stated length and number of stored bytes of objects of one type."""
-    n, names = len(record), record.dtype.names or ()
-    never = np.zeros(n, bool)
-    extended = record["can_id"] >> 31 != 0 if "can_id" in names else never
-    is_error = kind in (2, 73, 104)
-    bits = record["flags"] if "flags" in names else np.zeros(n, np.uint8)
-    fd, brs, esi, remote, sent = never, never, never, bits & 0x80 != 0, bits & 0x01 != 0
-    if kind == 100:
-        fd, brs, esi = (record["fd"] & bit != 0 for bit in (1, 2, 4))
-    elif kind == 101:
+
+    def field(name: str) -> NDArray[Any]:
+        """Return a field of the objects, (n,); zeros if the type has none of that name."""
+        zeros = np.zeros(len(record), np.uint32)
+        return record[name] if name in (record.dtype.names or ()) else zeros
+
+    bits, fd_bits, dlc = field("flags"), field("fd"), field("dlc")
+    remote, sent = bits & 0x80 != 0, bits & 0x01 != 0
+    fd, brs, esi = (fd_bits & bit != 0 for bit in (1, 2, 4))
+    if kind == 101:
         fd, brs, esi, remote = (bits & bit != 0 for bit in (0x1000, 0x2000, 0x4000, 0x10))
-        sent = record["sent"] != 0
+        sent = field("sent") != 0
     remote &= ~fd
-    dlc = record["dlc"] if "dlc" in names else np.zeros(n, np.uint8)
     length = np.where(fd, FD_LENGTHS[np.minimum(dlc, 15)], np.minimum(dlc, 8)).astype(np.intp)
-    stored = np.minimum(length, record["valid"]) if "valid" in names else length
-    flags = np.full(n, FrameFlag.ERROR if is_error else 0, np.uint16)
+    stored = np.minimum(length, record["valid"]) if kind in (100, 101) else length
+    flags = np.full(len(record), FrameFlag.ERROR if kind in (2, 73, 104) else 0, np.uint16)
     for bit, is_set in (
-        (FrameFlag.EXTENDED, extended),
+        (FrameFlag.EXTENDED, field("can_id") >> 31 != 0),
         (FrameFlag.REMOTE, remote),
         (FrameFlag.FD, fd),
         (FrameFlag.BITRATE_SWITCH, fd & brs),
