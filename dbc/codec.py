@@ -7,8 +7,9 @@ view of the payload, others as rows of bits.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import IntFlag
+from functools import cached_property
 from types import MappingProxyType
 from typing import Any, Literal
 
@@ -251,7 +252,7 @@ class Decoded:
 # Decoding and encoding ----------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Codec:
     """The messages of one or several databases, ready to decode and encode."""
 
@@ -259,28 +260,31 @@ class Codec:
     """The messages; their names, and the pair (can_id, is_extended) on each bus, must be unique."""
     left_out: tuple[Finding, ...] = ()
     """Messages and signals of the database that cannot be used, and why."""
-    by_name: Mapping[str, MessageLayout] = field(init=False, repr=False, compare=False)
-    """The messages by their names."""
-    _n_buses: int = field(init=False, repr=False, compare=False)
-    """Number from which on all buses have the same messages: those of any bus."""
-    _keys: NDArray[np.int64] = field(init=False, repr=False, compare=False)
-    """Bus, width and identifier of the known frames (`_key`), sorted; the last one is of none."""
-    _index_of_key: NDArray[np.intp] = field(init=False, repr=False, compare=False)
-    """Position of the message of each key."""
 
-    def __post_init__(self) -> None:
-        n_buses = max((m.bus + 1 for m in self.messages if m.bus is not None), default=0)
+    @cached_property
+    def by_name(self) -> Mapping[str, MessageLayout]:
+        """The messages by their names."""
+        return {message.name: message for message in self.messages}
+
+    @cached_property
+    def _n_buses(self) -> int:
+        """Number from which on all buses have the same messages: those of any bus."""
+        return max((m.bus + 1 for m in self.messages if m.bus is not None), default=0)
+
+    @cached_property
+    def _keys(self) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
+        """Keys (`_key`) of the known frames, sorted, and the positions of their messages.
+
+        A last key is that of no frame, so that a search ends within the keys.
+        """
         index_of_key = {np.iinfo(np.int64).max: len(self.messages)}
         # A message of one bus takes the place of one of any bus.
         for i in sorted(range(len(self.messages)), key=lambda i: self.messages[i].bus is not None):
             message = self.messages[i]
-            for bus in range(n_buses + 1) if message.bus is None else (message.bus,):
-                index_of_key[_key(bus, message.is_extended, message.can_id)] = i
+            for bus in range(self._n_buses + 1) if message.bus is None else (message.bus,):
+                index_of_key[int(_key(bus, message.is_extended, message.can_id))] = i
         keys = sorted(index_of_key)
-        object.__setattr__(self, "by_name", {m.name: m for m in self.messages})
-        object.__setattr__(self, "_n_buses", n_buses)
-        object.__setattr__(self, "_keys", np.array(keys, np.int64))
-        object.__setattr__(self, "_index_of_key", np.array([index_of_key[key] for key in keys]))
+        return np.array(keys, np.int64), np.array([index_of_key[key] for key in keys])
 
     def message(self, name: str) -> MessageLayout:
         """Return the message called `name`; raises KeyError if the DBC has none."""
@@ -288,9 +292,10 @@ class Codec:
 
     def find(self, can_id: int, is_extended: bool, bus: int = 0) -> MessageLayout | None:
         """Return the message that frames with this identifier carry on a bus, or None."""
+        keys, indices = self._keys
         key = _key(min(bus, self._n_buses), is_extended, can_id)
-        position = int(np.searchsorted(self._keys, key))
-        return self.messages[self._index_of_key[position]] if self._keys[position] == key else None
+        position = int(np.searchsorted(keys, key))
+        return self.messages[indices[position]] if keys[position] == key else None
 
     def classify(self, batch: FrameBatch) -> NDArray[np.uint16]:
         """Return the position of each frame's message among the messages, (n,).
@@ -298,11 +303,11 @@ class Codec:
         It is the number of messages for unknown identifiers, one more for error frames and two more
         for remote frames, which have no data.
         """
-        unknown = len(self.messages)
+        (known_keys, indices), unknown = self._keys, len(self.messages)
         is_extended = batch.flags & np.uint16(FrameFlag.EXTENDED) != 0
         keys = _key(np.minimum(batch.bus, self._n_buses), is_extended, batch.can_id)
-        position = np.searchsorted(self._keys, keys)
-        index = np.where(self._keys[position] == keys, self._index_of_key[position], unknown)
+        position = np.searchsorted(known_keys, keys)
+        index = np.where(known_keys[position] == keys, indices[position], unknown)
         index[batch.flags & np.uint16(FrameFlag.REMOTE) != 0] = unknown + 2
         index[batch.flags & np.uint16(FrameFlag.ERROR) != 0] = unknown + 1
         return index.astype(np.uint16)
@@ -374,9 +379,7 @@ class Codec:
 
 def _key(bus: Any, is_extended: Any, can_id: Any) -> Any:
     """Return bus, width and identifier of frames as one number each, int64 for arrays."""
-    if isinstance(bus, np.ndarray):
-        bus = bus.astype(np.int64)
-    return (bus * 2 + is_extended) << 32 | can_id
+    return (np.asarray(bus, np.int64) * 2 + is_extended) << 32 | can_id
 
 
 def _raw_values(signal: SignalLayout, payload: NDArray[np.uint8]) -> NDArray[Any]:

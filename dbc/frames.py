@@ -105,7 +105,7 @@ class FrameBatch:
     def empty(cls) -> Self:
         """Return a batch of no frames."""
         columns: list[Any] = [np.zeros(0, kind) for _, kind in _COLUMNS[:-1]]
-        return cls(*columns, np.zeros((0, 8), np.uint8))
+        return cls(*[*columns, np.zeros((0, 8), np.uint8)])
 
     @classmethod
     def concatenate(cls, batches: Sequence[Self]) -> Self:
@@ -116,7 +116,7 @@ class FrameBatch:
         columns = [np.concatenate([getattr(b, name) for b in batches]) for name in names]
         width = max(batch.data.shape[1] for batch in batches)
         data = [np.pad(b.data, ((0, 0), (0, width - b.data.shape[1]))) for b in batches]
-        return cls(*columns, np.concatenate(data))
+        return cls(*[*columns, np.concatenate(data)])
 
 
 _COLUMNS = (
