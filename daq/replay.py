@@ -114,8 +114,6 @@ class RecordedSource:
     `speed`: seconds of the recording that pass in one second.  `start_ns`: first stamp, ns UTC.
     """
 
-    name = "recording"
-
     def __init__(self, frames: FrameBatch, bus: int, speed: float, start_ns: int) -> None:
         gap_ns = np.diff(frames.t_ns, prepend=frames.t_ns[:1])
         t_ns = start_ns + np.cumsum(np.clip(gap_ns, 0, round(LONGEST_GAP_S * 1e9)))

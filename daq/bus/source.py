@@ -99,10 +99,6 @@ class FrameSource(Protocol):
     `read` and `close` belong to one thread at a time; `losses` may be called from any.
     """
 
-    @property
-    def name(self) -> str:
-        """Name of the bus for the operator."""
-
     def read(self, timeout_s: float) -> FrameBatch:
         """Return the frames received; wait up to `timeout_s` for the first.
 

@@ -188,15 +188,10 @@ class SimulatedBench:
         self._others: dict[int, deque[FrameBatch]] = {}  # frames of further buses, by number
         self._start_host_s = time.monotonic()
 
-    @property
-    def name(self) -> str:
-        """The bus, for messages to the operator."""
-        return "simulated bench"
-
     def other(self, number: int) -> OtherBus:
         """Return a further bus, which from now on is the only source of its frames."""
         self._others[number] = deque()
-        return OtherBus(f"simulated bench, bus {number}", self._others[number])
+        return OtherBus(self._others[number])
 
     def open(self) -> SimulatedBench:
         """Return the bench, whose time has continued, as a bus that is opened again.
@@ -259,7 +254,7 @@ class SimulatedBench:
         if self._sampled_s < self._plugged_s:
             self._sampled_s = min(self._now_s(), self._plugged_s)  # frames sent now are lost
             what = "the adapter is gone (a fault of the demo)"
-            raise BusError(self.name, what, "wait: it is plugged in again after 3 s")
+            raise BusError("simulated bench", what, "wait: it is plugged in again after 3 s")
 
     def _choose(self, status: Status | None) -> None:
         """Begin the next act of the car, if it is time for one: rest, a bump, or a push."""
@@ -320,16 +315,11 @@ class SimulatedBench:
 class OtherBus:
     """The frames of one further bus of a simulated bench, as a `daq.bus.source.FrameSource`.
 
-    `name`: name of the bus.  `waiting`: its frames, which the bench adds from another thread.
+    `waiting`: its frames, which the bench adds from another thread.
     """
 
-    def __init__(self, name: str, waiting: deque[FrameBatch]) -> None:
-        self._name, self._waiting = name, waiting
-
-    @property
-    def name(self) -> str:
-        """The bus, for messages to the operator."""
-        return self._name
+    def __init__(self, waiting: deque[FrameBatch]) -> None:
+        self._waiting = waiting
 
     def read(self, timeout_s: float) -> FrameBatch:
         """Return the frames that wait; wait up to `timeout_s` for the first."""
