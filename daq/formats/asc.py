@@ -13,24 +13,8 @@ from datetime import datetime
 from functools import lru_cache
 from itertools import takewhile
 
-from dbc.frames import FD_LENGTHS
+from .reader import BITS, LENGTH_OF_CODE, LONGEST_NS, Record, nanoseconds, number, spaced_bytes
 
-from .reader import (
-    BITRATE_SWITCH,
-    ERROR,
-    ERROR_STATE,
-    EXTENDED,
-    FD,
-    LONGEST_NS,
-    REMOTE,
-    SENT,
-    Record,
-    nanoseconds,
-    number,
-    spaced_bytes,
-)
-
-_FD_LENGTHS: list[int] = FD_LENGTHS.tolist()
 _HEAD = re.compile(
     rb"//|date\s|base\s|(no )?internal events|begin\s+triggerblock|end\s+triggerblock|"
     rb"start of measurement|previous log file|next log file|comment|pid\b|measurement\s*uuid",
@@ -45,7 +29,7 @@ _EVENT = re.compile(
     re.IGNORECASE,
 )
 """Lines with a time that are no frame of a CAN bus: statistics, events, variables, other buses."""
-_DIRECTIONS = {b"rx": 0, b"tx": SENT}
+_DIRECTIONS = {b"rx": 0, b"tx": BITS.TRANSMITTED}
 _CLASSIC = (b"d", b"D", b"r", b"R")
 
 
@@ -77,7 +61,7 @@ class AscParser:
         kind = fields[0]
         if kind.isdigit() and len(kind) <= 3:
             if fields[1].lower() == b"errorframe":
-                return t_ns, 0, ERROR, _bus(kind), 0, b""
+                return t_ns, 0, BITS.ERROR, _bus(kind), 0, b""
             if len(fields) >= 4 and fields[2].lower() in _DIRECTIONS and fields[3] in _CLASSIC:
                 return self._classic(fields, t_ns)
         elif kind.lower() == b"canfd" and len(fields) >= 4 and fields[2].lower() in _DIRECTIONS:
@@ -110,7 +94,7 @@ class AscParser:
         bus = _bus(channel)
         if kind in b"rR":  # before version 8.5 a remote frame had no DLC
             request = stated[0] if stated and len(stated[0]) < 3 else b"0"
-            return t_ns, can_id, flags | REMOTE, bus, min(number(request, self._base), 8), b""
+            return t_ns, can_id, flags | BITS.REMOTE, bus, min(number(request, self._base), 8), b""
         dlc, text = number(stated[0], self._base), stated[1] if len(stated) > 1 else b""
         length = min(dlc, 8)
         if dlc > 8:
@@ -119,9 +103,9 @@ class AscParser:
             pattern = rb"[0-9A-Fa-f]{1,2}" if self._base == 16 else rb"\d{1,3}"
             n_bytes = len(list(takewhile(lambda t: re.fullmatch(pattern, t), text.split())))
             decimal_dlc = int(stated[0]) if stated[0].isdigit() else 99  # 99: it is none
-            fits = decimal_dlc < len(_FD_LENGTHS) and n_bytes == _FD_LENGTHS[decimal_dlc]
-            if fits or dlc in _FD_LENGTHS[10:]:
-                length, flags = _FD_LENGTHS[decimal_dlc] if fits else dlc, flags | FD
+            fits = decimal_dlc < len(LENGTH_OF_CODE) and n_bytes == LENGTH_OF_CODE[decimal_dlc]
+            if fits or dlc in LENGTH_OF_CODE[10:]:
+                length, flags = LENGTH_OF_CODE[decimal_dlc] if fits else dlc, flags | BITS.FD
             elif dlc > 15:
                 raise ValueError(fields)
         return t_ns, can_id, flags, bus, length, spaced_bytes(text, length, self._base)
@@ -130,7 +114,7 @@ class AscParser:
         """Return the frame of the long form: FD, sometimes also classic and error frames."""
         bus, sent = _bus(tokens[2]), _DIRECTIONS[tokens[3].lower()]
         if tokens[4].lower() == b"errorframe":
-            return t_ns, 0, ERROR | sent, bus, 0, b""
+            return t_ns, 0, BITS.ERROR | sent, bus, 0, b""
         can_id, flags = _identifier(tokens[4], self._base)
         # There may be a symbolic name between the identifier and the bits BRS and ESI.
         first = 5 if len(tokens[5]) == 1 and tokens[5].isdigit() else 6  # the token of BRS
@@ -144,9 +128,9 @@ class AscParser:
         bits = number(tokens[stop + 2], 16) if len(tokens) > stop + 2 else 0x1000
         flags |= sent
         if bits & 0x1010 == 0x10 and not length:
-            return t_ns, can_id, flags | REMOTE, bus, min(dlc, 8), b""
+            return t_ns, can_id, flags | BITS.REMOTE, bus, min(dlc, 8), b""
         if bits & 0x1000 or length > 8 or brs or esi:
-            flags |= FD | BITRATE_SWITCH * brs | ERROR_STATE * esi
+            flags |= BITS.FD | BITS.BITRATE_SWITCH * brs | BITS.ERROR_STATE * esi
         return t_ns, can_id, flags, bus, length, data
 
 
@@ -154,7 +138,7 @@ class AscParser:
 def _identifier(text: bytes, base: int) -> tuple[int, int]:
     """Return an identifier and its flags; a final x marks 29 bits."""
     if text[-1:] in b"xX":
-        return number(text[:-1], base), EXTENDED
+        return number(text[:-1], base), BITS.EXTENDED
     return number(text, base), 0
 
 

@@ -8,22 +8,7 @@ from contextlib import suppress
 from decimal import Decimal, InvalidOperation
 from functools import lru_cache
 
-from dbc.frames import FD_LENGTHS
-
-from .reader import (
-    BITRATE_SWITCH,
-    ERROR,
-    ERROR_STATE,
-    EXTENDED,
-    FD,
-    LONGEST_NS,
-    REMOTE,
-    SENT,
-    Record,
-    nanoseconds,
-    number,
-    spaced_bytes,
-)
+from .reader import BITS, LENGTH_OF_CODE, LONGEST_NS, Record, nanoseconds, number, spaced_bytes
 
 # candump -l, -L: (1700000000.000000) can0 123#DEADBEEF R ------------------------------------------
 
@@ -51,13 +36,13 @@ class CandumpParser:
             return int(lost[1])
         time, interface, identifier, fd, request, digits, direction = match.groups()
         can_id, flags = _identifier(identifier)
-        flags |= SENT if direction in (b"T", b"t") else 0
+        flags |= BITS.TRANSMITTED if direction in (b"T", b"t") else 0
         t_ns, bus = nanoseconds(time), _bus(interface)
         if request:
-            return t_ns, can_id, flags | REMOTE, bus, int(request[1:] or b"0"), b""
+            return t_ns, can_id, flags | BITS.REMOTE, bus, int(request[1:] or b"0"), b""
         if fd:
             bits = int(fd[1:], 16)
-            flags |= FD | BITRATE_SWITCH * (bits & 1) | ERROR_STATE * (bits >> 1 & 1)
+            flags |= BITS.FD | BITS.BITRATE_SWITCH * (bits & 1) | BITS.ERROR_STATE * (bits >> 1 & 1)
         return t_ns, can_id, flags, bus, len(digits) // 2, unhexlify(digits)
 
 
@@ -66,8 +51,8 @@ def _identifier(text: bytes) -> tuple[int, int]:
     """Return an identifier and its flags; more than three digits mark 29 bits."""
     word = number(text, 16)
     if word & _ERROR_BIT:
-        return word & ~_ERROR_BIT, ERROR
-    return word, EXTENDED if len(text) > 3 else 0
+        return word & ~_ERROR_BIT, BITS.ERROR
+    return word, BITS.EXTENDED if len(text) > 3 else 0
 
 
 @lru_cache(256)
@@ -103,8 +88,10 @@ class CsvParser:
         n_letters = 0 if remote else (length + 2) // 3 * 4  # base64: 4 for up to 3 bytes
         if identifier[:2] != b"0x" or len(data) != n_letters:
             raise ValueError(line)
-        flags = EXTENDED * extended | REMOTE * remote | ERROR * error  # each true or false
-        flags |= FD if length > 8 else 0  # not stated, but no classic frame is longer
+        flags = (
+            BITS.EXTENDED * extended | BITS.REMOTE * remote | BITS.ERROR * error
+        )  # each true or false
+        flags |= BITS.FD if length > 8 else 0  # not stated, but no classic frame is longer
         payload = a2b_base64(data, strict_mode=True) if data else b""
         # Python writes small numbers with an exponent.
         t_ns = round(float(time) * 1e9) if b"e" in time else nanoseconds(time)
@@ -127,19 +114,18 @@ _OVERRUN = re.compile(
     rb"overrun|(?: [0-9a-f]{2}){3} (?:[0-9a-f][2367abef]|[4-7c-f][0-9a-f])\b", re.IGNORECASE
 )
 """State of the bus in which frames were lost."""
-_FD_LENGTHS: list[int] = FD_LENGTHS.tolist()
-_TYPES_1 = {b"rx": 0, b"tx": SENT, b"error": ERROR, b"warng": None, b"event": None}
+_TYPES_1 = {b"rx": 0, b"tx": BITS.TRANSMITTED, b"error": BITS.ERROR, b"warng": None, b"event": None}
 _TYPES_2 = {
     b"dt": 0,
-    b"rr": REMOTE,
-    b"er": ERROR,
+    b"rr": BITS.REMOTE,
+    b"er": BITS.ERROR,
     b"st": None,
     b"ec": None,
     b"ev": None,
-    b"fd": FD,
-    b"fb": FD | BITRATE_SWITCH,
-    b"fe": FD | BITRATE_SWITCH | ERROR_STATE,
-    b"bi": FD | ERROR_STATE,
+    b"fd": BITS.FD,
+    b"fb": BITS.FD | BITS.BITRATE_SWITCH,
+    b"fe": BITS.FD | BITS.BITRATE_SWITCH | BITS.ERROR_STATE,
+    b"bi": BITS.FD | BITS.ERROR_STATE,
 }
 """Flags of a frame by the type of its line; None for the state of the bus or an event."""
 
@@ -172,7 +158,7 @@ class TrcParser:
         elif tokens[place["I"]].upper() == b"FFFFFFFF":  # a line about the bus
             flags = None
         else:  # 2) 1842 0008 4 ERROR 00 19 08 08
-            flags = ERROR if data_word == b"error" else 0
+            flags = BITS.ERROR if data_word == b"error" else 0
         if flags is None:
             return int(bool(_OVERRUN.search(line)))
         offset_ns = nanoseconds(tokens[place["O"]].replace(b",", b".")) // 1000
@@ -181,19 +167,19 @@ class TrcParser:
         t_ns, bus = self._start_ns + offset_ns, 0
         if "B" in place and tokens[place["B"]].isdigit():  # PEAK writes a dash if there is none
             bus = min(max(number(tokens[place["B"]], 10) - 1, 0), 255)
-        if flags & ERROR:
-            return t_ns, 0, ERROR, bus, 0, b""
+        if flags & BITS.ERROR:
+            return t_ns, 0, BITS.ERROR, bus, 0, b""
         identifier = tokens[place["I"]]
-        flags |= EXTENDED if len(identifier) > 4 else 0
-        flags |= REMOTE if data_word.startswith(b"rtr") else 0
-        flags |= SENT if "d" in place and tokens[place["d"]].lower() == b"tx" else 0
+        flags |= BITS.EXTENDED if len(identifier) > 4 else 0
+        flags |= BITS.REMOTE if data_word.startswith(b"rtr") else 0
+        flags |= BITS.TRANSMITTED if "d" in place and tokens[place["d"]].lower() == b"tx" else 0
         length = number(tokens[place["l" if "l" in place else "L"]], 10)
         if "l" not in place and self._is_version_2:
-            if flags & FD:
-                length = _FD_LENGTHS[length]
+            if flags & BITS.FD:
+                length = LENGTH_OF_CODE[length]
             elif length < 16:  # a code of 9 to 15 means 8 bytes
                 length = min(length, 8)
-        data = b"" if flags & REMOTE else spaced_bytes(data_text, length, 16)
+        data = b"" if flags & BITS.REMOTE else spaced_bytes(data_text, length, 16)
         return t_ns, number(identifier, 16), flags, bus, length, data
 
     def _read_header(self, line: bytes) -> None:
