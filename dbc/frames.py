@@ -108,6 +108,16 @@ class FrameBatch:
         return cls(*[*columns, np.zeros((0, 8), np.uint8)])
 
     @classmethod
+    def from_rows(cls, rows: Sequence[tuple[int, int, int, int, int, bytes]]) -> Self:
+        """Return frames of tuples, each the columns of one frame, with its payload unpadded."""
+        if not rows:
+            return cls.empty()
+        *columns, payloads = zip(*rows, strict=True)
+        width = 8 if max(map(len, payloads)) <= 8 else 64
+        data = b"".join(payload.ljust(width, b"\0") for payload in payloads)
+        return cls(*[*map(np.array, columns), np.frombuffer(data, np.uint8).reshape(-1, width)])
+
+    @classmethod
     def concatenate(cls, batches: Sequence[Self]) -> Self:
         """Join batches in the order given; payloads are widened to 64 bytes if any is."""
         if len(batches) < 2:

@@ -11,6 +11,7 @@ import logging
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from operator import index
 from typing import Any
 
@@ -254,26 +255,14 @@ class PythonCanSource:
         rows = []
         for message, arrived_ns in received:
             try:
-                stamp_ns, *others = _frame_fields(message, arrived_ns)
+                stamp_ns, can_id, flags, length, payload = _frame_fields(message, arrived_ns)
             except (TypeError, ValueError, OverflowError):
                 self._garbled += 1
             else:
                 self._restamped += not stamp_ns
-                rows.append((stamp_ns or arrived_ns, *others))
-        if not rows:
-            return FrameBatch.empty()
-        t_ns, can_id, flags, length, payloads = zip(*rows, strict=True)
-        width = 8 if max(map(len, payloads)) <= 8 else 64
-        data = b"".join(payload.ljust(width, b"\0") for payload in payloads)
-        stamps = np.array(t_ns, np.int64)
-        return FrameBatch(
-            self._on_axis(stamps) if self._on_axis else stamps,
-            np.array(can_id, np.uint32),
-            np.array(flags, np.uint16),
-            np.full(len(rows), self._index, np.uint8),
-            np.array(length, np.uint8),
-            np.frombuffer(data, np.uint8).reshape(-1, width),
-        )
+                rows.append((stamp_ns or arrived_ns, can_id, flags, self._index, length, payload))
+        frames = FrameBatch.from_rows(rows)
+        return replace(frames, t_ns=self._on_axis(frames.t_ns)) if self._on_axis else frames
 
 
 def _is_fault(error: BaseException) -> bool:

@@ -13,7 +13,6 @@ from types import ModuleType, SimpleNamespace
 from typing import BinaryIO, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dbc.frames import FD_LENGTHS, FrameBatch, FrameFlag
 from dbc.words import InputError, counted, printable
@@ -157,48 +156,29 @@ class Parsed:
 
 def parsed(block: bytes, parse: LineParser) -> Parsed:
     """Return the frames of complete lines; empty lines are skipped."""
-    results: list[Record | int | None] = []  # None where a line cannot be read
-    for line in block.removesuffix(b"\n").split(b"\n"):
+    records: list[Record] = []
+    bad, dropped = [], []
+    for number_of_line, line in enumerate(block.removesuffix(b"\n").split(b"\n")):
         try:
-            results.append(parse(line) if line.strip() else 0)
+            result = parse(line) if line.strip() else 0
         except (ValueError, LookupError, OverflowError):
-            results.append(None)
-    records = [result for result in results if isinstance(result, tuple)]
-    others = [i for i, result in enumerate(results) if not isinstance(result, tuple)]
-    bad = [i for i in others if results[i] is None]
-    dropped = [(i, result) for i in others if isinstance(result := results[i], int) and result]
-    if not records:
-        return Parsed(FrameBatch.empty(), bad, dropped)
-    frames, is_possible = _frames(records)
-    if is_possible.all():
-        return Parsed(frames, bad, dropped)
-    line_of_record = np.delete(np.arange(len(results)), others)
-    bad = sorted([*bad, *line_of_record[~is_possible].tolist()])
-    return Parsed(frames.select(is_possible), bad, dropped)
+            bad.append(number_of_line)
+            continue
+        if isinstance(result, int):
+            dropped += [(number_of_line, result)] if result else []
+        elif _is_possible(*result):
+            records.append(result)
+        else:
+            bad.append(number_of_line)
+    return Parsed(FrameBatch.from_rows(records), bad, dropped)
 
 
-def _frames(records: Sequence[Record]) -> tuple[FrameBatch, NDArray[np.bool_]]:
-    """Return frames of all records, and whether each is possible; others have wrong values."""
-    stamps, ids, flag_bits, buses, lengths, payloads = zip(*records, strict=True)
-    try:
-        t_ns = np.array(stamps, np.int64)
-    except OverflowError:
-        t_ns = np.array([stamp if abs(stamp) < LATEST_NS else LATEST_NS for stamp in stamps])
-    can_id = np.array(ids, np.int64)
-    flags, length = np.array(flag_bits, np.uint16), np.array(lengths, np.int64)
-    size = np.fromiter(map(len, payloads), np.int64, len(records))
-    width = 8 if max(lengths) <= 8 else 64
-    padded = b"".join([payload.ljust(width, b"\0")[:width] for payload in payloads])
-    data = np.frombuffer(padded, np.uint8).reshape(-1, width)
-    has_29_bits = flags & (BITS.EXTENDED | BITS.ERROR) != 0
-    is_remote = flags & BITS.REMOTE != 0
-    is_possible = (t_ns < LATEST_NS) & (t_ns > -LONGEST_NS)
-    is_possible &= can_id < np.where(has_29_bits, 1 << 29, 1 << 11)
-    is_possible &= length <= np.where(flags & BITS.FD != 0, 64, 8)
-    is_possible &= size == np.where(is_remote, 0, length)
-    can_id[~is_possible] = length[~is_possible] = 0  # they need not fit the types below
-    bus, sizes = np.array(buses, np.uint8), length.astype(np.uint8)
-    return FrameBatch(t_ns, can_id.astype(np.uint32), flags, bus, sizes, data), is_possible
+def _is_possible(t_ns: int, can_id: int, flags: int, bus: int, length: int, payload: bytes) -> bool:
+    """Return whether a bus can carry a frame; `bus` is possible by construction."""
+    id_bits = 29 if flags & (BITS.EXTENDED | BITS.ERROR) else 11
+    fits = can_id < 1 << id_bits and length <= (64 if flags & BITS.FD else 8)
+    has_payload = len(payload) == (0 if flags & BITS.REMOTE else length)
+    return fits and has_payload and -LONGEST_NS < t_ns < LATEST_NS
 
 
 def nanoseconds(text: bytes) -> int:
