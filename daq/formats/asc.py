@@ -166,17 +166,16 @@ def asc_date_ns(line: str) -> int | None:
     The date is local time without a zone: the zone of this machine is assumed.
     """
     match = _DATE.search(line)
-    if match is None or match["month"].lower() not in _MONTHS:
+    if match is None:
         return None
-    hour = int(match["hour"])
+    year, day, hour, minute, second = (
+        int(match[name]) for name in ("year", "day", "hour", "minute", "second")
+    )
+    month = _MONTHS.get(match["month"].lower(), 0)  # 0 is no month: ValueError
     if match["half"]:
         hour = hour % 12 + (12 if match["half"].lower() == "pm" else 0)
-    day, minute, second = int(match["day"]), int(match["minute"]), int(match["second"])
     try:
-        date = datetime(
-            int(match["year"]), _MONTHS[match["month"].lower()], day, hour, minute, second
-        )
-        whole_s = round(date.timestamp())
+        whole_s = round(datetime(year, month, day, hour, minute, second).timestamp())
     except (ValueError, OverflowError, OSError):
         return None
     return whole_s * 1_000_000_000 + int((match["fraction"] or "0").ljust(9, "0"))
