@@ -15,7 +15,6 @@ if TYPE_CHECKING:
 
 PAGES = (".html", ".htm")
 """Endings of pages."""
-_MOST_NAMED = 5
 
 
 class ExitCode(IntEnum):
@@ -44,10 +43,11 @@ def say(text: str) -> None:
 
 def say_left_out(codec: Codec) -> None:
     """List the messages of a DBC that could not be used, five at most."""
-    for text in codec.left_out[:_MOST_NAMED]:
+    texts = [str(finding) for finding in codec.left_out]
+    if len(texts) > 5:
+        texts[5:] = [f"{len(texts) - 5} more"]
+    for text in texts:
         say(f"left out: {text}")
-    if len(codec.left_out) > _MOST_NAMED:
-        say(f"left out: {len(codec.left_out) - _MOST_NAMED} more")
 
 
 def require_ending(path: Path, noun: str, endings: Collection[str]) -> None:

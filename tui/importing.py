@@ -146,21 +146,20 @@ def _log_parts(
     intakes: list[Intake] = []
     n_bumps = n_frames = 0
     for number, source in enumerate(sources):
-        has_frames = False
+        is_begun = one_run_each
+        if one_run_each:
+            intakes.append(Intake(bench, codec))
         for batch in source:
             wanted = batch.on_buses(buses)
             if not len(wanted):
                 continue
-            goes_on = intakes and not one_run_each and intakes[-1].goes_on_with(wanted)
-            if not has_frames and not goes_on:
+            if not is_begun and not (intakes and intakes[-1].goes_on_with(wanted)):
                 intakes.append(Intake(bench, codec))
-            has_frames = True
+            is_begun = True
             n_bumps += intakes[-1].take(wanted, source.hops)
             n_frames += len(wanted)
             share = (number + source.share) / len(sources)
             stage(share, f"{counted(n_frames, 'frame')}, {counted(n_bumps, 'bump')}")
-        if one_run_each and not has_frames:
-            intakes.append(Intake(bench, codec))
     return [intake.part() for intake in intakes]
 
 

@@ -19,8 +19,7 @@ DisplayAt = Annotated[
     Option("--display", "--host", metavar="ADDRESS", help="Serve a display: here, lan or an IP."),
 ]
 DisplayControl = Annotated[
-    bool,
-    Option("--control", "--display-control", help="Let the display start, reject and pause."),
+    bool, Option("--control", "--display-control", help="Let the display start, reject and pause.")
 ]
 Page = Annotated[
     Path | None, Option("--page", "--out", metavar="FILE", help="Page to write (*.html).")

@@ -49,17 +49,10 @@ def batch(
         int | None, Option(min=1, max=64, metavar="N", help="Processes; default: one a core.")
     ] = None,
     scheduler: Annotated[
-        str | None,
-        Option(
-            metavar="ADDRESS",
-            help="Use the Dask cluster at tcp://HOST:PORT, whose workers have bumpbench installed "
-            "and see the files under the same paths; start them with --nthreads 1.",
-        ),
+        str | None, Option(metavar="ADDRESS", help="Use the Dask cluster at tcp://HOST:PORT.")
     ] = None,
     out: Annotated[Path, Option(help="Table to write (*.csv).")] = Path("bumpbench-batch.csv"),
-    page: Annotated[
-        Path | None, Option(help="Also a page: filters, trends, outliers (*.html).")
-    ] = None,
+    page: Annotated[Path | None, Option(help="Also a page: filters, trends (*.html).")] = None,
     force: Force = False,
     json: JsonResult = False,
 ) -> int:
@@ -67,7 +60,8 @@ def batch(
 
     A session that fails is a row with its reason.  Run the same command again, after Ctrl-C or a
     crash or with more files, and it continues: sessions that have a row of this version of
-    bumpbench in the table are not done again, unless they failed.
+    bumpbench in the table are not done again, unless they failed.  The workers of a Dask cluster
+    have bumpbench installed and see the files under the same paths; start them with --nthreads 1.
 
     Exit code 1 if any of the sessions was refused or failed.
     """

@@ -26,9 +26,7 @@ def decode(
     bench: Annotated[
         Path | None, Argument(help="bench.toml: its databases and buses, instead of --dbc.")
     ] = None,
-    dbc: Annotated[
-        Path | None, Option(metavar="FILE", help="DBC file; default: the shipped one.")
-    ] = None,
+    dbc: Annotated[Path | None, Option(metavar="FILE", help="Default: the shipped DBC.")] = None,
     bus: Buses = None,
     json: JsonResult = False,
 ) -> int:

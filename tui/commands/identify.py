@@ -36,9 +36,7 @@ def report(
     session: SessionFile,
     page: Page = None,
     pdf: Annotated[Path | None, Option(help="Also write the report as PDF.")] = None,
-    figures: Annotated[
-        Path | None, Option(file_okay=False, help="Also write each figure, into this folder.")
-    ] = None,
+    figures: Annotated[Path | None, Option(file_okay=False, help="Folder for its figures.")] = None,
     figure_format: Annotated[
         Literal["svg", "png"] | None, Option("--format", help="Of --figures; default: svg.")
     ] = None,

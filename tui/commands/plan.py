@@ -28,7 +28,7 @@ def plan(
         Path | None, Argument(help="bench.toml; default: the session's, else the shipped bench.")
     ] = None,
     session: Annotated[
-        Path | None, Option("--from", help="Session that describes the expected vehicle.")
+        Path | None, Option("--from", help="Session of the expected vehicle.")
     ] = None,
     bump_mm: Annotated[
         float | None,

@@ -35,9 +35,7 @@ def record(
     out: Annotated[Path, Option(help="Folder for journal and sessions.")] = Path(),
     interface: Interface = None,
     channel: InterfaceChannel = None,
-    keep_on: Annotated[
-        bool, Option("--keep-on", help="Go on after a complete campaign: run as a daemon.")
-    ] = False,
+    keep_on: Annotated[bool, Option("--keep-on", help="Go on after a campaign: a daemon.")] = False,
     idle: Annotated[bool, Option("--idle", help="Arm nothing: a terminal gives orders.")] = False,
     log: Annotated[
         Path | None, Option(help="Log to this file, begun anew at 1 MB; default: stderr.")
@@ -169,9 +167,7 @@ def recover(
     journal: Annotated[
         list[Path], Argument(help="Segments journal_*.bbj, or a folder with segments.")
     ],
-    out: Annotated[
-        Path | None, Option(help="Session file or folder; default: next to the journal.")
-    ] = None,
+    out: Annotated[Path | None, Option(help="Session or folder; default: by the journal.")] = None,
     force: Force = False,
     json: JsonResult = False,
 ) -> int:

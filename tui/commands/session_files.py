@@ -48,9 +48,7 @@ def inspect(session: SessionFile, json: JsonResult = False) -> None:
 
 def validate(
     files: Annotated[list[Path] | None, Argument(help="Session files (HDF5).")] = None,
-    schema: Annotated[
-        bool, Option("--schema", help="Print the schema of a session file, on one page.")
-    ] = False,
+    schema: Annotated[bool, Option("--schema", help="Print the schema of session files.")] = False,
     json: JsonResult = False,
 ) -> int:
     """Check session files: schema, hashes, completeness, plausibility."""
@@ -91,12 +89,12 @@ def export(
         Literal["mf4", "mat", "uff", "csv", "parquet", "blf", "asc", "log"] | None,
         Option("--format", help="Format; default: by the suffix of --out."),
     ] = None,
-    out: Annotated[Path | None, Option(help="File to write; default: next to the session.")] = None,
+    out: Annotated[Path | None, Option(help="File to write; default: beside the session.")] = None,
     run: Annotated[
         list[str] | None, Option(metavar="RUN", help="Only this run; repeatable.")
     ] = None,
     decimal: Annotated[
-        Literal[".", ","] | None, Option(help="Decimal mark of CSV; beside a comma ; separates.")
+        Literal[".", ","] | None, Option(help="Decimal mark of CSV; with a comma, ; separates.")
     ] = None,
     force: Force = False,
     json: JsonResult = False,
@@ -136,9 +134,7 @@ def redecode(
         Path | None, Argument(help="The corrected bench.toml; default: the session's.")
     ] = None,
     dbc: Annotated[Path | None, Option(help="The corrected DBC.")] = None,
-    out: Annotated[
-        Path | None, Option(help="Session file to write; default: NAME_redecoded.h5.")
-    ] = None,
+    out: Annotated[Path | None, Option(help="File to write; default: NAME_redecoded.h5.")] = None,
     force: Force = False,
     json: JsonResult = False,
 ) -> int:

@@ -39,9 +39,7 @@ def simulate(
     bench: BenchFile = None,
     interface: Interface = None,
     channel: InterfaceChannel = None,
-    recorder: Annotated[
-        Path | None, Option(help="Bump the car when the recorder of this folder waits.")
-    ] = None,
+    recorder: Annotated[Path | None, Option(help="Wait for the recorder of this folder.")] = None,
     seed: Seed = 1,
     fast: Fast = False,
     push: Annotated[

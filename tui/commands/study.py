@@ -38,8 +38,7 @@ Workers = Annotated[int, Option(min=1, max=64, metavar="N", help="Processes.")]
 @study.command()
 def table2(
     response: Annotated[
-        Literal["exact", "wilson"],
-        Option(help="Exact discretisation, or the paper's Wilson-theta at 1 ms."),
+        Literal["exact", "wilson"], Option(help="Exact, or the paper's Wilson-theta at 1 ms.")
     ] = "exact",
     json: JsonResult = False,
 ) -> None:
@@ -120,12 +119,11 @@ def noise(
     rate_hz: Rate = 200.0,
     noise_db: Noise = 30.0,
     cases: Annotated[
-        str,
-        Option(help="Bumps of each mass state: bounce,pitch,roll,warp,rear_pitch or some of them."),
+        str, Option(help="Bumps of each mass state, of bounce,pitch,roll,warp,rear_pitch.")
     ] = "bounce,pitch,roll",
     sensors: Annotated[
         Literal["paper", "imu+hubs", "imu+travels", "all"],
-        Option(help="The paper's seven accelerations, or a bench's sensors."),
+        Option(help="The paper's seven sensors, or a bench's."),
     ] = "paper",
     known_geometry: Annotated[
         bool, Option("--known-geometry", help="a, b, t_f and t_r are measured.")

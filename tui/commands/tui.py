@@ -32,17 +32,13 @@ def tui(
     ] = None,
     interface: Interface = None,
     channel: InterfaceChannel = None,
-    demo: Annotated[bool, Option("--demo", help="Use a simulated car instead of a bus.")] = False,
+    demo: Annotated[bool, Option("--demo", help="Use a simulated car, no bus.")] = False,
     fault: Annotated[FaultName | None, Option(help="Fault of --demo.")] = None,
     speed: Annotated[
         float, Option(min=0.1, max=20, metavar="TIMES", help="Speed of --demo or --replay.")
     ] = 1.0,
-    replay: Annotated[
-        Path | None, Option(help="Play a recorded session through the same screens.")
-    ] = None,
-    auto: Annotated[
-        bool, Option("--auto", help="Press SPACE whenever there is a next action.")
-    ] = False,
+    replay: Annotated[Path | None, Option(help="Play a recorded session on the screens.")] = None,
+    auto: Annotated[bool, Option("--auto", help="Press SPACE whenever it does something.")] = False,
     glyphs: Annotated[
         Literal["auto", "braille", "blocks"], Option(help="Characters to draw with.")
     ] = "auto",
@@ -52,9 +48,7 @@ def tui(
     operator: Operator = "",
     display: DisplayAt = None,
     control: DisplayControl = False,
-    web: Annotated[
-        bool, Option("--web", help="Serve the terminal to browsers of this machine.")
-    ] = False,
+    web: Annotated[bool, Option("--web", help="Serve it to this machine's browsers.")] = False,
 ) -> int:
     """Run a campaign at the bench: connect to the folder's recorder, or start one.
 
