@@ -17,26 +17,28 @@ from numpy.typing import NDArray
 from daq.vehicle import Corner, MassState
 
 from ..fit.grey_box import GreyBox
-from ..model.matrices import COMPLEX_STEP, Full, corner_load, delta_mass, misfits_of, stepped
+from ..model.matrices import (
+    COMPLEX_STEP,
+    Complex,
+    Full,
+    Real,
+    corner_load,
+    delta_mass,
+    misfits_of,
+    stepped,
+)
 from .laws import secant_share
 
 # The unknowns of the nonlinear elements, in addition to those of the grey box ---------------------
 
-_SPEEDS_M_S = (0.015, 0.03, 0.045, 0.065, 0.085, 0.11, 0.15, 0.21, 0.3, 0.45)
-_CLOSE_M_S = (
-    0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 0.07, 0.08, 0.095, 0.11, 0.13, 0.155, 0.19, 0.23, 0.3, 0.4,
-    0.55, 0.75,
-)  # fmt: skip
-KNOTS: dict[str, tuple[float, ...]] = {
-    "K1": (0.0,),
-    "K3": (-0.15, 0.0, 0.15),
-    "K5": (-0.3, -0.1, 0.0, 0.1, 0.3),
-    "K7": (-0.4, -0.2, -0.08, 0.0, 0.08, 0.2, 0.4),
-    "K21": (*(-speed for speed in reversed(_SPEEDS_M_S)), 0.0, *_SPEEDS_M_S),
-    "K37": (*(-speed for speed in reversed(_CLOSE_M_S)), 0.0, *_CLOSE_M_S),
-}
+_KNEES_M_S = {
+    "K3": (0.15,),
+    "K21": (0.015, 0.03, 0.045, 0.065, 0.085, 0.11, 0.15, 0.21, 0.3, 0.45),
+    "K37": (0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 0.07, 0.08, 0.095, 0.11, 0.13, 0.155, 0.19, 0.23,
+            0.3, 0.4, 0.55, 0.75),
+}  # fmt: skip
+KNOTS = {k: (*(-v for v in reversed(speeds)), 0.0, *speeds) for k, speeds in _KNEES_M_S.items()}
 """Speeds of the knees of a damper curve, m/s; negative in rebound."""
-
 REACH = 0.5
 """Largest change of an unknown in one step of a fit, unless it has its own reach."""
 
@@ -51,13 +53,13 @@ class Element:
     """SI."""
     scale: float
     """Value of one unit of the unknown, SI; NaN where the unknown is the logarithm of the value."""
-    rest: float
+    absent: float
     """Value of the element where it is not in the structure."""
     low: float
     high: float
     """Bounds of the value."""
     prior: float = np.inf
-    """Standard deviation, in units of the unknown, of the weak prior about `rest`."""
+    """Standard deviation, in units of the unknown, of the weak prior about `absent`."""
     reach: float = REACH
     """Largest change of the unknown in one step of a fit."""
 
@@ -75,10 +77,9 @@ class Element:
         return float(np.log(value)) if self.logarithmic else value / self.scale
 
 
-_INF = np.inf
 _LOG = np.nan
 _ROWS: tuple[tuple[Any, ...], ...] = (
-    # kind, reported name, unit, scale, rest, low, high, prior, reach
+    # kind, reported name, unit, scale, absent, low, high, prior, reach
     ("F_c", "friction", "N", 50.0, 0.0, -100.0, 1000.0),
     ("d_c", "pre_sliding_length", "m", _LOG, 0.5e-3, 0.01e-3, 5e-3, 1.0),
     ("r_c", "static_surplus", "1", 1.0, 0.0, -0.5, 2.0, 0.5),
@@ -163,12 +164,11 @@ class Model:
         cross = ("cross weight",) * (self.n_linear - len(known))
         return (*known, *cross, *(e.name for e in self.elements))
 
-    def unknowns(self, linear: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return all unknowns, (P,), from those of the grey box, with elements at rest."""
-        elements_at_rest = [e.unknown(e.rest) for e in self.elements]
-        return np.concatenate([linear, elements_at_rest])
+    def unknowns(self, linear: Real) -> Real:
+        """Return all unknowns, (P,), from those of the grey box, with elements that are absent."""
+        return np.concatenate([linear, [e.unknown(e.absent) for e in self.elements]])
 
-    def element_values(self, eta: NDArray[np.complex128]) -> dict[str, NDArray[np.complex128]]:
+    def element_values(self, eta: Complex) -> dict[str, Complex]:
         """Return the value of each element, SI, at `eta`, (..., P)."""
         result = {}
         for i, e in enumerate(self.elements, start=self.n_linear):
@@ -176,7 +176,7 @@ class Model:
             result[e.name] = np.exp(unknown) if e.logarithmic else e.scale * unknown
         return result
 
-    def full(self, eta: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    def full(self, eta: Complex) -> Complex:
         """Return the full parameters, (..., 28), with the differences of each corner."""
         element = self.element_values(eta)
         full = self.box.full(eta).copy()
@@ -188,9 +188,7 @@ class Model:
                 )
         return full
 
-    def fact_misfits(
-        self, eta: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def fact_misfits(self, eta: Real) -> tuple[Real, Real]:
         """Return measured less predicted value of each fact in sigmas, and the latter's slopes.
 
         The differences of the corners are included: a wheel that is heavier than the other shows on
@@ -204,17 +202,17 @@ class Model:
 class Car:
     """A mass state at one point of the unknowns, with its derivatives by the free ones."""
 
-    corner: NDArray[np.float64]
+    corner: Real
     """(4, n) coefficients of the corners."""
-    d_corner: NDArray[np.float64]
+    d_corner: Real
     """(4, n, F) their derivatives."""
-    mass: NDArray[np.float64]
+    mass: Real
     """(3, 3) of the body with its load, kg and kg m2."""
-    d_mass: NDArray[np.float64]
+    d_mass: Real
     """(F, 3, 3)."""
-    pull: NDArray[np.float64]
+    pull: Real
     """(3,) force of the weights that are added to the body."""
-    d_pull: NDArray[np.float64]
+    d_pull: Real
     """(F, 3)."""
     knots: tuple[float, ...]
 
@@ -223,7 +221,7 @@ class Car:
         """True if a damper has a compliant mount, or may have one."""
         return bool(self.corner[:, MOUNT].any() or self.d_corner[:, MOUNT].any())
 
-    def travels(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
+    def travels(self, states: Real) -> Real:
         """Return the travels of the four suspensions, (..., 4) m, compression positive.
 
         `states`, (..., 7 or more): seven displacements, then perhaps their speeds and all else.
@@ -232,12 +230,12 @@ class Car:
         body = heave - pitch * self.corner[:, X] + roll * self.corner[:, Y]
         return np.asarray(states[..., 3:7] - body)
 
-    def travel_speeds(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
+    def travel_speeds(self, states: Real) -> Real:
         """Return the speeds of the suspensions, (..., 4) m/s, from `states`, (..., 14 or more)."""
         return self.travels(states[..., 7:14])
 
 
-def car(model: Model, eta: NDArray[np.float64], state: MassState, free: NDArray[np.intp]) -> Car:
+def car(model: Model, eta: Real, state: MassState, free: NDArray[np.intp]) -> Car:
     """Return a mass state at `eta`, (P,), and its derivatives by the unknowns at `free`, (F,)."""
     # `eta` itself, then with a complex step in each free unknown.
     points = stepped(eta)[np.concatenate([[0], 1 + free])]
@@ -254,9 +252,7 @@ def car(model: Model, eta: NDArray[np.float64], state: MassState, free: NDArray[
     )
 
 
-def _coefficients(
-    model: Model, eta: NDArray[np.complex128], state: MassState
-) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.complex128]]:
+def _coefficients(model: Model, eta: Complex, state: MassState) -> tuple[Complex, Complex, Complex]:
     """Return corners, (n, 4, columns), body mass, (n, 3, 3), and the weights' pull on it, (n, 3).
 
     `eta`: unknowns, (n, P).

@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from time import process_time
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..model.matrices import Real
 from .path import ROUGH, Grade, InitialState
 from .problem import Normal, Point, Problem, point
 
-_REFUSED = 8
+_MOST_REFUSED = 8
 """Refused steps in a row after which the tangents count as useless."""
-_PROMISED, _LEAST_THERE = 2.0, 0.05
+_LAST_FALL, _LAST_GAIN = 2.0, 0.05
 """Fall of the cost, over chi2/n, that a full step may still promise where every step is refused,
 and the smallest gain of a step where no more than that is promised."""
-
-_STILL, _STILL_PROMISED = 0.2, 5.0
+_SHAPES_SIGMAS, _SHAPES_FALL = 0.2, 5.0
 """Standard deviations by which a full step may still move a parameter of the car, and the fall of
 the cost, over chi2/n, that it may promise, if only the shapes of elements still move."""
 
@@ -28,7 +28,7 @@ class Optimum:
     """The point where a fit ended."""
 
     point: Point
-    information: NDArray[np.float64]
+    information: Real
     """(F, F) reduced normal matrix, undamped."""
     iterations: int
     decrement: float
@@ -36,7 +36,7 @@ class Optimum:
     converged: bool
 
     @property
-    def eta(self) -> NDArray[np.float64]:
+    def eta(self) -> Real:
         """All unknowns, (P,)."""
         return self.point.eta
 
@@ -75,13 +75,13 @@ class Clock:
         return is_over
 
 
-def unit_size(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+def unit_size(matrix: Real) -> Real:
     """Return the roots of a matrix's diagonal; 1 where the data give no information."""
     size = np.diag(matrix)
     return np.asarray(np.sqrt(np.where(size > 0.0, size, 1.0)))
 
 
-def inverse(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+def inverse(matrix: Real) -> Real:
     """Invert a positive matrix after scaling; directions without information stay zero."""
     scale = 1.0 / unit_size(matrix)
     values, vectors = np.linalg.eigh(matrix * np.outer(scale, scale))
@@ -91,82 +91,70 @@ def inverse(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class Eliminated:
-    """The own unknowns of a run, of which some steps may be given, as a function of the shared."""
-
-    inverse: NDArray[np.float64]
-    own: NDArray[np.float64]
-    B: NDArray[np.float64]
-    """`inverse`, `own`, `B`: of the block's A, right-hand side and B (`problem.Block`)."""
-    fixed: NDArray[np.float64]
-    """Steps that are given; NaN for the others."""
-
-    def step(self, shared: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the step of the run's own unknowns for a step of the shared ones."""
-        best = self.inverse @ (self.own - self.B @ shared)
-        return np.where(np.isnan(self.fixed), best, self.fixed)
-
-
 def reduced(
-    equations: Normal, damping: float = 0.0, fixed: Sequence[NDArray[np.float64]] | None = None
-) -> tuple[NDArray[np.float64], NDArray[np.float64], list[Eliminated]]:
-    """Return normal matrix and right-hand side without the runs' own unknowns, and these."""
+    equations: Normal, damping: float = 0.0, fixed: Sequence[Real] | None = None
+) -> tuple[Real, Real, list[tuple[Real, Real]]]:
+    """Return normal matrix, (F, F), and right-hand side, (F,), without the runs' own unknowns.
+
+    Then a pair for each run: the step of its own unknowns, (own,), where the free ones keep still,
+    and what a step of these takes from it, (own, F).
+
+    `fixed`: steps of own unknowns that are given, (own,) for each run, NaN for the others.
+    """
     matrix, right = equations.shared.copy(), equations.right.copy()
-    runs = []
-    fixed = _nothing_fixed(equations) if fixed is None else fixed
-    for b, given_step in zip(equations.blocks, fixed, strict=True):
+    own_steps = []
+    fixed = fixed or [np.full(len(b.A), np.nan) for b in equations.blocks]
+    for b, given in zip(equations.blocks, fixed, strict=True):
         A = b.A + damping * np.diag(np.diag(b.A))
-        held, loose = np.flatnonzero(np.isfinite(given_step)), np.flatnonzero(np.isnan(given_step))
+        is_given, is_free = np.isfinite(given), np.isnan(given)
         inverse_A = np.zeros_like(A)
-        inverse_A[np.ix_(loose, loose)] = inverse(A[np.ix_(loose, loose)])
-        run = Eliminated(inverse_A, b.own - A[:, held] @ given_step[held], b.B, given_step)
-        runs.append(run)
-        X = b.B.T @ inverse_A
-        matrix += b.C - X @ b.B
-        right += b.shared - X @ run.own - b.B[held].T @ given_step[held]
-    return matrix, right, runs
-
-
-def _nothing_fixed(equations: Normal) -> list[NDArray[np.float64]]:
-    return [np.full(len(b.A), np.nan) for b in equations.blocks]
+        inverse_A[np.ix_(is_free, is_free)] = inverse(A[np.ix_(is_free, is_free)])
+        step = inverse_A @ (b.own - A[:, is_given] @ given[is_given])
+        step[is_given] = given[is_given]
+        by_free = inverse_A @ b.B
+        matrix += b.C - b.B.T @ by_free
+        right += b.shared - b.B.T @ step
+        own_steps.append((step, by_free))
+    return matrix, right, own_steps
 
 
 @dataclass(frozen=True, slots=True)
 class _Step:
     """A damped step within all bounds."""
 
-    shared: NDArray[np.float64]
-    initials: tuple[NDArray[np.float64], ...]
+    shared: Real
+    """(F,) of the free unknowns."""
+    initials: tuple[Real, ...]
+    """(18,) or with mounts (22,), of each run's own unknowns."""
     fall: float
     """Fall of the cost, if the problem were linear."""
 
 
 def _step(
-    equations: Normal,
-    initials: tuple[InitialState, ...],
-    damping: float,
-    low: NDArray[np.float64],
-    high: NDArray[np.float64],
+    equations: Normal, initials: tuple[InitialState, ...], damping: float, low: Real, high: Real
 ) -> _Step:
     """Return the damped step; a share of friction that would exceed 1 stops at 1.
 
     Damper curves that the step would make too flat are held up, others are not.  `low`, `high`:
     least and largest step of each free unknown, (F,).
     """
-    fixed = _nothing_fixed(equations)
+    fixed = [np.full(len(b.A), np.nan) for b in equations.blocks]
     flat = equations.lacks > 0.0
     # Each solution has more friction at its bound and other curves held; eight at most.
     for _ in range(8):
-        matrix, right, runs = reduced(equations.holding(flat), damping, fixed)
+        matrix, right, own_steps = reduced(equations.holding(flat), damping, fixed)
         shared = _solve(matrix, right, damping, low, high)
         lacks = equations.lacks - equations.lifts @ shared
-        moves = [run.step(shared) for run in runs]
-        beyond = [
-            _stop_friction(x0, move, held)
-            for x0, move, held in zip(initials, moves, fixed, strict=True)
-        ]
-        if not any(beyond) and ((lacks > 0.0) == flat).all():
+        moves = [step - by_free @ shared for step, by_free in own_steps]
+        any_stopped = False
+        for x0, move, given in zip(initials, moves, fixed, strict=True):
+            after = x0.friction + move[14:18]  # the shares of friction at the four corners
+            excess = np.abs(after) - 1.0
+            # The one furthest beyond sliding first: without it the others may stay within.
+            stopped = np.flatnonzero(excess > max(1e-9, 0.5 * float(excess.max())))
+            given[14 + stopped] = np.sign(after[stopped]) - x0.friction[stopped]
+            any_stopped |= len(stopped) > 0
+        if not any_stopped and ((lacks > 0.0) == flat).all():
             break
         flat = lacks > 0.0
     without_floor = equations.holding(np.zeros_like(flat))
@@ -179,26 +167,7 @@ def _step(
     return _Step(shared, tuple(moves), fall)
 
 
-def _stop_friction(x0: InitialState, move: NDArray[np.float64], held: NDArray[np.float64]) -> bool:
-    """Hold the friction that a move would take beyond sliding there; return False if none is.
-
-    `held`, (18,) or (22,): receives the steps that end at sliding.  Friction has entries 14 to 17.
-    """
-    after = x0.friction + move[14:18]
-    excess = np.abs(after) - 1.0
-    # The one furthest outside first: without it the others may stay inside.
-    beyond = 14 + np.flatnonzero(excess > max(1e-9, 0.5 * float(excess.max())))
-    held[beyond] = np.sign(after[beyond - 14]) - x0.friction[beyond - 14]
-    return bool(len(beyond))
-
-
-def _solve(
-    matrix: NDArray[np.float64],
-    right: NDArray[np.float64],
-    damping: float,
-    low: NDArray[np.float64],
-    high: NDArray[np.float64],
-) -> NDArray[np.float64]:
+def _solve(matrix: Real, right: Real, damping: float, low: Real, high: Real) -> Real:
     """Return the damped step within its bounds; an unknown that would leave them stops there.
 
     The others then take the step that is best with it: one unknown that the data hardly determine
@@ -206,17 +175,16 @@ def _solve(
     """
     scale = unit_size(matrix)
     H = matrix / np.outer(scale, scale) + damping * np.eye(len(scale))
-    step, held = np.zeros(len(scale)), np.zeros(len(scale), dtype=bool)
-    # Each solution has more unknowns held at their bounds; twelve at most.
+    step, within = np.zeros(len(scale)), np.ones(len(scale), dtype=bool)
+    # Each solution has more unknowns stopped at their bounds; twelve at most.
     for _ in range(12):
-        loose = ~held
-        right_of_loose = right / scale - H @ (step * held * scale)
-        step[loose] = np.linalg.solve(H[np.ix_(loose, loose)], right_of_loose[loose]) / scale[loose]
-        beyond = loose & ((step < low) | (step > high))
+        remaining = (right / scale - H @ (step * ~within * scale))[within]
+        step[within] = np.linalg.solve(H[np.ix_(within, within)], remaining) / scale[within]
+        beyond = within & ((step < low) | (step > high))
         if not beyond.any():
             break
         step[beyond] = np.clip(step, low, high)[beyond]
-        held |= beyond
+        within &= ~beyond
     return np.clip(step, low, high)
 
 
@@ -231,7 +199,7 @@ def _full_step(at: Point | None) -> _Step | None:
 
 def fit(
     problem: Problem,
-    eta: NDArray[np.float64],
+    eta: Real,
     initials: tuple[InitialState, ...],
     grade: Grade = ROUGH,
     tolerance: float = 0.05,
@@ -261,27 +229,25 @@ def fit(
         free_eta = current.eta[problem.free]
         unit = max(1.0, current.cost / n)  # chi2/n, in which falls of the cost count
         small = is_slow or abs(decrement) < max(tolerance * unit, rough * current.cost)
-        if small or iterations >= max_iterations or refused >= _REFUSED or is_over():
+        if small or iterations >= max_iterations or refused >= _MOST_REFUSED or is_over():
             matrix, _, _ = reduced(current.normal)
-            hardly_moves = 0.0 <= decrement < _STILL_PROMISED * unit
-            converged = small or (refused >= _REFUSED and 0.0 <= decrement < _PROMISED * unit)
-            # Where the car's parameters are held, or hardly move any more, the rest is shapes.
-            is_parameter = problem.free < len(problem.model.box.parameters)
-            has_any = is_parameter.any()
-            std = np.sqrt(np.diag(inverse(matrix))) if has_any else np.zeros(len(is_parameter))
-            is_still = np.abs(full_step.shared) <= _STILL * std
-            converged |= hardly_moves and bool(is_still[is_parameter].all())
+            converged = small or (refused >= _MOST_REFUSED and 0.0 <= decrement < _LAST_FALL * unit)
+            # Where the car's parameters are held, or hardly move any more, only shapes do.
+            of_car = problem.free < len(problem.model.box.parameters)
+            least = _SHAPES_SIGMAS * np.sqrt(np.diag(inverse(matrix))) if of_car.any() else np.inf
+            hardly_moves = bool((np.abs(full_step.shared) <= least)[of_car].all())
+            converged |= 0.0 <= decrement < _SHAPES_FALL * unit and hardly_moves
             return Optimum(current, matrix, iterations, decrement, converged)
-        is_near, is_last = decrement < unit, decrement < _PROMISED * unit
+        is_near, is_last = decrement < unit, decrement < _LAST_FALL * unit
         # A step by which the cost falls less counts as refused.
-        least_gain = unit * (min(_LEAST_THERE, tolerance) if is_last else 1e-3)
+        least_gain = unit * (min(_LAST_GAIN, tolerance) if is_last else 1e-3)
         most_rise, reach = 0.5 * unit if is_near else -least_gain, problem.reach
-        while refused < _REFUSED and iterations < max_iterations:
+        while refused < _MOST_REFUSED and iterations < max_iterations:
             iterations += 1
             bounds = np.maximum(low - free_eta, -reach), np.minimum(high - free_eta, reach)
             step = _step(current.normal, current.initials, damping, *bounds)
             if is_last and step.fall < least_gain:  # damped more, it gains even less
-                refused = _REFUSED
+                refused = _MOST_REFUSED
                 break
             trial_eta = current.eta.copy()
             trial_eta[problem.free] += step.shared
@@ -304,31 +270,26 @@ def fit(
             reach = reach / 2.0
 
 
-# Gain of freeing each unknown that is still held, to first order ----------------------------------
-
-
-def gain_of(
-    problem: Problem, best: Optimum, eta: NDArray[np.float64], extra: NDArray[np.intp]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the fall of the cost with each further unknown free, and the size of that unknown.
+def gain_of(best: Optimum, eta: Real, extra: NDArray[np.intp]) -> tuple[Real, Real]:
+    """Return to first order how far the cost falls with each further unknown free, and its size.
 
     `best`: optimum of the free unknowns.  `eta`, (P,): those of the optimum, except for some that
     do not act yet.  `extra`, (k,): positions of the further ones.  Returns (k,) each, with one
     unknown alone; zeros where path or tangents are not finite, or where the free unknowns have the
     same effect.
     """
-    known = best.point.problem.free
-    free = np.union1d(known, extra)
-    at = point(problem.releasing(free), eta, best.point.initials, best.point.grade)
+    free = np.union1d(best.point.problem.free, extra)
+    problem = replace(best.point.problem, free=free)
+    at = point(problem, eta, best.point.initials, best.point.grade)
     if at is None or not at.normal.finite:
         return np.zeros(len(extra)), np.zeros(len(extra))
     matrix, right, _ = reduced(at.normal)
     new, old = np.searchsorted(free, extra), ~np.isin(free, extra)
     cross = matrix[np.ix_(new, old)] @ inverse(matrix[np.ix_(old, old)])
-    alone = np.diag(matrix[np.ix_(new, new)])
-    remaining = alone - np.einsum("ij,ji->i", cross, matrix[np.ix_(old, new)])
+    information = np.diag(matrix)[new]
+    remaining = information - np.einsum("ij,ji->i", cross, matrix[np.ix_(old, new)])
     slope = right[new] - cross @ right[old]
-    separate = remaining > 1e-10 * alone  # the free ones leave a share of its information
+    separate = remaining > 1e-10 * information
     size = np.divide(slope, remaining, out=np.zeros(len(extra)), where=separate)
     return slope * size, size
 
@@ -344,7 +305,7 @@ LAG_S = 0.2
 _BIN_S = 0.005
 
 
-def scatter(at: Point) -> NDArray[np.float64]:
+def scatter(at: Point) -> Real:
     """Return the covariance of the scores, (F, F), by Bartlett's window of `LAG_S`."""
     n_free = len(at.problem.free)
     covariance = np.zeros((n_free, n_free))
@@ -366,7 +327,7 @@ def scatter(at: Point) -> NDArray[np.float64]:
     return covariance
 
 
-def widened(covariance: NDArray[np.float64], scores: NDArray[np.float64]) -> NDArray[np.float64]:
+def widened(covariance: Real, scores: Real) -> Real:
     """Return the covariance with each standard deviation at least that from the scores' scatter."""
     robust = np.diag(covariance @ scores @ covariance)
     plain = np.diag(covariance)

@@ -7,12 +7,12 @@ from math import inf
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dbc.frames import freeze_arrays
 
 from ..fit.grey_box import SIGNED
 from ..fit.uncertainty import COVERAGE_95, Estimate
+from ..model.matrices import Real
 from .car import F_C, FALL, GAP, KINDS, KNEE_M_S, KNEES, SURPLUS, C, Car
 from .laws import knee, sliding_share, sliding_slopes
 
@@ -20,9 +20,6 @@ if TYPE_CHECKING:
     from .fit import Optimum
 
 _AXLES = ("front", "rear")
-_POINTS = 61
-_SHARE = 0.01
-"""Share of the time at either end that a curve leaves out, because few samples support it there."""
 MOUNT_LABEL = "mount"
 """Name of a mount in the result, which gives its stiffness; the unknown is its compliance."""
 AS_PARAMETERS = frozenset({"anti_roll_bars", "cg_offset", "tyre_damping"})
@@ -31,37 +28,37 @@ AS_PARAMETERS = frozenset({"anti_roll_bars", "cg_offset", "tyre_damping"})
 
 def element_in_words(name: str) -> str:
     """Return the name of an unknown element in words: `front friction` for `F_cf`."""
-    (reported,) = (reported for reported, unknown in KINDS.items() if unknown == name[:-1])
-    axle = _AXLES[name[-1] == "r"]
-    return f"{axle} {'mount compliance' if reported == MOUNT_LABEL else reported.replace('_', ' ')}"
+    label = next(label for label, kind in KINDS.items() if kind == name[:-1])
+    words = "mount compliance" if label == MOUNT_LABEL else label.replace("_", " ")
+    return f"{_AXLES[name[-1] == 'r']} {words}"
 
 
 @dataclass(frozen=True, slots=True)
 class DamperCurve:
     """Force of one damper over the speeds that occurred."""
 
-    speed_m_s: NDArray[np.float64]
+    speed_m_s: Real
     """(n,), compression positive."""
-    force_n: NDArray[np.float64]
+    force_n: Real
     """(n,) force of the damper alone."""
-    std_n: NDArray[np.float64]
+    std_n: Real
     """(n,) standard deviation of `force_n`."""
-    total_n: NDArray[np.float64]
+    total_n: Real
     """(n,) force of damper and friction together: right whatever the law of the friction is."""
-    total_std_n: NDArray[np.float64]
+    total_std_n: Real
     """(n,) standard deviation of `total_n`."""
 
     def __post_init__(self) -> None:
         freeze_arrays(self, *self.__dataclass_fields__)
 
     @property
-    def band_n(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def band_n(self) -> tuple[Real, Real]:
         """Lower and upper end of the 95 % band of `force_n`, (n,) each."""
         half = COVERAGE_95 * self.std_n
         return self.force_n - half, self.force_n + half
 
     @property
-    def total_band_n(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def total_band_n(self) -> tuple[Real, Real]:
         """Lower and upper end of the 95 % band of `total_n`, (n,) each."""
         half = COVERAGE_95 * self.total_std_n
         return self.total_n - half, self.total_n + half
@@ -114,48 +111,42 @@ class Forces:
     law: str = "dry friction that sticks and slides, damper curve of straight segments"
 
 
-def element_estimates(best: Optimum, covariance: NDArray[np.float64]) -> dict[str, Estimate]:
-    """Return every free element, and every free parameter of an element, with its interval."""
+def element_estimates(best: Optimum, covariance: Real) -> dict[str, Estimate]:
+    """Return every free element, and every free parameter of the car, with its interval."""
     problem = best.point.problem
     model, linear_eta = problem.model, best.eta[: problem.model.n_linear]
     box = model.box
-    element_by_name = {element.name: element for element in model.elements}
+    elements = {element.name: element for element in model.elements}
     slopes = dict(zip(box.parameters, box.parameter_slopes(linear_eta).tolist(), strict=True))
-    parameter_values = dict(zip(box.names, box.values(linear_eta), strict=True))
+    parameters = dict(zip(box.names, box.values(linear_eta).tolist(), strict=True))
     result = {}
-    for j, i in enumerate(problem.free.tolist()):
+    for i, variance in zip(problem.free.tolist(), np.diag(covariance).tolist(), strict=True):
         name = model.names[i]
-        std = float(np.sqrt(covariance[j, j]))
-        if name in element_by_name:
-            element = element_by_name[name]
-            value = element.value(float(best.eta[i]))
-            std *= abs(value) if element.logarithmic else element.scale
-            unit, size = element.unit, 0.0 if element.logarithmic else element.scale
-        elif name in parameter_values:
-            size = SIGNED.get(name, 0.0)
-            value = float(parameter_values[name])
+        if name in elements:
+            element = elements[name]
+            value, unit = element.value(float(best.eta[i])), element.unit
+            size = 0.0 if element.logarithmic else element.scale
+            slope = abs(value) if element.logarithmic else element.scale
+        elif name in parameters:
+            value, slope, size = parameters[name], slopes[name], SIGNED.get(name, 0.0)
             unit = {"k": "N/m", "c": "N s/m", "y": "m"}.get(name[0], "")
-            std *= slopes[name]
         else:
             continue
-        half = COVERAGE_95 * std
-        result[name] = Estimate(value, std, value - half, value + half, unit, size)
+        result[name] = Estimate.of(value, slope * float(np.sqrt(variance)), unit, size)
     return result
 
 
 def axle_forces(
-    best: Optimum, covariance: NDArray[np.float64], values: dict[str, Estimate]
+    best: Optimum, covariance: Real, values: dict[str, Estimate]
 ) -> tuple[AxleForces, AxleForces]:
     """Return the forces of both axles at an optimum with the covariance of its free unknowns."""
-    front, rear = (_axle(best, covariance, values, axle) for axle in (0, 1))
+    front, rear = (_axle(best, covariance, values, axle) for axle in _AXLES)
     return front, rear
 
 
-def _axle(
-    best: Optimum, covariance: NDArray[np.float64], values: dict[str, Estimate], axle: int
-) -> AxleForces:
-    """Return the forces of one axle, 0 front or 1 rear, from the free unknowns' covariance."""
-    left, letter = 2 * axle, "fr"[axle]
+def _axle(best: Optimum, covariance: Real, values: dict[str, Estimate], axle: str) -> AxleForces:
+    """Return the forces of one axle from the covariance of the free unknowns."""
+    left = 0 if axle == "front" else 2
     corners = slice(left, left + 2)
     first_car, speeds, reached_m = best.point.cars[0], [], -inf
     for car, predicted in zip(best.point.cars, best.point.predicted, strict=True):
@@ -163,57 +154,51 @@ def _axle(
         reached_m = max(reached_m, float(car.travels(states)[:, corners].max()))
         of_dampers = predicted.path.speeds if car.has_mount else car.travel_speeds(states)
         speeds.append(of_dampers[:, corners].ravel())
-    low, high = np.quantile(np.concatenate(speeds), [_SHARE, 1.0 - _SHARE])
-    grid_m_s = np.union1d(np.linspace(min(low, 0.0), max(high, 0.0), _POINTS), [0.0])
-    shown = {
-        label: values[f"{kind}{letter}"]
-        for label, kind in KINDS.items()
-        if f"{kind}{letter}" in values and label != MOUNT_LABEL
-    }
+    low, high = np.quantile(np.concatenate(speeds), [0.01, 0.99])  # few samples are beyond
+    grid_m_s = np.union1d(np.linspace(min(low, 0.0), max(high, 0.0), 61), [0.0])
+    by_label = {label: values.get(f"{kind}{axle[0]}") for label, kind in KINDS.items()}
+    mount = by_label.pop(MOUNT_LABEL)
+    reported = {label: estimate for label, estimate in by_label.items() if estimate is not None}
     notes = []
-    if "bump_stop" in shown and reached_m < first_car.corner[left, GAP]:
+    if "bump_stop" in reported and reached_m < first_car.corner[left, GAP]:
         notes.append(
             f"bump stop not reached: the travel went to {1e3 * reached_m:.0f} mm in compression"
         )
-        shown = {label: e for label, e in shown.items() if not label.startswith("bump_stop")}
-    mount = values.get(f"{KINDS[MOUNT_LABEL]}{letter}")
+        reported = {label: e for label, e in reported.items() if not label.startswith("bump_stop")}
     if mount is not None and mount.value < 2.0 * mount.std:
         notes.append(f"damper mount rigid: at least {1.0 / max(mount.high, 1e-12):.1e} N/m")
     elif mount is not None:
         stiffness = 1.0 / mount.value
         # The interval is the inverse of that of the compliance, so it is not symmetric.
         softest, hardest = 1.0 / mount.high, 1.0 / mount.low if mount.low > 0.0 else inf
-        shown[MOUNT_LABEL] = Estimate(stiffness, mount.std * stiffness**2, softest, hardest, "N/m")
-        if not shown[MOUNT_LABEL].determined:
+        of_mount = Estimate(stiffness, mount.std * stiffness**2, softest, hardest, "N/m")
+        reported[MOUNT_LABEL] = of_mount
+        if not of_mount.determined:
             notes.append(f"damper mount: at least {softest:.1e} N/m")
     curve = _curve(first_car, left, grid_m_s, covariance)
-    return AxleForces(_AXLES[axle], curve, shown, tuple(notes))
+    return AxleForces(axle, curve, reported, tuple(notes))
 
 
-def _curve(
-    car: Car, left_corner: int, speed: NDArray[np.float64], covariance: NDArray[np.float64]
-) -> DamperCurve:
+def _curve(car: Car, left_corner: int, speed: Real, covariance: Real) -> DamperCurve:
     """Return the curve of an axle's dampers at some speeds, (n,) m/s, compression positive."""
+    # Coefficients of the left corner, (n_coefficients,), and their slopes by the unknowns, (.., F).
     p, d = car.corner[left_corner], car.d_corner[left_corner]
-    force, by_unknowns = p[C] * speed, speed[:, None] * d[C]
+    force, d_force = p[C] * speed, speed[:, None] * d[C]  # (n,), (n, F)
     for j, knot in enumerate(car.knots):
         beyond_knot = knee(speed, knot, KNEE_M_S)
         force = force + p[KNEES + j] * beyond_knot
-        by_unknowns = by_unknowns + beyond_knot[:, None] * d[KNEES + j]
-    right_corner = left_corner + 1
-    friction = 0.5 * (p[F_C] + car.corner[right_corner, F_C])
-    d_friction = 0.5 * (d[F_C] + car.d_corner[right_corner, F_C])
-    share = np.sign(speed) * sliding_share(speed, p[SURPLUS], p[FALL])
-    _, by_surplus, by_fall = sliding_slopes(speed, p[SURPLUS], p[FALL])
-    d_share = by_surplus[:, None] * d[SURPLUS] + by_fall[:, None] * d[FALL]
-    total_by_unknowns = (
-        by_unknowns + share[:, None] * d_friction + np.sign(speed)[:, None] * friction * d_share
-    )
+        d_force = d_force + beyond_knot[:, None] * d[KNEES + j]
+    of_axle = slice(left_corner, left_corner + 2)
+    friction, d_friction = car.corner[of_axle, F_C].mean(), car.d_corner[of_axle, F_C].mean(axis=0)
+    sliding = np.sign(speed) * sliding_share(speed, p[SURPLUS], p[FALL])  # over the friction
+    _, by_surplus, by_fall = np.sign(speed) * sliding_slopes(speed, p[SURPLUS], p[FALL])
+    d_sliding = by_surplus[:, None] * d[SURPLUS] + by_fall[:, None] * d[FALL]
+    d_total = d_force + sliding[:, None] * d_friction + friction * d_sliding
     std, total_std = (
         np.sqrt(np.maximum(np.einsum("nf,fg,ng->n", slopes, covariance, slopes), 0.0))
-        for slopes in (by_unknowns, total_by_unknowns)
+        for slopes in (d_force, d_total)
     )
-    return DamperCurve(speed, force, std, force + share * friction, total_std)
+    return DamperCurve(speed, force, std, force + sliding * friction, total_std)
 
 
 # Reduces a damper curve to a few numbers: its force at standard speeds ----------------------------
@@ -237,14 +222,23 @@ class SpeedForce:
 
 def forces_at_speeds(curve: DamperCurve) -> tuple[SpeedForce, ...]:
     """Return a damper's force, without and with friction, at each standard speed it reached."""
-    speeds_m_s = curve.speed_m_s
-    forces = []
-    for at_m_s in STANDARD_SPEEDS_M_S:
-        if speeds_m_s[0] <= at_m_s <= speeds_m_s[-1]:
-            damper = _force_at(at_m_s, speeds_m_s, curve.force_n, curve.std_n)
-            total = _force_at(at_m_s, speeds_m_s, curve.total_n, curve.total_std_n)
-            forces.append(SpeedForce(at_m_s, damper, total))
-    return tuple(forces)
+
+    def force_at(speed_m_s: float, forces_n: Real, stds_n: Real) -> Estimate:
+        force_n, std_n = (
+            float(np.interp(speed_m_s, curve.speed_m_s, values)) for values in (forces_n, stds_n)
+        )
+        # A damper may have nearly no force at a low speed: 50 N are the smallest that matter.
+        return Estimate.of(force_n, std_n, "N", 50.0)
+
+    return tuple(
+        SpeedForce(
+            speed_m_s,
+            force_at(speed_m_s, curve.force_n, curve.std_n),
+            force_at(speed_m_s, curve.total_n, curve.total_std_n),
+        )
+        for speed_m_s in STANDARD_SPEEDS_M_S
+        if curve.speed_m_s[0] <= speed_m_s <= curve.speed_m_s[-1]
+    )
 
 
 def force_quantities(forces: Forces) -> dict[str, Estimate]:
@@ -257,17 +251,7 @@ def force_quantities(forces: Forces) -> dict[str, Estimate]:
     for axle in forces.axles:
         for name, estimate in axle.values.items():
             quantities[f"{axle.axle} {name.replace('_', ' ')}"] = estimate
-        for at_speed in forces_at_speeds(axle.damper):
-            quantities[f"{axle.axle} damper {at_speed.speed_m_s:+.2f} m/s"] = at_speed.damper
-            quantities[f"{axle.axle} corner {at_speed.speed_m_s:+.2f} m/s"] = at_speed.total
+        for of_speed in forces_at_speeds(axle.damper):
+            quantities[f"{axle.axle} damper {of_speed.speed_m_s:+.2f} m/s"] = of_speed.damper
+            quantities[f"{axle.axle} corner {of_speed.speed_m_s:+.2f} m/s"] = of_speed.total
     return quantities
-
-
-def _force_at(
-    at_m_s: float, speed: NDArray[np.float64], force: NDArray[np.float64], std: NDArray[np.float64]
-) -> Estimate:
-    """Return the force at one speed, interpolated in a curve, with its 95 % interval."""
-    force_n, std_n = float(np.interp(at_m_s, speed, force)), float(np.interp(at_m_s, speed, std))
-    half_n = COVERAGE_95 * std_n
-    # A damper may have nearly no force at a low speed: 50 N are the smallest that matter.
-    return Estimate(force_n, std_n, force_n - half_n, force_n + half_n, "N", 50.0)

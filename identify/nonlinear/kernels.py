@@ -17,13 +17,12 @@ from . import car, laws
 
 # Makes machine code of the kernels (Numba), and keeps it for the processes to come ----------------
 #
-# Numba takes what it has stored for a function as good while the file of that function stays as it
-# is.  But the code of a kernel also contains the formulas, constants and kernels of other files.
-# So the name by which a kernel is stored has the hash of them all.
+# Numba uses the code that it has stored for a function while the file of that function stays as it
+# is.  But the code of a kernel also contains formulas, constants and kernels of other files.  So
+# the name by which a kernel is stored has the hash of them all.
 
 LOOSE = {"reassoc", "contract", "arcp", "nsz"}
 """Rearrangements that the compiler may make; NaN must stay NaN."""
-
 SOURCES = tuple(Path(__file__).with_name(f"{name}.py") for name in ("car", "laws", "kernels"))
 """All files of which the machine code of a kernel may contain something."""
 _HASH = sha256(b"".join(source.read_bytes() for source in SOURCES)).hexdigest()[:16]
@@ -44,17 +43,14 @@ def kernel(function: Callable[..., Any]) -> Any:
 # The kernels --------------------------------------------------------------------------------------
 #
 # x: state of the path, (22,), as `path.STATES` says.  p: coefficients, (4, n), in the columns of
-# `car`.  knots, lines: knees of the damper curves and their hinges (`bends`).  level: rounding, a
-# `path.Level`.  u, w: travel and its speed; r: speed in the damper; k: the other side
-# (i ^ 1).  Columns of tangents are in blocks of `LANES`; j is a column of a block, m a row.
+# `car`; p_i: those of corner i, k: the other side of its axle (i ^ 1).  knots, lines: knees of the
+# damper curves and their hinges (`bends`).  level: rounding, a `path.Level`.  u, w: travel and its
+# speed; r: speed in the damper.  Columns of tangents are in blocks of `LANES`; j is a column of a
+# block, m a row.
 
 for _law in vars(laws).values():
     if isinstance(_law, FunctionType):
         register_jitable(error_model="numpy", fastmath=LOOSE)(_law)
-
-_TIGHT = 1e-11  # m/s, of the speed in a damper on a mount
-_LARGEST = 100.0
-"""Largest state of a finite path."""
 
 
 @kernel
@@ -94,24 +90,17 @@ def curve(line, knots, r, width):
 
 
 @kernel
-def curve_slope(p, knots, r, width):
-    """Return the slope of the force of an axle's damper at the speed r."""
-    slope = p[car.C]
-    for j in range(len(knots)):
-        slope += p[car.KNEES + j] * laws.knee_slope(r, knots[j], width)
-    return slope
-
-
-@kernel
 def _damper_speed(p, line, knots, level, e, w, r):
     """Return the speed in a damper whose mount has the deflection e, by Newton's method from r."""
     for _ in range(25):
         force = p[car.RATIO] * curve(line, knots, r, level.knee_m_s)
-        slope = p[car.RATIO] * curve_slope(p, knots, r, level.knee_m_s)
+        damping = p[car.C]
+        for j in range(len(knots)):
+            damping += p[car.KNEES + j] * laws.knee_slope(r, knots[j], level.knee_m_s)
         misfit = laws.mount_misfit(r, force, e, w, p[car.MOUNT], level.loss_s)
-        step = misfit / laws.mount_slope(slope, p[car.MOUNT], level.loss_s)
+        step = misfit / laws.mount_slope(p[car.RATIO] * damping, p[car.MOUNT], level.loss_s)
         r -= step
-        if abs(step) < _TIGHT:
+        if abs(step) < 1e-11:  # m/s
             break
     return r
 
@@ -121,36 +110,36 @@ def rates(x, p, lines, knots, inverse, pull, level, mounted, r, out):
     """Write the rates of change of a state, (22,), and the dampers' speeds, (4,)."""
     f0, f1, f2 = pull[0], pull[1], pull[2]
     for i in range(4):
-        one = p[i]
-        u = x[3 + i] - x[0] + one[car.X] * x[1] - one[car.Y] * x[2]
-        w = x[10 + i] - x[7] + one[car.X] * x[8] - one[car.Y] * x[9]
+        p_i = p[i]
+        u = x[3 + i] - x[0] + p_i[car.X] * x[1] - p_i[car.Y] * x[2]
+        w = x[10 + i] - x[7] + p_i[car.X] * x[8] - p_i[car.Y] * x[9]
         if mounted:
-            r[i] = _damper_speed(one, lines[i], knots, level, x[18 + i], w, r[i])
+            r[i] = _damper_speed(p_i, lines[i], knots, level, x[18 + i], w, r[i])
         else:
             r[i] = w
-        force = one[car.RATIO] * curve(lines[i], knots, r[i], level.knee_m_s)
+        force = p_i[car.RATIO] * curve(lines[i], knots, r[i], level.knee_m_s)
         force += (
-            laws.spring_force(u, one[car.K_S], one[car.K_2], one[car.K_3])
-            + one[car.F_C] * x[14 + i]
+            laws.spring_force(u, p_i[car.K_S], p_i[car.K_2], p_i[car.K_3])
+            + p_i[car.F_C] * x[14 + i]
         )
-        if u > one[car.GAP] - level.stop_m:
-            force += laws.stop_force(u, one[car.K_B], one[car.GAP], one[car.POWER], level.stop_m)
-        if one[car.K_A] != 0.0:
+        if u > p_i[car.GAP] - level.stop_m:
+            force += laws.stop_force(u, p_i[car.K_B], p_i[car.GAP], p_i[car.POWER], level.stop_m)
+        if p_i[car.K_A] != 0.0:
             k = i ^ 1
             across = x[3 + k] - x[0] + p[k, car.X] * x[1] - p[k, car.Y] * x[2]
-            force += one[car.K_A] * (u - across)
+            force += p_i[car.K_A] * (u - across)
         f0 += force
-        f1 -= one[car.X] * force
-        f2 += one[car.Y] * force
-        load = laws.tyre_load(x[3 + i], one[car.K_T], one[car.BETA], one[car.STATIC])
-        push = laws.tyre_push(load, x[10 + i], one[car.C_T], level.load_n)
-        road = laws.tyre_force(push, one[car.STATIC], level.load_n)
-        out[10 + i] = (road - force + one[car.PULL]) / one[car.MASS]
+        f1 -= p_i[car.X] * force
+        f2 += p_i[car.Y] * force
+        load = laws.tyre_load(x[3 + i], p_i[car.K_T], p_i[car.BETA], p_i[car.STATIC])
+        push = laws.tyre_push(load, x[10 + i], p_i[car.C_T], level.load_n)
+        road = laws.tyre_force(push, p_i[car.STATIC], level.load_n)
+        out[10 + i] = (road - force + p_i[car.PULL]) / p_i[car.MASS]
         limit = 1.0
-        if one[car.SURPLUS] != 0.0:
-            limit = laws.sliding_share(w, one[car.SURPLUS], one[car.FALL])
+        if p_i[car.SURPLUS] != 0.0:
+            limit = laws.sliding_share(w, p_i[car.SURPLUS], p_i[car.FALL])
         out[14 + i] = laws.friction_rate(
-            w, x[14 + i], one[car.LENGTH], limit, level.turn_m_s, level.lag_s
+            w, x[14 + i], p_i[car.LENGTH], limit, level.turn_m_s, level.lag_s
         )
         out[18 + i] = w - r[i] if mounted else 0.0
     for k in range(3):
@@ -177,17 +166,14 @@ def path(x0, r0, steps, step_s, p, knots, inverse, pull, level, mounted, states,
         for m in range(22):
             y[m] = x[m] + step_s * k3[m]
         rates(y, p, lines, knots, inverse, pull, level, mounted, r, k4)
-        fine = True
+        finite = True
         for m in range(22):
             x[m] += step_s / 6.0 * (k1[m] + 2.0 * (k2[m] + k3[m]) + k4[m])
-            fine = fine and abs(x[m]) < _LARGEST
-        if not fine:
+            finite = finite and abs(x[m]) < 100.0  # of SI units; NaN is none
+        if not finite:
             return n + 1
         rates(x, p, lines, knots, inverse, pull, level, mounted, r, k1)
-        for m in range(22):
-            states[n + 1, m], slopes[n + 1, m] = x[m], k1[m]
-        for m in range(4):
-            speeds[n + 1, m] = r[m]
+        states[n + 1], slopes[n + 1], speeds[n + 1] = x, k1, r
     return steps + 1
 
 
@@ -312,54 +298,54 @@ def linearise(x, rate, r, p, knots, level, mounted, of_corners, of_body, slopes,
     by, by_speed = np.zeros(p.shape[1]), np.zeros(p.shape[1])
     forcing[:] = 0.0
     for i in range(4):
-        one, k = p[i], i ^ 1
-        u = x[3 + i] - x[0] + one[car.X] * x[1] - one[car.Y] * x[2]
-        w = x[10 + i] - x[7] + one[car.X] * x[8] - one[car.Y] * x[9]
+        p_i, k = p[i], i ^ 1
+        u = x[3 + i] - x[0] + p_i[car.X] * x[1] - p_i[car.Y] * x[2]
+        w = x[10 + i] - x[7] + p_i[car.X] * x[8] - p_i[car.Y] * x[9]
         across = x[3 + k] - x[0] + p[k, car.X] * x[1] - p[k, car.Y] * x[2]
         # Each coefficient acts on the force, on the road's force or on the rate of friction.
-        z, zeta, ratio, per_mass = x[3 + i], x[14 + i], one[car.RATIO], 1.0 / one[car.MASS]
-        curved, damping = one[car.C] * r[i], one[car.C]
+        z, zeta, ratio, per_mass = x[3 + i], x[14 + i], p_i[car.RATIO], 1.0 / p_i[car.MASS]
+        curved, damping = p_i[car.C] * r[i], p_i[car.C]
         for j in range(len(knots)):
             bent = laws.knee(r[i], knots[j], width)
-            curved += one[car.KNEES + j] * bent
-            damping += one[car.KNEES + j] * laws.knee_slope(r[i], knots[j], width)
+            curved += p_i[car.KNEES + j] * bent
+            damping += p_i[car.KNEES + j] * laws.knee_slope(r[i], knots[j], width)
             by[car.KNEES + j] = ratio * bent
         damping *= ratio
         by[car.K_S], by[car.K_2], by[car.K_3], by[car.K_A] = u, u * u, u * u * u, u - across
         by[car.C], by[car.RATIO], by[car.F_C] = ratio * r[i], curved, zeta
-        stiff = laws.spring_stiffness(u, one[car.K_S], one[car.K_2], one[car.K_3]) + one[car.K_A]
+        stiff = laws.spring_stiffness(u, p_i[car.K_S], p_i[car.K_2], p_i[car.K_3]) + p_i[car.K_A]
         by[car.K_B], by[car.GAP], by[car.POWER] = 0.0, 0.0, 0.0
-        if u > one[car.GAP] - level.stop_m:
+        if u > p_i[car.GAP] - level.stop_m:
             hard, by[car.K_B], by[car.POWER] = laws.stop_slopes(
-                u, one[car.K_B], one[car.GAP], one[car.POWER], level.stop_m
+                u, p_i[car.K_B], p_i[car.GAP], p_i[car.POWER], level.stop_m
             )
             stiff += hard
             by[car.GAP] = -hard
         force = (
             ratio * curved
-            + laws.spring_force(u, one[car.K_S], one[car.K_2], one[car.K_3])
-            + one[car.K_B] * by[car.K_B]
-            + one[car.K_A] * (u - across)
-            + one[car.F_C] * zeta
+            + laws.spring_force(u, p_i[car.K_S], p_i[car.K_2], p_i[car.K_3])
+            + p_i[car.K_B] * by[car.K_B]
+            + p_i[car.K_A] * (u - across)
+            + p_i[car.F_C] * zeta
         )
-        limit = laws.sliding_share(w, one[car.SURPLUS], one[car.FALL])
+        limit = laws.sliding_share(w, p_i[car.SURPLUS], p_i[car.FALL])
         share_by_w, share_by_surplus, share_by_fall = laws.sliding_slopes(
-            w, one[car.SURPLUS], one[car.FALL]
+            w, p_i[car.SURPLUS], p_i[car.FALL]
         )
         by_w, by_zeta, by[car.LENGTH], by_limit = laws.friction_slopes(
-            w, zeta, one[car.LENGTH], limit, level.turn_m_s, level.lag_s
+            w, zeta, p_i[car.LENGTH], limit, level.turn_m_s, level.lag_s
         )
         by_w += by_limit * share_by_w
         by[car.SURPLUS], by[car.FALL] = by_limit * share_by_surplus, by_limit * share_by_fall
-        load = laws.tyre_load(z, one[car.K_T], one[car.BETA], one[car.STATIC])
-        by_load, contact = laws.tyre_slopes(load, x[10 + i], one[car.C_T], level.load_n)
-        by[car.K_T] = -by_load * z * (1.0 - one[car.BETA] * z)
-        by[car.BETA] = by_load * one[car.K_T] * z * z
+        load = laws.tyre_load(z, p_i[car.K_T], p_i[car.BETA], p_i[car.STATIC])
+        by_load, contact = laws.tyre_slopes(load, x[10 + i], p_i[car.C_T], level.load_n)
+        by[car.K_T] = -by_load * z * (1.0 - p_i[car.BETA] * z)
+        by[car.BETA] = by_load * p_i[car.K_T] * z * z
         by[car.C_T] = -contact * x[10 + i]
         by[car.STATIC], by[car.MASS], by[car.PULL] = by_load - 1.0, -rate[10 + i], 1.0
         by_mount, through = 0.0, 1.0
         if mounted:
-            sigma = one[car.MOUNT]
+            sigma = p_i[car.MOUNT]
             by_mount = 1.0 / laws.mount_slope(damping, sigma, level.loss_s)
             through = level.loss_s * by_mount
             for j in range(len(knots)):
@@ -367,11 +353,11 @@ def linearise(x, rate, r, p, knots, level, mounted, of_corners, of_body, slopes,
             by_speed[car.C], by_speed[car.RATIO] = -sigma * by[car.C], -sigma * curved
             by_speed[car.MOUNT] = -ratio * curved
         s = slopes[CORNER_SLOPES * i : CORNER_SLOPES * (i + 1)]
-        s[AT_X], s[AT_Y], s[STIFF], s[BAR] = one[car.X], one[car.Y], stiff, one[car.K_A]
-        s[SLIDING], s[SPEED_BY_TRAVEL], s[SPEED_BY_MOUNT] = one[car.F_C], through, by_mount
+        s[AT_X], s[AT_Y], s[STIFF], s[BAR] = p_i[car.X], p_i[car.Y], stiff, p_i[car.K_A]
+        s[SLIDING], s[SPEED_BY_TRAVEL], s[SPEED_BY_MOUNT] = p_i[car.F_C], through, by_mount
         s[DAMPING], s[PER_MASS] = damping, per_mass
-        s[TYRE_DAMPING] = -contact * one[car.C_T] * per_mass
-        s[TYRE] = -by_load * one[car.K_T] * (1.0 - 2.0 * one[car.BETA] * z) * per_mass
+        s[TYRE_DAMPING] = -contact * p_i[car.C_T] * per_mass
+        s[TYRE] = -by_load * p_i[car.K_T] * (1.0 - 2.0 * p_i[car.BETA] * z) * per_mass
         s[FRICTION_BY_SPEED], s[FRICTION_BY_SHARE] = by_w, by_zeta
         for n in range(first_entry[i], first_entry[i + 1]):
             kind, value, b, j = coefficients[n], values[n], blocks[n], columns[n]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from math import ceil
@@ -13,12 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..model.exponentials import LowPass
+from ..model.matrices import Real
 from . import kernels
 from .car import BETA, GAP, K_B, K_T, KNEES, LENGTH, MOUNT, RATIO, STATIC, C, Car, X, Y
 from .kernels import LANES
 from .laws import knee, knee_slope, tyre_load
-
-Array = NDArray[np.float64]
 
 # Step sizes of the integration, and rounding of the corners of the force laws ---------------------
 
@@ -50,16 +49,13 @@ class Grade(NamedTuple):
     step_s: float
     """Step of the path, s."""
     tangent_steps: int
-    """Number of path steps in one tangent step, between the events."""
-    mounted_steps: int
-    """The same number with a damper on a mount."""
-    fine_steps: int
-    """The same number where a wheel reverses or leaves the road, or a stop is touched; even,
-    because the middle of a step must be a node of the path."""
+    """Number of path steps in one tangent step without mounts and events; even, because the middle
+    of a step must be a node of the path.  Else it is two."""
     coarse: Level
-    """Rounding of the tangents between the events."""
+    """Rounding of the tangents between events: a wheel reverses or leaves the road, or a stop is
+    touched."""
     fine: Level
-    """Rounding of the tangents at the events."""
+    """Rounding of the tangents at events."""
     filter_s: float
     """Spacing of the tangents, s, at the input of a sensor's low-pass."""
 
@@ -72,14 +68,14 @@ masses and springs of a car with solid axles by 1.5 standard deviations, and kne
 0.6."""
 
 ROUGH = Grade(
-    Level(0.004, 0.0005, 0.25e-3, 0.25e-3, 0.1e-3, 60.0), 2.5e-3 / 4, 4, 2, 2,
+    Level(0.004, 0.0005, 0.25e-3, 0.25e-3, 0.1e-3, 60.0), 2.5e-3 / 4, 4,
     Level(0.010, 0.003, 1.2e-3, 0.5e-3, 0.5e-3, 200.0),
     Level(0.005, 0.001, 0.5e-3, 0.5e-3, 0.2e-3, 100.0),
     2.5e-3,
 )  # fmt: skip
 """Grade of the search: finds the optimum to a few standard deviations, at a third of the work."""
 POLISH = Grade(
-    PATH, 2.5e-3 / 10, 2, 2, 2,
+    PATH, 2.5e-3 / 10, 2,
     Level(0.002, 0.0003, 0.1e-3, 0.2e-3, 0.1e-3, 60.0),
     Level(0.002, 0.0003, 0.1e-3, 0.2e-3, 0.1e-3, 60.0),
     1e-3,
@@ -91,26 +87,21 @@ POLISH = Grade(
 
 STATES = 22
 """Seven displacements, their speeds, and at each corner the share of friction and the mount."""
-_SHORT_M = 0.15e-3
-"""Pre-sliding length, m, below which the friction needs half the step."""
-_FAST_M_S = 1.0
-"""Speed of a suspension, m/s, that this assumes: with a lag above the quotient of both, the whole
-step is enough."""
 
 
 @dataclass(frozen=True, slots=True)
 class InitialState:
     """State of one run as the free decay begins."""
 
-    motion: Array
+    motion: Real
     """(14,) displacements and speeds of `daq.vehicle.DOF`, from the position of the bare car at
     rest."""
-    friction: Array
+    friction: Real
     """(4,) share of the friction that acts at each corner, -1..1."""
-    mount: Array
+    mount: Real
     """(4,) deflection of each damper's mount beyond that of its force, m."""
 
-    def moved(self, step: Array) -> InitialState:
+    def moved(self, step: Real) -> InitialState:
         """Return the state after a step, (18,) or with mounts (22,)."""
         mount = self.mount + step[18:] if len(step) > 18 else self.mount
         friction = np.clip(self.friction + step[14:18], -1.0, 1.0)
@@ -125,11 +116,11 @@ class Path:
     """Of the nodes; 0 for given times."""
     level: Level
     """Rounding of the laws."""
-    states: Array
+    states: Real
     """(n, 22)."""
-    slopes: Array
+    slopes: Real
     """(n, 22), their rates of change."""
-    speeds: Array
+    speeds: Real
     """(n, 4), of the dampers, m/s."""
 
     @property
@@ -137,12 +128,12 @@ class Path:
         """Time of the last node, s."""
         return (len(self.states) - 1) * self.step_s
 
-    def motion(self, derivative: int) -> Array:
+    def motion(self, derivative: int) -> Real:
         """Return displacement, speed or acceleration of the degrees of freedom, (n, 7)."""
         return self.slopes[:, 7:14] if derivative == 2 else self.states[:, 7 * derivative :][:, :7]
 
 
-def damper_curve(car: Car, speed: Array, width: float) -> tuple[Array, Array]:
+def damper_curve(car: Car, speed: Real, width: float) -> tuple[Real, Real]:
     """Return force and slope of the axle's curve at the four dampers' speeds, (..., 4) each."""
     force, slope = car.corner[:, C] * speed, car.corner[:, C] + 0.0 * speed
     for j, knot in enumerate(car.knots):
@@ -153,9 +144,13 @@ def damper_curve(car: Car, speed: Array, width: float) -> tuple[Array, Array]:
 
 
 def step_of(cars: Iterable[Car], grade: Grade) -> float:
-    """Return the step of the path that the shortest pre-sliding length of some cars allows, s."""
+    """Return the step of the path that the shortest pre-sliding length of some cars allows, s.
+
+    Friction over less than 0.15 mm needs half the step where its lag is shorter than a suspension
+    at 1 m/s takes for that length.
+    """
     shortest_m = min(float(car.corner[:, LENGTH].min()) for car in cars)
-    needs_half = shortest_m < _SHORT_M and grade.path.lag_s < _SHORT_M / _FAST_M_S
+    needs_half = shortest_m < 0.15e-3 and grade.path.lag_s < 0.15e-3
     return grade.step_s / 2.0 if needs_half else grade.step_s
 
 
@@ -177,7 +172,7 @@ def path_of(
     return Path(step_s, level, states, slopes, speeds) if n_finite == steps + 1 else None
 
 
-def sample(car: Car, path: Path, times_s: Array) -> Path:
+def sample(car: Car, path: Path, times_s: Real) -> Path:
     """Return the path at given times, s, in place of its nodes."""
     states, slopes = np.empty((len(times_s), STATES)), np.empty((len(times_s), STATES))
     speeds = np.empty((len(times_s), 4))
@@ -188,7 +183,7 @@ def sample(car: Car, path: Path, times_s: Array) -> Path:
     return Path(0.0, path.level, states, slopes, speeds)
 
 
-def _car_arrays(car: Car) -> tuple[Array, Array, Array]:
+def _car_arrays(car: Car) -> tuple[Real, Real, Real]:
     """Return what machine code takes of a car: corners, knots, inverse mass of the body."""
     return car.corner, np.array(car.knots), np.asarray(np.linalg.inv(car.mass))
 
@@ -200,17 +195,17 @@ def _car_arrays(car: Car) -> tuple[Array, Array, Array]:
 class Channels:
     """Rows of some channels on the motion, and times of their samples."""
 
-    times_s: Array
+    times_s: Real
     """(n,)."""
     orders: NDArray[np.int64]
     """(channels,) time derivative of the motion."""
-    rows: Array
+    rows: Real
     """(channels, 7) share of each degree of freedom."""
 
 
 def tangents(
     car: Car, path: Path, initial: InitialState, grade: Grade, asked: Sequence[Channels]
-) -> tuple[Array, ...]:
+) -> tuple[Real, ...]:
     """Return the derivatives of what channels see along a path, (times, channels, columns) each.
 
     `asked`: what is asked for, one entry of the result each.  Columns are the run's own unknowns,
@@ -218,12 +213,13 @@ def tangents(
     """
     columns = first_columns(car, initial, grade.path)
     n_own, n_columns = columns.shape[1] - car.d_corner.shape[2], columns.shape[1]
-    nonzero = [np.nonzero(d_corner) for d_corner in car.d_corner]
-    of_corners = (  # as `kernels.linearise` takes them
-        np.cumsum([0, *(len(kinds) for kinds, _ in nonzero)]),
-        np.concatenate([kinds for kinds, _ in nonzero]),
-        *np.divmod(np.concatenate([unknowns + n_own for _, unknowns in nonzero]), LANES),
-        np.concatenate([d[entry] for d, entry in zip(car.d_corner, nonzero, strict=True)]),
+    # Nonzero derivatives of the corners, in their order, as `kernels.linearise` takes them.
+    corner_of_entry, coefficients, unknowns = np.nonzero(car.d_corner)
+    of_corners = (
+        np.searchsorted(corner_of_entry, np.arange(5)),
+        coefficients,
+        *np.divmod(unknowns + n_own, LANES),
+        car.d_corner[corner_of_entry, coefficients, unknowns],
     )
     on_body = np.flatnonzero(car.d_mass.any(axis=(1, 2)) | car.d_pull.any(axis=1))
     of_body = (*np.divmod(on_body + n_own, LANES), car.d_mass[on_body], car.d_pull[on_body])
@@ -262,8 +258,8 @@ def tangents(
 
 
 def _between_nodes(
-    begins_s: NDArray[Any], lengths_s: NDArray[Any], times_s: Array
-) -> tuple[NDArray[np.int64], Array]:
+    begins_s: NDArray[Any], lengths_s: NDArray[Any], times_s: Real
+) -> tuple[NDArray[np.int64], Real]:
     """Return the step of each time, (n,), and weights of the values at its ends, (n, 3, 4).
 
     By time derivative: weights of the value before and after, and of its slope before and after.
@@ -282,7 +278,7 @@ def _between_nodes(
     return step, np.ascontiguousarray(np.array([value, value, slope]).transpose(2, 0, 1))
 
 
-def first_columns(car: Car, initial: InitialState, level: Level) -> Array:
+def first_columns(car: Car, initial: InitialState, level: Level) -> Real:
     """Return the derivatives of a run's first state, (22, own unknowns + free ones)."""
     n_own = STATES if car.has_mount else STATES - 4  # the last 4 are the mounts
     columns = np.eye(STATES, n_own + car.d_corner.shape[2])
@@ -305,14 +301,9 @@ def first_columns(car: Car, initial: InitialState, level: Level) -> Array:
 
 
 def tangent_steps(car: Car, path: Path, grade: Grade) -> tuple[NDArray[np.int64], ...]:
-    """Return first node, length in nodes and level (0 coarse, 1 fine) of each step, (n,) each.
-
-    Fine where a wheel reverses, leaves the road or meets its stop.
-    """
-    n_steps = len(path.states) - 1
-    length = grade.mounted_steps if car.has_mount else grade.tangent_steps
-    fine_length = grade.fine_steps
-    corner, states = car.corner, path.states
+    """Return first node, length in nodes and level (0 coarse, 1 fine) of each step, (n,) each."""
+    corner, states, n_steps = car.corner, path.states, len(path.states) - 1
+    length = 2 if car.has_mount else grade.tangent_steps
     load = tyre_load(states[:, 3:7], corner[:, K_T], corner[:, BETA], corner[:, STATIC])
     signs = [car.travel_speeds(states) > 0.0, load > 0.0]
     if corner[:, K_B].any() or car.d_corner[:, K_B].any():
@@ -321,8 +312,8 @@ def tangent_steps(car: Car, path: Path, grade: Grade) -> tuple[NDArray[np.int64]
     changes = (side_of_event[1:] != side_of_event[:-1]).any(axis=1)
     events = np.add.reduceat(changes, np.arange(0, n_steps, length)) > 0
     events &= grade.coarse != grade.fine
-    counts = np.where(events, length // fine_length, 1)
-    lengths = np.repeat(np.where(events, fine_length, length), counts)
+    counts = np.where(events, length // 2, 1)
+    lengths = np.repeat(np.where(events, 2, length), counts)
     fine = np.repeat(events.astype(np.int64), counts)
     return np.cumsum(lengths) - lengths, lengths, fine
 
@@ -340,10 +331,8 @@ def for_each_run(function: Callable[..., T], *arguments: Iterable[Any]) -> tuple
 
 # A sensor's low-pass ------------------------------------------------------------------------------
 
-_POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 
-
-def filtered(low_pass: LowPass, values: Array, step_s: float, times_s: Array) -> Array:
+def filtered(low_pass: LowPass, values: Real, step_s: float, times_s: Real) -> Real:
     """Return the output of a low-pass that was at rest before.
 
     The filter is a sum of first-order filters, one for each pole, each integrated exactly for an
@@ -356,29 +345,19 @@ def filtered(low_pass: LowPass, values: Array, step_s: float, times_s: Array) ->
     order = np.argsort(times_s, kind="stable")
     flat = np.ascontiguousarray(values).reshape(len(values), -1)
     ordered = np.zeros((len(times_s), flat.shape[1]))
-    for pole, residue, weights in _pole_terms(low_pass, 2.0 * step_s):
-        kernels.filter_pole(flat, 2.0 * step_s, times_s[order], pole, residue, weights, ordered)
+    h, poles = 2.0 * step_s, low_pass.poles
+    points, gauss_weights = np.polynomial.legendre.leggauss(8)
+    s = (points + 1.0) / 2.0  # of the double step
+    # Parabolas that are 1 at its start, its middle and its end.
+    shapes = np.array([(2 * s - 1) * (s - 1), 4 * s * (1 - s), s * (2 * s - 1)])
+    for i in np.flatnonzero(poles.imag >= 0.0):
+        pole = poles[i]
+        weights = shapes @ (np.exp(pole * h * (1.0 - s)) * gauss_weights * h / 2.0)
+        residue = np.prod(-poles) / np.prod(pole - np.delete(poles, i))
+        residue *= 2.0 if pole.imag > 0.0 else 1.0  # with that of the conjugate pole
+        kernels.filter_pole(
+            flat, h, times_s[order], complex(pole), complex(residue), weights, ordered
+        )
     total = np.empty_like(ordered)
     total[order] = ordered
     return total.reshape(len(times_s), *values.shape[1:])
-
-
-def _pole_terms(
-    low_pass: LowPass, h: float
-) -> Iterator[tuple[complex, complex, NDArray[np.complex128]]]:
-    """Yield each pole without its conjugate, its residue for both, and the weights of its input.
-
-    The weights, (3,), are of the input at the start, the middle and the end of a double step of
-    `h` seconds.
-    """
-    s = (_POINTS + 1.0) / 2.0  # of the double step
-    shapes = np.array([(2 * s - 1) * (s - 1), 4 * s * (1 - s), s * (2 * s - 1)])
-    poles = low_pass.poles
-    for i, pole in enumerate(poles):
-        if pole.imag < 0.0:
-            continue
-        others = np.delete(poles, i)
-        residue = np.prod(-poles) / np.prod(pole - others)
-        share = 2.0 if pole.imag > 0.0 else 1.0
-        kernel = np.exp(pole * h * (1.0 - s)) * _WEIGHTS * h / 2.0
-        yield complex(pole), complex(share * residue), shapes @ kernel

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from daq.channels import TIME_DERIVATIVE
 
-from ..decays.decay import FreeDecay, Recording
+from ..decays.decay import ChannelGroup, FreeDecay, Recording
 from ..model.exponentials import low_pass_of
-from ..model.matrices import COMPLEX_STEP, Full, stepped
+from ..model.matrices import COMPLEX_STEP, Full, Real, stepped
 from .car import KNEE_M_S, MOUNT, REACH, Car, Model, car
 from .laws import secant_share
 from .path import (
@@ -31,9 +31,8 @@ from .path import (
 
 # One run: the model's prediction of its samples, and its normal equations -------------------------
 
-_LATE_S = 2e-4
+_STEP_S = 2e-4
 """Step, s, of the derivative of a channel by time."""
-_EARLY_SIGMAS = 4.0
 
 
 @dataclass(frozen=True)
@@ -41,18 +40,21 @@ class Run:
     """A free decay, with all that it needs from the problem."""
 
     decay: FreeDecay
-    weights: tuple[NDArray[np.float64], ...]
+    weights: tuple[Real, ...]
     """Inverse standard deviation of each channel of each recording."""
     early_s: float
     """Time by which the path begins before the window, s, for sensors that may be late."""
 
     @cached_property
-    def bases(self) -> tuple[NDArray[np.float64], ...]:
-        """Orthonormal basis of the channels' own functions in each recording, (n, k)."""
+    def bases(self) -> tuple[Real, ...]:
+        """Orthonormal basis in each recording, (n, k), of an offset and transients of the low-pass.
+
+        Every channel has its own sizes of them.
+        """
         result = []
         for r in self.decay.recordings:
-            own = low_pass_of(r.group.channels[0]).transients(r.time_s)
-            result.append(np.linalg.qr(np.hstack([np.ones((len(r.time_s), 1)), own]))[0])
+            transients = low_pass_of(r.group.channels[0]).transients(r.time_s)
+            result.append(np.linalg.qr(np.hstack([np.ones((len(r.time_s), 1)), transients]))[0])
         return tuple(result)
 
     @property
@@ -63,49 +65,40 @@ class Run:
 
     @property
     def end_s(self) -> float:
-        """Length of the path, s."""
-        last = max(float(r.time_s[-1]) for r in self.decay.recordings)
-        return last + 2.0 * self.early_s + 2e-3
+        """Length of the path, s, with 2 ms to spare."""
+        last_s = max(float(r.time_s[-1]) for r in self.decay.recordings)
+        return last_s + 2.0 * self.early_s + 2e-3
 
 
 def run_of(model: Model, decay: FreeDecay, sigma: Mapping[str, float]) -> Run:
-    """Return a decay ready to be fitted."""
+    """Return a decay ready to be fitted; `sigma`: standard deviation of each channel's noise."""
     weights = tuple(
         np.array([1.0 / sigma[c.name] for c in r.group.channels]) for r in decay.recordings
     )
-    unsure = max((group.delay_sigma_s for group in model.box.groups), default=0.0)
-    return Run(decay, weights, _EARLY_SIGMAS * unsure + 2.0 * _LATE_S * (unsure > 0.0))
+    delay_sigma_s = max((group.delay_sigma_s for group in model.box.groups), default=0.0)
+    early_s = 4.0 * delay_sigma_s + 2.0 * _STEP_S if delay_sigma_s > 0.0 else 0.0
+    return Run(decay, weights, early_s)
 
 
 @dataclass(frozen=True, slots=True)
 class Rows:
     """Output rows of all channels on the seven motions at one point, with their derivatives."""
 
-    rows: Mapping[str, NDArray[np.float64]]
+    rows: Mapping[str, Real]
     """(7,) of each channel."""
-    slopes: Mapping[str, NDArray[np.float64]]
+    slopes: Mapping[str, Real]
     """(F, 7)."""
-    delays_s: NDArray[np.float64]
+    delays_s: Mapping[ChannelGroup, float]
     """Lateness of each clock beyond its nominal one, s."""
-    delay_index: tuple[int | None, ...]
-    """Index of that lateness among the free unknowns; None where it is known."""
 
 
-def rows_of(model: Model, eta: NDArray[np.float64], free: NDArray[np.intp]) -> Rows:
+def rows_of(model: Model, eta: Real, free: NDArray[np.intp]) -> Rows:
     """Return the output rows at `eta`, (P,), and their derivatives by the unknowns at `free`."""
-    points = stepped(eta)[np.concatenate([[0], 1 + free])]
-    motions = model.box.motion_rows(points)
-    box = model.box
-    delay_index = []
-    for i in range(len(box.groups)):
-        position = box.delay_index(i)
-        is_free = position is not None and position in free
-        delay_index.append(int(np.flatnonzero(free == position)[0]) if is_free else None)
+    motions = model.box.motion_rows(stepped(eta)[np.concatenate([[0], 1 + free])])
     return Rows(
         {name: row[0].real for name, row in motions.items()},
         {name: row[1:].imag / COMPLEX_STEP for name, row in motions.items()},
-        box.delays_s(eta),
-        tuple(delay_index),
+        dict(zip(model.box.groups, model.box.delays_s(eta).tolist(), strict=True)),
     )
 
 
@@ -114,19 +107,20 @@ class Predicted:
     """A run's path, and the residuals that it leaves."""
 
     path: Path
-    residuals: tuple[NDArray[np.float64], ...]
-    """Measured less predicted of each recording, (n, channels) in units of sigma; the channels' own
-    functions are projected out."""
+    residuals: tuple[Real, ...]
+    """Measured less predicted of each recording, (n, channels) in units of sigma; offsets and
+    transients are projected out."""
     cost: float
+    """Sum of the squared residuals."""
 
 
-def _path_times(run: Run, rows: Rows, model: Model, r: Recording) -> NDArray[np.float64]:
+def _path_times(run: Run, rows: Rows, r: Recording) -> Real:
     """Return the time on the path, s, at which each sample of a recording was taken, (n,)."""
-    return np.asarray(r.time_s - rows.delays_s[model.box.groups.index(r.group)] + run.early_s)
+    return np.asarray(r.time_s - rows.delays_s[r.group] + run.early_s)
 
 
 def _predicted(
-    model: Model, rows: Rows, step_s: float, grade: Grade, run: Run, car: Car, initial: InitialState
+    rows: Rows, step_s: float, grade: Grade, run: Run, car: Car, initial: InitialState
 ) -> Predicted | None:
     """Return a run's path and residuals; None if the path does not stay finite."""
     path = path_of(car, initial, run.end_s, step_s, grade.path)
@@ -134,42 +128,36 @@ def _predicted(
         return None
     residuals = []
     for r, weight, basis in zip(run.decay.recordings, run.weights, run.bases, strict=True):
-        times_s = _path_times(run, rows, model, r)
-        misfit = (r.values - _values(car, rows, path, r, times_s)) * weight
+        misfit = (r.values - _values(car, rows, path, r, _path_times(run, rows, r))) * weight
         residuals.append(misfit - basis @ (basis.T @ misfit))
     return Predicted(path, tuple(residuals), float(sum(np.sum(e * e) for e in residuals)))
 
 
-def _values(
-    car: Car, rows: Rows, path: Path, r: Recording, times_s: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _values(car: Car, rows: Rows, path: Path, r: Recording, times_s: Real) -> Real:
     """Return what the channels of a recording show at given times of the path, (n, channels)."""
-    low_pass = low_pass_of(r.group.channels[0])
-    if not len(low_pass.poles):
-        return _seen(rows, r, sample(car, path, times_s))
-    return filtered(low_pass, _seen(rows, r, path), path.step_s, times_s)
-
-
-def _seen(rows: Rows, r: Recording, sampled: Path) -> NDArray[np.float64]:
-    """Return what the channels see of a path before their low-pass, (n, channels)."""
-    columns = [
-        sampled.motion(TIME_DERIVATIVE[c.quantity]) @ rows.rows[c.name] for c in r.group.channels
-    ]
-    return np.stack(columns, axis=1)
+    channels = r.group.channels
+    low_pass = low_pass_of(channels[0])
+    has_filter = len(low_pass.poles) > 0
+    sampled = path if has_filter else sample(car, path, times_s)
+    columns = [sampled.motion(TIME_DERIVATIVE[c.quantity]) @ rows.rows[c.name] for c in channels]
+    values = np.stack(columns, axis=1)
+    return filtered(low_pass, values, path.step_s, times_s) if has_filter else values
 
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """Normal equations of one run: its own unknowns, then the free ones of the car."""
+    """Normal equations of one run: its own unknowns, then the free ones of the car.
 
-    A: NDArray[np.float64]
-    B: NDArray[np.float64]
-    C: NDArray[np.float64]
-    """`A`, `B`, `C`: normal matrix of the own, of own by free, and of the free unknowns."""
-    own: NDArray[np.float64]
-    shared: NDArray[np.float64]
-    """`own`, `shared`: right-hand side of the own and of the free unknowns."""
-    jacobian: tuple[NDArray[np.float64], ...]
+    `A`, `B`, `C`: normal matrix of the own, of own by free, and of the free unknowns.  `own`,
+    `shared`: right-hand side of the own and of the free unknowns.
+    """
+
+    A: Real
+    B: Real
+    C: Real
+    own: Real
+    shared: Real
+    jacobian: tuple[Real, ...]
     """Jacobian of each recording, (n, channels, own + free), in units of sigma."""
 
 
@@ -184,25 +172,21 @@ _FLOOR, _FLOOR_SD = 0.02, 0.01
 counts."""
 
 
-def too_flat(
-    model: Model, eta: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return by how much each segment of the dampers' curves is flatter than the floor.
+def too_flat(model: Model, eta: Real) -> tuple[Real, Real]:
+    """Return by how much each segment of the dampers' curves is flatter than the floor, (S,).
 
-    `eta`: (P,).  Returns (segments,) float64, front first, in units of the floor's deviation,
-    negative where a segment is steeper; and its fall per unit of each unknown, (segments, P).
-    Negative values cost nothing.
+    In units of the floor's deviation, front first; negative values, of steeper segments, cost
+    nothing.  Then the fall of each per unit of each unknown, (S, P).  `eta`: (P,).
     """
     element = model.element_values(stepped(eta))
     full = model.box.full(stepped(eta))
     knots = np.array(model.knots)
-    # A knot acts at all speeds beyond it, outwards from rest; a knot at 0 acts in compression.
     edges = np.union1d(knots, [0.0])
     middles = 0.5 * (edges[1:] + edges[:-1])
-    speeds = np.concatenate([[edges[0] - 1.0], middles, [edges[-1] + 1.0]])
-    slope_by_change = np.where(knots < 0.0, speeds[:, None] < knots, speeds[:, None] > knots)
-    of_secant = np.array([secant_share(knot, KNEE_M_S) for knot in model.knots])
-    slope_by_change = slope_by_change - of_secant
+    speeds = np.concatenate([[edges[0] - 1.0], middles, [edges[-1] + 1.0]])[:, None]  # (S, 1)
+    # A knot acts at all speeds beyond it, outwards from rest; a knot at 0 acts in compression.
+    slope_by_change = np.where(knots < 0.0, speeds < knots, speeds > knots)  # (S, knots)
+    slope_by_change = slope_by_change - [secant_share(knot, KNEE_M_S) for knot in model.knots]
     relative_slopes = []
     for axle, left_damper in (("f", Full.C_S), ("r", Full.C_S + 2)):
         c_s = 0.5 * (full[:, left_damper] + full[:, left_damper + 1])
@@ -220,9 +204,6 @@ where there is no friction, and biases none.  Most suspensions move as the decay
 share is -1 or 1; a prior of 1 about zero pulled all shares inwards, and moved wheels and tyres by
 one of their standard deviations."""
 
-Terms = tuple[NDArray[np.float64], NDArray[np.float64]]
-"""Known values less those predicted by the unknowns, and the slopes of the latter, in sigmas."""
-
 
 @dataclass(frozen=True)
 class Problem:
@@ -230,24 +211,20 @@ class Problem:
 
     model: Model
     runs: tuple[Run, ...]
-    centre: NDArray[np.float64]
+    centre: Real
     """(P,) mean of each prior."""
-    prior: NDArray[np.float64]
+    prior: Real
     """(P,) its standard deviation; infinite where there is none."""
     free: NDArray[np.intp]
     """(F,) positions of the unknowns that are fitted."""
 
-    def releasing(self, free: NDArray[np.intp]) -> Problem:
-        """Return the problem with other free unknowns."""
-        return replace(self, free=free)
-
-    def fact_terms(self, eta: NDArray[np.float64]) -> Terms:
-        """Return misfits, (n,), of the facts, and slopes, (n, F)."""
+    def fact_terms(self, eta: Real) -> tuple[Real, Real]:
+        """Return stated less predicted value of each fact, (n,), in sigmas, and slopes, (n, F)."""
         misfits, slopes = self.model.fact_misfits(eta)
         return misfits, slopes[:, self.free]
 
-    def prior_terms(self, eta: NDArray[np.float64]) -> Terms:
-        """Return misfits and slopes of the priors, and of damper curves that would fall."""
+    def prior_terms(self, eta: Real) -> tuple[Real, Real]:
+        """Return the same of the priors, and of damper curves that would fall."""
         inverse_sigma = 1.0 / self.prior[self.free]
         misfits = (self.centre - eta)[self.free] * inverse_sigma
         lacks, lifts = self.curve_terms(eta)
@@ -255,13 +232,13 @@ class Problem:
         slopes = np.vstack([np.diag(inverse_sigma), lifts[flat]])
         return np.concatenate([misfits, lacks[flat]]), slopes
 
-    def curve_terms(self, eta: NDArray[np.float64]) -> Terms:
+    def curve_terms(self, eta: Real) -> tuple[Real, Real]:
         """Return the lack of slope of each segment of damper curves, (S,), and its fall, (S, F)."""
         lacks, lifts = too_flat(self.model, eta)
         return lacks, lifts[:, self.free]
 
     @property
-    def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def bounds(self) -> tuple[Real, Real]:
         """Lowest and highest value of each free unknown."""
         low, high = np.full(len(self.centre), -np.inf), np.full(len(self.centre), np.inf)
         for i, e in enumerate(self.model.elements, start=self.model.n_linear):
@@ -269,7 +246,7 @@ class Problem:
         return low[self.free], high[self.free]
 
     @property
-    def reach(self) -> NDArray[np.float64]:
+    def reach(self) -> Real:
         """Largest change of each free unknown in one step of a fit, (F,)."""
         reach = np.full(len(self.centre), REACH)
         reach[self.model.n_linear :] = [e.reach for e in self.model.elements]
@@ -281,7 +258,7 @@ class Point:
     """The problem at one point; its blocks are made on demand."""
 
     problem: Problem
-    eta: NDArray[np.float64]
+    eta: Real
     initials: tuple[InitialState, ...]
     cars: tuple[Car, ...]
     """Car of each run's mass state."""
@@ -310,13 +287,13 @@ class Normal:
     """Normal equations at a point."""
 
     blocks: tuple[Block, ...]
-    shared: NDArray[np.float64]
+    shared: Real
     """(F, F) normal matrix of facts and priors alone."""
-    right: NDArray[np.float64]
+    right: Real
     """(F,) right-hand side of facts and priors alone."""
-    lacks: NDArray[np.float64]
+    lacks: Real
     """Lack of slope of each segment of the damper curves, (S,); negative for steep segments."""
-    lifts: NDArray[np.float64]
+    lifts: Real
     """Fall of these lacks per unit of each unknown, (S, F)."""
 
     def holding(self, flat: NDArray[np.bool_]) -> Normal:
@@ -334,7 +311,7 @@ class Normal:
 
 
 def point(
-    problem: Problem, eta: NDArray[np.float64], initials: tuple[InitialState, ...], grade: Grade
+    problem: Problem, eta: Real, initials: tuple[InitialState, ...], grade: Grade
 ) -> Point | None:
     """Return the problem at `eta`, (P,); None if a path does not stay finite."""
     model = problem.model
@@ -343,23 +320,23 @@ def point(
     cars = {name: car(model, eta, state, problem.free) for name, state in states.items()}
     rows = rows_of(model, eta, problem.free)
     cars_of_runs = tuple(cars[run.decay.mass_state] for run in problem.runs)
-    predict = partial(_predicted, model, rows, step_of(cars.values(), grade), grade)
-    predictions = for_each_run(predict, problem.runs, cars_of_runs, initials)
-    predicted = tuple(one for one in predictions if one is not None)
-    if len(predicted) < len(predictions):
+    predict = partial(_predicted, rows, step_of(cars.values(), grade), grade)
+    of_runs = for_each_run(predict, problem.runs, cars_of_runs, initials)
+    predicted = tuple(of_run for of_run in of_runs if of_run is not None)
+    if len(predicted) < len(of_runs):
         return None
-    cost = sum(one.cost for one in predicted)
+    cost = sum(of_run.cost for of_run in predicted)
     cost += sum(float(x0.friction @ x0.friction) / _FRICTION_PRIOR**2 for x0 in initials)
-    for vehicle, initial in zip(cars_of_runs, initials, strict=True):
+    for vehicle, x0 in zip(cars_of_runs, initials, strict=True):
         if vehicle.has_mount:
-            cost += float(np.sum((initial.mount / _mount_sd(vehicle)) ** 2))
+            cost += float(np.sum((x0.mount / _mount_sd(vehicle)) ** 2))
     for misfits, _ in (problem.fact_terms(eta), problem.prior_terms(eta)):
         cost += float(misfits @ misfits)
     return Point(problem, eta, initials, cars_of_runs, rows, predicted, cost, grade)
 
 
-def _mount_sd(car: Car) -> NDArray[np.float64]:
-    # The mount's first deflection beyond its force has a deviation of 5e8 sigma^2, m.
+def _mount_sd(car: Car) -> Real:
+    """Return the deviation of the mounts' first deflection beyond that of their force, (4,) m."""
     return np.maximum(5e8 * car.corner[:, MOUNT] ** 2, 1e-9)
 
 
@@ -369,7 +346,7 @@ def _block(at: Point, run: Run, car: Car, initial: InitialState, predicted: Pred
     size = jacobian[0].shape[2]
     n_own = size - len(at.problem.free)
     normal, right = np.zeros((size, size)), np.zeros(size)
-    with np.errstate(over="ignore", invalid="ignore"):  # `finite` says so
+    with np.errstate(over="ignore", invalid="ignore"):  # `Normal.finite` tells
         for J, residuals in zip(jacobian, predicted.residuals, strict=True):
             rows = J.reshape(-1, size)
             normal += rows.T @ rows
@@ -388,11 +365,9 @@ def _block(at: Point, run: Run, car: Car, initial: InitialState, predicted: Pred
     )  # fmt: skip
 
 
-def _jacobian(
-    at: Point, run: Run, car: Car, initial: InitialState, path: Path
-) -> tuple[NDArray[np.float64], ...]:
+def _jacobian(at: Point, run: Run, car: Car, initial: InitialState, path: Path) -> tuple[Real, ...]:
     """Return the derivatives of each recording, (n, channels, own + free), in units of sigma."""
-    model, rows = at.problem.model, at.rows
+    model, rows, free = at.problem.model, at.rows, at.problem.free
     filter_grid_s = np.arange(0.0, path.end_s + 1e-9, at.grade.filter_s)
     n_odd = len(filter_grid_s) - (len(filter_grid_s) + 1) % 2  # as `filtered` takes them
     filter_grid_s = filter_grid_s[:n_odd]
@@ -401,28 +376,29 @@ def _jacobian(
         has_filter = len(low_pass_of(r.group.channels[0]).poles) > 0
         orders = np.array([TIME_DERIVATIVE[channel.quantity] for channel in r.group.channels])
         of_motion = np.stack([rows.rows[channel.name] for channel in r.group.channels])
-        times_s = filter_grid_s if has_filter else _path_times(run, rows, model, r)
+        times_s = filter_grid_s if has_filter else _path_times(run, rows, r)
         of_recordings.append(Channels(times_s, orders, of_motion))
     result = []
     for r, weight, basis, channels, J in zip(
         run.decay.recordings, run.weights, run.bases, of_recordings,
         tangents(car, path, initial, at.grade, of_recordings), strict=True,
     ):  # fmt: skip
-        n_own = J.shape[2] - len(at.problem.free)
+        n_own = J.shape[2] - len(free)
+        times_s = _path_times(run, rows, r)
         sampled = sample(car, path, channels.times_s)
+        # A place or a gain changes what a channel sees of the motion.
         for c, channel in enumerate(r.group.channels):
             row_unknowns = np.flatnonzero(rows.slopes[channel.name].any(axis=1))
             motion = sampled.motion(int(channels.orders[c]))
             J[:, c, n_own + row_unknowns] += motion @ rows.slopes[channel.name][row_unknowns].T
         if channels.times_s is filter_grid_s:
-            low_pass = low_pass_of(r.group.channels[0])
-            J = filtered(low_pass, J, at.grade.filter_s, _path_times(run, rows, model, r))
-        delay_index = rows.delay_index[model.box.groups.index(r.group)]
-        if delay_index is not None:
-            times_s = _path_times(run, rows, model, r)
-            both_s = np.concatenate([times_s + _LATE_S, times_s - _LATE_S])
+            J = filtered(low_pass_of(r.group.channels[0]), J, at.grade.filter_s, times_s)
+        position_of_delay = model.box.delay_index(model.box.groups.index(r.group))
+        if position_of_delay is not None and position_of_delay in free:
+            both_s = np.concatenate([times_s + _STEP_S, times_s - _STEP_S])
             later, earlier = np.split(_values(car, rows, path, r, both_s), 2)
-            J[:, :, n_own + delay_index] -= (later - earlier) / (2.0 * _LATE_S)
+            by_delay = n_own + int(np.flatnonzero(free == position_of_delay)[0])
+            J[:, :, by_delay] -= (later - earlier) / (2.0 * _STEP_S)
         J *= weight[:, None]
         columns = J.reshape(len(J), -1)
         columns -= basis @ (basis.T @ columns)

@@ -11,11 +11,13 @@ from threadpoolctl import threadpool_limits
 
 from daq.vehicle import Structure
 
-from ..decays.decay import FreeDecay, Record, decay_start_s
+from ..decays.decay import FreeDecay, decay_start_s
 from ..fit.estimation import Estimation, basin, floored, rough_noise
-from ..fit.grey_box import SIGNED, GreyBox
+from ..fit.grey_box import SIGNED
 from ..fit.likelihood import FACTS, PRIORS, Fit, Residuals
+from ..fit.uncertainty import Estimate
 from ..fit.varpro import NormalBlock
+from ..model.matrices import Real
 from .begin import LENGTHS, initial_states_of, is_impossible, scaled_to_vehicle
 from .car import KNOTS, Model, elements
 from .fit import Clock, Optimum, inverse, scatter, widened
@@ -24,25 +26,19 @@ from .path import POLISH, InitialState
 from .problem import Point, Problem, point, run_of
 from .release import GROUPS, Attempt, moved_by_beginnings, release
 
-_SEARCH_RATE_HZ = 250.0
-_START_RATE_HZ = 125.0
+_SEARCH_RATE_HZ, _START_RATE_HZ = 250.0, 125.0
 """Rates of the samples, Hz, of the search and of the linear fit from which it starts."""
-
 _ATTEMPTS = ((0.0, 0.0, 0), (0.0, 0.15, 1), (0.15, 0.15, 0), (0.25, 0.25, 0))
 """Attempts: time after the beginning of the decays, s, from which they are fitted; the same for the
 linear start; index of the generic vehicle that replaces an impossible linear start.  In the first
 tenths of a second wheels may leave the ground and stops be touched: one car of 400 kg started at
 chi2/n 1700 with wheels twice too heavy, and 0.15 s later with all but its dampers within 25 %.
 Wheels are known by little else than that time."""
-
 _LAWS_ALIKE, _LAWS_EACH, _LAWS_LENGTHS = 0.013, 0.007, 0.003
 """Relative standard deviations by which the laws of the elements, which are not quite a car's, may
 move what decays say: of all masses, inertias, springs and dampers alike, of each of them, and of
 each length.  No residual shows it: a stop, a damper or a friction of another form leaves residuals
-as white as the noise.  Of 15 such cars 95 % of the intervals hold with it, 73 % without; of
-24 with scales and tape 97 %."""
-
-Log = Callable[[str], None]
+as white as the noise.  Of 15 such cars 95 % of the intervals hold with it, 73 % without."""
 
 
 @dataclass(frozen=True)
@@ -57,9 +53,9 @@ class RealCar:
 
 def real_car(
     linear: Estimation,
-    vehicles: Sequence[NDArray[np.float64]],
+    vehicles: Sequence[Real],
     decided: Mapping[str, bool],
-    log: Log,
+    log: Callable[[str], None],
     most_s: float = 45.0,
 ) -> RealCar | None:
     """Fit the rich model to the decays of an estimation that does not hold.
@@ -68,52 +64,54 @@ def real_car(
     `[vehicle.structure]` forces or forbids.  `log`: receives a line for each stage.  `most_s`:
     processor time of search and polish, s.  Returns None where the search finds no finite path.
     """
-    records, rest = linear.records, linear.rest
+    records = linear.records
     start_s = np.array([decay_start_s(record) for record in records])
     decays = tuple(r.decay(float(s)) for r, s in zip(records, start_s, strict=True))
-    sigma = floored(rest or rough_noise(decays), decays)
-    model, simple = _models(linear.box, decided)
-    few_samples = tuple(thinned(record) for record in records)
-    generic = [simple.unknowns(theta) for theta in vehicles]
+    sigma = floored(linear.rest or rough_noise(decays), decays)
+    symmetric, bars = linear.box.structure.symmetric, decided.get("anti_roll_bars", True)
+    tyre_damping, cg_offset = (decided.get(name, True) for name in ("tyre_damping", "cg_offset"))
+    # Attempts start from a linear fit with bars, but without tyre damping and offset of the CG.
+    start_box = linear.box.with_structure(Structure(symmetric, bars, False, False))
+    rich = Structure(symmetric, bars, tyre_damping, cg_offset)
+    model = Model(replace(linear.box.with_structure(rich), lifts=True), KNOTS["K3"])
+    few_samples = tuple(
+        replace(record, recordings=tuple(r.thinned(_START_RATE_HZ) for r in record.recordings))
+        for record in records
+    )
+    generic_etas = [start_box.unknowns(vehicle) for vehicle in vehicles]
 
     def attempts() -> Iterator[Attempt]:
-        for skipped_s, linear_s, which in _ATTEMPTS:
-            linear_eta = basin(simple, few_samples, rest, start_s + linear_s, generic)
-            sized_eta = scaled_to_vehicle(simple, linear_eta, vehicles)
-            is_useless = is_impossible(simple, sized_eta, vehicles)
-            start_eta = generic[which] if is_useless else sized_eta
-            full = simple.full(start_eta.astype(complex)).real
-            eta = model.unknowns(model.box.unknowns_of(full))
+        for skipped_s, linear_s, i_vehicle in _ATTEMPTS:
+            near = basin(start_box, few_samples, linear.rest, start_s + linear_s, generic_etas)
+            start_eta = scaled_to_vehicle(start_box, near, vehicles)
+            if is_impossible(start_box, start_eta, vehicles):
+                start_eta = generic_etas[i_vehicle]
+            full = start_box.full(start_eta.astype(complex)).real
             starts_s = (start_s + skipped_s).tolist()
-            own_decays = [r.decay(s) for r, s in zip(records, starts_s, strict=True)]
+            whole = [r.decay(s) for r, s in zip(records, starts_s, strict=True)]
             yield Attempt(
-                runs=tuple(run_of(model, decay, sigma) for decay in own_decays),
-                searched=tuple(run_of(model, beginning_of(d), sigma) for d in own_decays),
-                eta=eta,
+                runs=tuple(run_of(model, decay, sigma) for decay in whole),
+                searched=tuple(run_of(model, beginning_of(decay), sigma) for decay in whole),
+                eta=model.unknowns(model.box.unknowns_of(full)),
                 sigma=sigma,
                 skipped_s=skipped_s,
             )
 
     clock = Clock(most_s)
     with threadpool_limits(1, "blas"):  # the runs of a fit share the processors instead
-        found = release(model, attempts(), lambda name: decided.get(name, True), log, clock)
-    if found is None:
+        released = release(model, attempts(), lambda name: decided.get(name, True), log, clock)
+    if released is None:
         return None
-    best, chosen = found
+    best, groups = released
     fitted, moved = best.point.problem, np.zeros(len(best.point.problem.free))
     if any(run.decay.start_s > d.start_s for run, d in zip(fitted.runs, decays, strict=True)):
         beginnings = tuple(beginning_of(decay) for decay in decays)
         runs = tuple(run_of(fitted.model, decay, sigma) for decay in beginnings)
         initials = initial_states_of(fitted.model, best.eta, beginnings, sigma)
         moved = moved_by_beginnings(best, runs, initials, clock)
-    result = _result(linear, best, chosen, sigma, decided, moved)
+    result = _result(linear, best, groups, sigma, decided, moved)
     unreached = tuple(clock.unreached)
     return replace(result, estimation=replace(result.estimation, unreached=unreached))
-
-
-def thinned(record: Record) -> Record:
-    """Return a record with only the samples that the linear start needs."""
-    return replace(record, recordings=tuple(r.thinned(_START_RATE_HZ) for r in record.recordings))
 
 
 def beginning_of(decay: FreeDecay) -> FreeDecay:
@@ -122,73 +120,66 @@ def beginning_of(decay: FreeDecay) -> FreeDecay:
     return replace(decay, recordings=first).thinned(_SEARCH_RATE_HZ)
 
 
-def _models(box: GreyBox, decided: Mapping[str, bool]) -> tuple[Model, GreyBox]:
-    """Return the rich model, and the linear one with bars from which it starts."""
-    symmetric, bars = box.structure.symmetric, decided.get("anti_roll_bars", True)
-    tyre_damping, cg_offset = (decided.get(name, True) for name in ("tyre_damping", "cg_offset"))
-    rich = Structure(symmetric, bars, tyre_damping, cg_offset)
-    simple = Structure(symmetric, bars, tyre_damping=False, cg_offset=False)
-    model = Model(replace(box.with_structure(rich), lifts=True), KNOTS["K3"])
-    return model, box.with_structure(simple)
-
-
 def _result(
     linear: Estimation,
     best: Optimum,
-    chosen: tuple[str, ...],
+    groups: tuple[str, ...],
     sigma: dict[str, float],
     decided: Mapping[str, bool],
-    moved: NDArray[np.float64],
+    moved: Real,
 ) -> RealCar:
-    """Return estimation and forces at an optimum; `moved`: by the beginnings left out, (F,)."""
+    """Return estimation and forces at an optimum.
+
+    `groups`: those of elements that are in it.  `moved`: by how much the free unknowns move with
+    beginnings that were left out, (F,).
+    """
     at, problem = best.point, best.point.problem
     model, free = problem.model, problem.free
     residuals = residuals_of(at)
-    squares = sum(
-        float(values @ values) / sigma[name] ** 2
-        for of_run in residuals
-        for name, values in of_run.values.items()
-    )
     freedom = sum(sum(of_run.freedom.values()) for of_run in residuals) - len(free)
-    chi2 = squares / freedom
-    covariance = inverse(best.information)
+    chi2 = sum(of_run.chi2(sigma) for of_run in residuals) / freedom
+    by_noise = covariance = inverse(best.information)
     # Two standard deviations above 1 the intervals follow the scatter of the scores.
     if chi2 - 1.0 > 2.0 * float(np.sqrt(2.0 / freedom)):
         covariance = widened(covariance, scatter(at))
     # Scales and tape are not off with the laws: they keep what the decays say near the truth.
     _, facts = problem.fact_terms(at.eta)
-    decays_share = inverse(best.information) @ (best.information - facts.T @ facts)
-    laws = decays_share @ laws_covariance(model, free) @ decays_share.T + np.outer(moved, moved)
+    by_decays = by_noise @ (best.information - facts.T @ facts)
+    laws = by_decays @ laws_covariance(model, free) @ by_decays.T + np.outer(moved, moved)
     covariance = covariance + laws
-    shown = np.union1d(np.arange(model.n_linear), free)
-    index_of_free = np.searchsorted(shown, free)
-    of_shown, laws_of_shown = np.zeros((2, len(shown), len(shown)))
-    of_shown[np.diag_indices(len(shown))] = np.inf
-    of_shown[np.ix_(index_of_free, index_of_free)] = covariance
-    laws_of_shown[np.ix_(index_of_free, index_of_free)] = laws
+    reported = np.union1d(np.arange(model.n_linear), free)
+    index_of_free = np.ix_(*[np.searchsorted(reported, free)] * 2)
+    covariance_of_reported, laws_of_reported = np.zeros((2, len(reported), len(reported)))
+    covariance_of_reported[np.diag_indices(len(reported))] = np.inf
+    covariance_of_reported[index_of_free] = covariance
+    laws_of_reported[index_of_free] = laws
     initials = {r.decay.label: x0 for r, x0 in zip(problem.runs, at.initials, strict=True)}
-    engine = NonlinearEngine(problem, at.eta, initials, shown)
-    blocks = engine.parts(at)
-    information = {label: block.information for label, block in blocks.items()}
-    fit = Fit(at.eta[shown], of_shown, best.cost, information, best.iterations, best.converged)
+    engine = NonlinearEngine(problem, at.eta, initials, reported)
     estimation = Estimation(
         box=model.box,
         records=linear.records,
-        fit=fit,
+        fit=Fit(
+            eta=at.eta[reported],
+            covariance=covariance_of_reported,
+            cost=best.cost,
+            information={label: b.information for label, b in engine.parts(at).items()},
+            iterations=best.iterations,
+            converged=best.converged,
+        ),
         decays=tuple(run.decay for run in problem.runs),
         sigma=sigma,
         rest=linear.rest,
         residuals=residuals,
         chi2_per_n=chi2,
         nonlinear=engine,
-        laws=laws_of_shown,
+        laws=laws_of_reported,
     )
     values = element_estimates(best, covariance)
-    choices = _choices(best, covariance, chosen, chi2, freedom, decided)
+    choices = _choices(best, by_noise, values, groups, chi2, freedom, decided)
     return RealCar(estimation, Forces(axle_forces(best, covariance, values), choices))
 
 
-def laws_covariance(model: Model, free: NDArray[np.intp]) -> NDArray[np.float64]:
+def laws_covariance(model: Model, free: NDArray[np.intp]) -> Real:
     """Return what the errors of the laws add to the covariance of the free unknowns, (F, F).
 
     It is zero for bars, tyre damping and offsets, whose unknown is no logarithm.
@@ -204,24 +195,23 @@ def laws_covariance(model: Model, free: NDArray[np.intp]) -> NDArray[np.float64]
 
 def _choices(
     best: Optimum,
-    covariance: NDArray[np.float64],
-    chosen: tuple[str, ...],
+    covariance: Real,
+    values: Mapping[str, Estimate],
+    groups: tuple[str, ...],
     chi2: float,
     freedom: float,
     decided: Mapping[str, bool],
 ) -> tuple[ElementChoice, ...]:
-    """Return what each group explains: the rise of the cost without it, by its covariance.
+    """Return what each group explains: the rise of the cost without it, by the noise's covariance.
 
     The part of a group (both axles, the front, the rear) that shows it best is reported.
     """
     problem = best.point.problem
     model = problem.model
-    values = element_estimates(best, covariance)
-    plain = inverse(best.information)
     result = []
     for group in GROUPS:
         members = [n for n in group.members(model) if n in values]
-        if group.name not in chosen or not members:
+        if group.name not in groups or not members:
             continue
         # A length, a speed or a gap does not count: it has a prior, and no value at which its
         # element is absent.
@@ -232,7 +222,7 @@ def _choices(
             indices = [index_of[n] for n in part]
             x = best.eta[problem.free[indices]]
             is_possible = bool((x > 0.0).all()) or not group.positive
-            rise = float(x @ inverse(plain[np.ix_(indices, indices)]) @ x)  # of cost without it
+            rise = float(x @ inverse(covariance[np.ix_(indices, indices)]) @ x)
             gain = rise / max(1.0, chi2) if is_possible else 0.0
             tests.append((gain, len(part) * float(np.log(freedom))))
         gain, threshold = max(tests, key=lambda test: test[0] - test[1])
@@ -242,19 +232,19 @@ def _choices(
     return tuple(result)
 
 
-# Gives the nonlinear fit the interface of the linear one: shares and residuals of runs ------------
+# Gives the nonlinear fit the interface of the linear one ------------------------------------------
 
 
 @dataclass(frozen=True)
 class NonlinearEngine:
-    """The fitted problem, with shares and residuals as those of the linear engine."""
+    """The fitted problem, with normal blocks and residuals as those of the linear engine."""
 
     problem: Problem
-    eta: NDArray[np.float64]
+    eta: Real
     """(P,) all unknowns at the optimum."""
     initials: Mapping[str, InitialState]
     """Initial state of each run, by its label."""
-    shown: NDArray[np.intp]
+    reported: NDArray[np.intp]
     """Positions, among all, of the unknowns of a `Fit`."""
 
     @property
@@ -262,43 +252,39 @@ class NonlinearEngine:
         """Position among the unknowns of a `Fit` of each element with a size: knees have none."""
         sized = {e.name for e in elements(()) if not e.logarithmic}
         names = self.problem.model.names
-        shown = [names[i] for i in self.shown.tolist()]
-        return {name: place for place, name in enumerate(shown) if name in sized}
+        reported = enumerate(names[i] for i in self.reported.tolist())
+        return {name: position for position, name in reported if name in sized}
 
     def normal_blocks(
-        self, decays: tuple[FreeDecay, ...], sigma: Mapping[str, float], eta: NDArray[np.float64]
+        self, decays: tuple[FreeDecay, ...], sigma: Mapping[str, float], eta: Real
     ) -> dict[str, NormalBlock]:
-        """Return what each decay, the facts and the priors contribute at the shown unknowns."""
+        """Return what each decay, the facts and the priors contribute at the reported unknowns."""
         return self.parts(self._at(decays, sigma, eta))
 
     def residuals(
-        self, decays: tuple[FreeDecay, ...], sigma: Mapping[str, float], eta: NDArray[np.float64]
+        self, decays: tuple[FreeDecay, ...], sigma: Mapping[str, float], eta: Real
     ) -> tuple[Residuals, ...]:
-        """Return the residuals of each decay at the shown unknowns."""
+        """Return the residuals of each decay at the reported unknowns."""
         return residuals_of(self._at(decays, sigma, eta))
 
-    def fact_misfits(
-        self, eta: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def fact_misfits(self, eta: Real) -> tuple[Real, Real]:
         """Return measured less predicted value of each fact in sigmas, and the latter's slopes."""
-        misfits, slopes = self.problem.model.fact_misfits(self._every(eta))
-        return misfits, slopes[:, self.shown]
+        misfits, slopes = self.problem.model.fact_misfits(self._all_unknowns(eta))
+        return misfits, slopes[:, self.reported]
 
-    def _every(self, eta: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return all unknowns, (P,), with those shown at `eta`."""
-        full_eta = self.eta.copy()
-        full_eta[self.shown] = eta
-        return full_eta
+    def _all_unknowns(self, eta: Real) -> Real:
+        """Return all unknowns, (P,), with those reported at `eta`."""
+        result = self.eta.copy()
+        result[self.reported] = eta
+        return result
 
     def parts(self, at: Point) -> dict[str, NormalBlock]:
         """Return what each decay, the facts and the priors contribute at a point."""
         problem = at.problem
-        index = np.searchsorted(self.shown, problem.free)
-        size = len(self.shown)
+        index = np.searchsorted(self.reported, problem.free)
+        size = len(self.reported)
 
-        def over_shown(
-            cost: float, matrix: NDArray[np.float64], right: NDArray[np.float64]
-        ) -> NormalBlock:
+        def of_reported(cost: float, matrix: Real, right: Real) -> NormalBlock:
             H, g = np.zeros((size, size)), np.zeros(size)
             H[np.ix_(index, index)], g[index] = matrix, right
             return NormalBlock(cost, H, g)
@@ -307,25 +293,20 @@ class NonlinearEngine:
         for name, terms in ((FACTS, problem.fact_terms), (PRIORS, problem.prior_terms)):
             misfits, slopes = terms(at.eta)
             cost = float(misfits @ misfits)
-            result[name] = over_shown(cost, slopes.T @ slopes, slopes.T @ misfits)
+            result[name] = of_reported(cost, slopes.T @ slopes, slopes.T @ misfits)
         for run, b, predicted in zip(problem.runs, at.normal.blocks, at.predicted, strict=True):
             X = b.B.T @ inverse(b.A)  # eliminates the run's own unknowns
             matrix, right = b.C - X @ b.B, b.shared - X @ b.own
-            result[run.decay.label] = over_shown(predicted.cost, matrix, right)
+            result[run.decay.label] = of_reported(predicted.cost, matrix, right)
         return result
 
-    def _at(
-        self, decays: tuple[FreeDecay, ...], sigma: Mapping[str, float], eta: NDArray[np.float64]
-    ) -> Point:
-        """Return the point of some decays at the shown unknowns, with the best initial states."""
-        full_eta = self._every(eta)
-        problem = Problem(
-            self.problem.model,
-            tuple(run_of(self.problem.model, decay, sigma) for decay in decays),
-            self.problem.centre, self.problem.prior, self.problem.free,
-        )  # fmt: skip
+    def _at(self, decays: tuple[FreeDecay, ...], sigma: Mapping[str, float], eta: Real) -> Point:
+        """Return the point of some decays at reported unknowns, with the best initial states."""
+        all_eta = self._all_unknowns(eta)
+        runs = tuple(run_of(self.problem.model, decay, sigma) for decay in decays)
+        problem = replace(self.problem, runs=runs)
         initials = tuple(self.initials[decay.label] for decay in decays)
-        at = point(problem, full_eta, initials, POLISH)
+        at = point(problem, all_eta, initials, POLISH)
         if at is None:
             raise FloatingPointError("the path of a run is not finite at these unknowns")
         for _ in range(4):  # Gauss-Newton steps: the initial states of runs are nearly linear
@@ -335,7 +316,7 @@ class NonlinearEngine:
             if gain < 0.01 * len(initials):
                 break
             initials = tuple(x0.moved(step) for x0, step in zip(at.initials, steps, strict=True))
-            trial = point(problem, full_eta, initials, POLISH)
+            trial = point(problem, all_eta, initials, POLISH)
             if trial is None or trial.cost > at.cost:
                 break
             at = trial
@@ -348,7 +329,7 @@ def residuals_of(at: Point) -> tuple[Residuals, ...]:
     for run, predicted, block in zip(at.problem.runs, at.predicted, at.normal.blocks, strict=True):
         n_own = len(block.A)
         inverse_A = inverse(block.A)
-        values: dict[str, NDArray[np.float64]] = {}
+        values: dict[str, Real] = {}
         freedom: dict[str, float] = {}
         of_recordings = (predicted.residuals, run.weights, run.bases, block.jacobian)
         for r, misfits, weight, basis, J in zip(run.decay.recordings, *of_recordings, strict=True):

@@ -1,13 +1,12 @@
 """Finds the fault of the bench that explains a misfit, and judges the fit with it.
 
-One loop asks the searches of a table in turn, the surest first.  A search fits the decays again
-under another description, or parts of them, and that must explain nearly all of the misfit.  All
-gates together give the verdict, and what survives of the parameters.
+One loop asks searches in turn, the surest first.  A search fits the decays again under another
+description, or parts of them, and that must explain nearly all of the misfit.  All gates together
+give the verdict, and what survives of the parameters.
 
 Every cause whose size was estimated implies a change of each parameter.  A parameter survives if
 none of the causes that may still be true moves it by more than its standard deviation: with noise
-and cause together it then still lies within three of them.  (With half of the 95 % interval as the
-limit, survivors of the stress list had errors of four standard deviations.)
+and cause together it then still lies within three of them.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ from daq.runs import longest_gap_s
 from daq.sessions import Session
 from dbc.words import Finding, Severity, counted
 
-from ..decays.decay import FreeDecay, Record, decay_start_s, onset_s
+from ..decays.decay import FreeDecay, Record, by_channel, decay_start_s, onset_s
 from ..fit.estimation import Estimation, generic_vehicles
 from ..fit.grey_box import SIGNED
 from ..fit.likelihood import HOLD, LinearEngine
@@ -66,42 +65,16 @@ from .trials import (
     wrong_weight,
 )
 
-_FEWEST_CHANNELS = 3
-"""Least number of channels of which one can be wrong."""
-_SUSPECTED = 3
-"""Number of channels whose gain is suspected that are left out in turn."""
 _CLEARS = 0.9
-"""Share of the misfit that must disappear without a channel to call it wrong, and above which no
-other cause is sought."""
+"""Part of a misfit above which what explains it is its cause, and no other is sought."""
 _LEAST_GAIN, _MOST_GAIN = 0.7, 1.4
 """Gains beyond which a unit is wrong rather than a calibration."""
-_CHOICE_FACTOR = 1.5
-"""Factor on what a low-pass leaves: it looks like lateness, and has more to choose from."""
-_LATE_SIGMA_S = 0.03
-"""Standard deviation of an unknown delay, s."""
-_COARSE_HZ = (15.0, 40.0)
-_FINE_HZ = (8.0, 10.0, 20.0, 28.0, 56.0, 80.0)
-"""Cutoffs of a low-pass that are tried, Hz: first the coarse ones, then fine ones near the best."""
-_LEAST_LENGTH_S = 0.1
-"""Least length of the samples of a group that are fitted alone, s."""
-_BUMP_S = 0.2
-"""Length of a bump that is not stated, s."""
-_MARGIN_S, _FEWEST_AT_REST = 0.005, 20
-"""Time before the onset that does not count as rest, s, and least number of samples at rest."""
-_ALONE_STEPS = 30
-"""Largest number of steps of a fit to changed decays alone, which begins at a generic car."""
-_DRIFT_SIGMAS = 6.0
-"""Size of a drift, in standard deviations by the scatter of the runs, from which it is none by
-chance."""
-
 _UNEXPLAINED_TEXT = (
     "the misfit is not explained: half of it or more is due to none of wrong signs, units and "
     "gains, swapped channels and mass states, lateness, low-passes, drifts, clocks that jump, "
     "second bumps, wrong weights, odd runs, a turned IMU, unequal sides, friction and dampers: "
     "look at the runs with the largest chi2/n"
 )
-_LARGEST_LOG = 3.0
-"""Change of a logarithm beyond which its size has no meaning: a factor of twenty."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,24 +91,22 @@ def faults_of_bench(session: Session, estimation: Estimation) -> Causes:
     """Return the fault of the bench that explains a misfit, the surest first."""
     signs = () if estimation.holds else opposed_signs(session.accepted, session.channels)
     if signs:
-        texts = [f"likely cause: wrong signs, {f.text}: {f.advice}" for f in signs]
-        return Causes(tuple(replace(f, text=t) for f, t in zip(signs, texts, strict=True)))
+        prefix = "likely cause: wrong signs"
+        return Causes(tuple(replace(f, text=f"{prefix}, {f.text}: {f.advice}") for f in signs))
     return first_cause(estimation, (clock_jump, second_bump, drift, wrong_weight, wrong_channel))
 
 
 def swapped_or_late(estimation: Estimation) -> Causes:
     """Return swapped labels, a lateness or a low-pass that explains nearly all of a misfit, if any.
 
-    A bump that lasts longer than stated looks like a low-pass: ask only where no later start holds.
-    Hubs of front and rear take up to 84 % of what the elements of a real car do, if exchanged.
+    None is sought where some runs are wrong.  A bump that lasts longer than stated looks like a
+    low-pass: ask only where no later start holds.  Hubs of front and rear take up to 84 % of what
+    the elements of a real car do, if exchanged.
     """
-
-    def best_sensor(estimation: Estimation) -> Cause | None:
-        return wrong_sensors(estimation)[-1]
-
     if some_runs_are_wrong(estimation):
         return Causes()
-    return first_cause(estimation, (swapped_labels, best_sensor), _CLEARS)
+    searches = (swapped_labels, lambda estimation: wrong_sensors(estimation)[-1])
+    return first_cause(estimation, searches, _CLEARS)
 
 
 def first_cause(
@@ -143,11 +114,9 @@ def first_cause(
     searches: Sequence[Callable[[Estimation], Cause | None]],
     least_share: float = NAMED_SHARE,
 ) -> Causes:
-    """Return the first cause of a table of searches that explains enough of a misfit.
+    """Return the first cause that explains more than `least_share` of a misfit, by some searches.
 
-    Where one run is odd, no weight that is wrong in all runs is sought.
-
-    `least_share`: share of the misfit that it must explain.
+    Where one run is odd, no weight that is wrong in all runs is sought, nor what comes after it.
     """
     for search in () if estimation.holds else searches:
         if search is wrong_weight and some_runs_are_wrong(estimation):
@@ -173,9 +142,10 @@ def likely_causes(estimation: Estimation) -> Causes:
         scored = tuple(c for c in scored if c.gain > worst.sigmas**2)
     strong = [replace(c, explained=0.0) if holds else c for c in scored if c.strength > 1.0]
     tried = list(strong)
-    for cause in (c for c in strong if c.kind == "weights"):  # or the scales are off instead
-        moved = shift_without_scales(estimation)
-        tried.append(replace(cause, name="scales off by a common factor", moved=moved))
+    for cause in strong:
+        if cause.kind == "weights":  # or the scales are off instead
+            moved = shift_without_scales(estimation)
+            tried.append(replace(cause, name="scales off by a common factor", moved=moved))
     amplitude = tuple(amplitude_findings(estimation))
     if not strong or (holds and amplitude):  # no linear cause makes the small motion differ
         return Causes(amplitude, tuple(tried))
@@ -210,15 +180,13 @@ def judge(
 ) -> Judgement:
     """Judge an estimation by all gates.
 
-    For a nonlinear fit, no cause is sought that only a linear model lacks: its elements are in the
-    fit.
+    For a nonlinear fit, no cause is sought: what a linear model lacks is in the fit.
 
-    `unused`: what was left out (`unused_findings`).  `causes`: the fault of the bench that was
-    found before, if any.
+    `unused`: what was left out (`unused_findings`).  `causes`: a fault of the bench that is known
+    already; without one, causes are sought.
     """
     linear, holds = estimation.nonlinear is None, estimation.holds
     all_determined = not undetermined(estimation)
-    snr_db = mode_snr_db(estimation)
     causes = causes or Causes()
     if linear and not causes.findings and (all_determined or not holds):
         causes = likely_causes(estimation)
@@ -244,14 +212,18 @@ def judge(
         *(named if holds else []),
         *(whiteness_findings(estimation) if all_determined and holds else ()),
     ]
-    rivals = list(causes.tried)
+    sized = list(causes.tried)
     contradicted = contradictions(estimation) if all_determined and not weights_explain else ()
-    if contradicted:  # one cause
-        name = "; ".join(c.name for c in contradicted)
+    if contradicted:  # all together are one cause
         moved = contradicted_shift(estimation, contradicted)
-        rivals.append(Cause(name, moved=moved))
-    of_runs, divided = chi2_by_run(estimation), survival(estimation, rivals)
-    return Judgement(tuple(findings), estimation.chi2_per_n, of_runs, snr_db, divided)
+        sized.append(Cause("; ".join(c.name for c in contradicted), moved=moved))
+    return Judgement(
+        findings=tuple(findings),
+        chi2_per_n=estimation.chi2_per_n,
+        chi2_by_run=chi2_by_run(estimation),
+        snr_db=mode_snr_db(estimation),
+        survival=survival(estimation, sized),
+    )
 
 
 def survival(estimation: Estimation, causes: Sequence[Cause]) -> Survival:
@@ -284,10 +256,10 @@ def survival(estimation: Estimation, causes: Sequence[Cause]) -> Survival:
 
 
 def _loss_to(cause: Cause, name: str) -> Loss:
+    """Return the loss of a parameter; changes of its logarithm beyond 3 have no meaning."""
     if name in SIGNED or name not in cause.moved:
         return Loss(cause.name)
-    moved = np.clip(cause.moved[name], -_LARGEST_LOG, _LARGEST_LOG)
-    return Loss(cause.name, float(np.expm1(moved)))
+    return Loss(cause.name, float(np.expm1(np.clip(cause.moved[name], -3.0, 3.0))))
 
 
 # Channels -----------------------------------------------------------------------------------------
@@ -297,23 +269,24 @@ def wrong_channel(estimation: Estimation) -> Cause | None:
     """Return the channel whose unit or sign is wrong, None if there is no such channel.
 
     A generic car is fitted without each channel in turn.  Without the wrong one the model explains
-    all others, and the prediction shows by how much that one is off.
+    all others, and the prediction shows by how much that one is off.  Of fewer than three channels
+    none can be called wrong.
     """
     names = [c.name for group in estimation.box.groups for c in group.channels]
-    if len(names) < _FEWEST_CHANNELS:
+    if len(names) < 3:
         return None
     rough_fit, trial = ranked(estimation, map(_without, names))[0]
     fit_without = refit(estimation, trial, rough_fit.fit.eta)
     if fit_without.excess > estimation.chi2_limit - 1.0:
         return None
-    stated_fit = refit(estimation)
-    gain = _gain(estimation, stated_fit, fit_without, trial.name)
+    gain, cause = _sized_gain(estimation, refit(estimation), fit_without, trial.name)
     if np.isnan(gain) or _LEAST_GAIN < gain < _MOST_GAIN:
         return None
-    return replace(_gain_cause(stated_fit, fit_without, trial.name, gain), certain=True)
+    return replace(cause, certain=True)
 
 
 def _without(name: str) -> Trial:
+    """Return the trial that leaves a channel out."""
     return Trial(name, channel=lambda c: None if c.name == name else c)
 
 
@@ -321,37 +294,35 @@ def gain_of(estimation: Estimation, name: str, stated_fit: Refit | None = None) 
     """Return the gain of one channel by the prediction of all others, as a cause."""
     stated_fit = stated_fit or refit(estimation)
     fit_without = refit(estimation, _without(name), stated_fit.fit.eta)
-    gain = _gain(estimation, stated_fit, fit_without, name)
-    return _gain_cause(stated_fit, fit_without, name, gain)
+    return _sized_gain(estimation, stated_fit, fit_without, name)[1]
 
 
-def _gain(estimation: Estimation, stated_fit: Refit, fit_without: Refit, name: str) -> float:
-    """Return the motion that a channel shows, as a multiple of what all others predict, or NaN."""
+def _sized_gain(
+    estimation: Estimation, stated_fit: Refit, fit_without: Refit, name: str
+) -> tuple[float, Cause]:
+    """Return the gain of a channel by the fits with and without it, and the cause that it is.
+
+    The gain is the motion that the channel shows over what all others predict; NaN if that is none.
+    """
     eta = parameters_as_start(stated_fit.box, fit_without.box, fit_without.fit.eta)
     # With so large a noise, the channel has no influence on the motion that is fitted.
     noise = {**estimation.noise, name: 1e3 * estimation.noise[name]}
     predicted_squared, measured_by_predicted = 0.0, 0.0
     residuals_by_run = LinearEngine(stated_fit.box).residuals(stated_fit.decays, noise, eta)
     for decay, of_run in zip(stated_fit.decays, residuals_by_run, strict=True):
-        for r in decay.recordings:
-            for channel, values in zip(r.group.channels, r.values.T, strict=True):
-                if channel.name == name:
-                    predicted = values - of_run.values[name]
-                    predicted = predicted - predicted.mean()
-                    predicted_squared += float(predicted @ predicted)
-                    measured_by_predicted += float(predicted @ values)
-    return measured_by_predicted / predicted_squared if predicted_squared > 0.0 else nan
-
-
-def _gain_cause(stated_fit: Refit, fit_without: Refit, name: str, gain: float) -> Cause:
-    """Return a gain of a channel as a cause, sized by the fits with and without the channel."""
+        for values in by_channel(decay.recordings).get(name, ()):
+            predicted = values - of_run.values[name]
+            predicted = predicted - predicted.mean()
+            predicted_squared += float(predicted @ predicted)
+            measured_by_predicted += float(predicted @ values)
+    gain = measured_by_predicted / predicted_squared if predicted_squared > 0.0 else nan
     advice = "check its calibration, unit and sign"
     if abs(gain + 1.0) < 0.2:
         advice = "it is upside down: turn its sign"
     elif gain > 0.0 and not _LEAST_GAIN < gain < _MOST_GAIN:
         advice = "its unit or gain is wrong: check the unit in the DBC (g, mg, m/s2, deg/s, rad/s)"
     sizes = f"it shows {gain:.3g} times what the other channels predict"
-    return compared(stated_fit, fit_without, Cause(f"gain of {name}", advice, sizes))
+    return gain, compared(stated_fit, fit_without, Cause(f"gain of {name}", advice, sizes))
 
 
 def wrong_sensors(estimation: Estimation) -> list[Cause]:
@@ -361,42 +332,38 @@ def wrong_sensors(estimation: Estimation) -> list[Cause]:
     """
     scored, stated_fit = rank_causes(estimation), refit(estimation)
     causes: list[Cause] = []
-    channels = [c for group in stated_fit.box.groups for c in group.channels]
-    channels_by_kind = {kind: [c.name for c in channels if kind_of_sensor(c) == kind]
-              for kind in dict.fromkeys(map(kind_of_sensor, channels))}  # fmt: skip
-    latest = next(cause.subject for cause in scored if cause.kind == "late")
-    suspects = channels_by_kind.get(latest) or [
-        c.name for group in stated_fit.box.groups if group.name == latest for c in group.channels
-    ]
+    groups = stated_fit.box.groups
+    channels = [c for group in groups for c in group.channels]
+    names_by_kind: dict[str, list[str]] = {}
+    for c in channels:
+        names_by_kind.setdefault(kind_of_sensor(c), []).append(c.name)
+    latest = next(cause.subject for cause in scored if cause.kind == "late")  # kind or group
+    of_group = [c.name for group in groups if group.name == latest for c in group.channels]
+    suspects = names_by_kind.get(latest, of_group)
     if len(suspects) < len(channels):
         causes.append(_late(estimation, stated_fit, latest, suspects))
     all_names = [c.name for c in channels]
-    causes.append(_low_pass(estimation, stated_fit, {**channels_by_kind, "all sensors": all_names}))
+    causes.append(_low_pass(estimation, stated_fit, {**names_by_kind, "all sensors": all_names}))
     if all(cause.explained <= _CLEARS for cause in causes):  # a late one is no worse left out
         gains = [c.subject for c in scored if c.kind == "gain" and c.strength > 1.0]
-        causes += [gain_of(estimation, name, stated_fit) for name in gains[:_SUSPECTED]]
+        causes += [gain_of(estimation, name, stated_fit) for name in gains[:3]]
 
-    def unexplained_share(cause: Cause) -> float:
-        factor = _CHOICE_FACTOR if cause.name == "low-pass" else 1.0
-        return max(1.0 - cause.explained, 0.0) * factor
+    def unexplained(cause: Cause) -> float:
+        # A low-pass looks like lateness, and has more to choose from.
+        return max(1.0 - cause.explained, 0.0) * (1.5 if cause.name == "low-pass" else 1.0)
 
-    return sorted(causes, key=unexplained_share, reverse=True)
+    return sorted(causes, key=unexplained, reverse=True)
 
 
 def _late(estimation: Estimation, stated_fit: Refit, sensors: str, names: Collection[str]) -> Cause:
     """Return the lateness of some sensors, whose channels have `names`, or of all others."""
 
     def of_unknown_delay(c: Channel) -> Channel:
-        return replace(c, delay_sigma_s=_LATE_SIGMA_S) if c.name in names else c
+        return replace(c, delay_sigma_s=0.03) if c.name in names else c
 
     fit_with_delay = refit(estimation, Trial("late", channel=of_unknown_delay), stated_fit.fit.eta)
-    delays_s = fit_with_delay.box.delays_s(fit_with_delay.fit.eta).tolist()
-    late_s = [
-        delay_s
-        for delay_s, group in zip(delays_s, fit_with_delay.box.groups, strict=True)
-        if group.channels[0].name in names
-    ]
-    late_ms = 1e3 * float(np.mean(late_s))
+    is_late = [group.channels[0].name in names for group in fit_with_delay.box.groups]
+    late_ms = 1e3 * float(fit_with_delay.box.delays_s(fit_with_delay.fit.eta)[is_late].mean())
     # The fit determines differences only, and no sensor shows a motion before it happens.
     name = f"{sensors} late" if late_ms > 0.0 else f"all but {sensors} late"
     return compared(stated_fit, fit_with_delay, Cause(name, LATE_ADVICE, f"{abs(late_ms):#.2g} ms"))
@@ -407,7 +374,8 @@ def _low_pass(
 ) -> Cause:
     """Return the low-pass filter on some sensors that explains most of a misfit.
 
-    `names_of`: names of the channels of each kind of sensors, which are tried in turn.
+    `names_of`: names of the channels of each kind of sensors, which are tried in turn: with coarse
+    cutoffs first, then with fine ones near the best.
     """
 
     def trial_of(sensors: str, hz: float) -> Trial:
@@ -416,11 +384,12 @@ def _low_pass(
 
         return Trial(f"near {hz:.0f} Hz on {sensors}", channel=with_low_pass)
 
-    coarse = {trial_of(sensors, hz): (sensors, hz) for sensors in names_of for hz in _COARSE_HZ}
+    coarse = {trial_of(sensors, hz): (sensors, hz) for sensors in names_of for hz in (15.0, 40.0)}
     tried = ranked(estimation, coarse, stated_fit.fit.eta)
     rough_fit, best = tried[0]
     sensors, coarse_hz = coarse[best]
-    fine = [trial_of(sensors, hz) for hz in _FINE_HZ if 0.4 < hz / coarse_hz < 2.5]
+    fine_hz = (8.0, 10.0, 20.0, 28.0) if coarse_hz == 15.0 else (20.0, 28.0, 56.0, 80.0)
+    fine = [trial_of(sensors, hz) for hz in fine_hz]
     tried += ranked(estimation, fine, rough_fit.fit.eta)
     rough_fit, best = min(tried, key=lambda pair: pair[0].fit.cost)
     fit_with_low_pass = refit(estimation, best, rough_fit.fit.eta)
@@ -438,7 +407,7 @@ def clock_jump(estimation: Estimation) -> Cause | None:
     the samples after it have wrong times, and no model explains both sides, or this group and the
     others.  Up to the jump the decays must fit.
     """
-    ends_s, jumps_s, groups = [], [], []
+    ends_s, jumps_s, names = [], [], []
     for record in estimation.records:
         end_s = np.inf
         for r in record.recordings:
@@ -448,13 +417,12 @@ def clock_jump(estimation: Estimation) -> Cause | None:
                 gap = int(np.argmax(steps_s))
                 end_s = min(end_s, float(r.time_s[gap]))
                 jumps_s.append(float(steps_s[gap]) - period_s)
-                groups.append(r.group.name)
+                names.append(r.group.name)
         ends_s.append(end_s)
-    all_jump = len(set(groups)) == len(estimation.box.groups)
+    clocks = "all sensors" if len(set(names)) == len(estimation.box.groups) else listed(names)
     n_jumping = np.count_nonzero(np.isfinite(ends_s))
-    median_jump_s = float(np.median(jumps_s)) if jumps_s else 0.0
     sizes = (
-        f"{'all sensors' if all_jump else listed(groups)} by about {median_jump_s:.2g} s in "
+        f"{clocks} by about {np.median(jumps_s or [0.0]):.2g} s in "
         f"{n_jumping} of {counted(len(ends_s), 'run')}; up to there the decays fit"
     )
     advice = "correct the times of the samples after the gap, or record again"
@@ -470,25 +438,23 @@ def second_bump(estimation: Estimation) -> Cause | None:
     from daq.verdict.checks import STRIKE_GUARD_S, STRIKE_RATIO, STRIKE_S, second_strike
     from daq.verdict.window import Trace  # both with the bench, which is slow to import
 
-    ends_s, struck, noise = [], [], estimation.noise
-    for record in estimation.records:
-        onset, end_s = onset_s(record), np.inf
+    ends_s, struck, noise = [np.inf] * len(estimation.records), [], estimation.noise
+    for i, record in enumerate(estimation.records):
+        onset, strikes = onset_s(record), [(0.0, 0.0, "")]
         if onset is None:
-            ends_s.append(end_s)
             continue
-        guard_s = (record.bump_s if np.isfinite(record.bump_s) else _BUMP_S) + STRIKE_GUARD_S
-        strikes = [(0.0, 0.0, "")]
+        bump_s = record.bump_s if np.isfinite(record.bump_s) else 0.2
         for r in record.recordings:
             for channel, column in zip(r.group.channels, r.values.T, strict=True):
                 if channel.quantity is Quantity.HUB_ACCELERATION:
                     value = column - column[r.time_s < onset].mean()
                     trace = Trace(channel, r.time_s - onset, value, noise[channel.name], 0.0)
-                    strikes.append((*second_strike(trace, guard_s), channel.name))
+                    strike = second_strike(trace, bump_s + STRIKE_GUARD_S)
+                    strikes.append((*strike, channel.name))
         strength, strike_s, name = max(strikes)
         if strength > STRIKE_RATIO:
-            end_s = onset + strike_s - STRIKE_S
+            ends_s[i] = onset + strike_s - STRIKE_S
             struck.append(f"{name} in {record.label} at +{strike_s:.2f} s")
-        ends_s.append(end_s)
     sizes = f"in {len(struck)} of {counted(len(ends_s), 'run')}: {listed(struck)}"
     advice = "drive over one bump, and let the car come to rest"
     cause = Cause("a second bump", advice, sizes, certain=True)
@@ -504,7 +470,7 @@ def _if_most_fit_before(
     decays = []
     for decay, end_s in zip(estimation.decays, ends_s, strict=True):
         length_s = end_s - decay.start_s
-        if length_s >= _LEAST_LENGTH_S:
+        if length_s >= 0.1:  # less shows nothing
             cut = tuple(r.between(0.0, length_s) for r in decay.recordings)
             decays.append(replace(decay, recordings=cut))
     return _if_explained_by(estimation, decays, cause)
@@ -518,7 +484,7 @@ def _if_explained_by(
         return None
     generic = estimation.box.unknowns(generic_vehicles()[0])
     changed = replace(estimation, decays=tuple(decays))
-    fit_alone = refit(changed, AS_STATED, generic, HOLD, _ALONE_STEPS, np.inf)
+    fit_alone = refit(changed, AS_STATED, generic, HOLD, steps=30, length_s=np.inf)
     excess = estimation.chi2_per_n - 1.0
     if fit_alone.excess > max(estimation.chi2_limit - 1.0, (1.0 - _CLEARS) * excess):
         return None
@@ -528,7 +494,7 @@ def _if_explained_by(
 
 def drift(estimation: Estimation) -> Cause | None:
     """Return the channels whose level drifts at rest if that explains a misfit; None if not."""
-    records, drifts = estimation.records, dict[str, float]()
+    records, drifts = estimation.records, dict[str, float]()  # SI a second
     for _ in range(2):  # in the first round, a drift is taken for the onset of motion
         for name, slope in _slopes_at_rest(records).items():
             drifts[name] = drifts.get(name, 0.0) + slope
@@ -550,16 +516,17 @@ def _slopes_at_rest(records: Sequence[Record]) -> dict[str, float]:
         if onset is None:
             continue
         for r in record.recordings:
-            at_rest = r.time_s < onset - _MARGIN_S
-            if np.count_nonzero(at_rest) >= _FEWEST_AT_REST:
+            at_rest = r.time_s < onset - 0.005  # the onset is seen a little late
+            if np.count_nonzero(at_rest) >= 20:
                 slopes_of_run = np.polyfit(r.time_s[at_rest], r.values[at_rest], 1)[0].tolist()
                 for channel, slope in zip(r.group.channels, slopes_of_run, strict=True):
                     slopes_by_channel.setdefault(channel.name, []).append(slope)
     return {
         name: float(np.mean(slopes))
         for name, slopes in slopes_by_channel.items()
+        # Six standard deviations, by the scatter of the runs, are no chance.
         if len(slopes) > 2
-        and abs(np.mean(slopes)) > _DRIFT_SIGMAS * np.std(slopes, ddof=1) / len(slopes) ** 0.5
+        and abs(np.mean(slopes)) > 6.0 * np.std(slopes, ddof=1) / len(slopes) ** 0.5
     }
 
 
@@ -568,5 +535,5 @@ def _without_drifts(record: Record, drifts: Mapping[str, float]) -> Record:
     recordings = []
     for r in record.recordings:
         slopes = np.array([drifts.get(channel.name, 0.0) for channel in r.group.channels])
-        recordings.append(replace(r, values=r.values - np.multiply.outer(r.time_s, slopes)))
+        recordings.append(replace(r, values=r.values - np.outer(r.time_s, slopes)))
     return replace(record, recordings=tuple(recordings))

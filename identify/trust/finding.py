@@ -11,10 +11,8 @@ from dbc.words import Finding, Severity
 
 from ..fit.grey_box import SIGNED
 
-_MATTERS, _REFUSES = 0.02, 0.10
-"""Relative changes of a parameter above which a cause makes the result doubtful, and refuses it."""
 NAMED_SHARE = 0.5
-"""Share of a misfit above which what explains it is named as its cause."""
+"""Part of a misfit above which what explains it is named as its cause."""
 
 
 class Verdict(StrEnum):
@@ -34,7 +32,7 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Cause:
-    """A likely cause of a misfit; without sizes, a row of the table of hypotheses."""
+    """A likely cause of a misfit; without sizes, a row of `hypotheses.TABLE`."""
 
     name: str
     """The fault."""
@@ -42,7 +40,7 @@ class Cause:
     sizes: str = ""
     """Size of the fault, as text."""
     explained: float = 0.0
-    """Share of the excess of the squared residuals that the cause explains; 0 without a misfit."""
+    """Part of the excess of the squared residuals that the cause explains; 0 without a misfit."""
     moved: Mapping[str, float] = field(default_factory=dict)
     """Change of each parameter's unknown: relative, or in its unit if it may be zero."""
     certain: bool = False
@@ -50,7 +48,7 @@ class Cause:
     code: str = ""
     """Code of the finding; empty: from the name."""
     kind: str = ""
-    """Key in the table of hypotheses; empty for what was refitted."""
+    """Key of `hypotheses.TABLE`; empty for what was refitted."""
     subject: str = ""
     """Channel or group that it is of."""
     of_bench: bool = False
@@ -64,17 +62,17 @@ class Cause:
     def shift(self) -> tuple[float, str]:
         """Largest relative change of a parameter by the cause, and that parameter."""
         # A parameter that may be zero has no relative change.
-        shares = {n: 0.0 if n in SIGNED else abs(change) for n, change in self.moved.items()}
-        worst = max(shares, key=lambda name: shares[name])
-        return shares[worst], worst
+        relative = {n: 0.0 if n in SIGNED else abs(change) for n, change in self.moved.items()}
+        parameter = max(relative, key=lambda name: relative[name])
+        return relative[parameter], parameter
 
     @property
     def finding(self) -> Finding:
-        """The cause in words."""
+        """The cause in words: 2 % of a parameter make a result doubtful, 10 % refuse it."""
         largest, parameter = self.shift
-        severity = Severity.NOTE
-        if self.certain or largest > _MATTERS:
-            severity = Severity.ERROR if self.certain or largest > _REFUSES else Severity.WARNING
+        severity = Severity.WARNING if largest > 0.02 else Severity.NOTE
+        if self.certain or largest > 0.1:
+            severity = Severity.ERROR
         explains = f"explains {min(self.explained, 1.0) * 100:.0f} % of the misfit"
         size = ", ".join(part for part in (self.sizes, explains if self.explained else "") if part)
         moves = f"moves {parameter} by about {min(largest, 1.0) * 100:.1f} %"
@@ -91,7 +89,7 @@ class Loss:
     cause: str
     """In words."""
     shift: float = nan
-    """Shift of the parameter by the cause, as a share of its value; NaN where that is not known."""
+    """Relative change of the parameter by the cause; NaN where that is not known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,13 +108,11 @@ class Judgement:
     findings: tuple[Finding, ...]
     """The worst first."""
     chi2_per_n: float
-    """Mean square residual in units of the noise; 1 if the linear model holds, NaN without a
-    fit."""
+    """Mean square residual in units of the noise; 1 if the model holds, NaN without a fit."""
     chi2_by_run: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     """chi2/n of each run and channel."""
     snr_db: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
-    """Energy of each mode in the run over the noise, in the order of the modes of the run's mass
-    state, dB."""
+    """Energy of each mode of the run's mass state over the noise, by run, dB."""
     survival: Survival = field(default_factory=Survival)
     """Parameters that can be used, and those that are lost by a cause whose size was estimated."""
 

@@ -11,7 +11,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daq.bumps import BUMPS
 from dbc.words import Finding, Severity, counted
@@ -21,14 +20,14 @@ from ..fit.estimation import Estimation, linearised_at
 from ..fit.grey_box import SIGNED
 from ..fit.likelihood import covariance_of, linearised
 from ..fit.uncertainty import COVERAGE_95, estimates
-from ..model.matrices import N_DOF, Full, derived_quantities, whole_vehicle_indices
+from ..model.matrices import N_DOF, Full, Real, derived_quantities, whole_vehicle_indices
 from ..numbers import half_width_percent
 from .finding import listed
 from .inputs import contradiction_findings
 
-_WIDE_SHARE = 0.025
+_WIDE = 0.025
 """Relative standard deviation above which the 95 % interval is wider than 5 % to either side."""
-_WIDE_SHARE_NONLINEAR = 0.022
+_WIDE_NONLINEAR = 0.022
 """The same limit where elements were chosen, too: where nothing is weighed, the errors of the laws
 are 1.5 % of it, and three standard deviations of the rest are 5 %.  If two of each of 13 parameters
 might be 5 %, one car in four would be off by more."""
@@ -46,14 +45,6 @@ unit."""
 _MEASURED = {"roll_gyration_over_track": (0.367, 0.512), "pitch_index": (0.816, 1.298)}
 """Least and largest value, whole vehicle, of 204 cars, vans and light trucks that were measured:
 NHTSA Light Vehicle Inertial Parameter Database."""
-_MARGIN = 0.1
-"""Share by which a vehicle may exceed the range of measured ones: published data of small cars have
-0.357 in roll."""
-_WEAK = 0.1
-"""Standard deviation of a parameter, as a share of it, above which its intervals are looked at
-again."""
-_REACH_SIGMAS, _REACH = 3.0, 1.0
-"""Distance along the worst direction, in standard deviations and as a change of the logarithm."""
 BELOW_SIGMAS = 3.0
 """Standard deviations below zero beyond which tyre damping, or a bar, is negative."""
 
@@ -61,19 +52,19 @@ BELOW_SIGMAS = 3.0
 def with_widest_intervals(estimation: Estimation) -> Estimation:
     """Return a linear estimation whose intervals do not depend on where the estimate happens to be.
 
-    Where the runs hardly determine a parameter, the information changes within its interval, and
-    a low estimate may look certain: the widest covariance along that direction counts.  A nonlinear
-    estimation is returned as it is.  Parameters without a logarithm are not looked at.
+    Where the runs hardly determine a parameter (to 10 %), the information changes within its
+    interval, and a low estimate may look certain: the widest covariance along that direction
+    counts.  A nonlinear estimation is returned as it is.  Parameters that may be zero do not count.
     """
     names, covariance = estimation.box.parameters, estimation.fit.covariance
-    std = np.sqrt(np.diag(covariance)[: len(names)])
+    std = np.sqrt(np.diag(covariance)[: len(names)])  # relative: unknowns are logarithms
     std[[name in SIGNED for name in names]] = 0.0
     std[~np.isfinite(std)] = 0.0
     weakest = int(np.argmax(std))
-    if not std[weakest] > _WEAK or estimation.nonlinear is not None:
+    if not std[weakest] > 0.1 or estimation.nonlinear is not None:
         return estimation
     step = np.where(np.isfinite(covariance[:, weakest]), covariance[:, weakest], 0.0) / std[weakest]
-    step *= min(_REACH_SIGMAS, _REACH / std[weakest])
+    step *= min(3.0, 1.0 / std[weakest])  # three standard deviations, at most a factor of e
     widest = estimation.fit
     for eta in (widest.eta - step, widest.eta + step):
         blocks = linearised(estimation.box, estimation.decays, estimation.noise, eta).blocks
@@ -86,8 +77,7 @@ def with_widest_intervals(estimation: Estimation) -> Estimation:
 def undetermined(estimation: Estimation) -> tuple[str, ...]:
     """Return the parameters that the data must determine and do not.
 
-    A parameter that may be zero (a bar, tyre damping) may stay undetermined, as long as its
-    variance is finite: it is printed as not determined, and the others hold.
+    One that may be zero (a bar, tyre damping) must only have a finite variance: the others hold.
     """
     return tuple(
         name
@@ -99,12 +89,12 @@ def undetermined(estimation: Estimation) -> tuple[str, ...]:
 def parameter_findings(estimation: Estimation) -> Iterator[Finding]:
     """Yield findings on the estimates of the parameters."""
     known = estimates(estimation.box, estimation.fit)
-    if open_names := undetermined(estimation):
+    if unknown := undetermined(estimation):
         advice = (
             "record bounce, pitch and roll (warp helps most) in both mass states, with sensors on "
             "body and wheels"
         )
-        if set(open_names) == {n for n, e in known.items() if n not in SIGNED and e.unit != "m"}:
+        if set(unknown) == {n for n, e in known.items() if n not in SIGNED and e.unit != "m"}:
             advice = (
                 "their ratios are known, but the added weights are too light to fix their scale: "
                 "add heavier ones, or weigh the vehicle (total and front axle) and state the loads "
@@ -112,10 +102,10 @@ def parameter_findings(estimation: Estimation) -> Iterator[Finding]:
             )
         elif missing := missing_runs(estimation):
             advice = f"record {missing} runs in both mass states"
-        text = f"these runs do not determine {', '.join(open_names)}: {advice}"
+        text = f"these runs do not determine {', '.join(unknown)}: {advice}"
         yield Finding("undetermined", Severity.ERROR, text)
         return
-    limit = _WIDE_SHARE if estimation.nonlinear is None else _WIDE_SHARE_NONLINEAR
+    limit = _WIDE if estimation.nonlinear is None else _WIDE_NONLINEAR
     stds = {name: e.std / abs(e.value) for name, e in known.items() if name not in SIGNED}
     if wide := {name: std for name, std in stds.items() if std > limit}:
         worst = max(wide, key=lambda name: wide[name])
@@ -153,19 +143,18 @@ def _implausible(estimation: Estimation) -> Iterator[str]:
     whole = whole_vehicle_indices(full)
     for name, (low, high) in _MEASURED.items():
         value = float(whole[name].real)
-        if not low * (1.0 - _MARGIN) < value < high * (1.0 + _MARGIN):
+        if not 0.9 * low < value < 1.1 * high:  # published data of small cars have 0.357 in roll
             yield f"{name} {value:.3g} (204 measured vehicles: {low:g} .. {high:g})"
     for name, e in estimates(estimation.box, estimation.fit).items():
-        if name not in SIGNED or e.value >= -BELOW_SIGMAS * e.std:
-            continue
-        left = Full.K_S + 2 * name.endswith("r")
-        k_s = float(full[left : left + 2].real.mean())  # of the axle's two springs
-        # The springs of a solid axle act on a shorter lever in roll: its bar is below zero.  In
-        # roll an axle has the stiffness of its springs and twice that of its bar.
-        if name.startswith("k_a") and e.value < -0.5 * k_s:
-            yield f"{name} {e.value:.3g} N/m leaves the axle no stiffness in roll"
-        elif name.startswith("c_t"):
-            yield f"{name} {e.value:.3g} {e.unit} below zero"
+        if name in SIGNED and e.value < -BELOW_SIGMAS * e.std:
+            left = Full.K_S + 2 * name.endswith("r")
+            k_s = float(full[left : left + 2].real.mean())  # of the axle's two springs
+            # The springs of a solid axle act on a shorter lever in roll: its bar is below zero.
+            # In roll an axle has the stiffness of its springs and twice that of its bar.
+            if name.startswith("k_a") and e.value < -0.5 * k_s:
+                yield f"{name} {e.value:.3g} N/m leaves the axle no stiffness in roll"
+            elif name.startswith("c_t"):
+                yield f"{name} {e.value:.3g} {e.unit} below zero"
 
 
 # How far each mode stands out of the noise --------------------------------------------------------
@@ -174,31 +163,30 @@ SNR_LIMIT_DB = 20.0
 """A decaying wave whose energy is E times the noise shows its frequency to ``2 zeta / sqrt(E)``.
 At 20 dB and a damping ratio of 0.25 that is 5 %: as much as the added masses shift a frequency,
 from which all inertias follow."""
-_FLOOR = 1e-3  # of the noise: -30 dB stands for a mode that does not show
 
 
 def mode_snr_db(estimation: Estimation) -> dict[str, tuple[float, ...]]:
-    """Return the energy of each mode in each run over the noise.
+    """Return the energy of each mode in each run over the noise, dB.
 
-    The energy is that of the matched filter: the squares of the mode's share in every sample, in
+    The energy is that of the matched filter: the squares of the mode's motion in every sample, in
     units of the noise, summed over all channels, as far as other modes cannot reproduce it.  A run
-    that does not excite a mode has some 3 dB by the noise alone.
-
-    Returns dB, in the order of `identify.modes.modal_model.modes_of` for the run's mass state.
+    that does not excite a mode has some 3 dB by the noise alone.  Modes are in the order of
+    `identify.modes.modal_model.modes_of` for the run's mass state.
     """
     linearised = linearised_at(estimation)
     snr_db = {}
     for decay, linear in zip(estimation.decays, linearised.linear, strict=True):
         modes = linearised.points[decay.mass_state].modes
-        state = linear.solution[: 2 * N_DOF]
+        initial_state = linear.solution[: 2 * N_DOF]
         covariance = linear.normal_inverse[: 2 * N_DOF, : 2 * N_DOF]
-        upper = np.flatnonzero(modes.poles.imag > 0.0)
+        oscillating = np.flatnonzero(modes.poles.imag > 0.0)
+        by_frequency = oscillating[np.argsort(np.abs(modes.poles[oscillating]), kind="stable")]
         of_modes = []
-        for k in upper[np.argsort(np.abs(modes.poles[upper]), kind="stable")].tolist():
-            rows = np.array([modes.W[k].real, modes.W[k].imag])  # from the state to the share
-            share = rows @ state
+        for k in by_frequency.tolist():
+            rows = np.array([modes.W[k].real, modes.W[k].imag])  # from the state to the mode
+            amplitude = rows @ initial_state
             inverse = np.linalg.pinv(rows @ covariance @ rows.T, hermitian=True)
-            energy = max(float(share @ inverse @ share), _FLOOR)
+            energy = max(float(amplitude @ inverse @ amplitude), 1e-3)  # -30 dB: it does not show
             of_modes.append(10.0 * float(np.log10(energy)))
         snr_db[decay.label] = tuple(of_modes)
     return snr_db
@@ -209,9 +197,6 @@ def mode_snr_db(estimation: Estimation) -> dict[str, tuple[float, ...]]:
 CHI2_LIMIT = 1.5
 """Beyond this a result is refused: every row of the stress list that costs more than a third of a
 parameter lies there."""
-_LATE_S = 0.015
-"""Delay, s, of a decay's start after the stated end of the bump that onset and guard cannot
-explain."""
 Z_LIMIT = 4.5
 """Normal deviate of a correlation: one false alarm in 20,000 campaigns of seven channels."""
 NARROW_LIMIT = 1.3
@@ -219,12 +204,6 @@ NARROW_LIMIT = 1.3
 EARLY_S = 0.3
 """Length of the early part, s, which is tested separately: errors of the wheels' motion end within
 it."""
-_FEWEST = 100  # pairs of samples that give a correlation to 0.1
-_FEWEST_AT_REST = 3  # two samples less their mean are always opposite
-_LARGEST_R = 0.99  # magnitude at which a correlation is cut: at 1 its deviate has no size
-_FEWEST_LEVELS = 5  # a coarser converter shows its own steps instead of the noise
-_SILENT = 0.01  # of the noise's power: rounding of data without noise
-_MARGIN_S = 0.005  # the onset of motion is seen a little late
 
 
 def chi2_by_run(estimation: Estimation) -> dict[str, dict[str, float]]:
@@ -287,17 +266,16 @@ def misfit_findings(estimation: Estimation) -> Iterator[Finding]:
             "step/sqrt(12): a smaller range of the sensor narrows the intervals"
         )
         yield Finding("coarse_sensors", Severity.NOTE, text)
-    since_bump_s = {}  # from the stated end of the bump to the decay's start, by run
+    late_s, run = 0.0, ""  # largest delay of a decay after the stated end of its bump
     for record, decay in zip(estimation.records, estimation.decays, strict=True):
         onset = onset_s(record)
         if onset is not None and np.isfinite(record.bump_s):
-            since_bump_s[record.label] = decay.start_s - onset - record.bump_s
-    if since_bump_s and max(since_bump_s.values()) > _LATE_S:
-        run = max(since_bump_s, key=lambda label: since_bump_s[label])
+            late_s, run = max((late_s, run), (decay.start_s - onset - record.bump_s, record.label))
+    if late_s > 0.015:  # onset and guard explain less
         text = (
-            f"the model holds only from {since_bump_s[run] * 1e3:.0f} ms after the stated end of "
-            f"the bump ({run}): the bump lasts longer than bump_s says, or the first motion of the "
-            "wheels does not fit; check bump_s, the hub sensors, and that no wheel lifted"
+            f"the model holds only from {late_s * 1e3:.0f} ms after the stated end of the bump "
+            f"({run}): the bump lasts longer than bump_s says, or the first motion of the wheels "
+            "does not fit; check bump_s, the hub sensors, and that no wheel lifted"
         )
         yield Finding("late_start", Severity.WARNING, text)
 
@@ -309,22 +287,22 @@ class _Stretch(NamedTuple):
     """Residuals of one channel in one run, SI, and how many constants were fitted to them."""
 
     channel: str
-    time_s: NDArray[np.float64]
-    values: NDArray[np.float64]
+    time_s: Real
+    values: Real
     constants: float
-    """Of a part of the samples their share: no whole number."""
+    """No whole number where the stretch is a part of what they were fitted to."""
 
 
 class _Correlation(NamedTuple):
     """Correlation of successive residuals, and the number of pairs that it rests on."""
 
     r: float
-    n: float
+    n_pairs: float
 
     def z(self, other: _Correlation) -> float:
         """Return the excess over another correlation, the true one, in standard deviations."""
-        spread = (1.0 - other.r**2) * (1.0 / self.n + 1.0 / other.n)
-        return float((self.r - other.r) / np.sqrt(spread))
+        variance = (1.0 - other.r**2) * (1.0 / self.n_pairs + 1.0 / other.n_pairs)
+        return float((self.r - other.r) / np.sqrt(variance))
 
 
 _WHITE = _Correlation(0.0, np.inf)
@@ -333,9 +311,7 @@ _WHITE = _Correlation(0.0, np.inf)
 def whiteness_findings(estimation: Estimation) -> Iterator[Finding]:
     """Yield findings where residuals, or the noise at rest, correlate from sample to sample.
 
-    The lag-1 autocorrelation of the residuals is compared with that of the channel at rest.
-
-    All runs are pooled; a gap in the sampling makes no pair.
+    The lag-1 autocorrelation of a channel's residuals is compared with that at rest.
     """
     noise = estimation.noise
     at_rest = _correlations(_noise_before_motion(estimation), noise)
@@ -399,9 +375,9 @@ def _noise_before_motion(estimation: Estimation) -> Iterator[_Stretch]:
         if onset is None:
             continue
         for recording in record.recordings:
-            quiet = recording.time_s < onset - _MARGIN_S
+            quiet = recording.time_s < onset - 0.005  # the onset is seen a little late
             values = recording.values[quiet]
-            if len(values) >= _FEWEST_AT_REST:
+            if len(values) > 2:  # two samples less their mean are always opposite
                 columns = (values - values.mean(axis=0)).T
                 for channel, column in zip(recording.group.channels, columns, strict=True):
                     # The one constant is the mean.
@@ -413,28 +389,29 @@ def _correlations(
 ) -> dict[str, _Correlation]:
     """Return the correlation of the channels that have samples and noise enough to be judged.
 
-    The stretches of one channel are pooled.
+    The stretches of one channel are pooled; a gap in the sampling makes no pair.
     """
-    pooled: dict[str, list[_Stretch]] = {}
-    for stretch in stretches:
-        if len(stretch.time_s) > 1:
-            pooled.setdefault(stretch.channel, []).append(stretch)
+    sums: dict[str, Real] = {}  # products, squares, pairs and constants of each channel
+    fine = set()
+    for channel, time_s, values, constants in stretches:
+        if len(time_s) < 2:
+            continue
+        interval_s = np.diff(time_s)
+        period_s = np.median(interval_s)
+        is_pair = np.abs(interval_s - period_s) < 0.5 * period_s  # no sample is missing
+        earlier, later = values[:-1][is_pair], values[1:][is_pair]
+        squares = (earlier @ earlier + later @ later) / 2.0
+        of_stretch = np.array([earlier @ later, squares, is_pair.sum(), constants])
+        sums[channel] = sums.get(channel, 0.0) + of_stretch
+        if len(np.unique(values)) > 4:  # a coarser converter shows its steps, not the noise
+            fine.add(channel)
     result = {}
-    for name, of_channel in pooled.items():
-        products, squares, n_pairs = 0.0, 0.0, 0
-        for stretch in of_channel:
-            interval_s = np.diff(stretch.time_s)
-            period_s = np.median(interval_s)
-            is_pair = np.abs(interval_s - period_s) < 0.5 * period_s  # no sample is missing
-            earlier, later = stretch.values[:-1][is_pair], stretch.values[1:][is_pair]
-            products += float(earlier @ later)
-            squares += float(earlier @ earlier + later @ later) / 2.0
-            n_pairs += int(is_pair.sum())
-        is_above_rounding = squares > _SILENT * noise[name] ** 2 * n_pairs
-        is_fine = any(len(np.unique(stretch.values)) >= _FEWEST_LEVELS for stretch in of_channel)
-        if n_pairs >= _FEWEST and is_above_rounding and is_fine:
+    for channel, of_channel in sums.items():
+        products, squares, n_pairs, constants = of_channel.tolist()
+        is_above_rounding = squares > 0.01 * noise[channel] ** 2 * n_pairs
+        if n_pairs >= 100 and is_above_rounding and channel in fine:  # known to 0.1
             # Each fitted constant takes a smooth part, of correlation 1, out of the residuals:
             # one pair's worth, which is added again.
-            r = products / squares + sum(stretch.constants for stretch in of_channel) / n_pairs
-            result[name] = _Correlation(min(max(r, -_LARGEST_R), _LARGEST_R), n_pairs)
+            r = products / squares + constants / n_pairs
+            result[channel] = _Correlation(min(max(r, -0.99), 0.99), n_pairs)  # at 1, z is inf
     return result

@@ -9,12 +9,12 @@ multiplier test, Rao 1948): no other fit is needed.
 
 from __future__ import annotations
 
+from collections import ChainMap
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daq.channels import Channel, Quantity
 from daq.vehicle import RICHEST, parameter_unit
@@ -27,12 +27,11 @@ from ..fit.likelihood import PRIORS, fit, linearised
 from ..fit.uncertainty import COVERAGE_95
 from ..fit.varpro import NormalBlock
 from ..model.chi_squared import exceeded_by_chance
+from ..model.matrices import Complex, Real
 from ..numbers import with_half
 from .finding import Cause
 from .gates import BELOW_SIGMAS
 from .inputs import scale_facts
-
-Array = NDArray[np.float64]
 
 LATE_ADVICE = "state delay_s and delay_sigma_s of these channels, or correct their clock"
 ROTATIONS = (
@@ -40,44 +39,23 @@ ROTATIONS = (
     (Quantity.PITCH_ACCELERATION, Quantity.ROLL_ACCELERATION),
 )
 """Quantities of the body that a turn of its axes mixes, and their exchange swaps."""
-_ROWS = (
-    Cause("anti-roll bars", "set anti_roll_bars = true in [vehicle.structure]", kind="bars"),
-    Cause("tyre damping", "set tyre_damping = true in [vehicle.structure]", kind="tyre damping"),
-    Cause("CG off the middle", "set cg_offset = true in [vehicle.structure]", kind="cg"),
-    Cause("left and right differ", "set symmetric = false in [vehicle.structure]", kind="sides"),
-    Cause(
-        "a length is wrong",
-        "measure the lengths of [vehicle.geometry] again, or leave them out",
-        kind="length",
-    ),
-    Cause("added weights off by a common factor", kind="weights"),  # their scale, or their unit
-    Cause("{} late", LATE_ADVICE, kind="late", of_bench=True),
-    Cause("gain of {}", kind="gain", of_bench=True),
-    Cause(
-        "IMU turned about z",
-        "mount it with its x axis along the car, and record again",
-        kind="turn",
-        of_bench=True,
-    ),
-)
-TABLE = {row.kind: row for row in _ROWS}
+_LENGTH_ADVICE = "measure the lengths of [vehicle.geometry] again, or leave them out"
+_TURN_ADVICE = "mount it with its x axis along the car, and record again"
+TABLE = {
+    "bars": Cause("anti-roll bars", "set anti_roll_bars = true in [vehicle.structure]"),
+    "tyre damping": Cause("tyre damping", "set tyre_damping = true in [vehicle.structure]"),
+    "cg": Cause("CG off the middle", "set cg_offset = true in [vehicle.structure]"),
+    "sides": Cause("left and right differ", "set symmetric = false in [vehicle.structure]"),
+    "length": Cause("a length is wrong", _LENGTH_ADVICE),
+    "weights": Cause("added weights off by a common factor"),  # their scale, or their unit
+    "late": Cause("{} late", LATE_ADVICE, of_bench=True),
+    "gain": Cause("gain of {}", of_bench=True),
+    "turn": Cause("IMU turned about z", _TURN_ADVICE, of_bench=True),
+}
+"""What a linear model may lack, without sizes."""
 
-_CHANCE = 1e-6
-"""Probability that noise alone gives so large a cause; a session has some forty."""
-_TYRE_BAR = 0.5
-"""Strength that proves tyre damping: every tyre has some, so that one in a thousand is enough."""
-_EARLY_BAR = 0.98
-"""Factor on the strength of earliness: lateness of the others explains the same."""
-_LEAST_REMAINING = 1e-9
-"""Least share of an effect's information that the unknowns must leave for it to be testable."""
-_LEAST_PULLING = 1e-6
-"""Least share of the strongest direction's information with which a direction counts in a pull."""
-_LARGE_S = 0.4
-"""Time, s, after which the wheels are at rest and the body moves with half its first amplitude."""
 _MATTERS = 0.02
 """Relative change of a parameter from which runs, or the small motion, disagree."""
-_RATE_HZ = 250.0
-"""Rate of the samples on which the vehicle is fitted again, Hz."""
 
 
 def kind_of_sensor(channel: Channel) -> str:
@@ -95,8 +73,9 @@ class _Effect(NamedTuple):
     label: str
     """Name of this part among those of its cause."""
     unit: str
+    """Printed unit of its size."""
     factor: float
-    """Printed unit of its size, and factor from one step in its direction to it."""
+    """From one step in its direction to that unit."""
     direction: Mapping[int, float]
     """Step of each unknown of the richest problem, by its index; 0 for the others."""
 
@@ -110,29 +89,28 @@ class _Richest(GreyBox):
 
     index_of_turn: Mapping[str, int]
     """Index of the turn of each IMU among the unknowns, by its group."""
-    _imu_channels: tuple[tuple[str, str, str], ...]
-    """Group, pitch channel and roll channel of each IMU."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        imu_channels = []
+        first_index = len(self.parameters) + len(self.corrections)
+        imus = dict.fromkeys(imu for imu, _, _ in self._rotations())
+        prior_sigma = np.insert(self.prior_sigma, first_index, np.full(len(imus), np.inf))
+        index_of_turn = {imu: i for i, imu in enumerate(imus, first_index)}
+        object.__setattr__(self, "index_of_turn", index_of_turn)
+        object.__setattr__(self, "prior_sigma", prior_sigma)
+
+    def _rotations(self) -> Iterator[tuple[str, str, str]]:
+        """Yield group, pitch channel and roll channel of each IMU."""
         for group in self.groups:
             names = {c.quantity: c.name for c in group.channels}
             for pitch, roll in ROTATIONS:
                 if pitch in names and roll in names:
-                    imu_channels.append((group.name, names[pitch], names[roll]))
-        first_index = len(self.parameters) + len(self.corrections)
-        imus = dict.fromkeys(imu for imu, _, _ in imu_channels)
-        index_of_turn = {imu: i for i, imu in enumerate(imus, first_index)}
-        prior_sigma = np.insert(self.prior_sigma, first_index, np.full(len(index_of_turn), np.inf))
-        object.__setattr__(self, "index_of_turn", index_of_turn)
-        object.__setattr__(self, "_imu_channels", tuple(imu_channels))
-        object.__setattr__(self, "prior_sigma", prior_sigma)
+                    yield group.name, names[pitch], names[roll]
 
-    def motion_rows(self, eta: NDArray[np.complex128]) -> dict[str, NDArray[np.complex128]]:
+    def motion_rows(self, eta: Complex) -> dict[str, Complex]:
         """Return each channel's row on the seven motions, those of turned IMUs mixed."""
         rows = super().motion_rows(eta)
-        for imu, pitch, roll in self._imu_channels:
+        for imu, pitch, roll in self._rotations():
             turn_rad = eta[:, self.index_of_turn[imu], None]
             pitch_row, roll_row = rows[pitch], rows[roll]
             rows[pitch] = pitch_row - turn_rad * roll_row
@@ -156,7 +134,7 @@ def rank_causes(estimation: Estimation) -> tuple[Cause, ...]:
         weights = tuple(replace(w, sigma_kg=w.mass_kg) for w in state.added.weights)
         states.append(replace(state, added=replace(state.added, weights=weights)))
     richest = _Richest(groups, tuple(states), None, RICHEST, box.facts)
-    E = _embedding(box, richest)  # (R, P)
+    E = _embedding(box, richest)  # (R, P): from P unknowns to the R of the richest problem
     # Unknowns that only the richest problem has are zero at the fit.
     richest_eta = richest.unknowns_of(estimation.full)
     richest_eta[len(richest.parameters) :] = (E @ eta)[len(richest.parameters) :]
@@ -184,35 +162,39 @@ def rank_causes(estimation: Estimation) -> tuple[Cause, ...]:
         remaining = information - mixed @ covariance @ mixed.T
         scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
         values, vectors = np.linalg.eigh(remaining * np.outer(scale, scale))
-        testable = values > _LEAST_REMAINING
+        testable = values > 1e-9  # of the effect's own information: the unknowns leave some of it
         axes = vectors[:, testable]
         inverse = (axes / values[testable]) @ axes.T * np.outer(scale, scale)
         sizes, stds = inverse @ gradient, np.sqrt(np.diag(inverse))
         gain = float(gradient @ sizes)
         moved = (-covariance @ mixed.T @ sizes)[: len(box.parameters)].tolist()
-        hypothesis = TABLE[effects[0].kind]
-        chance = exceeded_by_chance(len(effects), _CHANCE)
+        kind = effects[0].kind
+        # So large by noise alone in one of a million cases; a session has some forty.
+        chance = exceeded_by_chance(len(effects), 1e-6)
         strength = gain / max(1.0, estimation.chi2_per_n) / chance
-        if hypothesis.kind == "tyre damping":
+        if kind == "tyre damping":
+            # Every tyre has some, so that one case in a thousand is enough.
             below_zero = bool((sizes < -BELOW_SIGMAS * stds).any())
-            strength = 0.0 if below_zero else strength / _TYRE_BAR
-        elif hypothesis.kind == "late" and sizes[0] < 0.0:
-            strength *= _EARLY_BAR
-        cause = replace(
-            hypothesis,
-            name=name,
-            sizes=_in_words(effects, sizes, stds),
-            explained=gain / max((estimation.chi2_per_n - 1.0) * n_values, 1e-9),
-            moved=dict(zip(box.parameters, moved, strict=True)),
-            subject=effects[0].label,
-            gain=gain,
-            strength=strength,
+            strength = 0.0 if below_zero else 2.0 * strength
+        elif kind == "late" and sizes[0] < 0.0:
+            strength *= 0.98  # the lateness of the others explains the same
+        causes.append(
+            replace(
+                TABLE[kind],
+                kind=kind,
+                name=name,
+                sizes=_in_words(effects, sizes, stds),
+                explained=gain / max((estimation.chi2_per_n - 1.0) * n_values, 1e-9),
+                moved=dict(zip(box.parameters, moved, strict=True)),
+                subject=effects[0].label,
+                gain=gain,
+                strength=strength,
+            )
         )
-        causes.append(cause)
     return tuple(sorted(causes, key=lambda cause: -cause.strength))
 
 
-def _embedding(box: GreyBox, richest: GreyBox) -> Array:
+def _embedding(box: GreyBox, richest: GreyBox) -> Real:
     """Return the matrix from the P unknowns of a problem to the R of the richest one, (R, P).
 
     A parameter of both sides is two there; the cross weight, if there is one, comes last in both.
@@ -249,19 +231,19 @@ def _effects(box: GreyBox, richest: _Richest) -> Iterator[_Effect]:
     # Decays alone do not show a factor that all weights have in common.
     if richest.weight_masses and scale_facts(box):
         yield _Effect("weights", "all weights", "%", 100.0, richest.weight_masses)
-    late_groups: dict[str, dict[int, float]] = {}
-    late_kinds: dict[str, dict[int, float]] = {}
-    groups_of_kind: dict[str, list[str]] = {}
+    # A clock may be late, or all clocks of a kind of sensors; one that is alone is its kind.
+    late_groups: dict[str, dict[str, dict[int, float]]] = {}  # delays by kind and group
     for i, group in enumerate(richest.groups):
-        kind, delay = kind_of_sensor(group.channels[0]), richest.delay_index(i)
+        delay = richest.delay_index(i)
         if delay is not None:
-            late_groups.setdefault(group.name, {})[delay] = 1.0
-            late_kinds.setdefault(kind, {})[delay] = 1.0
-            groups_of_kind.setdefault(kind, []).append(group.name)
-    for names in groups_of_kind.values():
-        if len(names) == 1:  # it is late with its kind, which has no other group
-            late_groups.pop(names[0], None)
-    for name, delays in (late_groups | late_kinds).items():
+            of_kind = late_groups.setdefault(kind_of_sensor(group.channels[0]), {})
+            of_kind.setdefault(group.name, {})[delay] = 1.0
+    late: dict[str, dict[int, float]] = {}
+    for groups in late_groups.values():
+        for name, delays in groups.items() if len(groups) > 1 else ():
+            late[name] = late.get(name, {}) | delays
+    late |= {kind: dict(ChainMap(*groups.values())) for kind, groups in late_groups.items()}
+    for name, delays in late.items():
         yield _Effect("late", name, "ms", 1e3, delays)
     for i, channel in richest.scaled.items():
         yield _Effect("gain", channel.name, "%", 100.0, {i: 1.0})
@@ -269,7 +251,7 @@ def _effects(box: GreyBox, richest: _Richest) -> Iterator[_Effect]:
         yield _Effect("turn", name, "deg", 180.0 / np.pi, {i: 1.0})
 
 
-def _in_words(effects: Sequence[_Effect], sizes: Array, stds: Array) -> str:
+def _in_words(effects: Sequence[_Effect], sizes: Real, stds: Real) -> str:
     """Write the sizes of the three surest effects of a cause with their 95 % intervals."""
     parts = []
     for effect, size, std in zip(effects, sizes.tolist(), stds.tolist(), strict=True):
@@ -283,13 +265,13 @@ def _in_words(effects: Sequence[_Effect], sizes: Array, stds: Array) -> str:
 # Whether all runs, and the large and the small motion, show the same vehicle ----------------------
 
 
-class Pull(NamedTuple):
-    """Pull of a part of the data away from the optimum of all data."""
+class Disagreement(NamedTuple):
+    """How a part of the data disagrees with the optimum of all data."""
 
     strength: float
-    """Square of the pull in units of what chance would give; noise stays below 1."""
+    """Its squared gradient there in units of what chance would give; noise stays below 1."""
     parameter: str
-    """The parameter on which it pulls hardest."""
+    """The parameter with the steepest gradient."""
     change: float
     """Relative change of that parameter that the part asks for, the others kept."""
 
@@ -299,8 +281,8 @@ class Pull(NamedTuple):
         return f"({self.parameter} {self.change * 100:+.0f} %)"
 
 
-def pull_of(estimation: Estimation, blocks: Sequence[NormalBlock]) -> Pull:
-    """Return the gradient of a part of the data at the optimum of all, over what noise explains."""
+def disagreement_of(estimation: Estimation, blocks: Sequence[NormalBlock]) -> Disagreement:
+    """Return how a part of the data, by its normal equations, disagrees with the optimum of all."""
     H = np.sum([block.information for block in blocks], axis=0)
     g = np.sum([block.gradient for block in blocks], axis=0)
     covariance = np.where(np.isfinite(estimation.fit.covariance), estimation.fit.covariance, 0.0)
@@ -308,18 +290,18 @@ def pull_of(estimation: Estimation, blocks: Sequence[NormalBlock]) -> Pull:
     diagonal = np.maximum(np.diag(V), 1e-300)
     scale = 1.0 / np.sqrt(diagonal)
     values, vectors = np.linalg.eigh(V * np.outer(scale, scale))
-    kept = values > _LEAST_PULLING * values[-1]
-    pull_squared = float(np.sum((vectors[:, kept].T @ (g * scale)) ** 2 / values[kept]))
-    # Noise in n directions pulls by about sqrt(n), and hardly ever by five more.
-    chance_squared = (np.sqrt(np.sum(kept)) + 5.0) ** 2 * max(1.0, estimation.chi2_per_n)
+    kept = values > 1e-6 * values[-1]  # weaker directions have no information
+    squared = float(np.sum((vectors[:, kept].T @ (g * scale)) ** 2 / values[kept]))
+    # Noise in n directions gives about sqrt(n), and hardly ever five more.
+    by_chance = float(np.sqrt(np.sum(kept)) + 5.0) ** 2 * max(1.0, estimation.chi2_per_n)
     names = estimation.box.parameters
-    hardest = int(np.argmax(np.abs((g * scale)[: len(names)])))
-    strength = pull_squared / float(chance_squared)
-    return Pull(strength, names[hardest], float(g[hardest] / diagonal[hardest]))
+    steepest = int(np.argmax(np.abs((g * scale)[: len(names)])))
+    change = float(g[steepest] / diagonal[steepest])
+    return Disagreement(squared / by_chance, names[steepest], change)
 
 
-def _most_odd(estimation: Estimation) -> tuple[tuple[str, ...], Pull]:
-    """Return the labels of the runs that disagree most, and their pull.
+def _most_odd(estimation: Estimation) -> tuple[tuple[str, ...], Disagreement]:
+    """Return the labels of the runs that disagree most with all, and how they do.
 
     They are one run, or those of a mass state from some repeat on: its weights were changed.
     """
@@ -331,27 +313,30 @@ def _most_odd(estimation: Estimation) -> tuple[tuple[str, ...], Pull]:
     suspects: list[tuple[str, ...]] = [(decay.label,) for decay in estimation.decays]
     for runs_of_state in repeats.values():
         for first_odd in sorted({repeat for repeat, _ in runs_of_state})[1:]:
-            odd = tuple(label for repeat, label in runs_of_state if repeat >= first_odd)
-            suspects += [odd] if len(odd) > 1 else []
+            suspects.append(tuple(label for repeat, label in runs_of_state if repeat >= first_odd))
     blocks = linearised_at(estimation).blocks
-    pulls = {odd: pull_of(estimation, [blocks[label] for label in odd]) for odd in suspects}
-    return max(pulls.items(), key=lambda item: item[1].strength)
+    disagreements = [
+        (labels, disagreement_of(estimation, [blocks[label] for label in labels]))
+        for labels in suspects
+    ]
+    return max(disagreements, key=lambda pair: pair[1].strength)
 
 
-def _fit_without(estimation: Estimation, labels: Collection[str]) -> tuple[float, Array]:
+def _fit_without(estimation: Estimation, labels: Collection[str]) -> tuple[float, Real]:
     """Return chi2 per degree of freedom of a fit without the labelled runs, and its unknowns."""
-    decays = tuple(d.thinned(_RATE_HZ) for d in estimation.decays if d.label not in labels)
+    decays = tuple(d.thinned(250.0) for d in estimation.decays if d.label not in labels)
     box, noise = estimation.box, estimation.noise
     eta = fit(box, decays, noise, estimation.fit.eta, tolerance=0.1, max_iterations=20).eta
     residuals = estimation.engine.residuals(decays, noise, eta)
-    squares = sum(
-        float(v @ v) / noise[name] ** 2 for run in residuals for name, v in run.values.items()
-    )
-    return squares / sum(sum(run.freedom.values()) for run in residuals), eta
+    freedom = sum(sum(of_run.freedom.values()) for of_run in residuals)
+    return sum(of_run.chi2(noise) for of_run in residuals) / freedom, eta
 
 
 def some_runs_are_wrong(estimation: Estimation) -> bool:
-    """Return whether a fit that does not hold would hold without the runs that pull hardest."""
+    """Return whether a fit that does not hold would hold without the runs that disagree most.
+
+    Of fewer than three runs none can be called wrong.
+    """
     if len(estimation.decays) < 3:
         return False
     labels, _ = _most_odd(estimation)
@@ -361,28 +346,31 @@ def some_runs_are_wrong(estimation: Estimation) -> bool:
 def odd_runs(estimation: Estimation, rival: float) -> tuple[Finding, Cause] | None:
     """Return the runs without which the fit holds, or nearly; None if all agree.
 
+    Of fewer than three runs none can be odd.
+
     `rival`: strength of the likeliest cause that all runs share: it may also make runs disagree.
     """
-    labels, pull = _most_odd(estimation)
-    pulls_hard = pull.strength > max(1.0, rival) and abs(pull.change) > _MATTERS
-    if len(estimation.decays) < 3 or (estimation.holds and not pulls_hard):
+    labels, odd = _most_odd(estimation)
+    matters = odd.strength > max(1.0, rival) and abs(odd.change) > _MATTERS
+    if len(estimation.decays) < 3 or (estimation.holds and not matters):
         return None
     chi2_with, (chi2_without, eta_without) = estimation.chi2_per_n, _fit_without(estimation, labels)
     if not estimation.holds and chi2_without > 1.0 + 0.5 * (chi2_with - 1.0):
         return None
     names = ", ".join(labels)
     both_chi2 = f"chi2/n is {chi2_without:.3f} instead of {chi2_with:.3f}"
+    severity = Severity.WARNING
     text = (
-        f"run {names} disagrees with the others {pull.in_words}: without it {both_chi2}; reject it "
+        f"run {names} disagrees with the others {odd.in_words}: without it {both_chi2}; reject it "
         "and repeat it, or look for what changed (a second bump, a warm damper, a loose weight)"
     )
-    if len(labels) > 1:  # and which of them are wrong is not known
+    if len(labels) > 1:
+        severity = Severity.ERROR  # which of them are wrong is not known
         text = (
-            f"runs {names} disagree with the others {pull.in_words}: without them {both_chi2}; "
+            f"runs {names} disagree with the others {odd.in_words}: without them {both_chi2}; "
             "other weights were on the car: give these runs a mass state of their own, or reject "
             "those with the wrong weights"
         )
-    severity = Severity.ERROR if len(labels) > 1 else Severity.WARNING
     steps = (eta_without - estimation.fit.eta).tolist()
     moved = dict(zip(estimation.box.parameters, steps, strict=False))
     explained = 1.0 - (chi2_without - 1.0) / max(chi2_with - 1.0, 1e-9)
@@ -391,9 +379,12 @@ def odd_runs(estimation: Estimation, rival: float) -> tuple[Finding, Cause] | No
 
 
 def amplitude_findings(estimation: Estimation) -> Iterator[Finding]:
-    """Yield a finding where the small motion after the first 0.4 s asks for another vehicle."""
+    """Yield a finding where the small motion after the first 0.4 s asks for another vehicle.
+
+    The wheels are then at rest, and the body moves with half its first amplitude.
+    """
     small = [
-        replace(d, recordings=tuple(r.between(_LARGE_S, np.inf) for r in d.recordings))
+        replace(d, recordings=tuple(r.between(0.4, np.inf) for r in d.recordings))
         for d in estimation.decays
     ]
     small = [d for d in small if all(len(r.time_s) > 50 for r in d.recordings)]
@@ -401,10 +392,10 @@ def amplitude_findings(estimation: Estimation) -> Iterator[Finding]:
         return
     box, eta = estimation.box, estimation.fit.eta
     blocks = linearised(box, tuple(small), estimation.noise, eta).blocks
-    pull = pull_of(estimation, [blocks[d.label] for d in small])
-    if pull.strength > 1.0 and abs(pull.change) >= _MATTERS:
+    late_motion = disagreement_of(estimation, [blocks[d.label] for d in small])
+    if late_motion.strength > 1.0 and abs(late_motion.change) >= _MATTERS:
         text = (
-            f"the small motion after 0.4 s asks for other parameters {pull.in_words}: the vehicle "
-            "is not linear; look for friction, or compare bumps of two heights"
+            f"the small motion after 0.4 s asks for other parameters {late_motion.in_words}: the "
+            "vehicle is not linear; look for friction, or compare bumps of two heights"
         )
         yield Finding("amplitude", Severity.WARNING, text)

@@ -1,9 +1,8 @@
 """Judges what a fit is given: its samples, what the session lacks for one, and its statements.
 
 Every sample is fitted at its own time, so uneven sampling is legal and a lost frame costs no more
-than its information: the intervals show it.  The harmful faults are a channel that looks alive but
-is not, and peaks beyond the range of a sensor or its message.  On the bump both are harmless: only
-the free decay is fitted.
+than its information.  Harmful are a channel that looks alive but is not, and peaks beyond the range
+of a sensor or its message; on the bump both are harmless, because only the free decay is fitted.
 
 One wrong statement (a fact, place, delay, gain or weight) distorts the fit and makes others
 disagree with it.  So the one that explains most is removed first, and only statements that still
@@ -14,10 +13,10 @@ a separate statement.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daq.channels import Quantity
 from daq.samples.converter import FROZEN_S, flat_tops
@@ -30,37 +29,22 @@ from ..decays.usable import Usable, frozen
 from ..fit.estimation import Estimation
 from ..fit.grey_box import SIGNED, GreyBox
 from ..fit.likelihood import covariance_of
-from ..model.matrices import SCALED
+from ..model.matrices import SCALED, Real
 from .finding import listed
-
-Array = NDArray[np.float64]
 
 _LEAST_RATE_HZ, _MOST_RATE_HZ = 20.0, 1e5
 """Rates, Hz, below which no sensor shows how the wheels swing, and above which none sends."""
-_LARGEST = {"m": (0.5, "mm"), "rad/s": (6.0, "deg/s")}
-"""Largest peak to peak of a quantity in a unit that a car on its wheels can reach, and the unit in
-which more of it is likely to be."""
 _LENGTHS = {
     FactQuantity.WHEELBASE, FactQuantity.FRONT_TRACK, FactQuantity.REAR_TRACK,
     "a", "b", "t_f", "t_r", "y_s",
 }  # fmt: skip
 """Facts that do not depend on the scale."""
 _LIMIT_SIGMAS = 4.0
-_LEAST_REDUNDANCY = 1e-5
-"""Least share of a statement's variance in its misfit; below, the fit is not exact enough to test
-it."""
-_REFUSED_SHIFT = 0.1
-"""Relative change of a parameter by contradicted statements above which the result is refused."""
-_ALIKE = 0.95
-"""Correlation of two tests above which the runs do not show which statement is wrong."""
+"""Standard deviations beyond which a statement is contradicted."""
 
 
 def sample_findings(session: Session, records: Sequence[Record]) -> Iterator[Finding]:
-    """Yield findings on the samples of the accepted runs.
-
-    `session`: as recorded; rejected runs do not count.  `records`: those of its runs, as they are
-    fitted.
-    """
+    """Yield findings on the samples of a session's accepted runs; `records`: as they are fitted."""
     missing = [
         f"{c.name} in {run.label}"
         for c in session.used_channels
@@ -105,9 +89,9 @@ def sample_findings(session: Session, records: Sequence[Record]) -> Iterator[Fin
 def shortcomings(
     records: Sequence[Record], session: Session, unused: Sequence[Finding] = ()
 ) -> tuple[Finding, ...]:
-    """Return findings on what is missing for a fit, with advice.
+    """Return findings on what is missing for a fit; none if nothing is.
 
-    `unused`: what cannot be used (`unused_findings`), then the reason why something is missing.
+    `unused`: what cannot be used (`unused_findings`); it comes first, as the reason.
     """
     lacking = [Finding(code, Severity.ERROR, text) for code, text in _lacking(records, session)]
     reasons = [replace(finding, severity=Severity.ERROR) for finding in unused]
@@ -152,18 +136,21 @@ def _lacking(records: Sequence[Record], session: Session) -> Iterator[tuple[str,
 
 
 def _wrong_units(records: Sequence[Record]) -> Iterator[str]:
-    """Yield a text for each unit in which several channels show more than a car can move."""
-    peaks: dict[str, dict[str, float]] = {}  # largest peak to peak by unit and channel
-    for recording in (r for record in records for r in record.recordings):
-        for channel, column in zip(recording.group.channels, recording.values.T, strict=True):
-            of_unit = peaks.setdefault(channel.unit, {})
-            of_unit[channel.name] = max(of_unit.get(channel.name, 0.0), float(np.ptp(column)))
-    for unit, (limit, likely_unit) in _LARGEST.items():
-        too_large = [name for name, peak in peaks.get(unit, {}).items() if peak > limit]
-        if len(too_large) > 1:  # a single wrong one is found by the others, with its factor
-            largest = max(peaks[unit][name] for name in too_large)
-            fault = f"{listed(too_large)} change by up to {largest:.3g} {unit}, more than a car"
-            yield f"{fault} can move: are they in {likely_unit}? State the unit of the signals"
+    """Yield a text for each unit in which several channels show more than a car can move.
+
+    A single wrong one is found by the others, with its factor.
+    """
+    # Largest peak to peak of a car on its wheels by unit, and the likely unit of what exceeds it.
+    for unit, limit, likely_unit in (("m", 0.5, "mm"), ("rad/s", 6.0, "deg/s")):
+        peaks: dict[str, float] = {}
+        for recording in (r for record in records for r in record.recordings):
+            for channel, column in zip(recording.group.channels, recording.values.T, strict=True):
+                if channel.unit == unit and np.ptp(column) > limit:
+                    peaks[channel.name] = max(peaks.get(channel.name, 0.0), float(np.ptp(column)))
+        if len(peaks) > 1:
+            change = f"{listed(peaks)} change by up to {max(peaks.values()):.3g} {unit}"
+            advice = f"are they in {likely_unit}? State the unit of the signals"
+            yield f"{change}, more than a car can move: {advice}"
 
 
 def _no_known_mass(records: Sequence[Record], session: Session) -> Iterator[str]:
@@ -172,10 +159,9 @@ def _no_known_mass(records: Sequence[Record], session: Session) -> Iterator[str]
     Free decays leave a common factor of them open.  It follows from a fact that has a mass or a
     force in it, or from runs both with added mass and without.
     """
-    vehicle = session.vehicle
-    names = parameter_names(vehicle.structure)
+    names = parameter_names(session.vehicle.structure)
     fixing = {*SCALED, *(name for name in names if parameter_unit(name) != "m")}
-    if any(fact.quantity in fixing for fact in vehicle.facts):
+    if any(fact.quantity in fixing for fact in session.vehicle.facts):
         return
     present = {record.mass_state for record in records}
     states = [state for state in session.mass_states if state.name in present]
@@ -196,24 +182,23 @@ def _no_known_mass(records: Sequence[Record], session: Session) -> Iterator[str]
 def unused_findings(session: Session, used: Usable) -> Iterator[Finding]:
     """Yield a finding on all that was left out of a session, with the reasons.
 
-    `used`: what `identify.decays.usable` left of it.
+    `used`: what `identify.decays.usable` keeps of it.
     """
     units = session.units
-    reasons: dict[str, list[str]] = {}
-    for recorded, run in zip(session.runs, used.session.runs, strict=True):
-        if run.status != recorded.status:
-            reasons.setdefault("; ".join(run.reasons), []).append(run.label)
     absurd = listed(
-        f"{one.channel} in {one.run} ({one.count}: {one.value:g} {units[one.channel]})"
-        for one in used.absurd
+        f"{v.channel} in {v.run} ({v.count}: {v.value:g} {units[v.channel]})" for v in used.absurd
     )
     spikes = listed(
-        f"{one.channel} in {one.run} at {one.time_s:.3f} s ({one.value:.4g} {units[one.channel]})"
-        for one in used.spikes
+        f"{s.channel} in {s.run} at {s.time_s:.3f} s ({s.value:.4g} {units[s.channel]})"
+        for s in used.spikes
     )
-    left_out = "; ".join(f"{listed(labels)}: {why}" for why, labels in reasons.items())
+    labels_by_reason: dict[str, list[str]] = {}
+    for recorded, run in zip(session.runs, used.session.runs, strict=True):
+        if run.status != recorded.status:
+            labels_by_reason.setdefault("; ".join(run.reasons), []).append(run.label)
+    left_out = "; ".join(f"{listed(runs)}: {reason}" for reason, runs in labels_by_reason.items())
     channels = zip(session.channels, used.session.channels, strict=True)
-    dead = listed(c.name for c, left in channels if c.quantity != left.quantity)
+    dead = listed(recorded.name for recorded, c in channels if recorded.quantity != c.quantity)
     for code, fault, places, advice in (
         ("absurd_values", "values that no sensor shows", absurd,
          "they are taken as missing: check byte order, scale and unit of the signal in the DBC, "
@@ -279,16 +264,15 @@ def unseen_findings(box: GreyBox, mass_states: Sequence[MassState]) -> Iterator[
         yield Finding("exact_weights", Severity.NOTE, text)
 
 
-@dataclass(frozen=True, slots=True)
-class Contradiction:
+class Contradiction(NamedTuple):
     """One statement that the runs contradict."""
 
     name: str
     """Name of the statement; others that the runs do not separate from it follow after "or"."""
     sigmas: float
     """Misfit in its own standard deviations, after the statements named before it were removed."""
-    direction: Array
-    """Error of each statement, in its sigmas, that this one means, (n_stated,)."""
+    direction: Real
+    """Error of each statement, in its sigmas, for one unit of this one, (n_stated,)."""
 
 
 class _Stated:
@@ -316,21 +300,18 @@ class _Stated:
         self.redundancy = noise + self.rows @ laws @ self.rows.T
         """Covariance of the misfits, (n_stated, n_stated)."""
 
-    def sizes(self, directions: Array) -> Array:
-        """Return by what multiple of each direction, (n_stated, k), statements are off, (k,)."""
-        D = directions
-        return np.linalg.solve(D.T @ self.redundancy @ D, D.T @ self.misfits)
+    def sizes(self, directions: Sequence[Real]) -> tuple[Real, dict[str, float]]:
+        """Return by what multiple of each direction, (n_stated,), statements are off, (k,).
 
-    def shifts(self, directions: Array) -> dict[str, float]:
-        """Return the relative change of each parameter without the statements of some directions.
-
-        It is given as zero for parameters that may be zero.  `directions`: (n_stated, k).
+        Then the relative change of each parameter without the statements of these directions, zero
+        for parameters that may be zero.
         """
-        errors = directions @ self.sizes(directions)
-        moved = (-self.covariance @ (self.rows.T @ errors))[: len(self.parameters)].tolist()
-        return {
+        D = np.column_stack(directions)
+        sizes = np.linalg.solve(D.T @ self.redundancy @ D, D.T @ self.misfits)
+        changes = -self.covariance @ (self.rows.T @ (D @ sizes))
+        return sizes, {
             name: 0.0 if name in SIGNED else change
-            for name, change in zip(self.parameters, moved, strict=True)
+            for name, change in zip(self.parameters, changes.tolist(), strict=False)
         }
 
 
@@ -339,20 +320,19 @@ def contradiction_findings(estimation: Estimation) -> Iterator[Finding]:
     wrong = contradictions(estimation)
     if not wrong:
         return
-    stated, directions = _Stated(estimation), _directions(wrong)
-    moved = max(map(abs, stated.shifts(directions).values()))
+    sizes, changes = _Stated(estimation).sizes([direction for *_, direction in wrong])
+    moved = max(map(abs, changes.values()))
     corrections = dict(zip(estimation.box.corrections, estimation.box.stated, strict=True))
     named = []
-    for one, size in zip(wrong, stated.sizes(directions).tolist(), strict=True):
-        statement = corrections.get(one.name)
+    for (name, sigmas, _), size in zip(wrong, sizes.tolist(), strict=True):
+        statement = corrections.get(name)
         corrected = f", {statement.in_words(-size * statement.sigma)}" if statement else ""
-        named.append(f"{one.name} by {one.sigmas:.1f} sigma{corrected}")
+        named.append(f"{name} by {sigmas:.1f} sigma{corrected}")
     text = (
         f"the runs contradict what is stated: {'; '.join(named)} (limit {_LIMIT_SIGMAS:g}; moves a "
         f"parameter by about {min(moved, 1.0) * 100:.1f} %): measure it again"
     )
-    severity = Severity.ERROR if moved > _REFUSED_SHIFT else Severity.WARNING
-    yield Finding("contradiction", severity, text)
+    yield Finding("contradiction", Severity.ERROR if moved > 0.1 else Severity.WARNING, text)
 
 
 def contradictions(estimation: Estimation) -> tuple[Contradiction, ...]:
@@ -371,7 +351,8 @@ def contradictions(estimation: Estimation) -> tuple[Contradiction, ...]:
     names, D = _suspects(estimation.box)
     power_at_first = np.einsum("ik,ij,jk->k", D, Q, D)
     squared_length = np.maximum(np.einsum("ik,ik->k", D, D), 1e-300)
-    has_redundancy = power_at_first > _LEAST_REDUNDANCY * squared_length
+    # Where the misfit has less of a statement's variance, the fit is not exact enough to test it.
+    has_redundancy = power_at_first > 1e-5 * squared_length
     wrong: list[Contradiction] = []
     while names:
         power = np.einsum("ik,ij,jk->k", D, Q, D)
@@ -381,9 +362,11 @@ def contradictions(estimation: Estimation) -> tuple[Contradiction, ...]:
         if not abs(sigmas[worst]) > _LIMIT_SIGMAS:
             break
         d = D[:, worst]
-        alike = np.abs(D.T @ Q @ d) / np.sqrt(np.where(testable, power, np.inf) * power[worst])
-        alike_names = [names[k] for k in np.flatnonzero(alike > _ALIKE).tolist() if k != worst]
-        name = " or ".join([names[worst], *alike_names])
+        powers = np.where(testable, power, np.inf) * power[worst]
+        correlation = np.abs(D.T @ Q @ d) / np.sqrt(powers)
+        # The runs do not show which of statements with so alike tests is wrong.
+        alike = [names[k] for k in np.flatnonzero(correlation > 0.95).tolist() if k != worst]
+        name = " or ".join([names[worst], *alike])
         wrong.append(Contradiction(name, float(abs(sigmas[worst])), d))
         # The error in this direction is taken out of the misfits and their covariance.
         response = Q @ d / power[worst]
@@ -392,10 +375,13 @@ def contradictions(estimation: Estimation) -> tuple[Contradiction, ...]:
     return tuple(wrong)
 
 
-def _suspects(box: GreyBox) -> tuple[tuple[str, ...], Array]:
-    """Return k suspects, each statement and all weights: names, and directions, (n_stated, k)."""
-    labels = [f"{fact.quantity} = {fact.value:g} ± {fact.sigma:g}" for fact in box.facts]
-    names = [*labels, *box.corrections]
+def _suspects(box: GreyBox) -> tuple[tuple[str, ...], Real]:
+    """Return k suspects, each statement and all weights: names, and directions, (n_stated, k).
+
+    All weights only where a fact fixes the scale, too: gravity shows it too weakly.
+    """
+    facts = [f"{fact.quantity} = {fact.value:g} ± {fact.sigma:g}" for fact in box.facts]
+    names = [*facts, *box.corrections]
     together = np.zeros(len(names))
     for state in box.mass_states:
         for i, weight in enumerate(state.added.weights, start=1):
@@ -403,20 +389,14 @@ def _suspects(box: GreyBox) -> tuple[tuple[str, ...], Array]:
                 row = names.index(f"weight {i} of state {state.name}")
                 together[row] = weight.mass_kg / weight.sigma_kg
     alone = np.eye(len(names))
-    # Without a fact nothing else fixes the scale: the second-order effect of gravity is too weak.
     if np.count_nonzero(together) > 1 and scale_facts(box):
         return (*names, "all weights by a common factor"), np.column_stack([alone, together])
     return tuple(names), alone
 
 
-def _directions(wrong: Sequence[Contradiction]) -> Array:
-    """Return the directions of contradictions as columns, (n_stated, k)."""
-    return np.column_stack([one.direction for one in wrong])
-
-
 def contradicted_shift(estimation: Estimation, wrong: Sequence[Contradiction]) -> dict[str, float]:
     """Return the relative change of each parameter without the contradicted statements."""
-    return _Stated(estimation).shifts(_directions(wrong))
+    return _Stated(estimation).sizes([direction for *_, direction in wrong])[1]
 
 
 def shift_without_scales(estimation: Estimation) -> dict[str, float]:
@@ -424,4 +404,4 @@ def shift_without_scales(estimation: Estimation) -> dict[str, float]:
     box, scaled = estimation.box, scale_facts(estimation.box)
     loads = [f.value / f.sigma if f.quantity in scaled else 0.0 for f in box.facts]
     direction = np.array([*loads, *np.zeros(len(box.corrections))])
-    return _Stated(estimation).shifts(direction[:, None])
+    return _Stated(estimation).sizes([direction])[1]

@@ -1,8 +1,8 @@
 """Other descriptions of labels and weights, and the fit that tests one.
 
 A wrong sensor, label or weight distorts the whole fit, so that a score test at the fitted point
-shows it only weakly.  Here the decays get another description, the vehicle is fitted again on fewer
-samples, and the cost shows how much better that description is.
+shows it only weakly.  Here the vehicle is fitted again to the decays under another description, on
+fewer samples, and the cost shows how much better that description is.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daq.channels import Channel
 from daq.vehicle import BodyWeight, Corner, Fact, HubWeight, MassState, Weight
@@ -21,22 +20,15 @@ from ..decays.decay import FreeDecay, with_channels
 from ..fit.estimation import Estimation, generic_vehicles
 from ..fit.grey_box import GreyBox
 from ..fit.likelihood import HOLD, Fit, fit
-from ..model.matrices import SCALED
+from ..model.matrices import SCALED, Real
 from .finding import NAMED_SHARE, Cause
 from .hypotheses import ROTATIONS
 
-_RATE_HZ = 250.0
-LENGTH_S = 1.0
+_LENGTH_S = 1.0
 """Length of the decays, s: the first second shows every fault of a sensor or label."""
-_COMPARED_HZ = 125.0
-"""Rate of the samples on which hypotheses are compared, Hz: ten times the fastest mode."""
-_TOLERANCE = 0.3
-_STEPS = 15
 _RANKING_STEPS = 6
-"""Steps after which hypotheses are compared: from a generic car, the true labels have the lowest
-cost after four."""
-_LEAST_GAIN = 100.0
-"""Fall of the squared residuals, in units of the noise, below which a swap is chance."""
+"""Steps after which trials are compared: from a generic car, the true labels have the lowest cost
+after four."""
 _LB_KG = 0.45359237
 
 _FL, _FR, _RL, _RR = Corner
@@ -51,19 +43,17 @@ _EXCHANGES: dict[str, dict[Corner, Corner]] = {
 
 
 class Trial(NamedTuple):
-    """Another description of bench or weights."""
+    """Another description of bench or weights: functions from what is stated to what may be."""
 
     name: str
     """The fault, in words."""
     advice: str = ""
     channel: Callable[[Channel], Channel | None] = lambda channel: channel
-    """From a stated channel to what its samples show, or to None to leave it out."""
+    """To None to leave the channel out."""
     mass_state: Callable[[str], str] = str
-    """From the stated mass state of a run to the one in which it was made."""
+    """From the label of a run's mass state."""
     state: Callable[[MassState], MassState] = lambda state: state
-    """From a stated mass state to what was on the car."""
     fact: Callable[[Fact], Fact] = lambda fact: fact
-    """From a stated fact to the true one."""
 
 
 AS_STATED = Trial("as stated")
@@ -85,10 +75,10 @@ class Refit(NamedTuple):
 def refit(
     estimation: Estimation,
     trial: Trial = AS_STATED,
-    start_eta: NDArray[np.float64] | None = None,
+    start_eta: Real | None = None,
     hold: float = 0.0,
-    steps: int = _STEPS,
-    length_s: float = LENGTH_S,
+    steps: int = 15,
+    length_s: float = _LENGTH_S,
 ) -> Refit:
     """Return the fit of the thinned decays as a trial describes them.
 
@@ -97,25 +87,25 @@ def refit(
     number of steps.  `length_s`: length to which the decays are cut.
     """
     decays = []
-    for whole in estimation.decays:
-        thin = whole.thinned(_RATE_HZ)
+    for decay in estimation.decays:
+        thin = decay.thinned(250.0)
         cut = replace(thin, recordings=tuple(r.between(0.0, length_s) for r in thin.recordings))
         changed = with_channels(cut, trial.channel)
         if changed.recordings:
             decays.append(replace(changed, mass_state=trial.mass_state(changed.mass_state)))
     groups = dict.fromkeys(r.group for decay in decays for r in decay.recordings)
-    old = estimation.box
-    states, facts = map(trial.state, old.mass_states), map(trial.fact, old.facts)
-    box = GreyBox(tuple(groups), tuple(states), old.geometry, old.structure, tuple(facts))
-    start = parameters_as_start(box, old, estimation.fit.eta if start_eta is None else start_eta)
-    found = fit(box, tuple(decays), estimation.noise, start, _TOLERANCE, steps, hold)
-    return Refit(box, tuple(decays), found)
+    stated = estimation.box
+    states, facts = map(trial.state, stated.mass_states), map(trial.fact, stated.facts)
+    box = GreyBox(tuple(groups), tuple(states), stated.geometry, stated.structure, tuple(facts))
+    start = parameters_as_start(box, stated, estimation.fit.eta if start_eta is None else start_eta)
+    result = fit(box, tuple(decays), estimation.noise, start, 0.3, steps, hold)
+    return Refit(box, tuple(decays), result)
 
 
 def ranked(
     estimation: Estimation,
     trials: Iterable[Trial],
-    start_eta: NDArray[np.float64] | None = None,
+    start_eta: Real | None = None,
     steps: int = _RANKING_STEPS,
 ) -> list[tuple[Refit, Trial]]:
     """Return the trials, each with its rough fit to one decay of each kind, the best first.
@@ -128,9 +118,7 @@ def ranked(
     return sorted(fitted, key=lambda pair: pair[0].excess)
 
 
-def parameters_as_start(
-    box: GreyBox, fitted_box: GreyBox, eta: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def parameters_as_start(box: GreyBox, fitted_box: GreyBox, eta: Real) -> Real:
     """Return unknowns of `box`: parameters at `eta` of `fitted_box`, like it, corrections zero."""
     n = len(fitted_box.parameters)
     return np.concatenate([eta[:n], np.zeros(len(box.prior_sigma) - n)])
@@ -151,7 +139,8 @@ def with_first_repeats(estimation: Estimation) -> Estimation:
     """Return the estimation with only the first repeat of each bump and mass state, thinned."""
     # A label is mass state, bump and number of the repeat; the first repeat overwrites later ones.
     first_by_kind = {decay.label.rpartition("_")[0]: decay for decay in reversed(estimation.decays)}
-    few = tuple(decay.thinned(_COMPARED_HZ) for decay in reversed(first_by_kind.values()))
+    # 125 samples a second are ten times the fastest mode.
+    few = tuple(decay.thinned(125.0) for decay in reversed(first_by_kind.values()))
     return replace(estimation, decays=few)
 
 
@@ -171,8 +160,9 @@ def swapped_labels(estimation: Estimation) -> Cause | None:
     code = "swapped_labels" if "swapped" in swap.name else "pounds"
     named = Cause(swap.name, swap.advice, certain=True, code=code)
     cause = compared(stated_fit, swapped_fit, named)
+    # In units of the noise; by less than 100 the squared residuals may fall by chance.
     gain = stated_fit.fit.cost - swapped_fit.fit.cost
-    return cause if cause.explained > NAMED_SHARE and gain >= _LEAST_GAIN else None
+    return cause if cause.explained > NAMED_SHARE and gain >= 100.0 else None
 
 
 def _swaps(estimation: Estimation) -> Iterator[Trial]:
@@ -222,36 +212,20 @@ def _swapped(name: str, described_as: Mapping[str, Channel]) -> Trial:
 
 # One added weight whose stated mass or place is grossly wrong -------------------------------------
 
-_FACTORS = (0.1, 0.5, 2.0, 10.0)
-"""Factors of a mass that are tried; the best is then fitted."""
-_WEIGHT_STEPS = 4
-"""Steps after which weights are compared."""
-_FITTED = 3
-"""Number of weights whose best trial is fitted: those tried are only near the truth."""
-_SPREAD = 1.2
-"""Ratio of the misfits of loaded and unloaded runs up to which both have the same cause."""
-_EXPLAINS = 0.9
-"""Share of the misfit of the loaded runs that one weight must explain."""
-_TYPING = 3.0
-"""Factor of a mass from which a mistake is sought in a car that no linear model explains."""
-_TYPED = 0.05
-"""Share of such a car's misfit by which that of the runs with weights must exceed the others'."""
-_REMAINS = 0.25
-"""Share of that surplus that may remain, or be explained too much, once a mistake is corrected."""
-
 
 class _Change(NamedTuple):
     """One weight as it may have been."""
 
     state: str
-    number: int
-    """`state`, `number`: mass state, and index among its weights, from 0."""
+    """Name of its mass state."""
+    i_weight: int
+    """Index among the weights of the state, from 0."""
     stated: Weight
     tried: Weight
 
     @property
     def name(self) -> str:
-        return f"weight {self.number + 1} of state {self.state}"
+        return f"weight {self.i_weight + 1} of state {self.state}"
 
     @property
     def factor(self) -> float:
@@ -264,13 +238,16 @@ class _Change(NamedTuple):
             if state.name != self.state:
                 return state
             weights = list(state.added.weights)
-            weights[self.number] = self.tried
+            weights[self.i_weight] = self.tried
             return replace(state, added=replace(state.added, weights=tuple(weights)))
 
         return Trial(self.name, state=with_tried_weight)
 
-    def fitted(self, few: Estimation, start_eta: NDArray[np.float64]) -> tuple[Refit, _Change]:
-        """Return the fit with mass or place of the weight free, and the weight as it finds it."""
+    def fitted(self, few: Estimation, start_eta: Real) -> tuple[Refit, _Change]:
+        """Return the fit with mass or place of the weight free, and the weight as it finds it.
+
+        The corner of a hub's weight stays as tried.
+        """
         weight = self.tried
         if self.factor != 1.0:
             weight = replace(weight, sigma_kg=weight.mass_kg)
@@ -297,8 +274,8 @@ class _Change(NamedTuple):
                 return f"x {weight.x_m:+.2f}, y {weight.y_m:+.2f} m"
             return f"on {weight.corner}"
 
-        shown = described(self.tried)
-        return f"{self.name}: stated {described(self.stated)}, the runs show {shown}"
+        stated, tried = described(self.stated), described(self.tried)
+        return f"{self.name}: stated {stated}, the runs show {tried}"
 
 
 def wrong_weight(estimation: Estimation) -> Cause | None:
@@ -309,11 +286,11 @@ def wrong_weight(estimation: Estimation) -> Cause | None:
 
     `estimation`: a fit that does not hold.
     """
-    limit = estimation.chi2_limit - 1.0
 
     def explains(with_change: float, as_stated: float, unloaded: float) -> bool:
-        allowed = _SPREAD * max(unloaded, 0.0) + limit
-        return as_stated > allowed and with_change - allowed <= (1.0 - _EXPLAINS) * as_stated
+        """Return whether a weight explains nine tenths of a misfit that the loaded runs add."""
+        allowed = 1.2 * max(unloaded, 0.0) + estimation.chi2_limit - 1.0
+        return as_stated > allowed and with_change - allowed <= 0.1 * as_stated
 
     return _wrong_weight(estimation, explains, 1.0)
 
@@ -331,10 +308,11 @@ def mistyped_weight(estimation: Estimation) -> Cause | None:
     """
 
     def explains(with_change: float, as_stated: float, unloaded: float) -> bool:
+        """Return whether a weight explains three to five quarters of what the loaded runs add."""
         surplus = as_stated - unloaded
-        return surplus > _TYPED * unloaded and abs(with_change - unloaded) <= _REMAINS * surplus
+        return surplus > 0.05 * unloaded and abs(with_change - unloaded) <= 0.25 * surplus
 
-    return _wrong_weight(estimation, explains, _TYPING)
+    return _wrong_weight(estimation, explains, 3.0)
 
 
 def _wrong_weight(
@@ -358,38 +336,39 @@ def _wrong_weight(
         return None  # not even if the runs with weights fitted as well as the others
     changes = {change.trial: change for change in _changes(box)}
     best_by_weight: dict[str, tuple[Refit, _Change]] = {}
-    for rough_fit, trial in ranked(few, changes, unloaded_eta, _WEIGHT_STEPS):
+    for rough_fit, trial in ranked(few, changes, unloaded_eta, steps=4):
         best_by_weight.setdefault(trial.name, (rough_fit, changes[trial]))
-    likeliest = [*best_by_weight.values()][:_FITTED]
+    likeliest = [*best_by_weight.values()][:3]
     fitted = [change.fitted(few, rough_fit.fit.eta) for rough_fit, change in likeliest]
     fitted.sort(key=lambda pair: pair[0].fit.cost)
-    named: list[tuple[Refit, _Change]] = []
-    for changed_fit, change in fitted:
-        near_stated = 1.0 / least_factor < change.factor < least_factor
-        is_possible = change.factor > 0.0 and not near_stated
-        best_excess = named[0][0].excess if named else changed_fit.excess
-        explains_as_well = changed_fit.excess <= best_excess + estimation.chi2_limit - 1.0
-        if (
-            is_possible
-            and explains_as_well
-            and explains(changed_fit.excess, stated_fit.excess, unloaded_fit.excess)
-        ):
-            named.append((changed_fit, change))
+    named = [
+        (changed_fit, change)
+        for changed_fit, change in fitted
+        if change.factor > 0.0
+        and not 1.0 / least_factor < change.factor < least_factor
+        and explains(changed_fit.excess, stated_fit.excess, unloaded_fit.excess)
+    ]
     if not named:
         return None
     # Another weight may explain the runs as well: that of the same place on the other axle.
-    sizes = ", or ".join(change.in_words for _, change in named)
+    most_excess = named[0][0].excess + estimation.chi2_limit - 1.0
+    sizes = ", or ".join(c.in_words for changed, c in named if changed.excess <= most_excess)
     advice = "weigh it again, and measure its place from the middle of the front axle"
     cause = Cause("an added weight is wrong", advice, sizes, certain=True)
     return compared(stated_fit, named[0][0], cause)
 
 
 def _changes(box: GreyBox) -> Iterator[_Change]:
-    """Yield every weight with another mass, its place mirrored, or on the other axle."""
+    """Yield every weight with another mass, its place mirrored, or on the other axle.
+
+    They are only near the truth.
+    """
     a, b = generic_vehicles()[0][11:13].tolist()
     for state in box.mass_states:
         for i, w in enumerate(state.added.weights):
-            others: list[Weight] = [replace(w, mass_kg=f * w.mass_kg) for f in _FACTORS]
+            others: list[Weight] = [
+                replace(w, mass_kg=f * w.mass_kg) for f in (0.1, 0.5, 2.0, 10.0)
+            ]
             if isinstance(w, HubWeight):
                 others += [replace(w, corner=c) for c in Corner if c is not w.corner]
             else:

@@ -112,13 +112,13 @@ def play(
 ) -> Any:
     """Return what a search by a script finds, and the names of the starts that it asked for."""
 
-    def gain_of(problem: Any, best: Any, eta: Any, extra: Any) -> Any:
+    def gain_of(best: Any, eta: Any, extra: Any) -> Any:
+        problem = best.point.problem
         names = [problem.model.names[i] for i in extra]
         found = gains(names, eta, problem) if gains else ([0.0, 0.0], [0.0, 0.0])
         return np.array(found[0]), np.array(found[1])
 
     monkeypatch.setattr("identify.nonlinear.release.fit", script.fit)
-    monkeypatch.setattr("identify.nonlinear.release.gain_of", gain_of)
     monkeypatch.setattr("identify.nonlinear.release.gain_of", gain_of)
     monkeypatch.setattr(
         "identify.nonlinear.release.initial_states_of",

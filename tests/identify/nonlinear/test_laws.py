@@ -149,7 +149,7 @@ def test_an_unknown_is_reported_in_its_unit_with_its_interval(
 
 
 def test_the_cross_weight_is_no_element() -> None:
-    model = Model(GreyBox((), (BASELINE,), None, RICH, lifts=True), KNOTS["K1"])
+    model = Model(GreyBox((), (BASELINE,), None, RICH, lifts=True), (0.0,))
     eta = bent(model, F_cf=2.0)
     free = places("k_tr", "cross weight", "F_cf", model=model)
     problem = SimpleNamespace(model=model, free=free)

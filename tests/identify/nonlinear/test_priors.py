@@ -116,7 +116,7 @@ def test_what_is_added_pulls_the_car_down_and_moves_with_it() -> None:
     assert one.corner[:, PULL] == pytest.approx([0.0, 0.0, -5.0 * 9.80665, 0.0])
     assert one.corner[:, MASS] == pytest.approx([40.5, 40.5, 50.4, 45.4])
     assert one.mass[0, 0] - bare.mass[0, 0] == pytest.approx(80.0)
-    rest = position_at_rest(MODEL, bent(MODEL), LOADED)
+    rest = position_at_rest(MODEL, bent(MODEL), one)
     # Each tyre carries what the ground gives: together all that was added.
     assert rest[3:] @ np.full(4, 192e3) == pytest.approx(-85.0 * 9.80665)
     assert rest[0] < rest[3:].max()
@@ -171,13 +171,11 @@ def test_the_next_start_is_asked_for_where_one_leads_nowhere(model: Model) -> No
 def test_beginnings_that_were_left_out_come_back_where_the_car_explains_them(model: Model) -> None:
     """All but those of two runs with a knock."""
     first, late = attempt(model, True, 0.0, 2), attempt(model, False, 0.1)
-    lines: list[str] = []
-    found = release(model, iter((first, late)), lambda _: False, lines.append, Clock())
+    found = release(model, iter((first, late)), lambda _: False, lambda _: None, Clock())
     assert found is not None
     fitted = found[0].point.problem.runs
     assert fitted == (*late.runs[:2], *first.runs[2:])
     assert np.max(np.abs(np.exp(found[0].eta[:15]) / TRUTH - 1.0)) < 0.05
-    assert any(f"beginnings of {len(fitted) - 2} of" in line for line in lines)
 
 
 @pytest.fixture(scope="module")

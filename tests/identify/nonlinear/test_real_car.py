@@ -23,7 +23,7 @@ from identify.fit.likelihood import fit as linear_fit
 from identify.nonlinear import path as threads
 from identify.nonlinear import real_car as module
 from identify.nonlinear.begin import initial_states_of, weak_priors
-from identify.nonlinear.car import KNOTS, Model
+from identify.nonlinear.car import Model
 from identify.nonlinear.fit import Optimum, fit, inverse, reduced
 from identify.nonlinear.path import POLISH, InitialState
 from identify.nonlinear.problem import Point, Problem, point, run_of
@@ -61,7 +61,7 @@ from .truth import (
 GROUP = ChannelGroup("hubs", tuple(channels()[1]))
 SIGMA = {c.name: NOISE[c.quantity] for c in GROUP.channels}
 FACT = Fact(FactQuantity.TOTAL_MASS, 1560.0, 2.0)
-MODEL = Model(GreyBox((GROUP,), (BASELINE,), None, RICH, (FACT,)), KNOTS["K1"])
+MODEL = Model(GreyBox((GROUP,), (BASELINE,), None, RICH, (FACT,)), (0.0,))
 TIMES = np.arange(0.0, 0.3, 0.005)
 FREE = tuple(MODEL.names.index(name) for name in ("m_s", "k_sf", "c_sr", "F_cf"))
 SHOWN = tuple(sorted({*range(MODEL.n_linear), *FREE}))
@@ -225,7 +225,7 @@ def test_parameters_and_intervals_are_those_of_the_linear_fit() -> None:
     sigma = {name: _LOW * level for name, level in noise.items()}
     box = GreyBox((PAPER_GROUP,), MASS_STATES, None, Structure())
     linear = linear_fit(box, runs, sigma, box.unknowns(TRUTH), tolerance=1e-7)
-    model = Model(box, KNOTS["K1"])
+    model = Model(box, (0.0,))
     eta = model.unknowns(linear.eta)
     centre, prior = weak_priors(model, eta)
     problem = Problem(

@@ -60,9 +60,9 @@ def test_each_stage_is_fitted_as_finely_as_the_next_one_needs(
     assert [one.runs for one in script.asked] == [["a short 0"]] * 3 + [["a whole 0"]]
     assert [one.grade for one in script.asked] == [ROUGH, ROUGH, ROUGH, POLISH]
     assert [one.options for one in script.asked] == [
-        {"tolerance": 0.05, "rough": 2e-3, "max_iterations": 25},
-        {"tolerance": 0.05, "rough": 2e-3, "max_iterations": 25},
-        {"tolerance": 0.05, "rough": pytest.approx(2e-4), "max_iterations": 40},
+        {"rough": 2e-3, "max_iterations": 25},
+        {"rough": 2e-3, "max_iterations": 25},
+        {"rough": pytest.approx(2e-4), "max_iterations": 40},
         {"tolerance": 0.3, "max_iterations": 25},
     ]
     # Each goes on from where the one before it ended.
@@ -216,7 +216,7 @@ def test_static_friction_joins_last_from_two_standard_deviations_on(
     begun = script.asked[3]
     assert begun.eta["r_cf"] == begun.eta["r_cr"] == (0.2 if joins else 0.0)
     if joins:
-        assert begun.options == {"tolerance": 0.05, "rough": 0.0, "max_iterations": 40}
+        assert begun.options == {"rough": 0.0, "max_iterations": 40}
 
 
 @pytest.mark.parametrize(
@@ -307,7 +307,7 @@ def test_friction_that_acts_in_full_costs_nothing(share: float) -> None:
     group = ChannelGroup("hubs", tuple(channels()[1]))
     time_s = np.arange(0.0, 0.1, 0.01)
     decay = FreeDecay("run", "baseline", 0.0, (Recording(group, time_s, np.zeros((10, 4))),))
-    model = Model(GreyBox((group,), (BASELINE,), None, RICH), KNOTS["K1"])
+    model = Model(GreyBox((group,), (BASELINE,), None, RICH), (0.0,))
     car = bent(model, F_cf=1.0, F_cr=1.0)
     centre, prior = weak_priors(model, car)
     run = run_of(model, decay, {c.name: NOISE[c.quantity] for c in group.channels})
@@ -325,7 +325,7 @@ def stop_off(gap_m: float, start_m: float) -> tuple[Problem, NDArray[np.float64]
     group = ChannelGroup("hubs", tuple(channels()[1]))
     recording = Recording(group, np.arange(0.0, 0.4, 0.01), np.zeros((40, 4)))
     decay = FreeDecay("run", "baseline", 0.0, (recording,))
-    model = Model(GreyBox((group,), (BASELINE,), None, RICH), KNOTS["K1"])
+    model = Model(GreyBox((group,), (BASELINE,), None, RICH), (0.0,))
     sigma = {c.name: 0.01 * NOISE[c.quantity] for c in group.channels}
     gaps = (gap_m, start_m)
     true, start = (bent(model, k_bf=1.0, g_bf=np.log(gap).item(), p_bf=0.0) for gap in gaps)
@@ -453,9 +453,9 @@ def test_beginnings_that_the_car_explains_are_fitted_too(played: Callable[..., A
         ("own 0",), ("own 1",), ("own 0'", "own 1'''"),
     ]  # fmt: skip
     assert [one.options for one in script.asked[4:7]] == [
-        {"tolerance": 0.05, "max_iterations": 25},
-        {"tolerance": 0.05, "max_iterations": 25},
-        {"tolerance": 0.05, "rough": pytest.approx(2e-4), "max_iterations": 40},
+        {"max_iterations": 25},
+        {"max_iterations": 25},
+        {"rough": pytest.approx(2e-4), "max_iterations": 40},
     ]
     assert best.cost == 200.0
 

@@ -415,7 +415,8 @@ def model_of(
     groups: dict[ChannelGroup, None] = dict.fromkeys(
         r.group for record in records for r in record.recordings
     )
-    return Model(GreyBox(tuple(groups), states, None, structure), KNOTS[knots])
+    speeds_m_s = {**KNOTS, "K1": (0.0,), "K5": (-0.3, -0.1, 0.0, 0.1, 0.3)}[knots]
+    return Model(GreyBox(tuple(groups), states, None, structure), speeds_m_s)
 
 
 def bent(model: Model, **unknowns: float) -> NDArray[np.float64]:

@@ -25,9 +25,9 @@ from identify.trust.causes import judge, survival, wrong_channel, wrong_sensors
 from identify.trust.finding import Cause, Verdict
 from identify.trust.hypotheses import (
     amplitude_findings,
+    disagreement_of,
     kind_of_sensor,
     odd_runs,
-    pull_of,
     rank_causes,
     some_runs_are_wrong,
 )
@@ -274,7 +274,7 @@ NO_RIVAL = 0.0
 
 def _pulls(result: Estimation) -> dict[str, float]:
     parts = LinearEngine(result.box).normal_blocks(result.decays, result.noise, result.fit.eta)
-    return {d.label: pull_of(result, (parts[d.label],)).strength for d in result.decays}
+    return {d.label: disagreement_of(result, (parts[d.label],)).strength for d in result.decays}
 
 
 def test_runs_of_one_vehicle_agree() -> None:
