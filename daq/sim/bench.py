@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from enum import StrEnum
 
@@ -19,22 +18,11 @@ from ..bumps import BUMPS
 from ..bus.source import BusError, HopLosses
 from ..check.pushes import ORDER
 from ..control.messages import Phase, Status
-from ..runs import BASELINE, Excitation, RunStatus
+from ..runs import BASELINE, RunStatus
 from ..vehicle import Corner
 from .car import SimulatedCar
 from .ecu import Act, Rig, rig_of
-from .motion import (
-    PUSHED_S,
-    Bump,
-    Moving,
-    Push,
-    Spliced,
-    drive,
-    dropped,
-    pushed,
-    pushed_down,
-    static_pose,
-)
+from .motion import PUSHED_S, Bump, Motion, Moving, Push, Spliced, dropped, pushed, pushed_down
 
 PIECE_S = 0.2
 """Longest piece in which the car is sampled, s: each piece takes some milliseconds, however short
@@ -64,57 +52,40 @@ class Fault(StrEnum):
     UNPLUG = "unplug"
 
 
-class Acts:
-    """The acts of one bench; each bump is computed once, in a thread, before it is due."""
+def _standing(rig: Rig, mass_state: str) -> Act:
+    """Return the act of a car that remains at rest: a push that changes nothing."""
+    pose = rig.plants[mass_state].static_pose()
+    return rig.act(Push(pose, np.zeros((7, 1)), 1.0), 0.0, np.inf)
 
-    def __init__(self, bench: Bench, rig: Rig) -> None:
-        self._bench, self._rig = bench, rig
-        self._pool = ThreadPoolExecutor(1, thread_name_prefix="simulated car")
-        self._bumps: dict[tuple[str, Excitation, bool], Future[Act]] = {}
 
-    def close(self) -> None:
-        """Cancel the computations that have not begun."""
-        self._pool.shutdown(wait=False, cancel_futures=True)
+def _pushed(rig: Rig, mass_state: str, corner: Corner) -> Act:
+    """Return a push by a person on a corner."""
+    return rig.act(pushed(rig.plants[mass_state], corner, PUSH_N, PUSH_S), PUSH_S, PUSH_S)
 
-    def rest(self, mass_state: str) -> Act:
-        """Return the act of a car that remains at rest: a push that changes nothing."""
-        pose = static_pose(self._rig.plants[mass_state])
-        return self._rig.act(Push(pose, np.zeros((7, 1)), 1.0), 0.0, np.inf)
 
-    def push(self, mass_state: str, corner: Corner) -> Act:
-        """Return a push on a corner."""
-        push = pushed(self._rig.plants[mass_state], corner, PUSH_N, PUSH_S)
-        return self._rig.act(push, PUSH_S, PUSH_S)
-
-    def prepare(self, step: Step, twice: bool) -> Future[Act]:
-        """Begin to compute a bump, or a double bump, unless this is done, and return its future."""
-        kind = (step.mass_state, step.excitation, twice)
-        if kind not in self._bumps:
-            self._bumps[kind] = self._pool.submit(self._bump, *kind)
-        return self._bumps[kind]
-
-    def _bump(self, mass_state: str, kind: Excitation, twice: bool) -> Act:
-        """Return a bump as the campaign makes it; a double bump is always rolled over."""
-        plant, campaign = self._rig.plants[mass_state], self._bench.campaign
-        length_s, lead_s = LEAD_S + SWING_S, LEAD_S
-        motion: Moving
-        if campaign.method is Method.ROLL_OVER or twice:
-            length_s += _SECOND_BUMP_S if twice else 0.0
-            bump = Bump(kind, campaign.bump_height_m, LEAD_S, campaign.bump_s)
-            first = drive(plant, bump, length_s + _MARGIN_S)
-            motion = first
-            if twice:
-                second_bump = replace(bump, start_s=bump.start_s + _SECOND_BUMP_S)
-                state = first.states(np.array([second_bump.start_s]))
-                motion = Spliced(first, drive(plant, second_bump, length_s + _MARGIN_S, state))
-        elif campaign.method is Method.PUSH and BUMPS[kind].hand is not None:
-            length_s += PUSHED_S
-            motion = pushed_down(plant, kind, campaign.bump_height_m, LEAD_S, length_s + _MARGIN_S)
-        else:  # it is on the blocks before they are removed
-            lead_s += self._bench.trigger.pre_s
-            length_s += self._bench.trigger.pre_s
-            motion = dropped(plant, kind, campaign.bump_height_m, lead_s, length_s + _MARGIN_S)
-        return self._rig.act(motion, length_s + _MARGIN_S, length_s, lead_s)
+def _bumped(rig: Rig, step: Step, twice: bool) -> Act:
+    """Return a bump as the campaign makes it; a double bump is always rolled over."""
+    plant, kind, campaign = rig.plants[step.mass_state], step.excitation, rig.bench.campaign
+    height_m = campaign.bump_height_m
+    length_s, lead_s = LEAD_S + SWING_S, LEAD_S
+    motion: Moving
+    if campaign.method is Method.ROLL_OVER or twice:
+        bump = Bump(kind, height_m, LEAD_S, campaign.bump_s)
+        motion = plant.drive(bump, length_s + _MARGIN_S)
+        if twice:
+            second_s = LEAD_S + _SECOND_BUMP_S
+            length_s += _SECOND_BUMP_S
+            pose, velocity, _ = motion.at(np.array([second_s]))
+            again = Motion.over(replace(bump, start_s=second_s), plant, pose, velocity)
+            motion = Spliced(motion, again, second_s)
+    elif campaign.method is Method.PUSH and BUMPS[kind].hand is not None:
+        length_s += PUSHED_S
+        motion = pushed_down(plant, kind, height_m, LEAD_S)
+    else:  # it is on the blocks before they are removed
+        lead_s += rig.bench.trigger.pre_s
+        length_s += rig.bench.trigger.pre_s
+        motion = dropped(plant, kind, height_m, lead_s)
+    return rig.act(motion, length_s + _MARGIN_S, length_s, lead_s)
 
 
 def push_frames(
@@ -126,12 +97,10 @@ def push_frames(
     `daq.sim.ecu.campaign_frames`; `rest_s`: time before the first push, s.
     """
     rig = rig_of(bench, codec, car, seed)
-    acts = Acts(bench, rig)
-    standing = acts.rest(BASELINE)
+    standing = _standing(rig, BASELINE)
     plan = [(standing, rest_s)]  # acts and their lengths, s
     for corner in ORDER:
-        plan += [(acts.push(BASELINE, corner), PUSH_S), (standing, PAUSE_S)]
-    acts.close()
+        plan += [(_pushed(rig, BASELINE, corner), PUSH_S), (standing, PAUSE_S)]
     rng, free_ns = np.random.default_rng([seed, 2]), [start_ns] * len(bench.buses)
     sampled_s = 0.0  # time up to which the car is sampled
     for act, length_s in [*plan, (standing, np.inf)]:
@@ -166,13 +135,12 @@ class SimulatedBench:
         start_ns: int = 0,
     ) -> None:
         self._rig = rig_of(bench, codec, car, seed)
-        self._acts = Acts(bench, self._rig)
         self._speed, self._recorder_status, self._fault = speed, recorder_status, fault
         self._piece_s = PIECE_S if np.isinf(speed) else max(PIECE_S, BLOCK_S * speed)
         self._start_ns, self._free_ns = start_ns, [start_ns] * len(bench.buses)
         self._rng = np.random.default_rng([seed, 2])
         self._mass_state = BASELINE
-        self._act = self._acts.rest(BASELINE)
+        self._act = _standing(self._rig, BASELINE)
         # Times since the start, s, in the car's time.
         self._act_begun_s = 0.0  # when the present act began
         self._sampled_s = 0.0  # up to which the car is sampled
@@ -239,10 +207,6 @@ class SimulatedBench:
     def close(self) -> None:
         """Leave the bus; the car is not changed."""
 
-    def dismantle(self) -> None:
-        """End the thread that computes motions in advance."""
-        self._acts.close()
-
     def _now_s(self) -> float:
         """Return the present time of the car, s."""
         if not np.isfinite(self._speed):
@@ -259,15 +223,14 @@ class SimulatedBench:
     def _choose(self, status: Status | None) -> None:
         """Begin the next act of the car, if it is time for one: rest, a bump, or a push."""
         if self._sampled_s >= self._act_begun_s + self._act.length_s:
-            self._begin(self._acts.rest(self._mass_state))
+            self._begin(_standing(self._rig, self._mass_state))
         if status is None or self._act.length_s < np.inf:
             return
         step = status.due.step if status.due else None
         if step is not None and step.mass_state in self._rig.plants:
-            self._acts.prepare(step, self._next_fault is Fault.DOUBLE_BUMP)
             if step.mass_state != self._mass_state:
                 self._mass_state, self._bump_due_s = step.mass_state, np.inf
-                self._begin(self._acts.rest(step.mass_state))
+                self._begin(_standing(self._rig, step.mass_state))
             elif status.phase is Phase.ARMED:
                 self._wait_and_bump(step, status)
                 return
@@ -281,12 +244,7 @@ class SimulatedBench:
                 self._asked_pushes.append(Corner(corner))
         self._notes_read = len(status.notes)
         if self._asked_pushes:
-            self._begin(self._acts.push(self._mass_state, self._asked_pushes.popleft()))
-
-    @property
-    def _next_fault(self) -> Fault | None:
-        """The fault of the next bump: only the second is spoilt, after a good run."""
-        return self._fault if self._n_bumps == 1 else None
+            self._begin(_pushed(self._rig, self._mass_state, self._asked_pushes.popleft()))
 
     def _wait_and_bump(self, step: Step, status: Status) -> None:
         """Bump an armed car after a person's time to react."""
@@ -297,10 +255,10 @@ class SimulatedBench:
             self._bump_due_s = self._sampled_s + self._rng.uniform(1.0, 1.6)
         if self._sampled_s < self._bump_due_s:
             return
-        fault = self._next_fault
+        fault = self._fault if self._n_bumps == 1 else None  # only the second, after a good run
         self._bump_due_s, self._n_judged = np.inf, n_judged
         self._n_bumps += 1
-        self._begin(self._acts.prepare(step, fault is Fault.DOUBLE_BUMP).result())
+        self._begin(_bumped(self._rig, step, fault is Fault.DOUBLE_BUMP))
         bump_s = self._act_begun_s + self._act.bump_s
         self._unjudged_bump_s = bump_s + 10.0  # then the recorder will judge no run any more
         if fault is Fault.LOST_FRAMES:

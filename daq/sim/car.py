@@ -19,16 +19,7 @@ from dbc.codec import SignalLayout
 from ..channels import ON_BODY, SI_UNITS, Channel, Quantity, message_of
 from ..samples.mapping import si_unit
 from ..vehicle import FORD_GRANADA, AddedMass, BodyWeight, MassState, VehicleParameters
-from .engine import Array, Plant
-from .motion import (
-    GRAVITY_M_S2,
-    Kinematics,
-    Moving,
-    cg_left_m,
-    corner_motion,
-    load_car,
-    static_pose,
-)
+from .motion import GRAVITY_M_S2, Array, Kinematics, Moving, Plant, load_car
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,7 +140,7 @@ class SimulatedCar:
             message: ClockTruth(rng.uniform(), self.clock_error * rng.standard_normal())
             for message in messages
         }
-        cg = (-self.parameters.a, cg_left_m(self.plant(AddedMass()).corners))
+        cg = (-self.parameters.a, self.plant(AddedMass()).cg_left_m)
         sensors = {}
         for channel in channels:
             delay_error_s = channel.delay_sigma_s * delay_in_sigmas[message_of(channel.signal)]
@@ -205,7 +196,7 @@ class Installation:
 
 def install(unloaded: Plant) -> Installation:
     """Return the installation, with sensors levelled and zeroed on the unloaded car."""
-    return Installation(unloaded, static_pose(unloaded))
+    return Installation(unloaded, unloaded.static_pose())
 
 
 def true_reading(
@@ -220,8 +211,7 @@ def true_reading(
     """
     moved = motion.pose - car.design_pose
     # From the CG, not from the middle of the front axle.
-    corners = car.plant.corners
-    x_m, y_m = sensor.x_m + float(corners["x_m"][0]), sensor.y_m - cg_left_m(corners)
+    x_m, y_m = sensor.x_m + float(car.plant.x_m[0, 0]), sensor.y_m - car.plant.cg_left_m
     wheel = 3 + channel.corner.position if channel.corner is not None else 0
     match channel.quantity:
         case Quantity.BODY_ACCELERATION:
@@ -241,7 +231,7 @@ def true_reading(
         case Quantity.HUB_DISPLACEMENT:
             value = moved[wheel]
         case Quantity.SUSPENSION_TRAVEL:
-            value = moved[wheel] - corner_motion(car.plant, moved)[wheel - 3]
+            value = moved[wheel] - car.plant.at_corners(moved)[wheel - 3]
         case Quantity.UNUSED:
             value = np.zeros(moved.shape[1])
     return np.asarray(value, dtype=np.float64)

@@ -26,8 +26,7 @@ from .car import (
     signal_values,
     true_reading,
 )
-from .engine import Array, Plant
-from .motion import Bump, Kinematics, Moving, drive
+from .motion import Array, Bump, Kinematics, Moving, Plant
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,21 +160,13 @@ def campaign_frames(
     classic CAN, its unit does not fit, or the weights would tip the car over.
     """
     rig = rig_of(bench, codec, car, seed)
-    motions = {}
-    for mass_state, kind in dict.fromkeys(
-        (s.mass_state, s.excitation) for s in bench.campaign.steps
-    ):  # repeats are the same motion with other noise
-        bump = Bump(kind, bench.campaign.bump_height_m, car.lead_s, bench.campaign.bump_s)
-        try:
-            motions[mass_state, kind] = drive(rig.plants[mass_state], bump, car.run_s)
-        except ValueError as error:
-            what = f"mass state {mass_state}: {error}"
-            raise InputError("bench.toml", what, "move the weights inwards") from error
     free_ns = [start_ns] * len(bench.buses)
     for number, step in enumerate(bench.campaign.steps if steps is None else steps):
         rng = np.random.default_rng([seed, 1, number])
         start_s = number * car.run_s
-        act = rig.act(motions[step.mass_state, step.excitation], car.run_s, car.run_s)
+        height_m, bump_s = bench.campaign.bump_height_m, bench.campaign.bump_s
+        bump = Bump(step.excitation, height_m, car.lead_s, bump_s)
+        act = rig.act(rig.plants[step.mass_state].drive(bump, car.run_s), car.run_s, car.run_s)
         span_s = (start_s, start_s + car.run_s)
         yield rig.frames(act, start_s, span_s, rng, start_ns, free_ns)
 
@@ -213,7 +204,14 @@ def bench_senders(bench: Bench, codec: Codec, drawn: Truth) -> tuple[Sender, ...
 def rig_of(bench: Bench, codec: Codec, car: SimulatedCar, seed: int) -> Rig:
     """Return a bench with a car whose true values are drawn; raises as `campaign_frames`."""
     drawn = car.draw(bench.channels, bench.mass_states, seed)
-    plants = {name: car.plant(added) for name, added in drawn.mass_states.items()}
+    plants = {}
+    for name, added in drawn.mass_states.items():
+        try:
+            plants[name] = car.plant(added)
+            plants[name].static_pose()
+        except ValueError as error:
+            what = f"mass state {name}: {error}"
+            raise InputError("bench.toml", what, "move the weights inwards") from error
     senders = bench_senders(bench, codec, drawn)
     return Rig(bench, codec, car, drawn, install(plants[BASELINE]), senders, plants)
 

@@ -1,8 +1,16 @@
-"""Puts weights on the simulated car, and moves it: over a bump, off blocks, or by hand."""
+"""Puts weights on the simulated car, and moves it: over a bump, off blocks, or by hand.
+
+The car is linear, with the 15 parameters of the paper.  Its forces are written here spring by
+spring; the matrices of Eqs. 3-10 are not used: they are assembled in `identify.model.matrices`, and
+a test ensures that both agree.  Axes and degrees of freedom are those of `daq.vehicle`.
+
+A pose is counted from that in which every spring and tyre has its free length, so the loads under
+gravity follow from the balance and are not given.  Rotations are small: lever arms are those of the
+level car.  A tyre also pulls: bumps that lift a wheel off the ground are beyond this car.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -12,9 +20,78 @@ from numpy.typing import NDArray
 from ..bumps import BUMPS
 from ..runs import Excitation
 from ..vehicle import AddedMass, BodyWeight, Corner, VehicleParameters
-from .engine import CORNER, STATE, Array, Plant, balances, integrate, read
+
+Array = NDArray[np.float64]
 
 GRAVITY_M_S2 = 9.80665
+
+
+@dataclass(frozen=True, slots=True)
+class Plant:
+    """A car in one state of loading; columns of four are in the order of `daq.vehicle.Corner`."""
+
+    x_m: Array
+    """(4, 1) Place where suspension and body meet, forward of the CG of the baseline body."""
+    y_m: Array
+    """(4, 1) The same place, to the left of that CG."""
+    spring_n_m: Array
+    """(4, 1) Stiffness of each suspension."""
+    damper_ns_m: Array
+    """(4, 1) Damping of each suspension."""
+    tyre_n_m: Array
+    """(4, 1) Stiffness of each tyre."""
+    weight_n: Array
+    """(7, 1) Gravity on each degree of freedom: N, and N m about the CG of the baseline body."""
+    mobility: Array
+    """(7, 7) Accelerations from forces: the inverse of the inertia."""
+
+    @property
+    def cg_left_m(self) -> float:
+        """How far the CG of the baseline body is to the left of the middle of the car, m."""
+        return -0.5 * float(self.y_m[0, 0] + self.y_m[1, 0])
+
+    def at_corners(self, body: Array) -> Array:
+        """Return the vertical motion of the body at the corners, (4, n).
+
+        `body`: heave, pitch and roll in its first three rows, (3 or more, n).
+        """
+        return np.asarray(body[0] - self.x_m * body[1] + self.y_m * body[2])
+
+    def forces(self, pose: Array, velocity: Array, road_m: Array) -> Array:
+        """Return the sum of all forces except inertia on each degree of freedom, (7, n).
+
+        `pose`, `velocity`: (7, n).  `road_m`: height of the road under each wheel, (4, n).
+        """
+        compression_m = pose[3:] - self.at_corners(pose)
+        closing_m_s = velocity[3:] - self.at_corners(velocity)
+        # Upwards on the body, downwards on the wheel.
+        suspension_n = self.spring_n_m * compression_m + self.damper_ns_m * closing_m_s
+        tyre_n = self.tyre_n_m * (road_m - pose[3:])
+        heave_n = suspension_n.sum(axis=0)
+        pitch_nm = -(self.x_m * suspension_n).sum(axis=0)
+        roll_nm = (self.y_m * suspension_n).sum(axis=0)
+        total = self.weight_n + np.vstack([heave_n, pitch_nm, roll_nm, tyre_n - suspension_n])
+        return np.asarray(total, dtype=np.float64)
+
+    def static_pose(self, road_m: Array | None = None, load: Array | None = None) -> Array:
+        """Return the pose of the car at rest, (7, 1).
+
+        `road_m`, (4, 1): height under each wheel; default: flat.  `load`, (7, 1): further forces, N
+        and N m.  Raises ValueError if the car does not stand on all four wheels (the weights would
+        tip it over).
+        """
+        road_m = np.zeros((4, 1)) if road_m is None else road_m
+        force = self.forces(np.zeros((7, 1)), np.zeros((7, 1)), road_m)
+        # The change of the forces by a unit of each coordinate; they are linear.
+        stiffness = force - self.forces(np.eye(7), np.zeros((7, 7)), road_m)
+        pose = np.linalg.solve(stiffness, force if load is None else force + load)
+        if np.any(pose[3:] >= road_m):
+            raise ValueError("a wheel is off the ground at rest: the weights are too far out")
+        return np.asarray(pose, dtype=np.float64)
+
+    def drive(self, bump: Bump, end_s: float) -> Moving:
+        """Return the motion of the car over a bump and its free decay, up to `end_s`."""
+        return Motion.over(bump, self, self.static_pose(), np.zeros((7, 1)))
 
 
 def per_axle(front: float, rear: float) -> Array:
@@ -22,80 +99,60 @@ def per_axle(front: float, rear: float) -> Array:
     return np.array([[front if corner.front else rear] for corner in Corner])
 
 
-def load_car(
-    parameters: VehicleParameters,
-    added: AddedMass,
-    elements: Mapping[str, Array] | None = None,
-    bends: Array | None = None,
-) -> Plant:
+def load_car(parameters: VehicleParameters, added: AddedMass) -> Plant:
     """Return a car with the added masses on it.
 
     `parameters`: the unloaded car.  `added`: weights, which have gravity and inertia; a matrix
-    given directly has only inertia.  `elements`: fields of `CORNER`, (4, 1) each, where the car is
-    not the linear one with these parameters.  `bends`: kinks of its dampers, as in `Plant`.
+    given directly has only inertia.
     """
     p = parameters
-    infinite = np.full((4, 1), np.inf)
-    dampers = per_axle(p.c_sf, p.c_sr)
-    # By these one divides also where there is no knee and no friction.
-    divisors = ("in_knee_m_s", "out_knee_m_s", "presliding_m", "stribeck_m_s")
-    fields = {
-        "x_m": per_axle(p.a, -p.b),
-        "y_m": per_axle(p.t_f, p.t_r) * np.array([[corner.side] for corner in Corner]),
-        "wheel_kg": per_axle(p.m_uf, p.m_ur),
-        "spring_n_m": per_axle(p.k_sf, p.k_sr),
-        "tyre_n_m": per_axle(p.k_tf, p.k_tr),
-        "in_ns_m": dampers,
-        "out_ns_m": dampers,
-        "stop_gap_m": infinite,
-        "mount_n_m": infinite,
-        "tyre_turn_m": -infinite,
-        **dict.fromkeys(divisors, np.ones((4, 1))),
-    }
-    corners = np.zeros(4, CORNER)
-    for name, values in (fields | dict(elements or {})).items():
-        corners[name] = values[:, 0]
-    inertia = -inertia_forces(corners, p, added, np.eye(7))  # of unit accelerations
-    mobility = np.asarray(np.linalg.inv(inertia), dtype=np.float64)
-    kinks = np.zeros((4, 2, 0, 2)) if bends is None else bends
-    plant = Plant(corners, kinks, _gravity(corners, p, added), mobility)
-    # The progressive terms count from the pose of the unloaded car, which has linear springs.
-    linear_car = _linear(plant)._replace(weight_n=_gravity(corners, p, AddedMass()))
-    unloaded_pose = static_pose(linear_car)
-    ride_m = unloaded_pose[3:] - corner_motion(plant, unloaded_pose)
-    return plant.other(ride_m=ride_m, squash_m=-unloaded_pose[3:])
+    y_m = per_axle(p.t_f, p.t_r) * np.array([[corner.side] for corner in Corner])
+    weight_n, mobility = inertia(p, per_axle(p.m_uf, p.m_ur), 0.0, added)
+    return Plant(
+        x_m=per_axle(p.a, -p.b),
+        y_m=y_m,
+        spring_n_m=per_axle(p.k_sf, p.k_sr),
+        damper_ns_m=per_axle(p.c_sf, p.c_sr),
+        tyre_n_m=per_axle(p.k_tf, p.k_tr),
+        weight_n=weight_n,
+        mobility=mobility,
+    )
 
 
-def _linear(plant: Plant) -> Plant:
-    """Return a car without its progressive springs and tyres and its bump stops."""
-    zero = np.zeros((4, 1))
-    return plant.other(quadratic_n_m2=zero, cubic_n_m3=zero, stop_n_m=zero, tyre_n_m2=zero)
+def inertia(
+    p: VehicleParameters, wheel_kg: Array, cg_left_m: float, added: AddedMass
+) -> tuple[Array, Array]:
+    """Return `Plant.weight_n`, (7, 1), and `Plant.mobility`, (7, 7), of a car with weights.
+
+    `wheel_kg`: (4, 1).  `cg_left_m`: `Plant.cg_left_m`.
+    """
+    mass = -_inertia_forces(p, wheel_kg, cg_left_m, added, np.eye(7))  # of unit accelerations
+    # Gravity is what the masses would resist if everything accelerated upwards at 1 g.
+    up_m_s2 = GRAVITY_M_S2 * np.array([[1.0], [0.0], [0.0], [1.0], [1.0], [1.0], [1.0]])
+    only_weights = AddedMass(added.weights)
+    weight_n = _inertia_forces(p, wheel_kg, cg_left_m, only_weights, up_m_s2)
+    return weight_n, np.asarray(np.linalg.inv(mass), dtype=np.float64)
 
 
-def inertia_forces(
-    corners: NDArray[np.void], parameters: VehicleParameters, added: AddedMass, acceleration: Array
+def _inertia_forces(
+    p: VehicleParameters, wheel_kg: Array, cg_left_m: float, added: AddedMass, acceleration: Array
 ) -> Array:
     """Return the forces with which every mass resists an acceleration (d'Alembert).
 
-    Order, axes and signs of the degrees of freedom are those of `daq.vehicle`: heave upwards, pitch
-    nose down, roll left side up, then each wheel upwards.
-
-    `corners`, (4,) of `CORNER`: places and masses of the wheels.  `parameters`: the body.
-    `added`: each weight is a point that moves with the body or a wheel; its `matrix` of inertia is
-    about the CG of the baseline body, about which the body turns.  `acceleration`, (7, n) float64.
-    Returns (7, n) float64: forces, N, and moments about the CG of the baseline body, N m.
+    Each weight is a point that moves with the body or a wheel; `added.matrix` is about the CG of
+    the baseline body, about which the body turns.  `acceleration`: (7, n).  Returns (7, n): forces,
+    N, and moments about the CG of the baseline body, N m.
     """
-    p, cg_y_m = parameters, cg_left_m(corners)
     heave, pitch, roll = acceleration[:3]
     force = np.zeros_like(acceleration)
     force[0] = -p.m_s * heave
     force[1] = -p.I_yy * pitch
     force[2] = -p.I_xx * roll
-    force[3:] = -corners["wheel_kg"][:, None] * acceleration[3:]
+    force[3:] = -wheel_kg * acceleration[3:]
     for weight in added.weights:
         m = weight.mass_kg
         if isinstance(weight, BodyWeight):
-            x, y, h = weight.x_m + p.a, weight.y_m - cg_y_m, weight.height_m
+            x, y, h = weight.x_m + p.a, weight.y_m - cg_left_m, weight.height_m
             # Rigid body, r = (x, y, h) from the CG, angular acceleration (roll, pitch, 0): the
             # weight's acceleration is that of the CG plus angular acceleration x r; the moment of
             # its force is r x force.
@@ -111,72 +168,6 @@ def inertia_forces(
     return np.asarray(force - added.matrix @ acceleration, dtype=np.float64)
 
 
-def _gravity(corners: NDArray[np.void], p: VehicleParameters, added: AddedMass) -> Array:
-    """Return gravity on each degree of freedom, (7, 1): N, and N m about the baseline CG.
-
-    It is what the masses would resist if everything accelerated upwards at 1 g.
-    """
-    up_m_s2 = GRAVITY_M_S2 * np.array([[1.0], [0.0], [0.0], [1.0], [1.0], [1.0], [1.0]])
-    return inertia_forces(corners, p, AddedMass(added.weights), up_m_s2)
-
-
-def cg_left_m(corners: NDArray[np.void]) -> float:
-    """Return how far the CG of the baseline body is to the left of the middle of the car, m."""
-    return -0.5 * float(corners["y_m"][0] + corners["y_m"][1])
-
-
-def corner_motion(plant: Plant, body: Array) -> Array:
-    """Return the heave of the body at the corners, (4, n), from its three motions, (3, n)."""
-    return np.asarray(body[0] - plant.column("x_m") * body[1] + plant.column("y_m") * body[2])
-
-
-def states_of(pose: Array, velocity: Array, friction: Array | None = None) -> Array:
-    """Return states (`engine`), (22, n), with unloaded mounts."""
-    states = np.zeros((STATE, pose.shape[1]))
-    states[:7], states[7:14] = pose, velocity
-    states[14:18] = 0.0 if friction is None else friction
-    return states
-
-
-def static_pose(
-    plant: Plant,
-    friction: Array | None = None,
-    road: Array | None = None,
-    load: Array | None = None,
-) -> Array:
-    """Return the pose of a car at rest, (7, 1), from the free length of all springs.
-
-    `friction`, (4, 1): share of its sliding friction that each corner carries; default: none, the
-    car has settled.  `road`, (4, 1): height under each wheel, m; default: flat.  `load`, (7, 1):
-    further forces, N and N m.  Raises ValueError if the car does not stand on all four wheels (the
-    weights would tip it over).
-    """
-    road_m = np.zeros((4, 1)) if road is None else road
-    # The linear car first, far enough down for every tyre to touch: Newton's first step is exact
-    # there, and the next removes rounding.  It is close enough for the real springs.
-    pose = np.full((7, 1), -1.0)
-    pose[1:3] = 0.0
-    for car, step, most_iterations in ((_linear(plant), -0.1, 3), (plant, -1e-6, 20)):
-        for _ in range(most_iterations):
-            poses = np.hstack([pose, pose + step * np.eye(7)])  # then each coordinate moved alone
-            states = states_of(poses, np.zeros((7, 8)), friction)
-            force = balances(car, states, np.repeat(road_m, 8, axis=1), np.zeros((4, 8)))[2]
-            force = force if load is None else force + load
-            stiffness = (force[:, 1:] - force[:, :1]) / step
-            change = np.linalg.solve(stiffness, force[:, :1])
-            pose = pose - change
-            if np.abs(change).max() < 1e-13:  # rounding
-                break
-        if np.any(pose[3:] >= road_m):
-            raise ValueError("a wheel is off the ground at rest: the weights are too far out")
-    return np.asarray(pose, dtype=np.float64)
-
-
-STEP_S = 5e-5
-"""Step of the integration, s: short enough for a wheel that slides at 3 m/s through a pre-sliding
-length of 0.1 mm, and more than enough for a wheel that moves at 15 Hz."""
-STEPS_PER_STATE = 4
-"""Steps from one stored state to the next; the cubic between them adds 1e-9 of the motion."""
 PRESS_S = 0.5
 """Time that hands take to push the body down, s."""
 PUSHED_S = PRESS_S + 0.1
@@ -200,25 +191,27 @@ class Bump:
         """Time at which the wheels have left the bump and the free decay starts, s."""
         return self.start_s + self.duration_s
 
-    def road(self, t_s: Array) -> tuple[Array, Array]:
-        """Return height, m, and vertical speed, m/s, of the road under each wheel, (4, n) (Eq. 34).
+    @property
+    def crest_m(self) -> Array:
+        """Height of the bump under each wheel, m, (4, 1)."""
+        return self.height_m * np.array(BUMPS[self.excitation].shares)[:, None]
 
-        The speed jumps where the bump begins and ends; those two instants count as on the bump.
-        """
-        crest_m = self.height_m * np.array(BUMPS[self.excitation].shares)[:, None]
-        omega_rad_s = np.pi / self.duration_s
+    @property
+    def omega_rad_s(self) -> float:
+        """Angular frequency of the sine of which the bump is a half."""
+        return float(np.pi / self.duration_s)
+
+    def road_m(self, t_s: Array) -> Array:
+        """Return the height of the road under each wheel, m, (4, n) (Eq. 34)."""
         is_on = (t_s >= self.start_s) & (t_s <= self.end_s)
-        phase_rad = omega_rad_s * (t_s - self.start_s)
-        height_m = crest_m * np.sin(phase_rad)
-        speed_m_s = crest_m * omega_rad_s * np.cos(phase_rad)
-        return np.where(is_on, height_m, 0.0), np.where(is_on, speed_m_s, 0.0)
+        return self.crest_m * np.where(is_on, np.sin(self.omega_rad_s * (t_s - self.start_s)), 0.0)
 
 
 class Kinematics(NamedTuple):
     """The motion at chosen instants, each (7, n) in the order `daq.vehicle.DOF`."""
 
     pose: Array
-    """Pose, counted from free springs (`engine`), m and rad."""
+    """Pose, counted from free springs, m and rad."""
     velocity: Array
     acceleration: Array
     """Rate of change of the velocity, from the balance of forces."""
@@ -231,94 +224,98 @@ class Moving(Protocol):
         """Return the motion at the times `t_s`, (n,) ascending, s; at rest before 0."""
 
 
-class _Span(NamedTuple):
-    """States and their rates of change, (m + 1, 22), at intervals of `step_s`."""
+class _Modes(NamedTuple):
+    """A solution of linear differential equations: a sum of exponentials."""
 
-    begin_s: float
-    step_s: float
-    states: Array
-    rates: Array
+    rates: NDArray[np.complex128]
+    """Eigenvalues of the equations' matrix, 1/s, (k,)."""
+    shapes: NDArray[np.complex128]
+    """Contribution of each exponential to the state at time 0, (k, k), one a column."""
+
+    @classmethod
+    def from_start(cls, matrix: Array, start: Array) -> _Modes:
+        """Return the solution of x' = matrix x that begins at a state, (k, 1)."""
+        rates, vectors = np.linalg.eig(matrix)
+        return cls(rates, vectors * np.linalg.solve(vectors, start)[:, 0])
+
+    def states(self, time_s: Array) -> Array:
+        """Return the states, (k, n), at times since the start, (n,)."""
+        return np.asarray((self.shapes @ np.exp(np.outer(self.rates, time_s))).real)
 
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """One run, solved: at rest, over the bump, free decay."""
+    """One run, solved exactly: at rest, over the bump, free decay.
+
+    States are deviations from rest on the flat road: those of pose and velocity, (14, n); on the
+    bump also sine and cosine of its phase, with which the equations are homogeneous, (16, n).
+    """
 
     plant: Plant
     """The car that moves."""
     bump: Bump
-    start: Array
-    """(22, 1) State before the bump."""
-    spans: tuple[_Span, _Span]
-    """The motion on the bump and after it; the road has a corner between them."""
+    before: Array
+    """State before the bump, (14, 1)."""
+    on_bump: _Modes
+    after: _Modes
 
-    def states(self, t_s: Array) -> Array:
-        """Return the states (`engine`) at the times `t_s`, (n,) ascending, s: (22, n)."""
-        bump_s = [self.bump.start_s, self.bump.end_s]
-        on_bump, after = np.searchsorted(t_s, bump_s, side="right")  # first index of each span
-        states = np.repeat(self.start, len(t_s), axis=1)
-        columns_of_spans = slice(on_bump, after), slice(after, None)
-        for span, columns in zip(self.spans, columns_of_spans, strict=True):
-            span_t_s = np.ascontiguousarray(t_s[columns], dtype=np.float64)
-            states[:, columns] = read(span.states, span.rates, span.begin_s, span.step_s, span_t_s)
-        return states
+    @classmethod
+    def over(cls, bump: Bump, plant: Plant, pose: Array, velocity: Array) -> Motion:
+        """Return the motion of a car over a bump, from pose and velocity, (7, 1), before it.
+
+        Raises ValueError if the car does not stand on four wheels at rest.
+        """
+        unit, none, flat = np.eye(7), np.zeros((7, 7)), np.zeros((4, 7))
+        gravity = plant.forces(none, none, flat)
+        by_pose = plant.forces(unit, none, flat) - gravity
+        by_velocity = plant.forces(none, unit, flat) - gravity
+        by_phase = plant.forces(none[:, :1], none[:, :1], bump.crest_m) - gravity[:, :1]
+        matrix = np.zeros((16, 16))
+        matrix[:7, 7:14] = unit
+        matrix[7:14, :7] = plant.mobility @ by_pose
+        matrix[7:14, 7:14] = plant.mobility @ by_velocity
+        matrix[7:14, 14:15] = plant.mobility @ by_phase
+        matrix[14, 15], matrix[15, 14] = bump.omega_rad_s, -bump.omega_rad_s  # sine, cosine
+        before = np.vstack([pose - plant.static_pose(), velocity])
+        on_bump = _Modes.from_start(matrix, np.vstack([before, [[0.0], [1.0]]]))
+        leaving = on_bump.states(np.array([bump.duration_s]))[:14]
+        return cls(plant, bump, before, on_bump, _Modes.from_start(matrix[:14, :14], leaving))
 
     def at(self, t_s: Array) -> Kinematics:
         """Return the motion at the times `t_s`, (n,) ascending, s.
 
         Accelerations are those of the balance of forces, not differences of velocities.
         """
-        states = self.states(t_s)
-        _, _, force = balances(self.plant, states, *self.bump.road(t_s))
-        return Kinematics(states[:7], states[7:14], self.plant.mobility @ force)
+        bump = self.bump
+        # First index on the bump and after it; its begin and end count as on it.
+        begin = int(np.searchsorted(t_s, bump.start_s))
+        end = int(np.searchsorted(t_s, bump.end_s, side="right"))
+        states = np.hstack(
+            [
+                np.repeat(self.before, begin, axis=1),
+                self.on_bump.states(t_s[begin:end] - bump.start_s)[:14],
+                self.after.states(t_s[end:] - bump.end_s),
+            ]
+        )
+        pose, velocity = states[:7] + self.plant.static_pose(), states[7:]
+        force = self.plant.forces(pose, velocity, bump.road_m(t_s))
+        return Kinematics(pose, velocity, self.plant.mobility @ force)
 
 
 @dataclass(frozen=True, slots=True)
 class Spliced:
-    """A motion that goes on as another one from the beginning of that one's bump."""
+    """A motion that goes on as another one, on the same axis of time."""
 
     first: Moving
-    second: Motion
-    """The motion from the beginning of its bump, on the same axis of time."""
+    second: Moving
+    second_s: float
+    """Time from which the second is shown, s."""
 
     def at(self, t_s: Array) -> Kinematics:
         """Return the motion at the times `t_s`, (n,) ascending, s."""
-        split = int(np.searchsorted(t_s, self.second.bump.start_s, side="right"))
+        split = int(np.searchsorted(t_s, self.second_s, side="right"))
         before, after = self.first.at(t_s[:split]), self.second.at(t_s[split:])
         return Kinematics(*map(np.hstack, zip(before, after, strict=True)))
-
-
-def standing(plant: Plant, stuck: Array | None = None) -> Array:
-    """Return the state of a car at rest, (22, 1).
-
-    `stuck`, (4, 1) float64: share of its friction that each corner carries; default: none, the car
-    has settled.  Raises ValueError if the car does not stand on four wheels (`static_pose`).
-    """
-    return states_of(static_pose(plant, stuck), np.zeros((7, 1)), stuck)
-
-
-def drive(
-    plant: Plant, bump: Bump, end_s: float, start: Array | None = None, step_s: float = STEP_S
-) -> Motion:
-    """Return the motion of a car over a bump, and its free decay.
-
-    `bump`: the road; it must begin at or after time 0.  `end_s`: end of the simulated free decay,
-    s.  `start`, (22, 1): state at the beginning of the bump; default: the car is at rest.
-    `step_s`: longest step of the integration, s.  Raises ValueError if the car does not stand on
-    four wheels (`static_pose`).
-    """
-    start = standing(plant) if start is None else start
-    crest_m = bump.height_m * np.array(BUMPS[bump.excitation].shares)
-    state, spans = start[:, 0].copy(), []
-    bump_s = (bump.start_s, bump.end_s)
-    for begin_s, stop_s in (bump_s, (bump.end_s, max(end_s, bump.end_s + step_s))):
-        count = int(np.ceil((stop_s - begin_s) / (STEPS_PER_STATE * step_s)))
-        states, rates = integrate(
-            plant, state, crest_m, (begin_s, stop_s), bump_s, count, STEPS_PER_STATE
-        )
-        spans.append(_Span(begin_s, (stop_s - begin_s) / count, states, rates))
-        state = states[-1].copy()
-    return Motion(plant, bump, start, (spans[0], spans[1]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -349,51 +346,42 @@ class Push:
         )
 
 
-def dropped(
-    plant: Plant, excitation: Excitation, height_m: float, go_s: float, end_s: float
-) -> Spliced:
-    """Return the motion of a car that drops off blocks under the wheels that the bump lifts.
-
-    `go_s`, `end_s`: the drop, and the end of the motion, s.
-    """
-    pose = static_pose(plant, road=height_m * np.array(BUMPS[excitation].shares)[:, None])
-    return _released(plant, pose, pose, go_s, go_s, end_s)
+def dropped(plant: Plant, excitation: Excitation, height_m: float, go_s: float) -> Spliced:
+    """Return the motion of a car that drops at `go_s` off blocks under the wheels of the bump."""
+    pose = plant.static_pose(road_m=Bump(excitation, height_m, go_s, 0.0).crest_m)
+    return _released(plant, pose, pose, go_s, go_s)
 
 
-def pushed_down(
-    plant: Plant, excitation: Excitation, depth_m: float, start_s: float, end_s: float
-) -> Spliced:
+def pushed_down(plant: Plant, excitation: Excitation, depth_m: float, start_s: float) -> Spliced:
     """Return the motion of a car whose body is pushed down for the bump, held, and released.
 
-    `depth_m`: by how much that place sinks.  `start_s`, `end_s`: begin of the push and end of the
-    motion, s.  Raises ValueError if a push cannot make that bump.
+    `depth_m`: by how much the place of the hands sinks.  `start_s`: begin of the push, s.  Raises
+    ValueError if a push cannot make that bump.
     """
     hand = BUMPS[excitation].hand
     if hand is None:
         raise ValueError(f"a push cannot make a {excitation.words} bump")
     forward, to_left = hand  # 1, 0 or -1 each
-    front_x_m, _, rear_x_m, _ = plant.corners["x_m"]  # positive forwards
-    hand_x_m = forward * float(front_x_m if forward > 0 else -rear_x_m)
-    hand_y_m = to_left * float(np.mean(np.abs(plant.corners["y_m"])))
-    rest = static_pose(plant)
-    pose_of_1_n = static_pose(plant, load=_down(1.0, hand_x_m, hand_y_m)) - rest
-    heave_m, pitch_rad, roll_rad = pose_of_1_n[:3, 0]
+    front_x_m, _, rear_x_m, _ = plant.x_m[:, 0].tolist()  # positive forwards
+    hand_x_m = forward * (front_x_m if forward > 0 else -rear_x_m)
+    hand_y_m = to_left * float(np.mean(np.abs(plant.y_m)))
+    rest = plant.static_pose()
+    sink_of_1_n = plant.static_pose(load=_down(1.0, hand_x_m, hand_y_m)) - rest
+    heave_m, pitch_rad, roll_rad = sink_of_1_n[:3, 0]
     hand_sinks_m = abs(float(heave_m - pitch_rad * hand_x_m + roll_rad * hand_y_m))
-    lowest = rest + pose_of_1_n * depth_m / hand_sinks_m
-    return _released(plant, rest, lowest, start_s, start_s + PUSHED_S, end_s)
+    lowest = rest + sink_of_1_n * depth_m / hand_sinks_m
+    return _released(plant, rest, lowest, start_s, start_s + PUSHED_S)
 
 
-def _released(
-    plant: Plant, rest: Array, pressed: Array, press_s: float, go_s: float, end_s: float
-) -> Spliced:
+def _released(plant: Plant, rest: Array, pressed: Array, press_s: float, go_s: float) -> Spliced:
     """Return the motion of a car that is pressed from one pose, (7, 1), to another, and released.
 
-    `press_s`, `go_s`, `end_s`: begin of the press, release, and end of the motion, s.
+    `press_s`, `go_s`: begin of the press, and release, s.
     """
     flat = Bump(Excitation.BOUNCE, 0.0, go_s, 0.01)  # the release is a drive over no bump
-    decay = drive(plant, flat, end_s, states_of(pressed, np.zeros((7, 1))))  # it begins at rest
+    decay = Motion.over(flat, plant, pressed, np.zeros((7, 1)))
     press = Push(rest, pressed - rest, PRESS_S, press_s, cycles=0.5)  # and holds
-    return Spliced(press, decay)
+    return Spliced(press, decay, go_s)
 
 
 def _down(force_n: float, x_m: float, y_m: float) -> Array:
@@ -405,6 +393,6 @@ def _down(force_n: float, x_m: float, y_m: float) -> Array:
 
 def pushed(plant: Plant, corner: Corner, force_n: float, length_s: float) -> Push:
     """Return a push on the body at a corner, by a force that rises and falls as a cosine."""
-    rest, at = static_pose(plant), plant.corners[corner.position]
-    pressed = static_pose(plant, load=_down(force_n, at["x_m"], at["y_m"]))
-    return Push(rest, pressed - rest, length_s)
+    rest, i = plant.static_pose(), corner.position
+    load = _down(force_n, float(plant.x_m[i, 0]), float(plant.y_m[i, 0]))
+    return Push(rest, plant.static_pose(load=load) - rest, length_s)

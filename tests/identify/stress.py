@@ -1,6 +1,6 @@
 """The stress list: campaigns with one thing wrong each, for the gates of trust.
 
-The motion is that of `daq.sim.motion`, which is built of forces and shares nothing with
+The motion is that of `tests.simulated.engine`, which is built of forces and shares nothing with
 `identify.model.matrices`; it is sampled at the sensors directly, without frames, with white noise.
 """
 
@@ -28,8 +28,7 @@ from daq.sim.car import (
     measured,
     true_reading,
 )
-from daq.sim.engine import Plant
-from daq.sim.motion import GRAVITY_M_S2, Bump, Motion, drive
+from daq.sim.motion import GRAVITY_M_S2, Bump
 from daq.vehicle import FORD_GRANADA, AddedMass, BodyWeight, Corner, Vehicle
 from dbc.words import Finding, Severity
 from identify.decays.usable import usable
@@ -37,6 +36,7 @@ from identify.fit.estimation import Estimation, estimate, generic_vehicles
 from identify.pipeline import grey_box
 
 from ..simulated.elements import NONE, Friction, Imperfections, SensorFault, load_car, spoilt
+from ..simulated.engine import RealMotion, RealPlant, drive
 
 Array = NDArray[np.float64]
 Key = tuple[str, Excitation, int]
@@ -280,7 +280,7 @@ def _sensor(channel: Channel, stress: Stress) -> SensorTruth:
 
 
 @cache
-def _plant(car: Imperfections, state: str) -> Plant:
+def _plant(car: Imperfections, state: str) -> RealPlant:
     return load_car(FORD_GRANADA, ADDED_MASS[state], car)
 
 
@@ -292,7 +292,7 @@ def _installation(car: Imperfections) -> Installation:
 @cache
 def _motions(
     car: Imperfections, bump_m: float, excitations: tuple[Excitation, ...]
-) -> dict[tuple[str, Excitation], Motion]:
+) -> dict[tuple[str, Excitation], RealMotion]:
     """Return how a car moves over each kind of bump in both mass states, driven side by side."""
     keys = [(state, excitation) for state in (BASELINE, ADDED) for excitation in excitations]
     plants = [_plant(car, state) for state, _ in keys]

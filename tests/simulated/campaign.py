@@ -17,7 +17,6 @@ from daq.sessions import Session
 from daq.sim.car import (
     NOISE,
     Installation,
-    SimulatedCar,
     Spread,
     Truth,
     install,
@@ -25,16 +24,7 @@ from daq.sim.car import (
     measured,
     true_reading,
 )
-from daq.sim.engine import Plant
-from daq.sim.motion import (
-    GRAVITY_M_S2,
-    Bump,
-    Motion,
-    Moving,
-    drive,
-    standing,
-    static_pose,
-)
+from daq.sim.motion import GRAVITY_M_S2, Bump, Moving
 from daq.vehicle import (
     AddedMass,
     BodyWeight,
@@ -47,7 +37,8 @@ from daq.vehicle import (
     VehicleParameters,
 )
 
-from .elements import contact
+from .elements import RealCar, contact
+from .engine import RealMotion, RealPlant, drive, standing
 
 IMU = "IMU"
 """The message of the inertial unit: acceleration of a body point, roll and pitch rate."""
@@ -178,11 +169,11 @@ class Simulated:
     """The recorded session."""
     truth: Truth
     """The drawn true values."""
-    motions: tuple[Motion, ...]
+    motions: tuple[RealMotion, ...]
     """The motion of the car in each run."""
 
 
-def simulate(car: SimulatedCar, plan: Plan, seed: int) -> Simulated:
+def simulate(car: RealCar, plan: Plan, seed: int) -> Simulated:
     """Simulate a campaign.
 
     `car`: the simulated car; its bump height, lead and tail are not used.  `plan`: runs, sensors
@@ -206,7 +197,9 @@ def simulate(car: SimulatedCar, plan: Plan, seed: int) -> Simulated:
     return Simulated(session, drawn, tuple(motions))
 
 
-def _driven(plants: Mapping[str, Plant], plan: Plan, rng: np.random.Generator) -> list[Motion]:
+def _driven(
+    plants: Mapping[str, RealPlant], plan: Plan, rng: np.random.Generator
+) -> list[RealMotion]:
     """Return the motion of each run; time counts from the first sample at rest."""
     stuck = plan.stuck * rng.uniform(-1.0, 1.0, (len(plan.bumps), 4, 1))
     end_s = plan.rest_s + plan.bump_s + plan.decay_s
@@ -220,7 +213,7 @@ def _driven(plants: Mapping[str, Plant], plan: Plan, rng: np.random.Generator) -
 
 def _sampled(
     plan: Plan,
-    car: SimulatedCar,
+    car: RealCar,
     drawn: Truth,
     installation: Installation,
     motion: Moving,
@@ -338,12 +331,12 @@ def _weights(
     return AddedMass((*body, *hubs))
 
 
-def facts_of(car: SimulatedCar, rng: np.random.Generator) -> tuple[Fact, ...]:
+def facts_of(car: RealCar, rng: np.random.Generator) -> tuple[Fact, ...]:
     """Return the facts that corner scales and a tape measure show of a car."""
     p = car.parameters
     plant = car.plant(AddedMass())
     still, flat = np.zeros((7, 1)), np.zeros((4, 1))
-    loads = contact(plant, static_pose(plant), still, flat).tyre_n[:, 0] / GRAVITY_M_S2
+    loads = contact(plant, plant.static_pose(), still, flat).tyre_n[:, 0] / GRAVITY_M_S2
     known = [
         *((q, float(load), _SCALE_KG) for q, load in zip(_CORNER_FACTS, loads, strict=True)),
         (FactQuantity.WHEELBASE, p.a + p.b, _WHEELBASE_M),

@@ -18,10 +18,11 @@ import numpy as np
 
 from daq.channels import Channel
 from daq.sim.car import SensorTruth, SimulatedCar, Truth
-from daq.sim.engine import Array, Plant, balances
-from daq.sim.motion import load_car as load_linear_car
-from daq.sim.motion import per_axle, states_of
+from daq.sim.motion import Array, per_axle
 from daq.vehicle import FORD_GRANADA, AddedMass, Corner, MassState, VehicleParameters
+
+from .engine import RealPlant, balances, states_of
+from .engine import load_car as load_car_of_fields
 
 PerCorner = tuple[float, float, float, float]
 """A value for each corner, in the order of `daq.vehicle.Corner`."""
@@ -195,7 +196,7 @@ class Imperfections:
     """Distance of the CG of the unloaded body to the left of the middle of the car, m."""
 
     def fields(self, p: VehicleParameters) -> dict[str, Array]:
-        """Return the fields of `daq.sim.engine.CORNER` that differ from those of a linear car."""
+        """Return the fields of `engine.CORNER`."""
 
         def each(front: float, rear: float, factor: PerCorner = ALIKE) -> Array:
             return np.asarray(per_axle(front, rear) * np.reshape(factor, (4, 1)), np.float64)
@@ -274,10 +275,10 @@ def half_differences(factors: PerCorner) -> PerAxle:
 
 def load_car(
     parameters: VehicleParameters, added: AddedMass, imperfections: Imperfections = NONE
-) -> Plant:
+) -> RealPlant:
     """Put added masses on a car with elements beyond its parameters."""
     i = imperfections
-    return load_linear_car(parameters, added, i.fields(parameters), i.bends(parameters))
+    return load_car_of_fields(parameters, added, i.fields(parameters), i.bends(parameters))
 
 
 @dataclass(frozen=True, slots=True)
@@ -290,19 +291,21 @@ class Contact:
     """Force of the road on the wheel, N, never negative."""
 
 
-def contact(plant: Plant, pose: Array, velocity: Array, road: Array) -> Contact:
+def contact(plant: RealPlant, pose: Array, velocity: Array, road: Array) -> Contact:
     """Return the forces of suspensions and tyres, for poses and velocities (7, n), road (4, n).
 
     Friction and mounts are unloaded.
     """
-    suspension, tyre, _ = balances(plant, states_of(pose, velocity), road, np.zeros(road.shape))
+    suspension, tyre, _ = balances(
+        plant.numbers, states_of(pose, velocity), road, np.zeros(road.shape)
+    )
     return Contact(suspension, tyre)
 
 
-def forces(plant: Plant, pose: Array, velocity: Array, road: Array) -> Array:
+def forces(plant: RealPlant, pose: Array, velocity: Array, road: Array) -> Array:
     """Return the sum of all forces except inertia, (7, n); arguments as for `contact`."""
     states = states_of(pose, velocity)
-    return np.asarray(balances(plant, states, road, np.zeros(road.shape))[2])
+    return np.asarray(balances(plant.numbers, states, road, np.zeros(road.shape))[2])
 
 
 @dataclass(frozen=True, slots=True)
@@ -339,7 +342,7 @@ class RealCar(SimulatedCar):
     faults: tuple[SensorFault, ...] = ()
     """Faults of sensors, at most one entry per channel."""
 
-    def plant(self, added: AddedMass) -> Plant:
+    def plant(self, added: AddedMass) -> RealPlant:
         """Return the car with weights."""
         return load_car(self.parameters, added, self.imperfections)
 

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from daq.sim.motion import GRAVITY_M_S2, corner_motion
+from daq.sim.motion import GRAVITY_M_S2
 from daq.vehicle import AddedMass, VehicleParameters
 
 from .campaign import HUBS, IMU, MESSAGES, Plan, Simulated, facts_of, fitted_plan, simulate, spread
@@ -250,7 +250,7 @@ def _met_stops(fleet_car: FleetCar, simulated: Simulated) -> tuple[bool, bool]:
     t_s = np.arange(begin, begin + 0.5, 1e-3)
     for motion in simulated.motions:
         pose = motion.at(t_s).pose
-        u = pose[3:] - corner_motion(motion.plant, pose) - bare.column("ride_m")
+        u = pose[3:] - motion.plant.at_corners(pose) - bare.column("ride_m")
         met |= (u > bare.column("stop_gap_m")).any(axis=1)
     return bool(met[:2].any()), bool(met[2:].any())
 

@@ -171,7 +171,6 @@ def test_a_terminal_s_demonstration_waits_for_orders_and_ends_with_it(
     assert run([*words, "--fault", "unplug"]) == 0
     assert recorded.lives == (False, True, False, True)
     assert recorded.traffic.bench.origin is Origin.SIMULATED
-    recorded.traffic.close()
 
 
 def test_a_replay_is_armed_goes_on_and_stays_for_its_terminal(

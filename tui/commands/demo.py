@@ -49,10 +49,7 @@ def demo(
             lifetime.end.set()
 
     with lone_recorder(out), Log(out / LOG) as log, output.progress("record") as stage:
-        try:
-            last = record_campaign(replace(traffic, follow=follow), out, lifetime, log, stage)
-        finally:
-            traffic.close()
+        last = record_campaign(replace(traffic, follow=follow), out, lifetime, log, stage)
     path, session = recorded_session(last)
     with output.progress("identify") as stage:
         result = identify_session(session, stage)

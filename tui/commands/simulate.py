@@ -184,7 +184,6 @@ def _bump_for_recorder(
         with ThreadPoolExecutor(1) as thread:
             return max(sent_counts(frames(thread)), default=0)
     finally:
-        bench.dismantle()
         recorder.close()
 
 

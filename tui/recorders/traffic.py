@@ -25,8 +25,6 @@ class Traffic:
     """Opens a bus, given its description and its number."""
     follow: Callable[[Status], None] | None = None
     """Called with every status of the recorder, in the writer's thread."""
-    close: Callable[[], None] = lambda: None
-    """Ends what produces the frames."""
 
 
 def bus_traffic(path: Path | None, interface: str | None, channel: str | None) -> Traffic:
@@ -62,7 +60,7 @@ def simulated_traffic(path: Path | None, speed: float, fault: str, seed: int = 1
     def follow(status: Status) -> None:
         newest[:] = [status]
 
-    return Traffic(bench, open_source, follow, simulated.dismantle)
+    return Traffic(bench, open_source, follow)
 
 
 def replayed_traffic(path: Path, speed: float) -> Traffic:

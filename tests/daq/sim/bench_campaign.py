@@ -69,5 +69,4 @@ def record(
         statuses[:] = [recorder.status(now)]
         if statuses[-1].phase is Phase.COMPLETE:
             break
-    source.dismantle()
     return kept, statuses[-1]

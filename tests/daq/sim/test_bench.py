@@ -254,7 +254,6 @@ def test_a_fault_spoils_the_second_bump(fault: Fault, after_s: float, gap_s: flo
     for _ in range(90):
         with suppress(BusError):
             blocks.append(source.open().read(0.0))
-    source.dismantle()
     frames = FrameBatch.concatenate(blocks)
     first, second = bumps_s(frames)[:2]
     # Somebody bumps 1 to 1.6 s after arming, as soon as a piece of 0.2 s is over; rest of 0.1 s.

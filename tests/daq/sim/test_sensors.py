@@ -26,12 +26,12 @@ from daq.sim.car import (
     true_reading,
 )
 from daq.sim.ecu import campaign_frames
-from daq.sim.motion import GRAVITY_M_S2, Kinematics, static_pose
+from daq.sim.motion import GRAVITY_M_S2, Kinematics, load_car
 from daq.vehicle import FORD_GRANADA, AddedMass, BodyWeight, Corner
 from dbc import Codec, parse_codec, shipped_dbc
 from dbc.words import InputError
 
-from ...simulated.elements import RealCar, SensorFault, load_car
+from ...simulated.elements import RealCar, SensorFault
 
 G = GRAVITY_M_S2
 SILENT = Spread(0.0, 0.0, 0.0, 0.0, 0.0)
@@ -163,7 +163,7 @@ def test_other_quantities(
 
 def test_added_weight_shows_as_a_static_offset_of_the_travel(car: Installation) -> None:
     weight = AddedMass((BodyWeight(100.0, -FORD_GRANADA.a, 0.0),))  # at the CG
-    pose = static_pose(load_car(FORD_GRANADA, weight))
+    pose = load_car(FORD_GRANADA, weight).static_pose()
     still = np.zeros((7, 1))
     sagged = Kinematics(pose, still, still)
     p = FORD_GRANADA

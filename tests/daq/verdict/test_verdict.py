@@ -27,7 +27,6 @@ from daq.sim.motion import (
     Kinematics,
     Moving,
     Spliced,
-    drive,
     dropped,
     pushed_down,
 )
@@ -41,6 +40,7 @@ from tests.simulated.elements import named_car
 
 from ...flow.coverage import simulated_session
 from ...simulated.elements import NONE, Imperfections, load_car
+from ...simulated.engine import drive
 
 START_NS = 1_800_000_000_000_000_000
 LEAD_S, AFTER_S = 1.3, 2.8
@@ -112,14 +112,14 @@ def motion(
     """Drive a car over a bump of `height` times the usual, and over another (delay s, height)."""
     states = {s.name: s.added for s in load_bench(None).mass_states}
     plant = load_car(FORD_GRANADA, states[state], CARS[car])
-    first = drive(plant, Bump(excitation, height * HEIGHT_M, LEAD_S, 0.2), LEAD_S + AFTER_S)
+    first = plant.drive(Bump(excitation, height * HEIGHT_M, LEAD_S, 0.2), LEAD_S + AFTER_S)
     if again is None:
         return first
     delay_s, size = again
     begin_s = LEAD_S + delay_s
     second = Bump(excitation, size * HEIGHT_M, begin_s, 0.2)
     before = first.states(np.array([begin_s]))
-    return Spliced(first, drive(plant, second, begin_s + AFTER_S, before))
+    return Spliced(first, drive(plant, second, begin_s + AFTER_S, before), begin_s)
 
 
 def windowed(
@@ -496,7 +496,6 @@ def test_the_motion_left_falls_from_one_to_nothing() -> None:
 
 
 PLANT = load_car(FORD_GRANADA, AddedMass())
-END_S = LEAD_S + AFTER_S
 DROPS = [(Method.DROP, kind) for kind in (Excitation.ROLL, Excitation.REAR_PITCH)]
 PUSHES = [(Method.PUSH, kind) for kind in (Excitation.BOUNCE, Excitation.PITCH, Excitation.ROLL)]
 """A tail that is pushed hardly moves the accelerometer of this bench, which is ahead of the middle:
@@ -506,8 +505,8 @@ the push triggers when it lets go, as the manual says."""
 @cache
 def _motion(method: Method, kind: Excitation) -> Moving:
     if method is Method.DROP:
-        return dropped(PLANT, kind, 0.04, LEAD_S, END_S)
-    return pushed_down(PLANT, kind, 0.04, LEAD_S, END_S)
+        return dropped(PLANT, kind, 0.04, LEAD_S)
+    return pushed_down(PLANT, kind, 0.04, LEAD_S)
 
 
 def _bench(name: str, method: Method) -> Bench:

@@ -14,7 +14,7 @@ from daq.channels import Channel
 from daq.runs import ADDED, BASELINE, Excitation
 from daq.sessions import ArrayRun, Session, session_from_arrays
 from daq.sim.car import NOISE, SensorTruth, install, measured, true_reading
-from daq.sim.motion import Bump, Motion, drive
+from daq.sim.motion import Bump, Moving, load_car
 from daq.vehicle import (
     FORD_GRANADA,
     AddedMass,
@@ -37,7 +37,6 @@ from identify.fit.likelihood import (
 )
 from identify.study.campaign import SENSOR_SETS, Campaign, records_of
 
-from ...simulated.elements import load_car
 from ..bumps import GROUP, MASS_STATES, TRUTH, noise_of, paper_records
 from ..stress import ADDED_MASS, THREE, fitted, stress_channels
 
@@ -223,9 +222,9 @@ REST_S, BUMP_S, RUN_S = 0.6, 0.2, 3.3
 
 
 @cache
-def _motion(state: str, excitation: Excitation) -> Motion:
+def _motion(state: str, excitation: Excitation) -> Moving:
     car = load_car(FORD_GRANADA, ADDED_MASS[state])
-    return drive(car, Bump(excitation, 0.05, REST_S, BUMP_S), RUN_S)
+    return car.drive(Bump(excitation, 0.05, REST_S, BUMP_S), RUN_S)
 
 
 @cache

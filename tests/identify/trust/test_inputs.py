@@ -14,7 +14,6 @@ from daq.bench.config import load_bench
 from daq.channels import Quantity
 from daq.runs import ADDED, BASELINE, Excitation, Run, RunStatus, SampleGroup
 from daq.sessions import Session
-from daq.sim.car import SimulatedCar
 from daq.vehicle import (
     FORD_GRANADA,
     AddedMass,
@@ -40,6 +39,7 @@ from identify.trust.inputs import (
     unused_findings,
 )
 from tests.simulated.campaign import Fitting, Plan, PlannedBump, channels, simulate
+from tests.simulated.elements import RealCar
 
 from ...flow.coverage import simulated_session
 from ..stress import (
@@ -462,7 +462,7 @@ def session_of(
         channels(Fitting(imu_m=place_m)),
         (MassState(BASELINE), MassState(ADDED, AddedMass(change((*body, *hubs))))),
     )
-    session = simulate(SimulatedCar(parameters=car), plan, seed).session
+    session = simulate(RealCar(parameters=car), plan, seed).session
     said = (MassState(BASELINE), MassState(ADDED, AddedMass((*body, *hubs))))
     return replace(session, mass_states=said)
 

@@ -1,10 +1,7 @@
-"""Moves the simulated car: one balance of forces, spring by spring, stepped by Runge and Kutta.
+"""Moves a car with force elements beyond the linear one of `daq.sim.motion`, whose axes it has.
 
-The matrices of Eqs. 3-10 are not used here; they are assembled in `identify.model.matrices`, and a
-test ensures that both agree.  Axes and degrees of freedom are those of `daq.vehicle`.
-Displacements are counted from the pose in which every spring and tyre has its free length, so the
-loads under gravity follow from the balance and are not given.  Rotations are small: lever arms are
-those of the level car.  A tyre can only push: it does not pull a wheel that is off the ground.
+One balance of forces, spring by spring, stepped by Runge and Kutta.  A tyre can only push: it does
+not pull a wheel that is off the ground.
 
 A state is 22 values: pose (7), velocity (7), share of sliding friction at each corner (4), and
 deflection of each damper's mount (4), positive when its damper pushes body and wheel apart.
@@ -12,15 +9,18 @@ deflection of each damper's mount (4), positive when its damper pushes body and 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from daq.sim.motion import Array, Bump, Kinematics, Plant, inertia
+from daq.sim.motion import load_car as load_linear_car
+from daq.vehicle import AddedMass, VehicleParameters
 
 STATE = 22
 """Length of a state."""
@@ -58,28 +58,15 @@ CORNER = np.dtype([(name, np.float64) for name in _FIELDS])
 """One corner of a car.  A record, because Numba counts references of each array that it passes."""
 
 
-class Plant(NamedTuple):
-    """A car in one state of loading."""
+class Numbers(NamedTuple):
+    """A car as its compiled functions take it."""
 
     corners: NDArray[np.void]
     """(4,) of `CORNER`, in the order of `daq.vehicle.Corner`."""
     bends: Array
     """(4, 2, j, 2) Speed, m/s, and change of slope, N s/m, at j kinks in compression, rebound."""
     weight_n: Array
-    """(7, 1) Gravity on each degree of freedom: N, and N m about the baseline CG."""
     mobility: Array
-    """(7, 7) Accelerations from forces: the inverse of the inertia."""
-
-    def column(self, field: str) -> Array:
-        """Return a field of the corners, (4, 1)."""
-        return np.asarray(self.corners[field][:, None])
-
-    def other(self, **fields: Array) -> Plant:
-        """Return a car with other fields of its corners, (4, 1)."""
-        corners = self.corners.copy()
-        for name, values in fields.items():
-            corners[name] = values[:, 0]
-        return self._replace(corners=corners)
 
 
 def _machine_code(function: Callable[..., Any]) -> Any:
@@ -141,7 +128,7 @@ def _closing_speed(c: Any, state: Array, i: int) -> Any:
 
 @_machine_code
 def balance(
-    p: Plant, state: Array, road: Array, rise: Array, suspension: Array, tyre: Array, total: Array
+    p: Numbers, state: Array, road: Array, rise: Array, suspension: Array, tyre: Array, total: Array
 ) -> None:
     """Compute all forces except inertia at one instant.
 
@@ -183,7 +170,7 @@ def balance(
 
 
 @_machine_code
-def balances(p: Plant, states: Array, road: Array, rise: Array) -> tuple[Array, Array, Array]:
+def balances(p: Numbers, states: Array, road: Array, rise: Array) -> tuple[Array, Array, Array]:
     """Return suspension forces (4, n), tyre forces (4, n) and sums (7, n) of n instants.
 
     `states`: (22, n).  `road`, `rise`: (4, n).  Forces and sums are those of `balance`.
@@ -215,7 +202,7 @@ def _pass_over(
 
 
 @_machine_code
-def _rate(p: Plant, state: Array, road: Array, rise: Array, work: Array, rate: Array) -> None:
+def _rate(p: Numbers, state: Array, road: Array, rise: Array, work: Array, rate: Array) -> None:
     """Set the rate of change of a state, (22,), laid out as above; `work`: (15,), overwritten."""
     suspension, tyre, total = work[:4], work[4:8], work[8:]
     balance(p, state, road, rise, suspension, tyre, total)
@@ -240,7 +227,7 @@ def _rate(p: Plant, state: Array, road: Array, rise: Array, work: Array, rate: A
 
 @_machine_code
 def integrate(
-    p: Plant,
+    p: Numbers,
     start: Array,
     crest: Array,
     span_s: tuple[float, float],
@@ -295,3 +282,188 @@ def read(states: Array, rates: Array, begin_s: float, step_s: float, t_s: Array)
             between[j, k] = (1.0 - next_weight) * states[i, j] + next_weight * states[i + 1, j]
             between[j, k] += rate_weight * step_s * ((1.0 - x) * rates[i, j] - x * rates[i + 1, j])
     return between
+
+
+# The car ------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class RealPlant(Plant):
+    """A car in one state of loading, with elements beyond the linear one."""
+
+    corners: NDArray[np.void]
+    bends: Array
+    """As in `Numbers`."""
+
+    @property
+    def numbers(self) -> Numbers:
+        return Numbers(self.corners, self.bends, self.weight_n, self.mobility)
+
+    def column(self, field: str) -> Array:
+        """Return a field of the corners, (4, 1)."""
+        return np.asarray(self.corners[field][:, None])
+
+    def other(self, **fields: Array) -> RealPlant:
+        """Return a car with other fields of its corners, (4, 1)."""
+        corners = self.corners.copy()
+        for name, values in fields.items():
+            corners[name] = values[:, 0]
+        return replace(self, corners=corners)
+
+    def static_pose(
+        self, road_m: Array | None = None, load: Array | None = None, stuck: Array | None = None
+    ) -> Array:
+        """Return the pose at rest as `Plant` does; `stuck`: as in `standing`."""
+        road_m = np.zeros((4, 1)) if road_m is None else road_m
+        zero = np.zeros((4, 1))
+        linear = self.other(quadratic_n_m2=zero, cubic_n_m3=zero, stop_n_m=zero, tyre_n_m2=zero)
+        # The linear car first, far enough down for every tyre to touch: Newton's first step is
+        # exact there, and the next removes rounding.  It is close enough for the real springs.
+        pose = np.full((7, 1), -1.0)
+        pose[1:3] = 0.0
+        for car, step, most_iterations in ((linear, -0.1, 3), (self, -1e-6, 20)):
+            for _ in range(most_iterations):
+                poses = np.hstack([pose, pose + step * np.eye(7)])  # then each coordinate alone
+                states = states_of(poses, np.zeros((7, 8)), stuck)
+                force = balances(
+                    car.numbers, states, np.repeat(road_m, 8, axis=1), np.zeros((4, 8))
+                )[2]
+                force = force if load is None else force + load
+                change = np.linalg.solve((force[:, 1:] - force[:, :1]) / step, force[:, :1])
+                pose = pose - change
+                if np.abs(change).max() < 1e-13:  # rounding
+                    break
+            if np.any(pose[3:] >= road_m):
+                raise ValueError("a wheel is off the ground at rest: the weights are too far out")
+        return np.asarray(pose, dtype=np.float64)
+
+    def drive(self, bump: Bump, end_s: float) -> RealMotion:
+        """Return the motion over a bump and its free decay."""
+        return drive(self, bump, end_s)
+
+
+def load_car(
+    parameters: VehicleParameters, added: AddedMass, elements: Mapping[str, Array], bends: Array
+) -> RealPlant:
+    """Return a car with the added masses on it; `elements`: fields of `CORNER`, (4, 1) each."""
+    corners = np.zeros(4, CORNER)
+    # By these one divides also where there is no knee and no friction.
+    for name in ("in_knee_m_s", "out_knee_m_s", "presliding_m", "stribeck_m_s"):
+        corners[name] = 1.0
+    plant = load_linear_car(parameters, added)
+    for name, values in {"x_m": plant.x_m, "y_m": plant.y_m, **elements}.items():
+        corners[name] = values[:, 0]
+    wheel_kg, y_m = elements["wheel_kg"], elements["y_m"]
+    plant = replace(plant, y_m=y_m)
+    loads = [inertia(parameters, wheel_kg, plant.cg_left_m, mass) for mass in (added, AddedMass())]
+    linear = {
+        name: getattr(plant, name) for name in ("x_m", "spring_n_m", "damper_ns_m", "tyre_n_m")
+    }
+    car = RealPlant(
+        **linear, y_m=y_m, weight_n=loads[0][0], mobility=loads[0][1], corners=corners, bends=bends
+    )
+    # The progressive terms count from the pose of the unloaded car, which has linear springs.
+    zero = np.zeros((4, 1))
+    unloaded = replace(car, weight_n=loads[1][0]).other(
+        quadratic_n_m2=zero, cubic_n_m3=zero, stop_n_m=zero, tyre_n_m2=zero
+    )
+    pose = unloaded.static_pose()
+    return car.other(ride_m=pose[3:] - car.at_corners(pose), squash_m=-pose[3:])
+
+
+def states_of(pose: Array, velocity: Array, friction: Array | None = None) -> Array:
+    """Return states, (22, n), with unloaded mounts."""
+    states = np.zeros((STATE, pose.shape[1]))
+    states[:7], states[7:14] = pose, velocity
+    states[14:18] = 0.0 if friction is None else friction
+    return states
+
+
+def standing(plant: RealPlant, stuck: Array | None = None) -> Array:
+    """Return the state of a car at rest, (22, 1).
+
+    `stuck`, (4, 1): share of its sliding friction that each corner carries; default: none, the car
+    has settled.
+    """
+    return states_of(plant.static_pose(stuck=stuck), np.zeros((7, 1)), stuck)
+
+
+# Its motion ---------------------------------------------------------------------------------------
+
+STEP_S = 5e-5
+"""Step of the integration, s: short enough for a wheel that slides at 3 m/s through a pre-sliding
+length of 0.1 mm, and more than enough for a wheel that moves at 15 Hz."""
+STEPS_PER_STATE = 4
+"""Steps from one stored state to the next; the cubic between them adds 1e-9 of the motion."""
+
+
+class _Span(NamedTuple):
+    """States and their rates of change, (m + 1, 22), at intervals of `step_s`."""
+
+    begin_s: float
+    step_s: float
+    states: Array
+    rates: Array
+
+
+@dataclass(frozen=True, slots=True)
+class RealMotion:
+    """One run, solved: at rest, over the bump, free decay."""
+
+    plant: RealPlant
+    bump: Bump
+    start: Array
+    """(22, 1) State before the bump."""
+    spans: tuple[_Span, _Span]
+    """The motion on the bump and after it; the road has a corner between them."""
+
+    def states(self, t_s: Array) -> Array:
+        """Return the states at the times `t_s`, (n,) ascending, s: (22, n)."""
+        bump_s = [self.bump.start_s, self.bump.end_s]
+        on_bump, after = np.searchsorted(t_s, bump_s, side="right")  # first index of each span
+        states = np.repeat(self.start, len(t_s), axis=1)
+        columns_of_spans = slice(on_bump, after), slice(after, None)
+        for span, columns in zip(self.spans, columns_of_spans, strict=True):
+            span_t_s = np.ascontiguousarray(t_s[columns], dtype=np.float64)
+            states[:, columns] = read(span.states, span.rates, span.begin_s, span.step_s, span_t_s)
+        return states
+
+    def at(self, t_s: Array) -> Kinematics:
+        """Return the motion at the times `t_s`, (n,) ascending, s, as `daq.sim.motion.Motion`."""
+        states, bump = self.states(t_s), self.bump
+        is_on = (t_s >= bump.start_s) & (t_s <= bump.end_s)
+        phase_rad = bump.omega_rad_s * (t_s - bump.start_s)
+        rise = bump.crest_m * bump.omega_rad_s * np.where(is_on, np.cos(phase_rad), 0.0)
+        _, _, force = balances(self.plant.numbers, states, bump.road_m(t_s), rise)
+        return Kinematics(states[:7], states[7:14], self.plant.mobility @ force)
+
+
+def drive(
+    plant: RealPlant,
+    bump: Bump,
+    end_s: float,
+    start: Array | None = None,
+    step_s: float = STEP_S,
+) -> RealMotion:
+    """Return the motion of a car over a bump, and its free decay.
+
+    `bump`: begins at or after time 0.  `end_s`: end of the free decay, s.  `start`, (22, 1): state
+    at the beginning of the bump; default: the car is at rest.  `step_s`: longest step, s.
+    """
+    start = standing(plant) if start is None else start
+    state, spans = start[:, 0].copy(), []
+    bump_s = (bump.start_s, bump.end_s)
+    for begin_s, stop_s in (bump_s, (bump.end_s, max(end_s, bump.end_s + step_s))):
+        count = int(np.ceil((stop_s - begin_s) / (STEPS_PER_STATE * step_s)))
+        states, rates = integrate(
+            plant.numbers,
+            state,
+            bump.crest_m[:, 0],
+            (begin_s, stop_s),
+            bump_s,
+            count,
+            STEPS_PER_STATE,
+        )
+        spans.append(_Span(begin_s, (stop_s - begin_s) / count, states, rates))
+        state = states[-1].copy()
+    return RealMotion(plant, bump, start, (spans[0], spans[1]))

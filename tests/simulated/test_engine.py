@@ -1,0 +1,297 @@
+"""The cars of the tests against the linear one, closed forms and energy."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import inf
+
+import numpy as np
+import pytest
+from scipy.integrate import simpson
+
+from daq.runs import Excitation
+from daq.sim.motion import GRAVITY_M_S2, Array, Bump
+from daq.sim.motion import load_car as load_linear_car
+from daq.vehicle import FORD_GRANADA, AddedMass, BodyWeight, Corner, HubWeight, VehicleParameters
+from identify.model.matrices import PhysicalModel
+
+from .elements import (
+    NONE,
+    Branch,
+    DamperCurve,
+    Friction,
+    Imperfections,
+    contact,
+    forces,
+    load_car,
+)
+from .engine import RealMotion, RealPlant, balances, drive, standing
+
+P, G = FORD_GRANADA, GRAVITY_M_S2
+WEIGHTS = AddedMass((BodyWeight(60.0, 0.2, 0.45), HubWeight(5.0, Corner.REAR_LEFT)))
+SOFT = DamperCurve(Branch(1500.0, 500.0, 0.08), Branch(2600.0, 1400.0, 0.1))
+HARD = DamperCurve(
+    Branch.table([(0.15, 225.0), (0.40, 450.0)]),
+    Branch.table([(0.05, 150.0), (0.15, 390.0), (0.25, 540.0)]),
+)
+REAL = Imperfections(
+    friction=Friction(50.0, 35.0, presliding_m=0.4e-3, static_ratio=1.2),
+    damper_front=SOFT,
+    damper_rear=HARD,
+    mount_n_m=(1e6, 6e5),
+    quadratic_n_m2=(4e4, 3e4),
+    cubic_n_m3=(5e5, 4e5),
+    stop_gap_m=(0.02, 0.025),
+    stop_n_m=(1e5, 8e4),
+    bar_front_n_m=8e3,
+    bar_rear_n_m=-3e3,
+    tyre_damping_front_ns_m=100.0,
+    tyre_damping_rear_ns_m=80.0,
+    tyre_progression_per_m=(4.0, 2.0),
+    suspension=(1.04, 0.97, 1.0, 1.02),
+    cg_offset_m=0.03,
+)
+"""A car with everything."""
+SIDED = Imperfections(compression=0.6, rebound=1.4)
+
+
+def bump(excitation: Excitation, height_m: float = 0.05) -> Bump:
+    return Bump(excitation, height_m, start_s=0.5, duration_s=0.2)
+
+
+def axles(front: float, rear: float) -> Array:
+    return np.array([[front], [front], [rear], [rear]])
+
+
+def linearised(plant: RealPlant) -> PhysicalModel:
+    """Return M from the accelerations of unit forces; C and K as slopes of the forces at rest."""
+    rest, still, flat, h = plant.static_pose(), np.zeros((7, 7)), np.zeros((4, 7)), 1e-3
+    step, at_rest = h * np.eye(7), np.repeat(rest, 7, axis=1)
+    stiffness = forces(plant, rest - step, still, flat) - forces(plant, rest + step, still, flat)
+    damping = forces(plant, at_rest, -step, flat) - forces(plant, at_rest, step, flat)
+    mass = np.asarray(np.linalg.inv(plant.mobility), dtype=np.float64)
+    return PhysicalModel(mass, damping / (2 * h), stiffness / (2 * h))
+
+
+@pytest.mark.parametrize("excitation", list(Excitation))
+def test_a_car_without_elements_moves_as_the_linear_one(excitation: Excitation) -> None:
+    t_s = np.linspace(0.0, 2.2, 2001)
+    linear = load_linear_car(P, WEIGHTS).drive(bump(excitation), 2.2).at(t_s)
+    found = drive(load_car(P, WEIGHTS), bump(excitation), 2.2).at(t_s)
+    for row, exact in zip(found, linear, strict=True):
+        np.testing.assert_allclose(row, exact, atol=1e-6)
+
+
+def test_imperfections_act_corner_by_corner() -> None:
+    """Springs, tyres, wheels, bars and the CG off the middle, as slopes of the forces at rest."""
+    car = Imperfections(
+        suspension=(1.1, 0.9, 1.0, 1.2), tyre=(1.0, 1.1, 0.9, 1.0), wheel=(1.2, 1.0, 1.0, 0.9),
+        damper=(1.0, 1.3, 0.8, 1.0), bar_front_n_m=5e3, bar_rear_n_m=-2e3, cg_offset_m=0.04,
+        tyre_damping_front_ns_m=120.0,
+    )  # fmt: skip
+    found = linearised(load_car(P, AddedMass(), car))
+    k = axles(P.k_sf, P.k_sr)[:, 0] * car.suspension
+    bars = np.array([5e3, 5e3, -2e3, -2e3])
+    tyres = axles(P.k_tf, P.k_tr)[:, 0] * car.tyre
+    np.testing.assert_allclose(np.diag(found.K)[3:], k + bars + tyres, rtol=1e-8)
+    assert found.K[3, 4] == pytest.approx(-5e3)
+    assert found.K[5, 6] == pytest.approx(2e3)
+    c = axles(P.c_sf, P.c_sr)[:, 0] * car.damper
+    np.testing.assert_allclose(
+        np.diag(found.C)[3:], c + np.array([120.0, 120.0, 0.0, 0.0]), rtol=1e-8
+    )
+    m = axles(P.m_uf, P.m_ur)[:, 0] * car.wheel
+    np.testing.assert_allclose(np.diag(found.M)[3:], m, rtol=1e-9)
+    y = np.array([P.t_f, -P.t_f, P.t_r, -P.t_r]) - 0.04
+    np.testing.assert_allclose(found.K[0, 2], k @ y, rtol=1e-7)
+
+
+def test_tyres_push_and_never_pull_nor_stiffen_again() -> None:
+    plant = load_car(P, AddedMass())
+    high, rising = np.zeros((7, 1)), np.zeros((7, 1))
+    high[3:, 0], rising[3:, 0] = [0.01, -0.01, 0.0, -0.02], [0.5, 0.0, 0.0, -0.5]
+    act = contact(plant, high, rising, np.zeros((4, 1)))
+    np.testing.assert_allclose(act.tyre_n[:, 0], [0.0, 1920.0, 0.0, 3840.0])
+    springs = np.array([0.01 * P.k_sf, -0.01 * P.k_sf, 0.0, -0.02 * P.k_sr])
+    np.testing.assert_allclose(act.suspension_n[:, 0] - springs, [750.0, 0.0, 0.0, -750.0])
+    soft = load_car(P, AddedMass(), Imperfections(tyre_progression_per_m=(12.0, 12.0)))
+    lifted = soft.static_pose() + np.vstack(
+        [np.zeros((3, 400)), np.tile(np.linspace(0, 0.2, 400), (4, 1))]
+    )
+    loads = contact(soft, lifted, np.zeros((7, 400)), np.zeros((4, 400))).tyre_n
+    assert (np.diff(loads, axis=1) <= 0.0).all()
+
+
+def test_dampers_have_their_slopes_knees_and_tables() -> None:
+    speeds = np.array([-0.5, -0.1, -0.01, 0.01, 0.1, 0.6])
+    expected = [
+        1400.0 * v + 120.0 * np.tanh(v / 0.1) if v < 0 else 500.0 * v + 80.0 * np.tanh(v / 0.08)
+        for v in speeds
+    ]
+    np.testing.assert_allclose(SOFT.force(speeds), expected)
+    table = HARD.force(np.array([0.075, 0.15, 0.275, 0.5, -0.025, -0.1, -0.25, -0.35]))
+    np.testing.assert_allclose(table, [112.5, 225.0, 337.5, 540.0, -75.0, -270.0, -540.0, -690.0])
+    assert HARD.secant_ns_m == pytest.approx(2100.0)  # 150 N and 270 N at 0.1 m/s
+    assert SOFT.scaled(1234.0).secant_ns_m == pytest.approx(1234.0)
+    assert DamperCurve.straight(1000.0, 1000.0).is_linear
+    assert not any(c.is_linear for c in (SOFT, HARD, DamperCurve.straight(1000.0, 2000.0)))
+    # The car's corners have the same forces, front and rear, times their factors.
+    plant = load_car(
+        P, AddedMass(),
+        Imperfections(damper_front=SOFT, damper_rear=HARD, damper=(1.0, 0.5, 1.0, 2.0)),
+    )  # fmt: skip
+    moving, still = np.zeros((2, 7, len(speeds)))
+    moving[3:] = speeds
+    pose, flat = np.repeat(plant.static_pose(), len(speeds), axis=1), np.zeros((4, len(speeds)))
+    act = [contact(plant, pose, v, flat).suspension_n for v in (moving, still)]
+    found = act[0] - act[1]
+    for row, (curve, factor) in enumerate(((SOFT, 1.0), (SOFT, 0.5), (HARD, 1.0), (HARD, 2.0))):
+        np.testing.assert_allclose(found[row], factor * curve.force(speeds), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("car", "height_m", "most_m_s2"),
+    [(NONE, 0.05, 1e-8), (NONE, 0.13, 1e-3), (SIDED, 0.05, 2e-3), (REAL, 0.05, 2e-2)],
+    ids=["linear", "lifts off", "one-sided dampers", "real"],
+)  # fmt: skip
+def test_the_motion_hardly_depends_on_the_step(
+    car: Imperfections, height_m: float, most_m_s2: float
+) -> None:
+    """The quietest sensor's noise is 0.03 m/s2; kinks of the forces cost an order of accuracy."""
+    plant, t_s = load_car(P, WEIGHTS, car), np.linspace(0.4, 0.9, 1000)
+    used, fine = (
+        drive(plant, bump(Excitation.WARP, height_m), 1.0, step_s=step_s).at(t_s)
+        for step_s in (5e-5, 1.25e-5)
+    )
+    np.testing.assert_allclose(used.acceleration, fine.acceleration, atol=most_m_s2)
+    np.testing.assert_allclose(used.pose, fine.pose, atol=1e-6)
+
+
+def powers(motion: RealMotion, t_s: Array) -> Array:
+    """Return what dampers, tyres and friction take together, W, (n,)."""
+    plant, states = motion.plant, motion.states(t_s)
+    still = states.copy()
+    still[7:] = 0.0
+    flat = np.zeros((4, len(t_s)))
+    both = (balances(plant.numbers, each, flat, flat) for each in (states, still))
+    suspension, tyre, _ = (moving - resting for moving, resting in zip(*both, strict=True))
+    closing = states[10:14] - plant.at_corners(states[7:10])
+    return np.asarray((suspension * closing - tyre * states[10:14]).sum(axis=0))
+
+
+def stored(motion: RealMotion, i: Imperfections, t_s: Array) -> Array:
+    """Return kinetic energy, and that of springs, stops, bars, tyres and gravity, J, (n,)."""
+    plant, states = motion.plant, motion.states(t_s)
+    pose, velocity = states[:7], states[7:14]
+    energy = 0.5 * np.sum(velocity * np.linalg.solve(plant.mobility, velocity), axis=0)
+    energy -= (plant.weight_n * pose).sum(axis=0)
+    squeeze = pose[3:] - plant.at_corners(pose)
+    bare = load_car(P, AddedMass(), i).static_pose()
+    u, c = squeeze - (bare[3:] - plant.at_corners(bare)), bare[3:] - pose[3:]
+    k2, k3, kb = (axles(*pair) for pair in (i.quadratic_n_m2, i.cubic_n_m3, i.stop_n_m))
+    k = axles(P.k_sf, P.k_sr) * np.array(i.suspension)[:, None]
+    beyond = np.maximum(u - axles(*i.stop_gap_m), 0.0)
+    energy += np.sum(k * squeeze**2 / 2 + k2 * u**3 / 3 + k3 * u**4 / 4, axis=0)
+    energy += np.sum(kb * beyond**2 / 2, axis=0)
+    tyres, beta = axles(P.k_tf, P.k_tr), axles(*i.tyre_progression_per_m)
+    energy += np.sum(tyres * (pose[3:] ** 2 / 2 + beta * c**3 / 3), axis=0)
+    energy += i.bar_front_n_m * (squeeze[0] - squeeze[1]) ** 2 / 2
+    return np.asarray(energy + i.bar_rear_n_m * (squeeze[2] - squeeze[3]) ** 2 / 2)
+
+
+@pytest.mark.parametrize(("car", "rel"), [(NONE, 1e-7), (REAL, 1e-3)])
+def test_the_energy_lost_is_what_dampers_tyres_and_friction_take(
+    car: Imperfections, rel: float
+) -> None:
+    """What friction and mounts store is small beside what is lost."""
+    motion = drive(load_car(P, WEIGHTS, car), bump(Excitation.ROLL), 1.8)
+    t = np.linspace(0.7001, 1.7001, 20_001)
+    assert (motion.states(t)[3:7] < 0.0).all()  # no tyre leaves the ground
+    work = simpson(powers(motion, t), x=t)
+    assert work > 5.0
+    energy = stored(motion, car, t[[0, -1]])
+    assert energy[0] - energy[1] == pytest.approx(work, rel=rel)
+
+
+def test_a_90_mm_bump_lifts_the_rear_wheels_and_a_50_mm_bump_does_not() -> None:
+    plant, t = load_car(P, AddedMass()), np.linspace(0.5, 1.2, 3501)
+
+    def tyres(excitation: Excitation, height_m: float) -> Array:
+        motion = drive(plant, bump(excitation, height_m), 1.2)
+        k = motion.at(t)
+        return contact(plant, k.pose, k.velocity, motion.bump.road_m(t)).tyre_n
+
+    # The reference has 1464 N with g = 9.81 m/s2; it is the roll case that unloads a tyre most.
+    low = min(tyres(case, 0.05).min() for case in Excitation)
+    assert low == pytest.approx(1464.0 - 3511.0 * 0.00034, abs=1.0)
+    high = tyres(Excitation.BOUNCE, 0.09)
+    assert (high[2:].min(axis=1) == 0.0).all()
+    assert (high[:2] > 0.0).all()
+
+
+def test_added_mass_sinks_into_progressive_springs_and_tyres() -> None:
+    """The bare car defines where springs bend; weights press it further, by their own law."""
+    even = replace(P, a=1.4, b=1.4, k_sf=20e3, k_sr=20e3, k_tf=2e5, k_tr=2e5)
+    bent = Imperfections(
+        quadratic_n_m2=(4e4, 4e4), cubic_n_m3=(5e5, 5e5), tyre_progression_per_m=(5.0, 5.0)
+    )
+    weight = AddedMass((BodyWeight(200.0, -1.4, 0.0),))
+    bare, loaded = (load_car(even, mass, bent).static_pose() for mass in (AddedMass(), weight))
+    np.testing.assert_allclose(bare, load_car(even, AddedMass()).static_pose(), atol=1e-12)
+    share, sunk = 50.0 * G, (bare - loaded)[3, 0]
+    assert 2e5 * sunk * (1.0 + 5.0 * sunk) == pytest.approx(share, rel=1e-9)
+    u = (bare - loaded)[0, 0] - sunk
+    assert 20e3 * u + 4e4 * u**2 + 5e5 * u**3 == pytest.approx(share, rel=1e-9)
+
+
+def test_a_car_without_dampers_loses_four_friction_forces_a_cycle() -> None:
+    """Coulomb: with a short pre-sliding length the amplitude of heave falls by 4 F / k a cycle."""
+    hard = 100.0 * P.k_tf  # a tyre that hardly yields: one degree of freedom is left
+    even = replace(P, c_sf=0.0, c_sr=0.0, k_sf=20e3, k_sr=20e3, a=1.4, b=1.4, k_tf=hard, k_tr=hard)
+    rough = Imperfections(friction=Friction(25.0, 25.0, presliding_m=2e-5))
+    plant = load_car(even, AddedMass(), rough)
+    start = standing(plant)
+    start[0] += 0.04
+    motion = drive(plant, Bump(Excitation.BOUNCE, 0.0, 0.0, 0.1), 2.6, start)
+    cycles = np.arange(4)
+    found = (
+        motion.at(cycles * 2 * np.pi * np.sqrt(even.m_s / 80e3)).pose[0] - plant.static_pose()[0]
+    )
+    np.testing.assert_allclose(found, 0.04 - cycles * 4 * 100.0 / 80e3, atol=1e-4)
+
+
+@pytest.mark.parametrize("ratio", [1.0, 1.4])
+def test_a_bumped_car_stays_where_it_sticks(ratio: float) -> None:
+    """Friction holds: the car comes to rest off its free level, and does not creep back."""
+    rough = Imperfections(friction=Friction(80.0, 80.0, static_ratio=ratio))
+    plant, late_s = load_car(P, AddedMass(), rough), np.linspace(2.0, 3.0, 101)
+    motion = drive(plant, Bump(Excitation.PITCH, 0.05, 0.0, 0.2), 3.1)
+    moved = motion.at(late_s).pose - plant.static_pose()
+    # It trembles about there, on rubber and seals that hardly damp.
+    assert np.abs(moved[0].mean()) > 3e-4
+    assert np.ptp(moved[0]) < 4e-4
+    # What friction carries is what the springs are short of.
+    carried = 80.0 * motion.states(late_s)[14:18].mean(axis=1)
+    spring = axles(P.k_sf, P.k_sr) * (moved[3:] - plant.at_corners(moved))
+    np.testing.assert_allclose(carried, -spring.mean(axis=1), atol=2.0)
+    assert np.abs(carried).max() < 80.0 * ratio
+
+
+def test_mounts_lie_between_no_mount_and_no_damper() -> None:
+    t_s, road = np.linspace(0.701, 1.29, 500), bump(Excitation.WARP)
+    bare = Imperfections(friction=Friction(40.0, 40.0), damper_front=SOFT, damper_rear=HARD)
+
+    def moved(
+        front: float, rear: float, car: Imperfections = bare, p: VehicleParameters = P
+    ) -> Array:
+        plant = load_car(p, AddedMass(), replace(car, mount_n_m=(front, rear)))
+        return drive(plant, road, 1.3).at(t_s).acceleration
+
+    without, soft, stiff = moved(inf, inf), moved(1e6, 1e6), moved(1e7, 1e7)
+    assert np.abs(soft - without).max() > 0.5  # a mount of a real car is seen
+    assert np.abs(stiff - without).max() < 0.2 * np.abs(soft - without).max()
+    assert np.abs(moved(5e5, inf) - moved(5e5, 3e7)).max() < 0.15
+    # A damper that does not yield moves with its wheel, and the mount is a spring between.
+    hard = moved(5e3, 7e3, car=NONE, p=replace(P, c_sf=1e7, c_sr=1e7))
+    springs = replace(P, k_sf=P.k_sf + 5e3, k_sr=P.k_sr + 7e3, c_sf=0.0, c_sr=0.0)
+    np.testing.assert_allclose(hard, moved(inf, inf, car=NONE, p=springs), atol=0.1)
