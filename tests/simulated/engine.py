@@ -12,11 +12,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from dataclasses import fields as dataclass_fields
 from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.interpolate import CubicHermiteSpline
+from scipy.optimize import root
 
 from daq.sim.motion import Array, Bump, Kinematics, Plant, inertia
 from daq.sim.motion import load_car as load_linear_car
@@ -266,24 +269,6 @@ def integrate(
     return states, rates
 
 
-@_machine_code
-def read(states: Array, rates: Array, begin_s: float, step_s: float, t_s: Array) -> Array:
-    """Return the states at times within a span, (22, n): Hermite's cubic in each step.
-
-    `states`, `rates`: (m + 1, 22), from `begin_s` at intervals of `step_s`.  `t_s`: (n,).
-    """
-    between = np.empty((22, len(t_s)))
-    for k in range(len(t_s)):
-        steps = (t_s[k] - begin_s) / step_s
-        i = min(max(int(steps), 0), len(states) - 2)
-        x = min(max(steps - i, 0.0), 1.0)  # share of the step that has passed
-        next_weight, rate_weight = x * x * (3.0 - 2.0 * x), x * (1.0 - x)
-        for j in range(22):
-            between[j, k] = (1.0 - next_weight) * states[i, j] + next_weight * states[i + 1, j]
-            between[j, k] += rate_weight * step_s * ((1.0 - x) * rates[i, j] - x * rates[i + 1, j])
-    return between
-
-
 # The car ------------------------------------------------------------------------------------------
 
 
@@ -315,26 +300,15 @@ class RealPlant(Plant):
     ) -> Array:
         """Return the pose at rest as `Plant` does; `stuck`: as in `standing`."""
         road_m = np.zeros((4, 1)) if road_m is None else road_m
-        zero = np.zeros((4, 1))
-        linear = self.other(quadratic_n_m2=zero, cubic_n_m3=zero, stop_n_m=zero, tyre_n_m2=zero)
-        # The linear car first, far enough down for every tyre to touch: Newton's first step is
-        # exact there, and the next removes rounding.  It is close enough for the real springs.
-        pose = np.full((7, 1), -1.0)
-        pose[1:3] = 0.0
-        for car, step, most_iterations in ((linear, -0.1, 3), (self, -1e-6, 20)):
-            for _ in range(most_iterations):
-                poses = np.hstack([pose, pose + step * np.eye(7)])  # then each coordinate alone
-                states = states_of(poses, np.zeros((7, 8)), stuck)
-                force = balances(
-                    car.numbers, states, np.repeat(road_m, 8, axis=1), np.zeros((4, 8))
-                )[2]
-                force = force if load is None else force + load
-                change = np.linalg.solve((force[:, 1:] - force[:, :1]) / step, force[:, :1])
-                pose = pose - change
-                if np.abs(change).max() < 1e-13:  # rounding
-                    break
-            if np.any(pose[3:] >= road_m):
-                raise ValueError("a wheel is off the ground at rest: the weights are too far out")
+
+        def unbalanced(pose: Array) -> Array:
+            states = states_of(pose[:, None], np.zeros((7, 1)), stuck)
+            force = balances(self.numbers, states, road_m, np.zeros((4, 1)))[2]
+            return np.asarray(force if load is None else force + load)[:, 0]
+
+        pose = root(unbalanced, Plant.static_pose(self, road_m, load), tol=1e-14).x[:, None]
+        if np.any(pose[3:] >= road_m):
+            raise ValueError("a wheel is off the ground at rest: the weights are too far out")
         return np.asarray(pose, dtype=np.float64)
 
     def drive(self, bump: Bump, end_s: float) -> RealMotion:
@@ -346,25 +320,23 @@ def load_car(
     parameters: VehicleParameters, added: AddedMass, elements: Mapping[str, Array], bends: Array
 ) -> RealPlant:
     """Return a car with the added masses on it; `elements`: fields of `CORNER`, (4, 1) each."""
-    corners = np.zeros(4, CORNER)
-    # By these one divides also where there is no knee and no friction.
-    for name in ("in_knee_m_s", "out_knee_m_s", "presliding_m", "stribeck_m_s"):
-        corners[name] = 1.0
-    plant = load_linear_car(parameters, added)
-    for name, values in {"x_m": plant.x_m, "y_m": plant.y_m, **elements}.items():
-        corners[name] = values[:, 0]
-    wheel_kg, y_m = elements["wheel_kg"], elements["y_m"]
-    plant = replace(plant, y_m=y_m)
-    loads = [inertia(parameters, wheel_kg, plant.cg_left_m, mass) for mass in (added, AddedMass())]
-    linear = {
-        name: getattr(plant, name) for name in ("x_m", "spring_n_m", "damper_ns_m", "tyre_n_m")
-    }
-    car = RealPlant(
-        **linear, y_m=y_m, weight_n=loads[0][0], mobility=loads[0][1], corners=corners, bends=bends
+    linear = replace(
+        load_linear_car(parameters, added),
+        y_m=elements["y_m"],
+        spring_n_m=elements["spring_n_m"],
+        tyre_n_m=elements["tyre_n_m"],
     )
+    corners = np.zeros(4, CORNER)
+    for name, values in {"x_m": linear.x_m, **elements}.items():
+        corners[name] = values[:, 0]
+    weight_n, mobility = inertia(parameters, elements["wheel_kg"], linear.cg_left_m, added)
+    bare_n, _ = inertia(parameters, elements["wheel_kg"], linear.cg_left_m, AddedMass())
+    fields = {field.name: getattr(linear, field.name) for field in dataclass_fields(Plant)}
+    fields |= {"weight_n": weight_n, "mobility": mobility, "corners": corners, "bends": bends}
+    car = RealPlant(**fields)
     # The progressive terms count from the pose of the unloaded car, which has linear springs.
     zero = np.zeros((4, 1))
-    unloaded = replace(car, weight_n=loads[1][0]).other(
+    unloaded = replace(car, weight_n=bare_n).other(
         quadratic_n_m2=zero, cubic_n_m3=zero, stop_n_m=zero, tyre_n_m2=zero
     )
     pose = unloaded.static_pose()
@@ -397,15 +369,6 @@ STEPS_PER_STATE = 4
 """Steps from one stored state to the next; the cubic between them adds 1e-9 of the motion."""
 
 
-class _Span(NamedTuple):
-    """States and their rates of change, (m + 1, 22), at intervals of `step_s`."""
-
-    begin_s: float
-    step_s: float
-    states: Array
-    rates: Array
-
-
 @dataclass(frozen=True, slots=True)
 class RealMotion:
     """One run, solved: at rest, over the bump, free decay."""
@@ -414,19 +377,14 @@ class RealMotion:
     bump: Bump
     start: Array
     """(22, 1) State before the bump."""
-    spans: tuple[_Span, _Span]
-    """The motion on the bump and after it; the road has a corner between them."""
+    spans: tuple[CubicHermiteSpline, CubicHermiteSpline]
+    """States on the bump and after it, by time; the road has a corner between them."""
 
     def states(self, t_s: Array) -> Array:
         """Return the states at the times `t_s`, (n,) ascending, s: (22, n)."""
-        bump_s = [self.bump.start_s, self.bump.end_s]
-        on_bump, after = np.searchsorted(t_s, bump_s, side="right")  # first index of each span
-        states = np.repeat(self.start, len(t_s), axis=1)
-        columns_of_spans = slice(on_bump, after), slice(after, None)
-        for span, columns in zip(self.spans, columns_of_spans, strict=True):
-            span_t_s = np.ascontiguousarray(t_s[columns], dtype=np.float64)
-            states[:, columns] = read(span.states, span.rates, span.begin_s, span.step_s, span_t_s)
-        return states
+        on_bump, after = self.spans
+        conditions = [t_s <= self.bump.start_s, t_s <= self.bump.end_s]
+        return np.select(conditions, [self.start, on_bump(t_s).T], after(t_s).T)
 
     def at(self, t_s: Array) -> Kinematics:
         """Return the motion at the times `t_s`, (n,) ascending, s, as `daq.sim.motion.Motion`."""
@@ -455,15 +413,11 @@ def drive(
     bump_s = (bump.start_s, bump.end_s)
     for begin_s, stop_s in (bump_s, (bump.end_s, max(end_s, bump.end_s + step_s))):
         count = int(np.ceil((stop_s - begin_s) / (STEPS_PER_STATE * step_s)))
+        span_s = (begin_s, stop_s)
         states, rates = integrate(
-            plant.numbers,
-            state,
-            bump.crest_m[:, 0],
-            (begin_s, stop_s),
-            bump_s,
-            count,
-            STEPS_PER_STATE,
+            plant.numbers, state, bump.crest_m[:, 0], span_s, bump_s, count, STEPS_PER_STATE
         )
-        spans.append(_Span(begin_s, (stop_s - begin_s) / count, states, rates))
+        times_s = np.linspace(begin_s, stop_s, count + 1)
+        spans.append(CubicHermiteSpline(times_s, states, rates))
         state = states[-1].copy()
     return RealMotion(plant, bump, start, (spans[0], spans[1]))
