@@ -213,37 +213,6 @@ def test_the_energy_lost_is_what_dampers_tyres_and_friction_take(
     assert energy[0] - energy[1] == pytest.approx(work, rel=rel)
 
 
-def test_a_90_mm_bump_lifts_the_rear_wheels_and_a_50_mm_bump_does_not() -> None:
-    plant, t = load_car(P, AddedMass()), np.linspace(0.5, 1.2, 3501)
-
-    def tyres(excitation: Excitation, height_m: float) -> Array:
-        motion = drive(plant, bump(excitation, height_m), 1.2)
-        k = motion.at(t)
-        return contact(plant, k.pose, k.velocity, motion.bump.road_m(t)).tyre_n
-
-    # The reference has 1464 N with g = 9.81 m/s2; it is the roll case that unloads a tyre most.
-    low = min(tyres(case, 0.05).min() for case in Excitation)
-    assert low == pytest.approx(1464.0 - 3511.0 * 0.00034, abs=1.0)
-    high = tyres(Excitation.BOUNCE, 0.09)
-    assert (high[2:].min(axis=1) == 0.0).all()
-    assert (high[:2] > 0.0).all()
-
-
-def test_added_mass_sinks_into_progressive_springs_and_tyres() -> None:
-    """The bare car defines where springs bend; weights press it further, by their own law."""
-    even = replace(P, a=1.4, b=1.4, k_sf=20e3, k_sr=20e3, k_tf=2e5, k_tr=2e5)
-    bent = Imperfections(
-        quadratic_n_m2=(4e4, 4e4), cubic_n_m3=(5e5, 5e5), tyre_progression_per_m=(5.0, 5.0)
-    )
-    weight = AddedMass((BodyWeight(200.0, -1.4, 0.0),))
-    bare, loaded = (load_car(even, mass, bent).static_pose() for mass in (AddedMass(), weight))
-    np.testing.assert_allclose(bare, load_car(even, AddedMass()).static_pose(), atol=1e-12)
-    share, sunk = 50.0 * G, (bare - loaded)[3, 0]
-    assert 2e5 * sunk * (1.0 + 5.0 * sunk) == pytest.approx(share, rel=1e-9)
-    u = (bare - loaded)[0, 0] - sunk
-    assert 20e3 * u + 4e4 * u**2 + 5e5 * u**3 == pytest.approx(share, rel=1e-9)
-
-
 def test_a_car_without_dampers_loses_four_friction_forces_a_cycle() -> None:
     """Coulomb: with a short pre-sliding length the amplitude of heave falls by 4 F / k a cycle."""
     hard = 100.0 * P.k_tf  # a tyre that hardly yields: one degree of freedom is left
