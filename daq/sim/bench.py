@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from enum import StrEnum
+from queue import Empty, SimpleQueue
 
 import numpy as np
 
@@ -153,12 +154,12 @@ class SimulatedBench:
         self._n_judged = -1  # runs that the recorder had judged at the last bump
         self._asked_pushes: deque[Corner] = deque()
         self._notes_read: int | None = None  # number of the recording's notes that were read
-        self._others: dict[int, deque[FrameBatch]] = {}  # frames of further buses, by number
+        self._others: dict[int, SimpleQueue[FrameBatch]] = {}  # frames of further buses, by number
         self._start_host_s = time.monotonic()
 
     def other(self, number: int) -> OtherBus:
         """Return a further bus, which from now on is the only source of its frames."""
-        self._others[number] = deque()
+        self._others[number] = SimpleQueue()
         return OtherBus(self._others[number])
 
     def open(self) -> SimulatedBench:
@@ -196,7 +197,7 @@ class SimulatedBench:
         sent_s = (batch.t_ns - self._start_ns) * 1e-9
         batch = batch.select((sent_s < self._lost_s[0]) | (sent_s >= self._lost_s[1]))
         for number, waiting in tuple(self._others.items()):
-            waiting.append(batch.select(batch.bus == number))
+            waiting.put(batch.select(batch.bus == number))
             batch = batch.select(batch.bus != number)
         return batch
 
@@ -276,16 +277,15 @@ class OtherBus:
     `waiting`: its frames, which the bench adds from another thread.
     """
 
-    def __init__(self, waiting: deque[FrameBatch]) -> None:
+    def __init__(self, waiting: SimpleQueue[FrameBatch]) -> None:
         self._waiting = waiting
 
     def read(self, timeout_s: float) -> FrameBatch:
-        """Return the frames that wait; wait up to `timeout_s` for the first."""
-        end_s = time.monotonic() + timeout_s
-        while not self._waiting and (left_s := end_s - time.monotonic()) > 0:
-            time.sleep(min(BLOCK_S / 2, left_s))
-        batches = [self._waiting.popleft() for _ in range(len(self._waiting))]
-        return FrameBatch.concatenate(batches)
+        """Return the block of frames that waits longest; wait up to `timeout_s` for one."""
+        try:
+            return self._waiting.get(timeout=timeout_s)
+        except Empty:
+            return FrameBatch.empty()
 
     def losses(self) -> HopLosses:
         """Return no losses: the counters in the frames show the losses of this bus."""

@@ -183,35 +183,21 @@ _FINE_S = 1e-4
 """Time step at the input of a low-pass, s: wheel accelerations are accurate to 1e-4 m/s2."""
 
 
-@dataclass(frozen=True, slots=True)
-class Installation:
-    """The car on which the sensors are installed."""
-
-    plant: Plant
-    """The unloaded car, with the positions of its corners."""
-    design_pose: Array
-    """The pose in which the IMU was levelled and the displacements were zeroed: the unloaded car at
-    rest, shape (7, 1).  Any other loading therefore gives a constant offset."""
-
-
-def install(unloaded: Plant) -> Installation:
-    """Return the installation, with sensors levelled and zeroed on the unloaded car."""
-    return Installation(unloaded, unloaded.static_pose())
-
-
 def true_reading(
-    channel: Channel, sensor: SensorTruth, car: Installation, motion: Kinematics
+    channel: Channel, sensor: SensorTruth, unloaded: Plant, motion: Kinematics
 ) -> Array:
     """Return the reading of a perfect sensor in the true position.
 
     Rotations are small, as in the plant: a vertical accelerometer's share of gravity is 1 g.
 
-    `sensor`: true position of the sensor.  `motion`: n instants; `daq.vehicle.DOF` is the order of
-    its rows.  Returns (n,) float64: in the channel's SI unit; an unused channel reads 0.
+    `sensor`: true position of the sensor.  `unloaded`: the car on which displacements were zeroed
+    at rest; any other loading gives them a constant offset.  `motion`: n instants;
+    `daq.vehicle.DOF` is the order of its rows.  Returns (n,) float64: in the channel's SI unit; an
+    unused channel reads 0.
     """
-    moved = motion.pose - car.design_pose
+    moved = motion.pose - unloaded.static_pose()
     # From the CG, not from the middle of the front axle.
-    x_m, y_m = sensor.x_m + float(car.plant.x_m[0, 0]), sensor.y_m - car.plant.cg_left_m
+    x_m, y_m = sensor.x_m + float(unloaded.x_m[0, 0]), sensor.y_m - unloaded.cg_left_m
     wheel = 3 + channel.corner.position if channel.corner is not None else 0
     match channel.quantity:
         case Quantity.BODY_ACCELERATION:
@@ -231,7 +217,7 @@ def true_reading(
         case Quantity.HUB_DISPLACEMENT:
             value = moved[wheel]
         case Quantity.SUSPENSION_TRAVEL:
-            value = moved[wheel] - car.plant.at_corners(moved)[wheel - 3]
+            value = moved[wheel] - unloaded.at_corners(moved)[wheel - 3]
         case Quantity.UNUSED:
             value = np.zeros(moved.shape[1])
     return np.asarray(value, dtype=np.float64)
@@ -262,18 +248,18 @@ def low_pass(values: Array, step_s: float, cutoff_hz: float, order: int) -> Arra
 def low_passed(
     channel: Channel,
     sensor: SensorTruth,
-    car: Installation,
+    unloaded: Plant,
     motion: Moving,
     span_s: tuple[float, float],
 ) -> tuple[Array, Array]:
     """Return the output of a sensor's low-pass for a motion.
 
-    `channel`, `sensor`, `car`: as in `true_reading`.  `span_s`: the requested time span; it begins
-    at rest, and so does the filter.  Returns times and values, (n,), close enough for linear
+    `channel`, `sensor`, `unloaded`: as in `true_reading`.  `span_s`: the requested time span; it
+    begins at rest, and so does the filter.  Returns times and values, (n,), close enough for linear
     interpolation; they include the delay of the filter but not the sensor's delay.
     """
     fine_s = np.arange(span_s[0], span_s[1] + _FINE_S, _FINE_S)
-    reading = true_reading(channel, sensor, car, motion.at(fine_s))
+    reading = true_reading(channel, sensor, unloaded, motion.at(fine_s))
     return fine_s, low_pass(reading, _FINE_S, sensor.low_pass_hz, sensor.low_pass_order)
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from heapq import heappop, heappush
 
 import numpy as np
@@ -12,20 +12,10 @@ from numpy.typing import NDArray
 from dbc import Codec, FrameBatch, FrameFlag, MessageLayout
 from dbc.words import InputError
 
-from ..bench.campaign import Step
-from ..bench.config import Bench, BusConfig
+from ..bench.config import Bench
 from ..channels import Channel, message_of, signal_of
 from ..runs import BASELINE
-from .car import (
-    ClockTruth,
-    Installation,
-    SimulatedCar,
-    Truth,
-    install,
-    low_passed,
-    signal_values,
-    true_reading,
-)
+from .car import ClockTruth, SimulatedCar, Truth, low_passed, signal_values, true_reading
 from .motion import Array, Bump, Kinematics, Moving, Plant
 
 
@@ -45,15 +35,6 @@ class Sender:
         phase_s = self.clock.phase * self.cycle_s
         begin, end = np.ceil((np.array([start_s, end_s]) - phase_s) / period_s).astype(int)
         return int(begin), phase_s + period_s * np.arange(begin, end)
-
-
-@dataclass(frozen=True, slots=True)
-class Burst:
-    """The frames of one message in one run; releases count from the start of the campaign."""
-
-    message: MessageLayout
-    release_s: NDArray[np.float64]
-    payload: NDArray[np.uint8]
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +58,6 @@ class Rig:
     codec: Codec
     car: SimulatedCar
     drawn: Truth
-    installation: Installation
     senders: tuple[Sender, ...]
     """The messages with their channels and clocks."""
     plants: Mapping[str, Plant]
@@ -90,8 +70,8 @@ class Rig:
             sensor = self.drawn.sensors[channel.name]
             if sensor.low_pass_hz:
                 span_s = (-sensor.delay_s, sampled_s - sensor.delay_s)
-                car = self.installation
-                outputs[channel.name] = low_passed(channel, sensor, car, motion, span_s)
+                unloaded = self.plants[BASELINE]
+                outputs[channel.name] = low_passed(channel, sensor, unloaded, motion, span_s)
         return Act(motion, length_s, bump_s, outputs)
 
     def frames(
@@ -109,18 +89,36 @@ class Rig:
         the campaign; adjacent spans lose and repeat nothing.  `start_ns`: time stamp of that
         start.  `free_ns`: time at which each bus is free again; updated here.
         """
-        bursts = [self._sampled(sender, act, begun_s, span_s, rng) for sender in self.senders]
-        return on_the_buses(bursts, self.bench.buses, start_ns, free_ns)
+        batches = [
+            self._released(sender, act, begun_s, span_s, rng, start_ns) for sender in self.senders
+        ]
+        released, counts = FrameBatch.concatenate(batches), [len(batch) for batch in batches]
+        messages = [sender.message for sender in self.senders]
+        rank = np.repeat([priority(message) for message in messages], counts)
+        received_ns = released.t_ns.copy()
+        for number, bus in enumerate(self.bench.buses):
+            duration_ns = np.repeat([frame_time_ns(m, bus.bitrate) for m in messages], counts)
+            rows = np.flatnonzero(released.bus == number)
+            if len(rows):
+                received_ns[rows] = transmit(
+                    released.t_ns[rows], rank[rows], duration_ns[rows], free_ns[number]
+                )
+                free_ns[number] = int(received_ns[rows].max())
+        return replace(released, t_ns=received_ns).by_time()
 
-    def _sampled(
+    def _released(
         self,
         sender: Sender,
         act: Act,
         begun_s: float,
         span_s: tuple[float, float],
         rng: np.random.Generator,
-    ) -> Burst:
-        """Return the frames of one message, sampled and encoded; arguments as for `frames`."""
+        start_ns: int,
+    ) -> FrameBatch:
+        """Return the frames of one message at the times at which its controller releases them.
+
+        Arguments as for `frames`.
+        """
         first_tick, tick_s = sender.ticks(*span_s)
         motion_by_delay: dict[float, Kinematics] = {}  # sensors of one delay show one motion
         values = {}
@@ -133,14 +131,21 @@ class Rig:
                 if sensor.delay_s not in motion_by_delay:
                     motion_by_delay[sensor.delay_s] = act.motion.at(motion_s)
                 motion = motion_by_delay[sensor.delay_s]
-                reading = true_reading(channel, sensor, self.installation, motion)
+                reading = true_reading(channel, sensor, self.plants[BASELINE], motion)
             signal = sender.message.signal(signal_of(channel.signal))
             noise = self.car.noise
             values[signal.name] = signal_values(channel, signal, sensor, noise, reading, rng)
-        payload = self.codec.encode(sender.message.name, values, first_tick)
         # At most half a cycle, because frames of one message must not overtake each other.
         jitter_s = np.minimum(rng.exponential(self.car.jitter_s, len(tick_s)), sender.cycle_s / 2)
-        return Burst(sender.message, tick_s + jitter_s, payload)
+        message, n = sender.message, len(tick_s)
+        return FrameBatch(
+            t_ns=start_ns + np.rint((tick_s + jitter_s) * 1e9).astype(np.int64),
+            can_id=np.full(n, message.can_id, np.uint32),
+            flags=np.full(n, FrameFlag.EXTENDED if message.is_extended else 0, np.uint16),
+            bus=np.full(n, message.bus or 0, np.uint8),
+            length=np.full(n, message.length, np.uint8),
+            data=self.codec.encode(message.name, values, first_tick),
+        )
 
 
 def campaign_frames(
@@ -149,19 +154,17 @@ def campaign_frames(
     car: SimulatedCar,
     seed: int,
     start_ns: int,
-    steps: Iterable[Step] | None = None,
 ) -> Iterator[FrameBatch]:
     """Yield the frames of a campaign, a block a run: rest (`car.lead_s`), bump and free decay.
 
     `seed`: determines every draw (`SimulatedCar.draw`) and all noise.  `start_ns`: time stamp of
-    the start, ns.  `steps`: bumps in any order and number; default: those of the bench.  Time and
-    counters continue from run to run.  Messages without channels are not sent.  Raises InputError
-    if a channel's signal is not in the DBC, its message has no cycle time or is too long for
-    classic CAN, its unit does not fit, or the weights would tip the car over.
+    the start, ns.  Time and counters continue from run to run.  Messages without channels are not
+    sent.  Raises InputError if a channel's signal is not in the DBC, its message has no cycle time
+    or is too long for classic CAN, its unit does not fit, or the weights would tip the car over.
     """
     rig = rig_of(bench, codec, car, seed)
     free_ns = [start_ns] * len(bench.buses)
-    for number, step in enumerate(bench.campaign.steps if steps is None else steps):
+    for number, step in enumerate(bench.campaign.steps):
         rng = np.random.default_rng([seed, 1, number])
         start_s = number * car.run_s
         height_m, bump_s = bench.campaign.bump_height_m, bench.campaign.bump_s
@@ -213,49 +216,7 @@ def rig_of(bench: Bench, codec: Codec, car: SimulatedCar, seed: int) -> Rig:
             what = f"mass state {name}: {error}"
             raise InputError("bench.toml", what, "move the weights inwards") from error
     senders = bench_senders(bench, codec, drawn)
-    return Rig(bench, codec, car, drawn, install(plants[BASELINE]), senders, plants)
-
-
-def on_the_buses(
-    bursts: Sequence[Burst], buses: Sequence[BusConfig], start_ns: int, free_ns: list[int]
-) -> FrameBatch:
-    """Return the frames of all messages in the order in which their buses carry them.
-
-    `free_ns`: time at which each bus is free again; updated here.
-    """
-    batches = []
-    for bus_number, bus in enumerate(buses):
-        on_bus = [burst for burst in bursts if (burst.message.bus or 0) == bus_number]
-        if not on_bus:
-            continue
-        messages = [burst.message for burst in on_bus]
-        # Index into `messages` of each frame; in order of message here, of time further down.
-        message_index = np.repeat(
-            np.arange(len(on_bus)), [len(burst.release_s) for burst in on_bus]
-        )
-        release_s = np.concatenate([burst.release_s for burst in on_bus])
-        t_ns = transmit(
-            start_ns + np.rint(release_s * 1e9).astype(np.int64),
-            np.array([priority(m) for m in messages])[message_index],
-            np.array([frame_time_ns(m, bus.bitrate) for m in messages])[message_index],
-            free_ns[bus_number],
-        )
-        order = np.argsort(t_ns)
-        message_index = message_index[order]
-        flags = [FrameFlag.EXTENDED if m.is_extended else 0 for m in messages]
-        batch = FrameBatch(
-            t_ns=t_ns[order],
-            can_id=np.array([m.can_id for m in messages], np.uint32)[message_index],
-            flags=np.array(flags, np.uint16)[message_index],
-            bus=np.full(len(message_index), bus_number, np.uint8),
-            length=np.array([m.length for m in messages], np.uint8)[message_index],
-            data=np.concatenate([burst.payload for burst in on_bus])[order],
-        )
-        if len(batch):
-            free_ns[bus_number] = int(batch.t_ns[-1])
-        batches.append(batch)
-    merged = FrameBatch.concatenate(batches)
-    return merged if len(batches) == 1 else merged.by_time()
+    return Rig(bench, codec, car, drawn, senders, plants)
 
 
 def frame_time_ns(message: MessageLayout, bitrate: int) -> int:

@@ -20,10 +20,8 @@ from daq.runs import ADDED, BASELINE, Excitation, Run, SampleGroup
 from daq.sessions import ArrayRun, Session, session_from_arrays
 from daq.sim.car import (
     NOISE,
-    Installation,
     SensorTruth,
     Spread,
-    install,
     low_passed,
     measured,
     true_reading,
@@ -285,11 +283,6 @@ def _plant(car: Imperfections, state: str) -> RealPlant:
 
 
 @cache
-def _installation(car: Imperfections) -> Installation:
-    return install(_plant(car, BASELINE))
-
-
-@cache
 def _motions(
     car: Imperfections, bump_m: float, excitations: tuple[Excitation, ...]
 ) -> dict[tuple[str, Excitation], RealMotion]:
@@ -330,14 +323,17 @@ def _reading(
     stress: Stress, channel: Channel, state: str, excitation: Excitation, t_s: Array
 ) -> Array:
     car = stress.imperfections
+    unloaded = _plant(car, BASELINE)
     together = stress.excitations if excitation in stress.excitations else (excitation,)
     motion = _motions(car, stress.bump_m, together)[state, excitation]
     sensor = _sensor(channel, stress)
     seen_s = t_s - sensor.delay_s
     if sensor.low_pass_hz:
         span_s = (float(seen_s[0]), float(seen_s[-1]))
-        return np.interp(seen_s, *low_passed(channel, sensor, _installation(car), motion, span_s))
-    return true_reading(channel, sensor, _installation(car), motion.at(seen_s))
+        return np.interp(
+            seen_s, *low_passed(channel, sensor, _plant(car, BASELINE), motion, span_s)
+        )
+    return true_reading(channel, sensor, _plant(car, BASELINE), motion.at(seen_s))
 
 
 # Fits of them, and how to spoil one ---------------------------------------------------------------

@@ -16,10 +16,8 @@ from daq.runs import ADDED, BASELINE, Excitation, Run, RunStatus, SampleGroup
 from daq.sessions import Session
 from daq.sim.car import (
     NOISE,
-    Installation,
     Spread,
     Truth,
-    install,
     low_pass,
     measured,
     true_reading,
@@ -182,14 +180,14 @@ def simulate(car: RealCar, plan: Plan, seed: int) -> Simulated:
     drawn = car.draw(plan.channels, plan.mass_states, seed)
     plants = {name: car.plant(added) for name, added in drawn.mass_states.items()}
     motions = _driven(plants, plan, np.random.default_rng([seed, 3]))
-    installation = install(car.plant(AddedMass()))
+    unloaded = car.plant(AddedMass())
     repeats: Counter[tuple[str, Excitation]] = Counter()
     runs = []
     for number, (bump, motion) in enumerate(zip(plan.bumps, motions, strict=True)):
         kind = (bump.mass_state, bump.excitation)
         repeats[kind] += 1
         rng = np.random.default_rng([seed, 1, number])
-        groups = _sampled(plan, car, drawn, installation, motion, rng)
+        groups = _sampled(plan, car, drawn, unloaded, motion, rng)
         status = RunStatus.ACCEPTED
         runs.append(Run(*kind, repeats[kind], 0, plan.bump_s, groups, status))
     source = {"source": "simulation"}
@@ -215,7 +213,7 @@ def _sampled(
     plan: Plan,
     car: RealCar,
     drawn: Truth,
-    installation: Installation,
+    unloaded: RealPlant,
     motion: Moving,
     rng: np.random.Generator,
 ) -> tuple[SampleGroup, ...]:
@@ -237,7 +235,7 @@ def _sampled(
         values = {}
         for channel in channels:
             sensor = drawn.sensors[channel.name]
-            fine = true_reading(channel, sensor, installation, seen)
+            fine = true_reading(channel, sensor, unloaded, seen)
             if sensor.low_pass_hz:
                 fine = low_pass(fine, FINE_S, sensor.low_pass_hz, sensor.low_pass_order)
             reading = np.interp(tick_s - sensor.delay_s, fine_s, fine)

@@ -25,7 +25,7 @@ from daq.check.pushes import (
     pushed_corner,
     shows_push,
 )
-from daq.sim.car import SensorTruth, install, true_reading
+from daq.sim.car import SensorTruth, true_reading
 from daq.sim.motion import load_car, pushed
 from daq.vehicle import FORD_GRANADA, AddedMass, Corner
 
@@ -36,7 +36,6 @@ NOISE = {"m": 2e-4, "rad/s": 2e-3, "m/s2": 0.1}
 Array = NDArray[np.float64]
 FL, FR, RL, RR = Corner
 PLANT = load_car(FORD_GRANADA, AddedMass())
-INSTALLATION = install(PLANT)
 
 
 @cache
@@ -48,7 +47,7 @@ def _lanes(corner: Corner) -> dict[str, tuple[Array, Array]]:
     truth = SensorTruth(x_m=-1.05, y_m=0.12, delay_s=0.0, bias=0.0)
     lanes = {}
     for channel in CHANNELS:
-        value = true_reading(channel, truth, INSTALLATION, motion)
+        value = true_reading(channel, truth, PLANT, motion)
         value = value + rng.normal(0.0, NOISE[channel.unit or "m/s2"], len(time_s))
         table = value.reshape(-1, round(BIN_S / 0.002))
         lanes[channel.name] = (table.min(axis=1), table.max(axis=1))

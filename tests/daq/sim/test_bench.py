@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from daq.bench.campaign import Campaign, Method, Step
+from daq.bench.campaign import Campaign, Method
 from daq.bench.config import Bench, bench_codec, load_bench
 from daq.bus.source import BusError, Now
 from daq.control.messages import Due, Phase, Status
@@ -84,25 +83,6 @@ def test_a_seed_decides_everything(frames: FrameBatch) -> None:
     np.testing.assert_array_equal(again.data, first.data)
     hubs = frames.select(frames.can_id == CODEC.message("HUB_Front").can_id)
     assert not np.array_equal(other.t_ns[:100], hubs.t_ns[:100])
-
-
-def test_the_next_bump_is_asked_for_when_the_run_before_it_was_used() -> None:
-    bench = bench_of((Excitation.BOUNCE, Excitation.ROLL), messages="IMU_Rate")
-    roll, bounce = (Step("baseline", kind, 1) for kind in (Excitation.ROLL, Excitation.BOUNCE))
-    asked = []
-
-    def due() -> Iterator[Step]:
-        for step in (roll, bounce, roll):
-            asked.append(step)
-            yield step
-
-    spans = []
-    blocks = campaign_frames(bench, CODEC, CAR, SEED, START_NS, due())
-    for number, batch in enumerate(blocks, start=1):
-        assert len(asked) == number
-        spans.append(float(np.ptp(CODEC.decode(batch)["IMU_Rate.rate_x"].value)))
-    assert len(spans) == 3
-    assert spans[1] < 0.1 * min(spans[0], spans[2])
 
 
 def test_a_frame_carries_the_value_of_its_true_delay_ago() -> None:

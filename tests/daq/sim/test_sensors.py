@@ -15,18 +15,16 @@ from daq.channels import Channel, Quantity
 from daq.runs import Excitation
 from daq.sim.car import (
     NOISE,
-    Installation,
     SensorTruth,
     SimulatedCar,
     Spread,
     Truth,
-    install,
     low_pass,
     signal_values,
     true_reading,
 )
 from daq.sim.ecu import campaign_frames
-from daq.sim.motion import GRAVITY_M_S2, Kinematics, load_car
+from daq.sim.motion import GRAVITY_M_S2, Kinematics, Plant, load_car
 from daq.vehicle import FORD_GRANADA, AddedMass, BodyWeight, Corner
 from dbc import Codec, parse_codec, shipped_dbc
 from dbc.words import InputError
@@ -44,9 +42,8 @@ def codec() -> Codec:
 
 
 @pytest.fixture(scope="module")
-def car() -> Installation:
-    plant = load_car(FORD_GRANADA, AddedMass())
-    return install(plant)
+def car() -> Plant:
+    return load_car(FORD_GRANADA, AddedMass())
 
 
 def shipped_channel(name: str) -> Channel:
@@ -54,7 +51,7 @@ def shipped_channel(name: str) -> Channel:
 
 
 def made(
-    car: Installation,
+    car: Plant,
     pose: dict[int, float] | None = None,
     velocity: dict[int, float] | None = None,
     acceleration: dict[int, float] | None = None,
@@ -64,14 +61,14 @@ def made(
     for row, moved in zip(rows, (pose, velocity, acceleration), strict=True):
         for dof, value in (moved or {}).items():
             row[dof] = value
-    return Kinematics(car.design_pose + rows[0], rows[1], rows[2])
+    return Kinematics(car.static_pose() + rows[0], rows[1], rows[2])
 
 
-def read(name: str, car: Installation, motion: Kinematics) -> float:
+def read(name: str, car: Plant, motion: Kinematics) -> float:
     return float(true_reading(shipped_channel(name), PERFECT, car, motion)[0])
 
 
-def test_at_rest_only_gravity_is_felt(car: Installation) -> None:
+def test_at_rest_only_gravity_is_felt(car: Plant) -> None:
     rest = made(car)
     for channel in load_bench(None).channels:
         vertical = channel.quantity in (Quantity.BODY_ACCELERATION, Quantity.HUB_ACCELERATION)
@@ -79,7 +76,7 @@ def test_at_rest_only_gravity_is_felt(car: Installation) -> None:
         assert read(channel.name, car, rest) == pytest.approx(expected, abs=1e-12)
 
 
-def test_nose_down_by_forces(car: Installation) -> None:
+def test_nose_down_by_forces(car: Plant) -> None:
     # Push the front axle into its springs: nose down is positive pitch, and the front compresses.
     pushed = made(car, pose={1: 0.02}, velocity={1: 0.3}, acceleration={1: 2.0})
     assert read("pitch_rate", car, pushed) == pytest.approx(0.3)
@@ -90,7 +87,7 @@ def test_nose_down_by_forces(car: Installation) -> None:
     assert read("body_acc_z", car, pushed) == pytest.approx(G - 2.0 * 0.2)
 
 
-def test_a_lifted_wheel_compresses_its_own_suspension(car: Installation) -> None:
+def test_a_lifted_wheel_compresses_its_own_suspension(car: Plant) -> None:
     raised = made(car, pose={5: 0.04}, acceleration={5: -7.0})
     assert read("hub_acc_rl", car, raised) == pytest.approx(G - 7.0)
     assert read("hub_acc_rr", car, raised) == pytest.approx(G)
@@ -136,7 +133,7 @@ def test_a_signal_of_another_unit_is_refused(codec: Codec) -> None:
         signal_values(channel, layout, PERFECT, SILENT, np.zeros(1), np.random.default_rng(0))
 
 
-def test_left_side_up(car: Installation) -> None:
+def test_left_side_up(car: Plant) -> None:
     lifted = made(car, pose={2: 0.03}, velocity={2: -0.1}, acceleration={2: 5.0})
     assert read("roll_rate", car, lifted) == pytest.approx(-0.1)
     assert read("travel_fl", car, lifted) == pytest.approx(-0.03 * FORD_GRANADA.t_f)
@@ -154,14 +151,14 @@ def test_left_side_up(car: Installation) -> None:
     ],
 )
 def test_other_quantities(
-    quantity: Quantity, corner: Corner | None, expected: float, car: Installation
+    quantity: Quantity, corner: Corner | None, expected: float, car: Plant
 ) -> None:
     motion = made(car, pose={0: 0.01, 1: 0.02, 2: 0.05, 6: 0.07}, acceleration={1: 0.5, 2: -0.25})
     channel = Channel("c", quantity, "", corner=corner)
     assert true_reading(channel, PERFECT, car, motion)[0] == pytest.approx(expected)
 
 
-def test_added_weight_shows_as_a_static_offset_of_the_travel(car: Installation) -> None:
+def test_added_weight_shows_as_a_static_offset_of_the_travel(car: Plant) -> None:
     weight = AddedMass((BodyWeight(100.0, -FORD_GRANADA.a, 0.0),))  # at the CG
     pose = load_car(FORD_GRANADA, weight).static_pose()
     still = np.zeros((7, 1))

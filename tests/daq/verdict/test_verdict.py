@@ -20,7 +20,7 @@ from daq.channels import Channel, Quantity
 from daq.runs import ADDED, BASELINE, Excitation, Losses
 from daq.samples.mapping import trigger_channels
 from daq.samples.trigger import TriggerState, advance
-from daq.sim.car import NOISE, SensorTruth, install, measured, true_reading
+from daq.sim.car import NOISE, SensorTruth, measured, true_reading
 from daq.sim.motion import (
     PUSHED_S,
     Bump,
@@ -131,7 +131,7 @@ def windowed(
 ) -> RunWindow:
     """Sample a motion and cut the run whose bump begins at `begin_s`."""
     bench = setting.described
-    installation = install(load_car(FORD_GRANADA, load_bench(None).mass_states[0].added))
+    unloaded = load_car(FORD_GRANADA, load_bench(None).mass_states[0].added)
     rng = np.random.default_rng([seed, 5])
     phase: dict[str, float] = {}
     seen: dict[str, Kinematics] = {}
@@ -150,7 +150,7 @@ def windowed(
         )
         if message not in seen:
             seen[message] = moving.at(np.asarray(t_s - sensor.delay_s, dtype=np.float64))
-        reading = true_reading(channel, sensor, installation, seen[message])
+        reading = true_reading(channel, sensor, unloaded, seen[message])
         value = measured(channel, sensor, NOISE, reading, rng)
         channels[channel.name] = (START_NS + np.rint(t_s * 1e9).astype(np.int64), value)
     bump_ns = _bump_ns(bench, channels, begin_s)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from daq.channels import Channel
 from daq.runs import ADDED, BASELINE, Excitation
 from daq.sessions import ArrayRun, Session, session_from_arrays
-from daq.sim.car import NOISE, SensorTruth, install, measured, true_reading
+from daq.sim.car import NOISE, SensorTruth, measured, true_reading
 from daq.sim.motion import Bump, Moving, load_car
 from daq.vehicle import (
     FORD_GRANADA,
@@ -237,7 +237,7 @@ def _clean(channel: Channel, rate_hz: float, state: str, excitation: Excitation)
     reading = true_reading(
         channel,
         SensorTruth(channel.x_m, channel.y_m, delay_s=0.0, bias=0.0),
-        install(unloaded),
+        unloaded,
         _motion(state, excitation).at(t_s),
     )
     return np.stack([t_s, reading])
