@@ -330,10 +330,8 @@ def _reading(
     seen_s = t_s - sensor.delay_s
     if sensor.low_pass_hz:
         span_s = (float(seen_s[0]), float(seen_s[-1]))
-        return np.interp(
-            seen_s, *low_passed(channel, sensor, _plant(car, BASELINE), motion, span_s)
-        )
-    return true_reading(channel, sensor, _plant(car, BASELINE), motion.at(seen_s))
+        return np.interp(seen_s, *low_passed(channel, sensor, unloaded, motion, span_s))
+    return true_reading(channel, sensor, unloaded, motion.at(seen_s))
 
 
 # Fits of them, and how to spoil one ---------------------------------------------------------------
