@@ -2,25 +2,18 @@
 
 from __future__ import annotations
 
-import math
 import os
 import shlex
 import time
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 import daq
-from daq.bench.config import default_bench_text, parse_bench
 from daq.control.address import control_address, is_running
 from daq.control.exchange import Client
 from daq.journal.reader import recordings, segments_in
-from daq.sim.bench import Fault, SimulatedBench
-from identify import Identification
-from identify.trust.finding import Judgement
-from tui.cli import run
 from tui.commands.demo import next_commands
 
 from ..daq.crash_frames import read_journal
@@ -74,35 +67,6 @@ def test_demo(
         assert str(session) in words
     # A terminal on the demonstration is started below.
     assert shlex.split(bench)[1:] == ["tui", "--demo", "--out", "bumpbench-tui"]
-
-
-@pytest.mark.long
-def test_the_demo_repeats_a_run_that_the_recorder_rejects(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Frames are lost in the second bump."""
-
-    def spoilt(*given: Any) -> SimulatedBench:
-        bench, codec, car, seed, speed, wish, _, start_ns = given
-        return SimulatedBench(bench, codec, car, seed, speed, wish, Fault.LOST_FRAMES, start_ns)
-
-    def nothing(session: daq.Session, progress: object) -> Identification:
-        statuses = [(run.label, str(run.status)) for run in session.runs]
-        assert statuses == [
-            ("baseline_bounce_1", "accepted"),
-            ("added_bounce_1", "rejected"),
-            ("added_bounce_2", "accepted"),
-        ]
-        return Identification(Judgement((), math.nan), session.provenance)
-
-    short = default_bench_text().replace('["bounce", "pitch", "roll"]', '["bounce"]')
-    short = short.replace("repeats = 2", "repeats = 1")
-    monkeypatch.setattr(
-        "daq.bench.config.load_bench", lambda _: parse_bench(short, "bench.toml", Path())
-    )
-    monkeypatch.setattr("daq.sim.bench.SimulatedBench", spoilt)
-    monkeypatch.setattr("identify.identify", nothing)
-    assert run(["demo", "--out", str(tmp_path / "demo"), "--json"]) == 0
 
 
 # The last terminal goes ---------------------------------------------------------------------------

@@ -158,12 +158,3 @@ def test_the_car_is_found_within_its_intervals(
     for name, estimate in found["parameters"].items():
         assert abs(estimate["value"] / truth[name] - 1) < 0.03, name
         assert abs(estimate["value"] - truth[name]) < 4 * estimate["std"], name
-
-
-@pytest.mark.long
-def test_both_ways_give_the_same_car(results: Callable[[str, str], Document]) -> None:
-    one, other = (results(way, EVERY)["identify"]["parameters"] for way in TRANSPORTS)
-    for name in one:
-        # The same seed: the same noise, so the two differ by the transport alone.
-        gap = abs(one[name]["value"] - other[name]["value"])
-        assert gap < min(one[name]["std"], other[name]["std"]), name

@@ -35,8 +35,8 @@ from daq.vehicle import (
     VehicleParameters,
 )
 
-from .elements import RealCar, contact
-from .engine import RealMotion, RealPlant, drive, standing
+from .elements import RealCar
+from .engine import RealMotion, RealPlant, drive, forces, standing
 
 IMU = "IMU"
 """The message of the inertial unit: acceleration of a body point, roll and pitch rate."""
@@ -53,15 +53,12 @@ class Fitting:
     """The fitting of sensors, as known from data sheets and a tape measure."""
 
     messages: tuple[str, ...] = MESSAGES
-    """The fitted devices, of `MESSAGES`."""
     imu_m: tuple[float, float] = (-1.05, 0.12)
     """Position of the inertial unit from the middle of the front axle: forward, left, m."""
     place_sigma_m: float = 0.0
-    """Standard uncertainty of that position, m."""
     delay_s: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
     """Stated delay of each device, s; 0 for devices that are not named."""
     delay_sigma_s: float = 0.0
-    """Standard uncertainty of that delay, s."""
     low_pass_hz: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
     """Cut-off frequency of each device's second-order Butterworth low-pass, Hz; none for devices
     that are not named."""
@@ -69,49 +66,33 @@ class Fitting:
 
 def channels(fitting: Fitting) -> tuple[Channel, ...]:
     """Return the channels of a set of sensors."""
-    made = []
-    if IMU in fitting.messages:
-        x_m, y_m = fitting.imu_m
-        place = (x_m, y_m, fitting.place_sigma_m)
-        body = Quantity.BODY_ACCELERATION
-        made.append(_channel(fitting, "body_acc_z", body, "m/s2", IMU, None, place))
-        made.append(_channel(fitting, "roll_rate", Quantity.ROLL_RATE, "rad/s", IMU))
-        made.append(_channel(fitting, "pitch_rate", Quantity.PITCH_RATE, "rad/s", IMU))
-    at_corners = (
-        ("hub_acc", Quantity.HUB_ACCELERATION, "m/s2", HUBS),
-        ("travel", Quantity.SUSPENSION_TRAVEL, "m", TRAVELS),
-    )
-    for stem, quantity, unit, messages in at_corners:
-        for corner in Corner:
-            message = messages[0] if corner.front else messages[1]
-            if message in fitting.messages:
-                name = f"{stem}_{corner.lower()}"
-                made.append(_channel(fitting, name, quantity, unit, message, corner))
-    return tuple(made)
-
-
-def _channel(
-    fitting: Fitting,
-    name: str,
-    quantity: Quantity,
-    unit: str,
-    message: str,
-    corner: Corner | None = None,
-    place: tuple[float, float, float] = (0.0, 0.0, 0.0),
-) -> Channel:
-    x_m, y_m, sigma_m = place
-    return Channel(
-        name=name,
-        quantity=quantity,
-        unit=unit,
-        signal=f"{message}.{name}",
-        corner=corner,
-        x_m=x_m,
-        y_m=y_m,
-        position_sigma_m=sigma_m,
-        delay_s=fitting.delay_s.get(message, 0.0),
-        delay_sigma_s=fitting.delay_sigma_s,
-        low_pass_hz=fitting.low_pass_hz.get(message, 0.0),
+    sensors: list[tuple[str, Quantity, str, Corner | None]] = [
+        ("body_acc_z", Quantity.BODY_ACCELERATION, IMU, None),
+        ("roll_rate", Quantity.ROLL_RATE, IMU, None),
+        ("pitch_rate", Quantity.PITCH_RATE, IMU, None),
+    ]
+    for stem, quantity, (front, rear) in (
+        ("hub_acc", Quantity.HUB_ACCELERATION, HUBS),
+        ("travel", Quantity.SUSPENSION_TRAVEL, TRAVELS),
+    ):
+        sensors += [
+            (f"{stem}_{c.lower()}", quantity, front if c.front else rear, c) for c in Corner
+        ]
+    return tuple(
+        Channel(
+            name,
+            quantity,
+            signal=f"{message}.{name}",
+            corner=corner,
+            x_m=fitting.imu_m[0] if name == "body_acc_z" else 0.0,
+            y_m=fitting.imu_m[1] if name == "body_acc_z" else 0.0,
+            position_sigma_m=fitting.place_sigma_m if name == "body_acc_z" else 0.0,
+            delay_s=fitting.delay_s.get(message, 0.0),
+            delay_sigma_s=fitting.delay_sigma_s,
+            low_pass_hz=fitting.low_pass_hz.get(message, 0.0),
+        )
+        for name, quantity, message, corner in sensors
+        if message in fitting.messages
     )
 
 
@@ -127,11 +108,8 @@ class PlannedBump:
     """One run of a campaign."""
 
     mass_state: str
-    """Name of the mass state."""
     excitation: Excitation
-    """Kind of bump."""
     height_m: float = 0.05
-    """Height of the bump, m."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,7 +127,6 @@ class Plan:
     rates_hz: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
     """Sample rate of each message, Hz; 200 for messages that are not named."""
     bump_s: float = 0.2
-    """Duration of the bump, s."""
     rest_s: float = 0.6
     """Recorded rest before the bump, s."""
     decay_s: float = 2.2
@@ -164,9 +141,7 @@ class Simulated:
     """A simulated session, with the truth."""
 
     session: Session
-    """The recorded session."""
     truth: Truth
-    """The drawn true values."""
     motions: tuple[RealMotion, ...]
     """The motion of the car in each run."""
 
@@ -334,7 +309,7 @@ def facts_of(car: RealCar, rng: np.random.Generator) -> tuple[Fact, ...]:
     p = car.parameters
     plant = car.plant(AddedMass())
     still, flat = np.zeros((7, 1)), np.zeros((4, 1))
-    loads = contact(plant, plant.static_pose(), still, flat).tyre_n[:, 0] / GRAVITY_M_S2
+    loads = forces(plant, plant.static_pose(), still, flat)[1][:, 0] / GRAVITY_M_S2
     known = [
         *((q, float(load), _SCALE_KG) for q, load in zip(_CORNER_FACTS, loads, strict=True)),
         (FactQuantity.WHEELBASE, p.a + p.b, _WHEELBASE_M),

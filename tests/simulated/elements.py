@@ -21,7 +21,7 @@ from daq.sim.car import SensorTruth, SimulatedCar, Truth
 from daq.sim.motion import Array, per_axle
 from daq.vehicle import FORD_GRANADA, AddedMass, Corner, MassState, VehicleParameters
 
-from .engine import RealPlant, balances, states_of
+from .engine import RealPlant
 from .engine import load_car as load_car_of_fields
 
 PerCorner = tuple[float, float, float, float]
@@ -95,12 +95,6 @@ class DamperCurve:
         return cls(up, down)
 
     @property
-    def is_linear(self) -> bool:
-        """True if force is proportional to speed, with the same slope in both directions."""
-        slopes = {s for b in (self.compression, self.rebound) for s in (b.low_ns_m, b.high_ns_m)}
-        return len(slopes) == 1 and not self.compression.bends and not self.rebound.bends
-
-    @property
     def secant_ns_m(self) -> float:
         """The slope between minus and plus `SECANT_M_S`, which is c_s, N s/m."""
         below, above = self.force(np.array([-SECANT_M_S, SECANT_M_S]))
@@ -134,7 +128,6 @@ class Friction:
     front_n: float = 0.0
     """Sliding friction of a front corner, N."""
     rear_n: float = 0.0
-    """Sliding friction of a rear corner, N."""
     presliding_m: float = 0.5e-3
     """Travel over which the rubber and the seals yield before sliding, m: ratio of sliding friction
     to the stiffness at rest."""
@@ -159,7 +152,6 @@ class Imperfections:
     damper_front: DamperCurve | None = None
     """Force of a front damper by speed; None: linear with slope c_sf."""
     damper_rear: DamperCurve | None = None
-    """Force of a rear damper by speed; None: linear with slope c_sr."""
     mount_n_m: PerAxle = (inf, inf)
     """Stiffness of the rubber between damper and body, in series with the damper, N/m."""
     quadratic_n_m2: PerAxle = (0.0, 0.0)
@@ -176,22 +168,17 @@ class Imperfections:
     travels, N/m.  It has no force while both wheels travel equally.  A solid axle acts like a bar
     of negative stiffness, because its springs are closer together than its wheels."""
     bar_rear_n_m: float = 0.0
-    """Anti-roll bar of the rear axle, N/m."""
     tyre_damping_front_ns_m: float = 0.0
     """Damping of each front tyre while it touches the road, N s/m."""
     tyre_damping_rear_ns_m: float = 0.0
-    """Damping of each rear tyre, N s/m."""
     tyre_progression_per_m: PerAxle = (0.0, 0.0)
     """Relative growth of half the stiffness of a tyre per metre of squash above that of the
     unloaded car at rest, 1/m: force ``k c (1 + this c)``."""
     suspension: PerCorner = ALIKE
-    """Factors on each corner's spring."""
+    """Factors on each corner's spring; the next on its damper, tyre stiffness and wheel mass."""
     damper: PerCorner = ALIKE
-    """Factors on each corner's damper."""
     tyre: PerCorner = ALIKE
-    """Factors on each corner's tyre stiffness."""
     wheel: PerCorner = ALIKE
-    """Factors on each corner's unsprung mass."""
     cg_offset_m: float = 0.0
     """Distance of the CG of the unloaded body to the left of the middle of the car, m."""
 
@@ -279,33 +266,6 @@ def load_car(
     """Put added masses on a car with elements beyond its parameters."""
     i = imperfections
     return load_car_of_fields(parameters, added, i.fields(parameters), i.bends(parameters))
-
-
-@dataclass(frozen=True, slots=True)
-class Contact:
-    """Forces between the parts of the car, each (4, n) in the order of `Corner`."""
-
-    suspension_n: Array
-    """Force of spring, stop, damper, bar and friction, N: up on the body, down on the wheel."""
-    tyre_n: Array
-    """Force of the road on the wheel, N, never negative."""
-
-
-def contact(plant: RealPlant, pose: Array, velocity: Array, road: Array) -> Contact:
-    """Return the forces of suspensions and tyres, for poses and velocities (7, n), road (4, n).
-
-    Friction and mounts are unloaded.
-    """
-    suspension, tyre, _ = balances(
-        plant.numbers, states_of(pose, velocity), road, np.zeros(road.shape)
-    )
-    return Contact(suspension, tyre)
-
-
-def forces(plant: RealPlant, pose: Array, velocity: Array, road: Array) -> Array:
-    """Return the sum of all forces except inertia, (7, n); arguments as for `contact`."""
-    states = states_of(pose, velocity)
-    return np.asarray(balances(plant.numbers, states, road, np.zeros(road.shape))[2])
 
 
 @dataclass(frozen=True, slots=True)

@@ -187,24 +187,6 @@ def balances(p: Numbers, states: Array, road: Array, rise: Array) -> tuple[Array
 
 
 @_machine_code
-def _pass_over(
-    crest: Array,
-    omega_rad_s: float,
-    begin_s: float,
-    end_s: float,
-    t_s: float,
-    road: Array,
-    rise: Array,
-) -> None:
-    """Set height and speed of the road under each wheel (Eq. 34): a half sine, then flat."""
-    phase = omega_rad_s * (t_s - begin_s)
-    for i in range(4):
-        road[i], rise[i] = 0.0, 0.0
-        if begin_s <= t_s <= end_s:
-            road[i], rise[i] = crest[i] * np.sin(phase), crest[i] * omega_rad_s * np.cos(phase)
-
-
-@_machine_code
 def _rate(p: Numbers, state: Array, road: Array, rise: Array, work: Array, rate: Array) -> None:
     """Set the rate of change of a state, (22,), laid out as above; `work`: (15,), overwritten."""
     suspension, tyre, total = work[:4], work[4:8], work[8:]
@@ -258,7 +240,10 @@ def integrate(
         for stage in range(1 if n == n_steps else 4):  # of the last state only the rate
             ahead = (0.0, 0.5, 0.5, 1.0)[stage] * step
             t_s = span_s[0] + n * step + ahead
-            _pass_over(crest, omega_rad_s, bump_s[0], bump_end_s, t_s, road, rise)
+            phase, is_on = omega_rad_s * (t_s - bump_s[0]), bump_s[0] <= t_s <= bump_end_s
+            for i in range(4):  # half a sine, then flat (Eq. 34)
+                road[i] = crest[i] * np.sin(phase) if is_on else 0.0
+                rise[i] = crest[i] * omega_rad_s * np.cos(phase) if is_on else 0.0
             for j in range(22):
                 between[j] = state[j] + ahead * k[stage - 1, j] if stage else state[j]
             _rate(p, between, road, rise, work, k[stage])
@@ -358,6 +343,18 @@ def standing(plant: RealPlant, stuck: Array | None = None) -> Array:
     has settled.
     """
     return states_of(plant.static_pose(stuck=stuck), np.zeros((7, 1)), stuck)
+
+
+def forces(
+    plant: RealPlant, pose: Array, velocity: Array, road_m: Array
+) -> tuple[Array, Array, Array]:
+    """Return the forces of `balances` on a still road, with friction and mounts unloaded.
+
+    `pose`, `velocity`: (7, n).  `road_m`: (4, n).
+    """
+    rise = np.zeros(road_m.shape)
+    suspension, tyre, total = balances(plant.numbers, states_of(pose, velocity), road_m, rise)
+    return suspension, tyre, total
 
 
 # Its motion ---------------------------------------------------------------------------------------

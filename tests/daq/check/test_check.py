@@ -249,12 +249,6 @@ def test_a_sensor_that_is_half_a_swing_late_is_not_upside_down(late_s: float) ->
     assert opposed_signs(runs, tuple(CORNER.values())) == ()
 
 
-@pytest.mark.parametrize("number", range(0, 6, 2))
-def test_a_single_run_gives_no_advice_on_a_sign_that_is_right(number: int) -> None:
-    session = recorded()
-    assert named(replace(session, runs=session.runs[number : number + 1])) == []
-
-
 def test_a_bounce_does_not_show_the_sign_of_the_roll_rate() -> None:
     session = turned(recorded(), "roll_rate", "pitch_rate")
     shown = {

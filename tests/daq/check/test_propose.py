@@ -89,6 +89,11 @@ def test_names_and_units_alone_tell_much() -> None:
         "pitch_rate": (Quantity.PITCH_RATE, None),
     }
     assert tomllib.loads(text)["dbc"] == "car.dbc"
+    vertical, pot = alone("M.acc_z", "g"), alone("M.Travel", "mm")
+    assert vertical is not None
+    assert vertical.ask == "is it on the body, or on which hub?"
+    assert pot is not None
+    assert (pot.quantity, pot.ask) == (Quantity.UNUSED, "at which corner?")
 
 
 def test_traffic_tells_the_axis_the_sign_the_counter_the_checksum_and_the_clock() -> None:

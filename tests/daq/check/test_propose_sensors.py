@@ -7,9 +7,6 @@ from datetime import date
 from functools import cache
 from pathlib import Path
 
-import numpy as np
-import pytest
-
 from daq.bench.config import Bench, bench_codec, parse_bench
 from daq.bench.sensors import Databases, stored_text
 from daq.channels import Quantity
@@ -20,9 +17,6 @@ from dbc import FrameBatch, Severity
 
 from ..wild_bench import (
     DATABASES,
-    HUBS,
-    NODES,
-    POT,
     rest_and_pushes,
     wild_bench,
 )
@@ -116,55 +110,8 @@ def _asked(bench: Bench, rest: FrameBatch) -> list[str]:
     return [f"{line.subject}: {line.text}" for line in found]
 
 
-def test_the_zero_of_a_travel_is_what_it_read_at_rest() -> None:
-    codec = bench_codec(wild_bench())
-    rest, _ = rest_and_pushes()
-    decoded = codec.decode(rest)
-    for channel in bench_of(proposal(True)).channels:
-        if channel.quantity is Quantity.SUSPENSION_TRAVEL:
-            node = next(n for n, corner in NODES.items() if corner == channel.corner)
-            level = np.median(decoded[f"node_{node}.TPDO1.Position_Value"].value) * 1e-3
-            assert channel.tare == pytest.approx(-level, rel=1e-4)
-
-
-def test_a_database_of_which_nothing_came_is_named() -> None:
-    rest, _ = rest_and_pushes()
-    foreign = POT.replace("385", "1200").replace("1793", "1201")
-    proposed = propose_sensors({**DATABASES, "foreign.dbc": foreign}, (), rest, None)
-    assert "foreign.dbc" in proposed.text.partition("# Not on the bus: ")[2]
-    assert all(s.database != "foreign.dbc" for s in bench_of(proposed).sensors)
-
-
 def test_no_four_pushes_are_asked_for_again() -> None:
     rest, pushes = rest_and_pushes()
     first = pushes.select(pushes.t_ns < pushes.t_ns[0] + 3_000_000_000)
     proposed = propose_sensors(DATABASES, (), rest, first)
     assert proposed.questions[0].startswith("1 push was found instead of one on each")
-
-
-def test_a_pot_of_which_nothing_shows_the_wheel_is_placed_in_the_file() -> None:
-    proposed = propose_sensors({"pot.dbc": POT}, (), None, None)
-    assert proposed.questions == ("channel Position_Value: at which corner?",)
-
-
-# Hubs that no name places -------------------------------------------------------------------------
-
-ASKED = "is it on the body, or on which hub?"
-NAMELESS = HUBS
-for said, number in (("WheelAccelFL", 1), ("WheelAccelFR", 2), ("WheelAccelRL", 3)):
-    NAMELESS = NAMELESS.replace(f"{said} ", f"Accel_{number} ")
-NAMELESS = NAMELESS.replace("WheelAccelRR ", "Accel_4 ")
-
-
-def nameless(pushes: FrameBatch | None) -> tuple[Proposal, Bench]:
-    databases = {**DATABASES, "hubs.dbc": NAMELESS}
-    found = propose_sensors(databases, (), rest_and_pushes()[0], pushes)
-    return found, bench_of(found, databases)
-
-
-def test_hubs_that_no_name_shows_are_asked_for() -> None:
-    for pushes in (None, rest_and_pushes()[1]):
-        found, bench = nameless(pushes)
-        asked = [q for q in found.questions if ASKED in q]
-        assert asked == [f"channel hubs_Accel_{n}: {ASKED}" for n in (1, 2, 3, 4)]
-        assert not [c for c in bench.channels if c.quantity is Quantity.HUB_ACCELERATION]

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from daq.bench.campaign import Campaign
-from daq.bench.config import Bench, load_bench
+from daq.bench.config import load_bench
 from daq.channels import Channel, Quantity
 from daq.runs import Excitation
 from daq.sim.car import (
@@ -18,7 +18,6 @@ from daq.sim.car import (
     SensorTruth,
     SimulatedCar,
     Spread,
-    Truth,
     low_pass,
     signal_values,
     true_reading,
@@ -28,8 +27,6 @@ from daq.sim.motion import GRAVITY_M_S2, Kinematics, Plant, load_car
 from daq.vehicle import FORD_GRANADA, AddedMass, BodyWeight, Corner
 from dbc import Codec, parse_codec, shipped_dbc
 from dbc.words import InputError
-
-from ...simulated.elements import RealCar, SensorFault
 
 G = GRAVITY_M_S2
 SILENT = Spread(0.0, 0.0, 0.0, 0.0, 0.0)
@@ -258,34 +255,10 @@ def test_no_sensor_foresees() -> None:
     assert np.mean(delay_s == 0.0) == pytest.approx(0.5, abs=0.04)
 
 
-# Sensor faults: the filter against its closed form, and every fault seen in the frames ----------
+# The low-pass of a sensor -------------------------------------------------------------------------
 
 
 STEP_S = 1e-4
-QUIET = RealCar(noise=SILENT, bias=SILENT, jitter_s=0.0, lead_s=0.3, tail_s=0.6)
-
-
-def drawn(bench: Bench, car: SimulatedCar, seed: int) -> Truth:
-    return car.draw(bench.channels, bench.mass_states, seed)
-
-
-def front_left_hub(codec: Codec, car: SimulatedCar) -> NDArray[np.float64]:
-    shipped = load_bench(None)
-    hubs = [channel for channel in shipped.channels if channel.signal.startswith("HUB_Front")]
-    exact = tuple(replace(channel, gain_sigma=0.0) for channel in hubs)
-    campaign = Campaign((Excitation.ROLL,), 1, ("baseline",), bump_height_m=0.05)
-    bench = replace(shipped, channels=exact, campaign=campaign)
-    (batch,) = campaign_frames(bench, codec, car, 3, 1_700_000_000_000_000_000)
-    return codec.decode(batch)["HUB_Front.acc_fl"].value
-
-
-def test_a_low_passed_channel_is_the_filter_of_the_sound_one(codec: Codec) -> None:
-    sound = front_left_hub(codec, QUIET)
-    fault = SensorFault("hub_acc_fl", low_pass_hz=20.0)
-    found = front_left_hub(codec, replace(QUIET, faults=(fault,)))
-    # Frames come every millisecond: filtering them is a coarser way to the same.
-    np.testing.assert_allclose(found, low_pass(sound, 0.001, 20.0, 2), atol=0.004)
-    assert np.abs(found - sound).max() > 0.3
 
 
 @pytest.mark.parametrize(("order", "tail"), [(2, 1.0 / 17), (4, 1.0 / 257)])
@@ -298,12 +271,18 @@ def test_a_sine_is_damped_by_3_db_at_the_cut_off(order: int, tail: float) -> Non
         assert 2 * np.mean((swing[-10000:] - 3.0) ** 2) == pytest.approx(power, rel=1e-3)
 
 
-def test_a_low_pass_that_the_bench_states_is_there() -> None:
-    bench = load_bench(None)
-    filtered = tuple(replace(c, low_pass_hz=40.0, low_pass_order=4) for c in bench.channels)
-    stated = replace(bench, channels=filtered)
-    assert drawn(stated, QUIET, 1).sensors["pitch_rate"].low_pass_hz == 40.0
-    car = replace(QUIET, faults=(SensorFault("pitch_rate", low_pass_hz=25.0),))
-    spoilt = drawn(stated, car, 1).sensors["pitch_rate"]
-    assert (spoilt.low_pass_hz, spoilt.low_pass_order) == (25.0, 2)
-    assert drawn(stated, car, 1).sensors["roll_rate"].low_pass_order == 4
+def test_a_low_pass_that_the_bench_states_is_in_its_frames(codec: Codec) -> None:
+    """Frames come every millisecond: to filter those of a sound sensor is a coarser way to it."""
+    quiet = SimulatedCar(noise=SILENT, bias=SILENT, jitter_s=0.0, lead_s=0.3, tail_s=0.6)
+    shipped = load_bench(None)
+    (hub,) = (replace(c, gain_sigma=0.0) for c in shipped.channels if c.name == "hub_acc_fl")
+    campaign = Campaign((Excitation.ROLL,), 1, ("baseline",), bump_height_m=0.05)
+
+    def values(channel: Channel) -> NDArray[np.float64]:
+        bench = replace(shipped, channels=(channel,), campaign=campaign)
+        (batch,) = campaign_frames(bench, codec, quiet, 3, 1_700_000_000_000_000_000)
+        return codec.decode(batch)["HUB_Front.acc_fl"].value
+
+    sound, filtered = values(hub), values(replace(hub, low_pass_hz=20.0, low_pass_order=2))
+    np.testing.assert_allclose(filtered, low_pass(sound, 0.001, 20.0, 2), atol=0.004)
+    assert np.abs(filtered - sound).max() > 0.3

@@ -7,7 +7,6 @@ from math import inf
 
 import numpy as np
 import pytest
-from scipy.integrate import simpson
 
 from daq.runs import Excitation
 from daq.sim.motion import GRAVITY_M_S2, Array, Bump
@@ -15,17 +14,15 @@ from daq.sim.motion import load_car as load_linear_car
 from daq.vehicle import FORD_GRANADA, AddedMass, BodyWeight, Corner, HubWeight, VehicleParameters
 from identify.model.matrices import PhysicalModel
 
-from .elements import (
+from ...simulated.elements import (
     NONE,
     Branch,
     DamperCurve,
     Friction,
     Imperfections,
-    contact,
-    forces,
     load_car,
 )
-from .engine import RealMotion, RealPlant, balances, drive, standing
+from ...simulated.engine import RealPlant, drive, forces, standing
 
 P, G = FORD_GRANADA, GRAVITY_M_S2
 WEIGHTS = AddedMass((BodyWeight(60.0, 0.2, 0.45), HubWeight(5.0, Corner.REAR_LEFT)))
@@ -52,7 +49,6 @@ REAL = Imperfections(
     cg_offset_m=0.03,
 )
 """A car with everything."""
-SIDED = Imperfections(compression=0.6, rebound=1.4)
 
 
 def bump(excitation: Excitation, height_m: float = 0.05) -> Bump:
@@ -66,9 +62,11 @@ def axles(front: float, rear: float) -> Array:
 def linearised(plant: RealPlant) -> PhysicalModel:
     """Return M from the accelerations of unit forces; C and K as slopes of the forces at rest."""
     rest, still, flat, h = plant.static_pose(), np.zeros((7, 7)), np.zeros((4, 7)), 1e-3
-    step, at_rest = h * np.eye(7), np.repeat(rest, 7, axis=1)
-    stiffness = forces(plant, rest - step, still, flat) - forces(plant, rest + step, still, flat)
-    damping = forces(plant, at_rest, -step, flat) - forces(plant, at_rest, step, flat)
+    step = h * np.eye(7)
+    stiffness, damping = (
+        forces(plant, rest - d, -v, flat)[2] - forces(plant, rest + d, v, flat)[2]
+        for d, v in ((step, still), (still, step))
+    )
     mass = np.asarray(np.linalg.inv(plant.mobility), dtype=np.float64)
     return PhysicalModel(mass, damping / (2 * h), stiffness / (2 * h))
 
@@ -110,15 +108,15 @@ def test_tyres_push_and_never_pull_nor_stiffen_again() -> None:
     plant = load_car(P, AddedMass())
     high, rising = np.zeros((7, 1)), np.zeros((7, 1))
     high[3:, 0], rising[3:, 0] = [0.01, -0.01, 0.0, -0.02], [0.5, 0.0, 0.0, -0.5]
-    act = contact(plant, high, rising, np.zeros((4, 1)))
-    np.testing.assert_allclose(act.tyre_n[:, 0], [0.0, 1920.0, 0.0, 3840.0])
+    suspension_n, tyre_n, _ = forces(plant, high, rising, np.zeros((4, 1)))
+    np.testing.assert_allclose(tyre_n[:, 0], [0.0, 1920.0, 0.0, 3840.0])
     springs = np.array([0.01 * P.k_sf, -0.01 * P.k_sf, 0.0, -0.02 * P.k_sr])
-    np.testing.assert_allclose(act.suspension_n[:, 0] - springs, [750.0, 0.0, 0.0, -750.0])
+    np.testing.assert_allclose(suspension_n[:, 0] - springs, [750.0, 0.0, 0.0, -750.0])
     soft = load_car(P, AddedMass(), Imperfections(tyre_progression_per_m=(12.0, 12.0)))
     lifted = soft.static_pose() + np.vstack(
         [np.zeros((3, 400)), np.tile(np.linspace(0, 0.2, 400), (4, 1))]
     )
-    loads = contact(soft, lifted, np.zeros((7, 400)), np.zeros((4, 400))).tyre_n
+    loads = forces(soft, lifted, np.zeros((7, 400)), np.zeros((4, 400)))[1]
     assert (np.diff(loads, axis=1) <= 0.0).all()
 
 
@@ -133,8 +131,6 @@ def test_dampers_have_their_slopes_knees_and_tables() -> None:
     np.testing.assert_allclose(table, [112.5, 225.0, 337.5, 540.0, -75.0, -270.0, -540.0, -690.0])
     assert HARD.secant_ns_m == pytest.approx(2100.0)  # 150 N and 270 N at 0.1 m/s
     assert SOFT.scaled(1234.0).secant_ns_m == pytest.approx(1234.0)
-    assert DamperCurve.straight(1000.0, 1000.0).is_linear
-    assert not any(c.is_linear for c in (SOFT, HARD, DamperCurve.straight(1000.0, 2000.0)))
     # The car's corners have the same forces, front and rear, times their factors.
     plant = load_car(
         P, AddedMass(),
@@ -143,74 +139,29 @@ def test_dampers_have_their_slopes_knees_and_tables() -> None:
     moving, still = np.zeros((2, 7, len(speeds)))
     moving[3:] = speeds
     pose, flat = np.repeat(plant.static_pose(), len(speeds), axis=1), np.zeros((4, len(speeds)))
-    act = [contact(plant, pose, v, flat).suspension_n for v in (moving, still)]
+    act = [forces(plant, pose, v, flat)[0] for v in (moving, still)]
     found = act[0] - act[1]
     for row, (curve, factor) in enumerate(((SOFT, 1.0), (SOFT, 0.5), (HARD, 1.0), (HARD, 2.0))):
         np.testing.assert_allclose(found[row], factor * curve.force(speeds), atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("car", "height_m", "most_m_s2"),
-    [(NONE, 0.05, 1e-8), (NONE, 0.13, 1e-3), (SIDED, 0.05, 2e-3), (REAL, 0.05, 2e-2)],
-    ids=["linear", "lifts off", "one-sided dampers", "real"],
-)  # fmt: skip
-def test_the_motion_hardly_depends_on_the_step(
-    car: Imperfections, height_m: float, most_m_s2: float
-) -> None:
-    """The quietest sensor's noise is 0.03 m/s2; kinks of the forces cost an order of accuracy."""
-    plant, t_s = load_car(P, WEIGHTS, car), np.linspace(0.4, 0.9, 1000)
-    used, fine = (
-        drive(plant, bump(Excitation.WARP, height_m), 1.0, step_s=step_s).at(t_s)
-        for step_s in (5e-5, 1.25e-5)
-    )
-    np.testing.assert_allclose(used.acceleration, fine.acceleration, atol=most_m_s2)
-    np.testing.assert_allclose(used.pose, fine.pose, atol=1e-6)
-
-
-def powers(motion: RealMotion, t_s: Array) -> Array:
-    """Return what dampers, tyres and friction take together, W, (n,)."""
-    plant, states = motion.plant, motion.states(t_s)
-    still = states.copy()
-    still[7:] = 0.0
-    flat = np.zeros((4, len(t_s)))
-    both = (balances(plant.numbers, each, flat, flat) for each in (states, still))
-    suspension, tyre, _ = (moving - resting for moving, resting in zip(*both, strict=True))
-    closing = states[10:14] - plant.at_corners(states[7:10])
-    return np.asarray((suspension * closing - tyre * states[10:14]).sum(axis=0))
-
-
-def stored(motion: RealMotion, i: Imperfections, t_s: Array) -> Array:
-    """Return kinetic energy, and that of springs, stops, bars, tyres and gravity, J, (n,)."""
-    plant, states = motion.plant, motion.states(t_s)
-    pose, velocity = states[:7], states[7:14]
-    energy = 0.5 * np.sum(velocity * np.linalg.solve(plant.mobility, velocity), axis=0)
-    energy -= (plant.weight_n * pose).sum(axis=0)
-    squeeze = pose[3:] - plant.at_corners(pose)
-    bare = load_car(P, AddedMass(), i).static_pose()
-    u, c = squeeze - (bare[3:] - plant.at_corners(bare)), bare[3:] - pose[3:]
-    k2, k3, kb = (axles(*pair) for pair in (i.quadratic_n_m2, i.cubic_n_m3, i.stop_n_m))
+def test_springs_stops_bars_and_tyres_have_their_laws() -> None:
+    """They count from the pose of the unloaded car, at standstill: dampers and friction rest."""
+    plant, i = load_car(P, WEIGHTS, REAL), REAL
+    bare = load_car(P, AddedMass(), REAL).static_pose()
+    pose = bare + np.random.default_rng(1).uniform(-0.02, 0.02, (7, 200))
+    travel, bare_travel = (each[3:] - plant.at_corners(each) for each in (pose, bare))
+    u, squash = travel - bare_travel, bare[3:] - pose[3:]
     k = axles(P.k_sf, P.k_sr) * np.array(i.suspension)[:, None]
-    beyond = np.maximum(u - axles(*i.stop_gap_m), 0.0)
-    energy += np.sum(k * squeeze**2 / 2 + k2 * u**3 / 3 + k3 * u**4 / 4, axis=0)
-    energy += np.sum(kb * beyond**2 / 2, axis=0)
-    tyres, beta = axles(P.k_tf, P.k_tr), axles(*i.tyre_progression_per_m)
-    energy += np.sum(tyres * (pose[3:] ** 2 / 2 + beta * c**3 / 3), axis=0)
-    energy += i.bar_front_n_m * (squeeze[0] - squeeze[1]) ** 2 / 2
-    return np.asarray(energy + i.bar_rear_n_m * (squeeze[2] - squeeze[3]) ** 2 / 2)
-
-
-@pytest.mark.parametrize(("car", "rel"), [(NONE, 1e-7), (REAL, 1e-3)])
-def test_the_energy_lost_is_what_dampers_tyres_and_friction_take(
-    car: Imperfections, rel: float
-) -> None:
-    """What friction and mounts store is small beside what is lost."""
-    motion = drive(load_car(P, WEIGHTS, car), bump(Excitation.ROLL), 1.8)
-    t = np.linspace(0.7001, 1.7001, 20_001)
-    assert (motion.states(t)[3:7] < 0.0).all()  # no tyre leaves the ground
-    work = simpson(powers(motion, t), x=t)
-    assert work > 5.0
-    energy = stored(motion, car, t[[0, -1]])
-    assert energy[0] - energy[1] == pytest.approx(work, rel=rel)
+    spring_n = k * travel + axles(*i.quadratic_n_m2) * u**2 + axles(*i.cubic_n_m3) * u**3
+    stop_n = axles(*i.stop_n_m) * np.maximum(u - axles(*i.stop_gap_m), 0.0)
+    bar_n = axles(i.bar_front_n_m, i.bar_rear_n_m) * (travel - travel[[1, 0, 3, 2]])
+    progression_n = axles(*i.tyre_progression_per_m) * np.maximum(squash, -0.125) ** 2
+    tyre_n = axles(P.k_tf, P.k_tr) * (-pose[3:] + progression_n)
+    suspension_n, found_tyre_n, _ = forces(plant, pose, 0.0 * pose, np.zeros((4, 200)))
+    np.testing.assert_allclose(suspension_n, spring_n + stop_n + bar_n, atol=1e-6)
+    np.testing.assert_allclose(found_tyre_n, np.maximum(tyre_n, 0.0), atol=1e-6)
+    assert (stop_n > 0.0).any()
 
 
 def test_a_car_without_dampers_loses_four_friction_forces_a_cycle() -> None:
