@@ -34,7 +34,7 @@ from daq.sim.bench import Fault
 from daq.sim.car import SimulatedCar
 from dbc import FrameBatch
 
-from ..daq.sim.bench_campaign import record
+from ..daq.sim.test_bench import record
 from ..daq.wild_bench import DATABASES, NODES, rest_and_pushes, wild_bench
 
 ROOT = Path(__file__).parents[2]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 
@@ -11,11 +12,12 @@ import pytest
 
 from daq.bench.campaign import Campaign, Method
 from daq.bench.config import Bench, bench_codec, load_bench
-from daq.bus.source import BusError, Now
-from daq.control.messages import Due, Phase, Status
+from daq.bus.source import BusError, HopLosses, Now
+from daq.control.messages import Arm, DiskStatus, Due, Phase, Status, StorageStatus, Until
+from daq.journal.writer import JournalWriter
 from daq.recorder.recording import Recording
 from daq.runlog import LoggedNote
-from daq.runs import BASELINE, Excitation, RunStatus
+from daq.runs import BASELINE, Event, Excitation, RunStatus
 from daq.samples.converter import HealthState, advance
 from daq.sim.bench import PIECE_S, Fault, SimulatedBench
 from daq.sim.car import SimulatedCar, Spread
@@ -23,8 +25,6 @@ from daq.sim.ecu import campaign_frames, frame_time_ns, priority, transmit
 from daq.vehicle import AddedMass, BodyWeight
 from dbc import Codec, DecodeCounts, FrameBatch, parse_codec, shipped_dbc
 from dbc.words import InputError
-
-from .bench_campaign import Kept, record
 
 START_NS = 1_700_000_000_123_456_789
 SEED = 11
@@ -161,6 +161,55 @@ def test_an_overloaded_bus_stays_late_into_the_next_run(bitrate: int, late: bool
 
 
 # The simulated bench as a bus: bumped as the recorder waits ---------------------------------------
+
+
+DISK = DiskStatus(10**12, 0, 0, 0.0)
+NO_LOSSES = HopLosses()
+
+
+class Kept(JournalWriter):
+    """Keeps in memory what a recorder stores."""
+
+    def __init__(self) -> None:
+        self.frames: list[FrameBatch] = []
+        self.events: list[Event] = []
+
+    def append(self, frames: FrameBatch, losses: HopLosses) -> None:
+        self.frames.append(frames)
+
+    def append_events(self, events: Sequence[Event]) -> None:
+        self.events += events
+
+
+def record(
+    bench: Bench, seed: int, fault: Fault | None = None, speed: float = math.inf, turns: int = 6000
+) -> tuple[Kept, Status]:
+    """Record until the campaign is complete; return what was stored and the last status."""
+    codec, kept = bench_codec(bench), Kept()
+    recorder = Recording(bench, codec, kept)
+    statuses: list[Status] = []
+    source = SimulatedBench(
+        bench, codec, SimulatedCar(), seed, speed, lambda: statuses[-1], fault, START_NS
+    )
+    now = Now(START_NS, 0.0)
+    statuses.append(recorder.status(now))
+    armed = False
+    for _ in range(turns):
+        try:
+            batch = source.read(0.02)
+        except BusError:
+            batch = FrameBatch.concatenate([])
+        if len(batch):
+            now = Now(int(batch.t_ns[-1]), (int(batch.t_ns[-1]) - START_NS) * 1e-9)
+        recorder.store(batch, NO_LOSSES)
+        recorder.look(now, (), DISK, StorageStatus())
+        if not armed and len(batch):
+            recorder.carry_out(Arm(Until.COMPLETE), "test", now)
+            armed = True
+        statuses[:] = [recorder.status(now)]
+        if statuses[-1].phase is Phase.COMPLETE:
+            break
+    return kept, statuses[-1]
 
 
 def idle(bench: Bench) -> Status:
