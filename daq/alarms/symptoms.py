@@ -208,11 +208,14 @@ class _ChannelRange:
 
     def count(self, samples: Samples, counts: Counts) -> None:
         """Count the samples of a cycle without a value, and those at the end of the range."""
-        is_possible = np.abs(samples.value) <= self.largest  # False where it is not a number
-        has_no_value = samples.quality & np.uint8(Quality.SENTINEL) != 0
-        has_no_value |= samples.usable & ~is_possible
-        counts["no_value", self.name] = int(np.count_nonzero(has_no_value)), ""
-        value = samples.value[samples.usable & is_possible]
+        value, is_usable = samples.value, samples.usable
+        is_possible = np.abs(value) <= self.largest  # False where it is not a number
+        is_good = is_usable & is_possible
+        if not is_good.all():
+            is_sentinel = samples.quality & np.uint8(Quality.SENTINEL) != 0
+            n_without_value = np.count_nonzero(is_sentinel | (is_usable & ~is_possible))
+            counts["no_value", self.name] = int(n_without_value), ""
+            value = value[is_good]
         # Many unsigned signals are zero at rest.
         is_at_end = ((value <= self.low) | (value >= self.high)) & (value != 0)
         counts["saturated", self.name] = int(np.count_nonzero(is_at_end)), self.text
