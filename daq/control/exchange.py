@@ -74,8 +74,7 @@ class Server:
 
     `submit`: function of the recorder that takes an order and the name of its sender, and returns a
     future without blocking.  `address`: path of the socket; a stale one is replaced.  `setup`:
-    settings with which the recorder was started; may be changed at any time.  Raises InputError if
-    the server cannot listen there.
+    settings with which the recorder was started.  Raises InputError if the server cannot listen.
     """
 
     def __init__(
@@ -103,7 +102,7 @@ class Server:
             raise InputError(str(address), why, "see who owns that directory") from error
 
     def alone_s(self) -> float:
-        """Return the time without any client, s; the first client may take `FIRST_S`."""
+        """Return the time without any client, s; 0 in the first `FIRST_S` after the start."""
         if any(peer.name for peer in self._peers):
             return 0.0
         return max(time.monotonic() - self._alone_since_s, 0.0)
@@ -131,19 +130,22 @@ class Server:
     # The server's thread -----------------------------------------------------------------------
 
     async def _disconnect(self) -> None:
-        """Remove the socket, send the last answers, and end the connections of all clients."""
+        """Remove the socket, send the last answers, and end the connections of all clients.
+
+        A client is disconnected once its request is answered, or after `_LAST_ANSWERS_S`.
+        """
         self._address.unlink(missing_ok=True)
         # A server that is closed while it accepts a connection leaves its socket open.
         await asyncio.sleep(0.01)
         deadline_s = time.monotonic() + _LAST_ANSWERS_S
         while tasks := asyncio.all_tasks() - {asyncio.current_task()}:
-            is_late = time.monotonic() > deadline_s
+            is_overdue = time.monotonic() > deadline_s
             for peer in self._peers:
-                if is_late:
+                if is_overdue:
                     peer.writer.transport.abort()
                 elif peer.is_answered:
                     peer.writer.close()  # sends what is written first
-            for task in tasks if is_late else ():
+            for task in tasks if is_overdue else ():
                 task.cancel()
             await asyncio.wait(tasks, timeout=0.02)
         self._server.close()
@@ -204,7 +206,7 @@ class Server:
         return ""
 
     def _send_news(self) -> None:
-        """Send the statuses that wait to all clients that read."""
+        """Send the statuses that wait to all clients, except those that do not read."""
         while self._news:
             status, live = self._news.popleft()
             clients = [peer for peer in self._peers if peer.name]
@@ -315,10 +317,10 @@ class Client:
                 try:
                     number, reply_json = answer.split(b" ", 1)
                     reply: Reply = REPLY.validate_json(reply_json)
-                    is_late = int(number) not in (0, self._number)  # to an earlier request
+                    is_expected = int(number) in (0, self._number)  # else to an earlier request
                 except ValueError as error:
                     raise self._gone("the recorder is of another version") from error
-                if not is_late:
+                if is_expected:
                     break
         if reply.error:
             raise OrderRefusedError(reply.error)
