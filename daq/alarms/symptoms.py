@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +16,7 @@ from dbc.words import Finding, counted
 
 from ..bus.error_frames import ControllerState, ErrorClass, ErrorFrame, error_frames_of
 from ..bus.source import HopLosses, LinkFacts
-from ..channels import LARGEST, Quantity
+from ..channels import LARGEST
 from ..control.messages import BusState, BusStatus
 from ..samples.converter import HealthState
 from ..samples.mapping import MappedChannel
@@ -186,7 +185,7 @@ class BusWatch:
 # Watches each channel: without a value, or at the end of its range --------------------------------
 
 
-class _ChannelRange:
+class ChannelRange:
     """Range of a channel: that of its bits, or that of the DBC if it is narrower.
 
     A 16-bit sensor that measures up to 4 g stops there.
@@ -221,26 +220,6 @@ class _ChannelRange:
         counts["saturated", self.name] = int(np.count_nonzero(is_at_end)), self.text
 
 
-class Sensors:
-    """The channels of a bench."""
-
-    def __init__(self) -> None:
-        self._mapped: Sequence[MappedChannel] = ()
-        self._ranges: list[_ChannelRange] = []
-
-    def advance(
-        self, mapped: Sequence[MappedChannel], decoded: Decoded | None, counts: Counts
-    ) -> None:
-        """Add to the counts the samples of a block without a value or at the end of a range."""
-        if self._mapped is not mapped:  # another bench.toml
-            used = (m for m in mapped if m.channel.quantity is not Quantity.UNUSED)
-            self._mapped, self._ranges = mapped, [_ChannelRange(m) for m in used]
-        for channel_range in self._ranges:
-            samples = decoded.samples.get(channel_range.signal) if decoded else None
-            if samples is not None and len(samples.t_ns):
-                channel_range.count(samples, counts)
-
-
 # Watches each message: arrival, length, checksum; and frames that no DBC describes ----------------
 
 _UNKNOWN_TIMEOUT_S = 2.0
@@ -270,18 +249,18 @@ class _LastFrame:
 class Traffic:
     """The history of all traffic by identifier.
 
-    `missing`: frames that are missing already by their counters, by message.
+    `expected`: messages that carry channels of the bench.  `missing`: number of frames by message
+    that are missing already by their counters; it is kept up to date.
     """
 
-    def __init__(self, missing: Mapping[str, int] = MappingProxyType({})) -> None:
+    def __init__(self, codec: Codec, expected: Sequence[str], missing: dict[str, int]) -> None:
+        self._codec, self._expected, self._missing = codec, expected, missing
         self._began_s: float | None = None
         self._known: dict[str, _LastFrame] = {}
         self._unknown_s: dict[str, float] = {}  # monotonic time of the last frame, by identifier
-        self.missing = dict(missing)
 
     def advance(
         self,
-        codec: Codec,
         batch: FrameBatch,
         decoded: Decoded | None,
         health: HealthState,
@@ -290,7 +269,7 @@ class Traffic:
     ) -> None:
         """Remember which messages came in a block; add to the counts their faults."""
         for bus, can_id, is_extended, length, n_frames in _kinds_of_frames(batch):
-            layout = codec.find(can_id, is_extended, bus)
+            layout = self._codec.find(can_id, is_extended, bus)
             if layout is None:
                 self._unknown_s[f"{can_id:#x}{'x' if is_extended else ''}"] = now_s
                 continue
@@ -302,25 +281,22 @@ class Traffic:
         # An identifier is present for 2 s after its last frame.
         self._unknown_s = {k: s for k, s in self._unknown_s.items() if now_s - s <= 2.0}
         if decoded is not None and decoded.counts.crc_bad:
-            for message in codec.messages:
+            for message in self._codec.messages:
                 samples = decoded.samples.get(f"{message.name}.{message.crc}")
                 if message.crc and samples is not None:
                     bad = np.count_nonzero(samples.quality & np.uint8(Quality.CRC_BAD))
                     counts["crc_bad", message.name] = int(bad), ""
         for name, counter in health.counters.items():
-            counts["counter_gap", name] = counter.missing - self.missing.get(name, 0), ""
-            self.missing[name] = counter.missing
+            counts["counter_gap", name] = counter.missing - self._missing.get(name, 0), ""
+            self._missing[name] = counter.missing
         if self._began_s is None and len(batch):
             self._began_s = now_s
 
-    def symptoms(
-        self, codec: Codec, expected: Sequence[str], delivers: Sequence[bool], now_s: float
-    ) -> Iterator[Finding]:
+    def symptoms(self, delivers: Sequence[bool], now_s: float) -> Iterator[Finding]:
         """Yield the faulty states of the traffic.
 
-        `expected`: messages that carry channels of the bench.  `delivers`: True for each bus with
-        good frames now; the silence of another one is that of all its messages, and the alarm is on
-        the bus.  `now_s`: monotonic time, s.
+        `delivers`: True for each bus with good frames now; the silence of another one is that of
+        all its messages, and the alarm is on the bus.  `now_s`: monotonic time, s.
         """
         waited_s = now_s - self._began_s if self._began_s is not None else 0.0
         # Frames that are all unknown raise an alarm after 0.8 s.
@@ -333,24 +309,25 @@ class Traffic:
         for name, last in self._known.items():
             silent_s, cycle_s = now_s - last.seen_s, last.layout.cycle_s
             # A message that no channel needs has ended, not failed, after 60 s of silence.
-            is_watched = name in expected or (cycle_s and silent_s <= 60.0)
+            is_watched = name in self._expected or (cycle_s and silent_s <= 60.0)
             is_late = silent_s > _timeout_s(last.layout)
             if is_watched and is_late and last.bus < len(delivers) and delivers[last.bus]:
                 due = f"; one is due every {1e3 * cycle_s:.3g} ms" if cycle_s else ""
                 yield fault("stale", name, f"no frame for {silent_s:.1f} s{due}")
-        for name in expected if any(delivers) else ():
+        for name in self._expected if any(delivers) else ():
             # The first frame of a message may take at least a second.
-            if name not in self._known and waited_s > max(_timeout_s(codec.message(name)), 1.0):
+            timeout_s = max(_timeout_s(self._codec.message(name)), 1.0)
+            if name not in self._known and waited_s > timeout_s:
                 text = f"no frame since the recorder started to listen ({waited_s:.0f} s)"
                 yield fault("stale", name, text)
 
-    def buses_of(self, messages: Sequence[str]) -> set[int]:
-        """Return the numbers of the buses from which messages came last."""
-        return {self._known[name].bus for name in messages if name in self._known}
+    def buses(self) -> set[int]:
+        """Return the numbers of the buses from which the expected messages came last."""
+        return {self._known[name].bus for name in self._expected if name in self._known}
 
-    def alive(self, expected: Sequence[str], now_s: float) -> int:
+    def alive(self, now_s: float) -> int:
         """Return the number of expected messages that are received."""
-        received = [self._known[name] for name in expected if name in self._known]
+        received = [self._known[name] for name in self._expected if name in self._known]
         return sum(now_s - last.seen_s <= _timeout_s(last.layout) for last in received)
 
 

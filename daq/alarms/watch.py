@@ -17,11 +17,12 @@ from dbc.words import Finding, counted
 
 from ..bench.config import RecorderConfig
 from ..bus.source import HopLosses, LinkFacts, Now, wire_bits
+from ..channels import Quantity
 from ..control.messages import Alarm, BusState, BusStatus, DiskStatus, Status, StorageStatus
 from ..runs import Event
 from ..samples.converter import HealthState
 from ..samples.mapping import MappedChannel
-from .symptoms import DEAD, WINDOW_S, BusWatch, Sensors, Traffic
+from .symptoms import DEAD, WINDOW_S, BusWatch, ChannelRange, Traffic
 from .texts import EXPLAINED, GRAVITY, Counts, Key, fault
 
 ALARM, ALARM_END = "alarm", "alarm_end"
@@ -64,7 +65,7 @@ class Cycle:
 class Watch:
     """The alarms of a recorder, and the history from which they come."""
 
-    def __init__(self) -> None:
+    def __init__(self, codec: Codec, mapped: Sequence[MappedChannel]) -> None:
         self.buses: tuple[BusStatus, ...] = ()
         """State of each bus."""
         self.sensors_alive = self.sensors_expected = 0
@@ -72,13 +73,14 @@ class Watch:
         self.overloaded: tuple[str, ...] = ()
         """Channels that reached the end of their range since `acknowledge`."""
         self._bus_watches: list[BusWatch] = []
-        self._traffic, self._sensors = Traffic(), Sensors()
+        self._missing: dict[str, int] = {}  # frames by message, by the counters
         self._alarms: dict[Key, Alarm] = {}
         self._seen_s: dict[Key, float] = {}  # when the symptom of an alarm was last present
         # Monotonic time, s, and counts of each cycle with a fault in the last second.
         self._counts: deque[tuple[float, Counts]] = deque()
         self._quiet_buses: frozenset[str] = frozenset()  # with channels, without good frames now
         self._queue_dropped = self._t_ns = 0
+        self.adopt(codec, mapped)
 
     @property
     def alarms(self) -> tuple[Alarm, ...]:
@@ -104,49 +106,48 @@ class Watch:
         """Switch the overload lamps off."""
         self.overloaded = ()
 
-    def adopt(self) -> None:
-        """Begin anew with other channels; earlier counts do not raise alarms again."""
-        self._traffic, self._sensors = Traffic(self._traffic.missing), Sensors()
+    def adopt(self, codec: Codec, mapped: Sequence[MappedChannel]) -> None:
+        """Begin anew with messages and channels; earlier counts do not raise alarms again."""
+        expected = tuple(dict.fromkeys(m.message.name for m in mapped))  # messages with channels
+        self.sensors_expected = len(expected)
+        self._traffic = Traffic(codec, expected, self._missing)
+        used = (m for m in mapped if m.channel.quantity is not Quantity.UNUSED)
+        self._ranges = [ChannelRange(m) for m in used]
 
-    def advance(
-        self, config: RecorderConfig, codec: Codec, mapped: Sequence[MappedChannel], cycle: Cycle
-    ) -> tuple[Event, ...]:
-        """Process one cycle; return its events.
-
-        `mapped` is the same object in each cycle, as long as the bench's channels are the same.
-        """
+    def advance(self, config: RecorderConfig, cycle: Cycle) -> tuple[Event, ...]:
+        """Process one cycle; return its events."""
         now_s, batch = cycle.now.monotonic_s, cycle.batch
         self._t_ns = int(batch.t_ns[-1]) if len(batch) else self._t_ns or cycle.now.wall_ns
         counts: Counts = {}
         self._advance_buses(cycle, counts)
-        self._traffic.advance(codec, batch, cycle.decoded, cycle.health, now_s, counts)
-        self._sensors.advance(mapped, cycle.decoded, counts)
+        self._traffic.advance(batch, cycle.decoded, cycle.health, now_s, counts)
+        for channel_range in self._ranges:
+            samples = cycle.decoded.samples.get(channel_range.signal) if cycle.decoded else None
+            if samples is not None and len(samples.t_ns):
+                channel_range.count(samples, counts)
         counts["queue_dropped", ""] = cycle.hops.queue_dropped - self._queue_dropped, ""
         self._queue_dropped = cycle.hops.queue_dropped
         new = {key: count for key, count in counts.items() if count[0] > 0}
         saturated = (subject for code, subject in new if code == "saturated")
         self.overloaded = tuple(dict.fromkeys((*self.overloaded, *saturated)))
         totals = self._totals(new, now_s)
-        expected = tuple(dict.fromkeys(m.message.name for m in mapped))  # messages with channels
-        self.sensors_alive = self._traffic.alive(expected, now_s)
-        self.sensors_expected = len(expected)
+        self.sensors_alive = self._traffic.alive(now_s)
         watched_links = list(zip(self._bus_watches, cycle.links, strict=True))
         self.buses = tuple(bus.status(link, config.silent_s, now_s) for bus, link in watched_links)
         delivers = [
             status.state in (BusState.OK, BusState.ERROR_PASSIVE) and now_s - bus.good_s < _QUIET_S
             for bus, status in zip(self._bus_watches, self.buses, strict=True)
         ]
-        used_buses = self._traffic.buses_of(expected)
         self._quiet_buses = frozenset(
-            bus.name
-            for number, bus in enumerate(self._bus_watches)
-            if number in used_buses and not delivers[number]
+            self._bus_watches[number].name
+            for number in self._traffic.buses()
+            if number < len(delivers) and not delivers[number]
         )
         symptoms = [*_not_recording(cycle.storage), *_disk_symptoms(config, cycle.disk)]
         symptoms += [fault("consumer_failed", name, why) for name, why in cycle.failed.items()]
         for (bus, link), status in zip(watched_links, self.buses, strict=True):
             symptoms += bus.symptoms(link, status, config.silent_s, now_s)
-        symptoms += self._traffic.symptoms(codec, expected, delivers, now_s)
+        symptoms += self._traffic.symptoms(delivers, now_s)
         for (code, subject), (number, detail) in totals.items():
             text = f"{number} {EXPLAINED[code].counted} in the last second"
             symptoms.append(fault(code, subject, f"{text}: {detail}" if detail else text))

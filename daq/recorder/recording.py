@@ -276,7 +276,7 @@ class Recording:
         self._t_ns = self._first_ns = 0  # of the latest frame, and of the first on its clock
         self._bump_ns = 0  # of the last planned bump
         self.recent = Recent(bench.trigger.pre_s + bench.trigger.post_s)
-        self._alarms = Watch()
+        self._alarms = Watch(codec, ())
         self.adopt(bench, codec)
 
     def adopt(self, bench: Bench, codec: Codec) -> None:
@@ -293,7 +293,7 @@ class Recording:
         self._judge = Judge(bench, codec, self.recent, self.measures)
         self._trigger = trigger.TriggerState()
         self._count_runs()
-        self._alarms.adopt()
+        self._alarms.adopt(codec, self._mapped)
         # The campaign may now be complete, because the new bench plans fewer runs or the recorder
         # was killed after the last run; or no longer complete, because the new bench plans more.
         self._loop.decide(self._surroundings())
@@ -417,7 +417,7 @@ class Recording:
 
     def _raise_alarms(self, cycle: Cycle) -> None:
         """Log the alarms that begin and end; reject the present run if its bus is dead."""
-        events = self._alarms.advance(self.bench.recorder, self._codec, self._mapped, cycle)
+        events = self._alarms.advance(self.bench.recorder, cycle)
         saturated = [alarm.subject for alarm in self._alarms.alarms if alarm.code == "saturated"]
         self._judge.saturated |= dict.fromkeys(saturated, self._t_ns)
         for event in events:

@@ -251,14 +251,14 @@ def _our_hops(bench: Bench, codec: Codec, frames: FrameBatch) -> dict[str, float
         journal_us = us(keep)
     decode_us = us(lambda _, block: codec.decode(block))
     mapped = map_channels(bench.channels, codec.messages, bench.dbc_name)
-    alarms, health = Watch(), HealthState()
+    alarms, health = Watch(codec, mapped), HealthState()
 
     def watch(k: int, block: FrameBatch) -> None:
         nonlocal health
         decoded = codec.decode(block)
         health = advance(codec.messages, health, decoded)
         cycle = Cycle(_now(k), block, decoded, health, links, HopLosses(), DISK)
-        alarms.advance(bench.recorder, codec, mapped, cycle)
+        alarms.advance(bench.recorder, cycle)
 
     watch_us = us(watch)
     recorder = Recording(bench, codec, Nowhere())

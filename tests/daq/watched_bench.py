@@ -109,8 +109,8 @@ class WatchedBench:
         codec: Codec = CODEC,
         mapped: Sequence[MappedChannel] = MAPPED,
     ) -> None:
-        self._codec, self._mapped = codec, mapped
-        self.state = Watch()
+        self._codec = codec
+        self.state = Watch(codec, mapped)
         self.events: list[tuple[float, Event]] = []
         self.turns = 0
         self.links = [
@@ -181,7 +181,7 @@ class WatchedBench:
         now = Now(START_NS + self.turns * 100_000_000, 5000.0 + self.now_s)
         turn = Cycle(now, batch, decoded, self._health, self.links, self.hops, ROOMY)
         cycle = replace(turn, **facts)
-        events = self.state.advance(RecorderConfig(), self._codec, self._mapped, cycle)
+        events = self.state.advance(RecorderConfig(), cycle)
         self.events += [(self.now_s, event) for event in events]
         return events
 
