@@ -15,7 +15,7 @@ from dbc.frames import FrameBatch, FrameFlag
 from dbc.words import Finding, counted
 
 from ..bus.error_frames import ControllerState, ErrorClass, ErrorFrame, error_frames_of
-from ..bus.source import HopLosses, LinkFacts
+from ..bus.source import LinkFacts
 from ..channels import LARGEST
 from ..control.messages import BusState, BusStatus
 from ..samples.converter import HealthState
@@ -45,7 +45,8 @@ class _BusCycle:
 class BusWatch:
     """The history of one bus; it begins anew when another link takes its place."""
 
-    name: str
+    link: LinkFacts
+    """State of the link in the last cycle."""
     good_s: float
     """Monotonic time of the last good frame, s; at least that since which it is connected."""
     error_s: float = float("-inf")
@@ -62,8 +63,6 @@ class BusWatch:
     rx_errors: int | None = None
     error_text: str = ""
     """The last error frame, in words."""
-    losses: HopLosses = field(default_factory=HopLosses)
-    """Losses that the source had counted in the last cycle."""
 
     def advance(
         self,
@@ -84,14 +83,14 @@ class BusWatch:
         errors = error_frames_of(batch.select(error_rows)) if n_errors else []
         if errors:
             self.error_text, self.error_s = errors[-1].text, now_s
-        overruns = link.losses.bus_dropped - self.losses.bus_dropped
-        overruns += sum(error.overrun for error in errors)
+        losses, earlier = link.losses, self.link.losses
+        overruns = sum(error.overrun for error in errors)
         bus_off = sum(ErrorClass.BUS_OFF in error.classes for error in errors)
-        counts["overrun", self.name] = overruns, ""
-        counts["garbled", self.name] = link.losses.bus_garbled - self.losses.bus_garbled, ""
-        counts["error_frames", self.name] = n_errors, self.error_text
-        counts["bus_off", self.name] = bus_off, self.error_text
-        self.losses = link.losses
+        counts["overrun", link.name] = losses.bus_dropped - earlier.bus_dropped + overruns, ""
+        counts["garbled", link.name] = losses.bus_garbled - earlier.bus_garbled, ""
+        counts["error_frames", link.name] = n_errors, self.error_text
+        counts["bus_off", link.name] = bus_off, self.error_text
+        self.link = link
         if n and not self.last_ns:  # a bus has no time stamp before its first frame
             self.recent = [replace(cycle, last_ns=int(t_ns[0])) for cycle in self.recent]
         self.last_ns = int(t_ns[-1]) if n else self.last_ns
@@ -121,14 +120,14 @@ class BusWatch:
             self.controller = ControllerState.ACTIVE
             self.tx_errors = self.rx_errors = None
 
-    def status(self, link: LinkFacts, silent_s: float, now_s: float) -> BusStatus:
-        """Return the status of the bus."""
+    def status(self, silent_s: float, now_s: float) -> BusStatus:
+        """Return the status of the bus, which is silent after `silent_s` without a good frame."""
         begin, end, cycles = self.recent[0], self.recent[-1], self.recent[1:]
         # By time stamps too: a replay faster than real time does not load a bus.
         stamped_s = (end.last_ns - begin.last_ns) * 1e-9 if begin.last_ns else 0.0
         span_s = max(now_s - begin.now_s, stamped_s, WINDOW_S / 10)
         state = BusState.OK
-        if not link.connected:
+        if not self.link.connected:
             state = BusState.DISCONNECTED
         elif self.controller is ControllerState.BUS_OFF:
             state = BusState.BUS_OFF
@@ -137,22 +136,20 @@ class BusWatch:
         elif self.controller is ControllerState.PASSIVE:
             state = BusState.ERROR_PASSIVE
         return BusStatus(
-            name=self.name,
+            name=self.link.name,
             state=state,
-            load=sum(cycle.bits for cycle in cycles) / span_s / link.bitrate,
+            load=sum(cycle.bits for cycle in cycles) / span_s / self.link.bitrate,
             frames_per_s=sum(cycle.n_good for cycle in cycles) / span_s,
             frames=self.frames,
             error_frames=self.error_frames,
-            reopened=link.reopened,
+            reopened=self.link.reopened,
             tx_errors=self.tx_errors,
             rx_errors=self.rx_errors,
         )
 
-    def symptoms(
-        self, link: LinkFacts, status: BusStatus, silent_s: float, now_s: float
-    ) -> Iterable[Finding]:
+    def symptoms(self, status: BusStatus, silent_s: float, now_s: float) -> Iterable[Finding]:
         """Yield the faulty states of the bus; counted faults are not among them."""
-        name, silence = self.name, f"{now_s - self.good_s:.1f} s"
+        link, name, silence = self.link, self.link.name, f"{now_s - self.good_s:.1f} s"
         if status.state is BusState.DISCONNECTED:
             if link.error or now_s - link.heartbeat_s >= silent_s:  # else it is being opened
                 yield fault("disconnected", name, link.error or "not connected", link.advice)

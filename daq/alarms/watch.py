@@ -132,21 +132,20 @@ class Watch:
         self.overloaded = tuple(dict.fromkeys((*self.overloaded, *saturated)))
         totals = self._totals(new, now_s)
         self.sensors_alive = self._traffic.alive(now_s)
-        watched_links = list(zip(self._bus_watches, cycle.links, strict=True))
-        self.buses = tuple(bus.status(link, config.silent_s, now_s) for bus, link in watched_links)
+        self.buses = tuple(bus.status(config.silent_s, now_s) for bus in self._bus_watches)
         delivers = [
             status.state in (BusState.OK, BusState.ERROR_PASSIVE) and now_s - bus.good_s < _QUIET_S
             for bus, status in zip(self._bus_watches, self.buses, strict=True)
         ]
         self._quiet_buses = frozenset(
-            self._bus_watches[number].name
+            self.buses[number].name
             for number in self._traffic.buses()
             if number < len(delivers) and not delivers[number]
         )
         symptoms = [*_not_recording(cycle.storage), *_disk_symptoms(config, cycle.disk)]
         symptoms += [fault("consumer_failed", name, why) for name, why in cycle.failed.items()]
-        for (bus, link), status in zip(watched_links, self.buses, strict=True):
-            symptoms += bus.symptoms(link, status, config.silent_s, now_s)
+        for bus, status in zip(self._bus_watches, self.buses, strict=True):
+            symptoms += bus.symptoms(status, config.silent_s, now_s)
         symptoms += self._traffic.symptoms(delivers, now_s)
         for (code, subject), (number, detail) in totals.items():
             text = f"{number} {EXPLAINED[code].counted} in the last second"
@@ -162,11 +161,8 @@ class Watch:
         A bus whose link has another name than in the last cycle begins a new history.
         """
         now_s, batch, bits = cycle.now.monotonic_s, cycle.batch, wire_bits(cycle.batch)
-        earlier = {bus.name: bus for bus in self._bus_watches}
-        self._bus_watches = [
-            earlier.get(link.name) or BusWatch(link.name, now_s, losses=link.losses)
-            for link in cycle.links
-        ]
+        earlier = {bus.link.name: bus for bus in self._bus_watches}
+        self._bus_watches = [earlier.get(each.name, BusWatch(each, now_s)) for each in cycle.links]
         for number, (link, bus) in enumerate(zip(cycle.links, self._bus_watches, strict=True)):
             on_bus = batch.bus == number
             of_bus = batch if on_bus.all() else batch.select(on_bus.nonzero()[0])
