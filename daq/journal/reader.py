@@ -333,18 +333,18 @@ class JournalReader:
             blocks, torn_bytes = self._read(path)
             for block in blocks:
                 if block.writer != writer:  # another process, which repeats no block
-                    self._cut += torn
-                    torn.clear()
+                    self._cut, torn = self._cut + torn, []
                     earlier_losses, writer = losses, block.writer
                 if block.number < next_number:
                     continue  # written twice: the first time its fdatasync failed
                 if block.number > next_number:
+                    self._cut, torn = self._cut + torn, []
                     self._gaps.append((path.name, next_number, block.number))
                 next_number = block.number
                 if block.kind == Kind.END:  # its number is that of the next block
                     continue
                 next_number += 1
-                torn.clear()  # the block that was cut off before is this one, or counted as missing
+                torn = []  # the block that was cut off before is this one
                 if block.kind == Kind.FRAMES:
                     losses = earlier_losses.plus(block.losses)
                 for event in block.events:

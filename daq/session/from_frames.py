@@ -140,25 +140,13 @@ def numbered(labels: Iterable[Sequence[str]]) -> tuple[Step, ...]:
     return tuple(steps)
 
 
-def with_steps(bench: Bench, steps: Sequence[Step]) -> Bench:
-    """Return the bench with a campaign that has all these steps.
-
-    Raises InputError if the bench has no such mass state.
-    """
+def require_mass_states(bench: Bench, steps: Iterable[Step | Run]) -> None:
+    """Raise InputError if a step is of a mass state that the bench does not have."""
     state_names = [state.name for state in bench.mass_states]
     for step in steps:
         if step.mass_state not in state_names:
             what = f"mass state {step.mass_state!r} is not on this bench"
             raise InputError("runs", what, f"use one of {', '.join(state_names)}")
-    if set(steps) <= set(bench.campaign.steps):
-        return bench
-    wider_campaign = replace(
-        bench.campaign,
-        excitations=tuple(dict.fromkeys(step.excitation for step in steps)),
-        repeats=max(step.repeat for step in steps),
-        mass_states=tuple(dict.fromkeys(step.mass_state for step in steps)),
-    )
-    return replace(bench, campaign=wider_campaign)
 
 
 def labelled(parts: Sequence[LogPart], steps: Sequence[Step], skip: int) -> tuple[LogPart, ...]:
@@ -186,9 +174,8 @@ def session_from_parts(
 ) -> Session:
     """Build the session from labelled parts; each has its own time.
 
-    `bench`: with all steps that occur (`with_steps`).  `parts`, sequence of LogPart, not empty:
-    result of `labelled`.  `provenance`: software and sources; uuid, date, DBC and bench.toml are
-    added.  Raises InputError as `build_session`.
+    `parts`: result of `labelled`, not empty.  `provenance`: software and sources; uuid, date, DBC
+    and bench.toml are added.  Raises InputError as `build_session`.
     """
     digest = hashlib.sha256()
     for part in parts:
@@ -245,8 +232,7 @@ def _rebuilt(session: Session, bench: Bench, where: str) -> Session:
     advice = "name a session that was recorded or imported"
     if not session.runs:
         raise InputError(where, "has no run", advice)
-    steps = [Step(run.mass_state, run.excitation, run.repeat) for run in session.runs]
-    bench = with_steps(bench, steps)
+    require_mass_states(bench, session.runs)
     codec = bench_codec(bench)
     runs: list[Run] = []
     for run in session.runs:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -45,7 +44,7 @@ def import_(
     from daq.bench.config import bench_codec, load_bench, with_database
     from daq.files import refuse_existing
     from daq.formats.log import read_log, read_logs
-    from daq.session.from_frames import numbered, parse_runs, with_steps
+    from daq.session.from_frames import numbered, parse_runs, require_mass_states
 
     from ..bench import bus_numbers, on_buses
     from ..importing import import_channels, import_logs
@@ -87,7 +86,7 @@ def import_(
                 advice = "name one file, and no --run, --runs or --skip"
                 raise InputError(str(channels), reason, advice)
             steps = steps or channel_map.bench.campaign.steps
-            channel_map = replace(channel_map, bench=with_steps(channel_map.bench, steps))
+            require_mass_states(channel_map.bench, steps)
             imported = import_channels(channel_map, files, steps, skip, one_run_each, stage)
         else:
             bench = load_bench(config)
@@ -97,7 +96,7 @@ def import_(
             if len(bench.buses) > 1:
                 bench = on_buses(bench, numbers)
             steps = steps or bench.campaign.steps
-            bench = with_steps(bench, steps)
+            require_mass_states(bench, steps)
             codec = bench_codec(bench)
             say_left_out(codec)
             sources = [read_log(path) for path in files] if one_run_each else read_logs(files)

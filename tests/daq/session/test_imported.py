@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from daq.bench.campaign import Campaign, Step
+from daq.bench.campaign import Step
 from daq.bench.channel_map import ChannelMap, GivenRun, load_channel_map
 from daq.bench.config import Bench, bench_codec, parse_bench
 from daq.bench.sensors import stored_databases
@@ -33,8 +33,8 @@ from daq.session.from_frames import (
     numbered,
     parse_runs,
     redecoded,
+    require_mass_states,
     session_from_parts,
-    with_steps,
 )
 from daq.sessions import Session
 from daq.sim.car import SimulatedCar
@@ -139,14 +139,10 @@ def test_what_is_no_run(text: str) -> None:
         parse_runs(text)
 
 
-def test_a_bench_gets_the_campaign_of_the_steps_if_its_own_lacks_one() -> None:
-    bench = replace(small_bench(), campaign=Campaign((Excitation.BOUNCE,), 2, ("baseline",)))
-    assert with_steps(bench, [B2, B1]) is bench
-    wider = with_steps(bench, [R1, B2])
-    assert wider.campaign.excitations == (Excitation.ROLL, Excitation.BOUNCE)
-    assert (wider.campaign.repeats, wider.campaign.mass_states) == (2, ("baseline",))
+def test_a_step_is_of_a_mass_state_of_the_bench() -> None:
+    require_mass_states(small_bench(), [R1, B2])
     with pytest.raises(InputError, match="'moon' is not on this bench"):
-        with_steps(bench, [Step("moon", Excitation.ROLL, 1)])
+        require_mass_states(small_bench(), [Step("moon", Excitation.ROLL, 1)])
 
 
 def test_repeats_are_counted_in_the_order_of_the_list() -> None:
