@@ -51,13 +51,14 @@ def result_row(session: Session, result: Identification) -> dict[str, Cell]:
     if result.forces:
         from .nonlinear.forces import forces_at_speeds
 
-        row["elements"] = " ".join(one.name for one in result.forces.choices if one.kept)
-        for one in result.forces.axles:
-            row |= _cells({f"{one.axle}_{name}": e for name, e in one.values.items()})
-            for point in forces_at_speeds(one.damper):
+        row["elements"] = " ".join(choice.name for choice in result.forces.choices if choice.kept)
+        for forces in result.forces.axles:
+            estimates = {f"{forces.axle}_{name}": e for name, e in forces.values.items()}
+            for point in forces_at_speeds(forces.damper):
                 speed = f"{point.speed_m_s:+.2f}"
-                row |= _cells({f"{one.axle}_damper_force_{speed}": point.damper})
-                row |= _cells({f"{one.axle}_force_with_friction_{speed}": point.total})
+                estimates[f"{forces.axle}_damper_force_{speed}"] = point.damper
+                estimates[f"{forces.axle}_force_with_friction_{speed}"] = point.total
+            row |= _cells(estimates)
     for state, modes in result.modes.items():
         named = zip(result.mode_names[state], modes, strict=True)
         for number, (name, mode) in enumerate(named, start=1):

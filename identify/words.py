@@ -145,13 +145,15 @@ def damper_rows(forces: Forces) -> list[list[str]]:
     """
     from .nonlinear.forces import forces_at_speeds
 
-    axles = [{at.speed_m_s: at for at in forces_at_speeds(a.damper)} for a in forces.axles]
+    curves = [  # of each axle, its forces by the speed
+        {point.speed_m_s: point for point in forces_at_speeds(axle.damper)} for axle in forces.axles
+    ]
     rows = []
-    for speed in sorted({speed for force_at in axles for speed in force_at}):
-        row = [f"{speed:+.2f}"]
-        for force_at in axles:
-            reached = force_at.get(speed)
-            both = (reached.damper, reached.total) if reached else ()
+    for speed_m_s in sorted({speed_m_s for curve in curves for speed_m_s in curve}):
+        row = [f"{speed_m_s:+.2f}"]
+        for curve in curves:
+            point = curve.get(speed_m_s)
+            both = (point.damper, point.total) if point else ()
             row += [plus_minus_text(e) for e in both] or ["", ""]
         rows.append(row)
     return rows
@@ -159,7 +161,7 @@ def damper_rows(forces: Forces) -> list[list[str]]:
 
 def damper_columns(forces: Forces) -> list[str]:
     """Return the headings of `damper_rows` after the speed."""
-    return [name for one in forces.axles for name in (one.axle, f"{one.axle} + friction")]
+    return [name for a in forces.axles for name in (a.axle, f"{a.axle} + friction")]
 
 
 def element_answer(tried: ElementChoice) -> str:

@@ -279,13 +279,13 @@ def without_bad_values(
             values[np.isfinite(values)] = 0.0
         is_absurd = np.abs(values) > LARGEST  # false for NaN
         finite = np.flatnonzero(np.isfinite(values) & ~is_absurd)
-        spikes_at = [finite[spike] for spike in spikes(group.time_s[finite], values[finite])]
-        bad_at = [(absurd, np.flatnonzero(is_absurd)), *((spiked, at) for at in spikes_at)]
-        for bad_values, at in bad_at:
-            if len(at):
-                time_s, value = float(group.time_s[at[0]]), float(values[at[0]])
-                bad_values.append(BadValue(name, run.label, time_s, value, len(at)))
-                values[at] = np.nan
+        bad = [(absurd, np.flatnonzero(is_absurd))]
+        bad += [(spiked, finite[s]) for s in spikes(group.time_s[finite], values[finite])]
+        for known, indices in bad:
+            if len(indices):
+                time_s, value = float(group.time_s[indices[0]]), float(values[indices[0]])
+                known.append(BadValue(name, run.label, time_s, value, len(indices)))
+                values[indices] = np.nan
         return values
 
     runs = []

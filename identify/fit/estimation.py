@@ -41,7 +41,7 @@ from .likelihood import (
     linearised,
     residuals_of,
 )
-from .varpro import Evaluated, LinearPart, slopes
+from .varpro import LinearPart, StateModel, slopes
 
 _BASIN_CHI2 = 1.3
 """chi2/n below which a search has led near an optimum that holds."""
@@ -198,18 +198,21 @@ def basin(
     for eta in etas[1:]:
         if best.explains:
             break
-        found = _search(box, records, rest_noise, start_s, eta)
+        other = _search(box, records, rest_noise, start_s, eta)
         # Two searches whose costs differ by less than 1 % have led to one optimum.
-        is_same_optimum = abs(found.chi2_per_n / best.chi2_per_n - 1.0) < 0.01
-        best = min(best, found, key=lambda found: found.chi2_per_n)
+        is_same_optimum = abs(other.chi2_per_n / best.chi2_per_n - 1.0) < 0.01
+        best = min(best, other, key=lambda search: search.chi2_per_n)
         if is_same_optimum:
             break
     return best.eta
 
 
-def with_earlier_starts(late: Estimation) -> Estimation:
-    """Return the fit with each decay's start as far back as the model holds, with pooled noise."""
-    best = late
+def with_earlier_starts(first: Estimation) -> Estimation:
+    """Return the fit with each decay's start as far back as the model holds, with pooled noise.
+
+    `first`: a fit whose starts are late enough, so that it holds.
+    """
+    best = first
     # Each fit shows a little more of the motion, so the starts are moved back three times at most.
     for _ in range(3):
         model = linearised_at(best)
@@ -221,13 +224,13 @@ def with_earlier_starts(late: Estimation) -> Estimation:
             _earliest_start_s(model.points[d.mass_state], covariance, record, d, linear)
             for record, d, linear in zip(best.records, best.decays, model.linear, strict=True)
         ]
-        if best is not late and starts_s == [d.start_s for d in best.decays]:
+        if best is not first and starts_s == [d.start_s for d in best.decays]:
             break
         noise, eta = _pooled_noise(best), best.fit.eta
         moved = _fitted_from(best.box, best.records, best.rest, np.array(starts_s), eta, noise)
         if not moved.holds:
             break
-        best = replace(moved, later_s=late.later_s)
+        best = replace(moved, later_s=first.later_s)
     return best
 
 
@@ -295,14 +298,13 @@ def _pooled_noise(estimation: Estimation) -> dict[str, float]:
 
     There may be but a few dozen samples at rest.
     """
-    rest_freedom = quiet_counts(estimation.records)
-    pooled = {}
+    rest_freedom, pooled = quiet_counts(estimation.records), {}
     for name, std in estimation.rest.items():
-        with_channel = [run for run in estimation.residuals if name in run.values]
-        squares = sum(float(run.values[name] @ run.values[name]) for run in with_channel)
-        freedom = sum(run.freedom[name] for run in with_channel)
+        runs = [run for run in estimation.residuals if name in run.values]
+        squares = sum(float(run.values[name] @ run.values[name]) for run in runs)
         squares += rest_freedom[name] * std**2
-        pooled[name] = float(np.sqrt(squares / (rest_freedom[name] + freedom)))
+        freedom = rest_freedom[name] + sum(run.freedom[name] for run in runs)
+        pooled[name] = float(np.sqrt(squares / freedom))
     return pooled
 
 
@@ -363,7 +365,7 @@ wheels, which show a force at once, and without them."""
 
 
 def _earliest_start_s(
-    point: Evaluated, covariance: Real, record: Record, decay: FreeDecay, linear: LinearPart
+    point: StateModel, covariance: Real, record: Record, decay: FreeDecay, linear: LinearPart
 ) -> float:
     """Return the earliest start from which the samples are free decay, s.
 
@@ -385,7 +387,7 @@ def _earliest_start_s(
 
 
 def _values_before(
-    point: Evaluated,
+    point: StateModel,
     covariance: Real,
     record: Record,
     decay: FreeDecay,

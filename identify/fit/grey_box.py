@@ -167,11 +167,8 @@ class GreyBox:
     @property
     def scaled(self) -> dict[int, Channel]:
         """Return the channels whose gain is fitted, by the index of its unknown."""
-        return {
-            self._index["gain", c.name]: c
-            for c in self._channels
-            if ("gain", c.name) in self._index
-        }
+        indices = {self._index.get(("gain", c.name)): c for c in self._channels}
+        return {index: c for index, c in indices.items() if index is not None}
 
     def pulls(self, eta: Real) -> Real:
         """Return how far each of `corrections` lies from what is stated, in its sigmas."""
@@ -236,9 +233,7 @@ class GreyBox:
         M, C, K = full_matrices(full)
         motion_rows = self.motion_rows(points)
         systems = {}
-        for state in self.mass_states:
-            if state.name not in mass_states:
-                continue
+        for state in (s for s in self.mass_states if s.name in mass_states):
             deviations = self.off_weights(points, state)
             added = delta_mass(state.added, full[:, Full.A], full[:, Full.Y_S], deviations)
             A = state_matrix(M + added, C, K)
@@ -268,12 +263,12 @@ class GreyBox:
     @property
     def weight_masses(self) -> dict[int, float]:
         """Stated mass of each weight that has a sigma, kg, by the index of its unknown."""
-        return {
-            self._index["", _weight_name(state, i)]: weight.mass_kg
+        masses_kg = {
+            self._index.get(("", _weight_name(state, i))): weight.mass_kg
             for state in self.mass_states
             for i, weight in enumerate(state.added.weights)
-            if ("", _weight_name(state, i)) in self._index
         }
+        return {index: mass_kg for index, mass_kg in masses_kg.items() if index is not None}
 
     def off_weights(self, eta: Complex, state: MassState) -> Complex:
         """Return the deviation of each weight of a mass state from its stated mass and place.

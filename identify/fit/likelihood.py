@@ -20,9 +20,9 @@ from ..model.matrices import Real
 from .grey_box import GreyBox
 from .varpro import (
     Batch,
-    Evaluated,
     LinearPart,
     NormalBlock,
+    StateModel,
     batches_of,
     blocks_of,
     evaluate,
@@ -44,7 +44,7 @@ PRIORS = "stated uncertainties"
 class Linearised:
     """The model at one point of the unknowns, and what each decay contributes to a step from it."""
 
-    points: Mapping[str, Evaluated]
+    points: Mapping[str, StateModel]
     """The model of each mass state."""
     batches: Sequence[Batch]
     """The recordings of the decays."""

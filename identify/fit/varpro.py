@@ -31,7 +31,7 @@ _N_STATES = 14  # 7 positions, 7 velocities
 
 
 @dataclass(frozen=True, slots=True)
-class GroupAt:
+class GroupModel:
     """A channel group at one point of the unknowns: what all its recordings have in common.
 
     Its channels are sums of the real functions of p rates (`real_functions`), its basis: the h
@@ -57,28 +57,28 @@ class GroupAt:
     h, P)."""
     weight: Real
     """Inverse variance of each channel, shape (n_channels,)."""
-    late_s: float
+    lateness_s: float
     """Lateness beyond the nominal one, s."""
-    late_index: int | None
+    lateness_index: int | None
     """Index of the unknown that is this lateness; None if it is exact."""
 
 
 @dataclass(frozen=True, slots=True)
-class Evaluated:
+class StateModel:
     """A mass state at one point of the unknowns."""
 
     box: GreyBox
     """Structure of the problem."""
     modes: Spectrum
     """Eigenvalues and eigenvectors of the state matrix."""
-    apart: Complex
-    together: Complex
-    """`apart`, `together`: change of the state matrix with each unknown, first and third of
+    mixing: Complex
+    shift: Complex
+    """`mixing`, `shift`: of the modes and of the poles with each unknown, first and third of
     `Spectrum.change`."""
-    groups: tuple[GroupAt, ...]
+    groups: tuple[GroupModel, ...]
     """Channel groups in the order of `box.groups`."""
 
-    def group(self, group: ChannelGroup) -> GroupAt:
+    def group(self, group: ChannelGroup) -> GroupModel:
         """Return a channel group at this point."""
         return self.groups[self.box.groups.index(group)]
 
@@ -88,19 +88,19 @@ class Evaluated:
         They are taken at the times at which the motion was as sampled, by the estimated lateness.
         """
         group = self.group(recording.group)
-        return real_functions(recording.time_s - group.late_s, group.rates)
+        return real_functions(recording.time_s - group.lateness_s, group.rates)
 
 
 def evaluate(
     box: GreyBox, eta: Real, mass_states: Collection[str], sigma: Mapping[str, float]
-) -> dict[str, Evaluated]:
+) -> dict[str, StateModel]:
     """Return some mass states at the unknowns `eta`; `sigma`: noise of each channel, SI."""
     points, delays_s = {}, box.delays_s(eta).tolist()
     for name, system in box.systems(eta, mass_states).items():
         modes = spectrum(system.A)
-        half, (apart, apart_into, together) = modes.half, modes.change(system.dA)
+        half, (mixing, mixing_into, shift) = modes.half, modes.change(system.dA)
         groups = []
-        for i, (group, late_s) in enumerate(zip(box.groups, delays_s, strict=True)):
+        for i, (group, lateness_s) in enumerate(zip(box.groups, delays_s, strict=True)):
             low_pass = low_pass_of(group.channels[0])  # all channels of a group have it
             filter_poles = low_pass.poles[low_pass.poles.imag >= 0.0]
             rates = np.concatenate([modes.poles[half], filter_poles, [0.0]])
@@ -110,9 +110,9 @@ def evaluate(
             rows = np.array([system.rows[c.name] for c in group.channels]) @ modes.V
             d_rows = np.array([system.d_rows[c.name] for c in group.channels]) @ modes.V
             gained = (rows * gain)[:, half]
-            by_eigenvectors = _along(rows, apart_into) * gain[half, None]
+            by_eigenvectors = _along(rows, mixing_into) * gain[half, None]
             groups.append(
-                GroupAt(
+                GroupModel(
                     rates=rates,
                     motion=np.add.outer(p * np.arange(4), np.arange(len(half))).ravel(),
                     channel_functions=np.r_[len(half) : p, 2 * p + oscillating],
@@ -121,11 +121,11 @@ def evaluate(
                     gain_slope=(rows * gain_slope)[:, half],
                     d_gained=(d_rows * gain)[..., half].swapaxes(1, 2) - by_eigenvectors,
                     weight=np.array([sigma[c.name] ** -2 for c in group.channels]),
-                    late_s=late_s,
-                    late_index=box.delay_index(i),
+                    lateness_s=lateness_s,
+                    lateness_index=box.delay_index(i),
                 )
             )
-        points[name] = Evaluated(box, modes, apart, together, tuple(groups))
+        points[name] = StateModel(box, modes, mixing, shift, tuple(groups))
     return points
 
 
@@ -199,14 +199,14 @@ class LinearPart:
 
 
 def _products_of(
-    points: Mapping[str, Evaluated], decays: Sequence[FreeDecay], batches: Sequence[Batch]
+    points: Mapping[str, StateModel], decays: Sequence[FreeDecay], batches: Sequence[Batch]
 ) -> list[list[Products]]:
     """Return the products of each decay's recordings with the basis, in their order."""
     by_recording: list[dict[int, Products]] = [{} for _ in decays]
     for batch in batches:
         point = points[batch.mass_state]
         groups = [point.group(group) for group in batch.groups]
-        wave = waves_of(batch.series, groups[0].rates, np.array([g.late_s for g in groups]))
+        wave = waves_of(batch.series, groups[0].rates, np.array([g.lateness_s for g in groups]))
         # Twice the products of real and imaginary parts: Re f Re g = Re(conj(f) g + f g) / 2,
         # Re f Im g = Im(conj(f) g + f g) / 2, and Im f Im g = Re(conj(f) g - f g) / 2.
         conjugate, plain = wave.grams()
@@ -221,7 +221,7 @@ def _products_of(
     return [[of_decay[r] for r in range(len(of_decay))] for of_decay in by_recording]
 
 
-def linear_coefficients(point: Evaluated, decay: FreeDecay) -> tuple[Real, ...]:
+def linear_coefficients(point: StateModel, decay: FreeDecay) -> tuple[Real, ...]:
     """Return each linear unknown's contribution to each channel, on its recording's basis.
 
     The linear unknowns are the initial state of the decay, then for each channel of each recording
@@ -263,7 +263,7 @@ class NormalBlock:
     """Right-hand side, shape (P,)."""
 
 
-def slopes(point: Evaluated, group: GroupAt, z: Complex) -> Real:
+def slopes(point: StateModel, group: GroupModel, z: Complex) -> Real:
     """Return each channel's derivative by each unknown on the motion, (.., n_channels, 4 h, P).
 
     The propagator ``H(A) exp(A t)`` changes by the divided differences of ``H(l) exp(l t)``
@@ -271,16 +271,16 @@ def slopes(point: Evaluated, group: GroupAt, z: Complex) -> Real:
     coordinates.
     """
     modes = point.modes
-    apart = _along(z, point.apart)[..., None, :, :]
-    together = _along(z, point.together)[..., None, :, :]
+    by_mixing = _along(z, point.mixing)[..., None, :, :]
+    by_shift = _along(z, point.shift)[..., None, :, :]
     half_state = z[..., None, modes.half, None]
-    on_exp = group.gained[..., None] * apart
-    on_exp += group.gain_slope[..., None] * together
+    on_exp = group.gained[..., None] * by_mixing
+    on_exp += group.gain_slope[..., None] * by_shift
     on_exp += group.d_gained * half_state
-    if group.late_index is not None:
+    if group.lateness_index is not None:
         speed = (modes.poles * z)[..., None, modes.half]  # what is later shows an earlier motion
-        on_exp[..., group.late_index] -= group.gained * speed
-    return modes.on_real_functions(on_exp, group.gained[..., None] * together)
+        on_exp[..., group.lateness_index] -= group.gained * speed
+    return modes.on_real_functions(on_exp, group.gained[..., None] * by_shift)
 
 
 # Normal equations of many decays at one point of the unknowns -------------------------------------
@@ -290,7 +290,7 @@ def slopes(point: Evaluated, group: GroupAt, z: Complex) -> Real:
 
 
 def blocks_of(
-    points: Mapping[str, Evaluated], decays: Sequence[FreeDecay], batches: Sequence[Batch]
+    points: Mapping[str, StateModel], decays: Sequence[FreeDecay], batches: Sequence[Batch]
 ) -> list[tuple[NormalBlock, LinearPart]]:
     """Return the contribution of each decay to the normal equations, and its fitted linear part.
 
@@ -310,7 +310,7 @@ def blocks_of(
 
 
 def _blocks_of_alike(
-    point: Evaluated, first: FreeDecay, of_decays: Sequence[Sequence[Products]]
+    point: StateModel, first: FreeDecay, of_decays: Sequence[Sequence[Products]]
 ) -> Iterator[tuple[NormalBlock, LinearPart]]:
     """Yield the contributions and linear parts of n decays with the same channels as the first.
 

@@ -96,12 +96,12 @@ class Spectrum:
     """Numbers of the real poles and of the upper one of each pair, shape (h,)."""
 
     def change(self, dA: Real) -> tuple[Complex, Complex, Complex]:
-        """Return changes of the state matrix, (P, n, n) in 1/s, in modal coordinates.
+        """Return how changes of the state matrix, (P, n, n) in 1/s, mix the modes and shift poles.
 
-        They are the entries from each pole to one of `half` that differs from it, and from one of
-        `half` to each pole that differs from it, both divided by the difference of the poles, and
-        the entries from each pole to one of `half` that is equal, the diagonal included; each (n,
-        h, P).  The entries of the other pole of a pair are conjugate.
+        Mixing: the change in modal coordinates from each pole to one of `half`, then that from one
+        of `half` to each pole, both divided by the difference of the two poles, and 0 where they
+        are equal.  Shift: the change from each pole to one of `half` that is equal, or to itself,
+        else 0.  Each (n, h, P).  The entries of the other pole of a pair are conjugate.
         """
         modal = self.W @ dA @ self.V
         gap = self.poles[:, None] - self.poles[None, :]
@@ -109,11 +109,11 @@ class Spectrum:
         # Eigenvalues that are closer are one double eigenvalue.
         is_same = np.abs(gap) < 1e-7 * size
         inverse_gap = np.where(is_same, 0.0, 1.0 / np.where(is_same, 1.0, gap))
-        apart, together = modal * inverse_gap, modal * is_same
+        mixing, shift = modal * inverse_gap, modal * is_same
         return (
-            np.ascontiguousarray(apart[:, self.half].T),
-            np.ascontiguousarray(apart[:, :, self.half].transpose(1, 2, 0)),
-            np.ascontiguousarray(together[:, self.half].T),
+            np.ascontiguousarray(mixing[:, self.half].T),
+            np.ascontiguousarray(mixing[:, :, self.half].transpose(1, 2, 0)),
+            np.ascontiguousarray(shift[:, self.half].T),
         )
 
     def on_real_functions(self, plain: Complex, timed: Complex | float = 0.0) -> Real:
@@ -260,10 +260,10 @@ def series_of(times_s: Sequence[Real], samples: Sequence[Real]) -> tuple[Series,
     return tuple(result)
 
 
-def waves_of(series: Series, rates: Complex, late_s: Real | float = 0.0) -> Waves:
-    """Return ``exp(rate t)`` of some series; t: their times less `late_s`, one or one for each."""
-    late = np.broadcast_to(late_s, len(series.members))[:, None]
-    coarse_s, tail_s = series.coarse_s - late, series.tail_s - late
+def waves_of(series: Series, rates: Complex, lateness_s: Real | float = 0.0) -> Waves:
+    """Return ``exp(rate t)`` of some series; t: times less `lateness_s`, one of all or of each."""
+    of_each_s = np.broadcast_to(lateness_s, len(series.members))[:, None]
+    coarse_s, tail_s = series.coarse_s - of_each_s, series.tail_s - of_each_s
     coarse, fine, tail = (waves(time_s, rates) for time_s in (coarse_s, series.fine_s, tail_s))
     tail = np.where(series.present[..., None] > 0.0, tail, 0.0)
     return Waves(series, coarse_s, tail_s, coarse, fine, tail)

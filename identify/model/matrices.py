@@ -37,31 +37,16 @@ FULL_NAMES = parameter_names(Structure(False, True, True, True))
 """Parameters of the richest structure, 28: every other one is a case of it."""
 
 
-class Full(IntEnum):
-    """Indices of the full parameters in `FULL_NAMES`.
-
-    M_U, K_S, K_T, C_S: of the front left corner; front right, rear left and rear right follow.
-    T_F, T_R: half tracks.
-    """
-
-    M_S = 0
-    I_YY = 1
-    I_XX = 2
-    M_U = 3
-    K_S = 7
-    K_T = 11
-    C_S = 15
-    A = 19
-    B = 20
-    T_F = 21
-    T_R = 22
-    K_AF = 23
-    K_AR = 24
-    C_TF = 25
-    C_TR = 26
-    Y_S = 27
-
-
+Full = IntEnum(
+    "Full",
+    {
+        "M_S": 0, "I_YY": 1, "I_XX": 2, "M_U": 3, "K_S": 7, "K_T": 11, "C_S": 15,
+        "A": 19, "B": 20, "T_F": 21, "T_R": 22,
+        "K_AF": 23, "K_AR": 24, "C_TF": 25, "C_TR": 26, "Y_S": 27,
+    },
+)  # fmt: skip
+"""Indices of the full parameters in `FULL_NAMES`.  M_U, K_S, K_T, C_S: of the front left corner;
+front right, rear left and rear right follow.  T_F, T_R: half tracks."""
 FRONT_WHEELS, REAR_WHEELS = slice(Full.M_U, Full.M_U + 2), slice(Full.M_U + 2, Full.M_U + 4)
 """Indices of the wheels' masses of each axle in `FULL_NAMES`."""
 
@@ -248,12 +233,8 @@ def motion_row(channel: Channel, x: ArrayLike, y: ArrayLike, lengths: ArrayLike)
 
 # Readings of scales and tape measure, and derived quantities --------------------------------------
 
-CORNERS = {
-    FactQuantity.CORNER_FL: Corner.FRONT_LEFT,
-    FactQuantity.CORNER_FR: Corner.FRONT_RIGHT,
-    FactQuantity.CORNER_RL: Corner.REAR_LEFT,
-    FactQuantity.CORNER_RR: Corner.REAR_RIGHT,
-}
+CORNERS = {FactQuantity(f"corner_{corner.lower()}_kg"): corner for corner in Corner}
+"""The wheel of each reading of scales under one wheel."""
 SCALED = {FactQuantity.TOTAL_MASS, FactQuantity.FRONT_AXLE, FactQuantity.REAR_AXLE, *CORNERS}
 """Quantities that scales show; one of them fixes the scale that free decays leave open."""
 

@@ -25,7 +25,7 @@ from ..fit.grey_box import SIGNED, GreyBox, weight_sigmas
 from ..fit.likelihood import linearised
 from ..fit.uncertainty import COVERAGE_95, LARGEST_SHARE, Estimate, largest_std
 from ..fit.varpro import (
-    Evaluated,
+    StateModel,
     batches_of,
     blocks_of,
     evaluate,
@@ -64,20 +64,17 @@ class KnownRuns:
         shared = _shared_key(plan)
         blocks = linearised(box, (), sigma, eta).blocks  # of facts and stated uncertainties
         total = np.sum([block.information for block in blocks.values()], axis=0)
-        for state in plan.mass_states:
-            evaluated: Evaluated | None = None
-            for runs in plan.runs:
-                if runs.mass_state != state.name:
-                    continue
-                added = state.added
-                key = (shared, state.name, added.weights, added.matrix.tobytes(), runs.excitation)
-                if key not in self._known:
-                    evaluated = evaluated or evaluate(box, eta, {state.name}, sigma)[state.name]
-                    decay = _planned_decay(plan, state, runs.excitation, rates, evaluated, eta)
-                    points = {decay.mass_state: evaluated}
-                    ((block, _),) = blocks_of(points, [decay], batches_of([decay]))
-                    self._known[key] = block.information
-                total = total + plan.height_m(runs) ** 2 * runs.repeats * self._known[key]
+        states = {state.name: state for state in plan.mass_states}
+        for runs in plan.runs:
+            state, added = states[runs.mass_state], states[runs.mass_state].added
+            key = (shared, state.name, added.weights, added.matrix.tobytes(), runs.excitation)
+            if key not in self._known:
+                points = evaluate(box, eta, {state.name}, sigma)
+                point = points[state.name]
+                decay = _planned_decay(plan, state, runs.excitation, rates, point, eta)
+                ((block, _),) = blocks_of(points, [decay], batches_of([decay]))
+                self._known[key] = block.information
+            total = total + plan.height_m(runs) ** 2 * runs.repeats * self._known[key]
         return Fisher(box, eta, total)
 
 
@@ -115,7 +112,7 @@ def _planned_decay(
     state: MassState,
     excitation: Excitation,
     rates: Mapping[ChannelGroup, float],
-    evaluated: Evaluated,
+    evaluated: StateModel,
     eta: NDArray[np.float64],
 ) -> FreeDecay:
     """Return the free decay after a bump of 1 m, without noise, as the sensors sample it."""
@@ -169,8 +166,8 @@ def expected(fisher: Fisher) -> Outlook:
     eigenvalues, eigenvectors = np.linalg.eigh(H)
     floored = np.maximum(eigenvalues, 1e-13 * max(float(eigenvalues[-1]), 1.0))  # rounding
     unknown_std = np.sqrt(np.square(eigenvectors) @ (1.0 / floored))  # of logarithms
-    unknown_stds = dict(zip(box.parameters, unknown_std.tolist(), strict=True))
-    undetermined = [name for name, s in unknown_stds.items() if s > largest_std(name)]
+    unknown_stds = zip(box.parameters, unknown_std.tolist(), strict=True)
+    undetermined = [name for name, std in unknown_stds if std > largest_std(name)]
     slopes = box.parameter_slopes(fisher.eta)
     parameter_std = dict(zip(box.parameters, (unknown_std * slopes).tolist(), strict=True))
     parameters, relative = {}, {}
@@ -203,32 +200,25 @@ def vague(parameters: Mapping[str, Estimate]) -> tuple[str, ...]:
 
 def _reasons(fisher: Fisher, H: NDArray[np.float64], undetermined: list[str]) -> tuple[str, ...]:
     """Return why parameters are undetermined, from the information, (n, n), on all parameters."""
-    box = fisher.box
-    diagonal = np.diag(H).tolist()
-    pairs = zip(box.parameters, diagonal, strict=True)
-    unseen = [name for name, h in pairs if h < largest_std(name) ** -2]
+    names = fisher.box.parameters
+    pairs = zip(names, np.diag(H).tolist(), strict=True)
+    unseen = [name for name, information in pairs if information < largest_std(name) ** -2]
     # All masses, springs and dampers larger by one factor: the free decays stay as they are.
-    is_scaled = [name[0] in "mIkc" for name in box.parameters]
-    relative_change = [fisher.eta[i] if n in SIGNED else 1.0 for i, n in enumerate(box.parameters)]
-    direction = np.array(relative_change) * is_scaled
+    scaled = [name for name in names if name[0] in "mIkc"]
+    change = {name: fisher.eta[i] if name in SIGNED else 1.0 for i, name in enumerate(names)}
+    direction = np.array([change[name] * (name in scaled) for name in names])
     lacks_scale = float(direction @ H @ direction) < LARGEST_SHARE**-2
-    explained = {
-        *unseen,
-        *(n for n, s in zip(box.parameters, is_scaled, strict=True) if s * lacks_scale),
-    }
+    explained = {*unseen, *(scaled if lacks_scale else ())}
     unseparated = [name for name in undetermined if name not in explained]
     reasons = []
     if unseen:
         reasons.append(f"nothing that is planned depends noticeably on {', '.join(unseen)}")
     if lacks_scale:
-        reasons.append(
-            "nothing that is planned fixes the scale: all masses, springs and dampers could be"
-            " larger by one factor"
-        )
+        larger = "all masses, springs and dampers could be larger by one factor"
+        reasons.append(f"nothing that is planned fixes the scale: {larger}")
     if unseparated:
-        reasons.append(
-            f"what is planned does not separate {', '.join(unseparated)}, or is too noisy"
-        )
+        names_in_words = ", ".join(unseparated)
+        reasons.append(f"what is planned does not separate {names_in_words}, or is too noisy")
     return tuple(reasons)
 
 
@@ -306,10 +296,8 @@ def compare_campaigns(
 
     Parameters are those of `advise`.
     """
-    known = known or KnownRuns()
-    others = campaigns(plan)
+    known, others, steps = known or KnownRuns(), campaigns(plan), []
     progress(0.0, "other campaigns")
-    steps = []
     for i, other in enumerate(others):
         progress(0.7 + 0.3 * i / len(others), other.action)
         steps.append(NextStep(other.action, expected(known.fisher(other.plan))))

@@ -226,14 +226,14 @@ def damper_section(forces: Forces) -> Section:
     )
     blocks.append(Table("Force of one corner at a speed, N", columns, rows, note))
     element_rows = tuple(
-        (one.axle, plain(name), value, low, high, unit)
-        for one in forces.axles
-        for name, e in one.values.items()
+        (axle.axle, plain(name), value, low, high, unit)
+        for axle in forces.axles
+        for name, e in axle.values.items()
         for value, low, high, _, unit in [estimate_texts(e)]
     )
     if element_rows:
         columns = ("axle", "element", "#estimate", "#from", "#to", "unit")
-        notes = "; ".join(f"{one.axle} {note}" for one in forces.axles for note in one.notes)
+        notes = "; ".join(f"{axle.axle} {note}" for axle in forces.axles for note in axle.notes)
         blocks.append(Table("Force elements of one corner", columns, element_rows, notes))
     tried = tuple(
         (plain(choice.name), number(choice.gain), number(choice.threshold), element_answer(choice))
@@ -274,10 +274,10 @@ def damper_picture(forces: Forces) -> Picture:
 def _draw_dampers(forces: Forces, figure: FigureBase) -> None:
     """Draw one curve for each axle, side by side on the same scale."""
     n = len(forces.axles)
-    dampers = [one.damper for one in forces.axles]
-    speeds = np.concatenate([damper.speed_m_s for damper in dampers])
-    forces_n = np.concatenate([np.ravel((*d.band_n, d.force_n, d.total_n)) for d in dampers])
-    for i, (one, damper) in enumerate(zip(forces.axles, dampers, strict=True)):
+    curves = {axle.axle: axle.damper for axle in forces.axles}
+    speeds = np.concatenate([curve.speed_m_s for curve in curves.values()])
+    forces_n = np.hstack([np.ravel((*c.band_n, c.force_n, c.total_n)) for c in curves.values()])
+    for i, (axle_name, damper) in enumerate(curves.items()):
         axes = figure.add_axes((0.1 + i * 0.9 / n, 0.19, 0.9 / n - 0.07, 0.7))
         for line in (axes.axhline, axes.axvline):
             line(0.0, color=FAINT, linewidth=0.8, zorder=0)
@@ -285,7 +285,7 @@ def _draw_dampers(forces: Forces, figure: FigureBase) -> None:
         axes.fill_between(speed, *damper.band_n, color=PALETTE[1], alpha=0.25, lw=0)
         axes.plot(speed, damper.force_n, color=PALETTE[1], lw=1.4, label="damper, 95 % band")
         axes.plot(speed, damper.total_n, "--", color=PALETTE[2], lw=1.0, label="with friction")
-        axes.set_title(one.axle)
+        axes.set_title(axle_name)
         axes.set_xlim(*about_zero(speeds, 1.05))
         axes.set_ylim(*about_zero(forces_n, 1.05))
         axes.set_xlabel("speed, m/s, compression positive")
@@ -320,14 +320,13 @@ def modes_section(result: Identification, diagrams: Mapping[str, StabilisationDi
         )
         blocks.append(Gallery(title, caption, tuple(pictures)))
     for state, model in result.sensed.items():
-        columns = (
-            (model.frequencies_hz, model.frequency_std_hz),
-            (model.damping_ratios, model.damping_ratio_std),
-        )
+        frequencies = zip(model.frequencies_hz, model.frequency_std_hz, strict=True)
+        dampings = zip(model.damping_ratios, model.damping_ratio_std, strict=True)
         rows = []
-        for i in range(len(model)):
-            halves = [with_half(float(v[i]), float(std[i])).partition(" ± ") for v, std in columns]
-            rows.append((f"{i + 1}", *(part for half in halves for part in half[::2])))
+        for rank, estimates in enumerate(zip(frequencies, dampings, strict=True), start=1):
+            texts = [with_half(float(value), float(std)) for value, std in estimates]
+            (hz, _, hz_sigma), (ratio, _, ratio_sigma) = (text.partition(" ± ") for text in texts)
+            rows.append((str(rank), hz, hz_sigma, ratio, ratio_sigma))
         title = f"Mass state {state} without a model of the car: State Variable Method"
         headings = ("#", "#Hz", "#sigma", "#damping ratio", "#sigma")
         note = "Found in the decays alone; sigma is the standard deviation."
@@ -345,24 +344,21 @@ def _modes_table(result: Identification, state: str) -> Table:
     """Return the table of the modes of a mass state, each with its rank in the first state."""
     first = next(iter(result.modal))
     pairs, note = result.pairings.get(state), ""
-    rank_in_first = (
-        dict(zip(pairs.added.tolist(), pairs.baseline.tolist(), strict=True)) if pairs else {}
-    )
-    if pairs and pairs.swapped:
-        swapped = ", ".join(f"{i + 1} and {j + 1}" for i, j in pairs.swapped)
-        note = (
-            f"Modes {swapped} of state {first} change their order in state {state}: "
-            "they are paired by shape (MAC), not by frequency."
-        )
-    rows = []
+    rank_in_first: dict[int, int] = {}
+    if pairs:
+        rank_in_first = dict(zip(pairs.added.tolist(), pairs.baseline.tolist(), strict=True))
+        if pairs.swapped:
+            swapped = ", ".join(f"{i + 1} and {j + 1}" for i, j in pairs.swapped)
+            note = (
+                f"Modes {swapped} of state {first} change their order in state {state}: "
+                "they are paired by shape (MAC), not by frequency."
+            )
+    first_heading, rows = (f"#in {first}",) if rank_in_first else (), []
     named = zip(result.mode_names[state], result.modes[state], strict=True)
     for i, (name, mode) in enumerate(named):
-        first_rank = (
-            (f"{rank_in_first[i] + 1}" if i in rank_in_first else "",) if rank_in_first else ()
-        )
+        partner = f"{rank_in_first[i] + 1}" if i in rank_in_first else ""
         texts = (*estimate_texts(mode.frequency)[:3], *estimate_texts(mode.damping_ratio)[:3])
-        rows.append((f"{i + 1}", name, *first_rank, *texts))
-    first_heading = (f"#in {first}",) if rank_in_first else ()
+        rows.append((f"{i + 1}", name, *([partner] if first_heading else []), *texts))
     return Table(
         f"Modes in mass state {state}",
         ("#", "mode", *first_heading, "#Hz", "#from", "#to", "#damping ratio", "#from", "#to"),
