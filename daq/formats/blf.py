@@ -186,29 +186,21 @@ def find_objects(data: bytes, loss: LogLoss) -> tuple[NDArray[np.intp], int]:
     Each object states its end, where the next one begins, so the mark of an object within a payload
     is not taken as an object.  Data to which no chain leads are counted as lost.
     """
-    text = np.frombuffer(data, np.uint8)
     header_bytes = _HEADER.itemsize  # an object is at least as long
-    marks = np.flatnonzero(text[: max(len(data) - header_bytes + 1, 0)] == ord("L"))
-    for letter_number, letter in enumerate(b"LOBJ"):
-        marks = marks[text[marks + letter_number] == letter]
-    size = _records(text, marks, _HEADER)["size"].astype(np.int64)
-    ends = marks + size
-    is_object = ((size >= header_bytes) & (size <= MAX_OBJECT_BYTES)).tolist()
-    next_mark = np.searchsorted(marks, ends).tolist()  # index of the first mark after each object
-    begins, stops, chain = marks.tolist(), ends.tolist(), list[int]()
-    i = lost = chain_end = used = 0  # index of a mark; bytes lost; end of `chain`; bytes processed
-    while i < len(begins):
-        if not is_object[i]:
-            i += 1
+    chain: list[int] = []
+    lost = used = chain_end = search = 0  # bytes lost and processed; ends of `chain`, of the search
+    while 0 <= (begin := data.find(b"LOBJ", search)) <= len(data) - header_bytes:
+        size = _OBJECT_BASE.unpack_from(data, begin)[3]
+        if not header_bytes <= size <= MAX_OBJECT_BYTES:
+            search = begin + 1
             continue
-        if begins[i] - chain_end >= _GAP_BYTES:
-            lost += begins[i] - chain_end
-        used = begins[i]
-        if stops[i] > len(data):
+        if begin - chain_end >= _GAP_BYTES:
+            lost += begin - chain_end
+        used = begin
+        if begin + size > len(data):
             break
-        chain.append(begins[i])
-        used = chain_end = stops[i]
-        i = next_mark[i]
+        chain.append(begin)
+        used = chain_end = search = begin + size
     else:  # no object is begun: what no object can be long enough to need is lost
         if len(data) - used >= MAX_OBJECT_BYTES:
             lost += len(data) - used - header_bytes
