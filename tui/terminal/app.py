@@ -70,16 +70,12 @@ class NewsArrived(Message):
     """The feed has posted news."""
 
 
-class StatusArrived(Message):
-    """A new status of the recorder is in `app.status`."""
+class StateChanged(Message):
+    """A new status of the recorder is in `app.status`, or `app.lost` says why there is none."""
 
 
 class LiveArrived(Message):
     """New samples are in `app.lanes`."""
-
-
-class RecorderLost(Message):
-    """The recorder does not answer; `app.lost` says what to do."""
 
 
 def _new_screen(name: str) -> Screen[Any]:
@@ -196,8 +192,10 @@ class BenchApp(KeyboardApp):
             else:  # the recorder is lost, and so a status before it is out of date
                 self._ring(signal_of(self.lost, news))
                 self.lost, status = news, None
-                self._publish(RecorderLost())
-                if isinstance(self.screen, ModalScreen) and not news.starting:
+                self._publish(StateChanged())
+                if isinstance(self.screen, HelpScreen):
+                    self.screen.dismiss()  # the screen below shows what to do
+                elif isinstance(self.screen, ModalScreen) and not news.starting:
                     self.warn("RECORDER LOST: Esc, then X = start it again")
         if status is not None:
             await self._process_status(status)
@@ -221,7 +219,7 @@ class BenchApp(KeyboardApp):
         if before_bumps and run_begins and waits_unarmed(status):
             await self.open("home")
         self._ring(signal_of(previous, status))
-        self._publish(StatusArrived())
+        self._publish(StateChanged())
         if previous is None or previous.bench_crc32 != status.bench_crc32 or self.bench is None:
             self.call_after_refresh(self._fetch_bench)  # the screen comes first
         if status.halted and status.halted != self._shown_halt:
@@ -260,7 +258,7 @@ class BenchApp(KeyboardApp):
             self.bench = parse_bench(text, "bench.toml", self.folder, dbc_text="")
             self.bench_text = text
             if self.status is not None:
-                self._publish(StatusArrived())
+                self._publish(StateChanged())
 
     def _compare_setup(self, running: Setup) -> None:
         """Ask once whether to attach to a recorder of another setup than the wanted one."""

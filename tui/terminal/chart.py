@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from math import isfinite, nan
 
 import numpy as np
@@ -45,10 +45,8 @@ class LaneChart(Widget):
         """Number of lanes that fit."""
         return max(1, self.size.height // LANE_ROWS)
 
-    def show(
-        self, lanes: Lanes, specs: Sequence[LaneSpec], window: Window, overloaded: Collection[str]
-    ) -> None:
-        """Draw lanes, each with its label, scale and peak; those in `overloaded` with a lamp."""
+    def show(self, lanes: Lanes, specs: Sequence[LaneSpec], window: Window) -> None:
+        """Draw lanes, each with its label, scale and peak."""
         height, width = self.size.height, self.size.width
         columns = width - _LABEL_COLUMNS - _FIGURE_COLUMNS - 1  # 1: the axis
         rows: list[str] = []
@@ -58,8 +56,7 @@ class LaneChart(Widget):
             traces = [self._trace(lanes, spec, window) for spec in specs]
             self._fit_ranges(specs, [peak for *_, peak in traces])
             for spec, traced in zip(specs, traces, strict=True):
-                canvas = columns, lane_rows
-                rows += self._lane(spec, traced, canvas, trigger, spec.channel in overloaded)
+                rows += self._lane(spec, traced, (columns, lane_rows), trigger)
         elif height:
             rows = ["", "  no samples yet"]
         if rows != self._rows:
@@ -77,14 +74,9 @@ class LaneChart(Widget):
         return Strip([Segment(row.ljust(self.size.width), style)], self.size.width)
 
     def _lane(
-        self,
-        spec: LaneSpec,
-        traced: Traced,
-        canvas: tuple[int, int],
-        trigger: int | None,
-        overloaded: bool,
+        self, spec: LaneSpec, traced: Traced, canvas: tuple[int, int], trigger: int | None
     ) -> list[str]:
-        """Return the rows of a lane: label and lamp, axis and trace, peak and range.
+        """Return the rows of a lane: label, axis and trace, peak and range.
 
         `canvas`: columns and rows of the trace.  `trigger`: its column; None if it is not shown.
         """
@@ -99,8 +91,6 @@ class LaneChart(Widget):
         peak_text = f"{peak:.{decimals}f} {spec.unit}" if isfinite(peak) else "no data"
         figures[lane_rows // 2] = peak_text
         figures[0] = f"+{upper:g}{'' if spec.scale == spec.channel else ' all'}"
-        if overloaded:
-            labels[0] = f"{self._glyphs.overload} OVERLOAD"
         rows = []
         for label, cells, figure in zip(labels, drawn, figures, strict=True):
             if trigger is not None and cells[trigger] == " ":  # else the trace covers it

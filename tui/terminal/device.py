@@ -40,7 +40,7 @@ class KeyboardApp(App[None]):
         self._inputs: deque[Event] = deque()
         """Input without effect so far: the first is delivered, the others wait."""
         self._effect: asyncio.Task[None] | None = None
-        """The wait for the effect of the first input."""
+        """The wait for the effect of the first input; stored, because asyncio does not keep it."""
 
     async def on_event(self, event: Event) -> None:
         """Deliver input once all input before it has had its effect; pass other events on."""
@@ -59,15 +59,8 @@ class KeyboardApp(App[None]):
 
     def get_key_display(self, binding: Binding) -> str:
         """Return a key as the manual writes it: Ctrl+Q, Shift+Tab, C."""
-        if binding.key_display:
-            return binding.key_display
         key = super().get_key_display(binding).replace("^", "ctrl+")
-        return "+".join(part.capitalize() for part in key.split("+"))
-
-    def on_unmount(self) -> None:
-        """Stop waiting for effects."""
-        if self._effect is not None:
-            self._effect.cancel()
+        return "+".join(f"{part[:1].upper()}{part[1:]}" for part in key.split("+"))
 
     def _as_bound(self, event: Event) -> Event:
         """Return an event; a capital letter as the small one, unless a field takes it as text."""

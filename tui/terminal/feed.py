@@ -308,17 +308,8 @@ _LEAST_RANGES = {"m/s2": 0.5, "rad/s": 0.05, "rad/s2": 0.5, "m": 0.002}
 """Smallest range of a lane, by unit, SI: noise at rest stays small in it."""
 _SHOWN_UNITS = {"m": ("mm", 1e3)}
 """Units that are shown instead of those of SI, and their factors."""
-_SHORT_NAMES = {
-    Quantity.BODY_ACCELERATION: "body",
-    Quantity.BODY_DISPLACEMENT: "body",
-    Quantity.HUB_ACCELERATION: "wheel",
-    Quantity.HUB_DISPLACEMENT: "wheel",
-    Quantity.SUSPENSION_TRAVEL: "travel",
-    Quantity.PITCH_RATE: "pitch",
-    Quantity.ROLL_RATE: "roll",
-    Quantity.PITCH_ACCELERATION: "pitch",
-    Quantity.ROLL_ACCELERATION: "roll",
-}
+_SHORT_NAMES = {"hub": "wheel", "suspension": "travel"}
+"""Words of lanes whose quantity begins with another word: `pitch_rate` is pitch."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -375,9 +366,10 @@ def lane_specs(bench: Bench | None, first_group: int, most: int) -> list[LaneSpe
 def _lane_spec(channel: Channel, chosen: list[Channel]) -> LaneSpec:
     """Return the lane of a channel; names distinguish two sensors at one place."""
     unit, factor = _SHOWN_UNITS.get(channel.unit, (channel.unit, 1.0))
-    short_name = f"{_SHORT_NAMES.get(channel.quantity, '')} {channel.corner or ''}".strip()
+    first_word = channel.quantity.partition("_")[0]
+    short_name = f"{_SHORT_NAMES.get(first_word, first_word)} {channel.corner or ''}".strip()
     alike = [c for c in chosen if (c.quantity, c.corner) == (channel.quantity, channel.corner)]
-    label = short_name if len(alike) == 1 and short_name else channel.name  # 10 characters fit
+    label = short_name if len(alike) == 1 else channel.name  # 10 characters fit
     scale = str(channel.quantity) if channel.corner else channel.name
     least_range = _LEAST_RANGES[channel.unit] * factor
     return LaneSpec(channel.name, label[:10], unit, factor, least_range, scale)

@@ -7,7 +7,7 @@ field, the limit and the reason.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -97,7 +97,7 @@ class FieldError:
     text: str
 
 
-def check_fields(fields: Sequence[Field], values: Values) -> tuple[FieldError, ...]:
+def check_fields(fields: Iterable[Field], values: Values) -> tuple[FieldError, ...]:
     """Check each field by itself."""
     return tuple(e for field in fields if (e := field.check(values.get(field.name, ""))))
 

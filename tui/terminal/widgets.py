@@ -244,10 +244,6 @@ class HelpScreen(ModalScreen[None]):
                 yield Markdown(page_of(self._page), open_links=False)
                 yield Static(keys, markup=False)
 
-    def on_recorder_lost(self) -> None:
-        """Close, because the screen below shows what to do."""
-        self.dismiss()
-
 
 def keys_of(screen: Screen[object]) -> list[str]:
     """Return a title, and a line for each key, hidden ones too: the screen's, app's and field's."""

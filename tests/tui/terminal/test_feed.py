@@ -355,7 +355,7 @@ async def test_a_chart_that_shrinks_cuts_its_rows_and_asks_for_new_ones() -> Non
     async with app.run_test(size=(120, 24)) as pilot:
         await pilot.pause()
         chart = app.query_one(LaneChart)
-        chart.show(Lanes(), [], Window(0, 8, None), ())
+        chart.show(Lanes(), [], Window(0, 8, None))
         before = app.asked
         await pilot.resize_terminal(90, 24)
         await pilot.pause()
@@ -390,11 +390,11 @@ async def test_a_chart_has_labels_scales_peaks_and_the_triggers_sign() -> None:
     chart = LaneChart(PLAIN)
     async with alone(chart, 64, 9) as _:
         assert chart.room == 2
-        chart.show(lanes, specs, Window(100, 40, 0.5), ("b",))
+        chart.show(lanes, specs, Window(100, 40, 0.5))
         rows = chart_rows(chart, 9)
     # 64 less 11 of the label, 12 of the scale and one: 40 columns of a bin each, the bump at 20.
     assert [row[:11].rstrip() for row in rows] == [
-        "", "", "body", "", "^ OVERLOAD", "", "travel FL", "", ""
+        "", "", "body", "", "", "", "travel FL", "", ""
     ]  # fmt: skip
     assert [row[11:12] for row in rows] == ["|"] * 8 + [""]
     # The middle of the envelope, 0.975, is rest: the peak is 1.225 less that.
@@ -413,16 +413,16 @@ async def test_a_chart_without_room_or_samples_says_so() -> None:
     spec = LaneSpec("a", "a", "x", 1.0, 0.01, "a")
     async with alone(chart, 64, 3) as _:
         assert chart.room == 1
-        chart.show(lanes, [spec], Window(0, 40, None), ())
+        chart.show(lanes, [spec], Window(0, 40, None))
         assert chart_rows(chart, 3) == ["", "  no samples yet", ""]
     lanes.add(Live(0, 0.1, (Lane("a", (1.0,), (1.0,)),)))
     narrow = LaneChart(PLAIN)
     async with alone(narrow, 32, 4) as _:
-        narrow.show(lanes, [spec], Window(0, 40, None), ())
+        narrow.show(lanes, [spec], Window(0, 40, None))
         assert "no samples yet" in chart_rows(narrow, 4)[1]
     wide = LaneChart(PLAIN)
     async with alone(wide, 33, 40) as _:
-        wide.show(lanes, [spec], Window(0, 40, None), ())
+        wide.show(lanes, [spec], Window(0, 40, None))
         assert [row[:1] for row in chart_rows(wide, 40)].count("a") == 1
         assert [bool(row) for row in chart_rows(wide, 40)].count(True) == 12, "three times four"
 

@@ -17,7 +17,7 @@ from daq.bench.campaign import Origin
 from daq.control.messages import BusState
 from dbc.words import printable
 
-from ..app import BenchApp, RecorderLost, StatusArrived
+from ..app import BenchApp, StateChanged
 from ..campaign import BenchStep, progress
 from ..widgets import Table, Words
 
@@ -117,8 +117,7 @@ class BenchScreen(Screen[None]):
         self._show()
 
     @on(ScreenResume)
-    @on(StatusArrived)
-    @on(RecorderLost)
+    @on(StateChanged)
     def show_state(self) -> None:
         """Show the newest status; or that there is none yet, or that the recorder is lost."""
         self._show()
@@ -197,11 +196,11 @@ def top_line(app: BenchApp, width: int) -> Content:
     day = datetime.fromtimestamp(status.wall_ns * 1e-9, UTC).astimezone().date().isoformat()
     origin = "" if status.origin is Origin.REAL else f"{status.origin.upper()}  "
     vehicle = printable(status.vehicle, 24)
-    heads = [f"{vehicle} · {day} · {person}", f"{vehicle} · {person}", person]
-    heads = [f" {origin}{head}" for head in heads]
+    texts = (f"{vehicle} · {day} · {person}", f"{vehicle} · {person}", person)
+    heads = [Content(f" {origin}{text}") for text in texts]
     columns = max(8, width - health.cell_length)
-    head = next((h for h in heads if Content(h).cell_length <= columns), heads[-1])
-    return Content(head).truncate(columns, pad=True) + health
+    head = next((head for head in heads if head.cell_length <= columns), heads[-1])
+    return head.truncate(columns, pad=True) + health
 
 
 def _health(status: Status, glyphs: Glyphs, wide: bool) -> Content:

@@ -220,8 +220,7 @@ class HomeScreen(BenchScreen):
         if not chart.display or not chart.size.height:
             return
         specs = lane_specs(app.bench, self._view, chart.room)
-        overloaded = app.status.overloaded if app.status else ()
-        chart.show(app.lanes, specs, shown_window(app.status, app.lanes), overloaded)
+        chart.show(app.lanes, specs, shown_window(app.status, app.lanes))
 
     async def action_next(self) -> None:
         """Arm, or go to the step that is due; ask first where the weights change."""

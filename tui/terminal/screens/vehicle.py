@@ -67,15 +67,13 @@ def _campaign_field(
     return Field(name, label, unit, low, high, why, advice, True, whole=whole)
 
 
-def _flag_field(name: str, label: str, advice: str) -> Field:
-    """Return a field that is yes or no."""
-    return Field(name, label, choices=(YES, NO), help=advice)
-
-
 _REPEATS = "number of accepted runs of each kind, without and with the added mass"
-_STRUCTURE = [_flag_field(f"flag.{name}", *texts) for name, texts in _FLAGS.items()]
+_STRUCTURE = [
+    Field(f"flag.{name}", label, choices=(YES, NO), help=advice)
+    for name, (label, advice) in _FLAGS.items()
+]
 _BUMPS = [
-    _flag_field(f"bump.{e}", e.words.capitalize(), f"whether {e.words} is bumped")
+    Field(f"bump.{e}", e.words.capitalize(), choices=(YES, NO), help=f"whether {e.words} is bumped")
     for e in Excitation
 ]
 GROUPS: dict[str, list[tuple[Field, ...]]] = {
@@ -99,13 +97,12 @@ GROUPS: dict[str, list[tuple[Field, ...]]] = {
                          "the next run arms itself after this")),
     ],
 }  # fmt: skip
-VEHICLE_FIELDS = tuple(field for rows in GROUPS.values() for row in rows for field in row)
-_BY_NAME = {field.name: field for field in VEHICLE_FIELDS}
+_FIELDS = {field.name: field for rows in GROUPS.values() for row in rows for field in row}
 
 
 def check_vehicle(values: Values) -> tuple[FieldError, ...]:
     """Return the errors in the form: of each field, then of those that must fit together."""
-    errors = list(check_fields(VEHICLE_FIELDS, values))
+    errors = list(check_fields(_FIELDS.values(), values))
     wrong_fields = {error.field for error in errors}
     measured = {
         quantity: value
@@ -114,18 +111,18 @@ def check_vehicle(values: Values) -> tuple[FieldError, ...]:
     }
     for quantity in measured:
         if not values.get(f"{quantity}.sigma", "").strip():
-            field = _BY_NAME[f"{quantity}.sigma"]
+            field = _FIELDS[f"{quantity}.sigma"]
             errors.append(field.error("a measured value needs the uncertainty that goes with it"))
     axles = (FactQuantity.FRONT_AXLE, FactQuantity.REAR_AXLE)
     axles_kg = sum(measured.get(axle, math.nan) for axle in axles)
     total_kg = measured.get(FactQuantity.TOTAL_MASS, math.nan)
     if abs(axles_kg - total_kg) > 0.01 * total_kg:
         reason = f"the axles carry {axles_kg:g} kg together, the total is {total_kg:g} kg"
-        error = _BY_NAME[FactQuantity.TOTAL_MASS].error(reason, "axles and total within 1 %")
+        error = _FIELDS[FactQuantity.TOTAL_MASS].error(reason, "axles and total within 1 %")
         errors.append(error)
     if not any(values.get(f"bump.{e}") == YES for e in Excitation):
         reason = "no kind of bump is chosen: nothing would be bumped"
-        errors.append(_BY_NAME["bump.bounce"].error(reason, "at least one kind"))
+        errors.append(_FIELDS["bump.bounce"].error(reason, "at least one kind"))
     return tuple(errors)
 
 
