@@ -142,7 +142,9 @@ class Watch:
             for number in self._traffic.buses()
             if number < len(delivers) and not delivers[number]
         )
-        symptoms = [*_not_recording(cycle.storage), *_disk_symptoms(config, cycle.disk)]
+        symptoms = list(_disk_symptoms(config, cycle.disk))
+        if (not_recording := _not_recording(cycle.storage)) is not None:
+            symptoms.append(not_recording)
         symptoms += [fault("consumer_failed", name, why) for name, why in cycle.failed.items()]
         for bus, status in zip(self._bus_watches, self.buses, strict=True):
             symptoms += bus.symptoms(status, config.silent_s, now_s)
@@ -241,11 +243,12 @@ def _disk_symptoms(config: RecorderConfig, disk: DiskStatus) -> Iterator[Finding
         yield fault("disk_low", "", text)
 
 
-def _not_recording(storage: StorageStatus) -> Iterator[Finding]:
-    """Yield the fault that frames arrive and are not stored."""
-    if storage.late_s >= _NOT_RECORDING_S:
-        text = f"frames arrive, and none was stored for {storage.late_s:.1f} s"
-        yield fault("not_recording", "", text)
+def _not_recording(storage: StorageStatus) -> Finding | None:
+    """Return the fault that frames arrive and are not stored; None while they are."""
+    if storage.late_s < _NOT_RECORDING_S:
+        return None
+    text = f"frames arrive, and none was stored for {storage.late_s:.1f} s"
+    return fault("not_recording", "", text)
 
 
 def with_not_recording(status: Status, storage: StorageStatus, wall_ns: int) -> Status:
@@ -253,9 +256,9 @@ def with_not_recording(status: Status, storage: StorageStatus, wall_ns: int) -> 
 
     `status`: the last published one.  Returns the same object if there is no alarm to add.
     """
-    known = {"not_recording", "journal_failed"} & {alarm.code for alarm in status.alarms}
-    for symptom in _not_recording(storage) if not known else ():
-        since_ns = wall_ns - round(storage.late_s * 1e9)
-        alarm = Alarm(symptom.code, "", symptom.text, symptom.advice, since_ns)
-        return replace(status, alarms=(alarm, *status.alarms), storage=storage)
-    return status
+    symptom = _not_recording(storage)
+    if symptom is None or any(a.code in ("not_recording", "journal_failed") for a in status.alarms):
+        return status
+    since_ns = wall_ns - round(storage.late_s * 1e9)
+    alarm = Alarm(symptom.code, "", symptom.text, symptom.advice, since_ns)
+    return replace(status, alarms=(alarm, *status.alarms), storage=storage)

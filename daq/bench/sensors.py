@@ -161,10 +161,8 @@ def stored_databases(text: str) -> Databases:
         raise InputError("bench", fault, "name the databases with --config") from error
 
 
-@lru_cache(maxsize=32)
-def database_codec(text: str, name: str) -> Codec:
-    """Return a database compiled; cached for later calls.  Raises InputError as `parse_codec`."""
-    return parse_codec(text, name)
+database_codec = lru_cache(maxsize=32)(parse_codec)
+"""Returns a database compiled, as `parse_codec`, from its text and name; cached for later calls."""
 
 
 # The messages of the sensors ----------------------------------------------------------------------
