@@ -17,7 +17,6 @@ from ..channels import TIME_DERIVATIVE, Quantity
 from ..runs import Losses
 from .clock import counter_steps
 
-_NO_VALUE = -1  # in place of a counter value before the first reliable one
 FINE_STEP = {"m/s2": 0.05, "rad/s": 0.01, "rad/s2": 0.05}
 """Converter steps by unit, SI, below which the sensor's own noise changes every sample."""
 
@@ -143,9 +142,9 @@ def longest_hold(
 class CounterHealth:
     """History of one message's counter."""
 
-    last_value: int
-    """Last reliable counter value; `_NO_VALUE` before the first."""
-    t_ns: int
+    last_value: int | None = None
+    """Last reliable counter value; None before the first."""
+    t_ns: int = 0
     """Arrival time of that frame, ns."""
     last_delay_s: float = 0.0
     """Delay of that frame, s (`CounterSteps.last_delay_s`)."""
@@ -199,17 +198,16 @@ def _counter_health(
     """
     assert message.counter is not None  # ensured by the caller
     samples = decoded[f"{message.name}.{message.counter.signal}"]
-    health = earlier or CounterHealth(_NO_VALUE, 0)
+    health = earlier or CounterHealth()
     is_readable = samples.usable  # mask of the frames whose counter can be read, (n,)
     received = int(np.count_nonzero(is_readable))
     unreadable = health.unreadable + len(is_readable) - received
-    is_first = health.last_value <= _NO_VALUE
     if not received:
-        return replace(health, unreadable=0 if is_first else unreadable)
+        return replace(health, unreadable=0 if health.last_value is None else unreadable)
     value, t_ns = samples.value[is_readable].astype(np.int64), samples.t_ns[is_readable]
     unreadable_at_end = int(np.argmax(is_readable[::-1]))  # after the last readable frame
     unreadable_between = unreadable - unreadable_at_end
-    if is_first:
+    if health.last_value is None:
         unreadable_between -= int(np.argmax(is_readable))  # before the first readable one of all
     else:
         value = np.concatenate([[health.last_value], value])
