@@ -55,7 +55,7 @@ class Fault(StrEnum):
 
 def _standing(rig: Rig, mass_state: str) -> Act:
     """Return the act of a car that remains at rest: a push that changes nothing."""
-    pose = rig.plants[mass_state].static_pose()
+    pose = rig.plants[mass_state].rest
     return rig.act(Push(pose, np.zeros((7, 1)), 1.0), 0.0, np.inf)
 
 

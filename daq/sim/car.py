@@ -195,7 +195,7 @@ def true_reading(
     `daq.vehicle.DOF` is the order of its rows.  Returns (n,) float64: in the channel's SI unit; an
     unused channel reads 0.
     """
-    moved = motion.pose - unloaded.static_pose()
+    moved = motion.pose - unloaded.rest
     # From the CG, not from the middle of the front axle.
     x_m, y_m = sensor.x_m + float(unloaded.x_m[0, 0]), sensor.y_m - unloaded.cg_left_m
     wheel = 3 + channel.corner.position if channel.corner is not None else 0

@@ -211,7 +211,7 @@ def rig_of(bench: Bench, codec: Codec, car: SimulatedCar, seed: int) -> Rig:
     for name, added in drawn.mass_states.items():
         try:
             plants[name] = car.plant(added)
-            plants[name].static_pose()
+            _ = plants[name].rest  # raises where it does not stand
         except ValueError as error:
             what = f"mass state {name}: {error}"
             raise InputError("bench.toml", what, "move the weights inwards") from error

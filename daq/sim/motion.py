@@ -12,6 +12,7 @@ level car.  A tyre also pulls: bumps that lift a wheel off the ground are beyond
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -26,7 +27,7 @@ Array = NDArray[np.float64]
 GRAVITY_M_S2 = 9.80665
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, eq=False)
 class Plant:
     """A car in one state of loading; columns of four are in the order of `daq.vehicle.Corner`."""
 
@@ -49,6 +50,11 @@ class Plant:
     def cg_left_m(self) -> float:
         """How far the CG of the baseline body is to the left of the middle of the car, m."""
         return -0.5 * float(self.y_m[0, 0] + self.y_m[1, 0])
+
+    @cached_property
+    def rest(self) -> Array:
+        """The pose at rest on a flat road, (7, 1); raises ValueError as `static_pose`."""
+        return self.static_pose()
 
     def at_corners(self, body: Array) -> Array:
         """Return the vertical motion of the body at the corners, (4, n).
@@ -91,7 +97,7 @@ class Plant:
 
     def drive(self, bump: Bump, end_s: float) -> Moving:
         """Return the motion of the car over a bump and its free decay, up to `end_s`."""
-        return Motion.over(bump, self, self.static_pose(), np.zeros((7, 1)))
+        return Motion.over(bump, self, self.rest, np.zeros((7, 1)))
 
 
 def per_axle(front: float, rear: float) -> Array:
@@ -276,7 +282,7 @@ class Motion:
         matrix[7:14, 7:14] = plant.mobility @ by_velocity
         matrix[7:14, 14:15] = plant.mobility @ by_phase
         matrix[14, 15], matrix[15, 14] = bump.omega_rad_s, -bump.omega_rad_s  # sine, cosine
-        before = np.vstack([pose - plant.static_pose(), velocity])
+        before = np.vstack([pose - plant.rest, velocity])
         on_bump = _Modes.from_start(matrix, np.vstack([before, [[0.0], [1.0]]]))
         leaving = on_bump.states(np.array([bump.duration_s]))[:14]
         return cls(plant, bump, before, on_bump, _Modes.from_start(matrix[:14, :14], leaving))
@@ -297,7 +303,7 @@ class Motion:
                 self.after.states(t_s[end:] - bump.end_s),
             ]
         )
-        pose, velocity = states[:7] + self.plant.static_pose(), states[7:]
+        pose, velocity = states[:7] + self.plant.rest, states[7:]
         force = self.plant.forces(pose, velocity, bump.road_m(t_s))
         return Kinematics(pose, velocity, self.plant.mobility @ force)
 
@@ -365,7 +371,7 @@ def pushed_down(plant: Plant, excitation: Excitation, depth_m: float, start_s: f
     front_x_m, _, rear_x_m, _ = plant.x_m[:, 0].tolist()  # positive forwards
     hand_x_m = forward * (front_x_m if forward > 0 else -rear_x_m)
     hand_y_m = to_left * float(np.mean(np.abs(plant.y_m)))
-    rest = plant.static_pose()
+    rest = plant.rest
     sink_of_1_n = plant.static_pose(load=_down(1.0, hand_x_m, hand_y_m)) - rest
     heave_m, pitch_rad, roll_rad = sink_of_1_n[:3, 0]
     hand_sinks_m = abs(float(heave_m - pitch_rad * hand_x_m + roll_rad * hand_y_m))
@@ -393,6 +399,6 @@ def _down(force_n: float, x_m: float, y_m: float) -> Array:
 
 def pushed(plant: Plant, corner: Corner, force_n: float, length_s: float) -> Push:
     """Return a push on the body at a corner, by a force that rises and falls as a cosine."""
-    rest, i = plant.static_pose(), corner.position
+    rest, i = plant.rest, corner.position
     load = _down(force_n, float(plant.x_m[i, 0]), float(plant.y_m[i, 0]))
     return Push(rest, plant.static_pose(load=load) - rest, length_s)

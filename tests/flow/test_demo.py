@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import daq
+from daq.bench.config import default_bench_text
 from daq.control.address import control_address, is_running
 from daq.control.exchange import Client
 from daq.journal.reader import recordings, segments_in
@@ -24,6 +25,8 @@ from .bench_terminal import PATIENCE_S, PtyTerminal, end_recorder
 def test_demo(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    once = default_bench_text().replace("repeats = 2", "repeats = 1")
+    monkeypatch.setattr("daq.bench.config.default_bench_text", lambda: once)
     out = tmp_path / "a demo"
     result = answered(capsys, "demo", "--seed", "11", "--out", str(out))[0]
     assert result["verdict"] == "ok", result["reasons"]
@@ -45,7 +48,7 @@ def test_demo(
     assert again == {key: result[key] for key in again}  # digit for digit
 
     runs = answered(capsys, "inspect", str(session))[0]["runs"]
-    assert len(runs) == 12
+    assert len(runs) == 6
     assert all(not any(run["losses"].values()) for run in runs)
 
     # Every frame that the car sent is in the journal, and those of a run are in the session.

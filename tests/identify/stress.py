@@ -26,7 +26,8 @@ from daq.sim.car import (
     measured,
     true_reading,
 )
-from daq.sim.motion import GRAVITY_M_S2, Bump
+from daq.sim.motion import GRAVITY_M_S2, Bump, Moving, Plant
+from daq.sim.motion import load_car as load_linear_car
 from daq.vehicle import FORD_GRANADA, AddedMass, BodyWeight, Corner, Vehicle
 from dbc.words import Finding, Severity
 from identify.decays.usable import usable
@@ -34,7 +35,6 @@ from identify.fit.estimation import Estimation, estimate, generic_vehicles
 from identify.pipeline import grey_box
 
 from ..simulated.elements import NONE, Friction, Imperfections, SensorFault, load_car, spoilt
-from ..simulated.engine import RealMotion, RealPlant, drive
 
 Array = NDArray[np.float64]
 Key = tuple[str, Excitation, int]
@@ -278,20 +278,18 @@ def _sensor(channel: Channel, stress: Stress) -> SensorTruth:
 
 
 @cache
-def _plant(car: Imperfections, state: str) -> RealPlant:
+def _plant(car: Imperfections, state: str, bump_m: float = 0.0) -> Plant:
+    """Return a car in a mass state; the linear one where nothing else acts and no wheel lifts."""
+    if car == NONE and bump_m <= 0.05:
+        return load_linear_car(FORD_GRANADA, ADDED_MASS[state])
     return load_car(FORD_GRANADA, ADDED_MASS[state], car)
 
 
 @cache
-def _motions(
-    car: Imperfections, bump_m: float, excitations: tuple[Excitation, ...]
-) -> dict[tuple[str, Excitation], RealMotion]:
-    """Return how a car moves over each kind of bump in both mass states, driven side by side."""
-    keys = [(state, excitation) for state in (BASELINE, ADDED) for excitation in excitations]
-    plants = [_plant(car, state) for state, _ in keys]
-    bumps = [Bump(excitation, bump_m, REST_S, BUMP_S) for _, excitation in keys]
-    motions = [drive(plant, bump, RUN_S) for plant, bump in zip(plants, bumps, strict=True)]
-    return dict(zip(keys, motions, strict=True))
+def _motion(car: Imperfections, bump_m: float, state: str, excitation: Excitation) -> Moving:
+    """Return how a car moves over a kind of bump in a mass state."""
+    bump = Bump(excitation, bump_m, REST_S, BUMP_S)
+    return _plant(car, state, bump_m).drive(bump, RUN_S)
 
 
 @cache
@@ -324,8 +322,7 @@ def _reading(
 ) -> Array:
     car = stress.imperfections
     unloaded = _plant(car, BASELINE)
-    together = stress.excitations if excitation in stress.excitations else (excitation,)
-    motion = _motions(car, stress.bump_m, together)[state, excitation]
+    motion = _motion(car, stress.bump_m, state, excitation)
     sensor = _sensor(channel, stress)
     seen_s = t_s - sensor.delay_s
     if sensor.low_pass_hz:

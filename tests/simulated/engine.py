@@ -257,7 +257,7 @@ def integrate(
 # The car ------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, eq=False)
 class RealPlant(Plant):
     """A car in one state of loading, with elements beyond the linear one."""
 
