@@ -19,7 +19,7 @@ from dbc.words import InputError
 
 from .change import Change, change_of
 from .fit.grey_box import GreyBox, weight_sigmas
-from .fit.uncertainty import COVERAGE_95, Estimate
+from .fit.uncertainty import Estimate
 from .model.chi_squared import chance_of_more
 from .nonlinear.forces import AS_PARAMETERS, force_quantities
 from .result import Identification
@@ -48,11 +48,6 @@ class Difference:
     significant: bool = False
     """True if it is significant at 95 % among all differences (Holm 1979)."""
 
-    @property
-    def half(self) -> float:
-        """Half of the 95 % interval of the difference by itself."""
-        return COVERAGE_95 * self.std
-
 
 @dataclass(frozen=True, slots=True)
 class Trend:
@@ -72,16 +67,6 @@ class Trend:
     varies: bool = False
     """`drifts`, `varies`: True if slope or misfit is significant at 95 % among all quantities (Holm
     1979)."""
-
-    @property
-    def half(self) -> float:
-        """Half of the 95 % interval of the slope."""
-        return COVERAGE_95 * self.slope_std
-
-    @property
-    def words(self) -> str:
-        """`drifts`, `varies`, both or nothing."""
-        return " ".join(["drifts"] * self.drifts + ["varies"] * self.varies)
 
 
 @dataclass(frozen=True, slots=True)

@@ -72,12 +72,6 @@ def half_width_percent(value: float, low: float, high: float) -> str:
     return f"{_to_place(share, _place(share))} %" if 0.0 < share <= LARGEST_PERCENT else ""
 
 
-def interval(value: float, low: float, high: float) -> str:
-    """Write both ends of a value's interval as `rounded` does; nothing where there is none."""
-    _, low_text, high_text = rounded(value, low, high)
-    return f"{low_text} .. {high_text}" if low_text else ""
-
-
 def _place(half: float) -> int:
     """Return the decimal place of the second digit of a number, after rounding to it."""
     return 1 - floor(log10(float(f"{half:.1e}"))) if half > 0.0 else 0

@@ -10,7 +10,7 @@ from math import isfinite
 from typing import TYPE_CHECKING
 
 from .fit.uncertainty import Estimate
-from .numbers import NOT_DETERMINED, half_width, half_width_percent, interval, rounded
+from .numbers import NOT_DETERMINED, half_width, half_width_percent, rounded
 from .trust.finding import Judgement, Verdict
 
 if TYPE_CHECKING:
@@ -93,7 +93,8 @@ def value_text(e: Estimate) -> str:
 
 def ends_text(e: Estimate) -> str:
     """Write both ends of the interval; nothing where there is none."""
-    return interval(e.value, e.low, e.high) if e.determined else ""
+    _, low, high = rounded(e.value, e.low, e.high)
+    return f"{low} .. {high}" if low and e.determined else ""
 
 
 def half_text(e: Estimate) -> str:

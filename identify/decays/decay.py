@@ -173,7 +173,6 @@ def with_channels(decay: FreeDecay, change: Callable[[Channel], Channel | None])
 # Finds the start of the free decay of a record, and the noise of its sensors at rest --------------
 
 GUARD_S = 0.01  # onset detection and the spread of the four wheels over the bump
-UNKNOWN_BUMP_S = 0.35  # longer than any bump that is rolled over; shortened afterwards
 _REST_S = 0.08  # must be at rest; the paper's records have 0.1 s
 _REST_SAMPLES = 3  # fewer do not give a spread
 _MOVING = 4.0
@@ -236,7 +235,8 @@ def decay_start_s(record: Record) -> float:
         return record.start_s
     if np.isfinite(record.bump_s):
         return onset + record.bump_s + GUARD_S
-    return min(onset + UNKNOWN_BUMP_S + GUARD_S, (onset + record.end_s) / 2)
+    # 0.35 s is longer than any bump that is rolled over; the fit moves the start back.
+    return min(onset + 0.35 + GUARD_S, (onset + record.end_s) / 2)
 
 
 def quiet_noise(records: Sequence[Record]) -> dict[str, float]:

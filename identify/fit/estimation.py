@@ -100,17 +100,14 @@ class Estimation:
         return sum(sum(r.freedom.values()) for r in self.residuals)
 
     @property
-    def chi2_std(self) -> float:
-        """Standard deviation of chi2/n if the model holds; noise levels rest on finite samples."""
-        quiet = sum(quiet_counts(self.records).values()) if self.rest else self.freedom / 2.0
-        return float(np.sqrt(2 / self.freedom + 2 / quiet)) if self.freedom > 0.0 else 0.0
-
-    @property
     def chi2_limit(self) -> float:
         """Upper limit of chi2/n if the model holds."""
+        if self.freedom <= 0.0:
+            return 1.0
+        quiet = sum(quiet_counts(self.records).values()) if self.rest else self.freedom / 2.0
+        std = float(np.sqrt(2 / self.freedom + 2 / quiet))  # noise levels rest on finite samples
         # Five standard deviations; clocks fitted to arrival times and quantisation may cause 0.02.
-        excess = max(0.02, 5.0 * self.chi2_std)
-        return 1.0 + excess if self.freedom > 0.0 else 1.0
+        return 1.0 + max(0.02, 5.0 * std)
 
     @property
     def holds(self) -> bool:

@@ -348,11 +348,6 @@ class System:
         damped = self.normal + (damping + _UNKNOWN) * np.eye(len(self.scale))
         return np.asarray(np.linalg.solve(damped, self.gradient))
 
-    @property
-    def promised_gain(self) -> float:
-        """Gain of likelihood by a whole step, if the equations were linear."""
-        return float(self.gradient @ self.scaled_step(0.0))
-
     def step(self, damping: float) -> tuple[Complex, Complex]:
         """Return the steps of poles, (m,), and shapes, (n_channels, m)."""
         step = self.scale * self.scaled_step(damping)
@@ -479,7 +474,8 @@ def most_likely_modes(
     start = point = fitted_at(condense(samples, poles), shapes)
     damping, system = _FIRST_DAMPING, linearised(point)
     for _ in range(most_steps):
-        if system.promised_gain < least_gain:
+        # The gain by a whole step, if the equations were linear.
+        if system.gradient @ system.scaled_step(0.0) < least_gain:
             break
         old_likelihood, trial = point.log_likelihood, None
         while trial is None and damping < _MOST_DAMPING:

@@ -17,6 +17,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 
 from dbc.frames import freeze_arrays
@@ -157,12 +158,8 @@ def delay_space(
     """
     step, span = delays.step, delays.step * delays.blocks  # samples
     # Means of successive samples: a running sum would accumulate rounding.
-    shifted = (
-        [decay[shift : len(decay) - step + 1 + shift] for shift in range(step)]
-        for decay in decays
-        if len(decay) > span
-    )
-    averaged = [np.add.reduce(shifts) / step for shifts in shifted]
+    windows = (sliding_window_view(decay, step, axis=0) for decay in decays if len(decay) > span)
+    averaged = [of_record.mean(axis=-1) for of_record in windows]
     n_channels, last_delay = decays[0].shape[1], step * (delays.blocks - 1)
     noisy = False
     # Products square the condition: they are used where noise is far above rounding, at a tenth of
@@ -170,7 +167,8 @@ def delay_space(
     if sum(len(record) - last_delay for record in averaged) >= delays.blocks * n_channels:
         squared_strength, directions = np.linalg.eigh(_products(averaged, delays), "U")
         noisy = bool(squared_strength[0] >= _NOISY**2 * squared_strength[-1])
-    tables = [_table(record, delays) for record in averaged] if step > 1 or not noisy else []
+    needs_tables = step > 1 or not noisy
+    tables = [_delay_vectors(record, delays) for record in averaged] if needs_tables else []
     if noisy:
         strength, directions = np.sqrt(squared_strength[::-1]), directions[:, ::-1]
     else:
@@ -182,10 +180,9 @@ def delay_space(
     return DelaySpace(delays, rate_hz, directions, strength, coordinates, n_channels)
 
 
-def _table(record: NDArray[np.float64], delays: Delays) -> NDArray[np.float64]:
+def _delay_vectors(record: NDArray[np.float64], delays: Delays) -> NDArray[np.float64]:
     """Return the delay vectors of a record, one a row, (n, blocks * n_channels)."""
-    length = delays.step * (delays.blocks - 1) + 1
-    windows = np.lib.stride_tricks.sliding_window_view(record, length, axis=0)
+    windows = sliding_window_view(record, delays.step * (delays.blocks - 1) + 1, axis=0)
     table = windows[..., :: delays.step].swapaxes(1, 2)  # (n, blocks, n_channels)
     return table.reshape(len(table), -1)
 
@@ -201,7 +198,7 @@ def _products(records: Sequence[NDArray[np.float64]], delays: Delays) -> NDArray
     by_shift = np.zeros((blocks * c - c, blocks * c - c))
     for record in records:
         n = len(record) - step * (blocks - 1)
-        windows = np.lib.stride_tricks.sliding_window_view(record, n, axis=0)[::step]
+        windows = sliding_window_view(record, n, axis=0)[::step]
         products[0] += (windows @ record[:n]).transpose(2, 0, 1)
         lost, gained = record[:-n].reshape(blocks - 1, step, c), record[n:].reshape(-1, step, c)
         for sign, samples in ((-1.0, lost), (1.0, gained)):

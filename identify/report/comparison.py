@@ -9,6 +9,7 @@ from dbc.words import counted
 
 from ..change import Change
 from ..compare import Compared, Comparison
+from ..fit.uncertainty import COVERAGE_95
 from ..numbers import NOT_DETERMINED, half_width, plus_minus, rounded, signed
 from ..words import NOT_OK, unit_text, value_text
 from .page import Block, Section, Table
@@ -75,10 +76,11 @@ def _differences_table(title: str, rows: Sequence[Compared], which: int) -> Tabl
     texts = []
     for row in rows:
         first, this, d = row.estimates[0], row.estimates[which + 1], row.differences[which]
-        values = (value_text(first), value_text(this), signed(d.value, d.half))
+        half = COVERAGE_95 * d.std
+        values = (value_text(first), value_text(this), signed(d.value, half))
         answer = "✓ differs" if d.significant else "· within chance"
-        half, z, unit = half_width(0.0, d.half), f"{d.z:+.2f}", unit_text(first.unit)
-        texts.append((row.name, *values, half, z, answer, unit))
+        z, unit = f"{d.z:+.2f}", unit_text(first.unit)
+        texts.append((row.name, *values, half_width(0.0, half), z, answer, unit))
     return Table(title, columns, tuple(texts))
 
 
@@ -87,7 +89,8 @@ def _trends(comparison: Comparison) -> Section:
     trends = [(row, row.trend) for row in comparison.quantities if row.trend is not None]
     rows = []
     for row, trend in trends:
-        slope, unit = plus_minus(trend.slope, trend.half), unit_text(row.estimates[0].unit)
+        slope = plus_minus(trend.slope, COVERAGE_95 * trend.slope_std)
+        unit = unit_text(row.estimates[0].unit)
         drift = "✓ drifts" if trend.drifts else "· none"
         constancy = "✓ varies" if trend.varies else "· constant"
         rows.append(
@@ -109,7 +112,8 @@ def headline_of(comparison: Comparison) -> str:
     differing = ", ".join(
         row.name
         for row in rows
-        if (row.trend and row.trend.words) or any(d.significant for d in row.differences)
+        if (row.trend and (row.trend.drifts or row.trend.varies))
+        or any(d.significant for d in row.differences)
     )
     if differing:
         which = f"at 95 % among all {len(rows)} quantities, these differ: {differing}"

@@ -21,7 +21,6 @@ from identify.numbers import (
     by_kind,
     half_width,
     half_width_percent,
-    interval,
     largest_share,
     number,
     plus_minus,
@@ -30,7 +29,7 @@ from identify.numbers import (
 )
 from identify.result import hash_of, software_sha256
 from identify.trust.finding import Loss, Survival
-from identify.words import survival_lines, unit_text
+from identify.words import ends_text, survival_lines, unit_text
 from tests.tui.batches import refused_session
 
 from .results import result
@@ -233,7 +232,7 @@ def test_without_an_interval_there_are_five_digits_and_no_ends() -> None:
     assert rounded(1.25, 1.25, 1.25) == ("1.2500", "", "")
     assert rounded(nan, nan, nan) == ("not determined", "", "")
     assert rounded(3.0, -inf, inf) == ("3.0000", "", "")
-    assert interval(1.25, 1.25, 1.25) == ""
+    assert ends_text(Estimate.of(1.25, 0.0, "m")) == ""
 
 
 def test_half_widths_have_two_digits() -> None:
@@ -270,7 +269,7 @@ def test_nothing_is_written_about_a_value_that_is_no_number() -> None:
     assert half_width(1.0, inf) == half_width_percent(inf, 0.0, 1.0) == ""
     assert half_width_percent(-200.0, -201.1, -198.9) == "0.55 %"
     assert half_width_percent(1.0, 0.0, 2.0) == "100 %"
-    assert interval(100.0, 95.0, 105.0) == "95.0 .. 105.0"
+    assert ends_text(Estimate(100.0, 2.5, 95.0, 105.0, "m")) == "95.0 .. 105.0"
 
 
 def test_repeats_of_one_kind_of_run_count_together_the_largest_first() -> None:
