@@ -113,7 +113,7 @@ def import_channels(
         facts = {"format": "channels", "files": [_file_facts(path)]}
         provenance[f"source_{number + 1}"] = dumps(facts)
         if channel_map.runs:
-            runs += [given_run(channel_map, samples, given) for given in channel_map.runs]
+            runs += [given_run(channel_map, samples, *given) for given in channel_map.runs]
             continue
         file_bumps = bumps_in(channel_map, samples)
         if not file_bumps and (one_run_each or len(files) == 1):

@@ -96,15 +96,6 @@ class ChannelMapFile(DescribedCar):
 
 
 @dataclass(frozen=True, slots=True)
-class GivenRun:
-    """A run cut at given times, s, in the file's own time."""
-
-    step: Step
-    start_s: float
-    stop_s: float
-
-
-@dataclass(frozen=True, slots=True)
 class ChannelMap:
     """Assigns the columns of a file to channels."""
 
@@ -112,8 +103,8 @@ class ChannelMap:
     """Vehicle, weights, campaign, trigger and channels; their signals are columns."""
     clocks: Mapping[str, Clock]
     """By channel."""
-    runs: tuple[GivenRun, ...]
-    """Runs at given times; empty: the trigger finds them."""
+    runs: tuple[tuple[Step, float, float], ...]
+    """Step, start and stop of each run, s in the file's time; empty: the trigger finds them."""
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -148,5 +139,5 @@ def load_channel_map(path: Path) -> ChannelMap:
             raise InputError(where, fault, f"use one of {', '.join(states)}")
         n_runs[run.mass_state, run.excitation] += 1
         step = Step(run.mass_state, run.excitation, n_runs[run.mass_state, run.excitation])
-        runs.append(GivenRun(step, run.start_s, run.stop_s))
+        runs.append((step, run.start_s, run.stop_s))
     return ChannelMap(bench, MappingProxyType(clocks), tuple(runs))

@@ -17,7 +17,7 @@ from dbc.units import known_si
 from dbc.words import InputError, counted, printable
 
 from ..bench.campaign import Step
-from ..bench.channel_map import ChannelMap, Clock, GivenRun
+from ..bench.channel_map import ChannelMap, Clock
 from ..channels import Channel, Quantity
 from ..runs import Event, Run, RunStatus, SampleGroup
 from ..samples import trigger
@@ -179,14 +179,15 @@ def bump_run(channel_map: ChannelMap, recorded: Recording, step: Step, bump: Eve
     """Return the run around a bump, as long as the map's trigger states."""
     config = channel_map.bench.trigger
     onset_s = (bump.t_ns - recorded.start_ns) * 1e-9
-    window = GivenRun(step, onset_s - config.pre_s, onset_s + config.post_s)
-    run = given_run(channel_map, recorded, window)
+    begin_s, end_s = onset_s - config.pre_s, onset_s + config.post_s
+    run = given_run(channel_map, recorded, step, begin_s, end_s)
     return replace(run, events=(replace(bump, text=step.label),))
 
 
-def given_run(channel_map: ChannelMap, recorded: Recording, given: GivenRun) -> Run:
+def given_run(
+    channel_map: ChannelMap, recorded: Recording, step: Step, start_s: float, stop_s: float
+) -> Run:
     """Return the run in a window of a recording; it is rejected if a channel does not cover it."""
-    step, start_s, stop_s = given.step, given.start_s, given.stop_s
     groups, reasons = [], list[str]()
     used = {c.name for c in recorded.channels if c.quantity is not Quantity.UNUSED}
     for group in recorded.groups:

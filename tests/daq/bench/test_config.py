@@ -431,8 +431,8 @@ def test_what_a_channel_map_says(tmp_path: Path) -> None:
     placed = found.bench.channels[1]
     assert (placed.x_m, placed.position_sigma_m, placed.delay_s) == (-1.25, 0.01, 0.002)
     assert found.columns == ("A", "a" * 120, "C", "t", "u")
-    (run,) = found.runs
-    assert (run.step.label, run.start_s, run.stop_s) == ("baseline_roll_1", 10.0, 3610.0)
+    ((step, *span_s),) = found.runs
+    assert (step.label, span_s) == ("baseline_roll_1", [10.0, 3610.0])
 
 
 def test_a_channel_has_a_name_of_sixty_letters_at_most_and_a_sensor_one_of_thirty() -> None:

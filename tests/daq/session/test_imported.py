@@ -14,7 +14,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from daq.bench.campaign import Step
-from daq.bench.channel_map import ChannelMap, GivenRun, load_channel_map
+from daq.bench.channel_map import ChannelMap, load_channel_map
 from daq.bench.config import Bench, bench_codec, parse_bench
 from daq.bench.sensors import stored_databases
 from daq.bus.source import HopLosses
@@ -344,7 +344,7 @@ def _found(rate_hz: float = 10.0, length_s: float = 10.0, start_ns: int = T0_S *
     ],
 )
 def test_a_run_is_covered_by_its_samples(start_s: float, stop_s: float, good: bool) -> None:
-    run = given_run(_map(), _found(), GivenRun(STEP, start_s, stop_s))
+    run = given_run(_map(), _found(), STEP, start_s, stop_s)
     assert run.status is (RunStatus.ACCEPTED if good else RunStatus.REJECTED)
     assert len(run.reasons) == (0 if good else 1)
 
@@ -359,7 +359,7 @@ def test_times_that_do_not_increase_are_refused(times_s: list[float]) -> None:
 
 
 def test_a_run_is_the_window_that_is_given() -> None:
-    run = given_run(_map(), _found(), GivenRun(STEP, 2.0, 4.0))
+    run = given_run(_map(), _found(), STEP, 2.0, 4.0)
     assert (run.label, run.status, run.reasons) == ("baseline_roll_2", RunStatus.ACCEPTED, ())
     assert run.t0_ns == (T0_S + 2) * S
     (group,) = run.groups
@@ -369,21 +369,21 @@ def test_a_run_is_the_window_that_is_given() -> None:
 
 
 def test_a_run_without_samples_is_rejected_and_says_of_what() -> None:
-    none = given_run(_map(), _found(), GivenRun(STEP, 20.0, 21.0))
+    none = given_run(_map(), _found(), STEP, 20.0, 21.0)
     assert (none.status, none.reasons, none.groups) == (
         RunStatus.REJECTED,
         ("table has 0 samples",),
         (),
     )
-    one = given_run(_map(), _found(), GivenRun(STEP, 2.0, 2.05))
+    one = given_run(_map(), _found(), STEP, 2.0, 2.05)
     assert one.reasons == ("table has 1 sample",)
-    two = given_run(_map(), _found(), GivenRun(STEP, 2.0, 2.15))
+    two = given_run(_map(), _found(), STEP, 2.0, 2.15)
     assert two.status is RunStatus.ACCEPTED
     file = _file(
         {"fl": [1.0, 2.0], "fr": [nan, nan]}, times_s={"table": [0.0, 0.1]}, start_ns=T0_S * S
     )
     lacking = given_run(
-        _map("", ("fl", "fr")), recording(_map("", ("fl", "fr")), file), GivenRun(STEP, 0.0, 0.2)
+        _map("", ("fl", "fr")), recording(_map("", ("fl", "fr")), file), STEP, 0.0, 0.2
     )
     assert lacking.reasons == ("fr has no value",)
 
@@ -410,7 +410,7 @@ def test_bumps_are_found_in_groups_that_begin_at_different_times() -> None:
 
 def test_the_same_files_give_a_session_of_the_same_name() -> None:
     known, found = _map(), _found()
-    runs = [given_run(known, found, GivenRun(STEP, 2.0, 4.0))]
+    runs = [given_run(known, found, STEP, 2.0, 4.0)]
     one = session_from_columns(known, found.channels, runs, {"software": "x"}).provenance
     assert one == session_from_columns(known, found.channels, runs, {"software": "x"}).provenance
     assert one["created"] == "2026-05-31T10:00:02+00:00"
