@@ -213,17 +213,9 @@ class Recorder:
         answer: Future[Reply] = Future()
         self._orders.put((order, by, answer))
         self._order_came.set()
-        if not self._takes_orders:  # it has ended and reads no orders
-            self._refuse_orders()
+        if not self._takes_orders:  # it has ended, and its thread reads no orders
+            self._execute_orders()
         return answer
-
-    def _refuse_orders(self) -> None:
-        self._takes_orders = False
-        with suppress(Empty):
-            while True:
-                _, _, answer = self._orders.get_nowait()
-                if answer.set_running_or_notify_cancel():
-                    answer.set_exception(OrderError("the recorder is ending"))
 
     def storage(self) -> StorageStatus:
         """Return the counts of received and stored frames; from any thread, never blocks."""
@@ -250,7 +242,8 @@ class Recorder:
             finally:
                 self._finish(publish)
         finally:
-            self._refuse_orders()
+            self._takes_orders = False
+            self._execute_orders()
             self._derivation.close()
             self._checks.shutdown(wait=False, cancel_futures=True)
 
@@ -275,16 +268,20 @@ class Recorder:
         self._publish(publish)
 
     def _execute_orders(self) -> None:
-        """Execute the orders that have come, and answer them; an order that fails stops nothing."""
-        while not self._orders.empty():  # this thread alone takes them
-            order, by, answer = self._orders.get_nowait()
-            if not answer.set_running_or_notify_cancel():
-                continue
-            try:
-                if (reply := self._execute(order, by, answer)) is not None:
-                    answer.set_result(reply)
-            except Exception as error:  # any exception is reported to the client
-                answer.set_exception(error)
+        """Execute the orders that have come, and answer them; an order that fails stops nothing.
+
+        Once the recorder ends all are refused, also in the thread that submits one.
+        """
+        with suppress(Empty):
+            while True:
+                order, by, answer = self._orders.get_nowait()
+                if not answer.set_running_or_notify_cancel():
+                    continue
+                try:
+                    if (reply := self._execute(order, by, answer)) is not None:
+                        answer.set_result(reply)
+                except Exception as error:  # any exception is reported to the client
+                    answer.set_exception(error)
 
     def _store_and_look(self, links: Sequence[LinkFacts] | None = None) -> bool:
         """Store a block, and process all frames since the last look; return whether it had any.
@@ -347,6 +344,8 @@ class Recorder:
 
         Raises OrderError if the order is not possible now.
         """
+        if not self._takes_orders:
+            raise OrderError("the recorder is ending")
         now = self._clock()
         match order:
             case messages.Hello() | messages.AskStatus():
@@ -458,7 +457,7 @@ class Recorder:
 
     def _finish(self, publish: Publish) -> None:
         """End the readers, store all frames that they have read, and seal the journal."""
-        self._refuse_orders()
+        self._takes_orders = False
         links = self._readers.facts()  # the state before they end, because their end is not a fault
         self._readers.halt(HALT_S)
         while self._store_and_look(links):

@@ -123,44 +123,6 @@ class Recent:
         return Losses(*map(sub, astuple(counted_at_stop), astuple(counted_at_start)))
 
 
-# Judges the runs ----------------------------------------------------------------------------------
-
-
-class Judge:
-    """Judges the runs of a bench.
-
-    `recent`: the last seconds of the recording.  `measures`: by label; those of runs are added.
-    """
-
-    def __init__(
-        self, bench: Bench, codec: Codec, recent: Recent, measures: dict[str, RunMeasure]
-    ) -> None:
-        self._bench, self._recent, self._measures = bench, recent, measures
-        self._timed = timed_messages(codec, bench.message_rules)
-        self.saturated: dict[str, int] = {}
-        """When a channel was last at the end of its range, ns."""
-
-    def verdict(self, step: Step, bump_ns: int, run_log: RunLog) -> tuple[Finding, ...]:
-        """Judge the run of a step, and keep its measure for the comparison with later runs."""
-        span_ns = self._bench.trigger.window_ns(bump_ns)
-        samples, losses = self._recent.samples(*span_ns), self._recent.losses(*span_ns)
-        saturated = tuple(name for name, t_ns in self.saturated.items() if t_ns >= bump_ns)
-        window = RunWindow(bump_ns, samples, losses, saturated=saturated, timed=self._timed)
-        accepted = [
-            self._measures[run.label]
-            for run in run_log.of(step.mass_state, step.excitation)
-            if run.status is RunStatus.ACCEPTED and run.label in self._measures
-        ]
-        findings, self._measures[step.label] = judge(self._bench, step, window, accepted)
-        return findings
-
-    def peak_left(self, bump_ns: int, t_ns: int) -> float | None:
-        """Return the ratio of the present motion to its peak; None while it cannot be measured."""
-        start_ns, _ = self._bench.trigger.window_ns(bump_ns)
-        samples = self._recent.samples(start_ns, t_ns + 1)
-        return peak_left(self._bench.channels, bump_ns, samples, t_ns)
-
-
 # Keeps the newest samples as an envelope: lowest and highest value by channel and bin -------------
 
 BIN_S = 0.02
@@ -267,6 +229,7 @@ class Recording:
         self._journal = journal
         self.run_log = run_log or RunLog()
         self.measures: dict[str, RunMeasure] = {}
+        """Measures of the runs judged by this recorder, by label."""
         self._barrier = barrier or FaultBarrier()
         self._hops = self._looked_hops = HopLosses()  # until now, and until the last look
         self._unseen: list[FrameBatch] = []
@@ -282,7 +245,7 @@ class Recording:
     def adopt(self, bench: Bench, codec: Codec) -> None:
         """Continue with another bench.toml, or begin with the first.
 
-        Live envelope, judge, trigger (which waits for rest anew) and the history behind the alarms
+        Live envelope, trigger (which waits for rest anew) and the history behind the alarms
         begin anew.  Run log, measures, run loop, recent frames and the health of the counters stay.
         Raises InputError as the constructor; then nothing is changed.
         """
@@ -290,7 +253,9 @@ class Recording:
         self.bench, self._codec = bench, codec
         self.live = LiveEnvelope([m.channel.name for m in self._mapped])
         self.recent.kept_s = bench.trigger.pre_s + bench.trigger.post_s
-        self._judge = Judge(bench, codec, self.recent, self.measures)
+        self._timed = timed_messages(codec, bench.message_rules)
+        self.saturated_ns: dict[str, int] = {}
+        """When each channel was last at the end of its range, ns."""
         self._trigger = trigger.TriggerState()
         self._count_runs()
         self._alarms.adopt(codec, self._mapped)
@@ -408,18 +373,38 @@ class Recording:
             Finding("unjudged", Severity.NOTE, "the recorder could not judge it"),
         )
         findings = self._barrier.value(
-            "verdict", now, unjudged, lambda: self._judge.verdict(step, self._bump_ns, self.run_log)
+            "verdict", now, unjudged, lambda: self.verdict(step, self._bump_ns)
         )
         self._log(verdict_entry(event.t_ns, label, findings))
         # The countdown begins when the end is seen: the bus may have paused after the end itself.
         seen_ns = max(event.t_ns, block_start_ns)
         self._loop.judge(replace(self._surroundings(), t_ns=seen_ns))
 
+    def verdict(self, step: Step, bump_ns: int) -> tuple[Finding, ...]:
+        """Judge the run of a step, and keep its measure for the comparison with later runs."""
+        span_ns = self.bench.trigger.window_ns(bump_ns)
+        samples, losses = self.recent.samples(*span_ns), self.recent.losses(*span_ns)
+        saturated = tuple(name for name, t_ns in self.saturated_ns.items() if t_ns >= bump_ns)
+        window = RunWindow(bump_ns, samples, losses, saturated=saturated, timed=self._timed)
+        accepted = [
+            self.measures[run.label]
+            for run in self.run_log.of(step.mass_state, step.excitation)
+            if run.status is RunStatus.ACCEPTED and run.label in self.measures
+        ]
+        findings, self.measures[step.label] = judge(self.bench, step, window, accepted)
+        return findings
+
+    def _decay_ratio(self) -> float | None:
+        """Return the ratio of the present motion to its peak; None while it cannot be measured."""
+        start_ns, _ = self.bench.trigger.window_ns(self._bump_ns)
+        samples = self.recent.samples(start_ns, self._t_ns + 1)
+        return peak_left(self.bench.channels, self._bump_ns, samples, self._t_ns)
+
     def _raise_alarms(self, cycle: Cycle) -> None:
         """Log the alarms that begin and end; reject the present run if its bus is dead."""
         events = self._alarms.advance(self.bench.recorder, cycle)
         saturated = [alarm.subject for alarm in self._alarms.alarms if alarm.code == "saturated"]
-        self._judge.saturated |= dict.fromkeys(saturated, self._t_ns)
+        self.saturated_ns |= dict.fromkeys(saturated, self._t_ns)
         for event in events:
             self._log(event)
         dead = self._alarms.dead_bus
@@ -487,9 +472,7 @@ class Recording:
         moving = trigger.not_at_rest(bench.trigger, self._trigger)
         decay_ratio = None
         if loop.phase is Phase.DECAY:
-            decay_ratio = self._barrier.value(
-                "verdict", now, None, lambda: self._judge.peak_left(self._bump_ns, self._t_ns)
-            )
+            decay_ratio = self._barrier.value("verdict", now, None, self._decay_ratio)
         return Status(
             wall_ns=now.wall_ns,
             t_ns=self._t_ns,

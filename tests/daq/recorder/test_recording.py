@@ -18,7 +18,7 @@ from daq.journal.segment import JournalHead
 from daq.journal.writer import JournalError, JournalWriter
 from daq.recorder import recording as judging
 from daq.recorder.recorder import resumable
-from daq.recorder.recording import FaultBarrier, Judge, LiveEnvelope, Recent, Recording
+from daq.recorder.recording import FaultBarrier, LiveEnvelope, Recent, Recording
 from daq.runlog import LoggedRun, RunLog, fold
 from daq.runs import BASELINE, Event, Excitation, Losses, RunStatus
 from daq.session import read_session
@@ -424,21 +424,29 @@ def seen(monkeypatch: pytest.MonkeyPatch) -> Seen:
     return seen
 
 
-def fed(bench: Bench, codec: Codec, measures: dict[str, RunMeasure] | None = None) -> Judge:
-    """Return a judge that has seen 3 s of samples, ten a second, and a loss in each."""
-    recent = Recent(1.0)
+class Nowhere(JournalWriter):
+    """A journal without a folder."""
+
+    def __init__(self) -> None:
+        pass
+
+
+def fed(bench: Bench, codec: Codec, measures: dict[str, RunMeasure] | None = None) -> Recording:
+    """Return a recording that has seen 3 s of samples, ten a second, and a loss in each."""
+    recording = Recording(bench, codec, Nowhere())
     for tenth in range(-20, 10):
         frames = replace(block(0, 1), t_ns=np.array([BUMP_NS + tenth * S // 10]))
         samples = {"hub": (frames.t_ns, np.array([tenth / 10]))}
-        recent.add(frames, samples, Losses(crc_bad=tenth + 30))
-    return Judge(bench, codec, recent, measures if measures is not None else {})
+        recording.recent.add(frames, samples, Losses(crc_bad=tenth + 30))
+    recording.measures = {} if measures is None else measures
+    return recording
 
 
 def test_a_run_is_judged_by_its_own_time(bench: Bench, codec: Codec, seen: Seen) -> None:
     """0.1 s before the bump and 0.5 s after it are kept of this bench."""
     assert (bench.trigger.pre_s, bench.trigger.post_s) == (0.1, 0.5)
     measures: dict[str, RunMeasure] = {}
-    fed(bench, codec, measures).verdict(STEP, BUMP_NS, RunLog())
+    fed(bench, codec, measures).verdict(STEP, BUMP_NS)
     assert seen.window.bump_ns == BUMP_NS
     assert seen.window.channels["hub"][1].tolist() == [-0.1, 0.0, 0.1, 0.2, 0.3, 0.4]
     assert seen.window.losses.crc_bad == 6  # all after the block at -0.2 s
@@ -449,10 +457,10 @@ def test_a_run_is_judged_by_its_own_time(bench: Bench, codec: Codec, seen: Seen)
 def test_a_sensor_at_its_end_counts_from_the_bump_on(
     bench: Bench, codec: Codec, seen: Seen, at_ns: int, counts: bool
 ) -> None:
-    judge = fed(bench, codec)
-    judge.saturated |= {"hub": BUMP_NS - S, "other": BUMP_NS - S}
-    judge.saturated |= {"hub": at_ns}
-    judge.verdict(STEP, BUMP_NS, RunLog())
+    recording = fed(bench, codec)
+    recording.saturated_ns |= {"hub": BUMP_NS - S, "other": BUMP_NS - S}
+    recording.saturated_ns |= {"hub": at_ns}
+    recording.verdict(STEP, BUMP_NS)
     assert seen.window.saturated == ("hub",) * counts
 
 
@@ -471,7 +479,9 @@ def test_a_run_is_compared_with_those_of_its_kind_that_count(
         run("unmeasured"),
     )
     measures = {r.label: RunMeasure(peaks={"hub": float(n)}) for n, r in enumerate(runs[:-1])}
-    fed(bench, codec, measures).verdict(STEP, BUMP_NS, RunLog(runs))
+    recording = fed(bench, codec, measures)
+    recording.run_log = RunLog(runs)
+    recording.verdict(STEP, BUMP_NS)
     assert [m.peaks["hub"] for m in seen.accepted] == [0.0]
 
 
