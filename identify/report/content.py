@@ -276,10 +276,8 @@ def report_of(
         run_section(session, result),
         provenance_section(session, result, source),
     ]
-    name = session.vehicle.name or "vehicle without a name"
-    origin = session.provenance.get("origin")
     return Report(
-        vehicle=name if origin in (None, "real") else f"{name} ({origin}, not measured)",
+        vehicle=title_of(session),
         source=source,
         result=result,
         highlights=_highlights(result),
@@ -290,6 +288,13 @@ def report_of(
         ),
         sections=tuple(sections),
     )
+
+
+def title_of(session: Session) -> str:
+    """Return the vehicle's name, with a remark if it was not measured."""
+    name = session.vehicle.name or "vehicle without a name"
+    origin = session.provenance.get("origin")
+    return name if origin in (None, "real") else f"{name} ({origin}, not measured)"
 
 
 def _highlights(result: Identification) -> tuple[tuple[str, str], ...]:
