@@ -56,8 +56,6 @@ RECORDER_GOES_ON = (
     ' to end the recorder, press Ctrl+P there and choose "recorder: shut down".'
 )
 """Text that a closed terminal leaves on stderr."""
-AUTO_S = 0.25
-"""Seconds between two checks of `--auto` for a next action."""
 MOST_NEWS = 1200
 """Largest number of messages kept for a terminal whose output is stopped: one minute of news."""
 _WIDTHS = [(0, "-narrow"), (120, "-wide"), (180, "-huge")]
@@ -90,9 +88,8 @@ class BenchApp(KeyboardApp):
 
     `folder`: the recorder's; sessions, reports and drafts are in it.  `operator`: the person; the
     journal stores this name with every verdict.  `auto`: press SPACE whenever there is a next
-    action.  `clock`: monotonic seconds, for held keys.  `wanted`: setup that its recorder
-    should have; None if any will do.
-    `display`: link of the display that was started with the terminal.
+    action.  `clock`: monotonic seconds, for held keys.  `wanted`: setup that its recorder should
+    have; None if any will do.  `display`: link of the display that was started with the terminal.
     """
 
     CSS_PATH = "app.tcss"
@@ -155,7 +152,7 @@ class BenchApp(KeyboardApp):
         self.feed.start(self.post)  # the feed connects while the screen is built
         await self.push_screen("home")
         if self.auto:
-            self.set_interval(AUTO_S, self._press_next)
+            self.set_interval(0.25, self._press_next)
 
     def on_unmount(self) -> None:
         """Stop the feed; the recorder goes on."""
@@ -240,8 +237,7 @@ class BenchApp(KeyboardApp):
         if not self.operator and step is not BenchStep.VEHICLE:
             question = Question("Your name or initials, for every verdict", "name")
             self.push_screen(question, answered)
-        if self.display_link is not None:
-            self.action_display()
+        self.action_display()
 
     def _publish(self, message: Message) -> None:
         """Send news to the screen in front; a worker may bring news after all are closed."""
@@ -368,7 +364,7 @@ class BenchApp(KeyboardApp):
         self.push_screen(question, answered)
 
     def action_display(self) -> None:
-        """Show how to open the display at the bench."""
+        """Show how to open the display at the bench, if there is one."""
         if self.display_link is not None:
             self.push_screen(LinkScreen(self.display_link))
 

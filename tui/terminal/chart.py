@@ -20,8 +20,6 @@ LANE_ROWS = 4
 """Least number of rows of a lane: with fewer, a decay looks like noise."""
 _LABEL_COLUMNS, _FIGURE_COLUMNS = 11, 12
 """Columns left of a trace for its label, and right of it for peak and range."""
-_FEWEST_COLUMNS = 9
-"""Least width of a trace: in fewer columns a decay cannot be seen."""
 Traced = tuple[Floats, Floats, float]
 """Lowest and highest values of a channel from its value at rest, and the peak of both; NaN where
 there are no samples."""
@@ -50,7 +48,7 @@ class LaneChart(Widget):
         height, width = self.size.height, self.size.width
         columns = width - _LABEL_COLUMNS - _FIGURE_COLUMNS - 1  # 1: the axis
         rows: list[str] = []
-        if specs and columns >= _FEWEST_COLUMNS and lanes.end_bin:
+        if specs and columns >= 9 and lanes.end_bin:  # in fewer columns no decay can be seen
             lane_rows = min(height // len(specs), 3 * LANE_ROWS)
             trigger = None if window.trigger is None else int(window.trigger * columns)
             traces = [self._trace(lanes, spec, window) for spec in specs]

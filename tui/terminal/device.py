@@ -17,10 +17,6 @@ from textual.widgets import Input, TextArea
 
 PATIENCE_S = 5.0
 """Longest wait for the effect of a key, s: as long as a recorder may take for its answer."""
-LOOK_S = 0.05
-"""Seconds between two checks whether a widget that is waited for still exists."""
-FEWEST_PASSES = 2
-"""Number of waits for one key: one after the key itself, one after the messages of its action."""
 LOCK_OUT_S = 0.3
 """Time between two presses, s, below which a key counts as held: keyboards repeat faster."""
 _REPEATING = {"up", "down", "left", "right", "home", "end", "tab", "shift+tab"}
@@ -95,7 +91,8 @@ class KeyboardApp(App[None]):
         focused: DOMNode | None = None
         try:
             async with asyncio.timeout(PATIENCE_S):
-                while passes < FEWEST_PASSES or widgets[0] is not focused:
+                # One pass for the key itself, and one for the messages of its action.
+                while passes < 2 or widgets[0] is not focused:
                     focused = widgets[0]
                     for widget in widgets:
                         await self._await_queue(widget)
@@ -114,7 +111,7 @@ class KeyboardApp(App[None]):
         while not processed.is_set() and (widget is self or widget.is_attached):
             # Not `wait_for`: on Python 3.11 it drops a cancellation that comes with the result.
             with suppress(TimeoutError):
-                async with asyncio.timeout(LOOK_S):
+                async with asyncio.timeout(0.05):  # then look again whether the widget exists
                     await processed.wait()
 
 

@@ -30,8 +30,6 @@ RETRY_S = 0.5
 """Seconds between two attempts to connect."""
 SLICE_S = 0.25
 """Longest wait for news at a time, s: then stop and reconnection are looked at."""
-LOCK_CHECK_S = 0.1
-"""Seconds between two checks whether the previous recorder still holds its folder's lock."""
 ANSWER_S, SLOW_S = 2.0, 15.0
 """Seconds that an answer may take; that of a check, which listens to the bus, may take longer."""
 BIRTH_S = 30.0
@@ -133,7 +131,7 @@ class RecorderFeed:
                 raise OrderRefusedError(
                     f"the recorder in {self._folder} has not ended: see its log"
                 )
-            time.sleep(LOCK_CHECK_S)
+            time.sleep(0.1)
         try:
             self._recorder = self._start_recorder()
         except BumpbenchError as error:

@@ -45,7 +45,7 @@ class Field:
     """The values to choose from; empty for free text."""
     whole: bool = False
     """True for a whole number."""
-    most: int = 60
+    max_length: int = 60
     """Largest number of characters of a text."""
 
     @property
@@ -54,7 +54,7 @@ class Field:
         if self.choices:
             return "one of " + ", ".join(self.choices)
         if not self.unit:
-            return f"{'1' if self.needed else '0'} to {self.most} characters"
+            return f"{'1' if self.needed else '0'} to {self.max_length} characters"
         kind = "a whole number " if self.whole else ""
         return f"{kind}{self.low:g} to {self.high:g} {self.unit}"
 
@@ -63,30 +63,30 @@ class Field:
         """Help on the entry, and its limits."""
         return f"{self.help} ({self.limit})"
 
-    def error(self, reason: str, limit: str = "") -> FieldError:
-        """Return an error in this field."""
-        return FieldError(self.name, f"{self.label}: {reason} (limit: {limit or self.limit})")
+    def error(self, mistake: str, limit: str = "") -> FieldError:
+        """Return an error in this field; `limit`: if not the field's own is missed."""
+        return FieldError(self.name, f"{self.label}: {mistake} (limit: {limit or self.limit})")
 
     def check(self, typed: str) -> FieldError | None:
         """Return the error in a typed text; None without one."""
         text = typed.strip()
         value = number(text)
-        wrong = ""
+        mistake = ""
         if not text:
-            wrong = "is empty, and is needed" if self.needed else ""
+            mistake = "is empty, and is needed" if self.needed else ""
         elif self.choices:
-            wrong = "" if text in self.choices else f"{text!r} is not on the list"
+            mistake = "" if text in self.choices else f"{text!r} is not on the list"
         elif not self.unit:
-            wrong = f"has {len(text)} characters" if len(text) > self.most else ""
-            wrong = wrong if text.isprintable() else "has characters that cannot be printed"
+            mistake = f"has {len(text)} characters" if len(text) > self.max_length else ""
+            mistake = mistake if text.isprintable() else "has characters that cannot be printed"
         elif value is None:
-            wrong = f"{text!r} is not a number"
+            mistake = f"{text!r} is not a number"
         elif self.whole and value != round(value):
-            wrong = f"{text} is not a whole number"
+            mistake = f"{text} is not a whole number"
         elif not self.low <= value <= self.high:
             side = "below" if value < self.low else "above"
-            wrong = f"{text} {self.unit} is {side} the limit: {self.reason}"
-        return self.error(wrong) if wrong else None
+            mistake = f"{text} {self.unit} is {side} the limit: {self.reason}"
+        return self.error(mistake) if mistake else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,7 +176,9 @@ class Form(VerticalScroll, can_focus=False):
             options = [(choice, choice) for choice in field.choices]
             entry = Select(options, allow_blank=False, compact=True)
         else:
-            max_length = max(field.most, 60)  # more than a short limit: an error, not a cut text
+            max_length = max(
+                field.max_length, 60
+            )  # more than a short limit: an error, not a cut text
             classes = "number" if field.unit else ""
             entry = Line(compact=True, max_length=max_length, classes=classes)
         self._fields[field.name], self._inputs[field.name] = field, entry

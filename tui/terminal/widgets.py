@@ -96,8 +96,6 @@ class Table(DataTable[Text]):
 
 _WORD_COLUMNS, _DIGITS_COLUMNS = 9, 10
 """Columns of the state's word, of which longer ones take more, and of the seconds."""
-_SPACE_WORDS = r"SPACE (starts|= [\w ]*\w)"
-"""Pattern of the words that say what SPACE does."""
 
 
 class BannerBar(Horizontal):
@@ -130,7 +128,8 @@ class BannerBar(Horizontal):
         head = f" {banner.symbol} {banner.word:<{_WORD_COLUMNS}} {banner.title}"
         words = Content.assemble((head, "bold"), f"\n   {second_line}\n   {third_line}")
         # On the screen's own ground: the banner's colour would drown it.
-        words = words.highlight_regex(_SPACE_WORDS, style=f"{SPACE_INK} on $background")
+        next_words = r"SPACE (starts|= [\w ]*\w)"
+        words = words.highlight_regex(next_words, style=f"{SPACE_INK} on $background")
         self._words.update(words)
         self._digits.display = bool(banner.digits)
         self._digits.update(banner.digits)

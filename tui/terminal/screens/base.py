@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 
     from ..words import Glyphs
 
-WIDE = 120
-"""Columns from which a screen has room for more."""
 MARK_KEYS = [
     Binding("down", "mark(1)", "Down", show=False, tooltip="Mark the next line"),
     Binding("up", "mark(-1)", "Up", show=False, tooltip="Mark the line before"),
@@ -189,7 +187,7 @@ def top_line(app: BenchApp, width: int) -> Content:
         return Content.styled(f" {words}  {printable(lost.text)}", "bold reverse")
     if status is None:
         return Content(" BUMP  waiting for the recorder")
-    health = _health(status, app.glyphs, width >= WIDE)
+    health = _health(status, app.glyphs, wide=width >= 120)
     person = f"op. {printable(app.operator, 12)}"
     if not app.in_control:
         person = f"VIEWER, {printable(status.controller or 'no terminal', 12)} in control"

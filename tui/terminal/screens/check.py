@@ -89,8 +89,6 @@ PERIOD_S, WINDOW_S = 1.0, 3.0
 """Seconds between two checks, and seconds of samples in each."""
 HANDS_OFF_S = 5.0
 """Seconds over which the zero is measured."""
-_REST_S = 10.0
-"""Seconds before a push that are looked at for the level at rest."""
 _ASK_AGAIN_S = 15.0
 """Seconds of the recording without a push after which it is asked for again."""
 _ZERO = "zero"
@@ -399,7 +397,7 @@ class CheckScreen(BenchScreen):
         bin_s, end_bin = app.lanes.bin_s, app.lanes.end_bin
         # From the begin, however late this screen gets its turn: a push is over in a second.
         begin_bin = max(self._begin_bin, end_bin - round(RING_S / bin_s))  # older bins are not kept
-        n_rest = round(_REST_S / bin_s)
+        n_rest = round(10.0 / bin_s)  # bins before a push, which give the level at rest
         first_bin, n_bins = begin_bin - n_rest, end_bin - begin_bin + n_rest
         channels = app.bench.channels
         envelopes = {c.name: app.lanes.window(c.name, first_bin, n_bins) for c in channels}

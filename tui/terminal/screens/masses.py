@@ -137,19 +137,18 @@ class MassesScreen(BenchScreen):
         self._change(self.query_one(Table).cursor_row)
 
     async def action_next(self) -> None:
-        """Confirm that the first loose weight is bolted, and mark the next; go on without one."""
+        """Confirm that the first loose weight is bolted, and mark the next.
+
+        Without a loose one, send the weights to the recorder, and go on to the bumps.
+        """
+        app = self.bench_app
         if self._error:
-            self.bench_app.warn(self._error)
+            app.warn(self._error)
         elif loose_rows := self._loose_rows:
             self._change(loose_rows[0], replace(self._entries[loose_rows[0]], bolted=True))
             self.mark_row(next(iter(loose_rows[1:]), loose_rows[0]))
         else:
-            await self._apply()
-
-    async def _apply(self) -> None:
-        """Send the weights to the recorder, mark the step as done, and go on to the bumps."""
-        app = self.bench_app
-        sent = await app.configure(lambda text: with_weights(text, self._weights))
-        if sent and await app.finish(self.STEP):
-            (app.folder / DRAFT).unlink(missing_ok=True)
-            await app.go_to(BenchStep.ADDED)
+            sent = await app.configure(lambda text: with_weights(text, self._weights))
+            if sent and await app.finish(self.STEP):
+                (app.folder / DRAFT).unlink(missing_ok=True)
+                await app.go_to(BenchStep.ADDED)

@@ -79,7 +79,8 @@ _BUMPS = [
 GROUPS: dict[str, list[tuple[Field, ...]]] = {
     "Car": [
         (Field("name", "Vehicle", needed=True, help="number plate or chassis number"),),
-        (Field("operator", "Operator", needed=True, most=40, help="your name, for each verdict"),),
+        (Field("operator", "Operator", needed=True, max_length=40,
+               help="your name, for each verdict"),),
     ],
     "Measured": [_fact_fields(quantity) for quantity in _FACTS],
     "Model": [tuple(_STRUCTURE[:2]), tuple(_STRUCTURE[2:])],
@@ -298,9 +299,8 @@ class VehicleScreen(BenchScreen):
             if await app.ask(Hello(name, app.in_control)) is None:
                 return
             app.operator = name
-        if not await app.configure(lambda text: vehicle_text(text, bench, values)):
-            return
-        if not await app.finish(self.STEP):
+        sent = await app.configure(lambda text: vehicle_text(text, bench, values))
+        if not sent or not await app.finish(self.STEP):
             return
         self._typed = {}
         app.store_form(VEHICLE_FORM, values)
