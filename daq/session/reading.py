@@ -394,7 +394,7 @@ def validate_session(path: Path | str) -> tuple[Finding, ...]:
     """
     content, _ = read_content(path)
     what = "was changed or damaged after the file was written"
-    findings = [_error(part, what) for part in _changed_parts(content)]
+    findings = [_finding(part, what) for part in _changed_parts(content)]
     if not _has_checksums(content):
         what = "has no checksums, as older files: a change would not be seen"
         findings.append(Finding("foreign", Severity.NOTE, what, where="/"))
@@ -403,7 +403,7 @@ def validate_session(path: Path | str) -> tuple[Finding, ...]:
     except InputError as fault:
         cause = fault.__cause__
         where = cause.where if isinstance(cause, SchemaError) else "/"
-        findings.append(_error(where, str(getattr(cause, "what", fault.what))))
+        findings.append(_finding(where, str(getattr(cause, "what", fault.what))))
     return tuple(sorted(findings, key=lambda finding: -finding.severity))
 
 
@@ -413,14 +413,10 @@ def finding_document(finding: Finding) -> dict[str, str]:
     return {"severity": severity, "where": finding.where, "what": finding.text}
 
 
-def _error(where: str, what: str) -> Finding:
-    """Return the finding that a file is invalid: it breaks the schema, or contradicts itself."""
-    return Finding("invalid", Severity.ERROR, printable(what, 400), where=printable(where))
-
-
-def _warning(where: str, what: str) -> Finding:
-    """Return the finding that something in a usable file is implausible."""
-    return Finding("implausible", Severity.WARNING, printable(what, 400), where=printable(where))
+def _finding(where: str, what: str, severity: Severity = Severity.ERROR) -> Finding:
+    """Return the finding that a file is invalid, or, as a warning, implausible."""
+    code = "invalid" if severity is Severity.ERROR else "implausible"
+    return Finding(code, severity, printable(what, 400), where=printable(where))
 
 
 def check_session(session: Session) -> Iterator[Finding]:
@@ -429,37 +425,37 @@ def check_session(session: Session) -> Iterator[Finding]:
         matrix, where = state.added.matrix, f"/mass_states/{state.name}"
         # Not symmetric beyond rounding, or not a number, which is below no limit.
         if not np.all(np.abs(matrix - matrix.T) <= 1e-9 * np.abs(matrix).max()):
-            yield _error(where, "delta_mass is not finite and symmetric")
+            yield _finding(where, "delta_mass is not finite and symmetric")
     names = [channel.name for channel in session.channels]
     for name in sorted({name for name in names if names.count(name) > 1}):
-        yield _error("/channels", f"{name} occurs in it twice")
+        yield _finding("/channels", f"{name} occurs in it twice")
     for channel in session.channels:
         if abs(channel.sign) != 1.0:
-            yield _error(f"/channels {channel.name}", f"has sign {channel.sign}")
+            yield _finding(f"/channels {channel.name}", f"has sign {channel.sign}")
     labels: set[str] = set()
     states = {state.name for state in session.mass_states}
     for number, run in enumerate(session.runs, start=1):
         where = f"/runs/r{number:03d}_{run.label}"
         if run.label in labels:
-            yield _error(where, "occurs in the file twice")
+            yield _finding(where, "occurs in the file twice")
         labels.add(run.label)
         if run.mass_state not in states:
-            yield _error(where, f"mass state {run.mass_state} is not described")
+            yield _finding(where, f"mass state {run.mass_state} is not described")
         if run.is_accepted and not any(len(group.time_s) for group in run.groups):
-            yield _error(where, "is accepted but has no sample")
+            yield _finding(where, "is accepted but has no sample")
         for group in run.groups:
             yield from _sample_findings(group, f"{where}/{group.name}")
     if not session.runs:
-        yield _warning("/runs", "there is no run")
+        yield _finding("/runs", "there is no run", Severity.WARNING)
 
 
 def _sample_findings(group: SampleGroup, where: str) -> Iterator[Finding]:
     """Yield findings on the times and values of a group."""
     if not np.all(np.isfinite(group.time_s)) or np.any(np.diff(group.time_s) <= 0):
-        yield _error(where, "time is not increasing")
+        yield _finding(where, "time is not increasing")
     for name, values in group.values.items():
         if n_infinite := int(np.isinf(values).sum()):
             what = counted(n_infinite, "value is infinite", "values are infinite")
-            yield _error(f"{where}/{name}", what)
+            yield _finding(f"{where}/{name}", what)
         if len(values) and np.isnan(values).all():
-            yield _warning(f"{where}/{name}", "has no value in this run")
+            yield _finding(f"{where}/{name}", "has no value in this run", Severity.WARNING)
