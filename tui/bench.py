@@ -22,8 +22,7 @@ def shared_bench(path: Path | None, interface: str | None, channel: str | None) 
     from daq.bench.config import load_bench, on_bus
 
     if path is None and interface and not channel:  # the shipped bench has none of that interface
-        advice = "add --channel can0, or the name that the driver gives it"
-        raise InputError(f"--interface {interface}", "names no channel", advice)
+        raise InputError(f"--interface {interface}", "names no channel", "add --channel can0, say")
     bench = on_bus(load_bench(path), interface, channel)
     return reachable(bench, str(path or "bench.toml (shipped)"))
 

@@ -117,8 +117,8 @@ def import_channels(
             continue
         file_bumps = bumps_in(channel_map, samples)
         if not file_bumps and (one_run_each or len(files) == 1):
-            reason = "no channel leaves its rest as a bump does"
-            raise InputError(str(path), reason, "see [trigger], or give the times in [[run]]")
+            advice = "see [trigger], or give the times in [[run]]"
+            raise InputError(str(path), "no channel leaves its rest as a bump does", advice)
         step_index = n_bumps - skip  # of the first bump of this file; below 0: it is skipped
         n_bumps += len(file_bumps)
         if one_run_each:

@@ -94,9 +94,9 @@ def print_session(path: Path, session: Session, json: bool, **more: Any) -> None
 
     rows = []
     for run in session.runs:
-        losses = ", ".join(f"{n} {name}" for name, n in asdict(run.losses).items() if n)
-        cells = [f"{run.length_s:.1f}", f"{len(run.frames):,}", losses or "none"]
-        rows.append([run.label, str(run.status), *cells])
+        losses = ", ".join(f"{n} {name}" for name, n in asdict(run.losses).items() if n) or "none"
+        length, frames = f"{run.length_s:.1f}", f"{len(run.frames):,}"
+        rows.append([run.label, str(run.status), length, frames, losses])
     columns = ["run", "status", "length s", "frames", "losses"]
     print_table(f"{session.vehicle.name}: {counted(len(rows), 'run')}", columns, rows)
     for run in session.runs:

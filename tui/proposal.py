@@ -134,8 +134,7 @@ def databases_for(
     if named:
         return named
     if known.sensors:
-        reason = "the bench.toml has [[sensor]] already"
-        raise InputError(str(config), reason, "name the databases with --dbc and --layout")
+        raise InputError(str(config), "has [[sensor]] already", "name --dbc or --layout")
     name = "" if known.dbc_name.endswith("(shipped)") else known.dbc_name
     if config is not None and name and not name.startswith("layout:"):
         name = os.path.relpath(config.parent / name, target.parent)

@@ -306,7 +306,7 @@ def test_a_bench_with_sensors_is_not_proposed_from_itself(
         (tmp_path / name).write_text(text, "utf-8")
     assert run(["check", str(bench), "--propose", str(tmp_path / "new.toml")]) == 2
     err = capsys.readouterr().err
-    assert f"{bench}: the bench.toml has [[sensor]] already" in err
+    assert f"{bench}: has [[sensor]] already" in err
     assert not (tmp_path / "new.toml").exists()
     two = ["--dbc", str(tmp_path / "imu.dbc"), "--dbc", str(tmp_path / "imu.dbc")]
     words = ["check", "--propose", str(tmp_path / "new.toml"), *two]

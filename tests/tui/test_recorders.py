@@ -407,4 +407,4 @@ def test_a_demonstration_does_not_go_on_with_one_that_was_interrupted(
     writer.append(bumps(small_codec(), 1), HopLosses())
     writer.close(ended=False)
     assert run(["demo", "--out", str(tmp_path)]) == 2
-    assert "was interrupted (name another folder" in capsys.readouterr().err
+    assert "was interrupted (name another --out)" in capsys.readouterr().err

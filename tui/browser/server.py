@@ -128,8 +128,7 @@ def serve(arguments: Sequence[str]) -> None:
     try:
         listening = listen(HOST, 8000)
     except OSError as error:
-        reason = f"no port of {HOST} is free"
-        raise InputError("--web", reason, "end other servers, and try again") from error
+        raise InputError("--web", f"no port of {HOST} is free", "end other servers") from error
     guard = Guard(HOST, listening)
 
     async def run() -> None:

@@ -71,8 +71,7 @@ def batch(
     from ..jobs.executors import as_finished
 
     if scheduler is not None and workers is not None:
-        advice = "leave it out with --scheduler"
-        raise InputError("--workers", "a cluster has its own workers", advice)
+        raise InputError("--workers", "is not for --scheduler", "the cluster has its own workers")
     require_ending(out, "table", (".csv",))
     if page is not None:
         require_ending(page, "page", PAGES)
@@ -192,8 +191,7 @@ def _row_from(job: Job, future: Future[Row]) -> Row:
     from dbc import InputError
 
     if future.cancelled():
-        advice = "the same command continues from here"
-        raise InputError("--scheduler", "the cluster has gone", advice)
+        raise InputError("--scheduler", "the cluster has gone", "continue with the same command")
     error = future.exception()
     if error is None:
         return future.result()

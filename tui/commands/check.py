@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -52,8 +53,6 @@ def check(
     With --propose, --channel may name several channels, as can0,can1.  With --push the corners
     are pushed after the rest, once each: front left, front right, rear left, rear right.
     """
-    from datetime import date
-
     from daq import InputError
     from daq.bench.config import bench_codec, load_bench
     from daq.bench.sensors import ready_map, ready_map_names

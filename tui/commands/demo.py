@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import shlex
+import sys
+from dataclasses import asdict, replace
+from importlib.resources import files
 from pathlib import Path
 from typing import Annotated
 
@@ -18,8 +22,6 @@ def demo(
     json: JsonResult = False,
 ) -> int:
     """Bump a simulated car, record it, identify it and compare with the truth."""
-    from dataclasses import asdict, replace
-
     from daq import InputError
     from daq.control.address import lone_recorder
     from daq.control.messages import Status
@@ -37,8 +39,7 @@ def demo(
 
     campaigns = [each for each in recordings(out / "journal") if each.head.campaign]
     if campaigns and not campaigns[-1].ended:  # the recorder would go on in the middle of it
-        advice = "name another folder with --out"
-        raise InputError(str(out), "holds a campaign that was interrupted", advice)
+        raise InputError(str(out), "holds a campaign that was interrupted", "name another --out")
     traffic = simulated_traffic(None, 20.0, "", seed)  # times real time; without a fault
     lifetime = Lifetime(arm=True, keep_on=False)
 
@@ -71,9 +72,6 @@ def demo(
 
 def next_commands(session: Path) -> tuple[str, str, str]:
     """Return what a new user does with the session of a demonstration, as lines for a shell."""
-    import shlex
-    import sys
-
     program = Path(sys.executable).with_name("bumpbench")
     paths = (program, session, session.with_suffix(".pdf"))
     name, where, pdf = (shlex.quote(str(path)) for path in paths)
@@ -90,8 +88,6 @@ def notebook(
     json: JsonResult = False,
 ) -> None:
     """Write a notebook that leads from arrays and session files to parameters and figures."""
-    from importlib.resources import files
-
     from daq.files import refuse_existing, write_named
 
     source = files("identify") / "notebook" / "bump_test.ipynb"

@@ -52,14 +52,13 @@ def import_(
     benches = [path for path in logs or [] if path.suffix.lower() == ".toml"]
     files = [path for path in logs or [] if path not in benches]
     if len(benches) > 1:
-        reason = f"is named twice: {benches[0]} and {benches[1]}"
-        raise InputError("bench.toml", reason, "name one")
+        raise InputError("bench.toml", f"is named twice: {benches[0]}, {benches[1]}", "name one")
     config = benches[0] if benches else None
     runs_of_files = [text.split(":", 2) for text in run or []]  # mass state, excitation, file
     for parts in runs_of_files:
         if len(parts) != 3 or not all(parts):
-            reason = f"--run {':'.join(parts)!r} is not understood"
-            raise InputError("import", reason, "write MASS_STATE:EXCITATION:FILE")
+            text = ":".join(parts)
+            raise InputError(f"--run {text}", "is no run", "write MASS_STATE:EXCITATION:FILE")
     one_run_each = bool(run)
     if one_run_each == bool(files):
         noun = "file" if channels else "log"
@@ -77,14 +76,12 @@ def import_(
     with output.progress("import") as stage:
         if channels:
             if config or dbc or bus:
-                reason = "is for files without a bus"
                 advice = "name no bench.toml, --dbc or --bus with it"
-                raise InputError("--channels", reason, advice)
+                raise InputError("--channels", "is for files without a bus", advice)
             channel_map = load_channel_map(channels)
             if channel_map.runs and (one_run_each or runs or skip or len(files) > 1):
-                reason = "states the times of its runs"
                 advice = "name one file, and no --run, --runs or --skip"
-                raise InputError(str(channels), reason, advice)
+                raise InputError(str(channels), "states the times of its runs", advice)
             steps = steps or channel_map.bench.campaign.steps
             require_mass_states(channel_map.bench, steps)
             imported = import_channels(channel_map, files, steps, skip, one_run_each, stage)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -41,8 +42,6 @@ def plan(
     json: JsonResult = False,
 ) -> int:
     """Predict how precisely a campaign will determine each parameter, and what to do next."""
-    from dataclasses import asdict
-
     import daq
     from daq.bench.config import load_bench, parse_bench
     from identify.plan.outlook import KnownRuns, advise, compare_campaigns

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import getpass
+import sys
+import threading
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import asdict
@@ -127,10 +130,6 @@ def display(
     The page only looks on unless --control is given, and is for this machine only unless --display
     is given.
     """
-    import getpass
-    import sys
-    import threading
-
     from daq import InputError
     from daq.control.address import control_address, is_running, unreachable_words
 
@@ -138,7 +137,6 @@ def display(
         from ..display.server import run_display
     except ImportError as error:
         raise InputError("display", "aiohttp is not installed", "install bumpbench[web]") from error
-
     if not folder.is_dir():
         reason = "does not exist" if not folder.exists() else "is not a folder"
         raise InputError(str(folder), reason, "name the folder that the recorder was started in")
@@ -193,9 +191,8 @@ def recover(
         folder = folder.parent if folder.name == "journal" else folder
         targets.append((out or folder) / recording.head.session_name)
     if len(set(targets)) < len(wanted):
-        reason = "would be the session of two recordings"
         advice = "name a folder, or recover them one by one, with another --out"
-        raise InputError(str(targets[0]), reason, advice)
+        raise InputError(str(targets[0]), "would be the session of two recordings", advice)
     documents: list[dict[str, Any]] = []
     code = ExitCode.OK
     for recording, target in zip(wanted, targets, strict=True):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -139,8 +139,6 @@ def redecode(
     json: JsonResult = False,
 ) -> int:
     """Decode the raw frames of a session again, into a new session."""
-    from dataclasses import replace
-
     from daq import InputError, read_session, write_session
     from daq.bench.config import load_bench, parse_bench, with_database
     from daq.files import file_sha256, refuse_existing
@@ -148,8 +146,8 @@ def redecode(
     from dbc import shipped_dbc
 
     if dbc is None and bench is None:
-        reason = "neither a DBC nor a bench.toml is named"
-        raise InputError("redecode", reason, "name what was corrected: a bench.toml, or --dbc FILE")
+        advice = "name what was corrected: a bench.toml, or --dbc FILE"
+        raise InputError("redecode", "neither a DBC nor a bench.toml is named", advice)
     target = out or session.parent / f"{session.stem}_redecoded.h5"
     inputs = [path for path in (session, bench, dbc) if path is not None]
     refuse_existing(target, replace=force, inputs=inputs)

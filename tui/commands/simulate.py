@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
     from daq.bench.config import Bench
-    from daq.control.exchange import Client
-    from daq.control.messages import Status
     from daq.sim.car import SimulatedCar
     from dbc import Codec, FrameBatch
 
@@ -165,11 +163,34 @@ def _bump_for_recorder(
     `simulated`: bench, its codec, car and seed.  `sent_counts`: sends frames and yields the number
     of those sent so far.  Returns the number of frames.
     """
-    from daq.control.exchange import RecorderGoneError
+    from daq.control.address import control_address
+    from daq.control.exchange import Client, RecorderGoneError
+    from daq.control.messages import Status
     from daq.sim.bench import SimulatedBench
 
-    recorder = _RecorderStatus(folder, stage)
-    bench = SimulatedBench(*simulated, math.inf, recorder, start_ns=time.time_ns())
+    from ..recorders.lines import progress_words
+
+    client: Client | None = None  # of the recorder, from its first answer on
+    status: Status | None = None  # its newest one
+
+    def newest_status() -> Status | None:
+        """Return None before the recorder answers; raise RecorderGoneError once it has ended."""
+        nonlocal client, status
+        if client is None:
+            try:
+                client = Client(control_address(folder), "simulated car", control=False)
+            except RecorderGoneError:
+                stage(0.0, f"at rest: waiting for the recorder of {folder}")
+                return None
+            status = client.first_status
+        while (news := client.news(0.0)) is not None:
+            if isinstance(news, Status):
+                status = news
+        if status is not None:
+            stage(*progress_words(status))
+        return status
+
+    bench = SimulatedBench(*simulated, math.inf, newest_status, start_ns=time.time_ns())
 
     def frames(thread: ThreadPoolExecutor) -> Iterator[FrameBatch]:
         # A piece is computed while the one before it is sent: no frame waits for it.
@@ -184,44 +205,5 @@ def _bump_for_recorder(
         with ThreadPoolExecutor(1) as thread:
             return max(sent_counts(frames(thread)), default=0)
     finally:
-        recorder.close()
-
-
-class _RecorderStatus:
-    """The newest status of the recorder of a folder."""
-
-    def __init__(self, folder: Path, stage: output.Stage) -> None:
-        self._folder, self._stage = folder, stage
-        self._client: Client | None = None
-        self._status: Status | None = None
-
-    def __call__(self) -> Status | None:
-        """Return the newest status, None before the recorder answers.
-
-        Raises RecorderGoneError once the recorder has ended.
-        """
-        from daq.control.address import control_address
-        from daq.control.exchange import Client, RecorderGoneError
-        from daq.control.messages import Status
-
-        from ..recorders.lines import progress_words
-
-        if self._client is None:
-            try:
-                address = control_address(self._folder)
-                self._client = Client(address, "simulated car", control=False)
-            except RecorderGoneError:
-                self._stage(0.0, f"at rest: waiting for the recorder of {self._folder}")
-                return None
-            self._status = self._client.first_status
-        while (news := self._client.news(0.0)) is not None:
-            if isinstance(news, Status):
-                self._status = news
-        if self._status is not None:
-            self._stage(*progress_words(self._status))
-        return self._status
-
-    def close(self) -> None:
-        """Disconnect from the recorder."""
-        if self._client is not None:
-            self._client.close()
+        if client is not None:
+            client.close()

@@ -151,8 +151,7 @@ def noise(
     names = [name.strip().lower() for name in cases.split(",") if name.strip()]
     for name in names:
         if name not in set(Excitation):
-            advice = f"choose of {', '.join(Excitation)}"
-            raise InputError("--cases", f"there is no {name}", advice)
+            raise InputError("--cases", f"there is no {name}", f"choose of {', '.join(Excitation)}")
     campaign = Campaign(
         rate_hz=rate_hz,
         noise_db=noise_db,

@@ -101,8 +101,7 @@ def _address_in_network() -> str:
             # An address of no machine (RFC 5737): nothing is sent, only the route is asked.
             probe.connect(("192.0.2.1", 9))
         except OSError as error:
-            reason = "no network is connected"
-            raise InputError("display", reason, "name the address of this machine") from error
+            raise InputError("display", "no network is connected", "name an address") from error
         return str(probe.getsockname()[0])
 
 
@@ -123,8 +122,8 @@ def display_beside(
     try:
         listen_on(host)[1].close()
     except ImportError as error:
-        reason = "aiohttp is not installed"
-        raise InputError("--display", reason, "install bumpbench[web]") from error
+        advice = "install bumpbench[web]"
+        raise InputError("--display", "aiohttp is not installed", advice) from error
     options = ["--display", host, "--operator", operator, "--json"]
     options += ["--control"] if control else []
     command = [sys.executable, "-m", "tui", "display", str(folder.resolve()), *options]

@@ -89,8 +89,8 @@ def map_items(
         try:
             results[item] = future.result()
         except BrokenProcessPool:
-            reason, advice = "a worker process died", "close other programs; it needs memory"
-            raise InputError(subject, reason, advice) from None
+            advice = "close other programs; it needs memory"
+            raise InputError(subject, "a worker process died", advice) from None
         stage(len(results) / len(items), f"{len(results)} of {len(items)}")
     return [results[item] for item in items]
 
@@ -152,16 +152,14 @@ def _workers(workers: int, scheduler: str | None) -> Iterator[tuple[Executor, in
     try:
         from distributed import Client
     except ImportError:
-        reason = "needs Dask, which is not installed"
-        raise InputError("--scheduler", reason, "install bumpbench[cluster]") from None
+        raise InputError("--scheduler", "needs Dask", "install bumpbench[cluster]") from None
     for name in ("distributed", "tornado", "asyncio"):  # what matters arrives as an exception
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     connect: Any = Client  # typed in part only
     try:
         client = connect(scheduler, timeout=4.0, set_as_default=False)
     except (OSError, ValueError) as error:
-        reason = f"no Dask scheduler answers: {error}"
-        advice = "start one with: dask scheduler"
+        reason, advice = f"no Dask scheduler answers: {error}", "start one with: dask scheduler"
         raise InputError(f"--scheduler {scheduler}", reason, advice) from None
     try:
         with suppress(TimeoutError):  # they may have been started just now
@@ -172,7 +170,6 @@ def _workers(workers: int, scheduler: str | None) -> Iterator[tuple[Executor, in
             raise InputError(scheduler, "the scheduler has no workers", advice)
         yield client.get_executor(pure=False), n_threads
     except (OSError, RuntimeError):
-        advice = "start it, and run this again"
-        raise InputError(scheduler, "the scheduler has gone", advice) from None
+        raise InputError(scheduler, "the scheduler has gone", "run this again") from None
     finally:
         client.close(timeout=0.5)
