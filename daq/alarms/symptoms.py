@@ -219,8 +219,6 @@ class ChannelRange:
 
 # Watches each message: arrival, length, checksum; and frames that no DBC describes ----------------
 
-_UNKNOWN_TIMEOUT_S = 2.0
-"""Longest silence, s, of a message with channels of which the DBC states no period."""
 _EXTENDED_BIT, _BUS_SHIFT, _LENGTH_SHIFT = 29, 32, 40  # above the identifier
 
 
@@ -228,8 +226,9 @@ def _timeout_s(layout: MessageLayout) -> float:
     """Return the longest silence of a message that is not a fault, s: five periods.
 
     Cycles of the recorder are 0.1 or 0.3 s apart, so silence under 0.5 s may only be a late block.
+    If the DBC states no period, it is 2 s.
     """
-    return max(5.0 * layout.cycle_s, 0.5) if layout.cycle_s else _UNKNOWN_TIMEOUT_S
+    return max(5.0 * layout.cycle_s, 0.5) if layout.cycle_s else 2.0
 
 
 @dataclass(slots=True)

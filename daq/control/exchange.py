@@ -48,10 +48,6 @@ MAX_UNREAD_BYTES = 4_000_000
 """Number of bytes that wait for a client, above which it gets no news: some seconds of them."""
 FIRST_S = 60.0
 """Time that the first client may take to connect, s: a terminal starts with its recorder."""
-_LAST_ANSWERS_S = 0.3
-"""Longest time in which a server that is closed sends the last answers, s."""
-_MOST_NEWS = 100
-"""Number of published messages kept for a client that does not fetch them."""
 
 _ORDERS = {order.__name__: order for order in get_args(Order)}
 _adapter = cache(TypeAdapter)  # builds a validator when it is needed first
@@ -132,12 +128,12 @@ class Server:
     async def _disconnect(self) -> None:
         """Remove the socket, send the last answers, and end the connections of all clients.
 
-        A client is disconnected once its request is answered, or after `_LAST_ANSWERS_S`.
+        A client is disconnected once its request is answered, or after 0.3 s.
         """
         self._address.unlink(missing_ok=True)
         # A server that is closed while it accepts a connection leaves its socket open.
         await asyncio.sleep(0.01)
-        deadline_s = time.monotonic() + _LAST_ANSWERS_S
+        deadline_s = time.monotonic() + 0.3
         while tasks := asyncio.all_tasks() - {asyncio.current_task()}:
             is_overdue = time.monotonic() > deadline_s
             for peer in self._peers:
@@ -278,7 +274,8 @@ class Client:
         self._number = 0  # of the last request
         self._lock = threading.Lock()
         self._replies: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()  # None at the end
-        self._news: queue.Queue[tuple[bytes, bytes]] = queue.Queue(_MOST_NEWS)
+        # Five seconds of status and live samples that are not fetched; further ones are dropped.
+        self._news: queue.Queue[tuple[bytes, bytes]] = queue.Queue(100)
         self._ended = threading.Event()
         self._reader = threading.Thread(target=self._read, name="client", daemon=True)
         self._reader.start()

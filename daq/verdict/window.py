@@ -16,8 +16,6 @@ from ..samples.mapping import SampleBlock
 
 BEFORE_S = 0.03
 """Time before the trigger that is no rest, s: a slow bump begins below the level."""
-_FEWEST = 8
-"""Least number of samples of a channel that is judged."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +95,7 @@ def traces(channels: Iterable[Channel], window: RunWindow) -> tuple[Trace, ...]:
         order = np.argsort(time_s, kind="stable")
         time_s, value = time_s[order], value[good][order]
         rest = value[time_s < -BEFORE_S]
-        if len(value) < _FEWEST or not len(rest):
+        if len(value) < 8 or not len(rest):  # too few to judge a course
             continue
         level = float(np.median(rest))
         # The variance of a difference of neighbours is twice that of a sample.
