@@ -334,7 +334,7 @@ class Codec:
                 payload = np.pad(payload, ((0, 0), (0, 64 - payload.shape[1])))
             t_ns, length = batch.t_ns.take(rows), batch.length.take(rows)
             with np.errstate(invalid="ignore", over="ignore"):  # a payload may hold any float
-                decoded, n_bad = _decoded(message, t_ns, payload, length)
+                decoded, n_bad = _decode_message(message, t_ns, payload, length)
             samples.update(decoded)
             crc_bad += n_bad
             wrong_length += int(np.count_nonzero(length != message.length))
@@ -402,7 +402,7 @@ def _raw_values(signal: SignalLayout, payload: NDArray[np.uint8]) -> NDArray[Any
     return words.view(f">{kind}8")[:, 0]
 
 
-def _decoded(
+def _decode_message(
     message: MessageLayout,
     t_ns: NDArray[np.int64],
     payload: NDArray[np.uint8],
@@ -446,9 +446,9 @@ def _decoded(
             marks = _marked(marks, is_cut, Quality.MISSING)
         if signal.selector is not None:
             rows = np.flatnonzero(_is_present(message, signal, payload, length))
-            value, marks, stamps_ns = value[rows], marks[rows], t_ns[rows]
+            value, marks, stamps_ns = value[rows], marks[rows], read_only(t_ns[rows])
         name = f"{message.name}.{signal.name}"
-        samples[name] = Samples(name, read_only(stamps_ns), read_only(value), read_only(marks))
+        samples[name] = Samples(name, stamps_ns, read_only(value), read_only(marks))
     return samples, int(np.count_nonzero(is_crc_bad & (length == message.length)))
 
 

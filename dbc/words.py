@@ -103,11 +103,11 @@ def csv_text(text: str) -> str:
     It gets an apostrophe before a character that begins a formula, unless it is a number;
     characters that control a terminal are replaced.
     """
-    shown = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
-    if shown[:1] not in set("=+-@"):
-        return shown
+    printed = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
+    if printed[:1] not in set("=+-@"):
+        return printed
     try:
-        float(shown)
+        float(printed)
     except ValueError:
-        return f"'{shown}"
-    return shown
+        return f"'{printed}"
+    return printed

@@ -158,7 +158,7 @@ def _log_parts(
             is_begun = True
             n_bumps += intakes[-1].take(wanted, source.hops)
             n_frames += len(wanted)
-            share = (number + source.share) / len(sources)
+            share = (number + source.read_fraction) / len(sources)
             stage(share, f"{counted(n_frames, 'frame')}, {counted(n_bumps, 'bump')}")
     return [intake.part() for intake in intakes]
 

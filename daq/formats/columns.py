@@ -29,7 +29,7 @@ Choose = Callable[[Sequence[Column]], Sequence[Column]]
 """Chooses which of all columns of a file are read."""
 
 
-def named(headings: Sequence[Column], wanted: str, where: str) -> Column:
+def _column_named(headings: Sequence[Column], wanted: str, where: str) -> Column:
     """Return the column of a name, given in full or from a slash to the end.
 
     Raises InputError if there is not exactly one.
@@ -38,12 +38,12 @@ def named(headings: Sequence[Column], wanted: str, where: str) -> Column:
     matching = exact or [each for each in headings if each.name.endswith(f"/{wanted}")]
     if len(matching) == 1:
         return matching[0]
-    shown = printable(wanted, 100)
+    quoted = printable(wanted, 100)
     if matching:
         full = printable(", ".join(each.name for each in matching[:4]), 300)
-        raise InputError(where, f"has {len(matching)} columns {shown!r}", f"write one of {full}")
+        raise InputError(where, f"has {len(matching)} columns {quoted!r}", f"write one of {full}")
     names = printable(", ".join(each.name for each in headings), 300)
-    raise InputError(where, f"has no column {shown!r}", f"it has {names}")
+    raise InputError(where, f"has no column {quoted!r}", f"it has {names}")
 
 
 NAMES = "CSV, MF4, MAT, Parquet"
@@ -70,7 +70,7 @@ def read_columns(path: Path, names: Sequence[str]) -> Columns:
         if not headings:
             raise InputError(where, "has no column of numbers", "name a file of channels")
         if names:
-            wanted.update({name: named(headings, name, where) for name in names})
+            wanted.update({name: _column_named(headings, name, where) for name in names})
         else:
             wanted.update({each.name: each for each in headings[:2000]})  # enough for a proposal
         return list(dict.fromkeys(wanted.values()))

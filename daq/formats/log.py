@@ -76,8 +76,8 @@ def detect(path: Path) -> LogFormat:
             best, best_score = form, score
     if best is None:
         first_line = next((line for line in lines.splitlines() if line.strip()), b"")
-        shown = printable(first_line.strip().decode("ascii", "backslashreplace"), 40)
-        what = f"begins with no line of a known log: {shown!r}"
+        excerpt = printable(first_line.strip().decode("ascii", "backslashreplace"), 40)
+        what = f"begins with no line of a known log: {excerpt!r}"
         raise InputError(str(path), what, f"use {NAMES}")
     return best
 
@@ -122,8 +122,8 @@ class Log:
         return self._journal_hops
 
     @property
-    def share(self) -> float:
-        """Share of the file that has been read, 0..1."""
+    def read_fraction(self) -> float:
+        """Part of the file that has been read, 0..1; 0 for a journal."""
         return min(self._position() / max(self._bytes, 1), 1.0)
 
     def __iter__(self) -> Iterator[FrameBatch]:

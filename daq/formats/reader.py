@@ -275,8 +275,8 @@ def read_lines(
                 if result.bad:
                     first = result.bad[0]
                     line = block.split(b"\n", first + 1)[first].strip()
-                    shown = printable(line.decode("ascii", "backslashreplace"), 60)
-                    note = f"line {lines_before + first + 1} is not a frame: {shown!r}"
+                    excerpt = printable(line.decode("ascii", "backslashreplace"), 60)
+                    note = f"line {lines_before + first + 1} is not a frame: {excerpt!r}"
                     loss.add(note, garbled=len(result.bad))
                 for number_of_line, frames in result.dropped:
                     note = f"line {lines_before + number_of_line + 1} states"

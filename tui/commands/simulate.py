@@ -135,7 +135,7 @@ def replay(
 
     with open_buses(described.buses) as (wire, *more), output.progress("replay") as stage:
         for sent in play(wanted(), wire, None if fast else speed, *more):
-            stage(log.share if log else 0.0, counted(sent, "frame"))
+            stage(log.read_fraction if log else 0.0, counted(sent, "frame"))
     left_out = n_read - sent
     loss = log.loss if log else None
     if json:

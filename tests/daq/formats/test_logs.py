@@ -141,7 +141,7 @@ def test_every_frame_of_an_unfinished_mf4_is_kept_whatever_its_name(tmp_path: Pa
     log, found = read(path)
     assert found == FRAMES
     assert not log.loss.any, log.loss.text
-    assert log.share == 1.0
+    assert log.read_fraction == 1.0
 
 
 @pytest.mark.parametrize("name", [".mf4", ".blf", ".asc"])
@@ -351,12 +351,12 @@ def test_frames_and_the_share_that_was_read_are_counted(
     path = tmp_path / "a.log"
     path.write_text("".join(f"(1.{n:06d}) can0 123#01\n" for n in range(500)))
     log = Log([path])
-    assert (log.share, log.frames) == (0.0, 0)
-    seen = [(log.share, log.frames) for _ in log]
+    assert (log.read_fraction, log.frames) == (0.0, 0)
+    seen = [(log.read_fraction, log.frames) for _ in log]
     assert seen[0][1] < 500
     assert 0.0 < seen[0][0] < 1.0
     assert [share for share, _ in seen] == sorted(share for share, _ in seen)
-    assert (log.share, log.frames) == (1.0, 500)
+    assert (log.read_fraction, log.frames) == (1.0, 500)
 
 
 def test_a_log_without_a_frame_is_refused(tmp_path: Path) -> None:
