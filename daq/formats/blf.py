@@ -70,19 +70,15 @@ _FRAME_KINDS = {
     ),
 }
 """Layout of the objects that are frames, and where their payload begins, by type."""
-_LOST = _layout(16, count=("<u4", 12))
-"""Layout of the object that states lost events, of type 126."""
 
 
 def read_blf(file: BinaryIO, where: str, size: int, loss: LogLoss) -> Iterator[FrameBatch]:
     """Read a BLF block by block.
 
-    `file`: at its beginning.  `where`: its name, for messages.  `size`: its length in bytes.
+    `file`: at its beginning, `LOGG`.  `where`: its name, for messages.  `size`: its length in bytes.
     Raises InputError if it is not a BLF.
     """
     header = file.read(_FILE_HEADER.size)
-    if header[:4] != b"LOGG":
-        raise InputError(where, "is not a BLF: it does not begin with LOGG", _ADVICE)
     if len(header) < _FILE_HEADER.size:
         raise InputError(where, "is cut off within its header", "get the whole file")
     fields = _FILE_HEADER.unpack(header)
@@ -253,9 +249,9 @@ def frames_of(data: bytes, places: NDArray[np.intp], start_ns: int, loss: LogLos
         lengths = length.astype(np.uint8)
         batches.append(FrameBatch(t_ns[rows], can_id, flags, bus, lengths, payload))
         rows_of_batches.append(rows)
-    loss_rows = np.flatnonzero((head["kind"] == 126) & (body_bytes >= _LOST.itemsize))
-    for row in loss_rows.tolist():
-        count = int(_records(text, begin[row : row + 1], _LOST)["count"][0])
+    states_lost = (head["kind"] == 126) & (body_bytes >= 16)  # an object that counts lost events
+    for row in np.flatnonzero(states_lost).tolist():
+        count = int.from_bytes(data[begin[row] + 12 : begin[row] + 16], "little")
         when = np.datetime64(int(t_ns[row]), "ns")
         what = f"the log states {counted(count, 'lost event')} at {when}Z"
         loss.add(what, dropped=count)

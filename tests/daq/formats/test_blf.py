@@ -260,7 +260,7 @@ def test_an_impossible_length_of_the_header_is_refused(header: int) -> None:
 
 @pytest.mark.parametrize(
     ("raw", "what"),
-    [(b"LOGH" + bytes(200), "LOGG"), (_file(b"")[:71], "header")],
+    [(b"LOGG" + bytes(200), "its header has 0 bytes"), (_file(b"")[:71], "header")],
 )
 def test_what_is_no_blf_is_refused(raw: bytes, what: str) -> None:
     with pytest.raises(InputError, match=what):
