@@ -75,8 +75,8 @@ _FRAME_KINDS = {
 def read_blf(file: BinaryIO, where: str, size: int, loss: LogLoss) -> Iterator[FrameBatch]:
     """Read a BLF block by block.
 
-    `file`: at its beginning, `LOGG`.  `where`: its name, for messages.  `size`: its length in bytes.
-    Raises InputError if it is not a BLF.
+    `file`: at its beginning, the mark LOGG.  `where`: its name, for messages.  `size`: its length
+    in bytes.  Raises InputError if its header is damaged, or nothing in it is an object.
     """
     header = file.read(_FILE_HEADER.size)
     if len(header) < _FILE_HEADER.size:

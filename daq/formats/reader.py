@@ -250,10 +250,10 @@ def read_lines(
 ) -> Iterator[FrameBatch]:
     """Read a text log block by block; count each line that is not one of its format.
 
-    `file`: at its beginning.  `where`: its name, for messages.  Raises InputError if it is not
-    text, or nothing in its first block is of that format.
+    `file`: at its beginning.  `where`: its name, for messages.  Raises InputError if a line is
+    longer than any text log has.
     """
-    cut_line, lines_before, is_known, is_end = b"", 0, False, False
+    cut_line, lines_before, is_end = b"", 0, False
     recent = FrameBatch.empty()  # frames of the last block, to judge a last line without an end
     while not is_end:
         piece = file.read(BLOCK_BYTES)
@@ -268,9 +268,6 @@ def read_lines(
             blocks.append(cut_line)
         for block in blocks:
             result = parsed(block, parse)
-            is_known |= parse.has_header or len(result.frames) > 0
-            if not is_known:
-                raise InputError(where, "begins with no line of a known log", "check what it is")
             if block.endswith(b"\n") or _is_whole(block, result.frames, recent, parse):
                 if result.bad:
                     first = result.bad[0]
