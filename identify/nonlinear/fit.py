@@ -9,6 +9,7 @@ from time import process_time
 import numpy as np
 from numpy.typing import NDArray
 
+from ..fit.varpro import pseudo_inverse
 from ..model.matrices import Real
 from .path import ROUGH, Grade, InitialState
 from .problem import Normal, Point, Problem, point
@@ -75,22 +76,6 @@ class Clock:
         return is_over
 
 
-def unit_size(matrix: Real) -> Real:
-    """Return the roots of a matrix's diagonal; 1 where the data give no information."""
-    size = np.diag(matrix)
-    return np.asarray(np.sqrt(np.where(size > 0.0, size, 1.0)))
-
-
-def inverse(matrix: Real) -> Real:
-    """Invert a positive matrix after scaling; directions without information stay zero."""
-    scale = 1.0 / unit_size(matrix)
-    values, vectors = np.linalg.eigh(matrix * np.outer(scale, scale))
-    good = values > 1e-13 * values[-1]  # weaker directions are not observed
-    return np.asarray(
-        (vectors[:, good] / values[good]) @ vectors[:, good].T * np.outer(scale, scale)
-    )
-
-
 def reduced(
     equations: Normal, damping: float = 0.0, fixed: Sequence[Real] | None = None
 ) -> tuple[Real, Real, list[tuple[Real, Real]]]:
@@ -102,13 +87,12 @@ def reduced(
     `fixed`: steps of own unknowns that are given, (own,) for each run, NaN for the others.
     """
     matrix, right = equations.shared.copy(), equations.right.copy()
-    own_steps = []
-    fixed = fixed or [np.full(len(b.A), np.nan) for b in equations.blocks]
+    own_steps, fixed = [], fixed or [np.full(len(b.A), np.nan) for b in equations.blocks]
     for b, given in zip(equations.blocks, fixed, strict=True):
         A = b.A + damping * np.diag(np.diag(b.A))
         is_given, is_free = np.isfinite(given), np.isnan(given)
         inverse_A = np.zeros_like(A)
-        inverse_A[np.ix_(is_free, is_free)] = inverse(A[np.ix_(is_free, is_free)])
+        inverse_A[np.ix_(is_free, is_free)] = pseudo_inverse(A[np.ix_(is_free, is_free)])
         step = inverse_A @ (b.own - A[:, is_given] @ given[is_given])
         step[is_given] = given[is_given]
         by_free = inverse_A @ b.B
@@ -173,7 +157,8 @@ def _solve(matrix: Real, right: Real, damping: float, low: Real, high: Real) -> 
     The others then take the step that is best with it: one unknown that the data hardly determine
     must not block all others.
     """
-    scale = unit_size(matrix)
+    information = np.diag(matrix)
+    scale = np.sqrt(np.where(information > 0.0, information, 1.0))
     H = matrix / np.outer(scale, scale) + damping * np.eye(len(scale))
     step, within = np.zeros(len(scale)), np.ones(len(scale), dtype=bool)
     # Each solution has more unknowns stopped at their bounds; twelve at most.
@@ -211,11 +196,10 @@ def fit(
 
     A fit has converged if a full step would lower the cost by less than `tolerance` times chi2/n:
     then no combination of unknowns is further off than the square root of that, in standard
-    deviations.  It has also converged if no step, however strongly damped, lowers the cost itself:
-    the force laws have corners, at which the tangents promise more than the paths give.  The same
-    holds for a fit that creeps along the gap of a stop or the knees of a curve, while the car's
-    parameters do not move.  `is_over`: returns True when the time has passed; the fit then ends
-    where it is.
+    deviations.  It has also converged if no step, however strongly damped, lowers the cost itself
+    (at corners of the force laws the tangents promise more than the paths give), or if only the gap
+    of a stop or the knees of a curve still creep.  `rough`: part of the cost of which a gain ends
+    the fit, too.  `is_over`: whether the time has passed; the fit then ends where it is.
     """
     current = point(problem, eta, initials, grade)
     full_step = _full_step(current)
@@ -234,8 +218,8 @@ def fit(
             converged = small or (refused >= _MOST_REFUSED and 0.0 <= decrement < _LAST_FALL * unit)
             # Where the car's parameters are held, or hardly move any more, only shapes do.
             of_car = problem.free < len(problem.model.box.parameters)
-            least = _SHAPES_SIGMAS * np.sqrt(np.diag(inverse(matrix))) if of_car.any() else np.inf
-            hardly_moves = bool((np.abs(full_step.shared) <= least)[of_car].all())
+            std = np.sqrt(np.diag(pseudo_inverse(matrix))) if of_car.any() else np.inf
+            hardly_moves = bool((np.abs(full_step.shared) <= _SHAPES_SIGMAS * std)[of_car].all())
             converged |= 0.0 <= decrement < _SHAPES_FALL * unit and hardly_moves
             return Optimum(current, matrix, iterations, decrement, converged)
         is_near, is_last = decrement < unit, decrement < _LAST_FALL * unit
@@ -285,7 +269,7 @@ def gain_of(best: Optimum, eta: Real, extra: NDArray[np.intp]) -> tuple[Real, Re
         return np.zeros(len(extra)), np.zeros(len(extra))
     matrix, right, _ = reduced(at.normal)
     new, old = np.searchsorted(free, extra), ~np.isin(free, extra)
-    cross = matrix[np.ix_(new, old)] @ inverse(matrix[np.ix_(old, old)])
+    cross = matrix[np.ix_(new, old)] @ pseudo_inverse(matrix[np.ix_(old, old)])
     information = np.diag(matrix)[new]
     remaining = information - np.einsum("ij,ji->i", cross, matrix[np.ix_(old, new)])
     slope = right[new] - cross @ right[old]
@@ -297,28 +281,27 @@ def gain_of(best: Optimum, eta: Real, extra: NDArray[np.intp]) -> tuple[Real, Re
 # Covariance that holds where a little is unexplained: from the scatter of the scores --------------
 #
 # Where the model leaves motion unexplained, residuals are neither white nor as small as the noise.
-# The scatter of the scores, correlated over `LAG_S`, shows how far the estimate may be off
+# The scatter of the scores, which are correlated in time, shows how far the estimate may be off
 # (heteroscedasticity and autocorrelation consistent covariance, Newey and West 1987).
-
-LAG_S = 0.2
-"""Longest time, s, over which residuals may be correlated: two periods of the wheels."""
-_BIN_S = 0.005
 
 
 def scatter(at: Point) -> Real:
-    """Return the covariance of the scores, (F, F), by Bartlett's window of `LAG_S`."""
+    """Return the covariance of the scores, (F, F), by Bartlett's window of 0.2 s.
+
+    Over longer than two periods of the wheels, residuals are not correlated.
+    """
     n_free = len(at.problem.free)
     covariance = np.zeros((n_free, n_free))
-    lags = round(LAG_S / _BIN_S)
+    bin_s, lags = 0.005, 40
     for run, predicted, block in zip(at.problem.runs, at.predicted, at.normal.blocks, strict=True):
         n_own = len(block.A)
-        own_by_free = inverse(block.A) @ block.B
-        bins = int(run.end_s / _BIN_S) + 2
+        own_by_free = pseudo_inverse(block.A) @ block.B
+        bins = int(run.end_s / bin_s) + 2
         scores = np.zeros((bins, n_free))
         of_recordings = (run.decay.recordings, predicted.residuals, block.jacobian)
         for r, residuals, J in zip(*of_recordings, strict=True):
             J_free = J[:, :, n_own:] - J[:, :, :n_own] @ own_by_free
-            bin_index = np.clip((r.time_s / _BIN_S).astype(int), 0, bins - 1)
+            bin_index = np.clip((r.time_s / bin_s).astype(int), 0, bins - 1)
             np.add.at(scores, bin_index, np.einsum("ncf,nc->nf", J_free, residuals))
         covariance += scores.T @ scores
         for lag in range(1, min(lags + 1, bins)):

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from .fit import Optimum
 
 _AXLES = ("front", "rear")
-MOUNT_LABEL = "mount"
-"""Name of a mount in the result, which gives its stiffness; the unknown is its compliance."""
 AS_PARAMETERS = frozenset({"anti_roll_bars", "cg_offset", "tyre_damping"})
 """Groups of elements that are also parameters of the linear model."""
 
@@ -29,7 +27,7 @@ AS_PARAMETERS = frozenset({"anti_roll_bars", "cg_offset", "tyre_damping"})
 def element_in_words(name: str) -> str:
     """Return the name of an unknown element in words: `front friction` for `F_cf`."""
     label = next(label for label, kind in KINDS.items() if kind == name[:-1])
-    words = "mount compliance" if label == MOUNT_LABEL else label.replace("_", " ")
+    words = "mount compliance" if label == "mount" else label.replace("_", " ")
     return f"{_AXLES[name[-1] == 'r']} {words}"
 
 
@@ -157,7 +155,7 @@ def _axle(best: Optimum, covariance: Real, values: dict[str, Estimate], axle: st
     low, high = np.quantile(np.concatenate(speeds), [0.01, 0.99])  # few samples are beyond
     grid_m_s = np.union1d(np.linspace(min(low, 0.0), max(high, 0.0), 61), [0.0])
     by_label = {label: values.get(f"{kind}{axle[0]}") for label, kind in KINDS.items()}
-    mount = by_label.pop(MOUNT_LABEL)
+    mount = by_label.pop("mount")  # its compliance; what is reported is its stiffness
     reported = {label: estimate for label, estimate in by_label.items() if estimate is not None}
     notes = []
     if "bump_stop" in reported and reached_m < first_car.corner[left, GAP]:
@@ -172,7 +170,7 @@ def _axle(best: Optimum, covariance: Real, values: dict[str, Estimate], axle: st
         # The interval is the inverse of that of the compliance, so it is not symmetric.
         softest, hardest = 1.0 / mount.high, 1.0 / mount.low if mount.low > 0.0 else inf
         of_mount = Estimate(stiffness, mount.std * stiffness**2, softest, hardest, "N/m")
-        reported[MOUNT_LABEL] = of_mount
+        reported["mount"] = of_mount
         if not of_mount.determined:
             notes.append(f"damper mount: at least {softest:.1e} N/m")
     curve = _curve(first_car, left, grid_m_s, covariance)

@@ -167,16 +167,13 @@ class Block:
 # mount such a curve has no finite path.  The data do not prevent this at speeds that hardly occur,
 # so one-sided terms raise slopes below a floor; slopes above it are not affected.
 
-_FLOOR, _FLOOR_SD = 0.02, 0.01
-"""Least slope of a damper's curve over its coefficient, and the deviation at which a smaller one
-counts."""
-
 
 def too_flat(model: Model, eta: Real) -> tuple[Real, Real]:
     """Return by how much each segment of the dampers' curves is flatter than the floor, (S,).
 
-    In units of the floor's deviation, front first; negative values, of steeper segments, cost
-    nothing.  Then the fall of each per unit of each unknown, (S, P).  `eta`: (P,).
+    The floor is 0.02 +- 0.01 of the damper's coefficient; in units of that deviation, front first.
+    Negative values, of steeper segments, cost nothing.  Then the fall of each per unit of each
+    unknown, (S, P).  `eta`: (P,).
     """
     element = model.element_values(stepped(eta))
     full = model.box.full(stepped(eta))
@@ -193,7 +190,7 @@ def too_flat(model: Model, eta: Real) -> tuple[Real, Real]:
         slope_changes = np.stack([element[f"h_{axle}{j + 1}"] for j in range(len(knots))], axis=1)
         relative_slopes.append(1.0 + (slope_changes / c_s[:, None]) @ slope_by_change.T)
     relative = np.concatenate(relative_slopes, axis=1)
-    return (_FLOOR - relative[0].real) / _FLOOR_SD, relative[1:].imag.T / COMPLEX_STEP / _FLOOR_SD
+    return (0.02 - relative[0].real) / 0.01, relative[1:].imag.T / COMPLEX_STEP / 0.01
 
 
 # The problem --------------------------------------------------------------------------------------

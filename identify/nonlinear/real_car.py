@@ -16,11 +16,11 @@ from ..fit.estimation import Estimation, basin, floored, rough_noise
 from ..fit.grey_box import SIGNED
 from ..fit.likelihood import FACTS, PRIORS, Fit, Residuals
 from ..fit.uncertainty import Estimate
-from ..fit.varpro import NormalBlock
+from ..fit.varpro import NormalBlock, pseudo_inverse
 from ..model.matrices import Real
 from .begin import LENGTHS, initial_states_of, is_impossible, scaled_to_vehicle
 from .car import KNOTS, Model, elements
-from .fit import Clock, Optimum, inverse, scatter, widened
+from .fit import Clock, Optimum, scatter, widened
 from .forces import ElementChoice, Forces, axle_forces, element_estimates
 from .path import POLISH, InitialState
 from .problem import Point, Problem, point, run_of
@@ -138,7 +138,7 @@ def _result(
     residuals = residuals_of(at)
     freedom = sum(sum(of_run.freedom.values()) for of_run in residuals) - len(free)
     chi2 = sum(of_run.chi2(sigma) for of_run in residuals) / freedom
-    by_noise = covariance = inverse(best.information)
+    by_noise = covariance = pseudo_inverse(best.information)
     # Two standard deviations above 1 the intervals follow the scatter of the scores.
     if chi2 - 1.0 > 2.0 * float(np.sqrt(2.0 / freedom)):
         covariance = widened(covariance, scatter(at))
@@ -222,7 +222,7 @@ def _choices(
             indices = [index_of[n] for n in part]
             x = best.eta[problem.free[indices]]
             is_possible = bool((x > 0.0).all()) or not group.positive
-            rise = float(x @ inverse(covariance[np.ix_(indices, indices)]) @ x)
+            rise = float(x @ pseudo_inverse(covariance[np.ix_(indices, indices)]) @ x)
             gain = rise / max(1.0, chi2) if is_possible else 0.0
             tests.append((gain, len(part) * float(np.log(freedom))))
         gain, threshold = max(tests, key=lambda test: test[0] - test[1])
@@ -295,7 +295,7 @@ class NonlinearEngine:
             cost = float(misfits @ misfits)
             result[name] = of_reported(cost, slopes.T @ slopes, slopes.T @ misfits)
         for run, b, predicted in zip(problem.runs, at.normal.blocks, at.predicted, strict=True):
-            X = b.B.T @ inverse(b.A)  # eliminates the run's own unknowns
+            X = b.B.T @ pseudo_inverse(b.A)  # eliminates the run's own unknowns
             matrix, right = b.C - X @ b.B, b.shared - X @ b.own
             result[run.decay.label] = of_reported(predicted.cost, matrix, right)
         return result
@@ -311,7 +311,7 @@ class NonlinearEngine:
             raise FloatingPointError("the path of a run is not finite at these unknowns")
         for _ in range(4):  # Gauss-Newton steps: the initial states of runs are nearly linear
             blocks = at.normal.blocks
-            steps = [inverse(b.A) @ b.own for b in blocks]
+            steps = [pseudo_inverse(b.A) @ b.own for b in blocks]
             gain = sum(float(s @ b.own) for s, b in zip(steps, blocks, strict=True))
             if gain < 0.01 * len(initials):
                 break
@@ -328,7 +328,7 @@ def residuals_of(at: Point) -> tuple[Residuals, ...]:
     result = []
     for run, predicted, block in zip(at.problem.runs, at.predicted, at.normal.blocks, strict=True):
         n_own = len(block.A)
-        inverse_A = inverse(block.A)
+        inverse_A = pseudo_inverse(block.A)
         values: dict[str, Real] = {}
         freedom: dict[str, float] = {}
         of_recordings = (predicted.residuals, run.weights, run.bases, block.jacobian)

@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..fit.varpro import pseudo_inverse
 from ..model.matrices import Real
 from .begin import at_likely_scale, initial_states_of, refined, weak_priors
 from .car import KNOTS, Model
-from .fit import Clock, Optimum, fit, gain_of, inverse
+from .fit import Clock, Optimum, fit, gain_of
 from .path import POLISH, ROUGH, InitialState
 from .problem import Problem, Run
 
@@ -107,16 +108,6 @@ _STAGE_STEPS, _LAST_STEPS, _POLISH_STEPS = 25, 40, 25
 """Largest numbers of steps of an early stage, of the last one and of the polish."""
 _SEARCH_PART = 0.7
 """Part of the time after which the search ends; the polish has the rest."""
-_FOLLOWED_CHI2 = 10.0
-"""Largest chi2/n of a first stage from which later stages come down to the noise (8.2 became 0.99,
-17.6 did not): where no attempt ends below, the next one is made."""
-_NOISE_CHI2, _HOPELESS_CHI2 = 1.2, 10.0
-"""chi2/n of the last stage between which the next best attempt is followed as well: a first stage
-that ends lower is not always nearer.  Where the best attempt ends higher, a sensor is wrong and not
-the start, unless it ends higher than its own first stage: then it has gone astray."""
-_HOLDS_CHI2, _DISAGREE_SIGMAS = 1.5, 3.0
-"""chi2/n above which a fit is refused, and standard deviations by which an unknown must move with
-the beginnings that were left out: noise alone moved the one that moved most by 1.4 in a test."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,7 +151,9 @@ def release(
     last_ends: list[tuple[float, Optimum, Attempt, tuple[str, ...]]] = []
     is_over = clock.limit(_SEARCH_PART, "other starts of the search")
     while len(last_ends) < 3:  # attempts that are followed through the later stages
-        while all(_chi2(first_end) >= _FOLLOWED_CHI2 for _, first_end, _ in first_ends):
+        # From a first stage that ends higher, later stages do not come down to the noise (8.2
+        # became 0.99, 17.6 did not).
+        while all(_chi2(first_end) >= 10.0 for _, first_end, _ in first_ends):
             attempt = None if first_ends and is_over() else next(next_attempts, None)
             if attempt is None:
                 break
@@ -181,7 +174,10 @@ def release(
             best, groups = search.with_joining_groups(best, groups)
         chi2 = _chi2(best)
         last_ends.append((chi2, best, attempt, groups))
-        if not (_NOISE_CHI2 < chi2 < _HOPELESS_CHI2 or chi2 > _chi2(first_end)) or is_over():
+        # Beyond the noise, the next attempt is followed as well: a first stage that ends lower is
+        # not always nearer.  Far beyond it a sensor is wrong and not the start, unless this attempt
+        # has gone astray from its own first stage.
+        if not (1.2 < chi2 < 10.0 or chi2 > _chi2(first_end)) or is_over():
             break
     if not last_ends:
         return None
@@ -385,10 +381,11 @@ def moved_by_beginnings(
         problem, best.eta, tuple(initials), ROUGH,
         rough=0.1 * _ROUGH, max_iterations=_LAST_STEPS, is_over=is_over,
     )  # fmt: skip
-    if end is None or _chi2(end) > _HOLDS_CHI2:
+    if end is None or _chi2(end) > 1.5:  # above it, a fit is refused
         return np.zeros(len(problem.free))
-    moved, variance = (end.eta - best.eta)[problem.free], np.diag(inverse(best.information))
-    return np.asarray(moved * bool((moved**2 > _DISAGREE_SIGMAS**2 * variance).any()))
+    moved, variance = (end.eta - best.eta)[problem.free], np.diag(pseudo_inverse(best.information))
+    # Noise alone moved the unknown that moved most by 1.4 standard deviations in a test.
+    return np.asarray(moved * bool((moved**2 > 3.0**2 * variance).any()))
 
 
 # Finds the gap at which the bump stop of each axle begins in a fit --------------------------------

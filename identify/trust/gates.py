@@ -25,12 +25,6 @@ from ..numbers import half_width_percent
 from .finding import listed
 from .inputs import contradiction_findings
 
-_WIDE = 0.025
-"""Relative standard deviation above which the 95 % interval is wider than 5 % to either side."""
-_WIDE_NONLINEAR = 0.022
-"""The same limit where elements were chosen, too: where nothing is weighed, the errors of the laws
-are 1.5 % of it, and three standard deviations of the rest are 5 %.  If two of each of 13 parameters
-might be 5 %, one car in four would be off by more."""
 _PLAUSIBLE = {
     "total_mass": (200.0, 20_000.0),
     "front_ride_damping_ratio": (0.03, 1.2),
@@ -105,7 +99,9 @@ def parameter_findings(estimation: Estimation) -> Iterator[Finding]:
         text = f"these runs do not determine {', '.join(unknown)}: {advice}"
         yield Finding("undetermined", Severity.ERROR, text)
         return
-    limit = _WIDE if estimation.nonlinear is None else _WIDE_NONLINEAR
+    # A standard deviation of 2.5 % is an interval of 5 % to either side.  Of 2.2 % where elements
+    # were chosen, too, 1.5 % are errors of the laws, and three deviations of the rest are 5 %.
+    limit = 0.025 if estimation.nonlinear is None else 0.022
     stds = {name: e.std / abs(e.value) for name, e in known.items() if name not in SIGNED}
     if wide := {name: std for name, std in stds.items() if std > limit}:
         worst = max(wide, key=lambda name: wide[name])

@@ -59,7 +59,7 @@ _MATTERS = 0.02
 
 
 def kind_of_sensor(channel: Channel) -> str:
-    """Return the kind of sensors that a channel belongs to, in words."""
+    """Return the kind of sensors that a channel is of, in words: of the body, hubs or travels."""
     if channel.corner is None:
         return "body sensors"
     return "hub sensors" if channel.quantity is Quantity.HUB_ACCELERATION else "travel sensors"
@@ -203,11 +203,11 @@ def _embedding(box: GreyBox, richest: GreyBox) -> Real:
     for p, name in enumerate(box.parameters):
         sides = [name] if name in richest.parameters else [f"{name}l", f"{name}r"]
         E[[richest.parameters.index(side) for side in sides], p] = 1.0
-    unplaced = list(richest.corrections)
+    names = [*richest.parameters, *richest.corrections]
     for p, name in enumerate(box.corrections, len(box.parameters)):
-        index = unplaced.index(name)
-        unplaced[index] = ""  # two groups of one clock have one name
-        E[len(richest.parameters) + index, p] = 1.0
+        index = names.index(name)
+        names[index] = ""  # two groups of one clock have one name
+        E[index, p] = 1.0
     if len(box.prior_sigma) > len(box.parameters) + len(box.corrections):
         E[-1, -1] = 1.0
     return E

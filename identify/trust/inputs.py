@@ -32,8 +32,6 @@ from ..fit.likelihood import covariance_of
 from ..model.matrices import SCALED, Real
 from .finding import listed
 
-_LEAST_RATE_HZ, _MOST_RATE_HZ = 20.0, 1e5
-"""Rates, Hz, below which no sensor shows how the wheels swing, and above which none sends."""
 _LENGTHS = {
     FactQuantity.WHEELBASE, FactQuantity.FRONT_TRACK, FactQuantity.REAR_TRACK,
     "a", "b", "t_f", "t_r", "y_s",
@@ -125,10 +123,10 @@ def _lacking(records: Sequence[Record], session: Session) -> Iterator[tuple[str,
         )
     times_s = [r.time_s for record in records for r in record.recordings if len(r.time_s) > 1]
     step_s = min((np.median(np.diff(time_s)) for time_s in times_s), default=0.0)
-    if step_s * _LEAST_RATE_HZ > 1.0:  # mostly a wrong unit of time
+    if step_s > 1.0 / 20.0:  # mostly a wrong unit of time
         advice = "sample at 50 Hz or more"
         for unit, factor in (("ns", 1e-9), ("us", 1e-6), ("ms", 1e-3)):
-            if factor * step_s * _LEAST_RATE_HZ <= 1.0 <= factor * step_s * _MOST_RATE_HZ:
+            if 1e-5 <= factor * step_s <= 1.0 / 20.0:  # no sensor sends more often
                 advice = f"are the times in {unit}? Give them in s"
         yield "rate", f"samples come at {1.0 / step_s:.2g} Hz, but wheels swing at 10 Hz: {advice}"
     yield from (("units", text) for text in _wrong_units(records))

@@ -24,8 +24,6 @@ from ..model.matrices import SCALED, Real
 from .finding import NAMED_SHARE, Cause
 from .hypotheses import ROTATIONS
 
-_LENGTH_S = 1.0
-"""Length of the decays, s: the first second shows every fault of a sensor or label."""
 _RANKING_STEPS = 6
 """Steps after which trials are compared: from a generic car, the true labels have the lowest cost
 after four."""
@@ -78,13 +76,14 @@ def refit(
     start_eta: Real | None = None,
     hold: float = 0.0,
     steps: int = 15,
-    length_s: float = _LENGTH_S,
+    length_s: float = 1.0,
 ) -> Refit:
     """Return the fit of the thinned decays as a trial describes them.
 
     `start_eta`: unknowns of the estimation's box, (P,), at which the fit begins; by default its
     optimum.  `hold`: damping of the first steps (`identify.fit.likelihood.fit`).  `steps`: largest
-    number of steps.  `length_s`: length to which the decays are cut.
+    number of steps.  `length_s`: length to which the decays are cut; the first second shows every
+    fault of a sensor or label.
     """
     decays = []
     for decay in estimation.decays:

@@ -20,11 +20,12 @@ from identify.decays.decay import ChannelGroup, FreeDecay, Record, Recording, de
 from identify.fit.grey_box import GreyBox
 from identify.fit.likelihood import FACTS, PRIORS
 from identify.fit.likelihood import fit as linear_fit
+from identify.fit.varpro import pseudo_inverse
 from identify.nonlinear import path as threads
 from identify.nonlinear import real_car as module
 from identify.nonlinear.begin import initial_states_of, weak_priors
 from identify.nonlinear.car import Model
-from identify.nonlinear.fit import Optimum, fit, inverse, reduced
+from identify.nonlinear.fit import Optimum, fit, reduced
 from identify.nonlinear.path import POLISH, InitialState
 from identify.nonlinear.problem import Point, Problem, point, run_of
 from identify.nonlinear.real_car import (
@@ -174,7 +175,7 @@ def test_residuals_are_in_si_and_each_channel_knows_its_freedom() -> None:
     for channel in GROUP.channels:
         assert one.values[channel.name] == pytest.approx(turns * SIGMA[channel.name], abs=1e-9)
     # The weak prior of the friction's first shares, 10 about zero, does not come from samples.
-    taken = 18.0 - float(np.trace(inverse(equations.blocks[0].A)[14:, 14:])) / 100.0
+    taken = 18.0 - float(np.trace(pseudo_inverse(equations.blocks[0].A)[14:, 14:])) / 100.0
     assert sum(one.freedom.values()) == pytest.approx(4 * 59 - taken, abs=1e-6)
     assert 14.0 < taken < 18.0
     (again,) = engine(start()).residuals(decays(), SIGMA, car()[list(SHOWN)])
@@ -239,7 +240,7 @@ def test_parameters_and_intervals_are_those_of_the_linear_fit() -> None:
     std = np.sqrt(np.diag(linear.covariance))
     # The linear search is held weakly about its start, by less than 1 % of a standard deviation.
     assert np.all(np.abs(found.eta[: model.n_linear] - linear.eta) < 0.01 * std)
-    again = np.sqrt(np.diag(inverse(found.information)))
+    again = np.sqrt(np.diag(pseudo_inverse(found.information)))
     assert np.allclose(again, std, rtol=1e-6)
 
 
@@ -489,7 +490,7 @@ def test_intervals_reach_as_far_as_beginnings_that_were_left_out_would_move(
     monkeypatch.setattr(module, "release", lambda *_: (best, ("friction",)))
     result = real_car(linear(0.15), VEHICLES, {}, lambda _: None)
     assert result is not None
-    plain = np.diag(inverse(best.information))
+    plain = np.diag(pseudo_inverse(best.information))
     found = np.diag(result.estimation.fit.covariance)
     found = found[np.isfinite(found)]
     assert found == pytest.approx(plain + (0.02**2 if late else 0.0))
