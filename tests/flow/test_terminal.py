@@ -27,7 +27,7 @@ from .bench_terminal import (
 KINDS = 6
 SPEED = 2.0
 """Seconds of the car in one of ours: each costs CPU, also while the operator reads."""
-RECORDING = ["Vehicle", "Check", "Run", "Masses", "Run", "Identify"]
+RECORDING = ["Vehicle", "Check", "Home", "Masses", "Home", "Identify"]
 RESULTS = ["Identify", "Results"]
 
 
@@ -47,7 +47,8 @@ def campaign_by_space(folder: Path, runs: int, bumps: str = "") -> Path:
                 lambda: operator.went_through()[-1:] == RECORDING[-1:], operator.space_if_offered
             )
             await operator.until(operator.sees(f"{runs} runs accepted"))
-            assert operator.went_through() == RECORDING
+            met = operator.went_through()
+            assert (met[1:] if met[0] == "Home" else met) == RECORDING  # home while it connects
             status = app.status
             assert status is not None
             assert [run.status for run in status.runs].count(RunStatus.ACCEPTED) == runs
