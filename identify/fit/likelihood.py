@@ -120,7 +120,7 @@ def fit(
     # From near the optimum the first step may be the last.
     damping = _FAR_DAMPING if hold else _NEAR_DAMPING
     converged = False
-    iterations, last_size = 0, 0.0
+    iterations, last_sigmas = 0, 0.0
     n_values = sum(decay.n_values for decay in decays)
     least_hold = 1e-3 * hold  # weaker ones are let go
     # Noise alone would drive an unknown that no run informs to zero or infinity.  With a standard
@@ -146,12 +146,13 @@ def fit(
         if np.isfinite(trial.cost) and trial.cost + moved_cost <= normal.cost + rounding:
             # Where the model does not hold, residuals are larger than sigma says, and so is the
             # uncertainty that a step is measured by.
-            small = tolerance * max(1.0, trial.cost / n_values) ** 0.5
-            size = float(np.max(np.abs(step) * scale))
-            next_size = size * (min(1.0, size / last_size) if last_size else 1.0)
-            # With so little damping a step is nearly the whole way: its size is the distance.
-            converged = not is_held and damping < 1e-3 and next_size < small
-            last_size = size
+            tolerated_sigmas = tolerance * max(1.0, trial.cost / n_values) ** 0.5
+            step_sigmas = float(np.max(np.abs(step) * scale))
+            shrinkage = min(1.0, step_sigmas / last_sigmas) if last_sigmas else 1.0
+            # With so little damping a step is nearly the whole way to the optimum.
+            is_whole_step = not is_held and damping < 1e-3
+            converged = is_whole_step and step_sigmas * shrinkage < tolerated_sigmas
+            last_sigmas = step_sigmas
             eta, normal, model = eta + step, trial, trial_model
             damping = max(damping / 10, _LEAST_DAMPING)
             hold *= 0.7
@@ -159,7 +160,7 @@ def fit(
             break
         else:
             damping *= 10
-            last_size = 0.0  # such a step says nothing about the next one
+            last_sigmas = 0.0  # such a step says nothing about the next one
     information = {label: block.information for label, block in model.blocks.items()}
     covariance = covariance_of(normal.information)
     return Fit(eta, covariance, normal.cost, information, iterations, converged)
