@@ -139,12 +139,11 @@ _LIMITS = {
 
 @dataclass(frozen=True, slots=True)
 class _Rest:
-    """A channel at rest, SI: level, noise of a sample, slow motion, and the unit to print."""
+    """A channel at rest, SI: level, noise of a sample, and slow motion."""
 
     level: float
     noise: float
     motion: float
-    unit: str
 
 
 def check_channel(
@@ -167,7 +166,7 @@ def check_channel(
     faults += _validity_faults(mapped, samples, value)
     if not finite.any():
         return findings(subject, faults)
-    rest = _rest(value[finite], samples.t_ns[finite], channel.unit)
+    rest = _rest(value[finite], samples.t_ns[finite])
     span_s = float(np.ptp(samples.t_ns)) * 1e-9
     rate_hz = (len(samples.t_ns) - 1) / span_s if span_s > 0 else 0.0
     stuck = list(_stuck_faults(mapped, samples.value[finite], value[finite]))
@@ -187,14 +186,14 @@ def check_channel(
         advice = "measure x_m and y_m from the middle of the front axle"
         faults.append(("position", WARN, text, advice))
     if FAIL not in [fault[1] for fault in faults]:
-        level = f"{rest.level:.3g} {rest.unit}"
+        level = f"{rest.level:.3g} {channel.unit}"
         text = f"{level} at rest, noise {rest.noise:.2g}, {rate_hz:.0f} Hz{gravity}"
         faults.insert(0, ("rest", OK, text, ""))
     figures = {"level": rest.level, "noise": rest.noise, "motion": rest.motion, "rate_hz": rate_hz}
     return findings(subject, faults, figures)
 
 
-def _rest(value: NDArray[np.float64], t_ns: NDArray[np.int64], unit: str) -> _Rest:
+def _rest(value: NDArray[np.float64], t_ns: NDArray[np.int64]) -> _Rest:
     """Return a channel's statistics at rest, none of which a single knock changes.
 
     Noise comes from the steps between neighbours, without the largest hundredth; slow motion is the
@@ -209,7 +208,7 @@ def _rest(value: NDArray[np.float64], t_ns: NDArray[np.int64], unit: str) -> _Re
     block_sizes = np.diff(np.append(block_starts, len(value)))
     means = np.add.reduceat(value, block_starts) / block_sizes
     low, high = np.quantile(means, [0.05, 0.95])
-    return _Rest(float(np.median(value)), noise, float(high - low), unit)
+    return _Rest(float(np.median(value)), noise, float(high - low))
 
 
 def _calibration_faults(channel: Channel, days: int, today: date) -> Iterator[Fault]:
@@ -279,12 +278,12 @@ def _rest_faults(mapped: MappedChannel, rest: _Rest) -> Iterator[Fault]:
     channel = mapped.channel
     limits = _LIMITS.get(channel.quantity, _Limits(2e-3, 5e-3, 0.03, 1.0))  # a displacement
     if rest.motion > limits.motion:
-        text = f"moves by {rest.motion:.2g} {rest.unit}: not at rest"
+        text = f"moves by {rest.motion:.2g} {channel.unit}: not at rest"
         yield "motion", WARN, text, "let the car stand still and check again"
     if rest.noise > limits.noise:
-        text = f"noise {rest.noise:.2g} {rest.unit} is more than the usual {limits.noise:g}"
+        text = f"noise {rest.noise:.2g} {channel.unit} is more than the usual {limits.noise:g}"
         yield "noise", WARN, text, "check mounting, cable and unit; stop the engine"
-    text = f"reads {rest.level:.4g} {rest.unit} at rest"
+    text = f"reads {rest.level:.4g} {channel.unit} at rest"
     if abs(rest.level) > limits.absurd:
         advice = "correct signal_unit, the factor in the DBC, or tare"
         yield "level", FAIL, f"{text}, which is impossible", advice
@@ -296,25 +295,25 @@ def _rest_faults(mapped: MappedChannel, rest: _Rest) -> Iterator[Fault]:
 def _gravity(mapped: MappedChannel, rest: _Rest) -> Fault:
     """Return the finding on unit, sign and tilt of an acceleration by gravity, also an OK one."""
     channel = mapped.channel
-    share = (rest.level + channel.tare) / G_M_S2  # of gravity; 1 for a sensor that is upright
+    reading_g = (rest.level + channel.tare) / G_M_S2  # 1 for a sensor that is upright
     reading = f"reads {rest.level:.4g} m/s2 at rest"
     flip = f"set sign = {-channel.sign:.0f}"
-    if abs(share - 1) < _GRAVITY_TOLERANCE:
+    if abs(reading_g - 1) < _GRAVITY_TOLERANCE:
         return "gravity", OK, "+1 g", ""
-    if abs(share + 1) < _GRAVITY_TOLERANCE:
+    if abs(reading_g + 1) < _GRAVITY_TOLERANCE:
         return "gravity", FAIL, f"{reading}: upside down", flip
     # Factors by which a wrong unit in the database changes gravity, with the unit that they prove.
     units = {1 / G_M_S2: "g", G_M_S2: "m/s2", 1e3 * G_M_S2: "mm/s2"}
     for factor, unit in units.items():
-        if abs(abs(share) / factor - 1) < 0.08:
-            and_flip = f" and {flip}" if share < 0 else ""
+        if abs(abs(reading_g) / factor - 1) < 0.08:
+            and_flip = f" and {flip}" if reading_g < 0 else ""
             text = f"{reading}: {factor:.4g} times gravity, so its unit is wrong"
             return "gravity", FAIL, text, f'state signal_unit = "{unit}"{and_flip}'
-    if abs(share) < _NO_GRAVITY_G:
+    if abs(reading_g) < _NO_GRAVITY_G:
         text = "reads no gravity: it is AC-coupled, tared in the sensor, or not the vertical axis"
         return "gravity", WARN, text, "take the signal of the vertical axis, if it is another one"
-    tilt = math.degrees(math.acos(min(abs(share), 1.0)))
+    tilt = math.degrees(math.acos(min(abs(reading_g), 1.0)))
     angle = f", tilted by {tilt:.0f} degrees" if tilt else ""
-    severity = FAIL if abs(abs(share) - 1) > 0.3 else WARN
+    severity = FAIL if abs(abs(reading_g) - 1) > 0.3 else WARN
     text, advice = f"{reading}{angle}, or its scale is wrong", "mount it upright, or correct gain"
     return "gravity", severity, text, advice

@@ -88,12 +88,12 @@ class FrameTable:
     """Messages of the DBC that were received."""
     unknown: tuple[Arrivals, ...]
     """Identifiers that are not in the DBC, the most frequent first."""
+    data: FrameBatch
+    """All data frames."""
     end_ns: int
+    """Time of the last frame of any kind, ns."""
     seconds: float
-    bits: Mapping[int, float]
-    """Estimated number of bits on the wire of each bus."""
-    frames: Mapping[int, int]
-    """Number of data frames of each bus."""
+    """Time from the first frame of any kind to the last, s."""
 
 
 def frame_table(messages: Sequence[MessageLayout], frames: FrameBatch) -> FrameTable:
@@ -119,12 +119,8 @@ def frame_table(messages: Sequence[MessageLayout], frames: FrameBatch) -> FrameT
             is_extended, can_id = divmod(key % _BUS_KEY, _EXTENDED_KEY)
             unknown.append(Arrivals(can_id, bool(is_extended), *columns))
     unknown.sort(key=lambda arrivals: -len(arrivals.t_ns))
-    bits, counts = np.bincount(data.bus, wire_bits(data)), np.bincount(data.bus)
-    present_buses = np.flatnonzero(counts).tolist()
-    bits_of_bus = {bus: float(bits[bus]) for bus in present_buses}
-    frames_of_bus = {bus: int(counts[bus]) for bus in present_buses}
     end_ns, seconds = int(frames.t_ns.max()), float(np.ptp(frames.t_ns)) * 1e-9
-    return FrameTable(known, tuple(unknown), end_ns, seconds, bits_of_bus, frames_of_bus)
+    return FrameTable(known, tuple(unknown), data, end_ns, seconds)
 
 
 def mixed_messages(messages: Sequence[MessageLayout], frames: FrameBatch) -> tuple[str, ...]:
@@ -140,23 +136,23 @@ def check_buses(table: FrameTable, error_frames: int, buses: Sequence[BusConfig]
     """Return lines on each bus as a whole: load, error frames, unknown identifiers."""
     lines = []
     for number, bus in enumerate(buses):
-        subject = f"bus {bus.label}"
-        frames, bits = table.frames.get(number, 0), table.bits.get(number, 0.0)
+        subject, data = f"bus {bus.label}", table.data.on_buses({number})
         if len(buses) == 1:  # logs number a single bus in different ways
-            subject, frames, bits = "bus", sum(table.frames.values()), sum(table.bits.values())
-        if not frames:
+            subject, data = "bus", table.data
+        if not len(data):
             text = f"no frame in {table.seconds:.2f} s"
             advice = "check the bus's plug, power and bit rate"
             lines.append(Finding("silent", FAIL, text, subject, advice))
             continue
-        load = bits / (bus.bitrate * table.seconds) if table.seconds > 0 else 0.0
-        text = f"{counted(frames, 'frame')} in {table.seconds:.2f} s"
+        most_bits = bus.bitrate * table.seconds
+        load = float(np.sum(wire_bits(data))) / most_bits if most_bits > 0 else 0.0
+        text = f"{counted(len(data), 'frame')} in {table.seconds:.2f} s"
         text += f", about {100 * load:.0f} % of the bit rate"
         severity, advice = OK, ""
         if load > 0.8:
             advice = "a full bus delays and loses frames: lower the rates or use two buses"
             severity = WARN
-        figures = {"frames": frames, "seconds": table.seconds, "load": load}
+        figures = {"frames": len(data), "seconds": table.seconds, "load": load}
         lines.append(Finding("load", severity, text, subject, advice, figures=figures))
     if error_frames:
         advice = "check termination (60 ohm between the wires), bit rate and plugs"

@@ -189,17 +189,17 @@ def bench_senders(bench: Bench, codec: Codec, drawn: Truth) -> tuple[Sender, ...
                 message = codec.message(name)
                 message.signal(signal_of(channel.signal))
             except KeyError as error:
-                what = f"signal {channel.signal} is not in {bench.dbc_name}"
+                reason = f"signal {channel.signal} is not in {bench.dbc_name}"
                 advice = "name a signal of the DBC as Message.signal"
-                raise InputError(f"channel {channel.name}", what, advice) from error
+                raise InputError(f"channel {channel.name}", reason, advice) from error
         if message.cycle_s is None:
-            what = f"message {name} has no cycle time"
+            reason = f"message {name} has no cycle time"
             advice = "state cycle_ms for it in a [[message]] of bench.toml"
-            raise InputError(bench.dbc_name, what, advice)
+            raise InputError(bench.dbc_name, reason, advice)
         if message.length > 8:
-            what = f"message {name} has {message.length} bytes"
+            reason = f"message {name} has {message.length} bytes"
             advice = "the simulated bench sends classic CAN, at most 8 bytes"
-            raise InputError(bench.dbc_name, what, advice)
+            raise InputError(bench.dbc_name, reason, advice)
         senders.append(Sender(message, message.cycle_s, drawn.clocks[name], tuple(channels)))
     return tuple(senders)
 
@@ -213,8 +213,8 @@ def rig_of(bench: Bench, codec: Codec, car: SimulatedCar, seed: int) -> Rig:
             plants[name] = car.plant(added)
             _ = plants[name].rest  # raises where it does not stand
         except ValueError as error:
-            what = f"mass state {name}: {error}"
-            raise InputError("bench.toml", what, "move the weights inwards") from error
+            reason = f"mass state {name}: {error}"
+            raise InputError("bench.toml", reason, "move the weights inwards") from error
     senders = bench_senders(bench, codec, drawn)
     return Rig(bench, codec, car, drawn, senders, plants)
 
