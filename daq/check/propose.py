@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import PurePath
 from typing import NamedTuple
@@ -56,7 +56,7 @@ def propose_sensors(
 
     Raises InputError if a database cannot be used, or two sensors of a bus share an identifier.
     """
-    frames = frames if frames is not None and len(frames) else None
+    frames = FrameBatch.empty() if frames is None else frames
     sensors, missing = find_sensors(databases, frames)
     n_buses = max(len(buses), *(each.sensor.bus + 1 for each in sensors), 1)
     is_single = len(databases) == 1 and len(sensors) == 1 and n_buses == 1
@@ -67,9 +67,9 @@ def propose_sensors(
         codec = replace(codec, messages=plain)
     messages = list(codec.messages)
     received: Mapping[str, Arrivals] = {}
-    decoded: Decoded | None = None
-    if frames is not None:
-        received, decoded = frame_table(messages, frames).known, codec.decode(frames)
+    decoded = codec.decode(frames)
+    if len(frames):
+        received = frame_table(messages, frames).known
         missing += [m.name for m in messages if m.name not in received]
         messages = [m for m in messages if m.name in received]
     signals = [(f"{m.name}.{s.name}", s) for m in messages for s in m.signals]
@@ -90,15 +90,23 @@ def propose_sensors(
         for each in sensors
         for table in sensor_map(each.sensor.name, each.sensor.database).get("message", [])
     }
-    tables = _ChannelTables(questions)
+    used_names: set[str] = set()
     lines = _head(databases, sensors if has_sensor_list else (), buses, n_buses)
     for message in messages:
         channels: list[str] = []
         for signal in message.signals:
             full = f"{message.name}.{signal.name}"
-            if full in guesses:
-                sensor = sensor_of(message.name) if has_sensor_list else ""
-                channels += tables.lines(full, guesses[full], sensor)
+            guess = guesses.get(full)
+            if guess is None:
+                continue
+            sensor = sensor_of(message.name) if has_sensor_list else ""
+            name = _unused_name(full, sensor, used_names)
+            used_names.add(name)
+            channels += _channel_table(name, full, guess)
+            if guess.ask:
+                device = f"sensor {sensor}" if sensor else "the IMU"
+                subject = device if guess.of_device else f"channel {name}"
+                questions.append(f"{subject}: {guess.ask}")
         arrivals = received.get(message.name)
         rule = []
         if arrivals is not None and not (has_sensor_list and message.name in in_ready_maps):
@@ -108,12 +116,13 @@ def propose_sensors(
     if missing:
         lines += ["", f"# Not on the bus: {printable(', '.join(missing), 400)}"]
     questions += [f"sensor {each.sensor.name}: {each.why}" for each in sensors if not each.surely]
-    return Proposal("\n".join(lines) + "\n", tuple(questions))
+    # A question about a device comes with each of its channels.
+    return Proposal("\n".join(lines) + "\n", tuple(dict.fromkeys(questions)))
 
 
-def _usable(decoded: Decoded | None, full: str) -> NDArray[np.float64]:
+def _usable(decoded: Decoded, full: str) -> NDArray[np.float64]:
     """Return the usable, finite samples of a signal, (n,); none without traffic."""
-    samples = decoded.samples.get(full) if decoded is not None else None
+    samples = decoded.samples.get(full)
     if samples is None:
         return np.zeros(0)
     return samples.value[samples.usable & np.isfinite(samples.value)]
@@ -140,16 +149,14 @@ class FoundSensor(NamedTuple):
     """False if the user should be asked."""
 
 
-def find_sensors(
-    databases: Databases, frames: FrameBatch | None
-) -> tuple[list[FoundSensor], list[str]]:
+def find_sensors(databases: Databases, frames: FrameBatch) -> tuple[list[FoundSensor], list[str]]:
     """Return the sensors, and the names of the databases without any traffic.
 
-    `frames`: None if there was no traffic: each database is then one sensor on the first bus.
+    `frames`: empty if there was no traffic: each database is then one sensor on the first bus.
     Raises InputError if a database cannot be used.
     """
     codecs = {name: database_codec(text, name) for name, text in databases.items()}
-    if frames is None:
+    if not len(frames):
         why = "no traffic: on the first bus"
         return _named([FoundSensor(Sensor("", name), why, True) for name in codecs]), []
     traffic = {(a.buses[0], a.can_id, a.is_extended): a for a in frame_table((), frames).unknown}
@@ -298,68 +305,62 @@ post_s = 2.5  # until the motion has decayed
 """Tables on vehicle, campaign, trigger and weights, for the user to fill in."""
 
 
-class _ChannelTables:
-    """Writes `[[channel]]` tables with unique names, and collects the questions about them."""
+def _unused_name(full: str, sensor: str, used_names: Collection[str]) -> str:
+    """Return a name for the channel of a signal that no channel has yet.
 
-    def __init__(self, questions: list[str]) -> None:
-        self._questions = questions
-        self._used_names: set[str] = set()
+    `full`: name of the signal with that of its message.  `sensor`: name of its sensor, which the
+    first choice begins with; empty on a bench with one database.
+    """
+    message, _, signal = full.rpartition(".")
+    plain = plain_name(signal, "signal")
+    names = [f"{sensor}_{plain}" if sensor else plain, f"{message.replace('.', '_')}_{plain}"]
+    names += [f"{plain[:55]}_{number}" for number in range(2, 1000)]
+    # A name in bench.toml begins with a letter and has at most 60 characters.
+    valid = [name[:60] for name in names if name[0].isalpha()]
+    return next(name for name in valid if name not in used_names)
 
-    def lines(self, full: str, guess: Guess, sensor: str) -> list[str]:
-        """Return the table of a signal; `full`: its name with that of its message."""
-        message, _, signal = full.rpartition(".")
-        plain = plain_name(signal, "signal")
-        names = [f"{sensor}_{plain}" if sensor else plain, f"{message.replace('.', '_')}_{plain}"]
-        names += [f"{plain[:55]}_{number}" for number in range(2, 1000)]
-        # A name in bench.toml begins with a letter and has at most 60 characters.
-        valid = [name[:60] for name in names if name[0].isalpha()]
-        name = next(name for name in valid if name not in self._used_names)
-        self._used_names.add(name)
-        subject = f"channel {name}"
-        if guess.of_device:
-            subject = f"sensor {sensor}" if sensor else "the IMU"
-        question = f"{subject}: {guess.ask}"
-        if guess.ask and question not in self._questions:
-            self._questions.append(question)
-        lines = [
-            "",
-            "[[channel]]",
-            f'name = "{name}"',
-            f"signal = {json.dumps(full)}",
-            f'quantity = "{guess.quantity}"  # {printable(guess.why, 200)}',
+
+def _channel_table(name: str, full: str, guess: Guess) -> list[str]:
+    """Return the lines of a `[[channel]]` table; `full`: name of the signal and its message."""
+    lines = [
+        "",
+        "[[channel]]",
+        f'name = "{name}"',
+        f"signal = {json.dumps(full)}",
+        f'quantity = "{guess.quantity}"  # {printable(guess.why, 200)}',
+    ]
+    if guess.ask:
+        lines.append(f"{ASK}{printable(guess.ask, 200)}")
+    if guess.quantity in AT_CORNER:
+        lines.append(f'corner = "{guess.corner}"')
+    if guess.sign < 0:
+        by_gravity = (Quantity.BODY_ACCELERATION, Quantity.HUB_ACCELERATION)
+        reason = "  # reads -1 g at rest" if guess.quantity in by_gravity else ""
+        lines.append(f"sign = -1{reason}")
+    if guess.quantity in ON_BODY:
+        lines += [
+            "x_m = -1.2  # FILL IN: from the middle of the front axle, forward positive",
+            "y_m = 0.0  # FILL IN: left positive",
+            "position_sigma_m = 0.5  # FILL IN: how well you measured it",
         ]
-        if guess.ask:
-            lines.append(f"{ASK}{printable(guess.ask, 200)}")
-        if guess.quantity in AT_CORNER:
-            lines.append(f'corner = "{guess.corner}"')
-        if guess.sign < 0:
-            by_gravity = (Quantity.BODY_ACCELERATION, Quantity.HUB_ACCELERATION)
-            reason = "  # reads -1 g at rest" if guess.quantity in by_gravity else ""
-            lines.append(f"sign = -1{reason}")
-        if guess.quantity in ON_BODY:
-            lines += [
-                "x_m = -1.2  # FILL IN: from the middle of the front axle, forward positive",
-                "y_m = 0.0  # FILL IN: left positive",
-                "position_sigma_m = 0.5  # FILL IN: how well you measured it",
-            ]
-        if guess.quantity is not Quantity.UNUSED:
-            lines += [
-                "gain_sigma = 0.01  # of its scale: see its data sheet or calibration",
-                "delay_s = 0.0005  # of a frame on the bus; add the delay from the data sheet",
-                "delay_sigma_s = 0.0003",
-            ]
-        if guess.tare is not None:
-            lines.append(f"tare = {guess.tare:.5g}  # at rest, as the car stood")
-        if guess.quantity is Quantity.SUSPENSION_TRAVEL and not guess.is_proven:
-            lines.append("# sign = -1  # FILL IN if it reads less in compression")
-        return lines
+    if guess.quantity is not Quantity.UNUSED:
+        lines += [
+            "gain_sigma = 0.01  # of its scale: see its data sheet or calibration",
+            "delay_s = 0.0005  # of a frame on the bus; add the delay from the data sheet",
+            "delay_sigma_s = 0.0003",
+        ]
+    if guess.tare is not None:
+        lines.append(f"tare = {guess.tare:.5g}  # at rest, as the car stood")
+    if guess.quantity is Quantity.SUSPENSION_TRAVEL and not guess.is_proven:
+        lines.append("# sign = -1  # FILL IN if it reads less in compression")
+    return lines
 
 
 # The rules that bench.toml adds to a message: cycle, counter, checksum ----------------------------
 
 
 def message_rule(
-    message: MessageLayout, arrivals: Arrivals, decoded: Decoded | None, *, is_used: bool
+    message: MessageLayout, arrivals: Arrivals, decoded: Decoded, *, is_used: bool
 ) -> list[str]:
     """Return a `[[message]]` table if the DBC is incomplete, or states a wrong cycle.
 
