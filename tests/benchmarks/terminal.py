@@ -34,7 +34,7 @@ SIZES = ((80, 24), (140, 40), (200, 50))
 STARTS = 5
 """Starts of which the median is printed."""
 ARMED = b"ARMED  "
-"""On the run screen alone: the title of the window goes on with a dash."""
+"""In the banner of a run alone: the title of the window goes on with a dash."""
 IN_CONTROL = b"op. MK"
 
 

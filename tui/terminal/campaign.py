@@ -121,9 +121,6 @@ _BUS_ALARMS = (
 """Alarms that affect a run if sensors of the bench are silent."""
 _LOSS_ALARMS = ("queue_dropped", "overrun", "bus_full", "counter_gap")
 """Alarms of lost frames."""
-_LASTING_NS = 3_000_000_000
-"""Age above which an alarm of lost frames means more than one disturbance, ns: a single disturbance
-lasts for 2.5 s, because its frames are counted over 1 s and alarms are held for 1.5 s."""
 
 RUNNING = (Phase.TRIGGERED, Phase.DECAY)
 """Phases in which a run is recorded."""
@@ -142,7 +139,8 @@ def shown_obstacle(status: Status) -> Alarm | None:
         return None
     sensors_lack = status.sensors_alive < status.sensors_expected
     for alarm in status.alarms:  # the gravest first
-        lasts = status.wall_ns - alarm.since_ns >= _LASTING_NS
+        # Of one disturbance, the frames are counted over 1 s, and the alarm stays for 1.5 s more.
+        lasts = status.wall_ns - alarm.since_ns >= 3_000_000_000
         if (
             alarm.code in _NOT_STORED_ALARMS
             or (alarm.code in _BUS_ALARMS and sensors_lack)

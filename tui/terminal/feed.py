@@ -34,8 +34,6 @@ ANSWER_S, SLOW_S = 2.0, 15.0
 """Seconds that an answer may take; that of a check, which listens to the bus, may take longer."""
 BIRTH_S = 30.0
 """Seconds that a recorder whose process exists may take to answer: a busy machine needs that."""
-END_S = 20.0
-"""Seconds that a recorder may take to end after a shutdown."""
 SILENT_S = 2.0
 """Seconds without news after which a recorder counts as lost; it publishes ten times a second."""
 
@@ -125,7 +123,7 @@ class RecorderFeed:
 
         Raises OrderRefusedError if the previous one does not end, or the new one does not start.
         """
-        deadline_s = time.monotonic() + END_S
+        deadline_s = time.monotonic() + 20.0  # as a recorder may need to end
         while is_locked(self._folder):
             if time.monotonic() > deadline_s:
                 raise OrderRefusedError(

@@ -45,7 +45,6 @@ class Glyphs:
 
 _BRAILLE = Glyphs("braille", (2, 4), "✓", "✗", "!", "▶", "●", "○", "■", "·", "┊", "│", "▲")
 _BLOCKS = Glyphs("blocks", (2, 2), "√", "x", "!", "►", "●", "○", "■", "·", "│", "│", "▲")
-_SETS = {glyphs.name: glyphs for glyphs in (_BRAILLE, _BLOCKS)}
 
 
 def choose_glyphs(wanted: str, environment: Mapping[str, str]) -> Glyphs:
@@ -55,7 +54,7 @@ def choose_glyphs(wanted: str, environment: Mapping[str, str]) -> Glyphs:
     have no braille; Windows Terminal sets `WT_SESSION`, the old console host does not.
     """
     if wanted != "auto":
-        return _SETS[wanted]
+        return _BLOCKS if wanted == _BLOCKS.name else _BRAILLE
     old_terminal = environment.get("TERM", "") in ("linux", "vt100", "vt220", "dumb")
     old_console = environment.get("OS") == "Windows_NT" and "WT_SESSION" not in environment
     return _BLOCKS if old_terminal or old_console else _BRAILLE

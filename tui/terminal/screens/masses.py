@@ -21,7 +21,6 @@ from .weights import (
     HEADS,
     NEW_WEIGHT,
     Entry,
-    Typed,
     WeightScreen,
     check_inventory,
     entries_of,
@@ -125,7 +124,7 @@ class MassesScreen(BenchScreen):
     def _edit(self, title: str, values: Mapping[str, str], row: int) -> None:
         """Let the operator fill the form; put its weight, not bolted yet, into a row."""
 
-        def put(typed: Typed | None) -> None:
+        def put(typed: dict[str, str] | None) -> None:
             if typed is not None:
                 self._change(row, Entry(weight_of(typed)))
                 self.mark_row(row)

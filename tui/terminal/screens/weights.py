@@ -21,7 +21,6 @@ from daq.vehicle import Weight
 from ..form import Field, FieldError, Form, Values, check_fields, checked_number, number
 from ..widgets import Cell, Words, right
 
-Typed = dict[str, str]
 BODY = "body"
 NEW_WEIGHT = {
     "place": BODY,
@@ -68,7 +67,7 @@ def weight_of(values: Values) -> Weight:
     return BodyWeight(mass_kg, x_m, y_m, height_m, sigma_kg, position_sigma_m)
 
 
-def weight_values(weight: Weight) -> Typed:
+def weight_values(weight: Weight) -> dict[str, str]:
     """Return the values of the form for an existing weight; at a hub its position is empty."""
     place = BODY if isinstance(weight, BodyWeight) else str(weight.corner)
     numbers = {name: value for name, value in asdict(weight).items() if name != "corner"}
@@ -131,7 +130,7 @@ def weight_cells(number: int, entry: Entry, yes: str, no: str) -> list[Cell]:
     return [right(str(number)), bolted, place, *map(right, (*masses, *position))]
 
 
-class WeightScreen(ModalScreen[Typed | None]):
+class WeightScreen(ModalScreen[dict[str, str] | None]):
     """Returns the values of a weight; Esc discards them."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
