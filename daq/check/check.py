@@ -7,7 +7,7 @@ reason and, where possible, advice.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from datetime import date
 from typing import NamedTuple
@@ -172,12 +172,14 @@ def check_channel(
     stuck = list(_stuck_faults(mapped, samples.value[finite], value[finite]))
     faults += stuck
     gravity = ""
-    if channel.quantity is not Quantity.UNUSED and FAIL not in [fault[1] for fault in stuck]:
+    if channel.quantity is not Quantity.UNUSED and not _fails(stuck):
         faults += _rest_faults(mapped, rest)
         if channel.quantity in (Quantity.BODY_ACCELERATION, Quantity.HUB_ACCELERATION):
-            fault = _gravity(mapped, rest)
-            gravity = f", {fault[2]}" if fault[1] is OK else ""
-            faults += [] if gravity else [fault]
+            code, severity, text, advice = _gravity(mapped, rest)
+            if severity is OK:
+                gravity = f", {text}"
+            else:
+                faults.append((code, severity, text, advice))
         if 0 < rate_hz < 50.0:
             text = f"{rate_hz:.0f} Hz is slow: wheels hop at 10 to 15 Hz"
             faults.append(("slow", WARN, text, "ask the sensor for 100 Hz or more"))
@@ -185,7 +187,7 @@ def check_channel(
         text = f"its position is a guess (+-{channel.position_sigma_m:g} m)"
         advice = "measure x_m and y_m from the middle of the front axle"
         faults.append(("position", WARN, text, advice))
-    if FAIL not in [fault[1] for fault in faults]:
+    if not _fails(faults):
         level = f"{rest.level:.3g} {channel.unit}"
         text = f"{level} at rest, noise {rest.noise:.2g}, {rate_hz:.0f} Hz{gravity}"
         faults.insert(0, ("rest", OK, text, ""))
@@ -193,11 +195,17 @@ def check_channel(
     return findings(subject, faults, figures)
 
 
+def _fails(faults: Iterable[Fault]) -> bool:
+    """Return whether any of some faults fails the check."""
+    return any(severity is FAIL for _, severity, _, _ in faults)
+
+
 def _rest(value: NDArray[np.float64], t_ns: NDArray[np.int64]) -> _Rest:
     """Return a channel's statistics at rest, none of which a single knock changes.
 
-    Noise comes from the steps between neighbours, without the largest hundredth; slow motion is the
-    span of nine tenths of the means of blocks of 0.1 s.
+    `value` and `t_ns`: its finite samples, (n,), SI.  Noise comes from the steps between
+    neighbours, without the largest hundredth; slow motion is the span of nine tenths of the means
+    of blocks of 0.1 s.
     """
     squared_steps = np.sort(np.diff(value) ** 2)
     usual_steps = squared_steps[: len(squared_steps) - len(squared_steps) // 100]
@@ -224,11 +232,11 @@ def _calibration_faults(channel: Channel, days: int, today: date) -> Iterator[Fa
 def _validity_faults(
     mapped: MappedChannel, samples: Samples, value: NDArray[np.float64]
 ) -> Iterator[Fault]:
-    """Yield each reason for which samples cannot be used."""
+    """Yield each reason for which samples cannot be used; `value`: the same samples in SI, (n,)."""
     signal, n, usable = mapped.signal, len(value), samples.usable
     low, high = signal.span
     at_end = usable & ((samples.value <= low) | (samples.value >= high))
-    # Many unsigned signals are zero at rest, and a constant signal is reported elsewhere.
+    # A float has no end, one bit is always at one, and `_stuck_faults` reports a constant signal.
     if signal.is_float or signal.length < 2 or len(np.unique(samples.value[usable])) < 2:
         at_end[:] = False
 
@@ -243,8 +251,8 @@ def _validity_faults(
     saturated = "it saturates, or reports that it has no value"
     range_end = f"at the end of its range ({low:g} to {high:g})"
     crc, sentinel, missing = Quality.CRC_BAD, Quality.SENTINEL, Quality.MISSING
-    # Code, samples concerned, share of all samples above which it fails, state, advice.
-    for code, concerned, fail_share, state, advice in (
+    # Code, faulty samples, ratio to all samples above which the channel fails, state, advice.
+    for code, is_faulty, failing_ratio, state, advice in (
         ("unusable", flagged(crc), 0.5, "unusable: the checksum does not match", see),
         ("unusable", flagged(sentinel), 0.5, "unusable: the sensor says it has no value", see),
         ("unusable", flagged(missing), 0.5, "unusable: the frame is too short to hold it", see),
@@ -252,22 +260,27 @@ def _validity_faults(
         ("out_of_range", outside, 0.5, f"outside {limits}", correct),
         ("overload", at_end, 0.01, range_end, saturated),
     ):
-        count = int(np.sum(concerned))
+        count = int(np.sum(is_faulty))
         if count:
             text = f"{count} of {n} samples {plural(count, 'is', 'are')} {state}"
-            yield code, FAIL if count > fail_share * n else WARN, text, advice
+            yield code, FAIL if count > failing_ratio * n else WARN, text, advice
 
 
 def _stuck_faults(
     mapped: MappedChannel, raw: NDArray[np.float64], value: NDArray[np.float64]
 ) -> Iterator[Fault]:
-    """Yield a fault if the channel has one value; `raw`: the same samples as in the frames."""
+    """Yield a fault if the channel has one value, in more samples than chance allows.
+
+    `raw`: the same samples in the unit of the database.  A coarse sensor, whose step may exceed the
+    noise at rest, gives a warning only; an unused one nothing.
+    """
     if np.ptp(value) > 0 or not is_stuck(len(value)):
         return
     signal, quantity, unit = mapped.signal, mapped.channel.quantity, mapped.channel.unit
     text = f"stuck: all {len(value)} samples are {value[0]:.6g} {unit}"
-    at_end = not signal.is_float and signal.length > 1 and raw[0] in signal.span and raw[0] != 0
-    if at_end or is_fine(quantity, unit, mapped.step):
+    is_integer = not signal.is_float and signal.length > 1
+    is_at_end = is_integer and raw[0] in signal.span and raw[0] != 0
+    if is_at_end or is_fine(quantity, unit, mapped.step):
         yield "stuck", FAIL, text, "the sensor is dead, frozen or not started"
     elif quantity is not Quantity.UNUSED:
         yield "stuck", WARN, text, "move it: does it change?"
@@ -293,7 +306,7 @@ def _rest_faults(mapped: MappedChannel, rest: _Rest) -> Iterator[Fault]:
 
 
 def _gravity(mapped: MappedChannel, rest: _Rest) -> Fault:
-    """Return the finding on unit, sign and tilt of an acceleration by gravity, also an OK one."""
+    """Return the finding on unit, sign and tilt of a vertical accelerometer; OK if it reads 1 g."""
     channel = mapped.channel
     reading_g = (rest.level + channel.tare) / G_M_S2  # 1 for a sensor that is upright
     reading = f"reads {rest.level:.4g} m/s2 at rest"
@@ -305,7 +318,7 @@ def _gravity(mapped: MappedChannel, rest: _Rest) -> Fault:
     # Factors by which a wrong unit in the database changes gravity, with the unit that they prove.
     units = {1 / G_M_S2: "g", G_M_S2: "m/s2", 1e3 * G_M_S2: "mm/s2"}
     for factor, unit in units.items():
-        if abs(abs(reading_g) / factor - 1) < 0.08:
+        if abs(abs(reading_g) / factor - 1) < 0.08:  # a tilt of 20 degrees and an offset
             and_flip = f" and {flip}" if reading_g < 0 else ""
             text = f"{reading}: {factor:.4g} times gravity, so its unit is wrong"
             return "gravity", FAIL, text, f'state signal_unit = "{unit}"{and_flip}'
@@ -314,6 +327,6 @@ def _gravity(mapped: MappedChannel, rest: _Rest) -> Fault:
         return "gravity", WARN, text, "take the signal of the vertical axis, if it is another one"
     tilt = math.degrees(math.acos(min(abs(reading_g), 1.0)))
     angle = f", tilted by {tilt:.0f} degrees" if tilt else ""
-    severity = FAIL if abs(abs(reading_g) - 1) > 0.3 else WARN
+    severity = FAIL if abs(abs(reading_g) - 1) > 0.3 else WARN  # 0.7 g is a tilt of 45 degrees
     text, advice = f"{reading}{angle}, or its scale is wrong", "mount it upright, or correct gain"
     return "gravity", severity, text, advice

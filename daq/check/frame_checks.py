@@ -26,7 +26,7 @@ Fault = tuple[str, Severity, str, str]
 RATE_FAIL = 0.10
 """Relative deviation of a rate from the cycle that fails."""
 _LOST_FAIL = 0.01
-"""Share of lost or unusable frames that fails."""
+"""Ratio of lost or unusable frames to all frames that fails."""
 _EXTENDED_KEY, _BUS_KEY = 1 << 29, 1 << 30
 """Weights of the flag of 29 bits and of the bus in a key that is otherwise the identifier."""
 
@@ -97,17 +97,21 @@ class FrameTable:
 
 
 def frame_table(messages: Sequence[MessageLayout], frames: FrameBatch) -> FrameTable:
-    """Return the data frames of a recording, which must not be empty, by message."""
+    """Return the data frames of a recording by message, unknown ones by bus and identifier.
+
+    `frames`: at least one, of any kind.
+    """
     no_data = np.uint16(FrameFlag.ERROR | FrameFlag.REMOTE)
     data = frames.select((frames.flags & no_data) == 0)
     extended = (data.flags & np.uint16(FrameFlag.EXTENDED)) != 0
-    index = Codec(tuple(messages)).classify(data)
+    message_index = Codec(tuple(messages)).classify(data).astype(np.int64)
     frame_keys = data.can_id + _EXTENDED_KEY * extended + _BUS_KEY * data.bus.astype(np.int64)
     # Unknown frames keep this key; those of message i have the key -1 - i.
-    frame_keys = np.where(index == len(messages), frame_keys, -1 - index.astype(np.int64))
+    frame_keys = np.where(message_index == len(messages), frame_keys, -1 - message_index)
     by_key = np.argsort(frame_keys, kind="stable")
     keys, begins = np.unique(frame_keys[by_key], return_index=True)
     known, unknown = {}, []
+    # Not strict: without data frames there is no key, but one empty part.
     for key, rows in zip(keys.tolist(), np.split(by_key, begins[1:]), strict=False):
         same_key = data.select(rows)
         buses = tuple(np.unique(same_key.bus).tolist())
@@ -216,7 +220,11 @@ def check_messages(
 def _rate_faults(
     message: MessageLayout, arrivals: Arrivals, rate_hz: float, table: FrameTable, has_time: bool
 ) -> Iterator[Fault]:
-    """Yield the faults of silence and rate; `has_time`: its frames state their time."""
+    """Yield the faults of silence and rate, of the latter only with a cycle time.
+
+    `rate_hz`: with the frames that the counter shows as missing.  `has_time`: its frames state
+    their time, so that it needs no cycle time.
+    """
     silent_s = (table.end_ns - int(arrivals.t_ns[-1])) * 1e-9
     # Ten cycles, or 0.5 s, are longer than any jitter.
     if silent_s > max(0.5, 10 * (message.cycle_s or 0.0)):
@@ -226,9 +234,7 @@ def _rate_faults(
         if message.counter is not None and not has_time and rate_hz > 0:
             text = f"{rate_hz:.1f} Hz; without a cycle time its counter gives no sample times"
             yield "no_cycle", WARN, text, state_cycle
-        return
-    deviation = abs(rate_hz * message.cycle_s - 1)
-    if deviation > 0.02:
+    elif (deviation := abs(rate_hz * message.cycle_s - 1)) > 0.02:  # no clock is so bad
         text = f"{rate_hz:.1f} Hz instead of {1 / message.cycle_s:.1f} Hz"
         severity = FAIL if deviation > RATE_FAIL else WARN
         yield "rate", severity, text, f"set the sensor's rate, or {state_cycle}"
@@ -238,29 +244,29 @@ def _content_faults(
     message: MessageLayout, arrivals: Arrivals, decoded: Decoded
 ) -> Iterator[Fault]:
     """Yield the faults of length and checksum."""
-    n, length = len(arrivals.length), arrivals.length
+    length = arrivals.length
     sizes = "/".join(map(str, np.unique(length[length != message.length])))
-    short, long = np.sum(length < message.length), np.sum(length > message.length)
-    of_frames = f"of {n} frames have {sizes} bytes; the DBC says {message.length}"
-    if short:
-        yield "length", FAIL, f"{short} {of_frames}", "correct the length, or the DBC"
-    elif long:
-        yield "length", WARN, f"{long} {of_frames}", "the excess bytes are not decoded"
+    n_short, n_long = np.sum(length < message.length), np.sum(length > message.length)
+    of_frames = f"of {len(length)} frames have {sizes} bytes; the DBC says {message.length}"
+    if n_short:
+        yield "length", FAIL, f"{n_short} {of_frames}", "correct the length, or the DBC"
+    elif n_long:
+        yield "length", WARN, f"{n_long} {of_frames}", "the excess bytes are not decoded"
     if message.crc is None:
         return
     quality = decoded[f"{message.name}.{message.crc}"].quality
-    n, bad = len(quality), int(np.sum((quality & Quality.CRC_BAD) != 0))
-    if not bad:
+    n_checked, n_wrong = len(quality), int(np.sum((quality & Quality.CRC_BAD) != 0))
+    if not n_wrong:
         return
     severity, advice = FAIL, f"no rule matches ({', '.join(CRC_RULES)}): leave it out"
     matching = fitting_rules(arrivals, message.signal(message.crc).first_byte, message.length)
     if matching:
         advice = f"state crc_rule = {matching[0]!r}, which matches"
-    elif bad <= n / 2:  # the stated rule is right, and some frames are damaged
-        severity = FAIL if bad > _LOST_FAIL * n else WARN
+    elif n_wrong <= n_checked / 2:  # the stated rule is right, and some frames are damaged
+        severity = FAIL if n_wrong > _LOST_FAIL * n_checked else WARN
         advice = "check wiring and power of the sensor"
-    have = plural(bad, "has", "have")
-    text = f"{bad} of {n} frames {have} a wrong checksum ({message.crc_rule})"
+    have = plural(n_wrong, "has", "have")
+    text = f"{n_wrong} of {n_checked} frames {have} a wrong checksum ({message.crc_rule})"
     yield "checksum", severity, text, advice
 
 
@@ -270,16 +276,16 @@ def fitting_rules(arrivals: Arrivals, byte: int, length: int) -> list[str]:
     `byte`: position of the checksum in the payload.  `length`: full length, bytes.
     """
     payloads = np.unique(arrivals.data[arrivals.length == length], axis=0)
-    if len(payloads) < 4:  # a wrong rule passes one frame in 256
+    if len(payloads) < 4:  # a wrong rule passes one frame in 256, four by chance in 256**4
         return []
-    checked, stated = covered(payloads, byte, length), payloads[:, byte]
-    return [name for name, rule in CRC_RULES.items() if np.array_equal(rule(checked), stated)]
+    covered_bytes, stated = covered(payloads, byte, length), payloads[:, byte]
+    return [name for name, rule in CRC_RULES.items() if np.array_equal(rule(covered_bytes), stated)]
 
 
 def _counter_faults(
     message: MessageLayout, counter: health.CounterHealth, decoded: Decoded
 ) -> Iterator[Fault]:
-    """Yield the fault of a rolling counter: constant, too large, with gaps, or restarted."""
+    """Yield the faults of a rolling counter: constant or too large; else with gaps, restarted."""
     assert message.counter is not None  # ensured by health.advance
     name, modulus = f"the counter {message.counter.signal}", message.counter.modulus
     samples = decoded[f"{message.name}.{message.counter.signal}"]
@@ -306,7 +312,10 @@ def _counter_faults(
 def _clock_faults(
     message: MessageLayout, keeping: Timekeeping, decoded: Decoded
 ) -> Iterator[Fault]:
-    """Yield the fault of a sensor's time that runs faster or slower than that of the bus."""
+    """Yield the fault of a sensor's time that runs faster or slower than that of the bus.
+
+    Nothing for a message without a time, or with fewer than ten usable ones.
+    """
     clock = keeping.clocks.get(message.name)
     if clock is None:
         return

@@ -20,7 +20,7 @@ from dbc.units import G_M_S2, known_si
 
 from ..channels import Quantity, message_of, sensor_of, signal_of
 from ..vehicle import Corner
-from .pushes import AXES, NEAR_1_G, Pushes, axis_of, mounting, pushed_corner
+from .pushes import AXES, NEAR_1_G, Mounting, Pushes, axis_of, mounting, pushed_corner
 
 # Names of signals: words, wheel, axis, and the kind of quantity -----------------------------------
 
@@ -187,23 +187,23 @@ def candidate(full: str, signal: SignalLayout, values: NDArray[np.float64]) -> C
 
 def guess_channels(candidates: Iterable[Candidate], pushes: Pushes | None) -> dict[str, Guess]:
     """Return a guess for each signal, by full name, without signals that the method cannot use."""
-    groups: dict[tuple[str, Corner | None], list[Candidate]] = defaultdict(list)
-    for each in candidates:
-        groups[each.sensor, each.corner].append(each)
-    grouped = [s for group in groups.values() for s in group]
-    with_gyroscope = {s.sensor for s in grouped if s.si_unit in ("rad/s", "rad/s2")}
+    devices: dict[tuple[str, Corner | None], list[Candidate]] = defaultdict(list)
+    for s in candidates:
+        devices[s.sensor, s.corner].append(s)
+    by_device = [s for device in devices.values() for s in device]
+    with_gyroscope = {s.sensor for s in by_device if s.si_unit in ("rad/s", "rad/s2")}
     guesses: dict[str, Guess] = {}
-    for (sensor, _), group in groups.items():
-        guesses |= {s.full: guess for s in group if (guess := _by_name(s)) is not None}
-        guesses |= _by_mounting(group, pushes)
-        for s in group:
+    for (sensor, _), device in devices.items():
+        guesses |= {s.full: guess for s in device if (guess := _by_name(s)) is not None}
+        guesses |= _by_mounting(device, pushes)
+        for s in device:
             # Without gyroscopes or an axis in its name it may be on a hub as well.
             may_be_hub = not s.is_on_body and (s.axis is None or sensor not in with_gyroscope)
             guess = guesses.get(s.full)
             is_body = guess is not None and guess.quantity is Quantity.BODY_ACCELERATION
             if guess is not None and is_body and may_be_hub and not guess.ask:
                 guesses[s.full] = replace(guess, ask=_WHICH_HUB, of_device=False)
-    lengths = [s for s in grouped if s.si_unit == "m" and s.full in guesses]
+    lengths = [s for s in by_device if s.si_unit == "m" and s.full in guesses]
     return guesses | _travels(lengths, guesses, pushes)
 
 
@@ -288,56 +288,62 @@ def _guess_length(s: Candidate) -> Guess | None:
 # The sensors of one device, from gravity and pushes -----------------------------------------------
 
 
-def _by_mounting(group: Sequence[Candidate], pushes: Pushes | None) -> dict[str, Guess]:
-    """Return the guesses for a device with three accelerations, from how it is mounted."""
-    accelerations = {s.axis: s for s in group if s.si_unit == "m/s2" and s.axis}
+def _by_mounting(device: Sequence[Candidate], pushes: Pushes | None) -> dict[str, Guess]:
+    """Return the guesses for a device by full name of the signal, from how it is mounted.
+
+    Empty unless it read an acceleration at rest on all three axes.  Its gyroscopes are guessed if
+    one axis is vertical and it has two or three.
+    """
+    accelerations = {s.axis: s for s in device if s.si_unit == "m/s2" and s.axis}
     gravity_g = {axis: s.gravity_g for axis, s in accelerations.items() if s.gravity_g is not None}
     if len(gravity_g) < len(AXES):
         return {}
-    gyroscopes = {s.axis: s for s in group if s.si_unit in ("rad/s", "rad/s2") and s.axis}
-    angles: dict[Corner, dict[str, float]] = defaultdict(dict)
+    gyroscopes = {s.axis: s for s in device if s.si_unit in ("rad/s", "rad/s2") and s.axis}
+    angles: dict[Corner, dict[str, float]] = defaultdict(dict)  # by pushed corner, then by axis
     for axis, s in gyroscopes.items():
         if pushes is not None and s.si_unit == "rad/s" and s.full in pushes.traces:
             for corner, angle in pushes.angles(s.full).items():
                 angles[corner][axis] = angle
     mounted = mounting(gravity_g, angles)
-    vertical, sign = axis_of(mounted.up) if mounted else ("", 1)
+    if mounted is None:
+        levels = ", ".join(f"{gravity_g[axis]:+.2f}" for axis in AXES)
+        ask = f"no axis is vertical: it reads {levels} g"
+        tilted = Guess(Quantity.UNUSED, "tilted", ask=ask, of_device=True)
+        return {s.full: tilted for s in accelerations.values()}
+    vertical_axis, sign = axis_of(mounted.up)
     guesses = {}
     for axis, s in accelerations.items():
         why = f"reads {gravity_g[axis]:+.2f} g at rest"
-        guess = Guess(Quantity.UNUSED, f"{why}: not vertical")
-        if mounted is None:
-            levels = ", ".join(f"{gravity_g[a]:+.2f}" for a in AXES)
-            ask = f"no axis is vertical: it reads {levels} g"
-            guess = replace(guess, why="tilted", ask=ask, of_device=True)
-        elif axis == vertical:
-            is_on_hub = s.corner is not None and not s.is_on_body
-            quantity = Quantity.HUB_ACCELERATION if is_on_hub else Quantity.BODY_ACCELERATION
-            wheel = s.corner if is_on_hub else None
-            guess = Guess(quantity, f"{why}: vertical", wheel, sign)
-        guesses[s.full] = guess
-    if mounted is None or len(gyroscopes) < 2:
-        return guesses
-    forward_axis, forward_sign = axis_of(mounted.forward)
-    proof = "proven" if mounted.surely_forward else "taken"
-    for axis, s in gyroscopes.items():
-        if axis == vertical:
-            why = f"about {axis}, the vertical axis of its sensor: yaw"
-            guesses[s.full] = Guess(Quantity.UNUSED, why)
-            continue
-        rotation, direction = _PITCH, mounted.left
-        if axis == forward_axis:
-            rotation, direction = _ROLL, mounted.forward
-        why = f"about {axis}; {forward_axis} is {proof} for the axis along the car; "
-        why += rotation.sense
-        ask = ""
-        if not mounted.surely_forward:
-            plus = "+" if forward_sign > 0 else "-"
-            ask = f"does the sensor's {plus}{forward_axis} axis point forward?"
-            ask += "  The pushes did not show it." if pushes is not None else ""
-        quantity, sign = rotation.quantity(s.si_unit), axis_of(direction)[1]
-        guesses[s.full] = Guess(quantity, why, None, sign, ask, True, mounted.surely_forward)
+        if axis != vertical_axis:
+            guesses[s.full] = Guess(Quantity.UNUSED, f"{why}: not vertical")
+        elif s.corner is None or s.is_on_body:
+            guesses[s.full] = Guess(Quantity.BODY_ACCELERATION, f"{why}: vertical", sign=sign)
+        else:
+            guesses[s.full] = Guess(Quantity.HUB_ACCELERATION, f"{why}: vertical", s.corner, sign)
+    if len(gyroscopes) > 1:
+        guesses |= {s.full: _gyroscope(s, axis, mounted, pushes) for axis, s in gyroscopes.items()}
     return guesses
+
+
+def _gyroscope(s: Candidate, axis: str, mounted: Mounting, pushes: Pushes | None) -> Guess:
+    """Return the guess for a rotation about an axis of a sensor: roll, pitch, or unused for yaw.
+
+    `pushes`: only their presence counts here; what they show of the axes is in `mounted`.
+    """
+    if axis == axis_of(mounted.up)[0]:
+        return Guess(Quantity.UNUSED, f"about {axis}, the vertical axis of its sensor: yaw")
+    forward_axis, forward_sign = axis_of(mounted.forward)
+    rotation, direction = _PITCH, mounted.left
+    if axis == forward_axis:
+        rotation, direction = _ROLL, mounted.forward
+    proof, ask = "proven", ""
+    if not mounted.surely_forward:
+        proof, plus = "taken", "+" if forward_sign > 0 else "-"
+        ask = f"does the sensor's {plus}{forward_axis} axis point forward?"
+        ask += "  The pushes did not show it." if pushes is not None else ""
+    why = f"about {axis}; {forward_axis} is {proof} for the axis along the car; {rotation.sense}"
+    quantity, sign = rotation.quantity(s.si_unit), axis_of(direction)[1]
+    return Guess(quantity, why, None, sign, ask, True, mounted.surely_forward)
 
 
 def _travels(
@@ -345,23 +351,22 @@ def _travels(
 ) -> dict[str, Guess]:
     """Return the guesses for lengths; for travels with corner, sign and tare.
 
-    Corners are those that pushes show or names state.
+    The corner is the one that pushes show, else the one that the name states.  `guesses`: from
+    the names.
     """
     traces = pushes.traces if pushes is not None else {}
     peaks = {s.full: pushes.peaks(s.full) for s in lengths if pushes and s.full in traces}
     travels = {s.full: guesses[s.full] for s in lengths}
-    for name, its_peaks in peaks.items():
-        guess = travels[name]
+    for name, peaks_by_corner in peaks.items():
         other_peaks = [of_other for other, of_other in peaks.items() if other != name]
-        pushed = pushed_corner(its_peaks, other_peaks)
-        if pushed is None:
-            continue
-        corner, sign = pushed
-        ask = ""
-        if guess.corner not in (None, corner):
-            ask = f"its name says {guess.corner}: are plugs swapped?"
-        why, kind = f"moved most by the push on {corner}", Quantity.SUSPENSION_TRAVEL
-        travels[name] = Guess(kind, why, corner, sign, ask, is_proven=True)
+        pushed = pushed_corner(peaks_by_corner, other_peaks)
+        if pushed is not None:
+            corner, sign = pushed
+            named_corner, ask = travels[name].corner, ""
+            if named_corner not in (None, corner):
+                ask = f"its name says {named_corner}: are plugs swapped?"
+            why, kind = f"moved most by the push on {corner}", Quantity.SUSPENSION_TRAVEL
+            travels[name] = Guess(kind, why, corner, sign, ask, is_proven=True)
     for s in lengths:
         guess = travels[s.full]
         if guess.quantity is Quantity.SUSPENSION_TRAVEL and s.level is not None:

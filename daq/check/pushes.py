@@ -77,18 +77,19 @@ def judge_push(
     begin: int,
     bin_s: float,
 ) -> PushResult:
-    """Return the result of the push on one corner, from the data so far.
+    """Return the result of the push on one corner from the data so far; not done until it is over.
 
     `lanes`: the last seconds as an envelope, NaN where there is no sample; all have the same bins,
     and most bins are at rest.  `begin`: the first bin that counts: before it another corner may
-    have been pushed; a motion that goes on there does not count either.  `bin_s`: width of a bin.
+    have been pushed.  A motion that was there already counts neither, until it has settled.
+    `bin_s`: width of a bin.
     """
     deviations = _deviations(channels, lanes)
     ask_for_push = PushResult(corner, False, False, f"push DOWN at the {spoken(corner)}, let go")
     wait_for_rest = PushResult(corner, False, False, "moving: let it come to rest")
     if not deviations:
         return ask_for_push
-    is_moving = np.any([np.abs(away) >= least for away, least in deviations.values()], axis=0)
+    is_moving = np.any([np.abs(size) >= least for size, least in deviations.values()], axis=0)
     n_bins, settling_bins = len(is_moving), round(_SETTLED_S / bin_s)
     # Begin after a motion that was there before: its first direction is not seen.
     for moving_bin in np.flatnonzero(is_moving).tolist():
@@ -115,7 +116,10 @@ def judge_push(
 def _deviations(
     channels: Sequence[Channel], lanes: Mapping[str, Envelope]
 ) -> dict[Channel, tuple[NDArray[np.float64], float]]:
-    """Return for each channel its deviation from rest in each bin, and the least that is motion."""
+    """Return for each channel its deviation from rest in each bin, and the least that is motion.
+
+    Only travels and rates of turn that have a sample: others do not show a push (`_LEAST_PUSH`).
+    """
     deviations = {}
     for channel in channels:
         if channel.quantity not in _LEAST_PUSH or channel.name not in lanes:
@@ -133,21 +137,18 @@ def _deviations(
 
 
 def _judged(corner: Corner, moves: Sequence[_Move], channels: Sequence[Channel]) -> PushResult:
-    """Return the result of a push that is over, from the channels that moved."""
+    """Return the result of a push that is over, from the channels that moved, at least one."""
     travels = [m for m in moves if m.channel.quantity is Quantity.SUSPENSION_TRAVEL]
     largest = max(travels, key=lambda m: m.peak, default=None)
-    own_travel = next(
-        (c for c in channels if c.quantity is Quantity.SUSPENSION_TRAVEL and c.corner is corner),
-        None,
-    )
-    if own_travel is not None and largest is None:
-        name = own_travel.name
+    names = {c.corner: c.name for c in channels if c.quantity is Quantity.SUSPENSION_TRAVEL}
+    name = names.get(corner)  # None if no travel is measured at this corner
+    if name is not None and largest is None:
         text, advice = f"{name} did not move", "check its plug and its rod, then push again"
         return PushResult(corner, True, False, text, advice)
-    if own_travel and largest and largest.channel.corner is not corner:
+    if name is not None and largest is not None and largest.channel.corner is not corner:
         other = largest.channel
         text = f"{other.corner} moved: another corner was pushed, or "
-        text += f"{own_travel.name} and {other.name} are swapped"
+        text += f"{name} and {other.name} are swapped"
         advice = f"press R and push the {spoken(corner)}; if it repeats, swap their plugs"
         return PushResult(corner, True, False, text, advice)
     wrong = [m.channel.name for m in moves if _expected(corner, m.channel) == -m.first_sign]
@@ -155,14 +156,18 @@ def _judged(corner: Corner, moves: Sequence[_Move], channels: Sequence[Channel])
         text = f"{', '.join(wrong)} moved the wrong way"
         advice = f"I inverts the sign of {wrong[0]}"
         return PushResult(corner, True, False, text, advice, tuple(wrong))
-    shown = largest or moves[0]
-    deviation, unit = shown.first_sign * shown.peak, shown.channel.unit
+    move = largest or moves[0]
+    deviation, unit = move.first_sign * move.peak, move.channel.unit
     motion = f"{deviation * 1e3:+.0f} mm" if unit == "m" else f"{deviation:+.2g} {unit}"
-    return PushResult(corner, True, True, f"{shown.channel.name} moved {motion}, sign right")
+    return PushResult(corner, True, True, f"{move.channel.name} moved {motion}, sign right")
 
 
 def _expected(corner: Corner, channel: Channel) -> int | None:
-    """Return the expected first direction of a channel, +1 or -1; None if it is not certain."""
+    """Return the expected first direction of a channel, +1 or -1; None if it is not certain.
+
+    Roll first lowers the pushed side, pitch the pushed end; another wheel's travel may go either
+    way.
+    """
     match channel.quantity:
         case Quantity.SUSPENSION_TRAVEL:
             return 1 if channel.corner is corner else None
@@ -209,27 +214,26 @@ def axis_of(direction: Vector) -> tuple[str, int]:
 
 
 def mounting(
-    gravity_g: Mapping[str, float], angles: Mapping[Corner, Mapping[str, float]] | None
+    gravity_g: Mapping[str, float], angles: Mapping[Corner, Mapping[str, float]]
 ) -> Mounting | None:
     """Return how a sensor is mounted; None if no axis is vertical.
 
     `gravity_g`: reading of each of the three axes at rest, in g.  `angles`: the angle by which the
-    body turned about each axis in a push on each corner, any unit; None without pushes: x is then
-    assumed to be forward, or z if x is vertical.
+    body turned about each axis in a push on each corner, any unit.  If they do not show the forward
+    direction, or there are none, x is assumed to be forward, or z if x is vertical.
     """
     reading_g = np.array([gravity_g[axis] for axis in AXES])
     size_g = float(np.linalg.norm(reading_g))
-    unit = reading_g / size_g if size_g > 0 else reading_g
-    vertical = int(np.argmax(np.abs(unit)))
+    vertical = int(np.argmax(np.abs(reading_g)))
     # 0.9 is the cosine of a tilt of 26 deg: between two axes it is not known which was meant.
-    if abs(size_g - 1) > NEAR_1_G or abs(unit[vertical]) < 0.9:
+    if abs(size_g - 1) > NEAR_1_G or abs(reading_g[vertical]) < 0.9 * size_g:
         return None
     up = np.zeros(3)
-    up[vertical] = np.sign(unit[vertical])
+    up[vertical] = np.sign(reading_g[vertical])
     horizontal = [sign * e for e in np.eye(3) if not np.any(up * e) for sign in (1.0, -1.0)]
     if angles:
         fits = [_fit(up, forward, angles) for forward in horizontal]
-        best, second = np.argsort(fits)[:-3:-1].tolist()
+        best, second = np.argsort(fits)[:-3:-1].tolist()  # the last two, from the last
         if fits[best] > _CLEAR * max(fits[second], 0.0):
             return Mounting(up, horizontal[best], True)
     # x is forward; where x is vertical it is z, or -z if x points up.
@@ -260,11 +264,12 @@ def pushed_corner(
     """Return the corner and the sign of a travel sensor; None if they are not clear.
 
     `peaks`: its largest deviation in the push on each corner, any unit.  `others`: those of all
-    other travels.  The push on its own corner moves it more than any other push does.
+    other travels.  The push on its corner must move it twice as much as any other push, and no
+    other travel more.
     """
     best, second = sorted(peaks, key=lambda corner: -abs(peaks[corner]))[:2]
     size = abs(peaks[best])
-    another_moves_more = any(abs(other[best]) > size for other in others)
+    another_moves_more = any(abs(of_other[best]) > size for of_other in others)
     if not size or size < _CLEAR * abs(peaks[second]) or another_moves_more:
         return None
     return best, 1 if peaks[best] > 0 else -1
@@ -321,6 +326,7 @@ def find_pushes(traces: Mapping[str, Trace], moved: Sequence[str]) -> tuple[Push
     """Return the pushes in a recording, and how many it has; None unless there are four.
 
     `traces`: decoded samples, in order of time.  `moved`: the signals that a push by hand moves.
+    The recording is cut into bins of equal width; a bin moves if any of these signals does in it.
     """
     usable = [traces[name] for name in moved if name in traces and len(traces[name][0]) > 1]
     if not usable:
@@ -348,14 +354,16 @@ def find_pushes(traces: Mapping[str, Trace], moved: Sequence[str]) -> tuple[Push
 def _moving_ns(
     t_ns: NDArray[np.int64], value: NDArray[np.float64], rest_end_ns: int
 ) -> NDArray[np.int64]:
-    """Return the times, ns, at which a signal is clearly away from its rest at the beginning."""
+    """Return the times, ns, at which a signal is clearly away from its rest at the beginning.
+
+    None if too few samples show the rest, or nothing is clearly away.
+    """
     rest = value[t_ns < rest_end_ns]
     if len(rest) < 3:  # no level and noise can be taken
         return t_ns[:0]
     deviation = np.abs(value - np.median(rest))
     # A thousandth of the span stands for the noise of a signal that is constant at rest.
     noise = float(np.std(rest)) + float(np.ptp(value)) * 1e-3
-    largest, beyond_noise = float(deviation.max()), 8.0 * noise
-    if largest <= beyond_noise:
-        return t_ns[:0]
-    return t_ns[deviation > max(beyond_noise, 0.2 * largest)]
+    # Eight standard deviations: no sample of a long rest is there by chance.  A fifth of the
+    # largest motion leaves out what a push on another corner swings on.
+    return t_ns[deviation > max(8.0 * noise, 0.2 * float(deviation.max()))]

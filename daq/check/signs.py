@@ -22,9 +22,9 @@ _RATE_HZ = 250.0
 """Rate, Hz, of the grid on which all channels of a run are compared."""
 _BODY_HZ = (0.7, 2.5)
 """Band of frequencies, Hz, in which the body swings and the wheels hardly do."""
-_TILT_SHARE = 0.3
-"""Share of the travels' motion that must be roll (or pitch) for a run to show the sign of a rate: a
-bounce does not show that of the roll."""
+_TILT_RATIO = 0.3
+"""Ratio of roll (or pitch) to all motion of the travels, in power, from which a run shows the sign
+of a rate: a bounce does not show that of the roll."""
 
 _TILTS = {
     Quantity.ROLL_RATE: {corner: -corner.side for corner in Corner},
@@ -53,11 +53,11 @@ class _Spectra:
         body = (self.hz >= _BODY_HZ[0]) & (self.hz < _BODY_HZ[1])
         return float(np.sum(np.abs(spectrum[body]) ** 2))
 
-    def tilts(self, signs: Mapping[str, int]) -> bool:
+    def is_tilt(self, signs: Mapping[str, int]) -> bool:
         """Return whether the travels' motion is in large part that with these signs."""
         total = sum(self.body_power(self.of[name]) for name in signs)
         # n equal travels with these signs have n**2 times the power of one, n times their total.
-        return self.body_power(self.sum(signs)) > _TILT_SHARE * len(signs) * total
+        return self.body_power(self.sum(signs)) > _TILT_RATIO * len(signs) * total
 
 
 def opposed_signs(runs: Sequence[Run], channels: Sequence[Channel]) -> tuple[Finding, ...]:
@@ -96,7 +96,7 @@ def opposed_signs(runs: Sequence[Run], channels: Sequence[Channel]) -> tuple[Fin
                 # The rate that belongs to a tilt is its derivative.
                 (s, s.of[name], 2j * np.pi * s.hz * s.sum(signs))
                 for s in spectra
-                if {name, *signs} <= set(s.of) and s.tilts(signs)
+                if {name, *signs} <= set(s.of) and s.is_tilt(signs)
             ]
             if _is_opposed(pairs, _BODY_HZ):
                 opposed_rates.append(name)
@@ -115,7 +115,10 @@ def _finding(names: Sequence[str], against: str) -> tuple[Finding, ...]:
 
 
 def _spectra(run: Run) -> list[_Spectra]:
-    """Return the spectra of the channels of a run; none if they have no second in common."""
+    """Return the spectra of the channels of a run, in a list of one.
+
+    The list is empty if the channels have no second in common.
+    """
     sampled = [
         (group, name)
         for group in run.groups
@@ -144,20 +147,21 @@ def _is_opposed(
 ) -> bool:
     """Return whether two signals, the same in each run, have opposite signs in a band.
 
-    `pairs`: for each run its spectra, and those of the two signals.
+    `pairs`: for each run its spectra, and those of the two signals.  False if one of them does not
+    move there.
     """
     # Signals of equal signs look opposed if one is late, at 8 Hz by 0.06 s; then a lag makes them
     # agree better than they differ without one.
     lags_s = np.linspace(-0.06, 0.06, 25)
-    product, powers = np.zeros(len(lags_s)), np.zeros(2)
+    product, powers = np.zeros(len(lags_s)), np.zeros(2)  # cross-correlation; power of each signal
     for spectra, first, second in pairs:
         in_band = (spectra.hz >= band_hz[0]) & (spectra.hz < band_hz[1])
         a, b = first[in_band], second[in_band]
-        shift = np.exp(2j * np.pi * np.outer(lags_s, spectra.hz[in_band]))
+        shift = np.exp(2j * np.pi * np.outer(lags_s, spectra.hz[in_band]))  # (lags, frequencies)
         product += (shift @ (a.conj() * b)).real
         powers += np.sum(np.abs(a) ** 2), np.sum(np.abs(b) ** 2)
     if not powers.all():
         return False
     correlation = product / np.sqrt(powers[0] * powers[1])
-    without_lag = float(correlation[len(lags_s) // 2])
+    without_lag = float(correlation[len(lags_s) // 2])  # the middle of the lags is 0
     return without_lag < -0.5 and -without_lag >= float(np.max(correlation))

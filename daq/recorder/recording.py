@@ -35,7 +35,7 @@ from ..runs import Event, Losses, RunStatus
 from ..samples import converter as health
 from ..samples import trigger
 from ..samples.mapping import SampleBlock, Trace, bench_mapping, mapped_block
-from ..verdict.checks import peak_left
+from ..verdict.checks import remaining_ratio
 from ..verdict.judge import judge
 from ..verdict.window import RunMeasure, RunWindow
 from ..verdict.words import finding
@@ -398,7 +398,7 @@ class Recording:
         """Return the ratio of the present motion to its peak; None while it cannot be measured."""
         start_ns, _ = self.bench.trigger.window_ns(self._bump_ns)
         samples = self.recent.samples(start_ns, self._t_ns + 1)
-        return peak_left(self.bench.channels, self._bump_ns, samples, self._t_ns)
+        return remaining_ratio(self.bench.channels, self._bump_ns, samples, self._t_ns)
 
     def _raise_alarms(self, cycle: Cycle) -> None:
         """Log the alarms that begin and end; reject the present run if its bus is dead."""

@@ -64,7 +64,9 @@ class Pattern(NamedTuple):
 def patterns(bench: Bench, signals: tuple[Trace, ...]) -> tuple[Pattern, ...]:
     """Return the patterns of a bump: from four hubs, else from four travels and from the body.
 
-    Travels alone may be misleading with stiff anti-roll bars, which move one wheel with the other.
+    A push by hand is judged from four travels, else from the body.  Empty if the sensors show none
+    of these.  Travels alone may be misleading with stiff anti-roll bars, which move one wheel with
+    the other.
     """
     hubs = _of_four_corners(signals, Quantity.HUB_ACCELERATION)
     heaves = _of_four_corners(signals, Quantity.HUB_DISPLACEMENT)
@@ -76,17 +78,17 @@ def patterns(bench: Bench, signals: tuple[Trace, ...]) -> tuple[Pattern, ...]:
         # After 2.5 s the rear axle has met a board too, at walking pace.
         motion = [trace.rms(-STRIKE_S / 2, 2.5) for trace in hubs]
         return (_of_wheels(bench, np.array(motion), "hubs"),)
-    by_sensors = []
+    found = []
     if (heaves or travels) and not is_push:
         # A wheel on the board goes up; the body rises after it and pulls the other wheels down.
         upwards = -1.0 if bench.campaign.method is Method.DROP else 1.0
         on_bump = [upwards * t.part(0.0, bench.campaign.bump_s) for t in heaves or travels]
         rise = [float(np.max(value, initial=0.0)) for value in on_bump]
-        by_sensors.append(_of_wheels(bench, np.array(rise), "travels"))
+        found.append(_of_wheels(bench, np.array(rise), "travels"))
     body = _moved_body(bench, signals)
     if body is not None:
-        by_sensors.append(_of_body(bench.campaign.excitations, body, "body's motion"))
-    return tuple(by_sensors)
+        found.append(_of_body(bench.campaign.excitations, body, "body's motion"))
+    return tuple(found)
 
 
 def _of_four_corners(signals: tuple[Trace, ...], quantity: Quantity) -> tuple[Trace, ...]:
@@ -96,7 +98,7 @@ def _of_four_corners(signals: tuple[Trace, ...], quantity: Quantity) -> tuple[Tr
 
 
 def wrong_mode(due: Excitation, pattern: Pattern) -> Iterator[Finding]:
-    """Compare the bump with the kind that is due."""
+    """Yield the comparison of the bump with the kind that is due."""
     purity, limit = pattern.likeness[due], pattern.limit
     text = f"a {due.words} bump by the {pattern.by}, {purity:.0%} pure (limit {limit:.0%})"
     if purity < limit:
@@ -159,12 +161,12 @@ def _of_body(planned: tuple[Excitation, ...], body: _Body, by: str) -> Pattern:
     heave = max(body.heave, _TINY)
 
     def turned(turn: float, other_turn: float) -> float:
-        """Return the likeness to pitch or roll, 0..1: its part of the squares of both turns.
+        """Return the likeness to pitch or roll, 0..1: its square to the squares of both turns.
 
-        A turn of less than 0.4 of the heave counts in proportion.
+        A turn of less than 0.4 of the heave, which a bounce may have, counts in proportion.
         """
-        part = turn**2 / max(turn**2 + other_turn**2, _TINY**2)
-        return min(turn / heave / 0.4, 1.0) * part
+        ratio_of_squares = turn**2 / max(turn**2 + other_turn**2, _TINY**2)
+        return min(turn / heave / 0.4, 1.0) * ratio_of_squares
 
     def ratio(struck: float, opposite: float) -> float:
         """Return the ratio of the motion of two ends or sides; 1 if the struck one moves more."""
@@ -193,8 +195,9 @@ def _pushed(bench: Bench, travels: tuple[Trace, ...]) -> Pattern:
     """Return the pattern of a push from the four travels: the body moves all of them."""
     grid_s = np.arange(0.0, min(trace.time_s[-1] for trace in travels), 0.01)
     on_grid = np.array([np.interp(grid_s, trace.time_s, trace.value) for trace in travels])
-    shapes, _, _ = np.linalg.svd(on_grid, full_matrices=False)  # (4 corners, n) to (4, 4)
-    fl, fr, rl, rr = shapes[:, 0].tolist()  # the strongest common shape of the four records
+    # (4 corners, n times) to (4 corners, 4 shapes), the shape of most motion first.
+    shapes, _, _ = np.linalg.svd(on_grid, full_matrices=False)
+    fl, fr, rl, rr = shapes[:, 0].tolist()
     body = _Body(
         heave=abs(fl + fr + rl + rr) / 2,
         pitch=abs(fl + fr - rl - rr) / 2,
@@ -223,9 +226,10 @@ def _moved_body(bench: Bench, signals: tuple[Trace, ...]) -> _Body | None:
     if not points:
         return None
     grid_s = np.arange(-STRIKE_S / 2, bench.campaign.bump_s + STRIKE_S, _GRID_S)
-    point_speeds = np.array([_speed(trace, grid_s) for trace in points])
+    point_speeds = np.array([_speed(trace, grid_s) for trace in points])  # (points, n times)
+    # From the front axle, forward positive; the CG is not known: it is taken as in the middle.
     ahead_m = np.array([-half_base_m if t.channel.at_cg else t.channel.x_m for t in points])
-    middle_m = float(np.mean(ahead_m))  # from the front axle, because the CG is not known
+    middle_m = float(np.mean(ahead_m))
     of_pitch = of_quantity(signals, Quantity.PITCH_RATE)
     of_pitch = of_pitch or of_quantity(signals, Quantity.PITCH_ACCELERATION)
     of_roll = of_quantity(signals, Quantity.ROLL_RATE)
@@ -235,20 +239,24 @@ def _moved_body(bench: Bench, signals: tuple[Trace, ...]) -> _Body | None:
         pitch, roll = _speed(of_pitch[0], grid_s), _speed(of_roll[0], grid_s)
     else:  # as a plane through the speeds of three points or more that are not on one line
         left_m = [t.channel.y_m for t in points]
-        rows = np.stack([np.ones(len(points)), middle_m - ahead_m, left_m], axis=1)
-        if np.linalg.matrix_rank(rows, tol=0.1) < 3:
+        # (points, 3): the speed of each point for a heave, a pitch rate and a roll rate of 1.
+        plane = np.stack([np.ones(len(points)), middle_m - ahead_m, left_m], axis=1)
+        if np.linalg.matrix_rank(plane, tol=0.1) < 3:  # within 0.1 m of one line
             return None
-        heave, pitch, roll = np.linalg.lstsq(rows, point_speeds)[0]
-    speeds = (  # in the order of the fields of `_Body`
-        heave,
-        half_base_m * pitch,
-        half_track_m * roll,
-        heave + middle_m * pitch,
-        heave + (middle_m + 2.0 * half_base_m) * pitch,
-        heave + half_track_m * roll,
-        heave - half_track_m * roll,
+        heave, pitch, roll = np.linalg.lstsq(plane, point_speeds)[0]
+
+    def largest(speed: NDArray[np.float64]) -> float:
+        return float(np.max(np.abs(speed)))
+
+    return _Body(
+        heave=largest(heave),
+        pitch=largest(half_base_m * pitch),
+        roll=largest(half_track_m * roll),
+        front=largest(heave + middle_m * pitch),
+        rear=largest(heave + (middle_m + 2.0 * half_base_m) * pitch),
+        left=largest(heave + half_track_m * roll),
+        right=largest(heave - half_track_m * roll),
     )
-    return _Body(*(float(np.max(np.abs(speed))) for speed in speeds))
 
 
 def _speed(trace: Trace, grid_s: NDArray[np.float64]) -> NDArray[np.float64]:

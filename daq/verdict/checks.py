@@ -64,12 +64,15 @@ _SLOW = (
 
 
 def stale(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterator[Finding]:
-    """Find messages that were silent, and channels without a value, for a part of the run."""
+    """Find messages that were silent, and channels without a value, for a part of the run.
+
+    Nothing is yielded if all channels are unused.
+    """
     stamps_ns = _stamps_of_messages(bench, window)  # by message, and by channel below
     for channel in bench.channels:
         t_ns = _usable_ns(window, channel)
         of_message_ns = stamps_ns.get(_message(channel), ())
-        # Without a tenth of the values of its message, a channel is judged separately.
+        # A channel that lacks more than a tenth of its message's values is judged separately.
         if channel.quantity is not Quantity.UNUSED and len(t_ns) < 0.9 * len(of_message_ns):
             stamps_ns[channel.name] = t_ns
     span_s = -bench.trigger.pre_s, bench.trigger.post_s
@@ -84,8 +87,8 @@ def stale(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterat
     silent = [name for name, silence in silences.items() if silence.is_stale]
     all_messages = f"all {len(silences)} messages" if len(silences) > 1 else "the one message"
     if silent:
-        who = all_messages if len(silent) == len(silences) > 1 else ", ".join(silent)
-        text = f"{who} {plural(len(silent), 'was', 'were')} silent or without a usable value for "
+        names = all_messages if len(silent) == len(silences) > 1 else ", ".join(silent)
+        text = f"{names} {plural(len(silent), 'was', 'were')} silent or without a usable value for "
         text += f"{gap_s:.2f} s (limit {limit_s:.2f} s)"
         yield finding("stale", False, gap_s, limit_s, "s", text, worst)
     else:
@@ -115,7 +118,10 @@ def _message(channel: Channel) -> str:
 
 
 def lost_frames(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterator[Finding]:
-    """Compare missing with received frames; judge a gap in the wheels' motion separately."""
+    """Compare missing with received frames, and the longest gap while the wheels move.
+
+    The gap is the finding only if it is too long although few frames are missing.
+    """
     lost = window.losses.measured
     received = sum(map(len, _stamps_of_messages(bench, window).values()))
     ratio = lost / max(lost + received, 1)
@@ -144,18 +150,21 @@ def lost_frames(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> 
 
 def overload(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterator[Finding]:
     """Find tops that were cut; on the bump itself they are harmless."""
-    cut_s = {trace.name: _cut_s(trace, trace.name in window.saturated) for trace in signals}
-    late_s = {name: times_s[times_s > bench.campaign.bump_s] for name, times_s in cut_s.items()}
-    late_s = {name: times_s for name, times_s in late_s.items() if len(times_s)}
-    for name, times_s in late_s.items():
-        text = f"{name} was at the end of its range in {counted(len(times_s), 'sample')} "
-        text += f"after the bump, the last at +{times_s[-1]:.2f} s"
-        yield finding("overload", False, len(times_s), 0.0, "", text, name)
-    if not late_s:
-        names = ", ".join(name for name, times_s in cut_s.items() if len(times_s))
-        text = f"{names}: at the end of the range on the bump only, which is harmless"
-        if not names:
-            text = "no sensor at the end of its range"
+    passed, on_bump_only = True, []
+    for trace in signals:
+        cut_s = _cut_s(trace, trace.name in window.saturated)
+        after_bump_s = cut_s[cut_s > bench.campaign.bump_s]
+        if len(after_bump_s):
+            passed = False
+            text = f"{trace.name} was at the end of its range in "
+            text += f"{counted(len(after_bump_s), 'sample')} after the bump, "
+            text += f"the last at +{after_bump_s[-1]:.2f} s"
+            yield finding("overload", False, len(after_bump_s), 0.0, "", text, trace.name)
+        elif len(cut_s):
+            on_bump_only.append(trace.name)
+    if passed:
+        text = f"{', '.join(on_bump_only)}: at the end of the range on the bump only, which is "
+        text = f"{text}harmless" if on_bump_only else "no sensor at the end of its range"
         yield finding("overload", True, 0.0, 0.0, "", text)
 
 
@@ -174,11 +183,13 @@ def _cut_s(trace: Trace, is_saturated: bool) -> NDArray[np.float64]:
 
 
 def frozen(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterator[Finding]:
-    """Find channels that held one value: by the rule with which the identification omits a run.
+    """Find channels that held one value (`Hold.is_frozen`), as the identification does.
 
-    Each bump moves the suspensions and the body up and down, so a channel that is constant is
-    compared with others of its quantity.  Where all of them are constant although others move,
-    each sample should change.  A rate of roll or pitch may be silent by symmetry.
+    The rate at which a healthy channel changes its value is that of the channel itself at rest.
+    Each bump moves the suspensions and the body up and down, so for a channel that is constant it
+    is the largest rate of others of its quantity.  Where all of them are constant although others
+    move, each sample should change.  A rate of roll or pitch may be silent by symmetry: it is not
+    known then.
     """
     holds = [longest_hold(t.time_s, t.value, -BEFORE_S, bench.campaign.bump_s) for t in signals]
     all_constant = all(hold.constant for hold in holds)
@@ -241,7 +252,7 @@ def _size_text(value: float, unit: str) -> str:
 
 
 def too_weak(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterator[Finding]:
-    """Compare the peak with the trigger's level and with the noise."""
+    """Compare the peak with the trigger's level and, if it reached it, with the noise."""
     names = {channel.name for channel in trigger_channels(bench.channels, bench.campaign.method)}
     trigger_traces = [trace for trace in signals if trace.name in names]
     if trigger_traces:
@@ -291,10 +302,11 @@ def double_bump(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> 
 
 
 def second_strike(trace: Trace, guard_s: float) -> tuple[float, float]:
-    """Return the ratio of a second strike to the first, and its time, s; 0 if there is none.
+    """Return the ratio of a second strike to the first, and its time, s.
 
-    `guard_s`: time from the first strike in which motion belongs to it, s.  The envelope, the RMS
-    over `STRIKE_S`, of wheels that swing freely only decays: a rise is a strike.
+    Both are 0 if there is none, or the trace ends too early to show one.  `guard_s`: time from the
+    first strike in which motion belongs to it, s.  The envelope, the RMS over `STRIKE_S`, of wheels
+    that swing freely only decays: a rise is a strike.
     """
     grid_s = np.arange(0.0, trace.time_s[-1], _GRID_S)
     if len(grid_s) * _GRID_S < guard_s + 2 * STRIKE_S:
@@ -307,8 +319,8 @@ def second_strike(trace: Trace, guard_s: float) -> tuple[float, float]:
     guard_end = int(np.argmax(envelope > 0.5 * envelope.max())) + round(guard_s / _GRID_S)
     first_peak, later = float(envelope[:guard_end].max()), envelope[guard_end:]
     floor = max(3.0 * trace.noise, 0.02 * first_peak)  # a rise from less is noise
-    lowest = np.maximum(np.minimum.accumulate(later), floor)
-    risen = np.where(later > 3.0 * lowest, later, 0.0)  # free wheels only decay
+    lowest = np.maximum(np.minimum.accumulate(later), floor)  # until each time
+    risen = np.where(later > 3.0 * lowest, later, 0.0)  # free wheels only decay, or beat a little
     if not risen.any():
         return 0.0, 0.0
     # The envelope looks ahead; the strike itself is where the signal reaches half of its maximum.
@@ -319,8 +331,12 @@ def second_strike(trace: Trace, guard_s: float) -> tuple[float, float]:
 
 
 def _without_body(trace: Trace) -> NDArray[np.float64]:
-    """Return a trace without the body's motion, which is its running mean over 0.15 s."""
-    n = round(0.15 / max(float(np.median(np.diff(trace.time_s))), 1e-4))  # samples of a mean
+    """Return a trace without the body's motion, which is its running mean over 0.15 s.
+
+    The trace itself if that time has fewer than three samples.
+    """
+    cycle_s = max(float(np.median(np.diff(trace.time_s))), 1e-4)  # frames may share one stamp
+    n = round(0.15 / cycle_s)  # samples of a mean
     if n < 3:
         return trace.value
     padded = np.pad(trace.value, (n // 2, n - 1 - n // 2), mode="edge")
@@ -348,21 +364,22 @@ def not_decayed(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> 
         yield finding("not_decayed", ratio <= END_RATIO, ratio, END_RATIO, "", text, name)
 
 
-def peak_left(
-    channels: tuple[Channel, ...], bump_ns: int, columns: SampleBlock, now_ns: int
+def remaining_ratio(
+    channels: tuple[Channel, ...], bump_ns: int, samples: SampleBlock, now_ns: int
 ) -> float | None:
-    """Return the ratio of the present motion to its peak.
+    """Return the ratio of the present motion to its peak, 0..1; None while the peak is too weak.
 
-    `bump_ns` and `now_ns`: time stamps of the bump and of the latest frame.  `columns`: samples
-    from before the bump until now, SI.  Returns 0..1; None while it is not known.
+    `bump_ns` and `now_ns`: time stamps of the bump and of the latest frame.  `samples`: those of
+    each channel from before the bump until now, SI.
     """
-    return _remaining(traces(channels, RunWindow(bump_ns, columns)), (now_ns - bump_ns) * 1e-9)[0]
+    return _remaining(traces(channels, RunWindow(bump_ns, samples)), (now_ns - bump_ns) * 1e-9)[0]
 
 
 def _remaining(signals: tuple[Trace, ...], now_s: float) -> tuple[float | None, str]:
     """Return the ratio of the remaining motion to the peak, and the channel that moves most.
 
-    Channels count in units of their noise: one that this bump hardly moves has little weight.
+    None and no name if the peak is hardly above the noise (`WEAK_NOISE`).  Channels count in units
+    of their noise: one that this bump hardly moves has little weight.
     """
     slow = of_quantity(signals, *_SLOW) or signals
     largest = largest_peaks(slow)
@@ -377,7 +394,7 @@ def _remaining(signals: tuple[Trace, ...], now_s: float) -> tuple[float | None, 
 
 
 def _amplitude(trace: Trace, now_s: float) -> float:
-    """Return the amplitude of the last half period, relative to the final position of the car."""
+    """Return the amplitude of the last half period about the present level; 0 without a sample."""
     half_period = trace.part(now_s - END_S, now_s)
     if not len(half_period):
         return 0.0
@@ -388,13 +405,16 @@ def _amplitude(trace: Trace, now_s: float) -> float:
 
 
 def rest_changed(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterator[Finding]:
-    """Compare the rest positions before and after a run, unless it began on blocks."""
+    """Compare the rest positions before and after a run, unless it began on blocks.
+
+    The position after it is the mean over the last second.
+    """
     travels = of_quantity(signals, Quantity.SUSPENSION_TRAVEL)
     if bench.campaign.method is Method.DROP or not travels:
         return
     end_s = bench.trigger.post_s
-    last_periods = [trace.part(end_s - 2 * END_S, end_s) for trace in travels]
-    changes_m = [abs(float(np.mean(value))) if len(value) else 0.0 for value in last_periods]
+    last_seconds = [trace.part(end_s - 2 * END_S, end_s) for trace in travels]
+    changes_m = [abs(float(np.mean(value))) if len(value) else 0.0 for value in last_seconds]
     change_m, name = max(changes_m), travels[int(np.argmax(changes_m))].name
     # Friction holds a car with leaf springs at 0.16 after a roll, other cars at 0.02: more is a
     # slipped weight or a person on the car.

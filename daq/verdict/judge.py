@@ -48,7 +48,7 @@ def judge(
     accepted so far with the same mass state and excitation.  Returns every check with value and
     limit, also those that passed, and the measures, for the comparison with later runs; the run is
     good if all checks passed.  The first failed check is the likeliest cause of the others.  A
-    check that the sensors do not allow is left out.
+    check that the sensors do not allow is left out; without samples only silence is judged.
     """
     signals = traces(bench.channels, window)
     if not signals:
@@ -100,12 +100,11 @@ _BODY = (
 def body_wave(signals: tuple[Trace, ...], bump_s: float) -> tuple[float, float] | None:
     """Fit a damped wave to the clearest motion of the body after the bump.
 
-    `bump_s`: duration of the bump; the wave begins when the wheels are at rest again.  Each mean
-    over 80 ms of a damped wave is a linear combination of the two means before it.  Returns the
-    undamped natural frequency, Hz, and the damping ratio; None if nothing shows the body or it does
-    not swing.
+    `bump_s`: duration of the bump.  Each mean over 80 ms of a damped wave is a linear combination
+    of the two means before it.  Returns the undamped natural frequency, Hz, and the damping ratio;
+    None if nothing shows the body or it does not swing.
     """
-    start_s, step_s = bump_s + 0.2, 0.08
+    start_s, step_s = bump_s + 0.2, 0.08  # 0.2 s after the bump the wheels are at rest again
     # Five times the noise and a second of motion, about a period of the body, are enough.
     swinging = [t for t in signals if t.peak > 5.0 * t.noise and t.time_s[-1] > start_s + 1.0]
     by_clarity = (checks.of_quantity(swinging, *quantities) for quantities in _BODY)
@@ -114,11 +113,11 @@ def body_wave(signals: tuple[Trace, ...], bump_s: float) -> tuple[float, float] 
         return None
     clearest = max(of_body, key=lambda trace: trace.rms(start_s, np.inf) / max(trace.noise, 1e-12))
     edges_s = np.arange(start_s, clearest.time_s[-1], step_s)
-    mean = np.diff(_area(clearest, edges_s)) / step_s
-    # The third column is the level about which the wave swings.
-    two_before = np.stack([mean[1:-1], mean[:-2], np.ones(len(mean) - 2)], axis=1)
-    of_last, of_last_but_one, _ = np.linalg.lstsq(two_before, mean[2:])[0]
-    root = np.roots([1.0, -of_last, -of_last_but_one])[0]
+    mean = np.diff(_area(clearest, edges_s)) / step_s  # (n,)
+    # (n - 2, 3): the two means before each one, and 1 for the level about which the wave swings.
+    previous = np.stack([mean[1:-1], mean[:-2], np.ones(len(mean) - 2)], axis=1)
+    of_last, of_last_but_one, _ = np.linalg.lstsq(previous, mean[2:])[0]
+    root = np.roots([1.0, -of_last, -of_last_but_one])[0]  # the factor of a step, complex
     if root.imag == 0.0:  # the body returns without swinging
         return None
     pole = np.log(root) / step_s
@@ -145,11 +144,11 @@ def slow_motion(signals: tuple[Trace, ...]) -> dict[str, NDArray[np.float64]]:
 def _area(trace: Trace, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the integral, up to given times, of the straight lines between the samples."""
     time_s, value = trace.time_s, trace.value
-    steps = np.diff(time_s) * (value[1:] + value[:-1]) / 2.0
+    trapezia = np.diff(time_s) * (value[1:] + value[:-1]) / 2.0
+    until_sample = np.concatenate([[0.0], np.cumsum(trapezia)])
     previous = np.searchsorted(time_s, t_s) - 1  # sample before each time: a trace begins earlier
     mean_since = (value[previous] + np.interp(t_s, time_s, value)) / 2.0
-    total = np.concatenate([[0.0], np.cumsum(steps)])
-    return np.asarray(total[previous] + (t_s - time_s[previous]) * mean_since)
+    return np.asarray(until_sample[previous] + (t_s - time_s[previous]) * mean_since)
 
 
 def not_repeatable(
@@ -158,15 +157,15 @@ def not_repeatable(
     """Yield how peaks and course compare with the median of the accepted runs, at least one run.
 
     The findings are on the channel whose peak differs most and on the one whose course does, of
-    those that move most in this run or in the others.
+    those that move most in this run or in the others.  All dictionaries are by channel.
     """
-    known = set.intersection(*(set(measure.peaks) for measure in accepted))
-    kinds = {t.name: kind_of(t.channel) for t in signals if t.name in known}
+    in_all_runs = set.intersection(*(set(run.peaks) for run in accepted))
+    kinds = {t.name: kind_of(t.channel) for t in signals if t.name in in_all_runs}
     usual = {name: float(np.median([run.peaks[name] for run in accepted])) for name in kinds}
     size = {name: max(measured.peaks[name], usual[name]) for name in kinds}
     largest = {kind: max(size[n] for n in size if kinds[n] == kind) for kind in kinds.values()}
     main = [name for name in size if size[name] > MAIN_RATIO * largest[kinds[name]]]
-    # Nothing is compared with a peak of 0.
+    # A peak of 0 has no ratio: 1e-12 of any unit takes its place.
     ratios = {n: max(measured.peaks[n], 1e-12) / max(usual[n], 1e-12) for n in main}
     # Half and twice the size are equally far from equal.
     furthest = max(ratios, key=lambda name: abs(math.log(ratios[name])), default="")

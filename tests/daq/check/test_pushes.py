@@ -233,7 +233,7 @@ START_NS = 1_800_000_000_000_000_000
 def test_up_is_where_gravity_is(
     gravity: tuple[float, float, float], up: tuple[str, int] | None
 ) -> None:
-    found = mounting(dict(zip("xyz", gravity, strict=True)), None)
+    found = mounting(dict(zip("xyz", gravity, strict=True)), {})
     assert (axis_of(found.up) if found else None) == up
 
 

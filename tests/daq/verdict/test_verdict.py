@@ -31,7 +31,7 @@ from daq.sim.motion import (
     pushed_down,
 )
 from daq.vehicle import FORD_GRANADA, AddedMass
-from daq.verdict.checks import peak_left
+from daq.verdict.checks import remaining_ratio
 from daq.verdict.judge import judge
 from daq.verdict.window import RunMeasure, RunWindow
 from daq.verdict.words import WORDS
@@ -485,14 +485,14 @@ def test_the_motion_left_falls_from_one_to_nothing() -> None:
     def left(after_s: float) -> float | None:
         now_ns = window.bump_ns + round(after_s * 1e9)
         so_far = {n: (t[t <= now_ns], v[t <= now_ns]) for n, (t, v) in window.channels.items()}
-        return peak_left(bench.channels, window.bump_ns, so_far, now_ns)
+        return remaining_ratio(bench.channels, window.bump_ns, so_far, now_ns)
 
     shares = [left(after_s) for after_s in (0.5, 1.0, 1.5, 2.4)]
     assert all(share is not None for share in shares)
     assert shares == sorted(shares, key=lambda share: -(share or 0.0))
     assert (shares[0] or 0.0) > 0.4
     assert (shares[-1] or 1.0) < 0.05
-    assert peak_left(bench.channels, window.bump_ns, {}, window.bump_ns) is None
+    assert remaining_ratio(bench.channels, window.bump_ns, {}, window.bump_ns) is None
 
 
 PLANT = load_car(FORD_GRANADA, AddedMass())
