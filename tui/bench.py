@@ -72,6 +72,6 @@ def on_buses(bench: Bench, buses: frozenset[int]) -> Bench:
 
     from daq.channels import message_of, sensor_of
 
-    others = {s.name for s in bench.sensors if buses and s.bus not in buses}
+    others = {s.name for s in bench.sensors if buses and s.bus_position not in buses}
     channels = tuple(c for c in bench.channels if sensor_of(message_of(c.signal)) not in others)
     return replace(bench, channels=channels) if others else bench

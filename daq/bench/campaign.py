@@ -11,6 +11,7 @@ from pydantic import AfterValidator, Field
 
 from ..bumps import BUMPS
 from ..runs import ADDED, BASELINE, Excitation, run_label
+from .toml_file import NO_KEY
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,8 +50,8 @@ class Campaign:
     )
     repeats: Annotated[int, Field(ge=1, le=100)] = 2
     """Number of runs of each kind of bump in each mass state."""
-    mass_states: tuple[str, ...] = (BASELINE, ADDED)
-    """The states of loading, in the order of the fewest changes of masses; not from bench.toml."""
+    mass_states: Annotated[tuple[str, ...], NO_KEY] = (BASELINE, ADDED)
+    """The states of loading, in the order of the fewest changes of masses."""
     bump_s: Annotated[float, Field(gt=0, le=10)] = 0.2
     """Duration of the bump, s."""
     method: Method = Method.ROLL_OVER

@@ -8,19 +8,19 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated
 
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, TypeAdapter, model_validator
 
 from dbc.words import InputError
 
 from ..channels import Channel
 from ..runs import Excitation
 from .campaign import Step
-from .config import Bench, DescribedCar, bench_of, checked_channel, day_as_text
+from .config import Bench, DescribedCar, check_car, checked_channel, day_as_text
 from .toml_file import Table, toml_tables, toml_text, validated
 
 _Rate = Annotated[float, Field(gt=0, le=1e7)]
@@ -87,12 +87,13 @@ _Columns = tuple[
 ]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ChannelMapFile(DescribedCar):
     """A complete channel map."""
 
-    time: Clock = Clock()
+    time: Clock = field(default_factory=Clock)
     run: tuple[RunTable, ...] = ()
-    channel: Annotated[_Columns, Field(min_length=1, max_length=1000)]
+    channels: Annotated[_Columns, Field(alias="channel", min_length=1, max_length=1000)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,20 +121,23 @@ def load_channel_map(path: Path) -> ChannelMap:
     Raises InputError with file and key, if it cannot be read, has an unknown key or a bad value.
     """
     text, where = toml_text(path, "name a channel map"), str(path)
-    table = validated(toml_tables(text, where), where, ChannelMapFile)
-    names = [f.name for f in fields(Channel)]
-    channels = tuple(Channel(**{n: getattr(c, n) for n in names}) for c in table.channel)
-    bench = replace(bench_of(table, text, where), channels=channels)
+    file = validated(toml_tables(text, where), where, TypeAdapter(ChannelMapFile))
+    file = replace(file, text=text, where=where)
+    check_car(file)
+    channel_keys = [f.name for f in fields(Channel)]
+    channels = tuple(Channel(**{k: getattr(c, k) for k in channel_keys}) for c in file.channels)
+    shared = {f.name: getattr(file, f.name) for f in fields(DescribedCar)}
+    bench = Bench(**{**shared, "channels": channels})
     clocks = {}
-    for column in table.channel:
-        clocks[column.name] = table.time
+    for column in file.channels:
+        clocks[column.name] = file.time
         if column.time_column or column.rate_hz:
-            unit, rate_hz = column.time_unit or table.time.unit, column.rate_hz
+            unit, rate_hz = column.time_unit or file.time.unit, column.rate_hz
             clocks[column.name] = Clock(column=column.time_column, unit=unit, rate_hz=rate_hz)
     states = [state.name for state in bench.mass_states]
     n_runs: Counter[tuple[str, str]] = Counter()  # of each mass state and excitation
     runs = []
-    for run in table.run:
+    for run in file.run:
         if run.mass_state not in states:
             fault = f"mass state {run.mass_state!r} is not on this bench"
             raise InputError(where, fault, f"use one of {', '.join(states)}")

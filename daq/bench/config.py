@@ -1,7 +1,8 @@
 """Reads bench.toml, the description of a bench, and checks it completely before it is used.
 
-The tables of the file are the nouns of the bench; only where the bench says more than the file, or
-another unit, a table has its own class.
+`Bench` has the tables of the file as its fields; what is not in the file (its name, the texts of
+the databases) is set when it is loaded.  Only where a noun has another form in the file, as a
+weight on the body or on a hub, its table has its own class.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, TypeAdapter, model_validator
 
 from dbc import Codec, read_dbc
 from dbc.words import InputError
@@ -51,7 +52,7 @@ from .sensors import (
     stored_databases,
     stored_text,
 )
-from .toml_file import Table, toml_tables, toml_text, validated
+from .toml_file import NO_KEY, STRICT, Table, toml_tables, toml_text, validated
 
 # A larger value is in the wrong unit: a length in millimetres, a time in milliseconds.
 _Place = Annotated[float, Field(ge=-20, le=20)]
@@ -135,6 +136,19 @@ class VehicleTable(Table):
     )
     """`symmetric`, and the elements that are forced or forbidden; data choose the others."""
 
+    def vehicle(self, facts: tuple[Fact, ...]) -> Vehicle:
+        """Return the vehicle of which these facts are known."""
+        elements = dict(self.structure)
+        structure = Structure(
+            elements.pop("symmetric", True),
+            elements.get("anti_roll_bars", False),
+            elements.get("tyre_damping", False),
+            elements.get("cg_offset", False),
+        )
+        g = self.geometry
+        lengths = VehicleGeometry(g.a_m, g.b_m, g.t_f_m, g.t_r_m) if g else None
+        return Vehicle(self.name, lengths, structure, facts, elements)
+
 
 class WeightTable(Table):
     """One `[[weight]]`."""
@@ -161,43 +175,6 @@ class WeightTable(Table):
         if self.hub is not None:
             return HubWeight(self.mass_kg, self.hub, self.sigma_kg)
         return BodyWeight(**self.model_dump(exclude={"hub"}))
-
-
-class SensorTable(Table):
-    """One `[[sensor]]`: a device, its database or ready map, and its bus."""
-
-    name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$", max_length=30)]
-    dbc: str = ""
-    layout: str = ""
-    bus: Annotated[int, Field(ge=0)] | str | None = None
-    id_offset: int = 0
-    ids: dict[str, Annotated[int, Field(ge=0)]] = Field(default_factory=dict)
-
-    @model_validator(mode="after")
-    def _one_description(self) -> SensorTable:
-        if bool(self.dbc) == bool(self.layout):
-            raise ValueError("a sensor has either dbc or layout")
-        if self.id_offset and self.ids:
-            raise ValueError("a sensor has either id_offset or ids")
-        return self
-
-    @property
-    def database(self) -> str:
-        """The name of its database: a path, or ``layout:NAME``."""
-        return f"layout:{self.layout}" if self.layout else self.dbc
-
-    def on_its_bus(self, buses: Sequence[BusConfig], where: str) -> Sensor:
-        """Return the sensor on its bus, which it states by name, channel or position.
-
-        Raises InputError if it matches no bus, or several.
-        """
-        matching = [i for i, b in enumerate(buses) if self.bus in (None, i, b.name, b.channel)]
-        if len(matching) != 1:
-            stated = "states no bus" if self.bus is None else f"is on bus {self.bus}"
-            known = ", ".join(bus.label for bus in buses)
-            fault = f"sensor {self.name} {stated}, which matches {len(matching)} buses"
-            raise InputError(where, fault, f"state bus, one of {known}, or its position from 0")
-        return Sensor(self.name, self.database, matching[0], self.id_offset, self.ids)
 
 
 class CalibrationTable(Table):
@@ -244,76 +221,72 @@ Buses = Annotated[
 """`[bus]`, or one `[[bus]]` each."""
 
 
-class DescribedCar(Table):
+@dataclass(frozen=True, slots=True)
+class DescribedCar:
     """The tables that a bench.toml and a channel map share."""
 
-    vehicle: VehicleTable = VehicleTable()
-    campaign: Campaign = Campaign()
-    trigger: TriggerConfig = TriggerConfig()
-    weight: tuple[WeightTable, ...] = ()
-    fact: tuple[Fact, ...] = ()
-    calibration: CalibrationTable = CalibrationTable()
-    channel: tuple[StatedChannel, ...] = ()
+    __pydantic_config__ = STRICT
+    text: Annotated[str, NO_KEY] = ""
+    """The file as read; stored in every journal and session."""
+    where: Annotated[str, NO_KEY] = field(default="bench.toml", compare=False)
+    """Name of the file, for messages to the user."""
+    vehicle_table: Annotated[VehicleTable, Field(alias="vehicle")] = field(
+        default_factory=VehicleTable
+    )
+    facts: Annotated[tuple[Fact, ...], Field(alias="fact")] = ()
+    weights: Annotated[tuple[WeightTable, ...], Field(alias="weight")] = ()
+    campaign: Campaign = field(default_factory=Campaign)
+    trigger: TriggerConfig = field(default_factory=TriggerConfig)
+    calibration: CalibrationTable = field(default_factory=CalibrationTable)
+    channels: Annotated[tuple[StatedChannel, ...], Field(alias="channel")] = ()
+    """Channels; on a loaded bench with full names of signals (`daq.channels`)."""
 
-    @model_validator(mode="after")
-    def _states_both_masses(self) -> DescribedCar:
-        if self.campaign.mass_states != Campaign().mass_states:
-            raise ValueError("campaign.mass_states cannot be chosen")
-        return self
+    @property
+    def vehicle(self) -> Vehicle:
+        """The vehicle, with the facts that are known of it."""
+        return self.vehicle_table.vehicle(self.facts)
+
+    @property
+    def mass_states(self) -> tuple[MassState, ...]:
+        """The car as it is, and with the added weights."""
+        added = AddedMass(tuple(weight.weight() for weight in self.weights))
+        return MassState(BASELINE), MassState(ADDED, added)
 
 
-class BenchFile(DescribedCar):
-    """A complete bench.toml."""
+@dataclass(frozen=True, slots=True)
+class Bench(DescribedCar):
+    """A complete bench.toml: everything that a recorder must know."""
 
     dbc: str = ""
-    sensor: Annotated[tuple[SensorTable, ...], Field(max_length=100)] = ()
-    bus: Buses = (BusConfig(),)
+    """The DBC of every bus: a path, ``layout:NAME``, or empty for the shipped one."""
+    sensors: Annotated[tuple[Sensor, ...], Field(alias="sensor", max_length=100)] = ()
+    """The sensors; empty on a bench with one DBC for every bus."""
+    buses: Annotated[Buses, Field(alias="bus")] = (BusConfig(),)
+    """The buses, at least one; a frame's `bus` is a position in this tuple."""
     recorder: RecorderConfig = RecorderConfig()
-    message: tuple[MessageRule, ...] = ()
-    sample_set: tuple[SampleSet, ...] = ()
+    message_rules: Annotated[tuple[MessageRule, ...], Field(alias="message")] = ()
+    sample_sets: Annotated[tuple[SampleSet, ...], Field(alias="sample_set")] = ()
+    dbc_name: Annotated[str, NO_KEY] = ""
+    """Source of the databases, for messages to the user."""
+    dbc_text: Annotated[str, NO_KEY] = ""
+    """The DBC, or all databases of the sensors (`daq.bench.sensors`); stored like `text`."""
+    origin: Annotated[Origin, NO_KEY] = Origin.REAL
+    """Origin of the frames; set where the buses are opened."""
 
     @model_validator(mode="after")
-    def _one_way_to_name_databases(self) -> BenchFile:
-        if self.sensor and self.dbc:
+    def _one_way_to_name_databases(self) -> Bench:
+        if self.sensors and self.dbc:
             raise ValueError("dbc and [[sensor]] exclude each other: a sensor names its own dbc")
         return self
 
 
+_BENCH = TypeAdapter(Bench)
+
+
 def campaign_limits(key: str) -> tuple[float, float]:
     """Return the lowest and the highest value of a number of `[campaign]`."""
-    limits = BenchFile.model_json_schema()["$defs"]["Campaign"]["properties"][key]
+    limits = TypeAdapter(Campaign).json_schema()["properties"][key]
     return float(limits["minimum"]), float(limits["maximum"])
-
-
-@dataclass(frozen=True, slots=True)
-class Bench:
-    """A complete bench: everything that a recorder must know."""
-
-    text: str
-    """bench.toml as read; stored in every journal and session."""
-    vehicle: Vehicle
-    channels: tuple[Channel, ...]
-    """Channels, with full names of signals (`daq.channels`)."""
-    mass_states: tuple[MassState, ...]
-    campaign: Campaign
-    trigger: TriggerConfig
-    dbc_name: str = ""
-    """Source of the DBC, for messages to the user."""
-    dbc_text: str = ""
-    """The DBC, or all databases of the sensors (`daq.bench.sensors`); stored like `text`."""
-    buses: tuple[BusConfig, ...] = (BusConfig(),)
-    """The buses, at least one; a frame's `bus` is a position in this tuple."""
-    message_rules: tuple[MessageRule, ...] = ()
-    sample_sets: tuple[SampleSet, ...] = ()
-    calibration_days: int = 365
-    """Age of a calibration from which the check warns, days."""
-    recorder: RecorderConfig = RecorderConfig()
-    sensors: tuple[Sensor, ...] = ()
-    """The sensors; empty on a bench with one DBC for every bus."""
-    origin: Origin = Origin.REAL
-    """Origin of the frames; not from bench.toml, but set where the buses are opened."""
-    where: str = field(default="bench.toml", compare=False)
-    """Name of the file, for messages to the user."""
 
 
 def default_bench_text() -> str:
@@ -342,72 +315,66 @@ def parse_bench(text: str, where: str, folder: Path, dbc_text: str | None = None
     file.  Raises InputError as `load_bench`.
     """
     document = toml_tables(text, where)
-    stated = validated(document, where, BenchFile)
+    stated = validated(document, where, _BENCH)
     if dbc_text is None:
-        names = [sensor.database for sensor in stated.sensor] or [stated.dbc]
+        names = [sensor.database for sensor in stated.sensors] or [stated.dbc]
         dbc_text = stored_text(read_databases(names, folder))
     # Now with the tables of ready maps, which need not be stated.
-    table = validated(completed(document), where, BenchFile)
-    bench = bench_of(table, text, where)
-    require_unique("sensor", [each.name for each in table.sensor], where)
-    require_unique("message", [each.name for each in table.message], where)
-    require_unique("sample set", [each.name for each in table.sample_set], where)
-    require_unique("bus", [f"{b.interface} {b.channel}" for b in table.bus], where)
-    sensors = tuple(sensor.on_its_bus(table.bus, where) for sensor in table.sensor)
+    bench = validated(completed(document), where, _BENCH)
+    bench = replace(bench, text=text, where=where, dbc_text=dbc_text)
+    check_car(bench)
+    require_unique("sensor", [sensor.name for sensor in bench.sensors], where)
+    require_unique("message", [rule.name for rule in bench.message_rules], where)
+    require_unique("sample set", [each.name for each in bench.sample_sets], where)
+    require_unique("bus", [f"{b.interface} {b.channel}" for b in bench.buses], where)
+    sensors = tuple(
+        replace(sensor, bus_position=_bus_position(sensor, bench)) for sensor in bench.sensors
+    )
     channels = bench.channels
     if sensors and dbc_text:
         stored = stored_databases(dbc_text)
-        messages = [m for s in sensors for m in sensors_codec([s], stored, len(table.bus)).messages]
+        codecs = [sensors_codec([sensor], stored, len(bench.buses)) for sensor in sensors]
+        messages = [message for codec in codecs for message in codec.messages]
         channels = tuple(replace(c, signal=full_name(c.signal, messages)) for c in channels)
     databases = ", ".join(dict.fromkeys(sensor.database for sensor in sensors))
-    return replace(
-        bench,
-        dbc_name=databases or table.dbc or "bumpbench.dbc (shipped)",
-        dbc_text=dbc_text,
-        buses=table.bus,
-        channels=channels,
-        message_rules=table.message,
-        sample_sets=table.sample_set,
-        recorder=table.recorder,
-        sensors=sensors,
-    )
+    dbc_name = databases or bench.dbc or "bumpbench.dbc (shipped)"
+    return replace(bench, sensors=sensors, channels=channels, dbc_name=dbc_name)
 
 
-def bench_of(table: DescribedCar, text: str, where: str) -> Bench:
-    """Return the bench that checked tables describe, without buses and databases.
+def check_car(car: DescribedCar) -> None:
+    """Raise InputError if several tables of a car, each right in itself, do not fit together.
 
-    Raises InputError if two channels have the same name, the campaign names a kind of bump twice,
-    or a fact has an unknown quantity or an impossible value.
+    Two channels may have the same name, the campaign may name a kind of bump twice, and a fact may
+    have a quantity that the vehicle does not have, or a value that is impossible for it.
     """
-    require_unique("channel", [each.name for each in table.channel], where)
-    geometry, elements = table.vehicle.geometry, dict(table.vehicle.structure)
-    structure = Structure(
-        elements.pop("symmetric", True),
-        *(elements.get(name, False) for name in ("anti_roll_bars", "tyre_damping", "cg_offset")),
-    )
+    require_unique("channel", [channel.name for channel in car.channels], car.where)
+    structure = car.vehicle.structure
     quantities = (*FactQuantity, *parameter_names(structure))
     # Not the others: bars and tyre damping may be 0, the offset of the CG negative.
     positive = (*FactQuantity, *parameter_names(Structure(structure.symmetric)))
-    for fact in table.fact:
+    for fact in car.facts:
         if fact.quantity not in quantities:
             fault = f"fact {fact.quantity}: is not a quantity of this vehicle"
-            raise InputError(where, fault, f"use one of {', '.join(quantities)}")
+            raise InputError(car.where, fault, f"use one of {', '.join(quantities)}")
         if fact.value <= 0.0 and fact.quantity in positive:
             fault = f"fact {fact.quantity}: is {fact.value:g}"
-            raise InputError(where, fault, "state a value above 0")
-    require_unique("kind of bump", table.campaign.excitations, where)
-    lengths = VehicleGeometry(*geometry.model_dump().values()) if geometry else None
-    weights = AddedMass(tuple(weight.weight() for weight in table.weight))
-    return Bench(
-        where=where,
-        text=text,
-        vehicle=Vehicle(table.vehicle.name, lengths, structure, table.fact, elements),
-        channels=table.channel,
-        mass_states=(MassState(BASELINE), MassState(ADDED, weights)),
-        campaign=table.campaign,
-        trigger=table.trigger,
-        calibration_days=table.calibration.max_age_days,
-    )
+            raise InputError(car.where, fault, "state a value above 0")
+    require_unique("kind of bump", car.campaign.excitations, car.where)
+
+
+def _bus_position(sensor: Sensor, bench: Bench) -> int:
+    """Return the position of a sensor's bus, which it states by name, channel or position.
+
+    Raises InputError if it matches no bus, or several.
+    """
+    buses = bench.buses
+    matching = [i for i, b in enumerate(buses) if sensor.bus in (None, i, b.name, b.channel)]
+    if len(matching) != 1:
+        stated = "states no bus" if sensor.bus is None else f"is on bus {sensor.bus}"
+        known = ", ".join(bus.label for bus in buses)
+        fault = f"sensor {sensor.name} {stated}, which matches {len(matching)} buses"
+        raise InputError(bench.where, fault, f"state bus, one of {known}, or its position from 0")
+    return matching[0]
 
 
 def require_unique(kind: str, names: Sequence[str], where: str) -> None:
@@ -445,7 +412,7 @@ def on_bus(bench: Bench, interface: str | None, channel: str | None) -> Bench:
     """
     if not (interface or channel):
         return bench
-    if len({sensor.bus for sensor in bench.sensors}) > 1:
+    if len({sensor.bus_position for sensor in bench.sensors}) > 1:
         fault = f"name the bus of a bench with one bus; here sensors are on {len(bench.buses)}"
         raise InputError("--interface, --channel", fault, f"change the [[bus]] of {bench.where}")
     old = bench.buses[0]

@@ -16,7 +16,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from dbc import Codec, parse_codec, read_dbc, shipped_dbc
 from dbc.codec import CRC_RULES, CounterRule, MessageLayout, SignalLayout
@@ -24,7 +24,7 @@ from dbc.units import known_si
 from dbc.words import Finding, InputError, Severity
 
 from ..channels import sensor_of
-from .toml_file import Table
+from .toml_file import NO_KEY, Table
 
 PREFIX = "layout:"
 """Prefix of `dbc` in bench.toml that names a ready map instead of a file."""
@@ -170,19 +170,36 @@ database_codec = lru_cache(maxsize=32)(parse_codec)
 
 @dataclass(frozen=True, slots=True)
 class Sensor:
-    """One device that sends on a bus."""
+    """One `[[sensor]]`: a device, its database or ready map, and its bus."""
 
-    name: str
+    name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$", max_length=30)]
     """Stands before the dot in the names of its messages and signals."""
-    database: str
-    """Name of its database in bench.toml: a path, or ``layout:NAME``."""
-    bus: int = 0
-    """Position of its bus in the bench."""
+    dbc: str = ""
+    """Path of its database, or ``layout:NAME``."""
+    layout: str = ""
+    """Name of its ready map, instead of `dbc`."""
+    bus: Annotated[int, Field(ge=0)] | str | None = None
+    """Its bus by name, channel or position; may be omitted if there is one bus."""
     id_offset: int = 0
     """Difference between its identifiers and those of the database."""
-    ids: Mapping[str, int] = field(default_factory=dict)
+    ids: Mapping[str, Annotated[int, Field(ge=0)]] = field(default_factory=dict)
     """Identifiers of its messages, by name or by identifier in the database, as ``0x181``; the
     sensor does not send other messages.  Empty: all messages of the database, unchanged."""
+    bus_position: Annotated[int, NO_KEY] = 0
+    """Position of its bus in the bench, from 0."""
+
+    @model_validator(mode="after")
+    def _one_description(self) -> Sensor:
+        if bool(self.dbc) == bool(self.layout):
+            raise ValueError("a sensor has either dbc or layout")
+        if self.id_offset and self.ids:
+            raise ValueError("a sensor has either id_offset or ids")
+        return self
+
+    @property
+    def database(self) -> str:
+        """The name of its database: a path, or ``layout:NAME``."""
+        return f"{PREFIX}{self.layout}" if self.layout else self.dbc
 
 
 def sensors_codec(
@@ -207,7 +224,7 @@ def sensors_codec(
             raise InputError(f"sensor {sensor.name}", fault, advice)
         codec = database_codec(databases[name], sensor.database)
         left_out |= dict.fromkeys(codec.left_out)
-        for message in _sent_messages(sensor, codec, sensor.bus if n_buses > 1 else None):
+        for message in _sent_messages(sensor, codec, sensor.bus_position if n_buses > 1 else None):
             by_id[message.bus, message.can_id, message.is_extended].append(message)
     kept = []
     for (_, can_id, _), messages in by_id.items():

@@ -6,9 +6,10 @@ import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Never, TypeVar
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, TypeAdapter, ValidationError
+from pydantic_core import PydanticCustomError
 
 from dbc.words import InputError
 
@@ -16,13 +17,26 @@ MAX_CONFIG_BYTES = 1_000_000
 """Largest size of a bench.toml or channel map, bytes."""
 
 
+STRICT = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+"""Refuses keys that are not known, and numbers that are not finite."""
+
+
 class Table(BaseModel):
     """A table whose keys are all known."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    model_config = STRICT
 
 
-_File = TypeVar("_File", bound=Table)
+def _refused_key(_: object) -> Never:
+    raise PydanticCustomError("extra_forbidden", "it cannot be stated")
+
+
+NO_KEY = BeforeValidator(_refused_key)
+"""Marks a field of a table that is set by the program: as a key in the file it is unknown."""
+
+_File = TypeVar("_File")
+_UNKNOWN_KEY = ("extra_forbidden", "unexpected_keyword_argument")
+"""Pydantic's types of the error of an unknown key: in a model, and in a dataclass."""
 
 
 def toml_text(path: Path, advice: str) -> str:
@@ -76,23 +90,23 @@ def _values(value: object, path: tuple[str | int, ...]) -> Iterator[tuple[Any, o
         yield path, value
 
 
-def validated(document: Mapping[str, Any], where: str, model: type[_File]) -> _File:
-    """Return the tables of a TOML text as a model.
+def validated(document: Mapping[str, Any], where: str, model: TypeAdapter[_File]) -> _File:
+    """Return the tables of a TOML text as an object of the class of `model`.
 
     `where`: its name, for messages.  Raises InputError with file and key.
     """
     try:
-        return model.model_validate(document)
+        return model.validate_python(document)
     except ValidationError as error:
         mistake, *others = error.errors(include_url=False)
         if mistake["type"] == "missing":  # rather an unknown key of its table: a misspelt one
             of_table = (o for o in others if o["loc"][:-1] == mistake["loc"][:-1])
-            mistake = next((o for o in of_table if o["type"] == "extra_forbidden"), mistake)
+            mistake = next((o for o in of_table if o["type"] in _UNKNOWN_KEY), mistake)
         key = key_at(document, mistake["loc"])
         fault = mistake["msg"].removeprefix("Value error, ")  # prefix for errors of our own checks
         fault = fault.replace("Input should be", "must be").replace("tuple", "list")
         fault, advice = f"{key}: {fault.partition(', unable to parse')[0]}", "correct that value"
-        if mistake["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
+        if mistake["type"] in _UNKNOWN_KEY:
             fault, advice = f"unknown key {key}", "remove it or correct its name"
         elif mistake["type"] == "missing":
             fault, advice = f"{key} is missing", "state it"

@@ -85,7 +85,7 @@ def check_bench(bench: Bench, codec: Codec, frames: FrameBatch, today: date) -> 
         if mark
     ]
     for channel in mapped:
-        lines += check_channel(channel, decoded, bench.calibration_days, today)
+        lines += check_channel(channel, decoded, bench.calibration.max_age_days, today)
     return CheckReport(table.seconds, len(frames), tuple(lines))
 
 

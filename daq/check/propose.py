@@ -58,7 +58,7 @@ def propose_sensors(
     """
     frames = FrameBatch.empty() if frames is None else frames
     sensors, missing = find_sensors(databases, frames)
-    n_buses = max(len(buses), *(each.sensor.bus + 1 for each in sensors), 1)
+    n_buses = max(len(buses), *(each.sensor.bus_position + 1 for each in sensors), 1)
     is_single = len(databases) == 1 and len(sensors) == 1 and n_buses == 1
     has_sensor_list = not (is_single and sensors[0].sensor.id_offset == 0)
     codec = sensors_codec([each.sensor for each in sensors], databases, n_buses)
@@ -173,7 +173,7 @@ def find_sensors(databases: Databases, frames: FrameBatch) -> tuple[list[FoundSe
             if keys := received(name, bus):
                 claimed |= keys
                 why = f"{len(keys)} of its messages {plural(len(keys), 'comes', 'come')} there"
-                present.append(FoundSensor(Sensor("", name, bus), why, True))
+                present.append(FoundSensor(Sensor("", name, bus_position=bus), why, True))
     for name, codec in codecs.items():
         for bus, offset in _offsets(codec.messages, traffic, claimed):
             keys = received(name, bus, offset)
@@ -181,7 +181,8 @@ def find_sensors(databases: Databases, frames: FrameBatch) -> tuple[list[FoundSe
                 claimed |= keys
                 ids = ", ".join(f"{key[1]:#x}" for key in sorted(keys))
                 why = f"is {ids} yours, of this kind? Length and rate are as in its messages"
-                present.append(FoundSensor(Sensor("", name, bus, offset), why, False))
+                sensor = Sensor("", name, bus_position=bus, id_offset=offset)
+                present.append(FoundSensor(sensor, why, False))
     with_traffic = {each.sensor.database for each in present}
     return _named(present), [name for name in codecs if name not in with_traffic]
 
@@ -218,7 +219,11 @@ def _named(present: Sequence[FoundSensor]) -> list[FoundSensor]:
     databases = list(dict.fromkeys(each.sensor.database for each in present))
     devices = sorted(
         present,
-        key=lambda p: (databases.index(p.sensor.database), p.sensor.bus, p.sensor.id_offset),
+        key=lambda p: (
+            databases.index(p.sensor.database),
+            p.sensor.bus_position,
+            p.sensor.id_offset,
+        ),
     )
     files = [PurePath(each.sensor.database.removeprefix(PREFIX)) for each in devices]
     stems = [plain_name(file.stem.lower(), "sensor")[:24] for file in files]
@@ -267,7 +272,7 @@ def _head(
             f"name = {json.dumps(sensor.name)}",
             f"{key} = {json.dumps(sensor.database.removeprefix(PREFIX))}",
             *([f"id_offset = {sensor.id_offset}"] if sensor.id_offset else []),
-            f"bus = {sensor.bus}  {'# ' if surely else ASK}{printable(why, 200)}",
+            f"bus = {sensor.bus_position}  {'# ' if surely else ASK}{printable(why, 200)}",
         ]
     return [*lines, *_TABLES_TO_FILL]
 

@@ -8,9 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from daq.bench.config import Bench, load_bench
-from daq.runs import BASELINE
-from daq.vehicle import AddedMass, BodyWeight, Corner, HubWeight
+from daq.bench.config import Bench, WeightTable, load_bench
+from daq.vehicle import Corner
 
 from .coverage import outcome
 
@@ -28,23 +27,19 @@ def test_intervals_hold_the_truth_and_no_parameter_is_off_by_two_percent() -> No
 
 # Few added weights --------------------------------------------------------------------------------
 
-ONE = [BodyWeight(32.5, 0.14, 0.55)]
-HUBS = [HubWeight(4.0, corner) for corner in Corner]
+ONE = [WeightTable(mass_kg=32.5, x_m=0.14, y_m=0.55)]
+HUBS = [WeightTable(mass_kg=4.0, hub=corner) for corner in Corner]
 
 
-def _bench(weights: Sequence[BodyWeight | HubWeight]) -> Bench:
+def _bench(weights: Sequence[WeightTable]) -> Bench:
     shipped = load_bench(None)
     campaign = replace(shipped.campaign, repeats=1)
-    states = tuple(
-        state if state.name == BASELINE else replace(state, added=AddedMass(tuple(weights)))
-        for state in shipped.mass_states
-    )
-    return replace(shipped, campaign=campaign, mass_states=states)
+    return replace(shipped, campaign=campaign, weights=tuple(weights))
 
 
 @pytest.mark.parametrize(("weights", "std"), [(HUBS, 0.018), (ONE, 0.021)])
 def test_weights_on_the_hubs_alone_or_a_single_one_on_the_floor_determine_all_parameters(
-    weights: Sequence[BodyWeight | HubWeight], std: float
+    weights: Sequence[WeightTable], std: float
 ) -> None:
     one = outcome(_bench(weights), 0)
     assert one.quality.verdict == "ok", one.quality.reasons
@@ -55,7 +50,7 @@ def test_weights_on_the_hubs_alone_or_a_single_one_on_the_floor_determine_all_pa
 
 
 def test_weights_too_light_to_fix_the_scale_are_named() -> None:
-    one = outcome(_bench([BodyWeight(0.05, 0.14, 0.55)]), 0)
+    one = outcome(_bench([WeightTable(mass_kg=0.05, x_m=0.14, y_m=0.55)]), 0)
     assert one.quality.verdict == "refused"
     (reason,) = one.quality.reasons
     assert "determine m_s, I_yy, I_xx, m_uf, m_ur, k_sf, k_sr, k_tf, k_tr, c_sf, c_sr:" in reason

@@ -74,7 +74,7 @@ def test_a_bench_may_add_what_the_dbc_does_not_say() -> None:
     bench = parse_bench(text + CHANNEL, "bench.toml", Path(), DBC)
     (channel,) = bench.channels
     assert (channel.serial_number, channel.calibrated) == ("A-17", "2026-03-01")
-    assert bench.calibration_days == 100
+    assert bench.calibration.max_age_days == 100
     acc = bench_codec(bench).message("Acc")
     assert acc.cycle_s == 0.005
     assert acc.counter is not None
@@ -182,6 +182,13 @@ def test_a_mistake_is_one_line(name: str) -> None:
         ("[[weight]]\nhub = 'FL'\nmass_kgg = 1.0\n", "b.toml: unknown key weight.1.mass_kgg ("),
         ("[[weight]]\nhub = 'FL'\n", "b.toml: weight.1.mass_kg is missing (state it)"),
         ("[bus]\nchanel = 'can0'\n", "b.toml: unknown key bus.chanel ("),
+        ("[[sensor]]\nnam = 'a'\ndbc = 'a.dbc'\n", "b.toml: unknown key sensor.1.nam ("),
+        ("[[sensor]]\nname = 'a'\nbus_position = 1\n", "unknown key sensor.a.bus_position ("),
+        ("[campaign]\nmass_states = ['a']\n", "b.toml: unknown key campaign.mass_states ("),
+        *(
+            (f"{name} = 'real'\n", f"b.toml: unknown key {name} (")
+            for name in ("text", "where", "dbc_name", "dbc_text", "origin", "weights", "channels")
+        ),
         ("[bus]\nchannel =\n", "b.toml:2: is not TOML: Invalid value, column 10 (correct"),
     ],
 )
@@ -379,7 +386,7 @@ def test_what_a_bench_is_if_nothing_is_stated() -> None:
     assert (recorder.segment_bytes, recorder.segment_s) == (64e6, 900.0)
     assert (recorder.keep_bytes, recorder.reserve_bytes) == (100e9, 200e6)
     assert recorder.silent_s == 1.0
-    assert bench.calibration_days == 365
+    assert bench.calibration.max_age_days == 365
     (channel,) = parse(UNUSED).channels
     assert (channel.sign, channel.gain, channel.tare, channel.motion_ratio) == (1, 1.0, 0.0, 1.0)
     assert (channel.delay_s, channel.low_pass_hz, channel.low_pass_order) == (0.0, 0.0, 2)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from daq.bench.campaign import Campaign, Method
-from daq.bench.config import Bench, bench_codec, load_bench
+from daq.bench.config import Bench, WeightTable, bench_codec, load_bench
 from daq.bus.source import BusError, HopLosses, Now
 from daq.control.messages import Arm, DiskStatus, Due, Phase, Status, StorageStatus, Until
 from daq.journal.writer import JournalWriter
@@ -22,7 +22,6 @@ from daq.samples.converter import HealthState, advance
 from daq.sim.bench import PIECE_S, Fault, SimulatedBench
 from daq.sim.car import SimulatedCar, Spread
 from daq.sim.ecu import campaign_frames, frame_time_ns, priority, transmit
-from daq.vehicle import AddedMass, BodyWeight
 from dbc import Codec, DecodeCounts, FrameBatch, parse_codec, shipped_dbc
 from dbc.words import InputError
 
@@ -114,11 +113,8 @@ def test_a_bench_that_cannot_be_simulated_is_refused_in_a_line() -> None:
         assert f"signal {signal} is not in" in refused(wrong)
     text = shipped_dbc().replace('BA_ "GenMsgCycleTime" BO_ 272 1;\n', "")
     assert "HUB_Front has no cycle time" in refused(bench, parse_codec(text, "x"))
-    heavy = AddedMass((BodyWeight(3000.0, 2.0, 0.0),))
-    states = (bench.mass_states[0], replace(bench.mass_states[1], added=heavy))
-    assert "mass state added: a wheel is off the ground" in refused(
-        replace(bench, mass_states=states)
-    )
+    heavy = replace(bench, weights=(WeightTable(mass_kg=3000.0, x_m=2.0, y_m=0.0),))
+    assert "mass state added: a wheel is off the ground" in refused(heavy)
 
 
 def test_the_wire_carries_one_frame_at_a_time_by_priority() -> None:

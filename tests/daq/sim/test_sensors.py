@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from daq.bench.campaign import Campaign
-from daq.bench.config import load_bench
+from daq.bench.config import WeightTable, load_bench
 from daq.channels import Channel, Quantity
 from daq.runs import Excitation
 from daq.sim.car import (
@@ -172,17 +172,16 @@ def test_a_sensor_saturates_at_the_range_of_its_bits(codec: Codec) -> None:
 
 def test_weights_are_drawn_about_what_the_scales_showed() -> None:
     bench = load_bench(None)
-    unsure = BodyWeight(30.0, 0.1, 0.5, sigma_kg=0.3, position_sigma_m=0.02)
-    weights = (unsure, BodyWeight(30.0, 0.1, -0.5))
-    state = replace(bench.mass_states[1], added=AddedMass(weights))
-    bench = replace(bench, mass_states=(bench.mass_states[0], state))
+    unsure = WeightTable(mass_kg=30.0, x_m=0.1, y_m=0.5, sigma_kg=0.3, position_sigma_m=0.02)
+    weights = (unsure, WeightTable(mass_kg=30.0, x_m=0.1, y_m=-0.5))
+    bench = replace(bench, weights=weights)
     drawn = [
         SimulatedCar().draw((), bench.mass_states, seed).mass_states["added"] for seed in range(300)
     ]
     assert np.std([d.weights[0].mass_kg for d in drawn]) == pytest.approx(0.3, rel=0.15)
     places = np.array([(w.x_m, w.y_m) for d in drawn if isinstance(w := d.weights[0], BodyWeight)])
     np.testing.assert_allclose(places.std(axis=0), 0.02, rtol=0.15)
-    assert {d.weights[1] for d in drawn} == {weights[1]}
+    assert {d.weights[1] for d in drawn} == {weights[1].weight()}
 
 
 # What is drawn for a simulated bench has the spread that the bench states -----------------------

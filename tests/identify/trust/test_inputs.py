@@ -353,10 +353,9 @@ def test_weights_that_are_all_ten_per_cent_off_are_named_where_scales_are_there(
 def test_one_weight_that_is_a_fifth_lighter_is_named_with_its_size() -> None:
     """Through the simulated car, which is written from forces, without scales."""
     bench = load_bench(None)
-    first, *others = bench.mass_states[1].added.weights
-    lighter = replace(first, mass_kg=0.8 * first.mass_kg)
-    true = replace(bench.mass_states[1], added=AddedMass((lighter, *others)))
-    session = simulated_session(replace(bench, mass_states=(bench.mass_states[0], true)), 500)
+    first, *others = bench.weights
+    lighter = first.model_copy(update={"mass_kg": 0.8 * first.mass_kg})
+    session = simulated_session(replace(bench, weights=(lighter, *others)), 500)
     quality = identify_parameters(replace(session, mass_states=bench.mass_states)).quality
     assert quality.verdict is not Verdict.OK
     text = by_gate(quality.findings)["contradiction"].text
