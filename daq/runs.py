@@ -204,10 +204,15 @@ def longest_silence(time_s: NDArray[np.floating], begin_s: float, end_s: float) 
     """
     time_s = np.sort(time_s, kind="stable")  # fast where they are in order, as most are
     cycle_s = float(np.median(np.diff(time_s))) if len(time_s) > 2 else 0.0
+    limit_s = allowed_silence_s(cycle_s)
     edges = np.concatenate([[begin_s], np.clip(time_s, begin_s, end_s), [end_s]])
     longest = int(np.argmax(np.diff(edges)))
-    limit_s = max(STALE_S, 10.0 * cycle_s)  # a slow message may be silent for ten cycles
     return Silence(float(edges[longest]), float(edges[longest + 1]), limit_s)
+
+
+def allowed_silence_s(cycle_s: float) -> float:
+    """Return the longest silence that a run may have, s; `cycle_s`: between two samples."""
+    return max(STALE_S, 10.0 * cycle_s)  # a slow message may be silent for ten cycles
 
 
 def longest_gap_s(period_s: float) -> float:

@@ -30,7 +30,7 @@ from ..channels import Quantity
 from ..journal.reader import HopCounts, read_windows, recording_of
 from ..journal.segment import JournalHead
 from ..runlog import Code, LoggedRun, RunLog, finding_record, fold
-from ..runs import Event, Run, RunStatus, SampleGroup
+from ..runs import Event, Run, RunStatus, SampleGroup, allowed_silence_s
 from ..samples import converter as health
 from ..samples import trigger
 from ..samples.mapping import MappedChannel, mapped_channels, sample_groups, timekeeping
@@ -40,8 +40,6 @@ _NOT_OF_A_RUN = (Code.BENCH, Code.VERDICT, Code.UNDO, Code.REDO, Code.NOTE, Code
 """Codes of events that a session stores elsewhere, or that do not concern the run they fall in."""
 _TEXT_BYTES = 160
 """Length of an event's text in a session file, bytes."""
-EDGE_S = 0.05
-"""A run is incomplete if its first or last sample lies further inside its window than this, s."""
 
 
 def journal_provenance(
@@ -178,18 +176,21 @@ def _coverage_faults(
     start_ns: int,
     stop_ns: int,
 ) -> tuple[str, ...]:
-    """Return the reasons for which a run certainly cannot be used, found without identification."""
+    """Return the reasons for which a run certainly cannot be used, found without identification.
+
+    An edge of a run may be as long without frames as the recorder's verdict and the identification
+    allow: a run that was accepted at the bench is accepted in its session.
+    """
     length_s = (stop_ns - start_ns) * 1e-9
     end_s = (int(frames.t_ns.max()) - start_ns) * 1e-9 if len(frames) else 0.0
-    if end_s < length_s - EDGE_S:
+    if end_s < length_s - allowed_silence_s(0.0):
         return (f"the recording ended {length_s - end_s:.2f} s before the run did",)
     group_of = {name: group for group in groups for name in group.values}
     reasons: dict[str, None] = {}  # used as an ordered set: channels share messages
     for m in mapped:
         if m.channel.quantity is Quantity.UNUSED:
             continue
-        # At an edge of the run two frames may be missing.
-        group, edge_s = group_of.get(m.channel.name), EDGE_S + 2 * (m.message.cycle_s or 0.0)
+        group, edge_s = group_of.get(m.channel.name), allowed_silence_s(m.message.cycle_s or 0.0)
         if group is None:
             reasons[f"no frame of {m.message.name} ({m.message.can_id:#x}) was received"] = None
         elif group.time_s[0] > edge_s or group.time_s[-1] < length_s - edge_s:

@@ -19,7 +19,7 @@ from dbc.words import InputError, counted, printable
 from ..bench.campaign import Step
 from ..bench.channel_map import ChannelMap, Clock
 from ..channels import Channel, Quantity
-from ..runs import Event, Run, RunStatus, SampleGroup
+from ..runs import Event, Run, RunStatus, SampleGroup, allowed_silence_s
 from ..samples import trigger
 from ..samples.mapping import (
     Column,
@@ -30,7 +30,7 @@ from ..samples.mapping import (
     trigger_channels,
 )
 from ..sessions import Session
-from .build import EDGE_S, utc_text
+from .build import utc_text
 
 _BLOCK_NS = 1_000_000_000
 
@@ -217,8 +217,7 @@ def _coverage_fault(time_s: NDArray[np.float64], length_s: float) -> str:
     """Return why samples do not cover a window from 0 to `length_s`; empty if they do."""
     if len(time_s) < 2:
         return f"has {counted(len(time_s), 'sample')}"
-    # At an edge of the window two samples may be missing.
-    edge_s = EDGE_S + 2.0 * float(np.median(np.diff(time_s)))
+    edge_s = allowed_silence_s(float(np.median(np.diff(time_s))))
     if time_s[0] > edge_s or time_s[-1] < length_s - edge_s:
         return f"reaches only from {time_s[0]:.2f} to {time_s[-1]:.2f} s of {length_s:.2f} s"
     return ""

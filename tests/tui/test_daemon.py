@@ -68,6 +68,7 @@ def at(recording: str, phase: Phase, session: SessionState = SessionState.NONE) 
 BUILDING, READY = (
     at("", Phase.IDLE, state) for state in (SessionState.BUILDING, SessionState.READY)
 )
+OLDER_FILE = at("a", Phase.COMPLETE, SessionState.READY)
 ARM, STOP = Arm(Until.COMPLETE), Stop()
 DAEMON = [at("a", phase) for phase in (Phase.IDLE, Phase.IDLE, Phase.WAITING)]
 DAEMON += [at("a", Phase.COMPLETE), at("a", Phase.COMPLETE), BUILDING, READY]
@@ -87,6 +88,8 @@ LOOKED_AT = [at("a", phase) for phase in (Phase.IDLE, Phase.ARMED, Phase.COMPLET
         ({"keep_on": False}, [at("a", Phase.COMPLETE), BUILDING], False, [STOP], False),
         ({"keep_on": False}, [at("a", Phase.COMPLETE), BUILDING, READY], False, [STOP], True),
         ({"keep_on": False}, [at("a", Phase.ARMED), BUILDING, READY], True, [STOP], True),
+        # A status from before the order shows the file of the runs until then.
+        ({"keep_on": False}, [OLDER_FILE, OLDER_FILE, BUILDING], False, [STOP], False),
     ],
 )
 def test_recordings_are_armed_and_ended_once(

@@ -196,13 +196,8 @@ class _Daemon:
         self.server.publish(status, live)
 
     def _give_orders(self, status: Status, end: bool) -> None:
-        """Arm each campaign once; stop it once when it is complete or a signal (`end`) has come.
-
-        A stopped campaign ends the recorder once its session file is built, unless it keeps on.  A
-        full disk refuses to stop: if the recorder ended, the frames that wait in memory would be
-        lost.  It is asked again then, and only a signal ends the recorder.
-        """
-        from daq.control.messages import Arm, Phase, SessionState, Stop, Until
+        """Arm each campaign once; stop it once when it is complete or a signal (`end`) has come."""
+        from daq.control.messages import Arm, Phase, Stop, Until
 
         lifetime, recording = self.lifetime, status.recording
         if lifetime.arm and status.phase is Phase.IDLE and recording not in ("", self._armed):
@@ -213,21 +208,33 @@ class _Daemon:
         if must_stop and recording not in ("", self._stopped):
             self._stopped = recording
             self._stop_reply = self.recorder.submit(Stop(), BY)
-            return
-        if self._stop_reply is None or not self._stop_reply.done():
-            return
-        if (refusal := self._stop_reply.exception()) is None:
-            if lifetime.keep_on:
+        elif self._stop_reply is not None and self._stop_reply.done():
+            self._act_on_stop(self._stop_reply, status, end)
+
+    def _act_on_stop(self, reply: Future[Reply], status: Status, end: bool) -> None:
+        """End the recorder once its stopped campaign has a session file, unless it keeps on.
+
+        A full disk refuses to stop: if the recorder ended, the frames that wait in memory would be
+        lost.  It is ordered again then, and only a signal (`end`) ends the recorder.
+        """
+        from daq.control.messages import SessionState
+
+        keep_on = self.lifetime.keep_on
+        if (refusal := reply.exception()) is None:
+            # A status from before the stop shows the session file of the runs until then.
+            is_older = status.recording == self._stopped
+            is_built = status.session.state in (SessionState.READY, SessionState.FAILED)
+            if keep_on:
                 self._stop_reply = None
-            elif status.session.state in (SessionState.READY, SessionState.FAILED):
+            elif is_built and not is_older:
                 self._stop.set()
+            return
+        self._stop_reply = None
+        if end and not keep_on:
+            self._stop.set()
         else:
-            self._stop_reply = None
-            if end and not lifetime.keep_on:
-                self._stop.set()
-            else:
-                self.log.line(f"the campaign is complete, but {refusal}", "refused end")
-                self._stopped = ""  # so that it is ordered again
+            self.log.line(f"the campaign is complete, but {refusal}", "refused end")
+            self._stopped = ""  # so that it is ordered again
 
     def _report(self, status: Status) -> None:
         """Report a status: what is new of it to the log, and once a second all to systemd."""

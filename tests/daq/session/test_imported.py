@@ -337,10 +337,10 @@ def _found(rate_hz: float = 10.0, length_s: float = 10.0, start_ns: int = T0_S *
     ("start_s", "stop_s", "good"),
     [
         (0.0, 10.0, True),
-        (-0.24, 5.0, True),  # two samples of 0.1 s and 0.05 s
-        (-0.26, 5.0, False),
-        (5.0, 10.14, True),  # the last sample is at 9.9 s
-        (5.0, 10.16, False),
+        (-0.99, 5.0, True),  # ten samples of 0.1 s
+        (-1.01, 5.0, False),
+        (5.0, 10.89, True),  # the last sample is at 9.9 s
+        (5.0, 10.91, False),
     ],
 )
 def test_a_run_is_covered_by_its_samples(start_s: float, stop_s: float, good: bool) -> None:
