@@ -21,7 +21,7 @@ def shared_bench(path: Path | None, interface: str | None, channel: str | None) 
     from daq import InputError
     from daq.bench.config import load_bench, on_bus
 
-    if path is None and interface and not channel:  # the shipped bench has none of that interface
+    if path is None and interface and not channel:  # the shipped channel is of another interface
         raise InputError(f"--interface {interface}", "names no channel", "add --channel can0, say")
     bench = on_bus(load_bench(path), interface, channel)
     return reachable(bench, str(path or "bench.toml (shipped)"))
@@ -45,14 +45,14 @@ def reachable(bench: Bench, where: str) -> Bench:
 
 
 def bus_numbers(bench: Bench, names: Sequence[str]) -> frozenset[int]:
-    """Return the positions of buses, which are named as in bench.toml or by their position.
+    """Return the numbers of buses that are named by name, channel or number.
 
-    On a bench of one bus a number is that of the log.  Raises InputError if the bench has no such
-    bus.
+    A number is the position in bench.toml; on a bench of one bus it is that of the log.  Raises
+    InputError if the bench has no such bus.
     """
     from daq import InputError
 
-    # One byte names the bus of a frame in a log.
+    # A log has up to 256 buses: one byte names that of a frame.
     n_buses = len(bench.buses) if len(bench.buses) > 1 else 256
     numbers: set[int] = set()
     for name in names:
@@ -67,11 +67,11 @@ def bus_numbers(bench: Bench, names: Sequence[str]) -> frozenset[int]:
 
 
 def on_buses(bench: Bench, buses: frozenset[int]) -> Bench:
-    """Return the bench with only the channels of sensors on some buses; of all if none is named."""
+    """Return the bench without the channels of sensors on other buses; empty `buses`: as it is."""
     from dataclasses import replace
 
     from daq.channels import message_of, sensor_of
 
-    others = {s.name for s in bench.sensors if buses and s.bus_position not in buses}
-    channels = tuple(c for c in bench.channels if sensor_of(message_of(c.signal)) not in others)
-    return replace(bench, channels=channels) if others else bench
+    elsewhere = {s.name for s in bench.sensors if buses and s.bus_position not in buses}
+    channels = tuple(c for c in bench.channels if sensor_of(message_of(c.signal)) not in elsewhere)
+    return replace(bench, channels=channels) if elsewhere else bench

@@ -13,8 +13,8 @@ import typer
 if TYPE_CHECKING:
     from dbc import BumpbenchError, Codec
 
-PAGES = (".html", ".htm")
-"""Endings of pages."""
+PAGE_ENDINGS = (".html", ".htm")
+"""Endings of the names of HTML pages."""
 
 
 class ExitCode(IntEnum):
@@ -37,8 +37,8 @@ class ExitCode(IntEnum):
 
 def say(text: str) -> None:
     """Write one message line to stderr; stdout is for data."""
-    shown = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
-    sys.stderr.write(f"bumpbench: {shown}\n")
+    printable = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
+    sys.stderr.write(f"bumpbench: {printable}\n")
 
 
 def say_left_out(codec: Codec) -> None:
@@ -65,8 +65,8 @@ def require_ending(path: Path, noun: str, endings: Collection[str]) -> None:
 def require_place(path: Path, force: bool) -> None:
     """Raise InputError if the folder of a file to write is absent, or the person keeps the file.
 
-    `force`: replace without a question.  Without a terminal nothing is asked: the file is drawn
-    anew, as a script expects.
+    An existing file is only asked about on a terminal and without `force`; else it is replaced, as
+    a script expects.
     """
     from dbc import InputError
 

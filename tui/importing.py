@@ -49,8 +49,8 @@ def import_logs(
     """Return the session of the bumps in logs.
 
     `steps`: labels of the bumps in order.  `skip`: bumps to leave out at the beginning.  `buses`:
-    buses whose frames are read; empty: all.  `one_run_each`: each log is one run.  Raises
-    InputError if no run is in them.
+    buses whose frames are read; empty: all.  `one_run_each`: the first bump of each log is a run,
+    with the step of its log.  Raises InputError if no run is in them.
     """
     parts = _log_parts(bench, codec, sources, buses, stage, one_run_each)
     if one_run_each:
@@ -72,9 +72,9 @@ def import_logs(
         }
         for source in sources
     ]
-    # If any of several logs was not measured, its origin counts.
-    origins = [source.origin for source in sources if source.origin != Origin.REAL]
-    provenance = {"software": software(), "origin": str((origins or [Origin.REAL])[0])}
+    # A session with a log that was simulated or replayed is no measurement.
+    origins = (source.origin for source in sources if source.origin != Origin.REAL)
+    provenance = {"software": software(), "origin": str(next(origins, Origin.REAL))}
     provenance |= {f"source_{n}": dumps(fact) for n, fact in enumerate(facts, start=1)}
     session = session_from_parts(bench, codec, parts, provenance)
     n_bumps = sum(event.code.endswith("bump") for part in parts for event in part.events)
@@ -82,8 +82,9 @@ def import_logs(
     remarks += [f"{s.name} is not whole: {s.loss.text}" for s in sources if s.loss.any]
     remarks += _remarks(session, n_bumps, len(steps))
     if mixed := mixed_messages(codec.messages, session.runs[0].frames):
-        two = "come on several buses, two sensors read as one"
-        remarks.append(f"{two}: {', '.join(mixed[:4])} (--bus, or a [[sensor]] each)")
+        names = ", ".join(mixed[:4])  # enough to see which sensors they are
+        text = f"come on several buses, two sensors read as one: {names}"
+        remarks.append(f"{text} (--bus, or a [[sensor]] each)")
     is_lossy = any(s.loss.any for s in sources) or any(r.losses.measured for r in session.runs)
     return Imported(session, {"sources": facts, "bumps": n_bumps}, remarks, is_lossy)
 
@@ -98,34 +99,34 @@ def import_channels(
 ) -> Imported:
     """Return the session of the runs in files of channels.
 
-    `channel_map`: names the channels, and may state the times of the runs.  `steps`, `skip` and
-    `one_run_each`: as of `import_logs`.  Raises InputError if no run is in the files.
+    `channel_map`: names the channels, and may state the times of the runs; bumps are then not
+    looked for.  `steps`: labels of the bumps in order.  `skip`: bumps to leave out at the
+    beginning.  `one_run_each`: the first bump of each file is a run, with the step of its file.
+    Raises InputError if no run is in the files.
     """
     runs: list[Run] = []
     unread: list[str] = []
     provenance = {"software": software()}
     n_bumps = 0
-    for number, path in enumerate(files):
-        stage(number / len(files), f"{path.name}, {counted(n_bumps, 'bump')}")
+    for i, path in enumerate(files):
+        stage(i / len(files), f"{path.name}, {counted(n_bumps, 'bump')}")
         columns = read_columns(path, channel_map.columns)
         unread += [f"{path} is not whole: {reason}" for reason in columns.unread]
         samples = recording(channel_map, columns)
         facts = {"format": "channels", "files": [_file_facts(path)]}
-        provenance[f"source_{number + 1}"] = dumps(facts)
+        provenance[f"source_{i + 1}"] = dumps(facts)
         if channel_map.runs:
-            runs += [given_run(channel_map, samples, *given) for given in channel_map.runs]
+            runs += [given_run(channel_map, samples, *stated) for stated in channel_map.runs]
             continue
         file_bumps = bumps_in(channel_map, samples)
         if not file_bumps and (one_run_each or len(files) == 1):
             advice = "see [trigger], or give the times in [[run]]"
             raise InputError(str(path), "no channel leaves its rest as a bump does", advice)
-        step_index = n_bumps - skip  # of the first bump of this file; below 0: it is skipped
+        first_step = i if one_run_each else n_bumps - skip  # index; below 0: the bump is skipped
         n_bumps += len(file_bumps)
-        if one_run_each:
-            step_index, file_bumps = number, file_bumps[:1]
-        for index, bump in enumerate(file_bumps, step_index):
-            if 0 <= index < len(steps):
-                runs.append(bump_run(channel_map, samples, steps[index], bump))
+        for k, bump in enumerate(file_bumps[:1] if one_run_each else file_bumps, first_step):
+            if 0 <= k < len(steps):
+                runs.append(bump_run(channel_map, samples, steps[k], bump))
     session = session_from_columns(channel_map, samples.channels, runs, provenance)
     remarks = [*_remarks(session, n_bumps, 0 if channel_map.runs else len(steps)), *unread]
     return Imported(session, {"bumps": n_bumps}, remarks, bool(unread))
@@ -139,27 +140,24 @@ def _log_parts(
     stage: Stage,
     one_run_each: bool,
 ) -> list[LogPart]:
-    """Return the parts of all logs: a log that goes on where the one before ended is of its part.
+    """Return the stretches of time in logs: logs that follow each other without a gap are one.
 
-    With `one_run_each` each log is a part, also one without a frame.
+    With `one_run_each` each log is one, also a log without a frame.
     """
     intakes: list[Intake] = []
     n_bumps = n_frames = 0
-    for number, source in enumerate(sources):
-        is_begun = one_run_each
+    for i, source in enumerate(sources):
         if one_run_each:
             intakes.append(Intake(bench, codec))
-        for batch in source:
-            wanted = batch.on_buses(buses)
-            if not len(wanted):
-                continue
-            if not is_begun and not (intakes and intakes[-1].goes_on_with(wanted)):
+        of_buses = filter(len, (batch.on_buses(buses) for batch in source))
+        for k, batch in enumerate(of_buses):
+            follows = k > 0 or one_run_each or (intakes and intakes[-1].goes_on_with(batch))
+            if not follows:
                 intakes.append(Intake(bench, codec))
-            is_begun = True
-            n_bumps += intakes[-1].take(wanted, source.hops)
-            n_frames += len(wanted)
-            share = (number + source.read_fraction) / len(sources)
-            stage(share, f"{counted(n_frames, 'frame')}, {counted(n_bumps, 'bump')}")
+            n_bumps += intakes[-1].take(batch, source.hops)
+            n_frames += len(batch)
+            done = (i + source.read_fraction) / len(sources)
+            stage(done, f"{counted(n_frames, 'frame')}, {counted(n_bumps, 'bump')}")
     return [intake.part() for intake in intakes]
 
 
@@ -191,9 +189,9 @@ def _remarks(session: Session, n_bumps: int, n_planned: int) -> list[str]:
     if not n_runs:
         raise InputError("import", "no bump is left to be a run", "correct --skip or --runs")
     remarks = []
-    if (n_left := n_bumps - n_runs) > 0:
-        were = plural(n_left, "was", "were")
-        remarks.append(f"{n_left} of {n_bumps} bumps {were} left out (see --runs and --skip)")
+    if (n_left_out := n_bumps - n_runs) > 0:
+        were = plural(n_left_out, "was", "were")
+        remarks.append(f"{n_left_out} of {n_bumps} bumps {were} left out (see --runs and --skip)")
     if n_runs < n_planned:
         were = plural(n_runs, "was", "were")
         remarks.append(f"{n_runs} of {n_planned} planned runs {were} found")

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 from typer import Argument, Option
 
 from .. import output
-from ..diagnostics import PAGES, ExitCode, require_ending, say
+from ..diagnostics import PAGE_ENDINGS, ExitCode, require_ending, say
 from ..options import Force, JsonResult
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ def batch(
         raise InputError("--workers", "is not for --scheduler", "the cluster has its own workers")
     require_ending(out, "table", (".csv",))
     if page is not None:
-        require_ending(page, "page", PAGES)
+        require_ending(page, "page", PAGE_ENDINGS)
     written = {"out": out} if page is None else {"out": out, "page": page}
     for name, path in written.items():  # before hours of computing
         refuse_existing(path, replace=True, option=f"--{name}")  # a folder

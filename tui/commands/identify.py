@@ -9,7 +9,7 @@ import typer
 from typer import Argument, Option
 
 from .. import output
-from ..diagnostics import PAGES, ExitCode, require_ending, require_place, say
+from ..diagnostics import PAGE_ENDINGS, ExitCode, require_ending, require_place, say
 from ..options import Force, JsonResult, Page, SessionFile
 
 
@@ -106,7 +106,7 @@ def compare(
     if len(sessions) < 2:
         raise typer.BadParameter("name two sessions or more")
     if page is not None:
-        require_ending(page, "page", PAGES)
+        require_ending(page, "page", PAGE_ENDINGS)
         require_place(page, force)
     with output.progress("compare") as stage:
         results = identify_files([str(path) for path in sessions], stage)

@@ -15,7 +15,7 @@ from daq.runs import RunStatus
 from dbc.words import printable
 
 from ..terminal.campaign import (
-    BUSY,
+    BETWEEN_RUNS,
     cause_words,
     changed_weights,
     next_action,
@@ -36,7 +36,9 @@ from ..terminal.words import (
     last_judged,
     reason_words,
     rejected_words,
+    remaining_motion,
     run_words,
+    seconds_since_bump,
     waiting_words,
 )
 
@@ -60,8 +62,9 @@ class Headline:
     advice: str = ""
     """A second line: the remedy."""
     digits: str = ""
+    """Seconds, to be read from a distance."""
     digits_are: str = ""
-    """`digits`, `digits_are`: seconds, to be read from a distance, and their meaning."""
+    """The meaning of the digits."""
     share: float | None = None
     """Share of the decay that has passed, 0..1; None outside a decay."""
 
@@ -92,8 +95,6 @@ class Row:
     """True if the next run is one of these."""
 
 
-_PAUSABLE = (*BUSY, Phase.ACCEPTED, Phase.REJECTED)
-"""Phases that lead to a further run by themselves."""
 _NEXT_WORDS = {Phase.PAUSED: "Go on", Phase.REJECTED: "Again now", Phase.ACCEPTED: "Next now"}
 
 
@@ -126,8 +127,9 @@ class View:
     rows: tuple[Row, ...] = ()
     """In the order of the campaign."""
     done: int = 0
+    """Accepted runs, without those beyond the plan."""
     planned: int = 0
-    """`done`, `planned`: accepted runs among the planned ones, and the planned ones."""
+    """Planned runs."""
     alarm: AlarmLine | None = None
     overload: str = ""
     """Channels that reached the end of their range."""
@@ -180,7 +182,7 @@ def _view_of(status: Status) -> View:
 
 
 def headline(status: Status) -> Headline:
-    """Return the word of a status."""
+    """Return the word of a status: an alarm that stops the campaign first, then the phase."""
     if (alarm := shown_obstacle(status)) is not None:
         name, advice, _ = cause_words(alarm)
         return Headline("stopped", ("STOP",), name, advice)
@@ -216,13 +218,11 @@ def headline(status: Status) -> Headline:
 
 def _hands_off_headline(status: Status) -> Headline:
     """Return `HANDS OFF` with the time since the bump, and the share of its decay that is over."""
-    since_bump_s = max(0.0, (status.t_ns - status.bump_ns) * 1e-9) if status.bump_ns else 0.0
     why, decayed = HANDS_OFF, None
-    if status.peak_left is not None:
-        peak_left = min(max(status.peak_left, 0.0), 1.0)
-        why = f"Hands off. {peak_left:.0%} of the peak left."
-        decayed = round(1.0 - peak_left, 2)
-    digits, digits_are = f"{since_bump_s:.1f}", "seconds since the bump"
+    if (remaining := remaining_motion(status)) is not None:
+        why = f"Hands off. {remaining:.0%} of the peak left."
+        decayed = round(1.0 - remaining, 2)
+    digits, digits_are = seconds_since_bump(status) or "0.0", "seconds since the bump"
     return Headline("hands-off", ("HANDS", "OFF"), why, "", digits, digits_are, decayed)
 
 
@@ -264,7 +264,7 @@ def buttons_of(status: Status) -> Buttons:
         next_target=mass_state,
         reject=f"Reject {run_words(rejectable)}" if rejectable else "",
         reject_target=rejectable.label if rejectable else "",
-        pause="Pause" if status.phase in _PAUSABLE else "",
+        pause="" if status.phase in BETWEEN_RUNS else "Pause",
     )
 
 

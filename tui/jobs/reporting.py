@@ -14,7 +14,7 @@ from daq import read_session
 from daq.files import file_sha256, make_room, write_named
 from identify import Identification, identify_parameters
 
-from ..diagnostics import PAGES, require_ending
+from ..diagnostics import PAGE_ENDINGS, require_ending
 from ..output import Stage
 from .executors import map_items, processes
 
@@ -46,7 +46,7 @@ def write_report(
     from identify.report.typeset import drawings, html_of, pdf_of
 
     recorded = daq.read_session(session)
-    require_ending(html, "page", PAGES)
+    require_ending(html, "page", PAGE_ENDINGS)
     make_room(html)
     if pdf is not None:
         require_ending(pdf, "printed report", (".pdf",))

@@ -90,7 +90,7 @@ def progress(status: Status | None) -> Progress:
 
 def is_marked(status: Status, step: BenchStep) -> bool:
     """Return True if the operator has ended a step, steps 6 and 7 on the recording as it is now."""
-    # By the text of marks; a note that a person wrote may have the same text.
+    # Notes of persons, which may have the same text, have an author; marks have none.
     revisions = {note.text: note.revision for note in status.notes if not note.by}
     if step < BenchStep.IDENTIFY:
         return step.mark in revisions
@@ -107,7 +107,7 @@ def in_run(status: Status) -> bool:
     return status.phase not in (Phase.IDLE, Phase.COMPLETE)
 
 
-_NOT_STORED_ALARMS = ("journal_failed", "not_recording")
+_STORAGE_ALARMS = ("journal_failed", "not_recording")
 """Alarms during which frames are not stored."""
 _BUS_ALARMS = (
     "disconnected",
@@ -129,9 +129,9 @@ RUNNING = (Phase.TRIGGERED, Phase.DECAY)
 def shown_obstacle(status: Status) -> Alarm | None:
     """Return the gravest alarm that would spoil the next run; it is shown instead of the state.
 
-    None while a run is recorded or its verdict is shown, or where no run is due.
+    Returns None while a run is recorded or its verdict is shown, and where no run is due.
     """
-    # The countdown after an accepted run ends by the time in the frames: without any it stays.
+    # The countdown after an accepted run is measured by the frames: without any it never ends.
     shows_verdict = status.phase is Phase.REJECTED or (
         status.phase is Phase.ACCEPTED and not frames_stand_still(status)
     )
@@ -139,10 +139,11 @@ def shown_obstacle(status: Status) -> Alarm | None:
         return None
     sensors_lack = status.sensors_alive < status.sensors_expected
     for alarm in status.alarms:  # the gravest first
-        # Of one disturbance, the frames are counted over 1 s, and the alarm stays for 1.5 s more.
+        # Lost frames are counted over 1 s, and their alarm stays for 1.5 s more: after 3 s, frames
+        # are lost still.
         lasts = status.wall_ns - alarm.since_ns >= 3_000_000_000
         if (
-            alarm.code in _NOT_STORED_ALARMS
+            alarm.code in _STORAGE_ALARMS
             or (alarm.code in _BUS_ALARMS and sensors_lack)
             or (alarm.code in _LOSS_ALARMS and lasts)
         ):
@@ -165,8 +166,10 @@ def cause_words(alarm: Alarm) -> tuple[str, str, str]:
     return name, f"{advice[:1].upper()}{advice[1:]}.", printable(alarm.text, 160)
 
 
-BUSY = (Phase.WAITING, Phase.ARMED, Phase.TRIGGERED, Phase.DECAY)
+BUSY = (Phase.WAITING, Phase.ARMED, *RUNNING)
 """Phases from the order to arm to the verdict."""
+BETWEEN_RUNS = (Phase.IDLE, Phase.PAUSED, Phase.COMPLETE)
+"""Phases that lead to no further run by themselves, and in which no bump counts."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -39,17 +39,17 @@ class LaneChart(Widget):
         """Value at the upper edge of each scale, in the unit of its lanes."""
 
     @property
-    def room(self) -> int:
-        """Number of lanes that fit."""
+    def most_lanes(self) -> int:
+        """Number of lanes that fit, at least one."""
         return max(1, self.size.height // LANE_ROWS)
 
     def show(self, lanes: Lanes, specs: Sequence[LaneSpec], window: Window) -> None:
-        """Draw lanes, each with its label, scale and peak."""
+        """Draw lanes, each with label, scale and peak, if there are samples and room."""
         height, width = self.size.height, self.size.width
         columns = width - _LABEL_COLUMNS - _FIGURE_COLUMNS - 1  # 1: the axis
         rows: list[str] = []
         if specs and columns >= 9 and lanes.end_bin:  # in fewer columns no decay can be seen
-            lane_rows = min(height // len(specs), 3 * LANE_ROWS)
+            lane_rows = min(height // len(specs), 3 * LANE_ROWS)  # more rows show nothing more
             trigger = None if window.trigger is None else int(window.trigger * columns)
             traces = [self._trace(lanes, spec, window) for spec in specs]
             self._fit_ranges(specs, [peak for *_, peak in traces])
@@ -85,6 +85,7 @@ class LaneChart(Widget):
         drawn = trace(*pooled(low, high, sub_columns), upper, lane_rows, self._glyphs)
         labels, figures = [""] * lane_rows, [""] * lane_rows
         labels[lane_rows // 2] = spec.label
+        # Two or three significant digits at the upper edge.
         decimals = 0 if upper >= 100 else 1 if upper >= 5 else 2 if upper >= 0.5 else 3
         peak_text = f"{peak:.{decimals}f} {spec.unit}" if isfinite(peak) else "no data"
         figures[lane_rows // 2] = peak_text
@@ -98,7 +99,7 @@ class LaneChart(Widget):
         return rows
 
     def _fit_ranges(self, specs: Sequence[LaneSpec], peaks: Sequence[float]) -> None:
-        """Fit the range of each scale to the highest peak of its lanes; NaN is a lane without."""
+        """Fit the range of each scale to the highest peak of its lanes, NaN for one without."""
         highest: dict[str, float] = {}  # peak of each scale
         for spec, peak in zip(specs, peaks, strict=True):
             highest[spec.scale] = float(np.fmax(highest.get(spec.scale, 0.0), peak))

@@ -295,7 +295,7 @@ class Lanes:
 
 
 _SPAN_S = 6.0
-"""Width of the chart, s."""
+"""Width of the chart, s: a bump and the decay after it."""
 _LEAD_S = 1.0
 """Seconds that the chart shows before a bump."""
 _WITH_BUMP = (Phase.TRIGGERED, Phase.DECAY, Phase.ACCEPTED, Phase.REJECTED)
@@ -336,12 +336,11 @@ class Window:
     """Place of the bump, as a fraction of the width; None if it is not in view."""
 
 
-def lane_specs(bench: Bench | None, first_group: int, most: int) -> list[LaneSpec]:
+def lane_specs(bench: Bench | None, first_group: int, most_lanes: int) -> list[LaneSpec]:
     """Return the lanes to draw: those of the body, then of each quantity at the wheels.
 
     `bench`: None while it is not known; then there are none.  `first_group`: number of the group
     to begin with, modulo the number of groups; others follow in turn where they fit completely.
-    `most`: largest number of lanes.
     """
     if bench is None:
         return []
@@ -354,8 +353,8 @@ def lane_specs(bench: Bench | None, first_group: int, most: int) -> list[LaneSpe
     start = first_group % max(1, len(in_order))
     chosen: list[Channel] = []
     for group in in_order[start:] + in_order[:start]:
-        if not chosen or len(chosen) + len(group) <= most:
-            chosen += group[:most]
+        if not chosen or len(chosen) + len(group) <= most_lanes:
+            chosen += group[:most_lanes]
     return [_lane_spec(channel, chosen) for channel in chosen]
 
 
@@ -373,7 +372,7 @@ def _lane_spec(channel: Channel, chosen: list[Channel]) -> LaneSpec:
 
 def shown_window(status: Status | None, lanes: Lanes) -> Window:
     """Return the window to draw: the run around its bump if there is one, else the last seconds."""
-    bin_s = lanes.bin_s or 0.02  # any value will do where there are no samples
+    bin_s = lanes.bin_s or 0.02  # any width will do where there are no samples
     count = round(_SPAN_S / bin_s)
     newest = lanes.end_bin - count
     if status is None or not status.bump_ns:

@@ -241,10 +241,10 @@ def banner(status: Status | None, lost: Lost | None, action: NextAction, glyphs:
             title += f"   at rest {glyphs.good}  pre-trigger {glyphs.good}"
             return Banner("armed", glyphs.bus, "ARMED", title, instruction, digits="-.-")
         case Phase.TRIGGERED:
-            age = _seconds_since_bump(status)
+            age = seconds_since_bump(status)
             return Banner("moving", glyphs.now, "TRIGGERED", title, HANDS_OFF, digits=age)
         case Phase.DECAY:
-            age, words = _seconds_since_bump(status), f"Hands off.  {_decay_words(status, glyphs)}"
+            age, words = seconds_since_bump(status), f"Hands off.  {_decay_words(status, glyphs)}"
             return Banner("moving", glyphs.now, "DECAY", title, words, digits=age)
         case Phase.ACCEPTED:
             return _accepted_banner(status, action, glyphs)
@@ -270,16 +270,20 @@ def _spaced(*parts: str) -> str:
     return "   ".join(filter(None, parts))
 
 
-def _seconds_since_bump(status: Status) -> str:
+def seconds_since_bump(status: Status) -> str:
     """Return the seconds since the bump as digits; empty without one."""
     return f"{max(0.0, (status.t_ns - status.bump_ns) * 1e-9):.1f}" if status.bump_ns else ""
 
 
+def remaining_motion(status: Status) -> float | None:
+    """Return the ratio of the present motion to its peak, 0..1; None while it is not known."""
+    return None if status.peak_left is None else min(max(status.peak_left, 0.0), 1.0)
+
+
 def _decay_words(status: Status, glyphs: Glyphs) -> str:
     """Return the percentage of the peak that remains, and a bar that fills; empty if unknown."""
-    if status.peak_left is None:
+    if (remaining := remaining_motion(status)) is None:
         return ""
-    remaining = min(max(status.peak_left, 0.0), 1.0)
     return f"{remaining:3.0%} of the peak left  [{glyphs.bar(round((1.0 - remaining) * 20), 20)}]"
 
 

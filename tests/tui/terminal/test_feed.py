@@ -389,7 +389,7 @@ async def test_a_chart_has_labels_scales_peaks_and_the_triggers_sign() -> None:
     ]
     chart = LaneChart(PLAIN)
     async with alone(chart, 64, 9) as _:
-        assert chart.room == 2
+        assert chart.most_lanes == 2
         chart.show(lanes, specs, Window(100, 40, 0.5))
         rows = chart_rows(chart, 9)
     # 64 less 11 of the label, 12 of the scale and one: 40 columns of a bin each, the bump at 20.
@@ -412,7 +412,7 @@ async def test_a_chart_without_room_or_samples_says_so() -> None:
     lanes = Lanes()
     spec = LaneSpec("a", "a", "x", 1.0, 0.01, "a")
     async with alone(chart, 64, 3) as _:
-        assert chart.room == 1
+        assert chart.most_lanes == 1
         chart.show(lanes, [spec], Window(0, 40, None))
         assert chart_rows(chart, 3) == ["", "  no samples yet", ""]
     lanes.add(Live(0, 0.1, (Lane("a", (1.0,), (1.0,)),)))

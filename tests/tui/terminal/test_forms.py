@@ -20,20 +20,20 @@ from daq.vehicle import (
 )
 from tui.terminal.campaign import read_draft
 from tui.terminal.form import Field, FieldError, Form
-from tui.terminal.screens.masses import MassesScreen
-from tui.terminal.screens.vehicle import (
-    VehicleScreen,
-    check_vehicle,
-    vehicle_text,
-    vehicle_values,
-)
-from tui.terminal.screens.weights import (
+from tui.terminal.screens.masses import (
     Entry,
+    MassesScreen,
     WeightScreen,
     check_inventory,
     check_weight,
     entries_of,
     entry_values,
+)
+from tui.terminal.screens.vehicle import (
+    VehicleScreen,
+    check_vehicle,
+    vehicle_text,
+    vehicle_values,
 )
 
 from .conftest import screen_text

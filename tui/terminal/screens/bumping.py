@@ -19,7 +19,6 @@ from daq.control.messages import (
     Choose,
     Order,
     Pause,
-    Phase,
     Redo,
     Reject,
     Status,
@@ -31,6 +30,7 @@ from dbc.words import printable
 
 from ..app import LiveArrived
 from ..campaign import (
+    BETWEEN_RUNS,
     RUNNING,
     BenchStep,
     NextAction,
@@ -47,7 +47,10 @@ from .base import MARK_KEYS, BenchScreen
 
 
 def tally_rows(status: Status, glyphs: Glyphs) -> list[list[Cell]]:
-    """Return accepted, planned and rejected runs of each kind, the one that is due marked."""
+    """Return a row for each kind of bump: its name, a bar, accepted of planned runs, rejected ones.
+
+    The kind that is due is marked.
+    """
     due_step = status.due.step if status.due else None
     due_kind = (due_step.mass_state, due_step.excitation) if due_step else None
     rows: list[list[Cell]] = []
@@ -59,7 +62,7 @@ def tally_rows(status: Status, glyphs: Glyphs) -> list[list[Cell]]:
         extra = f" +{accepted - planned}" if accepted > planned else ""
         count = right(f"{min(accepted, planned)}/{planned}{extra}")
         rejected = f"{tally.rejected} rejected" if tally.rejected else ""
-        n_pieces = min(planned, 10)
+        n_pieces = min(planned, 10)  # one for each run, as far as a narrow terminal has room
         bar = glyphs.bar(min(accepted, planned) * n_pieces // max(planned, 1), n_pieces)
         rows.append([kind, bar, count, rejected])
     return rows
@@ -99,8 +102,6 @@ def alarms_text(status: Status, glyphs: Glyphs, width: int) -> Content:
     return Content("\n").join(lines)
 
 
-_BETWEEN_RUNS = (Phase.IDLE, Phase.PAUSED, Phase.COMPLETE)
-"""Phases in which no bump counts: the screen shows how to bump, in the others the live traces."""
 _ORDERS: dict[str, tuple[Order, str]] = {
     "reject": (Reject(), ""),
     "undo": (Undo(), "undone; R = redo"),
@@ -175,9 +176,9 @@ class HomeScreen(BenchScreen):
         if action == "take_back":
             return self._rejected is not None
         if action == "more":
-            return status.phase in _BETWEEN_RUNS
+            return status.phase in BETWEEN_RUNS
         if action == "pause":
-            return status.phase not in _BETWEEN_RUNS
+            return status.phase not in BETWEEN_RUNS
         return super().check_action(action, parameters)
 
     def _show(self) -> None:
@@ -194,8 +195,8 @@ class HomeScreen(BenchScreen):
             self.query_one(BannerBar).show(shown)
 
     def show_status(self, status: Status) -> None:
-        """Show progress and runs, and between runs the sketch of the bump that is due."""
-        self.set_class(status.phase not in _BETWEEN_RUNS, "-run")
+        """Show progress and runs, and the sketch of the bump that is due; in a run the traces."""
+        self.set_class(status.phase not in BETWEEN_RUNS, "-run")
         glyphs, bench, due = self.bench_app.glyphs, self.bench_app.bench, status.due
         tallies = self.query_one("#tallies", Table)
         tallies.styles.height = len(status.tallies) + 2  # Textual measures it too late
@@ -219,7 +220,7 @@ class HomeScreen(BenchScreen):
         chart, app = self.query_one(LaneChart), self.bench_app
         if not chart.display or not chart.size.height:
             return
-        specs = lane_specs(app.bench, self._view, chart.room)
+        specs = lane_specs(app.bench, self._view, chart.most_lanes)
         chart.show(app.lanes, specs, shown_window(app.status, app.lanes))
 
     async def action_next(self) -> None:
