@@ -170,7 +170,7 @@ class GreyBox:
         indices = {self._index.get(("gain", c.name)): c for c in self._channels}
         return {index: c for index, c in indices.items() if index is not None}
 
-    def pulls(self, eta: Real) -> Real:
+    def deviations(self, eta: Real) -> Real:
         """Return how far each of `corrections` lies from what is stated, in its sigmas."""
         stated = slice(len(self.parameters), len(self.parameters) + len(self.corrections))
         return np.asarray(eta[stated] / self.prior_sigma[stated])

@@ -11,7 +11,7 @@ from ..decays.decay import FreeDecay
 from ..fit.grey_box import CROSS_SCALE_KG, SIGNED, GreyBox
 from ..fit.likelihood import linearised
 from ..model.matrices import SYMMETRIC, Full, Real, full_matrices
-from .car import PULL, Car, Model, car
+from .car import GRAVITY, Car, Model, car
 from .laws import knee
 from .path import InitialState
 from .problem import Problem
@@ -124,7 +124,7 @@ def position_at_rest(model: Model, eta: Real, loaded: Car) -> Real:
     """
     full = model.box.full(eta[: model.n_linear].astype(complex))
     _, _, K = full_matrices(full)
-    force_n = np.concatenate([loaded.pull, loaded.corner[:, PULL]])
+    force_n = np.concatenate([loaded.gravity, loaded.corner[:, GRAVITY]])
     return np.asarray(np.linalg.solve(K.real, force_n))
 
 
@@ -144,7 +144,7 @@ def initial_states_of(
     result = []
     for decay, linear_part in zip(decays, linear_parts, strict=True):
         motion = linear_part.solution[:14].copy()  # 7 displacements, 7 speeds
-        # Those of the linear model are about the loaded car at rest, these about the bare one.
+        # Displacements of the linear model count from the loaded car at rest, these from the bare.
         motion[:7] += rest_positions[decay.mass_state]
         speeds_m_s = cars[decay.mass_state].travel_speeds(motion)
         # At 0.02 m/s most of the friction acts in the direction of the motion.
@@ -214,10 +214,10 @@ def refined(problem: Problem, eta: Real, knots: tuple[float, ...]) -> tuple[Prob
     outwards = np.where(np.array(knots) < 0.0, -1.0, 1.0)[:, None]
     by_old_knees = outwards * np.diff(chord_slopes, axis=0)  # (new knees, old knees)
     # The slopes at the knees come last among the unknowns, those of the front axle first.
-    n_common = len(coarse.names) - 2 * len(coarse.knots)
-    front, rear = np.split(eta[n_common:], 2)
-    refined_eta = np.concatenate([eta[:n_common], by_old_knees @ front, by_old_knees @ rear])
+    n_before = len(coarse.names) - 2 * len(coarse.knots)
+    front, rear = np.split(eta[n_before:], 2)
+    refined_eta = np.concatenate([eta[:n_before], by_old_knees @ front, by_old_knees @ rear])
     mean, sigma = weak_priors(model, refined_eta)
     # The priors of unknowns that both problems have stay the same.
-    mean[:n_common], sigma[:n_common] = problem.centre[:n_common], problem.prior[:n_common]
+    mean[:n_before], sigma[:n_before] = problem.centre[:n_before], problem.prior[:n_before]
     return replace(problem, model=model, centre=mean, prior=sigma), refined_eta

@@ -122,14 +122,14 @@ step."""
 
 (
     X, Y, K_S, K_2, K_3, K_B, GAP, POWER, K_A, F_C, LENGTH, SURPLUS, FALL, RATIO, C, MOUNT, K_T,
-    BETA, C_T, STATIC, MASS, PULL, KNEES,
+    BETA, C_T, STATIC, MASS, GRAVITY, KNEES,
 ) = range(23)  # fmt: skip
 """Columns of the coefficients of a corner; the slopes at the knees begin at `KNEES`.
 
 X, Y: place from the CG, m.  SURPLUS: of static over sliding friction, FALL: the speed over which it
 falls off, m/s.  RATIO: this corner's damper over the axle's.  STATIC: load of the bare car, N.
-MASS: of the wheel with its load, kg.  PULL: weight added to the wheel, N."""
-OF_FRICTION, OF_WHEEL = (LENGTH, SURPLUS, FALL), (K_T, BETA, C_T, STATIC, MASS, PULL)
+MASS: of the wheel with its load, kg.  GRAVITY: on what is added to the wheel, N."""
+OF_FRICTION, OF_WHEEL = (LENGTH, SURPLUS, FALL), (K_T, BETA, C_T, STATIC, MASS, GRAVITY)
 """Columns that act on the rate of friction alone, and on the wheel beside the corner's force."""
 _COLUMN_OF = {
     K_2: "k_2", K_3: "k_3", K_B: "k_b", GAP: "g_b", POWER: "p_b", F_C: "F_c", LENGTH: "d_c",
@@ -210,9 +210,9 @@ class Car:
     """(3, 3) of the body with its load, kg and kg m2."""
     d_mass: Real
     """(F, 3, 3)."""
-    pull: Real
-    """(3,) force of the weights that are added to the body."""
-    d_pull: Real
+    gravity: Real
+    """(3,) force and moments, N and N m, on the weights that are added to the body."""
+    d_gravity: Real
     """(F, 3)."""
     knots: tuple[float, ...]
 
@@ -239,21 +239,21 @@ def car(model: Model, eta: Real, state: MassState, free: NDArray[np.intp]) -> Ca
     """Return a mass state at `eta`, (P,), and its derivatives by the unknowns at `free`, (F,)."""
     # `eta` itself, then with a complex step in each free unknown.
     points = stepped(eta)[np.concatenate([[0], 1 + free])]
-    corner, mass, pull = _coefficients(model, points, state)
+    corner, mass, gravity = _coefficients(model, points, state)
     per_step = 1.0 / COMPLEX_STEP
     return Car(
         np.ascontiguousarray(corner[0].real),
         np.ascontiguousarray(np.moveaxis(corner[1:].imag, 0, -1) * per_step),
         np.ascontiguousarray(mass[0].real),
         np.ascontiguousarray(mass[1:].imag * per_step),
-        np.ascontiguousarray(pull[0].real),
-        np.ascontiguousarray(pull[1:].imag * per_step),
+        np.ascontiguousarray(gravity[0].real),
+        np.ascontiguousarray(gravity[1:].imag * per_step),
         model.knots,
     )
 
 
 def _coefficients(model: Model, eta: Complex, state: MassState) -> tuple[Complex, Complex, Complex]:
-    """Return corners, (n, 4, columns), body mass, (n, 3, 3), and the weights' pull on it, (n, 3).
+    """Return corners, (n, 4, columns), body mass, (n, 3, 3), and gravity on its weights, (n, 3).
 
     `eta`: unknowns, (n, P).
     """
@@ -263,7 +263,7 @@ def _coefficients(model: Model, eta: Complex, state: MassState) -> tuple[Complex
     weight_errors = box.off_weights(eta, state)  # kg, m, m
     added = delta_mass(state.added, full[:, Full.A], full[:, Full.Y_S], weight_errors)
     # Gravity accelerates body and wheels downwards alike: on (1, 0, 0, 1, 1, 1, 1).
-    pull = -GRAVITY_M_S2 * (added[:, :, 0] + added[:, :, 3:].sum(axis=-1))
+    gravity = -GRAVITY_M_S2 * (added[:, :, 0] + added[:, :, 3:].sum(axis=-1))
     corners = np.zeros((len(eta), 4, KNEES + len(model.knots)), dtype=complex)
     cross_kg = box.cross_kg(eta)
     for corner in Corner:
@@ -283,7 +283,7 @@ def _coefficients(model: Model, eta: Complex, state: MassState) -> tuple[Complex
         row[:, RATIO] = 1.0 + corner.side * element[f"s_c{axle}"]
         row[:, STATIC] = GRAVITY_M_S2 * corner_load(corner, full, cross_kg)
         row[:, MASS] = full[:, Full.M_U + i] + added[:, 3 + i, 3 + i]
-        row[:, PULL] = pull[:, 3 + i]
+        row[:, GRAVITY] = gravity[:, 3 + i]
         for j, knot in enumerate(model.knots):
             slope_change = element[f"h_{axle}{j + 1}"]
             row[:, KNEES + j] = slope_change
@@ -291,4 +291,4 @@ def _coefficients(model: Model, eta: Complex, state: MassState) -> tuple[Complex
     mass = added[:, :3, :3].copy()
     for k in (Full.M_S, Full.I_YY, Full.I_XX):
         mass[:, k, k] += full[:, k]
-    return corners, mass, pull[:, :3]
+    return corners, mass, gravity[:, :3]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..fit.varpro import pseudo_inverse
 from ..model.matrices import Real
 from .path import ROUGH, Grade, InitialState
-from .problem import Normal, Point, Problem, point
+from .problem import Normal, Point, Problem, point_at
 
 _MOST_REFUSED = 8
 """Refused steps in a row after which the tangents count as useless."""
@@ -84,20 +84,21 @@ def reduced(
     Then a pair for each run: the step of its own unknowns, (own,), where the free ones keep still,
     and what a step of these takes from it, (own, F).
 
-    `fixed`: steps of own unknowns that are given, (own,) for each run, NaN for the others.
+    `fixed`: steps of own unknowns that are given, (own,) for each run, NaN for the others; by
+    default none is.
     """
-    matrix, right = equations.shared.copy(), equations.right.copy()
+    matrix, right = equations.matrix.copy(), equations.right.copy()
     own_steps, fixed = [], fixed or [np.full(len(b.A), np.nan) for b in equations.blocks]
     for b, given in zip(equations.blocks, fixed, strict=True):
         A = b.A + damping * np.diag(np.diag(b.A))
         is_given, is_free = np.isfinite(given), np.isnan(given)
         inverse_A = np.zeros_like(A)
         inverse_A[np.ix_(is_free, is_free)] = pseudo_inverse(A[np.ix_(is_free, is_free)])
-        step = inverse_A @ (b.own - A[:, is_given] @ given[is_given])
+        step = inverse_A @ (b.right_own - A[:, is_given] @ given[is_given])
         step[is_given] = given[is_given]
         by_free = inverse_A @ b.B
         matrix += b.C - b.B.T @ by_free
-        right += b.shared - b.B.T @ step
+        right += b.right_free - b.B.T @ step
         own_steps.append((step, by_free))
     return matrix, right, own_steps
 
@@ -106,9 +107,9 @@ def reduced(
 class _Step:
     """A damped step within all bounds."""
 
-    shared: Real
+    free: Real
     """(F,) of the free unknowns."""
-    initials: tuple[Real, ...]
+    own: tuple[Real, ...]
     """(18,) or with mounts (22,), of each run's own unknowns."""
     fall: float
     """Fall of the cost, if the problem were linear."""
@@ -119,17 +120,17 @@ def _step(
 ) -> _Step:
     """Return the damped step; a share of friction that would exceed 1 stops at 1.
 
-    Damper curves that the step would make too flat are held up, others are not.  `low`, `high`:
-    least and largest step of each free unknown, (F,).
+    Segments of damper curves that are flat after the step have their terms in it, others do not.
+    `low`, `high`: least and largest step of each free unknown, (F,).
     """
     fixed = [np.full(len(b.A), np.nan) for b in equations.blocks]
-    flat = equations.lacks > 0.0
-    # Each solution has more friction at its bound and other curves held; eight at most.
+    flat = equations.deficits > 0.0
+    # Each solution has more friction at its bound and other segments flat; eight at most.
     for _ in range(8):
-        matrix, right, own_steps = reduced(equations.holding(flat), damping, fixed)
-        shared = _solve(matrix, right, damping, low, high)
-        lacks = equations.lacks - equations.lifts @ shared
-        moves = [step - by_free @ shared for step, by_free in own_steps]
+        matrix, right, own_steps = reduced(equations.with_terms_of(flat), damping, fixed)
+        free = _solve(matrix, right, damping, low, high)
+        deficits = equations.deficits - equations.falls @ free
+        moves = [step - by_free @ free for step, by_free in own_steps]
         any_stopped = False
         for x0, move, given in zip(initials, moves, fixed, strict=True):
             after = x0.friction + move[14:18]  # the shares of friction at the four corners
@@ -138,21 +139,22 @@ def _step(
             stopped = np.flatnonzero(excess > max(1e-9, 0.5 * float(excess.max())))
             given[14 + stopped] = np.sign(after[stopped]) - x0.friction[stopped]
             any_stopped |= len(stopped) > 0
-        if not any_stopped and ((lacks > 0.0) == flat).all():
+        if not any_stopped and ((deficits > 0.0) == flat).all():
             break
-        flat = lacks > 0.0
-    without_floor = equations.holding(np.zeros_like(flat))
-    fall = 2.0 * float(without_floor.right @ shared) - float(shared @ without_floor.shared @ shared)
-    fall += float(np.sum(np.maximum(equations.lacks, 0.0) ** 2 - np.maximum(lacks, 0.0) ** 2))
+        flat = deficits > 0.0
+    # The fall of the cost: of facts and priors, of segments that are flat before or after, of runs.
+    no_segments = equations.with_terms_of(np.zeros_like(flat))
+    fall = 2.0 * float(no_segments.right @ free) - float(free @ no_segments.matrix @ free)
+    fall += float(np.sum(np.maximum(equations.deficits, 0.0) ** 2 - np.maximum(deficits, 0.0) ** 2))
     for b, move in zip(equations.blocks, moves, strict=True):
-        fall += 2.0 * float(b.own @ move + b.shared @ shared) - float(
-            move @ b.A @ move + 2.0 * move @ b.B @ shared + shared @ b.C @ shared
+        fall += 2.0 * float(b.right_own @ move + b.right_free @ free) - float(
+            move @ b.A @ move + 2.0 * move @ b.B @ free + free @ b.C @ free
         )
-    return _Step(shared, tuple(moves), fall)
+    return _Step(free, tuple(moves), fall)
 
 
 def _solve(matrix: Real, right: Real, damping: float, low: Real, high: Real) -> Real:
-    """Return the damped step within its bounds; an unknown that would leave them stops there.
+    """Return the damped step, (F,), within bounds; an unknown that would leave them stops there.
 
     The others then take the step that is best with it: one unknown that the data hardly determine
     must not block all others.
@@ -173,13 +175,13 @@ def _solve(matrix: Real, right: Real, damping: float, low: Real, high: Real) -> 
     return np.clip(step, low, high)
 
 
-def _full_step(at: Point | None) -> _Step | None:
+def _full_step(point: Point | None) -> _Step | None:
     """Return the undamped step from a point; None without finite path and tangents."""
-    if at is None or not at.normal.finite:
+    if point is None or not point.normal.finite:
         return None
-    low, high = at.problem.bounds
-    free_eta = at.eta[at.problem.free]
-    return _step(at.normal, at.initials, 1e-12, low - free_eta, high - free_eta)
+    low, high = point.problem.bounds
+    free_eta = point.eta[point.problem.free]
+    return _step(point.normal, point.initials, 1e-12, low - free_eta, high - free_eta)
 
 
 def fit(
@@ -201,7 +203,7 @@ def fit(
     of a stop or the knees of a curve still creep.  `rough`: part of the cost of which a gain ends
     the fit, too.  `is_over`: whether the time has passed; the fit then ends where it is.
     """
-    current = point(problem, eta, initials, grade)
+    current = point_at(problem, eta, initials, grade)
     full_step = _full_step(current)
     if current is None or full_step is None:
         return None
@@ -219,12 +221,13 @@ def fit(
             # Where the car's parameters are held, or hardly move any more, only shapes do.
             of_car = problem.free < len(problem.model.box.parameters)
             std = np.sqrt(np.diag(pseudo_inverse(matrix))) if of_car.any() else np.inf
-            hardly_moves = bool((np.abs(full_step.shared) <= _SHAPES_SIGMAS * std)[of_car].all())
+            hardly_moves = bool((np.abs(full_step.free) <= _SHAPES_SIGMAS * std)[of_car].all())
             converged |= 0.0 <= decrement < _SHAPES_FALL * unit and hardly_moves
             return Optimum(current, matrix, iterations, decrement, converged)
         is_near, is_last = decrement < unit, decrement < _LAST_FALL * unit
         # A step by which the cost falls less counts as refused.
         least_gain = unit * (min(_LAST_GAIN, tolerance) if is_last else 1e-3)
+        # Near the optimum a step may raise the cost a little: the next one may lower it by more.
         most_rise, reach = 0.5 * unit if is_near else -least_gain, problem.reach
         while refused < _MOST_REFUSED and iterations < max_iterations:
             iterations += 1
@@ -234,11 +237,11 @@ def fit(
                 refused = _MOST_REFUSED
                 break
             trial_eta = current.eta.copy()
-            trial_eta[problem.free] += step.shared
+            trial_eta[problem.free] += step.free
             initials = tuple(
-                x0.moved(move) for x0, move in zip(current.initials, step.initials, strict=True)
+                x0.moved(move) for x0, move in zip(current.initials, step.own, strict=True)
             )
-            trial = point(problem, trial_eta, initials, grade)
+            trial = point_at(problem, trial_eta, initials, grade)
             if trial is not None and trial.cost < current.cost + most_rise:
                 next_step = _full_step(trial)
                 # Where a curve falls, tangents grow until the full step is not a minimum any more.
@@ -264,16 +267,16 @@ def gain_of(best: Optimum, eta: Real, extra: NDArray[np.intp]) -> tuple[Real, Re
     """
     free = np.union1d(best.point.problem.free, extra)
     problem = replace(best.point.problem, free=free)
-    at = point(problem, eta, best.point.initials, best.point.grade)
-    if at is None or not at.normal.finite:
+    point = point_at(problem, eta, best.point.initials, best.point.grade)
+    if point is None or not point.normal.finite:
         return np.zeros(len(extra)), np.zeros(len(extra))
-    matrix, right, _ = reduced(at.normal)
+    matrix, right, _ = reduced(point.normal)
     new, old = np.searchsorted(free, extra), ~np.isin(free, extra)
     cross = matrix[np.ix_(new, old)] @ pseudo_inverse(matrix[np.ix_(old, old)])
     information = np.diag(matrix)[new]
     remaining = information - np.einsum("ij,ji->i", cross, matrix[np.ix_(old, new)])
     slope = right[new] - cross @ right[old]
-    separate = remaining > 1e-10 * information
+    separate = remaining > 1e-10 * information  # less is rounding: the free ones do the same
     size = np.divide(slope, remaining, out=np.zeros(len(extra)), where=separate)
     return slope * size, size
 
@@ -285,19 +288,19 @@ def gain_of(best: Optimum, eta: Real, extra: NDArray[np.intp]) -> tuple[Real, Re
 # (heteroscedasticity and autocorrelation consistent covariance, Newey and West 1987).
 
 
-def scatter(at: Point) -> Real:
+def scatter(point: Point) -> Real:
     """Return the covariance of the scores, (F, F), by Bartlett's window of 0.2 s.
 
     Over longer than two periods of the wheels, residuals are not correlated.
     """
-    n_free = len(at.problem.free)
+    runs, n_free = point.problem.runs, len(point.problem.free)
     covariance = np.zeros((n_free, n_free))
-    bin_s, lags = 0.005, 40
-    for run, predicted, block in zip(at.problem.runs, at.predicted, at.normal.blocks, strict=True):
+    bin_s, lags = 0.005, 40  # 0.2 s
+    for run, predicted, block in zip(runs, point.predicted, point.normal.blocks, strict=True):
         n_own = len(block.A)
         own_by_free = pseudo_inverse(block.A) @ block.B
         bins = int(run.end_s / bin_s) + 2
-        scores = np.zeros((bins, n_free))
+        scores = np.zeros((bins, n_free))  # J^T residuals, summed over the samples of a bin
         of_recordings = (run.decay.recordings, predicted.residuals, block.jacobian)
         for r, residuals, J in zip(*of_recordings, strict=True):
             J_free = J[:, :, n_own:] - J[:, :, :n_own] @ own_by_free

@@ -42,11 +42,13 @@ def kernel(function: Callable[..., Any]) -> Any:
 
 # The kernels --------------------------------------------------------------------------------------
 #
-# x: state of the path, (22,), as `path.STATES` says.  p: coefficients, (4, n), in the columns of
-# `car`; p_i: those of corner i, k: the other side of its axle (i ^ 1).  knots, lines: knees of the
-# damper curves and their hinges (`bends`).  level: rounding, a `path.Level`.  u, w: travel and its
-# speed; r: speed in the damper.  Columns of tangents are in blocks of `LANES`; j is a column of a
-# block, m a row.
+# x: state of the path, (22,): 7 displacements (heave, pitch and roll of the body, heave of the
+# wheels), their 7 speeds, and at each corner the share of friction that acts, then the deflection
+# of the damper's mount.  p: coefficients, (4, n), in the columns of `car`; p_i: those of corner i;
+# k: the other side of its axle (i ^ 1).  knots, lines: knees of the damper curves, (n_knots,), and
+# their hinges (`bends`).  inverse: of the body's mass matrix, (3, 3); gravity: on the weights added
+# to the body, (3,).  level: rounding, a `path.Level`; mounted: whether dampers have mounts.
+# u, w: travel of a suspension and its speed; r: speed in its damper.
 
 for _law in vars(laws).values():
     if isinstance(_law, FunctionType):
@@ -55,28 +57,29 @@ for _law in vars(laws).values():
 
 @kernel
 def bends(p, knots, width):
-    """Return each corner's curve as a line through rest and hinges that all open upwards.
+    """Return each corner's curve, (4, 2 + n_knots): force at rest, slope, change at each hinge.
 
-    A knee towards rebound is a line less the hinge of the same corner: ``H(-x) = H(x) - x``.
+    It is a line through rest and hinges that all open towards compression.  A knee towards rebound
+    is a line less the hinge of the same corner: ``H(-x) = H(x) - x``.
     """
     lines = np.empty((4, 2 + len(knots)))
     for i in range(4):
         lines[i, 0], lines[i, 1] = 0.0, p[i, car.C]
         for j in range(len(knots)):
-            h = p[i, car.KNEES + j]
+            slope_change = p[i, car.KNEES + j]
             if knots[j] < 0.0:
-                lines[i, 0] += h * (laws.hinge(knots[j], width) - knots[j])
-                lines[i, 1] += h
-                lines[i, 2 + j] = -h
+                lines[i, 0] += slope_change * (laws.hinge(knots[j], width) - knots[j])
+                lines[i, 1] += slope_change
+                lines[i, 2 + j] = -slope_change
             else:
-                lines[i, 0] -= h * laws.hinge(-knots[j], width)
-                lines[i, 2 + j] = h
+                lines[i, 0] -= slope_change * laws.hinge(-knots[j], width)
+                lines[i, 2 + j] = slope_change
     return lines
 
 
 @kernel
 def curve(line, knots, r, width):
-    """Return the force of an axle's damper at the speed r; the knots ascend."""
+    """Return the force at the speed r on a curve, (2 + n_knots,) of `bends`; the knots ascend."""
     force = line[0] + line[1] * r
     for j in range(len(knots)):
         beyond = r - knots[j]
@@ -106,9 +109,12 @@ def _damper_speed(p, line, knots, level, e, w, r):
 
 
 @kernel
-def rates(x, p, lines, knots, inverse, pull, level, mounted, r, out):
-    """Write the rates of change of a state, (22,), and the dampers' speeds, (4,)."""
-    f0, f1, f2 = pull[0], pull[1], pull[2]
+def rates(x, p, lines, knots, inverse, gravity, level, mounted, r, out):
+    """Write the rates of change of a state, (22,), to `out`, and the dampers' speeds, (4,), to r.
+
+    What r has before is where Newton's method begins.
+    """
+    lift, pitch, roll = gravity[0], gravity[1], gravity[2]  # force and moments on the body
     for i in range(4):
         p_i = p[i]
         u = x[3 + i] - x[0] + p_i[car.X] * x[1] - p_i[car.Y] * x[2]
@@ -128,13 +134,13 @@ def rates(x, p, lines, knots, inverse, pull, level, mounted, r, out):
             k = i ^ 1
             across = x[3 + k] - x[0] + p[k, car.X] * x[1] - p[k, car.Y] * x[2]
             force += p_i[car.K_A] * (u - across)
-        f0 += force
-        f1 -= p_i[car.X] * force
-        f2 += p_i[car.Y] * force
+        lift += force
+        pitch -= p_i[car.X] * force
+        roll += p_i[car.Y] * force
         load = laws.tyre_load(x[3 + i], p_i[car.K_T], p_i[car.BETA], p_i[car.STATIC])
         push = laws.tyre_push(load, x[10 + i], p_i[car.C_T], level.load_n)
         road = laws.tyre_force(push, p_i[car.STATIC], level.load_n)
-        out[10 + i] = (road - force + p_i[car.PULL]) / p_i[car.MASS]
+        out[10 + i] = (road - force + p_i[car.GRAVITY]) / p_i[car.MASS]
         limit = 1.0
         if p_i[car.SURPLUS] != 0.0:
             limit = laws.sliding_share(w, p_i[car.SURPLUS], p_i[car.FALL])
@@ -143,67 +149,72 @@ def rates(x, p, lines, knots, inverse, pull, level, mounted, r, out):
         )
         out[18 + i] = w - r[i] if mounted else 0.0
     for k in range(3):
-        out[7 + k] = inverse[k, 0] * f0 + inverse[k, 1] * f1 + inverse[k, 2] * f2
+        out[7 + k] = inverse[k, 0] * lift + inverse[k, 1] * pitch + inverse[k, 2] * roll
     for k in range(7):
         out[k] = x[7 + k]
 
 
 @kernel
-def path(x0, r0, steps, step_s, p, knots, inverse, pull, level, mounted, states, slopes, speeds):
-    """Integrate a run by RK4, write its nodes, and return how many of them are finite."""
+def path(x0, r0, steps, step_s, p, knots, inverse, gravity, level, mounted, states, slopes, speeds):
+    """Integrate a run by RK4 from x0, and return how many of its nodes are finite.
+
+    Writes `states` and their `slopes`, (steps + 1, 22), and the dampers' `speeds`, (steps + 1, 4).
+    """
     x, r, lines = x0.copy(), r0.copy(), bends(p, knots, level.knee_m_s)
     k1, k2, k3, k4 = np.empty(22), np.empty(22), np.empty(22), np.empty(22)
     y = np.empty(22)
-    rates(x, p, lines, knots, inverse, pull, level, mounted, r, k1)
+    rates(x, p, lines, knots, inverse, gravity, level, mounted, r, k1)
     states[0], slopes[0], speeds[0] = x, k1, r
     for n in range(steps):
         for m in range(22):
             y[m] = x[m] + 0.5 * step_s * k1[m]
-        rates(y, p, lines, knots, inverse, pull, level, mounted, r, k2)
+        rates(y, p, lines, knots, inverse, gravity, level, mounted, r, k2)
         for m in range(22):
             y[m] = x[m] + 0.5 * step_s * k2[m]
-        rates(y, p, lines, knots, inverse, pull, level, mounted, r, k3)
+        rates(y, p, lines, knots, inverse, gravity, level, mounted, r, k3)
         for m in range(22):
             y[m] = x[m] + step_s * k3[m]
-        rates(y, p, lines, knots, inverse, pull, level, mounted, r, k4)
+        rates(y, p, lines, knots, inverse, gravity, level, mounted, r, k4)
         finite = True
         for m in range(22):
             x[m] += step_s / 6.0 * (k1[m] + 2.0 * (k2[m] + k3[m]) + k4[m])
-            finite = finite and abs(x[m]) < 100.0  # of SI units; NaN is none
+            finite = finite and abs(x[m]) < 100.0  # SI: no car moves so far or fast; NaN is false
         if not finite:
             return n + 1
-        rates(x, p, lines, knots, inverse, pull, level, mounted, r, k1)
+        rates(x, p, lines, knots, inverse, gravity, level, mounted, r, k1)
         states[n + 1], slopes[n + 1], speeds[n + 1] = x, k1, r
     return steps + 1
 
 
 @kernel
-def sample(times, step_s, states, slopes, speeds, p, knots, inverse, pull, level, mounted,
-           at, rate, speed):  # fmt: skip
-    """Write state, rates and dampers' speeds at given times: cubic Hermite between the nodes."""
-    last = len(states) - 2
+def sample(times, step_s, states, slopes, speeds, p, knots, inverse, gravity, level, mounted,
+           sampled_states, sampled_slopes, sampled_speeds):  # fmt: skip
+    """Write state, rates and dampers' speeds at n given times: cubic Hermite between the nodes."""
+    last_step = len(states) - 2
     lines = bends(p, knots, level.knee_m_s)
     for n in range(len(times)):
-        k = min(max(int(times[n] / step_s), 0), last)
-        s = times[n] / step_s - k
+        k = min(max(int(times[n] / step_s), 0), last_step)
+        s = times[n] / step_s - k  # 0..1 within the step
+        # Weights of the state before and after, and of its slope before and after.
         a = (1.0 + 2.0 * s) * (1.0 - s) * (1.0 - s)
         b = s * s * (3.0 - 2.0 * s)
         c = s * (1.0 - s) * (1.0 - s) * step_s
         d = -s * s * (1.0 - s) * step_s
         for m in range(22):
-            at[n, m] = (
+            sampled_states[n, m] = (
                 a * states[k, m] + b * states[k + 1, m] + c * slopes[k, m] + d * slopes[k + 1, m]
             )
-        speed[n] = speeds[k]
-        rates(at[n], p, lines, knots, inverse, pull, level, mounted, speed[n], rate[n])
+        sampled_speeds[n] = speeds[k]
+        rates(sampled_states[n], p, lines, knots, inverse, gravity, level, mounted,
+              sampled_speeds[n], sampled_slopes[n])  # fmt: skip
 
 
 # The tangents: derivatives of the state by unknowns, a column each, along the path ----------------
 #
 # The Jacobian acts through the slopes of the four corners and no matrix is dense: a column costs
-# some 150 operations a stage.  Columns are stored in blocks of `LANES`, one row of the state after
-# the other: a loop over the columns of a block becomes vector instructions because the distances
-# between rows are constants.
+# some 150 operations a stage.  Columns are stored in blocks of `LANES`, each flat, one row of the
+# state after the other: row m of column j is at ``m * LANES + j``.  A loop over the columns of a
+# block becomes vector instructions because the distances between rows are constants.
 
 LANES = 40
 """Columns in a block: an odd number of cache lines, so that rows do not evict each other."""
@@ -225,13 +236,16 @@ that speed by those of suspension and mount; the wheel's acceleration by its hea
 
 @kernel
 def column_rates(x, slopes, inverse, forcing, rates):
-    """Write the rates of change of a block of columns at a node of the path."""
+    """Write the rates of change of a block of columns, x, at a node of the path.
+
+    The rows of `x` and `rates` are those of a state, those of `forcing` as in `FORCING_ROWS`.
+    """
     for j in range(LANES):
         lift = forcing[_ON_BODY * LANES + j]
         pitch = forcing[(_ON_BODY + 1) * LANES + j]
         roll = forcing[(_ON_BODY + 2) * LANES + j]
         for i in range(4):
-            s, k = CORNER_SLOPES * i, CORNER_SLOPES * (i ^ 1)
+            s, k = CORNER_SLOPES * i, CORNER_SLOPES * (i ^ 1)  # of this corner, of the other side
             heave, rise, share = (3 + i) * LANES + j, (10 + i) * LANES + j, (14 + i) * LANES + j
             mount, other = (18 + i) * LANES + j, (3 + (i ^ 1)) * LANES + j
             u = slopes[s + AT_X] * x[LANES + j] - slopes[s + AT_Y] * x[2 * LANES + j]
@@ -263,9 +277,10 @@ def column_rates(x, slopes, inverse, forcing, rates):
 
 @kernel
 def rk4(x, slopes, inverse, begin, half, end, h, work, after):
-    """Write a block of columns one step later, and to `x` its accelerations before the step.
+    """Write a block of columns a step h later to `after`, and to `x` its accelerations before it.
 
-    `begin`, `half` and `end` are the forcing at the three nodes, as are the slopes.
+    `begin`, `half`, `end`: forcing at the three nodes of the step.  `slopes`, (3, 52): of the
+    corners there.  `work`, (5, rows * LANES): room for the stages.
     """
     y, k1, k2, k3, k4 = work[0], work[1], work[2], work[3], work[4]
     size = STATE_ROWS * LANES
@@ -289,38 +304,40 @@ def rk4(x, slopes, inverse, begin, half, end, h, work, after):
 def linearise(x, rate, r, p, knots, level, mounted, of_corners, of_body, slopes, forcing):
     """Write the slopes that act on a column at a node, (52,), and the forcing by the unknowns.
 
-    `of_corners`: first entry of each corner, (5,); coefficient, block, column in it and derivative
-    of each entry.  `of_body`: block and column of the unknowns that change the body, its mass by
-    them, (n, 3, 3), and gravity, (n, 3).
+    `x`, `rate`, `r`: state, its rates and the dampers' speeds there.  `of_corners`: nonzero
+    derivatives of the coefficients by the unknowns: first entry of each corner, (5,); coefficient,
+    block, column in it and derivative of each entry.  `of_body`: block and column of the unknowns
+    that change the body, its mass by them, (n, 3, 3), and gravity, (n, 3).
     """
     first_entry, coefficients, blocks, columns, values = of_corners
     width = level.knee_m_s
-    by, by_speed = np.zeros(p.shape[1]), np.zeros(p.shape[1])
+    # By each coefficient: what it acts on, and minus the misfit of the mount's equation.
+    by, mount_by = np.zeros(p.shape[1]), np.zeros(p.shape[1])
     forcing[:] = 0.0
     for i in range(4):
         p_i, k = p[i], i ^ 1
         u = x[3 + i] - x[0] + p_i[car.X] * x[1] - p_i[car.Y] * x[2]
         w = x[10 + i] - x[7] + p_i[car.X] * x[8] - p_i[car.Y] * x[9]
         across = x[3 + k] - x[0] + p[k, car.X] * x[1] - p[k, car.Y] * x[2]
-        # Each coefficient acts on the force, on the road's force or on the rate of friction.
+        # Each coefficient acts on the corner's force, the road's force or the rate of friction.
         z, zeta, ratio, per_mass = x[3 + i], x[14 + i], p_i[car.RATIO], 1.0 / p_i[car.MASS]
         curved, damping = p_i[car.C] * r[i], p_i[car.C]
         for j in range(len(knots)):
-            bent = laws.knee(r[i], knots[j], width)
-            curved += p_i[car.KNEES + j] * bent
+            beyond_knot = laws.knee(r[i], knots[j], width)
+            curved += p_i[car.KNEES + j] * beyond_knot
             damping += p_i[car.KNEES + j] * laws.knee_slope(r[i], knots[j], width)
-            by[car.KNEES + j] = ratio * bent
+            by[car.KNEES + j] = ratio * beyond_knot
         damping *= ratio
         by[car.K_S], by[car.K_2], by[car.K_3], by[car.K_A] = u, u * u, u * u * u, u - across
         by[car.C], by[car.RATIO], by[car.F_C] = ratio * r[i], curved, zeta
         stiff = laws.spring_stiffness(u, p_i[car.K_S], p_i[car.K_2], p_i[car.K_3]) + p_i[car.K_A]
         by[car.K_B], by[car.GAP], by[car.POWER] = 0.0, 0.0, 0.0
         if u > p_i[car.GAP] - level.stop_m:
-            hard, by[car.K_B], by[car.POWER] = laws.stop_slopes(
+            stop_stiff, by[car.K_B], by[car.POWER] = laws.stop_slopes(
                 u, p_i[car.K_B], p_i[car.GAP], p_i[car.POWER], level.stop_m
             )
-            stiff += hard
-            by[car.GAP] = -hard
+            stiff += stop_stiff
+            by[car.GAP] = -stop_stiff
         force = (
             ratio * curved
             + laws.spring_force(u, p_i[car.K_S], p_i[car.K_2], p_i[car.K_3])
@@ -342,32 +359,35 @@ def linearise(x, rate, r, p, knots, level, mounted, of_corners, of_body, slopes,
         by[car.K_T] = -by_load * z * (1.0 - p_i[car.BETA] * z)
         by[car.BETA] = by_load * p_i[car.K_T] * z * z
         by[car.C_T] = -contact * x[10 + i]
-        by[car.STATIC], by[car.MASS], by[car.PULL] = by_load - 1.0, -rate[10 + i], 1.0
-        by_mount, through = 0.0, 1.0
+        by[car.STATIC], by[car.MASS], by[car.GRAVITY] = by_load - 1.0, -rate[10 + i], 1.0
+        # Speed in the damper by the deflection of its mount, and by the suspension's speed.
+        speed_by_mount, speed_by_travel = 0.0, 1.0
         if mounted:
             sigma = p_i[car.MOUNT]
-            by_mount = 1.0 / laws.mount_slope(damping, sigma, level.loss_s)
-            through = level.loss_s * by_mount
+            speed_by_mount = 1.0 / laws.mount_slope(damping, sigma, level.loss_s)
+            speed_by_travel = level.loss_s * speed_by_mount
             for j in range(len(knots)):
-                by_speed[car.KNEES + j] = -sigma * by[car.KNEES + j]
-            by_speed[car.C], by_speed[car.RATIO] = -sigma * by[car.C], -sigma * curved
-            by_speed[car.MOUNT] = -ratio * curved
+                mount_by[car.KNEES + j] = -sigma * by[car.KNEES + j]
+            mount_by[car.C], mount_by[car.RATIO] = -sigma * by[car.C], -sigma * curved
+            mount_by[car.MOUNT] = -ratio * curved
         s = slopes[CORNER_SLOPES * i : CORNER_SLOPES * (i + 1)]
         s[AT_X], s[AT_Y], s[STIFF], s[BAR] = p_i[car.X], p_i[car.Y], stiff, p_i[car.K_A]
-        s[SLIDING], s[SPEED_BY_TRAVEL], s[SPEED_BY_MOUNT] = p_i[car.F_C], through, by_mount
+        s[SLIDING] = p_i[car.F_C]
+        s[SPEED_BY_TRAVEL], s[SPEED_BY_MOUNT] = speed_by_travel, speed_by_mount
         s[DAMPING], s[PER_MASS] = damping, per_mass
         s[TYRE_DAMPING] = -contact * p_i[car.C_T] * per_mass
         s[TYRE] = -by_load * p_i[car.K_T] * (1.0 - 2.0 * p_i[car.BETA] * z) * per_mass
         s[FRICTION_BY_SPEED], s[FRICTION_BY_SHARE] = by_w, by_zeta
         for n in range(first_entry[i], first_entry[i + 1]):
+            # Of entry n: its coefficient, derivative by an unknown, and where this one's column is.
             kind, value, b, j = coefficients[n], values[n], blocks[n], columns[n]
             if kind == car.X or kind == car.Y:
                 du = x[1] * value if kind == car.X else -x[2] * value
                 dw = x[8] * value if kind == car.X else -x[9] * value
-                forcing[b, i * LANES + j] += stiff * du + damping * through * dw
+                forcing[b, i * LANES + j] += stiff * du + damping * speed_by_travel * dw
                 forcing[b, k * LANES + j] -= p[k, car.K_A] * du
                 forcing[b, (_ON_FRICTION + i) * LANES + j] += by_w * dw
-                forcing[b, (_ON_MOUNTS + i) * LANES + j] += (1.0 - through) * dw
+                forcing[b, (_ON_MOUNTS + i) * LANES + j] += (1.0 - speed_by_travel) * dw
                 if kind == car.X:
                     forcing[b, (_ON_BODY + 1) * LANES + j] -= force * value
                 else:
@@ -377,78 +397,88 @@ def linearise(x, rate, r, p, knots, level, mounted, of_corners, of_body, slopes,
             elif kind in car.OF_WHEEL:
                 forcing[b, (_ON_WHEELS + i) * LANES + j] += by[kind] * value * per_mass
             else:
-                speed = by_speed[kind] * by_mount * value
+                speed = mount_by[kind] * speed_by_mount * value
                 forcing[b, i * LANES + j] += by[kind] * value + damping * speed
                 forcing[b, (_ON_MOUNTS + i) * LANES + j] -= speed
-    blocks, columns, d_mass, d_pull = of_body
+    blocks, columns, d_mass, d_gravity = of_body
     for n in range(len(columns)):
         for k in range(3):
-            pull = d_pull[n, k]
+            force = d_gravity[n, k]
             for m in range(3):
-                pull -= d_mass[n, k, m] * rate[7 + m]
-            forcing[blocks[n], (_ON_BODY + k) * LANES + columns[n]] += pull
+                force -= d_mass[n, k, m] * rate[7 + m]
+            forcing[blocks[n], (_ON_BODY + k) * LANES + columns[n]] += force
 
 
 @kernel
 def tangents(step_s, states, rates, speeds, p, knots, inverse, mounted, of_corners, of_body,
              starts, lengths, fine, levels, first_columns, samples, channels, out):  # fmt: skip
-    """Integrate the tangents along a path and write what channels see of them.
+    """Integrate the tangents along a path and write what channels show of them.
 
-    `first_columns`: at the start, (blocks, rows).  `samples`, in the order of the steps: step,
-    weights (3, 4), first row of `out`, first and last channel of each.  `channels`: time
-    derivative, first entry, motions and their shares.  `out`: (rows, columns).
+    `states`, `rates`, `speeds`: nodes of the path.  `of_corners`, `of_body`: as in `linearise`.
+    `starts`, `lengths`, `fine`: first node of each step, its length in nodes, and which of `levels`
+    it has.  `first_columns`: at the start, (blocks, rows * LANES).  `samples`, in the order of the
+    steps: step, weights (3, 4), first row of `out`, first channel and that after the last of each.
+    `channels`: time derivative, first entry, motions and their factors.  `out`: (rows, columns).
     """
-    steps, weights, begin, first_channel, last_channel = samples
+    steps, weights, first_row, first_channel, end_channel = samples
     blocks = len(first_columns)
+    # The columns at the last node, at this one and at the next, in turns.
     nodes = np.zeros((3, blocks, TANGENT_ROWS * LANES))
     nodes[0] = first_columns
     work = np.empty((5, STATE_ROWS * LANES))
     slopes = np.zeros((3, 4 * CORNER_SLOPES))
     forcing = np.empty((3, blocks, FORCING_ROWS * LANES))
-    known_level, seen = -1, 0
+    known_level, n_written = -1, 0  # level of the end of the last step; samples written
     for m in range(len(starts) + 1):
         before, here, after = nodes[(m + 2) % 3], nodes[m % 3], nodes[(m + 1) % 3]
         if m < len(starts):
-            fine_level, length = fine[m], lengths[m]
-            for part in range(3):
-                if part == 0 and known_level == fine_level:
+            i_level, length = fine[m], lengths[m]
+            for i in range(3):  # begin, middle and end of the step
+                if i == 0 and known_level == i_level:
                     slopes[0], forcing[0] = slopes[2], forcing[2]
                     continue
-                node = starts[m] + part * length // 2
-                linearise(states[node], rates[node], speeds[node], p, knots, levels[fine_level],
-                          mounted, of_corners, of_body, slopes[part], forcing[part])  # fmt: skip
-            known_level = fine_level
+                node = starts[m] + i * length // 2
+                linearise(states[node], rates[node], speeds[node], p, knots, levels[i_level],
+                          mounted, of_corners, of_body, slopes[i], forcing[i])  # fmt: skip
+            known_level = i_level
             for n in range(blocks):
                 rk4(here[n], slopes, inverse, forcing[0, n], forcing[1, n], forcing[2, n],
                     length * step_s, work, after[n])  # fmt: skip
-        else:
+        else:  # the accelerations at the last node, which `rk4` writes at the others
             for n in range(blocks):
                 column_rates(here[n], slopes[2], inverse, forcing[2, n], work[1])
                 here[n, STATE_ROWS * LANES :] = work[1, 7 * LANES : 14 * LANES]
-        while seen < len(steps) and steps[seen] < m:
-            see(before, here, weights[seen], channels, first_channel[seen], last_channel[seen],
-                out[begin[seen] :])  # fmt: skip
-            seen += 1
+        while n_written < len(steps) and steps[n_written] < m:
+            n = n_written
+            add_sample(before, here, weights[n], channels, first_channel[n], end_channel[n],
+                       out[first_row[n] :])  # fmt: skip
+            n_written += 1
 
 
 @kernel
-def see(before, after, weights, channels, first_channel, last_channel, out):
-    """Write what some channels see of the columns between two nodes, a row of `out` each."""
-    orders, first_entry, motions, shares = channels
-    count = out.shape[1]
-    for c in range(first_channel, last_channel):
-        w0, w1, w2, w3 = weights[orders[c]]  # of the values v0, v1 and slopes s0, s1 at both nodes
-        value, slope = (7, STATE_ROWS) if orders[c] else (0, 7)
+def add_sample(before, after, weights, channels, first_channel, end_channel, out):
+    """Add what some channels show of the columns at a time between two nodes, a row of `out` each.
+
+    `before`, `after`: columns at the nodes, (blocks, TANGENT_ROWS * LANES).  `weights`, (3, 4): by
+    time derivative, of values before and after, and of their slopes before and after.
+    """
+    orders, first_entry, motions, factors = channels
+    n_columns = out.shape[1]
+    for c in range(first_channel, end_channel):
+        w0, w1, w2, w3 = weights[orders[c]]
+        # Displacements follow from rows 0 to 6 and the speeds from row 7 on; speeds and their
+        # derivatives from the speeds and the accelerations.
+        values, slopes = (7, STATE_ROWS) if orders[c] else (0, 7)
         for m in range(first_entry[c], first_entry[c + 1]):
-            share, at = shares[m], (value + motions[m]) * LANES
-            then = (slope + motions[m]) * LANES
+            factor = factors[m]
+            v, s = (values + motions[m]) * LANES, (slopes + motions[m]) * LANES
             for b in range(len(before)):
-                lanes = min(LANES, count - b * LANES)
+                lanes = min(LANES, n_columns - b * LANES)
                 row = out[c - first_channel, b * LANES : b * LANES + lanes]
-                v0, v1 = before[b, at : at + lanes], after[b, at : at + lanes]
-                s0, s1 = before[b, then : then + lanes], after[b, then : then + lanes]
+                v0, v1 = before[b, v : v + lanes], after[b, v : v + lanes]
+                s0, s1 = before[b, s : s + lanes], after[b, s : s + lanes]
                 for j in range(lanes):
-                    row[j] += share * (w0 * v0[j] + w1 * v1[j] + w2 * s0[j] + w3 * s1[j])
+                    row[j] += factor * (w0 * v0[j] + w1 * v1[j] + w2 * s0[j] + w3 * s1[j])
 
 
 # A sensor's low-pass ------------------------------------------------------------------------------
@@ -456,7 +486,12 @@ def see(before, after, weights, channels, first_channel, last_channel, out):
 
 @kernel
 def filter_pole(values, h, times, pole, residue, weights, out):
-    """Add the output of a filter's pole at given times, ascending, to `out` (`path.filtered`)."""
+    """Add the output of a filter's pole at given times, ascending, to `out`, (m, columns).
+
+    `values`, (n, columns): input at even times, n odd.  `h`: time of two steps of it, s.
+    `weights`, (3,): of the input at the beginning, middle and end of two steps (`path.filtered`).
+    Between the ends of two steps the pole's state is interpolated by its cubic.
+    """
     size = values.shape[1]
     state, last_state = np.zeros(size, np.complex128), np.zeros(size, np.complex128)
     decay = np.exp(pole * h)
@@ -468,7 +503,7 @@ def filter_pole(values, h, times, pole, residue, weights, out):
             drive = weights[0] * first[j] + weights[1] * middle[j] + weights[2] * end[j]
             state[j] = decay * state[j] + drive
         while n < len(times) and (times[n] / h < k + 1 or k == last_step):
-            t = times[n] / h - k
+            t = times[n] / h - k  # 0..1 within the two steps
             c, d = t * (1.0 - t) ** 2 * h, -(t**2) * (1.0 - t) * h
             at_begin = residue * ((1.0 + 2.0 * t) * (1.0 - t) ** 2 + c * pole)
             at_end = residue * (t**2 * (3.0 - 2.0 * t) + d * pole)

@@ -162,12 +162,12 @@ def path_of(
     force, _ = damper_curve(car, speeds_m_s, level.knee_m_s)
     mount = car.corner[:, MOUNT] * car.corner[:, RATIO] * force + initial.mount
     first_state = np.concatenate([initial.motion, initial.friction, mount])
-    steps = int(np.ceil(end_s / step_s / 8.0 - 1e-9)) * 8
+    steps = int(np.ceil(end_s / step_s / 8.0 - 1e-9)) * 8  # whole tangent steps at each grade
     states, slopes = np.empty((steps + 1, STATES)), np.empty((steps + 1, STATES))
     speeds = np.empty((steps + 1, 4))
     n_finite = kernels.path(
-        first_state, speeds_m_s, steps, step_s, *_car_arrays(car), car.pull, level, car.has_mount,
-        states, slopes, speeds,
+        first_state, speeds_m_s, steps, step_s, *_car_arrays(car), car.gravity, level,
+        car.has_mount, states, slopes, speeds,
     )  # fmt: skip
     return Path(step_s, level, states, slopes, speeds) if n_finite == steps + 1 else None
 
@@ -177,8 +177,8 @@ def sample(car: Car, path: Path, times_s: Real) -> Path:
     states, slopes = np.empty((len(times_s), STATES)), np.empty((len(times_s), STATES))
     speeds = np.empty((len(times_s), 4))
     kernels.sample(
-        times_s, path.step_s, path.states, path.slopes, path.speeds, *_car_arrays(car), car.pull,
-        path.level, car.has_mount, states, slopes, speeds,
+        times_s, path.step_s, path.states, path.slopes, path.speeds, *_car_arrays(car),
+        car.gravity, path.level, car.has_mount, states, slopes, speeds,
     )  # fmt: skip
     return Path(0.0, path.level, states, slopes, speeds)
 
@@ -200,16 +200,15 @@ class Channels:
     orders: NDArray[np.int64]
     """(channels,) time derivative of the motion."""
     rows: Real
-    """(channels, 7) share of each degree of freedom."""
+    """(channels, 7) factor of each degree of freedom."""
 
 
 def tangents(
-    car: Car, path: Path, initial: InitialState, grade: Grade, asked: Sequence[Channels]
+    car: Car, path: Path, initial: InitialState, grade: Grade, channel_sets: Sequence[Channels]
 ) -> tuple[Real, ...]:
-    """Return the derivatives of what channels see along a path, (times, channels, columns) each.
+    """Return the derivatives of what each set shows along a path, (times, channels, columns) each.
 
-    `asked`: what is asked for, one entry of the result each.  Columns are the run's own unknowns,
-    those of `initial`, and then the free ones of the car.
+    Columns are the run's own unknowns, those of `initial`, and then the free ones of the car.
     """
     columns = first_columns(car, initial, grade.path)
     n_own, n_columns = columns.shape[1] - car.d_corner.shape[2], columns.shape[1]
@@ -221,39 +220,41 @@ def tangents(
         *np.divmod(unknowns + n_own, LANES),
         car.d_corner[corner_of_entry, coefficients, unknowns],
     )
-    on_body = np.flatnonzero(car.d_mass.any(axis=(1, 2)) | car.d_pull.any(axis=1))
-    of_body = (*np.divmod(on_body + n_own, LANES), car.d_mass[on_body], car.d_pull[on_body])
+    on_body = np.flatnonzero(car.d_mass.any(axis=(1, 2)) | car.d_gravity.any(axis=1))
+    of_body = (*np.divmod(on_body + n_own, LANES), car.d_mass[on_body], car.d_gravity[on_body])
     starts, lengths, fine = tangent_steps(car, path, grade)
+    # The columns in blocks of lanes: (rows, columns) -> (blocks, rows, LANES).
     padded = np.zeros((kernels.TANGENT_ROWS, ceil(n_columns / LANES) * LANES))
     padded[:STATES, :n_columns] = columns
     first_blocks = padded.reshape(kernels.TANGENT_ROWS, -1, LANES).swapaxes(0, 1)
-    times_s = np.concatenate([c.times_s for c in asked])
-    n_channels = np.array([len(c.orders) for c in asked])
+    times_s = np.concatenate([c.times_s for c in channel_sets])
+    n_channels = np.array([len(c.orders) for c in channel_sets])
     ends = np.cumsum(n_channels)
-    # For each sample: which entry of `asked` it is of, and its first row of `out`.
-    i_asked = np.repeat(np.arange(len(asked)), [len(c.times_s) for c in asked])
-    first_rows = np.cumsum(n_channels[i_asked]) - n_channels[i_asked]
+    # For each sample: index of its set, and its first row of `out`; it has a row for each channel.
+    i_set = np.repeat(np.arange(len(channel_sets)), [len(c.times_s) for c in channel_sets])
+    first_rows = np.cumsum(n_channels[i_set]) - n_channels[i_set]
     steps, weights = _between_nodes(starts * path.step_s, lengths * path.step_s, times_s)
-    of_samples = (steps, weights, first_rows, (ends - n_channels)[i_asked], ends[i_asked])
+    of_samples = (steps, weights, first_rows, (ends - n_channels)[i_set], ends[i_set])
     by_step = np.argsort(steps, kind="stable")
-    rows = np.concatenate([c.rows for c in asked])
+    rows = np.concatenate([c.rows for c in channel_sets])
     row_of_entry, motions = np.nonzero(rows)
     channels = (
-        np.concatenate([c.orders for c in asked]),
+        np.concatenate([c.orders for c in channel_sets]),
         np.searchsorted(row_of_entry, np.arange(len(rows) + 1)),
         motions,
         rows[row_of_entry, motions],
     )
-    out = np.zeros((int(n_channels[i_asked].sum()), n_columns))
+    out = np.zeros((int(n_channels[i_set].sum()), n_columns))
     kernels.tangents(
         path.step_s, path.states, path.slopes, path.speeds, *_car_arrays(car), car.has_mount,
         of_corners, of_body, starts, lengths, fine, (grade.coarse, grade.fine),
         first_blocks.reshape(len(first_blocks), -1), tuple(value[by_step] for value in of_samples),
         channels, out,
     )  # fmt: skip
-    parts = np.split(out, np.cumsum([len(c.times_s) * len(c.orders) for c in asked])[:-1])
+    n_rows = [len(c.times_s) * len(c.orders) for c in channel_sets]
     return tuple(
-        part.reshape(-1, len(c.orders), n_columns) for part, c in zip(parts, asked, strict=True)
+        of_set.reshape(-1, len(c.orders), n_columns)
+        for of_set, c in zip(np.split(out, np.cumsum(n_rows)[:-1]), channel_sets, strict=True)
     )
 
 
@@ -279,7 +280,11 @@ def _between_nodes(
 
 
 def first_columns(car: Car, initial: InitialState, level: Level) -> Real:
-    """Return the derivatives of a run's first state, (22, own unknowns + free ones)."""
+    """Return the derivatives of a run's first state, (22, own unknowns + free ones).
+
+    The state is its own unknowns, but for the mounts: a mount also deflects by its compliance times
+    the damper's force, which depends on the first speeds and on the free unknowns.
+    """
     n_own = STATES if car.has_mount else STATES - 4  # the last 4 are the mounts
     columns = np.eye(STATES, n_own + car.d_corner.shape[2])
     columns[:, n_own:] = 0.0
@@ -301,7 +306,11 @@ def first_columns(car: Car, initial: InitialState, level: Level) -> Real:
 
 
 def tangent_steps(car: Car, path: Path, grade: Grade) -> tuple[NDArray[np.int64], ...]:
-    """Return first node, length in nodes and level (0 coarse, 1 fine) of each step, (n,) each."""
+    """Return first node, length in nodes and level (0 coarse, 1 fine) of each step, (n,) each.
+
+    A step during which a wheel reverses or leaves the road, or a stop is touched, is divided into
+    fine ones of two nodes.
+    """
     corner, states, n_steps = car.corner, path.states, len(path.states) - 1
     length = 2 if car.has_mount else grade.tangent_steps
     load = tyre_load(states[:, 3:7], corner[:, K_T], corner[:, BETA], corner[:, STATIC])

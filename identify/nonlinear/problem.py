@@ -148,15 +148,15 @@ def _values(car: Car, rows: Rows, path: Path, r: Recording, times_s: Real) -> Re
 class Block:
     """Normal equations of one run: its own unknowns, then the free ones of the car.
 
-    `A`, `B`, `C`: normal matrix of the own, of own by free, and of the free unknowns.  `own`,
-    `shared`: right-hand side of the own and of the free unknowns.
+    `A`, `B`, `C`: normal matrix of the own, of own by free, and of the free unknowns.  `right_own`,
+    `right_free`: right-hand side of the own and of the free unknowns.
     """
 
     A: Real
     B: Real
     C: Real
-    own: Real
-    shared: Real
+    right_own: Real
+    right_free: Real
     jacobian: tuple[Real, ...]
     """Jacobian of each recording, (n, channels, own + free), in units of sigma."""
 
@@ -168,7 +168,7 @@ class Block:
 # so one-sided terms raise slopes below a floor; slopes above it are not affected.
 
 
-def too_flat(model: Model, eta: Real) -> tuple[Real, Real]:
+def slope_deficits(model: Model, eta: Real) -> tuple[Real, Real]:
     """Return by how much each segment of the dampers' curves is flatter than the floor, (S,).
 
     The floor is 0.02 +- 0.01 of the damper's coefficient; in units of that deviation, front first.
@@ -180,7 +180,8 @@ def too_flat(model: Model, eta: Real) -> tuple[Real, Real]:
     knots = np.array(model.knots)
     edges = np.union1d(knots, [0.0])
     middles = 0.5 * (edges[1:] + edges[:-1])
-    speeds = np.concatenate([[edges[0] - 1.0], middles, [edges[-1] + 1.0]])[:, None]  # (S, 1)
+    # A speed within each segment; the first and the last one have no end.  (S, 1)
+    speeds = np.concatenate([[edges[0] - 1.0], middles, [edges[-1] + 1.0]])[:, None]
     # A knot acts at all speeds beyond it, outwards from rest; a knot at 0 acts in compression.
     slope_by_change = np.where(knots < 0.0, speeds < knots, speeds > knots)  # (S, knots)
     slope_by_change = slope_by_change - [secant_share(knot, KNEE_M_S) for knot in model.knots]
@@ -221,18 +222,18 @@ class Problem:
         return misfits, slopes[:, self.free]
 
     def prior_terms(self, eta: Real) -> tuple[Real, Real]:
-        """Return the same of the priors, and of damper curves that would fall."""
+        """Return misfits and slopes of the priors, then of the flat segments of damper curves."""
         inverse_sigma = 1.0 / self.prior[self.free]
         misfits = (self.centre - eta)[self.free] * inverse_sigma
-        lacks, lifts = self.curve_terms(eta)
-        flat = lacks > 0.0
-        slopes = np.vstack([np.diag(inverse_sigma), lifts[flat]])
-        return np.concatenate([misfits, lacks[flat]]), slopes
+        deficits, falls = self.curve_terms(eta)
+        flat = deficits > 0.0
+        slopes = np.vstack([np.diag(inverse_sigma), falls[flat]])
+        return np.concatenate([misfits, deficits[flat]]), slopes
 
     def curve_terms(self, eta: Real) -> tuple[Real, Real]:
-        """Return the lack of slope of each segment of damper curves, (S,), and its fall, (S, F)."""
-        lacks, lifts = too_flat(self.model, eta)
-        return lacks, lifts[:, self.free]
+        """Return `slope_deficits`, (S,), and their fall by each free unknown, (S, F)."""
+        deficits, falls = slope_deficits(self.model, eta)
+        return deficits, falls[:, self.free]
 
     @property
     def bounds(self) -> tuple[Real, Real]:
@@ -272,11 +273,11 @@ class Point:
             partial(_block, self), problem.runs, self.cars, self.initials, self.predicted
         )
         n = len(problem.free)
-        shared, right = np.zeros((n, n)), np.zeros(n)
+        matrix, right = np.zeros((n, n)), np.zeros(n)
         for misfits, slopes in (problem.fact_terms(self.eta), problem.prior_terms(self.eta)):
-            shared += slopes.T @ slopes
+            matrix += slopes.T @ slopes
             right += slopes.T @ misfits
-        return Normal(blocks, shared, right, *problem.curve_terms(self.eta))
+        return Normal(blocks, matrix, right, *problem.curve_terms(self.eta))
 
 
 @dataclass(frozen=True)
@@ -284,22 +285,21 @@ class Normal:
     """Normal equations at a point."""
 
     blocks: tuple[Block, ...]
-    shared: Real
-    """(F, F) normal matrix of facts and priors alone."""
+    matrix: Real
+    """(F, F) normal matrix of facts and priors alone, the terms of flat segments included."""
     right: Real
-    """(F,) right-hand side of facts and priors alone."""
-    lacks: Real
-    """Lack of slope of each segment of the damper curves, (S,); negative for steep segments."""
-    lifts: Real
-    """Fall of these lacks per unit of each unknown, (S, F)."""
+    """(F,) right-hand side of the same."""
+    deficits: Real
+    """`slope_deficits` of the segments of the damper curves, (S,)."""
+    falls: Real
+    """Fall of these deficits per unit of each free unknown, (S, F)."""
 
-    def holding(self, flat: NDArray[np.bool_]) -> Normal:
-        """Return the equations with the given segments, (S,), held up instead of the flat ones."""
-        sign = flat.astype(float) - (self.lacks > 0.0)
-        signed = self.lifts.T * sign
-        return replace(
-            self, shared=self.shared + signed @ self.lifts, right=self.right + signed @ self.lacks
-        )
+    def with_terms_of(self, flat: NDArray[np.bool_]) -> Normal:
+        """Return the equations with the terms of the given segments, (S,), in place of the flat."""
+        sign = flat.astype(float) - (self.deficits > 0.0)  # 1 for terms to add, -1 to take out
+        signed = self.falls.T * sign
+        matrix = self.matrix + signed @ self.falls
+        return replace(self, matrix=matrix, right=self.right + signed @ self.deficits)
 
     @property
     def finite(self) -> bool:
@@ -307,7 +307,7 @@ class Normal:
         return all(np.trace(b.A) + np.trace(b.C) < 1e100 for b in self.blocks)
 
 
-def point(
+def point_at(
     problem: Problem, eta: Real, initials: tuple[InitialState, ...], grade: Grade
 ) -> Point | None:
     """Return the problem at `eta`, (P,); None if a path does not stay finite."""
@@ -337,11 +337,11 @@ def _mount_sd(car: Car) -> Real:
     return np.maximum(5e8 * car.corner[:, MOUNT] ** 2, 1e-9)
 
 
-def _block(at: Point, run: Run, car: Car, initial: InitialState, predicted: Predicted) -> Block:
+def _block(point: Point, run: Run, car: Car, initial: InitialState, predicted: Predicted) -> Block:
     """Return the normal equations of a run, with the priors of its own unknowns."""
-    jacobian = _jacobian(at, run, car, initial, predicted.path)
+    jacobian = _jacobian(point, run, car, initial, predicted.path)
     size = jacobian[0].shape[2]
-    n_own = size - len(at.problem.free)
+    n_own = size - len(point.problem.free)
     normal, right = np.zeros((size, size)), np.zeros(size)
     with np.errstate(over="ignore", invalid="ignore"):  # `Normal.finite` tells
         for J, residuals in zip(jacobian, predicted.residuals, strict=True):
@@ -362,10 +362,15 @@ def _block(at: Point, run: Run, car: Car, initial: InitialState, predicted: Pred
     )  # fmt: skip
 
 
-def _jacobian(at: Point, run: Run, car: Car, initial: InitialState, path: Path) -> tuple[Real, ...]:
-    """Return the derivatives of each recording, (n, channels, own + free), in units of sigma."""
-    model, rows, free = at.problem.model, at.rows, at.problem.free
-    filter_grid_s = np.arange(0.0, path.end_s + 1e-9, at.grade.filter_s)
+def _jacobian(
+    point: Point, run: Run, car: Car, initial: InitialState, path: Path
+) -> tuple[Real, ...]:
+    """Return the derivatives of each recording, (n, channels, own + free), in units of sigma.
+
+    Offsets and transients are projected out, as of the residuals.
+    """
+    model, rows, free = point.problem.model, point.rows, point.problem.free
+    filter_grid_s = np.arange(0.0, path.end_s + 1e-9, point.grade.filter_s)
     n_odd = len(filter_grid_s) - (len(filter_grid_s) + 1) % 2  # as `filtered` takes them
     filter_grid_s = filter_grid_s[:n_odd]
     of_recordings = []
@@ -378,7 +383,7 @@ def _jacobian(at: Point, run: Run, car: Car, initial: InitialState, path: Path) 
     result = []
     for r, weight, basis, channels, J in zip(
         run.decay.recordings, run.weights, run.bases, of_recordings,
-        tangents(car, path, initial, at.grade, of_recordings), strict=True,
+        tangents(car, path, initial, point.grade, of_recordings), strict=True,
     ):  # fmt: skip
         n_own = J.shape[2] - len(free)
         times_s = _path_times(run, rows, r)
@@ -389,7 +394,7 @@ def _jacobian(at: Point, run: Run, car: Car, initial: InitialState, path: Path) 
             motion = sampled.motion(int(channels.orders[c]))
             J[:, c, n_own + row_unknowns] += motion @ rows.slopes[channel.name][row_unknowns].T
         if channels.times_s is filter_grid_s:
-            J = filtered(low_pass_of(r.group.channels[0]), J, at.grade.filter_s, times_s)
+            J = filtered(low_pass_of(r.group.channels[0]), J, point.grade.filter_s, times_s)
         position_of_delay = model.box.delay_index(model.box.groups.index(r.group))
         if position_of_delay is not None and position_of_delay in free:
             both_s = np.concatenate([times_s + _STEP_S, times_s - _STEP_S])

@@ -23,7 +23,7 @@ from .car import KNOTS, Model, elements
 from .fit import Clock, Optimum, scatter, widened
 from .forces import ElementChoice, Forces, axle_forces, element_estimates
 from .path import POLISH, InitialState
-from .problem import Point, Problem, point, run_of
+from .problem import Point, Problem, point_at, run_of
 from .release import GROUPS, Attempt, moved_by_beginnings, release
 
 _SEARCH_RATE_HZ, _START_RATE_HZ = 250.0, 125.0
@@ -133,17 +133,17 @@ def _result(
     `groups`: those of elements that are in it.  `moved`: by how much the free unknowns move with
     beginnings that were left out, (F,).
     """
-    at, problem = best.point, best.point.problem
+    point, problem = best.point, best.point.problem
     model, free = problem.model, problem.free
-    residuals = residuals_of(at)
+    residuals = residuals_of(point)
     freedom = sum(sum(of_run.freedom.values()) for of_run in residuals) - len(free)
     chi2 = sum(of_run.chi2(sigma) for of_run in residuals) / freedom
     by_noise = covariance = pseudo_inverse(best.information)
     # Two standard deviations above 1 the intervals follow the scatter of the scores.
     if chi2 - 1.0 > 2.0 * float(np.sqrt(2.0 / freedom)):
-        covariance = widened(covariance, scatter(at))
+        covariance = widened(covariance, scatter(point))
     # Scales and tape are not off with the laws: they keep what the decays say near the truth.
-    _, facts = problem.fact_terms(at.eta)
+    _, facts = problem.fact_terms(point.eta)
     by_decays = by_noise @ (best.information - facts.T @ facts)
     laws = by_decays @ laws_covariance(model, free) @ by_decays.T + np.outer(moved, moved)
     covariance = covariance + laws
@@ -153,16 +153,16 @@ def _result(
     covariance_of_reported[np.diag_indices(len(reported))] = np.inf
     covariance_of_reported[index_of_free] = covariance
     laws_of_reported[index_of_free] = laws
-    initials = {r.decay.label: x0 for r, x0 in zip(problem.runs, at.initials, strict=True)}
-    engine = NonlinearEngine(problem, at.eta, initials, reported)
+    initials = {r.decay.label: x0 for r, x0 in zip(problem.runs, point.initials, strict=True)}
+    engine = NonlinearEngine(problem, point.eta, initials, reported)
     estimation = Estimation(
         box=model.box,
         records=linear.records,
         fit=Fit(
-            eta=at.eta[reported],
+            eta=point.eta[reported],
             covariance=covariance_of_reported,
             cost=best.cost,
-            information={label: b.information for label, b in engine.parts(at).items()},
+            information={label: b.information for label, b in engine.blocks_at(point).items()},
             iterations=best.iterations,
             converged=best.converged,
         ),
@@ -204,7 +204,7 @@ def _choices(
 ) -> tuple[ElementChoice, ...]:
     """Return what each group explains: the rise of the cost without it, by the noise's covariance.
 
-    The part of a group (both axles, the front, the rear) that shows it best is reported.
+    Of both axles, the front and the rear, those that show the group best are reported.
     """
     problem = best.point.problem
     model = problem.model
@@ -218,13 +218,13 @@ def _choices(
         sizes = [n for n in members if not n.startswith(("d_c", "v_c", "g_b", "p_b"))]
         index_of = {n: int(np.flatnonzero(problem.free == model.names.index(n))[0]) for n in sizes}
         tests = []
-        for part in group.parts(sizes):
-            indices = [index_of[n] for n in part]
+        for subset in group.subsets(sizes):
+            indices = [index_of[n] for n in subset]
             x = best.eta[problem.free[indices]]
             is_possible = bool((x > 0.0).all()) or not group.positive
             rise = float(x @ pseudo_inverse(covariance[np.ix_(indices, indices)]) @ x)
             gain = rise / max(1.0, chi2) if is_possible else 0.0
-            tests.append((gain, len(part) * float(np.log(freedom))))
+            tests.append((gain, len(subset) * float(np.log(freedom))))
         gain, threshold = max(tests, key=lambda test: test[0] - test[1])
         kept, is_decided = decided.get(group.name, gain > threshold), group.name in decided
         estimates = {n: values[n] for n in members}
@@ -259,13 +259,13 @@ class NonlinearEngine:
         self, decays: tuple[FreeDecay, ...], sigma: Mapping[str, float], eta: Real
     ) -> dict[str, NormalBlock]:
         """Return what each decay, the facts and the priors contribute at the reported unknowns."""
-        return self.parts(self._at(decays, sigma, eta))
+        return self.blocks_at(self._point(decays, sigma, eta))
 
     def residuals(
         self, decays: tuple[FreeDecay, ...], sigma: Mapping[str, float], eta: Real
     ) -> tuple[Residuals, ...]:
         """Return the residuals of each decay at the reported unknowns."""
-        return residuals_of(self._at(decays, sigma, eta))
+        return residuals_of(self._point(decays, sigma, eta))
 
     def fact_misfits(self, eta: Real) -> tuple[Real, Real]:
         """Return measured less predicted value of each fact in sigmas, and the latter's slopes."""
@@ -278,9 +278,9 @@ class NonlinearEngine:
         result[self.reported] = eta
         return result
 
-    def parts(self, at: Point) -> dict[str, NormalBlock]:
+    def blocks_at(self, point: Point) -> dict[str, NormalBlock]:
         """Return what each decay, the facts and the priors contribute at a point."""
-        problem = at.problem
+        problem = point.problem
         index = np.searchsorted(self.reported, problem.free)
         size = len(self.reported)
 
@@ -291,42 +291,44 @@ class NonlinearEngine:
 
         result = {}
         for name, terms in ((FACTS, problem.fact_terms), (PRIORS, problem.prior_terms)):
-            misfits, slopes = terms(at.eta)
+            misfits, slopes = terms(point.eta)
             cost = float(misfits @ misfits)
             result[name] = of_reported(cost, slopes.T @ slopes, slopes.T @ misfits)
-        for run, b, predicted in zip(problem.runs, at.normal.blocks, at.predicted, strict=True):
+        blocks, of_runs = point.normal.blocks, point.predicted
+        for run, b, predicted in zip(problem.runs, blocks, of_runs, strict=True):
             X = b.B.T @ pseudo_inverse(b.A)  # eliminates the run's own unknowns
-            matrix, right = b.C - X @ b.B, b.shared - X @ b.own
+            matrix, right = b.C - X @ b.B, b.right_free - X @ b.right_own
             result[run.decay.label] = of_reported(predicted.cost, matrix, right)
         return result
 
-    def _at(self, decays: tuple[FreeDecay, ...], sigma: Mapping[str, float], eta: Real) -> Point:
+    def _point(self, decays: tuple[FreeDecay, ...], sigma: Mapping[str, float], eta: Real) -> Point:
         """Return the point of some decays at reported unknowns, with the best initial states."""
         all_eta = self._all_unknowns(eta)
         runs = tuple(run_of(self.problem.model, decay, sigma) for decay in decays)
         problem = replace(self.problem, runs=runs)
         initials = tuple(self.initials[decay.label] for decay in decays)
-        at = point(problem, all_eta, initials, POLISH)
-        if at is None:
+        point = point_at(problem, all_eta, initials, POLISH)
+        if point is None:
             raise FloatingPointError("the path of a run is not finite at these unknowns")
         for _ in range(4):  # Gauss-Newton steps: the initial states of runs are nearly linear
-            blocks = at.normal.blocks
-            steps = [pseudo_inverse(b.A) @ b.own for b in blocks]
-            gain = sum(float(s @ b.own) for s, b in zip(steps, blocks, strict=True))
-            if gain < 0.01 * len(initials):
+            blocks = point.normal.blocks
+            steps = [pseudo_inverse(b.A) @ b.right_own for b in blocks]
+            gain = sum(float(s @ b.right_own) for s, b in zip(steps, blocks, strict=True))
+            if gain < 0.01 * len(initials):  # a tenth of a standard deviation in each run
                 break
-            initials = tuple(x0.moved(step) for x0, step in zip(at.initials, steps, strict=True))
-            trial = point(problem, all_eta, initials, POLISH)
-            if trial is None or trial.cost > at.cost:
+            initials = tuple(x0.moved(step) for x0, step in zip(point.initials, steps, strict=True))
+            trial = point_at(problem, all_eta, initials, POLISH)
+            if trial is None or trial.cost > point.cost:
                 break
-            at = trial
-        return at
+            point = trial
+        return point
 
 
-def residuals_of(at: Point) -> tuple[Residuals, ...]:
+def residuals_of(point: Point) -> tuple[Residuals, ...]:
     """Return the residuals of each decay, SI, with the degrees of freedom of each channel."""
     result = []
-    for run, predicted, block in zip(at.problem.runs, at.predicted, at.normal.blocks, strict=True):
+    runs, blocks = point.problem.runs, point.normal.blocks
+    for run, predicted, block in zip(runs, point.predicted, blocks, strict=True):
         n_own = len(block.A)
         inverse_A = pseudo_inverse(block.A)
         values: dict[str, Real] = {}

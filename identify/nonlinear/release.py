@@ -46,7 +46,7 @@ class Group:
             if (knot == 0.0) is bends_at_rest
         )
 
-    def parts(self, sizes: Sequence[str]) -> tuple[tuple[str, ...], ...]:
+    def subsets(self, sizes: Sequence[str]) -> tuple[tuple[str, ...], ...]:
         """Return the sets of unknowns, each of which may show that the element is present.
 
         `sizes`: its unknowns that are zero where it is absent.  The sets are all of them and,
@@ -55,8 +55,8 @@ class Group:
         """
         if not self.kinds or self.name == "cg_offset":
             return (tuple(sizes),)
-        axles = (tuple(name for name in sizes if name.endswith(axle)) for axle in "fr")
-        return (tuple(sizes), *(part for part in axles if part))
+        of_axles = (tuple(name for name in sizes if name.endswith(axle)) for axle in "fr")
+        return (tuple(sizes), *(of_axle for of_axle in of_axles if of_axle))
 
 
 GROUPS = (
@@ -87,10 +87,10 @@ def positions(model: Model, groups: tuple[str, ...], corrections: bool) -> NDArr
 
     `corrections`: whether those of stated uncertainties are free, too.
     """
-    held = {name for group in GROUPS for name in group.members(model)}
-    held -= {name for group in groups for name in BY_NAME[group].members(model)}
-    held |= set() if corrections else set(model.box.corrections)
-    return np.array([i for i, name in enumerate(model.names) if name not in held], dtype=np.intp)
+    fixed = {name for group in GROUPS for name in group.members(model)}
+    fixed -= {name for group in groups for name in BY_NAME[group].members(model)}
+    fixed |= set() if corrections else set(model.box.corrections)
+    return np.array([i for i, name in enumerate(model.names) if name not in fixed], dtype=np.intp)
 
 
 # The release --------------------------------------------------------------------------------------
@@ -139,6 +139,10 @@ def release(
 ) -> tuple[Optimum, tuple[str, ...]] | None:
     """Return the optimum of the rich model and the groups in it; None without a finite path.
 
+    The first stage is fitted for one attempt after the other until one ends low enough; the later
+    stages follow from the best end, and up to twice more from the next best where they leave more
+    than noise.  The best of all is polished.
+
     `attempts`: a further one is taken only where the earlier ones fail.  `allowed`: whether a group
     may be released.  `log`: receives a line for each stage.  `clock`: limits the time; what it did
     not suffice for is in it afterwards.
@@ -147,7 +151,8 @@ def release(
     first_groups = tuple(name for name in STAGES[0] if allowed(name))
     next_attempts = iter(attempts)
     whole_attempt: Attempt | None = None
-    first_ends: list[tuple[float, Optimum, Attempt]] = []  # of attempts not followed yet
+    # Ends of the first stage that are not followed yet, and of all stages; each begins with chi2/n.
+    first_ends: list[tuple[float, Optimum, Attempt]] = []
     last_ends: list[tuple[float, Optimum, Attempt, tuple[str, ...]]] = []
     is_over = clock.limit(_SEARCH_PART, "other starts of the search")
     while len(last_ends) < 3:  # attempts that are followed through the later stages
@@ -223,7 +228,11 @@ class _Search:
     def later_stages(
         self, best: Optimum, groups: tuple[str, ...]
     ) -> tuple[Optimum, tuple[str, ...]]:
-        """Return the optimum with the later stages released, and the groups in it."""
+        """Return the optimum with the later stages released, and the groups in it.
+
+        Each stage begins with stops or mounts at a place and size of their own, if they promise to
+        lower the cost, or else, where this leads nowhere, without them.
+        """
         for stage in STAGES[1:]:
             is_last = stage == STAGES[-1]
             with_stage = groups + tuple(name for name in stage if self.allowed(name))
@@ -243,8 +252,7 @@ class _Search:
                 released = replace(released, free=positions(released.model, start_groups, True))
                 eta = at_likely_scale(released, eta)
                 end = self._stage(stage, released, eta, best.point.initials, steps, rough)
-                # Else the new start of these groups has led it astray.
-                if end is not None and end.cost < best.cost:
+                if end is not None and end.cost < best.cost:  # else this start has gone astray
                     best, groups = end, start_groups
                     break
         return self.with_joining_groups(best, groups)
@@ -355,7 +363,10 @@ def _joined(model: Model, eta: Real, name: str) -> Real:
 def _first_motion(
     best: Optimum, run: Run, initial: InitialState, is_over: Callable[[], bool]
 ) -> Optimum | None:
-    """Return the optimum of a run's own unknowns with the vehicle of `best` held."""
+    """Return the optimum of a run's own unknowns with the vehicle of `best`, which stays as it is.
+
+    None without a finite path.
+    """
     problem = replace(best.point.problem, free=np.zeros(0, dtype=np.intp), runs=(run,))
     initials = (initial,)
     return fit(problem, best.eta, initials, ROUGH, max_iterations=_STAGE_STEPS, is_over=is_over)

@@ -95,12 +95,12 @@ def _corrections_table(estimation: Estimation) -> Table:
     # Factor from SI, and unit; places are in mm.
     units = {"delay": (1e3, "ms"), "gain": (100.0, "%"), "weight": (1.0, "kg")}
     rows = []
-    for name, sigma, value, std, pull in zip(
-        box.corrections, sigmas, values, stds, box.pulls(fit.eta), strict=False
+    for name, sigma, value, std, deviation in zip(
+        box.corrections, sigmas, values, stds, box.deviations(fit.eta), strict=False
     ):
         factor, unit = units.get(name.partition(" ")[0], (1e3, "mm"))
         texts = (f"{sigma * factor:.3g}", f"{value * factor:+.3f}", f"{std * factor:.3f}")
-        rows.append((name, *texts, unit, f"{pull:+.2f}"))
+        rows.append((name, *texts, unit, f"{deviation:+.2f}"))
     return Table(
         "Stated uncertainties: what the decays say of them",
         ("what", "#stated sigma", "#found off by", "#± sigma", "unit", "#pull, sigma"),

@@ -65,7 +65,7 @@ from .trials import (
     wrong_weight,
 )
 
-_CLEARS = 0.9
+_NEARLY_ALL = 0.9
 """Part of a misfit above which what explains it is its cause, and no other is sought."""
 _LEAST_GAIN, _MOST_GAIN = 0.7, 1.4
 """Gains beyond which a unit is wrong rather than a calibration."""
@@ -88,7 +88,10 @@ class Causes:
 
 
 def faults_of_bench(session: Session, estimation: Estimation) -> Causes:
-    """Return the fault of the bench that explains a misfit, the surest first."""
+    """Return the surest fault of the bench that explains a misfit; nothing for a fit that holds.
+
+    The samples alone show wrong signs, without another fit; all else is sought after them.
+    """
     signs = () if estimation.holds else opposed_signs(session.accepted, session.channels)
     if signs:
         prefix = "likely cause: wrong signs"
@@ -100,13 +103,13 @@ def swapped_or_late(estimation: Estimation) -> Causes:
     """Return swapped labels, a lateness or a low-pass that explains nearly all of a misfit, if any.
 
     None is sought where some runs are wrong.  A bump that lasts longer than stated looks like a
-    low-pass: ask only where no later start holds.  Hubs of front and rear take up to 84 % of what
-    the elements of a real car do, if exchanged.
+    low-pass: ask only where no later start holds.  Nearly all, because exchanged hubs of front and
+    rear explain up to 84 % of what the elements of a real car do.
     """
     if some_runs_are_wrong(estimation):
         return Causes()
     searches = (swapped_labels, lambda estimation: wrong_sensors(estimation)[-1])
-    return first_cause(estimation, searches, _CLEARS)
+    return first_cause(estimation, searches, _NEARLY_ALL)
 
 
 def first_cause(
@@ -114,9 +117,10 @@ def first_cause(
     searches: Sequence[Callable[[Estimation], Cause | None]],
     least_share: float = NAMED_SHARE,
 ) -> Causes:
-    """Return the first cause that explains more than `least_share` of a misfit, by some searches.
+    """Return the first cause that explains more than `least_share` of a misfit.
 
-    Where one run is odd, no weight that is wrong in all runs is sought, nor what comes after it.
+    Nothing for a fit that holds.  `searches`: asked in turn; where some runs are wrong, they end
+    before `wrong_weight`, which is sought in all runs.
     """
     for search in () if estimation.holds else searches:
         if search is wrong_weight and some_runs_are_wrong(estimation):
@@ -131,29 +135,33 @@ def likely_causes(estimation: Estimation) -> Causes:
     """Return what may cause a misfit, or an effect that matters although there is none.
 
     An outlying run comes first, because it imitates other causes; a dependence on amplitude last.
+    In between, the surest hypothesis is named; in a fit with a misfit it must explain most of it,
+    or a sensor that is fitted again takes its place.
     """
-    holds, scored = estimation.holds, rank_causes(estimation)
-    if odd := odd_runs(estimation, scored[0].strength):
+    holds, hypotheses = estimation.holds, rank_causes(estimation)
+    if odd := odd_runs(estimation, hypotheses[0].strength):
         finding, cause = odd
         return Causes((finding,), (cause,))
     worst = next(iter(contradictions(estimation)), None) if holds else None
-    # Of a wrong place of a weight, a gain or a bar explains some.
+    # A wrong place of a weight is explained in part by a gain or a bar: these must explain more.
     if worst and worst.name.startswith(("x of ", "y of ")):
-        scored = tuple(c for c in scored if c.gain > worst.sigmas**2)
-    strong = [replace(c, explained=0.0) if holds else c for c in scored if c.strength > 1.0]
-    tried = list(strong)
-    for cause in strong:
+        hypotheses = tuple(c for c in hypotheses if c.gain > worst.sigmas**2)
+    significant = [
+        replace(c, explained=0.0) if holds else c for c in hypotheses if c.strength > 1.0
+    ]
+    tried = list(significant)
+    for cause in significant:
         if cause.kind == "weights":  # or the scales are off instead
             moved = shift_without_scales(estimation)
             tried.append(replace(cause, name="scales off by a common factor", moved=moved))
     amplitude = tuple(amplitude_findings(estimation))
-    if not strong or (holds and amplitude):  # no linear cause makes the small motion differ
+    if not significant or (holds and amplitude):  # no linear cause makes the small motion differ
         return Causes(amplitude, tuple(tried))
-    named = strong[0]
+    named = significant[0]
     if named.kind == "gain":
         gain = gain_of(estimation, named.subject)
         named = replace(named, sizes=gain.sizes, advice=gain.advice)
-    elif named.kind == "weights":  # either may be wrong: that which moves more is held against it
+    elif named.kind == "weights":  # weights or scales: severity is that of what moves more
         facts = " and ".join(scale_facts(estimation.box))
         advice = f"weigh them again, or {facts}: one of the two scales shows too much"
         worse = max(named, tried[-1], key=lambda cause: cause.shift)
@@ -161,10 +169,10 @@ def likely_causes(estimation: Estimation) -> Causes:
     if holds and (swapped := swapped_labels(estimation)):  # else: `swapped_or_late`
         named = swapped
         tried.append(swapped)
-    elif not holds and named.explained < _CLEARS:
+    elif not holds and named.explained < _NEARLY_ALL:
         sensors = wrong_sensors(estimation)
         tried += sensors
-        named = sensors[-1] if sensors[-1].explained > _CLEARS else named
+        named = sensors[-1] if sensors[-1].explained > _NEARLY_ALL else named
     is_named = holds or named.explained > NAMED_SHARE
     return Causes((named.finding,) if is_named else amplitude, tuple(tried))
 
@@ -248,10 +256,12 @@ def survival(estimation: Estimation, causes: Sequence[Cause]) -> Survival:
         return Survival((), all_lost | lost)
     stds = np.sqrt(np.diag(fit.covariance)[: len(names)])
     for name, std in zip(names, stds.tolist(), strict=True):
-        # Two causes may be one shift in two words: rounding must not choose which of them is named.
-        mover = max(causes, key=lambda cause: float(f"{abs(cause.moved[name]):.6g}"), default=None)
-        if name not in lost and mover is not None and abs(mover.moved[name]) > std:
-            lost[name] = _loss_to(mover, name)
+        # Six digits, so that rounding does not choose between two names of one shift.
+        largest = max(
+            causes, key=lambda cause: float(f"{abs(cause.moved[name]):.6g}"), default=None
+        )
+        if name not in lost and largest is not None and abs(largest.moved[name]) > std:
+            lost[name] = _loss_to(largest, name)
     return Survival(tuple(name for name in box.names if name not in lost), lost)
 
 
@@ -305,7 +315,7 @@ def _sized_gain(
     The gain is the motion that the channel shows over what all others predict; NaN if that is none.
     """
     eta = parameters_as_start(stated_fit.box, fit_without.box, fit_without.fit.eta)
-    # With so large a noise, the channel has no influence on the motion that is fitted.
+    # The channel must have residuals, but no influence on the initial states: a thousandfold noise.
     noise = {**estimation.noise, name: 1e3 * estimation.noise[name]}
     predicted_squared, measured_by_predicted = 0.0, 0.0
     residuals_by_run = LinearEngine(stated_fit.box).residuals(stated_fit.decays, noise, eta)
@@ -328,24 +338,26 @@ def _sized_gain(
 def wrong_sensors(estimation: Estimation) -> list[Cause]:
     """Return what faulty sensors would explain, as causes, the best last.
 
-    `estimation`: a fit that does not hold.
+    They are the lateness of the sensors that are most likely late, a low-pass, and, unless one of
+    these explains nearly all, the three surest gains.  `estimation`: a fit that does not hold.
     """
-    scored, stated_fit = rank_causes(estimation), refit(estimation)
+    hypotheses, stated_fit = rank_causes(estimation), refit(estimation)
     causes: list[Cause] = []
     groups = stated_fit.box.groups
     channels = [c for group in groups for c in group.channels]
     names_by_kind: dict[str, list[str]] = {}
     for c in channels:
         names_by_kind.setdefault(kind_of_sensor(c), []).append(c.name)
-    latest = next(cause.subject for cause in scored if cause.kind == "late")  # kind or group
+    # The subject of a lateness is a kind of sensors, or a group of channels with one clock.
+    latest = next(cause.subject for cause in hypotheses if cause.kind == "late")
     of_group = [c.name for group in groups if group.name == latest for c in group.channels]
     suspects = names_by_kind.get(latest, of_group)
-    if len(suspects) < len(channels):
+    if len(suspects) < len(channels):  # only differences of lateness show
         causes.append(_late(estimation, stated_fit, latest, suspects))
     all_names = [c.name for c in channels]
     causes.append(_low_pass(estimation, stated_fit, {**names_by_kind, "all sensors": all_names}))
-    if all(cause.explained <= _CLEARS for cause in causes):  # a late one is no worse left out
-        gains = [c.subject for c in scored if c.kind == "gain" and c.strength > 1.0]
+    if all(cause.explained <= _NEARLY_ALL for cause in causes):  # a late one is no worse left out
+        gains = [c.subject for c in hypotheses if c.kind == "gain" and c.strength > 1.0]
         causes += [gain_of(estimation, name, stated_fit) for name in gains[:3]]
 
     def unexplained(cause: Cause) -> float:
@@ -356,7 +368,10 @@ def wrong_sensors(estimation: Estimation) -> list[Cause]:
 
 
 def _late(estimation: Estimation, stated_fit: Refit, sensors: str, names: Collection[str]) -> Cause:
-    """Return the lateness of some sensors, whose channels have `names`, or of all others."""
+    """Return the lateness of some sensors, or of all others if these come too early.
+
+    `sensors`: what they are called.  `names`: of their channels.
+    """
 
     def of_unknown_delay(c: Channel) -> Channel:
         return replace(c, delay_sigma_s=0.03) if c.name in names else c
@@ -407,19 +422,21 @@ def clock_jump(estimation: Estimation) -> Cause | None:
     the samples after it have wrong times, and no model explains both sides, or this group and the
     others.  Up to the jump the decays must fit.
     """
-    ends_s, jumps_s, names = [], [], []
+    # Time in each run up to which all clocks are right; amount of each jump, and whose clock it is.
+    ends_s, jumps_s, jumping = [], [], []
     for record in estimation.records:
         end_s = np.inf
         for r in record.recordings:
             steps_s = np.diff(r.time_s)
             period_s = float(np.median(steps_s)) if len(steps_s) > 1 else np.inf
             if steps_s.max(initial=0.0) > longest_gap_s(period_s):
-                gap = int(np.argmax(steps_s))
-                end_s = min(end_s, float(r.time_s[gap]))
-                jumps_s.append(float(steps_s[gap]) - period_s)
-                names.append(r.group.name)
+                before_gap = int(np.argmax(steps_s))
+                end_s = min(end_s, float(r.time_s[before_gap]))
+                jumps_s.append(float(steps_s[before_gap]) - period_s)
+                jumping.append(r.group.name)
         ends_s.append(end_s)
-    clocks = "all sensors" if len(set(names)) == len(estimation.box.groups) else listed(names)
+    is_all = len(set(jumping)) == len(estimation.box.groups)
+    clocks = "all sensors" if is_all else listed(jumping)
     n_jumping = np.count_nonzero(np.isfinite(ends_s))
     sizes = (
         f"{clocks} by about {np.median(jumps_s or [0.0]):.2g} s in "
@@ -431,19 +448,20 @@ def clock_jump(estimation: Estimation) -> Cause | None:
 
 
 def second_bump(estimation: Estimation) -> Cause | None:
-    """Return the second bump of most runs, None if there are none, by the rule of the bench.
+    """Return the second bump of most runs, None if there are none.
 
-    Free wheels only decay.  Up to the second bump the decays must fit.
+    Free wheels only decay: in each run, the bench's check for a second strike decides on each hub's
+    acceleration.  Up to the second bump the decays must fit.
     """
     from daq.verdict.checks import STRIKE_GUARD_S, STRIKE_RATIO, STRIKE_S, second_strike
     from daq.verdict.window import Trace  # both with the bench, which is slow to import
 
     ends_s, struck, noise = [np.inf] * len(estimation.records), [], estimation.noise
     for i, record in enumerate(estimation.records):
-        onset, strikes = onset_s(record), [(0.0, 0.0, "")]
+        onset, strikes = onset_s(record), [(0.0, 0.0, "")]  # strength, time after the onset, hub
         if onset is None:
             continue
-        bump_s = record.bump_s if np.isfinite(record.bump_s) else 0.2
+        bump_s = record.bump_s if np.isfinite(record.bump_s) else 0.2  # that of a usual bump
         for r in record.recordings:
             for channel, column in zip(r.group.channels, r.values.T, strict=True):
                 if channel.quantity is Quantity.HUB_ACCELERATION:
@@ -464,7 +482,10 @@ def second_bump(estimation: Estimation) -> Cause | None:
 def _if_most_fit_before(
     estimation: Estimation, ends_s: Sequence[float], cause: Cause
 ) -> Cause | None:
-    """Return a cause that spoils most runs from `ends_s` on, inf for none, if they fit before."""
+    """Return a cause, sized, if it spoils most runs and the decays fit up to there; else None.
+
+    `ends_s`: time in each run, s, from which on it spoils the samples; inf where it does not.
+    """
     if 2 * np.count_nonzero(np.isfinite(ends_s)) <= len(ends_s):
         return None
     decays = []
@@ -479,14 +500,17 @@ def _if_most_fit_before(
 def _if_explained_by(
     estimation: Estimation, decays: Sequence[FreeDecay], cause: Cause
 ) -> Cause | None:
-    """Return a cause, sized, if the decays cut or corrected for it fit by themselves; else None."""
+    """Return a cause, sized, if the decays cut or corrected for it fit by themselves; else None.
+
+    They fit if they leave no more than noise, or a tenth of the misfit of the whole decays.
+    """
     if not decays:
         return None
     generic = estimation.box.unknowns(generic_vehicles()[0])
     changed = replace(estimation, decays=tuple(decays))
     fit_alone = refit(changed, AS_STATED, generic, HOLD, steps=30, length_s=np.inf)
     excess = estimation.chi2_per_n - 1.0
-    if fit_alone.excess > max(estimation.chi2_limit - 1.0, (1.0 - _CLEARS) * excess):
+    if fit_alone.excess > max(estimation.chi2_limit - 1.0, (1.0 - _NEARLY_ALL) * excess):
         return None
     compared_cause = compared(refit(estimation, length_s=np.inf), fit_alone, cause)
     return replace(compared_cause, explained=1.0 - max(fit_alone.excess, 0.0) / excess)
@@ -509,7 +533,10 @@ def drift(estimation: Estimation) -> Cause | None:
 
 
 def _slopes_at_rest(records: Sequence[Record]) -> dict[str, float]:
-    """Return the slope before the bumps of each channel that drifts there, SI a second."""
+    """Return the mean slope before the bumps of each channel that drifts there, SI a second.
+
+    A slope needs 20 samples at rest, and a drift a slope in three runs or more.
+    """
     slopes_by_channel: dict[str, list[float]] = {}
     for record in records:
         onset = onset_s(record)

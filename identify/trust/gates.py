@@ -121,10 +121,11 @@ def parameter_findings(estimation: Estimation) -> Iterator[Finding]:
 def missing_runs(estimation: Estimation) -> str:
     """Return the kind of runs without which a campaign shows no car; nothing if it has them."""
     labels = [record.label for record in estimation.records]
-    shares = [bump.shares for kind, bump in BUMPS.items() if any(f"_{kind}_" in n for n in labels)]
-    if not any(fl != fr or rl != rr for fl, fr, rl, rr in shares):
+    # By how much of its height each kind of bump lifts the wheels: front left, front right, rear ..
+    lifts = [bump.shares for kind, bump in BUMPS.items() if any(f"_{kind}_" in n for n in labels)]
+    if not any(fl != fr or rl != rr for fl, fr, rl, rr in lifts):
         return "roll"
-    return "" if any(fl != rl or fr != rr for fl, fr, rl, rr in shares) else "pitch"
+    return "" if any(fl != rl or fr != rr for fl, fr, rl, rr in lifts) else "pitch"
 
 
 def _implausible(estimation: Estimation) -> Iterator[str]:
@@ -143,8 +144,8 @@ def _implausible(estimation: Estimation) -> Iterator[str]:
             yield f"{name} {value:.3g} (204 measured vehicles: {low:g} .. {high:g})"
     for name, e in estimates(estimation.box, estimation.fit).items():
         if name in SIGNED and e.value < -BELOW_SIGMAS * e.std:
-            left = Full.K_S + 2 * name.endswith("r")
-            k_s = float(full[left : left + 2].real.mean())  # of the axle's two springs
+            left_spring = Full.K_S + 2 * name.endswith("r")
+            k_s = float(full[left_spring : left_spring + 2].real.mean())  # mean of the axle's two
             # The springs of a solid axle act on a shorter lever in roll: its bar is below zero.
             # In roll an axle has the stiffness of its springs and twice that of its bar.
             if name.startswith("k_a") and e.value < -0.5 * k_s:
@@ -177,14 +178,14 @@ def mode_snr_db(estimation: Estimation) -> dict[str, tuple[float, ...]]:
         covariance = linear.normal_inverse[: 2 * N_DOF, : 2 * N_DOF]
         oscillating = np.flatnonzero(modes.poles.imag > 0.0)
         by_frequency = oscillating[np.argsort(np.abs(modes.poles[oscillating]), kind="stable")]
-        of_modes = []
+        of_modes_db = []
         for k in by_frequency.tolist():
             rows = np.array([modes.W[k].real, modes.W[k].imag])  # from the state to the mode
             amplitude = rows @ initial_state
             inverse = np.linalg.pinv(rows @ covariance @ rows.T, hermitian=True)
             energy = max(float(amplitude @ inverse @ amplitude), 1e-3)  # -30 dB: it does not show
-            of_modes.append(10.0 * float(np.log10(energy)))
-        snr_db[decay.label] = tuple(of_modes)
+            of_modes_db.append(10.0 * float(np.log10(energy)))
+        snr_db[decay.label] = tuple(of_modes_db)
     return snr_db
 
 
@@ -307,11 +308,12 @@ _WHITE = _Correlation(0.0, np.inf)
 def whiteness_findings(estimation: Estimation) -> Iterator[Finding]:
     """Yield findings where residuals, or the noise at rest, correlate from sample to sample.
 
-    The lag-1 autocorrelation of a channel's residuals is compared with that at rest.
+    The lag-1 autocorrelation of a channel's residuals is compared with that at rest, in the early
+    part of the decays and in all of them.
     """
     noise = estimation.noise
     at_rest = _correlations(_noise_before_motion(estimation), noise)
-    coloured = {name: seen for name, seen in at_rest.items() if seen.z(_WHITE) > Z_LIMIT}
+    coloured = {name: c for name, c in at_rest.items() if c.z(_WHITE) > Z_LIMIT}
     if coloured:
         names = sorted(coloured, key=lambda name: -coloured[name].r)
         worst = coloured[names[0]]
@@ -328,10 +330,11 @@ def whiteness_findings(estimation: Estimation) -> Iterator[Finding]:
     excess: dict[str, tuple[float, float, str]] = {}  # largest z of a channel, its r, its window
     windows = {f"the first {EARLY_S:g} s of the decays": EARLY_S, "the decays": np.inf}
     for window, end_s in windows.items():
-        for name, seen in _correlations(_residuals_until(estimation, end_s), noise).items():
-            z = seen.z(at_rest.get(name, _WHITE))
+        correlations = _correlations(_residuals_until(estimation, end_s), noise)
+        for name, correlation in correlations.items():
+            z = correlation.z(at_rest.get(name, _WHITE))
             if z > max(Z_LIMIT, excess.get(name, (0.0,))[0]):
-                excess[name] = (z, seen.r, window)
+                excess[name] = (z, correlation.r, window)
     if excess:
         names = sorted(excess, key=lambda name: -excess[name][0])
         z, r, window = excess[names[0]]
@@ -385,10 +388,11 @@ def _correlations(
 ) -> dict[str, _Correlation]:
     """Return the correlation of the channels that have samples and noise enough to be judged.
 
-    The stretches of one channel are pooled; a gap in the sampling makes no pair.
+    That is 100 pairs, values above rounding, and more than four of them.  The stretches of one
+    channel are pooled; a gap in the sampling makes no pair.
     """
     sums: dict[str, Real] = {}  # products, squares, pairs and constants of each channel
-    fine = set()
+    shows_noise = set()
     for channel, time_s, values, constants in stretches:
         if len(time_s) < 2:
             continue
@@ -400,12 +404,12 @@ def _correlations(
         of_stretch = np.array([earlier @ later, squares, is_pair.sum(), constants])
         sums[channel] = sums.get(channel, 0.0) + of_stretch
         if len(np.unique(values)) > 4:  # a coarser converter shows its steps, not the noise
-            fine.add(channel)
+            shows_noise.add(channel)
     result = {}
     for channel, of_channel in sums.items():
         products, squares, n_pairs, constants = of_channel.tolist()
         is_above_rounding = squares > 0.01 * noise[channel] ** 2 * n_pairs
-        if n_pairs >= 100 and is_above_rounding and channel in fine:  # known to 0.1
+        if n_pairs >= 100 and is_above_rounding and channel in shows_noise:  # known to 0.1
             # Each fitted constant takes a smooth part, of correlation 1, out of the residuals:
             # one pair's worth, which is added again.
             r = products / squares + constants / n_pairs

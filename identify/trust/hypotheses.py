@@ -54,7 +54,7 @@ TABLE = {
 }
 """What a linear model may lack, without sizes."""
 
-_MATTERS = 0.02
+_LEAST_CHANGE = 0.02
 """Relative change of a parameter from which runs, or the small motion, disagree."""
 
 
@@ -122,6 +122,8 @@ def rank_causes(estimation: Estimation) -> tuple[Cause, ...]:
     """Return every hypothesis as a cause, sized by the residuals of a linear fit, the surest first.
 
     The unknowns and priors are those of the fit; a step in the direction of a hypothesis is free.
+    With H and g, the normal matrix and the gradient of the richest problem at the fit, the best
+    step of the unknowns for each step of the hypothesis is eliminated.
     """
     box, eta = estimation.box, estimation.fit.eta
     decays = tuple(
@@ -143,8 +145,9 @@ def rank_causes(estimation: Estimation) -> tuple[Cause, ...]:
     H = np.sum([block.information for block in of_decays], axis=0)
     g = np.sum([block.gradient for block in of_decays], axis=0)
     prior = box.prior_sigma**-2
-    covariance = np.linalg.pinv(E.T @ H @ E + np.diag(prior), hermitian=True)
-    step = covariance @ (E.T @ g - prior * eta)  # nothing, but for rounding and another noise
+    covariance = np.linalg.pinv(E.T @ H @ E + np.diag(prior), hermitian=True)  # (P, P)
+    # Zero at the optimum, but for rounding and a noise other than that of the fit.
+    step = covariance @ (E.T @ g - prior * eta)
 
     effects_of: dict[str, list[_Effect]] = {}
     for effect in _effects(box, richest):
@@ -153,18 +156,18 @@ def rank_causes(estimation: Estimation) -> tuple[Cause, ...]:
     n_values = sum(decay.n_values for decay in decays)
     causes = []
     for name, effects in effects_of.items():
-        D = np.zeros((len(richest_eta), len(effects)))  # a column is the direction of an effect
+        D = np.zeros((len(richest_eta), len(effects)))  # (R, k): a column for each effect
         for k, effect in enumerate(effects):
             D[list(effect.direction), k] = list(effect.direction.values())
-        mixed = D.T @ H @ E  # of the effects with the unknowns of the fit
-        information = D.T @ H @ D
+        mixed = D.T @ H @ E  # (k, P): of the effects with the unknowns of the fit
+        information = D.T @ H @ D  # (k, k), of which the unknowns leave what is `remaining`
         gradient = D.T @ g - mixed @ step
         remaining = information - mixed @ covariance @ mixed.T
         scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
         values, vectors = np.linalg.eigh(remaining * np.outer(scale, scale))
-        testable = values > 1e-9  # of the effect's own information: the unknowns leave some of it
+        testable = values > 1e-9  # a smaller part of the effects' information is rounding
         axes = vectors[:, testable]
-        inverse = (axes / values[testable]) @ axes.T * np.outer(scale, scale)
+        inverse = (axes / values[testable]) @ axes.T * np.outer(scale, scale)  # covariance, (k, k)
         sizes, stds = inverse @ gradient, np.sqrt(np.diag(inverse))
         gain = float(gradient @ sizes)
         moved = (-covariance @ mixed.T @ sizes)[: len(box.parameters)].tolist()
@@ -177,7 +180,7 @@ def rank_causes(estimation: Estimation) -> tuple[Cause, ...]:
             below_zero = bool((sizes < -BELOW_SIGMAS * stds).any())
             strength = 0.0 if below_zero else 2.0 * strength
         elif kind == "late" and sizes[0] < 0.0:
-            strength *= 0.98  # the lateness of the others explains the same
+            strength *= 0.98  # the lateness of the others explains the same: name that instead
         causes.append(
             replace(
                 TABLE[kind],
@@ -231,7 +234,7 @@ def _effects(box: GreyBox, richest: _Richest) -> Iterator[_Effect]:
     # Decays alone do not show a factor that all weights have in common.
     if richest.weight_masses and scale_facts(box):
         yield _Effect("weights", "all weights", "%", 100.0, richest.weight_masses)
-    # A clock may be late, or all clocks of a kind of sensors; one that is alone is its kind.
+    # A clock may be late, or all clocks of a kind of sensors; a sole clock is named by its kind.
     late_groups: dict[str, dict[str, dict[int, float]]] = {}  # delays by kind and group
     for i, group in enumerate(richest.groups):
         delay = richest.delay_index(i)
@@ -282,7 +285,10 @@ class Disagreement(NamedTuple):
 
 
 def disagreement_of(estimation: Estimation, blocks: Sequence[NormalBlock]) -> Disagreement:
-    """Return how a part of the data, by its normal equations, disagrees with the optimum of all."""
+    """Return how a part of the data, by its normal equations, disagrees with the optimum of all.
+
+    The gradient of a part is zero there but for noise, whose covariance V weighs it.
+    """
     H = np.sum([block.information for block in blocks], axis=0)
     g = np.sum([block.gradient for block in blocks], axis=0)
     covariance = np.where(np.isfinite(estimation.fit.covariance), estimation.fit.covariance, 0.0)
@@ -290,10 +296,10 @@ def disagreement_of(estimation: Estimation, blocks: Sequence[NormalBlock]) -> Di
     diagonal = np.maximum(np.diag(V), 1e-300)
     scale = 1.0 / np.sqrt(diagonal)
     values, vectors = np.linalg.eigh(V * np.outer(scale, scale))
-    kept = values > 1e-6 * values[-1]  # weaker directions have no information
-    squared = float(np.sum((vectors[:, kept].T @ (g * scale)) ** 2 / values[kept]))
-    # Noise in n directions gives about sqrt(n), and hardly ever five more.
-    by_chance = float(np.sqrt(np.sum(kept)) + 5.0) ** 2 * max(1.0, estimation.chi2_per_n)
+    informed = values > 1e-6 * values[-1]  # weaker directions have no information
+    squared = float(np.sum((vectors[:, informed].T @ (g * scale)) ** 2 / values[informed]))
+    # The length of noise in n directions is about sqrt(n), and hardly ever five more.
+    by_chance = float(np.sqrt(np.sum(informed)) + 5.0) ** 2 * max(1.0, estimation.chi2_per_n)
     names = estimation.box.parameters
     steepest = int(np.argmax(np.abs((g * scale)[: len(names)])))
     change = float(g[steepest] / diagonal[steepest])
@@ -344,14 +350,16 @@ def some_runs_are_wrong(estimation: Estimation) -> bool:
 
 
 def odd_runs(estimation: Estimation, rival: float) -> tuple[Finding, Cause] | None:
-    """Return the runs without which the fit holds, or nearly; None if all agree.
+    """Return the runs that disagree with all others, as a finding and a cause; None if none does.
 
-    Of fewer than three runs none can be odd.
+    In a fit that holds they must stand out from chance and `rival`, and ask for other parameters;
+    else the fit without them must leave at most half of the misfit.  Of fewer than three runs none
+    can be odd.
 
     `rival`: strength of the likeliest cause that all runs share: it may also make runs disagree.
     """
     labels, odd = _most_odd(estimation)
-    matters = odd.strength > max(1.0, rival) and abs(odd.change) > _MATTERS
+    matters = odd.strength > max(1.0, rival) and abs(odd.change) > _LEAST_CHANGE
     if len(estimation.decays) < 3 or (estimation.holds and not matters):
         return None
     chi2_with, (chi2_without, eta_without) = estimation.chi2_per_n, _fit_without(estimation, labels)
@@ -387,15 +395,15 @@ def amplitude_findings(estimation: Estimation) -> Iterator[Finding]:
         replace(d, recordings=tuple(r.between(0.4, np.inf) for r in d.recordings))
         for d in estimation.decays
     ]
-    small = [d for d in small if all(len(r.time_s) > 50 for r in d.recordings)]
+    small = [d for d in small if all(len(r.time_s) > 50 for r in d.recordings)]  # else too short
     if not small:
         return
     box, eta = estimation.box, estimation.fit.eta
     blocks = linearised(box, tuple(small), estimation.noise, eta).blocks
-    late_motion = disagreement_of(estimation, [blocks[d.label] for d in small])
-    if late_motion.strength > 1.0 and abs(late_motion.change) >= _MATTERS:
+    small_motion = disagreement_of(estimation, [blocks[d.label] for d in small])
+    if small_motion.strength > 1.0 and abs(small_motion.change) >= _LEAST_CHANGE:
         text = (
-            f"the small motion after 0.4 s asks for other parameters {late_motion.in_words}: the "
+            f"the small motion after 0.4 s asks for other parameters {small_motion.in_words}: the "
             "vehicle is not linear; look for friction, or compare bumps of two heights"
         )
         yield Finding("amplitude", Severity.WARNING, text)

@@ -279,16 +279,16 @@ class _Stated:
     def __init__(self, estimation: Estimation) -> None:
         box, eta = estimation.box, estimation.fit.eta
         fact_misfits, fact_slopes = estimation.engine.fact_misfits(eta)
-        n, pulls = len(box.parameters), box.pulls(eta)
-        # Elements may follow the unknowns of the grey box.
-        pull_slopes = np.zeros((len(pulls), len(eta)))
-        k = np.arange(len(pulls))
-        pull_slopes[k, n + k] = 1.0 / box.prior_sigma[n + k]
+        n, deviations = len(box.parameters), box.deviations(eta)
+        # P: elements may follow the unknowns of the grey box.
+        deviation_slopes = np.zeros((len(deviations), len(eta)))
+        k = np.arange(len(deviations))
+        deviation_slopes[k, n + k] = 1.0 / box.prior_sigma[n + k]
         self.parameters = box.parameters
-        self.rows = np.vstack([fact_slopes, pull_slopes])
-        """Slopes in their sigmas, (n_stated, P)."""
-        self.misfits = np.concatenate([fact_misfits, -pulls])
-        """Misfits in their sigmas, (n_stated,)."""
+        self.rows = np.vstack([fact_slopes, deviation_slopes])
+        """Slopes of what is stated by the unknowns, in its sigmas, (n_stated, P)."""
+        self.misfits = np.concatenate([fact_misfits, -deviations])
+        """Stated less fitted, in its sigmas, (n_stated,)."""
         # Not the covariance of the fit: what widens that does not draw the fit to what is stated.
         covariance = covariance_of(np.sum(list(estimation.fit.information.values()), axis=0))
         self.covariance = np.where(np.isfinite(covariance), covariance, 0.0)
@@ -299,12 +299,12 @@ class _Stated:
         """Covariance of the misfits, (n_stated, n_stated)."""
 
     def sizes(self, directions: Sequence[Real]) -> tuple[Real, dict[str, float]]:
-        """Return by what multiple of each direction, (n_stated,), statements are off, (k,).
+        """Return by what multiple of each of k directions, (n_stated,), statements are off, (k,).
 
         Then the relative change of each parameter without the statements of these directions, zero
         for parameters that may be zero.
         """
-        D = np.column_stack(directions)
+        D = np.column_stack(directions)  # (n_stated, k)
         sizes = np.linalg.solve(D.T @ self.redundancy @ D, D.T @ self.misfits)
         changes = -self.covariance @ (self.rows.T @ (D @ sizes))
         return sizes, {
@@ -345,16 +345,18 @@ def contradictions(estimation: Estimation) -> tuple[Contradiction, ...]:
         return ()
     stated = _Stated(estimation)
     unit = 1.0 if estimation.holds else np.sqrt(max(1.0, estimation.chi2_per_n))
+    # Covariance of the misfits, (n_stated, n_stated), and k suspected directions, (n_stated, k).
     misfits, Q = stated.misfits / unit, stated.redundancy
     names, D = _suspects(estimation.box)
-    power_at_first = np.einsum("ik,ij,jk->k", D, Q, D)
+    first_power = np.einsum("ik,ij,jk->k", D, Q, D)
     squared_length = np.maximum(np.einsum("ik,ik->k", D, D), 1e-300)
     # Where the misfit has less of a statement's variance, the fit is not exact enough to test it.
-    has_redundancy = power_at_first > 1e-5 * squared_length
+    has_redundancy = first_power > 1e-5 * squared_length
     wrong: list[Contradiction] = []
     while names:
-        power = np.einsum("ik,ij,jk->k", D, Q, D)
-        testable = has_redundancy & (power > 1e-3 * power_at_first)
+        power = np.einsum("ik,ij,jk->k", D, Q, D)  # variance of the misfit in each direction
+        # Of a direction that those taken out leave less, rounding decides.
+        testable = has_redundancy & (power > 1e-3 * first_power)
         sigmas = np.where(testable, (D.T @ misfits) / np.sqrt(np.where(testable, power, 1.0)), 0.0)
         worst = int(np.argmax(np.abs(sigmas)))
         if not abs(sigmas[worst]) > _LIMIT_SIGMAS:
@@ -362,7 +364,7 @@ def contradictions(estimation: Estimation) -> tuple[Contradiction, ...]:
         d = D[:, worst]
         powers = np.where(testable, power, np.inf) * power[worst]
         correlation = np.abs(D.T @ Q @ d) / np.sqrt(powers)
-        # The runs do not show which of statements with so alike tests is wrong.
+        # The runs do not show which of several statements is wrong whose tests are so alike.
         alike = [names[k] for k in np.flatnonzero(correlation > 0.95).tolist() if k != worst]
         name = " or ".join([names[worst], *alike])
         wrong.append(Contradiction(name, float(abs(sigmas[worst])), d))
@@ -376,7 +378,8 @@ def contradictions(estimation: Estimation) -> tuple[Contradiction, ...]:
 def _suspects(box: GreyBox) -> tuple[tuple[str, ...], Real]:
     """Return k suspects, each statement and all weights: names, and directions, (n_stated, k).
 
-    All weights only where a fact fixes the scale, too: gravity shows it too weakly.
+    All weights together only if there are two or more, and a fact fixes the scale, too: gravity
+    shows it too weakly.
     """
     facts = [f"{fact.quantity} = {fact.value:g} ± {fact.sigma:g}" for fact in box.facts]
     names = [*facts, *box.corrections]

@@ -147,7 +147,7 @@ def with_first_repeats(estimation: Estimation) -> Estimation:
 
 
 def swapped_labels(estimation: Estimation) -> Cause | None:
-    """Return the swapped labels that explain a misfit; None if there are none.
+    """Return the swapped labels that explain most of a misfit; None if there are none.
 
     No swap has more unknowns than the fit as stated, so the costs are compared directly.
     """
@@ -159,7 +159,7 @@ def swapped_labels(estimation: Estimation) -> Cause | None:
     code = "swapped_labels" if "swapped" in swap.name else "pounds"
     named = Cause(swap.name, swap.advice, certain=True, code=code)
     cause = compared(stated_fit, swapped_fit, named)
-    # In units of the noise; by less than 100 the squared residuals may fall by chance.
+    # Squared residuals in units of the noise; by less than 100 they may fall by chance.
     gain = stated_fit.fit.cost - swapped_fit.fit.cost
     return cause if cause.explained > NAMED_SHARE and gain >= 100.0 else None
 
@@ -203,8 +203,8 @@ def _swapped(name: str, described_as: Mapping[str, Channel]) -> Trial:
         """Return the description of the other channel with this one's clock and low-pass."""
         if c.name not in described_as:
             return c
-        own = ("delay_s", "delay_sigma_s", "low_pass_hz", "low_pass_order")
-        return replace(described_as[c.name], **{name: getattr(c, name) for name in own})
+        of_device = ("delay_s", "delay_sigma_s", "low_pass_hz", "low_pass_order")
+        return replace(described_as[c.name], **{name: getattr(c, name) for name in of_device})
 
     return Trial(name, "exchange their signals in bench.toml, or their plugs", as_other_channel)
 
@@ -243,7 +243,7 @@ class _Change(NamedTuple):
         return Trial(self.name, state=with_tried_weight)
 
     def fitted(self, few: Estimation, start_eta: Real) -> tuple[Refit, _Change]:
-        """Return the fit with mass or place of the weight free, and the weight as it finds it.
+        """Return the fit to some decays with mass or place of the weight free, and the weight then.
 
         The corner of a hub's weight stays as tried.
         """
@@ -320,9 +320,12 @@ def _wrong_weight(
 ) -> Cause | None:
     """Return the weights one of which is wrong; None if none is, or no runs show it.
 
+    They show it only beside runs without weights, on which all fits begin.  Of all changes, those
+    of the three likeliest weights are fitted with mass or place free.
+
     `explains`: whether a change explains the misfit, from the excess with the change, with the
     weights as stated, and of the runs without weights.  `least_factor`: factor by which a mass must
-    be wrong; with 1, places are tried, too.
+    be wrong; above 1, no place is named.
     """
     box, few = estimation.box, with_first_repeats(estimation)
     empty = {s.name for s in box.mass_states if not (s.added.weights or s.added.matrix.any())}
@@ -361,7 +364,7 @@ def _wrong_weight(
 def _changes(box: GreyBox) -> Iterator[_Change]:
     """Yield every weight with another mass, its place mirrored, or on the other axle.
 
-    They are only near the truth.
+    The true mass or place is near one of them.
     """
     a, b = generic_vehicles()[0][11:13].tolist()
     for state in box.mass_states:

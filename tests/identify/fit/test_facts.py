@@ -259,7 +259,7 @@ def test_a_ratio_that_is_off_moves_the_car_unless_it_is_uncertain() -> None:
         best = fit(box, decays, noise, box.unknowns(TRUTH))
         std = np.sqrt(np.diag(best.covariance))
         far[sigma] = np.max(np.abs(best.eta[:15] - np.log(TRUTH)) / std[:15])
-        pulls[sigma] = box.pulls(best.eta)
+        pulls[sigma] = box.deviations(best.eta)
         ratios[sigma] = motion_ratio_estimates(box, best)
     assert far[0.0] > 6.0
     assert far[0.014] < 3.5

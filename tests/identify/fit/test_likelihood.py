@@ -81,7 +81,7 @@ def test_a_weight_beside_its_place_moves_the_car_unless_its_place_is_uncertain()
     assert np.max(far[0.03]) < 3.5
     # 50 mm forward and 30 mm to the right.
     assert box.corrections == ("x of weight 1 of state added", "y of weight 1 of state added")
-    np.testing.assert_allclose(box.pulls(best.eta), [0.05 / 0.03, -1.0], atol=0.35)
+    np.testing.assert_allclose(box.deviations(best.eta), [0.05 / 0.03, -1.0], atol=0.35)
 
 
 def test_a_fit_ends_when_its_next_step_would_be_too_small() -> None:

@@ -25,7 +25,7 @@ from identify.nonlinear.car import Model
 from identify.nonlinear.fit import _step
 from identify.nonlinear.laws import knee
 from identify.nonlinear.path import POLISH, InitialState
-from identify.nonlinear.problem import Block, Normal, Problem, point, run_of, too_flat
+from identify.nonlinear.problem import Block, Normal, Problem, point_at, run_of, slope_deficits
 
 from ..bumps import GROUP, MASS_STATES, TRUTH
 from .truth import BASELINE, NOISE, RICH, WEIGHTS, bent, channels, granada, model_of, moving, rich
@@ -45,15 +45,15 @@ def equations(pull: float) -> tuple[Normal, np.ndarray, np.ndarray]:
     return Normal((block,), *alone, np.zeros(0), np.zeros((0, N_SHARED))), H, g
 
 
-def with_segments(given: Normal, lacks: np.ndarray, lifts: np.ndarray) -> Normal:
+def with_segments(given: Normal, deficits: np.ndarray, falls: np.ndarray) -> Normal:
     """Return equations with segments of damper curves, those that are flat now in force."""
-    flat = lacks > 0.0
+    flat = deficits > 0.0
     return replace(
         given,
-        lacks=lacks,
-        lifts=lifts,
-        shared=lifts[flat].T @ lifts[flat],
-        right=lifts[flat].T @ lacks[flat],
+        deficits=deficits,
+        falls=falls,
+        matrix=falls[flat].T @ falls[flat],
+        right=falls[flat].T @ deficits[flat],
     )
 
 
@@ -65,8 +65,8 @@ def test_a_free_step_is_that_of_the_whole_equations() -> None:
     given, H, g = equations(1.0)
     found = _step(given, (at_rest(0.0),), 0.0, -FREE, FREE)
     whole = np.linalg.solve(H, g)
-    assert found.shared == pytest.approx(whole[N_OWN:])
-    assert found.initials[0] == pytest.approx(whole[:N_OWN])
+    assert found.free == pytest.approx(whole[N_OWN:])
+    assert found.own[0] == pytest.approx(whole[:N_OWN])
     assert found.fall == pytest.approx(float(g @ whole))
 
 
@@ -75,10 +75,8 @@ def test_friction_that_acts_in_full_stops_and_the_others_step_with_it() -> None:
     found = _step(given, (at_rest(0.75),), 0.0, -FREE, FREE)
     rest = np.delete(np.arange(N_OWN + N_SHARED), 14)
     with_it = np.linalg.solve(H[np.ix_(rest, rest)], g[rest] - 0.25 * H[rest, 14])
-    assert found.initials[0][14] == pytest.approx(0.25)
-    assert np.concatenate([np.delete(found.initials[0], 14), found.shared]) == pytest.approx(
-        with_it
-    )
+    assert found.own[0][14] == pytest.approx(0.25)
+    assert np.concatenate([np.delete(found.own[0], 14), found.free]) == pytest.approx(with_it)
 
 
 def test_an_unknown_at_its_bound_does_not_hold_up_the_others() -> None:
@@ -89,8 +87,8 @@ def test_an_unknown_at_its_bound_does_not_hold_up_the_others() -> None:
     found = _step(given, (at_rest(0.0),), 0.0, -FREE, high)
     rest = np.delete(np.arange(N_OWN + N_SHARED), N_OWN + 1)
     with_it = np.linalg.solve(H[np.ix_(rest, rest)], g[rest] - high[1] * H[rest, N_OWN + 1])
-    assert found.shared[1] == pytest.approx(high[1])
-    assert np.delete(found.shared, 1) == pytest.approx(with_it[N_OWN:])
+    assert found.free[1] == pytest.approx(high[1])
+    assert np.delete(found.free, 1) == pytest.approx(with_it[N_OWN:])
 
 
 @pytest.mark.parametrize(
@@ -103,14 +101,14 @@ def test_a_damper_curve_is_held_up_where_the_step_would_make_it_too_flat(
     """`room`: the segment's slope above the floor, over what the free step takes of it."""
     given, H, g = equations(1.0)
     whole = np.linalg.solve(H, g)
-    lifts = np.array([[0.0, 300.0, 0.0]]) * -np.sign(whole[N_OWN + 1])
-    lacks = -room * np.abs(lifts @ whole[N_OWN:])
-    found = _step(with_segments(given, lacks, lifts), (at_rest(0.0),), 0.0, -FREE, FREE)
-    row = np.concatenate([np.zeros(N_OWN), lifts[0]])
-    with_it = np.linalg.solve(H + held * np.outer(row, row), g + held * row * lacks[0])
-    assert found.shared == pytest.approx(with_it[N_OWN:])
+    falls = np.array([[0.0, 300.0, 0.0]]) * -np.sign(whole[N_OWN + 1])
+    deficits = -room * np.abs(falls @ whole[N_OWN:])
+    found = _step(with_segments(given, deficits, falls), (at_rest(0.0),), 0.0, -FREE, FREE)
+    row = np.concatenate([np.zeros(N_OWN), falls[0]])
+    with_it = np.linalg.solve(H + held * np.outer(row, row), g + held * row * deficits[0])
+    assert found.free == pytest.approx(with_it[N_OWN:])
     cost = float(with_it @ H @ with_it - 2.0 * g @ with_it)
-    cost += max(0.0, float(lacks[0] - row @ with_it)) ** 2
+    cost += max(0.0, float(deficits[0] - row @ with_it)) ** 2
     assert found.fall == pytest.approx(-cost)
 
 
@@ -122,7 +120,7 @@ START = bent(MODEL)
 
 def _flat(eta: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the terms of the curves, one for each segment, front first; steep ones are free."""
-    return np.maximum(too_flat(MODEL, eta)[0], 0.0)
+    return np.maximum(slope_deficits(MODEL, eta)[0], 0.0)
 
 
 def _slopes_beside_the_coefficient(h: tuple[float, float, float]) -> NDArray[np.float64]:
@@ -141,7 +139,9 @@ KNOTS = (-0.15, 0.0, 0.15)
 
 
 @pytest.mark.parametrize("h", [(-1.4, 0.3, -1.0), (0.0, -0.6, -1.3), (-1.9, 0.0, -2.2)])
-def test_a_segment_counts_by_what_it_lacks_of_two_per_cent(h: tuple[float, float, float]) -> None:
+def test_a_segment_counts_by_what_it_lacks_of_two_per_cent(
+    h: tuple[float, float, float],
+) -> None:
     shares = _slopes_beside_the_coefficient(h)
     # The same curve about the Granada's 1,500 N s/m.
     secant = 2000.0 + 1000.0 * 0.5 * h[1]
@@ -229,7 +229,7 @@ def rich_car(model: Model) -> NDArray[np.float64]:
 
 
 def cost_of_motion(given: Problem, eta: NDArray[np.float64]) -> float:
-    at = point(
+    at = point_at(
         given, eta, (InitialState(0.3 * moving().motion, np.full(4, 0.2), np.zeros(4)),), POLISH
     )
     assert at is not None
@@ -293,9 +293,9 @@ def _problem(seed: int) -> tuple[Problem, np.ndarray]:
 def test_no_segment_is_flatter_than_the_flattest_before(seed: int) -> None:
     """A curve fitted by least squares overshot and fell: on a mount no step was of use then."""
     problem, eta = _problem(seed)
-    before = too_flat(problem.model, eta)[0]
+    before = slope_deficits(problem.model, eta)[0]
     finer, moved = refined(problem, eta, KNOTS_OF_CAR["K37"])
-    after = too_flat(finer.model, moved)[0]
+    after = slope_deficits(finer.model, moved)[0]
     for old, new in zip(np.split(before, 2), np.split(after, 2), strict=True):
         assert new.max() < old.max() + 1.0  # 1 % of the coefficient, for rounded knees
 

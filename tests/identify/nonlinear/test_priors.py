@@ -20,6 +20,7 @@ from identify.nonlinear.car import (
     F_C,
     FALL,
     GAP,
+    GRAVITY,
     K_2,
     K_3,
     K_A,
@@ -29,7 +30,6 @@ from identify.nonlinear.car import (
     LENGTH,
     MASS,
     MOUNT,
-    PULL,
     RATIO,
     STATIC,
     SURPLUS,
@@ -41,7 +41,7 @@ from identify.nonlinear.car import (
 )
 from identify.nonlinear.fit import Clock, Optimum
 from identify.nonlinear.path import POLISH
-from identify.nonlinear.problem import Point, Problem, point, run_of
+from identify.nonlinear.problem import Point, Problem, point_at, run_of
 from identify.nonlinear.release import Attempt, moved_by_beginnings, release
 from identify.pipeline import identify
 from identify.trust.finding import Verdict
@@ -81,7 +81,7 @@ def test_a_corner_has_the_elements_of_its_axle_and_half_the_difference_of_its_si
         BETA: [0.0, 0.0, 3.0, 3.0],
         C_T: [150.0, 150.0, 0.0, 0.0],
         MASS: [40.5, 40.5, 45.4, 45.4],
-        PULL: [0.0, 0.0, 0.0, 0.0],
+        GRAVITY: [0.0, 0.0, 0.0, 0.0],
         KNEES + 2: [400.0, 400.0, 0.0, 0.0],
         KNEES + 4: [0.0, 0.0, -300.0, -300.0],
         # The secant within 0.1 m/s stays: half of a knee at rest goes off, none of one at 0.3.
@@ -112,8 +112,8 @@ LOADED = MassState(
 def test_what_is_added_pulls_the_car_down_and_moves_with_it() -> None:
     """80 kg at the CG and 5 kg on a hub: the body sinks by the force over all four springs."""
     bare, one = (car(MODEL, bent(MODEL), state, NONE) for state in (BASELINE, LOADED))
-    assert one.pull == pytest.approx([-80.0 * 9.80665, 0.0, 0.0], abs=1e-9)
-    assert one.corner[:, PULL] == pytest.approx([0.0, 0.0, -5.0 * 9.80665, 0.0])
+    assert one.gravity == pytest.approx([-80.0 * 9.80665, 0.0, 0.0], abs=1e-9)
+    assert one.corner[:, GRAVITY] == pytest.approx([0.0, 0.0, -5.0 * 9.80665, 0.0])
     assert one.corner[:, MASS] == pytest.approx([40.5, 40.5, 50.4, 45.4])
     assert one.mass[0, 0] - bare.mass[0, 0] == pytest.approx(80.0)
     rest = position_at_rest(MODEL, bent(MODEL), one)
@@ -275,7 +275,7 @@ def at(**changed: float) -> Point:
     problem = Problem(
         MODEL_OF_SENSORS, (run_of(MODEL_OF_SENSORS, DECAY, SIGMA),), np.zeros(len(eta)), none, free
     )
-    found = point(problem, eta, (own,), POLISH)
+    found = point_at(problem, eta, (own,), POLISH)
     assert found is not None
     return found
 

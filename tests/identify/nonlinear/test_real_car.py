@@ -27,7 +27,7 @@ from identify.nonlinear.begin import initial_states_of, weak_priors
 from identify.nonlinear.car import Model
 from identify.nonlinear.fit import Optimum, fit, reduced
 from identify.nonlinear.path import POLISH, InitialState
-from identify.nonlinear.problem import Point, Problem, point, run_of
+from identify.nonlinear.problem import Point, Problem, point_at, run_of
 from identify.nonlinear.real_car import (
     NonlinearEngine,
     RealCar,
@@ -89,7 +89,7 @@ def car() -> NDArray[np.float64]:
 def measured() -> Problem:
     """Return the samples of that motion, half a sigma high and low by turns."""
     still = problem(np.zeros((len(TIMES), 4)))
-    at = point(still, car(), (start(),), POLISH)
+    at = point_at(still, car(), (start(),), POLISH)
     assert at is not None
     clean = -at.predicted[0].residuals[0] * np.array([SIGMA[c.name] for c in GROUP.channels])
     turns = 0.5 * np.where(np.arange(len(TIMES)) % 2, 1.0, -1.0)
@@ -105,7 +105,7 @@ def decays() -> tuple[FreeDecay, ...]:
 
 
 def at_start() -> Point:
-    at = point(measured(), car(), (start(),), POLISH)
+    at = point_at(measured(), car(), (start(),), POLISH)
     assert at is not None
     return at
 
@@ -113,7 +113,7 @@ def at_start() -> Point:
 def test_the_parts_together_are_the_reduced_equations() -> None:
     at = at_start()
     equations = at.normal
-    parts = engine(start()).parts(at)
+    parts = engine(start()).blocks_at(at)
     assert list(parts) == [FACTS, PRIORS, "run"]
     matrix, right, _ = reduced(equations, 0.0)
     place = np.searchsorted(SHOWN, measured().free)
@@ -128,7 +128,7 @@ def test_the_parts_together_are_the_reduced_equations() -> None:
 
 def test_a_fact_and_a_prior_cost_their_squared_misfit() -> None:
     """1380 and twice 40.5 and 45.4 kg beside 1560 +- 2 kg; a friction of 50 N, 0.2 of a prior."""
-    parts = engine(start()).parts(at_start())
+    parts = engine(start()).blocks_at(at_start())
     assert parts[FACTS].cost == pytest.approx((8.2 / 2.0) ** 2)
     assert parts[PRIORS].cost == pytest.approx(0.2**2)
     at = len(SHOWN) - 1

@@ -22,7 +22,7 @@ from identify.nonlinear.begin import initial_states_of, weak_priors
 from identify.nonlinear.car import KNOTS, Model
 from identify.nonlinear.fit import Clock, fit
 from identify.nonlinear.path import POLISH, ROUGH, InitialState
-from identify.nonlinear.problem import Problem, point, run_of
+from identify.nonlinear.problem import Problem, point_at, run_of
 from identify.nonlinear.release import positions
 from identify.pipeline import identify, identify_parameters
 from tests.simulated.elements import named_car
@@ -313,7 +313,7 @@ def test_friction_that_acts_in_full_costs_nothing(share: float) -> None:
     centre, prior = weak_priors(model, car)
     run = run_of(model, decay, {c.name: NOISE[c.quantity] for c in group.channels})
     problem = Problem(model, (run,), centre, prior, positions(model, ("friction",), True))
-    at = point(
+    at = point_at(
         problem, car, (InitialState(moving().motion, np.full(4, share), np.zeros(4)),), POLISH
     )
     assert at is not None
@@ -332,7 +332,7 @@ def stop_off(gap_m: float, start_m: float) -> tuple[Problem, NDArray[np.float64]
     true, start = (bent(model, k_bf=1.0, g_bf=np.log(gap).item(), p_bf=0.0) for gap in gaps)
     free = np.array([model.names.index("g_bf")])
     still = Problem(model, (run_of(model, decay, sigma),), *weak_priors(model, start), free)
-    at = point(still, true, (moving(),), POLISH)
+    at = point_at(still, true, (moving(),), POLISH)
     assert at is not None
     values = -at.predicted[0].residuals[0] / still.runs[0].weights[0]
     moved = replace(decay, recordings=(replace(recording, values=values),))
